@@ -5,15 +5,20 @@ RUN    := $(VENV)/bin/python
 DIST   := dist
 PIP    := $(RUN) -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
+# Where it is set, each of the thousand processes that the tests start compiles every library again.
+unexport PYTHONDONTWRITEBYTECODE
+
 PYTHONS ?= python3.11 python3.12 python3.13 python3.14
 
-.PHONY: demo test test-slow test-lab test-wheel test-lowest test-deb mutate lint bench docs images dist deb sbom clean
+.PHONY: demo test test-slow test-lab test-wheel test-lowest test-deb mutate same lint bench docs images dist deb sbom clean
 
 demo: $(VENV)/.lab
 	$(RUN) -m fieldkit demo
 
+# One worker more than there are processors: some tests wait, for real seconds or for a browser.
+test: WORKERS := $(shell expr $$(nproc) + 1)
 test: $(VENV)/.test
-	$(RUN) -m pytest -m "not slow" --numprocesses logical --maxprocesses 4 --dist loadfile --no-loadscope-reorder
+	$(RUN) -m pytest -m "not slow" --numprocesses $(WORKERS) --maxprocesses 5 --dist loadfile --no-loadscope-reorder
 
 test-slow: $(VENV)/.test
 	$(RUN) -m pytest -m slow --timeout 3600
@@ -34,6 +39,10 @@ test-deb: deb
 
 mutate: $(VENV)/.test
 	$(RUN) tests/mutate.py $(ROOM)
+
+# The same sessions through another checkout, which has its own .venv: every value that differs, some 20 minutes.
+same: $(VENV)/.test
+	$(RUN) -m tests.same $(OTHER)
 
 lint: $(VENV)/.lint
 	$(RUN) -m ruff check .

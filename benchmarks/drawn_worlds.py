@@ -19,12 +19,12 @@ from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.slab import Slab
+from fieldkit.recording.field_history import field_history
 from fieldkit.simulation import ClearSky, Facet, MeasuredSky, Sky
 from fieldkit.simulation.boards import boards_in_turn
 from fieldkit.simulation.drawn_field import DrawnField, Spread, drawn_field
 from fieldkit.simulation.scene_series import SceneModel
 from fieldkit.weather import packaged, read_station_file
-from fieldkit.workflows.field_history import field_history
 
 BEDS_SOUTH: tuple[Bed, ...] = ((5.0, 180.0), (15.0, 180.0), (25.0, 180.0))
 CONFIGURED_SLAB = Slab(depth_m=0.03)
@@ -159,7 +159,15 @@ def _model(
     beds = [bed.name for bed in outline[1:]] if shade_test else []
     boards = boards_in_turn(beds, LEAD_MIN + FIRST_BOARD_MIN, BETWEEN_BOARDS_MIN, BOARD_MIN)
     model = SceneModel(
-        site, field.sky(sky), tuple(facets), ground, field.exchange, (), 1.0, field.circumsolar_share, boards
+        site=site,
+        sky=field.sky(sky),
+        beds=tuple(facets),
+        ground=ground,
+        exchange=field.exchange,
+        transmissions=(),
+        response_s=1.0,
+        circumsolar_share=field.circumsolar_share,
+        boards=boards,
     )
     return model, noon_ns
 

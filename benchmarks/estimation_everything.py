@@ -82,15 +82,15 @@ def day(name: str, beds: list[tuple[float, float]], random: np.random.Generator)
     nothing, none = np.full(300, np.nan), np.zeros(300, np.int64)
     surface = columns[6 : 6 + len(facets)].T
     history = History(
-        time_ns // MINUTE_NS,
-        time_ns,
-        sun,
-        surface,
-        taken,
-        nothing,
-        nothing,
-        none,
-        np.zeros(surface.shape, np.int64),
+        minute=time_ns // MINUTE_NS,
+        time_ns=time_ns,
+        sun=sun,
+        temperature_k=surface,
+        dni_w_m2=taken,
+        dhi_w_m2=nothing,
+        longwave_down_w_m2=nothing,
+        flags=none,
+        region_flags=np.zeros(surface.shape, np.int64),
     )
     return noisy(history, random, 0.25 * random.standard_normal(len(beds)))
 

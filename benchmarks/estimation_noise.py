@@ -16,8 +16,9 @@ import numpy as np
 from benchmarks.result import Result
 from fieldkit.estimation.contours import RadiationTable, slope_grid
 from fieldkit.estimation.disturbances import Cusum
-from fieldkit.estimation.likelihood import NINETY_PERCENT, posterior
+from fieldkit.estimation.likelihood import posterior
 from fieldkit.estimation.normal import Choice, Misfit, choose, cramer_rao, solve
+from fieldkit.model.confidence import misfit_drop
 from fieldkit.model.site import Site
 from fieldkit.physics.daylight import clear_sky
 from fieldkit.physics.energy_balance import (
@@ -124,7 +125,7 @@ def with_noise() -> Iterator[Result]:
             yield Result(f"{name}, unit-norm: p90 tilt", _p90(tilt), "°", f"≤ {limit}", note)
             yield from _bound(name, one, misfit, angle)
             least = np.fmin(choice.misfit, choice.other_misfit)
-            inside = 100.0 * float(np.mean(misfit(one.truth) - least <= NINETY_PERCENT))
+            inside = 100.0 * float(np.mean(misfit(one.truth) - least <= misfit_drop(0.90, 2)))
             if minutes < 180:
                 yield Result(f"{name}: 90 % regions hold the truth", inside, "%", "87-93")
             if minutes == 20:
@@ -148,7 +149,9 @@ def _branches(name: str, one: Trial, misfit: Misfit, choice: Choice) -> Result:
     """Of the slopes whose mirror fits within the limit, how many were reported as double."""
     both = solve(misfit)
     tilts = tilt_azimuth(np.stack([both.first, both.second]))[0]
-    double = (both.second_misfit - both.first_misfit < NINETY_PERCENT) & (tilts <= LIMIT_DEG).all(axis=0)
+    double = (both.second_misfit - both.first_misfit < misfit_drop(0.90, 2)) & (tilts <= LIMIT_DEG).all(
+        axis=0
+    )
     double &= ~both.merged
     reported = np.isfinite(choice.other_misfit)
     note = f"{100 * double.mean():.1f} % of slopes"

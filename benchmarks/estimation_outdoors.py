@@ -24,10 +24,10 @@ from fieldkit.model.slope import SlopeEstimate
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.facet import FloatArray, angle_between_deg, normal
 from fieldkit.physics.slab import Slab
+from fieldkit.recording.field_history import field_history
 from fieldkit.simulation import Exchange, Facet, MeasuredSky
 from fieldkit.simulation.scene_series import SceneModel
 from fieldkit.weather import Weather, packaged, read_surfrad
-from fieldkit.workflows.field_history import field_history
 
 BROKEN = Path(__file__).parents[1].parent / "shared" / "data" / "weather" / "slv15365.dat"
 STILL = Exchange(18.15, 0.0)
@@ -81,7 +81,7 @@ def estimates(
 ) -> Iterator[tuple[Bed, SlopeEstimate]]:
     """Every bed's estimate each `every` minutes, 12 to 15 h local, once the window is full."""
     noon = int(np.searchsorted(history.minute, history.minute[0] + 180))
-    window = int((settings.window_s or 0.0) // 60)
+    window = int((settings.fixed_window_s or 0.0) // 60)
     for last in range(noon + window, len(history), every):
         yield from zip(beds, slopes(history.until(last + 1), regions(beds), settings), strict=True)
 

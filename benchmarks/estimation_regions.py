@@ -62,7 +62,15 @@ def scene(targets: int) -> tuple[History, tuple[Region, ...]]:
     lit, unknown = np.full(MINUTES, 800.0), np.full(MINUTES, np.nan)
     none = np.zeros(kelvin.shape, np.int64)
     history = History(
-        time_ns // MINUTE_NS, time_ns, sun, kelvin, lit, unknown, unknown, none[:, 0].copy(), none
+        minute=time_ns // MINUTE_NS,
+        time_ns=time_ns,
+        sun=sun,
+        temperature_k=kelvin,
+        dni_w_m2=lit,
+        dhi_w_m2=unknown,
+        longwave_down_w_m2=unknown,
+        flags=none[:, 0].copy(),
+        region_flags=none,
     )
     return history, (Region("flat", RegionKind.REFERENCE, TRIANGLE), *beds)
 

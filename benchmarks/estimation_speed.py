@@ -101,7 +101,7 @@ def frame_cost() -> Result:
 
     def ours() -> None:
         for _ in range(1000):
-            sums.add(outline, *outline.sums(frame.counts), 0)
+            sums.add(outline.sums(frame.counts), 0)
 
     def theirs() -> None:
         for _ in range(1000):

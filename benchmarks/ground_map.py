@@ -21,15 +21,15 @@ from scipy.optimize import least_squares
 from benchmarks.result import Result
 from fieldkit.config.load import load_config
 from fieldkit.config.template import SIMULATED
+from fieldkit.ground.on_ground import GroundView, ground_view
 from fieldkit.physics.camera_geometry import Heights
 from fieldkit.physics.energy_balance import irradiance_per_kelvin
 from fieldkit.physics.facet import FloatArray, angle_between_deg, normal, tilt_azimuth
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.workflows.campaign import create_campaign
-from fieldkit.workflows.on_ground import GroundView, ground_view
-from fieldkit.workflows.record import record
-from fieldkit.workflows.session import Session
-from fieldkit.workflows.simulate import terrain_of
+from fieldkit.recording.campaign import create_campaign
+from fieldkit.recording.record import record
+from fieldkit.recording.simulated_scene import terrain_of
+from fieldkit.results.session import Session
 
 CRS = "EPSG:32613"
 WEST_M, SOUTH_M, GROUND_M = 418_830.0, 4_172_900.0, 2300.0
@@ -175,7 +175,7 @@ def kelvin_per_degree(view: GroundView, folder: Path, times_ns: NDArray[np.int64
     sun = sun_vectors(times_ns, config.site)
     east, north = view.points_m[..., 0], view.points_m[..., 1]
     tilt, azimuth = (one.reshape(-1) for one in slope_deg(east, north))
-    azimuth -= view.true_north_deg
+    azimuth -= view.grid.true_north_deg
     turned = np.abs((normal(tilt + 0.5, azimuth) - normal(tilt - 0.5, azimuth)) @ sun.T)
     facing = normal(tilt, azimuth) @ sun.T > 0.0
     lit = terrain_of(config.pose.at(int(times_ns[0]))).sunlit_share(sun, slice(None))
@@ -204,7 +204,7 @@ def compared(folder: Path, times_ns: NDArray[np.int64]) -> list[Result]:
     config = load_config(folder / "fieldkit.toml")
     assert config.pose is not None
     view = ground_view(config.pose.at(int(times_ns[0])), (120, 160))
-    found = GroundMap.read(mapped(folder), view.true_north_deg)
+    found = GroundMap.read(mapped(folder), view.grid.true_north_deg)
     worth = view.on_cells(kelvin_per_degree(view, folder, times_ns).astype(np.float32))
     tilt, azimuth = found.layers["slope"], found.layers["heading"]
     telling = np.isfinite(tilt) & (worth >= LEAST_K_PER_DEG)

@@ -35,8 +35,8 @@ from benchmarks.sides import share
 from fieldkit.model.samples import Frame
 from fieldkit.page.document import document
 from fieldkit.page.keys import Keys
+from fieldkit.recording.campaign import init_campaign
 from fieldkit.views.feed import FeedReader, feed_path
-from fieldkit.workflows.campaign import init_campaign
 
 HOST = "127.0.0.1"
 SECONDS, SETTLED_S, ROUNDS = 10.0, 1.0, 3
@@ -76,9 +76,9 @@ OVER_FLASK_8 = Row("flask-8", "server's CPU over Flask with MJPEG, 8 viewers", "
 CPU = Row("cpu", "server's CPU, 8 viewers", "<= 5", "% of a core", SERVER)
 TRAFFIC = Row("traffic", "traffic of a viewer", "<= 25", "kB/s")
 HIDDEN = Row("hidden", "traffic of a viewer with the tab hidden", "<= 1", "kB/s")
-DRAWN = "from the start of loading to the frame after the picture is drawn"
-FIRST = Row("first", "first picture in Chromium, loopback", "<= 300", "ms", DRAWN)
-FIRST_SLOW = Row("first-slow", "first picture, CPU 4x slower and 1.6 Mbit/s", "<= 1500", "ms", DRAWN)
+DRAWN = "from the start of loading to the frame after it is drawn"
+FIRST = Row("first", "first frame in Chromium, loopback", "<= 300", "ms", DRAWN)
+FIRST_SLOW = Row("first-slow", "first frame, CPU 4x slower and 1.6 Mbit/s", "<= 1500", "ms", DRAWN)
 DELAY = Row("delay", "camera to the screen's next frame, median", "<= 80", "ms", "three browsers")
 DELAY_SLOWEST = Row(
     "delay-slowest", "camera to the screen's next frame, 99 %", "<= 250", "ms", "three browsers"

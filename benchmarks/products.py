@@ -16,6 +16,7 @@ from benchmarks.session_data import LARGE, camera
 from benchmarks.sides import share
 from fieldkit.estimation.pixel_slopes import MapSums, posterior, with_bounds
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.ground.terrain_products import NAMES, Products
 from fieldkit.model.learnt import LearntParameter
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region, RegionKind
@@ -23,8 +24,7 @@ from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.energy_balance import surface_temperature
 from fieldkit.physics.facet import VERTICAL, FloatArray, normal
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.workflows.slope_map import MappedSession
-from fieldkit.workflows.terrain_products import NAMES, Products
+from fieldkit.results.slope_map import MappedSession
 
 MINUTES, NOISE_K, ROUNDS = 20, 0.05, 5
 SETTINGS = EstimatorSettings(model="full", noise_k=NOISE_K)

@@ -22,8 +22,8 @@ from benchmarks.estimation_learned import with_targets
 from benchmarks.estimation_speed import ONE_MAP, map_sums
 from benchmarks.result import Result, Row
 from fieldkit.estimation.chain import slope_series
-from fieldkit.workflows.batch import estimate_sessions
-from fieldkit.workflows.simulate import simulate
+from fieldkit.recording.simulate import simulate
+from fieldkit.results.batch import estimate_sessions
 
 ROUNDS = 3
 LEARNED = "learned model, from minute bins to slopes"

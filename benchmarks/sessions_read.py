@@ -17,8 +17,8 @@ from benchmarks.sides import times_as_fast
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.site import Region, RegionKind
-from fieldkit.sessions.layout import journal_path
-from fieldkit.sessions.lock import is_locked
+from fieldkit.sessions.analysis import region_series
+from fieldkit.sessions.lock import is_locked, journal_path
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.recovery import recover
 from fieldkit.sessions.writer import SessionWriter
@@ -76,7 +76,7 @@ def _series() -> list[Result]:
             _forget(path)
         began = time.perf_counter()
         with open_session(ours) as session:
-            mine = session.region_series([region]).mean_k[:, 0]
+            mine = region_series(session, [region]).mean_k[:, 0]
         our_s = time.perf_counter() - began
         began = time.perf_counter()
         with h5py.File(theirs) as file:

@@ -11,6 +11,7 @@ import os
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -22,6 +23,7 @@ from benchmarks.result import Result, Row
 from benchmarks.session_data import (
     LARGE,
     MEDIUM,
+    SMALL,
     Camera,
     Frames,
     camera,
@@ -35,10 +37,12 @@ from benchmarks.session_data import (
 from benchmarks.sides import share
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import StreamInfo
+from fieldkit.model.samples import Reading
 from fieldkit.sessions import chunks, file_tree
 from fieldkit.sessions.chunks import FrameWriter
 from fieldkit.sessions.file_tree import LIBVER, put_frames
 from fieldkit.sessions.layout import chunk_shape
+from fieldkit.sessions.lock import journal_path
 from fieldkit.sessions.writer import SessionWriter
 
 RAW_FRAMES = 600
@@ -48,6 +52,9 @@ SYNCED = "640x512, uncompressed, synced"
 CHUNKS = Row("chunks", "chunks alone over `os.write`", ">= 0.5", included=SYNCED)
 BOTH = Row("journal-and-chunks", "journal and chunks over `os.write`", ">= 0.5", included=SYNCED)
 TWICE = Row("twice", "the same bytes to two plain files at once over `os.write`", "", included=SYNCED)
+OVER_TWICE = Row(
+    "journal-and-chunks-twice", "journal and chunks over two plain files at once", ">= 0.8", included=SYNCED
+)
 OVER_MCAP = Row("chunks-mcap", "chunks alone over MCAP", ">= 1", included=SYNCED)
 OVER_ZARR = Row("chunks-zarr", "chunks alone over zarr", ">= 1", included=SYNCED)
 CHUNKS_ONLY = "compressed chunks only, two threads against one; no journal, seal or sync"
@@ -61,11 +68,16 @@ SIZE = Row(
     "size", "raw over stored bytes, 256x192 with 50 mK of noise", ">= 1.8", included="the sealed session"
 )
 
+JOURNAL = Row(
+    "journal-size", "bytes of the journal over those of the samples, 160x120 at 9 Hz", "<= 1.3",
+    included="with two readings a second",
+)  # fmt: skip
+
 
 def run() -> list[Result]:
     results = _sustained()
     results += [_against_naive(MEDIUM, NAIVE_MEDIUM), _against_naive(LARGE, NAIVE_LARGE)]
-    return [*results, _size()]
+    return [*results, _size(), _journal_size()]
 
 
 def _rate(work: Callable[[Path], None], data: Frames) -> float:
@@ -91,7 +103,7 @@ def _sustained() -> list[Result]:
     rates = _rates(ways, data)
     pairs = (
         (CHUNKS, "chunks", "os.write"), (BOTH, "both", "os.write"), (TWICE, "twice", "os.write"),
-        (OVER_MCAP, "chunks", "mcap"), (OVER_ZARR, "chunks", "zarr"),
+        (OVER_TWICE, "both", "twice"), (OVER_MCAP, "chunks", "mcap"), (OVER_ZARR, "chunks", "zarr"),
     )  # fmt: skip
     return [
         share(row, list(zip(rates[a], rates[b], strict=True)), "MB/s") for row, a, b in pairs if b in rates
@@ -221,3 +233,21 @@ def _size() -> Result:
         with h5py.File(path) as file:
             stored = file["camera/counts"].id.get_storage_size()
     return SIZE.measured(data.nbytes / stored)
+
+
+def _journal_size() -> Result:
+    """A minute, of which each reading once cost a page or two of a database."""
+    clock, info = HostClock(), camera(*SMALL)
+    lux = StreamInfo("lux", "illuminance", "lx", (1,), rate_hz=1.0)
+    head = replace(header(info), streams=(info, lux))
+    data = np.tile(noisy_frames(SMALL[0]), (9, 1, 1))
+    with folder() as place:
+        writer = SessionWriter(place / "a.h5", head, clock)
+        for number, one in enumerate(data):
+            writer.append(frame(info, one, clock))
+            if number % 9 in (0, 4):
+                now = clock.mono_ns()
+                writer.append(Reading("lux", now, clock.to_utc_ns(now), (float(number),)))
+        writer.abandon()
+        taken = sum(log.stat().st_size for log in journal_path(writer.path).glob("*.log"))
+    return JOURNAL.measured(taken / (data.nbytes + 8 * 120))

@@ -95,7 +95,7 @@ class CalibrationRecord:
 
 
 def expiry(kind: Kind, date: datetime) -> datetime:
-    """When a calibration of this kind should be repeated."""
+    """Age after which a calibration of this kind should be repeated."""
     return date + timedelta(days=LIFETIME_DAYS[kind])
 
 

@@ -99,7 +99,7 @@ def offset_from_times(
     if rollovers and abs(np.median(apart_s) - rollovers * ROLLOVER_S) < DAY_S:
         raise CalibrationError(
             f"the {source} is {abs(1024 * rollovers)} weeks off: its count of weeks has rolled over",
-            fix="update the receiver's firmware, or compare with a phone: --told",
+            fix="update the receiver's firmware, or compare with a phone: --at",
         )
     scatter = float(np.std(apart_s)) if own_ns.size > 1 else 0.0
     if scatter > 10.0:
@@ -153,7 +153,7 @@ def offset_from_sun(time_ns: NDArray[np.int64], illuminance_lx: FloatArray, site
     if scatter > WORST_SCATTER or used.sum() < MIN_READINGS:
         raise CalibrationError(
             f"illuminance scatters by {scatter:.0%} about a clear sky: clouds, or a shaded meter",
-            fix="use a session under a clear sky, or compare with a phone: --told",
+            fix="use a session under a clear sky, or compare with a phone: --at",
         )
     return ClockOffset(shift_s, light.budget(shift_s, used, scatter), int(used.sum()))
 
@@ -163,7 +163,7 @@ def _refuse_short(time_ns: NDArray[np.int64], what: str) -> None:
         raise CalibrationError(
             f"{what}: the sun does not determine the time",
             fix="use a session of three hours or more in the middle of the day, or compare with a phone: "
-            "--told",
+            "--at",
         )
 
 

@@ -21,7 +21,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import chdtrc
 
 from fieldkit.calibration.band import FLAT, Band
 from fieldkit.calibration.line import Line, Points, fit_line
@@ -87,7 +87,7 @@ class Pairs:
 
     @property
     def follows_the_sky(self) -> bool:
-        """Whether the reflected temperature was measured with each pair, not one for all."""
+        """True if the reflected temperature was measured with each pair, not one for all."""
         return float(np.ptp(self.reflected_k)) > 0.0
 
     @property
@@ -332,9 +332,10 @@ def _shared_effects(
         drift_k = shared.sky_drift_k
         given = reflected == "fixed"
         shift_k = drift_k * _position(pairs)
-        effect = moved(reflected_k=shift_k) if given else _drift_effect(pairs, drift_k, band, fit)
+        effect = moved(reflected_k=shift_k) if given else _drift_effect(pairs, drift_k, band, fit, tape)
         yield Contribution("drift of the sky", drift_k, "K", "B", effect)
-    yield Contribution("air in between", shared.transmission, "1", "B", value * shared.transmission)
+    if tape is None:  # the camera sees the tape through the same air
+        yield Contribution("air in between", shared.transmission, "1", "B", value * shared.transmission)
 
 
 def _position(pairs: Pairs) -> FloatArray:
@@ -343,18 +344,20 @@ def _position(pairs: Pairs) -> FloatArray:
     return np.asarray(away / max(0.5 * pairs.span_k, 1e-9))
 
 
-def _drift_effect(pairs: Pairs, drift_k: float, band: Band, fit: Line) -> float:
+def _drift_effect(pairs: Pairs, drift_k: float, band: Band, fit: Line, tape: float | None) -> float:
     """Effect of a sky that drifts as the surface warms, where its temperature is fitted as well.
 
-    The effect c (1 - e) is proportional to a reflectance that is known no better, so s = c (1 - e + s): a
-    drift that makes the emissivity too large hides itself, because it also makes the reflectance too small.
+    With c that of a perfect mirror the effect is c (1 - e), less c q e by a tape, whose temperature is
+    read the warmer by what it reflects itself, q = (1 - tape) / tape. Both depend on an emissivity that is
+    known no better, so s = c (1 - e - q e + (1 + q) s): a drift that makes the emissivity too large hides
+    itself, because it also makes the reflectance too small.
     """
-    mirrored = max(1.0 - fit.slope, MIN_REFLECTANCE)
-    sky_k = np.full(len(pairs), WARM_SKY_K)
-    per_k = mirrored * _signal_per_k(sky_k, band) / _signal_per_k(pairs.apparent_k, band)
+    by_tape = 0.0 if tape is None else (1.0 - tape) / tape
+    per_k = _signal_per_k(np.full(len(pairs), WARM_SKY_K), band) / _signal_per_k(pairs.apparent_k, band)
     seen = replace(pairs, apparent_k=pairs.apparent_k + per_k * drift_k * _position(pairs))
-    effect = _line(seen, "free", band).slope - fit.slope
-    return effect / max(1.0 - abs(effect) / mirrored, 0.25)
+    of_mirror = _line(seen, "free", band).slope - fit.slope
+    effect = of_mirror * (max(1.0 - fit.slope, MIN_REFLECTANCE) - by_tape * fit.slope)
+    return effect / max(1.0 - abs(of_mirror) * (1.0 + by_tape), 0.25)
 
 
 def _foil_contribution(pairs: Pairs, foil_sd: float, band: Band, fit: Line) -> Contribution:
@@ -387,8 +390,8 @@ def _disagreement(
 
 
 def agree(chi_square: float, freedom: int) -> bool:
-    """Whether pairs scatter about their line as their uncertainties predict."""
-    return freedom <= 0 or float(stats.chi2.sf(chi_square, freedom)) >= UNLIKELY
+    """True if pairs scatter about their line as their uncertainties predict."""
+    return freedom <= 0 or float(chdtrc(freedom, chi_square)) >= UNLIKELY
 
 
 def _emissivity_if_fahrenheit(pairs: Pairs, shared: SharedUncertainties, band: Band) -> float:
@@ -491,7 +494,7 @@ def mirrored_temperature_k(
 
 
 def is_saturated(counts: NDArray[np.uint16]) -> bool:
-    """Whether the foil's pixels (n,) of one frame are at the end of the camera's range."""
+    """True if the foil's pixels (n,) of one frame are at the end of the camera's range."""
     return bool(np.mean(counts == counts.min()) >= SATURATED_SHARE)
 
 

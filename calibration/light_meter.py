@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 from fieldkit.calibration.line import Points, fit_line
 from fieldkit.calibration.uncertainty import COVERAGE_FACTOR, Contribution, combined_uncertainty
 from fieldkit.model.errors import CalibrationError
-from fieldkit.physics.daylight import sky_view
 from fieldkit.physics.facet import FloatArray
-from fieldkit.physics.irradiance import IrradianceModel, direct_normal
+from fieldkit.physics.irradiance import IrradianceModel, direct_normal, shares_on_plane
 
 MIN_MINUTES = 10
 UNSTEADY = 0.05
@@ -75,23 +74,14 @@ def on_plane(
     -------
     Shape (n,); NaN where the sun is too low. [W/m2]
     """
-    unit = replace(model, kind="calibrated", factor=1.0)
     if dhi_w_m2 is not None:
-        bare = replace(unit, diffuse="none")
-        cosine = 1.0 / direct_normal(bare, np.ones_like(dni_w_m2), sun, time_ns)
-        return np.asarray(dni_w_m2 * cosine + dhi_w_m2 * _view(model, sun))
+        per_beam, per_sky = shares_on_plane(model, sun)
+        return np.asarray(dni_w_m2 * per_beam + dhi_w_m2 * per_sky)
+    unit = replace(model, kind="calibrated", factor=1.0)
     guess = np.array(dni_w_m2)
     for _ in range(40):  # whole steps would overshoot where the diffuse share depends on the beam (Erbs)
         guess = guess * (dni_w_m2 / direct_normal(unit, guess, sun, time_ns)) ** 0.4
     return guess
-
-
-def _view(model: IrradianceModel, sun: FloatArray) -> FloatArray:
-    """Fraction of the meter's hemisphere that is sky, (n,)."""
-    if model.mounting == "sun-pointing":
-        return sky_view(sun[:, 2])
-    tilt = np.radians(model.plane_tilt_deg) if model.mounting == "in-plane" else 0.0
-    return np.full(len(sun), sky_view(np.cos(tilt)))
 
 
 def light_factor(

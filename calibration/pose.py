@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import least_squares
 
+from fieldkit.calibration.uncertainty import students_factor
 from fieldkit.model.errors import CalibrationError
 from fieldkit.physics.camera_geometry import Camera, project
 from fieldkit.physics.facet import FloatArray
@@ -43,7 +44,7 @@ class PoseFit:
 
 def fit_pose(
     pixels: FloatArray, points_m: FloatArray, shape: tuple[int, int], *, hfov_deg: float | None = None,
-    mark_sd_px: float = 1.0, distortion: tuple[float, ...] = (),
+    mark_sd_px: float = 1.0, distortion: tuple[float, ...] = (), grid_scale: float = 1.0,
 ) -> PoseFit:  # fmt: skip
     """Find the pose that sees points where they were marked.
 
@@ -58,9 +59,12 @@ def fit_pose(
     hfov_deg
         Horizontal field of view; found as well if it is not given. [degrees]
     mark_sd_px
-        Standard uncertainty of a mark, in x and in y; the scatter counts where it is larger. [pixels]
+        Standard uncertainty of a mark, in x and in y; the scatter, by Student's factor for few points, counts
+        where it is larger. [pixels]
     distortion
         Of the lens, as of a `Camera`; it is not found. [-]
+    grid_scale
+        Metres on the grid of the points per metre on the ground. [-]
 
     Raises
     ------
@@ -71,16 +75,17 @@ def fit_pose(
         raise CalibrationError(
             f"a pose needs {LEAST_POINTS} points, here are {len(points_m)}", fix="mark more of them"
         )
-    centre = points_m.mean(axis=0)
+    centre, on_ground = points_m.mean(axis=0), np.array([grid_scale, grid_scale, 1.0])
+    apart = (points_m - centre) / on_ground
     starts = [
         start
         for field in ((hfov_deg,) if hfov_deg is not None else FIELDS_DEG)
-        if (start := _start(pixels, points_m - centre, shape, field, distortion)) is not None
+        if (start := _start(pixels, apart, shape, field, distortion)) is not None
     ]
     count = len(QUANTITIES) - (hfov_deg is not None)
 
     def misses(numbers: FloatArray) -> FloatArray:
-        x, y, _ = project(_camera(numbers, shape, hfov_deg, distortion), points_m - centre)
+        x, y, _ = project(_camera(numbers, shape, hfov_deg, distortion), apart)
         # behind the camera there is no pixel: far off
         return np.nan_to_num(np.column_stack([x, y]) - pixels, nan=1e4).ravel() / mark_sd_px
 
@@ -97,14 +102,14 @@ def fit_pose(
             "or give --hfov-deg",
         )  # fmt: skip
     freedom = max(best.fun.size - count, 1)
-    inflation = max(1.0, 2.0 * float(best.cost) / freedom)
+    scatter = students_factor(freedom) * float(np.sqrt(2.0 * best.cost / freedom))
     sd = np.zeros(len(QUANTITIES))
-    sd[:count] = np.sqrt(np.diag(np.linalg.inv(information)) * inflation)
+    sd[:count] = np.sqrt(np.diag(np.linalg.inv(information))) * max(1.0, scatter)
     camera = _camera(best.x, shape, hfov_deg, distortion)
-    east, north, up = (float(one) for one in np.asarray(camera.position_m) + centre)
+    east, north, up = (float(one) for one in np.asarray(camera.position_m) * on_ground + centre)
     residuals = np.linalg.norm(best.fun.reshape(-1, 2), axis=1) * mark_sd_px
     return PoseFit(
-        replace(camera, position_m=(east, north, up)),
+        replace(camera, position_m=(east, north, up), grid_scale=grid_scale),
         dict(zip(QUANTITIES, map(float, sd), strict=True)),
         residuals,
     )

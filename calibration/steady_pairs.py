@@ -25,7 +25,7 @@ CAMERA_NOISE_K, PLACEMENT_K = 0.05, 0.15
 """Least uncertainty of each pair: noise of a region's mean, and placement of the probe."""
 MAX_LAG_S, LAG_STEP_S, SIGNIFICANT_LAG_S = 1800.0, 15.0, 90.0
 BETTER_LAG, BETTER_PROBE = 2.0, 1.3
-"""How many times better another shift, or another probe, must fit to be accepted."""
+"""Factor by which another shift, or another probe, must fit better to be accepted."""
 MIN_VARIATION_K = 1.0
 
 
@@ -56,7 +56,7 @@ class SteadyInterval:
 
     @property
     def agrees(self) -> bool:
-        """Whether the camera also finds the surface steady."""
+        """True if the camera also finds the surface steady."""
         return not abs(self.apparent_drift_k_min) > 3.0 * STEADY_K_MIN
 
 
@@ -131,7 +131,7 @@ def refuse_shifted_clocks(readings: Readings) -> None:
     if found is not None and abs(found) > SIGNIFICANT_LAG_S:
         raise CalibrationError(
             f"the thermometer's readings fit the camera's best when shifted by {found / 60.0:+.1f} min",
-            fix="the clocks of the two logs differ: import the thermometer again with --offset "
+            fix="the clocks of the two logs differ: import the thermometer again with --clock-offset "
             f"{found:+.0f}s, or set its clock",
         )
 

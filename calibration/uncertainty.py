@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from scipy.special import ndtr, stdtrit
+
 COVERAGE_FACTOR = 2.0
 """Coverage factor k of expanded uncertainties, about 95 %."""
 
@@ -39,6 +41,25 @@ def combined_uncertainty(budget: Sequence[Contribution]) -> float:
     In the unit of the result.
     """
     return math.hypot(*(line.effect for line in budget))
+
+
+def students_factor(freedom: int) -> float:
+    """Factor for a standard deviation of few residuals, so that k = 2 covers 95 %.
+
+    Parameters
+    ----------
+    freedom
+        Degrees of freedom, at least 1.
+
+    Returns
+    -------
+    Student's t for the probability within two standard deviations, over two: 7.0 for 1, 1.3 for 5. [-]
+
+    References
+    ----------
+    .. [1] JCGM 100:2008, Guide to the expression of uncertainty in measurement, G.3 and table G.2.
+    """
+    return float(stdtrit(freedom, ndtr(COVERAGE_FACTOR))) / COVERAGE_FACTOR
 
 
 def largest(budget: Sequence[Contribution]) -> Contribution:

@@ -18,7 +18,7 @@ from fieldkit.model.units import HOUR_NS
 MAX_OFFSET_K = 3.0
 """Larger than differences between pixels of a camera: the regions did not view one target."""
 STEADY_K = 0.3
-"""How far regions may drift apart during one view."""
+"""Largest drift of regions against each other during one view."""
 
 
 @dataclass(frozen=True, slots=True)

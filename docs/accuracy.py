@@ -27,6 +27,7 @@ from benchmarks.estimation_learned import (
     outcomes,
     scenarios,
 )
+from fieldkit.model.confidence import CONFIDENCE, interval_sds
 from fieldkit.physics.facet import FloatArray
 from fieldkit.views.plotting import colour, dashes, legend, panels, svg
 
@@ -43,7 +44,6 @@ IN_TABLE = (
     "the world as configured",
 )
 PROBABILITIES: FloatArray = np.linspace(0.1, 0.98, 23)
-NINETY = float(ndtri(0.95))
 Found = dict[str, tuple[Scenario, list[Outcome]]]
 
 
@@ -79,7 +79,7 @@ def diagram(found: Found) -> Figure:
     """On the diagonal regions are right, above it they are wider than they need be."""
     figure, (axes,) = panels(1, 3.6)
     axes.plot([0, 100], [0, 100], color="0.6", linewidth=1.0)
-    limits = ndtri(0.5 * (1.0 + PROBABILITIES)) / NINETY
+    limits = ndtri(0.5 * (1.0 + PROBABILITIES)) / interval_sds(CONFIDENCE)
     for number, name in enumerate(IN_FIGURE):
         if name not in found:
             continue

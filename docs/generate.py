@@ -15,6 +15,8 @@ import click
 from fieldkit.cli import main
 from fieldkit.cli.common import CommandGroup, Options
 from fieldkit.config import toml_schema
+from fieldkit.model.alarm import Condition
+from fieldkit.model.slope import SLOPE_FIELDS
 
 REFERENCE = Path(__file__).parent / "reference"
 BEGIN, END = "<!-- generated -->\n", "<!-- end -->"
@@ -48,13 +50,44 @@ def command_line() -> str:
     return "\n\n".join(parts) + "\n"
 
 
+def slopes() -> str:
+    """A table of the numbers of a slope, which every table and file has."""
+    head = ["| number | unit | exported table | meaning |", "|---|---|---|---|"]
+    rows = [
+        f"| `{one.key}` | {one.unit} | {one.heading} | {one.description} |" for one in SLOPE_FIELDS.values()
+    ]
+    return "\n".join([*head, *rows]) + "\n"
+
+
+def alarms() -> str:
+    """A table of the conditions that raise an alarm."""
+    head = ["| condition | raised when | severity | lasts at least | over for |", "|---|---|---|---|---|"]
+    rows = [
+        f"| `{one}` | {one.meaning} | {one.rule.severity.name.lower()} | {_lasting(one.rule.hold_s)} "
+        f"| {_lasting(one.rule.clear_s)} |"
+        for one in Condition
+    ]
+    return "\n".join([*head, *rows]) + "\n"
+
+
+def _lasting(seconds: float) -> str:
+    if not seconds:
+        return "–"
+    return f"{seconds:g} s" if seconds < 60 else f"{seconds / 60:g} min"
+
+
 def refreshed(page: Path, text: str) -> str:
     """The page with its generated part replaced."""
     before, _, rest = page.read_text(encoding="utf-8").partition(BEGIN)
     return f"{before}{BEGIN}\n{text}\n{END}{rest.partition(END)[2]}"
 
 
-PAGES = {REFERENCE / "configuration.md": configuration, REFERENCE / "command-line.md": command_line}
+PAGES = {
+    REFERENCE / "configuration.md": configuration,
+    REFERENCE / "command-line.md": command_line,
+    REFERENCE / "session-file.md": slopes,
+    REFERENCE.parent / "how-to/alarms.md": alarms,
+}
 
 
 def _heading(name: str) -> tuple[str, tuple[str | int, ...]]:

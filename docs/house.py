@@ -108,7 +108,7 @@ def with_one_importer(tree: Path, files: Iterable[Path]) -> list[str]:
 
 
 def colliding(files: Iterable[Path]) -> int:
-    """Names of modules in more than one room; a command and the workflow it calls share theirs on purpose."""
+    """Names of modules in more than one room; a command and what it calls share theirs on purpose."""
     below_cli = [file for file in files if file.parent.name != "cli"]
     stems = Counter(file.stem for file in below_cli if not file.stem.startswith("__"))
     return sum(1 for count in stems.values() if count > 1)

@@ -20,9 +20,6 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 RUN = re.compile(r"(?ms)^```(console|python)\n(.*?)^```\n(?:\n```text\n(.*?)^```)?")
 NUMBER = r"(\d+(?:\.\d+)?)"
-SHARE, LAST_DIGITS = 0.15, 6
-"""How far a printed number may be from the page's before the page must be run again: by this share, or by
-so many of its last digit. Those after ``±`` move more with every change of an estimator: not compared."""
 HOME = "/home/me"
 
 Run = Callable[[str], list[str]]
@@ -80,18 +77,9 @@ def same_words(shown: str, printed: str) -> re.Match[str] | None:
 
 
 def matches(shown: str, printed: str) -> bool:
-    """Whether a printed line is the shown one, but for spaces and small changes of numbers."""
+    """Whether a printed line is the shown one, but for spaces."""
     found = same_words(shown, printed)
-    if found is None:
-        return False
-    pairs = zip(re.finditer(NUMBER, shown), found.groups(), strict=True)
-    return all(_near(wanted[0], came) for wanted, came in pairs if shown[: wanted.start()][-1:] != "±")
-
-
-def _near(shown: str, printed: str) -> bool:
-    decimals = len(shown.partition(".")[2])
-    slack = max(SHARE * abs(float(shown)), LAST_DIGITS * 10.0**-decimals if decimals else 0.6)
-    return abs(float(shown) - float(printed)) <= slack
+    return found is not None and list(found.groups()) == re.findall(NUMBER, shown)
 
 
 def aligned(

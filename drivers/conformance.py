@@ -38,7 +38,7 @@ class Outcome:
 
 
 class Cable(Protocol):
-    """What unplugs the instrument: a person, or a relay."""
+    """Means of unplugging the instrument: a person, or a relay."""
 
     def unplug(self) -> None:
         """Pull it, or ask for it; it may take `HAND_S` until it is done."""
@@ -52,7 +52,7 @@ class CheckError(Exception):
 
 
 class SkipError(Exception):
-    """Why a check was skipped."""
+    """Reason why a check was skipped."""
 
 
 def check_driver(
@@ -64,7 +64,7 @@ def check_driver(
     yield _outcome("any bytes give values or reasons", lambda: _bytes(driver))
     yield _outcome("a missing instrument is reported as missing", lambda: _missing(driver, clock))
     if settings is None:
-        yield Outcome("skip", "device", "no instrument named; use --port or --identity")
+        yield Outcome("skip", "device", "no instrument named; use --device or --identity")
         return
     yield from _device(driver, clock, settings, cable)
 

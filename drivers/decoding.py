@@ -88,7 +88,7 @@ Parsed = Record | Rejected | None
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """How records look on the wire: `parse` gets at most `longest` bytes and needs no more."""
+    """Form of records on the wire: `parse` gets at most `longest` bytes and needs no more."""
 
     parse: Callable[[bytes], Parsed]
     longest: int
@@ -113,7 +113,7 @@ class Decodes(Protocol):
 
 
 def skip_to(start: bytes, data: bytes) -> int:
-    """How many bytes to drop so that the rest begins with (a part of) `start`, at least one."""
+    """Number of bytes to drop so that the rest begins with (a part of) `start`, at least one."""
     found = data.find(start, 1)
     return found if found > 0 else len(data)
 

@@ -1,4 +1,4 @@
-"""Which instruments are connected, and whether they can be used.
+"""Discovery of connected instruments, and of what keeps them from being used.
 
 `find_devices` lists them, `check_instruments` reports permissions and what may interfere, each problem with
 its fix. Nothing is opened: a check must not disturb a meter.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -99,7 +99,7 @@ def _unrecognised(
 
 
 def is_connected(identity: str, sysfs: Path = SYSFS) -> bool:
-    """Whether an instrument or serial adapter with this identity is connected."""
+    """True if an instrument or serial adapter with this identity is connected."""
     with_nodes = (usb for _, usb in (*cameras(), *serial_ports()))
     raw_only = (usb for usb, _ in _raw_nodes(sysfs, RAW_ONLY))
     return any(usb.matches(identity) for usb in (*with_nodes, *raw_only))
@@ -138,7 +138,7 @@ def check_instruments(sysfs: Path = SYSFS) -> Iterator[ReadinessCheck]:
             "warn", "serial port", "no USB serial port is connected", "connect the meter's adapter"
         )
     for path, usb in found_ports:
-        yield _permission(path, usb, "dialout")
+        yield _permission(path, usb, "dialout", [one for _, one in found_ports])
         yield from _latency(path, sysfs)
         yield from _autosuspend(path, usb, sysfs)
     yield _modem_manager([path for path, _ in found_ports])
@@ -166,14 +166,16 @@ def _libraries() -> Iterator[ReadinessCheck]:
         )
 
 
-def _permission(path: str, usb: UsbIdentity, group: str) -> ReadinessCheck:
+def _permission(
+    path: str, usb: UsbIdentity, group: str, present: Sequence[UsbIdentity] = ()
+) -> ReadinessCheck:
     name = f"{path} ({usb.title or usb.as_text()})"
     if not os.path.exists(path):
         return ReadinessCheck(
             "fail", name, "detected by the kernel, but its device node is missing", "sudo udevadm trigger"
         )
     if os.access(path, os.R_OK | os.W_OK):
-        return ReadinessCheck("ok", name, f"ready; identity {usb.as_text()}")
+        return ReadinessCheck("ok", name, f"ready; identity {usb.as_text(present)}")
     return ReadinessCheck("fail", name, "permission denied", permission_fix(group))
 
 
@@ -238,7 +240,7 @@ def _comm(folder: Path) -> str:
 
 
 def _is_ignored(path: str) -> bool:
-    """Whether the udev rules make ModemManager ignore the port."""
+    """True if the udev rules make ModemManager ignore the port."""
     try:
         number = os.stat(path).st_rdev
         record = (UDEV_DATA / f"c{os.major(number)}:{os.minor(number)}").read_text()

@@ -2,7 +2,8 @@
 
 An identity is written ``vendor:product`` or ``vendor:product:serial`` (hexadecimal, as `lsusb`
 prints them) or, for two look-alikes without serial numbers, the USB path of the socket
-(``1-1.2``, as the kernel names it). Node numbers (`/dev/video0`, `/dev/ttyUSB0`) are never one.
+(``1-1.2``, as the kernel names it). A port of an adapter that has several is named by its USB interface
+behind that, as udev does: ``0403:6010:FT1-if01``. Node numbers (`/dev/video0`, `/dev/ttyUSB0`) are never one.
 """
 
 from __future__ import annotations
@@ -35,20 +36,25 @@ def group_of(path: str) -> str:
 
 SYSFS = Path("/sys")
 _IDS = re.compile(r"([0-9a-fA-F]{4}):([0-9a-fA-F]{4})(?::(.+))?")
+_INTERFACE = re.compile(r"-(if[0-9a-f]{2}(?:-port\d+)?)$")
 
 
 @dataclass(frozen=True, slots=True)
 class UsbIdentity:
-    """Identifiers of one USB instrument; `path` is its socket."""
+    """Identifiers of one USB instrument; `path` is its socket, `interface` its place in the instrument."""
 
     vendor: int
     product: int
     serial: str = ""
     path: str = ""
     title: str = ""
+    interface: str = ""
 
     def matches(self, wanted: str) -> bool:
-        """Whether `wanted` (see the module) names this instrument."""
+        """True if `wanted` (see the module) names this instrument; without an interface, each port of it."""
+        interface = _INTERFACE.search(wanted)
+        if interface is not None:
+            return interface[1] == self.interface and self.matches(wanted[: interface.start()])
         found = _IDS.fullmatch(wanted)
         if found is None:
             return wanted == self.path
@@ -56,17 +62,24 @@ class UsbIdentity:
         same_kind = (int(vendor, 16), int(product, 16)) == (self.vendor, self.product)
         return same_kind and (serial is None or serial == self.serial)
 
+    def ports(self, present: Sequence[UsbIdentity]) -> list[UsbIdentity]:
+        """Those of `present` that belong to the same instrument, each interface once."""
+        return [one for one in dict.fromkeys(present) if one == self or (one.path and one.path == self.path)]
+
     def as_text(self, present: Sequence[UsbIdentity] = ()) -> str:
         """The shortest identity that is unique among `present`."""
         kind = f"{self.vendor:04x}:{self.product:04x}"
-        alike = [other for other in present if (other.vendor, other.product) == (self.vendor, self.product)]
-        if self.serial and sum(other.serial == self.serial for other in alike) <= 1:
-            return f"{kind}:{self.serial}"
-        return kind if len(alike) <= 1 or not self.path else self.path
+        alike = [one for one in present if (one.vendor, one.product) == (self.vendor, self.product)]
+        own = self.ports(alike)
+        others = [one for one in alike if one not in own]
+        port = f"-{self.interface}" if len(own) > 1 else ""
+        if self.serial and self.serial not in [one.serial for one in others]:
+            return f"{kind}:{self.serial}{port}"
+        return f"{self.path if others and self.path else kind}{port}"
 
 
 def identity_fix(name: str, present: Sequence[object]) -> str:
-    """What to do when the instrument called `name` is not found among those `present`."""
+    """Next step when the instrument called `name` is not found among those `present`."""
     if not present:
         return "plug it in and switch it on; fieldkit devices shows what this computer sees"
     return f'write the right one into the configuration of {name}: identity = "..."'
@@ -82,8 +95,19 @@ def usb_parent(node: Path) -> UsbIdentity | None:
                 serial=_line(folder / "serial"),
                 path=folder.name,
                 title=f"{_line(folder / 'manufacturer')} {_line(folder / 'product')}".strip(),
+                interface=_interface(node),
             )
     return None
+
+
+def _interface(node: Path) -> str:
+    """The USB interface of a node and, of several ports on one interface, which; as udev writes them."""
+    numbers = (_line(folder / "bInterfaceNumber") for folder in (node, *node.parents))
+    port = _line(node / "port_number")
+    return next(
+        (f"if{number}" + (f"-port{port}" if port not in ("", "0") else "") for number in numbers if number),
+        "",
+    )
 
 
 def _line(path: Path) -> str:

@@ -21,6 +21,7 @@ from fieldkit.drivers.discovery import ConnectedDevice, find_devices
 from fieldkit.model.clock import Clock, HostClock
 from fieldkit.model.device import Camera, Device, DeviceSettings, StreamInfo
 from fieldkit.model.errors import ConfigError, DeviceNotFoundError, DeviceTimeoutError
+from fieldkit.model.limits import bounds_of, flagged
 from fieldkit.model.samples import Frame, Quality, Reading, is_usable
 from fieldkit.physics.camera_laws import frame_k
 
@@ -53,17 +54,17 @@ class MeasuredFrame:
 
     @property
     def quality(self) -> Quality:
-        """Why the frame should be trusted less."""
+        """Reasons to trust the frame less."""
         return self.frame.quality
 
     @property
     def is_usable(self) -> bool:
-        """Whether the frame may enter a result: no shutter correction, saturation, repetition."""
+        """True if the frame may enter a result: no shutter correction, saturation, repetition."""
         return is_usable(self.frame.quality)
 
     @property
     def time(self) -> datetime:
-        """When the frame was taken, UTC."""
+        """Time at which the frame was taken, UTC."""
         return _utc(self.frame.time_ns)
 
     def __repr__(self) -> str:
@@ -104,17 +105,17 @@ class MeasuredReading:
 
     @property
     def quality(self) -> Quality:
-        """Why the reading should be trusted less."""
+        """Reasons to trust the reading less."""
         return self.reading.quality
 
     @property
     def is_usable(self) -> bool:
-        """Whether the reading may enter a result."""
-        return is_usable(self.reading.quality)
+        """True if every value of the reading may enter a result."""
+        return is_usable(self.reading.quality) and Quality.IMPLAUSIBLE not in self.reading.quality
 
     @property
     def time(self) -> datetime:
-        """When the first byte of the reading was on the wire, UTC."""
+        """Time at which the first byte of the reading was on the wire, UTC."""
         return _utc(self.reading.time_ns)
 
     def __repr__(self) -> str:
@@ -142,10 +143,11 @@ class Instrument(Generic[M]):
 
     def __init__(self, device: Device) -> None:
         self.device = device
+        self._bounds = bounds_of(device.info)
 
     @property
     def info(self) -> StreamInfo:
-        """What the device delivers: quantity, unit, shape, serial number."""
+        """Declaration of the device: quantity, unit, shape, serial number."""
         return self.device.info
 
     def read(self, timeout_s: float = TIMEOUT_S) -> M:
@@ -166,7 +168,7 @@ class Instrument(Generic[M]):
             )
         if isinstance(sample, Frame):
             return cast(M, MeasuredFrame(sample, self.info))
-        return cast(M, MeasuredReading(sample, self.info))
+        return cast(M, MeasuredReading(flagged(sample, self._bounds), self.info))
 
     def run_shutter(self) -> bool:
         """Start the shutter correction of a camera; False if it has none that can be started."""

@@ -69,14 +69,14 @@ _NOTHING_BEFORE: tuple[Arrival, tuple[Channel, ...], bool] = (Arrival(0, 0, 0), 
 
 
 class Port(Protocol):
-    """What moves a meter's bytes: a serial line, a HID bridge, a socket."""
+    """Transport of a meter's bytes: a serial line, a HID bridge, a socket."""
 
     path: str
     framer: Framer
 
     @property
     def facts(self) -> dict[str, Any]:
-        """What a stream should record about its port."""
+        """Details of the port for the stream's record."""
 
     @property
     def identity(self) -> str:
@@ -112,6 +112,8 @@ class Framer:
         self.left: bytes = b""
         """Bytes of earlier chunks that are no record yet, or further ones."""
         self.rejected: int = 0
+        self.reason: str = ""
+        """Reason why the last bytes that are no record were rejected."""
         self._byte_ns = byte_ns
         self._arrivals: deque[Arrival] = deque(maxlen=_CHUNKS_KEPT)
         self._read_ns = self._passed_ns = _LONG_AGO_NS
@@ -158,7 +160,9 @@ class Framer:
             if isinstance(parsed, Record):
                 self._refused = b""
                 return self._stamped(layout, parsed, buffer[:length])
-            self.rejected += not self._refused
+            if not self._refused:
+                self.rejected += 1
+                self.reason = parsed.reason if parsed else "no end of record found"
             self._refused = (self._refused + buffer[:length])[-_REFUSED_KEPT:]
         return None
 
@@ -173,7 +177,7 @@ class Framer:
         return Stamped(record, raw, begun_ns, bunched)
 
     def _waited(self, layout: Layout, arrival: Arrival, record: Record) -> bool:
-        """Whether a record waited in the port: the wire had no time for it, or two alike came in one chunk.
+        """True if a record waited in the port: the wire had no time for it, or two alike came in one chunk.
 
         Different records that an instrument sends in one burst did not wait, nor what an adapter
         delivers together in its own time.
@@ -201,7 +205,7 @@ class Framer:
         return (arrival.received - self._passed) * self._byte_ns
 
     def _when(self, arrival: Arrival, place: int) -> int:
-        """When so many bytes had passed: spread by the wire's time, or over less if there was no more."""
+        """Time of so many bytes: spread by the wire's time, or over less if there was no more."""
         spread_ns = min(self._wire_ns(arrival), arrival.mono_ns - self._passed_ns)
         behind = arrival.received - place
         self._passed_ns = arrival.mono_ns - behind * spread_ns // (arrival.received - self._passed)
@@ -271,7 +275,7 @@ class SerialPort:
 
     @property
     def facts(self) -> dict[str, Any]:
-        """What a stream should record about its port."""
+        """Details of the port for the stream's record."""
         facts: dict[str, Any] = {"line": str(self.line)}
         if self.usb_latency_ms is not None:
             facts["usb_latency_ms"] = self.usb_latency_ms
@@ -280,8 +284,9 @@ class SerialPort:
     @property
     def identity(self) -> str:
         """Identity of the USB adapter, empty for a port that is none."""
-        adapter = usb_parent(_sysfs_node(self.path))
-        return adapter.as_text() if adapter else ""
+        real, ports = os.path.realpath(self.path), serial_ports()
+        present = [usb for _, usb in ports]
+        return next((usb.as_text(present) for path, usb in ports if path == real), "")
 
     def write(self, data: bytes) -> None:
         """Send bytes; raises `DeviceLostError` when the port is gone."""
@@ -334,7 +339,7 @@ class SerialPort:
         return True
 
     def _late_bytes(self) -> bytes:
-        """What came just after a read had given up, empty if nothing did; raises when the port is gone."""
+        """Bytes that came just after a read gave up, empty if nothing did; raises when the port is gone."""
         if not self._clock.wait_readable(self._fd, 0.0):
             return b""
         chunk = os.read(self._fd, CHUNK_BYTES)
@@ -417,14 +422,21 @@ def _find_path(settings: DeviceSettings, kinds: Sequence[tuple[int, int]]) -> st
 
 def _refuse_another(settings: DeviceSettings, ports: list[tuple[str, UsbIdentity]]) -> None:
     """A port that is given with an identity must have it: node numbers change at every boot."""
-    real = os.path.realpath(settings.port)
-    for path, usb in ports:
-        if path == real and settings.identity and not usb.matches(settings.identity):
-            another = f"{settings.port} is {usb.as_text()}, not {settings.identity}"
-            raise DeviceNotFoundError(
-                f"{settings.name}: {another}; {_listing(ports)}",
-                fix="omit port from the configuration: the identity is enough",
-            )
+    real, present = os.path.realpath(settings.port), [usb for _, usb in ports]
+    usb = next((usb for path, usb in ports if path == real), None)
+    if usb is None or not settings.identity:
+        return
+    named = [one for one in usb.ports(present) if one.matches(settings.identity)]
+    if named == [usb]:
+        return
+    own = usb.as_text(present)
+    wrong = f"{settings.port} is {own}, not {settings.identity}"
+    if usb in named:
+        wrong = f"identity {settings.identity} is that of {len(named)} ports of one adapter"
+    raise DeviceNotFoundError(
+        f"{settings.name}: {wrong}; {_listing(ports)}",
+        fix=f'omit port from the configuration: the identity is enough, of {settings.port} "{own}"',
+    )
 
 
 def _listing(ports: list[tuple[str, UsbIdentity]]) -> str:
@@ -434,7 +446,7 @@ def _listing(ports: list[tuple[str, UsbIdentity]]) -> str:
 
 
 def open_failure(path: str, error: Exception) -> DeviceError:
-    """Why a port would not open, with what to type."""
+    """Error of a port that would not open, with what to type."""
     code = getattr(error, "errno", None)
     if code in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
         return DeviceNotFoundError(

@@ -10,6 +10,7 @@ from __future__ import annotations
 import difflib
 import importlib
 from collections.abc import Mapping
+from dataclasses import replace
 from importlib.metadata import EntryPoint, entry_points
 from types import MappingProxyType
 from typing import Any, cast
@@ -73,7 +74,10 @@ def open_device(settings: DeviceSettings, clock: Clock) -> Device:
     """Open the instrument that `settings` names; raises `ConfigError` or `DeviceError`."""
     driver = get(settings.driver)
     _reject_unknown(settings, driver)
-    return driver.open(settings, clock)
+    device = driver.open(settings, clock)
+    if settings.limits:
+        device.info = replace(device.info, limits=settings.limits)
+    return device
 
 
 def decode(name: str, data: bytes, given: Mapping[str, Any]) -> Decoded:

@@ -11,31 +11,31 @@ from importlib import import_module as _import_module
 from typing import TYPE_CHECKING as _TYPE_CHECKING
 
 if _TYPE_CHECKING:
+    from fieldkit import calibrate as calibrate
     from fieldkit.drivers.discovery import find_devices as find_devices
     from fieldkit.drivers.instrument import open_device as open_device
     from fieldkit.estimation.estimator import Minute as Minute
     from fieldkit.model.errors import FieldkitError as FieldkitError
     from fieldkit.model.site import Region as Region
     from fieldkit.model.site import Site as Site
-    from fieldkit.workflows import calibrate as calibrate
-    from fieldkit.workflows.campaign import Campaign as Campaign
-    from fieldkit.workflows.campaign import init_campaign as init_campaign
-    from fieldkit.workflows.campaign import open_campaign as open_campaign
-    from fieldkit.workflows.check import check as check
-    from fieldkit.workflows.estimate import estimate as estimate
-    from fieldkit.workflows.export import export as export
-    from fieldkit.workflows.importing import ImportOptions as ImportOptions
-    from fieldkit.workflows.importing import import_into as import_into
-    from fieldkit.workflows.importing import import_recording as import_recording
-    from fieldkit.workflows.plan import PlanOptions as PlanOptions
-    from fieldkit.workflows.plan import plan as plan
-    from fieldkit.workflows.record import record as record
-    from fieldkit.workflows.report import ReportOptions as ReportOptions
-    from fieldkit.workflows.report import report as report
-    from fieldkit.workflows.session import Session as Session
-    from fieldkit.workflows.session import open_session as open_session
-    from fieldkit.workflows.simulate import simulate as simulate
-    from fieldkit.workflows.slope_map import slope_map as slope_map
+    from fieldkit.recording.campaign import Campaign as Campaign
+    from fieldkit.recording.campaign import init_campaign as init_campaign
+    from fieldkit.recording.campaign import open_campaign as open_campaign
+    from fieldkit.recording.plan import PlanOptions as PlanOptions
+    from fieldkit.recording.plan import plan as plan
+    from fieldkit.recording.record import record as record
+    from fieldkit.recording.simulate import simulate as simulate
+    from fieldkit.results.check import check as check
+    from fieldkit.results.estimate import estimate as estimate
+    from fieldkit.results.export import export as export
+    from fieldkit.results.importing import ImportOptions as ImportOptions
+    from fieldkit.results.importing import import_into as import_into
+    from fieldkit.results.importing import import_recording as import_recording
+    from fieldkit.results.report import ReportOptions as ReportOptions
+    from fieldkit.results.report import report as report
+    from fieldkit.results.session import Session as Session
+    from fieldkit.results.session import open_session as open_session
+    from fieldkit.results.slope_map import slope_map as slope_map
 
 __version__ = "0.2.0"
 
@@ -45,18 +45,18 @@ _HOMES = {
     "fieldkit.estimation.estimator": ("Minute",),
     "fieldkit.model.errors": ("FieldkitError",),
     "fieldkit.model.site": ("Region", "Site"),
-    "fieldkit.workflows": ("calibrate",),
-    "fieldkit.workflows.campaign": ("Campaign", "init_campaign", "open_campaign"),
-    "fieldkit.workflows.check": ("check",),
-    "fieldkit.workflows.estimate": ("estimate",),
-    "fieldkit.workflows.export": ("export",),
-    "fieldkit.workflows.importing": ("ImportOptions", "import_into", "import_recording"),
-    "fieldkit.workflows.plan": ("PlanOptions", "plan"),
-    "fieldkit.workflows.record": ("record",),
-    "fieldkit.workflows.report": ("ReportOptions", "report"),
-    "fieldkit.workflows.session": ("Session", "open_session"),
-    "fieldkit.workflows.simulate": ("simulate",),
-    "fieldkit.workflows.slope_map": ("slope_map",),
+    "fieldkit": ("calibrate",),
+    "fieldkit.recording.campaign": ("Campaign", "init_campaign", "open_campaign"),
+    "fieldkit.results.check": ("check",),
+    "fieldkit.results.estimate": ("estimate",),
+    "fieldkit.results.export": ("export",),
+    "fieldkit.results.importing": ("ImportOptions", "import_into", "import_recording"),
+    "fieldkit.recording.plan": ("PlanOptions", "plan"),
+    "fieldkit.recording.record": ("record",),
+    "fieldkit.results.report": ("ReportOptions", "report"),
+    "fieldkit.results.session": ("Session", "open_session"),
+    "fieldkit.recording.simulate": ("simulate",),
+    "fieldkit.results.slope_map": ("slope_map",),
 }
 """Where each public name is defined; the module is imported when the name is first used."""
 

@@ -24,7 +24,7 @@ import re
 import warnings
 import zlib
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -57,10 +57,12 @@ STATIONS = {
     "penn-state": Site(40.72, -77.931, 376.0, "America/New_York"),
     "sioux-falls": Site(43.734, -96.623, 473.0, "America/Chicago"),
 }
-"""Where the stations stand, by the network's station list; west is negative."""
+"""Places of the stations, by the network's station list; west is negative."""
 
 _MISSING = -9999.9
 _FIRST_VALUE = 8  # year, day of year, month, day, hour, minute, decimal hour, zenith come before
+_WORDS = _FIRST_VALUE + 2 * 20
+_FIRST_YEAR, _LAST_YEAR = 1992, 2261  # BSRN's first, before SURFRAD's; 64 bits of nanoseconds end in 2262
 _COLUMNS = {
     # our column: which of SURFRAD's 20 value/quality pairs
     "dni_w_m2": 2,
@@ -98,6 +100,8 @@ class Weather:
     longwave_up_w_m2: FloatArray
     site: Site
     source: str
+    notes: tuple[str, ...] = ()
+    """Parts of the file that were not used, and why."""
 
 
 def packaged() -> Weather:
@@ -174,7 +178,7 @@ def half_step_ns(stamps_ns: NDArray[np.int64]) -> int:
 
 
 def is_station_file(path: Path) -> bool:
-    """Whether a file is one of SURFRAD or BSRN, by its content."""
+    """True if a file is one of SURFRAD or BSRN, by its content."""
     try:
         head = _content(path, 4096)
     except (OSError, EOFError, zlib.error):
@@ -261,32 +265,32 @@ def read_surfrad(path: Path, station: str) -> Weather:
 
     Returns
     -------
-    The weather; bad values (quality 1) are NaN.
+    The weather; bad values (quality 1) are NaN. A last row that is cut off is excluded, with a note.
 
     Raises
     ------
     ConfigError
-        If the file is not one of SURFRAD, or belongs to another station.
+        If the file is not one of SURFRAD, has a damaged row, or belongs to another station.
     """
-    _, site, rows = _surfrad_rows(path, station)
-    return read_table(_table_lines(rows, site, path.name))
+    site, rows, notes = _surfrad_rows(path, station)
+    return replace(read_table(_table_lines(rows, site, path.name)), notes=notes)
 
 
 def write_table(surfrad: Path, station: str, out: Path) -> None:
     """Write the attributed table of a SURFRAD day, comma-separated, one row per minute."""
-    _, site, rows = _surfrad_rows(surfrad, station)
+    site, rows, _ = _surfrad_rows(surfrad, station)
     out.write_text("".join(_table_lines(rows, site, surfrad.name)), encoding="utf-8")
 
 
-def _surfrad_rows(path: Path, station: str) -> tuple[str, Site, Rows]:
-    """Name of the station, its site, and the rows of the table as text."""
+def _surfrad_rows(path: Path, station: str) -> tuple[Site, Rows, tuple[str, ...]]:
+    """The site of the station, the rows of the table as text in order of time, and notes on others."""
     if station not in STATIONS:
         raise ConfigError(f"unknown SURFRAD station {station!r}", fix=f"one of {', '.join(sorted(STATIONS))}")
     site = STATIONS[station]
     lines = path.read_text(encoding="ascii", errors="replace").splitlines()
     try:
         latitude, longitude = (float(word) for word in lines[1].split()[:2])
-        rows = [_surfrad_row(line.split()) for line in lines[2:] if line.strip()]
+        rows, notes = _whole_rows([line.split() for line in lines[2:] if line.strip()])
     except (IndexError, ValueError) as cause:
         raise ConfigError(
             f"{path} is not a SURFRAD daily file: {cause}",
@@ -297,16 +301,39 @@ def _surfrad_rows(path: Path, station: str) -> tuple[str, Site, Rows]:
             f"{path} was recorded at {latitude}, {longitude}, not at {station}",
             fix="give the right --station",
         )
-    return lines[0].strip(), site, rows
+    return site, rows, tuple(f"{path.name}: {note}" for note in notes)
 
 
-def _surfrad_row(words: list[str]) -> tuple[str, ...]:
+def _whole_rows(body: list[list[str]]) -> tuple[Rows, list[str]]:
+    """The rows in order of time, each minute once, and notes; raises `ValueError`."""
+    notes = []
+    if body and len(body[-1]) < _WORDS:  # the file is still being written, or its download broke off
+        notes.append(f"its last row is cut off and was excluded, after {len(body) - 1} whole rows")
+        body = body[:-1]
+    if not body:
+        raise ValueError("it has no whole row")
+    rows = [_surfrad_row(number, words) for number, words in enumerate(body, start=1)]
+    minutes = {row[0]: row for row in reversed(rows)}
+    if len(minutes) < len(rows):
+        notes.append(f"{len(rows) - len(minutes)} rows of minutes that stand before were excluded")
+    return [minutes[minute] for minute in sorted(minutes)], notes
+
+
+def _surfrad_row(number: int, words: list[str]) -> tuple[str, ...]:
+    if len(words) < _WORDS:
+        raise ValueError(f"row {number} has {len(words)} words, not {_WORDS}")
     year, month, day, hour, minute = (int(words[i]) for i in (0, 2, 3, 4, 5))
+    _refuse_year(year)
     cells = [f"{year:04}-{month:02}-{day:02}T{hour:02}:{minute:02}Z"]
     for pair in _COLUMNS.values():
         value, quality = words[_FIRST_VALUE + 2 * pair], int(words[_FIRST_VALUE + 2 * pair + 1])
         cells.append("" if quality == 1 or float(value) <= _MISSING else value)
     return tuple(cells)
+
+
+def _refuse_year(year: int) -> None:
+    if not _FIRST_YEAR <= year <= _LAST_YEAR:
+        raise ValueError(f"its year {year} is not from {_FIRST_YEAR} on, in four digits")
 
 
 def _table_lines(rows: Rows, site: Site, file_name: str) -> Iterable[str]:
@@ -331,6 +358,7 @@ def _bsrn(path: Path, text: str) -> Weather:
         from pvlib.iotools import read_bsrn
     except ImportError as error:
         raise ConfigError("files of BSRN need pvlib", fix="pip install 'fieldkit[lab]'") from error
+    text, notes = _without_cut_line(path, text)
     records = ("0100", "0300") if re.search(r"^\*[UC]0300", text, re.MULTILINE) else ("0100",)
     try:
         with warnings.catch_warnings():
@@ -344,7 +372,18 @@ def _bsrn(path: Path, text: str) -> Weather:
         )
     latitude, longitude, elevation = (float(about[key]) for key in ("latitude", "longitude", "altitude"))
     site = Site(latitude, longitude, elevation, zone_by_longitude(longitude))
-    return _bsrn_weather(table, site, f"BSRN, {path.name}")
+    return replace(_bsrn_weather(table, site, f"BSRN, {path.name}"), notes=notes)
+
+
+def _without_cut_line(path: Path, text: str) -> tuple[str, tuple[str, ...]]:
+    """The text without a last line that ends within its numbers, and a note on that.
+
+    Columns are fixed, and a minute of record 0100 has two lines: a whole one is as long as the one but last.
+    """
+    lines = text.splitlines()
+    if text.endswith("\n") or len(lines) < 3 or len(lines[-1]) >= len(lines[-3].rstrip()):
+        return text, ()
+    return "\n".join(lines[:-1]), (f"{path.name}: its last line is cut off and was excluded",)
 
 
 def _bsrn_weather(table: pd.DataFrame, site: Site, source: str) -> Weather:
@@ -357,8 +396,10 @@ def _bsrn_weather(table: pd.DataFrame, site: Site, source: str) -> Weather:
         known = table[name] if name in table else np.full(len(table), np.nan)
         return np.asarray(known, np.float64)
 
-    labels = pd.DatetimeIndex(table.index).tz_localize(None).to_numpy().astype("datetime64[ns]")
-    starts_ns = labels.astype(np.int64)
+    labels = pd.DatetimeIndex(table.index).tz_localize(None)
+    for year in set(labels.year):
+        _refuse_year(year)
+    starts_ns = labels.to_numpy().astype("datetime64[ns]").astype(np.int64)
     return Weather(
         time_ns=starts_ns + half_step_ns(starts_ns),
         dni_w_m2=column("dni"),

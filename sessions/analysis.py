@@ -22,13 +22,12 @@ from fieldkit.model.site import Region
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.camera_laws import frames_k, needs_metadata_rows
 from fieldkit.sessions.layout import chunk_shape
+from fieldkit.sessions.reader import SessionReader
 from fieldkit.sessions.stream_reader import FrameBlock, StreamReader
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
-
-    from fieldkit.sessions.reader import SessionReader
 
 FloatArray = NDArray[np.float64]
 Calibration = Callable[[NDArray[np.uint16]], FloatArray]
@@ -62,7 +61,7 @@ class RegionSeries:
     mean_k: FloatArray
     spread_k: FloatArray
     pixels: NDArray[np.int64]
-    flags: NDArray[np.uint16]
+    flags: NDArray[np.uint32]
 
 
 def camera_of(session: SessionReader, stream: str | None = None) -> StreamInfo:
@@ -195,7 +194,7 @@ def region_series(
 class _RegionSeries(NamedTuple):
     mean: FloatArray
     spread: FloatArray
-    flags: NDArray[np.uint16]
+    flags: NDArray[np.uint32]
     pixels: int
 
 
@@ -210,7 +209,7 @@ def _drawn_series(
     if schedule.is_constant:
         return _region_series(reader, region, convert)
     mean, spread = np.full((2, len(reader)), np.nan)
-    flags, pixels = np.zeros(len(reader), np.uint16), 0
+    flags, pixels = np.zeros(len(reader), np.uint32), 0
     for drawn, since, until in schedule.versions(region.name):
         holds = (minutes >= since) & (minutes < until)
         if holds.any():
@@ -237,7 +236,7 @@ def _region_series(
     inside = mask[box]
     step = max(1, _BLOCK_BYTES // (inside.size * chunk_shape(info)[0] * 2))
     mean, spread = np.empty((2, len(reader)))
-    flags = np.empty(len(reader), np.uint16)
+    flags = np.empty(len(reader), np.uint32)
     for part in reader.crops(box, step, with_rows=needs_metadata_rows(info)):
         pixels = convert(replace(part, counts=part.counts[:, inside]))
         pixels[is_damaged(part.flags)] = np.nan
@@ -262,7 +261,7 @@ def minute_means(
 
 
 def channel_names(info: StreamInfo) -> tuple[str, ...]:
-    """What the values of a meter are called: its channels, or its quantity where it has one value."""
+    """Names of the values of a meter: its channels, or its quantity where it has one value."""
     if info.shape == (1,):
         return (info.quantity,)
     named = len(info.channels) == info.shape[0]
@@ -301,7 +300,8 @@ def to_pandas(session: SessionReader, stream: str) -> pd.DataFrame:
 def to_xarray(session: SessionReader, stream: str) -> xr.Dataset:
     """A stream as an xarray dataset, read lazily; counts of a linear camera are read as kelvin.
 
-    `flags` are verified by the checksums when they are read, which reads the whole stream. Raises
+    Times are corrected by the active time map, values that cannot be are NaN, and `flags` are verified by
+    the checksums when they are read, which reads the whole stream. Raises
     `SessionError` for an interrupted session, which other programs cannot open, and for a stream that lies
     outside the session's file, into which they would follow the link.
 
@@ -320,7 +320,13 @@ def to_xarray(session: SessionReader, stream: str) -> xr.Dataset:
     session.datasets(stream)
     is_live = session.group(stream).file.swmr_mode  # HDF5 opens a file in one way only
     options: dict[str, Any] = {"driver_kwds": {"swmr": True}} if is_live else {}
-    dataset = xr.open_dataset(session.path, group=stream, engine="h5netcdf", **options)
+    stored_now = xr.open_dataset(session.path, group=stream, engine="h5netcdf", **options)
+    dataset = stored_now.isel(time=slice(session.count(stream)))
     stored = dataset["flags"].variable
     verified = verified_flags(session.path, stream, stored.shape)
-    return dataset.assign(flags=xr.Variable(stored.dims, verified, stored.attrs, stored.encoding))
+    time = dataset["time"].variable.copy(data=session.times_ns(stream).view("datetime64[ns]"))
+    read = {"flags": xr.Variable(stored.dims, verified, stored.attrs, stored.encoding)}
+    if not session.streams[stream].is_camera:
+        values = session.readings(stream).values[: stored.shape[0]]
+        read["value"] = dataset["value"].variable.copy(data=values.reshape(dataset["value"].shape))
+    return dataset.assign_coords(time=time).assign(read)

@@ -24,7 +24,7 @@ from fieldkit.physics.camera_laws import frame_k
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.sessions.analysis import minute_means
 from fieldkit.sessions.clock_correction import STEP_NS, TOLERANCE_NS, propose_time_map, stepped_ns
-from fieldkit.sessions.layout import journal_path
+from fieldkit.sessions.lock import journal_path
 from fieldkit.sessions.reader import SessionReader, open_session
 from fieldkit.sessions.seal import crc_of_crcs, table_crc32
 from fieldkit.sessions.stream_reader import StreamReader
@@ -62,14 +62,14 @@ def check(path: str | Path) -> list[Finding]:
     with session:
         findings: list[Finding] = []
         sealed = (_state, integrity_findings, _objects)
-        for check_one in (*sealed, _streams, _events, clock_findings, sun_findings, _regions):
+        for check_one in (*sealed, _entries, _streams, _events, clock_findings, sun_findings, _regions):
             try:
                 findings.extend(check_one(session))
             except Exception as error:  # whatever is in the file, the other checks go on
                 findings.append(
                     Finding("fail", "file", f"damaged: {message_of(error)}", f"fieldkit recover {path}")
                 )
-        return findings
+        return list(dict.fromkeys(findings))  # the same damage may stop several checks
 
 
 def integrity_findings(session: SessionReader) -> Iterator[Finding]:
@@ -126,11 +126,17 @@ def _objects(session: SessionReader) -> Iterator[Finding]:
 
 
 def _changed(session: SessionReader, path: str, digest: str) -> str:
-    """What is wrong with an object, in words."""
+    """Mistakes of an object, in words."""
     try:
         return "" if session.object_digest(path) == digest else "it is not as it was sealed"
     except Exception as error:  # whatever HDF5 makes of damaged bytes
         return f"it cannot be read: {message_of(error)}"
+
+
+def _entries(session: SessionReader) -> list[Finding]:
+    """Findings on tables that cannot be read; their meaning is judged by others."""
+    session.entries()
+    return []
 
 
 def _streams(session: SessionReader) -> Iterator[Finding]:
@@ -139,8 +145,8 @@ def _streams(session: SessionReader) -> Iterator[Finding]:
 
 
 def _events(session: SessionReader) -> Iterator[Finding]:
-    """What was noticed while recording, one line for each kind of event and stream."""
-    events = [event for event in session.events(recorded=True) if event.kind not in _QUIET]
+    """Findings noticed while recording, one line for each kind of event and stream."""
+    events = [event for event in session.events() if event.kind not in _QUIET]
     counts = Counter((event.kind, event.stream) for event in events)
     for (kind, stream), count in counts.items():
         these = [event for event in events if (event.kind, event.stream) == (kind, stream)]
@@ -166,9 +172,11 @@ def _regions(session: SessionReader) -> Iterator[Finding]:
 
 # --- one stream: checksums, numbers, order, gaps, rate, units, flags
 
-_PLAUSIBLE = {"K": (200.0, 700.0), "lx": (0.0, 200_000.0), "W m-2": (-50.0, 1600.0)}
+_REPORTED_ELSEWHERE = (
+    Quality.BAD_CRC | Quality.LOW_SUN | Quality.SHADED | Quality.UNRESOLVED | Quality.IMPLAUSIBLE
+)
 
-_REPORTED_ELSEWHERE = Quality.BAD_CRC | Quality.LOW_SUN | Quality.SHADED | Quality.UNRESOLVED
+_LIMITS = "wrong scale or unit? see fieldkit show; what this site can have: [limits] in fieldkit.toml"
 
 _HARMLESS = (Quality.SHUTTER, Quality.DUPLICATE)
 
@@ -194,7 +202,7 @@ def stream_findings(session: SessionReader, name: str) -> Iterator[Finding]:
         yield Finding("ok", name, f"{len(reader)} samples, every checksum matches")
     yield from _numbers(name, reader)
     yield from _times(name, reader)
-    yield from _units(reader.info, lowest, highest)
+    yield from _units(reader, lowest, highest)
     yield from _emissivity(reader.info)
     yield from _flags(name, reader.column("flags"))
 
@@ -210,7 +218,7 @@ def _emissivity(info: StreamInfo) -> Iterator[Finding]:
 def _contents(reader: StreamReader) -> tuple[list[int], float, float]:
     """Numbers of the samples that do not match, and the least and greatest value, in the stream's unit."""
     info, bad, lowest, highest = reader.info, [], np.inf, -np.inf
-    for sample in reader.samples():
+    for sample in reader.samples(recorded=True):
         if sample.quality & Quality.BAD_CRC:
             bad.append(sample.seq)
             continue
@@ -289,20 +297,22 @@ def _rate(name: str, info: StreamInfo, intervals: NDArray[np.float64], median: f
     yield Finding("warn" if off else "ok", name, declared)
 
 
-def _units(info: StreamInfo, lowest: float, highest: float) -> Iterator[Finding]:
-    low, high = _PLAUSIBLE.get(info.unit, (-np.inf, np.inf))
+def _units(reader: StreamReader, lowest: float, highest: float) -> Iterator[Finding]:
+    """Values that are not there, and those that cannot be: of a camera by the middle of its frames."""
+    info = reader.info
     if not np.isfinite([lowest, highest]).all():
         yield Finding(
             "warn", info.name, f"no values in {info.unit}: the scale is not known, or nothing was measured"
         )
-    elif lowest < low or highest > high:
-        text = f"values from {lowest:.4g} to {highest:.4g} {info.unit} are not plausible"
-        yield Finding(
-            "warn", info.name, text, "wrong scale or unit? see the stream's declaration: fieldkit show"
-        )
+    elif info.is_camera and reader.bounds.exceeded(np.array([[lowest], [highest]])).any():
+        text = f"values from {lowest:.4g} to {highest:.4g} {info.unit} are implausible"
+        yield Finding("warn", info.name, text, _LIMITS)
+    for excess in reader.excesses():
+        at = np.datetime64(int(reader.time_ns(excess.first, excess.first + 1)[0]) // 1_000_000_000, "s")
+        yield Finding("warn", info.name, f"{excess.words(f'{at}Z')}; not used", _LIMITS)
 
 
-def _flags(name: str, flags: NDArray[np.uint16]) -> Iterator[Finding]:
+def _flags(name: str, flags: NDArray[np.uint32]) -> Iterator[Finding]:
     for flag in Quality:
         count = int(np.count_nonzero(flags & flag.value))
         if count and not flag & _REPORTED_ELSEWHERE:
@@ -337,7 +347,7 @@ def _steps(checks: Sequence[ClockCheck], anchor_ns: int) -> Iterator[Finding]:
 def _at_the_end(
     session: SessionReader, last: ClockCheck, proposed: list[TimeStep], in_force: list[TimeStep]
 ) -> Finding:
-    """How far the system clock had come from the recorded times, and the fix if it is not corrected."""
+    """Offset of the system clock from the recorded times, and the fix if it is not corrected."""
     away_ns = last.utc_minus_mono_ns - session.anchor_ns
     is_open = bool(proposed or abs(away_ns) >= TOLERANCE_NS) and not in_force
     text = (
@@ -361,44 +371,32 @@ def _sleep(checks: Sequence[ClockCheck], is_corrected: bool) -> Iterator[Finding
 
 # --- the sun as a clock
 
-
-#
-
-
 # Catches wrong time zones, daylight-saving time and swapped signs of a longitude: errors of half an hour and
-
-
 # more. Model: illuminance = A sin(h) exp(-k / sin h), h the sun's elevation, whose two numbers are fitted for
-
-
 # each shift tried; clouds only take light away, so the upper half of the points counts.
-
 SHIFTS_MIN = np.arange(-14 * 60, 14 * 60 + 1, 30)
-
 MIN_SPAN_S = 3600.0
-
 _LIT_LX = 500.0
-
 _BRIGHT_LX = 20_000.0
-
 _LOW = np.sin(np.radians(5.0))
 
 FloatArray = NDArray[np.float64]
 
 
 def sun_findings(session: SessionReader) -> Iterator[Finding]:
-    """Whether the light fits the recorded times, for the first illuminance stream."""
+    """True if the light fits the times as corrected, for the first illuminance stream."""
     stream = next((name for name, info in session.streams.items() if info.quantity == "illuminance"), None)
     if stream is None or not session.count(stream):
         return
-    time_ns, lux = minute_means(session, stream, recorded=True)
+    time_ns, lux = minute_means(session, stream)
     if not (lux > _LIT_LX).any():
         return
     shift = best_shift_min(time_ns, lux, session.site)
     if shift is None:
         yield Finding("ok", "sun", "too little light or time to compare the clock with the sun")
     elif shift == 0:
-        yield Finding("ok", "sun", "the light fits the sun's height at the recorded times")
+        which = "corrected" if session.time_map() else "recorded"
+        yield Finding("ok", "sun", f"the light fits the sun's height at the {which} times")
     else:
         fix = "check the clock, the zone and the site's longitude"
         yield Finding(

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from itertools import chain
+from pathlib import Path
 from typing import Any
 
 import h5py
@@ -71,6 +72,21 @@ def unpack(data: bytes, shape: tuple[int, ...]) -> NDArray[np.uint16]:
     return numbers
 
 
+def read_chunk(path: Path, chunk: Chunk) -> bytes | None:
+    """The packed bytes of a chunk, wherever the file's own index may be; None if they are not as written."""
+    try:
+        descriptor = os.open(path, os.O_RDONLY)
+    except OSError:
+        return None
+    try:
+        data = os.pread(descriptor, chunk.size, chunk.offset)
+    except OSError:
+        data = b""
+    finally:
+        os.close(descriptor)
+    return data if len(data) == chunk.size and isal_zlib.crc32(data) == chunk.crc32 else None
+
+
 def corners(dataset: h5py.Dataset) -> list[tuple[int, int]]:
     """First row and column of each chunk that the frames of a dataset are cut into."""
     _, rows, cols = dataset.chunks
@@ -78,7 +94,7 @@ def corners(dataset: h5py.Dataset) -> list[tuple[int, int]]:
 
 
 def is_packed(dataset: h5py.Dataset) -> bool:
-    """Whether the chunks of a dataset are as `pack` makes them, and fill its frames."""
+    """True if the chunks of a dataset are as `pack` makes them, and fill its frames."""
     filters = dataset.id.get_create_plist().get_nfilters()
     sides = zip(dataset.shape[1:], dataset.chunks[1:], strict=True) if dataset.chunks else ()
     return (
@@ -118,11 +134,10 @@ class FrameWriter:
         # Cut while it is gathered, so that each chunk lies in one piece when the block is full.
         self._chunks = np.empty((down, across, self.depth, rows, cols), "<u2")
         self.length: int = 0
-        self.bytes_written: int = 0
 
     @property
     def is_full(self) -> bool:
-        """Whether the block has its last frame."""
+        """True if the block has its last frame."""
         return self.length > 0 and self.length % self.depth == 0
 
     def put(self, frame: NDArray[np.uint16]) -> None:
@@ -153,16 +168,14 @@ class FrameWriter:
         for chunk in chunks:
             if chunk.dataset == self._dataset.name:
                 self._dataset.id.write_direct_chunk((start, *chunk.corner), chunk.data)
-                self.bytes_written += len(chunk.data)
 
     def _write_chunk(self, corner: tuple[int, int, int], data: bytes, crc32: int) -> Chunk:
         end = self._file.get_filesize()
         self._dataset.id.write_direct_chunk(corner, data)
-        self.bytes_written += len(data)
         return Chunk(self._name, *corner, self._place(corner, data, end), len(data), crc32)
 
     def _place(self, corner: tuple[int, int, int], data: bytes, end: int) -> int:
-        """Where a chunk just written lies: nearly always at what was the `end` of the file.
+        """Offset of a chunk just written: nearly always at what was the `end` of the file.
 
         The library itself looks through all chunks there are to answer that, longer and longer. That the file
         has grown by just the chunk is enough to know, or that the chunk ends there: a reader compares its

@@ -47,7 +47,7 @@ def stepped_ns(checks: Sequence[ClockCheck], anchor_ns: int) -> NDArray[np.int64
 
 
 def propose_time_map(session: SessionReader) -> list[TimeStep]:
-    """What should be added to the recorded times, by the clock comparisons; empty where nothing must be.
+    """Seconds to add to the recorded times, by the clock comparisons; empty where nothing must be.
 
     A comparison with a trusted source (GPS, NTP ...) counts for the whole session; otherwise
     the last one does if the system clock was stepped, because clocks are stepped to be right.
@@ -109,7 +109,7 @@ def apply_time_map(path: Path, steps: Sequence[TimeStep]) -> None:
 
 
 def changing_path(path: Path) -> Path:
-    """Where a session is changed before it takes its own place; a killed process leaves it."""
+    """Path at which a session is changed before it takes its own place; a killed process leaves it."""
     return path.with_name(path.name + ".changing")
 
 

@@ -67,7 +67,7 @@ def _members(group: h5py.Group) -> Iterator[bytes]:
 
 
 def _data(dataset: h5py.Dataset, path: str) -> Iterator[bytes]:
-    """What a dataset is and holds; of one that grows after the seal, without how long it is."""
+    """Description and content of a dataset; of one that grows after the seal, without how long it is."""
     grows = path.startswith(_LATER)
     yield _described("", dataset if not grows else np.empty(dataset.shape[1:], dataset.dtype))
     for axis in dataset.dims:

@@ -1,4 +1,4 @@
-"""How entries lie in the tables of the session file: each to its row, and back.
+"""Rows of entries in the tables of the session file: each to its row, and back.
 
 Numbers are stored as they are; text is cut to the width of its field. An event's text that its field would
 cut stands whole among its details; details that do not fit are omitted, and the entry is marked.
@@ -17,10 +17,9 @@ from fieldkit.model.clock import ClockCheck
 from fieldkit.model.learnt import Learnt, LearntParameter
 from fieldkit.model.samples import Event, EventKind, Health, Quality, Severity, StreamHealth
 from fieldkit.model.site import Region, RegionKind
-from fieldkit.model.slope import SlopeEstimate, SlopeState
+from fieldkit.model.slope import SLOPE_FIELDS, SlopeEstimate, SlopeState
 from fieldkit.sessions.chunks import as_column
 from fieldkit.sessions.layout import (
-    ESTIMATE_ANGLES,
     LEARNT_NUMBERS,
     MAX_LEARNT,
     MAX_VERTICES,
@@ -34,10 +33,10 @@ from fieldkit.sessions.records import Entry, MinuteRecord, RegionRecord
 
 Table = Mapping[str, NDArray[Any]]
 Row = dict[str, Any]
-_NUMBERS = (*ESTIMATE_ANGLES, "kelvin_per_degree", "chi_square", "n_bins")
+_NUMBERS = (*SLOPE_FIELDS, "n_bins")
 _BY_REGION = ("residual_k", "autocorrelation")
 _TEXT_BYTES, _DATA_BYTES, _WHOLE_TEXT = 256, 1024, "whole_text"
-_PER_STREAM = ("received", "dropped", "queued", "late_max_us", "rejected")
+_PER_STREAM = ("received", "dropped", "queued", "late_max_us", "rejected", "implausible")
 _HEALTH = ("disk_free_bytes", "written_bytes", "sync_ms", "cpu_percent", "lag_ms")
 
 
@@ -77,11 +76,11 @@ class EntryRows:
 
     def _estimates_row(self, minute: MinuteRecord) -> Row:
         count = self._places
-        row: Row = {name: np.full(count, np.nan) for name in _NUMBERS}
+        row: Row = {name: np.full(count, np.nan) for name in SLOPE_FIELDS}
         row["n_bins"] = np.zeros(count, object)
         row["window_start"] = np.zeros(count, object)
         row["state"] = np.full(count, SlopeState.NO_DATA, np.uint8)
-        row["flags"] = np.zeros(count, np.uint16)
+        row["flags"] = np.zeros(count, np.uint32)
         row["model"], row["reason"] = np.zeros(count, "S64"), np.zeros(count, "S160")
         for estimate in minute.estimates:
             if estimate.region in self._drawn_before:
@@ -166,20 +165,23 @@ def _irradiance_row(minute: MinuteRecord) -> Row:
 
 
 def _event_row(event: Event) -> Row:
-    data = _details(event)
-    if data is None:
-        data = _json(dict(event.data))
-    if len(data) > _DATA_BYTES:
-        data = _json({"left_out": f"details of {len(data)} bytes"})
     return {
         "time": event.time_ns // 1000, "mono_ns": event.mono_ns, "kind": int(event.kind),
         "severity": int(event.severity), "stream": encode_text(event.stream, 32),
-        "text": encode_text(str(event.text), _TEXT_BYTES), "data": data,
+        "text": encode_text(str(event.text), _TEXT_BYTES), "data": stored_details(event),
     }  # fmt: skip
 
 
+def stored_details(event: Event) -> bytes:
+    """The details of an event as its row has them; what does not fit is omitted."""
+    data = _details(event)
+    if data is None:
+        data = _json(dict(event.data))
+    return data if len(data) <= _DATA_BYTES else _json({"left_out": f"details of {len(data)} bytes"})
+
+
 def event_fits(event: Event) -> bool:
-    """Whether a session keeps an event with all of its text and details."""
+    """True if a session keeps an event with all of its text and details."""
     return _details(event) is not None
 
 
@@ -195,16 +197,16 @@ def _json(data: Mapping[str, Any]) -> bytes:
     return json.dumps(data, default=str, ensure_ascii=False).encode(errors="replace") if data else b""
 
 
-def events_from(table: Table, time_ns: NDArray[np.int64]) -> list[Event]:
+def events_from(table: Table) -> list[Event]:
     """The events of a table."""
     details = [_details_from(decode_text(data)) for data in table["data"]]
     return [
         Event(
-            EventKind(int(table["kind"][n])), int(table["mono_ns"][n]), int(time_ns[n]),
+            EventKind(int(table["kind"][n])), int(table["mono_ns"][n]), int(table["time_ns"][n]),
             str(details[n].pop(_WHOLE_TEXT, decode_text(table["text"][n]))), decode_text(table["stream"][n]),
             Severity(int(table["severity"][n])), details[n],
         )
-        for n in range(len(time_ns))
+        for n in range(len(details))
     ]  # fmt: skip
 
 
@@ -219,18 +221,18 @@ def _details_from(text: str) -> dict[str, Any]:
     return details if is_time else {"unreadable": text}
 
 
-def health_from(table: Table, time_ns: NDArray[np.int64], streams: tuple[str, ...]) -> list[Health]:
+def health_from(table: Table, streams: tuple[str, ...]) -> list[Health]:
     """The health of a recording, second by second."""
     return [
         Health(
-            int(table["mono_ns"][n]), int(time_ns[n]),
+            int(table["mono_ns"][n]), int(table["time_ns"][n]),
             tuple(
                 StreamHealth(name, **{key: int(table[key][n][place]) for key in _PER_STREAM})
                 for place, name in enumerate(streams)
             ),
             **{name: table[name][n].item() for name in _HEALTH},
         )
-        for n in range(len(time_ns))
+        for n in range(len(table["time"]))
     ]  # fmt: skip
 
 
@@ -258,7 +260,7 @@ def regions_from(table: Table) -> list[RegionRecord]:
             float(table["azimuth_deg"][n]), float(table["emissivity"][n]),
             () if np.isnan(corners_m).any() else tuple((e, n, up) for e, n, up in corners_m.tolist()),
         )  # fmt: skip
-        records.append(RegionRecord(region, int(table["time"][n]) * 1000, bool(table["removed"][n])))
+        records.append(RegionRecord(region, int(table["time_ns"][n]), bool(table["removed"][n])))
     return records
 
 
@@ -275,25 +277,25 @@ def estimates_from(table: Table, regions: tuple[str, ...]) -> list[SlopeEstimate
 def later_estimates_from(table: Table) -> list[SlopeEstimate]:
     """The estimates of regions that were drawn during the recording."""
     columns = {
-        name: values[:, np.newaxis] for name, values in table.items() if name not in ("time", "region")
+        name: values[:, np.newaxis] for name, values in table.items() if name not in ("time_ns", "region")
     }
-    by_place = {"time": table["time"], **columns}
+    by_place = {"time_ns": table["time_ns"], **columns}
     return [_estimate(by_place, n, 0, decode_text(region)) for n, region in enumerate(table["region"])]
 
 
 def _estimate(table: Table, n: int, place: int, region: str) -> SlopeEstimate:
     return SlopeEstimate(
-        int(table["time"][n]) * 1000, region, SlopeState(int(table["state"][n][place])),
+        int(table["time_ns"][n]), region, SlopeState(int(table["state"][n][place])),
         **{name: table[name][n][place].item() for name in _NUMBERS},
         flags=Quality(int(table["flags"][n][place])),
-        window_start_ns=int(table["window_start"][n][place]) * 1000,
+        window_start_ns=int(table["window_start_ns"][n][place]),
         model=decode_text(table["model"][n][place]), reason=decode_text(table["reason"][n][place]),
     )  # fmt: skip
 
 
 def learnt_from(table: Table, regions: tuple[str, ...]) -> dict[int, Learnt]:
-    """What the data taught, by the UTC nanoseconds of each minute that has it."""
-    return {int(time) * 1000: _learnt(table, n, regions) for n, time in enumerate(table["time"])}
+    """Parameters learnt, by the UTC nanoseconds of each minute that has it."""
+    return {int(time_ns): _learnt(table, n, regions) for n, time_ns in enumerate(table["time_ns"])}
 
 
 def _learnt(table: Table, n: int, regions: tuple[str, ...]) -> Learnt:

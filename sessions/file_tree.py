@@ -158,7 +158,7 @@ def _frames(group: h5py.Group, info: StreamInfo) -> None:
         put_scale(group, "metadata_row", np.arange(info.metadata_shape[0], dtype="<i4"), units="1")
         depth = chunk_shape(info)[0]
         rows = put_frames(group, "metadata_rows", (depth, *info.metadata_shape), info.metadata_shape, None)
-        set_attributes(rows, {"long_name": "rows the camera sent with the picture", "units": "1"})
+        set_attributes(rows, {"long_name": "rows the camera sent with the frame", "units": "1"})
         same_width = info.metadata_shape[1] == info.shape[1]
         attach(group, rows, "time", "metadata_row", *(("x",) if same_width else ()))
 
@@ -268,18 +268,9 @@ def _time_map(file: h5py.File) -> None:
 
 # --- groups and datasets as readers of netCDF and CF expect them
 
-
-#
-
-
 # The format level is pinned to HDF5 1.10: newer levels cannot be read by older tools, older ones have no
-
-
 # single-writer-multiple-reader mode. Filters are shuffle and gzip only. netCDF wants creation order tracked
-
-
 # everywhere.
-
 LIBVER = ("v110", "v110")
 
 

@@ -1,27 +1,26 @@
-"""The journal: what was recorded, one row per sample, in SQLite databases in WAL mode.
+"""The journal: what was recorded, one record per sample, in logs that are only appended to.
 
-While a session is recorded its journal is the truth: a row is committed in the thread
-that delivers the sample, before anything else happens to it, so a killed process loses
-nothing; the write-ahead log is synced each second, so a power cut loses what came after.
-Databases are filled one after the other (``000001.sqlite``, ``000002.sqlite`` ...), so that
-the oldest can go once the session file has its samples safely. What must stay of those (all
-but the frames) and where each frame's chunks lie in the file moves to
-``000000.sqlite`` before.
+While a session is recorded its journal is the truth: a record is written in the thread that delivers the
+sample, before anything else happens to it, so a killed process loses nothing; the log is synced each second,
+so a power cut loses what came after. Each file is written by one thread::
+
+    000001.log, 000002.log ...   everything recorded; the oldest goes once the session file has its frames
+    kept.log                     of those that went, all but the frames; where each frame's chunks lie
+    confirmed.log                after each sync, how many records the disk has
 """
 
 from __future__ import annotations
 
 import contextlib
+import itertools
+import json
 import logging
 import os
-import sqlite3
 import struct
 import threading
 import time
-import zlib
 from collections import deque
-from collections.abc import Callable, Iterable
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -30,33 +29,15 @@ from fieldkit.disk import BEGIN_BYTES, begin_sync, sync, sync_data
 from fieldkit.model.errors import StorageError
 from fieldkit.model.samples import Frame, Reading
 from fieldkit.sessions.layout import SessionHeader
-from fieldkit.sessions.records import Record, encode_entry, sample_bytes, sample_crc32
-
-SCHEMA_VERSION = 1
+from fieldkit.sessions.log import Kind, LogReader, LogWriter, session_number
+from fieldkit.sessions.records import Record, encode_entry, encode_sample
+from fieldkit.sessions.sample_fields import STAMPS_BYTES
 
 PART_BYTES = 256_000_000
 
-KEPT_NAME = "000000.sqlite"
-
-LARGE_PIXELS = 150_000
-"""A frame of so many and more is large: its camera alone can keep a computer busy."""
-
-TABLES = """
-CREATE TABLE session(schema_version INTEGER, session_id TEXT, start_ns INTEGER, anchor_ns INTEGER,
-    header TEXT);
-CREATE TABLE sample(id INTEGER PRIMARY KEY, stream INTEGER, seq INTEGER, mono_ns INTEGER, time_ns INTEGER,
-    device_time INTEGER, device_seq INTEGER, flags INTEGER, fpa_temperature REAL, crc32 INTEGER,
-    data BLOB, more BLOB);
-CREATE TABLE entry(id INTEGER PRIMARY KEY, kind TEXT, body TEXT);
-CREATE TABLE chunk(dataset TEXT, n INTEGER, y INTEGER, x INTEGER, offset INTEGER, size INTEGER,
-    crc32 INTEGER, PRIMARY KEY (dataset, n, y, x, offset)) WITHOUT ROWID;
-"""
-
-_INSERT_SAMPLE = "INSERT INTO sample VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
-
 
 class Chunk(NamedTuple):
-    """Where one compressed chunk of a dataset lies in the session file."""
+    """Place of one compressed chunk of a dataset in the session file."""
 
     dataset: str
     n: int
@@ -69,210 +50,178 @@ class Chunk(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class SessionIdentity:
-    """What every part of a journal repeats: whose it is."""
+    """Head of every file of a journal: the session it belongs to."""
 
     session_id: str
     start_ns: int
     anchor_ns: int
     header: SessionHeader
 
+    def to_json(self) -> bytes:
+        """The identity as text."""
+        return json.dumps([self.session_id, self.start_ns, self.anchor_ns, self.header.to_json()]).encode()
+
+    @classmethod
+    def from_json(cls, text: bytes) -> SessionIdentity:
+        """Object from `to_json`; raises `SessionError`, `ValueError` or `TypeError` if the text is none."""
+        session_id, start_ns, anchor_ns, header = json.loads(text)
+        return cls(str(session_id), int(start_ns), int(anchor_ns), SessionHeader.from_json(header))
+
 
 class Journal:
     """The writing side; one thread appends.
 
-    Raises `StorageError` where the disk does not take a row; that row is then not in the
+    Raises `StorageError` where the disk does not take a record; that record is then not in the
     journal, everything before is.
     """
 
     def __init__(self, folder: Path, identity: SessionIdentity, part_bytes: int = PART_BYTES) -> None:
         self.folder = folder
-        self.bytes_written: int = 0
-        self.next_id: int = 0
-        self._identity = identity
+        self._full_bytes = 0
         self.part_bytes = part_bytes
-        self._streams = {info.name: number for number, info in enumerate(identity.header.streams)}
-        self._number = 1
-        self._part_start = 0
-        self._samples = [0] * len(self._streams)
-        self._database = create_part(self.part_path(1), identity)
-        self._next: sqlite3.Connection | None = None
-        self._next_lock = threading.Lock()
-        self.is_closed: bool = False
+        self.number: int = 1
+        """The number of the part that takes the records now."""
+        self.written: tuple[int, ...] = (0,) * (len(identity.header.streams) + 1)
+        """Samples of each stream and, last, other records so far; for any thread."""
         self.full_parts: deque[tuple[Path, int]] = deque()
         """Parts that are full, oldest first, each with the number of the record after its last."""
+        self._identity = identity
+        self._streams = {info.name: number for number, info in enumerate(identity.header.streams)}
+        with contextlib.ExitStack() as undo:
+            logs = []
+            for path in self.first_files(folder):
+                logs.append(self._create(path))
+                undo.callback(logs[-1].close)
+                sync(path)
+            sync(folder)
+            undo.pop_all()
+        self._part, self._kept, self._confirmed = logs
+
+    @staticmethod
+    def first_files(folder: Path) -> tuple[Path, Path, Path]:
+        """The files that a journal begins with, in the order in which they are made."""
+        return folder / "000001.log", folder / "kept.log", folder / "confirmed.log"
 
     def part_path(self, number: int) -> Path:
-        """Where part `number` stands."""
-        return self.folder / f"{number:06}.sqlite"
+        """Path of part `number`."""
+        return self.folder / f"{number:06}.log"
 
     @property
-    def number(self) -> int:
-        """The number of the part that takes the rows now."""
-        return self._number
+    def next_id(self) -> int:
+        """Number of records: the number of the next."""
+        return sum(self.written)
 
     @property
-    def written(self) -> WrittenCount:
-        """What was appended so far, from any thread: an entry may be missing, never a record too many."""
-        records = self.next_id  # read first: it is counted last
-        return WrittenCount(records, tuple(self._samples))
+    def bytes_written(self) -> int:
+        """Bytes of all files so far, those that went included."""
+        return self._full_bytes + sum(one.size for one in (self._part, self._kept, self._confirmed))
+
+    def is_there(self) -> bool:
+        """True if the part that takes the records now was not deleted."""
+        return self.part_path(self.number).exists()
 
     def append(self, record: Record) -> tuple[int, int | None]:
-        """Commit one record; its number, from 0 without gaps, and a sample's checksum."""
-        if self.bytes_written - self._part_start >= self.part_bytes:
-            with contextlib.suppress(sqlite3.Error, OSError):  # better a part too long than a record lost
+        """Write one record; its number, from 0 without gaps, and a sample's checksum."""
+        if self._part.size >= self.part_bytes:
+            with contextlib.suppress(OSError):  # better a part too long than a record lost
                 self._rotate()
         try:
-            size, crc32 = self._insert(record)
-        except sqlite3.Error as error:
+            crc32 = self._write(record)
+        except OSError as error:
             raise StorageError(
-                f"the journal {self.folder} could not store a record: {error}",
+                f"the journal {self.folder} could not store a record: {error.strerror or error}",
                 fix="free some space; everything recorded until now is safe",
             ) from error
-        self.bytes_written += size
-        self.next_id += 1
         return self.next_id - 1, crc32
 
-    def _insert(self, record: Record) -> tuple[int, int | None]:
-        if not isinstance(record, Frame | Reading):
-            kind, body = encode_entry(record)
-            self._database.execute("INSERT INTO entry VALUES (?, ?, ?)", (self.next_id, kind, body))
-            return len(body), None
-        data, more = sample_bytes(record)
-        crc32 = sample_crc32(record, data, more)
-        row = (
-            self.next_id, self._streams[record.stream], record.seq, record.mono_ns, record.time_ns,
-            record.device_time, record.device_seq, int(record.quality),
-            record.fpa_temperature_k if isinstance(record, Frame) else None,
-            crc32, data, more,
-        )  # fmt: skip
-        self._database.execute(_INSERT_SAMPLE, row)
-        self._samples[row[1]] += 1
-        return len(data) + len(more) + 128, crc32
+    def _write(self, record: Record) -> int | None:
+        if isinstance(record, Frame | Reading):
+            payload, crc32 = encode_sample(record)
+            self._count(Kind.SAMPLE, self._streams[record.stream], *payload)
+            return crc32
+        self._count(Kind.ENTRY, len(self._streams), "\n".join(encode_entry(record)).encode(errors="replace"))
+        return None
 
-    def prepare(self) -> None:
-        """Make the next database ready before it is needed: its syncs must not hold up a sample.
+    def _count(self, kind: Kind, stream: int, *payload: bytes | memoryview) -> None:
+        counts = list(self.written)
+        counts[stream] += 1
+        self._part.append(kind, stream, counts, *payload)
+        self.written = tuple(counts)
 
-        For another thread than the one that appends.
-        """
-        with self._next_lock:
-            half_full = self.bytes_written - self._part_start >= self.part_bytes // 2
-            if self._next is None and half_full and not self.is_closed:
-                self._next = create_part(self.part_path(self._number + 1), self._identity)
+    def _create(self, path: Path) -> LogWriter:
+        made = LogWriter(path, session_number(self._identity.session_id))
+        try:
+            made.append(Kind.IDENTITY, 0, self.written, self._identity.to_json())
+        except OSError:
+            made.close()
+            path.unlink(missing_ok=True)
+            raise
+        return made
 
     def _rotate(self) -> None:
-        with self._next_lock:
-            part = self.part_path(self._number)
-            following = self._next or create_part(self.part_path(self._number + 1), self._identity)
-            self._next = None
-            close_uncopied(self._database, part)
-            self.full_parts.append((part, self.next_id))
-            self._database, self._number, self._part_start = following, self._number + 1, self.bytes_written
+        following = self._create(self.part_path(self.number + 1))
+        self._part.close()
+        self._full_bytes += self._part.size
+        self.full_parts.append((self._part.path, self.next_id))
+        self._part, self.number = following, self.number + 1
 
-    def close(self) -> None:
-        """Close the database; a second call does nothing."""
-        with self._next_lock:
-            if not self.is_closed:
-                self.is_closed = True
-                close_uncopied(self._database, self.part_path(self._number))
-                if self._next is not None:
-                    self._next.close()
+    # --- for the thread that syncs
 
+    def confirm(self, written: tuple[int, ...]) -> None:
+        """Note how many records the disk has; raises `OSError`.
 
-def create_part(path: Path, identity: SessionIdentity) -> sqlite3.Connection:
-    """Make and open a database of the journal; its name and first page are on disk when this returns."""
-    delete_part(path)  # what an attempt that failed may have left
-    uri = path.absolute().as_uri()
-    database = sqlite3.connect(uri, uri=True, isolation_level=None, check_same_thread=False)
-    database.executescript(
-        f"PRAGMA page_size={_page_size(identity.header)}; PRAGMA journal_mode=WAL;"
-        "PRAGMA synchronous=NORMAL; PRAGMA wal_autocheckpoint=0; BEGIN;" + TABLES
-    )
-    header = identity.header.to_json()
-    row = (SCHEMA_VERSION, identity.session_id, identity.start_ns, identity.anchor_ns, header)
-    database.execute("INSERT INTO session VALUES (?, ?, ?, ?, ?)", row)
-    database.execute("COMMIT")
-    for name in (path, wal_of(path), path.parent):
-        sync(name)
-    return database
+        A log that has lost its end looks like a shorter log; only a count kept elsewhere shows that something
+        is missing. Not synced itself: after a power cut it may be behind, and then the log is all there is.
+        """
+        self._confirmed.append(Kind.CONFIRMED, 0, written)
 
-
-def _page_size(header: SessionHeader) -> int:
-    """Large pages halve the cost of a large frame, but each reading of a meter costs one of them."""
-    largest = max((info.shape[0] * info.shape[1] for info in header.streams if info.is_camera), default=0)
-    return 65_536 if largest >= LARGE_PIXELS else 4096
-
-
-def open_part(path: Path) -> sqlite3.Connection:
-    """Open a database of the journal for reading; nothing in it is changed."""
-    return sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, isolation_level=None)
-
-
-def close_uncopied(database: sqlite3.Connection, path: Path) -> None:
-    """Close without the copy of the whole log into the database that the last one to close makes."""
-    with contextlib.suppress(sqlite3.Error):  # what was committed is there, however the closing goes
-        reader = open_part(path)
-        reader.execute("SELECT schema_version FROM session").fetchone()  # its lock holds once it has read
-        database.close()
-        reader.close()
-
-
-def wal_of(path: Path) -> Path:
-    """The write-ahead log of a database."""
-    return path.with_name(path.name + "-wal")
-
-
-def delete_part(part: Path) -> None:
-    """Delete a database of the journal with its log."""
-    for path in (part, wal_of(part), part.with_name(part.name + "-shm")):
-        path.unlink(missing_ok=True)
-
-
-# --- keeping it small
-
-
-class RetainedPart:
-    """Keeps the journal small: where the chunks of the file lie, and what must outlive a full part.
-
-    Used by the one thread that writes the session file.
-    """
-
-    def __init__(self, folder: Path, identity: SessionIdentity) -> None:
-        self._path = folder / KEPT_NAME
-        cameras = [str(n) for n, info in enumerate(identity.header.streams) if info.is_camera]
-        self._cameras = ", ".join(cameras)
-        self._database = create_part(self._path, identity)
-        self._database.execute("PRAGMA wal_autocheckpoint=1000")  # this one lives as long as the session
+    # --- for the thread that writes the session file
 
     def note_chunks(self, chunks: Iterable[Chunk]) -> None:
         """Remember where chunks lie; of one written again, its places before as well."""
-        self._database.execute("BEGIN")
-        self._database.executemany("INSERT OR REPLACE INTO chunk VALUES (?, ?, ?, ?, ?, ?, ?)", chunks)
-        self._database.execute("COMMIT")
+        for _, block in itertools.groupby(chunks, key=lambda chunk: chunk[:2]):
+            self._kept.append(Kind.CHUNKS, 0, self.written, encode_chunks(list(block)))
 
     def retire(self, part: Path) -> None:
         """Keep all but the frames of a full part, then delete it.
 
         Only for parts whose frames are in the session file, on the disk.
         """
-        self._database.execute("ATTACH ? AS part", (f"{part.absolute().as_uri()}?mode=ro",))
-        self._database.execute("BEGIN")
-        self._database.execute(
-            "INSERT OR IGNORE INTO sample SELECT id, stream, seq, mono_ns, time_ns, device_time, device_seq,"
-            f" flags, fpa_temperature, crc32, {self._keep('data')}, {self._keep('more')} FROM part.sample"
-        )
-        self._database.execute("INSERT OR IGNORE INTO entry SELECT * FROM part.entry")
-        self._database.execute("COMMIT")
-        self._database.execute("DETACH part")
-        sync(self._path)
-        sync(wal_of(self._path))
-        delete_part(part)
-
-    def _keep(self, column: str) -> str:
-        return f"CASE WHEN stream IN ({self._cameras}) THEN NULL ELSE {column} END"
+        cameras = {n for n, info in enumerate(self._identity.header.streams) if info.is_camera}
+        with contextlib.closing(LogReader(part)) as reader:
+            for head in reader.heads():
+                if (payload := reader.payload(head)) is None:
+                    raise OSError(f"{part} cannot be read back")
+                if head.kind == Kind.SAMPLE and head.stream in cameras:
+                    self._kept.append(Kind.STAMPS, head.stream, head.counts, payload[:STAMPS_BYTES])
+                elif head.kind in (Kind.SAMPLE, Kind.ENTRY):
+                    self._kept.append(Kind(head.kind), head.stream, head.counts, payload)
+            if reader.damage or not reader.is_whole:
+                raise OSError(f"{part} cannot be read back")
+        sync(self._kept.path)
+        part.unlink()
 
     def close(self) -> None:
-        """Close the database."""
-        close_uncopied(self._database, self._path)
+        """Close the files; a second call does nothing."""
+        for one in (self._part, self._kept, self._confirmed):
+            one.close()
+
+
+_BLOCK, _CHUNK = struct.Struct("<qH"), struct.Struct("<IIQII")
+
+
+def encode_chunks(chunks: Sequence[Chunk]) -> bytes:
+    """The chunks of one block as the journal keeps them."""
+    dataset = chunks[0].dataset.encode()
+    places = b"".join(_CHUNK.pack(*chunk[2:]) for chunk in chunks)
+    return _BLOCK.pack(chunks[0].n, len(dataset)) + dataset + places
+
+
+def decode_chunks(payload: bytes) -> list[Chunk]:
+    """Places from `encode_chunks`."""
+    n, length = _BLOCK.unpack_from(payload)
+    dataset, places = payload[_BLOCK.size :][:length].decode(), payload[_BLOCK.size + length :]
+    return [Chunk(dataset, n, *place) for place in _CHUNK.iter_unpack(places)]
 
 
 # --- on the disk, second by second
@@ -285,7 +234,8 @@ SYNC_EVERY_S = 1.0
 class SyncThread(threading.Thread):
     """Syncs the journal once a second, and has the disk begin in between when much is written.
 
-    `failed` is called when the disk did not confirm; `took_ms` is how long the last sync took.
+    `failed` is called when the disk did not confirm, or the journal was deleted; `took_ms` is how long the
+    last sync took.
     """
 
     def __init__(self, journal: Journal, failed: Callable[[str], None]) -> None:
@@ -298,6 +248,7 @@ class SyncThread(threading.Thread):
         self._first = 1
         self._seen_bytes = 0
         self._begun = (1, 0)  # part, bytes of its log
+        self._is_there = True
 
     def run(self) -> None:
         """Until `stop`."""
@@ -327,7 +278,7 @@ class SyncThread(threading.Thread):
         number = self._journal.number
         start = self._begun[1] if self._begun[0] == number else 0
         try:
-            descriptor = os.open(wal_of(self._journal.part_path(number)), os.O_RDONLY)
+            descriptor = os.open(self._journal.part_path(number), os.O_RDONLY)
         except OSError:
             return  # nothing was promised; the sync will report it
         try:
@@ -339,70 +290,31 @@ class SyncThread(threading.Thread):
 
     def _sync(self) -> None:
         began = time.monotonic()
+        self._look()
         try:
-            self._journal.prepare()
             last, written = self._journal.number, self._journal.written
             for number in range(self._first, last + 1):
-                sync_data(wal_of(self._journal.part_path(number)))
+                sync_data(self._journal.part_path(number))
+            if last > self._first:
+                sync(self._journal.folder)  # the names of the new parts
             self._first = last
-        except (OSError, sqlite3.Error) as error:
+        except OSError as error:
             # A sync reports a failure once only: what came since the last one may be gone.
-            text = f"the disk did not confirm the last second: {error}"
-            log.error(text)
-            self._failed(text)
+            self._fail(f"the disk did not confirm the last second: {error}")
         else:
-            with suppress(OSError):  # the records are safe, only their count is behind
-                note_written(self._journal.folder, written)
+            with contextlib.suppress(OSError):  # the records are safe, only their count is behind
+                self._journal.confirm(written)
         self.took_ms = (time.monotonic() - began) * 1000.0
 
+    def _look(self) -> None:
+        """Report once that the journal was deleted: no power cut and no kill may come now."""
+        if self._is_there and not self._journal.is_there():
+            self._is_there = False
+            self._fail(f"the journal {self._journal.folder} was deleted while recording: {DELETED}")
 
-# --- how many records the disk has confirmed
-
-
-#
-
-
-# A log that has lost its end looks like a shorter log; only a count kept elsewhere shows that something is
-
-
-# missing. It is written in place after each sync of the log, so it is never ahead of what was stored. It is
-# not
+    def _fail(self, text: str) -> None:
+        log.error(text)
+        self._failed(text)
 
 
-# synced itself: after a power cut it may be behind, and then the log is all there is to go by.
-
-NAME = "written"
-
-
-@dataclass(frozen=True, slots=True)
-class WrittenCount:
-    """How many records a journal was given, and how many of them were samples of each stream."""
-
-    records: int
-    samples: tuple[int, ...]
-
-    @property
-    def entries(self) -> int:
-        """How many were not samples."""
-        return self.records - sum(self.samples)
-
-
-def note_written(folder: Path, written: WrittenCount) -> None:
-    """Replace the count; raises `OSError`."""
-    numbers = struct.pack(f"<{1 + len(written.samples)}q", written.records, *written.samples)
-    descriptor = os.open(folder / NAME, os.O_WRONLY | os.O_CREAT, 0o644)
-    try:
-        os.pwrite(descriptor, numbers + zlib.crc32(numbers).to_bytes(4, "little"), 0)
-    finally:
-        os.close(descriptor)
-
-
-def read_written(folder: Path, streams: int) -> WrittenCount:
-    """What was counted; zeros where that is not known: an older journal, or a damaged count."""
-    size = 8 * (1 + streams)
-    with suppress(OSError):
-        data = (folder / NAME).read_bytes()
-        if len(data) == size + 4 and zlib.crc32(data[:size]).to_bytes(4, "little") == data[size:]:
-            records, *samples = struct.unpack(f"<{1 + streams}q", data[:size])
-            return WrittenCount(records, tuple(samples))
-    return WrittenCount(0, (0,) * streams)
+DELETED = "a crash would now lose what the session file does not have; stop and begin a new recording"

@@ -1,106 +1,43 @@
-"""Reading a journal, also one whose writer was killed or whose disk lost the last second.
+"""Reading a journal, also while it is written, after a kill, and whatever became of its bytes.
 
-SQLite recovers its own log; with `salvage` what lies behind a tear of it is read as well. What cannot be
-read is named in `damage` and skipped, and a sample whose checksum does not match is never returned.
+Every file is scanned for records; a sample is returned only if record and sample match their checksums. Since
+each record says how many there were before it, what is missing is known up to the last one that survives.
 """
 
 from __future__ import annotations
 
-import heapq
-import itertools
-import sqlite3
-import struct
+import contextlib
+from array import array
+from collections import defaultdict
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
-from typing import Any
 
-from fieldkit.model.device import StreamInfo
-from fieldkit.model.errors import SessionError, message_of
-from fieldkit.model.samples import Quality, Sample
-from fieldkit.sessions.journal import Chunk, SessionIdentity, open_part
-from fieldkit.sessions.layout import SessionHeader
-from fieldkit.sessions.records import (
-    Entry,
-    build_frame,
-    build_reading,
-    decode_entry,
-    sample_bytes,
-    sample_crc32,
-)
-from fieldkit.sessions.torn_log import salvaged_part
+import numpy as np
+from numpy.typing import NDArray
 
-_SESSION = "SELECT session_id, start_ns, anchor_ns, header FROM session"
-_SAMPLE = (
-    "SELECT id, stream, seq, mono_ns, time_ns, device_time, device_seq, flags, fpa_temperature, crc32,"
-    " data, more FROM sample"
-)
+from fieldkit.model.errors import SessionError
+from fieldkit.sessions.journal import Chunk, SessionIdentity, decode_chunks
+from fieldkit.sessions.log import Head, Kind, LogReader, session_number
+from fieldkit.sessions.records import Entry, SampleRow, decode_entry
 
-
-@dataclass(frozen=True, slots=True)
-class SampleRow:
-    """One sample as the journal keeps it; `data` is None once only the session file has the frame."""
-
-    number: int
-    stream: int
-    seq: int
-    mono_ns: int
-    time_ns: int
-    device_time: int
-    device_seq: int
-    flags: int
-    fpa_temperature: float | None
-    crc32: int
-    data: bytes | None
-    more: bytes | None
-
-    def sample(self, info: StreamInfo) -> Sample | None:
-        """The sample, or None where its bytes are gone or do not match their checksum."""
-        if self.data is None or self.more is None:
-            return None
-        try:
-            sample = self._build(info, self.data, self.more)
-            matches = sample_crc32(sample, *sample_bytes(sample)) == self.crc32
-        except (ValueError, TypeError, OverflowError, struct.error):
-            return None
-        return sample if matches else None
-
-    def columns(self) -> dict[str, Any]:
-        """What the session file's columns have of the sample."""
-        return {
-            "time": self.time_ns // 1000, "mono_ns": self.mono_ns, "device_time": self.device_time,
-            "seq": self.seq, "device_seq": self.device_seq, "flags": self.flags, "crc32": self.crc32,
-            "fpa_temperature": float("nan") if self.fpa_temperature is None else self.fpa_temperature,
-        }  # fmt: skip
-
-    def with_bytes(self, data: bytes, more: bytes) -> SampleRow:
-        """The same row with its frame found elsewhere."""
-        return replace(self, data=data, more=more)
-
-    def _build(self, info: StreamInfo, data: bytes, more: bytes) -> Sample:
-        stamps: dict[str, Any] = {
-            "mono_ns": self.mono_ns, "time_ns": self.time_ns, "device_time": self.device_time,
-            "device_seq": self.device_seq, "quality": Quality(self.flags), "seq": self.seq,
-        }  # fmt: skip
-        if not info.is_camera:
-            return build_reading(info, stamps, data, more)
-        fpa = float("nan") if self.fpa_temperature is None else self.fpa_temperature
-        return build_frame(info, stamps, data, more, fpa)
+_PLACE = np.dtype([("seq", "<i8"), ("kind", "<i8"), ("log", "<i8"), ("at", "<i8")])
 
 
 class JournalReader:
-    """The records of a journal, in the order they were written.
+    """The records of a journal; a context manager.
 
-    With `salvage`, for a journal that is no longer written, also what SQLite does not reach. Raises
-    `SessionError` where the folder holds no readable journal.
+    `damage` names what was found to be damaged by what was read so far. Raises `SessionError` where the
+    folder holds no readable journal.
     """
 
-    def __init__(self, folder: Path, *, salvage: bool = False) -> None:
+    def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.damage: list[str] = []
-        self._salvage = salvage
-        self._parts: dict[str, sqlite3.Connection] = {}
-        self.identity: SessionIdentity = self._open()
+        self._logs = list(_opened(folder))
+        self._unreadable: list[str] = []
+        self.identity: SessionIdentity = self._identity()
+        self._session = session_number(self.identity.session_id)
+        self._entries = len(self.identity.header.streams)
 
     def __enter__(self) -> JournalReader:
         return self
@@ -109,97 +46,155 @@ class JournalReader:
         self.close()
 
     def close(self) -> None:
-        """Close the databases."""
-        for part in self._parts.values():
-            part.close()
-        self._parts.clear()
+        """Close the files."""
+        for log in self._logs:
+            log.close()
 
-    def rows(self, after: int = -1, before: int | None = None) -> Iterator[SampleRow | Entry]:
-        """Records with numbers between two, both excluded; those of damaged places are missing."""
-        limit = 2**62 if before is None else before
-        between = " WHERE id > ? AND id < ? ORDER BY id"
-        samples = self._merged(_SAMPLE + between, after, limit)
-        entries = self._merged("SELECT id, kind, body FROM entry" + between, after, limit)
-        for row in heapq.merge(samples, entries, key=lambda row: int(row[0])):
-            yield decode_entry(row[1], row[2]) if len(row) == 3 else SampleRow(*row)
+    @property
+    def damage(self) -> list[str]:
+        """In words, what of the journal cannot be read."""
+        missing = {"kept.log", "confirmed.log"} - {log.name for log in self._logs}
+        gone = [f"{name} is gone" for name in sorted(missing)]
+        return [*gone, *(line for log in self._logs for line in log.damage), *self._unreadable]
 
-    def stream_rows(
-        self, stream: int, first: int = 0, last: int = 2**62, *, frames: bool = True
-    ) -> Iterator[SampleRow]:
-        """The samples of a stream in records `first` to `last`, in order; without `frames` no bytes."""
-        columns = _SAMPLE if frames else _SAMPLE.replace("data, more", "NULL, NULL")
-        statement = columns + " WHERE stream = ? AND id BETWEEN ? AND ? ORDER BY id"
-        for row in self._merged(statement, stream, first, last):
-            yield SampleRow(*row)
+    @property
+    def written(self) -> tuple[int, ...]:
+        """Number of samples of each stream and, last, of other records written, as far as that is known."""
+        return self._index.written
 
-    def numbers(self, stream: int) -> Iterator[tuple[int, int]]:
-        """The numbers of the records that are samples of a stream, and of the samples, in order."""
-        sound = "SELECT id, seq FROM sample WHERE stream = ? AND typeof(seq) = 'integer' ORDER BY id"
-        yield from self._merged(sound, stream)
+    @property
+    def has_end(self) -> bool:
+        """True if the last record there ever was is known: nothing unreadable stands behind it."""
+        return self._index.has_end
+
+    def numbers(self, stream: int) -> NDArray[np.int64]:
+        """The numbers of the samples of a stream that the journal has, in order."""
+        return np.unique(self._index.places[stream]["seq"])
+
+    def rows(self, stream: int, first: int = 0, last: int = 2**62) -> Iterator[SampleRow]:
+        """The samples of a stream with numbers `first` to `last`, in order, without damaged ones."""
+        for seq, payload in self._payloads(stream, first, last):
+            yield SampleRow.decode(stream, seq, payload)
 
     def crc32s(self, stream: int) -> Iterator[int]:
         """The checksums of that stream's samples, in order."""
-        statement = "SELECT id, crc32 FROM sample WHERE stream = ? ORDER BY id"
-        return (crc32 for _, crc32 in self._merged(statement, stream))
+        return (row.crc32 for row in self.rows(stream))
 
     def entries(self) -> Iterator[Entry]:
         """Everything but samples, in order."""
-        for _, kind, body in self._merged("SELECT id, kind, body FROM entry ORDER BY id"):
+        for _, payload in self._payloads(self._entries):
             try:
-                yield decode_entry(kind, body)
+                yield _entry(payload)
             except SessionError as error:
-                self.damage.append(error.message)
+                self._unreadable.append(error.message)
 
-    def total(self, stream: int) -> int:
-        """How many samples of a stream were ever numbered; no number is higher than its record's."""
-        rows = self._merged("SELECT max(id), seq FROM sample WHERE stream = ? HAVING seq IS NOT NULL", stream)
-        return max((min(int(number), int(seq)) + 1 for number, seq in rows), default=0)
+    def chunks(self, dataset: str, n: int) -> list[Chunk]:
+        """Places of the chunks of a dataset from row `n` on in the session file."""
+        found: list[Chunk] = []
+        for log, at in self._index.chunks[dataset, n]:
+            if (payload := self._payload_at(log, at)) is not None:
+                found += decode_chunks(payload)
+        return found
 
-    def chunks(self, dataset: str, n: int) -> Iterator[Chunk]:
-        """Where the chunks of a dataset from row `n` on lie in the session file."""
-        for part in self._parts:
-            for row in self._select(part, "SELECT * FROM chunk WHERE dataset = ? AND n = ?", dataset, n):
-                yield Chunk(*row)
+    def since(self, number: int, before: int) -> Iterator[SampleRow | Entry]:
+        """Records `number` to `before`, the last excluded, of a journal that is being written."""
+        parts = [log for log in self._logs if log.name[0].isdigit()]
+        starts = [next((head.number + 1 for head in log.heads()), 0) for log in parts]
+        ends = [*starts[1:], before]
+        for log, end in zip(parts, ends, strict=True):
+            for head in log.heads() if end > number else ():
+                is_wanted = head.kind in (Kind.SAMPLE, Kind.ENTRY) and number <= head.number < before
+                if is_wanted and (payload := self._payload(log, head)) is not None:
+                    yield _record(head, payload)
 
-    def _open(self) -> SessionIdentity:
-        identity: SessionIdentity | None = None
-        for path in sorted(self.folder.glob("[0-9]*.sqlite")):
+    def _identity(self) -> SessionIdentity:
+        for head, payload in self._identities():
             try:
-                database = self._open_part(path)
-                self._parts[path.name] = database
-                found = database.execute(_SESSION).fetchone()
-                if found is not None:
-                    identity = identity or SessionIdentity(
-                        found[0], found[1], found[2], SessionHeader.from_json(found[3])
-                    )
-            except (sqlite3.Error, SessionError, UnicodeDecodeError) as error:
-                self.damage.append(f"{path.name}: {message_of(error)}")
-        if identity is None:
-            self.close()
-            raise SessionError(
-                f"{self.folder} holds no readable journal: {'; '.join(self.damage) or 'empty'}"
-            )
-        return identity
+                identity = SessionIdentity.from_json(payload)
+            except (SessionError, ValueError, TypeError) as error:
+                self._unreadable.append(str(error))
+                continue
+            if session_number(identity.session_id) == head.session:
+                return identity
+        damage = "; ".join(self._unreadable) or "nothing in it can be read"
+        self.close()
+        raise SessionError(f"{self.folder} holds no readable journal: {damage}")
 
-    def _open_part(self, path: Path) -> sqlite3.Connection:
-        if not self._salvage:
-            return open_part(path)
-        database, found = salvaged_part(path)
-        if found is not None:
-            text = f"{path.name}: torn; {found} records behind the tear were read from its pages"
-            self.damage.append(text)
-        return database
+    def _identities(self) -> Iterator[tuple[Head, bytes]]:
+        for log in self._logs:
+            for head in log.heads():
+                if head.kind == Kind.IDENTITY and (payload := log.payload(head)) is not None:
+                    yield head, payload
 
-    def _merged(self, statement: str, *arguments: int | str) -> Iterator[tuple[Any, ...]]:
-        """Rows of all parts by number; of a row that stands in two parts, the one with its bytes."""
-        parts = [self._select(part, statement, *arguments) for part in self._parts]
-        ordered = heapq.merge(*parts, key=lambda row: int(row[0]))
-        for _, same in itertools.groupby(ordered, key=lambda row: int(row[0])):
-            yield min(same, key=lambda row: row[-1] is None)
+    def _payloads(self, stream: int, first: int = 0, last: int = 2**62) -> Iterator[tuple[int, bytes]]:
+        """The payload of each record of a stream; of one that stands twice, the first that can be read."""
+        places = self._index.places[stream]
+        some = places[np.searchsorted(places["seq"], first) : np.searchsorted(places["seq"], last, "right")]
+        latest = -1
+        for place in some:  # a day has a million: not all at once
+            seq, _, log, at = place.item()
+            if seq != latest and (payload := self._payload_at(log, at)) is not None:
+                yield seq, payload
+                latest = seq
 
-    def _select(self, part: str, statement: str, *arguments: int | str) -> Iterator[tuple[Any, ...]]:
-        """Rows of one part as far as they can be read."""
-        try:
-            yield from self._parts[part].execute(statement, arguments)
-        except (sqlite3.Error, UnicodeDecodeError, OverflowError, MemoryError) as error:
-            self.damage.append(f"{part}: {message_of(error)}")
+    def _payload(self, log: LogReader, head: Head) -> bytes | None:
+        payload = log.payload(head)
+        if payload is None:
+            self._unreadable.append(f"{log.name}: the record at byte {head.at} is damaged")
+        return payload
+
+    def _payload_at(self, log: int, at: int) -> bytes | None:
+        head = self._logs[log].head_at(at)
+        return None if head is None else self._payload(self._logs[log], head)
+
+    @cached_property
+    def _index(self) -> _Index:
+        return _Index(self._logs, self._session, self._entries + 1)
+
+
+def _opened(folder: Path) -> Iterator[LogReader]:
+    for path in sorted(folder.glob("*.log")):
+        with contextlib.suppress(FileNotFoundError):  # a part that has just been retired
+            yield LogReader(path)
+
+
+def _record(head: Head, payload: bytes) -> SampleRow | Entry:
+    return _entry(payload) if head.kind == Kind.ENTRY else SampleRow.decode(head.stream, head.seq, payload)
+
+
+def _entry(payload: bytes) -> Entry:
+    kind, _, body = payload.decode(errors="replace").partition("\n")
+    return decode_entry(kind, body)
+
+
+class _Index:
+    """Places of the records of a session in some logs, by stream and number, and their counts."""
+
+    def __init__(self, logs: list[LogReader], session: int, streams: int) -> None:
+        self.written: tuple[int, ...] = (0,) * streams
+        self.chunks: defaultdict[tuple[str, int], list[tuple[int, int]]] = defaultdict(list)
+        self._found = [array("q") for _ in range(streams)]
+        self._in_parts = 0
+        for number, log in enumerate(logs):
+            for head in log.heads():
+                if head.session == session and len(head.counts) == streams:
+                    self._take(number, log, head)
+        self.places: list[NDArray[np.void]] = [_sorted(found) for found in self._found]
+        parts = [log for log in logs if log.name[0].isdigit()]
+        self.has_end: bool = bool(parts) and parts[-1].is_whole and self._in_parts == sum(self.written)
+
+    def _take(self, number: int, log: LogReader, head: Head) -> None:
+        self.written = tuple(map(max, self.written, head.counts))
+        if log.name[0].isdigit():
+            self._in_parts = max(self._in_parts, sum(head.counts))
+        if head.kind == Kind.CHUNKS and (payload := log.payload(head)) is not None:
+            for key in {chunk[:2] for chunk in decode_chunks(payload)}:
+                self.chunks[key].append((number, head.at))
+        elif head.kind in (Kind.SAMPLE, Kind.STAMPS, Kind.ENTRY):
+            self._found[head.stream].extend((head.seq, head.kind, number, head.at))
+
+
+def _sorted(found: array[int]) -> NDArray[np.void]:
+    """Places by number, and of one number first that with all its bytes."""
+    places = np.frombuffer(found, _PLACE)
+    return places[np.lexsort((places["kind"], places["seq"]))]

@@ -10,8 +10,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import asdict, dataclass, field, fields, replace
-from pathlib import Path
+from dataclasses import MISSING, asdict, dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -20,10 +19,11 @@ from numpy.typing import NDArray
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, SessionError, message_of
 from fieldkit.model.learnt import LearntParameter
-from fieldkit.model.samples import NO_COUNTER, EventKind, Quality, Severity
+from fieldkit.model.samples import EventKind, Quality, Severity
 from fieldkit.model.site import Region, RegionKind, Site
-from fieldkit.model.slope import SlopeEstimate, SlopeState
+from fieldkit.model.slope import SLOPE_FIELDS, SlopeState
 from fieldkit.sessions.json_forms import build
+from fieldkit.sessions.sample_fields import SAMPLE_FIELDS
 
 # --- what is declared before the first sample
 
@@ -54,7 +54,7 @@ RESERVED_NAMES = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class SessionHeader:
-    """What is known about a session before its first sample.
+    """Facts known about a session before its first sample.
 
     `config_toml` is the configuration as it was used; `license` and `references` state how
     the data may be used and cited.
@@ -89,7 +89,7 @@ class SessionHeader:
         return tuple(dict.fromkeys(region.name for region in self.regions))
 
     def stream(self, name: str) -> StreamInfo:
-        """What was declared of one stream; raises `KeyError`."""
+        """Declaration of one stream; raises `KeyError`."""
         return next(info for info in self.streams if info.name == name)
 
     def to_json(self) -> str:
@@ -134,7 +134,7 @@ def check_region(region: Region) -> None:
 
 FORMAT_NAME = "fieldkit-session"
 
-FORMAT_VERSION = "1.4"
+FORMAT_VERSION = "1.5"
 
 TABLES_SINCE = {"learnt": (1, 2), "later_estimates": (1, 3)}
 """Tables that files of earlier versions do not have."""
@@ -144,7 +144,7 @@ TIME_UNITS = "microseconds since 1970-01-01T00:00:00Z"
 FILL_COUNT = 65535
 
 RECORDING, SEALED, RECOVERED = 0, 1, 2
-"""What `/entry/complete` holds; 0 stands for interrupted as well."""
+"""Values of `/entry/complete`; 0 stands for interrupted as well."""
 
 FRAME_DATASETS = ("counts", "metadata_rows")
 """Datasets of a camera of frames, cut into chunks."""
@@ -161,7 +161,7 @@ _CHUNK_BYTES = 65_536
 class Column:
     """One dataset of a table: `shape` and `dims` of a row, what fills unknown places, its attributes.
 
-    A `dtype` of ``S<n>`` is UTF-8 text of n bytes.
+    A `dtype` of ``S<n>`` is UTF-8 text of n bytes; `older` is that of files of earlier versions, if another.
     """
 
     name: str
@@ -170,10 +170,11 @@ class Column:
     dims: tuple[str, ...] = ()
     fill: float | None = None
     attributes: dict[str, Any] = field(default_factory=dict)
+    older: str = ""
 
     @property
     def is_text(self) -> bool:
-        """Whether the column holds text."""
+        """True if the column holds text."""
         return self.dtype.startswith("S")
 
     @property
@@ -182,11 +183,15 @@ class Column:
         return np.dtype(self.dtype).itemsize * math.prod(self.shape)
 
     def unknown(self, rows: int) -> NDArray[Any]:
-        """That many rows of the fill value."""
+        """Given number of rows of the fill value."""
         values = np.zeros((rows, *self.shape), self.dtype)
         if self.fill is not None:
             values[:] = self.fill
         return values
+
+    def read(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Stored values in the dtype of this version."""
+        return values.astype(self.dtype, copy=False) if self.older else values
 
     @property
     def chunk_rows(self) -> int:
@@ -208,7 +213,7 @@ def flag_attributes(kind: type[Quality]) -> dict[str, Any]:
     members = [flag for flag in kind if flag.value]
     return {
         "long_name": "quality flags",
-        "flag_masks": np.array([flag.value for flag in members], "<u2"),
+        "flag_masks": np.array([flag.value for flag in members], "<u4"),
         "flag_meanings": " ".join(str(flag.name).lower() for flag in members),
     }
 
@@ -225,22 +230,21 @@ def meaning_attributes(
 
 
 def _flags(*dims: str, shape: tuple[int, ...] = ()) -> Column:
-    return Column("flags", "<u2", shape, dims, attributes=flag_attributes(Quality))
+    return Column("flags", "<u4", shape, dims, attributes=flag_attributes(Quality), older="<u2")
 
 
 def _stamps(info: StreamInfo) -> list[Column]:
+    """The time first, those of frames alone last: sealed files have a checksum over that order."""
     unit = {"units": info.device_time_unit} if info.device_time_unit else {}
-    own = {"long_name": "the device's own stamp", **unit}
-    counter = {"long_name": "the device's own counter, or the kernel's"}
-    return [
-        _time(),
-        _mono(),
-        Column("device_time", "<i8", fill=NO_COUNTER, attributes=own),
-        Column("seq", "<i8", attributes={"long_name": "number of the sample, from 0", "units": "1"}),
-        Column("device_seq", "<i8", fill=NO_COUNTER, attributes=counter),
-        _flags(),
-        Column("crc32", "<u4", attributes={"long_name": "CRC-32 of the sample's bytes and stamps"}),
-    ]
+    columns = {"time": _time()}
+    for one in SAMPLE_FIELDS:
+        own = unit if one.column == "device_time" else {}
+        column = Column(one.column, one.dtype, fill=one.fill, attributes={**one.about, **own})
+        columns.setdefault(one.column, column)
+    columns["flags"] = _flags()
+    of_frames = [columns.pop(one.column) for one in SAMPLE_FIELDS if one.of_frames]
+    crc = Column("crc32", "<u4", attributes={"long_name": "CRC-32 of the sample's bytes and stamps"})
+    return [*columns.values(), crc, *(of_frames if info.is_camera else ())]
 
 
 def raw_width(info: StreamInfo) -> int:
@@ -251,8 +255,7 @@ def raw_width(info: StreamInfo) -> int:
 def stream_columns(info: StreamInfo) -> list[Column]:
     """The columns of a stream beside its frames."""
     if info.is_camera:
-        fpa = {"units": "K", "long_name": "temperature of the camera's sensor"}
-        return [*_stamps(info), Column("fpa_temperature", "<f8", fill=np.nan, attributes=fpa)]
+        return _stamps(info)
     value = {"units": info.unit, "long_name": info.quantity, "ancillary_variables": "flags"}
     if info.unit == "K":
         value["units_metadata"] = "temperature: on_scale"
@@ -325,21 +328,19 @@ INTEGRITY_COLUMNS = (
         attributes={"long_name": "CRC-32 over the columns of the stream; 0: not known", "units": "1"},
     ),
 )
-"""What is written down of each stream when a session is sealed."""
-
-ESTIMATE_ANGLES = tuple(item.name for item in fields(SlopeEstimate) if item.name.endswith("_deg"))
-"""Columns of the estimates that are angles, named as in `SlopeEstimate`."""
+"""Columns written of each stream when a session is sealed."""
 
 
 def _estimate_columns(regions: int) -> list[Column]:
     def by_region(name: str, dtype: str, fill: float | None = None, **attributes: Any) -> Column:
         return Column(name, dtype, (regions,), ("region",), fill, attributes)
 
-    states = meaning_attributes(SlopeState, "what may be said about the slope")
+    states = meaning_attributes(SlopeState, "state of the slope")
     return [
-        *(by_region(name, "<f8", np.nan, units="degree") for name in ESTIMATE_ANGLES),
-        by_region("kelvin_per_degree", "<f8", np.nan, units="K degree-1"),
-        by_region("chi_square", "<f8", np.nan, units="1", long_name="reduced chi-square"),
+        *(
+            by_region(one.key, "<f8", one.unknown, units=one.unit, long_name=one.description)
+            for one in SLOPE_FIELDS.values()
+        ),
         by_region("state", "u1", float(SlopeState.NO_DATA), **states),
         by_region("window_start", "<i8", units=TIME_UNITS, long_name="first minute used"),
         by_region("n_bins", "<i4", units="1", long_name="minutes used"),
@@ -354,8 +355,12 @@ def _of_one_region(columns: list[Column]) -> list[Column]:
     return [replace(column, shape=(), dims=()) for column in columns]
 
 
-LEARNT_NUMBERS = tuple(item.name for item in fields(LearntParameter) if item.type == "float")
-"""Columns of what was learnt that are numbers, named as in `LearntParameter`."""
+LEARNT_NUMBERS = {
+    item.name: np.nan if item.default is MISSING else item.default
+    for item in fields(LearntParameter)
+    if item.type == "float"
+}
+"""Columns of what was learnt that are numbers, named as in `LearntParameter`, with what fills older files."""
 
 
 def _learnt_columns(regions: int) -> list[Column]:
@@ -368,7 +373,7 @@ def _learnt_columns(regions: int) -> list[Column]:
     return [
         by_parameter("name", "S32", long_name="parameter; empty: none"),
         by_parameter("unit", "S32", long_name="unit of the parameter"),
-        *(by_parameter(name, "<f8", np.nan) for name in LEARNT_NUMBERS),
+        *(by_parameter(name, "<f8", fill) for name, fill in LEARNT_NUMBERS.items()),
         by_region("residual_k", units="K", long_name="root mean square of one-minute prediction errors"),
         by_region("autocorrelation", units="1", long_name="of these errors, from one minute to the next"),
         Column("chi_square", "<f8", fill=np.nan, attributes={"units": "1", "long_name": "of all errors"}),
@@ -405,7 +410,7 @@ def _health_columns(streams: int) -> list[Column]:
         Column(name, "<i8", (max(1, streams),), ("stream",), attributes=unit)
         for name, unit in (
             ("received", count), ("dropped", count), ("queued", count), ("rejected", count),
-            ("late_max_us", {"units": "us"}),
+            ("late_max_us", {"units": "us"}), ("implausible", count),
         )
     ]  # fmt: skip
     return [
@@ -441,11 +446,6 @@ def encode_text(text: str, width: int) -> bytes:
 def decode_text(data: bytes) -> str:
     """Text of a fixed-width field."""
     return data.rstrip(b"\0").decode(errors="replace")
-
-
-def journal_path(path: Path) -> Path:
-    """The folder beside a session file where its journal stands while it is recorded."""
-    return path.parent / f"{path.name}.journal"  # also of a folder without a name
 
 
 def exact_time_ns(

@@ -20,12 +20,12 @@ def verified_flags(path: Path, stream: str, shape: tuple[int, ...]) -> LazilyInd
 
 class _VerifiedFlags(BackendArray):
     def __init__(self, path: Path, stream: str, shape: tuple[int, ...]) -> None:
-        self.path, self.stream, self.shape, self.dtype = path, stream, shape, np.dtype("<u2")
+        self.path, self.stream, self.shape, self.dtype = path, stream, shape, np.dtype("<u4")
 
     def __getitem__(self, key: Any) -> Any:
         return explicit_indexing_adapter(key, self.shape, IndexingSupport.BASIC, self._read)
 
-    def _read(self, key: tuple[int | slice]) -> NDArray[np.uint16]:
+    def _read(self, key: tuple[int | slice]) -> NDArray[np.uint32]:
         wanted = np.arange(self.shape[0])[key]
         if not wanted.size:
             return np.empty(0, self.dtype)

@@ -1,4 +1,4 @@
-"""Who is writing a session: a lock that the kernel lets go of when its process dies.
+"""Lock of the program that writes a session: a lock that the kernel lets go of when its process dies.
 
 So a lock is never stale; the file's text names the process that holds it.
 """
@@ -15,6 +15,11 @@ from fieldkit.model.errors import RefusedError
 RECORDING = "lock"
 RECOVERY = "recovery.lock"
 PATIENCE_S = 0.1
+
+
+def journal_path(path: Path) -> Path:
+    """The folder beside a session file where its journal stands while it is recorded."""
+    return path.parent / f"{path.name}.journal"  # also of a folder without a name
 
 
 class SessionLock:
@@ -57,9 +62,9 @@ def _lock(descriptor: int) -> None:
 
 
 def is_locked(folder: Path, name: str = RECORDING) -> bool:
-    """Whether a living process is recording the session of a journal folder, or holds another lock there."""
+    """True if a living process is recording the session of a journal folder, or holds another lock there."""
     try:
-        descriptor = os.open(folder / name, os.O_RDONLY)
+        descriptor = os.open(folder / name, os.O_RDONLY | os.O_NONBLOCK)  # a pipe would wait
     except OSError:
         return False
     try:

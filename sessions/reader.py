@@ -1,8 +1,8 @@
 """Opening a session: sealed, recovered, interrupted, or while it is being recorded.
 
 Nothing is changed and nothing is read before it is asked for; samples come a block of frames at a
-time. Times are as they were recorded, or as the active time map corrects them; estimates
-stay as they were computed.
+time. All times are as the active time map corrects them, unless those `recorded` are asked for;
+estimates stay as they were computed.
 """
 
 from __future__ import annotations
@@ -10,15 +10,16 @@ from __future__ import annotations
 import contextlib
 import heapq
 import logging
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import replace
 from datetime import UTC, datetime, timedelta
+from difflib import get_close_matches
 from functools import cached_property
+from itertools import compress
 from operator import itemgetter
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 import h5py
 import numpy as np
@@ -26,69 +27,51 @@ from numpy.typing import NDArray
 
 from fieldkit.model.clock import ClockCheck
 from fieldkit.model.device import StreamInfo
-from fieldkit.model.errors import SessionError, message_of
+from fieldkit.model.errors import SessionError
 from fieldkit.model.learnt import Learnt
 from fieldkit.model.region_schedule import RegionSchedule
 from fieldkit.model.samples import Event, Health, Quality, Sample
 from fieldkit.model.site import Region, Site
 from fieldkit.model.slope import SlopeEstimate
-from fieldkit.sessions import analysis, entry_rows
-from fieldkit.sessions.analysis import Calibration, RegionSeries
+from fieldkit.sessions import entry_rows
 from fieldkit.sessions.digests import object_digest
 from fieldkit.sessions.journal import SessionIdentity
 from fieldkit.sessions.layout import (
     FORMAT_NAME,
     FORMAT_VERSION,
     INTEGRITY_COLUMNS,
+    RECORDING,
     RECOVERED,
     SEALED,
     TABLES_SINCE,
-    TIME_MAP_COLUMNS,
+    TIME_UNITS,
     Column,
     SessionHeader,
     decode_text,
     entry_columns,
-    exact_time_ns,
-    journal_path,
 )
-from fieldkit.sessions.lock import is_locked
+from fieldkit.sessions.lock import is_locked, journal_path
 from fieldkit.sessions.records import Entry, MinuteRecord, RegionRecord
 from fieldkit.sessions.stored import (
     check_size,
+    closed,
     column_dataset,
     columns_of,
+    explained,
     link_of,
     members,
     stored_here,
     whole_rows,
 )
-from fieldkit.sessions.stream import Stream
 from fieldkit.sessions.stream_reader import Readings, StreamReader
 from fieldkit.sessions.superblock import CHECK_PATH, MendedFile, is_clean
-from fieldkit.sessions.time_map import (
-    TimeStep,
-    added_ns,
-    check_rows,
-    mapped,
-    mapped_event,
-    mapped_health,
-    mapped_ns,
-)
+from fieldkit.sessions.time_map import StoredTimes, TimeStep, mapped_event
 
 if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
+    pass
 
 
 _MAX_HEADER_BYTES = 16_000_000
-
-
-def explained(path: Path, error: Exception) -> SessionError:
-    """What is wrong, with which session, and what to do next."""
-    text = message_of(error)
-    known = isinstance(error, SessionError) and str(path) in text
-    fix = getattr(error, "fix", None) or f"fieldkit recover {path}"
-    return SessionError(text if known else f"{path} is damaged: {text}", fix=fix)
 
 
 def check_format(path: Path, file: h5py.File) -> None:
@@ -119,7 +102,7 @@ def scalar(file: h5py.File, name: str) -> Any:
 
 
 def header_of(file: h5py.File) -> SessionHeader:
-    """What was declared when the recording began; raises `SessionError` where it is damaged."""
+    """Header declared when the recording began; raises `SessionError` where it is damaged."""
     return SessionHeader.from_json(decode_text(scalar(file, "config/header")))
 
 
@@ -160,13 +143,14 @@ class SessionReader:
         self.state = state
         self.header: SessionHeader = header_of(file)
         self.anchor_ns: int = int(scalar(file, "entry/utc_minus_mono_ns"))
-        self._file = file
+        self._handle = file
         self._salvage = salvage
         self.site: Site = self.header.site
         self.streams: Mapping[str, StreamInfo] = {info.name: info for info in self.header.streams}
         self.session_id: str = str(attribute(file, "session_id"))
+        self._times = StoredTimes(path, file, self.anchor_ns)
         self._readers = {
-            name: StreamReader(file, info, self.anchor_ns, salvage=salvage)
+            name: StreamReader(file, info, self.site, self._times, salvage=salvage)
             for name, info in self.streams.items()
         }
 
@@ -178,10 +162,6 @@ class SessionReader:
     ) -> None:
         self.close()
 
-    def __getitem__(self, stream: str) -> Stream:
-        """One stream; raises `SessionError` where there is none of that name."""
-        return Stream(self, self._reader(stream).info)
-
     def __contains__(self, stream: object) -> bool:
         return stream in self.streams
 
@@ -190,8 +170,28 @@ class SessionReader:
 
     def close(self) -> None:
         """Close the file; a second call does nothing."""
-        if self._file:
-            self._file.close()
+        if self._handle:
+            self._handle.close()
+
+    @property
+    def was_finished(self) -> bool:
+        """True if the file itself says that it was sealed or recovered, whatever became of it since."""
+        return int(scalar(self._file, "entry/complete")) != RECORDING
+
+    @property
+    def is_closed(self) -> bool:
+        """True if it can be read no more."""
+        return not self._handle
+
+    def require_open(self) -> None:
+        """Raise `SessionError` where it is closed."""
+        if self.is_closed:
+            raise closed(self.path)
+
+    @property
+    def _file(self) -> h5py.File:
+        self.require_open()
+        return self._handle
 
     def refresh(self) -> None:
         """Read what a running recording has added since."""
@@ -203,6 +203,7 @@ class SessionReader:
 
     def require_finished(self) -> None:
         """Raise `SessionError` where its journal may still hold samples missing from the file."""
+        self.require_open()
         if self.state not in ("sealed", "recovered"):
             fix = "fieldkit stop" if self.state == "recording" else f"fieldkit recover {self.path}"
             raise SessionError(f"{self.path} is {self.state}: its journal may hold more", fix=fix)
@@ -219,7 +220,7 @@ class SessionReader:
     @property
     def regions(self) -> tuple[Region, ...]:
         """The regions with their latest outlines, removed ones included."""
-        drawn = {record.region.name: record.region for record in self.region_history()}
+        drawn = {record.region.name: record.region for record in self.region_history(recorded=True)}
         return tuple(drawn.values()) or self.header.regions
 
     @property
@@ -230,12 +231,11 @@ class SessionReader:
         """
         if self.format_version < (1, 3):
             return RegionSchedule.of(self.regions)
-        changes, steps = self.region_changes(), self.time_map()
+        changes = self.region_changes()
         drawn = self.region_history()[: -len(changes) or None]
         schedule = RegionSchedule.of([record.region for record in drawn] or self.header.regions)
         for record in changes:
-            add_ns = added_ns(steps, record.time_ns - self.anchor_ns)
-            schedule = schedule.changed(replace(record, time_ns=record.time_ns + add_ns))
+            schedule = schedule.changed(record)
         return schedule
 
     @property
@@ -245,7 +245,7 @@ class SessionReader:
 
     @property
     def provenance(self) -> dict[str, str]:
-        """What wrote the file: fieldkit, packages, platform, command line."""
+        """Provenance of the file: fieldkit, packages, platform, command line."""
         root = ("fieldkit_version", "h5py_version", "hdf5_version", "history")
         config = ("command_line", "packages", "platform")
         return {
@@ -256,7 +256,7 @@ class SessionReader:
     # --- samples
 
     def count(self, stream: str) -> int:
-        """How many samples of a stream are stored."""
+        """Number of samples of a stream that are stored."""
         return len(self._reader(stream))
 
     def stream(self, name: str) -> StreamReader:
@@ -268,35 +268,31 @@ class SessionReader:
 
         Their `time_ns` is corrected by the active time map, unless `recorded` asks for it as stored.
         """
-        names = streams or tuple(self.streams)
-        if not recorded and (steps := self.time_map()):
-            return (mapped(steps, sample) for sample in self._recorded(names))
-        return self._recorded(names)
-
-    def _recorded(self, names: tuple[str, ...]) -> Iterator[Sample]:
-        streams = (_with_merge_time(self._reader(name).samples()) for name in names)
-        return (sample for _, sample in heapq.merge(*streams, key=itemgetter(0)))
+        readers = [self._reader(name) for name in streams or self.streams]
+        parts = (_with_merge_time(reader.samples(recorded=recorded)) for reader in readers)
+        return (sample for _, sample in heapq.merge(*parts, key=itemgetter(0)))
 
     @property
     def start_ns(self) -> int:
         """UTC of the first sample, corrected by the active time map; 0 where there is none."""
-        return min((int(self._span_ns(reader, 0, 1)[0]) for reader in self._filled()), default=0)
+        return min((int(reader.time_ns(0, 1)[0]) for reader in self._filled()), default=0)
 
     @property
     def end_ns(self) -> int:
         """UTC of the last sample, corrected by the active time map; 0 where there is none."""
-        return max((int(self._span_ns(reader, len(reader) - 1)[0]) for reader in self._filled()), default=0)
+        return max((int(reader.time_ns(len(reader) - 1)[0]) for reader in self._filled()), default=0)
 
     def _filled(self) -> list[StreamReader]:
+        self.require_open()
         return [reader for reader in self._readers.values() if len(reader)]
 
-    def _span_ns(self, reader: StreamReader, start: int = 0, stop: int | None = None) -> NDArray[np.int64]:
-        return mapped_ns(self.time_map(), reader.column("mono_ns", start, stop), reader.time_ns(start, stop))
-
     def _reader(self, name: str) -> StreamReader:
+        self.require_open()
         if name not in self._readers:
+            near = get_close_matches(name, self._readers, n=1)
+            hint = f"; did you mean {near[0]!r}?" if near else ""
             raise SessionError(
-                f"{self.path} has no stream {name!r}", fix=f"it has {', '.join(self._readers)}"
+                f"{self.path} has no stream {name!r}{hint}", fix=f"it has {', '.join(self._readers)}"
             )
         return self._readers[name]
 
@@ -304,17 +300,15 @@ class SessionReader:
 
     def times_ns(self, stream: str) -> NDArray[np.int64]:
         """UTC of a stream's samples, corrected by the active time map."""
-        return self._span_ns(self._reader(stream))
+        return self._reader(stream).time_ns()
 
-    def flags(self, stream: str) -> NDArray[np.uint16]:
+    def flags(self, stream: str) -> NDArray[np.uint32]:
         """`Quality` of a stream's samples, each compared with its checksum, which reads all that it holds."""
         return self._reader(stream).flags()
 
     def readings(self, meter: str, *, recorded: bool = False) -> Readings:
         """The readings of a meter as arrays, at corrected times, or with `recorded` at those stored."""
-        reader = self._reader(meter)
-        found = reader.readings()
-        return found if recorded else replace(found, time_ns=self._span_ns(reader))
+        return self._reader(meter).readings(recorded=recorded)
 
     def raw(self, camera: str) -> h5py.Dataset:
         """The counts of a camera as stored, (n, rows, cols) uint16, read where they are sliced.
@@ -325,14 +319,15 @@ class SessionReader:
 
     @property
     def damaged(self) -> dict[str, int]:
-        """How many samples of which stream did not match their checksum, among those read so far."""
+        """Number of samples, by stream, that did not match their checksum, among those read so far."""
         return {name: len(reader.damaged) for name, reader in self._readers.items() if reader.damaged}
 
     def columns_are_sealed(self, stream: str) -> bool:
-        """Whether a stream's columns, all but its frames, are those that were sealed.
+        """True if a stream's columns, all but its frames, are those that were sealed.
 
         False also of a session sealed by a version that kept no checksum of them, or whose seal is damaged.
         """
+        self.require_open()
         if self.state not in ("sealed", "recovered"):
             return False
         try:
@@ -341,83 +336,51 @@ class SessionReader:
             return False
         return bool(sealed) and int(sealed) == self._reader(stream).columns_crc32()
 
-    def kelvin(
-        self,
-        start: int = 0,
-        stop: int | None = None,
-        *,
-        stream: str | None = None,
-        calibration: Calibration | None = None,
-        damaged: Literal["raise", "nan"] = "raise",
-    ) -> NDArray[np.float64]:
-        """Brightness temperature of a camera's frames; see `fieldkit.sessions.analysis.kelvin`."""
-        return analysis.kelvin(self, start, stop, stream=stream, calibration=calibration, damaged=damaged)
-
-    def region_series(
-        self,
-        regions: Sequence[Region] | None = None,
-        *,
-        stream: str | None = None,
-        calibration: Calibration | None = None,
-    ) -> RegionSeries:
-        """Brightness temperature of regions over time; see `fieldkit.sessions.analysis.region_series`."""
-        return analysis.region_series(self, regions, stream=stream, calibration=calibration)
-
-    def to_pandas(self, stream: str) -> pd.DataFrame:
-        """A stream as a table by UTC; see `fieldkit.sessions.analysis.to_pandas`."""
-        return analysis.to_pandas(self, stream)
-
-    def to_xarray(self, stream: str) -> xr.Dataset:
-        """A stream as a lazy xarray dataset; see `fieldkit.sessions.analysis.to_xarray`."""
-        return analysis.to_xarray(self, stream)
-
     # --- tables: everything but samples
 
     def events(self, *, recorded: bool = False) -> list[Event]:
         """Events of the recording, in the order they were detected."""
-        table = self.table("events")
-        steps = [] if recorded else self.time_map()
-        return [mapped_event(steps, event) for event in entry_rows.events_from(table, self._exact(table))]
+        events = entry_rows.events_from(self.timed_table("events", recorded=True))
+        return events if recorded else [mapped_event(self.time_map(), event) for event in events]
 
     def health(self, *, recorded: bool = False) -> list[Health]:
         """Health of the recording, once a second."""
-        table = self.table("health")
-        steps = [] if recorded else self.time_map()
-        streams = tuple(info.name for info in self.header.streams)
-        return [
-            mapped_health(steps, one) for one in entry_rows.health_from(table, self._exact(table), streams)
-        ]
+        return entry_rows.health_from(self.timed_table("health", recorded=recorded), tuple(self.streams))
 
     def clock_checks(self) -> list[ClockCheck]:
         """Comparisons of the clocks, none of them applied."""
         return entry_rows.clock_checks_from(self.table("clock"))
 
-    def region_history(self) -> list[RegionRecord]:
+    def region_history(self, *, recorded: bool = False) -> list[RegionRecord]:
         """Every outline of every region and since when it holds."""
-        return entry_rows.regions_from(self.table("regions"))
+        return entry_rows.regions_from(self.timed_table("regions", recorded=recorded))
 
     def region_changes(self) -> list[RegionRecord]:
         """Changes of the regions during the recording, in order."""
         began_ns = self.identity.start_ns
-        return [record for record in self.region_history() if record.time_ns > began_ns]
+        is_change = (record.time_ns > began_ns for record in self.region_history(recorded=True))
+        return list(compress(self.region_history(), is_change))
 
-    def estimates(self) -> list[SlopeEstimate]:
+    def estimates(self, *, recorded: bool = False) -> list[SlopeEstimate]:
         """The slopes as they were estimated while recording, in order of time."""
-        found = entry_rows.estimates_from(self.table("estimates"), self.header.region_names)
-        later = entry_rows.later_estimates_from(self.table("later_estimates"))
+        regular, added = (
+            self.timed_table(name, recorded=recorded) for name in ("estimates", "later_estimates")
+        )
+        found = entry_rows.estimates_from(regular, self.header.region_names)
+        later = entry_rows.later_estimates_from(added)
         return sorted([*found, *later], key=lambda one: one.time_ns) if later else found
 
-    def learnt(self) -> dict[int, Learnt]:
-        """What the data taught while recording, by the UTC nanoseconds of each minute that has it."""
-        return entry_rows.learnt_from(self.table("learnt"), self.header.region_names)
+    def learnt(self, *, recorded: bool = False) -> dict[int, Learnt]:
+        """Parameters learnt while recording, by the UTC nanoseconds of each minute that has it."""
+        table = self.timed_table("learnt", recorded=recorded)
+        return entry_rows.learnt_from(table, self.header.region_names)
 
     def irradiance(self) -> dict[str, NDArray[Any]]:
         """Direct irradiance as derived while recording: `time_ns`, `irradiance_w_m2`, `flags`, `model`."""
-        table = self.table("irradiance")
+        table = self.timed_table("irradiance")
         models = np.array([decode_text(model) for model in table["model"]], dtype=object)
-        time_ns = table["time"] * 1000
         return {
-            "time_ns": time_ns,
+            "time_ns": table["time_ns"],
             "irradiance_w_m2": table["value"],
             "flags": table["flags"],
             "model": models,
@@ -425,16 +388,11 @@ class SessionReader:
 
     def time_map(self) -> list[TimeStep]:
         """The active corrections of the clock, written afterwards; usually none."""
-        with self._explaining():
-            datasets = columns_of(self.group("time_map"), TIME_MAP_COLUMNS)
-            columns = {name: dataset[:] for name, dataset in datasets.items()}
-            check_rows(columns)
-        latest = columns["version"].max(initial=0)
-        rows = zip(*(columns[name] for name in ("version", "mono_ns", "add_ns", "reason")), strict=False)
-        return [TimeStep(int(m), int(a), decode_text(r)) for v, m, a, r in rows if v == latest]
+        self.require_open()
+        return list(self._times.steps)
 
     def integrity(self) -> dict[str, NDArray[Any]]:
-        """What was written down when the session was sealed, per stream and per table.
+        """Statistics written when the session was sealed, per stream and per table.
 
         Columns missing from older files are 0.
         """
@@ -473,25 +431,26 @@ class SessionReader:
         """The digest of an object as it is now; see `fieldkit.sessions.digests`."""
         return object_digest(self._file, path)
 
-    def minutes(self) -> list[MinuteRecord]:
+    def minutes(self, *, recorded: bool = False) -> list[MinuteRecord]:
         """The estimates made while recording, minute by minute."""
-        table, estimates, learnt = self.table("irradiance"), self.estimates(), self.learnt()
+        table, learnt = self.timed_table("irradiance", recorded=recorded), self.learnt(recorded=recorded)
         by_time: dict[int, list[SlopeEstimate]] = {}
-        for estimate in estimates:
+        for estimate in self.estimates(recorded=recorded):
             by_time.setdefault(estimate.time_ns, []).append(estimate)
-        rows = zip(table["time"], table["value"], table["model"], table["flags"], strict=True)
+        columns = (table[name].tolist() for name in ("time_ns", "value", "model", "flags"))
         return [
             MinuteRecord(
-                int(time) * 1000, tuple(by_time.get(int(time) * 1000, ())), float(value),
-                decode_text(model), Quality(int(flags)), learnt.get(int(time) * 1000),
+                time_ns, tuple(by_time.get(time_ns, ())), value, decode_text(model), Quality(flags),
+                learnt.get(time_ns),
             )
-            for time, value, model, flags in rows
+            for time_ns, value, model, flags in zip(*columns, strict=True)
         ]  # fmt: skip
 
     def entries(self) -> list[Entry]:
         """Everything but samples, as recorded: regions, events, clock comparisons, health, minutes."""
-        events, health = self.events(recorded=True), self.health(recorded=True)
-        return [*self.region_history(), *events, *self.clock_checks(), *health, *self.minutes()]
+        regions, events = self.region_history(recorded=True), self.events(recorded=True)
+        health, minutes = self.health(recorded=True), self.minutes(recorded=True)
+        return [*regions, *events, *self.clock_checks(), *health, *minutes]
 
     def group(self, name: str) -> h5py.Group:
         """The HDF5 group of a stream or table, as it is."""
@@ -512,7 +471,7 @@ class SessionReader:
 
     @contextmanager
     def _explaining(self) -> Iterator[None]:
-        """What is found wrong while reading names the session, and what to do next."""
+        """Errors found while reading, with the session and the next step."""
         try:
             yield
         except SessionError as error:
@@ -532,16 +491,29 @@ class SessionReader:
         if self._salvage:
             length = self._whole(name, columns, length)
         return {
-            column.name: columns[column.name][:length] if column.name in columns else column.unknown(length)
+            column.name: column.read(columns[column.name][:length])
+            if column.name in columns
+            else column.unknown(length)
             for column in self._columns[name]
         }
+
+    def timed_table(self, name: str, *, recorded: bool = False) -> dict[str, NDArray[Any]]:
+        """A table with its times in UTC nanoseconds beside those stored: `time_ns`, `window_start_ns`."""
+        table = self.table(name)
+        stored = [one.name for one in self._columns[name] if one.attributes.get("units") == TIME_UNITS]
+        mono_ns = {"time": table.get("mono_ns")}
+        times = {
+            f"{column}_ns": self._times.utc_ns(table[column], mono_ns.get(column), recorded=recorded)
+            for column in stored
+        }
+        return {**table, **times}
 
     def _whole(self, name: str, columns: Mapping[str, h5py.Dataset], length: int) -> int:
         """Rows up to the first of which something is not in a file that may have lost its end."""
         end = self.path.stat().st_size
         for column in self._columns[name]:
             if column.name in columns:
-                rows = whole_rows(columns[column.name], column.row_bytes, end)
+                rows = whole_rows(columns[column.name], end)
                 length = min(length, int(np.argmin(np.append(rows, -1) == np.arange(len(rows) + 1))))
         return length
 
@@ -553,9 +525,6 @@ class SessionReader:
     @cached_property
     def _columns(self) -> dict[str, Any]:
         return entry_columns(self.header)
-
-    def _exact(self, table: Mapping[str, NDArray[Any]]) -> NDArray[np.int64]:
-        return exact_time_ns(table["time"], table["mono_ns"], self.anchor_ns)
 
 
 def _with_merge_time(samples: Iterable[Sample]) -> Iterator[tuple[int, Sample]]:

@@ -1,4 +1,4 @@
-"""What a session is made of, one record after the other, and how each becomes bytes.
+"""Records of a session, one after the other, and their bytes.
 
 A record is a sample (`Frame`, `Reading`) or an entry: an `Event`, a `Health`, a
 `ClockCheck`, a `MinuteRecord` or a `RegionRecord`. Samples keep their bytes; entries become
@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import struct
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -25,15 +25,19 @@ from fieldkit.model.samples import Event, Frame, Health, Quality, Reading, Sampl
 from fieldkit.model.site import RegionRecord as RegionRecord
 from fieldkit.model.slope import SlopeEstimate
 from fieldkit.sessions.json_forms import build
-
-_STAMPS = struct.Struct("<qqqqqHd")
-_STAMP_COLUMNS = np.dtype(
-    {
-        "names": ["mono_ns", "time", "device_time", "seq", "device_seq", "flags", "fpa_temperature"],
-        "formats": ["<i8", "<i8", "<i8", "<i8", "<i8", "<u2", "<f8"],
-    }
+from fieldkit.sessions.sample_fields import (
+    STAMPS_BYTES,
+    Stamps,
+    from_journal,
+    of_frame,
+    of_reading,
+    stamps_of,
+    to_columns,
+    to_journal,
+    with_stamps,
+    with_stored,
 )
-"""The same stamps by the names of their columns."""
+
 _NAN = float("nan")
 
 
@@ -83,7 +87,7 @@ def decode_entry(kind: str, body: str) -> Entry:
 
 
 def sample_bytes(sample: Sample) -> tuple[memoryview, memoryview]:
-    """What was measured and what came with it: counts and metadata rows, or values and raw bytes."""
+    """Measured values and what came with them: counts and metadata rows, or values and raw bytes."""
     if isinstance(sample, Frame):
         return _bytes_of(sample.counts), _bytes_of(sample.metadata_rows)
     return _bytes_of(np.array(sample.values, "<f8")), memoryview(sample.raw)
@@ -101,38 +105,75 @@ def sample_crc32(sample: Sample, data: memoryview, more: memoryview) -> int:
     The same value stands in the journal and in the file, so a changed bit anywhere in a
     sample is noticed.
     """
-    fpa = sample.fpa_temperature_k if isinstance(sample, Frame) else _NAN
-    stamps = _STAMPS.pack(
-        sample.mono_ns, sample.time_ns // 1000, sample.device_time, sample.seq, sample.device_seq,
-        int(sample.quality), fpa if fpa == fpa else _NAN,  # every NaN is the same NaN
-    )  # fmt: skip
-    return crc32(stamps, crc32(more, crc32(data)))
+    return with_stamps(crc32(more, crc32(data)), stamps_of(sample))
 
 
 def stored_crc32s(
     columns: Mapping[str, NDArray[Any]], bodies: Iterable[tuple[NDArray[Any], NDArray[Any]]]
 ) -> NDArray[np.uint32]:
     """`sample_crc32` of stored rows, from their columns and what was measured and came with it in each."""
-    stamps = np.zeros(len(columns["seq"]), _STAMP_COLUMNS)
-    for name in _STAMP_COLUMNS.names or ():
-        stamps[name] = columns.get(name, _NAN)  # a meter has no sensor temperature
-    stamps["fpa_temperature"][np.isnan(stamps["fpa_temperature"])] = _NAN  # every NaN is the same NaN
-    packed, size = stamps.tobytes(), _STAMP_COLUMNS.itemsize
-    crcs = (
-        crc32(packed[place * size : (place + 1) * size], crc32(more.data, crc32(data.data)))
-        for place, (data, more) in enumerate(bodies)
-    )
-    return np.fromiter(crcs, np.uint32, len(stamps))
+    return with_stored([crc32(more.data, crc32(data.data)) for data, more in bodies], columns)
 
 
-def build_frame(info: StreamInfo, stamps: dict[str, Any], data: bytes, more: bytes, fpa: float) -> Frame:
+# --- samples in the journal
+
+
+def encode_sample(sample: Sample) -> tuple[tuple[bytes, memoryview, memoryview], int]:
+    """A sample as the journal keeps it, in parts, and its checksum; its number is the record's."""
+    data, more = sample_bytes(sample)
+    stamps = stamps_of(sample)
+    crc = with_stamps(crc32(more, crc32(data)), stamps)
+    return (to_journal(stamps, crc, len(data)), data, more), crc
+
+
+@dataclass(frozen=True, slots=True)
+class SampleRow:
+    """One sample as the journal keeps it; `data` is None once only the session file has the frame."""
+
+    stream: int
+    seq: int
+    stamps: Stamps
+    crc32: int
+    data: bytes | None = None
+    more: bytes | None = None
+
+    @classmethod
+    def decode(cls, stream: int, seq: int, payload: bytes) -> SampleRow:
+        """Sample that `encode_sample` wrote, or its stamps alone; raises `ValueError` for other bytes."""
+        stamps, crc, size = from_journal(payload, seq)
+        row = cls(stream, seq, stamps, crc)
+        body = payload[STAMPS_BYTES:]
+        return row.with_bytes(body[:size], body[size:]) if body else row
+
+    def sample(self, info: StreamInfo) -> Sample | None:
+        """The sample, or None where its bytes are gone or do not match their checksum."""
+        if self.data is None or self.more is None:
+            return None
+        build = build_frame if info.is_camera else build_reading
+        try:
+            sample = build(info, self.stamps, self.data, self.more)
+            matches = sample_crc32(sample, *sample_bytes(sample)) == self.crc32
+        except (ValueError, TypeError, OverflowError, struct.error):
+            return None
+        return sample if matches else None
+
+    def columns(self) -> dict[str, Any]:
+        """Values of the sample in the session file's columns."""
+        return {**to_columns(self.stamps), "crc32": self.crc32}
+
+    def with_bytes(self, data: bytes, more: bytes) -> SampleRow:
+        """The same row with its frame found elsewhere."""
+        return replace(self, data=data, more=more)
+
+
+def build_frame(info: StreamInfo, stamps: Stamps, data: bytes, more: bytes) -> Frame:
     """A frame from its stored bytes; raises `ValueError` if they do not fill the declared shape."""
     counts = np.frombuffer(data, "<u2").reshape(info.shape)
     rows = np.frombuffer(more, "<u2").reshape(info.metadata_shape)
-    return Frame(info.name, counts=counts, metadata_rows=rows, fpa_temperature_k=fpa, **stamps)
+    return Frame(info.name, counts=counts, metadata_rows=rows, **of_frame(stamps))
 
 
-def build_reading(info: StreamInfo, stamps: dict[str, Any], data: bytes, raw: bytes) -> Reading:
+def build_reading(info: StreamInfo, stamps: Stamps, data: bytes, raw: bytes) -> Reading:
     """A reading from its stored bytes; raises `ValueError` if they do not fill the declared channels."""
     values = np.frombuffer(data, "<f8").reshape(info.shape)
-    return Reading(info.name, values=tuple(values.tolist()), raw=raw, **stamps)
+    return Reading(info.name, values=tuple(values.tolist()), raw=raw, **of_reading(stamps))

@@ -24,8 +24,8 @@ from fieldkit.sessions.chunks import PackedBlock
 from fieldkit.sessions.file_tree import put_rows
 from fieldkit.sessions.guarded_file import GuardedFile
 from fieldkit.sessions.journal_reader import JournalReader
-from fieldkit.sessions.layout import RECOVERED, SEALED, journal_path
-from fieldkit.sessions.lock import RECOVERY, SessionLock, is_locked
+from fieldkit.sessions.layout import RECOVERED, SEALED
+from fieldkit.sessions.lock import RECOVERY, SessionLock, is_locked, journal_path
 from fieldkit.sessions.reader import SessionReader, open_interrupted, open_session
 from fieldkit.sessions.salvage import LostRange, RecoveryStatistics, Salvage
 from fieldkit.sessions.seal import SealReport, remove_journal, seal
@@ -36,9 +36,10 @@ log: logging.Logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class RecoveryReport:
-    """What recovery found: samples per stream, how many only the journal had, and every run of lost ones.
+    """Result of a recovery: samples per stream, those only in the journal, and every run of lost ones.
 
-    `damage` names in words what could not be read. `crashed` is the file as it was.
+    `damage` names in words what could not be read. `crashed` is the file as it was. Where the end is not
+    known, samples may be lost behind the last one that is there. Without `counts` nothing was ever recorded.
     """
 
     path: Path
@@ -49,15 +50,16 @@ class RecoveryReport:
     crashed: Path | None = None
     was_complete: bool = False
     bytes: int = 0
+    end_is_known: bool = True
 
     @property
     def lost_samples(self) -> int:
-        """How many samples are known to be lost."""
+        """Number of samples known to be lost."""
         return sum(run.count for run in self.lost)
 
 
 def crashed_path(path: Path) -> Path:
-    """Where the file of an interrupted session is kept after recovery."""
+    """Path at which the file of an interrupted session is kept after recovery."""
     return path.with_name(path.name + ".crashed")
 
 
@@ -95,8 +97,7 @@ def _locked(path: Path, notes: Sequence[Event]) -> RecoveryReport:
     folder.mkdir(exist_ok=True)
     lock = SessionLock(folder, RECOVERY)
     try:
-        complete = _complete(path)
-        report = complete or _recover(path, notes)
+        report = _complete(path) or _never_begun(path, folder) or _recover(path, notes)
     except SessionError:
         if is_ours:
             remove_journal(folder)
@@ -131,6 +132,16 @@ def _complete(path: Path) -> RecoveryReport | None:
     )
 
 
+def _never_begun(path: Path, folder: Path) -> RecoveryReport | None:
+    """The report on a session whose recorder ended before it could take a sample; None for any other."""
+    logs = [*folder.glob("*.log"), *folder.glob("*.sqlite")]
+    if path.exists() or any(log.name != "000001.log" for log in logs):
+        return None
+    with suppress(SessionError), JournalReader(folder):
+        return None  # even if it has no sample
+    return RecoveryReport(path, {}, {})
+
+
 def _recover(path: Path, notes: Sequence[Event]) -> RecoveryReport:
     kept = crashed_path(path) if path.exists() else None
     fresh = _fresh_path(path)
@@ -141,12 +152,12 @@ def _recover(path: Path, notes: Sequence[Event]) -> RecoveryReport:
     return RecoveryReport(
         path, sealed.counts, {name: stats.from_journal for name, stats in salvage.statistics.items()},
         tuple(run for stats in salvage.statistics.values() for run in stats.lost),
-        tuple(dict.fromkeys(salvage.damage)), kept, bytes=sealed.bytes,
+        tuple(salvage.damage), kept, bytes=sealed.bytes, end_is_known=salvage.has_end,
     )  # fmt: skip
 
 
 def _fresh_path(path: Path) -> Path:
-    """Where the new file is made."""
+    """Path at which the new file is made."""
     return path.with_name(path.name + ".recovering")
 
 
@@ -170,11 +181,11 @@ def _made_before(fresh: Path, path: Path) -> RecoveryReport | None:
 
 
 def _session_ids(path: Path) -> set[str]:
-    """Which session it is, as far as its file and its journal still show."""
+    """Identity of the session, as far as its file and its journal still show."""
     ids = set()
     with suppress(SessionError), open_interrupted(path) as session:
         ids.add(session.session_id)
-    with suppress(SessionError), JournalReader(journal_path(path), salvage=True) as journal:
+    with suppress(SessionError), JournalReader(journal_path(path)) as journal:
         ids.add(journal.identity.session_id)
     return ids
 
@@ -190,7 +201,8 @@ def _report_of(session: SessionReader) -> RecoveryReport:
         if one.stream
     )
     from_journal = {name: int(summary.get(name, {}).get("from_journal", 0)) for name in counts}
-    return RecoveryReport(session.path, counts, from_journal, lost)
+    has_end = bool(summary.get("has_end", True))
+    return RecoveryReport(session.path, counts, from_journal, lost, end_is_known=has_end)
 
 
 def _rebuild(
@@ -244,7 +256,7 @@ def _verified(
         with Salvage(path, packed=packed) as salvage:
             _write(fresh, salvage, notes, report=state == RECOVERED)
         if state == SEALED and salvage.losses:
-            raise IntegrityError(f"{path} is not whole: {'; '.join(dict.fromkeys(salvage.losses))}")
+            raise IntegrityError(f"{path} is not whole: {'; '.join(salvage.losses)}")
         return seal(fresh, {name: stats.crc32s for name, stats in salvage.statistics.items()}, state), salvage
     except (OSError, IntegrityError):
         with suppress(OSError):
@@ -296,16 +308,20 @@ def _recovery_events(
             }  # fmt: skip
             error = Severity.ERROR
             yield Event(EventKind.RECOVERED, time_ns - anchor_ns, time_ns, text, run.stream, error, data)
-    yield _summary(salvage.statistics, end_ns - anchor_ns, end_ns)
+    yield _summary(salvage.statistics, end_ns - anchor_ns, end_ns, has_end=salvage.has_end)
 
 
-def _summary(statistics: dict[str, RecoveryStatistics], mono_ns: int, time_ns: int) -> Event:
+def _summary(
+    statistics: dict[str, RecoveryStatistics], mono_ns: int, time_ns: int, *, has_end: bool
+) -> Event:
     lost = {name: sum(run.count for run in stats.lost) for name, stats in statistics.items()}
     kept = sum(stats.kept for stats in statistics.values())
-    data = {
+    data: dict[str, object] = {
         name: {"kept": stats.kept, "from_journal": stats.from_journal, "lost": lost[name]}
         for name, stats in statistics.items()
     }
     text = f"session recovered: {kept} samples, {sum(lost.values())} lost"
+    if not has_end:
+        text, data = f"{text}; samples behind the last one may be lost", {**data, "has_end": False}
     severity = Severity.ERROR if any(lost.values()) else Severity.WARNING
     return Event(EventKind.RECOVERED, mono_ns, time_ns, text, "", severity, data)

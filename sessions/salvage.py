@@ -1,4 +1,4 @@
-"""What can still be read of an interrupted session: its journal, its file, and the file's loose chunks.
+"""Readable remains of an interrupted session: its journal, its file, and the file's loose chunks.
 
 A block of frames that the file has whole is taken as it is, packed; of everything else, each
 sample is looked for in the journal, then in the session file, then in the chunks whose places the
@@ -9,8 +9,6 @@ its checksum matches.
 from __future__ import annotations
 
 import contextlib
-import os
-import zlib
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -26,18 +24,30 @@ from fieldkit.model.clock import ClockCheck
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import SessionError, message_of
 from fieldkit.model.samples import Event, Health, Quality, Sample
-from fieldkit.sessions.chunks import PackedBlock, PackedChunk, corners, unpack
-from fieldkit.sessions.journal import Chunk, SessionIdentity, read_written
-from fieldkit.sessions.journal_reader import JournalReader, SampleRow
-from fieldkit.sessions.layout import TIME_MAP_COLUMNS, chunk_shape, entry_columns, journal_path
+from fieldkit.sessions.chunks import PackedBlock, PackedChunk, corners, read_chunk, unpack
+from fieldkit.sessions.journal import Chunk, SessionIdentity
+from fieldkit.sessions.journal_reader import JournalReader
+from fieldkit.sessions.layout import TIME_MAP_COLUMNS, chunk_shape, entry_columns
+from fieldkit.sessions.lock import journal_path
 from fieldkit.sessions.reader import SessionReader, open_interrupted
-from fieldkit.sessions.records import Entry, MinuteRecord, RegionRecord, sample_bytes, sample_crc32
+from fieldkit.sessions.records import (
+    Entry,
+    MinuteRecord,
+    RegionRecord,
+    SampleRow,
+    sample_bytes,
+    sample_crc32,
+)
+from fieldkit.sessions.sample_fields import of_frame
+from fieldkit.sessions.sqlite_journal import SqliteJournal
 from fieldkit.sessions.stored import columns_of, whole_rows
 from fieldkit.sessions.time_map import check_rows, row_crc32s
 
 _KINDS: tuple[type[Entry], ...] = (RegionRecord, Event, ClockCheck, Health, MinuteRecord)
 
 _READING_BLOCK = 1024
+
+Log = JournalReader | SqliteJournal
 
 
 class Salvage:
@@ -49,14 +59,16 @@ class Salvage:
 
     def __init__(self, path: Path, *, packed: bool = True) -> None:
         self._file_damage: list[str] = []
-        self._journal_damage: list[str] = []
+        self._missing: list[str] = []
         self._path = path
         self._packed = packed
         self._stack = ExitStack()
-        self._session = self._try_session()
         self._journal = self._try_journal()
+        self._session = self._try_session()
+        self._is_finished = self._session is not None and self._session.was_finished
         self.identity: SessionIdentity = self._identity()
-        self._written = read_written(journal_path(path), len(self.identity.header.streams))
+        nothing = (0,) * (len(self.identity.header.streams) + 1)
+        self._written = self._journal.written if self._journal is not None else nothing
         self.statistics: dict[str, RecoveryStatistics] = {
             info.name: RecoveryStatistics(info.name) for info in self.identity.header.streams
         }
@@ -70,13 +82,23 @@ class Salvage:
     @property
     def damage(self) -> list[str]:
         """In words, what could not be read, of the file and of the journal."""
-        return [*self._file_damage, *self._journal_damage]
+        return [*dict.fromkeys(self._file_damage), *self._journal_damage]
 
     @property
     def losses(self) -> list[str]:
         """In words, what does not come back: damage of the file alone is made good by the journal."""
         runs = [run for stats in self.statistics.values() for run in stats.lost]
         return [*(f"{run.stream}: {run.count} samples lost" for run in runs), *self._journal_damage]
+
+    @property
+    def has_end(self) -> bool:
+        """True if the last record there ever was is known: from the journal, or from a file once finished."""
+        return self._is_finished if self._journal is None else self._journal.has_end
+
+    @property
+    def _journal_damage(self) -> list[str]:
+        damage = self._journal.damage if self._journal is not None else []
+        return list(dict.fromkeys([*self._missing, *damage]))
 
     def _try_session(self) -> SessionReader | None:
         try:
@@ -85,19 +107,18 @@ class Salvage:
             self._file_damage.append(error.message)
             return None
 
-    def _try_journal(self) -> JournalReader | None:
+    def _try_journal(self) -> Log | None:
         folder = journal_path(self._path)
-        if not any(folder.glob("*.sqlite")):
-            gone = "the journal is gone: only what the file itself holds is recovered"
-            self._journal_damage.append(gone)
-            return None
         try:
-            journal = self._stack.enter_context(JournalReader(folder, salvage=True))
+            if any(folder.glob("*.sqlite")):
+                return self._stack.enter_context(SqliteJournal(folder))
+            if any(folder.glob("*.log")):
+                return self._stack.enter_context(JournalReader(folder))
         except SessionError as error:
-            self._journal_damage.append(error.message)
+            self._missing.append(error.message)
             return None
-        self._journal_damage = journal.damage  # it grows while the journal is read
-        return journal
+        self._missing.append("the journal is gone: only what the file itself holds is recovered")
+        return None
 
     def _identity(self) -> SessionIdentity:
         if self._journal is not None:
@@ -116,63 +137,47 @@ class Salvage:
         info, stats = self.identity.header.streams[place], self.statistics[stream]
         stored = StoredSamples(self._session, info, self._file_damage)
         loose = LooseChunks(self._path, self._session, self._journal, info)
-        ids, seqs = self._journalled(place)
-        numbers = np.union1d(seqs, stored.numbers)
+        journalled = self._journal.numbers(place) if self._journal is not None else np.empty(0, np.int64)
+        numbers = np.union1d(journalled, stored.numbers)
         for wanted in _blocks(numbers, chunk_shape(info)[0] if info.is_camera else _READING_BLOCK):
-            inside = ids[np.searchsorted(seqs, wanted[0]) : np.searchsorted(seqs, wanted[-1], "right")]
-            block = self._whole_block(place, loose, wanted, inside, stats)
+            rows = self._rows(place, wanted)
+            block = self._whole_block(info, loose, wanted, rows, stats)
             if block is not None:
                 yield block
                 continue
-            for seq, row in self._rows(place, wanted, inside):
-                sample = _found(row, info, stored, loose, seq)
+            for seq in wanted.tolist():
+                sample = _found(rows.get(seq), info, stored, loose, seq)
                 if sample is not None and stats.expects(seq):
                     stats.from_journal += not stored.has(seq)
                     stats.keep_sample(sample)
                     yield sample
-        journalled = self._journal.total(place) if self._journal else 0
-        stats.finish(max(stored.total, journalled, self._written.samples[place]))
+        stats.finish(max(stored.total, self._written[place]))
 
-    def _journalled(self, place: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Numbers of the journal's records of a stream, and of the samples in them, by the latter."""
-        rows = list(self._journal.numbers(place)) if self._journal is not None else []
-        both = np.array(rows, np.int64).reshape(-1, 2)
-        by_seq = both[np.argsort(both[:, 1], kind="stable")]
-        return by_seq[:, 0], by_seq[:, 1]
+    def _rows(self, place: int, wanted: NDArray[np.int64]) -> dict[int, SampleRow]:
+        """The journal's rows of a block of samples, by number."""
+        if self._journal is None:
+            return {}
+        return {row.seq: row for row in self._journal.rows(place, int(wanted[0]), int(wanted[-1]))}
 
     def _whole_block(
         self,
-        place: int,
+        info: StreamInfo,
         loose: LooseChunks,
         wanted: NDArray[np.int64],
-        ids: NDArray[np.int64],
+        rows: dict[int, SampleRow],
         stats: RecoveryStatistics,
     ) -> PackedBlock | None:
         """The block of these samples, if both sides have it whole and nothing before it is lost."""
-        info = self.identity.header.streams[place]
-        whole = info.is_camera and len(wanted) == len(ids) == chunk_shape(info)[0]
-        if not (self._packed and whole and wanted[0] == stats.kept and self._journal is not None):
-            return None
-        rows = list(self._journal.stream_rows(place, int(ids[0]), int(ids[-1]), frames=False))
-        if [row.seq for row in rows] != wanted.tolist():
+        whole = info.is_camera and len(wanted) == len(rows) == chunk_shape(info)[0]
+        if not (self._packed and whole and wanted[0] == stats.kept):
             return None
         chunks = loose.packed(int(wanted[0]))
         if chunks is None:
             return None
-        for row in rows:
-            stats.keep(row.seq, row.mono_ns, row.time_ns, row.crc32)
-        return PackedBlock(info.name, [row.columns() for row in rows], chunks)
-
-    def _rows(
-        self, place: int, wanted: NDArray[np.int64], ids: NDArray[np.int64]
-    ) -> Iterator[tuple[int, SampleRow | None]]:
-        """Each of these numbers with its row of the journal, if it has one."""
-        rows: dict[int, SampleRow] = {}
-        if self._journal is not None and len(ids):
-            found = self._journal.stream_rows(place, int(ids.min()), int(ids.max()))
-            rows = {row.seq: row for row in found}
-        for seq in wanted.tolist():
-            yield seq, rows.get(seq)
+        for row in rows.values():
+            stamps = of_frame(row.stamps)
+            stats.keep(row.seq, stamps["mono_ns"], stamps["time_ns"], row.crc32)
+        return PackedBlock(info.name, [row.columns() for row in rows.values()], chunks)
 
     def entries(self) -> Iterator[Entry]:
         """Everything but samples: from the journal, and from the file what a damaged journal lost."""
@@ -185,9 +190,9 @@ class Salvage:
             more = _together(ours, theirs) if self._journal_damage else max(ours, theirs, key=len)
             found += len(more)
             yield from more
-        if (lost := self._written.entries - found) > 0:
+        if (lost := self._written[-1] - found) > 0:
             what = "events, slopes and records of health"
-            self._journal_damage.append(f"{lost} of {self._written.entries} {what} are lost")
+            self._missing.append(f"{lost} of {self._written[-1]} {what} are lost")
         if self._session is not None and self._journal is None:
             self._file_damage.extend(_lost_rows(self._session))
 
@@ -213,7 +218,7 @@ def _together(ours: list[Entry], theirs: list[Entry]) -> list[Entry]:
 
 
 def _key(entry: Entry) -> tuple[object, ...]:
-    """What identifies an entry among others of its kind, in the file's precision."""
+    """Identity of an entry among others of its kind, in the file's precision."""
     if isinstance(entry, RegionRecord):
         return entry.time_ns // 1000, entry.region.name, entry.region.vertices
     if isinstance(entry, MinuteRecord):
@@ -226,8 +231,7 @@ def _time_map(session: SessionReader) -> dict[str, NDArray[Any]]:
     group, end = session.group("time_map"), session.path.stat().st_size
     datasets = columns_of(group, TIME_MAP_COLUMNS)
     length = max(dataset.shape[0] for dataset in datasets.values())
-    row_bytes = {column.name: column.row_bytes for column in TIME_MAP_COLUMNS}
-    if any(len(whole_rows(dataset, row_bytes[name], end)) < length for name, dataset in datasets.items()):
+    if any(len(whole_rows(dataset, end)) < length for dataset in datasets.values()):
         raise SessionError(f"the {length} corrections of the clock are lost: apply them again")
     if not length:
         return {}
@@ -256,11 +260,11 @@ def _found(
 def _stored_entries(session: SessionReader, damage: list[str]) -> list[Entry]:
     entries: list[Entry] = []
     for read in (
-        session.region_history,
+        partial(session.region_history, recorded=True),
         partial(session.events, recorded=True),
         session.clock_checks,
         partial(session.health, recorded=True),
-        session.minutes,
+        partial(session.minutes, recorded=True),
     ):
         try:
             entries.extend(read())
@@ -298,13 +302,13 @@ class LostRange:
 
     @property
     def count(self) -> int:
-        """How many samples."""
+        """Number of samples."""
         return self.last - self.first + 1
 
 
 @dataclass
 class RecoveryStatistics:
-    """What became of one stream: samples kept, of those only in the journal, checksums, runs lost."""
+    """Outcome of one stream: samples kept, of those only in the journal, checksums, runs lost."""
 
     stream: str
     kept: int = 0
@@ -336,7 +340,7 @@ class RecoveryStatistics:
             self.lost.append(LostRange(self.stream, self._next, until - 1, self.last_ns, before_ns))
 
     def expects(self, seq: int) -> bool:
-        """Whether this number comes after all that were kept."""
+        """True if this number comes after all that were kept."""
         return seq >= self._next
 
 
@@ -379,7 +383,7 @@ class StoredSamples:
             self.total += ahead if 0 < ahead < self.total else 0
 
     def has(self, seq: int) -> bool:
-        """Whether the file has a row of that number."""
+        """True if the file has a row of that number."""
         return seq in self._rows
 
     def get(self, seq: int) -> Sample | None:
@@ -397,7 +401,7 @@ class StoredSamples:
         assert self._reader is not None
         try:
             last = int(self._whole[np.searchsorted(self._whole, first + self._step) - 1])
-            return list(self._reader.samples(first, last + 1))
+            return list(self._reader.samples(first, last + 1, recorded=True))
         except (SessionError, OSError, RuntimeError, ValueError) as error:
             self._damage.append(f"{self._reader.info.name}, rows from {first}: {message_of(error)}")
             return []
@@ -412,7 +416,7 @@ class LooseChunks:
     """Chunks of frames at the places the journal remembers, whatever became of the file's own index."""
 
     def __init__(
-        self, path: Path, session: SessionReader | None, journal: JournalReader | None, info: StreamInfo
+        self, path: Path, session: SessionReader | None, journal: Log | None, info: StreamInfo
     ) -> None:
         self._path = path
         self._session = session
@@ -436,7 +440,7 @@ class LooseChunks:
             }
             for corner in corners(dataset):
                 chunk = noted.get((start, *corner, *index.get((start, *corner), (-1, -1))))
-                data = _read_at(self._path, chunk) if chunk is not None else None
+                data = read_chunk(self._path, chunk) if chunk is not None else None
                 if data is None:
                     return None
                 chunks.append(PackedChunk(dataset.name, corner, data))
@@ -468,18 +472,18 @@ class LooseChunks:
         """The block with every chunk that can be read; later places of a chunk overrule earlier ones."""
         block = np.zeros((cut[0], *shape), "<u2")
         for chunk in sorted(self._noted(dataset, start), key=lambda chunk: chunk.offset):
-            data = _read_at(self._path, chunk)
+            data = read_chunk(self._path, chunk)
             if data is not None:
                 y, x = chunk.y, chunk.x
                 block[:, y : y + cut[1], x : x + cut[2]] = unpack(data, cut)
         return block
 
     def _noted(self, dataset: str, start: int) -> list[Chunk]:
-        return list(self._journal.chunks(dataset, start)) if self._journal is not None else []
+        return self._journal.chunks(dataset, start) if self._journal is not None else []
 
 
 def _index(dataset: h5py.Dataset) -> Index:
-    """Where the file's own index has each chunk: read in one go, asking for single ones is slow."""
+    """Place of each chunk in the file's own index: read in one go, asking for single ones is slow."""
     index: Index = {}
 
     def visit(chunk: Any) -> None:
@@ -488,16 +492,3 @@ def _index(dataset: h5py.Dataset) -> Index:
     with contextlib.suppress(OSError, RuntimeError):
         dataset.id.chunk_iter(visit)
     return index
-
-
-def _read_at(path: Path, chunk: Chunk) -> bytes | None:
-    """The bytes of a chunk, if they are as they were written."""
-    try:
-        descriptor = os.open(path, os.O_RDONLY)
-    except OSError:
-        return None
-    try:
-        data = os.pread(descriptor, chunk.size, chunk.offset)
-    finally:
-        os.close(descriptor)
-    return data if zlib.crc32(data) == chunk.crc32 else None

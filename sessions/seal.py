@@ -28,7 +28,7 @@ _THREADS, _BLOCK = 2, 1024
 
 @dataclass(frozen=True, slots=True)
 class SealReport:
-    """What a sealed session holds: samples per stream, bytes of the file, samples verified."""
+    """Content of a sealed session: samples per stream, bytes of the file, samples verified."""
 
     path: Path
     counts: dict[str, int]

@@ -22,17 +22,18 @@ from numpy.typing import NDArray
 from fieldkit.disk import sync
 from fieldkit.model.errors import message_of
 from fieldkit.model.samples import Frame, Reading, Sample
-from fieldkit.sessions.chunks import FrameWriter, PackedBlock, TableWriter
+from fieldkit.sessions.chunks import FrameWriter, PackedBlock, TableWriter, read_chunk
 from fieldkit.sessions.entry_rows import EntryRows, fitting_column
 from fieldkit.sessions.file_tree import ISO_WIDTH, file_image, iso_utc
 from fieldkit.sessions.guarded_file import GuardedFile, write_in_place, write_new
-from fieldkit.sessions.journal import Chunk, Journal, RetainedPart, SessionIdentity
-from fieldkit.sessions.journal_reader import JournalReader, SampleRow
+from fieldkit.sessions.journal import Chunk, Journal, SessionIdentity
+from fieldkit.sessions.journal_reader import JournalReader
 from fieldkit.sessions.layout import encode_text, entry_columns, raw_width, stream_columns
-from fieldkit.sessions.records import Entry, Record, RegionRecord, sample_bytes, sample_crc32
+from fieldkit.sessions.records import Entry, Record, RegionRecord, SampleRow, sample_bytes, sample_crc32
+from fieldkit.sessions.sample_fields import stamps_of, to_columns
 
 PARTIAL_AFTER_S = 1.3
-"""How long a block may wait for its last frame before it is written as it is."""
+"""Time that a block may wait for its last frame before it is written as it is."""
 
 
 class SessionFile:
@@ -69,8 +70,11 @@ class SessionFile:
 
     @property
     def bytes_written(self) -> int:
-        """Compressed bytes of frames so far."""
-        return sum(stream.bytes_written for stream in self._streams.values())
+        """Size of the file."""
+        try:
+            return self.path.stat().st_size
+        except OSError:
+            return 0
 
     @property
     def counts(self) -> dict[str, int]:
@@ -142,10 +146,6 @@ class _Stream:
         self._waiting_since = 0.0
 
     @property
-    def bytes_written(self) -> int:
-        return sum(writer.bytes_written for writer in self._writers)
-
-    @property
     def count(self) -> int:
         return self._table.length + len(self._waiting)
 
@@ -178,13 +178,9 @@ class _Stream:
         return chunks
 
     def _row(self, sample: Sample, crc32: int) -> dict[str, Any]:
-        row: dict[str, Any] = {
-            "time": sample.time_ns // 1000, "mono_ns": sample.mono_ns, "device_time": sample.device_time,
-            "seq": sample.seq, "device_seq": sample.device_seq, "flags": int(sample.quality),
-            "crc32": crc32,
-        }  # fmt: skip
+        row = {**to_columns(stamps_of(sample)), "crc32": crc32}
         if isinstance(sample, Frame):
-            return {**row, "fpa_temperature": sample.fpa_temperature_k}
+            return row
         raw = np.frombuffer(sample.raw.ljust(self._raw_width, b"\0"), np.uint8)
         return {**row, "value": sample.values, "raw": raw, "raw_length": len(sample.raw)}
 
@@ -198,7 +194,7 @@ HANDOVER_BYTES = 64_000_000
 JOURNAL_BYTES = 750_000_000
 
 TOGETHER_S, TOGETHER_BYTES = 0.05, 1_000_000
-"""How long records wait to be taken together, and how many bytes of them at most."""
+"""Time that records wait to be taken together, and the most bytes of them."""
 
 FLUSH_EVERY_S = 1.0
 
@@ -223,9 +219,9 @@ class FileThread(threading.Thread):
         self._journal = journal
         self._identity = identity
         self._failed = failed
-        self._retained = RetainedPart(journal.folder, identity)
         self.file: SessionFile = SessionFile(path, identity, self._pool)
         self.error: Exception | None = None
+        self._unverified: dict[tuple[str, int, int, int], Chunk] = {}
         self._offers: deque[tuple[int, Record, int | None]] = deque()
         self._wake = threading.Event()
         self._stopping = False
@@ -247,11 +243,11 @@ class FileThread(threading.Thread):
                 self._wake.set()
 
     def is_behind(self) -> bool:
-        """Whether as much is waiting as may wait; after a failure nothing is."""
+        """True if as much is waiting as may wait; after a failure nothing is."""
         return self.error is None and self._handed_bytes - self._taken_bytes > HANDOVER_BYTES
 
     def caught_up(self, timeout_s: float) -> bool:
-        """Whether no more is waiting than may wait, or will be after a while; see `Clock.hold_until`."""
+        """True if no more is waiting than may wait, or will be after a while; see `Clock.hold_until`."""
         if self.is_behind():
             time.sleep(min(timeout_s, _POLL_S))
         return not self.is_behind()
@@ -287,7 +283,6 @@ class FileThread(threading.Thread):
         else:
             self.file.discard()
         self._pool.shutdown()
-        self._retained.close()
 
     def _step(self) -> bool:
         """Take what was offered meanwhile; False at the end.
@@ -313,15 +308,17 @@ class FileThread(threading.Thread):
         if self._next_id >= number:
             return
         with JournalReader(self._journal.folder) as reader:
-            for row in reader.rows(after=self._next_id - 1, before=number):
+            for row in reader.since(self._next_id, number):
                 self._put(self._record(row), row.crc32 if isinstance(row, SampleRow) else None)
+        if self._next_id < number:
+            raise OSError(f"record {self._next_id} cannot be read back from the journal")
 
     def _record(self, row: SampleRow | Entry) -> Record:
         if not isinstance(row, SampleRow):
             return row
-        sample = row.sample(self._identity.header.streams[row.stream])
-        if sample is None:
-            raise OSError(f"record {row.number} cannot be read back from the journal")
+        info = self._identity.header.streams[row.stream]
+        if (sample := row.sample(info)) is None:
+            raise OSError(f"number {row.seq} of {info.name} cannot be read back from the journal")
         return sample
 
     def _put(self, record: Record, crc32: int | None) -> None:
@@ -350,11 +347,19 @@ class FileThread(threading.Thread):
         ):
             self._note(self.file.flush(everything=True))
             self.file.sync()
-            self._retained.retire(full.popleft()[0])
+            self._verify()
+            self._journal.retire(full.popleft()[0])
+
+    def _verify(self) -> None:
+        """Read back every chunk written since the last part went; raises `OSError`."""
+        for chunk in self._unverified.values():
+            if read_chunk(self.file.path, chunk) is None:
+                raise OSError(f"the chunk at byte {chunk.offset} does not read as it was written")
+        self._unverified.clear()
 
     def _note(self, chunks: list[Chunk]) -> None:
-        if chunks:
-            self._retained.note_chunks(chunks)
+        self._journal.note_chunks(chunks)
+        self._unverified.update({chunk[:4]: chunk for chunk in chunks})
 
 
 def _size(record: Record) -> int:

@@ -1,4 +1,4 @@
-"""What lies in a session file itself: the one way from a path to an object and to its data.
+"""Content of a session file itself: the one way from a path to an object and to its data.
 
 A file may come from anywhere. Nothing here follows a link out of it, reads data stored in another file,
 or takes more memory than the file has bytes to fill.
@@ -10,13 +10,14 @@ import contextlib
 import math
 import zlib
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.model.errors import SessionError
+from fieldkit.model.errors import SessionError, message_of
 from fieldkit.sessions.layout import Column
 
 MOST_CHUNK_BYTES = 16_777_216
@@ -27,8 +28,21 @@ _MOST_INFLATED_BYTES = 536_870_912
 _DEFLATE_RATIO = 1032  # nothing that deflate packs is larger: zlib's technical details
 
 
+def explained(path: Path, error: Exception) -> SessionError:
+    """Error with the session and the next step."""
+    text = message_of(error)
+    known = isinstance(error, SessionError) and str(path) in text
+    fix = getattr(error, "fix", None) or f"fieldkit recover {path}"
+    return SessionError(text if known else f"{path} is damaged: {text}", fix=fix)
+
+
+def closed(path: Path) -> SessionError:
+    """Error of reading a session that was closed."""
+    return SessionError(f"{path} is closed", fix=f'open it again: fieldkit.open_session("{path}")')
+
+
 def stored_here(group: h5py.Group, path: str) -> Any:
-    """What a path leads to within this very file; raises `SessionError` where there is nothing, or a link."""
+    """Object at a path within this very file; raises `SessionError` where there is nothing, or a link."""
     found: Any = group
     for name in path.split("/"):
         if found.__class__ is h5py.Dataset or link_of(found, name).__class__ is not h5py.HardLink:
@@ -43,7 +57,7 @@ def stored_here(group: h5py.Group, path: str) -> Any:
 
 
 def link_of(group: h5py.Group, name: str) -> object:
-    """What a name of a group is, None if it has none; raises `SessionError` where the group is damaged."""
+    """Object behind a name of a group, None if it has none; raises `SessionError` if the group is damaged."""
     try:
         return group.get(name, getlink=True)
     except RuntimeError as error:
@@ -56,20 +70,22 @@ def members(group: h5py.Group) -> Iterator[tuple[str, Any]]:
         yield name, stored_here(group, name)
 
 
-def dataset_of(group: h5py.Group, name: str, row_shape: tuple[int, ...], dtype: str) -> h5py.Dataset:
-    """A dataset that really lies in this file and has the declared rows; raises `SessionError`."""
+def dataset_of(group: h5py.Group, name: str, row_shape: tuple[int, ...], *dtypes: str) -> h5py.Dataset:
+    """A dataset that really lies in this file and has rows as declared, of a dtype; raises `SessionError`."""
     path = f"{group.name.rstrip('/')}/{name}"
     dataset = stored_here(group, name)
     if not isinstance(dataset, h5py.Dataset):
         raise SessionError(f"{path} is a group, not a dataset")
-    if dataset.ndim != 1 + len(row_shape) or dataset.shape[1:] != row_shape or dataset.dtype.str[1:] != dtype:
+    is_declared = dataset.ndim == 1 + len(row_shape) and dataset.shape[1:] == row_shape
+    if not is_declared or dataset.dtype.str[1:] not in dtypes:
         raise SessionError(f"{path} has shape {dataset.shape}, {dataset.dtype}; expected rows of {row_shape}")
     return dataset
 
 
 def column_dataset(group: h5py.Group, column: Column, *, salvage: bool = False) -> h5py.Dataset:
     """The dataset of a column, with no more rows than it has bytes for (unless torn: `salvage`)."""
-    dataset = dataset_of(group, column.name, column.shape, np.dtype(column.dtype).str[1:])
+    dtypes = (np.dtype(dtype).str[1:] for dtype in (column.dtype, column.older) if dtype)
+    dataset = dataset_of(group, column.name, column.shape, *dtypes)
     check_size(dataset, salvage=salvage)
     return dataset
 
@@ -125,9 +141,10 @@ def check_inflation(dataset: h5py.Dataset) -> None:
                 raise SessionError(text, fix="take another copy of the session; this one was tampered with")
 
 
-def whole_rows(dataset: h5py.Dataset, row_bytes: int, end: int) -> NDArray[np.int64]:
+def whole_rows(dataset: h5py.Dataset, end: int) -> NDArray[np.int64]:
     """Rows of an uncompressed growing dataset whose bytes lie in the first `end` bytes of the file."""
     spans: list[NDArray[np.int64]] = []
+    row_bytes = dataset.dtype.itemsize * math.prod(dataset.shape[1:])
 
     def visit(chunk: Any) -> None:
         first = int(chunk.chunk_offset[0])

@@ -23,17 +23,21 @@ from numpy.typing import NDArray
 
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import SessionError
+from fieldkit.model.limits import Bounds, Excess, bounds_of, excesses, labels_of, rows_of
 from fieldkit.model.samples import Frame, Quality, Sample
+from fieldkit.model.site import Site
+from fieldkit.physics.sun import sun_vectors
 from fieldkit.sessions.chunks import is_packed, read_block
 from fieldkit.sessions.layout import (
     FILL_COUNT,
     MOST_BLOCK_BYTES,
     chunk_shape,
-    exact_time_ns,
     stream_columns,
 )
 from fieldkit.sessions.records import build_frame, build_reading, stored_crc32s
-from fieldkit.sessions.stored import check_inflation, columns_of, dataset_of, stored_here, whole_rows
+from fieldkit.sessions.sample_fields import Stamps, from_columns
+from fieldkit.sessions.stored import check_inflation, closed, columns_of, dataset_of, stored_here, whole_rows
+from fieldkit.sessions.time_map import StoredTimes
 
 Columns = dict[str, NDArray[Any]]
 _BLOCK_ROWS = 1024
@@ -44,13 +48,13 @@ _NOTHING = np.empty(0, np.uint8)
 class Readings:
     """Readings of a meter as arrays.
 
-    `time_ns` (n,) UTC as recorded; `values` (n, channels) in the stream's unit, NaN where there is none;
+    `time_ns` (n,) UTC; `values` (n, channels) in the stream's unit, NaN where there is none;
     `flags` (n,) as `Quality`.
     """
 
     time_ns: NDArray[np.int64]
     values: NDArray[np.float64]
-    flags: NDArray[np.uint16]
+    flags: NDArray[np.uint32]
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +67,7 @@ class FrameBlock:
     start: int
     counts: NDArray[np.uint16]
     metadata_rows: NDArray[np.uint16]
-    flags: NDArray[np.uint16]
+    flags: NDArray[np.uint32]
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,16 +87,21 @@ class StreamReader:
 
     `damaged` has the rows that were found not to match their checksum so far, by whatever was read.
     Columns missing from files of an older version are read as their fill value. With `salvage` a column may
-    have lost a part of its index.
+    have lost a part of its index. Times are corrected by the active time map, and readings beyond their
+    limits flagged, unless `recorded` asks for what is stored.
     """
 
-    def __init__(self, file: h5py.File, info: StreamInfo, anchor_ns: int, *, salvage: bool = False) -> None:
+    def __init__(
+        self, file: h5py.File, info: StreamInfo, site: Site, times: StoredTimes, *, salvage: bool = False
+    ) -> None:
         group = stored_here(file, info.name)
         if not isinstance(group, h5py.Group):
             raise SessionError(f"the group of stream {info.name!r} is missing")
         self.info = info
+        self._site = site
+        self.bounds: Bounds = bounds_of(info, rows_of({}, site.body) | dict(info.limits))
         self.damaged: set[int] = set()
-        self._anchor_ns = anchor_ns
+        self._times = times
         self._group = group
         self._declared = {column.name: column for column in stream_columns(info)}
         self._columns = columns_of(group, self._declared.values(), salvage=salvage)
@@ -119,7 +128,12 @@ class StreamReader:
         """Samples that every dataset of the stream has."""
         return min(int(dataset.shape[0]) for dataset in self._datasets())
 
+    def _require_open(self) -> None:
+        if not self._group:
+            raise closed(self._times.path)
+
     def _datasets(self) -> Iterator[h5py.Dataset]:
+        self._require_open()
         yield from self._columns.values()
         yield from self._stored_frames
 
@@ -131,8 +145,8 @@ class StreamReader:
     def whole_rows(self, end: int) -> NDArray[np.int64]:
         """Rows of which everything but the frame lies in the first `end` bytes of the file."""
         rows = np.arange(0)
-        for place, (name, dataset) in enumerate(self._columns.items()):
-            there = whole_rows(dataset, self._declared[name].row_bytes, end)
+        for place, dataset in enumerate(self._columns.values()):
+            there = whole_rows(dataset, end)
             rows = there if place == 0 else np.intersect1d(rows, there, assume_unique=True)
         return rows[rows < len(self)]
 
@@ -147,9 +161,10 @@ class StreamReader:
         What enters a result comes from `samples`, `readings`, `frame_blocks` or `flags`.
         """
         end = len(self) if stop is None else min(stop, len(self))
+        column = self._declared[name]
         if name in self._columns:
-            return _rows(self._columns[name], start, end)
-        return self._declared[name].unknown(max(0, end - start))
+            return column.read(_rows(self._columns[name], start, end))
+        return column.unknown(max(0, end - start))
 
     def columns_crc32(self) -> int:
         """One checksum over all columns as stored, in their order: everything but frames."""
@@ -159,17 +174,19 @@ class StreamReader:
                 crc = zlib.crc32(_rows(dataset, start, stop).data, crc)
         return crc
 
-    def time_ns(self, start: int = 0, stop: int | None = None) -> NDArray[np.int64]:
+    def time_ns(
+        self, start: int = 0, stop: int | None = None, *, recorded: bool = False
+    ) -> NDArray[np.int64]:
         """UTC nanoseconds of the samples."""
-        return exact_time_ns(
-            self.column("time", start, stop), self.column("mono_ns", start, stop), self._anchor_ns
-        )
+        time_us, mono_ns = self.column("time", start, stop), self.column("mono_ns", start, stop)
+        return self._times.utc_ns(time_us, mono_ns, recorded=recorded)
 
     @property
     def counts(self) -> h5py.Dataset:
         """The frames as stored; raises `SessionError` where the stream has none."""
         if not self.info.is_camera:
             raise SessionError(f"stream {self.info.name!r} is not a camera")
+        self._require_open()
         return self.frame_datasets[0]
 
     @cached_property
@@ -182,10 +199,10 @@ class StreamReader:
             check_inflation(dataset)
         return self._stored_frames
 
-    def samples(self, start: int = 0, stop: int | None = None) -> Iterator[Sample]:
+    def samples(self, start: int = 0, stop: int | None = None, *, recorded: bool = False) -> Iterator[Sample]:
         """The samples from row `start` up to `stop`, in the order they were recorded."""
         build = self._frames if self.info.is_camera else self._readings
-        for part in self._parts(start, stop):
+        for part in self._timed_parts(start, stop, recorded):
             yield from build(part)
 
     def frame(self, row: int) -> Frame:
@@ -194,22 +211,33 @@ class StreamReader:
         assert isinstance(frame, Frame)
         return frame
 
-    def flags(self, start: int = 0, stop: int | None = None) -> NDArray[np.uint16]:
+    def flags(self, start: int = 0, stop: int | None = None) -> NDArray[np.uint32]:
         """`Quality` of the samples (n,), each compared with its checksum, which reads all that it holds."""
-        parts = (part.columns["flags"] for part in self._parts(start, stop))
-        return np.concatenate([np.empty(0, np.uint16), *parts])
+        parts = (part.columns["flags"] for part in self._timed_parts(start, stop, recorded=False))
+        return np.concatenate([np.empty(0, np.uint32), *parts])
 
-    def readings(self, start: int = 0, stop: int | None = None) -> Readings:
+    def readings(self, start: int = 0, stop: int | None = None, *, recorded: bool = False) -> Readings:
         """The readings of a meter as arrays; raises `SessionError` for a camera."""
         if self.info.is_camera:
             raise SessionError(f"stream {self.info.name!r} is a camera", fix="read its frames: kelvin()")
-        parts = [part.columns for part in self._parts(start, stop)]
-        values = np.concatenate([self.column("value", 0, 0), *(part["value"] for part in parts)])
+        parts = [part.columns for part in self._timed_parts(start, stop, recorded)]
+        values = np.concatenate([np.empty((0, *self.info.shape)), *(self._possible(part) for part in parts)])
         return Readings(
             np.concatenate([np.empty(0, np.int64), *(part["time_ns"] for part in parts)]),
-            values.reshape(len(values), *self.info.shape),
-            np.concatenate([np.empty(0, np.uint16), *(part["flags"] for part in parts)]),
+            values,
+            np.concatenate([np.empty(0, np.uint32), *(part["flags"] for part in parts)]),
         )
+
+    def excesses(self) -> list[Excess]:
+        """Of each channel how many readings are beyond what its quantity can be, and the first, by its row.
+
+        Compared with no checksum; empty for a camera.
+        """
+        if not len(self) or self.info.is_camera:
+            return []
+        columns = {"value": self.column("value"), "time_ns": self.time_ns()}
+        values = columns["value"].reshape(-1, *self.info.shape)
+        return excesses(labels_of(self.info), self.bounds, values, self._exceeded(columns))
 
     def frame_blocks(self, start: int = 0, stop: int | None = None) -> Iterator[FrameBlock]:
         """The frames of a camera as arrays, a chunk at a time."""
@@ -234,12 +262,30 @@ class StreamReader:
             flags = self._flagged(self.column("flags", start, stop), start, bad)
             yield FrameBlock(start, counts, rows, flags)
 
+    def _timed_parts(self, start: int, stop: int | None, recorded: bool) -> Iterator[_Part]:
+        for part in self._parts(start, stop):
+            time_us, mono_ns = part.columns["time"], part.columns["mono_ns"]
+            part.columns["time_ns"] = self._times.utc_ns(time_us, mono_ns, recorded=recorded)
+            if not (recorded or self.info.is_camera):
+                exceeded = self._exceeded(part.columns).any(axis=-1)
+                part.columns["flags"] = part.columns["flags"] | exceeded * np.uint32(Quality.IMPLAUSIBLE)
+            yield part
+
+    def _exceeded(self, columns: Columns) -> NDArray[np.bool_]:
+        """True for values (n, channels) beyond what their quantity can be, whatever the flags."""
+        values = columns["value"].reshape(-1, *self.info.shape)
+        sun = sun_vectors(columns["time_ns"], self._site) if self.bounds.depend_on_sun else None
+        return self.bounds.exceeded(values, None if sun is None else sun.reshape(-1, 3)[:, 2])
+
+    def _possible(self, columns: Columns) -> NDArray[np.float64]:
+        values = columns["value"].reshape(-1, *self.info.shape)
+        return np.where(self._exceeded(columns), np.nan, values)
+
     def _parts(self, start: int, stop: int | None) -> Iterator[_Part]:
         """The rows from `start` to `stop`, each compared with its checksum."""
         end = len(self) if stop is None else min(stop, len(self))
         for begin, last in _spans(start, end, self._block_rows):
             block = {name: self.column(name, begin, last) for name in self._declared}
-            block["time_ns"] = exact_time_ns(block["time"], block["mono_ns"], self._anchor_ns)
             for first, until in _spans(begin, last, self._depth):
                 columns = {name: values[first - begin : until - begin] for name, values in block.items()}
                 frames = [self._frames_of_chunk(dataset, first, until) for dataset in self.frame_datasets]
@@ -255,10 +301,10 @@ class StreamReader:
                 return read_block(dataset, first)[: until - first]
         return self._read(dataset, first, until)[0]
 
-    def _flagged(self, flags: NDArray[np.uint16], start: int, bad: NDArray[np.bool_]) -> NDArray[np.uint16]:
+    def _flagged(self, flags: NDArray[np.uint32], start: int, bad: NDArray[np.bool_]) -> NDArray[np.uint32]:
         """Flags of the rows from `start` on with what was found out about them, which is remembered."""
         self.damaged.update((start + np.flatnonzero(bad)).tolist())
-        return np.where(bad, flags | np.uint16(Quality.BAD_CRC), flags)
+        return np.where(bad, flags | np.uint32(Quality.BAD_CRC), flags)
 
     def _read(
         self, dataset: h5py.Dataset, start: int, stop: int, box: tuple[slice, ...] = ()
@@ -280,14 +326,13 @@ class StreamReader:
 
     def _frames(self, part: _Part) -> Iterator[Sample]:
         for row, (counts, more) in enumerate(_bodies(part.columns, part.frames)):
-            fpa = float(part.columns["fpa_temperature"][row])
-            yield build_frame(self.info, _stamps(part.columns, row), counts.tobytes(), more.tobytes(), fpa)
+            yield build_frame(self.info, _stamps(part.columns, row), counts.tobytes(), more.tobytes())
 
 
 def _bodies(
     columns: Columns, frames: list[NDArray[np.uint16]]
 ) -> Iterable[tuple[NDArray[Any], NDArray[Any]]]:
-    """What was measured and what came with it, row by row: see `fieldkit.sessions.records.sample_bytes`."""
+    """Measured values and what came with them, row by row: see `fieldkit.sessions.records.sample_bytes`."""
     if frames:
         return zip(frames[0], frames[1] if len(frames) > 1 else repeat(_NOTHING), strict=False)
     lengths = columns["raw_length"].tolist()
@@ -295,11 +340,8 @@ def _bodies(
     return zip(columns["value"].reshape(len(lengths), -1), raws, strict=True)
 
 
-def _stamps(columns: Columns, row: int) -> dict[str, Any]:
-    stamps = {
-        name: int(columns[name][row]) for name in ("mono_ns", "time_ns", "device_time", "device_seq", "seq")
-    }
-    return {**stamps, "quality": Quality(int(columns["flags"][row]))}
+def _stamps(columns: Columns, row: int) -> Stamps:
+    return from_columns(columns, row, int(columns["time_ns"][row]))
 
 
 def _spans(start: int, stop: int, step: int) -> Iterator[tuple[int, int]]:

@@ -23,11 +23,13 @@ _LONGEST = 2**46  # bytes; no disk is larger, a damaged or hostile file may clai
 
 
 def is_clean(path: Path) -> bool:
-    """Whether the file was closed by its writer; raises `SessionError` if it is not such an HDF5 file."""
+    """True if the file was closed by its writer; raises `SessionError` if it is not such an HDF5 file."""
     return _superblock(path)[_FLAGS] == 0
 
 
 def _superblock(path: Path) -> bytes:
+    if path.exists() and not path.is_file():  # a pipe would wait for its other end
+        raise SessionError(f"{path} is a directory, pipe or device, not a file", fix=CHECK_PATH)
     try:
         with path.open("rb") as file:
             head = file.read(_SIZE)
@@ -50,7 +52,7 @@ def mended(superblock: bytes, length: int) -> bytes:
 
 
 def _recorded_end(superblock: bytes) -> int:
-    """How long the file was when its superblock was written; 0 where that cannot be trusted."""
+    """Length of the file when its superblock was written; 0 where that cannot be trusted."""
     (end,) = struct.unpack_from("<Q", superblock, _END)
     (checksum,) = struct.unpack_from("<I", superblock, _CHECKSUM)
     is_whole = lookup3(superblock[:_CHECKSUM]) == checksum
@@ -112,7 +114,7 @@ class MendedFile(io.RawIOBase):
         return True
 
     def tell(self) -> int:
-        """Where the next read begins."""
+        """Offset at which the next read begins."""
         return self._position
 
     def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:

@@ -9,15 +9,22 @@ from __future__ import annotations
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.model.errors import SessionError
-from fieldkit.model.samples import Event, Health, Sample
+from fieldkit.model.samples import Event
+from fieldkit.sessions.layout import TIME_MAP_COLUMNS, decode_text, exact_time_ns
+from fieldkit.sessions.stored import columns_of, explained, stored_here
 
 _FOREVER_NS = 2**63 - 1
+_TIMES = ("begin_ns", "end_ns", "from_ns", "since_ns", "noted_ns", "after_ns", "before_ns")
+"""Details of an event that are moments; others in nanoseconds are durations."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,27 +49,17 @@ def check_rows(columns: Mapping[str, NDArray[Any]]) -> None:
 
 
 def added_ns(steps: Sequence[TimeStep], mono_ns: int) -> int:
-    """What a map adds at a monotonic time."""
+    """Nanoseconds that a map adds at a monotonic time."""
     return next((step.add_ns for step in reversed(steps) if step.mono_ns <= mono_ns), 0)
 
 
-def mapped(steps: Sequence[TimeStep], sample: Sample) -> Sample:
-    """The sample with its time corrected by a map."""
-    return sample._replace(time_ns=sample.time_ns + added_ns(steps, sample.mono_ns))
-
-
 def mapped_event(steps: Sequence[TimeStep], event: Event) -> Event:
-    """The event with its time corrected by a map, and the other times of a mark or a shade test."""
+    """The event with its time corrected by a map, and the other times in its details."""
     data = dict(event.data)
-    for name in ("begin_ns", "end_ns", "from_ns", "noted_ns"):
+    for name in _TIMES:
         if isinstance(time_ns := data.get(name), int):
             data[name] = time_ns + added_ns(steps, event.mono_ns + time_ns - event.time_ns)
     return replace(event, time_ns=event.time_ns + added_ns(steps, event.mono_ns), data=data)
-
-
-def mapped_health(steps: Sequence[TimeStep], health: Health) -> Health:
-    """The health with its time corrected by a map."""
-    return replace(health, time_ns=health.time_ns + added_ns(steps, health.mono_ns))
 
 
 def recorded_mono_ns(steps: Sequence[TimeStep], time_ns: int, anchor_ns: int) -> int:
@@ -83,3 +80,40 @@ def mapped_ns(
     add = np.array([0, *(step.add_ns for step in steps)], np.int64)
     corrected: NDArray[np.int64] = time_ns + add[np.searchsorted(begins, mono_ns, side="right")]
     return corrected
+
+
+class StoredTimes:
+    """UTC of what a session file stores: the one place where recorded times become corrected ones.
+
+    `steps` are those of the active time map. Raises `SessionError` where they are needed and damaged.
+    """
+
+    def __init__(self, path: Path, file: h5py.File, anchor_ns: int) -> None:
+        self.path = path
+        self._file = file
+        self._anchor_ns = anchor_ns
+
+    @cached_property
+    def steps(self) -> list[TimeStep]:
+        """The active corrections; an open file never gets others, because a changed one takes its place."""
+        try:
+            datasets = columns_of(stored_here(self._file, "time_map"), TIME_MAP_COLUMNS)
+            columns = {name: dataset[:] for name, dataset in datasets.items()}
+            check_rows(columns)
+        except SessionError as error:
+            raise explained(self.path, error) from error
+        latest = columns["version"].max(initial=0)
+        rows = zip(*(columns[name] for name in ("version", "mono_ns", "add_ns", "reason")), strict=False)
+        return [TimeStep(int(m), int(a), decode_text(r)) for v, m, a, r in rows if v == latest]
+
+    def utc_ns(
+        self, time_us: NDArray[np.int64], mono_ns: NDArray[np.int64] | None = None, *, recorded: bool = False
+    ) -> NDArray[np.int64]:
+        """UTC nanoseconds of stored microseconds, corrected unless `recorded`.
+
+        What was stored without a monotonic time has that which the anchor gives.
+        """
+        if mono_ns is None:
+            mono_ns = time_us * 1000 - self._anchor_ns
+        time_ns = exact_time_ns(time_us, mono_ns, self._anchor_ns)
+        return time_ns if recorded else mapped_ns(self.steps, mono_ns, time_ns)

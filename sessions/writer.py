@@ -2,7 +2,7 @@
 
 ::
 
-    append -> journal row -> (returns)
+    append -> journal     -> (returns)
                  '-> queue -> file thread -> compress pool -> session.h5
     each second, on its own thread: fdatasync of the journal
 
@@ -18,7 +18,6 @@ import logging
 import math
 import os
 import shutil
-import sqlite3
 import threading
 import uuid
 from collections.abc import Sequence
@@ -27,15 +26,22 @@ from pathlib import Path
 from fieldkit.disk import sync
 from fieldkit.model.clock import Clock, ClockCheck
 from fieldkit.model.device import StreamInfo
-from fieldkit.model.errors import FieldkitError, RefusedError, SessionError, StorageError, message_of
+from fieldkit.model.errors import (
+    FieldkitError,
+    IntegrityError,
+    RefusedError,
+    SessionError,
+    StorageError,
+    message_of,
+)
 from fieldkit.model.learnt import Learnt
 from fieldkit.model.samples import Event, EventKind, Frame, Health, Quality, Sample, Severity
 from fieldkit.model.site import Region
 from fieldkit.model.slope import SlopeEstimate
 from fieldkit.sessions.journal import Journal, SessionIdentity, SyncThread
 from fieldkit.sessions.journal_reader import JournalReader
-from fieldkit.sessions.layout import SEALED, SessionHeader, check_new, check_region, journal_path, raw_width
-from fieldkit.sessions.lock import SessionLock
+from fieldkit.sessions.layout import SEALED, SessionHeader, check_new, check_region, raw_width
+from fieldkit.sessions.lock import RECORDING, SessionLock, journal_path
 from fieldkit.sessions.records import Entry, MinuteRecord, Record, RegionRecord
 from fieldkit.sessions.seal import SealReport as SealReport
 from fieldkit.sessions.seal import journal_crc32s, remove_journal, seal
@@ -82,7 +88,7 @@ class SessionWriter:
                 raise RefusedError(
                     f"{self.path} exists already", fix="give the session another name"
                 ) from error
-            except (OSError, RuntimeError, sqlite3.Error) as error:
+            except (OSError, RuntimeError) as error:
                 raise StorageError(
                     f"cannot start the session {self.path}: {getattr(error, 'strerror', None) or error}",
                     fix="choose a folder that can be written and has room",
@@ -97,17 +103,17 @@ class SessionWriter:
         if self.path.exists():
             raise FileExistsError(self.path)
         self._folder.mkdir(parents=True)  # of two that begin at once only one can
-        undo.callback(shutil.rmtree, self._folder, ignore_errors=True)
+        undo.callback(_remove_begun, self._folder)
         self._session_lock = SessionLock(self._folder)
         undo.callback(self._session_lock.release)
         if self.path.exists():  # the other one has finished in the meantime
             raise FileExistsError(self.path)
         undo.callback(_delete, self.path)
-        _reserve(self._folder)
         self._journal = Journal(self._folder, self._identity)
         undo.callback(self._journal.close)
         self._file_thread = FileThread(self.path, self._journal, self._identity, self._file_failed)
         undo.callback(self._file_thread.close)
+        _reserve(self._folder)  # last: what is killed before leaves little, and can be recovered
         sync(self.path.parent)
 
     # --- what comes in
@@ -119,7 +125,7 @@ class SessionWriter:
 
     @property
     def sync_ms(self) -> float:
-        """How long the last sync of the journal took."""
+        """Time that the last sync of the journal took."""
         return self._syncer.took_ms
 
     @property
@@ -197,11 +203,8 @@ class SessionWriter:
             try:
                 self.release_reserve()
                 self._report = self._seal()
-            except (OSError, RuntimeError, sqlite3.Error, FieldkitError, ValueError, OverflowError) as error:
-                raise StorageError(
-                    f"the session could not be sealed: {message_of(error)}; its journal is kept",
-                    fix=f"see that there is free space, then: fieldkit recover {self.path}",
-                ) from error
+            except (OSError, RuntimeError, FieldkitError, ValueError, OverflowError) as error:
+                raise self._not_sealed(error) from error
             finally:
                 self._session_lock.release()
             with contextlib.suppress(OSError):  # sealed it is; what is left of a journal does no harm
@@ -237,12 +240,22 @@ class SessionWriter:
     def _seal(self) -> SealReport:
         end_ns = self._clock.to_utc_ns(self._clock.mono_ns())
         complete = self._finish_file(end_ns)
+        if not self._journal.is_there():
+            self._folder.mkdir(exist_ok=True)  # so that it is seen to be interrupted
+            raise IntegrityError("its journal was deleted while it was recorded")
         with JournalReader(self._folder) as journal:
             if complete:
                 return seal(self.path, journal_crc32s(journal), SEALED)
         from fieldkit.sessions.recovery import rebuild  # takes half a second, and is hardly ever needed
 
         return rebuild(self.path, SEALED)
+
+    def _not_sealed(self, error: Exception) -> StorageError:
+        text = f"the session could not be sealed: {message_of(error)}"
+        if not self._journal.is_there():
+            return StorageError(text, fix=f"finish it from what its file holds: fieldkit recover {self.path}")
+        fix = f"see that there is free space, then: fieldkit recover {self.path}"
+        return StorageError(f"{text}; its journal is kept", fix=fix)
 
     def _finish_file(self, end_ns: int) -> bool:
         """Complete the file; False if it must be made again from the journal."""
@@ -274,6 +287,14 @@ class SessionWriter:
 def _delete(path: Path) -> None:
     with contextlib.suppress(OSError):
         path.unlink(missing_ok=True)
+
+
+def _remove_begun(folder: Path) -> None:
+    """Delete the folder of a session that could not be begun, without opening any file: none may be left."""
+    for path in (*Journal.first_files(folder), folder / RECORDING, folder / "reserve"):
+        _delete(path)
+    with contextlib.suppress(OSError):
+        folder.rmdir()
 
 
 def _reserve(folder: Path) -> None:

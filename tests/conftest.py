@@ -1,6 +1,53 @@
-"""For all tests: what hypothesis tries may take as long as a busy computer needs."""
+"""For all tests: time for what hypothesis tries, and one recording that many of them read."""
 
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
 from hypothesis import HealthCheck, settings
 
+from fieldkit.cli import main
+from fieldkit.disk import one_at_a_time
+
+# what hypothesis tries may take as long as a busy computer needs
 settings.register_profile("busy computer", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("busy computer")
+
+RECORD = ("record", "--for", "12m", "--name", "short", "-q", "--set", "simulation.speed=max", "-C")
+
+
+@pytest.fixture(scope="session")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Path], Path]:
+    """A session of twelve simulated minutes in a campaign of its own, in the folder that is given.
+
+    It is recorded once in a run, by the worker that comes first; the others copy it.
+    """
+    run = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        run = run.parent  # which all workers share
+    original, is_complete = run / "recorded", run / "recorded.complete"
+    with one_at_a_time(run):
+        if not is_complete.exists():
+            record(original)
+            is_complete.touch()
+
+    def copy(folder: Path) -> Path:
+        shutil.copytree(original, folder, dirs_exist_ok=True)
+        (session,) = (folder / "recordings").glob("*.h5")
+        return session
+
+    return copy
+
+
+def record(folder: Path) -> None:
+    """Without the configuration of whoever runs the tests."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CONFIG_HOME", str(folder.with_suffix(".home")))
+        for words in (("init", "--simulated"), RECORD):
+            done = CliRunner().invoke(main, [*words, str(folder)])
+            assert done.exit_code == 0, done.output

@@ -12,11 +12,11 @@ from demo_day import COLUMNS, DemoDay, terminal_svg
 from rich.screen import Screen
 
 from fieldkit.model.samples import Frame, Reading
+from fieldkit.results.estimate import estimator_for
+from fieldkit.results.sources import config_for
 from fieldkit.sessions.reader import open_session
 from fieldkit.views.latest import Latest
 from fieldkit.views.screen import screen
-from fieldkit.workflows.estimate import estimator_for
-from fieldkit.workflows.sources import config_for
 
 AFTER_NS = 2 * 3600 * 10**9
 ROWS = 30

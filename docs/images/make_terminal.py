@@ -9,8 +9,8 @@ from demo_day import DemoDay, command_svg
 
 SITE = "--site 35.558675,139.395232,9 --zone Asia/Tokyo"
 OF_THE_DEMO = {
-    "plan": f"plan {SITE} --on 2026-12-11 --facet 5,180 --facet 15,180 --facet 25,180 --step 60",
-    "regions": "roi check --on recordings/*.h5",
+    "plan": f"plan {SITE} --on 2026-12-11 --facet 5,180 --facet 15,180 --facet 25,180 --step 1h",
+    "regions": "roi check --session recordings/*.h5",
     "estimate": "estimate recordings/*.h5",
 }
 OF_THE_CAMPAIGN = {

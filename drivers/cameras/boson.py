@@ -25,13 +25,13 @@ from typing import Any, NamedTuple
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera
 from fieldkit.drivers.cameras.camera import DecodedFrame, decode_frames, extremes, pixel_view, quality_flags
-from fieldkit.drivers.cameras.source import CameraFormat, OpenedSource, find_cameras, open_source
+from fieldkit.drivers.cameras.source import CameraFormat, find_cameras, open_source
 from fieldkit.drivers.decoding import Decoded, Layout, Parsed, Record, Rejected
 from fieldkit.drivers.identity import UsbIdentity
 from fieldkit.drivers.options import decoding_settings, kelvin_per_count
 from fieldkit.drivers.ports import Line, SerialPort, serial_ports
 from fieldkit.model.clock import Clock
-from fieldkit.model.device import DeviceSettings, DiscoveredDevice, StreamInfo
+from fieldkit.model.device import DeviceSettings, DiscoveredDevice
 from fieldkit.model.errors import DeviceError, DeviceTimeoutError
 from fieldkit.model.samples import Quality
 from fieldkit.model.units import CELSIUS_ZERO_K, SECOND_NS
@@ -138,7 +138,7 @@ class BosonSerial:
         return int.from_bytes(self.request(FPA_TEMPERATURE)[:2], "big", signed=True) / 10 + CELSIUS_ZERO_K
 
     def is_shutter_running(self) -> bool:
-        """Whether a correction runs now."""
+        """True if a correction runs now."""
         return self.number(FFC_STATE) == FFC_RUNNING
 
     def make_radiometric(self) -> None:
@@ -225,7 +225,7 @@ class Boson:
                 f"{settings.name}: TLinear was requested, but the frames hold no temperatures",
                 fix="is it a radiometric model? if not, omit radiometric: counts are recorded",
             )
-        info = describe(settings, opened, first, facts)
+        info = camera.describe(settings, opened, first, facts, vendor="FLIR")
         run = partial(serial.request, RUN_FFC) if serial else None
         return BosonCamera(info, opened.source, read, clock, run, serial)
 
@@ -305,28 +305,3 @@ def make_radiometric(serial: BosonSerial | None, facts: Mapping[str, str], confi
         )
     serial.make_radiometric()
     return SCALE if math.isnan(configured_scale) else configured_scale
-
-
-def describe(
-    settings: DeviceSettings, opened: OpenedSource, first: DecodedFrame, facts: Mapping[str, str]
-) -> StreamInfo:
-    """The stream of a Boson."""
-    facts = dict(facts)
-    known = not math.isnan(first.scale)
-    return StreamInfo(
-        name=settings.name,
-        quantity="brightness_temperature" if known else "counts",
-        unit="K" if known else "counts",
-        shape=first.counts.shape,
-        scale=first.scale,
-        metadata_shape=first.metadata_rows.shape if first.metadata_rows.size else (0, 0),
-        driver=settings.driver,
-        vendor="FLIR",
-        model=facts.pop("model", "") or opened.usb.title,
-        serial_number=facts.pop("serial_number", "") or opened.usb.serial,
-        port=opened.source.port,
-        identity=opened.identity,
-        latency_s=options.number(settings, "latency_s", 0.0),
-        accuracy=options.number(settings, "accuracy", math.nan),
-        settings={"backend": opened.source.backend, **facts},
-    )

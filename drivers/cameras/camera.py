@@ -6,16 +6,18 @@ The family's own module defines what the bytes mean, a `FrameSource` where they 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, cast
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldkit.drivers import options
+from fieldkit.drivers.cameras.source import OpenedSource
 from fieldkit.drivers.decoding import Decoded, Rejected, Value
 from fieldkit.model.clock import Clock
-from fieldkit.model.device import Buffer, FrameSource, StreamInfo
+from fieldkit.model.device import Buffer, DeviceSettings, FrameSource, StreamInfo
 from fieldkit.model.errors import DecodeError, DeviceError, DeviceTimeoutError
 from fieldkit.model.samples import NO_COUNTER, Frame, Quality
 from fieldkit.physics.camera_laws import temperature_k
@@ -108,7 +110,7 @@ def decode_frames(data: bytes, decode: Decode, lengths: tuple[int, ...]) -> Deco
 
 
 def _other_readings(size: int, length: int, lengths: tuple[int, ...]) -> list[str]:
-    """What else so many bytes could be, or what they would have to be."""
+    """Other meanings that so many bytes could have, or what they would have to be."""
     if not size:
         return []
     if not length or size % length:
@@ -311,6 +313,45 @@ def _number(frame: DecodedFrame, buffer: Buffer) -> int:
     if frame.device_seq == NO_COUNTER and buffer.sequence >= 0:
         return buffer.sequence
     return frame.device_seq
+
+
+def describe(
+    settings: DeviceSettings,
+    opened: OpenedSource,
+    first: DecodedFrame,
+    facts: Mapping[str, Any],
+    *,
+    vendor: str = "",
+    rate_hz: float = 0.0,
+) -> StreamInfo:
+    """The stream of a camera, from its configuration and its first frame.
+
+    `facts` are what the camera reports of itself: `model`, `serial_number` and `firmware` have places of
+    their own, the others are kept as settings. A frame's law other than ``linear`` gives temperatures.
+    """
+    facts = {"backend": opened.source.backend, **facts}
+    known = first.law != "linear" or not math.isnan(first.scale)
+    return StreamInfo(
+        name=settings.name,
+        quantity="brightness_temperature" if known else "counts",
+        unit="K" if known else "counts",
+        shape=first.counts.shape,
+        scale=first.scale,
+        offset=first.offset,
+        law=first.law,
+        metadata_shape=first.metadata_rows.shape if first.metadata_rows.size else (0, 0),
+        rate_hz=rate_hz,
+        driver=settings.driver,
+        vendor=vendor,
+        model=str(facts.pop("model", "")) or opened.usb.title,
+        serial_number=str(facts.pop("serial_number", "")) or opened.usb.serial,
+        firmware=str(facts.pop("firmware", "")),
+        port=opened.source.port,
+        identity=opened.identity,
+        latency_s=options.number(settings, "latency_s", 0.0),
+        accuracy=options.number(settings, "accuracy", math.nan),
+        settings=facts,
+    )
 
 
 def first_frame(source: FrameSource, decode: Decode, name: str, clock: Clock) -> DecodedFrame:

@@ -7,7 +7,6 @@ bytes ``FFF\0`` occur inside pixels, so a SEQ is walked by its directories, neve
 
 from __future__ import annotations
 
-import math
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -25,8 +24,19 @@ HEADER, ENTRY, RAW_HEADER = 64, 32, 32
 RAW_IMAGE, CAMERA_INFORMATION = 0x01, 0x20
 MOST_RECORDS = 1024
 MOST_PIXELS = 1 << 24
+_APP1, _APP2, _APP3 = 0xE1, 0xE2, 0xE3
 _PNG, _JPEG_LS = b"\x89PNG", b"\xff\xd8\xff\xf7"
 _INFORMATION_END = 0x394
+_MOST_PADDING = 16
+"""Bytes between frames or after the last: some models fill up to whole words."""
+
+_EXPORT_TIFF = "export it as 16-bit TIFF from the maker's program, and import that with --kelvin-per-count"
+_RANGES = {
+    # wider than any camera writes: other numbers would only fail later, inside the law
+    "emissivity": (1e-3, 1.0), "window_transmission": (1e-3, 1.0), "humidity": (0.0, 1.0),
+    "reflected_k": (100.0, 1000.0), "air_k": (100.0, 1000.0), "window_k": (100.0, 1000.0),
+    "distance_m": (0.0, 1e5), "b": (100.0, 1e4), "r1": (1e-9, 1e12), "r2": (1e-9, 1e12), "f": (1e-9, 1e12),
+}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,24 +66,51 @@ def frames(data: bytes | mmap) -> Iterator[FlirFrame]:
     while start < len(data):
         length = frame_length(data, start)
         yield read_frame(data[start : start + length])
-        start += length
+        start = _after_padding(data, start + length)
+
+
+def _after_padding(data: bytes | mmap, start: int) -> int:
+    """Start of the next frame, or the end of the data: never further than a header's beginning."""
+    gap = data[start : start + _MOST_PADDING + 4]
+    found = [gap.find(magic) for magic in MAGIC if magic in gap]
+    if found:
+        return start + min(found)
+    return len(data) if len(gap) <= _MOST_PADDING else start
 
 
 def embedded(jpeg: bytes | mmap) -> bytes:
     """The FFF inside a radiometric JPEG: its APP1 segments "FLIR", joined in order."""
-    parts: dict[int, bytes] = {}
+    segments = list(_segments(jpeg))
+    parts = {
+        body[6]: body[8:]
+        for marker, body in segments
+        if marker == _APP1 and body.startswith(b"FLIR\0") and len(body) >= 8
+    }
+    if not parts:
+        raise _without_fff(segments, jpeg[:32])
+    return b"".join(parts[number] for number in sorted(parts))
+
+
+def _segments(jpeg: bytes | mmap) -> Iterator[tuple[int, bytes]]:
+    """Marker and body of the segments before the image."""
     start = 2
     while start + 4 <= len(jpeg) and jpeg[start] == 0xFF and jpeg[start + 1] != 0xDA:
         length = int.from_bytes(jpeg[start + 2 : start + 4], "big")
-        segment = jpeg[start + 4 : start + 2 + length]
-        if jpeg[start + 1] == 0xE1 and segment.startswith(b"FLIR\0") and len(segment) >= 8:
-            parts[segment[6]] = segment[8:]
+        yield jpeg[start + 1], jpeg[start + 4 : start + 2 + length]
         start += 2 + max(length, 2)
-    if not parts:
-        raise DecodeError(
-            "a JPEG without FLIR's thermal data", jpeg[:32], fix="export it as radiometric JPEG"
-        )
-    return b"".join(parts[number] for number in sorted(parts))
+
+
+def _without_fff(segments: list[tuple[int, bytes]], head: bytes) -> DecodeError:
+    """The error of a JPEG of another maker (as ExifTool distinguishes them), or without temperatures."""
+    is_dji = any(marker == _APP1 and b"DJI\0" in body for marker, body in segments)
+    if is_dji and any(marker == _APP3 for marker, _ in segments):
+        fix = "convert it to 16-bit TIFF with DJI's Thermal SDK, and import that with --kelvin-per-count"
+        return DecodeError("a radiometric JPEG of DJI, which fieldkit does not read", head, fix=fix)
+    if any(marker == _APP2 and body[4:10] == b"IJPEG\0" for marker, body in segments):
+        words = "a radiometric JPEG of InfiRay, which fieldkit does not read"
+        return DecodeError(words, head, fix=_EXPORT_TIFF)
+    fix = f"if it is of a FLIR camera, export it as radiometric JPEG; else {_EXPORT_TIFF}"
+    return DecodeError("a JPEG without FLIR's thermal data", head, fix=fix)
 
 
 def frame_length(data: bytes | mmap, start: int = 0) -> int:
@@ -183,7 +220,7 @@ def _with_information(counts: NDArray[np.uint16], record: bytes) -> FlirFrame:
         air_k=number(0x2C),
         window_k=number(0x30),
         window_transmission=number(0x34),
-        humidity=number(0x3C),
+        humidity=_fraction(number(0x3C)),
         alpha1=number(0x70),
         alpha2=number(0x74),
         beta1=number(0x78),
@@ -202,25 +239,34 @@ def _with_information(counts: NDArray[np.uint16], record: bytes) -> FlirFrame:
     )
 
 
+def _fraction(humidity: float) -> float:
+    """Relative humidity, which some models write in percent."""
+    return humidity / 100.0 if 1.0 < humidity <= 100.0 else humidity
+
+
 def _refuse_nonsense(constants: Planck, record: bytes) -> None:
-    """Numbers no camera writes would only fail later, inside the law."""
-    fractions = (constants.emissivity, constants.window_transmission)
-    temperatures = (constants.reflected_k, constants.air_k, constants.window_k)
-    physical = (
-        all(math.isfinite(getattr(constants, name)) for name in Planck.__slots__)
-        and all(0 < one <= 1 for one in fractions)
-        and all(100 < one < 1000 for one in temperatures)
-        and 0 <= constants.humidity <= 1
-        and 0 <= constants.distance_m < 1e5
-        and 100 < constants.b < 1e4
-        and min(constants.r1, constants.r2, constants.f) > 0
-    )
+    values = {name: getattr(constants, name) for name in Planck.__slots__}
+    wrong = [f"{name} {value:g}" for name, value in values.items() if not _is_plausible(name, value)]
+    if not wrong and not _transmits(constants):
+        wrong = ["a path through the air that transmits nothing"]
+    if wrong:
+        raise DecodeError(
+            f"the camera information holds {', '.join(wrong)}: no temperatures follow from it",
+            record[:64],
+            fix="correct it in the maker's program, and save the file again",
+        )
+
+
+def _is_plausible(name: str, value: float) -> bool:
+    low, high = _RANGES.get(name, (-1e12, 1e12))
+    return low <= value <= high
+
+
+def _transmits(constants: Planck) -> bool:
     try:
-        physical = physical and 0 < path_transmission(constants) < 2
+        return 0 < path_transmission(constants) < 2
     except OverflowError:
-        physical = False
-    if not physical:
-        raise DecodeError("the camera information holds no Planck constants", record[:64])
+        return False
 
 
 def _text(raw: bytes) -> str:
@@ -228,7 +274,7 @@ def _text(raw: bytes) -> str:
 
 
 def settings(frame: FlirFrame) -> dict[str, Any]:
-    """What a stream with law ``planck`` records of a frame: brightness temperature, the path taken out.
+    """Values of a frame that a stream with law ``planck`` records: brightness temperature, without the path.
 
     The emissivity set in the camera is kept as `camera_emissivity` and not applied.
     """

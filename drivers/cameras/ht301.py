@@ -24,10 +24,10 @@ from numpy.typing import NDArray
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera
 from fieldkit.drivers.cameras.camera import PLAUSIBLE_K, DecodedFrame, decode_frames, extremes, pixel_view
-from fieldkit.drivers.cameras.source import CameraFormat, OpenedSource, find_cameras, open_source
+from fieldkit.drivers.cameras.source import CameraFormat, find_cameras, open_source
 from fieldkit.drivers.decoding import Decoded, Rejected
 from fieldkit.model.clock import Clock
-from fieldkit.model.device import DeviceSettings, DiscoveredDevice, FrameSource, StreamInfo
+from fieldkit.model.device import DeviceSettings, DiscoveredDevice, FrameSource
 from fieldkit.model.errors import DeviceError
 from fieldkit.model.samples import Quality
 from fieldkit.model.units import CELSIUS_ZERO_K
@@ -80,7 +80,7 @@ def decode(data: bytes, law: str = "ht301") -> DecodedFrame | Rejected:
 
 
 def user_block(rows: NDArray[np.uint16]) -> dict[str, Any]:
-    """What is set in the camera itself, recorded and not applied; and its firmware and serial number."""
+    """Settings of the camera itself, recorded and not applied; and its firmware and serial number."""
     flat = np.ascontiguousarray(rows).ravel()
     area = flat[ht301_area(rows.shape[1]) :]
     block = area[_USER_BLOCK : _USER_BLOCK + 10].view("<f4").tolist()
@@ -124,7 +124,11 @@ class Ht301:
             raise
         read = partial(decode, law="ht301" if chosen == "normal" else "ht301-high")
         first = camera.first_frame(opened.source, read, settings.name, clock)
-        info = describe(settings, opened, first, chosen)
+        facts = {"range": chosen, **user_block(first.metadata_rows)}
+        facts["model"] = opened.usb.title or "HT-301 family"
+        # the law of the high range is not known
+        declared = first if chosen == "normal" else first._replace(law="linear")
+        info = camera.describe(settings, opened, declared, facts, vendor="Infiray / Xtherm", rate_hz=RATE_HZ)
         return camera.ThermalCamera(info, opened.source, read, clock, partial(command, CALIBRATE))
 
 
@@ -134,29 +138,3 @@ def zoom_of(source: FrameSource) -> Callable[[int], None]:
         source.close()
         raise DeviceError(f"{source.backend} cannot command this camera", fix='backend = "v4l2"')
     return cast(ZoomSource, source).set_zoom
-
-
-def describe(settings: DeviceSettings, opened: OpenedSource, first: DecodedFrame, chosen: str) -> StreamInfo:
-    """The stream of a camera, from its first frame's rows."""
-    facts = user_block(first.metadata_rows)
-    known = chosen == "normal"
-    return StreamInfo(
-        name=settings.name,
-        quantity="brightness_temperature" if known else "counts",
-        unit="K" if known else "counts",
-        shape=first.counts.shape,
-        scale=math.nan,
-        law=first.law if known else "linear",
-        metadata_shape=first.metadata_rows.shape,
-        rate_hz=RATE_HZ,
-        driver=settings.driver,
-        vendor="Infiray / Xtherm",
-        model=opened.usb.title or "HT-301 family",
-        serial_number=str(facts.pop("serial_number")) or opened.usb.serial,
-        firmware=str(facts.pop("firmware")),
-        port=opened.source.port,
-        identity=opened.identity,
-        latency_s=options.number(settings, "latency_s", 0.0),
-        accuracy=options.number(settings, "accuracy", math.nan),
-        settings={"backend": opened.source.backend, "range": chosen, **facts},
-    )

@@ -32,12 +32,12 @@ from numpy.typing import NDArray
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera
 from fieldkit.drivers.cameras.camera import DecodedFrame, decode_frames, extremes, pixel_view, quality_flags
-from fieldkit.drivers.cameras.source import CameraFormat, OpenedSource, find_cameras, open_source
+from fieldkit.drivers.cameras.source import CameraFormat, find_cameras, open_source
 from fieldkit.drivers.decoding import Decoded, Rejected
 from fieldkit.drivers.identity import UsbIdentity, permission_fix
 from fieldkit.drivers.usb import usb_errors, usb_instruments
 from fieldkit.model.clock import Clock
-from fieldkit.model.device import DeviceSettings, DiscoveredDevice, StreamInfo
+from fieldkit.model.device import DeviceSettings, DiscoveredDevice
 from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceTimeoutError
 from fieldkit.model.samples import Quality
 
@@ -76,7 +76,7 @@ class CameraSetting:
 
 
 def requested_settings(settings: DeviceSettings) -> list[CameraSetting]:
-    """What the options `gain`, `emissivity`, `distance_m` and `auto_shutter` request.
+    """Settings that the options `gain`, `emissivity`, `distance_m` and `auto_shutter` request.
 
     Raises `ConfigError` for values that no camera of the family has.
     """
@@ -226,7 +226,7 @@ def decode(data: bytes) -> DecodedFrame | Rejected:
 
 
 def flags(counts: NDArray[np.uint16], found: tuple[float, float]) -> Quality:
-    """What the temperatures alone reveal: end of scale, not started, not corrected, or the grey half."""
+    """Flags by the temperatures alone: end of scale, not started, not corrected, or the grey half."""
     quality = quality_flags(found, (0, 0xFFFF), SCALE)
     middle = len(counts) // 2
     row = counts[middle].astype(np.int32)
@@ -273,33 +273,7 @@ class P2Pro:
         except DeviceError:
             opened.source.close()
             raise
-        info = describe(settings, opened, first, facts)
+        info = camera.describe(settings, opened, first, facts, vendor="InfiRay", rate_hz=RATE_HZ)
         return camera.ThermalCamera(
             info, opened.source, decode, clock, commands.calibrate if commands else None
         )
-
-
-def describe(
-    settings: DeviceSettings, opened: OpenedSource, first: DecodedFrame, facts: Mapping[str, Any]
-) -> StreamInfo:
-    """The stream of a camera of kelvin x 64, shared with its cousins."""
-    facts = dict(facts)
-    return StreamInfo(
-        name=settings.name,
-        quantity="brightness_temperature",
-        unit="K",
-        shape=first.counts.shape,
-        scale=SCALE,
-        metadata_shape=first.metadata_rows.shape if first.metadata_rows.size else (0, 0),
-        rate_hz=RATE_HZ,
-        driver=settings.driver,
-        vendor="InfiRay",
-        model=str(facts.pop("model", "")) or opened.usb.title,
-        serial_number=str(facts.pop("serial_number", "")) or opened.usb.serial,
-        firmware=str(facts.pop("firmware", "")),
-        port=opened.source.port,
-        identity=opened.identity,
-        latency_s=options.number(settings, "latency_s", 0.0),
-        accuracy=options.number(settings, "accuracy", math.nan),
-        settings={"backend": opened.source.backend, **facts},
-    )

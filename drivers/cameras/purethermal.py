@@ -17,20 +17,20 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera
 from fieldkit.drivers.cameras.camera import DecodedFrame, decode_frames, extremes, pixel_view, quality_flags
-from fieldkit.drivers.cameras.source import CameraFormat, OpenedSource, find_cameras, open_source
+from fieldkit.drivers.cameras.source import CameraFormat, find_cameras, open_source
 from fieldkit.drivers.decoding import Decoded, Rejected
 from fieldkit.drivers.options import decoding_settings, kelvin_per_count
 from fieldkit.model.clock import Clock
-from fieldkit.model.device import DeviceSettings, DiscoveredDevice, FrameSource, StreamInfo
+from fieldkit.model.device import DeviceSettings, DiscoveredDevice, FrameSource
 from fieldkit.model.errors import DeviceError
 
 WANTED = CameraFormat(((0x1E4E, 0x0100),), "Y16 ", ((160, 122), (80, 63), (160, 120), (80, 60)))
@@ -130,41 +130,23 @@ class PureThermal:
             default_scale = ask_scale(source)
         read = partial(decode, default_scale=default_scale)
         first = camera.first_frame(source, read, settings.name, clock)
-        info = describe(settings, opened, first)
+        facts = {"firmware": opened.usb.title, **_facts(source, first)}
+        info = camera.describe(settings, opened, first, facts, vendor="GroupGets / FLIR", rate_hz=RATE_HZ)
+        if "gain" in facts:  # with telemetry
+            info = replace(info, device_time_unit="ms")
         return camera.ThermalCamera(info, source, read, clock, partial(run_shutter, source))
 
 
-def describe(settings: DeviceSettings, opened: OpenedSource, first: DecodedFrame) -> StreamInfo:
-    """The stream of a board, from its first frame and its extension units."""
-    source = opened.source
-    has_telemetry = not math.isnan(first.fpa_temperature_k)
-    facts: dict[str, Any] = {"backend": source.backend}
-    facts["scale_from"] = "telemetry" if has_telemetry else "extension unit or configuration"
-    if has_telemetry:
-        facts["gain"] = first.gain
-        if set_to := int(first.metadata_rows.ravel()[EMISSIVITY_WORD]):
-            facts["emissivity"] = round(set_to / EMISSIVITY_1, 4)  # the camera has applied it
-    scale = first.scale
-    return StreamInfo(
-        name=settings.name,
-        quantity="brightness_temperature" if scale > 0 else "counts",
-        unit="K" if scale > 0 else "counts",
-        shape=first.counts.shape,
-        scale=scale,
-        metadata_shape=(len(first.metadata_rows), first.counts.shape[1]),
-        rate_hz=RATE_HZ,
-        driver=settings.driver,
-        vendor="GroupGets / FLIR",
-        model=_ask_text(source, *PART_NUMBER, 32) or "Lepton",
-        serial_number=_ask_serial(source) or opened.usb.serial,
-        firmware=opened.usb.title,
-        port=source.port,
-        identity=opened.identity,
-        latency_s=options.number(settings, "latency_s", 0.0),
-        accuracy=options.number(settings, "accuracy", math.nan),
-        device_time_unit="ms" if has_telemetry else "",
-        settings=facts,
-    )
+def _facts(source: FrameSource, first: DecodedFrame) -> dict[str, Any]:
+    """A board's report of itself, by its first frame and its extension units."""
+    facts: dict[str, Any] = {"model": _ask_text(source, *PART_NUMBER, 32) or "Lepton"}
+    facts["serial_number"] = _ask_serial(source)
+    if math.isnan(first.fpa_temperature_k):
+        return facts | {"scale_from": "extension unit or configuration"}
+    facts |= {"scale_from": "telemetry", "gain": first.gain}
+    if set_to := int(first.metadata_rows.ravel()[EMISSIVITY_WORD]):
+        facts["emissivity"] = round(set_to / EMISSIVITY_1, 4)  # the camera has applied it
+    return facts
 
 
 def run_shutter(source: FrameSource) -> None:

@@ -17,7 +17,6 @@ import binascii
 import errno
 import struct
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 from fieldkit.drivers import options
@@ -270,13 +269,13 @@ class ThermalMaster:
         self, settings: DeviceSettings, clock: Clock, opened: OpenedSource, bulk: BulkSource | None
     ) -> camera.ThermalCamera:
         first = camera.first_frame(opened.source, decode, settings.name, clock)
-        info = p2pro.describe(settings, opened, first, _facts(bulk))
-        info = replace(info, vendor="Thermal Master")
+        facts = _facts(bulk)
+        info = camera.describe(settings, opened, first, facts, vendor="Thermal Master", rate_hz=p2pro.RATE_HZ)
         return camera.ThermalCamera(info, opened.source, decode, clock, bulk.run_shutter if bulk else None)
 
 
 def _has_video(settings: DeviceSettings) -> bool:
-    """Whether a member with a kernel driver is wanted."""
+    """True if a member with a kernel driver is wanted."""
     members = [usb for _, usb in cameras() if (usb.vendor, usb.product) in WANTED.kinds]
     return any(not settings.identity or usb.matches(settings.identity) for usb in members)
 

@@ -163,7 +163,7 @@ UVC_QUERY = _request(3, "u", 0x21, ExtensionQuery)
 
 BUFFERS = 32  # the most there are: a second of a 30 Hz camera before a busy computer costs a frame
 OVERTAKEN_NS = 750_000_000
-"""How long to wait for a frame that later ones have overtaken.
+"""Time to wait for a frame that later ones have overtaken.
 
 The kernel's UVC driver copies the parts of frames in several workers at once; one that is kept waiting on a
 busy computer finishes its frame after those of the others.
@@ -377,7 +377,7 @@ def _list(sizes: Sequence[tuple[int, int]]) -> str:
 
 
 def _failure(path: str, error: OSError) -> DeviceError:
-    """Why a video node would not start, with what to type."""
+    """Error of a video node that would not start, with what to type."""
     if error.errno in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
         return DeviceNotFoundError(
             f"no camera at {path}", fix="fieldkit devices shows the identity to configure"

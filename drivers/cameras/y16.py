@@ -24,7 +24,7 @@ from fieldkit.drivers.cameras.source import CameraFormat, cameras, open_source
 from fieldkit.drivers.decoding import Decoded, Rejected
 from fieldkit.drivers.options import decoding_settings, kelvin_per_count
 from fieldkit.model.clock import Clock
-from fieldkit.model.device import DeviceSettings, DiscoveredDevice, StreamInfo
+from fieldkit.model.device import DeviceSettings, DiscoveredDevice
 from fieldkit.model.errors import ConfigError
 
 SIZES = (
@@ -111,25 +111,7 @@ class Y16:
         width, height = getattr(opened.source, "size", sizes[0])
         read = _decoder(settings, width, height)
         first = camera.first_frame(opened.source, read, settings.name, clock)
-        known = not math.isnan(first.scale)
-        info = StreamInfo(
-            name=settings.name,
-            quantity="brightness_temperature" if known else "counts",
-            unit="K" if known else "counts",
-            shape=(height, width),
-            scale=first.scale,
-            offset=first.offset,
-            rate_hz=options.number(settings, "rate_hz", 0.0),
-            driver=settings.driver,
-            model=opened.usb.title,
-            serial_number=opened.usb.serial,
-            port=opened.source.port,
-            identity=opened.identity,
-            latency_s=options.number(settings, "latency_s", 0.0),
-            accuracy=options.number(settings, "accuracy", math.nan),
-            settings={
-                "backend": opened.source.backend,
-                "scale_from": "configuration" if known else "unknown",
-            },
-        )
+        facts = {"scale_from": "unknown" if math.isnan(first.scale) else "configuration"}
+        rate_hz = options.number(settings, "rate_hz", 0.0)
+        info = camera.describe(settings, opened, first, facts, rate_hz=rate_hz)
         return camera.ThermalCamera(info, opened.source, read, clock)

@@ -98,7 +98,7 @@ def parse(buffer: bytes) -> Parsed:
 
 
 def _wrong(record: bytes) -> str:
-    """Why a record is none, empty if it is one."""
+    """Reason why a record is none, empty if it is one."""
     body, tail = record[1:-4], record[-4:]
     if max(record) > 0x7F:
         masked = bytes(byte & 0x7F for byte in record)

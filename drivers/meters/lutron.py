@@ -76,7 +76,7 @@ def parse(buffer: bytes) -> Parsed:
 
 
 class Head(NamedTuple):
-    """What stands before the digits: signed divisor, and the channel of a number and of an overload."""
+    """Characters before the digits: signed divisor, and the channel of a number and of an overload."""
 
     divisor: int
     channels: tuple[Channel, ...]

@@ -23,14 +23,25 @@ from fieldkit.model.units import CELSIUS_ZERO_K, FAHRENHEIT_TO_K, FOOT2_M2
 
 # --- units
 
-STREAM_UNITS = {"°C": "K", "°F": "K", "fc": "lx", "W/m²": "W m-2"}
+STREAM_UNITS = {
+    "°C": "K",
+    "°F": "K",
+    "fc": "lx",
+    "klx": "lx",
+    "W/m²": "W m-2",
+    "mW/cm²": "W m-2",
+    "µW/cm²": "W m-2",
+}
 """The unit a stream has for what a meter shows."""
 
 TO_SI = {
     ("°C", "K"): (CELSIUS_ZERO_K, 1.0),
     ("°F", "K"): FAHRENHEIT_TO_K,
     ("fc", "lx"): (0.0, FOOT2_M2),
+    ("klx", "lx"): (0.0, 0.001),
     ("W/m²", "W m-2"): (0.0, 1.0),
+    ("mW/cm²", "W m-2"): (0.0, 0.1),
+    ("µW/cm²", "W m-2"): (0.0, 100.0),
 }
 """(shown, wanted): what to add to a value, and what to divide the sum by."""
 
@@ -43,7 +54,7 @@ OPTIONS = ("labels", "latency_s", "response_s", "accuracy", "range_max_lx")
 
 @dataclass(frozen=True, slots=True)
 class PollSettings:
-    """How to poll a meter that sends only on request.
+    """Poll settings of a meter that sends only on request.
 
     Some need a `trigger` (without a reply) and `settle_s` before the request.
     """
@@ -91,6 +102,11 @@ class Meter:
     def rejected(self) -> int:
         """Records dropped so far: unreadable, or of another quantity than the stream's."""
         return self._port.framer.rejected + self._other_quantity
+
+    @property
+    def rejected_because(self) -> str:
+        """Reason why the last unreadable bytes were dropped, empty if none were."""
+        return self._port.framer.reason
 
     def read(self, timeout_s: float) -> Reading | None:
         """The next reading, or None; see `fieldkit.model.device.Device`."""
@@ -161,7 +177,7 @@ class Meter:
 
 
 class Conversion(NamedTuple):
-    """How a record becomes the stream's values: for each the number's place, what to add and divide by.
+    """Rules from a record to the stream's values: for each the number's place, what to add and divide by.
 
     Without steps its numbers are the values.
     """
@@ -179,7 +195,8 @@ def conversion(channels: Sequence[Channel], keys: Sequence[str], units: Sequence
     for key, unit in zip(keys, units, strict=True):
         step = (0, math.nan, 1.0)
         for place, channel in enumerate(channels):
-            law = (0.0, 1.0) if channel.unit == unit else TO_SI.get((channel.unit, unit))
+            is_same = channel.unit == unit or Quality.NO_VALUE in channel.quality  # OL has no unit
+            law = (0.0, 1.0) if is_same else TO_SI.get((channel.unit, unit))
             if channel.name == key and law is not None:
                 step = (place, *law)
                 quality_flags.append(channel.quality)
@@ -212,7 +229,8 @@ def _require(found: Stamped | None, port: Port, name: str, hint: str, timeout_s:
     port.close()
     if port.framer.received:
         raise DecodeError(
-            f"{name}: {port.framer.received} bytes from {port.path}, none of them a record",
+            f"{name}: {port.framer.received} bytes from {port.path}, none of them a record"
+            f": {port.framer.reason or repr(port.framer.unread[:60])[1:]}",
             raw=port.framer.unread,
             fix="check driver and line settings; fieldkit decode DRIVER HEX explains bytes",
         )

@@ -31,6 +31,14 @@ from fieldkit.model.samples import Quality
 
 FOLDER = Path(__file__).with_name("modbus_maps")
 TYPES = {"u16": "H", "s16": "h", "u32": "I", "s32": "i", "f32": "f"}
+NOT_IMPLEMENTED = {
+    "u16": (0xFFFF,),
+    "s16": (-0x8000, 0x7FFF),
+    "u32": (0xFFFFFFFF,),
+    "s32": (-0x80000000, 0x7FFFFFFF),
+    "f32": (),
+}
+"""Counts of a type that stand for no value, as in SunSpec's information model, and for beyond the range."""
 _QUALITIES = {"": Quality.GOOD, "stale": Quality.STALE, "overrange": Quality.OVERRANGE}
 _KEYS = (
     "title",
@@ -137,7 +145,7 @@ class RegisterMap:
         low, high = self.limits
         if not math.isfinite(value):
             states = ("not_a_number", *states)
-        elif raw[0] in self.no_value or not low <= value <= high:
+        elif raw[0] in self.no_value or number in NOT_IMPLEMENTED[channel.type] or not low <= value <= high:
             states = ("open", *states)
         else:
             return Value(value, channel.unit, channel.name, quality, states)
@@ -197,7 +205,7 @@ def _read_map(table: Mapping[str, Any]) -> RegisterMap:
 
 
 def _measures(given: str | Mapping[str, Any]) -> dict[str, Any]:
-    """What the instrument measures: one component, or the types of instruments that measure each."""
+    """Quantity that the instrument measures: one component, or the types of instruments that measure each."""
     if isinstance(given, str):
         by_type: dict[int | str, str] = {"": given}
         register = None
@@ -417,7 +425,7 @@ def _unit(settings: DeviceSettings) -> int:
 
 
 def _component(settings: DeviceSettings, port: Port, register_map: RegisterMap) -> str:
-    """What the instrument measures, by its map or its type; empty where neither is known."""
+    """Quantity that the instrument measures, by its map or its type; empty where neither is known."""
     if register_map.type_register is None:
         return register_map.measures.get("", "")
     request = pack_request(_unit(settings), register_map.function, register_map.type_register, 1)

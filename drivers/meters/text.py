@@ -1,28 +1,33 @@
 r"""Lines of text from a microcontroller board (Arduino, ESP32, ...).
 
-There is no standard; this is fieldkit's. A line ends with LF or CR LF and is one of
+There is no standard; this is fieldkit's. A line ends with LF, CR LF or CR and is one of
 
-* ``name=value unit`` pairs, separated by commas or semicolons: ``T1=21.56 C, lux=98760 lx``
-* numbers separated by commas, semicolons or tabs, named by a header line (``ms,temp_c,lux``) or by
-  the option `columns`; a name may end in its unit: ``_c``, ``_f``, ``_k``, ``_lx``, ``_w_m2``
+* names with values and units, separated by commas, semicolons, tabs or spaces: ``T1=21.56 C, lux=98760 lx``,
+  ``Light: 54612.5 lx``, ``Temp(C): 23.1``
+* values separated by commas, semicolons, tabs or spaces, named by a header line (``ms,temp_c,lux``) or by
+  the option `columns`; a name may end in its unit: ``_c``, ``_f``, ``_k``, ``_lx``, ``_w_m2``, ``(C)``
+* a JSON object or array: ``{"temp_c": 21.56, "sky": {"lux": 98760}}`` gives ``temp_c`` and ``sky.lux``
 * a comment, beginning with ``#``
 
-Any other line (``LUX 980.2`` without an equals sign, a checksum at the end) is another format and needs a
-driver of its own.
+A time at the beginning of a line is skipped. Any other line (``LUX 980.2`` without a sign between name and
+value, a checksum at the end) is another format and needs a driver of its own.
 
-``nan``, an empty field and the numbers of the option `no_value` (for a DS18B20: -127 disconnected, 85 just
-powered on) are no value. Radiation is used by its name, ``ghi_w_m2`` or ``DNI=712 W/m2``; of any other column
-in W/m2 the configuration must state what it measures (`fieldkit.model.radiation`). A column called ``ms`` is
-the board's own clock; it wraps after 49.7 days.
+A field that is not a number is no value of its channel alone: ``nan``, ``OL``, ``---``, an empty field,
+garbled digits below a name; so are the numbers of the option `no_value` (for a DS18B20: -127 disconnected, 85
+just powered on). Radiation is used by its name, ``ghi_w_m2`` or ``DNI=712 W/m2``; of any other column in W/m2
+the configuration must state what it measures (`fieldkit.model.radiation`). ``ms`` is the board's own clock,
+which wraps after 49.7 days.
 """
 
 from __future__ import annotations
 
+import json
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
+from unicodedata import normalize
 
 from fieldkit.drivers import options
 from fieldkit.drivers.decoding import Decoded, Layout, Parsed, Record, Rejected, Value, decode_records
@@ -38,39 +43,63 @@ from fieldkit.model.samples import NO_COUNTER, Quality
 
 LONGEST = 512
 LINE = Line(115_200)
-PREAMBLE_S = 15.0  # comments and headers of a board that has just restarted
-UNITS = {
-    "c": "°C",
-    "°c": "°C",
-    "ºc": "°C",
-    "*c": "°C",
-    "degc": "°C",
-    "f": "°F",
-    "ºf": "°F",
-    "degf": "°F",
-    "k": "K",
-    "°k": "K",
-    "lx": "lx",
-    "lux": "lx",
-    "w/m2": "W/m²",
-    "w/m^2": "W/m²",
-    "w/m²": "W/m²",
-    "m/s": "m s-1",
+PREAMBLE_S = 15.0  # comments, headers and messages of a board that has just restarted
+FORMS = (
+    'T1=21.56 C, lux=98760 lx | Light: 98760 lx | 21.56,98760 below a header temp_c,lux | {"temp_c": 21.56}'
+)
+_SPELLINGS = {
+    "°C": "c °c degc degreec degreesc celsius",
+    "°F": "f °f degf degreef degreesf fahrenheit",
+    "K": "k °k kelvin",
+    "lx": "lx lux",
+    "klx": "klx klux",
+    "W/m²": "w/m2 wm-2",
+    "mW/cm²": "mw/cm2 mwcm-2",
+    "µW/cm²": "μw/cm2 uw/cm2 μwcm-2 uwcm-2",
+    "m s-1": "m/s ms-1",
 }
-SUFFIXES = {"_c": "°C", "_f": "°F", "_k": "K", "_lx": "lx", "_w_m2": "W/m²", "_m_s": "m s-1"}
+UNITS = {spelling: unit for unit, spellings in _SPELLINGS.items() for spelling in spellings.split()}
+SUFFIXES = {"_w_m2": "W/m²", "_m_s": "m s-1"}
 QUANTITIES = {"K": "temperature", "lx": "illuminance", "W m-2": "irradiance", "m s-1": "speed"}
-_DIGITS = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d{1,2})?|nan"
-_PAIR = re.compile(rf"\s*([A-Za-z][\w .-]{{0,31}}?)\s*=\s*({_DIGITS}|)\s*([^\s,;=]{{0,8}})\s*", re.IGNORECASE)
-_NAME = re.compile(r"[A-Za-z][\w .-]{0,31}")
-_NUMBER = re.compile(_DIGITS, re.IGNORECASE)
+_DIGITS = r"[+-]?(?!0[xX])(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d{1,3})?"
+_UNIT = r"(?:deg(?:ree)?s?\.? ?)?[^\s\d,;|=:+.-][^\s,;|=:]{0,11}(?: m-2)?"
+_FIELD = re.compile(rf"({_DIGITS})\s*({_UNIT})?")
+_BEFORE = re.compile(rf"^\s*{_FIELD.pattern}")
+_KEY = re.compile(
+    r"(?<![^\s,;|])((?:[^\W\d]|[(\[%])[^\s=:,;|]*|[^\W\d][^\s=:,;|]* \d+(?=\s*=|:\s))\s*[=:](?!//)"
+)
+_OTHER_UNITS = frozenset(
+    ["bar", "mbar", "pa", "hpa", "kpa", "ppm", "ppb", "db", "hz", "rpm", "v", "mv", "a", "ma", "w", "mw"]
+)
+_NAME = re.compile(r"[^\W\d][\w .°%µ²/^()\[\]-]{0,31}")
+_SEPARATOR = re.compile(r"[,;|\t]")
+_BRACKET = re.compile(r"\s*[(\[]([^()\[\]]+)[)\]]$")
+_LINE_END = re.compile(rb"\r\n|\r|\n")
+_DAY = r"(?:\d{4}[-/.]\d\d?[-/.]\d\d?|\d\d?[-/.]\d\d?[-/.]\d{4})"
+_TIME = r"\d\d?:\d\d(?::\d\d(?:\.\d+)?)?(?:Z|[+-]\d\d:\d\d| ?[AP]M\b)?"
+_STAMP = re.compile(rf"[\[(]?(?:{_DAY}(?:[T ,;\t]\s*{_TIME})?|{_TIME})[\])]?\s*(?:[-=]>|[,;|]|[:-]\s)?\s*")
+_NOT_ASCII = frozenset("°ºµ²³")  # what a board writes in Latin-1
+_NO_VALUES = re.compile(
+    "|nan?|inf(inity)?|nul+|none|nc|[o0]l|ov(f|l|er(flow|range|load)?)|open|short|err(or)?|fail(ed)?|fault"
+    "|invalid|disconnected|missing|no(data|value)"
+)
 _COLUMNS = "columns "
+_LONGEST_NAME = 32
 _LONGEST_CLOCK = 18  # digits: 64 bits hold them, and boards restart within thirty million years
 _HINT = "does the board print lines? boards restart when the port opens and need two seconds"
 
 
+class _Field(NamedTuple):
+    """A field of a line, with its name and the unit that stands elsewhere than behind the number."""
+
+    name: str
+    text: str
+    unit: str = ""
+
+
 @dataclass(frozen=True, slots=True)
 class Grammar:
-    """How to read a board's lines: names of bare numbers, their unit, numbers that are no value."""
+    """Rules for a board's lines: names of bare numbers, their unit, numbers that are no value."""
 
     columns: tuple[str, ...] = ()
     unit: str = ""
@@ -78,54 +107,95 @@ class Grammar:
 
     def parse(self, buffer: bytes) -> Parsed:
         """The line at the start of `buffer`."""
-        end = buffer.find(b"\n")
-        if end < 0:
-            return None if len(buffer) < LONGEST else Rejected(len(buffer), "no line end found")
+        end = _LINE_END.search(buffer)
+        if end is None:
+            reason = f"{_start(buffer)}: no line end in {LONGEST} bytes"
+            return None if len(buffer) < LONGEST else Rejected(len(buffer), reason)
+        line = _decoded(buffer[: end.start()])
+        if line is None:
+            return Rejected(end.end(), f"{_start(buffer)}: not text: wrong baud rate?")
+        parsed = Record(0, note=line) if not line or line.startswith("#") else self._line(line)
+        if isinstance(parsed, Record):
+            return parsed._replace(length=end.end())
+        return Rejected(end.end(), f"{line[:60]!r}: {parsed}")
+
+    def _line(self, line: str) -> Record | str:
+        """A record without its length, or why the line is none."""
+        stamp = _STAMP.match(line)
+        body = line[stamp.end() :] if stamp else line
+        if body.startswith(("{", "[")):
+            return self._json(body)
+        keys = list(_KEY.finditer(body))
+        if keys:
+            return self._named(body, keys)
+        if "," in body and (";" in body or "\t" in body):  # 21,5;98760 would become three numbers
+            return "two separators, or decimal commas: print numbers with a point"
+        fields = _split(body)
+        names = [field for field in fields if field]
+        if names and not any(map(_is_value, names)) and all(map(_NAME.fullmatch, names)):
+            return _heading(names, line)
+        return self._row(fields, has_stamp=stamp is not None)
+
+    def _json(self, body: str) -> Record | str:
         try:
-            line = buffer[:end].decode("utf-8").strip()
-        except UnicodeDecodeError:
-            return Rejected(end + 1, "not text: wrong baud rate?")
-        if not line or line.startswith("#"):
-            return Record(end + 1, note=line)
-        if "=" in line:
-            return self._pairs(line, end + 1)
-        if "," in line and (";" in line or "\t" in line):  # 21,5;98760 would become three numbers
-            return Rejected(end + 1, "two separators, or decimal commas: print numbers with a point")
-        fields = [field.strip() for field in re.split(r"[,;\t]", line)]
-        if all(_NAME.fullmatch(field) and not _NUMBER.fullmatch(field) for field in fields):
-            return Record(end + 1, note=_COLUMNS + ",".join(fields))
-        return self._row(fields, end + 1)
+            found = json.loads(body, parse_int=str, parse_float=str, parse_constant=str)
+        except (ValueError, RecursionError) as error:
+            return f"not JSON: {error}"
+        if isinstance(found, list) and not any(isinstance(one, dict | list) for one in found):
+            return self._row([_json_text(one) for one in found], has_stamp=False)
+        return self._record(list(_leaves(found)))
 
-    def _pairs(self, line: str, length: int) -> Parsed:
-        values = []
-        for part in re.split(r"[,;]", line):
-            found = _PAIR.fullmatch(part)
-            if found is None:
-                return Rejected(length, f"{part.strip()!r} is not name=value unit")
-            unit = UNITS.get(found[3].lower(), found[3])
-            values.append(self._value(found[1], found[2], unit))
-        return Record.of(length, values)
+    def _named(self, body: str, keys: Sequence[re.Match[str]]) -> Record | str:
+        """Values behind their names; what stands between may also be the first words of the next name."""
+        fields, first = [], _SEPARATOR.split(body[: keys[0].start()])[-1]
+        for key, following in zip(keys, [*keys[1:], None], strict=True):
+            between = body[key.end() : following.start() if following else len(body)].strip()
+            if not between and following:  # a word before the names, as in "bed: T=21.5 C"
+                first = ""
+                continue
+            text, *unnamed = _SEPARATOR.split(between)
+            if any(_FIELD.match(part.strip()) for part in unnamed):
+                return "a number without a name, or a decimal comma: print numbers with a point"
+            name = " ".join([*_BEFORE.sub("", first).split(), key[1]])[-_LONGEST_NAME:]
+            text, first = _value_and_rest(text, is_last=bool(unnamed) or following is None)
+            first = unnamed[-1] if unnamed else first
+            fields.append(_Field(name, text))
+        return self._record(fields)
 
-    def _row(self, fields: list[str], length: int) -> Parsed:
+    def _row(self, fields: Sequence[str], *, has_stamp: bool) -> Record | str:
         names = self.columns or tuple(f"column {place + 1}" for place in range(len(fields)))
+        if has_stamp and 0 < len(names) - len(fields) <= 2:
+            names = names[len(names) - len(fields) :]  # those of date and time are not needed
+        if len(fields) == len(names) + 1 and not fields[-1]:  # a separator at the end
+            fields = fields[:-1]
         if len(fields) != len(names):
-            return Rejected(length, f"{len(fields)} fields, {len(names)} columns")
-        wrong = [field for field in fields if not _is_number(field)]
-        if wrong:
-            return Rejected(length, f"{wrong[0][:20]!r} is not a number")
-        row = dict(zip(names, fields, strict=True))
-        clock = row.pop("ms", "")
-        if len(clock) > _LONGEST_CLOCK:
-            return Rejected(length, f"{clock[:20]!r} is not a time in milliseconds")
-        values = tuple(self._value(name, field, _unit_of(name)) for name, field in row.items())
-        return Record.of(length, values, device_time=int(clock) if clock.isdecimal() else NO_COUNTER)
+            return f"{len(fields)} fields, {len(names)} columns"
+        unknown = [field for field in fields if not (_is_value(field) or self.columns)]
+        if unknown:
+            return f"{unknown[0][:20]!r} is not a number; lines may be {FORMS}"
+        return self._record([_Field(name, field) for name, field in zip(names, fields, strict=True)])
 
-    def _value(self, name: str, field: str, unit: str) -> Value:
-        number = float(field or "nan")
-        unit = unit or self.unit
-        if not math.isfinite(number) or number in self.no_value:
-            return Value(math.nan, unit, name, Quality.NO_VALUE)
-        return Value(number, unit, name)
+    def _record(self, fields: Sequence[_Field]) -> Record | str:
+        """A record of at least one field that is a number or is known to mean none."""
+        clock = next((field.text for field in fields if field.name == "ms"), "")
+        if len(clock) > _LONGEST_CLOCK:
+            return f"{clock[:20]!r} is not a time in milliseconds"
+        found = [field for field in fields if field.name != "ms"]
+        if not any(_is_value(field.text) for field in found):
+            return f"no number in it; lines may be {FORMS}"
+        values = [self._value(field) for field in found]
+        return Record.of(0, _distinct(values), device_time=int(clock) if clock.isdecimal() else NO_COUNTER)
+
+    def _value(self, field: _Field) -> Value:
+        found = _FIELD.fullmatch(field.text.strip())
+        name, stated = _name_and_unit(field.name)
+        stated = _unit(field.unit) or stated or self.unit
+        shown = _unit(found[2] or "") if found else ""
+        number = float(found[1]) if found else math.nan
+        is_garbled = bool(stated and shown) and shown not in _SPELLINGS  # 2x.5 below temp_c
+        if is_garbled or not math.isfinite(number) or number in self.no_value:
+            return Value(math.nan, stated, name, Quality.NO_VALUE)
+        return Value(number, shown or stated, name)
 
     @property
     def layout(self) -> Layout:
@@ -133,12 +203,106 @@ class Grammar:
         return Layout(self.parse, LONGEST)
 
 
-def _is_number(field: str) -> bool:
-    return not field or _NUMBER.fullmatch(field) is not None
+def _start(buffer: bytes) -> str:
+    return repr(buffer[:40])[1:]
 
 
-def _unit_of(name: str) -> str:
-    return next((unit for suffix, unit in SUFFIXES.items() if name.lower().endswith(suffix)), "")
+def _decoded(raw: bytes) -> str | None:
+    """A line as text, or None; of Latin-1 only the letters of units, or any noise would be text."""
+    try:
+        line = raw.decode("utf-8")
+    except UnicodeDecodeError:
+        line = raw.decode("latin-1")
+        if not {letter for letter in line if not letter.isascii()} <= _NOT_ASCII:
+            return None
+    line = line.strip("\ufeff \t").replace("\N{MINUS SIGN}", "-")
+    return line if line.replace("\t", " ").isprintable() else None
+
+
+def _split(line: str) -> list[str]:
+    """Fields of a line without names; without another separator, spaces part values."""
+    if _SEPARATOR.search(line):
+        return [field.strip(' "') for field in _SEPARATOR.split(line)]
+    words: list[str] = []
+    for word in line.split():
+        if words and _unit(word) in _SPELLINGS:
+            words[-1] += f" {word}"
+        else:
+            words.append(word)
+    return words if all(map(_is_value, words)) else [line]
+
+
+def _is_value(text: str) -> bool:
+    """True if a field is a number, with or without a unit, or is known to mean that there is none."""
+    if _FIELD.fullmatch(text.strip()) or text.lstrip().startswith(("<", ">")):
+        return True
+    words = text.lower().split()
+    if words[1:] and _unit(words[-1]) in _SPELLINGS:
+        del words[-1]
+    return _NO_VALUES.fullmatch(re.sub(r"[-*?._/!]", "", "".join(words))) is not None
+
+
+def _value_and_rest(text: str, *, is_last: bool) -> tuple[str, str]:
+    """A value with its unit, and the words behind it that begin the next name."""
+    found = _FIELD.match(text)
+    if found is None:
+        word, _, rest = (text, "", "") if is_last else text.partition(" ")
+        return word, rest
+    unit, rest = found[2] or "", text[found.end() :]
+    is_unit = not unit.isalpha() or not text[found.end(1)].isspace() or unit.lower() in _OTHER_UNITS
+    if not (is_unit or _unit(unit) in _SPELLINGS or (is_last and not rest)):
+        unit, rest = "", text[found.end(1) :]
+    if rest[:1].strip() or (not unit and rest.strip()[:1].isdigit()):  # 12:30, or 12 345
+        return text, ""
+    return text.removesuffix(rest), rest.strip()
+
+
+def _leaves(body: Any, before: str = "", depth: int = 1) -> Iterator[_Field]:
+    """The values of a JSON object or array, one level down with both names: ``sky.lux``."""
+    pairs = body.items() if isinstance(body, dict) else enumerate(body, 1) if isinstance(body, list) else ()
+    unit = body.get("unit") if isinstance(body, dict) else ""
+    for key, value in pairs:
+        text = _json_text(value)
+        if isinstance(value, dict | list):
+            yield from _leaves(value, f"{before}{key}.", depth - 1) if depth else ()
+        elif not isinstance(value, bool) and _is_value(text):  # else a name, such as of the board
+            yield _Field(f"{before}{key}", text, unit if isinstance(unit, str) else "")
+
+
+def _json_text(value: Any) -> str:
+    return value if isinstance(value, str) else ""
+
+
+def _heading(names: Sequence[str], line: str) -> Record | str:
+    """A header that names columns; a word alone without a unit is a message."""
+    if len(names) > 1 or _name_and_unit(names[0])[1]:
+        return Record(0, note=_COLUMNS + ",".join(names))
+    return f"lines may be {FORMS}" if re.search(r"\d", line) else Record(0, note=line)
+
+
+def _distinct(values: Sequence[Value]) -> Iterator[Value]:
+    """The values with names of their own: ``Temp``, ``Temp 2``."""
+    seen: dict[str, int] = {}
+    for value in values:
+        seen[value.channel] = count = seen.get(value.channel, 0) + 1
+        yield value if count == 1 else value._replace(channel=f"{value.channel} {count}")
+
+
+def _unit(text: str) -> str:
+    """A unit in fieldkit's spelling, if it is a known one."""
+    plain = normalize("NFKC", text.replace("º", "°")).lower()
+    return UNITS.get(re.sub(r"[ ^*_.]", "", plain), text)
+
+
+def _name_and_unit(name: str) -> tuple[str, str]:
+    """A channel's name without a unit in brackets, and the unit that the name states, if any."""
+    bracket = _BRACKET.search(name)
+    if bracket and _unit(bracket[1]) in _SPELLINGS:
+        return name[: bracket.start()].strip() or name, _unit(bracket[1])
+    suffix = next((unit for end, unit in SUFFIXES.items() if name.lower().endswith(end)), "")
+    word = re.split(r"[_.]|(?<=[a-z])(?=[A-Z])|(?=°)", name)[-1]  # temp_c, sky.lux, tempC, T°C
+    is_unit = _unit(word) in _SPELLINGS and (word != name or len(word) > 1)
+    return name, suffix or (_unit(word) if is_unit else "")
 
 
 def header(notes: Sequence[str]) -> tuple[str, ...]:
@@ -169,7 +333,7 @@ class Text:
         given = {**options, "columns": names.split(",") if isinstance(names, str) else names}
         grammar = _grammar(decoding_settings(self.name, given))
         if not grammar.columns:
-            grammar = replace(grammar, columns=header(decode_records(data, Grammar().layout).notes))
+            grammar = replace(grammar, columns=header(decode_records(data, grammar.layout).notes))
         return decode_records(data, grammar.layout)
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
@@ -180,9 +344,9 @@ class Text:
         grammar = _grammar(settings)
         port = open_port(settings, Line(int(options.number(settings, "baud", LINE.baud))), clock)
         grammar, first = _first_values(port, grammar, settings.name, clock)
-        shown = first.channels[0].unit
-        keys = [channel.name for channel in first.channels if channel.unit == shown]
+        shown = _quantity(first) or first.channels[0].unit
         unit = STREAM_UNITS.get(shown, shown)
+        keys = [one.name for one in first.channels if one.unit == shown]
         names = options.labels(settings, keys)
         info = meter.describe(
             settings, port, grammar.layout, QUANTITIES.get(unit, "number"), unit, names, model="text"
@@ -196,19 +360,36 @@ class Text:
 
 
 def _first_values(port: Port, grammar: Grammar, name: str, clock: Clock) -> tuple[Grammar, Record]:
-    """The first line with values, and how to read those after it: by the header before it."""
-    end_ns = clock.mono_ns() + int(PREAMBLE_S * 1e9)
+    """The first line with values, and how to read those after it: by the header before it.
+
+    Without a known unit it may be a message of a board that starts: two alike are taken for values.
+    """
+    end_ns, given, before = clock.mono_ns() + int(PREAMBLE_S * 1e9), grammar.columns, Record(0)
     while clock.mono_ns() < end_ns:
-        first = meter.first_record(port, grammar.layout, name, _HINT).record
-        if first.channels:
+        first = _next(port, grammar, name)
+        has_value = any(Quality.NO_VALUE not in one.quality for one in first.channels)
+        if has_value and (_quantity(first) or first.channels == before.channels):
             return grammar, first
-        grammar = replace(grammar, columns=grammar.columns or header([first.note]))
+        before = first
+        grammar = replace(grammar, columns=given or header([first.note]) or grammar.columns)
     port.close()
     raise DecodeError(
-        f"{name}: only comments and headers from {port.path}, the last one {first.note[:60]!r}",
-        raw=first.note.encode(),
-        fix="print lines with values too, such as T1=21.56 C, every few seconds",
+        f"{name}: only comments and headers from {port.path}, the last one {before.note[:60]!r}",
+        raw=before.note.encode(),
+        fix=f"print lines with values every few seconds: {FORMS}",
     )
+
+
+def _next(port: Port, grammar: Grammar, name: str) -> Record:
+    try:
+        return meter.first_record(port, grammar.layout, name, _HINT).record
+    except DecodeError as error:
+        raise DecodeError(error.message, raw=error.raw, fix=f"print lines such as {FORMS}") from error
+
+
+def _quantity(record: Record) -> str:
+    """The first unit of a record that fieldkit knows, empty for none."""
+    return next((one.unit for one in record.channels if one.unit in _SPELLINGS), "")
 
 
 def _grammar(settings: DeviceSettings) -> Grammar:
@@ -218,7 +399,7 @@ def _grammar(settings: DeviceSettings) -> Grammar:
     if not isinstance(no_value, list | tuple) or not all(isinstance(one, int | float) for one in no_value):
         raise _wrong(settings, "no_value", "a list of numbers such as [-127, 85]")
     unit = options.text(settings, "unit", "")
-    return Grammar(tuple(columns), UNITS.get(unit.lower(), unit), tuple(float(one) for one in no_value))
+    return Grammar(tuple(columns), _unit(unit), tuple(float(one) for one in no_value))
 
 
 def _wrong(settings: DeviceSettings, key: str, expected: str) -> ConfigError:

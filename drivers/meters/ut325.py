@@ -126,7 +126,7 @@ class HidBridge:
 
 
 def characters(report: bytes) -> bytes:
-    """What one report of the bridge carries."""
+    """Content of one report of the bridge."""
     return report[1 : 1 + (report[0] & 0x0F)] if report and report[0] & 0xF0 == 0xF0 else b""
 
 

@@ -15,7 +15,7 @@ from fieldkit.simulation.faults import CLOCK_STEP_S
 from fieldkit.simulation.simulated_clock import SimulatedClock
 
 PORT = "simulated"
-"""What the configuration writes for the port of a simulated instrument."""
+"""Port of a simulated instrument in the configuration."""
 
 CAMERAS: Mapping[str, type[SimulatedLepton]] = MappingProxyType({"purethermal": SimulatedLepton})
 METERS: Mapping[str, type[SimulatedMeter]] = MappingProxyType(

@@ -23,9 +23,6 @@ from fieldkit.simulation import Correction, FaultKind, Scene
 from fieldkit.simulation.faults import SHUTTER_STEP_K
 from fieldkit.simulation.simulated_clock import SimulatedClock
 
-# --- the board: telemetry rows and extension-unit controls
-
-
 # --- the shutter
 
 CORRECTION_NS = 800_000_000
@@ -105,7 +102,7 @@ _COUNTS_PER_KELVIN = (10, 100)
 
 @dataclass(frozen=True, slots=True)
 class BoardStatus:
-    """How the board is at one time."""
+    """State of the board at one time."""
 
     uptime_ms: int
     frame_counter: int
@@ -140,7 +137,7 @@ class Board:
 
     @property
     def is_automatic(self) -> bool:
-        """Whether the shutter runs by itself."""
+        """True if the shutter runs by itself."""
         return self._controls[FFC_MODE][0] == 1
 
     @property
@@ -265,7 +262,7 @@ class SimulatedLepton:
             raise DeviceLostError("the simulated camera is unplugged", fix="plug the cable back in")
 
     def _is_silent(self, until_ns: int) -> bool:
-        """Whether no frame is delivered now; if so waits until that time, as the kernel would."""
+        """True if no frame is delivered now; if so waits until that time, as the kernel would."""
         if not self._scene.is_on(FaultKind.SILENT, self._clock.to_utc_ns(self._clock.mono_ns())):
             return False
         self._clock.sleep_until(until_ns)

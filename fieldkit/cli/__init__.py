@@ -1,7 +1,7 @@
 """The command line: ``fieldkit COMMAND``, one module per command, imported only when it runs.
 
 A module exports `command`, made with ``cls=Command`` (or ``cls=CommandGroup``) of `fieldkit.cli.common`: it
-parses options, calls a workflow, and prints what that returned. The summaries stand here, so that
+parses options, calls a function, and prints what that returned. The summaries stand here, so that
 ``fieldkit --help`` imports no command and none of the heavy libraries.
 """
 
@@ -155,7 +155,7 @@ class CommandTable(click.Group):
         return f"; did you mean {near[0]!r}?" if near else ""
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
-        """What completes a word typed in a shell: commands with their summaries, without importing any."""
+        """Completions of a word typed in a shell: commands with their summaries, without importing any."""
         from click.shell_completion import CompletionItem
 
         names = (name for name in self.entries if name.startswith(incomplete))
@@ -194,7 +194,7 @@ def _cite(ctx: click.Context, _option: click.Parameter, is_wanted: bool) -> None
 def _version(ctx: click.Context, _option: click.Parameter, is_wanted: bool) -> None:
     """Print version, commit and source, and end."""
     if is_wanted and not ctx.resilient_parsing:
-        from fieldkit.workflows.origin import origin
+        from fieldkit.results.origin import origin
 
         click.echo(f"fieldkit {__version__} ({origin()})")
         ctx.exit()

@@ -1,4 +1,4 @@
-"""What the commands over many sessions share: workers, progress, names of results, failures at the end."""
+"""Shared by the commands over many sessions: workers, progress, names of results, failures at the end."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from fieldkit.cli import common
 from fieldkit.model.errors import FieldkitError, IntegrityError, SessionError
 
 if TYPE_CHECKING:
-    from fieldkit.workflows.batch import Progress
-    from fieldkit.workflows.executors import Workers
+    from fieldkit.results.batch import Progress
+    from fieldkit.results.executors import Workers
 
 
 def workers(kind: str, address: str | None, jobs: int | None) -> Workers:
     """The workers that the options ask for."""
-    from fieldkit.workflows.executors import Workers
+    from fieldkit.results.executors import Workers
 
     if (kind == "dask") != (address is not None):
         raise click.UsageError("--executor dask and --address belong together")
@@ -36,7 +36,7 @@ def progress_bar(task_name: str) -> Iterator[Progress]:
 
 def base_of(out: Path, endings: Sequence[str] = ()) -> Path:
     """The name that the files of a result share; a path without a name is a usage error."""
-    from fieldkit.workflows.result_files import ENDINGS, base_path
+    from fieldkit.results.result_files import ENDINGS, base_path
 
     if out.name in ("", ".."):
         raise click.UsageError(f"-o {out} names no file; write {out / 'NAME'}")

@@ -15,7 +15,7 @@ from fieldkit.cli.session_paths import find_session
 from fieldkit.cli.types import MOMENT, RECORD_NAME
 
 if TYPE_CHECKING:
-    from fieldkit.workflows.calibrate.clock import ClockCalibration
+    from fieldkit.calibrate.clock import ClockCalibration
 
 DEFAULT_NAME = "clock"
 
@@ -23,7 +23,8 @@ DEFAULT_NAME = "clock"
 @click.command(cls=common.Command)
 @click.argument("session", required=False, type=click.Path(path_type=Path))
 @click.option(
-    "--told",
+    "--at",
+    "shown",
     type=MOMENT,
     help="A time a minute ahead, with its zone: press a key the moment a phone shows it.",
 )
@@ -35,7 +36,7 @@ DEFAULT_NAME = "clock"
 @click.option("--name", type=RECORD_NAME, default=DEFAULT_NAME, show_default=True, help="Name of the record.")
 @click.pass_context
 def command(
-    ctx: click.Context, /, session: Path | None, told: datetime | None, gps: str | None, sun: bool,
+    ctx: click.Context, /, session: Path | None, shown: datetime | None, gps: str | None, sun: bool,
     is_applied: bool, name: str,
 ) -> None:  # fmt: skip
     r"""Find the seconds to add to this computer's times, or to those of a SESSION.
@@ -43,26 +44,28 @@ def command(
     Recorded times are never rewritten: --apply keeps the offset beside them.
 
     \b
-    fieldkit calibrate clock --told 2026-12-11T11:52:30+09:00
+    fieldkit calibrate clock --at 2026-12-11T11:52:30+09:00
     fieldkit calibrate clock recordings/X.h5 --sun
     """
+    from fieldkit import calibrate
     from fieldkit.cli.calibration_output import save_and_print
     from fieldkit.sessions.reader import open_session
-    from fieldkit.workflows import calibrate
 
-    if (told is not None) + (gps is not None) + sun != 1:
-        raise click.UsageError("give one of --told, --gps, --sun")
+    if (shown is not None) + (gps is not None) + sun != 1:
+        raise click.UsageError("give one of --at, --gps, --sun")
     if session is None:
-        if told is None or is_applied:
+        if shown is None or is_applied:
             raise click.UsageError("--gps, --sun and --apply need a SESSION")
         config = common.campaign(ctx)
-        pressed_ns = _key_pressed_ns(told)
+        pressed_ns = _key_pressed_ns(shown)
         save_and_print(
-            calibrate.host_clock(config, host_ns=pressed_ns, shown=told, name=name, notify=common.say_warning)
+            calibrate.host_clock(
+                config, host_ns=pressed_ns, shown=shown, name=name, notify=common.say_warning
+            )
         )
         return
-    if told is not None:
-        raise click.UsageError("--told is about this computer's clock now; omit the SESSION")
+    if shown is not None:
+        raise click.UsageError("--at is about this computer's clock now; omit the SESSION")
     session = find_session(ctx, session)
     with open_session(session) as opened:
         found = calibrate.clock(opened, gps=gps, name=name, notify=common.say_warning)
@@ -73,7 +76,7 @@ def command(
 
 
 def _next_step(session: Path, gps: str | None, name: str, found: ClockCalibration) -> str:
-    """What to do with the offset: a command as one would type it."""
+    """Next step with the offset: a command as one would type it."""
     if not found.is_significant:
         return found.used_by
     source = ["--sun"] if gps is None else ["--gps", gps]
@@ -86,7 +89,7 @@ def _key_pressed_ns(shown: datetime) -> int:
     from fieldkit.model.clock import HostClock
 
     if common.options().no_input or not sys.stdin.isatty():
-        raise click.UsageError("--told asks for a key press: run it in a terminal, without --no-input")
+        raise click.UsageError("--at asks for a key press: run it in a terminal, without --no-input")
     clock = HostClock()
     click.echo(f"press a key the moment the other clock shows {shown.isoformat()}", err=True)
     click.getchar()

@@ -14,10 +14,10 @@ import click
 from fieldkit.calibration.emissivity import FOIL_EMISSIVITY, FOIL_EMISSIVITY_SD
 from fieldkit.cli import common
 from fieldkit.cli.session_paths import find_session
-from fieldkit.cli.types import DURATION_TEXT, RECORD_NAME
+from fieldkit.cli.types import DURATION, RECORD_NAME
 
 if TYPE_CHECKING:
-    from fieldkit.workflows.calibrate import MeasurementOptions
+    from fieldkit.calibrate import MeasurementOptions
 
 Command = Callable[..., Any]
 
@@ -39,7 +39,7 @@ def _kelvin(name: str, field: str, default: float, help: str) -> Callable[[Comma
     metavar="NAME",
     help="Name of the sample and of the record.",
 )
-@click.option("--region", metavar="NAME", help="Region of the sample [default: the reference].")
+@click.option("--region", metavar="REGION", help="Region of the sample [default: the reference].")
 @click.option("--thermometer", metavar="STREAM", help="Thermometer, if there are several.")
 @click.option("--channel", metavar="PROBE", help="Probe, by name or number [default: the first].")
 @click.option(
@@ -160,7 +160,7 @@ def _kelvin(name: str, field: str, default: float, help: str) -> Callable[[Comma
 @click.option(
     "--for",
     "duration",
-    type=DURATION_TEXT,
+    type=DURATION,
     metavar="TIME",
     help="With instruments: stop after this time: 3h, 90m.",
 )
@@ -178,9 +178,9 @@ def command(
     fieldkit calibrate emissivity --sample dry-silica-sand --region flat --reflected foil
     fieldkit calibrate emissivity recordings/X.h5 --sample dry-silica-sand --reflected -42
     """
+    from fieldkit import calibrate
     from fieldkit.cli.calibration_output import save_and_print
     from fieldkit.sessions.reader import open_session
-    from fieldkit.workflows import calibrate
 
     options = calibrate.MeasurementOptions(**given)
     if session is None:
@@ -195,8 +195,8 @@ def command(
 
 def _record(ctx: click.Context, sample: str, options: MeasurementOptions, settings: tuple[str, ...]) -> Path:
     """Record until enough steady temperatures were seen, the time is over, or Ctrl-C; the session."""
+    from fieldkit.calibrate.emissivity_live import BURSTS, prepare_emissivity
     from fieldkit.cli.recording import run_until_stopped
-    from fieldkit.workflows.calibrate.emissivity_live import BURSTS, prepare_emissivity
 
     config = common.campaign(ctx, (*BURSTS, *settings))
     with prepare_emissivity(config, sample, options, common.say_warning) as prepared:

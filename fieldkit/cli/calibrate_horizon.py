@@ -19,12 +19,12 @@ _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 @click.option("--dem", type=_FILE, help="GeoTIFF of heights.")
 @click.option("--crs", help="Projected system of the DEM in metres, such as EPSG:32654.")
 @click.option(
-    "--at", type=(float, float), metavar="EAST NORTH", help="The bed's place in the DEM, in metres."
+    "--place", type=(float, float), metavar="EAST NORTH", help="Place of the regions in the DEM, in metres."
 )
 @click.option("--nearest-m", type=float, default=0.0, help="Nearer ground is omitted.", show_default=True)
 @click.option("--skyline", type=_FILE, help="CSV file of pixels on the skyline: x_px, y_px.")
 @click.option("--pose", "pose_file", type=_FILE, help="Pose of the camera that saw them.")
-@click.option("--time", "moment", type=MOMENT, help="When, if the camera moves [default: now].")
+@click.option("--at", "moment", type=MOMENT, help="When, if the camera moves [default: now].")
 @click.option("--frame", metavar="COLSxROWS", help="Size of its frame: 160x120.")
 @click.option(
     "--regions", is_flag=True, help="Regions with points_m: where each one's neighbours rise above it."
@@ -34,18 +34,18 @@ _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
     help="File to write.",
 )  # fmt: skip
 def command(
-    dem: Path | None, crs: str | None, at: tuple[float, float] | None, nearest_m: float,
+    dem: Path | None, crs: str | None, place: tuple[float, float] | None, nearest_m: float,
     skyline: Path | None, pose_file: Path | None, moment: datetime | None, frame: str | None,
     regions: bool, out: Path,
 ) -> None:  # fmt: skip
-    r"""Find the horizon of a bed from a DEM, from pixels marked on the skyline of a frame, or by other beds.
+    r"""Find the horizon of a place from a DEM, from pixels on the skyline of a frame, or by other regions.
 
     The file that it writes is named in fieldkit.toml: horizon = "horizon.csv", under [site] or of a region.
     With --regions, horizon-REGION.csv is written for each region that another one shades, together with the
     site's horizon, and named in fieldkit.toml. Needs fieldkit[terrain].
 
     \b
-    fieldkit calibrate horizon --dem dem.tif --crs EPSG:32654 --at 354605 3936221
+    fieldkit calibrate horizon --dem dem.tif --crs EPSG:32654 --place 354605 3936221
     fieldkit calibrate horizon --skyline clicks.csv --pose pose.toml --frame 160x120
     fieldkit calibrate horizon --regions
     """
@@ -54,11 +54,11 @@ def command(
             raise click.UsageError("--regions stands alone")
         _of_regions()
         return
+    from fieldkit.calibrate.horizon import horizon_from_dem, horizon_from_skyline, write_horizon
     from fieldkit.config.pose import load_pose
-    from fieldkit.workflows.calibrate.horizon import horizon_from_dem, horizon_from_skyline, write_horizon
 
-    if dem and crs and at and not skyline:
-        found = horizon_from_dem(dem, crs, *at, nearest_m=nearest_m)
+    if dem and crs and place and not skyline:
+        found = horizon_from_dem(dem, crs, *place, nearest_m=nearest_m)
     elif skyline and pose_file and frame and not dem:
         size = re.fullmatch(r"(\d+)x(\d+)", frame)
         if size is None:
@@ -67,7 +67,9 @@ def command(
             skyline, load_pose(pose_file, utc_ns(moment or datetime.now(UTC))), (int(size[2]), int(size[1]))
         )
     else:
-        raise click.UsageError("give --dem, --crs and --at, or --skyline, --pose and --frame, or --regions")
+        raise click.UsageError(
+            "give --dem, --crs and --place, or --skyline, --pose and --frame, or --regions"
+        )
     write_horizon(out, found)
     highest = max(found, key=lambda pair: pair[1])
     if common.options().json:
@@ -79,8 +81,8 @@ def command(
 
 
 def _of_regions() -> None:
+    from fieldkit.calibrate.horizon import horizons_of_regions, set_horizons
     from fieldkit.config import find_campaign, load_config
-    from fieldkit.workflows.calibrate.horizon import horizons_of_regions, set_horizons
 
     file = find_campaign(common.options().directory or Path.cwd())
     found = horizons_of_regions(load_config(file))

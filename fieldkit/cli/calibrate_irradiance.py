@@ -12,7 +12,7 @@ from fieldkit.cli.session_paths import find_session
 from fieldkit.cli.types import RECORD_NAME
 
 if TYPE_CHECKING:
-    from fieldkit.workflows.calibrate.irradiance import Against
+    from fieldkit.calibrate.irradiance import Against
 
 
 @click.command(cls=common.Command)
@@ -44,9 +44,9 @@ def command(
     fieldkit calibrate irradiance SESSION --pyranometer cmp11
     fieldkit calibrate irradiance SESSION --station slv16001.dat
     """
+    from fieldkit import calibrate
     from fieldkit.cli.calibration_output import save_and_print
     from fieldkit.sessions.reader import open_session
-    from fieldkit.workflows import calibrate
 
     references: dict[Against, str | None] = {
         "pyranometer": pyranometer,

@@ -44,8 +44,8 @@ def command(
     \b
     fieldkit calibrate pose points.csv --crs EPSG:32654 --frame 160x120 --ground-m 12.5
     """
+    from fieldkit.calibrate.pose import pose
     from fieldkit.views.formatting import number
-    from fieldkit.workflows.calibrate.pose import pose
 
     size = re.fullmatch(r"(\d+)x(\d+)", frame)
     if size is None:
@@ -64,6 +64,7 @@ def command(
     rows = [(name, number(value, 3), number(found.fit.sd[name], 3)) for name, value in found.values.items()]
     common.print_table(("", "pose", "standard uncertainty"), rows)
     click.echo(f"marks off by {max(residuals):.1f} px at most")
+    click.echo(f"the grid of {crs} is corrected: {found.grid}")
     click.echo(f"wrote {out}")
     common.say(f'next: fieldkit map --pose {out}, or pose = "{out}" under [camera] in fieldkit.toml')
 

@@ -14,7 +14,7 @@ from fieldkit.cli.types import RECORD_NAME
 @click.command(cls=common.Command)
 @click.argument("session", type=click.Path(path_type=Path))
 @click.option("--name", type=RECORD_NAME, default="beds", show_default=True, help="Name of the record.")
-@click.option("--bed", "beds", multiple=True, metavar="REGION", help="Only this bed; may be repeated.")
+@click.option("--region", "beds", multiple=True, metavar="REGION", help="Only this region; may be repeated.")
 @click.option(
     "--tilt-sd",
     type=click.FloatRange(0, min_open=True),
@@ -32,16 +32,16 @@ def command(
     r"""Find the scale kappa of a SESSION from its beds of known tilt and azimuth.
 
     kappa is for this model of the surface and this irradiance: change neither after calibrating.
-    With the learned model, what the session taught of gain, thermal inertia and depth is the next
+    With the learned model, what was learnt of gain, thermal inertia and depth is the next
     session's prior; beds of known slope sharpen it and are not needed.
 
     \b
-    fieldkit calibrate surface recordings/X.h5 --bed b15
+    fieldkit calibrate surface recordings/X.h5 --region b15
     fieldkit calibrate surface recordings/X.h5 --set estimator.model=learned --name this-sand
     """
+    from fieldkit import calibrate
     from fieldkit.cli.calibration_output import save_and_print
     from fieldkit.sessions.reader import open_session
-    from fieldkit.workflows import calibrate
 
     with open_session(find_session(ctx, session)) as opened:
         found = calibrate.surface(

@@ -33,9 +33,9 @@ def command(ctx: click.Context, /, before: Path, after: Path | None, name: str, 
     \b
     fieldkit record --for 2m --name board && fieldkit calibrate uniformity recordings/*board.h5
     """
+    from fieldkit import calibrate
     from fieldkit.cli.calibration_output import save_and_print
     from fieldkit.sessions.reader import open_session
-    from fieldkit.workflows import calibrate
 
     paths = [find_session(ctx, path) for path in (before, after) if path is not None]
     with ExitStack() as stack:

@@ -1,4 +1,4 @@
-"""What the commands of ``fieldkit calibrate`` print: value, error budget, and where the record is."""
+"""Output of the commands of ``fieldkit calibrate``: value, error budget, and where the record is."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import click
 
+from fieldkit.calibrate.result import Calibration
 from fieldkit.calibration.calibration_record import as_document
 from fieldkit.calibration.uncertainty import Contribution, combined_uncertainty, largest
 from fieldkit.cli import common
-from fieldkit.workflows.calibrate.result import Calibration
 
 WIDEST_BAR = 24
 

@@ -13,7 +13,7 @@ from fieldkit.cli.session_paths import find_sessions
 from fieldkit.model.errors import IntegrityError, RefusedError
 
 if TYPE_CHECKING:
-    from fieldkit.workflows.check import CheckedSession
+    from fieldkit.results.check import CheckedSession
 
 _MARKS = {"ok": ("ok  ", None), "warn": ("warn", "yellow"), "fail": ("FAIL", "red")}
 
@@ -33,7 +33,7 @@ def command(
 
     PATHS are sessions or folders; without any, the campaign's. Exit code 7 where one is damaged.
     """
-    from fieldkit.workflows.check import check
+    from fieldkit.results.check import check
 
     checked = []
     for path in find_sessions(ctx, paths):
@@ -41,8 +41,6 @@ def command(
         checked.append(found)
         if not options(ctx).json:
             _print(found)
-        if apply_map:
-            _correct_clock(path, is_only=len(paths) == 1 and not paths[0].is_dir())
     if options(ctx).json:
         print_json(
             {
@@ -56,13 +54,15 @@ def command(
                 ]
             }
         )
+    for one in checked if apply_map else ():
+        _correct_clock(one.path, is_only=len(paths) == 1 and not paths[0].is_dir())
     if any(one.level == "fail" or (strict and one.level == "warn") for one in checked):
         raise IntegrityError("not everything is in order", fix="see the lines marked FAIL")
 
 
 def _correct_clock(path: Path, *, is_only: bool) -> None:
     """Correct a session's clock as proposed; that there is nothing to correct is an error for one session."""
-    from fieldkit.workflows.check import correct_clock
+    from fieldkit.results.check import correct_clock
 
     try:
         steps = correct_clock(path)

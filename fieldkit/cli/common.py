@@ -1,4 +1,4 @@
-"""What every command shares: the common options, printing, the campaign.
+"""Shared by all commands: the common options, printing, the campaign.
 
 stdout carries data, stderr carries messages. Human output may change from version to
 version; what ``--json`` prints carries ``"schema": 1``.
@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from fieldkit.cli.old_spellings import respelt
 from fieldkit.model.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -26,6 +27,12 @@ if TYPE_CHECKING:
 
     from fieldkit.config import Config
     from fieldkit.sessions.reader import SessionReader
+
+_OLD_SPELLINGS = "fieldkit.old_spellings"
+
+
+PIPE_COLS = 160
+"""Rows of a table must not be cut in a pipe or a file."""
 
 
 @dataclass(frozen=True)
@@ -65,11 +72,20 @@ class Command(click.Command):
         # docstrings are raw, so click's mark for "keep these lines" arrives as two letters
         self.help: str | None = self.help and self.help.replace("\\b\n", "\b\n")
 
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Parse the arguments; old spellings are noted in ``ctx.meta``."""
+        path = ctx.command_path.removeprefix(ctx.find_root().command_path).strip()
+        words, ctx.meta[_OLD_SPELLINGS] = respelt(path, args)
+        return super().parse_args(ctx, words)
+
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command with its own parameters; the common ones become ``ctx.obj``."""
         names = [option.name for option in _common_options() if option.name]
-        ctx.obj = Options(**{name: ctx.params.pop(name) for name in names})
+        # of the root too, which explains failures
+        ctx.find_root().obj = ctx.obj = Options(**{name: ctx.params.pop(name) for name in names})
         _configure_logging(ctx.obj)
+        for note in ctx.meta[_OLD_SPELLINGS]:
+            say_warning(note)
         return super().invoke(ctx)
 
 
@@ -134,6 +150,13 @@ def campaign(ctx: click.Context, settings: Sequence[str] = ()) -> Config:
     return load_config(find_campaign(options(ctx).directory or Path.cwd()), settings=settings)
 
 
+def recordings(ctx: click.Context) -> Path:
+    """``recordings/`` of that campaign; its configuration is not read. Raises `ConfigError` without one."""
+    from fieldkit.config import find_campaign
+
+    return find_campaign(options(ctx).directory or Path.cwd()).parent / "recordings"
+
+
 def options(ctx: click.Context | None = None) -> Options:
     """The common options of the running command; the defaults outside a command line."""
     ctx = ctx or click.get_current_context(silent=True)
@@ -149,7 +172,7 @@ def say(text: str) -> None:
 
 def say_damage(session: SessionReader) -> None:
     """Print how many of the samples read so far fail their checksum: results exclude them."""
-    from fieldkit.workflows.sources import notify_damage
+    from fieldkit.results.sources import notify_damage
 
     notify_damage(session, say_warning)
 
@@ -170,16 +193,16 @@ def say_warning(text: str) -> None:
 
 def print_json(document: Mapping[str, Any]) -> None:
     """Print one JSON document on stdout, with ``"schema": 1`` in front; NaN becomes null."""
-    from fieldkit.workflows.json_document import to_json
+    from fieldkit.results.json_document import to_json
 
     click.echo(_encodable(to_json(document, indent=2)))
 
 
-def print_json_line(document: Mapping[str, Any]) -> None:
+def print_json_line(document: Mapping[str, Any], *, err: bool = False) -> None:
     """Print one JSON object on one line, for commands that print many; NaN becomes null."""
-    from fieldkit.workflows.json_document import to_json
+    from fieldkit.results.json_document import to_json
 
-    click.echo(_encodable(to_json(document, indent=None)))
+    click.echo(_encodable(to_json(document, indent=None)), err=err)
 
 
 def _encodable(text: str) -> str:
@@ -201,7 +224,7 @@ def console(*, err: bool = False) -> Console:
 
     found = Piped(stderr=err, no_color=options().no_color or None, highlight=False, emoji=False, markup=False)
     if not found.is_terminal:
-        found.width = 160  # rows of a table must not be cut in a pipe or a file
+        found.width = PIPE_COLS
     return found
 
 

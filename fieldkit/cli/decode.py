@@ -30,7 +30,6 @@ _MAX_ROWS = 200
 @click.argument("data", nargs=-1, required=True, metavar="HEX...|FILE|-")
 @click.option("--map", "register_map", metavar="NAME|FILE", help="Register map, for modbus.")
 @click.option(
-    "-o",
     "--option",
     "pairs",
     type=KEY_VALUE,
@@ -89,7 +88,7 @@ def read_bytes(words: Sequence[str], *, is_text: bool = False) -> bytes:
 
 
 def _is_file(word: str) -> bool:
-    """Whether a word names a file; hexadecimal may be longer than the longest file name."""
+    """True if a word names a file; hexadecimal may be longer than the longest file name."""
     try:
         return Path(word).is_file()
     except (OSError, ValueError):

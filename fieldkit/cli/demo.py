@@ -16,12 +16,12 @@ from fieldkit.cli.slope_table import explain_slopes, print_learnt, print_slopes
 from fieldkit.config import Config
 from fieldkit.model.site import Region
 from fieldkit.model.slope import final_estimates
+from fieldkit.recording.record import MinuteView, prepare
+from fieldkit.recording.simulate import demo_campaign, judged_against_truth, mean_tilt_error_deg
+from fieldkit.results.estimate import as_document, estimates_of
+from fieldkit.results.report import report as write_report
 from fieldkit.simulation import FaultKind
 from fieldkit.views import formatting
-from fieldkit.workflows.estimate import as_document, estimates_of
-from fieldkit.workflows.record import MinuteView, prepare
-from fieldkit.workflows.report import report as write_report
-from fieldkit.workflows.simulate import demo_campaign, judged_against_truth, mean_tilt_error_deg
 
 if TYPE_CHECKING:
     from fieldkit.estimation.estimator import Minute
@@ -35,7 +35,12 @@ PACE = 360
 @click.option("--fast", is_flag=True, help="Run as fast as possible; the numbers do not change.")
 @click.option("--fault", type=click.Choice([kind.value for kind in FaultKind]), help="Simulate a fault.")
 @click.option(
-    "--out", type=click.Path(path_type=Path), default=Path("demo"), show_default=True, help="Campaign folder."
+    "-o",
+    "--out",
+    type=click.Path(path_type=Path),
+    default=Path("demo"),
+    show_default=True,
+    help="Campaign folder.",
 )
 @click.pass_context
 def command(ctx: click.Context, fast: bool, fault: str | None, out: Path) -> None:
@@ -47,7 +52,7 @@ def command(ctx: click.Context, fast: bool, fault: str | None, out: Path) -> Non
     minutes: list[Minute] = []
     with prepare(config, name="demo", duration_s=SCENE_S, notify=common.say_warning) as prepared:
         path = run_until_stopped(prepared, [*live_views(prepared), MinuteView(minutes.append)]).path
-    common.say("estimating once more from the session for the report")
+    common.say("writing the report")
     report = write_report(path, config.reports / f"{path.stem}.html", notify=common.say_warning).path
     _conclude(path, report, minutes, config.regions, time.monotonic() - began)
 

@@ -24,7 +24,7 @@ def command(ctx: click.Context, udev: bool) -> None:
     \b
     fieldkit doctor --udev | sudo tee /etc/udev/rules.d/70-fieldkit.rules
     """
-    from fieldkit.workflows.doctor import check_computer, udev_rules
+    from fieldkit.recording.doctor import check_computer, udev_rules
 
     folder = options(ctx).directory or Path.cwd()
     if udev:

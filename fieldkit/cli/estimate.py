@@ -13,11 +13,11 @@ from fieldkit.cli.session_paths import find_sessions
 from fieldkit.cli.slope_table import explain_slopes, print_learnt, print_slopes
 from fieldkit.cli.types import FACET, SITE
 from fieldkit.model.site import Region, RegionKind, Site
-from fieldkit.workflows.estimate import as_document, require_slope, session_document
+from fieldkit.results.estimate import as_document, require_slope, session_document
 
 if TYPE_CHECKING:
-    from fieldkit.workflows.batch import EstimatedSessions
-    from fieldkit.workflows.executors import Workers
+    from fieldkit.results.batch import EstimatedSessions
+    from fieldkit.results.executors import Workers
 
 
 @click.command(cls=common.Command)
@@ -33,7 +33,8 @@ if TYPE_CHECKING:
 @common.workers_options
 @click.option("--site", type=SITE, help="Where a table was measured.")
 @click.option(
-    "--reference",
+    "--reference-facet",
+    "reference",
     type=FACET,
     default=(0.0, 0.0),
     help="Slope of a table's reference.  [default: horizontal]",
@@ -75,7 +76,7 @@ def command(
 def _estimate_sessions(
     paths: Sequence[Path], out: Path | None, workers: Workers, settings: Sequence[str], *, present: bool
 ) -> None:
-    from fieldkit.workflows.batch import estimate_sessions
+    from fieldkit.results.batch import estimate_sessions
 
     base = None if out is None else batch.base_of(out)
     with batch.progress_bar("estimating") as on_progress:
@@ -91,11 +92,13 @@ def _estimate_sessions(
 def _estimate_table(
     path: Path, site: Site | None, reference: tuple[float, float], settings: Sequence[str]
 ) -> None:
-    from fieldkit.workflows.estimate import estimate_table
+    from fieldkit.results.estimate import estimate_table
 
     if site is None:
         raise click.UsageError("a table needs --site LAT,LON,ALT: where it was measured")
-    slopes = estimate_table(path, site, settings=settings, reference_slope_deg=reference)
+    slopes = estimate_table(
+        path, site, settings=settings, reference_slope_deg=reference, notify=common.say_warning
+    )
     if common.options().json:
         common.print_json({"table": str(path), "slopes": [as_document(one) for one in slopes]})
     else:

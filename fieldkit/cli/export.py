@@ -10,17 +10,18 @@ import click
 from fieldkit.cli.common import Command, options, print_json
 from fieldkit.cli.session_paths import latest_session
 from fieldkit.model.errors import IntegrityError
+from fieldkit.sessions.formats.exports import EXPORTS
 
 if TYPE_CHECKING:
-    from fieldkit.workflows.export import Export, Kind
+    from fieldkit.results.export import Export
 
-KINDS = ("csv", "parquet", "netcdf", "mcap", "ros2", "png", "mp4", "tiff")
 MOST_NAMES = 10
+FORMATS = "\n".join(f"{name:<8} {one.meaning}" for name, one in EXPORTS.items())
 
 
-@click.command(cls=Command)
+@click.command(cls=Command, help=f"Write SESSION (default: the latest) for other programs.\n\n\b\n{FORMATS}")
 @click.argument("session", required=False, type=click.Path(path_type=Path))
-@click.option("--to", "kind", type=click.Choice(KINDS), required=True, help="Format to write.")
+@click.option("--to", "kind", type=click.Choice(tuple(EXPORTS)), required=True, help="Format to write.")
 @click.option("-o", "--out", type=click.Path(path_type=Path), metavar="DIR", help="[default: results/NAME]")
 @click.option(
     "--stream",
@@ -30,16 +31,11 @@ MOST_NAMES = 10
 @click.option("--every", type=click.IntRange(1), default=1, help="Only every n-th frame.")
 @click.pass_context
 def command(
-    ctx: click.Context, session: Path | None, kind: Kind, out: Path | None, stream: str | None, every: int
+    ctx: click.Context, session: Path | None, kind: str, out: Path | None, stream: str | None, every: int
 ) -> None:
-    """Write SESSION (default: the latest) for other programs.
-
-    Tables as CSV or Parquet, one row a sample, units in the header; netCDF, one file a stream;
-    MCAP, everything in one file for its viewers; ros2, an MCAP with ROS 2's own message types; frames
-    as PNG, film, or 16-bit TIFF of 0.01 K per count.
-    """
+    """Write a session for other programs."""
+    from fieldkit.results.export import export
     from fieldkit.sessions.reader import open_session
-    from fieldkit.workflows.export import export
 
     path = latest_session(ctx, session)
     with open_session(path) as opened:

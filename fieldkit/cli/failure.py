@@ -1,4 +1,4 @@
-"""What the command line does when something fails: explain it, and exit with the right code.
+"""Failures of the command line: explain what happened, and exit with the right code.
 
 A `FieldkitError` is explained (what happened, what to do next). Anything else is a bug:
 its traceback goes into a log file whose path is printed.
@@ -28,6 +28,11 @@ PLAIN = "fieldkit.plain"
 """Codec error handler that replaces letters an encoding lacks."""
 _LETTERS = {"±": "+-", "°": "deg", "²": "2", "–": "-", "×": "x", "µ": "u", "…": "...", "“": '"', "”": '"'}
 _BROKEN = (errno.EPIPE, errno.ENOSPC)
+_OF_A_DISK = (
+    *(errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO),
+    *(errno.EISDIR, errno.ENOTDIR, errno.ENAMETOOLONG, errno.ELOOP, errno.ESTALE),
+)
+"""Failures by disks, permissions and paths in a command that has no words of its own for it."""
 _OTHER_PLACE = "send it to another disk"
 
 
@@ -35,9 +40,9 @@ _OTHER_PLACE = "send it to another disk"
 def explain_failures(ctx: click.Context) -> Iterator[None]:
     """Turn exceptions of a command into messages on stderr and an exit code.
 
-    `FieldkitError` gives its own code, Ctrl-C 130, anything unexpected 1. Errors in what was
-    typed (`click.ClickException`, code 2) are left to click. A pipe closed by its reader, such as ``head``,
-    is a success: 0; output that cannot be written is an error of storage: 6.
+    `FieldkitError` gives its own code, Ctrl-C 130, anything unexpected 1. Errors in what was typed
+    (`click.ClickException`, code 2) are left to click. A pipe closed by its reader, such as ``head``, is a
+    success: 0; output or files that cannot be written are an error of storage: 6.
     """
     _replace_missing_letters()
     try:
@@ -56,8 +61,16 @@ def explain_failures(ctx: click.Context) -> Iterator[None]:
             if not isinstance(error, BrokenPipeError):
                 explain(StorageError(f"the output cannot be written: {error.strerror}", fix=_OTHER_PLACE))
             ctx.exit(0 if isinstance(error, BrokenPipeError) else StorageError.exit_code)
+        if isinstance(error, OSError) and error.errno in _OF_A_DISK:
+            explain(_as_storage_error(error))
+            ctx.exit(StorageError.exit_code)
         _report_unexpected(error, ctx.invoked_subcommand or "fieldkit")
         ctx.exit(UNEXPECTED)
+
+
+def _as_storage_error(error: OSError) -> StorageError:
+    what = f"cannot use {error.filename}: {error.strerror}" if error.filename else str(error.strerror)
+    return StorageError(what, fix="check that the disk has room, and that this user may write there")
 
 
 def _replace_missing_letters() -> None:
@@ -77,7 +90,7 @@ codecs.register_error(PLAIN, _plain)
 
 
 def _stdout_is_broken() -> bool:
-    """Whether stdout cannot be written any more; its remaining output is then discarded, also at exit.
+    """True if stdout cannot be written any more; its remaining output is then discarded, also at exit.
 
     Writes a line to find out: after an error Python drops the bytes it could not write.
     """
@@ -90,22 +103,31 @@ def _stdout_is_broken() -> bool:
 
 
 def explain(error: FieldkitError) -> None:
-    """Print what happened and what to do next, each line of the fix under the other."""
+    """Print what happened and what to do next, each line of the fix under the other.
+
+    With ``--json`` as JSON on one line: message, fix or null, exit code.
+    """
+    from fieldkit.cli.common import options, print_json_line
+
+    if options().json:
+        document = {"error": error.message, "fix": error.fix, "exit_code": error.exit_code}
+        print_json_line(document, err=True)
+        return
     click.echo(f"error: {error.message}", err=True)
     if error.fix:
         click.echo("  fix: " + error.fix.replace("\n", "\n       "), err=True)
 
 
 def _report_unexpected(error: Exception, command: str) -> None:
-    click.echo(f"error: {command} failed unexpectedly: {type(error).__name__}: {error}", err=True)
+    what = f"{command} failed unexpectedly: {type(error).__name__}: {error}"
     try:
-        log = _write_log(error, command)
+        fix = f"this is a bug in fieldkit; details are in {_write_log(error, command)}"
     except OSError:
         import traceback
 
         traceback.print_exception(error)
-    else:
-        click.echo(f"  this is a bug in fieldkit; details are in {log}", err=True)
+        fix = None
+    explain(FieldkitError(what, fix=fix))
 
 
 def _write_log(error: Exception, command: str) -> Path:

@@ -14,7 +14,7 @@ from fieldkit.model.radiation import COMPONENTS
 from fieldkit.model.samples import Severity
 
 if TYPE_CHECKING:
-    from fieldkit.workflows.importing import ImportedSession
+    from fieldkit.results.importing import ImportedSession
 
 
 # all options but --out and --into go into `ImportOptions`: the second name is that of its field
@@ -52,12 +52,12 @@ if TYPE_CHECKING:
 @click.option("--time-format", metavar="FORMAT", help='Time in the frames\' names, such as "%Y%m%dT%H%M%S".')
 @click.option("--zone", type=ZONE, help="Zone of times that have none.")
 @click.option(
-    "--offset",
+    "--clock-offset",
     "offset_s",
     default="0s",
     type=CLOCK_OFFSET,
     metavar="[+-]Ns|auto",
-    help="Add to a table's times, if its clock was slow; auto finds it from the streams of --into.",
+    help="Add to the times of frames or a table, if their clock was slow; auto finds a table's from --into.",
 )
 @click.option(
     "--unit",
@@ -65,6 +65,18 @@ if TYPE_CHECKING:
     help="Unit of a table's values, if not in its header: C, F, K, lx, klx, fc, W/m2, m/s.",
 )
 @click.option("--column", "columns", multiple=True, metavar="NAME", help="Column of a table; repeatable.")
+@click.option(
+    "--time",
+    "time_columns",
+    multiple=True,
+    metavar="NAME",
+    help="Column of a table's time; of date and time of day, one after the other.",
+)
+@click.option(
+    "--keep",
+    type=click.Choice(("first", "last")),
+    help="Rows of a table to keep of times that come twice, because its clock was set back.",
+)
 @click.option(
     "--measures",
     type=click.Choice(COMPONENTS),
@@ -87,17 +99,15 @@ def command(ctx: click.Context, /, source: Path, out: Path | None, into: Path | 
 
     The session gets the regions of the campaign; draw them before or after (fieldkit roi).
     """
+    from fieldkit.results.importing import ImportOptions, import_into, import_recording
+    from fieldkit.results.provenance import command_line
     from fieldkit.sessions.reader import open_session
-    from fieldkit.workflows.importing import ImportOptions, import_into, import_recording
-    from fieldkit.workflows.provenance import command_line
 
     unstated = ImportOptions(**{**given, "measures": given["measures"] or ""})
     if into is not None:
         with open_session(find_session(ctx, into)) as session:
             _print(import_into(session, source, out, unstated))
         return
-    if unstated.offset_s == "auto":
-        raise click.UsageError("--offset auto needs the session to align with: --into SESSION")
     _print(
         import_recording(
             source,

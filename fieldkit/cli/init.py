@@ -14,8 +14,10 @@ from fieldkit.model.site import Site, zone_by_longitude
 
 @click.command(cls=Command)
 @click.argument("folder", type=click.Path(path_type=Path), default=".", metavar="[DIR]")
-@click.option("--site", type=SITE, help="Where the beds stand [default: the paper's site, to be changed].")
-@click.option("--timezone", metavar="NAME", help="Its time zone, such as Asia/Tokyo [default: by longitude].")
+@click.option("--site", type=SITE, help="Where it is measured [default: the paper's site, to be changed].")
+@click.option(
+    "--zone", "timezone", metavar="ZONE", help="Its time zone, such as Asia/Tokyo [default: by longitude]."
+)
 @click.option("--simulated", is_flag=True, help="A campaign that records on simulated devices.")
 @click.option("--schema", is_flag=True, help="Print the JSON schema of fieldkit.toml for editors, and stop.")
 @click.pass_context
@@ -26,12 +28,12 @@ def command(
     if schema:
         _print_schema()
         return
-    from fieldkit.workflows.campaign import init_campaign
+    from fieldkit.recording.campaign import init_campaign
 
     if simulated and (site or timezone):
-        raise click.UsageError("--simulated brings its own site: omit --site and --timezone")
+        raise click.UsageError("--simulated brings its own site: omit --site and --zone")
     if timezone and site is None:
-        raise click.UsageError("--timezone needs --site")
+        raise click.UsageError("--zone needs --site")
     folder = (options(ctx).directory or Path()) / folder
     place = (site.latitude_deg, site.longitude_deg, site.elevation_m) if site else None
     file = init_campaign(folder, place, timezone=timezone, simulated=simulated).config.path

@@ -12,7 +12,7 @@ from fieldkit.cli.recording import terminal_views
 from fieldkit.cli.types import DURATION
 
 if TYPE_CHECKING:
-    from fieldkit.workflows.opening import Instruments
+    from fieldkit.recording.opening import Instruments
 
 
 @click.command(cls=common.Command)
@@ -31,8 +31,8 @@ def command(
     settings: tuple[str, ...],
 ) -> None:
     """Show the current frame and readings without recording; Ctrl-C ends it."""
-    from fieldkit.workflows.opening import open_instruments
-    from fieldkit.workflows.preview import LivePreview, missing_instruments, write_png
+    from fieldkit.recording.opening import open_instruments
+    from fieldkit.recording.preview import LivePreview, missing_instruments, write_png
 
     config = common.campaign(ctx, settings)
     with open_instruments(config, duration_s=duration_s, allow_missing=True) as instruments:

@@ -7,9 +7,9 @@ from typing import Any
 
 import click
 
-from fieldkit.cli.common import Command, options, print_json, print_table, say
+from fieldkit.cli.common import Command, options, print_json, print_table, say, say_warning
 from fieldkit.cli.session_paths import recordings_folder
-from fieldkit.workflows.recordings import sessions_in
+from fieldkit.recording.recordings import sessions_in
 
 
 @click.command(cls=Command)
@@ -17,12 +17,12 @@ from fieldkit.workflows.recordings import sessions_in
 @click.pass_context
 def command(ctx: click.Context, folder: Path | None) -> None:
     """List sessions: when, how long, how many samples, which state."""
-    from fieldkit.workflows.describe import describe_briefly
+    from fieldkit.recording.listing import listed
 
     folder = folder or recordings_folder(ctx)
     if (folder / "recordings").is_dir():
         folder = folder / "recordings"
-    rows = [describe_briefly(path) for path in sessions_in(folder)]
+    rows = listed(folder, sessions_in(folder, say_warning))
     if options(ctx).json:
         print_json({"folder": str(folder), "sessions": rows})
         return

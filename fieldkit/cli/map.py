@@ -13,12 +13,11 @@ import click
 from fieldkit.cli import batch, common
 from fieldkit.cli.session_paths import find_sessions, latest_session
 from fieldkit.cli.types import WINDOW
-from fieldkit.model.errors import ConfigError, NoAnswerError
+from fieldkit.model.errors import NoAnswerError
 
 if TYPE_CHECKING:
-    from fieldkit.workflows.batch import Failures
-    from fieldkit.workflows.slope_map import MappedSession, Maps
-    from fieldkit.workflows.terrain_products import Products
+    from fieldkit.results.batch import Failures
+    from fieldkit.results.slope_map import MappedSession, Maps
 
 
 @click.command(cls=common.Command)
@@ -78,7 +77,7 @@ def command(
     r"""Map the slopes of SESSIONS or folders of them (default: the latest), pixel by pixel.
 
     NAME.png shows azimuth as hue and tilt as saturation, shaded like a relief; NAME.nc (netCDF) has the
-    arrays with state and 90 % region of every pixel. With --follow both are replaced as a whole, so an
+    arrays with state and likelihood region of every pixel. With --follow both are replaced as a whole, so an
     image viewer or a browser may keep them open; the recording is not disturbed.
 
     \b
@@ -96,33 +95,28 @@ def command(
     GeoTIFF with a band for each layer, NAME.ply, points, and NAME.mcap, a grid map and of ptilt an
     occupancy grid for ROS 2. Needs fieldkit[terrain].
     """
-    from fieldkit.workflows.slope_map import map_sessions, slope_map
-    from fieldkit.workflows.terrain_products import Products
+    from fieldkit.config.pose import read_pose
+    from fieldkit.ground.terrain_products import Products
+    from fieldkit.results.slope_map import map_sessions, slope_map
 
     wanted = None
     if products is not None:
         wanted = Products([name.strip() for name in products.split(",")], limit_deg, drive_deg)
+    camera = read_pose(pose) if pose is not None else None
     paths = find_sessions(ctx, sessions) if sessions else [latest_session(ctx, None)]
     if len(paths) > 1:
         if follow:
             raise click.UsageError("--follow is for one session")
-        if pose is not None:
-            raise click.UsageError("--pose is for one session")
         workers = batch.workers(kind, address, jobs)
-        _map_many(
-            _bases(paths, out),
-            partial(
-                map_sessions,
-                window=window,
-                settings=settings,
-                present=present,
-                wanted=wanted,
-                workers=workers,
-            ),
-        )
+        make_all = partial(map_sessions, window=window, settings=settings, present=present, workers=workers)
+        write_all = partial(make_all, wanted=wanted, pose=camera, cell_m=cell_m, notify=common.say)
+        _map_many(_bases(paths, out), write_all)
         return
     make = partial(slope_map, paths[0], window, settings=settings, present=present)
-    write = partial(_write, wanted=wanted, pose=pose, cell_m=cell_m)
+
+    def write(found: MappedSession, base: Path) -> list[Path]:
+        return found.write(base, wanted, pose=camera, cell_m=cell_m, notify=common.say)
+
     if follow:
         _follow(paths[0], lambda: _map(paths[0], out, make, write, common.print_json_line))
     _map(paths[0], out, make, write, common.print_json_line if follow else common.print_json)
@@ -130,7 +124,7 @@ def command(
 
 def _follow(path: Path, map_now: Callable[[], None]) -> None:
     """Map at each new minute of a recording until it ends; a minute without a map is reported."""
-    from fieldkit.workflows.follow import new_minutes
+    from fieldkit.recording.follow import new_minutes
 
     for _ in new_minutes(path):
         try:
@@ -152,6 +146,7 @@ def _map(
     for note in found.notes:
         common.say(note)
     files = write(found, base)
+    _say_earlier(base, files)
     if common.options().json:
         print_json(_document(path, found, files))
     else:
@@ -160,34 +155,13 @@ def _map(
         raise damage
 
 
-def _write(
-    found: MappedSession, base: Path, wanted: Products | None, pose: Path | None, cell_m: float | None
-) -> list[Path]:
-    """Write a map, its products, and both on the ground if there is a pose: that given, or the session's."""
-    from fieldkit.config.pose import read_pose
-    from fieldkit.workflows.on_ground import view_of, write_on_ground
-    from fieldkit.workflows.terrain_products import Products
-
-    used = found.pose if pose is None else read_pose(pose)
-    if used is None:
-        return found.write(base, found.products(wanted) if wanted is not None else [])
-    layers = found.products(wanted or Products(("slope", "heading")))
-    try:
-        view = view_of(found, used, cell_m)
-    except (ConfigError, NoAnswerError) as error:
-        if pose is not None:
-            raise
-        common.say(f"not put on the ground: {error.message}")
-        return found.write(base, layers)
-    on_ground = write_on_ground(base, view, layers, found.slopes, found.end_ns)
-    return [*found.write(base, layers), *on_ground]
-
-
 def _map_many(bases: Mapping[Path, Path], make: Callable[..., tuple[Maps, Failures]]) -> None:
     with batch.progress_bar("mapping") as on_progress:
         made, failures = make(bases, on_progress=on_progress)
     for note in dict.fromkeys(note for found, _ in made.values() for note in found.notes):
         common.say(note)
+    for path, (_, files) in made.items():
+        _say_earlier(bases[path], files)
     if common.options().json:
         common.print_json({"sessions": [_document(path, *one) for path, one in made.items()]})
     else:
@@ -197,8 +171,16 @@ def _map_many(bases: Mapping[Path, Path], make: Callable[..., tuple[Maps, Failur
     batch.raise_failures(failures, bases)
 
 
+def _say_earlier(base: Path, files: Sequence[Path]) -> None:
+    """Name the files of an earlier map that stand beside the new ones."""
+    from fieldkit.results.slope_map import earlier_files
+
+    if earlier := earlier_files(base, files):
+        common.say(f"of an earlier map, not of this one: {', '.join(map(str, earlier))}")
+
+
 def _base(out: Path | None, session: Path) -> Path:
-    from fieldkit.workflows.slope_map import ENDINGS, default_base
+    from fieldkit.results.slope_map import ENDINGS, default_base
 
     return default_base(session) if out is None else batch.base_of(out, ENDINGS)
 
@@ -217,6 +199,7 @@ def _document(path: Path, found: MappedSession, files: Sequence[Path]) -> dict[s
 
 def _print_map(found: MappedSession, files: Sequence[Path]) -> None:
     """Each region of the map in numbers, and the files."""
+    from fieldkit.model.confidence import percent
     from fieldkit.views.formatting import number
 
     rows = [
@@ -227,8 +210,9 @@ def _print_map(found: MappedSession, files: Sequence[Path]) -> None:
         )
         for one in found.by_region()
     ]  # fmt: skip
+    of_one = f"{percent(found.bounds.confidence)} of one °"
     common.print_table(
-        ("region", "tilt °", "azimuth °", "half of pixels °", "90 % of one °", "pixels", "states"), rows
+        ("region", "tilt °", "azimuth °", "half of pixels °", of_one, "pixels", "states"), rows
     )
     for file in files:
         click.echo(file)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import click
 
 from fieldkit.cli import common
+from fieldkit.model.errors import ConfigError, RefusedError, StorageError
 from fieldkit.views.service_manager import is_expected
 
 if TYPE_CHECKING:
@@ -27,14 +28,16 @@ ENDS_WITHIN_S = 5.0
 
 @click.command(cls=common.Command)
 @click.option(
-    "--on",
+    "--address",
     "address",
     default=LOOPBACK,
     show_default=True,
     metavar="ADDRESS",
     help="Address to serve on: this computer's in the local network, or 0.0.0.0 for all of them.",
 )
-@click.option("--port", type=click.IntRange(1, 65_535), default=PORT, show_default=True, help="Port.")
+@click.option(
+    "--port", type=click.IntRange(1, 65_535), default=PORT, show_default=True, metavar="PORT", help="Port."
+)
 @click.option(
     "--link", "role", type=click.Choice(["view", "control"]),
     help="Print one more link for the page that runs, and exit.",
@@ -50,14 +53,14 @@ def command(
     record: bool,
     settings: tuple[str, ...],
 ) -> None:
-    r"""Serve the field page: picture, regions, slopes, start, marks and alarms in a browser.
+    r"""Serve the field page: frame, regions, slopes, start, marks and alarms in a browser.
 
     Without a recording it shows the instruments live. A recording that is started there goes on when the page
     ends. Each link works once and makes one browser known for a day.
 
     \b
     fieldkit page                       on this computer only
-    fieldkit page --on 192.168.4.1      for phones in that network
+    fieldkit page --address 192.168.4.1 for phones in that network
     fieldkit page --link view           one more link, to look only
     """
     config = common.campaign(ctx, settings)
@@ -68,20 +71,16 @@ def command(
 
 
 def _serve(config: Config, address: str, port: int, settings: tuple[str, ...], *, record: bool) -> None:
-    from fieldkit.model.errors import RefusedError
-
     try:
         from fieldkit.page.server import Page, listening, server
     except ModuleNotFoundError as error:
-        from fieldkit.model.errors import ConfigError
-
         raise ConfigError(f"the page needs {error.name}", fix="pip install 'fieldkit[page]'") from error
     try:
         listener = listening(address, port)
     except OSError as error:
         raise RefusedError(
             f"cannot serve on {address}:{port}: {error.strerror}",
-            fix="try another --port or --on",
+            fix="try another --port or --address",
         ) from error
     with listener:
         _print_links(config, address, port, "Ctrl-C ends the page")
@@ -107,7 +106,7 @@ def page_beside(config: Config, address: str | None, settings: Sequence[str]) ->
 def _begun(config: Config, address: str, settings: Sequence[str]) -> subprocess.Popen[bytes] | None:
     """The process of a page, its links printed; None with a warning if there can be none."""
     words = [*(sys.executable, "-P", "-m", "fieldkit", "page", "-C", str(config.directory), "--quiet")]
-    words += ["--on", address, *(word for setting in settings for word in ("--set", setting))]
+    words += ["--address", address, *(word for setting in settings for word in ("--set", setting))]
     environment = {name: value for name, value in os.environ.items() if name != "NOTIFY_SOCKET"}
     try:
         process = subprocess.Popen(
@@ -118,7 +117,7 @@ def _begun(config: Config, address: str, settings: Sequence[str]) -> subprocess.
             start_new_session=True,
         )
         _print_links(config, address, PORT, "The page ends with the recording")
-    except OSError as error:
+    except (OSError, StorageError) as error:
         common.say_warning(f"the recording has no page: {error}")
         return None
     return process

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fieldkit.cli.common import Command, campaign, options, print_json, print_table, progress, say
-from fieldkit.cli.types import DAY, FACET, SITE, ZONE
+from fieldkit.cli.types import DAY, FACET, SITE, ZONE, minutes
 from fieldkit.model.site import Site, with_zone
 
 if TYPE_CHECKING:
     from fieldkit.config import Config
-    from fieldkit.workflows.experiments import Experiments
-    from fieldkit.workflows.plan import MeasuringPlan
+    from fieldkit.recording.experiments import Experiments
+    from fieldkit.recording.plan import MeasuringPlan
 
 
 @click.command(cls=Command)
@@ -39,19 +39,19 @@ if TYPE_CHECKING:
     help="Noise of a region's minute mean, K.",
 )  # fmt: skip
 @click.option(
-    "--window", "window_min", type=click.IntRange(3, 360), default=20, show_default=True,
-    help="Length of a window, minutes.",
+    "--window", "window_min", type=minutes(3, 360), default="20m", show_default=True,
+    help="Length of a window.",
 )  # fmt: skip
 @click.option("--air-c", default=15.0, show_default=True, help="Air temperature expected, °C.")
 @click.option(
-    "--step", "step_min", type=click.IntRange(1), default=30, show_default=True, help="Minutes between rows."
+    "--step", "step_min", type=minutes(1, 1440), default="30m", show_default=True, help="Time between rows."
 )
 @click.option("--experiments", "predicts", is_flag=True, help="Predict what a shade test and others bring.")
 @click.option(
-    "--minutes", type=click.IntRange(20, 360), default=60, show_default=True,
+    "--for", "session_min", type=minutes(20, 360), default="1h", show_default=True,
     help="Length of the session for --experiments.",
 )  # fmt: skip
-@click.option("--out", type=click.Path(dir_okay=False, path_type=Path), help="Page to write.")
+@click.option("-o", "--out", type=click.Path(dir_okay=False, path_type=Path), help="Page to write.")
 @click.pass_context
 def command(
     ctx: click.Context,
@@ -61,21 +61,21 @@ def command(
     day: date,
     facets: tuple[tuple[float, float], ...],
     predicts: bool,
-    minutes: int,
+    session_min: int,
     out: Path | None,
     **assumed: Any,
 ) -> None:
     r"""Sun, kelvin per degree and the best possible accuracy over a day.
 
     The Cramér–Rao bound needs no measurement: only sun, irradiance and noise. A page to
-    print goes to the campaign's reports/, or where --out says. --experiments simulates the
+    print goes to the campaign's reports/, or to --out. --experiments simulates the
     best hour with the learned model, as it is and with each experiment: half a minute.
 
     \b
     fieldkit plan --site 35.558675,139.395232,9 --on 2026-12-11 --facet 5,180 --facet 15,180
     fieldkit plan --on 2026-12-11 --clear-sky 3 --experiments
     """
-    from fieldkit.workflows.plan import PlanOptions, plan, target_facets
+    from fieldkit.recording.plan import PlanOptions, plan, target_facets
 
     config = None if site and facets else campaign(ctx)
     made = plan(
@@ -85,7 +85,7 @@ def command(
         PlanOptions(**assumed),
         estimator=config.estimator_settings() if config else None,
     )
-    found = _predicted(made, minutes, config) if predicts else None
+    found = _predicted(made, session_min, config) if predicts else None
     path = out or (config.reports / f"plan-{day}.html" if config else None)
     if path:
         made.write(path, found)
@@ -95,13 +95,13 @@ def command(
         _print(made, found, path)
 
 
-def _predicted(made: MeasuringPlan, minutes: int, config: Config | None) -> Experiments:
-    from fieldkit.workflows.plan import logs_air
+def _predicted(made: MeasuringPlan, session_min: int, config: Config | None) -> Experiments:
+    from fieldkit.recording.plan import logs_air
 
     with progress() as bar:
         task = bar.add_task("experiments", total=None)
         return made.experiments(
-            minutes,
+            session_min,
             air_logged=config is not None and logs_air(config),
             on_experiment=lambda one: bar.update(task, description=one.name),
         )

@@ -12,8 +12,8 @@ from fieldkit.cli.page import LOOPBACK, page_beside
 from fieldkit.cli.recording import live_views, run_until_stopped
 from fieldkit.cli.session_paths import report_interrupted
 from fieldkit.cli.types import DURATION, TIME_OF_DAY
-from fieldkit.workflows.json_document import learnt_document
-from fieldkit.workflows.recordings import sessions_in
+from fieldkit.recording.recordings import sessions_in
+from fieldkit.results.json_document import learnt_document
 
 if TYPE_CHECKING:
     from datetime import time
@@ -26,7 +26,10 @@ if TYPE_CHECKING:
 @click.option("--name", default="", metavar="NAME", help="Part of the file name.")
 @click.option("--for", "duration_s", type=DURATION, metavar="TIME", help="Duration: 3h, 90m, 45s.")
 @click.option(
-    "--until", type=TIME_OF_DAY, metavar="HH:MM", help="Time of day to stop, in the site's time zone."
+    "--until",
+    type=TIME_OF_DAY,
+    metavar="TIME",
+    help="Time of day to stop, such as 15:05, in the site's zone.",
 )
 @click.option("--allow-missing", is_flag=True, help="Record without instruments that are not plugged in.")
 @click.option(
@@ -47,7 +50,7 @@ def command(
     settings: tuple[str, ...],
 ) -> None:
     """Record a session of this campaign; Ctrl-C stops and seals it, a second one stops at once."""
-    from fieldkit.workflows.record import prepare
+    from fieldkit.recording.record import prepare
 
     if duration_s is not None and until is not None:
         raise click.UsageError("give --for or --until, not both")

@@ -1,4 +1,4 @@
-"""What the commands that record share: the live view on stderr, and signals that stop and seal."""
+"""Shared by the commands that record: the live view on stderr, and signals that stop and seal."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from fieldkit.cli import common
 if TYPE_CHECKING:
     from fieldkit.config import Config
     from fieldkit.recorder import View
-    from fieldkit.workflows.opening import Instruments
-    from fieldkit.workflows.record import PreparedRecording, RecordedSession
+    from fieldkit.recording.opening import Instruments
+    from fieldkit.recording.record import PreparedRecording, RecordedSession
 
 
 def run_until_stopped(prepared: PreparedRecording, views: Sequence[View]) -> RecordedSession:
-    """Record until the planned end or a signal, which seals the session; a second Ctrl-C stops at once."""
+    """Record until the planned end or a signal, which seals the session; a second one stops at once."""
+    from fieldkit.results.provenance import command_line
     from fieldkit.views.service_manager import RecordingReports, is_expected
-    from fieldkit.workflows.provenance import command_line
 
     if is_expected():
         views = [*views, RecordingReports(prepared.path.stem)]
@@ -34,12 +34,13 @@ def run_until_stopped(prepared: PreparedRecording, views: Sequence[View]) -> Rec
 
 @contextmanager
 def stop_on_signals() -> Iterator[threading.Event]:
-    """An event that Ctrl-C, SIGTERM and SIGHUP set; a second Ctrl-C raises `KeyboardInterrupt`."""
+    """An event that Ctrl-C, SIGTERM and SIGHUP set; a second Ctrl-C or SIGTERM raises `KeyboardInterrupt`."""
     stopping = threading.Event()
 
     def stop(number: int, frame: object) -> None:
-        if number == signal.SIGINT:
-            signal.signal(signal.SIGINT, signal.default_int_handler)
+        if number != signal.SIGHUP:  # shell and kernel both send one when a terminal closes
+            for second in (signal.SIGINT, signal.SIGTERM):
+                signal.signal(second, signal.default_int_handler)
         stopping.set()
 
     signals = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -66,8 +67,8 @@ def terminal_views(
     theme: Literal["dark", "paper"],
 ) -> list[View]:
     """The live view on stderr, none with ``--quiet`` or ``--json``."""
+    from fieldkit.recording.alarms import least_sent
     from fieldkit.views.terminal_view import terminal_view
-    from fieldkit.workflows.alarms import least_sent
 
     given = common.options()
     if given.quiet or given.json:

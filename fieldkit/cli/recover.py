@@ -12,7 +12,8 @@ import click
 from fieldkit.cli.common import Command, options, print_json, say
 from fieldkit.cli.session_paths import find_session, recordings_folder
 from fieldkit.model.errors import FieldkitError, IntegrityError
-from fieldkit.workflows.recordings import delete_crash_files, is_interrupted, recover_session, sessions_in
+from fieldkit.recording.recordings import delete_crash_files, is_interrupted, sessions_in
+from fieldkit.recording.request_reader import recover_session
 
 if TYPE_CHECKING:
     from fieldkit.sessions.recovery import RecoveryReport
@@ -55,6 +56,8 @@ def command(ctx: click.Context, paths: tuple[Path, ...], tidy: bool) -> None:
         raise IntegrityError(
             "samples are lost", fix="the lines marked LOST list them; all other samples are intact"
         )
+    if any(report.damage and not report.end_is_known for report in reports):
+        raise IntegrityError("samples may be lost at the end", fix="all samples in the session are intact")
 
 
 def _tidy(sessions: Sequence[Path]) -> list[Path]:
@@ -70,12 +73,17 @@ def _print(report: RecoveryReport, *, kept: bool) -> None:
     if report.was_complete:
         click.echo(f"{report.path}: complete, nothing to do")
         return
+    if not report.counts:
+        click.echo(f"{report.path}: nothing was recorded; what was left of its start is deleted")
+        return
     click.echo(f"recovered {report.path}  {report.bytes / 1e6:.1f} MB")
     for name, count in report.counts.items():
         click.echo(f"  {name}: {count} samples, {report.from_journal[name]} of them only in the journal")
     for run in report.lost:
         between = " ".join(_between(run))
         click.echo(f"  LOST {run.stream}: {run.count} samples, numbers {run.first} to {run.last}, {between}")
+    if not report.end_is_known:
+        click.echo("  the end is not known: samples behind the last one may be lost")
     for line in report.damage:
         click.echo(f"  damaged: {line}")
     if kept and report.crashed is not None:
@@ -83,7 +91,7 @@ def _print(report: RecoveryReport, *, kept: bool) -> None:
 
 
 def _between(run: LostRange) -> Iterator[str]:
-    """When the lost samples were taken: after the last one kept before them, before the next one kept."""
+    """Time of the lost samples: after the last one kept before them, before the next one kept."""
     yield f"after {_utc(run.after_ns)}" if run.after_ns else "from the beginning"
     yield f"and before {_utc(run.before_ns)}" if run.before_ns else "to the end"
 
@@ -108,4 +116,5 @@ def _document(report: RecoveryReport) -> dict[str, object]:
             for run in report.lost
         ],
         "damage": list(report.damage),
+        "end_is_known": report.end_is_known,
     }  # fmt: skip

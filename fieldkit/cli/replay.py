@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-from functools import partial
 from pathlib import Path
-from typing import Literal
 
 import click
 
@@ -14,10 +12,10 @@ from fieldkit.cli.session_paths import find_session, report_interrupted
 from fieldkit.cli.slope_table import explain_slopes, print_learnt, print_slopes
 from fieldkit.estimation.estimator import Estimator
 from fieldkit.recorder import View
+from fieldkit.recording.replay import replay
+from fieldkit.results.estimate import as_document
+from fieldkit.results.json_document import learnt_document
 from fieldkit.sessions.reader import SessionReader
-from fieldkit.workflows.estimate import as_document
-from fieldkit.workflows.json_document import learnt_document
-from fieldkit.workflows.replay import replay
 
 
 @click.command(cls=common.Command)
@@ -25,19 +23,15 @@ from fieldkit.workflows.replay import replay
 @click.option(
     "--speed", default="60", show_default=True, metavar="N|max", help="Session seconds per real second."
 )
-@common.theme_option
 @common.set_option
 @click.pass_context
-def command(
-    ctx: click.Context, session: Path, speed: str, theme: Literal["dark", "paper"], settings: tuple[str, ...]
-) -> None:
+def command(ctx: click.Context, session: Path, speed: str, settings: tuple[str, ...]) -> None:
     """Play a SESSION as if live; --speed max gives its slopes at once."""
     factor = parse_speed(speed)
     session = find_session(ctx, session)
     report_interrupted([session])
     is_shown = not (math.isinf(factor) or common.options().json)
-    view_of = partial(_view, theme=theme) if is_shown else None
-    done = replay(session, speed=factor, settings=settings, view_of=view_of)
+    done = replay(session, speed=factor, settings=settings, view_of=_view if is_shown else None)
     slopes = done.estimates
     if common.options().json:
         common.print_json(
@@ -57,7 +51,7 @@ def command(
     common.say(f"next: fieldkit report {session}")
 
 
-def _view(session: SessionReader, estimator: Estimator, theme: Literal["dark", "paper"]) -> View:
+def _view(session: SessionReader, estimator: Estimator) -> View:
     from fieldkit.views.terminal_view import terminal_view
 
     streams = tuple(session.streams.values())
@@ -68,7 +62,6 @@ def _view(session: SessionReader, estimator: Estimator, theme: Literal["dark", "
         title=f"{session.path.stem} (replay)",
         planned_end_ns=session.end_ns,
         console=common.console(err=True),
-        theme=theme,
     )
 
 

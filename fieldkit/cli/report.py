@@ -14,8 +14,7 @@ from fieldkit.cli.session_paths import find_sessions, latest_session
 from fieldkit.model.errors import SessionError
 
 if TYPE_CHECKING:
-    from fieldkit.estimation.statistics import SdKind
-    from fieldkit.workflows.report import Report
+    from fieldkit.results.report import Report
 
 
 @click.command(cls=common.Command)
@@ -27,13 +26,6 @@ if TYPE_CHECKING:
     metavar="FILE",
     help="FILE.html, or FILE.pdf with the HTML beside it [default: HTML in the reports folder].",
 )
-@click.option(
-    "--sd",
-    type=click.Choice(["paper", "usual"]),
-    default="paper",
-    show_default=True,
-    help="Standard deviation: the paper's eq. (9) as printed, or the ordinary one.",
-)
 @click.option("--open", "show", is_flag=True, help="Open it in the browser.")
 @common.present_option
 @common.set_option
@@ -42,7 +34,6 @@ def command(
     ctx: click.Context,
     sessions: tuple[Path, ...],
     out: Path | None,
-    sd: SdKind,
     show: bool,
     present: bool,
     settings: tuple[str, ...],
@@ -53,12 +44,14 @@ def command(
     them, with errors and figures over all. The BASE of `estimate -o BASE` stands for its sessions and
     parameters: fieldkit report BASE.
     """
-    from fieldkit.workflows.report import ReportOptions, report
-    from fieldkit.workflows.result_files import recalled
+    from fieldkit.results.report import ReportOptions, report
+    from fieldkit.results.result_files import recalled
 
     sessions, settings, as_now = recalled(sessions, settings)
     paths = find_sessions(ctx, sessions) if sessions else [latest_session(ctx, None)]
-    made = report(paths, out, ReportOptions(sd, settings, present or as_now), notify=common.say_warning)
+    made = report(
+        paths, out, ReportOptions(settings=settings, present=present or as_now), notify=common.say_warning
+    )
     _print(made)
     if show:
         webbrowser.open(made.path.resolve().as_uri())

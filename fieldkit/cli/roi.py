@@ -16,7 +16,7 @@ from fieldkit.model.errors import ConfigError
 
 if TYPE_CHECKING:
     from fieldkit.model.site import Region
-    from fieldkit.workflows.running import SentRequest
+    from fieldkit.recording.requests import SentRequest
 
 Point = tuple[float, float]
 
@@ -91,8 +91,8 @@ def add(
     as for fieldkit map, they are drawn where the camera sees them now. Needs fieldkit[terrain], and
     width_px and height_px of the camera.
     """
-    from fieldkit.workflows.regions import add_region
-    from fieldkit.workflows.running import change_regions
+    from fieldkit.recording.redrawing import change_regions
+    from fieldkit.recording.regions import add_region
 
     if (first is None) == (rect is None) or (rect and more):
         raise click.UsageError("give the corners by --points, or a rectangle by --rect")
@@ -122,8 +122,8 @@ def add(
 def _on_frame(file: Path, pose: Path, corners: list[Point]) -> list[Point]:
     """Corners on the ground as pixels of the camera's frame."""
     from fieldkit.config.pose import read_pose
-    from fieldkit.workflows.on_ground import on_frame
-    from fieldkit.workflows.regions import read_regions
+    from fieldkit.ground.on_ground import on_frame
+    from fieldkit.recording.regions import read_regions
 
     camera = read_regions(file)[0].tables.camera
     if camera is None or camera.width_px is None or camera.height_px is None:
@@ -158,8 +158,8 @@ def edit(
     A running recording uses the change from the next full minute on. Finished sessions keep the regions they
     were recorded with; with --campaign, estimate, report and map use the new ones.
     """
-    from fieldkit.workflows.regions import edit_region
-    from fieldkit.workflows.running import change_regions
+    from fieldkit.recording.redrawing import change_regions
+    from fieldkit.recording.regions import edit_region
 
     properties = _known(tilt_deg=tilt, azimuth_deg=azimuth, emissivity=emissivity, offset_k=offset)
     if shrink is None and not properties:
@@ -178,8 +178,8 @@ def edit(
 @click.pass_context
 def remove(ctx: click.Context, name: str) -> None:
     """Remove the region NAME from fieldkit.toml."""
-    from fieldkit.workflows.regions import remove_region
-    from fieldkit.workflows.running import change_regions
+    from fieldkit.recording.redrawing import change_regions
+    from fieldkit.recording.regions import remove_region
 
     file = _file(ctx)
     _, sent = change_regions(file, partial(remove_region, name=name))
@@ -193,7 +193,7 @@ def remove(ctx: click.Context, name: str) -> None:
 @click.pass_context
 def list_(ctx: click.Context) -> None:
     """List the regions."""
-    from fieldkit.workflows.regions import read_regions
+    from fieldkit.recording.regions import read_regions
 
     regions = read_regions(_file(ctx))[0].regions
     if options(ctx).json:
@@ -206,19 +206,18 @@ def list_(ctx: click.Context) -> None:
 
 @command.command("check")
 @click.option(
-    "--on",
-    "session",
+    "--session",
     type=click.Path(path_type=Path),
     metavar="SESSION",
     help="Check against the frames of this session.",
 )
 @click.pass_context
 def check(ctx: click.Context, session: Path | None) -> None:
-    """Check size, overlap and position of every region; with --on also temperature spread and edges.
+    """Check size, overlap and position of every region; with --session also temperature spread and edges.
 
     Exit code 3 if a region is unusable.
     """
-    from fieldkit.workflows.regions import inspect_regions, read_regions
+    from fieldkit.recording.regions import inspect_regions, read_regions
 
     config, mistakes = read_regions(_file(ctx))
     inspections = inspect_regions(config, find_session(ctx, session) if session else None)
@@ -262,7 +261,7 @@ def _known(**values: float | str | None) -> dict[str, Any]:
 def _report_issues(file: Path, name: str) -> None:
     """Print at once why the region cannot be used as it is now."""
     from fieldkit.config import read_config
-    from fieldkit.workflows.regions import inspect_regions
+    from fieldkit.recording.regions import inspect_regions
 
     config, _ = read_config(file)
     for inspection in inspect_regions(config) if config else ():
@@ -272,7 +271,7 @@ def _report_issues(file: Path, name: str) -> None:
 
 
 def _row(region: Region) -> tuple[str, ...]:
-    from fieldkit.workflows.regions import slope_text
+    from fieldkit.estimation.region_check import slope_text
 
     corners = " ".join(f"{x:g},{y:g}" for x, y in region.vertices)
     return region.name, region.kind.name.lower(), slope_text(region), corners

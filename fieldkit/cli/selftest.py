@@ -28,14 +28,12 @@ class CablePrompts:
 
 @click.command(cls=Command)
 @click.argument("driver")
-@click.option("--port", default="", help="Port of the instrument to test.")
+@click.option("--device", "port", default="", metavar="PORT", help="Port of the instrument to test.")
 @click.option(
     "--identity", default="", help="Identity of the instrument to test, as `fieldkit devices` shows it."
 )
 @click.option("--unplug", is_flag=True, help="Also ask for the cable to be pulled and put back.")
-@click.option(
-    "-o", "--option", "pairs", type=KEY_VALUE, multiple=True, metavar="KEY=VALUE", help="Driver option."
-)
+@click.option("--option", "pairs", type=KEY_VALUE, multiple=True, metavar="KEY=VALUE", help="Driver option.")
 @click.pass_context
 def command(
     ctx: click.Context,
@@ -45,7 +43,7 @@ def command(
     unplug: bool,
     pairs: tuple[tuple[str, Any], ...],
 ) -> None:
-    """Check that a driver meets the driver contract; with --port or --identity, on an instrument too."""
+    """Check that a driver meets the driver contract; with --device or --identity, on an instrument too."""
     from fieldkit.drivers import registry
     from fieldkit.drivers.conformance import check_driver, settings_for
     from fieldkit.model.clock import HostClock

@@ -12,7 +12,7 @@ import click
 from fieldkit.cli import common
 
 if TYPE_CHECKING:
-    from fieldkit.workflows.service import ServiceStatus
+    from fieldkit.recording.service import ServiceStatus
 
 _SYSTEM = click.option("--system", is_flag=True, help="A service of the system, for which sudo is needed.")
 STATES = {
@@ -45,7 +45,7 @@ def command() -> None:
 @command.command("install")
 @_SYSTEM
 @click.option("--record", is_flag=True, help="Begin a recording at every start.")
-@click.option("--on", "address", metavar="ADDRESS", help="As for fieldkit page.")
+@click.option("--address", metavar="ADDRESS", help="As for fieldkit page.")
 @click.option("--port", type=click.IntRange(1, 65535), metavar="PORT", help="As for fieldkit page.")
 @click.option("--print", "only_print", is_flag=True, help="Print the unit and change nothing.")
 @click.pass_context
@@ -58,12 +58,12 @@ def install(
     progress for a minute.
 
     \b
-    fieldkit service install --record --on 192.168.4.1
+    fieldkit service install --record --address 192.168.4.1
     sudo ~/fieldkit/bin/fieldkit service install --system --record
     """
-    from fieldkit.workflows.service import install_service, unit_of
+    from fieldkit.recording.service import install_service, unit_of
 
-    page = [*(["--on", address] if address else []), *(["--port", str(port)] if port else [])]
+    page = [*(["--address", address] if address else []), *(["--port", str(port)] if port else [])]
     unit = unit_of(common.campaign(ctx), system=system, record=record, page=page)
     if only_print:
         click.echo(unit.text(), nl=False)
@@ -76,7 +76,7 @@ def install(
 @click.pass_context
 def remove(ctx: click.Context, system: bool) -> None:
     """Stop the service and remove it; a recording is sealed, the campaign stays as it is."""
-    from fieldkit.workflows.service import remove_service
+    from fieldkit.recording.service import remove_service
 
     campaign = remove_service(system=system)
     if common.options().json:
@@ -88,7 +88,7 @@ def remove(ctx: click.Context, system: bool) -> None:
 @click.pass_context
 def status(ctx: click.Context) -> None:
     """Show whether the service is installed and running, what it reports, and the last line of its log."""
-    from fieldkit.workflows.service import service_status
+    from fieldkit.recording.service import service_status
 
     _print(service_status())
 

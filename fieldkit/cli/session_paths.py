@@ -8,20 +8,17 @@ from pathlib import Path
 
 import click
 
-from fieldkit.cli.common import options, say
+from fieldkit.cli.common import options, recordings, say, say_warning
 from fieldkit.model.errors import ConfigError, SessionError
-from fieldkit.workflows.recordings import began, exists, is_interrupted, sessions_in
+from fieldkit.recording.recordings import began, exists, is_interrupted, sessions_in
 
 
 def recordings_folder(ctx: click.Context) -> Path:
     """``recordings/`` of the campaign that ``-C`` names or around the current folder, else the folder."""
-    from fieldkit.config import find_campaign
-
-    start = options(ctx).directory or Path.cwd()
     try:
-        return find_campaign(start).parent / "recordings"
+        return recordings(ctx)
     except ConfigError:
-        return start
+        return options(ctx).directory or Path.cwd()
 
 
 def report_interrupted(paths: Iterable[Path]) -> None:
@@ -66,7 +63,7 @@ def _expand(ctx: click.Context, paths: Sequence[Path]) -> list[Path]:
         path = find_session(ctx, given)
         if path.is_dir():
             inside = path / "recordings" if (path / "recordings").is_dir() else path
-            found.extend(sessions_in(inside))
+            found.extend(sessions_in(inside, say_warning))
         else:
             found.append(path)
     if not found:

@@ -31,8 +31,8 @@ def command(ctx: click.Context, session: Path | None, follow: bool) -> None:
     Without SESSION, the campaign's latest.
     """
     from fieldkit.cli.slope_table import print_learnt
+    from fieldkit.results.describe import describe, recorded_learnt, recorded_slopes
     from fieldkit.sessions.reader import open_session
-    from fieldkit.workflows.describe import describe, recorded_learnt, recorded_slopes
 
     path = latest_session(ctx, session)
     with open_session(path) as opened:
@@ -68,7 +68,7 @@ def _print(document: dict[str, Any], slopes: Sequence[SlopeEstimate], events: Se
 
 
 def _slope(slope: SlopeEstimate) -> str:
-    """Angles with their 90 % regions and the state, or in words why there are none."""
+    """Angles with their likelihood regions and the state, or in words why there are none."""
     from fieldkit.views import formatting
 
     if math.isfinite(slope.tilt_deg):
@@ -79,7 +79,7 @@ def _slope(slope: SlopeEstimate) -> str:
 def _follow(session: SessionReader) -> None:
     """Print what is recorded meanwhile, until the recording ends."""
     from fieldkit.model.samples import Event
-    from fieldkit.workflows.follow import changes
+    from fieldkit.recording.follow import changes
 
     for change in changes(session):
         if isinstance(change, Event):
@@ -91,9 +91,9 @@ def _follow(session: SessionReader) -> None:
 
 
 def _print_change(session: SessionReader, change: dict[str, Any], time_ns: int) -> None:
-    from fieldkit.workflows.describe import local_time
+    from fieldkit.results.describe import local_time
 
-    at = local_time(session, time_ns)
+    at = local_time(session.site, time_ns)
     if options().json:
         print_json_line({"at": at, **change})
         return

@@ -14,9 +14,9 @@ def command(ctx: click.Context) -> None:
 
     An event of the session reports whether it was started: not every camera can.
     """
-    from fieldkit.workflows.running import request_shutter
+    from fieldkit.recording.requests import Shutter, sent
 
-    sent = request_shutter(common.campaign(ctx))
+    request = sent(common.recordings(ctx), Shutter())
     if common.options().json:
-        common.print_json({"session": str(sent.session), "request": sent.id})
-    common.say(f"sent to {sent.session.name}; an event of the session reports whether the shutter ran")
+        common.print_json({"session": str(request.session), "request": request.id})
+    common.say(f"sent to {request.session.name}; an event of the session reports whether the shutter ran")

@@ -8,13 +8,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from fieldkit.cli import common
 from fieldkit.model.learnt import Learnt
 from fieldkit.model.site import Region
-from fieldkit.model.slope import SlopeEstimate, SlopeState
+from fieldkit.model.slope import SHORT_FIELDS, SlopeEstimate, SlopeState
 from fieldkit.views import formatting, learnt_words
 
-COLUMNS = ("bed", "truth", "tilt", "noise", "error", "azimuth", "K per °", "chi²", "state")
-MEANING = (
-    "±: larger half of the 90 % region, with systematic uncertainties of scale and offset; noise: without"
-)
+SHORT = tuple(one.short for one in SHORT_FIELDS)
+COLUMNS = ("region", "truth", "tilt", "noise", "error", "azimuth", *SHORT, "state")
 
 
 def print_slopes(estimates: Mapping[str, SlopeEstimate], regions: Sequence[Region]) -> None:
@@ -24,7 +22,7 @@ def print_slopes(estimates: Mapping[str, SlopeEstimate], regions: Sequence[Regio
 
 
 def print_learnt(learnt: Learnt | None) -> None:
-    """Print what the data taught, each parameter before and after; nothing with other models."""
+    """Print what was learnt, each parameter before and after; nothing with other models."""
     if learnt is None:
         return
     common.print_table(learnt_words.COLUMNS, learnt_words.rows(learnt))
@@ -34,10 +32,14 @@ def print_learnt(learnt: Learnt | None) -> None:
 def explain_slopes(estimates: Iterable[SlopeEstimate]) -> None:
     """Print once, under the tables, what their ± include and what they do not."""
     found = [one for one in estimates if math.isfinite(one.tilt_deg)]
+    sure = formatting.confidence(found)
     if found:
-        common.say(MEANING)
+        common.say(
+            f"±: larger half of the {sure} region, "
+            "with systematic uncertainties of scale and offset; noise: without"
+        )
     if any(one.state is SlopeState.UNCERTAIN for one in found):
-        common.say(f"uncertain: {formatting.UNCERTAIN_MEANS}")
+        common.say(f"uncertain: {formatting.uncertain_means(sure)}")
     if any(one.model.startswith("paper") and "azimuth known" not in one.model for one in found):
         common.say(formatting.PAPER_OMITS)
 
@@ -51,7 +53,6 @@ def _row(estimate: SlopeEstimate, region: Region) -> tuple[str, ...]:
         formatting.noise(estimate),
         f"{error:+.1f}°" if math.isfinite(error) else formatting.UNKNOWN,
         formatting.azimuth(estimate),
-        formatting.number(estimate.kelvin_per_degree, 2),
-        formatting.number(estimate.chi_square, 1),
+        *formatting.short_columns(estimate),
         formatting.state(estimate),
     )

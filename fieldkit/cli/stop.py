@@ -11,9 +11,14 @@ from fieldkit.cli import common
 @click.pass_context
 def command(ctx: click.Context) -> None:
     """Stop and seal the running recording, and wait until it has ended."""
-    from fieldkit.workflows.running import stop_recording
+    from fieldkit.recording.running import UnresponsiveRecorder, stop_recording
 
-    path = stop_recording(common.campaign(ctx), notify=common.say_warning)
+    def warn(silent: UnresponsiveRecorder) -> None:
+        common.say_warning(silent.at(common.campaign(ctx).site))
+        if silent.is_stopped:
+            common.say_warning("the recorder was suspended; continuing it, so that it can seal")
+
+    path = stop_recording(common.recordings(ctx), notify=warn)
     if common.options().json:
         common.print_json({"session": str(path)})
     common.say(f"sealed {path}")

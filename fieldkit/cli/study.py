@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from fieldkit.cli.common import Command, options, print_json, print_table, progress, say
-from fieldkit.cli.types import DAY, HOUR, SITE, ZONE
+from fieldkit.cli.types import DAY, HOUR, SITE, ZONE, minutes
 from fieldkit.model.site import Site, with_zone
 
 SHOWN = {
@@ -35,44 +35,41 @@ FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 @click.option("--zone", type=ZONE, help="Time zone of a --site [default: by longitude].")
 @click.option("--on", "day", type=DAY, help="Day [default: 2017-08-30, the paper's].")
 @click.option("--start", "starts", type=HOUR, multiple=True, help="Local start [default: 9, 12, 15 h].")
-@click.option("--minutes", type=click.IntRange(2, 720), default=20, show_default=True, help="Window.")
+@click.option(
+    "--window", "minutes", type=minutes(2, 720), default="20m", show_default=True, help="Length of a window."
+)
 @click.option(
     "--dni", "dni_w_m2", type=click.FloatRange(1.0), help="Constant direct normal irradiance, W/m²."
 )
 @click.option("--turbidity", type=click.FloatRange(1.0), help="Linke turbidity of the clear sky.")
 @click.option("--weather", type=FILE, help="SURFRAD or BSRN file instead; sets site and day.")
-@click.option(
-    "--longwave", "longwave_w_m2", default=400.0, show_default=True, help="Downward longwave, W/m²."
-)
-@click.option("--air-c", default=30.0, show_default=True, help="Air temperature, °C.")
 @click.option("--slopes", type=click.IntRange(1), help="Number of random slopes [default: 61x361].")
 @click.option(
     "--noise", "noise_k", type=click.FloatRange(0.0), default=0.0, show_default=True, help="Noise, K."
 )
-@click.option(
-    "--quantum", "quantum_k", type=click.FloatRange(0.0), default=0.0, show_default=True,
-    help="Quantisation step, K.",
-)  # fmt: skip
-@click.option(
-    "--tolerance", "tolerance_w_m2", type=click.FloatRange(1e-6), default=0.5, show_default=True,
-    help="Contour tolerance, W/m².",
-)  # fmt: skip
 @click.option(
     "--estimator", "estimators", type=click.Choice(["contours", "unit-norm", "posterior"]), multiple=True,
     default=("contours", "unit-norm"), show_default=True, help="May be repeated.",
 )  # fmt: skip
 @click.option("--seed", default=1, show_default=True, help="Random seed.")
 @click.option("--sensitivity", is_flag=True, help="Also vary what the paper does not state (Fig. 9).")
-@click.option("--session", "sessions", type=FILE, multiple=True, help="Figs. 12 and 13 from this session.")
+@click.option(
+    "--session",
+    "sessions",
+    type=FILE,
+    multiple=True,
+    metavar="SESSION",
+    help="Figs. 12 and 13 from this session.",
+)
 @click.option("--surfrad", type=FILE, multiple=True, help="Only compare surface models with SURFRAD days.")
 @click.option(
-    "--ground", "grounds", type=FILE, multiple=True,
+    "--measured-ground", "grounds", type=FILE, multiple=True,
     help="Only try the surface model on measured ground, a CSV file.",
 )  # fmt: skip
 @click.option("--body", type=click.Choice(["mars", "moon"]), help="Study this world instead of the paper.")
 @click.option("--dust", type=click.FloatRange(0.0, 6.0), help="Optical depth of dust, for --body.")
 @click.option(
-    "--out", type=click.Path(file_okay=False, path_type=Path), default=Path("study"), show_default=True
+    "-o", "--out", type=click.Path(file_okay=False, path_type=Path), default=Path("study"), show_default=True
 )
 @click.pass_context
 def command(
@@ -93,11 +90,11 @@ def command(
     r"""Reproduce sections 2–5 of the paper, with tables and figures.
 
     Writes tables (CSV, JSON), figures 5 to 10 and 12 to 14 (SVG) and a page with all of
-    them. The paper's irradiance is not public: where figures differ the page says so, and
+    them. The paper's irradiance is not public: where figures differ the page states it, and
     --sensitivity shows by how much. Figs. 12 and 13 show the paper's beds under a
     simulated sky unless sessions are given.
 
-    --ground reads one row a minute with the columns minute, ground_radiometer_c, air_c,
+    --measured-ground reads one row a minute with the columns minute, ground_radiometer_c, air_c,
     wind_m_s, shortwave_down_w_m2, shortwave_up_w_m2, longwave_down_w_m2 and
     sun_zenith_apparent_deg; at least a day. The model is fitted on one half and tried on
     the other, then the other way round.
@@ -107,10 +104,10 @@ def command(
 
     \b
     fieldkit study                                            the paper as it stands
-    fieldkit study --noise 0.1 --minutes 60 --estimator unit-norm
+    fieldkit study --noise 0.1 --window 1h --estimator unit-norm
     fieldkit study --surfrad slv15365.dat --surfrad slv16001.dat
     fieldkit study --body mars --out mars
-    fieldkit study --ground cinder-2022.csv --out ground
+    fieldkit study --measured-ground cinder-2022.csv --out ground
     """
     if body:
         _study_world(ctx, body, site, dust, out, given)
@@ -214,7 +211,9 @@ def _try_on_ground(paths: tuple[Path, ...], out: Path) -> None:
     from fieldkit.study import ground, ground_output
 
     if len({path.stem for path in paths}) < len(paths):
-        raise click.UsageError("two --ground files have the same name: their figures would be one file")
+        raise click.UsageError(
+            "two --measured-ground files have the same name: their figures would be one file"
+        )
     with progress() as bar:
         task = bar.add_task("ground", total=ground.steps(len(paths)))
         fits = [

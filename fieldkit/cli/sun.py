@@ -30,7 +30,7 @@ def command(
     \b
     fieldkit sun --site 35.558675,139.395232,9 --at 2017-08-30T12:00+09:00 --facet 10,180
     """
-    from fieldkit.workflows.sun_angles import sun_rows
+    from fieldkit.results.sun_angles import sun_rows
 
     place = site or campaign(ctx).site
     rows = sun_rows(place, moments, facets)

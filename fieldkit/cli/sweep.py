@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -13,7 +14,7 @@ from fieldkit.cli import common
 from fieldkit.cli.session_paths import find_sessions
 
 if TYPE_CHECKING:
-    from fieldkit.workflows.sweep import Sweep
+    from fieldkit.results.sweep import Sweep
 
 
 @click.command(cls=common.Command)
@@ -49,13 +50,13 @@ def command(
     fieldkit sweep recordings/ --set surface.albedo=0.15:0.35:0.05 --set surface.emissivity=0.88,0.90
 
     With the learned model, prior=configured,others compares the prior as configured with what all
-    other sessions taught of sand and light meter.
+    other sessions learnt of sand and light meter.
 
     \b
     fieldkit sweep recordings/ --set estimator.model=learned --set prior=configured,others
     """
     from fieldkit.cli import batch
-    from fieldkit.workflows.sweep import read_grid, sweep
+    from fieldkit.results.sweep import read_grid, sweep
 
     grid = read_grid(settings)
     paths = find_sessions(ctx, sessions)
@@ -77,7 +78,7 @@ def command(
 
 def _default(session: Path) -> Path:
     """``results/sweep-TIME`` of the campaign a session lies in, or beside a session elsewhere."""
-    from fieldkit.workflows.result_files import results_folder
+    from fieldkit.results.result_files import results_folder
 
     return results_folder(session) / time.strftime("sweep-%Y%m%dT%H%M%SZ", time.gmtime())
 
@@ -101,14 +102,19 @@ def _print_ranking(found: Mapping[str, Any]) -> None:
     click.echo(f"best median |error|: {best}   {found['error_deg']:.1f}° (worst {found['worst_deg']:.1f}°)")
     if found["sessions"] > 1:
         click.echo(
-            f"cross-validated over sessions: {found['left_out_deg']:.1f}°, "
+            f"cross-validated over sessions: {_error(found['left_out_deg'])}, "
             f"the same choice in {found['same_choice']} of {found['sessions']}"
         )
     rows = [
-        (key, "  ".join(f"{value}: {error:.1f}°" for value, error in by_value.items()))
+        (key, "  ".join(f"{value}: {_error(error)}" for value, error in by_value.items()))
         for key, by_value in found["sensitivity"].items()
     ]
     if rows:
         common.print_table(("parameter", "mean |error| by value"), rows)
     for warning in found["warnings"]:
         common.say(f"warning: {warning}")
+
+
+def _error(error_deg: float) -> str:
+    """An error; sets that solve few slopes, or none of a region of known tilt, have none."""
+    return f"{error_deg:.1f}°" if math.isfinite(error_deg) else "not ranked"

@@ -46,14 +46,20 @@ class _Typed(click.ParamType):  # type: ignore[type-arg]
             self.fail(f"{value!r}: {error}", param, ctx)
 
 
-def check_duration(text: str) -> str:
-    """A duration as it was typed, for those who keep the text."""
-    parse_duration(text)
-    return text
+def minutes(low: int, high: int) -> click.ParamType:  # type: ignore[type-arg]
+    """A type of durations in whole minutes within a range."""
+
+    def parse(text: str) -> int:
+        found = parse_duration(text) / 60.0
+        if not found.is_integer() or not low <= found <= high:
+            raise ValueError(f"must be whole minutes within {low}m..{high}m")
+        return int(found)
+
+    return _Typed("TIME", parse)
 
 
 def parse_window(text: str) -> float | str:
-    """How far a map looks back: seconds of a duration, ``all`` or ``weather``."""
+    """Length of a map's window: seconds of a duration, ``all`` or ``weather``."""
     return text if text in ("all", "weather") else parse_duration(text)
 
 
@@ -209,7 +215,6 @@ WORDS = _Typed("TEXT", parse_storable_text)
 SITE = _Typed("LAT,LON[,ALT]", parse_site)
 TIME_OF_DAY = _Typed("HH:MM", parse_time_of_day)
 DURATION = _Typed("TIME", parse_duration)
-DURATION_TEXT = _Typed("TIME", check_duration)
 WINDOW = _Typed("TIME", parse_window)
 FACET = _Typed("TILT,AZIMUTH", parse_facet)
 MOMENT = _Typed("TIME", parse_moment)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,6 +25,7 @@ from fieldkit.config.toml_schema import (
     Tables,
 )
 from fieldkit.model.device import DeviceSettings
+from fieldkit.model.limits import rows_of
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.units import CELSIUS_ZERO_K
 
@@ -53,17 +54,17 @@ class Config:
 
     @property
     def recordings(self) -> Path:
-        """Where the campaign's sessions are."""
+        """Folder of the campaign's sessions."""
         return self.directory / "recordings"
 
     @property
     def results(self) -> Path:
-        """Where tables of estimates go."""
+        """Folder for tables of estimates."""
         return self.directory / "results"
 
     @property
     def calibration(self) -> Path:
-        """Where the campaign's calibrations are."""
+        """Folder of the campaign's calibrations."""
         return calibration_folder(self.path)
 
     def calibrations(self) -> dict[str, CalibrationRecord]:
@@ -72,17 +73,17 @@ class Config:
 
     @property
     def reports(self) -> Path:
-        """Where reports go."""
+        """Folder for reports."""
         return self.directory / "reports"
 
     @property
     def campaign(self) -> CampaignTable:
-        """What is written into every session about the campaign."""
+        """Description of the campaign in every session."""
         return self.tables.campaign
 
     @property
     def record(self) -> RecordTable:
-        """Which frames of the camera are kept."""
+        """Choice of the frames that are kept."""
         return self.tables.record
 
     @property
@@ -97,12 +98,12 @@ class Config:
 
     @property
     def site(self) -> Site:
-        """Where the beds stand."""
+        """Site of the measurement."""
         return Site(**self.tables.site.model_dump(exclude={"horizon"}))
 
     @property
     def pose(self) -> CameraPose | None:
-        """Where the camera stands and looks, if that is configured."""
+        """Pose of the camera, if it is configured."""
         from fieldkit.config.pose import CameraPose
 
         table = None if self.tables.camera is None else self.tables.camera.pose
@@ -116,14 +117,21 @@ class Config:
     @property
     def devices(self) -> tuple[DeviceSettings, ...]:
         """The instruments: camera, lux, thermometer, then the others in the order of the file."""
-        return tuple(_device(name, table) for name, table in self._device_tables())
+        limits = self.limits
+        return tuple(replace(_device(name, table), limits=limits) for name, table in self._device_tables())
+
+    @property
+    def limits(self) -> dict[str, tuple[float, float]]:
+        """Rows of the table of limits that differ here, in SI units."""
+        return rows_of(self.tables.limits.model_dump(exclude_none=True), self.tables.site.body)
 
     def irradiance_model(self) -> IrradianceModel:
-        """How direct irradiance is derived from the light meter."""
+        """Rules that derive direct irradiance from the light meter."""
         from fieldkit.physics.irradiance import IrradianceModel
 
         values = self.tables.irradiance.model_dump(exclude={"measures", "stream", "factor_sd"})
-        return IrradianceModel(kind=values.pop("model"), factor=values.pop("factor") or NAN, **values)
+        values |= {"kind": values.pop("model"), "factor": values.pop("factor") or NAN}
+        return IrradianceModel(ground_albedo=self.tables.estimator.ground_albedo, **values)
 
     def surface_parameters(self) -> SurfaceParameters:
         """Parameters of the energy balance: the beds and the air above them."""
@@ -140,19 +148,17 @@ class Config:
         )
 
     def estimator_settings(self) -> EstimatorSettings:
-        """How slopes are estimated."""
-        from fieldkit.estimation.prior import Prior
+        """Settings of the estimator."""
         from fieldkit.estimation.settings import EstimatorSettings
         from fieldkit.physics.slab import Slab
 
-        values, slab = self.tables.estimator.model_dump(), self.tables.slab.model_dump()
-        if values["window_s"] == "weather":
-            values["window_s"] = None
+        slab = self.tables.slab.model_dump()
         return EstimatorSettings(
             surface=self.surface_parameters(),
             irradiance=self.irradiance_model(),
             light_stream=self.tables.irradiance.stream,
             measures=self.tables.irradiance.measures,
+            limits=self.limits,
             probes={region.name: tuple(region.probes) for region in self.tables.region if region.probes},
             horizon=tuple(self.tables.site.horizon),
             horizons={region.name: tuple(region.horizon) for region in self.tables.region if region.horizon},
@@ -166,10 +172,10 @@ class Config:
             conductivity_sd=slab.pop("conductivity_sd"),
             capacity_sd=slab.pop("capacity_sd"),
             slab=Slab(**slab),
-            prior=Prior(**self.tables.prior.model_dump()),
+            prior=self.tables.prior,
             body=self.tables.site.body,
             camera_path=self._camera_path(),
-            **values,
+            **asdict(self.tables.estimator),
         )
 
     def _camera_path(self) -> CameraPath | None:

@@ -1,10 +1,12 @@
-"""Text files that people write, with whatever editor."""
+"""Where a campaign's configuration is, and text files that people write with whatever editor."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 from fieldkit.model.errors import ConfigError
+
+FILE_NAME = "fieldkit.toml"
 
 
 def read_text(file: Path, *, newline: str | None = None) -> str:
@@ -19,3 +21,17 @@ def read_text(file: Path, *, newline: str | None = None) -> str:
         raise ConfigError(f"cannot read {file}: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise ConfigError(f"{file} is not UTF-8 text: {error.reason}", fix="save it as UTF-8") from error
+
+
+def find_campaign(start: Path) -> Path:
+    """The ``fieldkit.toml`` of `start` or of the nearest folder above it.
+
+    Raises `ConfigError` if there is none.
+    """
+    for folder in (start.resolve(), *start.resolve().parents):
+        if (folder / FILE_NAME).is_file():
+            return folder / FILE_NAME
+    raise ConfigError(
+        f"no {FILE_NAME} in {start.resolve()} or above it",
+        fix="change to a campaign folder, name it with -C DIR, or create one: fieldkit init DIR",
+    )

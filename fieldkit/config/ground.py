@@ -48,7 +48,9 @@ class Ground:
     def dem(self) -> Heights | None:
         """The DEM; None for level ground. Raises `ConfigError`."""
         table = self.pose.table
-        return None if table.dem is None else geotiff.read_heights(self.pose.folder / table.dem, self.crs)
+        if table.dem is None:
+            return None
+        return geotiff.read_heights(self.pose.folder / table.dem, self.crs, self.path.grid_scale)
 
     @cached_property
     def path(self) -> CameraPath:
@@ -116,7 +118,7 @@ class Ground:
 def camera_path(pose: CameraPose) -> CameraPath:
     """The camera over time, in the axes of its reference system's grid. Raises `ConfigError`."""
     east_m, north_m, _ = pose.trajectory.position_m[0]
-    return pose.path(geotiff.true_north_deg(geotiff.projected_crs(pose.table.crs), east_m, north_m))
+    return pose.path(geotiff.grid_at(geotiff.projected_crs(pose.table.crs), east_m, north_m))
 
 
 def with_regions(values: dict[str, Any], path: Path) -> list[Mistake]:

@@ -23,9 +23,11 @@ from fieldkit.config import toml_lines
 from fieldkit.config.config import Config
 from fieldkit.config.files import read_text
 from fieldkit.config.horizon import with_horizons
-from fieldkit.config.references import CAMPAIGN_FILE, resolve
+from fieldkit.config.references import resolve
+from fieldkit.config.secret_texts import secrets_in
 from fieldkit.config.toml_schema import Tables
 from fieldkit.config.validation import (
+    UNKNOWN_KEY,
     ConfigMistakesError,
     Mistake,
     cross_check,
@@ -35,7 +37,6 @@ from fieldkit.config.validation import (
 )
 from fieldkit.model.errors import ConfigError
 
-FILE_NAME = CAMPAIGN_FILE
 SET = "--set "
 log: logging.Logger = logging.getLogger(__name__)
 ENVIRONMENT = "FIELDKIT_"
@@ -44,20 +45,6 @@ ENVIRONMENT = "FIELDKIT_"
 def user_file() -> Path:
     """The user's own configuration, which every campaign's overrides."""
     return platformdirs.user_config_path("fieldkit") / "config.toml"
-
-
-def find_campaign(start: Path) -> Path:
-    """The ``fieldkit.toml`` of `start` or of the nearest folder above it.
-
-    Raises `ConfigError` if there is none.
-    """
-    for folder in (start.resolve(), *start.resolve().parents):
-        if (folder / FILE_NAME).is_file():
-            return folder / FILE_NAME
-    raise ConfigError(
-        f"no {FILE_NAME} in {start.resolve()} or above it",
-        fix="change to a campaign folder, name it with -C DIR, or create one: fieldkit init DIR",
-    )
 
 
 def load_config(
@@ -91,12 +78,14 @@ def config_from_text(text: str, path: Path, *, settings: Sequence[str] = ()) -> 
     """The configuration a session keeps of itself, with ``KEY=VALUE`` of the command line over it.
 
     Environment and user configuration are ignored, so that a session keeps its meaning. Unknown keys are
-    skipped with a warning, because old sessions must stay readable. Raises as `load_config`.
+    skipped with a warning, because old sessions must stay readable; secrets that one holds are left out.
+    Raises as `load_config`.
     """
     document = _Document()
     document.add(text, path)
     for key in document.drop_unknown():
         log.warning("%s: the configuration's %s is unknown to this version and ignored", path.name, key)
+    document.take_secrets()
     for origin, keys, value in _from_settings(settings):
         document.put(origin, keys, value)
     return _checked(*document.check(path), fix=f"correct the settings given with --set for {path.name}")
@@ -157,7 +146,7 @@ class _Document:
         for key in keys[:-1]:
             table = table.setdefault(key, {})
             if not isinstance(table, dict):
-                raise ConfigError(f"{origin}: {key} is not a table", fix="write table.key=value")
+                raise ConfigError(f"{_key_of(origin)}: {key} is not a table", fix="write table.key=value")
         table[keys[-1]] = value
         self.origins[tuple(keys)] = origin
 
@@ -167,10 +156,21 @@ class _Document:
             Tables.model_validate(self.values)
         except ValidationError as error:
             for one in error.errors(include_url=False):
-                if one["type"] == "extra_forbidden":
+                if one["type"] in UNKNOWN_KEY:
                     *tables, key = one["loc"]
                     del functools.reduce(operator.getitem, tables, self.values)[key]  # type: ignore[arg-type]
                     yield ".".join(str(part) for part in one["loc"])
+
+    def take_secrets(self) -> list[Mistake]:
+        """Remove what looks like a secret, so that no message quotes it; the mistakes."""
+        found = list(secrets_in(self.values))
+        for mistake in reversed(found):
+            *tables, key = mistake.path
+            del functools.reduce(operator.getitem, tables, self.values)[key]  # type: ignore[arg-type]
+            for length in range(1, len(mistake.path) + 1):
+                if (place := mistake.path[:length]) in self.origins:
+                    self.origins[place] = _key_of(self.origins[place])
+        return found
 
     def check(
         self, path: Path, *more: Callable[[Mapping[str, Any]], Iterable[Mistake]]
@@ -179,8 +179,9 @@ class _Document:
 
         `more` are additional checks for configurations of campaigns.
         """
+        secrets = self.take_secrets()
         values, mistakes = resolve(self.values, path)
-        mistakes += [*with_horizons(values, path), *_on_ground(values, path)]
+        mistakes += [*secrets, *with_horizons(values, path), *_on_ground(values, path)]
         tables, reported = None, {mistake.path for mistake in mistakes}
         # corners on the ground that cannot be seen are one mistake, not missing pixels as well
         reported |= {(*path[:2], "points_px") for path in reported if path[2:] == ("points_m",)}
@@ -195,7 +196,7 @@ class _Document:
         return (Config(path, tables) if tables else None), sorted(located, key=_by_line)
 
     def _origin(self, path: toml_lines.KeyPath) -> str | None:
-        """Where the key, or the closest table around it, was written."""
+        """Line and file of the key, or of the closest table around it."""
         while path and path not in self.origins:
             path = path[:-1]
         return self.origins.get(path)
@@ -213,6 +214,11 @@ def _on_ground(values: dict[str, Any], path: Path) -> list[Mistake]:
 
     # a wrong pose is reported once, not with every region again
     return with_pose(values, path) or with_regions(values, path)
+
+
+def _key_of(origin: str) -> str:
+    """``--set KEY`` without its value."""
+    return origin.partition("=")[0]
 
 
 def _by_line(located: tuple[str, Mistake]) -> tuple[str, int]:

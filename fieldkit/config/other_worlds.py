@@ -37,7 +37,7 @@ def _defaults(body: Body) -> dict[str, dict[str, Any]]:
         "air": {
             "heat_capacity_j_kg_k": body.air_heat_capacity_j_kg_k,
             "density_kg_m3": body.air_density_kg_m3,
-            "exchange_m_s": body.exchange_w_m2_k / (body.air_heat_capacity_j_kg_k * body.air_density_kg_m3),
+            "exchange_m_s": body.surface.exchange_m_s,
         },
         "slab": {
             "depth_m": DEEP_M,
@@ -50,7 +50,11 @@ def _defaults(body: Body) -> dict[str, dict[str, Any]]:
             "diffuse_fraction": _diffuse_fraction(body),
         },
         "prior": {"exchange_w_m2_k": max(body.exchange_w_m2_k, LEAST_EXCHANGE_W_M2_K)},
-        "irradiance": {"diffuse_fraction": _diffuse_fraction(body)},
+        "irradiance": {
+            "model": "efficacy",
+            "efficacy_lm_w": body.beam_lm_w,
+            "diffuse_fraction": _diffuse_fraction(body),
+        },
         "simulation": {**ground, "sand_depth_m": DEEP_M, "weather": "clear"},
     }
 

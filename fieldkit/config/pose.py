@@ -1,4 +1,4 @@
-"""Where the camera stands and looks, and the ground before it: ``[camera.pose]``, or a file with its keys.
+"""Pose of the camera and the ground before it: ``[camera.pose]``, or a file with its keys.
 
 ``camera.pose = "pose.toml"`` becomes the table in that file and ``trajectory = "run.csv"`` the text of that
 one, so that a session holds them itself; a DEM stays a file.
@@ -20,7 +20,7 @@ from fieldkit.config.toml_schema import PoseTable, expected, node_at
 from fieldkit.config.trajectory import ANGLES, PLACE, outside, require_unit, trajectory_from
 from fieldkit.config.validation import Mistake
 from fieldkit.model.errors import ConfigError
-from fieldkit.physics.camera_geometry import Camera, angles_of_quaternion, quaternion_of_angles
+from fieldkit.physics.camera_geometry import Camera, Grid, angles_of_quaternion, quaternion_of_angles
 from fieldkit.physics.trajectory import CameraPath, Point, Trajectory
 
 KEY = ("camera", "pose")
@@ -37,11 +37,11 @@ class Pose:
     roll_deg: float
     dem: Path | None
 
-    def camera(self, shape: tuple[int, int], true_north_deg: float) -> Camera:
-        """The camera in the axes of the grid, whose true north lies in a direction clockwise of its own."""
+    def camera(self, shape: tuple[int, int], grid: Grid) -> Camera:
+        """The camera in the axes of a grid."""
         lens = tuple(self.table.distortion or ())
-        angles = self.yaw_deg + true_north_deg, self.pitch_deg, self.roll_deg
-        return Camera(self.position_m, *angles, self.table.hfov_deg, shape, lens)
+        angles = self.yaw_deg + grid.true_north_deg, self.pitch_deg, self.roll_deg
+        return Camera(self.position_m, *angles, self.table.hfov_deg, shape, lens, grid.scale)
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,10 +70,10 @@ class CameraPose:
         dem = None if self.table.dem is None else self.folder / self.table.dem
         return Pose(self.table, position_m, *angles_of_quaternion(quaternion), dem)
 
-    def path(self, true_north_deg: float) -> CameraPath:
-        """The camera over time, in the axes of the grid."""
+    def path(self, grid: Grid) -> CameraPath:
+        """The camera over time, in the axes of a grid."""
         lens = tuple(self.table.distortion or ())
-        return CameraPath(self.trajectory, self.table.hfov_deg, lens, true_north_deg)
+        return CameraPath(self.trajectory, self.table.hfov_deg, lens, grid.true_north_deg, grid.scale)
 
 
 def read_pose(path: Path) -> CameraPose:
@@ -141,7 +141,7 @@ def _with_trajectory(values: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def _is_text(trajectory: str) -> bool:
-    """Whether it is what stands in a file of poses, two lines or more, not its name."""
+    """True if it is what stands in a file of poses, two lines or more, not its name."""
     return "\n" in trajectory
 
 

@@ -14,11 +14,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from fieldkit.calibration.calibration_record import FOLDER, CalibrationRecord, as_document, find
+from fieldkit.config.files import FILE_NAME
 from fieldkit.config.toml_lines import KeyPath
 from fieldkit.config.validation import Mistake
 from fieldkit.model.errors import ConfigError
-
-CAMPAIGN_FILE = "fieldkit.toml"
 
 
 class _Key(NamedTuple):
@@ -80,11 +79,9 @@ def resolve(document: Mapping[str, Any], path: Path) -> tuple[dict[str, Any], li
 def campaign_folder(path: Path) -> Path:
     """The folder of the campaign that a configuration or a session belongs to, or the one it lies in."""
     above = path.resolve().parents
-    if path.name == CAMPAIGN_FILE:
+    if path.name == FILE_NAME:
         return above[0]
-    campaigns = (
-        folder for folder in above if (folder / CAMPAIGN_FILE).is_file() or (folder / FOLDER).is_dir()
-    )
+    campaigns = (folder for folder in above if (folder / FILE_NAME).is_file() or (folder / FOLDER).is_dir())
     return next(campaigns, above[0])
 
 
@@ -111,7 +108,7 @@ def _value(record: CalibrationRecord, key: _Key) -> float:
 
 
 def _brought(record: Mapping[str, Any], key: _Key) -> dict[KeyPath, float]:
-    """What a record, as a document, puts beside the key that names it."""
+    """Values that a record, as a document, puts beside the key that names it."""
     learnt = record.get("details", {}).get("prior_sds", {})
     uncertainty = record.get("standard_uncertainty")
     found = {place: learnt.get(".".join(map(str, place)), uncertainty) for place in key.brings}

@@ -32,7 +32,7 @@ PAPER_SITE: Mapping[str, Any] = {
     "elevation_m": 9.0,
     "timezone": "Asia/Tokyo",
 }
-"""Where the paper's experiments took place."""
+"""Site of the paper's experiments."""
 
 SIMULATED: Mapping[str, Any] = {
     "campaign": {"title": "sand slopes under the sky of Alamosa, simulated"},

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from typing import Any
 
 KeyPath = tuple[str | int, ...]
-"""Where a value stands in a document: keys, and indices of arrays of tables."""
+"""Place of a value in a document: keys, and indices of arrays of tables."""
 
 
 def key_lines(text: str) -> dict[KeyPath, int]:

@@ -10,11 +10,15 @@ import functools
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal, get_args
 
-from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, AwareDatetime, BaseModel, ConfigDict, Field, model_validator
 from pydantic.json_schema import SkipJsonSchema
 
 from fieldkit.config.other_worlds import with_defaults_of_world
 from fieldkit.config.toml_lines import KeyPath
+from fieldkit.estimation.estimator_keys import EstimatorKeys
+from fieldkit.estimation.prior import Prior
+from fieldkit.model.alarm import Condition
+from fieldkit.model.limits import shown
 from fieldkit.model.radiation import Component
 
 Degrees = Annotated[float, Field(ge=0, le=360)]
@@ -29,10 +33,7 @@ Fault = Literal[
     "cloud", "cable", "shutter", "frozen", "garbled", "disk", "clock",
     "silent", "overrange", "moved", "shade", "drift",
 ]  # fmt: skip
-Condition = Literal[
-    "lost", "silent", "frozen", "overrange", "garbled", "clock", "disk", "estimator", "moved", "cloud",
-    "shade", "drift", "temperature", "rate", "tilt", "tilt-probability", "held",
-]  # fmt: skip
+ConditionName = Annotated[Condition, Field(strict=False, description="")]
 SeverityWord = Literal["info", "warning", "error"]
 
 TABLE_1 = "(paper, Table 1)"
@@ -57,7 +58,7 @@ class CampaignTable(Table):
 
 
 class SiteTable(Table):
-    """Location of the beds, from which the sun is computed."""
+    """Location of the measurement, from which the sun is computed."""
 
     latitude_deg: float = Field(examples=[35.558675], ge=-90, le=90, description="degrees, north positive")
     longitude_deg: float = Field(examples=[139.395232], ge=-180, le=180, description="degrees, east positive")
@@ -83,12 +84,12 @@ class DeviceTable(Table):
         description="name of the driver, as `fieldkit devices` prints it",
     )
     port: str = Field(default="", description="its port, such as /dev/ttyUSB0, or simulated")
-    identity: str = Field(default="", description="vendor:product[:serial] or a USB path")
+    identity: str = Field(default="", description="`vendor:product[:serial][-interface]` or a USB path")
     options: dict[str, Any] = Field(default={}, description="options of this driver")
 
 
 class PoseTable(Table):
-    """Where the camera stands and looks, and the ground before it; also a file of its own.
+    """Pose of the camera and the ground before it; also a file of its own.
 
     Give a place with angles or a quaternion, or a trajectory; and level ground or a DEM.
     """
@@ -168,7 +169,7 @@ class LuxTable(MeterTable):
 
 
 class IrradianceTable(Table):
-    """How direct sunlight is measured: by a stream of dni, else ghi, else gti, else by the light meter."""
+    """Measurement of direct sunlight: by a stream of dni, else ghi, else gti, else by the light meter."""
 
     measures: dict[str, Component] = Field(
         default={},
@@ -214,7 +215,7 @@ class IrradianceTable(Table):
 
 
 class SurfaceTable(Table):
-    """The surface of the beds."""
+    """The surface of the regions."""
 
     albedo: float = Field(default=0.20, ge=0, lt=1, description=f"A of the balance {TABLE_1}")
     emissivity: float = Field(
@@ -237,75 +238,11 @@ class SurfaceTable(Table):
 
 
 class AirTable(Table):
-    """The air over the beds and its heat exchange."""
+    """The air over the ground and its heat exchange."""
 
     heat_capacity_j_kg_k: Positive = Field(default=1000.0, description=f"c_p {TABLE_1}")
     density_kg_m3: Positive = Field(default=1.21, description=f"rho {TABLE_1}")
     exchange_m_s: float = Field(default=0.015, ge=0, description=f"C_H U {TABLE_1}; 0 without air")
-
-
-class EstimatorTable(Table):
-    """How slopes are estimated."""
-
-    method: Literal["unit-norm", "contours", "posterior"] = Field(
-        default="unit-norm", description="contours: the paper's contour score; for the models paper and full"
-    )
-    model: Literal["paper", "full", "learned"] = Field(
-        default="learned",
-        description="learned: finds sand, air and sky from the data; paper: eq. (6), direct light only; "
-        "full: with diffuse light, longwave and stored heat as configured",
-    )
-    window_s: Annotated[float, Field(ge=60)] | Literal["weather"] = Field(
-        default="weather",
-        description='length of the window, for paper and full; "weather": as long as one slope explains the '
-        "minutes; learned uses all minutes",
-    )
-    azimuth: Literal["free", "known"] = Field(
-        default="free", description="known: uses each region's azimuth_deg"
-    )
-    tilt_limit_deg: float = Field(default=45.0, gt=0, le=90, description="upper limit of the tilt")
-    refraction: bool = Field(default=False, description="true: the apparent sun; false: geometric (paper)")
-    noise_k: float = Field(default=0.05, gt=0, description="noise of a region's minute mean, one sigma")
-    low_sun_deg: float = Field(default=8.0, ge=0, le=45, description="minutes with a lower sun are excluded")
-    settle_s: float = Field(default=600.0, ge=0, description="how long minutes stay flagged after a cloud")
-    min_minutes: int = Field(
-        default=5, ge=2, description="minimum number of good minutes; a free azimuth needs at least 3"
-    )
-    contour_tolerance_w_m2: Positive | None = Field(
-        default=None, examples=[5.0], description="half width of a contour; default: from the noise"
-    )
-    contour_threshold: float = Field(
-        default=0.5, ge=0, le=1, description="share of minutes that the best cell must explain"
-    )
-    scale: float = Field(
-        default=1.0, gt=0, description='kappa: measured over true share of the sun; or "@name"'
-    )
-    scale_sd: float = Field(
-        default=0.08,
-        ge=0,
-        description="standard uncertainty of scale with paper and full; learned: prior.gain_sd",
-    )
-    exchange_sd: float = Field(
-        default=0.15, ge=0, description="relative standard uncertainty of air.exchange_m_s"
-    )
-    offset_sd_k: float = Field(default=0.25, ge=0, description="standard uncertainty of regions' offset_k")
-    drift_sd_k_per_h: float = Field(
-        default=0.1, ge=0, description="drift between regions in the camera, one sigma"
-    )
-    sky: Literal["isotropic", "hay-davies"] = Field(
-        default="hay-davies", description="distribution of diffuse light over the sky; not for paper"
-    )
-    ground_albedo: float = Field(
-        default=0.20, ge=0, lt=1, description="albedo of the surroundings; not for paper"
-    )
-    longwave_down_w_m2: float = Field(
-        default=300.0,
-        ge=0,
-        description="downward longwave radiation, if not measured; learned: if the air is not either",
-    )
-    diffuse_fraction: float = Field(
-        default=0.15, ge=0, lt=1, description="diffuse fraction, if not measured; not for paper"
-    )
 
 
 class SlabTable(Table):
@@ -322,77 +259,8 @@ class SlabTable(Table):
     capacity_sd: float = Field(default=0.1, ge=0, description="relative standard uncertainty")
 
 
-class PriorTable(Table):
-    """What the learned model assumes before any data: medians and standard deviations (sd)."""
-
-    gain_sd: Positive = Field(
-        default=0.09,
-        description="relative, of absorbed direct light: class B meter (DIN 5032-7), albedo within 0.05",
-    )
-    diffuse_sd: Positive = Field(default=0.12, description="relative, of measured diffuse light")
-    diffuse_unmeasured_sd: Positive = Field(
-        default=0.4, description="relative, of diffuse light as a fixed share: clear to hazy sky"
-    )
-    circumsolar_share: float = Field(
-        default=0.5, ge=0, le=1, description="circumsolar diffuse light: 0 isotropic, 1 Hay and Davies"
-    )
-    circumsolar_sd: Positive = Field(default=0.4, description="of circumsolar_share")
-    longwave_sd_w_m2: Positive = Field(
-        default=30.0, description="of longwave that is not measured (Flerchinger et al. 2009: 20 to 30)"
-    )
-    air_sd_k: Positive = Field(default=0.7, description="of a logged air temperature, at the beds")
-    air_unlogged_sd_k: Positive = Field(
-        default=8.0, description="of an air temperature that is not logged: the daily range"
-    )
-    exchange_w_m2_k: Positive = Field(
-        default=15.0,
-        description="heat exchange with the air, median; measured ground: 3 + 1.8 times the wind in m/s",
-    )
-    exchange_log_sd: Positive = Field(default=0.5, description="of its logarithm: 90 % within 7 to 34")
-    inertia_log_sd: Positive = Field(
-        default=0.25,
-        description="of the logarithm of thermal inertia, around the slab's: 450 to 700 for dry sand",
-    )
-    depth_log_sd: Positive = Field(default=0.5, description="of the logarithm of depth, around the slab's")
-    deep_share: float = Field(
-        default=0.2, ge=0, le=1, description="probability that heat reaches no bottom of the layer"
-    )
-    gust_sd_w_m2_k: Positive = Field(
-        default=1.0, description="gusts of the heat exchange, over 2 to 20 min; adapted to the data"
-    )
-    gust_log_sd: Positive = Field(default=1.0, description="of the logarithm of gust_sd_w_m2_k")
-    slow_gust_sd: Positive = Field(
-        default=0.06, description="relative, slow changes of the heat exchange over 60 min"
-    )
-    common_flux_sd_w_m2: Positive = Field(
-        default=3.0, description="unmodelled flux into all regions, over 40 min"
-    )
-    bed_flux_sd_w_m2: Positive = Field(default=1.5, description="unmodelled flux into one bed, over 60 min")
-    unrest_log_sd: Positive = Field(
-        default=0.8, description="of the logarithm of a factor on the three before, adapted to the data"
-    )
-    past_flux_sd_w_m2: Positive = Field(
-        default=40.0, description="net flux before the first minute, all regions"
-    )
-    bed_past_flux_sd_w_m2: Positive = Field(
-        default=20.0, description="net flux before the first minute, one bed"
-    )
-    normal_horizontal_sd: Positive = Field(
-        default=0.25, description="each horizontal component of a bed's normal; 0.42 is a tilt of 25 degrees"
-    )
-    beam_change_share: Positive = Field(
-        default=0.1, description="error of direct light while it changes, as a share of the change"
-    )
-    camera_offset_sd_k: Positive = Field(
-        default=1.0, description="error of the camera that all regions share"
-    )
-    probe_sd_k: Positive = Field(
-        default=0.5, description="of a contact probe as the temperature of the bed's surface"
-    )
-
-
 class RecordTable(Table):
-    """Which frames of the camera are kept."""
+    """Choice of the frames that are kept."""
 
     sampling: Literal["all", "bursts"] = Field(
         default="bursts", description="all frames, or a burst every every_s seconds"
@@ -427,27 +295,27 @@ class LimitsTable(Table):
     tilt_probability: Annotated[float, Field(gt=0, lt=1)] | None = Field(
         default=None,
         examples=[0.05],
-        description="alarm if P(tilt > tilt_max_deg) is above, from the 90 % region; default: none",
+        description="alarm if P(tilt > tilt_max_deg) is above, from the likelihood region; default: none",
     )
 
 
 class AlarmsTable(LimitsTable):
-    """What raises alarms while recording, and where they go; the limits are those of all regions."""
+    """Conditions and outputs of alarms while recording; the limits are those of all regions."""
 
     disk_reserve_mb: float = Field(
         default=64.0, ge=1, description="frames are no longer stored when less is free"
     )
-    off: list[Condition] = Field(
+    off: list[ConditionName] = Field(
         default=[], examples=[["cloud", "shade"]], description="conditions that raise no alarm"
     )
-    hold_s: dict[Condition, Annotated[float, Field(ge=0)]] = Field(
+    hold_s: dict[ConditionName, Annotated[float, Field(ge=0)]] = Field(
         default={},
         description="by condition, seconds it must last to raise its alarm, such as {lost = 30}",
     )
-    clear_s: dict[Condition, Annotated[float, Field(ge=0)]] = Field(
+    clear_s: dict[ConditionName, Annotated[float, Field(ge=0)]] = Field(
         default={}, description="by condition, seconds it must be over to clear its alarm"
     )
-    severity: dict[Condition, SeverityWord] = Field(
+    severity: dict[ConditionName, SeverityWord] = Field(
         default={}, description='by condition: info, warning or error, such as {cloud = "warning"}'
     )
     garbled_per_min: int = Field(
@@ -465,8 +333,8 @@ class AlarmsTable(LimitsTable):
         examples=[["/home/pi/alarm.sh"]],
         description="program and arguments to run for every alarm; FIELDKIT_TEXT and others describe it",
     )
-    ntfy: Annotated[str, Field(pattern=r"^(https?://[^/]+/.+)?$")] = Field(
-        default="", examples=["https://ntfy.example.org/sand"], description="ntfy topic to post alarms to"
+    ntfy_file: str = Field(
+        default="", description="file with the address of an ntfy topic to post alarms to: it is a secret"
     )
     ntfy_token_file: str = Field(default="", description="file with an access token for ntfy")
     mqtt: Annotated[str, Field(pattern=r"^(mqtts?://[^/]+(/.*)?)?$")] = Field(
@@ -527,11 +395,11 @@ class SimulationTable(Table):
 
 
 class RegionTable(Table):
-    """One bed or facet: a polygon in the frame."""
+    """A region: a polygon of the frame."""
 
     name: Name = Field(examples=["b15"], description="letters, digits, - and _")
     kind: Literal["reference", "target"] = Field(
-        default="target", description="the reference is the flat bed"
+        default="target", description="the reference is the region of known slope, usually flat"
     )
     points_px: list[Point] = Field(
         examples=[[[29, 29], [66, 28], [66, 53], [24, 56]]],
@@ -575,8 +443,42 @@ class RegionTable(Table):
     )
 
 
+def _rising(ends: list[float]) -> list[float]:
+    if ends[0] >= ends[1]:
+        raise ValueError("give the least value, then the greatest")
+    return ends
+
+
+def _possible(words: str, key: str) -> Any:
+    low, high = shown(key)
+    text = f"{words}, least and greatest; default: {low:.4g} to {high:.4g}"
+    return Field(default=None, examples=[[float(f"{low:.4g}"), float(f"{high:.4g}")]], description=text)
+
+
+PossibleRange = Annotated[list[float], Field(min_length=2, max_length=2), AfterValidator(_rising)]
+
+
+class PossibleTable(Table):
+    """Limits of each quantity, where they differ, such as on a hot plate; a value beyond is not used."""
+
+    air_temperature_c: PossibleRange | None = _possible("air", "air_temperature_c")
+    probe_temperature_c: PossibleRange | None = _possible("contact thermometers", "probe_temperature_c")
+    surface_temperature_c: PossibleRange | None = _possible("pixels of regions", "surface_temperature_c")
+    illuminance_lx: PossibleRange | None = _possible("illuminance", "illuminance_lx")
+    dni_w_m2: PossibleRange | None = _possible("direct normal irradiance", "dni_w_m2")
+    ghi_w_m2: PossibleRange | None = _possible("global horizontal, less by the sun's height", "ghi_w_m2")
+    gti_w_m2: PossibleRange | None = _possible("global tilted irradiance", "gti_w_m2")
+    dhi_w_m2: PossibleRange | None = _possible("diffuse horizontal, less by the sun's height", "dhi_w_m2")
+    irradiance_w_m2: PossibleRange | None = _possible("irradiance of unknown component", "irradiance_w_m2")
+    longwave_down_w_m2: PossibleRange | None = _possible("downward longwave", "longwave_down_w_m2")
+    longwave_up_w_m2: PossibleRange | None = _possible("upward longwave", "longwave_up_w_m2")
+    wind_speed_m_s: PossibleRange | None = _possible("wind speed", "wind_speed_m_s")
+
+
 class Tables(Table):
-    """The whole of ``fieldkit.toml``."""
+    """The whole of ``fieldkit.toml``; tables that are dataclasses are strict field by field."""
+
+    model_config: ClassVar[ConfigDict] = ConfigDict(strict=False)
 
     schema_: Literal[1] = Field(default=1, alias="schema", description="version of this layout")
     campaign: CampaignTable = CampaignTable()
@@ -588,11 +490,12 @@ class Tables(Table):
     irradiance: IrradianceTable = IrradianceTable()
     surface: SurfaceTable = SurfaceTable()
     air: AirTable = AirTable()
-    estimator: EstimatorTable = EstimatorTable()
+    estimator: EstimatorKeys = EstimatorKeys()
     slab: SlabTable = SlabTable()
-    prior: PriorTable = PriorTable()
+    prior: Prior = Prior()
     record: RecordTable = RecordTable()
     alarms: AlarmsTable = AlarmsTable()
+    limits: PossibleTable = PossibleTable()
     simulation: SimulationTable | None = None
     calibration: SkipJsonSchema[dict[str, dict[str, Any]]] = {}  # active records, written by fieldkit only
     region: list[RegionTable] = Field(default=[])
@@ -612,7 +515,11 @@ Node = dict[str, Any]
 @functools.cache
 def json_schema() -> Node:
     """The JSON schema of ``fieldkit.toml``, for editors that complete and check."""
-    return Tables.model_json_schema()
+    schema = Tables.model_json_schema()
+    for table in schema["$defs"].values():
+        if "description" in table:  # a dataclass explains its fields there to other programs
+            table["description"] = table["description"].partition("\n\nAttributes\n")[0]
+    return schema
 
 
 def node_at(path: KeyPath) -> Node | None:
@@ -641,7 +548,7 @@ def resolve(node: Node) -> Node:
 
 
 def expected(node: Node | None) -> str:
-    """What a key accepts: ``a number from -90 to 90 (degrees, north positive)``."""
+    """Values that a key accepts: ``a number from -90 to 90 (degrees, north positive)``."""
     if node is None:
         return "something else"
     about = node.get("description", "")

@@ -1,4 +1,4 @@
-"""Where a camera was and looked over time: CSV with a header, or TUM's format.
+"""Pose of a camera over time: CSV with a header, or TUM's format.
 
 TUM's format is that of its RGB-D benchmark (Sturm et al., IROS 2012): a line ``timestamp tx ty tz qx qy qz
 qw`` for each pose, timestamps in seconds since 1970, comments behind ``#``.
@@ -20,7 +20,7 @@ from fieldkit.physics.camera_geometry import quaternion_of_angles
 from fieldkit.physics.trajectory import Point, Quaternion, Trajectory
 
 UNIT_WITHIN = 1e-3
-"""How far the length of a quaternion may be off one: three digits of each component."""
+"""Tolerance of the length of a quaternion: three digits of each component."""
 PLACE = ("east_m", "north_m", "height_m")
 QUATERNION = ("qx", "qy", "qz", "qw")
 ANGLES = ("yaw_deg", "pitch_deg", "roll_deg")

@@ -45,7 +45,11 @@ OTHER_UNITS = ("rad", "f", "ms", "min", "h", "cm", "mm", "km", "ft", "klx", "gb"
 """Units that are not accepted; the error message for such a key names the key in fieldkit's unit."""
 
 
+UNKNOWN_KEY = ("extra_forbidden", "unexpected_keyword_argument")
+"""Names that pydantic gives an unknown key of a model and of a dataclass."""
 INSTRUMENTS = ("camera", "lux", "thermometer")
+OF_DAYLIGHT = ("eq10", "perez", "erbs")
+"""Values of ``[irradiance]`` that are fitted to the light under the Earth's air."""
 """The tables of instruments that have a name of their own."""
 
 
@@ -76,6 +80,10 @@ class ConfigMistakesError(ConfigError):
         one = len(self.mistakes) == 1
         super().__init__(self.mistakes[0] if one else "\n  ".join([count, *self.mistakes]), fix=fix)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """As text: a worker process passes the error on."""
+        return ConfigMistakesError.__new__, (ConfigMistakesError, *self.args), self.__dict__
+
 
 def explain(error: ValidationError, values: Mapping[str, Any]) -> list[Mistake]:
     """The mistakes pydantic found in `values`, one per key, each with what was expected there.
@@ -83,7 +91,7 @@ def explain(error: ValidationError, values: Mapping[str, Any]) -> list[Mistake]:
     A misspelled key is one mistake, not two: the key it resolves to is not reported as missing as well.
     """
     details = {_path_in(values, detail): detail for detail in reversed(error.errors(include_url=False))}
-    unknown = {path for path, detail in details.items() if detail["type"] == "extra_forbidden"}
+    unknown = {path for path, detail in details.items() if detail["type"] in UNKNOWN_KEY}
     resolved = {(*path[:-1], _resolve_key(path)) for path in unknown}
     reported = [path for path in details if details[path]["type"] != "missing" or path not in resolved]
     return [Mistake(path, _message(details[path], path)) for path in reversed(reported)]
@@ -102,7 +110,7 @@ def _path_in(values: Any, detail: ErrorDetails) -> KeyPath:
 
 
 def _message(detail: ErrorDetails, path: KeyPath) -> str:
-    if detail["type"] == "extra_forbidden":
+    if detail["type"] in UNKNOWN_KEY:
         return _unknown_key_message(path)
     if detail["type"] == "missing":
         return f"missing; expected {expected(node_at(path))}"
@@ -213,7 +221,7 @@ def _timezone(document: Mapping[str, Any]) -> Iterator[Mistake]:
 
 
 def _other_world(document: Mapping[str, Any]) -> Iterator[Mistake]:
-    """A time zone or measured weather that only the Earth has."""
+    """A time zone, weather or a formula of daylight that only the Earth has."""
     site, simulation = _table(document, "site"), _table(document, "simulation")
     body = site.get("body", "earth")
     if body == "earth":
@@ -224,6 +232,13 @@ def _other_world(document: Mapping[str, Any]) -> Iterator[Mistake]:
     if simulation.get("weather", "clear") != "clear":
         message = f"measured weather belongs to the Earth; set it to clear on {body}"
         yield Mistake(("simulation", "weather"), message)
+    if simulation.get("drawn"):
+        yield Mistake(("simulation", "drawn"), f"drawn fields have the air of the Earth; omit it on {body}")
+    irradiance = _table(document, "irradiance")
+    for key, instead in (("model", "efficacy, calibrated, pyrheliometer or file"), ("diffuse", "fraction")):
+        if (given := irradiance.get(key)) in OF_DAYLIGHT:
+            message = f"{given} is a formula of the Earth's daylight; on {body} use {instead}"
+            yield Mistake(("irradiance", key), message)
 
 
 @functools.cache
@@ -263,7 +278,7 @@ def _shared_probes(document: Mapping[str, Any]) -> Iterator[Mistake]:
 def _reference(document: Mapping[str, Any]) -> Iterator[Mistake]:
     regions = _regions(document)
     if regions and not any(region.get("kind") == "reference" for _, region in regions):
-        yield Mistake(("region",), 'no reference among the regions; give the flat bed kind = "reference"')
+        yield Mistake(("region",), 'no reference among the regions; give the flat one kind = "reference"')
 
 
 def _outside_the_frame(document: Mapping[str, Any]) -> Iterator[Mistake]:

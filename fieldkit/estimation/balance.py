@@ -65,6 +65,11 @@ class Rows:
         an effect on the light depends on the slope and belongs to `methods`, as the scale does. [-]
     reference
         Mean unit normal of the references, (3,). [-]
+    sun
+        Unit vectors to the sun, (n, 3). [-]
+    shade
+        Largest y of a facet that faces away from the sun, of any tilt, under any sky from an even one
+        to that of Hay and Davies, (n,). [-]
     """
 
     design: FloatArray
@@ -74,6 +79,8 @@ class Rows:
     per_w_m2: FloatArray
     systematics: FloatArray
     reference: FloatArray
+    sun: FloatArray
+    shade: FloatArray
 
 
 def least_squares_rows(
@@ -110,6 +117,9 @@ def least_squares_rows(
     heat = _heat_difference(target_k, reference_k, settings)
     beam, vertical = absorbed_light(history, np.mean(reference_k, axis=1), settings)
     design = history.sun + (vertical / beam)[:, np.newaxis] * VERTICAL
+    # an even sky sends a facet in its own shade the light that Hay and Davies place around the sun, too
+    around_sun = (beam - (1.0 - settings.surface.albedo) * history.dni_w_m2) * history.sun[:, 2] / 2.0
+    shade = (np.maximum(vertical + around_sun, 0.0) + around_sun) / beam
     reference = columns.reference_normals[references].mean(axis=0)
     steepness, storage_flux = _heat_loss_per_kelvin(target_k, settings), np.zeros_like(target_k)
     systematics = _offset_drift_exchange(history, first, over_k, steepness, settings)
@@ -130,21 +140,24 @@ def least_squares_rows(
     scale = (beam * settings.scale)[:, np.newaxis]
     # the difference has the target's noise and that of the references' mean
     noise_k = settings.noise_k * np.sqrt(1.0 + 1.0 / max(1, int(references.sum())))
+    # noise of one minute enters by the loss of that minute and by the storage flux of those after
     noise_gain = np.sqrt((steepness + kernel[0]) ** 2 + np.sum(kernel[1:] ** 2))
     window = slice(first, None)
     return Rows(
-        design[window],
-        ((heat + storage_flux) / scale + (design @ reference)[:, np.newaxis])[window],
-        (noise_k * noise_gain * _unsteadiness(history.dni_w_m2)[:, np.newaxis] / scale)[window],
-        (steepness / scale)[window],
-        ((1.0 - settings.surface.albedo) / scale[:, 0])[window],
-        (np.stack(systematics) / scale)[:, window],
-        reference,
+        design=design[window],
+        y=((heat + storage_flux) / scale + (design @ reference)[:, np.newaxis])[window],
+        sigma=(noise_k * noise_gain * _unsteadiness(history.dni_w_m2)[:, np.newaxis] / scale)[window],
+        per_kelvin=(steepness / scale)[window],
+        per_w_m2=((1.0 - settings.surface.albedo) / scale[:, 0])[window],
+        systematics=(np.stack(systematics) / scale)[:, window],
+        reference=reference,
+        sun=history.sun[window],
+        shade=shade[window],
     )
 
 
 def _measured_references(history: History, first: int, columns: RegionColumns) -> NDArray[np.bool_]:
-    """Which references have any temperature in the window; all if none has, so that their mean is NaN."""
+    """References with any temperature in the window; all if none has, so that their mean is NaN."""
     measured = np.isfinite(history.temperature_k[first:, columns.references]).any(axis=0)
     return np.asarray(measured | ~measured.any())
 
@@ -216,6 +229,7 @@ def absorbed_light(
     emissivity = surface.emissivity_broadband
     # the ground around is taken to be as warm as the reference
     ground_longwave = emissivity * STEFAN_BOLTZMANN * reference_k**4 + (1.0 - emissivity) * longwave
+    # of the view factors (1 + n_z) / 2 and (1 - n_z) / 2 only n_z differs from the reference
     light = absorptance * (diffuse * (1.0 - circumsolar) - settings.ground_albedo * global_light) / 2.0
     return (
         absorptance * (beam + diffuse * circumsolar / cos_zenith),

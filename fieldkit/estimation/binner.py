@@ -26,7 +26,7 @@ from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.sun import sun_vectors
 
 GRACE_NS = 2_000_000_000
-"""How long a bin waits for late samples after its end."""
+"""Time that a bin waits for late samples after its end."""
 
 Closed = tuple[MinuteBin, tuple[Event, ...]]
 """A bin, and its events: clouds, shade, a moved frame, late samples."""
@@ -103,7 +103,8 @@ class Binner:
     def _looking_at(self, info: StreamInfo, columns: NDArray[np.int64]) -> CameraStream:
         regions = [self.schedule.columns[column] for column in columns]
         emissivity = self._settings.surface.emissivity
-        return CameraStream(info, regions, emissivity, self._settings.reflected_temperature_k)
+        reflected_k = self._settings.reflected_temperature_k
+        return CameraStream(info, regions, emissivity, reflected_k, self._settings.limits)
 
     def finish(self) -> list[Closed]:
         """Close the open bins at the end of a recording."""
@@ -164,23 +165,25 @@ class Binner:
         low = sun[2] < math.sin(math.radians(self._settings.low_sun_deg))
         flags = minute.flags | light.flags | (Quality.LOW_SUN if low else Quality.GOOD)
         return MinuteBin(
-            minute.minute,
-            minute.time_ns,
-            sun,
-            temperature,
-            spread,
-            jitter,
-            pixels,
-            minute.frame_sums.frames,
-            mean_of(light.dni_w_m2),
-            light.illuminance_lx,
-            light.dhi_w_m2,
-            self._instruments.mean(minute, "longwave_down"),
-            self._instruments.contact_k(minute),
-            flags,
-            tuple(Quality.MOVED if column in minute.not_whole else Quality.GOOD for column in range(count)),
-            self._instruments.mean(minute, AIR_TEMPERATURE),
-            self._instruments.mean(minute, WIND_SPEED),
-            probe if probes.size else probes,
+            minute=minute.minute,
+            time_ns=minute.time_ns,
+            sun=sun,
+            temperature_k=temperature,
+            spread_k=spread,
+            jitter_k=jitter,
+            pixels=pixels,
+            frames=minute.frame_sums.frames,
+            dni_w_m2=mean_of(light.dni_w_m2),
+            illuminance_lx=light.illuminance_lx,
+            dhi_w_m2=light.dhi_w_m2,
+            longwave_down_w_m2=self._instruments.mean(minute, "longwave_down"),
+            contact_k=self._instruments.contact_k(minute),
+            flags=flags,
+            region_flags=tuple(
+                Quality.MOVED if column in minute.not_whole else Quality.GOOD for column in range(count)
+            ),
+            air_k=self._instruments.mean(minute, AIR_TEMPERATURE),
+            wind_m_s=self._instruments.mean(minute, WIND_SPEED),
+            probe_k=probe if probes.size else probes,
             shift_px=minute.shift_px,
         )

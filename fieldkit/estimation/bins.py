@@ -17,13 +17,14 @@ from copy import copy
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.estimation.following import GroundFollower, RegionFollower
 from fieldkit.model.device import StreamInfo
+from fieldkit.model.limits import bounds_of
 from fieldkit.model.samples import Frame, Quality, Reading, is_usable
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.units import MINUTE_NS
@@ -33,8 +34,6 @@ from fieldkit.physics.radiance import surface_temperature_k
 from fieldkit.physics.trajectory import CameraPath
 
 LAW_STEP_K = 0.01
-NEVER = 2**62
-"""A minute later than any."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,6 +121,14 @@ def _chosen(values: FloatArray, columns: NDArray[np.int64]) -> FloatArray:
     return np.array([values[i] if i < values.size else np.nan for i in columns], np.float64)
 
 
+class Sums(NamedTuple):
+    """Sum, sum of squares and number of the pixels of each region in one frame."""
+
+    totals: list[int]
+    squares: list[int]
+    pixels: list[int]
+
+
 class RegionPixels:
     """Regions flattened once into pixel indices, so that a frame costs one gather."""
 
@@ -163,15 +170,22 @@ class RegionPixels:
         """The pixels of all regions, one region after the other."""
         return np.asarray(frame.ravel()[self._indices])
 
-    def sums(self, numbers: NDArray[np.integer[Any]]) -> tuple[list[int], list[int]]:
-        """Sum and sum of squares over each region of a frame of whole numbers, exact in float64."""
-        totals, squares = np.zeros(self.pixels.size), np.zeros(self.pixels.size)
+    def sums(
+        self, numbers: NDArray[np.integer[Any]], possible: tuple[float, float] = (-math.inf, math.inf)
+    ) -> Sums:
+        """Sums over each region of a frame of whole numbers, exact in float64, of the pixels that can be."""
+        totals, squares, pixels = np.zeros((3, self.pixels.size))
         if self._filled.size:
             values = self.gather(numbers).astype(np.float64)
+            pixels[self._filled] = self.pixels[self._filled]
+            can_be = (values >= possible[0]) & (values <= possible[1])
+            if not can_be.all():  # a dead pixel would move the mean by kelvins
+                pixels[self._filled] = np.add.reduceat(can_be.astype(np.float64), self._starts)
+                values[~can_be] = 0.0
             totals[self._filled] = np.add.reduceat(values, self._starts)
             values *= values
             squares[self._filled] = np.add.reduceat(values, self._starts)
-        return [int(total) for total in totals], [int(square) for square in squares]
+        return Sums(*([int(one) for one in sums] for sums in (totals, squares, pixels)))
 
 
 def _pixels_of(region: Region, shape: tuple[int, int]) -> NDArray[np.intp]:
@@ -208,12 +222,11 @@ class RegionSums:
         for name in ("seen", "samples", "totals", "squares", "means", "means_squared"):
             setattr(self, name, [0] * self.regions)
 
-    def add(self, outline: RegionPixels, totals: list[int], squares: list[int], offset_ns: int) -> None:
-        """Add one frame's sums over the regions of an outline, taken `offset_ns` after the minute's start."""
+    def add(self, sums: Sums, offset_ns: int) -> None:
+        """Add one frame's sums over the regions, taken `offset_ns` after the minute's start."""
         self.frames += 1
         self.offset_ns += offset_ns
-        for index, (total, square) in enumerate(zip(totals, squares, strict=True)):
-            pixels = int(outline.pixels[index])
+        for index, (total, square, pixels) in enumerate(zip(*sums, strict=True)):
             if not pixels:
                 continue
             mean = total * MEAN_UNIT // pixels
@@ -233,7 +246,12 @@ class CameraStream:
     """
 
     def __init__(
-        self, info: StreamInfo, regions: Sequence[Region], emissivity: float, reflected_k: float
+        self,
+        info: StreamInfo,
+        regions: Sequence[Region],
+        emissivity: float,
+        reflected_k: float,
+        limits: Mapping[str, tuple[float, float]] = MappingProxyType({}),
     ) -> None:
         self.info = info
         self.regions: tuple[Region, ...] = tuple(regions)
@@ -244,15 +262,20 @@ class CameraStream:
         self._is_linear = info.law == "linear"
         self._scale = info.scale if self._is_linear else LAW_STEP_K
         self._offset = info.offset if self._is_linear else 0.0
+        bounds = bounds_of(info, limits)
+        ends = sorted(
+            (float(kelvin) - self._offset) / self._scale for kelvin in (bounds.low[0], bounds.high[0])
+        )
+        self._possible = (ends[0], ends[1]) if np.isfinite(self._scale) else (-math.inf, math.inf)
 
-    def sums(self, frame: Frame, outline: RegionPixels) -> tuple[list[int], list[int]] | None:
+    def sums(self, frame: Frame, outline: RegionPixels) -> Sums | None:
         """Sums over the regions of a frame; None if its law is undefined for any of their pixels."""
         if self._is_linear:
-            return outline.sums(frame.counts)
+            return outline.sums(frame.counts, self._possible)
         kelvin = frame_k(self.info, frame.counts, frame.metadata_rows, np.float32)
         if not np.isfinite(outline.gather(kelvin)).all():
             return None
-        return outline.sums(np.rint(np.nan_to_num(kelvin) / LAW_STEP_K).astype(np.int64))
+        return outline.sums(np.rint(np.nan_to_num(kelvin) / LAW_STEP_K).astype(np.int64), self._possible)
 
     def mean_pixels(self, sums: RegionSums) -> NDArray[np.int64]:
         """Pixels of each region in the frames in which it lay, else those of its outline."""
@@ -275,7 +298,7 @@ class CameraStream:
 
 
 class Follower:
-    """Where regions lie in each frame: those on the ground by the camera's pose, the others by the frames."""
+    """Places of regions in each frame: those on the ground by the camera's pose, the others by the frames."""
 
     def __init__(self, path: CameraPath | None = None) -> None:
         self._drawn = RegionFollower()
@@ -283,12 +306,12 @@ class Follower:
 
     @property
     def shift_px(self) -> float:
-        """How far the last frame that was followed lies off the one in which regions were drawn. [pixels]."""
+        """Shift of the last frame that was followed from the one in which regions were drawn. [pixels]."""
         return max(self._drawn.shift_px, self._ground.shift_px if self._ground is not None else 0.0)
 
     @property
     def loss(self) -> str:
-        """Why the last frame was not followed, if it was not."""
+        """Reason why the last frame was not followed."""
         if self._ground is not None and not self._ground.has_pose:
             return "the trajectory has no pose of this time"
         return "the camera moved too far to be followed"
@@ -342,7 +365,7 @@ class OpenBin:
                 return
             outline = found
         if (sums := camera.sums(frame, outline)) is not None:
-            self.frame_sums.add(outline, *sums, frame.time_ns - self.minute * MINUTE_NS)
+            self.frame_sums.add(sums, frame.time_ns - self.minute * MINUTE_NS)
 
     @property
     def not_whole(self) -> set[int]:
@@ -399,17 +422,21 @@ def _unmeasured() -> FloatArray:
     return np.empty(0)
 
 
-def _not_given() -> NDArray[np.int64]:
-    return np.empty(0, np.int64)
+def _no_entries() -> NDArray[np.int64]:
+    return np.empty((0, 3), np.int64)
+
+
+_WHOLE = ("minute", "time_ns", "flags")
+_REAL = ("dni_w_m2", "dhi_w_m2", "longwave_down_w_m2", "air_k", "wind_m_s", "shift_px")
 
 
 @dataclass(frozen=True, slots=True)
 class History:
     """Bins side by side: arrays over minutes (n,), minutes and regions (n, regions), suns (n, 3).
 
-    What a set-up need not measure (air, wind, probes) is NaN where it is not given. `region_flags` are as
-    known at the last minute: where shade was found, marked or dismissed afterwards, `SHADED` counts in the
-    minutes `shaded_from` <= m < `shaded_until` (n, regions); elsewhere both are `NEVER`.
+    What a set-up need not measure (air, wind, probes) is NaN where it is not given. `region_flags` are as the
+    bins closed; shade that was found, marked or dismissed afterwards is entered in `shade_ledger` (k, 3): the
+    minute in which that became known, minute and column of the `SHADED` flag that it reverses.
     """
 
     minute: NDArray[np.int64]
@@ -424,20 +451,18 @@ class History:
     air_k: FloatArray = field(default_factory=_unmeasured)
     wind_m_s: FloatArray = field(default_factory=_unmeasured)
     probe_k: FloatArray = field(default_factory=_unmeasured)
-    shaded_from: NDArray[np.int64] = field(default_factory=_not_given)
-    shaded_until: NDArray[np.int64] = field(default_factory=_not_given)
+    shift_px: FloatArray = field(default_factory=_unmeasured)
+    shade_ledger: NDArray[np.int64] = field(default_factory=_no_entries)
 
     def __post_init__(self) -> None:
         for name, like in (
             ("air_k", self.dni_w_m2),
             ("wind_m_s", self.dni_w_m2),
+            ("shift_px", self.dni_w_m2),
             ("probe_k", self.temperature_k),
         ):
             if getattr(self, name).shape != like.shape:
                 object.__setattr__(self, name, np.full(like.shape, np.nan))
-        for name in ("shaded_from", "shaded_until"):
-            if getattr(self, name).shape != self.region_flags.shape:
-                object.__setattr__(self, name, np.full(self.region_flags.shape, NEVER))
 
     @classmethod
     def of(cls, bins: Sequence[MinuteBin]) -> History:
@@ -445,24 +470,22 @@ class History:
         regions = max((b.temperature_k.size for b in bins), default=0)
         if any(b.temperature_k.size < regions for b in bins):
             bins = [b.only(np.arange(regions)) for b in bins]
-        as_closed = cls(
-            np.array([b.minute for b in bins], np.int64),
-            np.array([b.time_ns for b in bins], np.int64),
-            np.array([b.sun for b in bins], np.float64).reshape(-1, 3),
-            np.array([b.temperature_k for b in bins], np.float64).reshape(len(bins), regions),
-            np.array([b.dni_w_m2 for b in bins], np.float64),
-            np.array([b.dhi_w_m2 for b in bins], np.float64),
-            np.array([b.longwave_down_w_m2 for b in bins], np.float64),
-            np.array([int(b.flags) for b in bins], np.int64),
-            np.array([[int(f) for f in b.region_flags] for b in bins], np.int64).reshape(len(bins), regions),
-            np.array([b.air_k for b in bins], np.float64),
-            np.array([b.wind_m_s for b in bins], np.float64),
-            np.array([b.probe_k if b.probe_k.size else np.full(regions, np.nan) for b in bins]).reshape(
-                len(bins), regions
-            ),
+        by_minute: dict[str, NDArray[Any]] = {
+            name: np.array([getattr(b, name) for b in bins], kind)
+            for kind, names in ((np.int64, _WHOLE), (np.float64, _REAL))
+            for name in names
+        }
+        entries = [(b.minute, *cell) for b in bins for cell in b.reflagged]
+        probes = [b.probe_k if b.probe_k.size else np.full(regions, np.nan) for b in bins]
+        shape = (len(bins), regions)
+        return cls(
+            **by_minute,
+            sun=np.array([b.sun for b in bins], np.float64).reshape(-1, 3),
+            temperature_k=np.array([b.temperature_k for b in bins], np.float64).reshape(shape),
+            region_flags=np.array([b.region_flags for b in bins], np.int64).reshape(shape),
+            probe_k=np.array(probes, np.float64).reshape(shape),
+            shade_ledger=np.array(entries, np.int64).reshape(-1, 3),
         )
-        reversals = [(b.minute, *cell) for b in bins for cell in b.reflagged]
-        return as_closed._reversing(reversals) if reversals else as_closed
 
     def __len__(self) -> int:
         return self.minute.size
@@ -471,20 +494,39 @@ class History:
         """Every array by its name; ``History(**arrays)`` is the same history."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
+    def at(self, rows: slice | NDArray[np.int64]) -> History:
+        """Some of the rows, given by index."""
+        by_row = {name: values for name, values in self.arrays().items() if name != "shade_ledger"}
+        return replace(self, **{name: values[rows] for name, values in by_row.items()})
+
     def since(self, first: int) -> History:
         """The rows from index `first` on."""
-        return History(*(getattr(self, field.name)[first:] for field in fields(self)))
+        return self.at(slice(first, None))
 
     def until(self, last: int) -> History:
-        """The rows before index `last`, flagged as was known then."""
-        return History(*(getattr(self, field.name)[:last] for field in fields(self)))._as_known()
+        """The rows before index `last`."""
+        return self.at(slice(last))
 
     def only(self, columns: NDArray[np.int64]) -> History:
         """Some of the regions, given as columns."""
         if np.array_equal(columns, np.arange(self.temperature_k.shape[1])):
             return self
-        by_region = ("temperature_k", "region_flags", "probe_k", "shaded_from", "shaded_until")
-        return replace(self, **{name: getattr(self, name)[:, columns] for name in by_region})
+        chosen = {
+            name: getattr(self, name)[:, columns] for name in ("temperature_k", "region_flags", "probe_k")
+        }
+        places = {int(column): place for place, column in enumerate(columns)}
+        kept = [(*cell, places[one]) for *cell, one in self.shade_ledger.tolist() if one in places]
+        return replace(self, **chosen, shade_ledger=np.array(kept, np.int64).reshape(-1, 3))
+
+    def is_shaded(self) -> NDArray[np.bool_]:
+        """Regions that alone are in the shade (n, regions), as known at the last minute."""
+        shaded: NDArray[np.bool_] = (self.region_flags & int(Quality.SHADED)) != 0
+        known = self.shade_ledger[:, 0] <= self.minute.max(initial=0)
+        _, minute, column = self.shade_ledger[known].T
+        rows, entries = np.nonzero(self.minute[:, np.newaxis] == minute)
+        # a flag may be reversed twice: shade that was found, and dismissed by a mark
+        np.logical_xor.at(shaded, (rows, column[entries]), True)
+        return shaded
 
     def in_place(self) -> History:
         """Without temperatures of minutes in which the regions were lost for a while."""
@@ -492,28 +534,3 @@ class History:
         if not has_moved.any():
             return self
         return replace(self, temperature_k=np.where(has_moved[:, np.newaxis], np.nan, self.temperature_k))
-
-    def _as_known(self) -> History:
-        """With `SHADED` as known at the last minute."""
-        changes = self.shaded_from < NEVER
-        if not changes.any():
-            return self
-        is_shaded = (self.shaded_from <= self.minute[-1]) & (self.minute[-1] < self.shaded_until)
-        unshaded = self.region_flags & ~int(Quality.SHADED)
-        known = np.where(is_shaded, unshaded | int(Quality.SHADED), unshaded)
-        return replace(self, region_flags=np.where(changes, known, self.region_flags))
-
-    def _reversing(self, reversals: Sequence[tuple[int, int, int]]) -> History:
-        """With shade that was found or dismissed afterwards: when that was known, minute, column."""
-        rows = {minute: row for row, minute in enumerate(self.minute.tolist())}
-        begins, ends = self.shaded_from.copy(), self.shaded_until.copy()
-        for known, minute, column in reversals:
-            if (row := rows.get(minute)) is None:
-                continue
-            if begins[row, column] < NEVER:
-                ends[row, column] = known
-            elif self.region_flags[row, column] & Quality.SHADED:
-                begins[row, column], ends[row, column] = minute, known
-            else:
-                begins[row, column] = known
-        return replace(self, shaded_from=begins, shaded_until=ends)._as_known()

@@ -1,4 +1,4 @@
-"""What one session taught and another one of the same sand and light meter may assume.
+"""Parameters learnt in one session, as priors of another one of the same sand and light meter.
 
 Exchange, gusts, sky and air are weather and stay with their session. Gain, thermal inertia and depth last;
 between days they change a little, so that even a perfectly known session leaves the next one a doubt.
@@ -13,10 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtri
 
-from fieldkit.estimation.learned.filters import gain_sd
 from fieldkit.estimation.learned.hypotheses import UNKNOWNS, hypotheses
+from fieldkit.estimation.learned.prior_state import gain_sd
 from fieldkit.estimation.settings import EstimatorSettings
-from fieldkit.model.learnt import NINETY_SDS, Learnt, LearntParameter
+from fieldkit.model.confidence import interval_sds
+from fieldkit.model.learnt import Learnt, LearntParameter
 
 DAY_TO_DAY: Mapping[str, float] = {"gain": 0.03, "thermal_inertia": 0.08, "depth": 0.06}
 """Relative changes from one day to the next, as standard deviations.
@@ -41,7 +42,7 @@ class Carried:
 def carried(
     settings: EstimatorSettings, sessions: Iterable[tuple[EstimatorSettings, Learnt]]
 ) -> dict[str, Carried]:
-    """What sessions tell of a further one of the same sand, by parameter.
+    """Priors for a further session of the same sand, from those recorded, by parameter.
 
     The parameter of each session is that of the campaign and a change from day to day. What a session adds
     is its posterior without its prior, so that a prior is not counted once for each session.
@@ -99,7 +100,8 @@ def _priors(settings: EstimatorSettings) -> dict[str, Carried]:
 
 
 def _posterior(parameter: LearntParameter) -> Carried:
-    return Carried(parameter.value, math.log(parameter.high / parameter.low) / (2.0 * NINETY_SDS))
+    width = math.log(parameter.high / parameter.low)
+    return Carried(parameter.value, width / (2.0 * interval_sds(parameter.confidence)))
 
 
 def _added(before: Carried, after: Carried) -> Carried | None:

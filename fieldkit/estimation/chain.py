@@ -31,7 +31,8 @@ from fieldkit.estimation.methods import kelvin_per_degree
 from fieldkit.estimation.region_temperatures import remove_offsets
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.slopes import slopes
-from fieldkit.model.learnt import NINETY_SDS, Learnt
+from fieldkit.model.confidence import interval_sds, percent
+from fieldkit.model.learnt import Learnt
 from fieldkit.model.region_schedule import Regions, RegionSchedule
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region, RegionKind
@@ -166,7 +167,7 @@ class _Group:
         self._has_failed = False
 
     def goes_on(self, references: Sequence[int], targets: Sequence[int]) -> bool:
-        """Whether the group goes on with these regions: it holds to its references and to some target."""
+        """True if the group goes on with these regions: all its references and some of its targets."""
         self._held = self.targets & set(targets)
         return list(references) == self._references and bool(self._held)
 
@@ -186,6 +187,7 @@ class _Group:
         if learner is None:
             self._start(history, row)
         else:
+            # shade that is known only now lay over minutes that were taken without it
             if not np.array_equal(shade(history, self._layout)[self._first : -1], self._shade):
                 learner.reshade(self._inputs(history, row))
             learner.add(self._input(history, row, learner.last))
@@ -220,7 +222,8 @@ class _Group:
 
     def _estimate(self, history: History, index: int) -> SlopeEstimate:
         region = self._columns.regions[self._targets[index]]
-        blank = SlopeEstimate(0, region.name, SlopeState.NO_DATA, model=_label(self._settings))
+        label, confidence = _label(self._settings), self._settings.confidence
+        blank = SlopeEstimate(0, region.name, SlopeState.NO_DATA, model=label, confidence=confidence)
         if not len(history):
             return replace(blank, reason="no minutes yet")
         column = self._targets[index]
@@ -253,7 +256,7 @@ class _Group:
             tilt_high_deg=max(found.region.tilt_high_deg, tilt),
             azimuth_low_deg=found.region.azimuth_low_deg,
             azimuth_high_deg=found.region.azimuth_high_deg,
-            chi_square=_chi_square(learner, self._layout.references + index),
+            chi_square=_mean_square(_errors(learner)[1][:, self._layout.references + index]),
             kelvin_per_degree=_kelvin_per_degree(learner, tilt, azimuth),
         )
         return self._judged(filled, found, index)
@@ -276,18 +279,19 @@ class _Group:
                 filled, state=SlopeState.NO_INTERSECTION, reason=f"no tilt up to {limit:.0f}° fits"
             )
         low, high = filled.tilt_low_deg, filled.tilt_high_deg
+        sure = percent(filled.confidence)
         if high >= limit:
-            reason = f"anything from {low:.1f}° up to the limit of {limit:g}° fits (90 %)"
+            reason = f"anything from {low:.1f}° up to the limit of {limit:g}° fits ({sure})"
             return replace(filled, state=SlopeState.UNCERTAIN, reason=reason)
         if is_too_wide(filled.tilt_deg, low, high):
-            reason = f"anything from {low:.1f}° to {high:.1f}° fits (90 %); {self._advice(index)}"
+            reason = f"anything from {low:.1f}° to {high:.1f}° fits ({sure}); {self._advice(index)}"
             return replace(filled, state=SlopeState.UNCERTAIN, reason=reason)
         if found.region.vertical:
             return replace(filled, state=SlopeState.FLAT, reason=f"flat within {high:.1f}°")
         return replace(filled, state=SlopeState.OK)
 
     def _advice(self, index: int) -> str:
-        """What would narrow a tilt most."""
+        """The measurement that would narrow a tilt most."""
         found, name = self._moments, f"tilt{index}"
         sd = found.sd(name)
         offers = {
@@ -300,10 +304,11 @@ class _Group:
                 known = found.sd_if_known(name, f"tilt{other}", KNOWN_BED_SD_DEG)
                 offers["one known bed"] = min(known, offers.get("one known bed", math.inf))
         best = min(offers, key=lambda offer: offers[offer])
-        return f"{best}: ±{NINETY_SDS * sd:.1f} → ±{NINETY_SDS * offers[best]:.1f}°"
+        sds = interval_sds(self._settings.confidence)
+        return f"{best}: ±{sds * sd:.1f} → ±{sds * offers[best]:.1f}°"
 
     def learnt(self) -> Learnt | None:
-        """What was learnt by now; None before the first minute."""
+        """Parameters and prediction errors by now; None before the first minute."""
         learner = self._learner
         if learner is None:
             return None
@@ -313,14 +318,14 @@ class _Group:
             learnt_parameters(learner, self._moments),
             dict(zip(names, _rms(kelvin).tolist(), strict=True)),
             dict(zip(names, _autocorrelation(standard).tolist(), strict=True)),
-            float(np.nanmean(standard**2)) if np.isfinite(standard).any() else math.nan,
+            _mean_square(standard),
         )
 
 
 def _errors(learner: Learner) -> tuple[FloatArray, FloatArray]:
     """Prediction errors (n, regions) under the heaviest hypothesis: kelvin, and standardised."""
     heaviest = int(np.argmax(learner.posterior.log_weights))
-    kelvin = np.array([one.kelvin[heaviest] for one in learner.innovations])
+    kelvin = np.array([one.difference[heaviest] for one in learner.innovations])
     return kelvin, np.array([one.standardised[heaviest] for one in learner.innovations])
 
 
@@ -337,9 +342,8 @@ def _autocorrelation(values: FloatArray) -> FloatArray:
     return np.asarray((filled[1:] * filled[:-1]).sum(axis=0) / np.maximum((filled**2).sum(axis=0), 1e-12))
 
 
-def _chi_square(learner: Learner, region: int) -> float:
-    standard = _errors(learner)[1][:, region]
-    return float(np.nanmean(standard**2)) if np.isfinite(standard).any() else math.nan
+def _mean_square(values: FloatArray) -> float:
+    return float(np.nanmean(values**2)) if np.isfinite(values).any() else math.nan
 
 
 def _kelvin_per_degree(learner: Learner, tilt_deg: float, azimuth_deg: float) -> float:
@@ -362,7 +366,7 @@ def _signed(tilt: float, azimuth: float, known: float) -> tuple[float, float]:
 
 
 def _missing(history: History, layout: Layout, region: Region) -> str:
-    """Why the chain has not begun."""
+    """Reason why the chain has not begun."""
     if not np.isfinite(history.temperature_k[:, layout.columns[: layout.references]]).any():
         return "no frames of the reference yet"
     if not np.isfinite(history.temperature_k[:, layout.columns]).all(axis=1).any():

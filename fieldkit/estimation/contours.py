@@ -133,7 +133,7 @@ class RadiationTable:
     def _bands(
         self, differences: FloatArray, tolerance: FloatArray
     ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Where each contour begins and ends (m, times) among the cells sorted by their value."""
+        """Begin and end of each contour (m, times) among the cells sorted by their value."""
         low, high = np.zeros((2, *differences.shape), np.intp)
         # slightly wider than the tolerance: the comparison that scores decides on rounding
         reach = tolerance * (1.0 + 1e-9) + 1e-9

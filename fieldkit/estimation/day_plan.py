@@ -13,10 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fieldkit.estimation.likelihood import NINETY_PERCENT, NINETY_PERCENT_ONE
 from fieldkit.estimation.normal import LOWEST_COS_INCIDENCE, cramer_rao, mirror, tangents
+from fieldkit.model.confidence import CONFIDENCE, misfit_drop
 from fieldkit.model.slope import is_too_wide
 from fieldkit.model.units import MINUTE_NS
+from fieldkit.physics.bodies import EARTH
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.energy_balance import (
     SurfaceParameters,
@@ -28,8 +29,6 @@ from fieldkit.physics.facet import FloatArray, cos_incidence, normal, tilt_azimu
 
 SKY_EMISSIVITY = 0.85
 """Of a clear sky of average humidity, for planning: downward longwave over sigma T_a^4."""
-RISING_DEG = -0.833
-"""Elevation of the sun's centre at sunrise and sunset: half its width and the refraction there."""
 LONG_SHADOWS_DEG = 15.0
 WEAK_K_PER_DEG = 1.0 / 30.0
 """Below this a tenth of a kelvin between two facets is more than three degrees of tilt."""
@@ -45,7 +44,8 @@ class PlanSettings:
 
     `noise_k` is the standard deviation of one region's minute mean, `window_min` the
     length of the windows whose bound is computed, `bias_deg` the tilt error to budget for,
-    `azimuth_known` whether estimates use the given azimuths instead of estimating them.
+    `azimuth_known` whether estimates use the given azimuths instead of estimating them. `sky_emissivity` is
+    the downward longwave over sigma T_a^4, `rising_deg` the elevation of the sun's centre at sunrise.
     """
 
     surface: SurfaceParameters = TABLE_1
@@ -56,6 +56,9 @@ class PlanSettings:
     air_k: float = 288.15
     bias_deg: float = 2.0
     azimuth_known: bool = False
+    sky_emissivity: float = SKY_EMISSIVITY
+    rising_deg: float = EARTH.rising_deg
+    confidence: float = CONFIDENCE
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,8 +99,8 @@ class DayPlan:
         return found.known_azimuth_deg if self.settings.azimuth_known else found.tilt_deg
 
     def half_region_deg(self, row: int) -> FloatArray:
-        """Half of the 90 % region of tilt (f,) in that window, by noise alone."""
-        drop = NINETY_PERCENT_ONE if self.settings.azimuth_known else NINETY_PERCENT
+        """Half of the likelihood region of tilt (f,) in that window, by noise alone."""
+        drop = misfit_drop(self.settings.confidence, 1 if self.settings.azimuth_known else 2)
         return np.asarray(np.sqrt(drop) * self.tilt_sd_deg(row))
 
     def uncertain(self, row: int) -> NDArray[np.bool_]:
@@ -107,7 +110,7 @@ class DayPlan:
 
     @property
     def best_row(self) -> int | None:
-        """Which of `rows` starts the window with the smallest bound for the worst facet."""
+        """The one of `rows` that starts the window with the smallest bound for the worst facet."""
         last = self.rows + self.settings.window_min
         whole = [
             row for row in range(self.rows.size) if last[row] < self.usable.size and self._is_usable(row)
@@ -214,23 +217,23 @@ def plan_day(
     """
     normals = _normals(facets)
     elevation = _elevation_deg(sun)
-    up = elevation > RISING_DEG
+    up = elevation > settings.rising_deg
     light = np.where(up, dni_w_m2, 0.0)
-    surface_k = expected_temperature(normals, sun, light, settings.air_k, settings.surface)
+    surface_k = expected_temperature(normals, sun, light, settings)
     sigma = cosine_noise(light, surface_k, settings.noise_k, settings.surface)
     on_step = (time_ns - time_ns[0]) % (step_min * MINUTE_NS) == 0
     rows = np.flatnonzero(up & on_step)
     usable_sigma = np.where(elevation < settings.low_sun_deg, np.inf, sigma)
     return DayPlan(
-        tuple(facets),
-        settings,
-        time_ns,
-        sun,
-        light,
-        sensitivity(normals, sun, light, surface_k, settings.surface),
-        sigma,
-        rows,
-        tuple(bounds_over_day(normals, sun, usable_sigma, rows, settings.window_min)),
+        facets=tuple(facets),
+        settings=settings,
+        time_ns=time_ns,
+        sun=sun,
+        dni_w_m2=light,
+        sensitivity=sensitivity(normals, sun, light, surface_k, settings.surface),
+        sigma=sigma,
+        rows=rows,
+        bounds=tuple(bounds_over_day(normals, sun, usable_sigma, rows, settings.window_min)),
     )
 
 
@@ -282,7 +285,7 @@ class Bound:
 
 
 def expected_temperature(
-    normals: FloatArray, sun: FloatArray, dni_w_m2: ArrayLike, air_k: float, surface: SurfaceParameters
+    normals: FloatArray, sun: FloatArray, dni_w_m2: ArrayLike, settings: PlanSettings
 ) -> FloatArray:
     """Surface temperature under a clear sky by the paper's eq. (7), shape (f, n), kelvin.
 
@@ -292,14 +295,12 @@ def expected_temperature(
         Unit normals (f, 3) and unit vectors towards the sun (n, 3). [-]
     dni_w_m2
         Direct normal irradiance, (n,). [W/m2]
-    air_k
-        Air temperature. [K]
-    surface
-        Parameters of the energy balance.
+    settings
+        Surface, air and sky.
     """
-    longwave = SKY_EMISSIVITY * STEFAN_BOLTZMANN * air_k**4
+    longwave = settings.sky_emissivity * STEFAN_BOLTZMANN * settings.air_k**4
     light = direct_irradiance(dni_w_m2, cos_incidence(normals, sun))
-    return surface_temperature(light, longwave, air_k, surface)
+    return surface_temperature(light, longwave, settings.air_k, settings.surface)
 
 
 def sensitivity(
@@ -325,7 +326,9 @@ def sensitivity(
     steeper, _ = tangents(normals)
     lit = cos_incidence(normals, sun) > 0.0
     light = np.where(lit, np.asarray(dni_w_m2) * np.radians(cos_incidence(steeper, sun)), 0.0)
-    return Sensitivity(light, light / irradiance_per_kelvin(temperature_k, surface))
+    heat = irradiance_per_kelvin(temperature_k, surface) + np.zeros_like(light)
+    # without light nothing changes, also where no air and no sky keep a surface from 0 K
+    return Sensitivity(light, np.divide(light, heat, out=np.zeros_like(light), where=light != 0.0))
 
 
 def cosine_noise(

@@ -431,7 +431,7 @@ class ShadeMonitor:
         self._since = 0
 
     def update(self, minute: int, over_reference_k: float) -> bool:
-        """Whether the region is shaded in this minute."""
+        """True if the region is shaded in this minute."""
         jump = self._cusum.update(minute, over_reference_k)
         if self._fall is None:
             if jump is not None and jump.found < jump.expected:

@@ -88,6 +88,8 @@ class Estimator:
         self.settings: EstimatorSettings = settings or EstimatorSettings()
         self._binner = Binner(site, regions, streams, self.settings)
         self._bins: list[MinuteBin] = []
+        self.minutes: list[Minute] = []
+        """All that were estimated so far."""
         self._chain = SlopeChain(regions, self.settings)
 
     @property
@@ -106,7 +108,7 @@ class Estimator:
 
     @property
     def irradiance_model(self) -> str:
-        """How DNI is derived, and from which stream, in words."""
+        """Source of DNI, in words: the stream and its conversion."""
         return self._binner.irradiance_model
 
     @property
@@ -147,7 +149,8 @@ class Estimator:
         self._chain.schedule = self.schedule
         estimated = self._chain.at(self.history)
         measured = measured_minute(closed, self.schedule, self.irradiance_model)
-        return replace(measured, estimates=estimated.slopes, learnt=estimated.learnt)
+        self.minutes.append(replace(measured, estimates=estimated.slopes, learnt=estimated.learnt))
+        return self.minutes[-1]
 
 
 def measured_minute(closed: Closed, schedule: RegionSchedule, irradiance_model: str) -> Minute:
@@ -157,19 +160,19 @@ def measured_minute(closed: Closed, schedule: RegionSchedule, irradiance_model: 
     held = entry if schedule.is_constant else entry.only(schedule.at(entry.minute))
     names = [region.name for region in schedule.regions_at(entry.minute)]
     return Minute(
-        entry.time_ns,
-        (),
-        dict(zip(names, held.temperature_k.tolist(), strict=True)),
-        dict(zip(names, held.spread_k.tolist(), strict=True)),
-        dict(zip(names, held.pixels.tolist(), strict=True)),
-        entry.illuminance_lx,
-        entry.dni_w_m2,
-        irradiance_model,
-        zenith,
-        azimuth,
-        entry.contact_k,
-        entry.flags,
-        events,
-        entry.dhi_w_m2,
-        entry.longwave_down_w_m2,
+        time_ns=entry.time_ns,
+        estimates=(),
+        temperature_k=dict(zip(names, held.temperature_k.tolist(), strict=True)),
+        spread_k=dict(zip(names, held.spread_k.tolist(), strict=True)),
+        pixels=dict(zip(names, held.pixels.tolist(), strict=True)),
+        illuminance_lx=entry.illuminance_lx,
+        dni_w_m2=entry.dni_w_m2,
+        irradiance_model=irradiance_model,
+        sun_zenith_deg=zenith,
+        sun_azimuth_deg=azimuth,
+        contact_k=entry.contact_k,
+        flags=entry.flags,
+        events=events,
+        dhi_w_m2=entry.dhi_w_m2,
+        longwave_down_w_m2=entry.longwave_down_w_m2,
     )

@@ -122,7 +122,7 @@ def _fade(rows: int, cols: int) -> NDArray[np.float32]:
 
 
 def _match(key: Spectrum, now: Spectrum, shape: tuple[int, int], scale: int, key_at: Shift) -> _Match:
-    """Where the content of the key lies now."""
+    """Present shift of the key's content."""
     cross = key.conj() * now
     # divided by the root of its magnitude: pure phase would weight noise as much as edges
     surface = fft.irfft2(cross / np.sqrt(np.abs(cross) + np.float32(1e-30)), s=shape)
@@ -142,13 +142,13 @@ def _centred(line: NDArray[np.floating[Any]], at: int) -> float:
 
 
 class RegionFollower:
-    """Where regions lie in each frame: each was drawn on the mean of its first `DRAWN_ON` frames."""
+    """Places of regions in each frame: each was drawn on the mean of its first `DRAWN_ON` frames."""
 
     def __init__(self) -> None:
         self._frames = FrameFollower()
         self._drawn: dict[int, list[Shift]] = {}
         self.shift_px = 0.0
-        """How far the last frame that was followed lies off the first region's. [pixels]"""
+        """Shift of the last frame that was followed from the first region's. [pixels]"""
 
     def update(
         self, counts: NDArray[np.integer[Any]], columns: NDArray[np.int64]
@@ -179,7 +179,7 @@ class RegionFollower:
 
 
 class GroundFollower:
-    """Where regions on the ground lie in each frame of a camera whose pose is known.
+    """Places of regions on the ground in each frame of a camera whose pose is known.
 
     The pose places them; each frame, as it would look from where an earlier one was taken, shows how far the
     pose is wrong, and whether it is right at all. `has_pose` is whether there was one of the last frame.
@@ -193,7 +193,7 @@ class GroundFollower:
         self._began: FloatArray = np.full(2, np.nan)
         self.has_pose = True
         self.shift_px = 0.0
-        """How far the middle of the first region lies off where it was at first. [pixels]"""
+        """Shift of the middle of the first region from its first place. [pixels]"""
 
     def update(
         self,
@@ -235,7 +235,7 @@ class GroundFollower:
 
 
 def _overlaps(camera: Camera, view: Camera, height_m: float) -> bool:
-    """Whether the camera sees enough of the level ground that a view shows."""
+    """True if the camera sees enough of the level ground that a view shows."""
     last = np.array([camera.shape[1] - 1.0, camera.shape[0] - 1.0])
     grid = last * np.stack(np.meshgrid(*[np.linspace(0.0, 1.0, 9)] * 2), axis=-1).reshape(-1, 2)
     up = np.column_stack([(grid - 0.5 * last) / view.focal_px, np.ones(len(grid))]) @ view.axes[:, 2]

@@ -1,4 +1,4 @@
-"""Which stream is used for what, and what the readings of a minute give: irradiances, air, probes."""
+"""Choice of the stream for each quantity, and means of a minute's readings: irradiances, air, probes."""
 
 from __future__ import annotations
 
@@ -10,11 +10,13 @@ from numpy.typing import NDArray
 
 from fieldkit.estimation.bins import OpenBin
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.estimation.spikes import without_spikes
 from fieldkit.model.air import AIR_TEMPERATURE, CELSIUS_UNITS, of_air
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.limits import Bounds, bounds_of
 from fieldkit.model.radiation import UNIT, UNKNOWN, how_to_state, measured
-from fieldkit.model.samples import Quality, Reading, is_usable
+from fieldkit.model.samples import Quality, Reading
 from fieldkit.model.site import Region, Site
 from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.physics.facet import VERTICAL, FloatArray, normal
@@ -46,34 +48,43 @@ class MinuteIrradiance:
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """One channel of a stream, and what it measures.
+    """One channel of a stream, what it measures, and the limits of the stream's channels.
 
     That is a component of radiation, ``illuminance``, ``air_temperature``, ``wind_speed``, or ``temperature``
-    of a contact thermometer in a region.
+    of a contact thermometer.
     """
 
     info: StreamInfo
     channel: int
     measures: str
+    bounds: Bounds
 
     @property
     def is_slow(self) -> bool:
-        """Whether most minutes have no reading of it, as of hourly means."""
+        """True if most minutes have no reading of it, as of hourly means."""
         return 0.0 < self.info.rate_hz < SLOW_HZ
 
-    def values(self, minute: OpenBin) -> list[float]:
-        """The usable readings of a bin in order of time."""
+    def values(self, minute: OpenBin, sine: FloatArray | float | None = None) -> FloatArray:
+        """The readings of a bin in order of time (k,), NaN where one is not usable or cannot be.
+
+        `sine` is of the sun's elevation, (k,) at each reading or one for all.
+        """
         readings = minute.sorted_readings(self.info.name)
-        return [r.values[self.channel] for r in readings if is_usable(r.quality)]
+        if not readings:
+            return np.empty(0)
+        table = np.array([reading.values for reading in readings], np.float64)
+        flags = np.array([int(reading.quality) for reading in readings], np.int64)
+        values = self.bounds.usable(table, flags, sine)[:, self.channel]
+        return without_spikes(values, is_temperature=self.info.unit in ("K", *CELSIUS_UNITS))
 
     @property
     def zero(self) -> float:
-        """What to add to a value: temperatures in °C become kelvin."""
+        """Number to add to a value: temperatures in °C become kelvin."""
         return CELSIUS_ZERO_K if self.info.unit in CELSIUS_UNITS else 0.0
 
 
 class Instruments:
-    """Which stream is used for what.
+    """The stream used for each quantity.
 
     `model` is the irradiance model of the stream that DNI is derived from (`light_source`), not necessarily
     the light meter's; `label` describes it in words. `unknown` are streams that may measure sunlight, but do
@@ -95,12 +106,19 @@ class Instruments:
         self.light_source: Source | None = _required_light(self._sources, settings)
         self.model: IrradianceModel = _model_of(self.light_source, settings.irradiance)
         self._probes = {
-            region: tuple(_probes(region, given, self._streams)) for region, given in settings.probes.items()
+            region: tuple(_probes(region, given, self._streams, settings))
+            for region, given in settings.probes.items()
         }
         named = (probe.partition(":")[0] for given in settings.probes.values() for probe in given)
         self.absent: tuple[str, ...] = tuple(
             dict.fromkeys(name for name in named if name not in self._streams)
         )
+        self._contacts = [
+            Source(info, channel, "temperature", _bounds(info, settings))
+            for info in streams
+            if info.quantity == "temperature"
+            for channel in range(info.shape[0])
+        ]
         self._held: dict[tuple[str, int], tuple[int, float]] = {}
 
     @property
@@ -116,7 +134,7 @@ class Instruments:
 
     def light(self, minute: OpenBin, site: Site, settings: EstimatorSettings) -> MinuteIrradiance:
         """DNI of every light reading at its own time."""
-        lux = self._lux.values(minute) if self._lux is not None else []
+        lux = self._lux.values(minute) if self._lux is not None else np.empty(0)
         source = self.light_source
         readings = minute.sorted_readings(source.info.name) if source is not None else []
         flags = Quality.GOOD
@@ -124,16 +142,14 @@ class Instruments:
             flags |= reading.quality
         times = np.array([reading.time_ns for reading in readings], np.int64)
         sun = sun_vectors(times, site, refraction=settings.refraction)
-        channel = source.channel if source is not None else 0
-        values = np.array(
-            [r.values[channel] if is_usable(r.quality) else np.nan for r in readings], np.float64
-        )
-        diffuse = self.mean(minute, "dhi")
+        sine = sun.reshape(-1, 3)[:, 2]
+        values = source.values(minute, sine) if source is not None else np.empty(0)
+        diffuse = self.mean(minute, "dhi", sine.mean() if sine.size else None)
         direct = direct_normal(self.model, values, sun, times, diffuse) if len(readings) else values
         # near the horizon even a clear sky changes as fast as a cloud
-        high = sun.reshape(-1, 3)[:, 2] >= np.sin(np.radians(settings.low_sun_deg))
+        high = sine >= np.sin(np.radians(settings.low_sun_deg))
         clearness = np.where(high, self._clearness(values, sun), np.nan)
-        return MinuteIrradiance(readings, direct, clearness, mean_of(np.array(lux)), diffuse, flags)
+        return MinuteIrradiance(readings, direct, clearness, mean_of(lux), diffuse, flags)
 
     def _clearness(self, values: FloatArray, sun: FloatArray) -> FloatArray:
         """Readings divided by the cosine of incidence on the meter, NaN for a grazing sun."""
@@ -145,14 +161,15 @@ class Instruments:
         cosine = sun.reshape(-1, 3) @ facet
         return np.asarray(values / np.where(cosine > 0.1, cosine, np.nan))
 
-    def mean(self, minute: OpenBin, quantity: str) -> float:
+    def mean(self, minute: OpenBin, quantity: str, sine: float | None = None) -> float:
         """Mean of a component of radiation (W/m2), air temperature (K) or wind speed (m/s); NaN without.
 
         Means of more than a minute are held until the next is due: diffuse light, longwave and air change
-        slowly, and assumed values would be less accurate. Minutes must come in order.
+        slowly, and assumed values would be less accurate. Minutes must come in order. `sine` is of the sun's
+        elevation, which limits light.
         """
         source = self._best(quantity)
-        return float("nan") if source is None else self._held_mean(minute, source)
+        return float("nan") if source is None else self._held_mean(minute, source, sine)
 
     def probe_k(self, minute: OpenBin, regions: Sequence[Region]) -> FloatArray:
         """Mean of the probes in each region, held as in `mean`, (regions,), K; empty if none has a probe."""
@@ -161,9 +178,9 @@ class Instruments:
         probes = [self._probes.get(region.name, ()) for region in regions]
         return np.array([mean_of(np.array([self._held_mean(minute, one) for one in its])) for its in probes])
 
-    def _held_mean(self, minute: OpenBin, source: Source) -> float:
+    def _held_mean(self, minute: OpenBin, source: Source, sine: float | None = None) -> float:
         key = source.info.name, source.channel
-        mean = mean_of(np.array(source.values(minute))) + source.zero
+        mean = mean_of(source.values(minute, sine)) + source.zero
         if np.isfinite(mean):
             self._held[key] = minute.minute, mean
             return mean
@@ -173,20 +190,7 @@ class Instruments:
 
     def contact_k(self, minute: OpenBin) -> tuple[float, ...]:
         """Mean of each channel of all contact thermometers, kelvin."""
-        means: list[float] = []
-        for info in self._streams.values():
-            if info.quantity != "temperature":
-                continue
-            table = np.full((0, info.shape[0]), np.nan)
-            if rows := [r.values for r in _usable(minute, info)]:
-                table = np.array(rows, np.float64)
-            zero = 0.0 if info.unit == "K" else CELSIUS_ZERO_K
-            means.extend(mean_of(table[:, channel]) + zero for channel in range(table.shape[1]))
-        return tuple(means)
-
-
-def _usable(minute: OpenBin, info: StreamInfo) -> list[Reading]:
-    return [reading for reading in minute.sorted_readings(info.name) if is_usable(reading.quality)]
+        return tuple(mean_of(one.values(minute)) + one.zero for one in self._contacts)
 
 
 def mean_of(values: NDArray[np.float64]) -> float:
@@ -198,8 +202,9 @@ def mean_of(values: NDArray[np.float64]) -> float:
 def _sources(streams: Sequence[StreamInfo], settings: EstimatorSettings) -> Iterator[Source]:
     """Every channel that measures air or radiation, including those of unknown component."""
     for info in streams:
+        bounds = _bounds(info, settings)
         if info.quantity == "illuminance":
-            yield Source(info, 0, "illuminance")
+            yield Source(info, 0, "illuminance", bounds)
         if info.name in settings.measures and info.unit != UNIT:
             raise ConfigError(
                 f"irradiance.measures.{info.name}: the stream is in {info.unit}, not in W/m2",
@@ -208,11 +213,18 @@ def _sources(streams: Sequence[StreamInfo], settings: EstimatorSettings) -> Iter
         for channel, component in enumerate(measured(info, settings.measures)):
             if (component, info.quantity) == (UNKNOWN, "irradiance") and settings.irradiance.is_direct:
                 component = "dni"  # irradiance.model states it: pyrheliometer, or a file of direct light
-            yield Source(info, channel, component)
-        yield from (Source(info, channel, word) for channel, word in enumerate(of_air(info)) if word)
+            yield Source(info, channel, component, bounds)
+        air = enumerate(of_air(info))
+        yield from (Source(info, channel, word, bounds) for channel, word in air if word)
 
 
-def _probes(region: str, given: Sequence[str], streams: Mapping[str, StreamInfo]) -> Iterator[Source]:
+def _bounds(info: StreamInfo, settings: EstimatorSettings) -> Bounds:
+    return bounds_of(info, settings.limits, settings.measures)
+
+
+def _probes(
+    region: str, given: Sequence[str], streams: Mapping[str, StreamInfo], settings: EstimatorSettings
+) -> Iterator[Source]:
     """The channels of the probes in a region; streams that are not there are skipped."""
     for probe in given:
         name, _, text = probe.partition(":")
@@ -235,7 +247,7 @@ def _probes(region: str, given: Sequence[str], streams: Mapping[str, StreamInfo]
                 f"region {region}: {probe} is named as air temperature, so it is not in the bed",
                 fix="correct probes, or give the channel another name in the option labels",
             )
-        yield Source(info, channel, "temperature")
+        yield Source(info, channel, "temperature", _bounds(info, settings))
 
 
 def _unknown(sources: Sequence[Source]) -> tuple[str, ...]:

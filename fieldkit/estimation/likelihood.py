@@ -6,9 +6,9 @@ ones such as a temperature offset between regions. Both are nuisance parameters:
 a given normal, penalised by its prior (profile likelihood). For the additive ones that is a Schur complement,
 for kappa a parabola: no iteration, any number of normals at once.
 
-The region ``q(n) - min q <= 4.61`` is a strip 0.1 degree thin and many degrees long, which a fixed grid would
-step over. The grid therefore lies in the likelihood's own axes: the height over the plane square to the mean
-sun, and the rotation about the mean sun.
+The region ``q(n) - min q <= misfit_drop`` is a strip 0.1 degree thin and many degrees long, which a fixed
+grid would step over. The grid therefore lies in the likelihood's own axes: the height over the plane square
+to the mean sun, and the rotation about the mean sun.
 """
 
 from __future__ import annotations
@@ -22,10 +22,6 @@ from numpy.typing import NDArray
 from fieldkit.estimation.normal import Branches, Misfit, solve
 from fieldkit.physics.facet import VERTICAL, FloatArray, angle_between_deg, normal, tilt_azimuth
 
-NINETY_PERCENT = 4.605
-"""Chi-square quantile of 0.90 with two degrees of freedom."""
-NINETY_PERCENT_ONE = 2.706
-"""Chi-square quantile of 0.90 with one degree of freedom: tilt alone, azimuth known."""
 TILTS = 2001
 """Tilts on the grid along a known azimuth: steps of 0.02 degrees up to the default limit."""
 STUDENT_FREEDOM = 8.0
@@ -138,6 +134,7 @@ class ProfileMisfit:
     def _at_best_scale(
         self, curvature: FloatArray, gradient: FloatArray, at_reference: FloatArray
     ) -> FloatArray:
+        # least over k of q(reference) - 2 k away.pull + k**2 away'H away + (k - 1)**2 / sd**2
         weight = 1.0 / self.scale_sd**2
         return np.asarray(at_reference + weight - gradient**2 / (curvature + weight))
 
@@ -262,6 +259,7 @@ def patches(
     heights, turns
         Cells of a grid along its two axes.
     """
+    # the pole is what is known best, the mean sun: a thin region lies along a circle about it
     values, vectors = np.linalg.eigh(information)
     local = (best[:, np.newaxis] @ vectors)[:, 0]
     flip = np.where(local < 0.0, -1.0, 1.0)
@@ -288,7 +286,7 @@ def patches(
 def _touch(
     inside: NDArray[np.bool_], axis: int, low: NDArray[np.bool_], high: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
-    """Whether regions (m, heights, turns) reach an end of their box that may move, along the other axis."""
+    """True for regions (m, heights, turns) at an end of their box that may move, along the other axis."""
     lines = np.asarray(inside.any(axis=axis))
     return np.asarray((low & lines[:, 0]) | (high & lines[:, -1]))
 
@@ -322,7 +320,7 @@ def regions(
 
 
 def _near(vertical: FloatArray, best: FloatArray, normals: FloatArray) -> bool:
-    """Whether the vertical belongs to this region, of normals (k, 3), and not to that of the other branch."""
+    """True where the vertical belongs to this region, of normals (k, 3), not to that of the other branch."""
     reach = float(np.max(angle_between_deg(normals, best), initial=0.0))
     return bool(angle_between_deg(vertical, best) <= reach + 0.5)
 

@@ -25,8 +25,6 @@ from scipy.special import chdtri
 from fieldkit.estimation.balance import Rows
 from fieldkit.estimation.contours import RadiationTable, slope_grid
 from fieldkit.estimation.likelihood import (
-    NINETY_PERCENT,
-    NINETY_PERCENT_ONE,
     LikelihoodRegion,
     ProfileMisfit,
     posterior,
@@ -36,6 +34,7 @@ from fieldkit.estimation.likelihood import (
 )
 from fieldkit.estimation.normal import LOWEST_COS_INCIDENCE, Misfit, choose, solve, solve_known_azimuth
 from fieldkit.estimation.settings import PAPER_SCALE_SD, EstimatorSettings
+from fieldkit.model.confidence import misfit_drop, percent
 from fieldkit.model.site import Region
 from fieldkit.model.slope import SlopeState, is_too_wide
 from fieldkit.physics.facet import FloatArray, normal, tilt_azimuth
@@ -44,6 +43,7 @@ ALARM_PROBABILITY = 0.01
 """Probability that chi-square rejects a good window."""
 MIN_DIFFERENCES = 8
 SHADE_SIGMAS = 2.0
+SHADE_ROUNDS = 10
 NOWHERE = LikelihoodRegion(*(float("nan"),) * 4, vertical=False)
 
 
@@ -102,14 +102,36 @@ def solutions(
 
 
 def _solved(problem: _Problem) -> list[Solution]:
-    fit = _least_squares(problem)
-    lit = problem.used & (fit.best @ problem.design.T >= LOWEST_COS_INCIDENCE)
-    counts = lit.sum(axis=1)
-    is_partly_dark = (counts >= 3) & (counts < problem.used.sum(axis=1))
-    if is_partly_dark.any():
-        dark = is_partly_dark[:, np.newaxis] & ~lit
-        problem = replace(problem, weights=np.where(dark, 0.0, problem.weights))
+    problem, fit, stands = _of_sunlit_rows(problem)
+    found = _by_method(problem, fit)
+    return [one if ok else _undecided(one) for one, ok in zip(found, stands.tolist(), strict=True)]
+
+
+def _of_sunlit_rows(problem: _Problem) -> tuple[_Problem, _Fit, NDArray[np.bool_]]:
+    """Each target's rows in which the sun shines on the slope that they give, and whether there are any.
+
+    Whether a row is in the facet's own shade depends on its slope, which depends on the rows: they are chosen
+    anew until the choice stands. If fewer than an estimate needs remain, all are kept.
+    """
+    given, fit = problem.weights, _least_squares(problem)
+    for _ in range(SHADE_ROUNDS):
+        lit = (given > 0.0) & (fit.best @ problem.rows.sun.T >= LOWEST_COS_INCIDENCE)
+        is_enough = lit.sum(axis=1) >= problem.fewest
+        weights = np.where(is_enough[:, np.newaxis] & ~lit, 0.0, given)
+        stands = is_enough & (weights == problem.weights).all(axis=1)
+        if (weights == problem.weights).all():
+            break
+        problem = replace(problem, weights=weights)
         fit = _least_squares(problem)
+    return problem, fit, stands
+
+
+def _undecided(found: Solution) -> Solution:
+    reason = "which minutes are in its own shade depends on the slope, and no slope agrees with its choice"
+    return replace(found, state=SlopeState.NO_INTERSECTION, reason=reason, explained=False)
+
+
+def _by_method(problem: _Problem, fit: _Fit) -> list[Solution]:
     ratio = _noise_ratios(problem, fit)
     if (ratio > 1.0).any():
         problem = replace(problem, weights=problem.weights / ratio[:, np.newaxis])
@@ -196,9 +218,14 @@ class _Problem:
         return np.asarray(self.used.sum(axis=1) - (2 if self.azimuth_deg is None else 1))
 
     @property
+    def fewest(self) -> int:
+        """One row more than fitted angles."""
+        return 3 if self.azimuth_deg is None else 2
+
+    @property
     def drop(self) -> float:
-        """Misfit above the least that bounds the 90 % region."""
-        return NINETY_PERCENT if self.azimuth_deg is None else NINETY_PERCENT_ONE
+        """Misfit above the least that bounds the likelihood region."""
+        return misfit_drop(self.settings.confidence, 2 if self.azimuth_deg is None else 1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,7 +242,7 @@ class _Fit:
 def _least_squares(problem: _Problem) -> _Fit:
     limit, misfit = problem.settings.tilt_limit_deg, problem.misfit
     if problem.azimuth_deg is not None:
-        return _along_azimuth(misfit, problem.azimuth_deg, limit)
+        return _along_azimuth(misfit, problem.azimuth_deg, limit, problem.drop)
     branches = solve(misfit)
     choice = choose(misfit, branches, limit)
     is_single = np.isnan(choice.other).any(axis=1)
@@ -224,12 +251,12 @@ def _least_squares(problem: _Problem) -> _Fit:
     return _Fit(choice.best, choice.other, choice.misfit, choice.other_misfit, steeper)
 
 
-def _along_azimuth(misfit: Misfit, azimuth_deg: FloatArray, limit: float) -> _Fit:
+def _along_azimuth(misfit: Misfit, azimuth_deg: FloatArray, limit: float, drop: float) -> _Fit:
     """Along known azimuths; if two tilts fit, the flatter one is preferred."""
     tilt, other = solve_known_azimuth(misfit, azimuth_deg, limit)
     best, second = normal(tilt, azimuth_deg), normal(other, azimuth_deg)
     value, second_value = misfit(best), misfit(second)
-    swap = (other < tilt) & (second_value - value < NINETY_PERCENT_ONE)
+    swap = (other < tilt) & (second_value - value < drop)
     swapped = swap[:, np.newaxis]
     best, second = np.where(swapped, second, best), np.where(swapped, best, second)
     value, second_value = np.where(swap, second_value, value), np.where(swap, value, second_value)
@@ -257,7 +284,16 @@ def _scored(problem: _Problem) -> tuple[FloatArray | None, str]:
 def _nowhere(problem: _Problem, fit: _Fit, place: int, reason: str) -> Solution:
     chi_square = float(fit.misfit[place]) / int(problem.freedom[place])
     used = int(problem.used[place].sum())
-    return Solution(SlopeState.NO_INTERSECTION, reason, None, None, NOWHERE, NOWHERE, chi_square, used)
+    return Solution(
+        state=SlopeState.NO_INTERSECTION,
+        reason=reason,
+        best=None,
+        second=None,
+        whole=NOWHERE,
+        noise=NOWHERE,
+        chi_square=chi_square,
+        used=used,
+    )
 
 
 def _judged(problem: _Problem, fit: _Fit, best: FloatArray) -> list[Solution]:
@@ -287,24 +323,35 @@ def _judged(problem: _Problem, fit: _Fit, best: FloatArray) -> list[Solution]:
         if is_bad[place]:
             reason = _misfit_reason(problem, place, float(chi_square[place]))
         else:
-            state, reason = _state(normal_, second, whole[place])
+            state, reason = _state(normal_, second, whole[place], problem.settings.confidence)
         used = int(problem.used[place].sum())
         explained = not is_bad[place]
-        regions_ = (whole[place], noise[place])
         found.append(
-            Solution(state, reason, normal_, second, *regions_, float(chi_square[place]), used, explained)
+            Solution(
+                state=state,
+                reason=reason,
+                best=normal_,
+                second=second,
+                whole=whole[place],
+                noise=noise[place],
+                chi_square=float(chi_square[place]),
+                used=used,
+                explained=explained,
+            )
         )
     return found
 
 
-def _state(best: FloatArray, second: FloatArray | None, whole: LikelihoodRegion) -> tuple[SlopeState, str]:
+def _state(
+    best: FloatArray, second: FloatArray | None, whole: LikelihoodRegion, confidence: float
+) -> tuple[SlopeState, str]:
     """State of a slope that explains the minutes, with the reason."""
     if second is not None:
         tilt, azimuth = tilt_azimuth(second)
         return SlopeState.NOT_RESOLVED, f"tilt {tilt:.1f}°, azimuth {azimuth:.0f}° fits as well"
     if is_too_wide(float(tilt_azimuth(best)[0]), whole.tilt_low_deg, whole.tilt_high_deg):
         low, high = whole.tilt_low_deg, whole.tilt_high_deg
-        return SlopeState.UNCERTAIN, f"anything from {low:.1f}° to {high:.1f}° fits (90 %)"
+        return SlopeState.UNCERTAIN, f"anything from {low:.1f}° to {high:.1f}° fits ({percent(confidence)})"
     if whole.vertical:
         return SlopeState.FLAT, f"flat within {whole.tilt_high_deg:.1f}°"
     return SlopeState.OK, ""
@@ -374,6 +421,10 @@ def kelvin_per_degree(
     return float(np.radians(1.0) * (steeper @ direction) / y_per_kelvin)
 
 
-def sunlit(y: FloatArray, sigma: FloatArray) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-    """Rows with enough sun to be used: a self-shaded facet only shows ``n . s < 0``."""
-    return np.asarray(y >= SHADE_SIGMAS * sigma)
+def sunlit(y: FloatArray, sigma: FloatArray, shade: FloatArray) -> NDArray[np.bool_]:
+    """Rows (n, m) with more light than a facet in its own shade can have, which only shows ``n . s < 0``.
+
+    `y` and `sigma` (n, m) and `shade` (n,) as of `Rows`; a cosine near that of grazing light does not count.
+    """
+    margin = SHADE_SIGMAS * np.maximum(sigma, LOWEST_COS_INCIDENCE)
+    return np.asarray(y >= shade[:, np.newaxis] + margin)

@@ -168,6 +168,7 @@ def _newton_step(lam: FloatArray, beta: FloatArray, x: FloatArray) -> FloatArray
     along, across = _tangent_basis(x)
     slope = lam * x - beta
     g1, g2 = np.sum(along * slope, axis=0), np.sum(across * slope, axis=0)
+    # a great circle curves away from its tangent, which takes x . slope off both curvatures
     pull = np.sum(x * slope, axis=0)
     a = np.sum(lam * along**2, axis=0) - pull
     d = np.sum(lam * across**2, axis=0) - pull
@@ -250,6 +251,7 @@ def choose(misfit: Misfit, branches: Branches, tilt_limit_deg: float) -> Choice:
     misfits = np.stack([branches.first_misfit, branches.second_misfit])
     tilts = tilt_azimuth(normals)[0]
     allowed = tilts <= tilt_limit_deg + _ROUNDING_DEG
+    # -2 log of the prior per solid angle; below 0.1 degrees it would win against any data
     penalised = misfits + 2.0 * np.log(np.sin(np.radians(np.clip(tilts, 0.1, 90.0))))
     penalised = np.where(allowed, penalised, np.inf)
     swap = penalised[1] < penalised[0]

@@ -1,4 +1,4 @@
-"""Slope maps: tilt and azimuth of every pixel, their 90 % bounds and states.
+"""Slope maps: tilt and azimuth of every pixel, their bounds and states.
 
 All pixels share the weights of a frame (the balance's steepness differs by 7 %), so the information matrix H
 and its decomposition are shared, and a pixel keeps four numbers, ``b`` and ``c``. Frames are added at camera
@@ -20,11 +20,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.estimation.likelihood import NINETY_PERCENT
 from fieldkit.estimation.normal import LOWEST_COS_INCIDENCE
 from fieldkit.estimation.pixel_posterior import PixelPosterior
 from fieldkit.estimation.settings import PAPER_SCALE_SD, EstimatorSettings
+from fieldkit.model.confidence import CONFIDENCE, misfit_drop
 from fieldkit.model.slope import SlopeState, is_too_wide
+from fieldkit.physics.bodies import BODIES
 from fieldkit.physics.energy_balance import SurfaceParameters, irradiance_per_kelvin
 from fieldkit.physics.facet import FloatArray, normal, tilt_azimuth
 
@@ -32,7 +33,6 @@ PIECE = 32_768
 DEGREES = np.float32(180.0 / np.pi)
 STEPS = 24
 """Points along the ellipse's edge: its extremes are met within one part in a hundred."""
-SUN_RAD_PER_H = 2.0 * np.pi / 24.0
 LEAST_ACROSS = 0.2
 """Least distance from the plane of the sun's motion at which information across it is used."""
 
@@ -65,14 +65,22 @@ class MapSums:
         Standard deviation of one pixel. [K]
     tilt_limit_deg
         Largest tilt considered. [degrees]
+    confidence
+        Of the region within which a second slope fits as well.
     """
 
     def __init__(
-        self, shape: tuple[int, int], surface: SurfaceParameters, noise_k: float, tilt_limit_deg: float = 45.0
+        self,
+        shape: tuple[int, int],
+        surface: SurfaceParameters,
+        noise_k: float,
+        tilt_limit_deg: float = 45.0,
+        confidence: float = CONFIDENCE,
     ) -> None:
         self.shape = shape
         self.count: int = 0
         self._surface, self._noise_k = surface, noise_k
+        self._drop = misfit_drop(confidence, 2)
         self._limit_cosine = np.float32(np.cos(np.radians(tilt_limit_deg)))
         pixels = shape[0] * shape[1]
         self._H, self._b, self._c = np.zeros((3, 3)), np.zeros((3, pixels)), np.zeros(pixels)
@@ -234,7 +242,7 @@ class MapSums:
     ) -> None:
         """States of lit pixels; `gain` is the misfit of the other branch less the chosen one's."""
         # a misfit beyond noise inflates the variance, and with it the significant difference
-        significant = NINETY_PERCENT * np.maximum(chi_square, 1.0)
+        significant = self._drop * np.maximum(chi_square, 1.0)
         np.multiply(~is_alone & (gain < significant), np.uint8(SlopeState.NOT_RESOLVED), out=state)
         limit = self._limit_cosine
         too_steep = (chosen < limit) | ((other < limit) & (gain < -significant))
@@ -272,7 +280,7 @@ def _alarm(freedom: int) -> float:
 
 @dataclass(frozen=True, slots=True)
 class PixelBounds:
-    """Projections of each pixel's 90 % region, (rows, cols), degrees; NaN where there is no slope.
+    """Projections of each pixel's likelihood region, (rows, cols), degrees; NaN where there is no slope.
 
     Azimuths are unwrapped, low <= azimuth <= high; a whole turn apart where the vertical normal fits too.
     """
@@ -281,6 +289,7 @@ class PixelBounds:
     tilt_high_deg: NDArray[np.float32]
     azimuth_low_deg: NDArray[np.float32]
     azimuth_high_deg: NDArray[np.float32]
+    confidence: float = CONFIDENCE
 
 
 class _Extent:
@@ -327,8 +336,9 @@ def with_bounds(
     known = likelihood.known
     tilt, azimuth = (angle[known].astype(np.float64) for angle in (slopes.tilt_deg, slopes.azimuth_deg))
     at, covariance, axes = likelihood.at, likelihood.covariance, likelihood.axes
-    own, other, touches = _along_edge(tilt, azimuth, at, covariance, axes)
-    is_vertical = _contains(axes[:2, 2] - at[:, :2], covariance) & ((at[:, 2] > 0.0) | touches)
+    drop = misfit_drop(settings.confidence, 2)
+    own, other, touches = _along_edge(tilt, azimuth, at, covariance, axes, drop)
+    is_vertical = _contains(axes[:2, 2] - at[:, :2], covariance, drop) & ((at[:, 2] > 0.0) | touches)
     low, high = own.tilts
     low = np.where(touches, np.minimum(low, other.tilts[0]), low)
     high = np.where(touches, np.maximum(high, other.tilts[1]), high)
@@ -348,7 +358,9 @@ def with_bounds(
     planes[:, known] = bounds
     flat = np.zeros(known.shape, np.bool_)
     flat[known] = is_vertical
-    return _with_states(slopes, planes, flat), PixelBounds(*planes)
+    return _with_states(slopes, planes, flat), PixelBounds(
+        planes[0], planes[1], planes[2], planes[3], settings.confidence
+    )
 
 
 def _covariance(at: FloatArray, values: FloatArray, inflation: FloatArray) -> FloatArray:
@@ -372,16 +384,22 @@ def _add_systematics(
     scale_sd = np.hypot(settings.scale_sd, PAPER_SCALE_SD if settings.model == "paper" else 0.0)
     covariance += scale_sd**2 * away[:, :2, np.newaxis] * away[:, np.newaxis, :2]
     covariance[:, 0, 0] += (settings.offset_sd_k * per_kelvin) ** 2
-    covariance[:, 1, 1] += (settings.drift_sd_k_per_h * per_kelvin / SUN_RAD_PER_H) ** 2
+    sun_rad_per_h = 2.0 * np.pi / (BODIES[settings.body].day_s / 3600.0)
+    covariance[:, 1, 1] += (settings.drift_sd_k_per_h * per_kelvin / sun_rad_per_h) ** 2
 
 
 def _along_edge(
-    tilt: FloatArray, azimuth: FloatArray, at: FloatArray, covariance: FloatArray, axes: FloatArray
+    tilt: FloatArray,
+    azimuth: FloatArray,
+    at: FloatArray,
+    covariance: FloatArray,
+    axes: FloatArray,
+    drop: float,
 ) -> tuple[_Extent, _Extent, NDArray[np.bool_]]:
     """Extremes along each ellipse on its own branch and on the other, and whether it joins the two."""
     own, other = _Extent(tilt, azimuth), _Extent(tilt, azimuth)
     touches = np.zeros(tilt.size, np.bool_)
-    half_axes = np.sqrt(NINETY_PERCENT) * np.linalg.cholesky(covariance)
+    half_axes = np.sqrt(drop) * np.linalg.cholesky(covariance)
     for angle in np.linspace(0.0, 2.0 * np.pi, STEPS, endpoint=False):
         plane = at[:, :2] + half_axes @ np.array([np.cos(angle), np.sin(angle)])
         length = np.hypot(plane[:, 0], plane[:, 1])
@@ -393,10 +411,10 @@ def _along_edge(
     return own, other, touches
 
 
-def _contains(away: FloatArray, covariance: FloatArray) -> NDArray[np.bool_]:
-    """Whether a point (m, 2) from the centre lies within the 90 % ellipse."""
+def _contains(away: FloatArray, covariance: FloatArray, drop: float) -> NDArray[np.bool_]:
+    """True for points (m, 2) from the centre that lie within the ellipse."""
     solved = np.linalg.solve(covariance, away[:, :, np.newaxis])[:, :, 0]
-    return np.asarray((away * solved).sum(axis=1) <= NINETY_PERCENT)
+    return np.asarray((away * solved).sum(axis=1) <= drop)
 
 
 def _with_states(slopes: SlopeMap, bounds: NDArray[np.float32], is_flat: NDArray[np.bool_]) -> SlopeMap:

@@ -1,17 +1,22 @@
-"""Physical priors of the learned model: what is known of surface, air and sky before any data."""
+"""Physical priors of the learned model: what is known of surface, air and sky before any data.
+
+A name with ``_log_sd`` is the standard deviation of the natural logarithm. Offsets, drift and noise are
+`EstimatorSettings`' own, inertia and depth are centred on its `slab`. The fields are the keys of ``[prior]``.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any, ClassVar
+
+from fieldkit.estimation.estimator_keys import STRICT, key
 
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """Medians and standard deviations of what the learned model estimates besides the slopes.
-
-    A name with ``_log_sd`` is the standard deviation of the natural logarithm. Offsets, drift and noise are
-    `EstimatorSettings`' own, inertia and depth are centred on its `slab`.
+    """Assumptions of the learned model before any data: medians and standard deviations (sd).
 
     Attributes
     ----------
@@ -64,36 +69,58 @@ class Prior:
         outside [0, 1].
     """
 
-    gain_sd: float = 0.09
-    diffuse_sd: float = 0.12
-    diffuse_unmeasured_sd: float = 0.4
-    circumsolar_share: float = 0.5
-    circumsolar_sd: float = 0.4
-    longwave_sd_w_m2: float = 30.0
-    air_sd_k: float = 0.7
-    air_unlogged_sd_k: float = 8.0
-    exchange_w_m2_k: float = 15.0
-    exchange_log_sd: float = 0.5
-    inertia_log_sd: float = 0.25
-    depth_log_sd: float = 0.5
-    deep_share: float = 0.2
-    gust_sd_w_m2_k: float = 1.0
-    gust_log_sd: float = 1.0
-    slow_gust_sd: float = 0.06
-    common_flux_sd_w_m2: float = 3.0
-    bed_flux_sd_w_m2: float = 1.5
-    unrest_log_sd: float = 0.8
-    past_flux_sd_w_m2: float = 40.0
-    bed_past_flux_sd_w_m2: float = 20.0
-    normal_horizontal_sd: float = 0.25
-    beam_change_share: float = 0.1
-    camera_offset_sd_k: float = 1.0
-    probe_sd_k: float = 0.5
+    __pydantic_config__: ClassVar[Mapping[str, Any]] = STRICT
+
+    gain_sd: float = key(
+        0.09, "relative, of absorbed direct light: class B meter (DIN 5032-7), albedo within 0.05", gt=0
+    )
+    diffuse_sd: float = key(0.12, "relative, of measured diffuse light", gt=0)
+    diffuse_unmeasured_sd: float = key(
+        0.4, "relative, of diffuse light as a fixed share: clear to hazy sky", gt=0
+    )
+    circumsolar_share: float = key(
+        0.5, "circumsolar diffuse light: 0 isotropic, 1 Hay and Davies", ge=0, le=1
+    )
+    circumsolar_sd: float = key(0.4, "of circumsolar_share", gt=0)
+    longwave_sd_w_m2: float = key(
+        30.0, "of longwave that is not measured (Flerchinger et al. 2009: 20 to 30)", gt=0
+    )
+    air_sd_k: float = key(0.7, "of a logged air temperature, at the beds", gt=0)
+    air_unlogged_sd_k: float = key(8.0, "of an air temperature that is not logged: the daily range", gt=0)
+    exchange_w_m2_k: float = key(
+        15.0, "heat exchange with the air, median; measured ground: 3 + 1.8 times the wind in m/s", gt=0
+    )
+    exchange_log_sd: float = key(0.5, "of its logarithm: 90 % within 7 to 34", gt=0)
+    inertia_log_sd: float = key(
+        0.25, "of the logarithm of thermal inertia, around the slab's: 450 to 700 for dry sand", gt=0
+    )
+    depth_log_sd: float = key(0.5, "of the logarithm of depth, around the slab's", gt=0)
+    deep_share: float = key(0.2, "probability that heat reaches no bottom of the layer", ge=0, le=1)
+    gust_sd_w_m2_k: float = key(
+        1.0, "gusts of the heat exchange, over 2 to 20 min; adapted to the data", gt=0
+    )
+    gust_log_sd: float = key(1.0, "of the logarithm of gust_sd_w_m2_k", gt=0)
+    slow_gust_sd: float = key(0.06, "relative, slow changes of the heat exchange over 60 min", gt=0)
+    common_flux_sd_w_m2: float = key(3.0, "unmodelled flux into all regions, over 40 min", gt=0)
+    bed_flux_sd_w_m2: float = key(1.5, "unmodelled flux into one bed, over 60 min", gt=0)
+    unrest_log_sd: float = key(
+        0.8, "of the logarithm of a factor on the three before, adapted to the data", gt=0
+    )
+    past_flux_sd_w_m2: float = key(40.0, "net flux before the first minute, all regions", gt=0)
+    bed_past_flux_sd_w_m2: float = key(20.0, "net flux before the first minute, one bed", gt=0)
+    normal_horizontal_sd: float = key(
+        0.25, "each horizontal component of a bed's normal; 0.42 is a tilt of 25 degrees", gt=0
+    )
+    beam_change_share: float = key(
+        0.1, "error of direct light while it changes, as a share of the change", gt=0
+    )
+    camera_offset_sd_k: float = key(1.0, "error of the camera that all regions share", gt=0)
+    probe_sd_k: float = key(0.5, "of a contact probe as the temperature of the bed's surface", gt=0)
 
     def __post_init__(self) -> None:
-        for name, value in asdict(self).items():
-            if name in ("circumsolar_share", "deep_share"):
-                if not 0.0 <= value <= 1.0:
-                    raise ValueError(f"prior {name} must lie in [0, 1], not {value}")
-            elif not (math.isfinite(value) and value > 0.0):
-                raise ValueError(f"prior {name} must be finite and above 0, not {value}")
+        for one in fields(self):
+            value, is_share = getattr(self, one.name), "le" in one.metadata
+            if is_share and not 0.0 <= value <= 1.0:
+                raise ValueError(f"prior {one.name} must lie in [0, 1], not {value}")
+            if not is_share and not (math.isfinite(value) and value > 0.0):
+                raise ValueError(f"prior {one.name} must be finite and above 0, not {value}")

@@ -1,4 +1,4 @@
-"""Scale and offsets from regions of known slope, and slopes that share an unknown scale.
+"""Scale and offsets from regions of known slope.
 
 Albedo, heat exchange, irradiance and the light meter's model act nearly as one factor kappa: the measured
 ``delta S / S`` is kappa times the true one. One region of known slope (10 to 25 degrees) gives it; a uniform
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from fieldkit.estimation.normal import LOWEST_COS_INCIDENCE, Misfit, choose, solve
+from fieldkit.estimation.normal import LOWEST_COS_INCIDENCE
 from fieldkit.model.errors import CalibrationError
 from fieldkit.physics.facet import FloatArray
 
@@ -127,68 +127,6 @@ def offsets_from_uniform(temperature_k: FloatArray, reference_k: FloatArray) -> 
     correlation = np.nansum(away[1:] * away[:-1], axis=0) / np.maximum(np.nansum(away**2, axis=0), 1e-300)
     correlation = np.clip(correlation, 0.0, 0.95)
     return Offsets(mean, np.sqrt(variance / count * (1.0 + correlation) / (1.0 - correlation)))
-
-
-@dataclass(frozen=True, slots=True)
-class Joint:
-    """Slopes (m, 3) and the scale they share, with its standard uncertainty."""
-
-    normals: FloatArray
-    kappa: float
-    kappa_sd: float
-
-
-def joint_slopes(
-    misfits: list[Misfit], reference: FloatArray, prior_sd: float, tilt_limit_deg: float
-) -> Joint:
-    """Slopes of several regions that share one unknown scale.
-
-    For every kappa each region's best slope has a known misfit; their sum, with the penalty of the prior, is
-    searched on a grid and refined by a parabola. Three hours of six regions determine kappa to about 23 %:
-    the result is mostly the prior's.
-
-    Parameters
-    ----------
-    misfits
-        One misfit per region.
-    reference
-        Unit normal of the reference, (3,). [-]
-    prior_sd
-        Standard uncertainty of kappa about 1, > 0. [-]
-    tilt_limit_deg
-        Largest tilt. [degrees]
-    """
-    grid = np.linspace(max(0.3, 1.0 - 4.0 * prior_sd), 1.0 + 4.0 * prior_sd, 161)
-    costs = np.array([_joint_cost(misfits, reference, float(kappa), tilt_limit_deg) for kappa in grid])
-    costs += ((grid - 1.0) / prior_sd) ** 2
-    at = int(np.clip(np.argmin(costs), 1, grid.size - 2))
-    bend = costs[at - 1] - 2.0 * costs[at] + costs[at + 1]
-    shift = 0.5 * (costs[at - 1] - costs[at + 1]) / bend if bend > 0.0 else 0.0
-    step = float(grid[1] - grid[0])
-    kappa = float(grid[at] + np.clip(shift, -1.0, 1.0) * step)
-    inside = grid[costs <= costs[at] + 1.0]
-    spread = max(step / 2.0, 0.5 * float(inside.max() - inside.min()))
-    normals = [_best(misfit, reference, kappa, tilt_limit_deg) for misfit in misfits]
-    return Joint(np.array(normals), kappa, spread)
-
-
-def _scaled(misfit: Misfit, reference: FloatArray, kappa: float) -> Misfit:
-    """Misfit of true normals when differences against the reference are kappa times too large."""
-    pull = misfit.b - misfit.H @ reference
-    H = kappa**2 * misfit.H
-    b = kappa * pull + H @ reference
-    constant = misfit(reference) + 2.0 * kappa * (pull @ reference) + reference @ H @ reference
-    return Misfit(H, b, np.asarray(constant), misfit.count)
-
-
-def _best(misfit: Misfit, reference: FloatArray, kappa: float, limit: float) -> FloatArray:
-    scaled = _scaled(misfit, reference, kappa)
-    return choose(scaled, solve(scaled), limit).best
-
-
-def _joint_cost(misfits: list[Misfit], reference: FloatArray, kappa: float, limit: float) -> float:
-    scaled = (_scaled(misfit, reference, kappa) for misfit in misfits)
-    return sum(float(choose(one, solve(one), limit).misfit) for one in scaled)
 
 
 @dataclass(frozen=True, slots=True)

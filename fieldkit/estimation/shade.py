@@ -73,7 +73,7 @@ class _Shade:
 
     @property
     def is_sharp(self) -> bool:
-        """Whether it came within two minutes and went within two."""
+        """True if it came within two minutes and went within two."""
         falls = [fall / self.depth for fall in self.falls.values()]
         return len(falls) >= SHORTEST_MIN and max(falls[:2]) >= SHARP and max(falls[-2:]) >= SHARP
 
@@ -262,7 +262,7 @@ def _until(column: int, begin_ns: int, end_ns: int) -> ShadeTest:
 
 
 class ShadedMinutes:
-    """Which minutes of which regions are shaded, as known at the last one; what each minute changes of it."""
+    """Shaded minutes of each region, as known at the last one; the changes that each minute makes to them."""
 
     def __init__(self) -> None:
         self._slow: set[Cell] = set()

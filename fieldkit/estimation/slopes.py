@@ -38,7 +38,7 @@ from fieldkit.physics.horizon import MINUTE_EDGE_DEG, sunlit_share
 DISTURBED_WEIGHT = 0.01
 """Relative weight of a shaded bin, and of a clouded one in the paper's model, which has no stored heat."""
 WARMING_MINUTES = 90
-"""How long ground remembers the shadow of its horizon: five time constants of 2 cm of sand."""
+"""Memory of the ground for the shadow of its horizon: five time constants of 2 cm of sand."""
 SHORTEST_MINUTES = 20
 """A window is not halved below the paper's length."""
 RECENT_MINUTES = 20
@@ -112,7 +112,7 @@ def _held_shaded(
 
 def shaded_rows(history: History, columns: RegionColumns, targets: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Minutes (n, m) in which a target or a reference is shaded alone: they cannot be compared."""
-    shaded = (history.region_flags & int(Quality.SHADED)) != 0
+    shaded = history.is_shaded()
     return np.asarray(shaded[:, targets] | shaded[:, columns.references].any(axis=1, keepdims=True))
 
 
@@ -167,7 +167,8 @@ class Window:
     def _blank(self, index: int) -> tuple[SlopeEstimate, bool]:
         """The estimate of a target without a slope, and whether it can be solved."""
         region = self.columns.regions[self.columns.targets[index]]
-        blank = SlopeEstimate(0, region.name, SlopeState.NO_DATA, model=_label(self.settings))
+        label, confidence = _label(self.settings), self.settings.confidence
+        blank = SlopeEstimate(0, region.name, SlopeState.NO_DATA, model=label, confidence=confidence)
         if self.rows is None:
             reason = "no minutes yet" if self.columns.references.size else "no reference region"
             return replace(blank, reason=reason), False
@@ -192,7 +193,7 @@ class Window:
     def shorter(self) -> Window | None:
         """The later half of a window without a fixed length; None where it is short enough."""
         minutes = int(self.past.minute[-1] - self.past.minute[self.first])
-        if self.settings.window_s is not None or minutes <= SHORTEST_MINUTES:
+        if self.settings.fixed_window_s is not None or minutes <= SHORTEST_MINUTES:
             return None
         half = max(minutes / 2.0, SHORTEST_MINUTES)
         return Window(self.past, len(self.past), self.columns, self.settings, half)
@@ -220,9 +221,9 @@ class Window:
         """Rows of each target that can be used (n, targets)."""
         if self.rows is None:
             return np.zeros((0, self.columns.targets.size), np.bool_)
-        y, sigma = self.rows.y, self.rows.sigma
+        y, sigma, shade = self.rows.y, self.rows.sigma, self.rows.shade
         lit = np.column_stack([self._above_horizon(index) for index in range(y.shape[1])])
-        return np.asarray(np.isfinite(y) & self._high_sun[:, np.newaxis] & lit & sunlit(y, sigma))
+        return np.asarray(np.isfinite(y) & self._high_sun[:, np.newaxis] & lit & sunlit(y, sigma, shade))
 
     @cached_property
     def _counts(self) -> NDArray[np.int64]:
@@ -309,8 +310,8 @@ class Window:
 
 def _first(past: History, settings: EstimatorSettings, minutes: float | None) -> int:
     """Index of the first minute bin of the window that ends with the last one; 0 if unbounded."""
-    if settings.window_s is not None:
-        minutes = settings.window_s / 60.0
+    if settings.fixed_window_s is not None:
+        minutes = settings.fixed_window_s / 60.0
     if minutes is None or not len(past):
         return 0
     return int(np.searchsorted(past.minute, past.minute[-1] - minutes))

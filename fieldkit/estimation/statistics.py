@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 FloatArray = NDArray[np.float64]
 
 SdKind = Literal["paper", "usual"]
-"""Which standard deviation: eq. (9) as printed, or the ordinary one."""
+"""The standard deviation of eq. (9) as printed, or the ordinary one."""
 
 
 def differences(estimated: ArrayLike, truth: ArrayLike) -> FloatArray:

@@ -17,6 +17,7 @@ from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.instruments import pyranometer
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.limits import Excess, bounds_by_name, excesses
 from fieldkit.model.samples import is_usable
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.slope import SlopeEstimate
@@ -33,6 +34,7 @@ class TemperatureTable:
     Either `irradiance_w_m2` (direct normal), `ghi_w_m2` (global horizontal) or `illuminance_lx` (as the
     irradiance model's mounting says) is given; the first available one is used.
     `flags` are `Quality` numbers; rows that are not usable (`fieldkit.model.samples.UNUSABLE`) are excluded.
+    `lines` are those of a file that the rows stand in.
     """
 
     time_ns: NDArray[np.int64]
@@ -46,6 +48,7 @@ class TemperatureTable:
     air_k: FloatArray | None = None
     wind_m_s: FloatArray | None = None
     flags: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+    lines: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
 
 
 def slopes_of_table(
@@ -85,10 +88,42 @@ def slopes_of_table(
         Region(name, RegionKind.TARGET, none, azimuth_deg=known.get(name, float("nan")))
         for name in table.targets_k
     ]
-    history = _history(table, site, settings)
+    history = _history(possible(table, site, settings)[0], site, settings)
     sunlit = np.flatnonzero(history.sun[:, 2] >= np.sin(np.radians(settings.low_sun_deg)))
     day = history.until(int(sunlit[-1]) + 1) if sunlit.size else history
     return SlopeChain(regions, replace(settings, min_minutes=3)).at(day).slopes
+
+
+_LIMITS = {
+    "irradiance_w_m2": "dni",
+    "ghi_w_m2": "ghi",
+    "illuminance_lx": "illuminance",
+    "diffuse_w_m2": "dhi",
+    "longwave_w_m2": "longwave_down",
+    "air_k": "air_temperature",
+    "wind_m_s": "wind_speed",
+}
+"""Columns beside those of surfaces, and their rows of the table of limits (`fieldkit.model.limits`)."""
+
+
+def possible(
+    table: TemperatureTable, site: Site, settings: EstimatorSettings
+) -> tuple[TemperatureTable, list[Excess]]:
+    """The table without the values that cannot be, NaN in their place, and what was excluded by column."""
+    given = {name: getattr(table, name) for name in _LIMITS if getattr(table, name) is not None}
+    surfaces = {"reference": table.reference_k, **table.targets_k}
+    bounds = bounds_by_name(
+        ["surface_temperature"] * len(surfaces) + [_LIMITS[name] for name in given], settings.limits
+    )
+    values = np.column_stack([*surfaces.values(), *given.values()])
+    sun = sun_vectors(table.time_ns, site, refraction=settings.refraction).reshape(-1, 3)
+    exceeded = bounds.exceeded(values, sun[:, 2])
+    reference, *others = np.where(exceeded, np.nan, values).T
+    targets = dict(zip(table.targets_k, others, strict=False))
+    kept = dict(zip(given, others[len(targets) :], strict=True))
+    labels = [(f"{name}_k", "K") for name in surfaces] + [(name, "") for name in given]
+    found = excesses(labels, bounds, values, exceeded)
+    return replace(table, reference_k=reference, targets_k=targets, **kept), found
 
 
 def _history(table: TemperatureTable, site: Site, settings: EstimatorSettings) -> History:
@@ -112,17 +147,17 @@ def _history(table: TemperatureTable, site: Site, settings: EstimatorSettings) -
     middle = np.add.reduceat(time_ns - minutes[0] * MINUTE_NS, start) // counts + minutes[0] * MINUTE_NS
     merged = np.bitwise_or.reduceat(flags, start)
     return History(
-        minutes,
-        middle,
-        sun_vectors(middle, site, refraction=settings.refraction).reshape(-1, 3),
-        means[:, 5:],
-        means[:, 0],
-        means[:, 1],
-        means[:, 2],
-        merged,
-        np.zeros((minutes.size, values.shape[1] - 5), np.int64),
-        means[:, 3],
-        means[:, 4],
+        minute=minutes,
+        time_ns=middle,
+        sun=sun_vectors(middle, site, refraction=settings.refraction).reshape(-1, 3),
+        temperature_k=means[:, 5:],
+        dni_w_m2=means[:, 0],
+        dhi_w_m2=means[:, 1],
+        longwave_down_w_m2=means[:, 2],
+        flags=merged,
+        region_flags=np.zeros((minutes.size, values.shape[1] - 5), np.int64),
+        air_k=means[:, 3],
+        wind_m_s=means[:, 4],
     )
 
 

@@ -1,4 +1,4 @@
-"""P(tilt > limit) of one slope, from its 90 % region."""
+"""P(tilt > limit) of one slope, from its likelihood region."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 
 from scipy.special import ndtr
 
-from fieldkit.estimation.likelihood import NINETY_PERCENT, NINETY_PERCENT_ONE
+from fieldkit.model.confidence import misfit_drop
 from fieldkit.model.slope import WITH_SLOPE, SlopeEstimate
 
 
@@ -14,14 +14,14 @@ def tilt_probability(estimate: SlopeEstimate, limit_deg: float) -> float:
     """Probability that a surface is steeper than a limit.
 
     The tilt is taken as normally distributed to either side of its estimate, with the standard deviation to
-    which the 90 % region corresponds: of one angle where the azimuth was given, else of two. Where a second
-    slope fits, its probability is not known, so both count the same, the second with the uncertainty of the
-    first.
+    which the likelihood region corresponds: of one angle where the azimuth was given, else of two. Where a
+    second slope fits, its probability is not known, so both count the same, the second with the uncertainty
+    of the first.
 
     Parameters
     ----------
     estimate
-        A slope with its 90 % region.
+        A slope with its likelihood region.
     limit_deg
         Tilt from horizontal. [degrees]
 
@@ -33,7 +33,7 @@ def tilt_probability(estimate: SlopeEstimate, limit_deg: float) -> float:
     if estimate.state not in WITH_SLOPE or not math.isfinite(low + tilt + high):
         return math.nan
     is_given = estimate.azimuth_low_deg == estimate.azimuth_high_deg
-    sds = math.sqrt(NINETY_PERCENT_ONE if is_given else NINETY_PERCENT)
+    sds = math.sqrt(misfit_drop(estimate.confidence, 1 if is_given else 2))
     below, above = (tilt - low) / sds, (high - tilt) / sds
     if not math.isfinite(estimate.second_tilt_deg):
         return _steeper(tilt, below, above, limit_deg)

@@ -1,4 +1,4 @@
-"""Which channels of a stream measure the air: its temperature, its speed.
+"""Channels of a stream that measure the air: its temperature, its speed.
 
 Streams of the quantities ``air_temperature`` and ``wind_speed`` do; of others, the channels named so, or the
 only channel of a stream that is. Any other thermometer may be anywhere, so it is not used as air temperature.
@@ -32,7 +32,7 @@ def of_air(info: StreamInfo) -> tuple[str, ...]:
 
 
 def is_air_temperature(channel: str) -> bool:
-    """Whether a thermometer's channel is named as air temperature: ``air``, ``T_air``, ``AirTC_Avg``."""
+    """True if a thermometer's channel is named as air temperature: ``air``, ``T_air``, ``AirTC_Avg``."""
     return _named(channel, "K") == AIR_TEMPERATURE
 
 

@@ -9,34 +9,102 @@ from __future__ import annotations
 import enum
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import Self
 
 from fieldkit.model.samples import Event, EventKind, Severity
 
 
-class Condition(enum.StrEnum):
-    """What an alarm is about; the values are the names in ``fieldkit.toml`` and in session files."""
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """Times that a condition must last to raise its alarm, and be over to clear it, s; `off`: never."""
 
-    LOST = "lost"  # an instrument does not respond
-    SILENT = "silent"  # a stream has no new sample
-    FROZEN = "frozen"  # the camera repeats one frame
-    OVERRANGE = "overrange"  # at the end of the range, or without a value
-    GARBLED = "garbled"  # invalid records on a cable
-    CLOCK = "clock"  # the system clock was stepped, or the computer slept
-    DISK = "disk"  # little space, or a failed write
-    ESTIMATOR = "estimator"  # no more estimates
-    MOVED = "moved"  # the camera moved too far to be followed
-    CLOUD = "cloud"  # unsteady light
-    SHADE = "shade"  # one region alone has lost its sun
-    DRIFT = "drift"  # one region alone is warmer than its trend
-    TEMPERATURE = "temperature"  # outside the configured limits
-    RATE = "rate"  # a temperature changes faster than configured
-    TILT = "tilt"  # outside the configured limits
-    TILT_PROBABILITY = "tilt-probability"  # P(tilt > limit) above the configured one
-    HELD = "held"  # no slope of the present minute
+    severity: Severity
+    hold_s: float
+    clear_s: float
+    off: bool = False
+
+
+_INFO, _WARNING, _ERROR = Severity.INFO, Severity.WARNING, Severity.ERROR
+
+
+class Condition(enum.StrEnum):
+    """Condition of an alarm; the values are the names in ``fieldkit.toml`` and in session files.
+
+    Attributes
+    ----------
+    rule
+        Of a campaign that configures none.
+    meaning
+        When the alarm is raised, in the words of the documentation.
+    by_minute
+        Whether it is judged minute by minute, the others every second.
+    """
+
+    rule: Rule
+    meaning: str
+    by_minute: bool
+
+    LOST = "lost", Rule(_ERROR, 5.0, 10.0), "an instrument does not respond"
+    SILENT = (
+        "silent",
+        Rule(_ERROR, 30.0, 0.0),
+        "a stream has no new sample, beyond its interval: no news is an alarm",
+    )
+    FROZEN = "frozen", Rule(_ERROR, 0.0, 10.0), "the camera repeats one frame"
+    OVERRANGE = (
+        "overrange",
+        Rule(_WARNING, 10.0, 10.0),
+        "a meter or the camera is at the end of its range, shows no value, or one that cannot be",
+    )
+    GARBLED = (
+        "garbled",
+        Rule(_WARNING, 10.0, 60.0),
+        "`garbled_per_min` invalid records of an instrument within a minute",
+    )
+    CLOCK = "clock", Rule(_WARNING, 0.0, 300.0), "the system clock was stepped, or the computer slept"
+    DISK = "disk", Rule(_ERROR, 0.0, 60.0), "less than 15 minutes of space are left, or a write failed"
+    ESTIMATOR = "estimator", Rule(_ERROR, 0.0, 0.0), "live estimates have stopped"
+    LATE = "late", Rule(_WARNING, 60.0, 0.0), "live estimates are more than a minute late"
+    MOVED = (
+        "moved",
+        Rule(_ERROR, 60.0, 120.0),
+        "the camera moved too far to be followed; such minutes enter no slope",
+        True,
+    )
+    CLOUD = "cloud", Rule(_INFO, 0.0, 0.0), "the light is unsteady", True
+    SHADE = "shade", Rule(_INFO, 60.0, 0.0), "one region alone has lost its sun", True
+    DRIFT = "drift", Rule(_WARNING, 60.0, 0.0), "one region alone became warmer than its trend", True
+    TEMPERATURE = (
+        "temperature",
+        Rule(_WARNING, 0.0, 60.0),
+        "a region is outside `temperature_min_c` … `temperature_max_c`",
+        True,
+    )
+    RATE = "rate", Rule(_WARNING, 60.0, 60.0), "a region changes by more than `temperature_rate_k_min`", True
+    TILT = (
+        "tilt",
+        Rule(_WARNING, 120.0, 120.0),
+        "the estimated tilt is outside `tilt_min_deg` … `tilt_max_deg`",
+        True,
+    )
+    TILT_PROBABILITY = (
+        "tilt-probability",
+        Rule(_WARNING, 120.0, 120.0),
+        "P(tilt > `tilt_max_deg`) is above `tilt_probability`",
+        True,
+    )
+    HELD = "held", Rule(_WARNING, 1800.0, 0.0), "there was a slope, but none of the present minutes", True
+
+    def __new__(cls, value: str, rule: Rule, meaning: str, by_minute: bool = False) -> Self:
+        """A member of that value, with what belongs to it."""
+        member = str.__new__(cls, value)
+        member._value_ = value
+        member.rule, member.meaning, member.by_minute = rule, meaning, by_minute
+        return member
 
 
 class Phase(enum.StrEnum):
-    """What happened to an alarm."""
+    """Phase of an alarm."""
 
     RAISED = "raised"
     ACKNOWLEDGED = "acknowledged"
@@ -84,7 +152,7 @@ class Alarm:
 
 
 def phase_of(event: Event) -> Phase | None:
-    """What an event reports of an alarm; None for any other event, or a phase of a newer version."""
+    """Phase of an alarm in an event; None for any other event, or a phase of a newer version."""
     if event.kind is not EventKind.ALARM or event.data.get("phase") not in tuple(Phase):
         return None
     return Phase(event.data["phase"])

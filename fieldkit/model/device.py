@@ -18,13 +18,14 @@ from fieldkit.model.samples import Frame, Reading
 
 @dataclass(frozen=True, slots=True)
 class StreamInfo:
-    """What a device delivers, declared before its first sample.
+    """Declaration of a device's stream, made before its first sample.
 
     `shape` is (rows, cols) of a camera, (channels,) of a meter. A camera's kelvin are
     ``counts * scale + offset``; `scale` is NaN where no temperature is known or the law is
     not linear (then `law` names it). `rate_hz` 0 means irregular. `latency_s` is from the
     measured instant to the stamp, `wire_time_s` the part of it spent on the wire,
     `response_s` the sensor's own time constant, `accuracy` the standard uncertainty in `unit`.
+    `limits` are rows of the table of limits (`fieldkit.model.limits`) that differ for this stream.
     `measures` names the component of radiation that each channel measures (`fieldkit.model.radiation`), ""
     where that is unknown; empty for anything else.
     """
@@ -39,6 +40,7 @@ class StreamInfo:
     metadata_shape: tuple[int, int] = (0, 0)
     channels: tuple[str, ...] = ()
     measures: tuple[str, ...] = ()
+    limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     rate_hz: float = 0.0
     driver: str = ""
     vendor: str = ""
@@ -57,7 +59,7 @@ class StreamInfo:
 
     @property
     def is_camera(self) -> bool:
-        """Whether the stream consists of frames."""
+        """True if the stream consists of frames."""
         return len(self.shape) == 2
 
     @property
@@ -74,14 +76,14 @@ class StreamInfo:
         return int(text) - 1 if text.isdigit() and 1 <= int(text) <= len(names) else None
 
     def has_the_columns_of(self, other: StreamInfo) -> bool:
-        """Whether samples of `other` can be stored in this stream."""
+        """True if samples of `other` can be stored in this stream."""
         mine, theirs = (
             (one.shape, one.metadata_shape, one.channels, one.is_camera or one.unit) for one in (self, other)
         )
         return mine == theirs
 
     def is_read_as(self, other: StreamInfo) -> bool:
-        """Whether the numbers of `other` mean the same here; of two unknown scales (NaN) nothing is known."""
+        """True if the numbers of `other` mean the same here; of two unknown scales (NaN) nothing is known."""
         return repr((self.law, self.scale, self.offset)) == repr((other.law, other.scale, other.offset))
 
 
@@ -101,7 +103,7 @@ class Buffer:
 
 
 class FrameSource(Protocol):
-    """Where a camera's bytes come from: the V4L2 reader, OpenCV, or the simulated field."""
+    """Source of a camera's bytes: the V4L2 reader, OpenCV, or the simulated field."""
 
     backend: str
     port: str
@@ -124,7 +126,7 @@ class FrameSource(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class DeviceSettings:
-    """Configuration of one device; `options` are the driver's own.
+    """Configuration of one device; `options` are the driver's own, `limits` rows as in `StreamInfo`.
 
     `source` stands in for the camera's port when the field is simulated.
     """
@@ -135,6 +137,7 @@ class DeviceSettings:
     identity: str = ""
     every_s: float = 1.0
     options: Mapping[str, Any] = field(default_factory=dict)
+    limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     source: FrameSource | None = None
 
 
@@ -171,7 +174,7 @@ class Device(Protocol):
 
     @property
     def rejected(self) -> int:
-        """How many records were dropped because their bytes made no sense."""
+        """Number of records dropped because their bytes made no sense."""
 
 
 @runtime_checkable

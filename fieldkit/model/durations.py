@@ -8,21 +8,26 @@ from datetime import time
 from fieldkit.model.errors import ConfigError
 
 UNIT_S = {"s": 1.0, "m": 60.0, "h": 3600.0}
+LONGEST_S = 100 * 365.25 * 86_400.0
+"""A hundred years: more is a typing error."""
 _UNIT_AFTER = {"m": "s", "h": "m"}
 """The unit of a bare number, by the unit in front of it: ``2h30`` is two hours and thirty minutes."""
 
 
 def parse_duration(text: str) -> float:
-    """A duration in seconds, such as ``3h``, ``90m``, ``45s``, ``2h30m`` or ``2h30``.
+    """A duration in seconds, such as ``3h``, ``90m``, ``10min``, ``45s``, ``2h30m`` or ``2h30``.
 
-    Raises `ConfigError` for anything else, also for a number without any unit.
+    Raises `ConfigError` for anything else, also for a number without any unit or more than a hundred years.
     """
+    text = text.replace("min", "m")
     if not re.fullmatch(r"(\d+(\.\d+)?[hms])+((?<!s)\d+(\.\d+)?)?", text):
         raise ConfigError(f"{text!r} is not a valid duration; use 3h, 90m or 45s")
     total, last_unit = 0.0, ""
     for number, unit in re.findall(r"(\d+(?:\.\d+)?)([hms]?)", text):
         total += float(number) * UNIT_S[unit or _UNIT_AFTER[last_unit]]
         last_unit = unit
+    if total > LONGEST_S:
+        raise ConfigError(f"{text[:20]!r} is longer than a hundred years; use 3h, 90m or 45s")
     return total
 
 
@@ -44,7 +49,7 @@ def as_seconds(duration: str | float) -> float:
     """Seconds of a duration that may be given as text or as a number of seconds; raises `ConfigError`."""
     if isinstance(duration, str):
         return parse_duration(duration)
-    if not duration >= 0.0:
+    if not 0.0 <= duration <= LONGEST_S:
         raise ConfigError(f"{duration} is not a valid duration; use seconds, or text such as 3h, 90m or 45s")
     return float(duration)
 

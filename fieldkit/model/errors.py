@@ -55,7 +55,7 @@ class FieldkitError(Exception):
 
 
 def message_of(error: BaseException) -> str:
-    """What happened, without the fix: for a message or an event that quotes another error."""
+    """The message without the fix: for a message or an event that quotes another error."""
     return error.message if isinstance(error, FieldkitError) else str(error)
 
 

@@ -1,12 +1,11 @@
-"""What a session's data taught the estimator: parameters with prior and posterior, and the residuals left."""
+"""Results of learning from a session's data: parameters with prior and posterior, and the residuals left."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-NINETY_SDS = 1.645
-"""Half the width of a 90 % interval of a normal distribution, in standard deviations."""
+from fieldkit.model.confidence import CONFIDENCE, interval_sds
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,11 +17,13 @@ class LearntParameter:
     name, unit
         Such as ``thermal_inertia`` and its unit as printed; "" for a ratio.
     prior, prior_low, prior_high
-        Median and 90 % interval before the data, in `unit`.
+        Median and interval before the data, in `unit`.
     value, low, high
-        Median and 90 % interval given the data, in `unit`.
+        Median and interval given the data, in `unit`.
     share_of_prior
         Posterior over prior standard deviation, in [0, 1]: 1 where the data said nothing.
+    confidence
+        Probability that the intervals hold the truth.
     """
 
     name: str
@@ -34,11 +35,12 @@ class LearntParameter:
     low: float
     high: float
     share_of_prior: float
+    confidence: float = CONFIDENCE
 
     @property
     def sd(self) -> float:
         """Standard uncertainty given the data, in `unit`, as of a normal distribution with this interval."""
-        return (self.high - self.low) / (2.0 * NINETY_SDS)
+        return (self.high - self.low) / (2.0 * interval_sds(self.confidence))
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""What a radiation stream measures: direct, global or diffuse sunlight, or longwave.
+"""Components of radiation streams: direct, global or diffuse sunlight, or longwave.
 
 All are in W/m2, but none can replace another: 400 W/m2 of global irradiance at 22 degrees of solar elevation
 belong to a beam of 900. So a stream declares its `Component`s (`StreamInfo.measures`), the configuration may
@@ -58,7 +58,7 @@ def named(labels: Sequence[str]) -> tuple[str, ...]:
 
 
 def how_to_state(stream: str) -> str:
-    """What to write into the configuration for a stream whose component is unknown."""
+    """Advice on the configuration of a stream whose component is unknown."""
     return f'set irradiance.measures.{stream} = "ghi", or "dni", "gti", "dhi", "longwave_down"'
 
 

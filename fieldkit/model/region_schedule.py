@@ -81,11 +81,11 @@ class RegionSchedule:
 
     @property
     def is_constant(self) -> bool:
-        """Whether all regions hold all the time."""
+        """True if all regions hold all the time."""
         return all(minute == _ALWAYS for minute in self.since) and all(end == _NEVER for end in self.until)
 
     def is_redrawn(self, column: int) -> bool:
-        """Whether the region of a column had another outline before."""
+        """True if the region of a column had another outline before."""
         return any(one.name == self.columns[column].name for one in self.columns[:column])
 
     def versions(self, name: str) -> Iterator[tuple[Region, int, int]]:
@@ -105,7 +105,7 @@ Regions = Sequence[Region] | RegionSchedule
 
 
 def _is_same_place(one: Region, other: Region) -> bool:
-    """Whether what is estimated of two targets is the same: they differ at most in the given tilt."""
+    """True if what is estimated of two targets is the same: they differ at most in the given tilt."""
     tilt = float("nan")
     if RegionKind.REFERENCE in (one.kind, other.kind):
         return repr(one) == repr(other)

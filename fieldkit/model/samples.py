@@ -1,4 +1,4 @@
-"""What instruments deliver: frames, readings and events, immutable and stamped near the wire.
+"""Samples of instruments: frames, readings and events, immutable and stamped near the wire.
 
 Two clocks stamp each sample: `mono_ns` (host monotonic nanoseconds, never steps) and
 `time_ns` (UTC nanoseconds since 1970, the monotonic stamp plus the one anchor taken at
@@ -10,12 +10,13 @@ from __future__ import annotations
 import enum
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, overload
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, Any, NamedTuple, overload
 
 from fieldkit.model.numbered import NumberedEnum
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 NO_COUNTER = -(2**63)
 """Stands for "the device has no clock or counter of its own" in int64 columns."""
@@ -25,7 +26,7 @@ UNNUMBERED = -1
 
 
 class Quality(enum.IntFlag):
-    """Why a sample, a bin or an estimate should be trusted less; 16 bits in the session file."""
+    """Reasons to trust a sample, a bin or an estimate less; 32 bits in the session file."""
 
     GOOD = 0
     STALE = 1  # a value of another moment: held, a maximum, a minimum, or declared void by the device
@@ -44,6 +45,7 @@ class Quality(enum.IntFlag):
     UNRESOLVED = 8192  # data fit more than one slope
     NO_VALUE = 16384  # open probe, overload, or no temperature scale known
     MOVED = 32768  # the camera moved too far to be followed: the regions are lost
+    IMPLAUSIBLE = 65536  # channels beyond what their quantity can be have no value (model/limits.py)
 
 
 UNUSABLE = (
@@ -57,8 +59,8 @@ UNUSABLE = (
     | Quality.NO_VALUE
 )
 """Flags of samples whose numbers enter no result, frames and readings alike."""
-OUT_OF_RANGE = Quality.SATURATED | Quality.OVERRANGE | Quality.NO_VALUE
-"""Flags of samples that are beyond what their instrument can show."""
+OUT_OF_RANGE = Quality.SATURATED | Quality.OVERRANGE | Quality.NO_VALUE | Quality.IMPLAUSIBLE
+"""Flags of samples that are beyond what their instrument can show, or what their quantity can be."""
 REPEATED = Quality.FROZEN | Quality.DUPLICATE
 """Flags of frames that show what the one before showed."""
 _UNUSABLE_BITS = int(UNUSABLE)
@@ -70,7 +72,7 @@ def is_usable(flags: int) -> bool: ...
 @overload
 def is_usable(flags: NDArray[np.integer[Any]]) -> NDArray[np.bool_]: ...
 def is_usable(flags: int | NDArray[np.integer[Any]]) -> bool | NDArray[np.bool_]:
-    """Whether a sample's numbers may enter a result, from its `Quality`.
+    """True if a sample's numbers may enter a result, from its `Quality`.
 
     One sample's flags, or an array of them as stored (any shape, any integer type).
     """
@@ -82,17 +84,17 @@ def is_damaged(flags: int) -> bool: ...
 @overload
 def is_damaged(flags: NDArray[np.integer[Any]]) -> NDArray[np.bool_]: ...
 def is_damaged(flags: int | NDArray[np.integer[Any]]) -> bool | NDArray[np.bool_]:
-    """Whether stored bytes do not match their checksum: the numbers are not those that were measured."""
+    """True if stored bytes do not match their checksum: the numbers are not those that were measured."""
     return (flags & int(Quality.BAD_CRC)) != 0
 
 
 def is_showable(flags: int) -> bool:
-    """Whether a frame may serve to find regions: also one at the end of its scale, or without a scale."""
+    """True if a frame may serve to find regions: also one at the end of its scale, or without a scale."""
     return (flags & _UNSHOWABLE_BITS) == 0
 
 
 class Severity(NumberedEnum):
-    """How serious an event is."""
+    """Severity of an event."""
 
     INFO = 0
     WARNING = 1
@@ -100,7 +102,7 @@ class Severity(NumberedEnum):
 
 
 class EventKind(NumberedEnum):
-    """What can happen in a session; the numbers are stored in the file."""
+    """Kinds of events in a session; the numbers are stored in the file."""
 
     START = 0
     STOP = 1
@@ -179,7 +181,10 @@ class Event:
 
 @dataclass(frozen=True, slots=True)
 class StreamHealth:
-    """How one stream is doing: samples so far, lost so far, waiting now, worst delay of the last second."""
+    """Health of one stream: samples so far, lost so far, waiting now, worst delay of the last second.
+
+    `rejected` records were invalid, `implausible` readings beyond what their quantity can be.
+    """
 
     stream: str
     received: int
@@ -187,11 +192,12 @@ class StreamHealth:
     queued: int
     late_max_us: int = 0
     rejected: int = 0
+    implausible: int = 0
 
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """How the recording is doing, once a second."""
+    """Health of the recording, once a second."""
 
     mono_ns: int
     time_ns: int

@@ -1,4 +1,4 @@
-"""Where the experiment is, and which parts of the frame belong to which surface.
+"""Site of the experiment, and regions of the frame.
 
 Angles in degrees: latitude north and longitude east positive; tilt from horizontal, azimuth of the surface
 normal from north, clockwise.
@@ -64,7 +64,7 @@ _Point = NDArray[np.float64]  # (x, y)
 
 
 class RegionKind(NumberedEnum):
-    """What a region is for; the numbers are stored in the session file."""
+    """Use of a region; the numbers are stored in the session file."""
 
     REFERENCE = 0
     TARGET = 1
@@ -130,7 +130,7 @@ class Region:
 
     @property
     def crosses_itself(self) -> bool:
-        """Whether two edges that are not neighbours meet, which makes the inside ambiguous."""
+        """True if two edges that are not neighbours meet, which makes the inside ambiguous."""
         corners = self._corners
         edges = list(zip(corners, np.roll(corners, -1, axis=0), strict=True))
         apart = (
@@ -147,7 +147,7 @@ class Region:
         return corners[np.any(corners != np.roll(corners, 1, axis=0), axis=1)]
 
     def is_within(self, shape: tuple[int, ...]) -> bool:
-        """Whether every corner lies within a frame of `shape` (rows, cols)."""
+        """True if every corner lies within a frame of `shape` (rows, cols)."""
         rows, cols = shape
         return all(0 <= x <= cols - 1 and 0 <= y <= rows - 1 for x, y in self.vertices)
 
@@ -212,7 +212,7 @@ def _pixels_on(
 def _meet(
     a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64], d: NDArray[np.float64]
 ) -> bool:
-    """Whether the lines from `a` to `b` and from `c` to `d` cross or touch."""
+    """True if the lines from `a` to `b` and from `c` to `d` cross or touch."""
     turns = [_turn(a, b, c), _turn(a, b, d), _turn(c, d, a), _turn(c, d, b)]
     if turns[0] != turns[1] and turns[2] != turns[3]:
         return True

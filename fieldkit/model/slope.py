@@ -7,12 +7,15 @@ clockwise; both in degrees.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fieldkit.model.confidence import CONFIDENCE
 from fieldkit.model.numbered import NumberedEnum
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region, RegionKind
@@ -42,14 +45,14 @@ SOLVED = (*CERTAIN, SlopeState.UNCERTAIN, SlopeState.NOT_RESOLVED)
 WITH_SLOPE = (*SOLVED, SlopeState.HELD_CLOUD)
 """States with a slope: a held one is an earlier estimate."""
 CERTAIN_WITHIN_DEG = 3.0
-"""Widest 90 % region of a certain flat or gentle slope: the change of tilt by a tenth of a kelvin where one
-kelvin is 30 degrees, the limit in the plan of a day."""
+"""Widest likelihood region of a certain flat or gentle slope: the change of tilt by a tenth of a kelvin where
+one kelvin is 30 degrees, the limit in the plan of a day."""
 CERTAIN_SHARE = 0.2
 """The same for a steep slope, as a share of its tilt: 30 degrees within 27..33."""
 
 
 def is_too_wide(tilt_deg: ArrayLike, low_deg: ArrayLike, high_deg: ArrayLike) -> NDArray[np.bool_]:
-    """Whether a tilt with these bounds of its 90 % region is uncertain; true if a bound is NaN.
+    """True if a tilt with these bounds of its likelihood region is uncertain; true if a bound is NaN.
 
     Parameters
     ----------
@@ -61,40 +64,106 @@ def is_too_wide(tilt_deg: ArrayLike, low_deg: ArrayLike, high_deg: ArrayLike) ->
 
 
 @dataclass(frozen=True, slots=True)
+class SlopeField:
+    """One number of a slope, as every table, file and document has it.
+
+    Attributes
+    ----------
+    key
+        Field of `SlopeEstimate`, column of the session file and of the tables of all minutes.
+    unit, description
+        The unit as in CF conventions, "1" for a ratio; what the number is.
+    heading
+        Column of exported tables, with the unit.
+    pair
+        Key of ``--json`` under which the ends of a range stand as a list; "" for a key of its own.
+    short, digits
+        Heading and decimals in tables for people; "" where these have no such column.
+    unknown
+        The value where nothing is known, and in sessions that are older than the column.
+    """
+
+    key: str
+    unit: str
+    description: str
+    heading: str
+    pair: str
+    short: str
+    digits: int
+    unknown: float
+
+
+def _number(
+    description: str,
+    unit: str = "degree",
+    *,
+    heading: str = "",
+    pair: str = "",
+    short: str = "",
+    digits: int = 1,
+    unknown: float = NAN,
+) -> Any:
+    about = {"unit": unit, "description": description, "heading": heading, "pair": pair}
+    return field(default=unknown, metadata={**about, "short": short, "digits": digits, "unknown": unknown})
+
+
+@dataclass(frozen=True, slots=True)
 class SlopeEstimate:
     """Slope of one region from the minute bins `window_start_ns`..`time_ns`.
 
-    Angles in degrees, NaN where not determined; bounds are the projections of the 90 %
-    likelihood region with noise and the stated systematic uncertainties, the `noise_` bounds those of noise
-    alone. Azimuth bounds are unwrapped (low <= azimuth
-    <= high, so below 0 or above 360 across north). `kelvin_per_degree` is the change of
-    surface temperature per degree of tilt at `time_ns`. `chi_square` is reduced (per degree
-    of freedom). `reason` explains in words why the state is not `OK`. Every field is a column of the session
-    file and of its journal.
+    Angles in degrees, NaN where not determined; bounds are the projections of the likelihood region with
+    noise and the stated systematic uncertainties, the `noise_` bounds those of noise alone. Azimuth bounds
+    are unwrapped (low <= azimuth <= high, so below 0 or above 360 across north). `reason` explains in words
+    why the state is not `OK`. Every number is described where it stands, and with that a column of every
+    table (`SLOPE_FIELDS`).
     """
 
     time_ns: int
     region: str
     state: SlopeState
-    tilt_deg: float = NAN
-    azimuth_deg: float = NAN
-    tilt_low_deg: float = NAN
-    tilt_high_deg: float = NAN
-    azimuth_low_deg: float = NAN
-    azimuth_high_deg: float = NAN
-    second_tilt_deg: float = NAN
-    second_azimuth_deg: float = NAN
-    kelvin_per_degree: float = NAN
-    chi_square: float = NAN
+    tilt_deg: float = _number("tilt from horizontal")
+    azimuth_deg: float = _number("azimuth of the normal from north, clockwise")
+    tilt_low_deg: float = _number("lower end of the likelihood region of the tilt", pair="tilt_region_deg")
+    tilt_high_deg: float = _number("upper end of the likelihood region of the tilt", pair="tilt_region_deg")
+    azimuth_low_deg: float = _number(
+        "lower end of the likelihood region of the azimuth", pair="azimuth_region_deg"
+    )
+    azimuth_high_deg: float = _number(
+        "upper end of the likelihood region of the azimuth", pair="azimuth_region_deg"
+    )
+    second_tilt_deg: float = _number("tilt of another slope that fits as well")
+    second_azimuth_deg: float = _number("azimuth of another slope that fits as well")
+    kelvin_per_degree: float = _number(
+        "change of the surface temperature per degree of tilt",
+        "K degree-1",
+        heading="sensitivity [K/deg]",
+        short="K per °",
+        digits=2,
+    )
+    chi_square: float = _number("reduced chi-square", "1", heading="chi-square", short="chi²")
     flags: Quality = Quality.GOOD
     window_start_ns: int = 0
     n_bins: int = 0
     model: str = ""
     reason: str = ""
-    noise_tilt_low_deg: float = NAN
-    noise_tilt_high_deg: float = NAN
-    noise_azimuth_low_deg: float = NAN
-    noise_azimuth_high_deg: float = NAN
+    noise_tilt_low_deg: float = _number(
+        "lower end of the region of the tilt by noise alone", pair="tilt_noise_region_deg"
+    )
+    noise_tilt_high_deg: float = _number(
+        "upper end of the region of the tilt by noise alone", pair="tilt_noise_region_deg"
+    )
+    noise_azimuth_low_deg: float = _number(
+        "lower end of the region of the azimuth by noise alone", pair="azimuth_noise_region_deg"
+    )
+    noise_azimuth_high_deg: float = _number(
+        "upper end of the region of the azimuth by noise alone", pair="azimuth_noise_region_deg"
+    )
+    confidence: float = _number(
+        "probability with which the regions should hold the truth",
+        "1",
+        heading="confidence",
+        unknown=CONFIDENCE,
+    )
 
     def __repr__(self) -> str:
         tilt = f"tilt {self.tilt_deg:.1f}° ({self.tilt_low_deg:.1f} to {self.tilt_high_deg:.1f})"
@@ -102,8 +171,21 @@ class SlopeEstimate:
         return f"<{self.region}: {tilt}{second}, azimuth {self.azimuth_deg:.0f}°, {self.state.name.lower()}>"
 
 
+def _field(key: str, about: Mapping[str, Any]) -> SlopeField:
+    plain = f"{key.removesuffix('_deg').replace('_', ' ')} [deg]"
+    return SlopeField(key, **{**about, "heading": about["heading"] or plain})
+
+
+SLOPE_FIELDS: Mapping[str, SlopeField] = MappingProxyType(
+    {one.name: _field(one.name, one.metadata) for one in fields(SlopeEstimate) if one.metadata}
+)
+"""The numbers of a slope by key, in the order of `SlopeEstimate`."""
+SHORT_FIELDS = tuple(one for one in SLOPE_FIELDS.values() if one.short)
+"""Those with a column of their own in tables for people."""
+
+
 def is_certain(estimate: SlopeEstimate) -> bool:
-    """Whether a slope may be relied on, current or held: a single branch fits, within a narrow region."""
+    """True if a slope may be relied on, current or held: a single branch fits, within a narrow region."""
     is_single = estimate.state in (*CERTAIN, SlopeState.HELD_CLOUD) and not math.isfinite(
         estimate.second_tilt_deg
     )

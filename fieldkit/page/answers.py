@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -13,8 +14,10 @@ from typing import Any
 
 import numpy as np
 
+from fieldkit.calibrate.horizon import set_skyline
 from fieldkit.config import Config, edit, load_config
-from fieldkit.model.durations import parse_duration
+from fieldkit.estimation.region_check import FrameK, check_region
+from fieldkit.model.durations import parse_duration, parse_time_of_day
 from fieldkit.model.errors import ConfigError, FieldkitError, RefusedError
 from fieldkit.model.samples import Event, Severity
 from fieldkit.model.site import Region, RegionKind
@@ -25,20 +28,14 @@ from fieldkit.page.hub import Hub
 from fieldkit.page.keys import Keys
 from fieldkit.page.sessions import PastSessions
 from fieldkit.page.viewer import Viewer
+from fieldkit.recording import regions as campaign_regions
+from fieldkit.recording.mark_times import mark_of
+from fieldkit.recording.redrawing import change_regions
+from fieldkit.recording.requests import Acknowledgement, SentRequest, Shutter, sent
+from fieldkit.recording.running import UnresponsiveRecorder, is_recorder_present, stop_recording
 from fieldkit.views import formatting, frame_image
-from fieldkit.workflows import regions as campaign_regions
-from fieldkit.workflows.calibrate.horizon import set_skyline
-from fieldkit.workflows.running import (
-    SentRequest,
-    acknowledge,
-    change_regions,
-    is_recorder_present,
-    mark_of,
-    request_shutter,
-    sent,
-    stop_recording,
-)
 
+log: logging.Logger = logging.getLogger(__name__)
 ANSWERS_WITHIN_S = 5.0
 """The recorder looks at its requests once a second."""
 Document = dict[str, Any]
@@ -97,9 +94,9 @@ class Answers:
             case requests.AddMark():
                 return await self._by_recorder(request.id, partial(self._send_mark, request))
             case requests.Shutter():
-                return await self._by_recorder(request.id, partial(request_shutter, self.config))
+                return await self._by_recorder(request.id, partial(sent, self.config.recordings, Shutter()))
             case requests.Acknowledge():
-                return await self._by_recorder(request.id, partial(acknowledge, self.config, request.alarm))
+                return await self._by_recorder(request.id, partial(self._acknowledge, request.alarm))
             case requests.Skyline():
                 return await asyncio.to_thread(self._set_skyline, request)
             case requests.Link():
@@ -112,14 +109,25 @@ class Answers:
 
     def _start_or_stop(self, request: requests.Start | requests.Stop) -> Document:
         if isinstance(request, requests.Stop):
-            path = stop_recording(self.config)
+            path = stop_recording(self.config.recordings, self._log_silence)
             return answer(request.id, f"sealed {path.stem}", data={"session": path.stem})
         session = self.conductor.start(request.name, _end(request), allow_missing=request.allow_missing)
         return answer(request.id, f"recording {session.stem}", data={"session": session.stem})
 
+    def _log_silence(self, silent: UnresponsiveRecorder) -> None:
+        log.warning(silent.at(self.config.site))
+
     def _send_mark(self, request: requests.AddMark) -> SentRequest:
-        mark = mark_of(self.config, request.text, kind=request.kind, at=request.at, to=request.to)
-        return sent(self.config, mark)
+        folder = self.config.recordings
+        words = partial(mark_of, folder, lambda: self.config, request.text, kind=request.kind)
+        return sent(folder, words(at=request.at, to=request.to))
+
+    def _acknowledge(self, alarm: str) -> SentRequest:
+        if alarm not in (present := [one.id for one in self.hub.latest.alarms]):
+            raise RefusedError(
+                f"there is no alarm {alarm!r}, or it is over", fix=f"present: {', '.join(present) or 'none'}"
+            )
+        return sent(self.config.recordings, Acknowledgement(alarm))
 
     async def _by_recorder(self, id: int | None, send: Callable[[], SentRequest]) -> Document:
         """Send a request to the recorder; the answer is the event that it stores."""
@@ -166,7 +174,7 @@ class Answers:
             region = _shrunk(region, request.shrink)
         shape, frame, present = self._drawn_on(request.session)
         others = [one for one in present if one.name != (request.instead_of or region.name)]
-        found = campaign_regions.check_region(region, shape, frame, others)
+        found = check_region(region, shape, frame, others)
         return {
             "pixels": found.pixels, "spread_c": found.spread_k, "level": found.level,
             "text": found.text or "ok", "shrink_px": found.shrink_px,
@@ -175,7 +183,7 @@ class Answers:
 
     def _drawn_on(
         self, session: str | None
-    ) -> tuple[tuple[int, ...] | None, campaign_regions.FrameK | None, Sequence[Region]]:
+    ) -> tuple[tuple[int, ...] | None, FrameK | None, Sequence[Region]]:
         """Shape and kelvin of the frame that is drawn on, and the regions there already."""
         if session is None:
             return *self._frame_k(), self.hub.latest.regions
@@ -261,8 +269,12 @@ def _change(request: requests.Request) -> tuple[str, Callable[[Path], Any]]:
 
 def _end(request: requests.Start) -> list[str]:
     if request.duration:
-        return [f"--for={parse_duration(request.duration):g}s"]
-    return [f"--until={request.until}"] if request.until else []
+        parse_duration(request.duration)
+        return [f"--for={request.duration}"]
+    if request.until:
+        parse_time_of_day(request.until)
+        return [f"--until={request.until}"]
+    return []
 
 
 def _region(drawn: requests.DrawnRegion) -> Region:

@@ -20,15 +20,15 @@ from typing import IO
 from fieldkit.config import Config, load_config
 from fieldkit.model.errors import ConfigError, DeviceError, FieldkitError, RefusedError, message_of
 from fieldkit.model.samples import Event, EventKind
+from fieldkit.page.command_error import command_error
 from fieldkit.page.hub import Hub, Item
-from fieldkit.sessions.layout import journal_path
-from fieldkit.sessions.lock import is_locked, owner
+from fieldkit.recording.opening import open_instruments
+from fieldkit.recording.preview import LivePreview, missing_instruments
+from fieldkit.recording.running import is_recorder_present, previewing, session_in_progress
+from fieldkit.sessions.lock import is_locked, journal_path, owner
 from fieldkit.views.feed import FeedReader, FeedStart, feed_path
 from fieldkit.views.latest import Latest
 from fieldkit.views.trend import Trend
-from fieldkit.workflows.opening import open_instruments
-from fieldkit.workflows.preview import LivePreview, missing_instruments
-from fieldkit.workflows.running import is_recorder_present, previewing, session_in_progress
 
 log: logging.Logger = logging.getLogger(__name__)
 
@@ -229,17 +229,21 @@ class _Throttled:
 class _Child:
     """A ``fieldkit record`` that this page started, in a session of its own: it outlives the page.
 
-    Its messages go to a file without a name, which outlives the page: a pipe would end with it.
+    Its errors go to a file without a name, which outlives the page: a pipe would end with it.
     """
 
     def __init__(self, campaign: Path, options: Sequence[str]) -> None:
-        self._said: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - the process's, as long as it runs
+        self._errors: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - the process's, as long as it runs
         words = [
             *(sys.executable, "-P", "-m", "fieldkit", "record"),
-            *("-C", str(campaign), "--quiet", "--no-input", *options),
+            *("-C", str(campaign), "--quiet", "--json", "--no-input", *options),
         ]
         self._process = subprocess.Popen(
-            words, stdin=subprocess.DEVNULL, stdout=self._said, stderr=self._said, start_new_session=True
+            words,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=self._errors,
+            start_new_session=True,
         )
         self.pid = self._process.pid
 
@@ -254,12 +258,10 @@ class _Child:
         return self._process.poll()
 
     def failure(self) -> RefusedError:
-        """Why it ended, in its own words: with ``--quiet`` it prints its error and the fix alone."""
-        self._said.seek(0)
-        words = self._said.read(4000).decode(errors="replace").strip()
-        message, _, fix = words.removeprefix("error: ").partition("\n  fix: ")
-        return RefusedError(message or "the recording ended at once", fix=fix or None)
+        """Why it ended."""
+        self._errors.seek(0)
+        return command_error(self._errors.read().decode(errors="replace"), "the recording ended at once")
 
     def forget(self) -> None:
         """Let it go on alone."""
-        self._said.close()
+        self._errors.close()

@@ -26,11 +26,11 @@ from fieldkit.page import outgoing
 from fieldkit.page.pictures import Mode, picture
 from fieldkit.page.viewer import Role, Viewer
 from fieldkit.physics.radiance import surface_temperature_k
+from fieldkit.recording.preflight import sampling_of
+from fieldkit.results.json_document import plain_json
 from fieldkit.views import frame_image
 from fieldkit.views.latest import Latest
 from fieldkit.views.trend import Trend
-from fieldkit.workflows.json_document import plain_json
-from fieldkit.workflows.preflight import sampling_of
 
 Phase = Literal["preview", "starting", "recording", "sealing", "no-instruments"]
 Item = Frame | Reading | Event | RegionRecord | Minute | Health

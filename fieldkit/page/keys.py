@@ -19,6 +19,7 @@ from hmac import compare_digest
 from pathlib import Path
 
 from fieldkit.disk import one_at_a_time, replacing
+from fieldkit.model.errors import StorageError
 from fieldkit.page.viewer import Role
 from fieldkit.sessions.json_forms import build
 
@@ -45,10 +46,11 @@ class _Kept:
 
 
 class Keys:
-    """The keys of a campaign's page, by its folder of recordings; raises `OSError` if it cannot write."""
+    """Keys of a campaign's page, in its folder of recordings; raises `StorageError` if it cannot write."""
 
     def __init__(self, folder: Path) -> None:
-        folder.mkdir(parents=True, exist_ok=True)
+        with _explained(folder):
+            folder.mkdir(parents=True, exist_ok=True)
         self.path: Path = folder / FILE
 
     def new_link(self, role: Role) -> str:
@@ -87,7 +89,7 @@ class Keys:
 
     @contextmanager
     def _changing(self) -> Iterator[tuple[list[Grant], list[Grant]]]:
-        with one_at_a_time(self.path.parent):
+        with _explained(self.path), one_at_a_time(self.path.parent):
             before = self._read()
             links, sessions = map(list, _parts(before))
             yield links, sessions
@@ -102,6 +104,15 @@ class Keys:
                 json.dump(asdict(kept), file)
 
 
+@contextmanager
+def _explained(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        fix = f"have a disk with room at {path.parent}, which this user may write"
+        raise StorageError(f"cannot keep the page's keys in {path}: {error.strerror}", fix=fix) from error
+
+
 def _parts(kept: _Kept) -> tuple[tuple[Grant, ...], tuple[Grant, ...]]:
     return kept.links, kept.sessions
 
@@ -111,7 +122,7 @@ def _role(grant: Grant) -> Role:
 
 
 def _hash(key: str) -> str:
-    return hashlib.sha256(key.encode()).hexdigest()
+    return hashlib.sha256(key.encode(errors="replace")).hexdigest()
 
 
 def _find(grants: list[Grant] | tuple[Grant, ...], key: str) -> Grant | None:

@@ -14,18 +14,13 @@ from fieldkit.model.alarm import Alarm
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Event, Health
 from fieldkit.model.site import Region, RegionKind
-from fieldkit.model.slope import SlopeEstimate
+from fieldkit.model.slope import SLOPE_FIELDS, SlopeEstimate
 from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.views import formatting
 from fieldkit.views.latest import Latest
 from fieldkit.views.trend import Trend
 
 Document = dict[str, Any]
-
-_SLOPE = (
-    "tilt_deg", "tilt_low_deg", "tilt_high_deg", "azimuth_deg", "azimuth_low_deg", "azimuth_high_deg",
-    "second_tilt_deg", "second_azimuth_deg", "kelvin_per_degree",
-)  # fmt: skip
 
 
 def streams(infos: Sequence[StreamInfo], frames_every_s: float | None = None) -> Document:
@@ -74,7 +69,7 @@ def _measured(closed: Minute, name: str, slope: SlopeEstimate | None) -> Documen
     temperature = {"temperature_c": celsius(closed.temperature_k.get(name, math.nan))}
     if slope is None:
         return {**temperature, "state": "reference", "words": "", "reason": ""}
-    angles = {key: getattr(slope, key) for key in _SLOPE}
+    angles = {key: getattr(slope, key) for key in SLOPE_FIELDS}
     return {
         **temperature,
         "state": slope.state.name.lower(),
@@ -144,7 +139,8 @@ def _present(latest: Latest, info: StreamInfo, health: Health | None) -> Documen
     return {
         "samples": known.received if known else 0, "rate_hz": latest.rate_hz(info.name),
         "gaps": latest.gaps.get(info.name, 0), "dropped": known.dropped if known else 0,
-        "rejected": known.rejected if known else 0, "age_s": latest.age_s(info.name),
+        "rejected": known.rejected if known else 0,
+        "implausible": known.implausible if known else 0, "age_s": latest.age_s(info.name),
         "value": values[0] if values else None, "values": values, "unit": unit,
     }  # fmt: skip
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import socket
+from collections import Counter
 from contextlib import suppress
 from typing import Any
 
@@ -11,23 +12,34 @@ import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 HEADERS_WITHIN_S = 10.0
-MOST_CONNECTIONS = 100
+MOST_CONNECTIONS, MOST_OF_ONE = 100, 20
+"""Connections of all, and of one address, which may be a router with eight browsers behind it."""
 UNSENT_BYTES = 32_768
 """What the kernel may hold for a slow connection: a second of pictures, so that the newest is never far."""
+HEADERS_MAX_BYTES = 16_384
 
 
-class CarefulProtocol(H11Protocol):
-    """Closes a connection whose request is not complete in time, and those above a number."""
+class CarefulProtocol(asyncio.Protocol):
+    """Closes a connection whose request is not complete in time, and older ones where there are too many.
 
-    _late: asyncio.TimerHandle | None = None
+    uvicorn's protocol behind it (`options` are its own) sees the events of an `asyncio.Protocol` and nothing
+    else: `connections`, of all that share a server, and the request that arrives are followed here.
+    """
 
-    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Accept a connection, or close it at once where there are too many."""
-        if len(self.connections) >= MOST_CONNECTIONS:
-            self.transport = transport
-            transport.abort()
-            return
-        super().connection_made(transport)
+    def __init__(self, connections: set[CarefulProtocol], **options: Any) -> None:
+        self._http, self._connections = H11Protocol(**options), connections
+        self._late: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Accept a connection; where there are too many, in place of the oldest that still waits."""
+        assert isinstance(transport, asyncio.Transport)
+        self.transport: asyncio.Transport = transport
+        self.host: str = str((transport.get_extra_info("peername") or ("",))[0])
+        self._loop = asyncio.get_running_loop()
+        self._since_s = self._loop.time()
+        self._make_room()
+        self._connections.add(self)
+        self._http.connection_made(transport)
         transport.set_write_buffer_limits(high=UNSENT_BYTES)
         with suppress(OSError):  # a kernel without it has pictures wait a little longer
             raw: Any = transport.get_extra_info("socket")
@@ -36,28 +48,62 @@ class CarefulProtocol(H11Protocol):
 
     def data_received(self, data: bytes) -> None:
         """Read on; the first bytes of another request begin its time."""
-        if self._late is None and self.conn.their_state is h11.IDLE:
-            self._await_request()
-        super().data_received(data)
-        if self.conn.their_state is not h11.IDLE and self._is_read():
+        self._http.data_received(data)
+        while data and self.transport.get_protocol() is self:
+            if self._late is None:
+                self._await_request()
+            data = self._after_request(data)
+        if self.transport.get_protocol() is not self:  # a WebSocket now
             self._stop_waiting()
 
-    def handle_websocket_upgrade(self, event: h11.Request) -> None:
-        """Pass the connection on: its request is complete."""
-        self._stop_waiting()
-        super().handle_websocket_upgrade(event)
+    def eof_received(self) -> None:
+        """Pass it on."""
+        self._http.eof_received()
+
+    def pause_writing(self) -> None:
+        """Pass it on."""
+        self._http.pause_writing()
+
+    def resume_writing(self) -> None:
+        """Pass it on."""
+        self._http.resume_writing()
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Forget the connection."""
         self._stop_waiting()
-        if self in self.connections:
-            super().connection_lost(exc)
+        self._connections.discard(self)
+        self._http.connection_lost(exc)
 
-    def _is_read(self) -> bool:
-        return self.conn.their_state in (h11.DONE, h11.MUST_CLOSE, h11.CLOSED, h11.ERROR)
+    def _make_room(self) -> None:
+        """Abort a connection of this address if it has too many, else one of all if there are too many."""
+        # one that became a WebSocket has another protocol, which receives the end
+        self._connections -= {one for one in self._connections if one.transport.is_closing()}
+        requests = [one for one in self._connections if one.transport.get_protocol() is one]
+        count = Counter(one.host for one in requests)
+        if count[self.host] >= MOST_OF_ONE:
+            requests = [one for one in requests if one.host == self.host]
+        elif len(self._connections) < MOST_CONNECTIONS:
+            return
+        # first those whose request is not complete, of the address that has most
+        requests.sort(key=lambda one: (one._late is None, -count[one.host], one._since_s))
+        for one in requests[:1]:
+            one.transport.abort()
+
+    def _after_request(self, data: bytes) -> bytes:
+        """Follow the request that arrives; what comes behind its end, where its time ends."""
+        try:
+            self._request.receive_data(data)
+            while (event := self._request.next_event()) not in (h11.NEED_DATA, h11.PAUSED):
+                if isinstance(event, h11.EndOfMessage):
+                    self._stop_waiting()
+                    return self._request.trailing_data[0]
+        except h11.RemoteProtocolError:  # uvicorn refuses it
+            self._stop_waiting()
+        return b""
 
     def _await_request(self) -> None:
-        self._late = self.loop.call_later(HEADERS_WITHIN_S, self.transport.abort)
+        self._request = h11.Connection(h11.SERVER, HEADERS_MAX_BYTES)
+        self._late = self._loop.call_later(HEADERS_WITHIN_S, self.transport.abort)
 
     def _stop_waiting(self) -> None:
         if self._late is not None:

@@ -5,9 +5,19 @@
 
 from __future__ import annotations
 
+import re
 from typing import Annotated, ClassVar, Literal, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    TypeAdapter,
+    ValidationError,
+    model_validator,
+)
+from pydantic_core import PydanticCustomError
 
 from fieldkit.model.errors import FieldkitError
 from fieldkit.page.pictures import Mode
@@ -15,7 +25,21 @@ from fieldkit.page.pictures import Mode
 MAX_BYTES = 16_384
 """A region of 64 corners takes three thousand."""
 
-Word = Annotated[str, Field(min_length=1, max_length=80)]
+_CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f]")
+_HALF = re.compile(r"\\u[dD][89a-fA-F]")
+"""Half of a letter beyond 16 bits, as JSON writes it: alone it makes a message invalid."""
+_ID = re.compile(r'"id"\s*:\s*(\d{1,16})\b')
+
+
+def _plain(text: str) -> str:
+    if _CONTROL.search(text):
+        raise PydanticCustomError("not_text", "not text")
+    return text
+
+
+Text = Annotated[str, AfterValidator(_plain)]
+"""Without control characters but tabs and line breaks: names of files and programs cannot have them."""
+Word = Annotated[Text, Field(min_length=1, max_length=80)]
 Pixel = Annotated[float, Field(ge=-1, le=65_535, allow_inf_nan=False)]
 Number = Annotated[float, Field(allow_inf_nan=False)]
 
@@ -23,8 +47,10 @@ Number = Annotated[float, Field(allow_inf_nan=False)]
 class BadRequestError(FieldkitError):
     """A message that is no request; `id` is its number where it has one."""
 
-    def __init__(self, message: str, id: int | None = None) -> None:
-        super().__init__(message, fix="reload the page: it may be of another version")
+    def __init__(
+        self, message: str, id: int | None = None, fix: str = "reload the page: it may be of another version"
+    ) -> None:
+        super().__init__(message, fix=fix)
         self.id = id
 
 
@@ -100,7 +126,7 @@ class Start(_Request):
     """Start a recording, for a `duration` such as ``3h`` or `until` a time of day ``HH:MM``."""
 
     do: Literal["start"]
-    name: Annotated[str, Field(max_length=80)] = ""
+    name: Annotated[Text, Field(max_length=80)] = ""
     duration: Word | None = None
     until: Word | None = None
     allow_missing: bool = False
@@ -123,8 +149,8 @@ class AddMark(_Request):
     """A note on the recording at a time, or from `at` to `to`."""
 
     do: Literal["mark"]
-    text: Annotated[str, Field(min_length=1, max_length=2000)]
-    kind: Annotated[str, Field(max_length=80)] = ""
+    text: Annotated[Text, Field(min_length=1, max_length=2000)]
+    kind: Annotated[Text, Field(max_length=80)] = ""
     at: Word = "-0s"
     to: Word | None = None
 
@@ -208,18 +234,14 @@ def parse(text: str) -> Request:
     try:
         return _adapter.validate_json(text)
     except ValidationError as error:
-        first = error.errors(include_url=False, include_input=False)[0]
-        where = ".".join(map(str, first["loc"]))
-        raise BadRequestError(f"{where or 'the message'}: {first['msg']}", _id_of(text)) from None
+        raise _refusal(error, text) from None
 
 
-def _id_of(text: str) -> int | None:
-    """The number of a message that is invalid for another reason."""
-    try:
-        return _Numbered.model_validate_json(text).id
-    except ValidationError:
-        return None
-
-
-class _Numbered(BaseModel):
-    id: Annotated[int, Field(strict=True, ge=0, le=2**53)]
+def _refusal(error: ValidationError, text: str) -> BadRequestError:
+    first = error.errors(include_url=False, include_input=False)[0]
+    where = ".".join(map(str, first["loc"])) or "the message"
+    number = _ID.search(text)  # also of a message that is not JSON: its browser waits for an answer
+    id = int(number[1]) if number else None
+    if first["type"] == "not_text" or (first["type"] == "json_invalid" and _HALF.search(text)):
+        return BadRequestError(f"{where}: has a character that is not text", id, fix="type it anew")
+    return BadRequestError(f"{where}: {first['msg']}", id)

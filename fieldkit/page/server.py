@@ -3,28 +3,31 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import gzip
 import json
+import logging
 import secrets
 import socket
 import threading
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, field
+from functools import partial
 from html import escape
 from pathlib import Path
 
 import uvicorn
 from starlette.applications import Starlette
 from starlette.datastructures import Headers
-from starlette.requests import HTTPConnection, Request
+from starlette.requests import ClientDisconnect, HTTPConnection, Request
 from starlette.responses import FileResponse, HTMLResponse, JSONResponse, PlainTextResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.types import ASGIApp
 from starlette.websockets import WebSocket, WebSocketDisconnect, WebSocketState
 
 from fieldkit.config import Config
-from fieldkit.model.errors import FieldkitError
+from fieldkit.model.errors import FieldkitError, StorageError
 from fieldkit.page import requests, service_reports
 from fieldkit.page.answers import Answers, failure
 from fieldkit.page.checks import CHECKS, Check, Guarded, bearer
@@ -33,12 +36,14 @@ from fieldkit.page.document import document
 from fieldkit.page.hub import MAX_VIEWERS, Hub
 from fieldkit.page.keys import SESSION_LASTS_S, Keys
 from fieldkit.page.pictures import still
-from fieldkit.page.protocol import CarefulProtocol
+from fieldkit.page.protocol import HEADERS_MAX_BYTES, CarefulProtocol
 from fieldkit.page.sessions import PastSessions
 from fieldkit.page.unattended import keep_recording
 from fieldkit.page.viewer import Role, Viewer, ViewerLeftError
+from fieldkit.results.json_document import plain_json
 from fieldkit.views.service_manager import notify
-from fieldkit.workflows.json_document import plain_json
+
+log: logging.Logger = logging.getLogger(__name__)
 
 KEY_MAX_BYTES = 1000
 WRONG_TRIES_FREE = 5
@@ -137,7 +142,10 @@ class Page:
     async def take_key(self, request: Request) -> Response:
         """Exchange the key of a link for a session, in a cookie that no script can read."""
         key = await self._sent_key(request)
-        found = await asyncio.to_thread(self.keys.exchange, key) if key else None
+        try:
+            found = await asyncio.to_thread(self.keys.exchange, key) if key else None
+        except StorageError as error:
+            return JSONResponse({"text": error.message, "fix": error.fix}, 507)
         if found is None:
             return await self._refused()
         self._wrong_tries = 0
@@ -149,16 +157,17 @@ class Page:
         return answer
 
     async def _sent_key(self, request: Request) -> str:
+        """The key of a request; none for whatever else arrives, or for a request that is broken off."""
         if (key := bearer(request.headers)) and not self.keys.session(key):
             return key
         if request.headers.get("content-type", "").partition(";")[0] != "application/json":
             return ""
         body = b""
-        async for part in request.stream():
-            body += part
-            if len(body) > KEY_MAX_BYTES:
-                return ""
-        with suppress(ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        with suppress(ValueError, KeyError, TypeError, AttributeError, RecursionError, ClientDisconnect):
+            async for part in request.stream():
+                body += part
+                if len(body) > KEY_MAX_BYTES:
+                    return ""
             return str(json.loads(body)["key"])
         return ""
 
@@ -272,7 +281,13 @@ class Page:
         except requests.BadRequestError as error:
             viewer.text(plain_json(failure(error.id, error)))
             return
-        answered = await self.answers.to(viewer, request)
+        try:
+            answered = await self.answers.to(viewer, request)
+        except Exception as error:  # the browser waits for an answer, whatever fails
+            log.exception("a request failed: %s", request.do)
+            answered = failure(
+                request.id, FieldkitError(f"the page failed: {error!r}", fix="look at its log")
+            )
         if request.id is not None:
             viewer.text(plain_json(answered))
 
@@ -289,7 +304,7 @@ def server(page: Page) -> uvicorn.Server:
     return uvicorn.Server(
         uvicorn.Config(
             page.app(),
-            http=CarefulProtocol,
+            http=partial(CarefulProtocol, set()),  # type: ignore[arg-type]  # it takes whatever makes one
             ws="websockets-sansio",
             loop="asyncio",
             lifespan="on",
@@ -303,7 +318,7 @@ def server(page: Page) -> uvicorn.Server:
             ws_per_message_deflate=False,
             ws_ping_interval=10.0,
             ws_ping_timeout=10.0,
-            h11_max_incomplete_event_size=16_384,
+            h11_max_incomplete_event_size=HEADERS_MAX_BYTES,
             timeout_keep_alive=5,
             timeout_graceful_shutdown=2,
         )
@@ -311,7 +326,9 @@ def server(page: Page) -> uvicorn.Server:
 
 
 def listening(address: str, port: int) -> socket.socket:
-    """A socket that listens at an address; raises `OSError` if it cannot."""
+    """A socket that listens at an address; raises `OSError` if it cannot, or for none, which would be all."""
+    if not address:
+        raise OSError(errno.EADDRNOTAVAIL, "the address is empty")
     family = socket.AF_INET6 if ":" in address else socket.AF_INET
     listener = socket.socket(family, socket.SOCK_STREAM)
     try:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import json
+import os
 import sys
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -17,14 +18,16 @@ from pathlib import Path
 from typing import Any
 
 from fieldkit.config import Config
+from fieldkit.disk import is_regular
+from fieldkit.estimation.region_check import FrameK
 from fieldkit.model.errors import RefusedError, SessionError
+from fieldkit.page.command_error import command_error
 from fieldkit.page.viewer import Role
-from fieldkit.sessions.layout import journal_path
-from fieldkit.sessions.lock import is_locked
-from fieldkit.workflows.describe import describe_briefly
-from fieldkit.workflows.recordings import sessions_in
-from fieldkit.workflows.regions import FrameK, mean_of_first_frames_k
-from fieldkit.workflows.report import default_path
+from fieldkit.recording.recordings import sessions_in
+from fieldkit.recording.regions import mean_of_first_frames_k
+from fieldkit.results.describe import describe_briefly
+from fieldkit.results.report import default_path
+from fieldkit.sessions.lock import is_locked, journal_path
 
 SHOWN = 200
 """The latest sessions of a campaign; more are listed by ``fieldkit ls``."""
@@ -84,11 +87,11 @@ class PastSessions:
         """Whether a session is without failures, and the findings in words."""
         path = self.sealed(wanted)
         async with self._one_job:
-            _, output, errors = await _fieldkit("check", str(path), "--json")
+            _, output, errors = await _fieldkit("check", str(path))
         try:
             findings = json.loads(output)["sessions"][0]["findings"]
         except (ValueError, KeyError, IndexError):
-            raise SessionError(errors.strip() or f"{path.stem} could not be checked") from None
+            raise command_error(errors, f"{path.stem} could not be checked") from None
         words = [f"{one['level']}: {one['what']}: {one['text']}" for one in findings if one["level"] != "ok"]
         is_clean = not any(one["level"] == "fail" for one in findings)
         return is_clean, "; ".join(words) or f"ok: {len(findings)} checks passed"
@@ -104,16 +107,18 @@ class PastSessions:
         """Slopes of a session with the campaign's regions as they are now."""
         path = self.sealed(wanted)
         async with self._one_job:
-            _, output, errors = await _fieldkit("estimate", str(path), "--campaign", "--json")
+            _, output, errors = await _fieldkit("estimate", str(path), "--campaign")
         try:
             return list(json.loads(output)["slopes"])  # there also where none was found
         except (ValueError, KeyError):
-            raise SessionError(errors.strip() or f"{path.stem} could not be estimated") from None
+            raise command_error(errors, f"{path.stem} could not be estimated") from None
 
     def report(self, wanted: str) -> Path | asyncio.Task[str]:
         """The report of a session, or the task that makes it; its result is why it failed, if it did."""
         session = self.sealed(wanted)
         report = default_path(session)
+        if os.path.lexists(report) and not is_regular(report):  # it may lead anywhere
+            raise RefusedError(f"{report} is a link, a folder or a device", fix="delete it, then ask again")
         if report.exists() and report.stat().st_mtime >= session.stat().st_mtime:
             return report
         making = self._reports.get(session)
@@ -125,15 +130,16 @@ class PastSessions:
 
     async def _make(self, session: Path) -> str:
         async with self._one_job:
-            code, _, errors = await _fieldkit("report", str(session), "--quiet")
-        return "" if code == 0 else errors.strip() or "the report could not be made"
+            code, _, errors = await _fieldkit("report", str(session))
+        return "" if code == 0 else str(command_error(errors, "the report could not be made"))
 
 
 async def _fieldkit(*arguments: str) -> tuple[int, str, str]:
-    """Exit code and output of a command that gives way to all other processes."""
+    """Exit code and output of a command with ``--json`` that gives way to all other processes."""
     pipe = asyncio.subprocess.PIPE
     process = await asyncio.create_subprocess_exec(
-        "nice", "-n", "15", sys.executable, "-P", "-m", "fieldkit", *arguments, "--no-input",
+        "nice", "-n", "15", sys.executable, "-P", "-m", "fieldkit", *arguments,
+        "--json", "--quiet", "--no-input",
         stdin=asyncio.subprocess.DEVNULL, stdout=pipe, stderr=pipe,
     )  # fmt: skip
     try:

@@ -7,7 +7,8 @@ import threading
 
 from fieldkit.model.errors import DeviceError, DeviceLostError, FieldkitError
 from fieldkit.page.conductor import Conductor
-from fieldkit.workflows.recordings import is_interrupted, recover_session, sessions_in
+from fieldkit.recording.recordings import is_interrupted, sessions_in
+from fieldkit.recording.request_reader import recover_session
 
 NAME = "unattended"
 AGAIN_AFTER_S = 30.0

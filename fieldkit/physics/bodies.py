@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import Site
+from fieldkit.physics.energy_balance import SurfaceParameters
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.mars_sun import SOL_S, mars_sun
 from fieldkit.physics.moon_sun import moon_subsolar
@@ -19,12 +20,19 @@ Subsolar = Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray]]
 """Declination, subsolar longitude east and distance of the sun (degrees, degrees, au) at UTC seconds (n,)."""
 
 
+SUNLIGHT_LM_W = 97.5
+"""Luminous efficacy of sunlight above any air: ASTM G173's extraterrestrial spectrum has 133.2 klx in the
+1366.1 W/m2 that it belongs to. [lm/W]"""
+
+
 @dataclass(frozen=True, slots=True)
 class Body:
-    """What a world does to the sun's light and to a surface's heat.
+    """Effects of a world on the sun's light and on a surface's heat.
 
     `day_s` is the mean solar day. `subsolar` gives the sun; None is the Earth, where it is topocentric.
     `dust_optical_depth` is that of a clear day; None is the Earth, whose sky has formulas of its own.
+    `rising_deg` is the elevation of the sun's centre when its edge rises. `beam_lm_w` and `sky_lm_w` are the
+    luminous efficacies of direct and diffuse light.
     `exchange_w_m2_k` is the exchange of heat with the air, of that heat capacity and density;
     `longwave_down_w_m2` what the sky radiates, `air_temperature_k` the daily mean near the ground. `albedo`,
     `emissivity`, `inertia` (J m-2 K-1 s-1/2) and `heat_capacity_j_m3_k` are those of its loose
@@ -35,7 +43,10 @@ class Body:
     day_s: float
     subsolar: Subsolar | None
     refracts: bool
+    rising_deg: float
     dust_optical_depth: float | None
+    beam_lm_w: float
+    sky_lm_w: float
     exchange_w_m2_k: float
     air_heat_capacity_j_kg_k: float
     air_density_kg_m3: float
@@ -46,6 +57,23 @@ class Body:
     inertia: float
     heat_capacity_j_m3_k: float
     radiates_inside: bool
+
+    @property
+    def has_air_of_earth(self) -> bool:
+        """True if formulas of the Earth's sky hold: turbidity, clearness, longwave over air, daylight."""
+        return self.dust_optical_depth is None
+
+    @property
+    def surface(self) -> SurfaceParameters:
+        """Parameters of the energy balance of its ground and air."""
+        return SurfaceParameters(
+            albedo=self.albedo,
+            emissivity=self.emissivity,
+            emissivity_broadband=self.emissivity,
+            heat_capacity_j_kg_k=self.air_heat_capacity_j_kg_k,
+            air_density_kg_m3=self.air_density_kg_m3,
+            exchange_m_s=self.exchange_w_m2_k / (self.air_heat_capacity_j_kg_k * self.air_density_kg_m3),
+        )
 
     @property
     def conductivity_w_m_k(self) -> float:
@@ -74,7 +102,10 @@ EARTH = Body(
     day_s=86_400.0,
     subsolar=None,
     refracts=True,
+    rising_deg=-0.833,  # half the sun's width and the refraction there
     dust_optical_depth=None,
+    beam_lm_w=108.0,  # ASTM G173 direct spectrum; Perez et al. 1990 give 87-108
+    sky_lm_w=130.0,  # of a clear sky: Littlefair, Lighting Research and Technology 17, 1985
     exchange_w_m2_k=18.15,  # the paper's Table 1
     air_heat_capacity_j_kg_k=1000.0,
     air_density_kg_m3=1.21,
@@ -91,7 +122,10 @@ MARS = Body(
     day_s=SOL_S,
     subsolar=_over_mars,
     refracts=False,
+    rising_deg=-0.175,  # half the sun's width at 1.52 au
     dust_optical_depth=0.5,  # clear season, Viking landers; Appelbaum and Flood, Solar Energy 45, 1990
+    beam_lm_w=SUNLIGHT_LM_W,  # dust larger than the wavelength dims all colours alike
+    sky_lm_w=SUNLIGHT_LM_W,
     exchange_w_m2_k=1.0,  # order of magnitude at 600-700 Pa; Martinez et al., Space Sci. Rev. 212, 2017
     air_heat_capacity_j_kg_k=740.0,  # carbon dioxide at 220 K
     air_density_kg_m3=0.015,  # at 630 Pa and 220 K
@@ -108,7 +142,10 @@ MOON = Body(
     day_s=2_551_442.9,
     subsolar=moon_subsolar,
     refracts=False,
+    rising_deg=-0.267,  # half the sun's width
     dust_optical_depth=0.0,
+    beam_lm_w=SUNLIGHT_LM_W,
+    sky_lm_w=SUNLIGHT_LM_W,
     exchange_w_m2_k=0.0,
     air_heat_capacity_j_kg_k=1000.0,  # without meaning: there is no exchange
     air_density_kg_m3=1.0,

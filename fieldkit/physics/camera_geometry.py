@@ -21,6 +21,25 @@ _UNDISTORTING_STEPS = 50
 
 
 @dataclass(frozen=True, slots=True)
+class Grid:
+    """The grid of a projected reference system at a place.
+
+    Attributes
+    ----------
+    true_north_deg
+        Direction of true north, clockwise from the grid's own: less the convergence. [degrees]
+    scale
+        Metres on the grid per metre on the ground. [-]
+    """
+
+    true_north_deg: float = 0.0
+    scale: float = 1.0
+
+    def __str__(self) -> str:
+        return f"convergence {0.0 - round(self.true_north_deg, 2):+.2f}°, scale {self.scale:.5f}"
+
+
+@dataclass(frozen=True, slots=True)
 class Camera:
     """A pinhole camera, with the distortion of its lens.
 
@@ -37,6 +56,8 @@ class Camera:
         Rows and columns.
     distortion
         k1, k2, p1, p2, k3 in OpenCV's order; none for a lens without. [-]
+    grid_scale
+        Metres on the grid of east and north per metre on the ground. [-]
 
     References
     ----------
@@ -50,6 +71,7 @@ class Camera:
     hfov_deg: float
     shape: tuple[int, int]
     distortion: tuple[float, ...] = ()
+    grid_scale: float = 1.0
 
     @property
     def focal_px(self) -> float:
@@ -79,8 +101,14 @@ def rays(camera: Camera) -> FloatArray:
     return np.asarray(lines / np.linalg.norm(lines, axis=-1, keepdims=True))
 
 
+def ground_points(camera: Camera, distances_m: FloatArray) -> FloatArray:
+    """Points on the pixels' rays at distances (rows, cols) from the camera: east, north, up, metres."""
+    along = rays(camera) * (camera.grid_scale, camera.grid_scale, 1.0)
+    return np.asarray(np.asarray(camera.position_m) + distances_m[..., np.newaxis] * along)
+
+
 def project(camera: Camera, points_m: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Where points appear.
+    """Pixels of points.
 
     Parameters
     ----------
@@ -95,6 +123,7 @@ def project(camera: Camera, points_m: ArrayLike) -> tuple[FloatArray, FloatArray
     from the camera [m].
     """
     away = np.asarray(points_m, np.float64) - camera.position_m
+    away = away / (camera.grid_scale, camera.grid_scale, 1.0)
     right, down, forward = np.moveaxis(away @ camera.axes.T, -1, 0)
     scale = np.divide(camera.focal_px, forward, out=np.full(forward.shape, np.nan), where=forward > 0.0)
     x, y = right * scale, down * scale
@@ -135,7 +164,7 @@ def _tangential(camera: Camera, x: FloatArray, y: FloatArray) -> tuple[FloatArra
 
 
 def _distorted(camera: Camera, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Where the lens shows what a pinhole shows at x and y, in focal lengths from the axis."""
+    """Place at which the lens shows what a pinhole shows at x and y, in focal lengths from the axis."""
     square = x * x + y * y
     k1, k2, _, _, k3 = camera.distortion
     grows = 1.0 + square * (3.0 * k1 + square * (5.0 * k2 + square * 7.0 * k3)) > 0.0
@@ -158,13 +187,14 @@ class Heights:
     """Heights of the ground on a grid of square cells with north up.
 
     `west_m` and `north_m` are the outer edges of the first cell, `heights_m` (rows, cols) its rows from
-    north to south; NaN is unknown.
+    north to south; NaN is unknown. `scale` are metres on the grid per metre on the ground.
     """
 
     west_m: float
     north_m: float
     cell_m: float
     heights_m: FloatArray
+    scale: float = 1.0
 
     def at(self, east_m: ArrayLike, north_m: ArrayLike) -> FloatArray:
         """Heights in metres between cell centres, bilinear, shape of the coordinates; NaN outside."""
@@ -179,7 +209,8 @@ class Heights:
         east, north, half = np.asarray(east_m), np.asarray(north_m), 0.5 * self.cell_m
         rise_east = self.at(east + half, north) - self.at(east - half, north)
         rise_north = self.at(east, north + half) - self.at(east, north - half)
-        across = np.stack([-rise_east, -rise_north, np.full(rise_east.shape, self.cell_m)], axis=-1)
+        apart = np.full(rise_east.shape, self.cell_m / self.scale)
+        across = np.stack([-rise_east, -rise_north, apart], axis=-1)
         return np.asarray(across / np.linalg.norm(across, axis=-1, keepdims=True))
 
 
@@ -212,7 +243,7 @@ def distances_to_ground_m(camera: Camera, ground: Heights, range_m: float) -> Fl
     """
     lines = rays(camera).reshape(-1, 3)
     found = np.full(len(lines), np.nan)
-    left, step = np.arange(len(lines)), 0.5 * ground.cell_m
+    left, step = np.arange(len(lines)), 0.5 * ground.cell_m / ground.scale
     above = np.ones(len(lines), np.bool_)  # a ray that enters from below the grid's edge meets nothing
     for number in range(1, int(range_m / step) + 1):
         over = _height_over(camera, ground, lines[left], np.full(left.size, number * step))
@@ -226,7 +257,8 @@ def distances_to_ground_m(camera: Camera, ground: Heights, range_m: float) -> Fl
 
 
 def _height_over(camera: Camera, ground: Heights, lines: FloatArray, away_m: FloatArray) -> FloatArray:
-    east, north, up = (np.asarray(camera.position_m) + away_m[:, np.newaxis] * lines).T
+    along = lines * (camera.grid_scale, camera.grid_scale, 1.0)
+    east, north, up = (np.asarray(camera.position_m) + away_m[:, np.newaxis] * along).T
     return np.asarray(up - ground.at(east, north))
 
 
@@ -269,7 +301,7 @@ def seen_by(
 
 
 def is_hidden(ground: Heights, eye_m: ArrayLike, points_m: FloatArray, slack_m: float) -> NDArray[np.bool_]:
-    """Whether nearer ground hides points from an eye.
+    """True if nearer ground hides points from an eye.
 
     In steps of half a cell; the last `slack_m` before a point, its own ground, hide nothing.
 
@@ -311,7 +343,7 @@ def horizon_of_ground(
     azimuths_deg
         Directions from the grid's north, clockwise, shape (n,). [degrees]
     nearest_m
-        Ground nearer than this is not looked at. [m]
+        Ground nearer than this on the grid is not looked at. [m]
 
     Returns
     -------
@@ -325,6 +357,6 @@ def horizon_of_ground(
     found = np.empty((*eye.shape[:-1], azimuths_deg.size))
     for place, azimuth in enumerate(np.radians(azimuths_deg)):
         over = ground.at(east + away * np.sin(azimuth), north + away * np.cos(azimuth)) - eye
-        steepest = np.fmax.reduce(over / away, axis=-1)
+        steepest = np.fmax.reduce(over / away, axis=-1) * ground.scale
         found[..., place] = np.degrees(np.arctan(steepest))
     return found

@@ -68,7 +68,7 @@ def temperature_k(
 
 
 def has_temperatures(info: StreamInfo) -> bool:
-    """Whether counts can be converted to kelvin: the law is known and, if linear, its scale is finite."""
+    """True if counts can be converted to kelvin: the law is known and, if linear, its scale is finite."""
     return math.isfinite(info.scale) if info.law == "linear" else info.law in LAWS
 
 
@@ -103,7 +103,7 @@ def frame_k(
 
 
 def needs_metadata_rows(info: StreamInfo) -> bool:
-    """Whether the parameters of the camera's law come with each frame, in its metadata rows."""
+    """True if the parameters of the camera's law come with each frame, in its metadata rows."""
     return info.law == "ht301"
 
 

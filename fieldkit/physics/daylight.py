@@ -21,6 +21,7 @@ SOLAR_CONSTANT_W_M2 = 1361.0
 
 # below one degree of elevation the ratio of cosines carries no information on circumsolar light
 _LOWEST_COS_ZENITH = 0.01745
+_SWINBANK = 5.31e-13
 
 
 # R. Perez et al., "Modeling daylight availability and irradiance components from direct and
@@ -174,9 +175,9 @@ def clear_day(
     DNI and DHI, shape (n,) each; zero with the sun below the horizon. [W/m2]
     """
     body = body_of(site)
-    if body.dust_optical_depth is None:
+    if body.has_air_of_earth:
         return clear_sky(cos_zenith, time_ns, site.elevation_m, turbidity)
-    depth = body.dust_optical_depth if dust is None else dust
+    depth = (body.dust_optical_depth or 0.0) if dust is None else dust
     return dusty_sky(cos_zenith, extraterrestrial(time_ns, body), depth)
 
 
@@ -278,6 +279,30 @@ def ground_view(cos_tilt: ArrayLike) -> FloatArray:
     Same shape, 0 to 1. [-]
     """
     return np.asarray(0.5 * (1.0 - np.asarray(cos_tilt, dtype=np.float64)))
+
+
+def clear_sky_longwave(air_temperature_k: ArrayLike) -> FloatArray:
+    """Downward longwave of a cloudless sky on the Earth from the air temperature near the ground.
+
+    Parameters
+    ----------
+    air_temperature_k
+        Air temperature, any shape. [K]
+
+    Returns
+    -------
+    Same shape, ``5.31e-13 T**6``. [W/m2]
+
+    References
+    ----------
+    .. [1] W. C. Swinbank, "Long-wave radiation from clear skies", Q. J. R. Meteorol. Soc. 89, 339-348, 1963.
+    """
+    return np.asarray(_SWINBANK * np.asarray(air_temperature_k, np.float64) ** 6)
+
+
+def air_under_clear_sky(longwave_down_w_m2: ArrayLike) -> FloatArray:
+    """The inverse of `clear_sky_longwave`: air temperature from downward longwave, kelvin."""
+    return np.asarray((np.asarray(longwave_down_w_m2, np.float64) / _SWINBANK) ** (1.0 / 6.0))
 
 
 def isotropic_diffuse(dhi_w_m2: ArrayLike, cos_tilt: ArrayLike) -> FloatArray:

@@ -21,7 +21,7 @@ _DISC = np.concatenate([np.sqrt(part / 3.0) * np.exp(1j * _ANGLES) for part in (
 """Points of a disc of radius 1, each for an equal share of it: across and up."""
 _AZIMUTHS = 3600
 _STEP_WIDTH_DEG = 0.005
-"""How far on both sides of a corner a horizon is given: a step of it is then as wide as rounding makes it."""
+"""Distance from a corner at which a horizon is given on both sides: a step is as wide as rounding."""
 
 
 def horizon_elevation(horizon: Horizon, azimuth_deg: ArrayLike) -> FloatArray:
@@ -72,7 +72,7 @@ def sunlit_share(horizon: Horizon, sun: ArrayLike, within_deg: float = SUN_RADIU
 
 
 def horizon_of_neighbours(bed_m: ArrayLike, others_m: Sequence[ArrayLike]) -> Horizon:
-    """How high plane beds stand above a bed, seen from the part of it where they are highest.
+    """Elevation of plane beds above a bed, seen from the part of it where they are highest.
 
     Exact at every degree and on both sides of each corner, where the outline may step. The differences of
     points of two convex outlines fill the hull of their corners' differences, and what is steepest at an

@@ -14,7 +14,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldkit.physics.daylight import diffuse_fraction_erbs, extraterrestrial, perez_efficacy, sky_view
+from fieldkit.physics.daylight import (
+    diffuse_fraction_erbs,
+    extraterrestrial,
+    ground_view,
+    perez_efficacy,
+    sky_view,
+)
 from fieldkit.physics.facet import VERTICAL, FloatArray, normal
 
 Kind = Literal["eq10", "efficacy", "perez", "calibrated", "pyranometer", "pyrheliometer", "file"]
@@ -29,7 +35,7 @@ LOWEST_COSINE = 0.2
 
 @dataclass(frozen=True, slots=True)
 class IrradianceModel:
-    """How a light meter's reading becomes direct normal irradiance.
+    """Conversion of a light meter's reading to direct normal irradiance.
 
     `kind`: ``eq10`` lux by the paper's eq. (10) over `par_fraction` (1.0 is eq. (10) as
     printed); ``efficacy`` lux over `efficacy_lm_w`; ``perez`` lux over the Perez
@@ -38,7 +44,8 @@ class IrradianceModel:
     normal irradiance itself.
     `mounting` is the plane the meter lies in; `plane_tilt_deg` and `plane_azimuth_deg`
     count for ``in-plane``. `diffuse`: ``none`` for a baffled tube, ``fraction`` of the
-    global horizontal light (`diffuse_fraction`), or the ``erbs`` decomposition.
+    global horizontal light (`diffuse_fraction`), or the ``erbs`` decomposition. What a tilted meter without a
+    tube receives from the ground follows from `ground_albedo`.
     """
 
     kind: Kind = "eq10"
@@ -50,10 +57,11 @@ class IrradianceModel:
     plane_azimuth_deg: float = 0.0
     diffuse: Diffuse = "fraction"
     diffuse_fraction: float = 0.15
+    ground_albedo: float = 0.20
 
     @property
     def is_direct(self) -> bool:
-        """Whether the reading already is direct normal irradiance."""
+        """True if the reading already is direct normal irradiance."""
         return self.kind in ("pyrheliometer", "file")
 
     @property
@@ -131,37 +139,54 @@ def direct_normal(
     rays = np.asarray(sun, np.float64).reshape(-1, 3)
     if model.is_direct:
         return np.where(rays[:, 2] > 0.0, reading, np.nan)
-    cos_plane, view = _plane(model, rays)
-    usable = (rays[:, 2] > 0.0) & (cos_plane >= LOWEST_COSINE)
-    cos_zenith = np.where(usable, rays[:, 2], np.nan)
+    per_beam, per_sky = shares_on_plane(model, rays)
     top = extraterrestrial(time_ns)
-    beam = _beam(model, reading, cos_plane, view, cos_zenith, top)
+    beam = _beam(model, reading, per_beam, per_sky, rays[:, 2], top)
     if model.kind != "pyranometer":
         return beam
     sky = np.asarray(dhi_w_m2, np.float64)
-    freed = np.maximum(reading - sky * view, 0.0) / np.where(usable, cos_plane, np.nan)
+    freed = np.maximum(reading - sky * per_sky, 0.0) / per_beam
     return np.where(np.isfinite(sky), freed, beam)
 
 
-def _plane(model: IrradianceModel, rays: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Cosine of the sun on the meter's plane and the plane's view of the sky, (n,) each."""
+def shares_on_plane(model: IrradianceModel, sun: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Irradiance on the meter's plane per direct normal and per diffuse horizontal irradiance.
+
+    Both with what level ground reflects onto the plane; a baffled tube receives the beam alone.
+
+    Parameters
+    ----------
+    model
+        Mounting, diffuse model and albedo of the ground.
+    sun
+        Unit vectors to the sun, shape (n, 3).
+
+    Returns
+    -------
+    Shape (n,) each; the first is NaN where the cosine on the plane is below 0.2 or the sun is down. [-]
+    """
+    facets = np.broadcast_to(VERTICAL, sun.shape)
     if model.mounting == "sun-pointing":
-        return np.ones(len(rays)), sky_view(rays[:, 2])
-    facet = VERTICAL
-    if model.mounting == "in-plane":
-        facet = normal(model.plane_tilt_deg, model.plane_azimuth_deg)
-    return rays @ facet, np.full(len(rays), sky_view(facet[2]))
+        facets = sun
+    elif model.mounting == "in-plane":
+        facets = np.broadcast_to(normal(model.plane_tilt_deg, model.plane_azimuth_deg), sun.shape)
+    cosine, up = np.sum(facets * sun, axis=1), facets[:, 2]
+    usable = np.where((sun[:, 2] > 0.0) & (cosine >= LOWEST_COSINE), cosine, np.nan)
+    if model.diffuse == "none":
+        return usable, np.zeros(len(sun))
+    ground = model.ground_albedo * ground_view(up)
+    return usable + ground * sun[:, 2], sky_view(up) + ground
 
 
 def _beam(
     model: IrradianceModel,
     reading: FloatArray,
-    cos_plane: FloatArray,
-    view: FloatArray,
+    per_beam: FloatArray,
+    per_sky: FloatArray,
     cos_zenith: FloatArray,
     top: FloatArray,
 ) -> FloatArray:
-    """Split ``E = S cos_plane + D view`` with ``D = share / (1 - share) S cos_zenith``.
+    """Split ``E = S per_beam + D per_sky`` with ``D = share / (1 - share) S cos_zenith``.
 
     The share by Erbs and the efficacy by Perez depend on S in turn; the fixed point is
     damped by one half, because a low sun on a steep meter would make it swing.
@@ -172,7 +197,7 @@ def _beam(
     rounds = 40 if model.diffuse == "erbs" or model.kind == "perez" else 1
     for _ in range(rounds):
         sky_per_beam = share / (1.0 - share) * cos_zenith
-        beam = _on_plane(model, reading, efficacy) / (cos_plane + sky_per_beam * view)
+        beam = _on_plane(model, reading, efficacy) / (per_beam + sky_per_beam * per_sky)
         if model.diffuse == "erbs":
             clearness = beam * (cos_zenith + sky_per_beam) / (top * cos_zenith)
             share = 0.5 * (share + diffuse_fraction_erbs(clearness))

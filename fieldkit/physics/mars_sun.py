@@ -32,7 +32,7 @@ _PERTURBERS = np.array(
 
 @dataclass(frozen=True, slots=True)
 class MarsSun:
-    """Where the sun stands over Mars at n times, each array (n,).
+    """Position of the sun over Mars at n times, each array (n,).
 
     `ls_deg` is the areocentric solar longitude, `mean_anomaly_deg` M, `centre_deg` the equation of the
     centre, `time_deg` the equation of time, `mtc_h` the mean solar time of the prime meridian in hours of a

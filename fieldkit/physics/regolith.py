@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import solve_banded
 
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.facet import FloatArray
@@ -134,6 +133,8 @@ def _after(
 
 
 def _with_emission(bands: FloatArray, heat: FloatArray, guess_k: float, quartic: float) -> FloatArray:
+    from scipy.linalg import solve_banded  # slow to import, and every reader of a session imports this file
+
     while True:
         system, supply = bands.copy(), heat.copy()
         system[1, 0] += 4.0 * quartic * guess_k**3

@@ -1,4 +1,4 @@
-"""Where the sun stands: unit vectors to it in east, north, up.
+"""Position of the sun: unit vectors to it in east, north, up.
 
 The engine is ERFA, the library under astropy's coordinates, called directly: importing these takes longer
 than everything else a command does at its start. UT1 and polar motion come from the file that astropy brings
@@ -239,6 +239,7 @@ def _observer(unix_s: NDArray[np.float64], site: Site) -> NDArray[np.void]:
     tdb = tt[0], tt[1] + erfa.dtdb(*tt, ut1[1] % 1.0, longitude, 0.0, 0.0) / DAY_S
     heliocentric, barycentric = erfa.epv00(*tdb)
     pole_x, pole_y, locator = erfa.xys06a(*tt)
+    # a numpy ufunc takes its arguments by position only; the order is that of SOFA's iauApco
     return np.asarray(
         erfa.apco(
             *tt, barycentric, heliocentric["p"], pole_x, pole_y, locator, erfa.era00(*ut1),

@@ -1,4 +1,4 @@
-"""What a rover's planner reads from surface normals: slope along a drive, northerly tilt, share of the sun.
+"""Quantities for a rover's planner from surface normals: slope along a drive, northerly tilt, share of sun.
 
 Slope and heading are the tilt and azimuth of `facet`. The set is that of JPL's MARSSLOPE [1]_, with the sun's
 way over the day in place of its elevation at noon. Axes are east, north, up.

@@ -1,4 +1,4 @@
-"""Where a camera was and looked over time, and what it saw of the ground then.
+"""Pose of a camera over time, and the ground that it saw then.
 
 Positions are east, north, up in metres; quaternions (x, y, z, w) turn right, down, forward of the camera into
 east, north, up. Times are UTC nanoseconds since 1970.
@@ -58,12 +58,15 @@ class CameraPath:
         As of a `Camera`.
     true_north_deg
         Direction of true north on the grid of the positions, clockwise from the grid's own. [degrees]
+    grid_scale
+        As of a `Camera`.
     """
 
     trajectory: Trajectory
     hfov_deg: float
     distortion: tuple[float, ...] = ()
     true_north_deg: float = 0.0
+    grid_scale: float = 1.0
 
     def camera(self, time_ns: int, shape: tuple[int, int]) -> Camera | None:
         """The camera at a time, in the axes of the grid; None where the trajectory has no pose."""
@@ -71,12 +74,12 @@ class CameraPath:
             return None
         position_m, quaternion = pose
         yaw_deg, pitch_deg, roll_deg = angles_of_quaternion(quaternion)
-        yaw_deg += self.true_north_deg
-        return Camera(position_m, yaw_deg, pitch_deg, roll_deg, self.hfov_deg, shape, self.distortion)
+        angles = yaw_deg + self.true_north_deg, pitch_deg, roll_deg
+        return Camera(position_m, *angles, self.hfov_deg, shape, self.distortion, self.grid_scale)
 
 
 def homography_over_level(one: Camera, other: Camera, height_m: float) -> FloatArray:
-    """Where one camera's picture of level ground lies in that of another.
+    """Map from one camera's frame of level ground to that of another.
 
     The lens's distortion is not taken into account.
 
@@ -96,7 +99,7 @@ def homography_over_level(one: Camera, other: Camera, height_m: float) -> FloatA
     R. Hartley, A. Zisserman, "Multiple View Geometry in Computer Vision", 2003, eq. (13.2).
     """
     above_m = one.position_m[2] - height_m
-    moved_m = np.subtract(one.position_m, other.position_m)
+    moved_m = np.subtract(one.position_m, other.position_m) / (one.grid_scale, one.grid_scale, 1.0)
     down = -one.axes[:, 2] / above_m
     turned = other.axes @ (one.axes.T + np.outer(moved_m, down))
     return np.asarray(_intrinsics(other) @ turned @ np.linalg.inv(_intrinsics(one)))

@@ -1,6 +1,6 @@
-"""Where alarms go besides the session: a command, an ntfy topic, an MQTT broker.
+"""Outputs of alarms besides the session: a command, an ntfy topic, an MQTT broker.
 
-Each output has a thread and a bounded queue of its own, so that a command that hangs or a broker that is away
+Each output has threads and a bounded queue of its own, so that a command that hangs or a broker that is away
 delays neither the recording nor another output. A failure is reported once, until the output works again.
 """
 
@@ -15,10 +15,12 @@ import subprocess
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, wait
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Protocol
+from urllib.error import HTTPError
 from urllib.parse import quote, urlsplit
 from urllib.request import Request, urlopen
 
@@ -32,18 +34,21 @@ if TYPE_CHECKING:
 log: logging.Logger = logging.getLogger(__name__)
 
 WITHIN_S = 10.0
-"""How long one output may take for one alarm."""
+"""Time that one output may take for one alarm."""
+HUNG_AFTER_S = WITHIN_S + 5.0
+"""Time after which a send beyond its own time limit is left alone, and another alarm may be sent."""
+MOST_HUNG = 3
 CLOSE_WITHIN_S = 3.0
 QUEUE_SIZE = 100
 """Alarms that wait for one output; the oldest is dropped for a new one."""
 
 
 class AlarmOutput(Protocol):
-    """One place that alarms are sent to; used by its own thread only, apart from `cancel`."""
+    """One place that alarms are sent to; used by one thread at a time, apart from `cancel` and what hangs."""
 
     @property
     def name(self) -> str:
-        """What failures call it."""
+        """Name in failures."""
 
     def open(self) -> None:
         """Get ready, such as connect; a failure is reported, and `send` is tried nevertheless."""
@@ -101,6 +106,7 @@ class _Channel:
         self._queue: queue.Queue[Event | None] = queue.Queue(QUEUE_SIZE)
         self._failures: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._is_failing, self._is_over = False, threading.Event()
+        self._hung: list[threading.Thread] = []
         self._thread = threading.Thread(target=self._run, name=f"alarms to {output.name}", daemon=True)
         self._thread.start()
 
@@ -135,7 +141,7 @@ class _Channel:
 
     def _guarded(self, act: Callable[[], None]) -> None:
         try:
-            act()
+            self._in_time(act)
         except Exception as error:
             log.warning("alarms do not reach %s: %s", self.output.name, error)
             if not self._is_failing:
@@ -143,6 +149,28 @@ class _Channel:
             self._is_failing = True
         else:
             self._is_failing = False
+
+    def _in_time(self, act: Callable[[], None]) -> None:
+        """Act in another thread: a server that answers in drips outlasts the time limit of its socket."""
+        self._hung = [one for one in self._hung if one.is_alive()]
+        if len(self._hung) >= MOST_HUNG:
+            raise TimeoutError(f"{MOST_HUNG} earlier alarms are still on their way")
+        done: Future[None] = Future()
+        thread = threading.Thread(target=_act, args=(act, done), name=f"to {self.output.name}", daemon=True)
+        thread.start()
+        if not wait([done], HUNG_AFTER_S).done:
+            self._hung.append(thread)
+            raise TimeoutError(f"no complete response within {HUNG_AFTER_S:g} s")
+        done.result()
+
+
+def _act(act: Callable[[], None], done: Future[None]) -> None:
+    try:
+        act()
+    except Exception as error:
+        done.set_exception(error)
+    else:
+        done.set_result(None)
 
 
 @dataclass
@@ -219,8 +247,11 @@ class NtfyOutput:
         if self.token:
             headers["Authorization"] = f"Bearer {self.token}"
         request = Request(self.url, event.text.encode(), headers)
-        with urlopen(request, timeout=self.within_s):
-            pass
+        try:
+            with urlopen(request, timeout=self.within_s):
+                pass
+        except HTTPError as error:  # whose text may quote the address, which is a secret
+            raise OSError(f"the server answered with status {error.code}") from None
 
     def cancel(self) -> None:
         """The request ends by its own time limit, in a thread that does not hold up the program."""

@@ -13,7 +13,7 @@ from fieldkit.recorder.alarms import AlarmEngine
 
 @dataclass
 class AlarmWatch:
-    """What the recorder calls for every item: returns the events to store, and sends them on.
+    """Function that the recorder calls for every item: returns the events to store, and sends them on.
 
     Without an `engine` nothing is watched.
     """

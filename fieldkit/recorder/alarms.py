@@ -15,12 +15,11 @@ import math
 from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from types import MappingProxyType
 from typing import NamedTuple
 
 from fieldkit.estimation.estimator import Minute
 from fieldkit.estimation.tilt_probability import tilt_probability
-from fieldkit.model.alarm import Alarm, Condition, Phase
+from fieldkit.model.alarm import Alarm, Condition, Phase, Rule
 from fieldkit.model.samples import (
     OUT_OF_RANGE,
     REPEATED,
@@ -36,45 +35,11 @@ from fieldkit.model.slope import SOLVED, WITH_SLOPE, SlopeEstimate, SlopeState
 from fieldkit.model.units import CELSIUS_ZERO_K, MINUTE_NS, SECOND_NS
 
 LATE_NS = 2 * SECOND_NS
-"""How long samples, events and health wait for earlier ones."""
+"""Time that samples, events and health wait for earlier ones."""
 
 _WATCHED_FLAGS = OUT_OF_RANGE | REPEATED
 BAND_K, BAND_DEG, BAND_SHARE = 0.5, 1.0, 0.1
-"""How far a value must come back inside its limit: kelvin, degrees of tilt, a share of the limit."""
-
-
-@dataclass(frozen=True, slots=True)
-class Rule:
-    """How long a condition must last to raise its alarm, and be over to clear it, s; `off`: never."""
-
-    severity: Severity
-    hold_s: float
-    clear_s: float
-    off: bool = False
-
-
-RULES: Mapping[Condition, Rule] = MappingProxyType(
-    {
-        Condition.LOST: Rule(Severity.ERROR, 5.0, 10.0),
-        Condition.SILENT: Rule(Severity.ERROR, 30.0, 0.0),
-        Condition.FROZEN: Rule(Severity.ERROR, 0.0, 10.0),
-        Condition.OVERRANGE: Rule(Severity.WARNING, 10.0, 10.0),
-        Condition.GARBLED: Rule(Severity.WARNING, 10.0, 60.0),
-        Condition.CLOCK: Rule(Severity.WARNING, 0.0, 300.0),
-        Condition.DISK: Rule(Severity.ERROR, 0.0, 60.0),
-        Condition.ESTIMATOR: Rule(Severity.ERROR, 0.0, 0.0),
-        Condition.MOVED: Rule(Severity.ERROR, 60.0, 120.0),
-        Condition.CLOUD: Rule(Severity.INFO, 0.0, 0.0),
-        Condition.SHADE: Rule(Severity.INFO, 60.0, 0.0),
-        Condition.DRIFT: Rule(Severity.WARNING, 60.0, 0.0),
-        Condition.TEMPERATURE: Rule(Severity.WARNING, 0.0, 60.0),
-        Condition.RATE: Rule(Severity.WARNING, 60.0, 60.0),
-        Condition.TILT: Rule(Severity.WARNING, 120.0, 120.0),
-        Condition.TILT_PROBABILITY: Rule(Severity.WARNING, 120.0, 120.0),
-        Condition.HELD: Rule(Severity.WARNING, 1800.0, 0.0),
-    }
-)
-"""The rules of a campaign that configures none."""
+"""Distance that a value must be back inside its limit: kelvin, degrees of tilt, a share of the limit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,14 +56,14 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class AlarmSettings:
-    """What raises alarms.
+    """Conditions that raise alarms.
 
     `intervals_s` is the expected time between samples of each stream that is watched, `garbled_per_min` the
     number of invalid records of a stream in a minute from which they are an alarm; `limits` holds those of
     single regions, `other_limits` those of all others.
     """
 
-    rules: Mapping[Condition, Rule] = field(default_factory=lambda: RULES)
+    rules: Mapping[Condition, Rule] = field(default_factory=lambda: {one: one.rule for one in Condition})
     intervals_s: Mapping[str, float] = field(default_factory=dict)
     garbled_per_min: int = 5
     other_limits: Limits = field(default_factory=Limits)
@@ -118,14 +83,14 @@ class _Watch:
     alarm: Alarm | None = None
 
     def observe(self, is_on: bool, time_ns: int, text: str = "") -> Iterator[tuple[Alarm, Phase, int]]:
-        """What the condition is from a time on; yields what that, and the time until then, leads to."""
+        """Set the condition from a time on; yields what that, and the time until then, leads to."""
         yield from self.until(time_ns)
         if is_on != self.is_on:
             self.is_on, self.since_ns, self.text = is_on, time_ns, text
         yield from self.until(time_ns)
 
     def until(self, time_ns: int) -> Iterator[tuple[Alarm, Phase, int]]:
-        """What is due up to a time: an alarm with its phase, and when."""
+        """Alarms due up to a time: an alarm with its phase, and when."""
         wait_s = self.rule.hold_s if self.is_on else self.rule.clear_s
         due_ns = self.since_ns + round(wait_s * SECOND_NS)
         if self.rule.off or time_ns < due_ns or self.is_on == (self.alarm is not None):
@@ -221,9 +186,9 @@ class AlarmEngine:
         yield from self._due(until_ns)
 
     def _due(self, time_ns: int) -> Iterator[tuple[Alarm, Phase, int]]:
-        """What is due in these streams without anything new: dead-man and hold times."""
+        """Alarms due in these streams without anything new: dead-man and hold times."""
         for (condition, _), watch in tuple(self._watches.items()):
-            if condition not in _OF_MINUTES:
+            if not condition.by_minute:
                 yield from watch.until(time_ns)
                 if condition is Condition.LOST and watch.is_on and watch.alarm is not None:
                     # explains the silence
@@ -265,7 +230,10 @@ class AlarmEngine:
             yield from self._pulse(Condition.CLOCK, event)
         elif event.kind is EventKind.DISK:
             yield from self._disk(event)
+        elif "late" in event.data:
+            yield from self._observe(Condition.LATE, "", event.data["late"] == "begin", at, event.text)
         elif event.kind is EventKind.ESTIMATOR and event.severity is Severity.ERROR:
+            yield from self._observe(Condition.LATE, "", False, at)
             yield from self._observe(Condition.ESTIMATOR, "", True, at, event.text)
         elif "acknowledge" in event.data:
             yield from self._acknowledge(str(event.data["acknowledge"]), at)
@@ -327,7 +295,7 @@ class AlarmEngine:
 
 
 class _Found(NamedTuple):
-    """What a minute says of a condition."""
+    """State of a condition in a minute."""
 
     condition: Condition
     subject: str
@@ -335,29 +303,16 @@ class _Found(NamedTuple):
     text: str = ""
 
 
-_OF_MINUTES = (
-    Condition.MOVED,
-    Condition.CLOUD,
-    Condition.SHADE,
-    Condition.DRIFT,
-    Condition.TEMPERATURE,
-    Condition.RATE,
-    Condition.TILT,
-    Condition.TILT_PROBABILITY,
-    Condition.HELD,
-)
-
-
 _OF_REGIONS = {
     "shaded": Condition.SHADE,
     "shade_test": Condition.SHADE,  # reported when it has ended
     "drift": Condition.DRIFT,
 }
-"""What an estimator's event has in its data about a region, and the condition it begins or ends."""
+"""Entries of an estimator's event in its data about a region, and the condition it begins or ends."""
 
 
 class _MinuteConditions:
-    """What each minute says of the conditions that are judged minute by minute."""
+    """State of the conditions in each minute, of those that are judged minute by minute."""
 
     def __init__(self, settings: AlarmSettings) -> None:
         self._settings = settings
@@ -431,7 +386,7 @@ class _MinuteConditions:
         band: float,
         text: str,
     ) -> _Found:
-        """Whether a value is outside its limits; once it is, until it is back inside by the band."""
+        """True if a value is outside its limits; once it is, until it is back inside by the band."""
         (low, high), was_on = span, self._was.get(subject, False)
         slack = band if was_on else 0.0
         is_on = was_on if math.isnan(value) else value > high - slack or value < low + slack

@@ -17,6 +17,7 @@ import numpy as np
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import Camera, Device, StreamInfo
 from fieldkit.model.errors import DeviceError, DeviceLostError, FieldkitError
+from fieldkit.model.limits import bounds_of, flagged
 from fieldkit.model.samples import Event, EventKind, Frame, Quality, Sample, Severity, is_usable
 from fieldkit.model.units import MINUTE_NS, SECOND_NS
 from fieldkit.recorder.sample_queue import SampleQueue
@@ -29,7 +30,7 @@ SHUTTER_LEAD_S = 12.0  # the correction takes 1-3 s, then the level settles with
 
 @dataclass(frozen=True, slots=True)
 class Sampling:
-    """Which frames are kept: all, or a burst of `burst_frames` every `every_s` seconds.
+    """Choice of the frames that are kept: all, or a burst of `burst_frames` every `every_s` seconds.
 
     With `shutter_before_burst` the camera's shutter correction runs 12 s before each burst.
     Readings of meters are always kept.
@@ -58,8 +59,10 @@ class DeviceReader:
     ) -> None:
         self.info: StreamInfo = device.info
         self.received: int = 0
+        self.implausible: int = 0
         self.crashed: BaseException | None = None
         self._device: Device | None = device
+        self._bounds = bounds_of(self.info)
         self._reopen, self._queue, self._clock, self._sampling = reopen, queue, clock, sampling
         self._end_ns = end_ns
         self._stopping = threading.Event()
@@ -93,7 +96,7 @@ class DeviceReader:
 
     @property
     def is_running(self) -> bool:
-        """Whether the thread was started and has not ended."""
+        """True if the thread was started and has not ended."""
         return self._thread.is_alive()
 
     @property
@@ -101,6 +104,11 @@ class DeviceReader:
         """Number of records dropped because their bytes were invalid, over all openings."""
         device = self._device
         return self._rejected_before + (device.rejected if device is not None else 0)
+
+    @property
+    def rejected_because(self) -> str:
+        """Reason why the last record was dropped, as far as the driver states it."""
+        return getattr(self._device, "rejected_because", "")
 
     def _run(self) -> None:
         with self._clock.taking_part():
@@ -177,7 +185,9 @@ class DeviceReader:
             sample = self._device.read(READ_TIMEOUT_S)
             if sample is not None and sample.mono_ns >= self._started_ns:
                 self.received += 1
-                sample = self._last = self._in_order(self._across_openings(sample))
+                sample = self._in_order(self._across_openings(flagged(sample, self._bounds)))
+                self._last = sample
+                self.implausible += Quality.IMPLAUSIBLE in sample.quality
                 if Quality.DROPPED_BEFORE in sample.quality:
                     self._report(EventKind.GAP, "the device or its driver lost samples", Severity.WARNING)
                 self._queue.put(sample)

@@ -23,6 +23,7 @@ from fieldkit.sessions.writer import SessionWriter
 
 PAUSE_NS = 10 * SECOND_NS
 WARN_S = 900
+LATE_S = 60.0
 CLOCK_STEP_NS = SECOND_NS // 2
 SUSPENDED_NS = 5 * SECOND_NS
 CLOCK_CHECK_EVERY_NS = MINUTE_NS
@@ -32,6 +33,11 @@ _FLAG_EVENTS = {
     Quality.FROZEN: (EventKind.FROZEN, Severity.WARNING, "the image is frozen"),
     Quality.OVERRANGE: (EventKind.OVERRANGE, Severity.WARNING, "reading at the end of the meter's range"),
     Quality.SATURATED: (EventKind.OVERRANGE, Severity.WARNING, "pixels at the end of the camera's range"),
+    Quality.IMPLAUSIBLE: (
+        EventKind.OVERRANGE,
+        Severity.WARNING,
+        "implausible: beyond what can be measured",
+    ),
     Quality.NO_VALUE: (
         EventKind.OVERRANGE,
         Severity.WARNING,
@@ -70,9 +76,12 @@ class GarbleMonitor:
     _reported_ns: dict[str, int] = field(default_factory=dict)
 
     def update(
-        self, stream: str, rejected: int, mono_ns: int, time_ns: int, *, at_end: bool = False
+        self, stream: str, rejected: int, mono_ns: int, time_ns: int, why: str = "", *, at_end: bool = False
     ) -> Iterator[Event]:
-        """An event if `rejected` (since the start) grew and a minute has passed since the last one."""
+        """An event if `rejected` (since the start) grew and a minute has passed since the last one.
+
+        `why` is the reason for the last rejection, if known.
+        """
         new = rejected - self._reported.get(stream, 0)
         reported_ns = self._reported_ns.get(stream)
         waits = not at_end and reported_ns is not None and mono_ns - reported_ns < MINUTE_NS
@@ -80,6 +89,7 @@ class GarbleMonitor:
             return
         self._reported[stream], self._reported_ns[stream] = rejected, mono_ns
         text = f"{stream}: {new} garbled {'record' if new == 1 else 'records'} dropped"
+        text += f"; the last one: {why}" if why else ""
         yield Event(EventKind.GARBLED, mono_ns, time_ns, text, stream, Severity.WARNING, {"records": new})
 
 
@@ -101,6 +111,22 @@ class MisfitMonitor:
             yield Event(
                 EventKind.GARBLED, sample.mono_ns, sample.time_ns, text, sample.stream, Severity.WARNING
             )
+
+
+@dataclass
+class EstimatorMonitor:
+    """Reports when live estimates fall a minute behind, and when they have caught up."""
+
+    _is_late: bool = False
+
+    def update(self, waited_s: float, mono_ns: int, time_ns: int) -> Iterator[Event]:
+        """An event if the wait of the oldest minute, real seconds, has come to a minute or is over."""
+        if (waited_s >= LATE_S) == self._is_late:
+            return
+        self._is_late = not self._is_late
+        phase, severity = ("begin", Severity.WARNING) if self._is_late else ("end", Severity.INFO)
+        text = "live estimates are more than a minute late" if self._is_late else "live estimates caught up"
+        yield Event(EventKind.ESTIMATOR, mono_ns, time_ns, text, "", severity, {"late": phase})
 
 
 @dataclass
@@ -164,7 +190,7 @@ class StorageMonitor:
         return False
 
     def skips_frame(self, mono_ns: int) -> bool:
-        """Whether a frame that arrives now is skipped; it is counted."""
+        """True if a frame that arrives now is skipped; it is counted."""
         is_paused = self._error is not None and mono_ns < self._until_ns
         self._skipped += is_paused
         return is_paused
@@ -276,7 +302,7 @@ class HealthMonitor:
             event
             for reader in self.readers
             for event in self._garbled.update(
-                reader.info.name, reader.rejected, mono_ns, time_ns, at_end=at_end
+                reader.info.name, reader.rejected, mono_ns, time_ns, reader.rejected_because, at_end=at_end
             )
         ]
 
@@ -290,7 +316,10 @@ class HealthMonitor:
     def _stream_health(self, reader: DeviceReader) -> StreamHealth:
         name = reader.info.name
         dropped, waiting = self.queue.dropped[name], self.queue.waiting(name)
-        return StreamHealth(name, reader.received, dropped, waiting, self._late_max_us[name], reader.rejected)
+        late_us = self._late_max_us[name]
+        return StreamHealth(
+            name, reader.received, dropped, waiting, late_us, reader.rejected, reader.implausible
+        )
 
 
 @dataclass

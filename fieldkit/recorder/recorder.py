@@ -23,8 +23,15 @@ from fieldkit.model.samples import Event, EventKind, Frame, Health, Sample, Seve
 from fieldkit.model.site import RegionRecord
 from fieldkit.recorder.alarm_watch import AlarmWatch
 from fieldkit.recorder.device_reader import DeviceReader, Sampling
-from fieldkit.recorder.estimator_thread import EstimatorThread
-from fieldkit.recorder.health import DiskMonitor, FlagMonitor, HealthMonitor, MisfitMonitor, StorageMonitor
+from fieldkit.recorder.estimator_thread import LONGEST_WAIT_S, EstimatorThread
+from fieldkit.recorder.health import (
+    DiskMonitor,
+    EstimatorMonitor,
+    FlagMonitor,
+    HealthMonitor,
+    MisfitMonitor,
+    StorageMonitor,
+)
 from fieldkit.recorder.sample_queue import Item, SampleQueue, queue_limit
 from fieldkit.sessions.seal import SealReport
 from fieldkit.sessions.writer import SessionWriter
@@ -98,7 +105,7 @@ class Recorder:
         )
         self._views = ViewDispatcher(self.views, self._view_removed)
         self._estimating: EstimatorThread | None = EstimatorThread(self.estimator, self._queue)
-        self._flags, self._misfits = FlagMonitor(), MisfitMonitor()
+        self._flags, self._misfits, self._late = FlagMonitor(), MisfitMonitor(), EstimatorMonitor()
         self._counts: Counter[str] = Counter()
         self._last_minute: Minute | None = None
         self._storage = StorageMonitor()
@@ -154,7 +161,7 @@ class Recorder:
     def _is_active(self) -> bool:
         if self.stopping.is_set() or self._failure is not None:
             return False
-        return self._queue.is_busy() or any(reader.is_running for reader in self._readers)
+        return any(reader.is_running for reader in self._readers)
 
     def _stop_readers(self) -> None:
         """Let the readers end and process what they still queue; a blocked one is abandoned."""
@@ -200,6 +207,8 @@ class Recorder:
         self._check_health()
         if item is not None:
             self._queue.done(item)  # only now may a simulated clock move on
+        if self._estimating is not None and not self.clock.is_real:
+            self._give_up_after(self._estimating.waited_s())
 
     def _keep(self, item: Item) -> None:
         if isinstance(item, Event):
@@ -285,7 +294,9 @@ class Recorder:
         for check in snapshot.clock_checks:
             self._stored(partial(self.writer.clock_check, check))
         health = snapshot.health
-        for event in chain(snapshot.events, self._storage.summary(health.mono_ns, health.time_ns)):
+        now, utc = health.mono_ns, health.time_ns
+        late = self._late.update(self._estimating.waited_s(), now, utc) if self._estimating else ()
+        for event in chain(snapshot.events, self._storage.summary(now, utc), late):
             self._keep_event(event)
         self._carry_out(self.requests())
         self._pass_on(health)
@@ -304,7 +315,8 @@ class Recorder:
             self._drop_estimator(error)
 
     def _finish_estimates(self) -> None:
-        """Close the open minutes too, and wait for all that are not estimated yet."""
+        """Close the open minutes too, and wait for all that are not estimated yet, though not for long."""
+        ended_s = time.monotonic()
         try:
             if self._estimating is not None:
                 self._estimating.finish()
@@ -314,6 +326,12 @@ class Recorder:
             if (item := self._queue.get(0.1)) is not None:
                 self._keep(item)
                 self._queue.done(item)
+            self._give_up_after(time.monotonic() - ended_s)
+
+    def _give_up_after(self, waited_s: float) -> None:
+        """Go on without estimates once the end, or simulated time, has waited for them too long."""
+        if self._estimating is not None and waited_s > LONGEST_WAIT_S:
+            self._stop_estimating(f"none came for {LONGEST_WAIT_S:g} s; fieldkit estimate finds them later")
 
     def _keep_estimated(self, estimated: Future[Minute]) -> None:
         if self._estimating is None:  # a minute before this one failed
@@ -327,12 +345,13 @@ class Recorder:
 
     def _drop_estimator(self, error: Exception) -> None:
         log.error("estimator failed", exc_info=error)
+        self._stop_estimating(f"{error!r}; recording goes on")
+
+    def _stop_estimating(self, why: str) -> None:
         if self._estimating is not None:
             self._estimating.close()
         self._estimating = None
-        self._report(
-            EventKind.ESTIMATOR, f"live estimates stopped: {error!r}; recording goes on", Severity.ERROR
-        )
+        self._report(EventKind.ESTIMATOR, f"live estimates stopped: {why}", Severity.ERROR)
 
     def _keep_minute(self, minute: Minute) -> None:
         self._last_minute = minute

@@ -94,11 +94,11 @@ class SampleQueue:
         return self._waiting[stream]
 
     def is_busy(self) -> bool:
-        """Whether anything was put that is not yet processed."""
+        """True if anything was put that is not yet processed."""
         return self._unfinished > 0
 
     def settled(self, timeout_s: float) -> bool:
-        """Whether everything that was put is processed within `timeout_s`; see `Clock.hold_until`."""
+        """True if everything that was put is processed within `timeout_s`; see `Clock.hold_until`."""
         with self._lock:
             return self._settled.wait_for(lambda: not self._unfinished, timeout_s)
 

@@ -1,4 +1,4 @@
-"""What a thermal camera adds to the beds: soft edges, fixed pattern, drift, noise, shutter corrections.
+"""Effects of a thermal camera on the frame: soft edges, fixed pattern, drift, noise, shutter corrections.
 
 Temperatures in, temperatures out; the driver of a simulated camera packs them into bytes. A shutter
 correction (FFC) leaves a new small level error and a new fine pattern; between corrections the level drifts.

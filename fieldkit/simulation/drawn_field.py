@@ -28,7 +28,7 @@ BOTTOMLESS: Mapping[str, Any] = {"depth_m": 0.35, "layers": 8, "growth": 1.5}
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """What a field is drawn from: ranges are uniform in the logarithm, shares are probabilities.
+    """Distributions of a drawn field: ranges are uniform in the logarithm, shares are probabilities.
 
     `inertia` and `damp_conductivity` are ratios to the dry `sand`, `depth_m` is uniform. A damp bed is dry
     sand of `crust_m` over damp sand, which holds `DAMP_CAPACITY` as much heat, and darker by `damp_albedo`.
@@ -63,7 +63,7 @@ DAMP_CAPACITY = 1.4
 
 @dataclass(frozen=True, slots=True)
 class DrawnField:
-    """What is true of a field and not configured.
+    """Truths of a field that are not configured.
 
     `sand` is the dry sand of all beds; `circumsolar_share` 0 for a uniform sky to 1 for that of Hay and
     Davies. `light_factor` is the reading of the light meters over the truth; the errors of longwave and air

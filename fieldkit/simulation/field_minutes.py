@@ -51,7 +51,16 @@ def field_minutes(model: SceneModel, start_ns: int, minutes: int) -> FieldMinute
     time_ns = start_ns + np.arange(minutes) * MINUTE_NS + MINUTE_NS // 2
     surface_k = columns[6 : 6 + len(model.beds)].T
     shaded = _is_shaded(model, edges_s)
-    return FieldMinutes(time_ns, surface_k, dni_w_m2, dhi_w_m2, longwave, air_k, wind_m_s, shaded)
+    return FieldMinutes(
+        time_ns=time_ns,
+        surface_k=surface_k,
+        dni_w_m2=dni_w_m2,
+        dhi_w_m2=dhi_w_m2,
+        longwave_down_w_m2=longwave,
+        air_k=air_k,
+        wind_m_s=wind_m_s,
+        is_shaded=shaded,
+    )
 
 
 def _is_shaded(model: SceneModel, edges_s: FloatArray) -> NDArray[np.bool_]:

@@ -1,4 +1,4 @@
-"""How a simulated camera moves: it drifts, pans, shakes and is kicked; what lies before it stays.
+"""Motion of a simulated camera: it drifts, pans, shakes and is kicked; what lies before it stays.
 
 Over level ground that it looks straight down on, `homography` is that of a camera that is displaced and then
 turned.
@@ -40,7 +40,7 @@ class Motion:
     jump_at: float = 0.5
 
     def homography(self, share: float, random: np.random.Generator) -> FloatArray:
-        """Where content lies that was at x, y, 1 at the start, (3, 3), after a share of the scene."""
+        """Place of content that was at x, y, 1 at the start, (3, 3), after a share of the scene."""
         shift = share * np.asarray(self.drift_px) + self.jitter_px * random.uniform(-1.0, 1.0, 2)
         if share >= self.jump_at:
             shift = shift + self.jump_px

@@ -34,9 +34,9 @@ from fieldkit.simulation.terrain import Terrain, TerrainSeries
 from fieldkit.weather import packaged
 
 LEAD_S = 3 * 3600.0
-"""How long before the start the sand begins to store heat."""
+"""Time before the start at which the sand begins to store heat."""
 AFTER_S = 1800.0
-"""How long the scene continues after its planned end, for instruments that are still reading."""
+"""Time that the scene continues after its planned end, for instruments that are still reading."""
 
 _LUX_NOISE = 0.002
 _PROBE_NOISE_K = 0.03
@@ -105,7 +105,7 @@ class Scene:
         return self._camera.draw(brightness_k, time_ns, number, last, self._homography(time_ns), ground_k)
 
     def _homography(self, time_ns: int) -> FloatArray | None:
-        """Where the content of the frame lies, None where it was at the start."""
+        """Place of the content of the frame, None where it was at the start."""
         motion = self.motion
         if self.is_on(FaultKind.MOVED, time_ns):
             motion = replace(motion or Motion(), jump_px=MOVED_PX, jump_at=-1.0)
@@ -146,11 +146,11 @@ class Scene:
         )
 
     def is_on(self, kind: FaultKind, time_ns: int) -> bool:
-        """Whether a fault of a kind is active."""
+        """True if a fault of a kind is active."""
         return any(begin <= time_ns < end for begin, end in self.fault_spans(kind))
 
     def _warmed_k(self, time_ns: int) -> FloatArray:
-        """What the drift adds to facets and ground, (facets + 1,), K: the last warms fast, cools slowly."""
+        """Warming of facets and ground by the drift, (facets + 1,), K: the last warms fast, cools slowly."""
         warmed = np.zeros(len(self.facets) + 1)
         for begin, end in self.fault_spans(FaultKind.DRIFT):
             if begin <= time_ns < end:
@@ -163,15 +163,15 @@ class Scene:
     @cached_property
     def _model(self) -> SceneModel:
         return SceneModel(
-            self.site,
-            self.sky,
-            self.facets,
-            self.ground,
-            self.exchange,
-            self._cloud_transmissions(),
-            self.response_s,
-            self.circumsolar_share,
-            self._boards(),
+            site=self.site,
+            sky=self.sky,
+            beds=self.facets,
+            ground=self.ground,
+            exchange=self.exchange,
+            transmissions=self._cloud_transmissions(),
+            response_s=self.response_s,
+            circumsolar_share=self.circumsolar_share,
+            boards=self._boards(),
         )
 
     @cached_property
@@ -228,4 +228,14 @@ def sand_slopes(
     """Three hours of sand slopes from noon on, under the measured sky of the packaged day."""
     weather = packaged()
     sky = MeasuredSky(weather)
-    return Scene(weather.site, sky, BEDS, start_ns, duration_s, seed, faults, light_steps, motion=motion)
+    return Scene(
+        site=weather.site,
+        sky=sky,
+        facets=BEDS,
+        start_ns=start_ns,
+        duration_s=duration_s,
+        seed=seed,
+        faults=faults,
+        light_steps=light_steps,
+        motion=motion,
+    )

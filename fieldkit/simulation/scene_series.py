@@ -15,7 +15,7 @@ import numpy as np
 from fieldkit.model.site import Site
 from fieldkit.model.units import SECOND_NS
 from fieldkit.physics import daylight
-from fieldkit.physics.bodies import body_of
+from fieldkit.physics.bodies import Body, body_of
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.energy_balance import balance_temperature
 from fieldkit.physics.facet import FloatArray, cos_incidence, normal
@@ -35,10 +35,6 @@ TERRAIN_STEP_S = 30.0
 # dense enough to resolve the response of a thin foil to a step of the light: 20 ms, each step 10 % longer
 _AFTER_BREAK_S = np.append(0.0, np.cumsum(0.02 * 1.1 ** np.arange(60)))
 
-BEAM_LM_W = 108.0
-"""Luminous efficacy of direct light, from the ASTM G173 direct spectrum; Perez 1990 gives 87-108."""
-SKY_LM_W = 130.0
-"""Luminous efficacy of the light of a clear sky (Littlefair 1985: about 130)."""
 _COSINE_LOSS = 0.0033  # times tan² of the zenith angle: 1 % of the beam at 60 degrees, 4 % at 74
 
 
@@ -92,7 +88,17 @@ class SceneSeries:
         column = (1.0 - share) * self.rows[:, after - 1] + share * self.rows[:, after]
         surface, brightness, contact = column[6:].reshape(3, -1)
         dni_w_m2, dhi_w_m2, longwave, air, wind, lux = column[:6].tolist()
-        return SceneState(dni_w_m2, dhi_w_m2, longwave, air, wind, lux, surface, brightness, contact)
+        return SceneState(
+            dni_w_m2=dni_w_m2,
+            dhi_w_m2=dhi_w_m2,
+            longwave_down_w_m2=longwave,
+            air_temperature_k=air,
+            wind_m_s=wind,
+            illuminance_lx=lux,
+            surface_k=surface,
+            brightness_k=brightness,
+            contact_k=contact,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,11 +142,11 @@ class SceneModel:
         brightness = self._brightness(surface, sky)
         contact = lagged(surface, time_s, self.response_s)
         scalars = (sky.dni_w_m2, sky.dhi_w_m2, sky.longwave_down_w_m2, sky.air_temperature_k, sky.wind_m_s)
-        lux = illuminance_lx(sky, sun[:, 2])
+        lux = illuminance_lx(sky, sun[:, 2], body_of(self.site))
         return SceneSeries(origin_ns, time_s, np.vstack([*scalars, lux, surface, brightness, contact]))
 
     def terrain_series(self, terrain: Terrain, origin_ns: int, length_s: float) -> TerrainSeries:
-        """What the camera sees of terrain of the ground's material, lit and shaded by its own relief.
+        """Temperatures of terrain of the ground's material, lit and shaded by its own relief.
 
         Parameters
         ----------
@@ -417,7 +423,7 @@ def lagged(value: FloatArray, time_s: FloatArray, response_s: float) -> FloatArr
     return sensed
 
 
-def illuminance_lx(sky: SkyState, cos_zenith: FloatArray) -> FloatArray:
+def illuminance_lx(sky: SkyState, cos_zenith: FloatArray, body: Body) -> FloatArray:
     """Illuminance on a horizontal light meter, with the cosine error of its diffuser at low sun.
 
     Beam and skylight differ in lumens per watt, so no single factor converts the reading to W/m².
@@ -428,6 +434,8 @@ def illuminance_lx(sky: SkyState, cos_zenith: FloatArray) -> FloatArray:
         Sky at n times.
     cos_zenith
         Cosine of the sun's zenith angle, shape (n,). [-]
+    body
+        The world, for lumens per watt.
 
     Returns
     -------
@@ -436,4 +444,4 @@ def illuminance_lx(sky: SkyState, cos_zenith: FloatArray) -> FloatArray:
     cosine = np.maximum(cos_zenith, 0.0)
     tan2 = 1.0 / np.maximum(cosine, 0.05) ** 2 - 1.0
     beam = sky.dni_w_m2 * cosine * np.maximum(1.0 - _COSINE_LOSS * tan2, 0.0)
-    return BEAM_LM_W * beam + SKY_LM_W * sky.dhi_w_m2
+    return body.beam_lm_w * beam + body.sky_lm_w * sky.dhi_w_m2

@@ -227,7 +227,7 @@ class SimulatedClock:
     # --- which thread moves time
 
     def _is_mover(self, me: int) -> bool:
-        """Whether a waiting thread is to move time: all others wait, and none of them does."""
+        """True if a waiting thread is to move time: all others wait, and none of them does."""
         with self._lock:
             if self._mover is None and self._all_wait():
                 self._mover = me
@@ -289,7 +289,7 @@ class SimulatedClock:
         return bool(ended)
 
     def _may_move_to(self, next_ns: float) -> bool:
-        """Whether real time has reached it; if not, let a little pass."""
+        """True if real time has reached it; if not, let a little pass."""
         if math.isinf(self._speed) and math.isfinite(next_ns):
             return True
         if self._real_start is None:

@@ -14,7 +14,7 @@ from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import Site
 from fieldkit.physics.bodies import EARTH, body_of
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
-from fieldkit.physics.daylight import clear_day
+from fieldkit.physics.daylight import clear_day, clear_sky_longwave
 from fieldkit.physics.facet import FloatArray
 from fieldkit.weather import Weather
 
@@ -99,12 +99,11 @@ class MeasuredSky:
 
 @dataclass(frozen=True, slots=True)
 class ClearSky:
-    """A cloudless sky by formulas: `fieldkit.physics.daylight.clear_day` for light, Swinbank for longwave.
+    """A cloudless sky by formulas: `clear_day` for light, `clear_sky_longwave` for longwave.
 
     Elsewhere than on the Earth longwave and air are the body's, constant.
 
-    Air temperature swings by `swing_k` around its mean, warmest at 15 h solar time. W. C. Swinbank, "Long-
-    wave radiation from clear skies", Q. J. R. Meteorol. Soc. 89, 1963.
+    Air temperature swings by `swing_k` around its mean, warmest at 15 h solar time.
     """
 
     linke_turbidity: float = 3.0
@@ -123,4 +122,4 @@ class ClearSky:
             return SkyState(dni_w_m2, dhi_w_m2, longwave, air, np.full_like(air, self.wind_m_s))
         solar_h = time_ns / 3.6e12 + site.longitude_deg / 15.0
         air = self.air_temperature_k + self.swing_k * np.cos(2 * np.pi * (solar_h - _WARMEST_H) / _DAY_H)
-        return SkyState(dni_w_m2, dhi_w_m2, 5.31e-13 * air**6, air, np.full_like(air, self.wind_m_s))
+        return SkyState(dni_w_m2, dhi_w_m2, clear_sky_longwave(air), air, np.full_like(air, self.wind_m_s))

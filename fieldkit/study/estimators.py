@@ -52,7 +52,7 @@ class Conditions:
 
 @dataclass(frozen=True, slots=True)
 class StudySettings:
-    """What is measured and how it is estimated.
+    """Conditions of a measurement and settings of its estimate.
 
     `noise_k` falls independently on target and reference at every minute, `quantum_k` is
     the step of the thermometer (0: none). `tolerance_w_m2` is how near a contour a cell
@@ -236,12 +236,12 @@ def summarise(errors_deg: FloatArray) -> Summary:
         return Summary(errors_deg.size, errors_deg.size, *(float("nan"),) * 6)
     zeros = np.zeros_like(known)
     return Summary(
-        errors_deg.size,
-        errors_deg.size - known.size,
-        mean_absolute_error(known, zeros),
-        sd_of_absolute_error(known, zeros, "paper"),
-        sd_of_absolute_error(known, zeros, "usual"),
-        float(np.percentile(known, 50)),
-        float(np.percentile(known, 90)),
-        float(known.max()),
+        slopes=errors_deg.size,
+        unsolved=errors_deg.size - known.size,
+        mae=mean_absolute_error(known, zeros),
+        sd_paper=sd_of_absolute_error(known, zeros, "paper"),
+        sd_usual=sd_of_absolute_error(known, zeros, "usual"),
+        p50=float(np.percentile(known, 50)),
+        p90=float(np.percentile(known, 90)),
+        largest=float(known.max()),
     )

@@ -28,11 +28,11 @@ from fieldkit.physics.facet import FloatArray, tilt_azimuth
 from fieldkit.physics.irradiance import direct_normal
 from fieldkit.physics.radiance import surface_temperature_k
 from fieldkit.physics.sun import sun_vectors
+from fieldkit.results.report import report_part
 from fieldkit.simulation import ClearSky, Facet, Scene
 from fieldkit.study.runs import PAPER_SITE
 from fieldkit.views.formatting import zone_name
 from fieldkit.views.report.series import Series, modelled_temperature, series
-from fieldkit.workflows.report import report_part
 
 NOISE_K = 0.05
 SAND_DEPTH_M = 0.03
@@ -62,7 +62,7 @@ PAPER_DAYS = (
 
 @dataclass(frozen=True)
 class FieldDay:
-    """What figures 12 and 13 need of one day: measured and modelled temperatures, errors over time."""
+    """Data of one day for figures 12 and 13: measured and modelled temperatures, errors over time."""
 
     name: str
     measured_k: dict[str, FloatArray]
@@ -150,15 +150,15 @@ def _minutes(scene: Scene, times: np.ndarray, settings: EstimatorSettings) -> li
     dni_w_m2 = direct_normal(settings.irradiance, lux, sun, times)
     unknown, good = np.full(times.size, np.nan), np.zeros(times.size, np.int64)
     history = History(
-        times // MINUTE_NS,
-        times,
-        sun,
-        surface_k,
-        dni_w_m2,
-        unknown,
-        unknown,
-        good,
-        np.zeros(surface_k.shape, np.int64),
+        minute=times // MINUTE_NS,
+        time_ns=times,
+        sun=sun,
+        temperature_k=surface_k,
+        dni_w_m2=dni_w_m2,
+        dhi_w_m2=unknown,
+        longwave_down_w_m2=unknown,
+        flags=good,
+        region_flags=np.zeros(surface_k.shape, np.int64),
     )
     zenith, azimuth = tilt_azimuth(sun)
     chain = SlopeChain(regions, settings)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
+from fieldkit.model.confidence import CONFIDENCE, interval_sds
 from fieldkit.model.learnt import LearntParameter
 from fieldkit.physics.energy_balance import balance_temperature
 from fieldkit.physics.facet import FloatArray
@@ -32,7 +33,7 @@ BLOCKS = 4
 ERROR_K = 1.0
 ERROR_LASTS_MIN = 30.0
 """Model errors last, 3 to 70 minutes in the residuals of cinder and clay: they count once per half hour."""
-Z_90 = 1.6449
+SDS = interval_sds(CONFIDENCE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +66,7 @@ _MEAN, _SD, _LEAST = (
 
 @dataclass(frozen=True, slots=True)
 class GroundScore:
-    """How the model does on some minutes: RMSE and bias in kelvin, share inside the 90 % interval."""
+    """Scores of the model on some minutes: RMSE and bias in kelvin, share inside the interval."""
 
     minutes: str
     span: str
@@ -86,7 +87,7 @@ class GroundFit:
     values, covariance
         Of `PARAMETERS`, (5,) and (5, 5).
     modelled_k, half_width_k
-        Of every minute, (n,): temperature and half the 90 % prediction interval. [K]
+        Of every minute, (n,): temperature and half the prediction interval. [K]
     """
 
     ground: MeasuredGround
@@ -99,7 +100,7 @@ class GroundFit:
 
     @property
     def parameters(self) -> tuple[LearntParameter, ...]:
-        """Prior and posterior with 90 % intervals."""
+        """Prior and posterior with intervals."""
         sds = np.sqrt(np.diag(self.covariance))
         return tuple(
             _learnt(one, value, sd)
@@ -108,7 +109,7 @@ class GroundFit:
 
     @property
     def exchange(self) -> str:
-        """The exchange with the air by the wind U in m/s, 90 % intervals in brackets; W m-2 K-1."""
+        """The exchange with the air by the wind U in m/s, intervals in brackets; W m-2 K-1."""
         still, wind = self.parameters[:2]
         return (
             f"{still.value:.1f} + {wind.value:.1f} U "
@@ -166,7 +167,7 @@ def ground_fits(path: Path, on_step: Callable[[str], None] = lambda _: None) -> 
 
 
 def steps(files: int) -> int:
-    """How many steps `ground_fits` reports for so many files."""
+    """Number of steps that `ground_fits` reports for so many files."""
     return files * 2 * (1 + BLOCKS)
 
 
@@ -194,7 +195,7 @@ def fit(
     modelled = surface_k(ground, values)
     slopes = _slopes(ground, values, modelled)
     variance = error_k**2 + np.einsum("ni,ij,nj->n", slopes, covariance, slopes)
-    return GroundFit(ground, name, chosen, values, covariance, modelled, Z_90 * np.sqrt(variance))
+    return GroundFit(ground, name, chosen, values, covariance, modelled, SDS * np.sqrt(variance))
 
 
 def surface_k(ground: MeasuredGround, values: FloatArray) -> FloatArray:
@@ -269,13 +270,13 @@ def _slopes(ground: MeasuredGround, values: FloatArray, modelled: FloatArray) ->
 
 def _learnt(one: Parameter, value: float, sd: float) -> LearntParameter:
     return LearntParameter(
-        one.name,
-        one.unit,
-        one.mean,
-        max(one.mean - Z_90 * one.sd, one.at_least),
-        one.mean + Z_90 * one.sd,
-        value,
-        max(value - Z_90 * sd, one.at_least),
-        value + Z_90 * sd,
-        min(sd / one.sd, 1.0),
+        name=one.name,
+        unit=one.unit,
+        prior=one.mean,
+        prior_low=max(one.mean - SDS * one.sd, one.at_least),
+        prior_high=one.mean + SDS * one.sd,
+        value=value,
+        low=max(value - SDS * sd, one.at_least),
+        high=value + SDS * sd,
+        share_of_prior=min(sd / one.sd, 1.0),
     )

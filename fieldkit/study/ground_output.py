@@ -1,4 +1,4 @@
-"""What the study of measured ground writes: scores and parameters, series, figures, one page."""
+"""Output of the study of measured ground: scores and parameters, series, figures, one page."""
 
 from __future__ import annotations
 
@@ -7,12 +7,13 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from fieldkit.model.confidence import CONFIDENCE, percent
+from fieldkit.results.json_document import to_json
 from fieldkit.study.ground import GroundFit
 from fieldkit.study.output import Rows, write_files
 from fieldkit.views import plotting
 from fieldkit.views.ground_figure import ground_temperatures
 from fieldkit.views.html import Figure, Table, render
-from fieldkit.workflows.json_document import to_json
 
 
 def document(fits: Sequence[GroundFit]) -> dict[str, Any]:
@@ -49,7 +50,8 @@ def score_rows(fits: Sequence[GroundFit]) -> list[list[str]]:
     ]
 
 
-SCORE_COLUMNS = ("record", "fitted", "minutes", "span", "n", "RMSE K", "bias K", "inside 90 %")
+SURE = percent(CONFIDENCE)
+SCORE_COLUMNS = ("record", "fitted", "minutes", "span", "n", "RMSE K", "bias K", f"inside {SURE}")
 
 
 def parameter_rows(fits: Sequence[GroundFit]) -> list[list[str]]:
@@ -70,7 +72,7 @@ def parameter_rows(fits: Sequence[GroundFit]) -> list[list[str]]:
     ]
 
 
-PARAMETER_COLUMNS = ("record", "fitted", "parameter", "prior", "value", "90 %", "unit", "sd / prior sd")
+PARAMETER_COLUMNS = ("record", "fitted", "parameter", "prior", "value", SURE, "unit", "sd / prior sd")
 
 
 def write(folder: Path, fits: Sequence[GroundFit]) -> None:
@@ -78,6 +80,7 @@ def write(folder: Path, fits: Sequence[GroundFit]) -> None:
     drawn = {_name(fit): _figure(fit) for fit in fits} if plotting.available() else {}
     page = render(
         "ground.html",
+        confidence=SURE,
         scores=Table(SCORE_COLUMNS, score_rows(fits)),
         parameters=Table(PARAMETER_COLUMNS, parameter_rows(fits)),
         drawn=[
@@ -93,7 +96,7 @@ def _name(fit: GroundFit) -> str:
 
 
 def _caption(fit: GroundFit) -> str:
-    return f"{fit.ground.name}, {fit.fitted} fitted: temperatures with 90 % prediction interval, residuals"
+    return f"{fit.ground.name}, {fit.fitted} fitted: temperatures with {SURE} prediction interval, residuals"
 
 
 def _figure(fit: GroundFit) -> str:

@@ -26,11 +26,11 @@ from fieldkit.physics.energy_balance import SurfaceParameters, direct_irradiance
 from fieldkit.physics.facet import FloatArray, normal
 from fieldkit.physics.regolith import day_temperatures
 from fieldkit.physics.sun import solar_time_h, sun_vectors
+from fieldkit.results.json_document import to_json
 from fieldkit.study.estimators import Conditions, StudySettings, random_slopes, run_study, summarise
 from fieldkit.study.output import Rows, write_files
 from fieldkit.views import plotting
 from fieldkit.views.world_figure import errors_over_window, temperatures_over_day
-from fieldkit.workflows.json_document import to_json
 
 HOURS = (9.0, 12.0, 15.0)
 NOISES_K = (0.02, 0.05, 0.1)
@@ -48,7 +48,7 @@ SITES = {
     "mars": Site(18.44, 77.45, -2600.0, body="mars"),
     "moon": Site(26.13, 3.63, -1900.0, body="moon"),
 }
-"""Where the study is made unless a site is given: Jezero, and the landing site of Apollo 15."""
+"""Sites of the study unless one is given: Jezero, and the landing site of Apollo 15."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +72,7 @@ class Window:
 
     @property
     def verdict(self) -> str:
-        """What the window is good for."""
+        """Verdict on the window."""
         if not self.normal_p90_deg < WORTHLESS_DEG:
             return "worthless"
         return "good" if self.normal_p90_deg <= GOOD_DEG else "weak"
@@ -301,23 +301,10 @@ def _conditions(site: Site, time_ns: NDArray[np.int64], dust: float | None) -> C
     return Conditions(sun, dni, longwave, air)
 
 
-def surface_of(site: Site) -> SurfaceParameters:
-    """Parameters of the energy balance of the site's world."""
-    body = body_of(site)
-    return SurfaceParameters(
-        albedo=body.albedo,
-        emissivity=body.emissivity,
-        emissivity_broadband=body.emissivity,
-        heat_capacity_j_kg_k=body.air_heat_capacity_j_kg_k,
-        air_density_kg_m3=body.air_density_kg_m3,
-        exchange_m_s=body.exchange_w_m2_k / (body.air_heat_capacity_j_kg_k * body.air_density_kg_m3),
-    )
-
-
 def _window(
     site: Site, sky: Conditions, hour: float, minutes: int, noise_k: float, slopes: int, seed: int
 ) -> Window:
-    surface = surface_of(site)
+    surface = body_of(site).surface
     settings = StudySettings("unit-norm", surface, noise_k=noise_k, seed=seed)
     outcome = run_study(random_slopes(slopes, seed), sky, settings)
     tilt, angle = summarise(outcome.tilt_error_deg), summarise(outcome.normal_error_deg)

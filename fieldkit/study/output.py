@@ -1,4 +1,4 @@
-"""What a study writes: tables as CSV and JSON, figures as SVG, one page with all of it."""
+"""Output of a study: tables as CSV and JSON, figures as SVG, one page with all of it."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ import numpy as np
 from fieldkit.estimation.statistics import root_mean_square_error
 from fieldkit.model.errors import NoAnswerError, StorageError
 from fieldkit.physics.facet import FloatArray, normal
+from fieldkit.results.json_document import to_json
+from fieldkit.results.sun_angles import sun_rows
 from fieldkit.study.estimators import Conditions, summarise
 from fieldkit.study.field_days import FieldDay
 from fieldkit.study.runs import PAPER_SITE, Run, StudyOptions, conditions
 from fieldkit.views import paper_figures, plotting
 from fieldkit.views.paper_figures import errors_over_local_time, measured_against_modelled
 from fieldkit.views.study_page import page
-from fieldkit.workflows.json_document import to_json
-from fieldkit.workflows.sun_angles import sun_rows
 
 EXAMPLE = (10.0, 180.0)
 """Tilt and direction of the slope in the paper's Figs. 6 to 8."""

@@ -23,7 +23,7 @@ PAPER = StudyOptions()
 
 @dataclass(frozen=True)
 class PaperStudy:
-    """What a study gave: a run for each start and estimator, the field days, and the sensitivity rows."""
+    """Result of a study: a run for each start and estimator, the field days, and the sensitivity rows."""
 
     options: StudyOptions
     runs: Sequence[Run]

@@ -40,7 +40,7 @@ POSTERIOR_SLOPES = 500  # one at a time, some milliseconds each
 
 @dataclass(frozen=True)
 class StudyOptions:
-    """What is simulated and how it is estimated; the defaults are the paper's.
+    """Options of the simulation and the estimates; the defaults are the paper's.
 
     Windows begin at local `starts` and last `minutes`. Measured `weather` replaces the clear sky
     of Linke `turbidity`, longwave and air temperature; a constant `dni_w_m2` only the sky's beam.

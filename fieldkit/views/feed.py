@@ -12,13 +12,12 @@ from __future__ import annotations
 
 import json
 import logging
-import os
 import socket
 import struct
 import threading
 from collections import deque
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from copy import deepcopy
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -31,6 +30,7 @@ from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Event, Frame, Health, Quality, Reading
 from fieldkit.model.site import Region, RegionRecord, Site
 from fieldkit.sessions.json_forms import build
+from fieldkit.views import unix_socket
 from fieldkit.views.latest import Latest
 from fieldkit.views.trend import Trend
 
@@ -48,7 +48,7 @@ Item: TypeAlias = Frame | Reading | Event | RegionRecord | Minute | Health
 
 @dataclass(frozen=True, slots=True)
 class FeedStart:
-    """What a reader receives first: the recording's place, regions, streams and planned end (UTC)."""
+    """Message that a reader receives first: the recording's place, regions, streams and planned end (UTC)."""
 
     site: Site
     regions: tuple[Region, ...]
@@ -84,7 +84,7 @@ class Feed:
         self._latest, self._trend = latest, Trend()
         self._readers: list[_Sender] = []
         self._lock = threading.Lock()
-        self._socket = _listening(path)
+        self._socket = unix_socket.listening(path)
         threading.Thread(target=self._accept, name="feed", daemon=True).start()
 
     def show(self, item: Item) -> None:
@@ -98,9 +98,7 @@ class Feed:
 
     def close(self) -> None:
         """End: readers receive what waits for them, then the end of the stream."""
-        with suppress(OSError):
-            self._socket.shutdown(socket.SHUT_RDWR)  # ends `accept`
-        self._socket.close()
+        unix_socket.end(self._socket)
         with self._lock:
             readers, self._readers = self._readers, []
         for reader in readers:
@@ -167,29 +165,6 @@ class _Sender(threading.Thread):
             return items
 
 
-def _listening(path: Path) -> socket.socket:
-    server = socket.socket(socket.AF_UNIX)
-    try:
-        with _short(path) as address:
-            server.bind(address)
-            Path(address).chmod(0o600)  # before `listen`: until then nobody can connect
-        server.listen()
-    except OSError:
-        server.close()
-        raise
-    return server
-
-
-@contextmanager
-def _short(path: Path) -> Iterator[str]:
-    """A socket's address through its open folder: an address holds 107 bytes, a path may be longer."""
-    folder = os.open(path.parent, os.O_PATH | os.O_DIRECTORY)
-    try:
-        yield f"/proc/self/fd/{folder}/{path.name}"
-    finally:
-        os.close(folder)
-
-
 # --- the reader's end
 
 
@@ -197,13 +172,7 @@ class FeedReader:
     """A connection to the feed of a recording; raises `OSError` if there is none."""
 
     def __init__(self, path: Path) -> None:
-        self._socket = socket.socket(socket.AF_UNIX)
-        try:
-            with _short(path) as address:
-                self._socket.connect(address)
-        except OSError:
-            self._socket.close()
-            raise
+        self._socket = unix_socket.connected(path)
         self._stream = self._socket.makefile("rb")
 
     def items(self) -> Iterator[Any]:

@@ -10,20 +10,25 @@ import math
 from collections.abc import Iterable
 from datetime import UTC, datetime, tzinfo
 
+from fieldkit.model.confidence import percent
 from fieldkit.model.samples import Event, EventKind, Severity
 from fieldkit.model.site import Region, Site, known_zone
-from fieldkit.model.slope import CERTAIN_SHARE, CERTAIN_WITHIN_DEG, SlopeEstimate, SlopeState
+from fieldkit.model.slope import (
+    CERTAIN_SHARE,
+    CERTAIN_WITHIN_DEG,
+    SHORT_FIELDS,
+    SLOPE_FIELDS,
+    SlopeEstimate,
+    SlopeState,
+)
 from fieldkit.model.units import CELSIUS_ZERO_K
 
 UNKNOWN = "–"
 PAPER_OMITS = (
     "the paper's model omits diffuse light, sky longwave and stored heat; outdoors, azimuth free, its "
-    "90 % regions hold the truth only 50 to 90 % of the time"
+    "likelihood regions miss the truth up to five times as often as stated"
 )
 """Measured with simulated beds under measured weather (`benchmarks/estimation_window.py`)."""
-UNCERTAIN_MEANS = (
-    f"the 90 % region is wider than {CERTAIN_WITHIN_DEG:g}° and than {CERTAIN_SHARE:.0%} of the tilt"
-)
 
 _PREFIXES = {Severity.INFO: "", Severity.WARNING: "warning: ", Severity.ERROR: "ERROR: "}
 _STATES = {
@@ -62,8 +67,18 @@ def tilt(estimate: SlopeEstimate) -> str:
     return plus_minus(estimate.tilt_deg, estimate.tilt_low_deg, estimate.tilt_high_deg)
 
 
+def slope_number(estimate: SlopeEstimate, key: str) -> str:
+    """One of the `SLOPE_FIELDS`, with its decimals."""
+    return number(getattr(estimate, key), SLOPE_FIELDS[key].digits)
+
+
+def short_columns(estimate: SlopeEstimate) -> list[str]:
+    """The `SHORT_FIELDS` of an estimate."""
+    return [slope_number(estimate, one.key) for one in SHORT_FIELDS]
+
+
 def noise(estimate: SlopeEstimate) -> str:
-    """Uncertainty of the tilt by noise alone: ``±0.4°``, the larger half of its 90 % region."""
+    """Uncertainty of the tilt by noise alone: ``±0.4°``, the larger half of its likelihood region."""
     value, low, high = estimate.tilt_deg, estimate.noise_tilt_low_deg, estimate.noise_tilt_high_deg
     half = max(high - value, value - low)
     return f"±{half:.1f}°" if math.isfinite(half) else UNKNOWN
@@ -94,6 +109,16 @@ def state(estimate: SlopeEstimate, *, second: bool = True) -> str:
     words = _STATES.get(estimate.state) or estimate.state.name.lower()  # a state from a newer version
     other = second_branch(estimate) if second else ""
     return f"{words}, or {other}" if other else words
+
+
+def confidence(estimates: Iterable[SlopeEstimate]) -> str:
+    """The confidence of some estimates: ``90 %``, or ``90 % or 95 %`` where it differs."""
+    return " or ".join(percent(one) for one in sorted({one.confidence for one in estimates}))
+
+
+def uncertain_means(sure: str) -> str:
+    """Meaning of the state ``uncertain``, where regions have a `confidence`."""
+    return f"the {sure} region is wider than {CERTAIN_WITHIN_DEG:g}° and than {CERTAIN_SHARE:.0%} of the tilt"
 
 
 def second_branch(estimate: SlopeEstimate) -> str:

@@ -40,7 +40,7 @@ class Scale:
     unit: str  # "°C", or "counts" if the camera's temperatures are unknown
 
     def position(self, values: FloatArray) -> FloatArray:
-        """Where `values` lie between first (0) and last colour (1), clipped."""
+        """Position of `values` between first (0) and last colour (1), clipped."""
         return np.clip((values - self.low) / (self.high - self.low), 0.0, 1.0)
 
     def text(self, value: float) -> str:
@@ -166,4 +166,14 @@ def _write(canvas: Colours, text: str, x: int, y: int, *, on_image: bool = True)
     if on_image:
         x, y = x - width // 2, y + height // 2
         cv2.rectangle(canvas, (x - 5, y - height - 5), (x + width + 5, y + below), BLACK, cv2.FILLED)
-    cv2.putText(canvas, letters, (x, y), font, size, WHITE if on_image else BLACK, 1, cv2.LINE_AA)
+    colour = WHITE if on_image else BLACK
+    cv2.putText(
+        canvas,
+        letters,
+        org=(x, y),
+        fontFace=font,
+        fontScale=size,
+        color=colour,
+        thickness=1,
+        lineType=cv2.LINE_AA,
+    )

@@ -19,7 +19,7 @@ from markupsafe import Markup, escape
 
 NUMBER = re.compile(r"(?<![\w.,])[(±<>]*[+\-−]?\d+(?: \d{3}(?!\d))*(?:\.\d+)?")
 AROUND_NUMBERS = re.compile(r"(?:[\s±)°%/–]|given|min|K|W/m²)*")
-"""What may stand between the numbers of a cell whose decimal points are aligned."""
+"""Characters that may stand between the numbers of a cell whose decimal points are aligned."""
 FIGURE_SPACE, PUNCTUATION_SPACE = "\u2007", "\u2008"
 """Spaces as wide as a digit and as a point."""
 PARTS = 16
@@ -38,12 +38,12 @@ class Table:
 
     @property
     def has_headings(self) -> bool:
-        """Whether any column has a name."""
+        """True if any column has a name."""
         return any(self.columns)
 
     @property
     def numeric(self) -> Sequence[bool]:
-        """Which columns hold one number in each cell, to be aligned at their right."""
+        """True for columns that hold one number in each cell, to be aligned at their right."""
         return [_is_numeric(column) and _widest(column) == 1 for column in self._by_column]
 
     @property
@@ -58,7 +58,7 @@ class Table:
 
 
 def _is_numeric(column: Sequence[object]) -> bool:
-    """Whether cells hold numbers and units; some may hold a dash or a word instead."""
+    """True if cells hold numbers and units; some may hold a dash or a word instead."""
     known = [str(cell) for cell in column if NUMBER.search(str(cell))]
     others = [str(cell) for cell in column if str(cell) not in known]
     return (
@@ -105,7 +105,7 @@ def _padded(number: str, before: int, after: int) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """What a figure over time shows at one minute: a strip of its width in per cent, and the values."""
+    """Values of a figure over time at one minute: a strip of its width in per cent, and the values."""
 
     left: float
     width: float

@@ -1,10 +1,11 @@
-"""What the data taught, in words and tables: each parameter before and after the data, and the residuals."""
+"""Learnt parameters, in words and tables: each parameter before and after the data, and the residuals."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 
+from fieldkit.model.confidence import CONFIDENCE, percent
 from fieldkit.model.learnt import Learnt, LearntParameter
 from fieldkit.views import formatting
 
@@ -21,11 +22,10 @@ FIRST = ("gain", "depth", "thermal_inertia", "exchange")
 """Parameters that the live view has room for."""
 COLUMNS = ("parameter", "from data", "learnt", "prior")
 RESIDUAL_COLUMNS = ("region", "residual, K", "autocorrelation")
-MEANING = (
-    "Medians with 90 % intervals. From data: one less posterior over prior standard deviation, 0 % where "
-    "the data said nothing. Gain is absorbed over stated direct light; diffuse light is relative to what was "
-    "measured or configured, longwave and air temperature are offsets from it; circumsolar share: 0 "
-    "isotropic, 1 Hay and Davies."
+_MEANING = (
+    "From data: one less posterior over prior standard deviation, 0 % where the data added nothing. Gain is "
+    "absorbed over stated direct light; diffuse light is relative to what was measured or configured, "
+    "longwave and air temperature are offsets from it; circumsolar share: 0 isotropic, 1 Hay and Davies."
 )
 BAR_CELLS = 8
 SHORT_UNIT = 4
@@ -52,12 +52,12 @@ def main(learnt: Learnt) -> list[LearntParameter]:
 
 
 def before(parameter: LearntParameter) -> str:
-    """The prior with its 90 % interval: ``15 (7 to 34)``."""
+    """The prior with its interval: ``15 (7 to 34)``."""
     return _interval(parameter.prior, parameter.prior_low, parameter.prior_high)
 
 
 def found(parameter: LearntParameter) -> str:
-    """The estimate with its 90 % interval."""
+    """The estimate with its interval."""
     return _interval(parameter.value, parameter.low, parameter.high)
 
 
@@ -68,7 +68,7 @@ def value(parameter: LearntParameter) -> str:
 
 
 def from_data(parameter: LearntParameter) -> float:
-    """How much the data said, in [0, 1]: one less posterior over prior standard deviation."""
+    """Information from the data, in [0, 1]: one less posterior over prior standard deviation."""
     return min(1.0, max(0.0, 1.0 - parameter.share_of_prior))
 
 
@@ -81,6 +81,16 @@ def bar(share: float, cells: int = BAR_CELLS) -> str:
 def bar_and_percentage(share: float) -> str:
     """A share as a bar of characters and in figures."""
     return f"{bar(share)} {share:.0%}"
+
+
+def confidence(learnt: Learnt) -> str:
+    """The confidence of the intervals: ``90 %``."""
+    return percent(next((one.confidence for one in learnt.parameters), CONFIDENCE))
+
+
+def meaning(learnt: Learnt | None) -> str:
+    """Meaning of the columns, with the confidence of the intervals."""
+    return f"Medians with {confidence(learnt)} intervals. {_MEANING}" if learnt else _MEANING
 
 
 def rows(
@@ -109,12 +119,12 @@ def correlated(learnt: Learnt) -> dict[str, float]:
 
 
 def judgement(learnt: Learnt) -> str:
-    """What the residuals say of the model, in a sentence."""
+    """Judgement of the model by the residuals, in a sentence."""
     chi_square = f"Mean square of the standardised residuals {formatting.number(learnt.chi_square, 2)}"
     if missed := correlated(learnt):
         return (
             f"{chi_square}; those of {', '.join(missed)} are correlated from minute to minute, so that "
-            "the model misses something there and the 90 % regions are narrower than they should be."
+            "the model misses something there and the likelihood regions are narrower than they should be."
         )
     return f"{chi_square} (1 where the stated noise holds); uncorrelated from minute to minute."
 

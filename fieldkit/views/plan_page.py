@@ -10,7 +10,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fieldkit.estimation.day_plan import RISING_DEG, WEAK_K_PER_DEG, DayPlan, label
+from fieldkit.estimation.day_plan import WEAK_K_PER_DEG, DayPlan, label
+from fieldkit.model.confidence import percent
 from fieldkit.model.site import Site
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.views import formatting, plotting
@@ -35,7 +36,7 @@ def heading(plan: DayPlan, site: Site, light: str) -> str:
 
 def _sun_up(plan: DayPlan, site: Site, noon: int) -> str:
     """Sunrise and sunset around noon: ``06:42–16:29``, or ``all day``."""
-    down = np.flatnonzero(plan.elevation_deg <= RISING_DEG)
+    down = np.flatnonzero(plan.elevation_deg <= plan.settings.rising_deg)
     if not down.size:
         return "all day"
     rise = max(down[down < noon], default=-1) + 1
@@ -100,10 +101,11 @@ def _uncertain(plan: DayPlan) -> list[str]:
     beds = ", ".join(
         f"±{halves[bed]:.1f}° at {label(plan.facets[bed])}" for bed in np.flatnonzero(plan.uncertain(row))
     )
+    sure = percent(plan.settings.confidence)
     remedy = "a longer --window" if plan.settings.azimuth_known else "a longer --window, or a given azimuth,"
     return [
-        f"even the best {plan.settings.window_min} min leave slopes uncertain (90 % region {beds}): {remedy} "
-        "narrows them"
+        f"even the best {plan.settings.window_min} min leave slopes uncertain ({sure} region {beds}): "
+        f"{remedy} narrows them"
     ]
 
 
@@ -175,7 +177,7 @@ def _azimuth_words(plan: DayPlan) -> str:
 
 
 def _best_table(plan: DayPlan) -> Table:
-    """What the best window gives for each bed."""
+    """Result of the best window for each facet."""
     assert plan.best_row is not None
     found, settings = plan.bounds[plan.best_row], plan.settings
     columns = zip(

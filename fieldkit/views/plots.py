@@ -25,7 +25,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class TiltSeries:
-    """Tilt of one region over time with its 90 % region, degrees, NaN where unknown; `true_deg` if given."""
+    """Tilt of a region over time with its likelihood region, degrees, NaN if unknown; `true_deg` if given."""
 
     tilt_deg: FloatArray
     low_deg: FloatArray
@@ -45,7 +45,7 @@ def new_axes(ax: Axes | None) -> Axes:
 def tilts(
     time_ns: NDArray[np.int64], regions: Mapping[str, TiltSeries], site: Site | None, ax: Axes | None = None
 ) -> Axes:
-    """Tilt of each region over time, its 90 % region shaded, the true tilt dashed."""
+    """Tilt of each region over time, its likelihood region shaded, the true tilt dashed."""
     axes, days = new_axes(ax), plotting.days(time_ns)
     for index, (name, one) in enumerate(regions.items()):
         colour = plotting.colour(index)

@@ -253,7 +253,7 @@ def _probes(info: StreamInfo, reading: Reading) -> str:
 
 
 def _clock(latest: Latest) -> Text:
-    """Whether UTC was steady; the recorder reports every step and every suspend."""
+    """True if UTC was steady; the recorder reports every step and every suspend."""
     event = latest.clock_event
     if event is not None:
         return Text(f"{formatting.clock_time(event.time_ns, latest.site)} {event.text}", "warning")
@@ -267,7 +267,12 @@ def _stream_words(latest: Latest, name: str) -> Text:
     if stream is None:
         return Text("waiting", "quiet")
     text = Text(f"{formatting.rate(latest.rate_hz(name)):>6} {formatting.number(stream.received):>7} ")
-    troubles = {"lost": stream.dropped, "garbled": stream.rejected, "gaps": latest.gaps.get(name, 0)}
+    troubles = {
+        "lost": stream.dropped,
+        "garbled": stream.rejected,
+        "implausible": stream.implausible,
+        "gaps": latest.gaps.get(name, 0),
+    }
     if counts := " ".join(f"{trouble} {count}" for trouble, count in troubles.items() if count):
         return text.append(counts, "warning")
     age_s = latest.age_s(name)
@@ -289,10 +294,11 @@ def regions_table(latest: Latest, cols: int, lines: int) -> RenderableType:
     gap = 2 if wide else 1
     table = Table(box=None, padding=(0, gap, 0, 0), pad_edge=False, expand=True, header_style="quiet")
     table.add_column("region", no_wrap=True, max_width=12)
+    sure = formatting.confidence(latest.minute.estimates if latest.minute else ())
     for name in (
         "surface °C" if cols >= UNIT_COLS else "surface",
         "spread",
-        "tilt ±90 %",
+        f"tilt ±{sure}",
         "azimuth ±",
         "K per °",
     ):
@@ -340,7 +346,7 @@ def _region_cells(latest: Latest, region: Region) -> list[str | Text]:
         *cells,
         formatting.tilt(estimate),
         formatting.azimuth(estimate),
-        formatting.number(estimate.kelvin_per_degree, 2),
+        formatting.slope_number(estimate, "kelvin_per_degree"),
         Text(formatting.state(estimate), _state_style(estimate)),
     ]
 

@@ -34,12 +34,12 @@ def notify(*states: str) -> None:
 
 
 def is_expected() -> bool:
-    """Whether a service manager started this program, or the one that started it, and awaits reports."""
+    """True if a service manager started this program, or the one that started it, and awaits reports."""
     return "NOTIFY_SOCKET" in os.environ
 
 
 def is_main_process() -> bool:
-    """Whether this process is the service itself; a child must not report that the service is stopping."""
+    """True if this process is the service itself; a child must not report that the service is stopping."""
     return os.environ.get("SYSTEMD_EXEC_PID", str(os.getpid())) == str(os.getpid())
 
 

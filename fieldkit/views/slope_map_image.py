@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldkit.estimation.pixel_slopes import PixelBounds, SlopeMap
+from fieldkit.model.confidence import percent
 from fieldkit.model.site import Region
 from fieldkit.model.slope import SlopeState
 from fieldkit.physics.facet import normal
@@ -64,7 +65,7 @@ def png(
 
 
 def tilt_uncertainty(bounds: PixelBounds, regions: Sequence[Region]) -> str:
-    """Half the width of the 90 % region of the tilt of a pixel: of half and of nine tenths of the pixels.
+    """Half the width of a pixel's likelihood region of the tilt: of half and of nine tenths of the pixels.
 
     Of those in the regions, where there are any; empty without a slope.
     """
@@ -77,7 +78,8 @@ def tilt_uncertainty(bounds: PixelBounds, regions: Sequence[Region]) -> str:
         return ""
     half_deg, most_deg = np.nanpercentile(half, (50, 90))
     most = f"+-{most_deg:.1f} for 9 in 10"
-    return f"90 % region of the tilt: +-{half_deg:.1f} deg for half of the pixels, {most}"
+    of_tilt = f"{percent(bounds.confidence)} region of the tilt"
+    return f"{of_tilt}: +-{half_deg:.1f} deg for half of the pixels, {most}"
 
 
 def full_colour_deg(tilt_deg: NDArray[np.float32]) -> float:
@@ -201,4 +203,13 @@ def text(
     import cv2
 
     letters = text.encode("ascii", "replace").decode()
-    cv2.putText(canvas, letters, (x, y), cv2.FONT_HERSHEY_SIMPLEX, size, colour, 1, cv2.LINE_AA)
+    cv2.putText(
+        canvas,
+        letters,
+        org=(x, y),
+        fontFace=cv2.FONT_HERSHEY_SIMPLEX,
+        fontScale=size,
+        color=colour,
+        thickness=1,
+        lineType=cv2.LINE_AA,
+    )

@@ -185,4 +185,4 @@ class PlainView:
 def _slope(estimate: SlopeEstimate) -> str:
     if not math.isfinite(estimate.tilt_deg):
         return ""
-    return f"{formatting.tilt(estimate)}° ({formatting.number(estimate.kelvin_per_degree, 2)} K per °) "
+    return f"{formatting.tilt(estimate)}° ({formatting.slope_number(estimate, 'kelvin_per_degree')} K per °) "

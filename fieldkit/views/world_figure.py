@@ -1,4 +1,4 @@
-"""How well slopes are known on another world, by hour, noise and length of the window, as SVG text."""
+"""Accuracy of slopes on another world, by hour, noise and length of the window, as SVG text."""
 
 from __future__ import annotations
 

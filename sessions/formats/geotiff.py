@@ -6,6 +6,7 @@ Needs ``fieldkit[terrain]``.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,10 +15,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.model.errors import ConfigError
-from fieldkit.physics.camera_geometry import Heights
+from fieldkit.physics.camera_geometry import Grid, Heights
 
 if TYPE_CHECKING:
     from rasterio.crs import CRS
+
+MOST_STRETCHED = 0.01
+"""Largest difference from 1 of a projection's scale, in any direction, that is corrected by one factor."""
+STEP_M = 10.0
+UNITS_M = {
+    **dict.fromkeys(("m", "metre", "metres", "meter", "meters"), 1.0),
+    **dict.fromkeys(("dm", "decimetre", "decimetres", "decimeter", "decimeters"), 0.1),
+    **dict.fromkeys(("cm", "centimetre", "centimetres", "centimeter", "centimeters"), 0.01),
+    **dict.fromkeys(("mm", "millimetre", "millimetres", "millimeter", "millimeters"), 0.001),
+    **dict.fromkeys(("km", "kilometre", "kilometres", "kilometer", "kilometers"), 1000.0),
+    **dict.fromkeys(("ft", "foot", "feet", "internationalfoot", "internationalfeet"), 0.3048),
+    **dict.fromkeys(("usft", "ftus", "footus", "ussurveyfoot", "ussurveyfeet"), 1200.0 / 3937.0),
+}
+"""Metres per unit of a band's heights, by its name in small letters alone."""
+MARKERS = (-9999.0, -32767.0, -32768.0, 65535.0)
+LOWEST_M, HIGHEST_M = -11_000.0, 22_000.0
+"""Between the deepest sea and the highest mountain of the worlds."""
 
 
 def projected_crs(text: str) -> CRS:
@@ -37,35 +55,133 @@ def projected_crs(text: str) -> CRS:
     return crs
 
 
-def true_north_deg(crs: CRS, east_m: float, north_m: float) -> float:
-    """Direction of true north on the grid in degrees, clockwise from the grid's own north."""
+def grid_at(crs: CRS, east_m: float, north_m: float) -> Grid:
+    """True north and scale of a projected system at a place, from a step of some metres to north and east.
+
+    Raises `ConfigError` outside the system, and where it stretches distances by more than `MOST_STRETCHED`.
+    """
+    geographic = _geographic(crs)
+    (longitude,), (latitude,) = _transformed(crs, geographic, [east_m], [north_m])
+    per_degree = _metres_per_degree(geographic, latitude)
+    steps_deg = np.diag(STEP_M / per_degree)
+    east, north = _transformed(geographic, crs, longitude + steps_deg[0], latitude + steps_deg[1])
+    on_grid = np.array([east - east_m, north - north_m]) / STEP_M  # columns: a metre to east, to north
+    scales = np.linalg.svd(on_grid, compute_uv=False)
+    grid = Grid(math.degrees(math.atan2(*on_grid[:, 1])), float(np.sqrt(scales.prod())))
+    most = float(max(scales - 1.0, key=abs))
+    if abs(most) > MOST_STRETCHED:
+        raise ConfigError(
+            f"{crs} stretches distances at {east_m:.10g}, {north_m:.10g} by up to {most:+.1%} "
+            f"({grid}); {MOST_STRETCHED:.0%} can be corrected",
+            fix=f"use a projection made for the site, on the Earth {_utm(longitude, latitude)}",
+        )
+    return grid
+
+
+def _geographic(crs: CRS) -> CRS:
+    """The system of longitude and latitude under a projected one: of the same body and ellipsoid."""
+    from rasterio.crs import CRS
+
+    return CRS.from_wkt(_part(crs.to_wkt(), "GEOGCS"))
+
+
+def _part(wkt: str, name: str) -> str:
+    """The element of that name in well-known text (version 1), with its brackets; "" without."""
+    start = wkt.find(f"{name}[")
+    depths = np.cumsum([(letter == "[") - (letter == "]") for letter in wkt[start:]])
+    closed = np.flatnonzero((depths == 0) & (np.array(list(wkt[start:])) == "]"))
+    return "" if start < 0 else wkt[start : start + int(closed[0]) + 1]
+
+
+def _transformed(
+    source: CRS, target: CRS, x: Sequence[float], y: Sequence[float]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     from rasterio.warp import transform
 
-    (longitude,), (latitude,) = transform(crs, "EPSG:4326", [east_m], [north_m])
-    (east,), (north,) = transform("EPSG:4326", crs, [longitude], [latitude + 1e-4])
-    return math.degrees(math.atan2(east - east_m, north - north_m))
+    try:
+        found = np.array(transform(source, target, x, y), np.float64)
+    except Exception:  # GDAL's errors have no public class
+        found = np.full((2, len(x)), np.nan)
+    if not np.isfinite(found).all():
+        raise ConfigError(
+            f"{x[0]:.10g}, {y[0]:.10g} lies outside {source}", fix="correct east_m and north_m, or crs"
+        )
+    return found[0], found[1]
 
 
-def read_heights(path: Path, crs: CRS) -> Heights:
-    """The first band of a DEM in this reference system. Raises `ConfigError`."""
+def _metres_per_degree(geographic: CRS, latitude_deg: float) -> NDArray[np.float64]:
+    """Of longitude and of latitude, on the system's ellipsoid."""
+    _, axis_m, flattening = _part(geographic.to_wkt(), "SPHEROID").split(",")[:3]
+    axis, inverse, latitude = float(axis_m), float(flattening.rstrip("]")), math.radians(latitude_deg)
+    square = (2.0 - 1.0 / inverse) / inverse if inverse else 0.0
+    root = math.sqrt(1.0 - square * math.sin(latitude) ** 2)
+    east, north = axis / root * math.cos(latitude), axis * (1.0 - square) / root**3
+    return np.radians([east, north])
+
+
+def _utm(longitude_deg: float, latitude_deg: float) -> str:
+    zone = int((longitude_deg + 180.0) % 360.0 // 6.0) + 1
+    return f"EPSG:{(32600 if latitude_deg >= 0.0 else 32700) + zone}"
+
+
+def read_heights(path: Path, crs: CRS, scale: float) -> Heights:
+    """The first band of a DEM in this reference system, in metres; its scale is that of a `Grid`.
+
+    Raises `ConfigError`.
+    """
     _needs_rasterio()
     import rasterio
     from rasterio.errors import RasterioIOError
 
     try:
         with rasterio.open(path) as file:
-            heights = file.read(1, masked=True).astype(np.float64).filled(np.nan)
+            band = file.read(1, masked=True).astype(np.float64).filled(np.nan)
             found, place = file.crs, file.transform
+            gain, offset, unit = file.scales[0], file.offsets[0], file.units[0]
     except RasterioIOError as error:
         raise ConfigError(f"cannot read the DEM {path}: {error}", fix="name a GeoTIFF of heights") from error
-    if found != crs:
+    if _horizontal(found) != _horizontal(crs):
         raise ConfigError(
             f"{path} is in {found or 'no reference system'}, the pose in {crs}",
-            fix=f"gdalwarp -t_srs {crs} {path} dem.tif",
+            fix=f"gdalwarp -t_srs {crs} -r bilinear {path} dem.tif",
         )
     if place.b or place.d or place.e >= 0.0 or not math.isclose(place.a, -place.e, rel_tol=1e-6):
         raise ConfigError(f"{path} has no square cells with north up", fix="gdalwarp -tr 0.5 0.5 ...")
-    return Heights(place.c, place.f, place.a, heights)
+    upwards = -1.0 if ",DOWN]" in found.to_wkt() else 1.0  # a system of depths
+    heights = upwards * (band * gain + offset) * _metres_per_unit(path, unit)
+    _refuse_no_heights(path, heights, band)
+    return Heights(place.c, place.f, place.a, heights, scale)
+
+
+def _horizontal(crs: CRS | None) -> CRS | None:
+    """A system without the heights of a compound one."""
+    from rasterio.crs import CRS
+
+    plane = _part(crs.to_wkt(), "PROJCS") if crs else ""
+    return CRS.from_wkt(plane) if plane else crs
+
+
+def _metres_per_unit(path: Path, unit: str | None) -> float:
+    """Of a band's heights, in metres without a unit; GDAL gives that of a compound system to the band."""
+    if not unit:
+        return 1.0
+    if (metres := UNITS_M.get(re.sub("[^a-z]", "", unit.lower()))) is None:
+        raise ConfigError(
+            f"{path} has heights in {unit!r}, a unit that is not known",
+            fix=f"set it to m, ft or US survey foot: rio edit-info --bidx 1 --units m {path}",
+        )
+    return metres
+
+
+def _refuse_no_heights(path: Path, heights_m: NDArray[np.float64], band: NDArray[np.float64]) -> None:
+    """Raise `ConfigError` for a marker of missing heights that the file does not declare."""
+    is_marker = np.isin(band, MARKERS) | (heights_m < LOWEST_M) | (heights_m > HIGHEST_M)
+    if is_marker.any():
+        marker = band[is_marker][0]
+        raise ConfigError(
+            f"{path} holds {marker:.17g}, which is no height, and does not declare it as missing",
+            fix=f"declare it: rio edit-info --nodata {marker:.17g} {path}, or correct scale, offset and unit",
+        )
 
 
 def write_layers(

@@ -1,10 +1,12 @@
-"""The frames of a session: as radiometric TIFF, or to look at as PNG and MP4 with scale and regions."""
+"""The frames of a session: as radiometric TIFF, or to look at as PNG and video with scale and regions."""
 
 from __future__ import annotations
 
 import csv
+import logging
 import math
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +16,7 @@ import fieldkit
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, StorageError
 from fieldkit.model.samples import Frame, is_damaged
+from fieldkit.model.slope import SlopeEstimate
 from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.physics.camera_laws import frame_k, has_temperatures
 from fieldkit.pixel_axes import with_axes
@@ -22,11 +25,13 @@ from fieldkit.sessions.formats.tiff import TiffTags, write_tiff
 from fieldkit.sessions.reader import SessionReader
 
 TIFF_KELVIN_PER_COUNT = 0.01
+_MOST_COUNTS = 65_535
 _WIDTH, _BAR = 640, 36
 _ROOM = "make room, or name another folder: -o DIR"
 _TABLES = "export --to csv, for what it has"
 _BLACK, _WHITE = (0, 0, 0), (255, 255, 255)  # white on black shows on any colour
 Image = NDArray[np.uint8]
+log: logging.Logger = logging.getLogger(__name__)
 
 
 def export_tiffs(
@@ -34,32 +39,53 @@ def export_tiffs(
 ) -> list[Path]:
     """16-bit TIFFs of 0.01 K per count with scale, time and flags in their tags: `import` reads them back.
 
-    The times stand in ``times.csv`` too. A pixel of 0 has no temperature; counts of a camera without a known
+    The times stand in ``times.csv`` too. Where a pixel is hotter than 655.35 K, a count is 0.02 K, 0.04 K or
+    what else holds it, in all frames. A pixel of 0 has no temperature; counts of a camera without a known
     scale are written as they are. Raises `OSError`, and `ConfigError` where the camera is not known.
     """
     info = _camera(session, stream)
-    paths, rows = [], []
+    step, paths, rows = _kelvin_per_count(session, info, every), [], []
     for frame in _frames(session, info.name, every):
         path, time = folder / f"{_stem(session, info)}-{frame.seq:07}.tiff", iso_utc(frame.time_ns)
         flags = tuple(str(flag.name).lower() for flag in frame.quality)
-        tags = TiffTags(time, TIFF_KELVIN_PER_COUNT if has_temperatures(info) else math.nan, flags=flags)
-        write_tiff(path, _tiff_counts(frame, info), tags, f"fieldkit {fieldkit.__version__}")
+        counts = _tiff_counts(frame, info, step)
+        write_tiff(path, counts, TiffTags(time, step, flags=flags), f"fieldkit {fieldkit.__version__}")
         paths.append(path)
         rows.append((path.name, time))
     return [*paths, _write_times(folder / "times.csv", rows)]
 
 
-def _tiff_counts(frame: Frame, info: StreamInfo) -> NDArray[np.uint16]:
+def _kelvin_per_count(session: SessionReader, info: StreamInfo, every: int) -> float:
+    """The step by which 16 bits hold every temperature: 0.01 K or its doubles; NaN where there are none."""
+    if not has_temperatures(info):
+        return math.nan
+    hottest = max((_hottest_k(frame, info) for frame in _frames(session, info.name, every)), default=0.0)
+    doublings = math.ceil(math.log2(max(1.0, hottest / (_MOST_COUNTS * TIFF_KELVIN_PER_COUNT))))
+    step = float(TIFF_KELVIN_PER_COUNT * 2**doublings)
+    if doublings:
+        log.warning("a pixel has %.1f K, so a count of the TIFFs is %g K, not 0.01 K", hottest, step)
+    return step
+
+
+def _hottest_k(frame: Frame, info: StreamInfo) -> float:
+    kelvin = frame_k(info, frame.counts, frame.metadata_rows)
+    return float(np.max(kelvin, where=np.isfinite(kelvin), initial=0.0))
+
+
+def _tiff_counts(frame: Frame, info: StreamInfo, step: float) -> NDArray[np.uint16]:
     if not has_temperatures(info):
         return frame.counts
-    hundredths = np.rint(frame_k(info, frame.counts, frame.metadata_rows) / TIFF_KELVIN_PER_COUNT)
-    return np.asarray(np.clip(np.nan_to_num(hundredths), 0, 65535), np.uint16)
+    counts = np.rint(frame_k(info, frame.counts, frame.metadata_rows) / step)
+    return np.asarray(np.maximum(np.nan_to_num(counts, posinf=0.0, neginf=0.0), 0.0), np.uint16)
 
 
 def export_pngs(
     session: SessionReader, folder: Path, *, stream: str | None = None, every: int = 1
 ) -> list[Path]:
-    """Coloured images with the temperature scale, the regions and the time. Raises `StorageError`."""
+    """Coloured images with temperature scale, regions, their slopes as recorded, and time.
+
+    Raises `StorageError`.
+    """
     import cv2
 
     paths = []
@@ -72,17 +98,17 @@ def export_pngs(
     return paths
 
 
-def export_mp4(
+def export_video(
     session: SessionReader, folder: Path, *, stream: str | None = None, every: int = 1
 ) -> list[Path]:
-    """The same as a video, 25 frames a second. Raises `StorageError`."""
+    """The same as a video, 25 frames a second, VP9 in MP4, which browsers play. Raises `StorageError`."""
     import cv2
 
     info = _camera(session, stream)
     path, film = folder / f"{_stem(session, info)}.mp4", None
     for _, image in _drawn(session, info, every):
         if film is None:
-            code = cv2.VideoWriter.fourcc(*"mp4v")
+            code = cv2.VideoWriter.fourcc(*"vp09")
             film = cv2.VideoWriter(str(path), code, 25.0, (image.shape[1], image.shape[0]))
             if not film.isOpened():
                 raise StorageError(f"cannot write {path}", fix="export --to png, and make a film of them")
@@ -115,7 +141,7 @@ def _cameras(session: SessionReader) -> list[str]:
 
 
 def _stem(session: SessionReader, info: StreamInfo) -> str:
-    """What the names of the files begin with: the camera is in it where the session has several."""
+    """Beginning of the names of the files: the camera is in it where the session has several."""
     several = len(_cameras(session)) > 1
     return f"{session.path.stem}-{info.name}" if several else session.path.stem
 
@@ -143,12 +169,23 @@ def _drawn(session: SessionReader, info: StreamInfo, every: int) -> Iterator[tup
     low, high = _range(session, info)
     unit = " C" if has_temperatures(info) else ""
     words = [f"{end:.1f}{unit}" if unit else f"{end:.0f}" for end in (low, high)]
+    slopes = deque(session.estimates())
+    names = {region.name: region.name for region in session.regions}
     for frame in _frames(session, info.name, every):
-        yield frame, _draw(session, frame, _shown(frame, info), (low, high), words)
+        while slopes and slopes[0].time_ns <= frame.time_ns:
+            estimate = slopes.popleft()
+            names[estimate.region] = _with_slope(estimate)
+        yield frame, _draw(session, frame, _shown(frame, info), (low, high), words, names)
+
+
+def _with_slope(estimate: SlopeEstimate) -> str:
+    """A region's name with its tilt, where it has one; OpenCV's letters have no degree sign."""
+    tilt = f" {estimate.tilt_deg:.0f} deg" if math.isfinite(estimate.tilt_deg) else ""
+    return f"{estimate.region}{tilt}"
 
 
 def _shown(frame: Frame, info: StreamInfo) -> NDArray[np.float32]:
-    """What an image shows, (rows, cols): °C, or counts where the camera's scale is not known."""
+    """Values that an image shows, (rows, cols): °C, or counts where the camera's scale is not known."""
     if not has_temperatures(info):
         return frame.counts.astype(np.float32)
     return frame_k(info, frame.counts, frame.metadata_rows, np.float32) - np.float32(CELSIUS_ZERO_K)
@@ -175,6 +212,7 @@ def _draw(
     shown: NDArray[np.float32],
     ends: tuple[float, float],
     words: list[str],
+    names: Mapping[str, str],
 ) -> Image:
     import cv2
 
@@ -187,7 +225,7 @@ def _draw(
         corners = np.array([((x + 0.5) * factor, (y + 0.5) * factor) for x, y in region.vertices], np.int32)
         for colour, thickness in ((_BLACK, 3), (_WHITE, 1)):
             cv2.polylines(image, [corners], True, colour, thickness, cv2.LINE_AA)
-        _write(image, region.name, (int(corners[0][0]) + 5, int(corners[0][1]) + 17))
+        _write(image, names[region.name], (int(corners[0][0]) + 5, int(corners[0][1]) + 17))
     image = with_axes(image, factor)
     return np.vstack([image, _bar(image.shape[1], words, iso_utc(frame.time_ns)[:19] + "Z")])
 

@@ -9,10 +9,12 @@ ones are put at noon. (JMA: obsdl/top/help3 and help4.)
 from __future__ import annotations
 
 import csv
+import math
 import re
 from calendar import monthrange
+from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
@@ -20,7 +22,8 @@ from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import Reading, Severity
 from fieldkit.model.units import CELSIUS_ZERO_K
-from fieldkit.sessions.formats.imported import ImportedRecording, utc_ns
+from fieldkit.sessions.formats.imported import ImportedRecording, imported_reading
+from fieldkit.sessions.formats.times import utc_ns
 
 JST = timezone(timedelta(hours=9), "JST")
 
@@ -31,34 +34,28 @@ _MOST_BYTES = 100_000_000
 
 # --- downloads of the "obsdl" page (CSV)
 
-
-#
-
-
-# The headers' length depends on what was chosen; a value column of each item is followed by columns of its
-
-
-# quality (8 is normal; nothing else is used) and homogeneity. Sums belong to the hour or day that *ends* at
-# the
-
-
-# stamp and become means in its middle; other hourly values are of the stamp itself, daily ones are put at
-# noon.
-
-
-# (JMA: obsdl/top/help3 and help4.)
-
 _FIRST_CELL = "ダウンロードした時刻"
 
 _VAPOUR = "蒸気圧"  # ends like 気圧, the pressure of the air, and has its unit
 
-_BEGINNINGS = tuple(_FIRST_CELL.encode(encoding) for encoding in ("cp932", "utf-8", "utf-8-sig"))
+_TIME_OF_DAY = "時分"  # how the tables of ten-minute values begin, which have no date
+
+_BEGINNING = re.compile(
+    b"|".join(
+        re.escape(word.encode(encoding)) + more
+        for word, more in ((_FIRST_CELL, b""), (_TIME_OF_DAY, rb"[^\n]*\n\d\d?:\d\d"))
+        for encoding in ("cp932", "utf-8", "utf-8-sig")
+    )
+)
 
 _QUALITY, _HOMOGENEITY = "品質情報", "均質番号"
 
 _NORMAL = "8"
 
-_DATE = re.compile(r"(\d{4})/(\d{1,2})/(\d{1,2})(?: (\d{1,2}):(\d{2})(?::\d{2})?)?")
+_DATE = re.compile(
+    r"(\d{4})[/年](\d{1,2})[/月](\d{1,2})日?"
+    r"(?:\s*(\d{1,2})(?::(\d{2})(?::\d{2})?|時(?:(\d{1,2})分)?))?"
+)
 
 _SPLIT = ("年", "月", "日", "時")
 
@@ -67,7 +64,7 @@ _DAY = timedelta(days=1)
 
 @dataclass(frozen=True, slots=True)
 class _Kind:
-    """What an item's unit stands for: stream, quantity, stored unit, factor and addend, and whether a sum.
+    """Meaning of an item's unit: stream, quantity, stored unit, factor and addend, and whether a sum.
 
     `measures` is the component of radiation.
     """
@@ -103,10 +100,10 @@ class _Item:
 
 
 def is_obsdl(path: Path) -> bool:
-    """Whether a file begins as a download of obsdl does."""
+    """True if a file begins as a download of obsdl does, or as a table of the agency without a date."""
     try:
         with path.open("rb") as file:
-            return file.read(max(map(len, _BEGINNINGS))).startswith(_BEGINNINGS)
+            return _BEGINNING.match(file.read(4096)) is not None
     except OSError:
         return False
 
@@ -127,15 +124,21 @@ def read_obsdl(path: Path, name: str) -> ImportedRecording:
 
 
 def _obsdl(path: Path, rows: list[list[str]], name: str) -> ImportedRecording:
-    at = next((n for n, row in enumerate(rows) if row[0].startswith(_SPLIT[0])), None)
+    if rows and rows[0][0] == _TIME_OF_DAY:
+        raise ConfigError(
+            f"{path} has times of day ({_TIME_OF_DAY}) but no date",
+            fix="write the date before each time (2026-07-05 00:10, the next day's 00:00 for 24:00), "
+            "and import it with --zone Asia/Tokyo",
+        )
+    at = _names_at(rows)
     if at is None:
         raise not_understood(path, f"no row names the items, beginning with {_SPLIT[0]}")
-    if rows[at].count(rows[at][0]) > 1:  # 集計開始 and 集計終了
+    if rows[at][0] and rows[at].count(rows[at][0]) > 1:  # 集計開始 and 集計終了
         raise ConfigError(
             f"{path} has values of periods of several days, from one date to another",
             fix="choose hourly or daily values (時別値, 日別値) at obsdl",
         )
-    hourly = _is_hourly(rows[at])
+    hourly = _is_hourly(rows[at], rows[at + 1 :])
     below = [(_stamp(row, is_split=rows[at][0] == _SPLIT[0], hourly=hourly), row) for row in rows[at + 1 :]]
     body = [(stamp, row) for stamp, row in below if stamp is not None]
     if not body:
@@ -147,9 +150,18 @@ def _obsdl(path: Path, rows: list[list[str]], name: str) -> ImportedRecording:
     return _recording(path, name, items, body, timedelta(hours=1 if hourly else 24))
 
 
-def _is_hourly(names: Sequence[str]) -> bool:
-    """Whether the cells of the date have an hour; an item like 日照時間 is none of them."""
-    return "時" in names[0] or _SPLIT[3] in names[: len(_SPLIT)]
+def _names_at(rows: Sequence[Sequence[str]]) -> int | None:
+    """The row that names the items: its first cells name the date, or nothing where that is in words."""
+    named = (n for n, row in enumerate(rows) if row[0].startswith(_SPLIT[0]))
+    unnamed = (n for n, row in enumerate(rows) if not row[0] and any(map(_kind, row)))
+    return next(named, next(unnamed, None))
+
+
+def _is_hourly(names: Sequence[str], below: Sequence[Sequence[str]]) -> bool:
+    """True if the dates have an hour, by their names or themselves; an item like 日照時間 is none of them."""
+    if names[0]:
+        return "時" in names[0] or _SPLIT[3] in names[: len(_SPLIT)]
+    return any((date := _DATE.fullmatch(row[0].strip())) and date[4] for row in below)
 
 
 def _recording(
@@ -163,7 +175,7 @@ def _recording(
         for stamp, row in body:
             time_ns = utc_ns(stamp + _to_middle(ours[0].kind, step))
             readings.append(
-                Reading(info.name, time_ns, time_ns, tuple(_value(item, row, step) for item in ours))
+                imported_reading(info.name, time_ns, tuple(_value(item, row, step) for item in ours))
             )
     readings.sort(key=lambda reading: reading.time_ns)
     return ImportedRecording(tuple(streams), readings, tuple(_notes(path, items, body, step)))
@@ -190,9 +202,14 @@ def _notes(
     values = "hourly" if step < _DAY else "daily"
     yield Severity.INFO, f"{path.name}: {len(body)} {values} rows, times of Japan (UTC+9)"
     for item in items:
-        doubtful = sum(1 for _, row in body if _cell(row, item.value) and not _is_normal(item, row))
-        if doubtful:
+        filled = [row for _, row in body if _cell(row, item.value)]
+        normal = [row for row in filled if _is_normal(item, row)]
+        if doubtful := len(filled) - len(normal):
             yield Severity.WARNING, f"{item.label}: {doubtful} values whose quality is not 8 were excluded"
+        marked = [_cell(row, item.value) for row in normal if math.isnan(_value(item, row, step))]
+        if marked:
+            words = f"{len(marked)} cells that are not plain numbers were excluded, the first {marked[0]!r}"
+            yield Severity.WARNING, f"{item.label}: {words}"
         if len({_cell(row, item.homogeneity) for _, row in body if item.homogeneity >= 0}) > 1:
             yield Severity.WARNING, f"{item.label}: station or instrument changed within the file (均質番号)"
 
@@ -208,7 +225,8 @@ def _stamp(row: Sequence[str], *, is_split: bool, hourly: bool) -> datetime | No
         found = _DATE.fullmatch(row[0].strip())
         if found is None:
             return None
-        year, month, day, hour, minute = map(int, found.groups(default="0"))
+        year, month, day, hour, *minutes = map(int, found.groups(default="0"))
+        minute = sum(minutes)  # after a colon, or before 分
     return datetime(year, month, day, tzinfo=JST) + timedelta(hours=hour, minutes=minute)
 
 
@@ -226,7 +244,18 @@ def _items(
             label = f"{_cell(stations, place)} {item}" if several else item
             more = _companions(names, below, place)
             found.append(_Item(label, kind, place, more.get(_QUALITY, -1), more.get(_HOMOGENEITY, -1)))
-    return found
+    return _numbered(found)
+
+
+def _numbered(items: Sequence[_Item]) -> list[_Item]:
+    """The items, those of one name told apart by a number: two stations may have the same name."""
+    seen = Counter[str]()
+    numbered = []
+    for item in items:
+        seen[item.label] += 1
+        label = f"{item.label} ({seen[item.label]})" if seen[item.label] > 1 else item.label
+        numbered.append(replace(item, label=label))
+    return numbered
 
 
 def _kind(cell: str) -> _Kind | None:
@@ -238,11 +267,12 @@ def _kind(cell: str) -> _Kind | None:
 
 
 def _companions(items: Sequence[str], below: Sequence[Sequence[str]], place: int) -> dict[str, int]:
-    """Where the columns stand that qualify the value at `place`: up to the next value but a direction."""
+    """Places of the columns that qualify the value at `place`: up to the next value but a direction."""
     found: dict[str, int] = {}
     for column in range(place + 1, len(items)):
-        words = {_cell(row, column) for row in below} - {""}
-        if not words or items[column] != items[place]:
+        is_named = items[column].startswith((_QUALITY, _HOMOGENEITY))  # beside the item, not below it
+        words = {items[column][:4]} if is_named else {_cell(row, column) for row in below} - {""}
+        if not words or not (is_named or items[column] == items[place]):
             break
         for word in words & {_QUALITY, _HOMOGENEITY}:
             found.setdefault(word, column)
@@ -268,24 +298,11 @@ def _value(item: _Item, row: Sequence[str], step: timedelta) -> float:
 
 
 # --- radiation tables: one quantity of one month, a row a day
-
-
 #
-
-
-# A row has the day, 24 hourly sums in 0.01 MJ/m² without a decimal point, and their sum; ``XXX`` is
-# missing, ``]``
-
-
-# marks an incomplete sum. The hours end at the full hour of Japan's time; means are put at half past. The
-# file's
-
-
-# name gives the quantity: DR direct, DF diffuse, DL downward longwave. (JMA: env/radiation/format_rad, and
-# the
-
-
-# names of the tables there, as ``DR202406_tat.txt``.)
+# A row has the day, 24 hourly sums in 0.01 MJ/m² without a decimal point, and their sum; ``XXX`` is missing,
+# ``]`` marks an incomplete sum. The hours end at the full hour of Japan's time; means are put at half past.
+# The file's name gives the quantity: DR direct, DF diffuse, DL downward longwave. (JMA:
+# env/radiation/format_rad, and the names of the tables there, as ``DR202406_tat.txt``.)
 
 _NAME = re.compile(r"(DR|DF|DL)(\d{4})(0[1-9]|1[0-2])_(\w+)\.txt", re.IGNORECASE)
 
@@ -300,7 +317,7 @@ _W_PER_M2 = 1e4 / 3600.0  # of 0.01 MJ/m² in an hour
 
 
 def is_radiation_table(path: Path) -> bool:
-    """Whether a file has the name of such a table."""
+    """True if a file has the name of such a table."""
     return _NAME.fullmatch(path.name) is not None
 
 
@@ -336,7 +353,7 @@ def _readings(path: Path, stream: str, first: datetime, days: list[tuple[int, li
     for number, hours in days:
         for hour, value in enumerate(hours):
             time_ns = utc_ns(first + timedelta(days=number - 1, hours=hour, minutes=30))
-            readings.append(Reading(stream, time_ns, time_ns, (value,)))
+            readings.append(imported_reading(stream, time_ns, (value,)))
     return readings
 
 

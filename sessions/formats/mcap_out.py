@@ -20,7 +20,7 @@ from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.learnt import Learnt, LearntParameter
 from fieldkit.model.samples import NO_COUNTER, Event, Frame, Sample, Severity
-from fieldkit.model.slope import SlopeEstimate
+from fieldkit.model.slope import SLOPE_FIELDS, SlopeEstimate
 from fieldkit.sessions.analysis import channel_names
 from fieldkit.sessions.reader import SessionReader
 
@@ -47,20 +47,16 @@ _RAW_IMAGE = {
     "encoding": {**_TEXT, "description": "mono16: 16-bit counts, little-endian"},
     "step": {**_INTEGER, "description": "bytes of a row"},
     "data": _BYTES,
-    "metadata_rows": {**_BYTES, "description": "rows the camera sent with the picture, same width"},
+    "metadata_rows": {**_BYTES, "description": "rows the camera sent with the frame, same width"},
     "sensor_temperature_k": _NUMBER,
 }
 _EVENT = {
     "timestamp": _TIME, "level": _INTEGER, "message": _TEXT, "name": _TEXT, "file": _TEXT, "line": _INTEGER,
     "mono_ns": _INTEGER, "kind": _TEXT, "data": {"type": "object"},
 }  # fmt: skip
-_SLOPE_NUMBERS = (
-    "tilt_deg", "tilt_low_deg", "tilt_high_deg", "azimuth_deg", "azimuth_low_deg", "azimuth_high_deg",
-    "kelvin_per_degree", "chi_square",
-)  # fmt: skip
 _SLOPE = {
     "timestamp": _TIME, "region": _TEXT, "state": _TEXT, "model": _TEXT, "reason": _TEXT, "minutes": _INTEGER,
-    **dict.fromkeys(_SLOPE_NUMBERS, _NUMBER),
+    **{one.key: {**_NUMBER, "description": one.description} for one in SLOPE_FIELDS.values()},
 }  # fmt: skip
 
 _BY_REGION = {"type": "object", "additionalProperties": _NUMBER}
@@ -104,7 +100,7 @@ def export_mcap(
 
 
 def _about(writer: Writer, session: SessionReader) -> None:
-    """What holds for the whole session: place, provenance, and the configuration as it was used."""
+    """Facts of the whole session: place, provenance, and the configuration as it was used."""
     header, site = session.header, session.site
     about = {
         "title": header.title, "session_id": session.session_id, "state": session.state,
@@ -195,7 +191,7 @@ def _event(event: Event) -> dict[str, Any]:
 
 
 def _slope(estimate: SlopeEstimate) -> dict[str, Any]:
-    numbers = {name: _number(getattr(estimate, name)) for name in _SLOPE_NUMBERS}
+    numbers = {name: _number(getattr(estimate, name)) for name in SLOPE_FIELDS}
     return {
         "region": estimate.region, "state": estimate.state.name.lower(), "model": estimate.model,
         "reason": estimate.reason, "minutes": estimate.n_bins, **numbers,

@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, NoAnswerError
+from fieldkit.model.limits import Bounds, bounds_of
 from fieldkit.model.samples import Event, EventKind, Reading, Sample, Severity, is_usable
+from fieldkit.sessions.analysis import region_series
 from fieldkit.sessions.clock_correction import apply_time_map
 from fieldkit.sessions.formats.imported import ImportedRecording, StampedClock
 from fieldkit.sessions.reader import SessionReader
@@ -39,7 +41,7 @@ class _Cut:
 
 
 def cut_to(session: SessionReader, imported: ImportedRecording) -> ImportedRecording:
-    """What of a recording belongs to the session's time, and two intervals more on either side."""
+    """Part of a recording that belongs to the session's time, and two intervals more on either side."""
     margin_ns = {info.name: round(2e9 / info.rate_hz) if info.rate_hz else 0 for info in imported.streams}
     first_ns, last_ns = session.start_ns, session.end_ns
     kept = _Cut(
@@ -68,7 +70,7 @@ def merge(session: SessionReader, imported: ImportedRecording, path: Path, sourc
     if not time_ns or max(time_ns) < session.start_ns or min(time_ns) > session.end_ns:
         raise ConfigError(
             f"{source} and {session.path} do not overlap in time",
-            fix="check --zone and --offset of the logger",
+            fix="check --zone and --clock-offset of the logger",
         )
     header = replace(session.header, streams=(*session.header.streams, *imported.streams))
     steps = session.time_map()
@@ -139,7 +141,8 @@ def _best_stream(
     start_ns = session.start_ns
     found, refused = [], ""
     for info in streams:
-        log = _time_series(_points(one for one in readings if one.stream == info.name), start_ns)
+        own = (one for one in readings if one.stream == info.name)
+        log = _time_series(_points(own, bounds_of(info)), start_ns)
         for name, curve in _all_series(session, info.quantity, start_ns):
             try:
                 found.append((name, best_offset(log, curve)))
@@ -150,25 +153,26 @@ def _best_stream(
         reason = refused or f"it has no time series of {quantities}"
         raise NoAnswerError(
             f"{session.path} does not determine the log's offset: {reason}",
-            fix="give it: --offset +12s, or --offset 0s",
+            fix="give it: --clock-offset +12s, or --clock-offset 0s",
         )
     return min(found, key=lambda one: one[1].uncertainty_s)
 
 
-def _points(readings: Iterable[Reading]) -> Iterator[tuple[int, float]]:
+def _points(readings: Iterable[Reading], bounds: Bounds) -> Iterator[tuple[int, float]]:
     """Time and mean over the channels of the readings that have one."""
     for one in readings:
-        if is_usable(one.quality) and np.isfinite(one.values).any():
-            yield one.time_ns, float(np.nanmean(one.values))
+        values = bounds.usable(np.array(one.values), np.array(int(one.quality)))
+        if np.isfinite(values).any():
+            yield one.time_ns, float(np.nanmean(values))
 
 
 def _all_series(session: SessionReader, quantity: str, start_ns: int) -> Iterator[tuple[str, TimeSeries]]:
-    """What the session has of a quantity: meters, and for temperatures the regions of its frames."""
+    """The session's time series of a quantity: meters, and for temperatures the regions of its frames."""
     for name, info in session.streams.items():
         if info.quantity == quantity and not info.is_camera and session.count(name):
             yield name, _stream_series(session, name, start_ns)
         if info.quantity == "brightness_temperature" and quantity == "temperature" and session.count(name):
-            series = session.region_series(stream=name)
+            series = region_series(session, stream=name)
             good = is_usable(series.flags)
             for region, kelvin in zip(series.regions, series.mean_k[good].T, strict=True):
                 if kelvin.size and np.isfinite(kelvin).all():
@@ -194,35 +198,18 @@ def _time_series(points: Iterable[tuple[int, float]], start_ns: int) -> TimeSeri
 
 # --- the offset between two clocks that recorded the same time series
 
-
-#
-
-
 # For each offset tried the reference is fitted by ``a + b * log(time - offset)``, b > 0, because two sensors
-
-
 # seldom agree in level and gain. The offset is where that fits best, if it does so distinctly better than
-
-
 # anywhere else; its uncertainty follows from excluding one interval after the other.
-
 LONGEST_OFFSET_S = 15 * 3600.0  # wrong zones; date lines are not mistaken for clocks
-
 _LEAST_FIT = 0.7  # of the variance
-
 _DISTINCT = 2.0  # anywhere else, at least so much more must be left over
-
 _LEFT_OVER = 0.005  # no two sensors agree better
-
 _OF_A_STEP = 0.05  # between two readings the log is a straight line
-
 _LEAST_POINTS, _COARSE_POINTS, _MOST_POINTS = 20, 400, 20_000
-
 _MOST_PEAKS, _FINE_OFFSETS, _BLOCKS, _REACH = 8, 81, 10, 3.0
-
 _LEAST_COARSE_S, _MOST_UNCERTAIN_S = 1.0, 60.0
-
-_FIX = "use a longer interval with clouds or a shadow, or give the offset: --offset +12s"
+_FIX = "use a longer interval with clouds or a shadow, or give the offset: --clock-offset +12s"
 
 
 @dataclass(frozen=True, slots=True)
@@ -240,7 +227,7 @@ class TimeSeries:
 
 @dataclass(frozen=True, slots=True)
 class Alignment:
-    """What to add to a log's times: seconds, their expanded uncertainty (k=2), the correlation there."""
+    """Offset to add to a log's times: seconds, their expanded uncertainty (k=2), the correlation there."""
 
     offset_s: float
     uncertainty_s: float
@@ -256,7 +243,7 @@ def best_offset(log: TimeSeries, reference: TimeSeries) -> Alignment:
     if min(log.time_s.size, reference.time_s.size) < _LEAST_POINTS:
         raise NoAnswerError(
             f"an offset needs {_LEAST_POINTS} points of both time series at least",
-            fix="give it: --offset +12s",
+            fix="give it: --clock-offset +12s",
         )
     finest = 2.0 * max(log.step_s, reference.step_s, span / _MOST_POINTS)
     coarse = max(finest, span / _COARSE_POINTS, _LEAST_COARSE_S)
@@ -295,7 +282,7 @@ def _distinct(tops: Sequence[tuple[float, float]], reach: float) -> tuple[float,
     if not tops or tops[0][1] < _LEAST_FIT:
         raise NoAnswerError(
             f"the two time series match nowhere: at best {tops[0][1] if tops else 0.0:.0%} of the variance",
-            fix="check that they are of the same thing, or give the offset: --offset +12s",
+            fix="check that they are of the same thing, or give the offset: --clock-offset +12s",
         )
     left_over = max(1 - tops[0][1], _LEFT_OVER)
     for offset, fit in tops[1:]:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import gzip
 import json
-import math
 import struct
 import zlib
 from collections.abc import Iterator
@@ -21,18 +20,21 @@ import numpy as np
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, message_of
 from fieldkit.model.samples import Frame, Severity
-from fieldkit.sessions.formats.imported import ImportedRecording, flag_bunched, plausible_ns
+from fieldkit.sessions.formats.imported import ImportedRecording, flag_bunched
+from fieldkit.sessions.formats.times import plausible_ns
+from fieldkit.sessions.formats.unpacking import refuse_bomb
 
 SIGNATURE = b"PTY16V1\n"
 _RECORD = struct.Struct("<Qdq")
 _MAX_HEADER, _MAX_SIDE, _MAX_NUMBER = 1_000_000, 4096, 2**63 - 1
 _MAX_RATE_HZ = 1000.0
+_LATEST_S = 2**63 / 1e9
 _UNREADABLE = (ValueError, KeyError, TypeError, OverflowError, RecursionError, OSError, EOFError, zlib.error)
 _PLAUSIBLE_K = (200.0, 700.0)
 
 
 def is_purethermal(path: Path) -> bool:
-    """Whether a file is such a recording."""
+    """True if a file is such a recording."""
     try:
         with gzip.open(path) as file:
             return file.read(len(SIGNATURE)) == SIGNATURE
@@ -40,17 +42,17 @@ def is_purethermal(path: Path) -> bool:
         return False
 
 
-def read_purethermal(path: Path, name: str = "camera") -> ImportedRecording:
+def read_purethermal(path: Path, name: str = "camera", *, offset_ns: int = 0) -> ImportedRecording:
     """A recording as a camera stream; a last frame that is cut off is excluded, with a note.
 
-    It is read twice, once for its stamps, and never kept whole. Raises `ConfigError` where the
-    file is not such a recording.
+    It is read twice, once for its stamps, and never kept whole. `offset_ns` is added to them. Raises
+    `ConfigError` where the file is not such a recording.
     """
     notes: list[tuple[Severity, str]] = []
     time_ns: list[int] = []
     median = float("nan")
     try:
-        for frame in _frames(path, name):
+        for frame in _frames(path, name, offset_ns):
             if not time_ns:
                 median = float(np.median(frame.counts)) / 100.0
             time_ns.append(frame.time_ns)
@@ -65,7 +67,7 @@ def read_purethermal(path: Path, name: str = "camera") -> ImportedRecording:
         notes.append((Severity.WARNING, "the counts are not K/100 (TLinear off): temperatures unknown"))
     with gzip.open(path) as file:
         shape, rate_hz = _header(path, file)
-    flagged, bunches = flag_bunched(lambda: _frames(path, name), time_ns)
+    flagged, bunches = flag_bunched(lambda: _frames(path, name, offset_ns), time_ns)
     info = StreamInfo(
         name, "brightness_temperature", "K", shape, scale,
         rate_hz=rate_hz, driver="import", vendor="GroupGets", model="PureThermal",
@@ -73,11 +75,12 @@ def read_purethermal(path: Path, name: str = "camera") -> ImportedRecording:
     return ImportedRecording((info,), flagged, (*notes, *bunches))
 
 
-def _frames(path: Path, name: str) -> Iterator[Frame]:
+def _frames(path: Path, name: str, offset_ns: int) -> Iterator[Frame]:
     """The frames; raises `EOFError`, `OSError` or `zlib.error` where the file ends within one."""
     with gzip.open(path) as file:
         shape, _ = _header(path, file)
-        while (frame := _frame(file, name, shape)) is not None:
+        while (frame := _frame(file, name, shape, offset_ns)) is not None:
+            refuse_bomb(path, file.tell())
             yield frame
 
 
@@ -100,7 +103,7 @@ def _header(path: Path, file: gzip.GzipFile) -> tuple[tuple[int, int], float]:
         ) from error
 
 
-def _frame(file: gzip.GzipFile, name: str, shape: tuple[int, int]) -> Frame | None:
+def _frame(file: gzip.GzipFile, name: str, shape: tuple[int, int], offset_ns: int) -> Frame | None:
     """The next frame, or None at the end; raises `EOFError` where it is cut off."""
     record = file.read(_RECORD.size)
     if not record:
@@ -110,12 +113,12 @@ def _frame(file: gzip.GzipFile, name: str, shape: tuple[int, int]) -> Frame | No
     if len(record) < _RECORD.size or len(data) < size:
         raise EOFError
     number, seconds, milliseconds = _RECORD.unpack(record)
-    if not math.isfinite(seconds) or number > _MAX_NUMBER:
+    if not 0.0 <= seconds < _LATEST_S or number > _MAX_NUMBER:
         raise ConfigError(
-            f"frame {number} was taken at {seconds} s: the file is damaged",
+            f"frame {number} was taken at {seconds:g} s after 1970: the file is damaged",
             fix="copy it from the recorder again",
         )
-    time_ns = plausible_ns(round(seconds * 1e6) * 1000)
+    time_ns = plausible_ns(round(seconds * 1e6) * 1000 + offset_ns)
     counts = np.frombuffer(data, "<u2").reshape(shape)
     rows = np.empty((0, 0), "<u2")
     return Frame(name, time_ns, time_ns, counts, rows, device_time=milliseconds, device_seq=number)

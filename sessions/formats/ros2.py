@@ -1,4 +1,4 @@
-"""What all messages for ROS 2 share: their writer, their definitions, stamps and headers."""
+"""Shared parts of all messages for ROS 2: their writer, their definitions, stamps and headers."""
 
 from __future__ import annotations
 

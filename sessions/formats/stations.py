@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from fieldkit.model.device import StreamInfo
-from fieldkit.model.samples import Reading, Severity
-from fieldkit.sessions.formats.imported import ImportedRecording, usual_rate_hz
+from fieldkit.model.samples import Severity
+from fieldkit.sessions.formats.imported import ImportedRecording, imported_reading, usual_rate_hz
 from fieldkit.weather import Weather, half_step_ns, read_station_file
 
 _COLUMNS = {
@@ -33,13 +33,14 @@ def read_station(path: Path, name: str) -> ImportedRecording:
     measured = {key: values for key in _COLUMNS if np.isfinite(values := getattr(weather, key)).any()}
     streams = tuple(_stream(name, key, weather) for key in measured)
     readings = [
-        Reading(info.name, int(stamp), int(stamp), (float(value),))
+        imported_reading(info.name, int(stamp), (float(value),))
         for stamp, *row in zip(weather.time_ns, *measured.values(), strict=True)
         for info, value in zip(streams, row, strict=True)
     ]
     minutes = half_step_ns(weather.time_ns) / 30e9
     note = f"{weather.source}: {weather.time_ns.size} means of {minutes:g} min, stamped in their middle"
-    return ImportedRecording(streams, readings, ((Severity.INFO, note),), weather.site)
+    warnings = [(Severity.WARNING, text) for text in weather.notes]
+    return ImportedRecording(streams, readings, ((Severity.INFO, note), *warnings), weather.site)
 
 
 def _stream(name: str, key: str, weather: Weather) -> StreamInfo:

@@ -1,13 +1,13 @@
-"""Single frames (16-bit TIFF, InfiRay IRG), of a folder or one alone, stamped in a table or in their names.
+"""Frames of TIFF (16 bits) and InfiRay IRG files, of a folder or one alone, with times from a table or names.
 
 What a count means is never guessed: it stands in the file, or must be given, or declared unknown.
 """
 
 from __future__ import annotations
 
-import csv
 import math
 import struct
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import tzinfo
@@ -19,14 +19,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.model.device import StreamInfo
-from fieldkit.model.errors import ConfigError
+from fieldkit.model.errors import ConfigError, message_of
 from fieldkit.model.samples import Frame, Quality, Severity
-from fieldkit.sessions.formats.imported import ImportedRecording, flag_bunched, parse_times_ns, usual_rate_hz
-from fieldkit.sessions.formats.tiff import claimed_pixels, read_tags
+from fieldkit.sessions.formats.frame_times import GIVE_TIMES, given_times_ns
+from fieldkit.sessions.formats.imported import ImportedRecording, flag_bunched, usual_rate_hz
+from fieldkit.sessions.formats.tiff import Page, read_pages
+from fieldkit.sessions.formats.times import parse_times_ns, plausible_ns
+from fieldkit.sessions.formats.unpacking import refuse_bomb
 
 SUFFIXES = (".tif", ".tiff", ".irg")
 
+Note = tuple[Severity, str]
+
 _MOST_PIXELS = 1 << 24
+
+_EXPORT_AGAIN = "export it again, or take it out of the folder"
+
+_UNSIGNED, _SIGNED, _FLOAT, _UNDEFINED = 1, 2, 3, 4  # SampleFormat, TIFF 6.0 section 19
+
+_WORDS = {_SIGNED: "signed ", _FLOAT: "floating-point "}
+
+_NOT_COLOURED = "export the radiometric frames as unsigned 16-bit counts, not coloured or scaled for display"
+
+_FROM_FLOAT = (
+    "if it is in °C: gdal_translate -ot UInt16 -scale -273.15 382.2 0 65535 IN.tif OUT.tif, "
+    "and import that with --kelvin-per-count 0.01"
+)
 
 _OR_NONE = "or --kelvin-per-count none for frames only"
 
@@ -44,6 +62,32 @@ class Scale:
     kelvin_at_zero: float = 0.0
 
 
+@dataclass(frozen=True, slots=True)
+class _Still:
+    """A frame: its file, what messages call it, the scale it states, and its page of a TIFF."""
+
+    path: Path
+    label: str
+    scale: Scale | None
+    page: Page | None = None
+
+    @property
+    def flags(self) -> Quality:
+        """Those that fieldkit wrote with it."""
+        names = self.page.tags.flags if self.page and self.page.tags else ()
+        known = [Quality[name.upper()] for name in names if name.upper() in Quality.__members__]
+        return reduce(or_, known, Quality.GOOD)
+
+    def counts(self) -> NDArray[np.uint16]:
+        """Shape (rows, cols); raises `ConfigError` where it cannot be read."""
+        if self.page is None:
+            return read_irg(self.path).counts
+        found = self.page.read(self.path)
+        if found is None or found.dtype != np.uint16 or found.ndim != 2:
+            raise ConfigError(f"{self.label} cannot be read as a frame", fix=_EXPORT_AGAIN)
+        return found.astype(np.uint16, copy=False)
+
+
 def image_files(source: Path) -> list[Path]:
     """The frames of a folder, by name; or the one."""
     if not source.is_dir():
@@ -53,30 +97,32 @@ def image_files(source: Path) -> list[Path]:
 
 def read_stills(
     source: Path, scale: Scale | None, *, times: Path | None = None, time_format: str | None = None,
-    zone: tzinfo | None = None, name: str = "camera",
+    zone: tzinfo | None = None, offset_ns: int = 0, name: str = "camera",
 ) -> ImportedRecording:  # fmt: skip
-    """Read the frames of a folder, or a single one, as a camera stream in order of time.
+    """Read the frames of a folder, or of a single file, as a camera stream in order of time.
 
     Parameters
     ----------
     source : Path
-        A folder or file: 16-bit TIFF or InfiRay IRG.
+        A folder or file: InfiRay IRG, or 16-bit TIFF, every page a frame but thumbnails and masks.
     scale : Scale or None
         What a count means; None uses the scale in the files.
     times : Path, optional
-        Table of file name and time, with a header line or without.
+        Table of file name and time, a line per frame, with a header line or without.
     time_format : str, optional
         Format of the times in the file names without their ending, as for strptime. Without it and `times`
         the tags of frames that fieldkit exported are used.
     zone : tzinfo, optional
         Zone of times without an offset.
+    offset_ns : int
+        To add to the times. [ns]
     name : str
         Name of the stream.
 
     Returns
     -------
     ImportedRecording
-        One camera stream; frames are read when they are needed.
+        One camera stream; frames are read when they are needed, and their orientation is not applied.
 
     Raises
     ------
@@ -89,180 +135,161 @@ def read_stills(
             f"{source} has no frames with temperatures",
             fix="name the folder that has the .tif, .tiff or .irg files, or FLIR's .jpg, .fff or .seq",
         )
-    first, own, notes = _first(paths)
-    if scale is None and own is None:
-        raise ConfigError(
-            f"what one count of these {_kind(paths[0])} frames means is not known",
-            fix=_SAY_SCALE[_kind(paths[0])],
-        )
-    stamps = _stamps(paths, times, time_format, zone)
-    ordered = sorted(paths, key=stamps.__getitem__)
-    time_ns = [stamps[path] for path in ordered]
-    known = scale or own or Scale(float("nan"))
+    kind = _kind(paths)
+    stills, notes = _tiff_stills(paths) if kind == "TIFF" else _irg_stills(paths)
+    rows, cols = stills[0].counts().shape
+    known = _common_scale(stills, scale, kind)
+    times_ns = [plausible_ns(at + offset_ns) for at in _times_ns(stills, times, time_format, zone)]
+    stamped = sorted(zip(times_ns, stills, strict=True), key=lambda pair: pair[0])
+    times_ns.sort()
     info = StreamInfo(
-        name, "brightness_temperature", "K", (first.shape[0], first.shape[1]), known.kelvin_per_count,
-        known.kelvin_at_zero, rate_hz=usual_rate_hz(time_ns), driver="import",
+        name, "brightness_temperature", "K", (rows, cols), known.kelvin_per_count, known.kelvin_at_zero,
+        rate_hz=usual_rate_hz(times_ns), driver="import",
     )  # fmt: skip
-    flagged, bunches = flag_bunched(lambda: _frames(ordered, time_ns, info), time_ns)
+    flagged, bunches = flag_bunched(lambda: _frames(stamped, info), times_ns)
     return ImportedRecording((info,), flagged, (*notes, *bunches))
 
 
-def _stamps(
-    paths: Sequence[Path], times: Path | None, time_format: str | None, zone: tzinfo | None
-) -> dict[Path, int]:
-    """When each frame was taken, by the one way that was given, else by its own tags."""
-    if times is not None and time_format is None:
-        return _from_table(paths, times, zone)
-    if time_format is not None and times is None:
-        return _from_names(paths, time_format, zone)
-    tags = {path: read_tags(path) for path in paths} if times is None else {}
-    tagged = {path: one.time for path, one in tags.items() if one is not None}
-    found = dict(zip(tagged, parse_times_ns(list(tagged.values()), zone), strict=True))
-    if len(found) < len(paths):
-        raise ConfigError(
-            "give the times of the frames in one way only",
-            fix='--times stamps.csv (file name, time), or --time-format "%Y%m%dT%H%M%S" (in the names)',
-        )
-    return found
-
-
-def _first(
-    paths: Sequence[Path],
-) -> tuple[NDArray[np.uint16], Scale | None, tuple[tuple[Severity, str], ...]]:
-    """A frame, the scale in its file, and notes."""
-    if len({_kind(path) for path in paths}) > 1:
+def _kind(paths: Sequence[Path]) -> str:
+    kinds = {"IRG" if path.suffix.lower() == ".irg" else "TIFF" for path in paths}
+    if len(kinds) > 1:
         raise ConfigError(
             f"{paths[0].parent} has TIFF and IRG frames", fix="import them from folders of their own"
         )
-    if _kind(paths[0]) == "TIFF":
-        return _tiff(paths[0]), _own_scale(paths), ()
-    frame = read_irg(paths[0])
-    own = None if math.isnan(frame.kelvin_per_count) else Scale(frame.kelvin_per_count)
-    note = f"the camera's emissivity was {frame.emissivity:g}; whether the counts allow for it is not known"
-    return frame.counts, own, ((Severity.WARNING, note),)
+    return kinds.pop()
 
 
-def _own_scale(paths: Sequence[Path]) -> Scale | None:
-    """The scale in the tags of all frames, where they agree; None of other programs'."""
-    tags = [read_tags(path) for path in paths]
-    scales = {None if one is None else repr((one.scale, one.offset)) for one in tags}
-    first = tags[0]
-    return Scale(first.scale, first.offset) if first is not None and len(scales) == 1 else None
+def _irg_stills(paths: Sequence[Path]) -> tuple[list[_Still], list[Note]]:
+    frames = [read_irg(path) for path in paths]
+    own = [None if math.isnan(one.kelvin_per_count) else Scale(one.kelvin_per_count) for one in frames]
+    stills = [_Still(path, str(path), scale) for path, scale in zip(paths, own, strict=True)]
+    set_to = f"the camera's emissivity was {frames[0].emissivity:g}"
+    return stills, [(Severity.WARNING, f"{set_to}; whether the counts allow for it is not known")]
 
 
-def _kind(path: Path) -> str:
-    return "IRG" if path.suffix.lower() == ".irg" else "TIFF"
+def _tiff_stills(paths: Sequence[Path]) -> tuple[list[_Still], list[Note]]:
+    """The pages that are frames, and notes on those that are not, and on turned ones."""
+    pages = {path: _pages(path) for path in paths}
+    stills = [
+        _Still(path, f"page {number} of {len(those)} of {path}" if those[1:] else str(path), _own(page), page)
+        for path, those in pages.items()
+        for number, page in enumerate(those, start=1)
+        if page.is_frame
+    ]
+    for still in stills:
+        _refuse_other_numbers(still)
+    for path, those in pages.items():
+        refuse_bomb(path, sum(2 * math.prod(page.shape) for page in those if page.is_frame))
+    notes = []
+    if skipped := sum(map(len, pages.values())) - len(stills):
+        notes.append((Severity.INFO, f"{skipped} pages are thumbnails or masks, not frames: skipped"))
+    if turned := sum(still.page is not None and still.page.orientation != 1 for still in stills):
+        words = f"the orientation of {turned} frames was not applied: regions are in the sensor's pixels"
+        notes.append((Severity.INFO, words))
+    return stills, notes
 
 
-def _frames(paths: Sequence[Path], time_ns: Sequence[int], info: StreamInfo) -> Iterator[Frame]:
+def _pages(path: Path) -> list[Page]:
+    try:
+        pages = list(read_pages(path))
+    except (OSError, ValueError) as error:
+        raise ConfigError(
+            f"{path} cannot be read as a frame: {message_of(error)}", fix=_EXPORT_AGAIN
+        ) from error
+    if not any(page.is_frame for page in pages):
+        raise ConfigError(f"no page of {path} ({len(pages)} in all) is a frame", fix=_EXPORT_AGAIN)
+    return pages
+
+
+def _own(page: Page) -> Scale | None:
+    return None if page.tags is None else Scale(page.tags.scale, page.tags.offset)
+
+
+def _refuse_other_numbers(still: _Still) -> None:
+    """All but one unsigned 16-bit number per pixel: OpenCV scales or converts some without a word."""
+    page = still.page
+    if page is None:
+        return
+    if math.prod(page.shape) > _MOST_PIXELS:
+        raise ConfigError(
+            f"{still.label} claims more than {_MOST_PIXELS // 10**6} million pixels", fix="export it again"
+        )
+    if (page.channels, page.bits) == (1, 16) and page.kind in (_UNSIGNED, _UNDEFINED):
+        return
+    one = f"{page.bits}-bit {_WORDS.get(page.kind, '')}numbers"
+    found = one if page.channels == 1 else f"{page.channels} channels"
+    raise ConfigError(
+        f"{still.label} has {found}, not one unsigned 16-bit number per pixel",
+        fix=_FROM_FLOAT if (page.channels, page.kind) == (1, _FLOAT) else _NOT_COLOURED,
+    )
+
+
+def _common_scale(stills: Sequence[_Still], given: Scale | None, kind: str) -> Scale:
+    """Meaning of a count of all frames, as it is given or as their files state it."""
+    stated = {repr(still.scale): still for still in stills}  # NaN, declared unknown, equals itself there
+    if given is None and len(stated) > 1:
+        one, other, *_ = stated.values()
+        raise ConfigError(
+            f"{one.label} and {other.label} do not state the same scale",
+            fix="import those of each scale from a folder of their own",
+        )
+    known = given or stills[0].scale
+    if known is None:
+        raise ConfigError(f"what one count of these {kind} frames means is not known", fix=_SAY_SCALE[kind])
+    for still in stated.values():
+        _refuse_another_scale(still, known)
+    return known
+
+
+def _refuse_another_scale(still: _Still, given: Scale) -> None:
+    """What a frame states holds, also against temperatures declared unknown."""
+    own = still.scale
+    if own is not None and not math.isnan(own.kelvin_per_count) and given != own:
+        raise ConfigError(
+            f"{still.label} states {own.kelvin_per_count:g} K per count and {own.kelvin_at_zero:g} K "
+            f"at zero, the options {given.kelvin_per_count:g} and {given.kelvin_at_zero:g}",
+            fix="omit --kelvin-per-count and --kelvin-at-zero",
+        )
+
+
+def _times_ns(
+    stills: Sequence[_Still], times: Path | None, time_format: str | None, zone: tzinfo | None
+) -> list[int]:
+    """Time at which each frame was taken, by the one way that was given, else by its own tags."""
+    given = given_times_ns(Counter(still.path for still in stills), times, time_format, zone)
+    if given is not None:
+        left = {path: iter(times_ns) for path, times_ns in given.items()}
+        return [next(left[still.path]) for still in stills]
+    own = [still.page.tags.time for still in stills if still.page and still.page.tags]
+    if len(own) < len(stills):
+        raise ConfigError("when these frames were taken is not known", fix=GIVE_TIMES)
+    return parse_times_ns(own, zone)
+
+
+def _frames(stamped: Sequence[tuple[int, _Still]], info: StreamInfo) -> Iterator[Frame]:
     """The frames, read when they are asked for."""
     empty = np.empty((0, 0), np.uint16)
-    for number, (path, stamp) in enumerate(zip(paths, time_ns, strict=True)):
-        counts = _frame(path)
+    for number, (stamp, still) in enumerate(stamped):
+        counts = still.counts()
         if counts.shape != info.shape:
             raise ConfigError(
-                f"{path} has {counts.shape} pixels, the first frame {info.shape}",
+                f"{still.label} has {counts.shape} pixels, the first frame {info.shape}",
                 fix="import frames of different sizes from folders of their own",
             )
-        yield Frame(info.name, stamp, stamp, counts, empty, _quality(path), device_seq=number)
-
-
-def _quality(path: Path) -> Quality:
-    """The flags that an exported frame carries."""
-    tags = read_tags(path) if _kind(path) == "TIFF" else None
-    known = (
-        [Quality[name.upper()] for name in tags.flags if name.upper() in Quality.__members__] if tags else []
-    )
-    return reduce(or_, known, Quality.GOOD)
-
-
-def _frame(path: Path) -> NDArray[np.uint16]:
-    return _tiff(path) if _kind(path) == "TIFF" else read_irg(path).counts
-
-
-def _tiff(path: Path) -> NDArray[np.uint16]:
-    import cv2
-
-    if claimed_pixels(path) > _MOST_PIXELS:
-        raise ConfigError(
-            f"{path} claims more than {_MOST_PIXELS // 10**6} million pixels", fix="export it again"
-        )
-    try:
-        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)  # unknown tags are harmless
-        found = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    except cv2.error:  # larger than OpenCV allows
-        found = None
-    if found is None:
-        raise ConfigError(
-            f"{path} cannot be read as a frame", fix="export it again, or take it out of the folder"
-        )
-    if found.dtype != np.uint16 or found.ndim != 2:
-        raise ConfigError(
-            f"{path} has {found.dtype} values of shape {found.shape}, not one 16-bit number per pixel",
-            fix="export the radiometric frames, not the coloured ones",
-        )
-    return found.astype(np.uint16)
-
-
-def _from_table(paths: Sequence[Path], times: Path, zone: tzinfo | None) -> dict[Path, int]:
-    try:
-        lines = times.read_text(encoding="utf-8-sig").splitlines()
-        cells = csv.reader(lines, delimiter=_delimiter(lines))
-        rows = {row[0].strip(): row[1].strip() for row in cells if len(row) >= 2}
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise ConfigError(f"cannot read {times}: {error}", fix="save it as CSV, UTF-8") from error
-    missing = [path.name for path in paths if path.name not in rows]
-    if missing:
-        raise ConfigError(
-            f"{times} has no time for {len(missing)} frames, the first {missing[0]}",
-            fix="add a line for each, or take them out of the folder",
-        )
-    wanted = {path.name: path for path in paths}
-    named = [name for name in rows if name in wanted]  # in the order of the table
-    times_ns = parse_times_ns([rows[name] for name in named], zone)
-    return {wanted[name]: time_ns for name, time_ns in zip(named, times_ns, strict=True)}
-
-
-def _delimiter(lines: Sequence[str]) -> str:
-    """What parts the columns: semicolons or tabs where the first line has them, else commas."""
-    return next((mark for mark in ";\t" if lines and mark in lines[0]), ",")
-
-
-def _from_names(paths: Sequence[Path], time_format: str, zone: tzinfo | None) -> dict[Path, int]:
-    times_ns = parse_times_ns([path.stem for path in paths], zone, time_format)
-    return dict(zip(paths, times_ns, strict=True))
+        yield Frame(info.name, stamp, stamp, counts, empty, still.flags, device_seq=number)
 
 
 # --- frames ``.irg`` of InfiRay's hand-held cameras and their brandings
 
-
-#
-
-
 # A little-endian header that holds its own length and ends in ``ac ca``; the image, a byte a pixel; the same
-
-
 # frame as 16-bit temperatures; then what the model adds. Three public readers agree on that
-# (jaseg/infiray_irg,
-
-
-# jelle737/Vevor-Thermal-Utilities, povlhp/irgdump). On what a count means they agree for headers that begin
-
-
-# ``ba ab`` or ``b0 0b``: a tenth of a kelvin. Those that begin ``ca ac`` hold sixteenths or tenths, by the
-# model,
-
-
-# which the file does not name.
-
+# (jaseg/infiray_irg, jelle737/Vevor-Thermal-Utilities, povlhp/irgdump). On what a count means they agree for
+# headers that begin ``ba ab`` or ``b0 0b``: a tenth of a kelvin. Those that begin ``ca ac`` hold sixteenths
+# or tenths, by the model, which the file does not name.
 _KELVIN_PER_COUNT = {b"\xba\xab": 0.1, b"\xb0\x0b": 0.1, b"\xca\xac": float("nan")}
-
 _END_MARK = b"\xac\xca"
-
 _HEAD = struct.Struct("<2sHIHH")
-
 _EMISSIVITY_AT, _SHORTEST_HEADER = 0x1E, 0x22
-
 _MOST_IRG_PIXELS = 1 << 22
 
 

@@ -13,7 +13,10 @@ import h5py
 import numpy as np
 
 from fieldkit.model.errors import ConfigError, IncompleteError, SessionError, message_of
+from fieldkit.model.slope import SLOPE_FIELDS
+from fieldkit.sessions.analysis import region_series, to_pandas
 from fieldkit.sessions.chunks import corners, pack
+from fieldkit.sessions.entry_rows import stored_details
 from fieldkit.sessions.file_tree import LIBVER
 from fieldkit.sessions.reader import SessionReader
 from fieldkit.sessions.stream_reader import StreamReader
@@ -24,8 +27,12 @@ if TYPE_CHECKING:
 _NUMBER = "%.12g"
 """Twelve digits are more than any sensor has, and leave out what binary fractions add: 280.55."""
 
-_FORMULA = re.compile(r"[=+\-@\t\r]")
-"""How a cell begins that a spreadsheet may compute, text or not (OWASP, CSV injection)."""
+_UNSEEN = r"\s\x00-\x1f\x7f-\x9f\xad\u180e\u200b-\u200f\u202a-\u202e\u2060-\u2064\ufeff"
+_FORMULA = re.compile(rf"[\t\r\n]|[{_UNSEEN}]*[=+\-@\uff1d\uff0b\uff0d\uff20]")
+"""Beginnings of cells that a spreadsheet may compute, text or not (OWASP, CSV injection).
+
+Spreadsheets skip leading blanks and characters without width; the last four are ``=+-@`` in full width.
+"""
 
 
 def export_tables(session: SessionReader, folder: Path, kind: str) -> list[Path]:
@@ -41,6 +48,9 @@ def export_tables(session: SessionReader, folder: Path, kind: str) -> list[Path]
         (name, partial(_export, make, folder / f"{session.path.stem}-{name}.{kind}", write))
         for name, make in _tables(session)
     )
+
+
+export_csv, export_parquet = partial(export_tables, kind="csv"), partial(export_tables, kind="parquet")
 
 
 def _export(
@@ -73,7 +83,7 @@ def _parquet(table: pd.DataFrame, path: Path) -> None:
 def _tables(session: SessionReader) -> Iterator[tuple[str, Callable[[], pd.DataFrame]]]:
     for name, info in session.streams.items():
         if not info.is_camera:
-            yield name, partial(session.to_pandas, name)
+            yield name, partial(to_pandas, session, name)
         elif session.regions:
             yield f"{name}-regions", partial(_regions, session, name)
     yield "slopes", partial(_slopes, session)
@@ -91,7 +101,7 @@ def _regions(session: SessionReader, camera: str) -> pd.DataFrame:
     """One row for each frame and region."""
     import pandas as pd
 
-    series = session.region_series(stream=camera)
+    series = region_series(session, stream=camera)
     parts = [
         pd.DataFrame(
             {
@@ -111,11 +121,9 @@ def _slopes(session: SessionReader) -> pd.DataFrame:
     estimates = session.estimates()
     rows = [
         {
-            "region": one.region, "state": one.state.name.lower(), "tilt [deg]": one.tilt_deg,
-            "tilt low [deg]": one.tilt_low_deg, "tilt high [deg]": one.tilt_high_deg,
-            "azimuth [deg]": one.azimuth_deg, "azimuth low [deg]": one.azimuth_low_deg,
-            "azimuth high [deg]": one.azimuth_high_deg, "sensitivity [K/deg]": one.kelvin_per_degree,
-            "chi-square": one.chi_square, "minutes": one.n_bins, "model": one.model, "reason": one.reason,
+            "region": one.region, "state": one.state.name.lower(),
+            **{about.heading: getattr(one, about.key) for about in SLOPE_FIELDS.values()},
+            "minutes": one.n_bins, "model": one.model, "reason": one.reason,
         }
         for one in estimates
     ]  # fmt: skip
@@ -142,14 +150,12 @@ def _events(session: SessionReader) -> pd.DataFrame:
 # --- streams as netCDF files of their own, for programs that do not look into groups
 
 # A session is a netCDF-4 file already; here each group becomes the root of a file, its flags verified.
-
 _SCALE_MARKS = {"CLASS", "NAME", "DIMENSION_LIST", "REFERENCE_LIST"}
-
 _PLAIN_KINDS = "biufSU"  # references, among others, mean nothing in another file
 
 
 def export_netcdf(session: SessionReader, folder: Path) -> list[Path]:
-    """One ``.nc`` for each stream and table.
+    """One ``.nc`` for each stream and table, its times as the active time map corrects them.
 
     The flags are verified: a sample that does not match its checksum is flagged. Frames that cannot be
     read are the fill value. Raises `IncompleteError`, when all the others are written, for a group that
@@ -173,7 +179,21 @@ def _netcdf(session: SessionReader, name: str, path: Path) -> Path:
             _attach(dataset, file, own)
         if name in session.streams:
             _verify(session.stream(name), file)
+        if session.time_map():
+            _correct(session, name, file)
     return path
+
+
+def _correct(session: SessionReader, name: str, file: h5py.File) -> None:
+    """Times as the active time map corrects them, also those in the details of events."""
+    is_stream = name in session.streams
+    times = {"time_ns": session.times_ns(name)} if is_stream else session.timed_table(name)
+    for column in ("time", "window_start"):
+        if column in file:
+            file[column][:] = times[f"{column}_ns"] // 1000
+    if name == "events":
+        data = [stored_details(event) for event in session.events()]
+        file["data"][:] = np.array(data, file["data"].dtype)
 
 
 def _verify(reader: StreamReader, file: h5py.File) -> None:

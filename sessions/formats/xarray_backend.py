@@ -1,7 +1,8 @@
-"""``xarray.open_dataset("field.h5", group="camera")``: sessions as xarray opens any other file.
+"""``xarray.open_dataset("field.h5", engine="fieldkit", group="camera")``: sessions as any other file.
 
-xarray finds this class by the entry point ``xarray.backends`` of the package. It must not be imported
-elsewhere: it needs xarray, which is optional.
+xarray finds this class by the entry point ``xarray.backends`` of the package. Without `engine` its own
+backends open every HDF5 file, with times and flags as stored. This module must not be imported elsewhere: it
+needs xarray, which is optional.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import h5py
 import xarray as xr
 from xarray.backends import BackendEntrypoint
 
+from fieldkit.sessions.analysis import to_xarray
 from fieldkit.sessions.layout import FORMAT_NAME
 from fieldkit.sessions.reader import attribute, open_session
 
@@ -40,12 +42,12 @@ class FieldkitBackend(BackendEntrypoint):
         with open_session(Path(filename_or_obj)) as session:
             if group is None and len(session.streams) > 1:
                 raise ValueError(f"which stream? give group=, one of {', '.join(session.streams)}")
-            dataset = session.to_xarray(group or next(iter(session.streams)))
+            dataset = to_xarray(session, group or next(iter(session.streams)))
         unwanted = [drop_variables] if isinstance(drop_variables, str) else drop_variables or ()
         return dataset.drop_vars(unwanted, errors="ignore")
 
     def guess_can_open(self, filename_or_obj: Any) -> bool:
-        """Whether it is the path of a session; every other HDF5 file is left to the other backends."""
+        """True if it is the path of a session; every other HDF5 file is left to the other backends."""
         if not isinstance(filename_or_obj, str | os.PathLike):
             return False
         try:

@@ -44,6 +44,15 @@ def fieldkit(*arguments: object) -> tuple[int, str]:
     return done.exit_code, done.stderr
 
 
+def without_privilege(*arguments: str) -> subprocess.CompletedProcess[str]:
+    """A command for which permissions hold, whoever runs the tests."""
+    command = [sys.executable, "-c", WITHOUT_PRIVILEGE, *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    if done.returncode == 77:
+        pytest.skip("runs as root and may not give up root's way past permissions")
+    return done
+
+
 @pytest.fixture(scope="module")
 def simulated(tmp_path_factory) -> Path:
     """A campaign on simulated devices."""
@@ -146,6 +155,20 @@ def test_a_region_that_leaves_the_cameras_picture_is_refused_when_the_camera_is_
     assert "'flat' reaches outside the frame of 160 x 120 pixels" in message
 
 
+@pytest.mark.parametrize("words", [("page",), ("page", "--link", "view")])
+def test_a_page_on_a_disk_that_cannot_be_written_exits_6(simulated, tmp_path, words):
+    folder = tmp_path / "field"
+    shutil.copytree(simulated, folder, ignore=shutil.ignore_patterns("*.h5*"))
+    folder.chmod(0o555)
+    for inside in folder.iterdir():
+        inside.chmod(0o555)
+    done = without_privilege(*words, "-C", str(folder))
+    assert done.returncode == 6
+    assert "cannot keep the page's keys in" in done.stderr
+    assert "  fix: " in done.stderr
+    assert "bug" not in done.stderr
+
+
 @pytest.mark.parametrize(
     ("verb", "kind"),
     [
@@ -198,15 +221,10 @@ def test_a_serial_port_without_permission_exits_4_and_says_how_to_get_it(simulat
     port = os.ttyname(near_end)
     try:
         os.chmod(port, 0)
-        arguments = ["record", "-C", str(simulated), "--for", "1s", "--set", f"lux.port={port}"]
-        done = subprocess.run(
-            [sys.executable, "-c", WITHOUT_PRIVILEGE, *arguments], capture_output=True, text=True
-        )
+        done = without_privilege("record", "-C", str(simulated), "--for", "1s", "--set", f"lux.port={port}")
     finally:
         os.close(near_end)
         os.close(far_end)
-    if done.returncode == 77:
-        pytest.skip("runs as root and may not give up root's way past permissions")
     assert done.returncode == 4
     assert f"no permission for {port}" in done.stderr
     assert "udev" in done.stderr

@@ -16,13 +16,14 @@ from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import Event, EventKind, Health, Severity
 from fieldkit.model.site import Region, RegionKind, RegionRecord
 from fieldkit.model.slope import SlopeEstimate
-from fieldkit.sessions.layout import journal_path
-from fieldkit.sessions.reader import open_session
-from fieldkit.workflows.opening import open_instruments
-from fieldkit.workflows.record import PreparedRecording
-from fieldkit.workflows.recordings import recover_session
-from fieldkit.workflows.replay import replay
-from fieldkit.workflows.requests import Acknowledgement, NewRegions, Request, Shutter, inbox, send
+from fieldkit.recording.opening import open_instruments
+from fieldkit.recording.record import PreparedRecording
+from fieldkit.recording.redrawing import NewRegions
+from fieldkit.recording.replay import replay
+from fieldkit.recording.request_reader import recover_session
+from fieldkit.recording.requests import Acknowledgement, Request, Shutter, inbox, send
+from fieldkit.results.session import open_session
+from fieldkit.sessions.lock import journal_path
 from tests.harness.older import as_version_1_2
 
 SAME_DEG = 1e-9

@@ -33,12 +33,8 @@ def _without_hashes(text: str) -> str:
 
 
 @pytest.fixture(scope="module")
-def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("campaign")
-    fieldkit("init", "--simulated", folder)
-    fieldkit("record", "-C", folder, "--for", "12m", "-q", "--set", "simulation.speed=max")
-    (path,) = (folder / "recordings").glob("*.h5")
-    return path
+def session(recorded: Callable[[Path], Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return recorded(tmp_path_factory.mktemp("campaign"))
 
 
 def _pictures(path: Path, bit: int) -> None:

@@ -1,6 +1,6 @@
 """Sessions that earlier versions of fieldkit recorded are opened, checked, estimated and reported as then.
 
-Eight minutes of the simulated field with the paper's model, recorded when the format was 1.0 to 1.3. The
+Eight minutes of the simulated field with the paper's model, recorded when the format was 1.0 to 1.4. The
 slopes expected are those that the recorder of that time stored in them.
 """
 
@@ -18,7 +18,7 @@ from fieldkit.sessions.reader import open_session
 KEPT = Path(__file__).parents[1] / "data/sessions"
 
 
-@pytest.fixture(params=["1.0", "1.1", "1.2", "1.3"])
+@pytest.fixture(params=["1.0", "1.1", "1.2", "1.3", "1.4"])
 def earlier(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     path = tmp_path / f"format-{request.param}.h5"
     with gzip.open(KEPT / f"{path.name}.gz") as kept, path.open("wb") as unpacked:

@@ -70,7 +70,7 @@ def test_xarray_reads_kelvin_and_times(session: Path, engine: str) -> None:
     assert found["time"].startswith("2016-11-24T15:06:45.00")  # 1480000000 s and the counted clock's 5 s
     assert {"time", "x", "y"} <= set(found["coords"])
     assert found["channels"] == ["T1", "T2", "T3", "T4"]
-    assert found["T2"] == 1.0 + 3 / 3
+    assert found["T2"] == 250.0 + 1 + 3 / 3
     assert found["tilt"][0][1] == 5.25
     assert found["phony"] == []
     assert {"camera", "lux", "thermometer", "events", "estimates", "entry"} <= set(found["groups"])

@@ -16,8 +16,8 @@ import pytest
 from fieldkit.config.template import SIMULATED, campaign_toml
 from fieldkit.model.samples import Frame, Reading, Sample
 from fieldkit.physics.radiance import surface_temperature_k
+from fieldkit.results.sources import config_for
 from fieldkit.sessions.reader import open_session
-from fieldkit.workflows.sources import config_for
 from tests.harness.calibration_days import (
     FAST,
     TRUE_EMISSIVITY,
@@ -49,6 +49,7 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "calibrate", "emissivity", "-C", folder, "--sample", "dry-sand", "--for", "3h30m", *FAST,
         "--set", "record.burst_frames=3", "--set", 'simulation.foil="foil"',
         "--set", "simulation.start=2016-01-01T12:15:00-07:00",
+        "--set", "lux.every_s=4", "--set", "thermometer.every_s=4",  # fewer readings
     )  # fmt: skip
     (folder / "said.txt").write_text(said.output, encoding="utf-8")
     return folder
@@ -109,6 +110,20 @@ def test_the_script_on_the_recording_says_the_same_and_names_its_session(
     assert again["sources"] == record["sources"]
     assert again["sources"][0]["sha256"] == hashlib.sha256(copy.read_bytes()).hexdigest()
     assert (tmp_path / "calibration" / Path(again["record"]).name).exists()
+
+
+def test_larger_uncertainties_given_are_kept_and_enter_the_result(
+    emissivity_day: Path, record: dict[str, Any], tmp_path: Path
+) -> None:
+    copy = shutil.copy(emissivity_day, tmp_path)
+    given = {"camera_sd": 0.6, "thermometer_sd": 0.6, "foil_sd": 0.05, "camera_reflected": 15.0, "unit": "C"}
+    words = [word for key, value in given.items() for word in (f"--{key.replace('_', '-')}", value)]
+    command = ("calibrate", "emissivity", copy, "--sample", "dry-sand", "--thermometer", "thermometer")
+    found = json.loads(fieldkit(*command, *words, "--json").stdout)
+    kept = tomllib.loads(Path(found["record"]).read_text(encoding="utf-8"))["settings"]
+    assert {key: kept[key] for key in given} == given
+    assert kept["thermometer"] == "thermometer"
+    assert found["standard_uncertainty"] > 1.2 * record["standard_uncertainty"]
 
 
 def test_no_emissivity_depends_on_how_a_reading_is_damaged(emissivity_day: Path, tmp_path: Path) -> None:

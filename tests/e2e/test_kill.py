@@ -12,6 +12,7 @@ import h5py
 import pytest
 
 from fieldkit.model.samples import Quality
+from fieldkit.recording.recordings import is_interrupted
 from fieldkit.sessions.check import check
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.recovery import recover
@@ -81,6 +82,19 @@ def test_killed_recording_is_recovered_to_the_last_stored_sample(tmp_path: Path,
     check_complete(path, stored)
     with open_session(path) as session:
         assert session.state == "recovered"
+    assert not path.with_name("field.h5.journal").exists()
+
+
+@pytest.mark.parametrize("trial", trials(range(5), range(5, 60)))
+def test_recording_killed_while_it_begins_can_be_finished_or_leaves_nothing(
+    tmp_path: Path, trial: int
+) -> None:
+    path = killed_recording(tmp_path, random.Random(trial).uniform(0.0, 0.25), stage=0)
+    if path.exists() or path.with_name("field.h5.journal").exists():
+        assert recover(path).lost_samples == 0
+    assert not is_interrupted(path)
+    if path.exists():
+        check_complete(path, stored_counts(tmp_path / "counters"))
     assert not path.with_name("field.h5.journal").exists()
 
 

@@ -11,19 +11,19 @@ import numpy as np
 import pytest
 
 from fieldkit.model.errors import SessionError
-from fieldkit.model.slope import SlopeEstimate
+from fieldkit.model.slope import SLOPE_FIELDS, SlopeEstimate
+from fieldkit.results.estimate import estimator_for, minutes_of
+from fieldkit.results.sources import config_for
 from fieldkit.sessions.journal_reader import JournalReader
-from fieldkit.sessions.layout import ESTIMATE_ANGLES, journal_path
+from fieldkit.sessions.lock import journal_path
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.records import MinuteRecord
-from fieldkit.workflows.estimate import estimator_for, minutes_of
-from fieldkit.workflows.sources import config_for
 
 FIELDKIT = (sys.executable, "-m", "fieldkit")
 RECORD = ("record", "--for", "3h", "--set", "simulation.speed=max", "-q")
 MINUTES = 12
-LIMIT_S = 60.0
-NUMBERS = (*ESTIMATE_ANGLES, "kelvin_per_degree", "chi_square")
+LIMIT_S = 300.0
+"""A busy computer is no failure; only what hangs is ended."""
 
 
 def stored_estimates(journal: Path) -> list[SlopeEstimate]:
@@ -58,7 +58,7 @@ def wait_for_minutes(recordings: Path) -> Path:
         for journal in recordings.glob("*.journal"):
             if len(stored_estimates(journal)) >= 3 * MINUTES:
                 return journal
-        time.sleep(0.05)
+        time.sleep(0.25)
     raise AssertionError(f"no {MINUTES} minutes were recorded in {LIMIT_S:.0f} s")
 
 
@@ -66,7 +66,7 @@ def assert_equal(ones: list[SlopeEstimate], others: list[SlopeEstimate]) -> None
     assert [(one.time_ns // 1000, one.region, one.state) for one in ones] == [
         (other.time_ns // 1000, other.region, other.state) for other in others
     ]
-    for name in NUMBERS:
+    for name in SLOPE_FIELDS:
         expected = [getattr(other, name) for other in others]
         np.testing.assert_allclose([getattr(one, name) for one in ones], expected, rtol=0, atol=1e-9)
 

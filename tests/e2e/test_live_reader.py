@@ -8,8 +8,7 @@ import time
 from pathlib import Path
 
 from fieldkit.model.samples import Quality
-from fieldkit.sessions.layout import journal_path
-from fieldkit.sessions.lock import is_locked
+from fieldkit.sessions.lock import is_locked, journal_path
 from fieldkit.sessions.reader import open_session
 from tests.harness.recording import (
     PATIENCE_S,

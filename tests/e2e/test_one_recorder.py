@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
+from fieldkit.recording.campaign import init_campaign
+from fieldkit.recording.running import session_in_progress
 from fieldkit.sessions.reader import open_session
-from fieldkit.workflows.campaign import init_campaign
-from fieldkit.workflows.running import session_in_progress
 
 PROJECT = Path(__file__).parents[2]
 RECORD = ("record", "--quiet", "--name", "day", "--set", "simulation.speed=max", "--for")

@@ -57,13 +57,17 @@ def three_beds(beds: Path) -> Path:
 
 def test_the_scale_from_one_bed_and_what_temperatures_cannot_tell(three_beds: Path, beds: Path) -> None:
     said = fieldkit(
-        "calibrate", "surface", three_beds, "--bed", "b15", "--name", "one-bed",
+        "calibrate", "surface", three_beds, "--region", "b15", "--name", "one-bed",
         "--set", "estimator.model=paper",
     ).output  # fmt: skip
     assert "albedo, emissivity and exchange separately cannot be determined from temperatures" in said
+    command = ("calibrate", "surface", three_beds, "--set", "estimator.model=paper", "--json", "--tilt-sd")
+    exact = json.loads(fieldkit(*command, "0.1", "--name", "exact").stdout)
+    rough = json.loads(fieldkit(*command, "2", "--name", "rough").stdout)
+    assert exact["standard_uncertainty"] < rough["standard_uncertainty"]
     plain = mean_error_deg(three_beds, "estimator.model=paper", "surface.emissivity=0.90")
     assert fieldkit(
-        "calibrate", "surface", three_beds, "--bed", "b15", "--name", "paper-bed",
+        "calibrate", "surface", three_beds, "--region", "b15", "--name", "paper-bed",
         "--set", "estimator.model=paper", "--set", "surface.emissivity=0.90",
     )  # fmt: skip
     scaled = mean_error_deg(
@@ -83,6 +87,9 @@ def test_the_light_meters_factor_from_the_station(three_beds: Path) -> None:
     assert found["unit"] == "W/m2/lx"
     said = fieldkit("calibrate", "irradiance", three_beds, "--station", "alamosa-2016-01-01").output
     assert f"{1.0 / found['value']:.0f} lm/W" in said
+    station = ("calibrate", "irradiance", three_beds, "--station", "alamosa-2016-01-01")
+    unsure = json.loads(fieldkit(*station, "--reference-sd", "0.2", "--name", "unsure", "--json").stdout)
+    assert unsure["standard_uncertainty"] / unsure["value"] == pytest.approx(0.2, abs=0.02)
 
 
 def with_logger(session: Path, to: Path, name: str, times_ns: np.ndarray, watts: np.ndarray) -> Path:
@@ -175,7 +182,7 @@ def test_the_clock_against_a_receiver_and_applied(receiver: str, tmp_path: Path)
         0.8, abs=0.1
     )  # a receiver's sentences: 0.4 s, k = 2
     with open_session(session) as opened:
-        moved_ns = opened.times_ns("gps") - opened.stream("gps").time_ns()
+        moved_ns = opened.times_ns("gps") - opened.stream("gps").time_ns(recorded=True)
     assert moved_ns == pytest.approx(found["value"] * 1e9, abs=1e6)
     refused = fieldkit("calibrate", "clock", session, "--gps", "watch", code=3)
     assert "watch" in refused.output
@@ -280,7 +287,7 @@ def test_no_calibration_depends_on_how_light_is_damaged(
 def test_a_phones_time_is_that_of_the_key_press_not_of_the_programs_start(beds: Path, days: int) -> None:
     """The start of the program made it -2 to -14 s wrong, stated as good to a second."""
     shown = datetime.now(UTC) + timedelta(days=days, seconds=90)
-    command = ["calibrate", "clock", "-C", str(beds), "--told", shown.isoformat(), "--json"]
+    command = ["calibrate", "clock", "-C", str(beds), "--at", shown.isoformat(), "--json"]
     keys, terminal = pty.openpty()
     with subprocess.Popen(
         [sys.executable, "-m", "fieldkit", *command],
@@ -302,7 +309,7 @@ def test_a_phones_time_is_that_of_the_key_press_not_of_the_programs_start(beds: 
 
 def test_a_phones_time_without_a_terminal_is_refused(beds: Path) -> None:
     shown = datetime.now(UTC).isoformat()
-    assert "key press" in fieldkit("calibrate", "clock", "-C", beds, "--told", shown, code=2).output
+    assert "key press" in fieldkit("calibrate", "clock", "-C", beds, "--at", shown, code=2).output
 
 
 @pytest.mark.parametrize(
@@ -356,6 +363,9 @@ def test_a_board_before_and_after_gives_offsets_drift_and_a_record_that_corrects
     assert found["values"]["b25"] == pytest.approx(-0.20, abs=0.02)
     assert found["details"]["drift_k_per_h"]["b15"] == pytest.approx(0.05, abs=0.005)
     assert found["uncertainties"]["b15"] > found["uncertainties"]["b05"]
+    boards = ("calibrate", "uniformity", first, second)
+    rough = json.loads(fieldkit(*boards, "--target-sd", "0.5", "--name", "rough", "--json").stdout)
+    assert rough["uncertainties"]["b05"] == pytest.approx(0.5, abs=0.1)
     three = tomllib.loads((beds / "fieldkit.toml").read_text())["region"]
     regions = [{**one, "offset_k": "@board"} if one["name"] == "b15" else one for one in three]
     config = tmp_path / "fieldkit.toml"

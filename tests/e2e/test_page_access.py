@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+import os
 import socket
 import stat
 import time
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
-from fieldkit.page import protocol, requests, viewer
+from fieldkit.page import answers, protocol, requests, viewer
 from fieldkit.page import server as page_server
 from fieldkit.page.checks import CHECKS, known_host, same_origin
 from fieldkit.page.hub import MAX_VIEWERS
 from fieldkit.page.keys import Keys
 from fieldkit.page.server import listening
+from fieldkit.page.sessions import identifier
 from tests.harness.page import HOST, PATIENCE_S, Served, campaign, served
 
 HOSTILE = "http://evil.example"
@@ -56,6 +58,11 @@ def test_it_listens_on_loopback_alone_unless_told() -> None:
     assert default == LOOPBACK == "127.0.0.1"
     with listening(LOOPBACK, 0) as listener:
         assert listener.getsockname()[0] == "127.0.0.1"
+
+
+def test_an_empty_address_does_not_mean_all_networks() -> None:
+    with pytest.raises(OSError, match="the address is empty"):
+        listening("", 0)
 
 
 # --- 2. host allow-list
@@ -145,6 +152,7 @@ def test_without_an_origin_only_a_program_with_a_key_is_served(page: Served, ung
         assert program.next("hello")["role"] == "control"
     key = page.page.keys.new_link("view")
     assert page.ask("POST", "/key", {"key": key}).status == 403
+    assert page.ask("POST", "/key", {"key": key}, Authorization="Bearer wrong").status == 403
     answer = page.ask("POST", "/key", {}, Authorization=f"Bearer {key}")
     assert (answer.status, answer.json) == (200, {"role": "view"})
 
@@ -448,6 +456,129 @@ def test_connections_are_counted(folder: Path, monkeypatch: pytest.MonkeyPatch) 
         assert page.ask("GET", "/").status == 200
 
 
+HALF_OPEN = {
+    "nothing": b"",
+    "half a request": b"GET / HTTP/1.1\r\nHost: ",
+    "half a key": b"POST /key HTTP/1.1\r\nHost: HOST\r\nContent-Type: application/json\r\nOrigin: http://HOST\r\n"
+    b"Content-Length: 99\r\n\r\n{",
+    "a request whose answer is not read": b"GET / HTTP/1.1\r\nHost: HOST\r\n\r\n",
+}
+
+
+@pytest.mark.parametrize("begun", HALF_OPEN.values(), ids=HALF_OPEN)
+@pytest.mark.parametrize("source", [HOST, "127.0.0.2"], ids=["the same address", "another address"])
+def test_half_open_connections_of_one_address_keep_out_nobody(
+    folder: Path, begun: bytes, source: str
+) -> None:
+    with served(folder) as page, ExitStack() as opened:
+        cookie = page.cookie()
+        with page.opened(Cookie=cookie) as browser:
+            for _ in range(110):
+                one = opened.enter_context(socket.socket())
+                one.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1024)
+                one.connect((HOST, page.port))
+                with suppress(ConnectionError):
+                    one.sendall(begun.replace(b"HOST", page.host.encode()))
+            with socket.create_connection((HOST, page.port), 5.0, source_address=(source, 0)) as newcomer:
+                newcomer.sendall(f"GET /role HTTP/1.1\r\nHost: {page.host}\r\n\r\n".encode())
+                assert newcomer.recv(100).startswith(b"HTTP/1.1 200")
+            assert browser.request(do="value", x=1, y=1)["ok"]  # who was there already, stays
+
+
+def test_a_request_broken_off_counts_as_a_wrong_key_and_leaves_no_traceback(
+    folder: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with served(folder) as page:
+        for _ in range(page_server.WRONG_TRIES_FREE + 1):
+            with socket.create_connection((HOST, page.port), PATIENCE_S) as broken:
+                broken.sendall(HALF_OPEN["half a key"].replace(b"HOST", page.host.encode()))
+        deadline = time.monotonic() + PATIENCE_S
+        while page.page._wrong_tries <= page_server.WRONG_TRIES_FREE and time.monotonic() < deadline:
+            time.sleep(0.05)
+        assert page.page._wrong_tries == page_server.WRONG_TRIES_FREE + 1
+        page.cookie()  # the right key is not delayed
+    assert not [record for record in caplog.records if record.exc_info]
+
+
+@pytest.mark.parametrize("key", ["\ud800", "\x00", "ü", "\U0001f321"])
+def test_a_key_of_any_letters_is_refused(page: Served, key: str, caplog: pytest.LogCaptureFixture) -> None:
+    assert page.ask("POST", "/key", {"key": key}, Origin=page.origin).status == 403
+    page.page._wrong_tries = 0
+    assert not [record for record in caplog.records if record.exc_info]
+
+
+def test_a_key_that_cannot_be_kept_is_answered_with_the_reason(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with served(folder) as page:
+        key = page.page.keys.new_link("view")
+        monkeypatch.setattr(page.page.keys, "path", Path("/proc/none/keys.json"))
+        answer = page.ask("POST", "/key", {"key": key}, Origin=page.origin)
+    assert answer.status == 507
+    assert "No such file" in answer.json["text"]
+    assert "room" in answer.json["fix"]
+
+
+@pytest.mark.parametrize("odd", ["a\x00b", "a\ud800b", "\udc00", "\x1b[2J"])
+@pytest.mark.parametrize(
+    ("do", "key"), [("start", "name"), ("mark", "text"), ("mark", "kind"), ("acknowledge", "alarm")]
+)
+def test_text_that_is_not_text_is_answered(page: Served, do: str, key: str, odd: str) -> None:
+    with page.browser() as browser:
+        answer = browser.request(
+            **{"do": do, "text": "x", key: odd} if do == "mark" else {"do": do, key: odd}
+        )
+        assert not answer["ok"]
+        assert "has a character that is not text" in answer["text"]
+        assert answer["fix"] == "type it anew"
+
+
+@pytest.mark.parametrize(
+    ("end", "words"),
+    [
+        ({"duration": "soon"}, "'soon' is not a valid duration; use 3h, 90m or 45s"),
+        ({"duration": "3"}, "is not a valid duration"),
+        ({"duration": "1e5s"}, "is not a valid duration"),
+        ({"duration": "9" * 70 + "h"}, "is longer than a hundred years; use 3h, 90m or 45s"),
+        ({"duration": "--help"}, "is not a valid duration"),
+        ({"until": "25:99"}, "'25:99' is not a valid time of day; use 15:05"),
+        ({"until": "noon"}, "is not a valid time of day"),
+    ],
+)
+def test_a_wrong_end_of_a_recording_is_answered_in_words(
+    page: Served, end: dict[str, str], words: str
+) -> None:
+    with page.browser() as browser:
+        answer = browser.request(do="start", **end)
+    assert (answer["ok"], words in answer["text"]) == (False, True), answer
+    assert "Usage" not in answer["text"]
+
+
+def test_a_long_duration_reaches_the_recorder_as_it_was_typed() -> None:
+    start = requests.parse('{"do": "start", "duration": "300h"}')
+    assert isinstance(start, requests.Start)
+    assert answers._end(start) == ["--for=300h"]
+
+
+def test_an_alarm_that_is_not_there_cannot_be_acknowledged(page: Served) -> None:
+    with page.browser() as browser:
+        answer = browser.request(do="acknowledge", alarm="disk")
+    assert (answer["ok"], answer["text"]) == (False, "there is no alarm 'disk', or it is over")
+
+
+def test_a_request_that_fails_in_any_other_way_is_answered(
+    page: Served, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def fail(*_: object) -> None:
+        raise ZeroDivisionError("no list at all")
+
+    monkeypatch.setattr(page.page.past, "listed", fail)
+    with page.browser() as browser:
+        answer = browser.request(do="sessions")
+    assert (answer["ok"], "no list at all" in answer["text"]) == (False, True)
+    assert "ZeroDivisionError" in caplog.text
+
+
 @pytest.mark.parametrize(
     "name",
     ["..%2f..%2ffieldkit.toml", "%2fetc%2fpasswd", "../fieldkit.toml", "fieldkit.toml", "....//", "%00", "*"],
@@ -462,3 +593,26 @@ def test_no_path_of_a_browser_is_ever_opened(page: Served, name: str) -> None:
         assert b"schema" not in answer.body
     with page.opened(Cookie=cookie) as browser:
         assert not browser.request(do="check_session", session=name)["ok"]
+
+
+def test_nothing_that_leads_out_of_the_folders_is_offered(tmp_path: Path) -> None:
+    folder = campaign(tmp_path / "field")
+    recordings, reports = folder / "recordings", folder / "reports"
+    recordings.mkdir(exist_ok=True)
+    reports.mkdir(exist_ok=True)
+    (recordings / "evil.h5").symlink_to("/etc/passwd")
+    os.mkfifo(recordings / "pipe.h5")
+    (recordings / "plain.h5").write_bytes(b"not a session")
+    (reports / "plain.html").symlink_to("/etc/passwd")
+    with served(folder) as page:
+        cookie = page.cookie()
+        with page.opened(Cookie=cookie) as browser:
+            (listed,) = browser.request(do="sessions")["data"]
+        assert listed["title"] == "plain"
+        assert page.ask("GET", listed["download_url"], Cookie=cookie).body == b"not a session"
+        report = page.ask("GET", listed["report_url"], Cookie=cookie)
+        assert (report.status, b"is a link" in report.body, b"root:" in report.body) == (404, True, False)
+        for name in ("evil.h5", "pipe.h5"):
+            for what in ("download", "report", "picture"):
+                path = f"/session/{identifier(recordings / name)}/{what}"
+                assert page.ask("GET", path, Cookie=cookie).status == 404

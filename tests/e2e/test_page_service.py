@@ -16,9 +16,8 @@ from click.testing import CliRunner
 
 from fieldkit.cli import main
 from fieldkit.page.service_reports import EVERY_S
-from fieldkit.sessions.layout import journal_path
-from fieldkit.sessions.lock import owner
-from fieldkit.workflows.running import session_in_progress
+from fieldkit.recording.running import session_in_progress
+from fieldkit.sessions.lock import journal_path, owner
 from tests.harness.service_manager import ServiceManager
 
 SILENCE_S = EVERY_S + 3.0

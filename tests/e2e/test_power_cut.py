@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from fieldkit.model.errors import SessionError
-from fieldkit.sessions.layout import journal_path
+from fieldkit.sessions.lock import journal_path
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.recovery import recover
 from tests.harness import disk

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import pytest
 
-from fieldkit.workflows.running import session_in_progress
+from fieldkit.recording.running import session_in_progress
 from tests.harness.page import campaign, lost_nothing
 
 ADDRESS, PORT = "127.0.0.77", 8765

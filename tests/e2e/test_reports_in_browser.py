@@ -194,3 +194,16 @@ def test_print_has_no_lonely_row_or_heading(
         assert len(lines) >= 4, lines
         assert lines[-1] not in headings
         assert "Show" not in lines
+
+
+def test_an_exported_video_plays(browser: Browser, pages: dict[str, Path]) -> None:
+    folder = pages["session"].parent
+    (noon,) = folder.glob("beds/recordings/*noon.h5")
+    fieldkit("export", noon, "--to", "video", "-o", folder / "video")
+    (video,) = (folder / "video").glob("*.mp4")
+    (folder / "video.html").write_text(f'<video src="video/{video.name}" muted></video>', encoding="utf-8")
+    page = browser.new_page()
+    page.goto((folder / "video.html").as_uri())
+    page.wait_for_function("document.querySelector('video').readyState === 4")
+    # 75 frames, one every twenty seconds, at 25 a second
+    assert page.evaluate("document.querySelector('video').duration") == pytest.approx(3.0, abs=0.1)

@@ -17,16 +17,16 @@ from fieldkit.estimation.estimator import Estimator
 from fieldkit.model.alarm import phase_of
 from fieldkit.model.errors import StorageError
 from fieldkit.model.samples import Event, EventKind, Health, Quality, Reading, Sample, Severity
-from fieldkit.sessions.layout import journal_path
+from fieldkit.recording.marks import Mark
+from fieldkit.recording.opening import open_instruments
+from fieldkit.recording.record import PreparedRecording
+from fieldkit.recording.requests import inbox, send
+from fieldkit.results.estimate import estimator_for, minutes_of
+from fieldkit.results.sources import config_for
+from fieldkit.sessions.lock import journal_path
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.records import Entry
 from fieldkit.sessions.writer import SessionWriter
-from fieldkit.workflows.estimate import estimator_for, minutes_of
-from fieldkit.workflows.marks import Mark
-from fieldkit.workflows.opening import open_instruments
-from fieldkit.workflows.record import PreparedRecording
-from fieldkit.workflows.requests import inbox, send
-from fieldkit.workflows.sources import config_for
 
 HALF_HOUR = ("--for", "30m", "--set", "simulation.speed=max", "-q")
 
@@ -133,7 +133,6 @@ FAULTS = {
 def test_a_fault_is_survived_named_on_screen_and_in_the_file_and_found_by_check(
     campaign: Path, fault: str
 ) -> None:
-    setting = f'simulation.faults=["{fault}"]'
     command = [
         sys.executable,
         "-m",
@@ -142,11 +141,11 @@ def test_a_fault_is_survived_named_on_screen_and_in_the_file_and_found_by_check(
         "-C",
         str(campaign),
         "--for",
-        "30m",
+        "16m",
         "--name",
         fault,
     ]
-    command += ["--set", "simulation.speed=max", "--set", setting]
+    command += ["--set", "simulation.speed=max", "--set", f'simulation.faults=["{fault}"]']
     done = subprocess.run(command, capture_output=True, text=True, timeout=500)
     assert done.returncode == 0, done.stderr
     path = next(campaign.glob(f"recordings/*-{fault}.h5"))
@@ -156,7 +155,7 @@ def test_a_fault_is_survived_named_on_screen_and_in_the_file_and_found_by_check(
         assert session.state == "sealed"
     assert told
     assert any(event.text in done.stderr for event in told)
-    assert readings == pytest.approx(1800, abs=140 if fault == "garbled" else 5)
+    assert readings == pytest.approx(960, abs=140 if fault == "garbled" else 5)
     findings = subprocess.run(
         [sys.executable, "-m", "fieldkit", "check", str(path)], capture_output=True, text=True, timeout=500
     )

@@ -13,11 +13,11 @@ from click.testing import CliRunner, Result
 from fieldkit.cli import main
 from fieldkit.config.template import SIMULATED, campaign_toml
 from fieldkit.model.samples import Sample
+from fieldkit.recording.simulate import mean_tilt_error_deg
+from fieldkit.results.estimate import estimator_for, minutes_of
+from fieldkit.results.sources import config_for
 from fieldkit.sessions.formats.imported import ImportedRecording, write_imported
 from fieldkit.sessions.reader import open_session
-from fieldkit.workflows.estimate import estimator_for, minutes_of
-from fieldkit.workflows.simulate import mean_tilt_error_deg
-from fieldkit.workflows.sources import config_for
 
 TRUE_EMISSIVITY = 0.80
 FAST = ("--set", "simulation.speed=max", "--set", f"simulation.emissivity={TRUE_EMISSIVITY}")

@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.calibration.emissivity import Pairs, SharedUncertainties
+from fieldkit.calibration.emissivity import Pairs, SharedUncertainties, tape_temperature_k
 from fieldkit.model.site import Site
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.radiance import band_radiance, band_temperature, brightness_temperature_k
@@ -107,6 +107,43 @@ def free_days(count: int, case: FreeCase, seed: int = 5) -> Iterator[Day]:
         )  # fmt: skip
         nothing = np.full(share.size, 150.0)
         yield replace(day, pairs=replace(day.pairs, reflected_k=nothing))
+
+
+def drawn_free_days(count: int, tape: bool, seed: int = 7) -> Iterator[Day]:
+    """Days without a foil on which every error, also the drifts, is drawn as large as is stated.
+
+    With `tape` its emissivity is 0.95, known to 0.01, and its temperature stands in for a thermometer: it
+    reflects the same sky, and the camera sees it through the same air.
+    """
+    random = np.random.default_rng(seed)
+    told = SharedUncertainties()
+    for _ in range(count):
+        share = np.concatenate([[0.0, 1.0], random.uniform(0.0, 1.0, 10)])
+        surface_k = random.uniform(300.0, 330.0) - random.uniform(20.0, 40.0) * share
+        position = 2.0 * (surface_k - surface_k.mean()) / np.ptp(surface_k)
+        sky_k = random.uniform(223.15, 263.15) + told.sky_drift_k * random.standard_normal() * position
+        gradient_k = told.probe_to_skin_k * random.standard_normal()
+        gradient_k = gradient_k + told.probe_gradient_k * random.standard_normal() * position
+        emissivity = float(random.uniform(0.85, 0.98))
+        state = random.bit_generator.state
+        day = make_day(
+            random, emissivity=emissivity, surface_k=surface_k, probe_error_k=gradient_k, sky_k=sky_k,
+            thermometer_k=told.thermometer_k, shared=told,
+        )  # fmt: skip
+        contact_k = day.pairs.contact_k
+        if tape:
+            beside = np.random.default_rng()
+            beside.bit_generator.state = state  # the same camera and air
+            of_tape = 0.95 + 0.01 * random.standard_normal()
+            seen = make_day(
+                beside, emissivity=of_tape, surface_k=surface_k, probe_error_k=0.0, sky_k=sky_k,
+                thermometer_k=0.0, shared=told,
+            )  # fmt: skip
+            noisy_k = seen.pairs.apparent_k + NOISE_K * random.standard_normal(share.size)
+            contact_k = tape_temperature_k(noisy_k, 0.95, np.full(share.size, 150.0))
+        yield replace(
+            day, pairs=replace(day.pairs, contact_k=contact_k, reflected_k=np.full(share.size, 150.0))
+        )
 
 
 def _steady(scene: Scene) -> Iterator[Surface]:

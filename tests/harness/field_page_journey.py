@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from fieldkit.config.template import SIMULATED
-from fieldkit.workflows.campaign import create_campaign
+from fieldkit.recording.campaign import create_campaign
 from tests.harness.field_page import PATIENCE_MS, Watched, wait_until
 
 FLAT = ((22, 79), (62, 100))

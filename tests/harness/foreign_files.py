@@ -5,8 +5,9 @@ from __future__ import annotations
 import gzip
 import json
 import struct
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 
 import cv2
 import numpy as np
@@ -20,14 +21,17 @@ FFF_CONSTANTS = {
 _FFF_HEADER, _FFF_ENTRY = 64, 32
 
 
-def fff(counts: np.ndarray, seconds: int, milliseconds: int = 0) -> bytes:
+def fff(
+    counts: np.ndarray, seconds: int, milliseconds: int = 0,
+    changed: Mapping[int, float] = MappingProxyType({}),
+) -> bytes:  # fmt: skip
     """One FLIR FFF, little-endian: 64-byte header, two directory entries, camera information, raw picture.
 
     Layout: ExifTool's FLIR.pm (FFF header and directory, CameraInfo, RawData).
     """
     information = bytearray(0x470)
     struct.pack_into("<H", information, 0, 2)
-    for offset, value in FFF_CONSTANTS.items():
+    for offset, value in {**FFF_CONSTANTS, **changed}.items():
         struct.pack_into("<f", information, offset, value)
     struct.pack_into("<i", information, 0x308, -5588)
     struct.pack_into("<II", information, 0x384, seconds, milliseconds)
@@ -155,6 +159,35 @@ def tiff(value: int = 29_500) -> bytes:
     return data.tobytes()
 
 
+def tiff_pages(
+    *pages: tuple[np.ndarray, dict[int, int]], order: str = "<", is_big: bool = False
+) -> bytes:  # fmt: skip
+    """Uncompressed pages with further tags; TIFF 6.0, sections 2 and 4, or BigTIFF (places of 8 bytes)."""
+    place, count, size = ("Q", "Q", 8) if is_big else ("I", "H", 4)
+    data = {"<": b"II", ">": b"MM"}[order] + struct.pack(f"{order}H", 43 if is_big else 42)
+    data += struct.pack(f"{order}HH", 8, 0) if is_big else b""
+    after = len(data)  # where the place of the next directory is to be filled in
+    data += bytes(size)
+    for pixels, more in pages:
+        kind = {"u": 1, "i": 2, "f": 3}[pixels.dtype.kind]
+        tags = {
+            256: pixels.shape[1], 257: pixels.shape[0], 258: 8 * pixels.itemsize, 259: 1, 262: 1,
+            273: len(data), 277: 1 if pixels.ndim == 2 else pixels.shape[2], 278: pixels.shape[0],
+            279: pixels.nbytes, 339: kind, **more,
+        }  # fmt: skip
+        data += pixels.astype(pixels.dtype.newbyteorder(order)).tobytes()
+        data += bytes(len(data) % 2)
+        data = data[:after] + struct.pack(order + place, len(data)) + data[after + size :]
+        data += struct.pack(order + count, len(tags))
+        for tag, value in sorted(tags.items()):
+            short = tag not in (273, 279)
+            packed = struct.pack(order + ("H" if short else "I"), value).ljust(size, b"\0")
+            data += struct.pack(f"{order}HH{place}", tag, 3 if short else 4, 1) + packed
+        after = len(data)
+        data += bytes(size)
+    return data
+
+
 def one_of_each(folder: Path) -> dict[Path, tuple[str, ...]]:
     """A sound file of every kind that import reads, and the options it takes beside ``--site``."""
     counts = np.arange(14_000, 14_035, dtype=np.uint16).reshape(5, 7)
@@ -170,7 +203,7 @@ def one_of_each(folder: Path) -> dict[Path, tuple[str, ...]]:
         "20260512T010001.tif": (tiff(), (*moment, "--kelvin-per-count", "0.01")),
         "log.csv": (b"time,T1 [C],T2 [C]\n2026-05-12T01:00:00Z,20.5,21\n2026-05-12T01:00:10Z,20.6,\n", ()),
         "slv16001.dat": (surfrad(), ()),
-        "tat0624.dat": (bsrn(longwave_up=True), ()),
+        "tat0624.dat": (bsrn(longwave_up=True, place=(37.7, -105.92, 2317)), ()),
         "obsdl.csv": (obsdl(), ()),
         "DR202406_tat.txt": (radiation_table([(1, hours, "504]")]), ()),
     }

@@ -21,12 +21,12 @@ from fieldkit.model.samples import EventKind
 from fieldkit.page.checks import CHECKS, Check
 from fieldkit.page.server import Page, listening, server
 from fieldkit.page.viewer import Role
+from fieldkit.recording.campaign import init_campaign
+from fieldkit.results.check import check
 from fieldkit.sessions.reader import open_session
-from fieldkit.workflows.campaign import init_campaign
-from fieldkit.workflows.check import check
 
 HOST = "127.0.0.1"
-PATIENCE_S = 30.0
+PATIENCE_S = 90.0
 
 
 def campaign(folder: Path) -> Path:

@@ -81,7 +81,8 @@ def sample(stream: StreamInfo, seq: int, mono_ns: int | None = None, time_ns: in
         fpa = float("nan") if seq % 3 == 0 else 300.0 + seq / 7
         counts = picture(seq, (stream.shape[0], stream.shape[1]))
         return Frame(stream.name, mono, utc, counts, rows, flags, seq * 3, seq + 100, fpa, seq)
-    values = tuple(float(n) + seq / 3 for n in range(stream.shape[0]))
+    coldest = 250.0 if stream.unit == "K" else 0.0  # what cannot be would be flagged on reading
+    values = tuple(coldest + n + seq % 300 / 3 for n in range(stream.shape[0]))
     raw = (b"\x02" + str(seq).encode() + b"\0\r\0")[: stream.raw_bytes]
     return Reading(stream.name, mono, utc, values, raw, flags, device_seq=seq, seq=seq)
 

@@ -113,7 +113,7 @@ def test_region_sums_equal_those_of_the_mask(width, height, seed):
     corners = ((1.0, 1.0), (1.0 + width, 1.0), (1.0 + width, 1.0 + height), (1.0, 1.0 + height))
     outside = ((-9.0, -9.0), (-8.0, -9.0), (-8.0, -8.0))
     regions = [Region("in", RegionKind.TARGET, corners), Region("out", RegionKind.TARGET, outside)]
-    totals, squares = RegionPixels(regions, counts.shape).sums(counts)
+    totals, squares, _ = RegionPixels(regions, counts.shape).sums(counts)
     inside = counts[regions[0].mask(counts.shape)].astype(object)
     assert totals == [int(inside.sum()), 0]
     assert squares == [int((inside**2).sum()), 0]

@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from fieldkit.cli import import_session
-from fieldkit.model.errors import FieldkitError
+from fieldkit.model.errors import ConfigError, FieldkitError
 from fieldkit.sessions.reader import open_session
 from tests.harness.foreign_files import one_of_each
 
@@ -44,6 +44,34 @@ def test_sound_files_of_every_kind_become_sessions(
     with open_session(tmp_path / "a.h5") as session:
         assert session.state == "sealed"
         assert len(list(session.samples())) > 0
+
+
+OPTIONS = {
+    "--kelvin-per-count": "0.5", "--kelvin-at-zero": "1", "--times": __file__, "--time-format": "%Y",
+    "--zone": "Asia/Tokyo", "--clock-offset": "+1s", "--unit": "lx", "--column": "x", "--measures": "gti",
+    "--encoding": "cp1252", "--time": "x", "--keep": "first",
+}  # fmt: skip
+TIMES = {"--times", "--time-format", "--zone", "--clock-offset"}
+FRAMES, TABLE = TIMES | {"--kelvin-per-count", "--kelvin-at-zero"}, {
+    "--time-format", "--zone", "--clock-offset", "--unit", "--column", "--measures", "--encoding",
+    "--time", "--keep",
+}  # fmt: skip
+USED = {
+    "20260512T010000.irg": FRAMES, "20260512T010001.tif": FRAMES, "log.csv": TABLE,
+    "a.raw.y16.gz": {"--clock-offset"}, "a.fff": TIMES, "a.seq": TIMES, "a.jpg": TIMES,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_options_that_a_format_does_not_use_are_refused_by_name(
+    sound: dict[Path, tuple[str, ...]], tmp_path: Path, name: str
+) -> None:
+    source = next(path for path in sound if path.name == name)
+    for option in OPTIONS.keys() - USED.get(name, set()):
+        done = imported(source, tmp_path / "a.h5", (*sound[source], option, OPTIONS[option]))
+        assert isinstance(done.exception, ConfigError), option
+        assert f"{option} would have no effect" in done.exception.message
+        assert done.exception.fix == f"omit {option}"
 
 
 def damaged(data: bytes, chance: random.Random) -> bytes:

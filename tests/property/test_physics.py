@@ -75,10 +75,12 @@ def test_warmer_surfaces_shine_brighter(kelvin, more):
 @given(st.floats(0.0, 75.0), st.floats(100.0, 1000.0), st.floats(0.0, 0.6), tilts, azimuths)
 def test_a_beam_put_on_the_meters_plane_comes_back(zenith, beam, share, tilt, azimuth):
     sun, board = normal(zenith, 180.0), normal(tilt, azimuth)
-    reading = beam * (sun @ board + share / (1 - share) * sun[2] * (1 + board[2]) / 2)
+    sky = share / (1 - share) * sun[2]
+    ground = 0.3 * (sun[2] + sky) * (1 - board[2]) / 2
+    reading = beam * (sun @ board + sky * (1 + board[2]) / 2 + ground)
     model = IrradianceModel(
         "calibrated", factor=1.0, mounting="in-plane", plane_tilt_deg=tilt, plane_azimuth_deg=azimuth,
-        diffuse_fraction=share,
+        diffuse_fraction=share, ground_albedo=0.3,
     )  # fmt: skip
     found = direct_normal(model, [reading], sun[np.newaxis], [0])[0]
     assert np.isnan(found) if sun @ board < 0.1999 else np.isnan(found) or abs(found - beam) < 1e-8 * beam

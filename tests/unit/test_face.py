@@ -9,6 +9,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import fieldkit
@@ -96,6 +97,33 @@ def test_a_session_shows_its_name_state_and_streams(session):
 def test_a_stream_that_is_not_there_names_those_that_are(session):
     with pytest.raises(SessionError, match="camera"):
         session["nope"]
+
+
+def test_a_misspelt_stream_is_suggested(session):
+    with pytest.raises(SessionError, match="did you mean 'camera'"):
+        session["camra"]
+
+
+def test_samples_of_a_stream_by_their_place(session):
+    stream = session["camera"]
+    frames = list(stream)
+    assert len(frames) == len(stream) > 2
+    for place in (0, 1, -1):
+        np.testing.assert_array_equal(stream[place].counts, stream.counts[place])
+        assert stream[place].time_ns == stream.times_ns()[place]
+    for part in (slice(1, 3), slice(-2, None), slice(None, None, -1), slice(5, 2)):
+        assert [frame.seq for frame in stream[part]] == [frame.seq for frame in frames[part]]
+    with pytest.raises(IndexError):
+        stream[len(stream)]
+
+
+def test_a_stream_plots_itself(session):
+    pytest.importorskip("matplotlib")
+    from matplotlib.figure import Figure
+
+    for name, info in session.streams.items():
+        axes = session[name].plot(Figure().subplots())
+        assert info.is_camera or info.unit in axes.get_ylabel()
 
 
 def test_a_session_without_regions_plots_its_first_meter(session):

@@ -21,8 +21,8 @@ from click.testing import CliRunner
 
 import fieldkit
 from fieldkit.cli import main
-from fieldkit.workflows import origin
-from fieldkit.workflows.service_unit import GROUPS
+from fieldkit.recording.service_unit import GROUPS
+from fieldkit.results import origin
 
 ROOT = Path(__file__).parents[2]
 CONDA_NAMES = {"astropy": "astropy-base", "isal": "python-isal", "opencv-python-headless": "py-opencv"}

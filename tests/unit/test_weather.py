@@ -144,6 +144,65 @@ def test_a_file_of_another_place_is_refused(tmp_path):
         weather.read_surfrad(north, "alamosa")
 
 
+def row(text: str) -> str:
+    """A row of Bondville at 18 h of 2000-06-30, whose global irradiance is its minute."""
+    return f" {text} 18.0 20.0" + f" {float(text.split()[-1])} 0" + " 100.0 0" * 19 + "\n"
+
+
+HEAD = " Bondville\n   40.05 -88.37  213 m version 1\n"
+MINUTES = [row(f"2000 182 6 30 18 {minute}") for minute in (0, 3, 6)]
+
+
+@pytest.mark.parametrize("cut", [1, 2, 3, 7, 100, len(MINUTES[0]) - 2])
+def test_a_day_that_is_still_being_written_is_read_up_to_its_last_whole_row(tmp_path: Path, cut: int) -> None:
+    path = tmp_path / "bon00182.dat"
+    path.write_text((HEAD + "".join(MINUTES))[:-cut])
+    day = read_station_file(path)
+    if cut == 1:  # nothing but the end of the line
+        assert day.ghi_w_m2.tolist() == [0.0, 3.0, 6.0]
+        assert day.notes == ()
+    else:
+        assert day.ghi_w_m2.tolist() == [0.0, 3.0]
+        assert day.notes == ("bon00182.dat: its last row is cut off and was excluded, after 2 whole rows",)
+
+
+def test_a_row_cut_off_within_the_day_is_named(tmp_path: Path) -> None:
+    (tmp_path / "a.dat").write_text(HEAD + MINUTES[0] + MINUTES[1][:-9] + "\n" + MINUTES[2])
+    with pytest.raises(ConfigError, match="row 2 has 46 words, not 48"):
+        read_station_file(tmp_path / "a.dat")
+
+
+def test_minutes_that_stand_twice_or_late_are_read_once_and_in_order(tmp_path: Path) -> None:
+    (tmp_path / "a.dat").write_text(HEAD + "".join(MINUTES[n] for n in (0, 2, 1, 2)))
+    day = read_station_file(tmp_path / "a.dat")
+    assert day.ghi_w_m2.tolist() == [0.0, 3.0, 6.0]
+    assert day.notes == ("a.dat: 1 rows of minutes that stand before were excluded",)
+
+
+@pytest.mark.parametrize("year", ["00", "24", "99", "1899", "1960", "2262", "9999"])
+def test_a_year_that_no_network_has_is_refused(tmp_path: Path, year: str) -> None:
+    """Years of two digits used to become 1754 or so, where nanoseconds of 64 bits overflow."""
+    pytest.importorskip("pvlib")
+    (tmp_path / "a.dat").write_text(HEAD + row(f"{year} 182 6 30 18 0"))
+    with pytest.raises(ConfigError, match=f"year {int(year)} is not from 1992 on"):
+        read_station_file(tmp_path / "a.dat")
+    (tmp_path / "b.dat").write_bytes(foreign_files.bsrn(month=f" 6 {year:>4}"))
+    with pytest.raises(ConfigError, match="is damaged"):
+        read_station_file(tmp_path / "b.dat")
+
+
+def test_a_bsrn_month_cut_off_within_a_number_does_not_use_it(tmp_path: Path) -> None:
+    pytest.importorskip("pvlib")
+    data = foreign_files.bsrn()
+    for cut in range(1, 60):
+        (tmp_path / "tat0624.dat").write_bytes(data[:-cut])
+        month = read_station_file(tmp_path / "tat0624.dat")
+        assert set(month.dhi_w_m2[np.isfinite(month.dhi_w_m2)]) == {90.0}
+        assert set(month.longwave_down_w_m2[np.isfinite(month.longwave_down_w_m2)]) == {350.0}
+        notes = ("tat0624.dat: its last line is cut off and was excluded",)
+        assert month.notes == (notes if cut > 1 else ())
+
+
 # --- station files are told apart by what stands in them, and read as their networks describe them
 
 
@@ -276,8 +335,8 @@ def test_bsrn_serves_the_calibration_and_not_the_scene_for_it_has_no_wind(tmp_pa
     pytest.importorskip("pvlib")
     from fieldkit.config import load_config
     from fieldkit.config.template import SIMULATED, campaign_toml
+    from fieldkit.recording.simulated_scene import measured_weather
     from fieldkit.simulation import MeasuredSky
-    from fieldkit.workflows.simulate import measured_weather
 
     (tmp_path / "fieldkit.toml").write_text(campaign_toml(SIMULATED))
     config = load_config(tmp_path / "fieldkit.toml")

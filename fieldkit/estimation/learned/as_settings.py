@@ -1,4 +1,4 @@
-"""What was learnt, as settings of the full model: for slope maps, which solve every pixel in closed form."""
+"""Learnt parameters as settings of the full model: for slope maps, solved pixel by pixel in closed form."""
 
 from __future__ import annotations
 

@@ -18,7 +18,6 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from fieldkit.estimation.learned.even_points import even_points
-from fieldkit.estimation.learned.filters import Hypotheses
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.physics.facet import FloatArray
 
@@ -28,16 +27,31 @@ MOST_SDS = 5.0
 FROM_PRIOR = 0.15
 """Share of the proposal that is the prior."""
 WIDER = 1.4
-"""How much wider than the weighted hypotheses the proposal is."""
+"""Width of the proposal over that of the weighted hypotheses."""
 DEEP_M = (0.08, 0.40)
 LEAST_EFFECTIVE = 12.0
 """Hypotheses that a fitted distribution rests on at least; weights are tempered until it does."""
 
 
 @dataclass(frozen=True, slots=True)
+class Hypotheses:
+    """Parameters in which the filters differ, (p,) each.
+
+    `exchange` and `gust` [W m-2 K-1], `inertia` [J m-2 K-1 s-1/2], `depth_m` [m]; `unrest` scales all slow
+    processes.
+    """
+
+    exchange: FloatArray
+    inertia: FloatArray
+    depth_m: FloatArray
+    gust: FloatArray
+    unrest: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
 class Proposal:
-    """Where hypotheses are drawn from: the prior and one normal distribution, in coordinates in which the
-    prior is standard normal; `centre` (5,), `root` (5, 5) lower triangular.
+    """Distribution that hypotheses are drawn from: a mixture of the prior and one normal distribution, in
+    coordinates in which the prior is standard normal; `centre` (5,), `root` (5, 5) lower triangular.
     """
 
     centre: FloatArray
@@ -55,6 +69,7 @@ class Proposal:
         centre = weights @ points
         away = points - centre
         covariance = (weights[:, np.newaxis] * away).T @ away
+        # a few heavy points may lie in a plane
         covariance += 0.02**2 * np.eye(UNKNOWNS)
         return cls(centre, np.asarray(WIDER * np.linalg.cholesky(covariance), np.float64))
 
@@ -63,6 +78,7 @@ class Proposal:
         standard = ndtri(np.clip(even_points("sobol-5"), 1e-9, 1.0 - 1e-9))
         points = self.centre + standard @ self.root.T
         every = round(1.0 / FROM_PRIOR)
+        # were the data misjudged early, the truth could lie where nothing is drawn any more
         points[::every] = standard[::every]
         return np.asarray(np.clip(points, -MOST_SDS, MOST_SDS))
 

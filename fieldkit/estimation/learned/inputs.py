@@ -1,7 +1,7 @@
-"""What a filter is given of each minute, from the minute bins.
+"""Inputs of the filters for each minute, from the minute bins.
 
-What is missing in a minute is held from the one before, and says so: frames by not counting as measured,
-light by an unknown change. Minutes without any bin are bridged by straight lines.
+A missing value is held from the minute before, and marked: frames do not count as measured, light has an
+unknown change. Minutes without any bin are bridged by straight lines.
 """
 
 from __future__ import annotations
@@ -16,24 +16,21 @@ from fieldkit.estimation.bins import History
 from fieldkit.estimation.learned.layout import Layout
 from fieldkit.estimation.region_temperatures import difference_covariance_k2
 from fieldkit.estimation.settings import EstimatorSettings
-from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region
 from fieldkit.physics.bodies import BODIES
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
-from fieldkit.physics.daylight import extraterrestrial
+from fieldkit.physics.daylight import air_under_clear_sky, clear_sky_longwave, extraterrestrial
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.horizon import MINUTE_EDGE_DEG, sunlit_share
 
 UNKNOWN_CHANGE = 5.0
 """Change of the light of a minute without a reading, as a share of the last one."""
-SWINBANK = 5.31e-13
-"""Longwave of a clear sky over air temperature to the sixth power (Swinbank 1963). [W m-2 K-6]"""
 BRIDGED_MINUTES = 120
 
 
 @dataclass(frozen=True, slots=True)
 class MinuteInputs:
-    """What is known of one minute; arrays over the regions of a layout.
+    """Inputs of one minute; arrays over the regions of a layout.
 
     Attributes
     ----------
@@ -89,7 +86,7 @@ class MinuteInputs:
 
 @dataclass(frozen=True, slots=True)
 class Logged:
-    """Which quantities a chain's first minute has, and so which priors hold.
+    """Quantities measured in a chain's first minute, by which priors are chosen.
 
     `camera_k` and `camera_sd_k` are the camera's error that all regions share, as contact probes in the
     regions show it, and its standard deviation. `emissivities_k2` is the covariance of the differences to the
@@ -107,7 +104,7 @@ class Logged:
 def logged(
     history: History, row: int, layout: Layout, regions: Sequence[Region], settings: EstimatorSettings
 ) -> Logged:
-    """What the minute bin in a row has; `regions` are the columns of the history."""
+    """Quantities of the minute bin in a row; `regions` are the columns of the history."""
     prior = settings.prior
     over_probe = history.temperature_k[row, layout.columns] - history.probe_k[row, layout.columns]
     known = over_probe[np.isfinite(over_probe)]
@@ -129,7 +126,7 @@ def logged(
 
 
 def can_start(history: History, row: int, layout: Layout) -> bool:
-    """Whether all regions, and light or a sun that is down, are there to start with."""
+    """True if a row has all regions, and light unless the sun is down."""
     is_lit = history.sun[row, 2] > 0.0
     kelvin = history.temperature_k[row, layout.columns]
     return bool(np.isfinite(kelvin).all() and (not is_lit or np.isfinite(history.dni_w_m2[row])))
@@ -165,34 +162,35 @@ def minute_inputs(
     longwave = float(history.longwave_down_w_m2[row])
     longwave = longwave if np.isfinite(longwave) else sky_longwave(logged_k, settings)
     grey = surface.emissivity_broadband
+    # the ground around, which the regions see, is taken to be as warm as the references
     ground_k = kelvin[: layout.references].mean()
     top = float(extraterrestrial(history.time_ns[row], BODIES[settings.body]))
     return MinuteInputs(
-        float(history.minute[row] - start) / 60.0,
-        history.sun[row],
-        kelvin,
+        hours=float(history.minute[row] - start) / 60.0,
+        sun=history.sun[row].copy(),  # a view would keep the whole history
+        temperature_k=kelvin,
         # a mean over a minute in which a shadow moved depends on when it did
-        measured & ~is_edge,
-        absorptance * direct,
-        change,
-        absorptance * diffuse,
-        float(np.clip(direct / top, 0.0, 1.0)) if settings.sky == "hay-davies" else 0.0,
-        absorptance * settings.ground_albedo * (direct * cos_zenith + diffuse),
-        longwave,
-        float(grey * STEFAN_BOLTZMANN * ground_k**4 + (1.0 - grey) * longwave),
-        logged_k if np.isfinite(logged_k) else float((longwave / SWINBANK) ** (1.0 / 6.0)),
-        np.where(is_moved, 0.5, is_shaded.astype(np.float64)),
-        visible,
-        is_edge,
+        measured=measured & ~is_edge,
+        direct=absorptance * direct,
+        direct_change=change,
+        diffuse=absorptance * diffuse,
+        circumsolar=float(np.clip(direct / top, 0.0, 1.0)) if settings.sky == "hay-davies" else 0.0,
+        reflected=absorptance * settings.ground_albedo * (direct * cos_zenith + diffuse),
+        longwave_down=longwave,
+        longwave_ground=float(grey * STEFAN_BOLTZMANN * ground_k**4 + (1.0 - grey) * longwave),
+        air_k=logged_k if np.isfinite(logged_k) else air_of_sky(longwave, settings),
+        shaded=np.where(is_moved, 0.5, is_shaded.astype(np.float64)),
+        sunlit=visible,
+        is_edge=is_edge,
     )
 
 
 def shade(history: History, layout: Layout) -> NDArray[np.bool_]:
-    """Which regions are shaded in each row, and for which the shade begins or ends there (n, 2, regions).
+    """Regions shaded in each row, and those whose shade begins or ends there (n, 2, regions).
 
     Apart from the shadow of their horizon.
     """
-    flagged = (history.region_flags[:, layout.columns] & int(Quality.SHADED)) != 0
+    flagged = history.is_shaded()[:, layout.columns]
     rows = flagged.any(axis=1)
     flagged[rows] &= sunlit(history.sun[rows], layout) == 1.0
     before, after = np.vstack([flagged[:1], flagged[:-1]]), np.vstack([flagged[1:], flagged[-1:]])
@@ -234,8 +232,16 @@ def _logged_air_k(history: History, row: int) -> float:
 
 
 def sky_longwave(air_k: float, settings: EstimatorSettings) -> float:
-    """Longwave where it is not measured, W/m2: of a clear sky over logged air, else as configured.
+    """Longwave where it is not measured, W/m2: of the Earth's clear sky over logged air, or as configured.
 
     One fixed number is 100 W/m2 too much over a high plateau in winter.
     """
-    return SWINBANK * air_k**6 if np.isfinite(air_k) else settings.longwave_down_w_m2
+    if np.isfinite(air_k) and BODIES[settings.body].has_air_of_earth:
+        return float(clear_sky_longwave(air_k))
+    return settings.longwave_down_w_m2
+
+
+def air_of_sky(longwave_w_m2: float, settings: EstimatorSettings) -> float:
+    """Air temperature where it is not logged, K: on the Earth by the longwave, elsewhere the body's."""
+    body = BODIES[settings.body]
+    return float(air_under_clear_sky(longwave_w_m2)) if body.has_air_of_earth else body.air_temperature_k

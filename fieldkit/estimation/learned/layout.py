@@ -1,4 +1,4 @@
-"""Which place of the state vector holds what.
+"""Places of the state vector.
 
 For each region the stores of its layer; then what is shared and varies (gusts, a common flux, air, beam,
 board), a flux of each bed; then what is constant: gain, diffuse light, circumsolar share, longwave, air,

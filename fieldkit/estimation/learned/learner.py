@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fieldkit.estimation.learned.filters import Filters, Innovations
+from fieldkit.estimation.learned.bank import Innovation
+from fieldkit.estimation.learned.filters import Filters
 from fieldkit.estimation.learned.hypotheses import Proposal, effective, hypotheses, normalised
 from fieldkit.estimation.learned.inputs import Logged, MinuteInputs, bridge
 from fieldkit.estimation.learned.layout import Layout
@@ -24,7 +25,7 @@ FIRST_DRAW = 5
 FEWEST = 10.0
 """Effective hypotheses below which all are drawn anew."""
 LONGER = 1.2
-"""How much longer the chain must be than at the last draw."""
+"""Length of the chain over that at the last draw from which a new draw may be due."""
 FIRST_ROUNDS, ROUNDS = 3, 2
 STEPS, STEPS_AFTER_DRAW = 4, 15
 FAR = 40.0
@@ -33,7 +34,7 @@ FAR = 40.0
 
 @dataclass(frozen=True, slots=True)
 class Posterior:
-    """What is known after a minute.
+    """Posterior distribution after a minute.
 
     Attributes
     ----------
@@ -81,7 +82,7 @@ class Learner:
         self.posterior: Posterior = self._posterior(STEPS_AFTER_DRAW)
 
     @property
-    def innovations(self) -> list[Innovations]:
+    def innovations(self) -> list[Innovation]:
         """Prediction errors of all minutes under the present hypotheses."""
         return self._innovations
 
@@ -118,6 +119,7 @@ class Learner:
             return False
         if self._judged == 0 or count >= 2 * self._judged:
             return True
+        # a draw takes all minutes again: only a chain that has grown by a share keeps the whole cost linear
         return count >= LONGER * self._judged and effective(self.posterior.log_weights) < FEWEST
 
     def _draw(self, proposal: Proposal) -> None:
@@ -137,7 +139,7 @@ class Learner:
         for target, start in self._second_branches(*best).items():
             starts = tuple(start if i == target else unit for i, unit in enumerate(best[0].units))
             other = self._weighed(starts, STEPS_AFTER_DRAW)
-            if _mass(other[1]) > _mass(best[1]):
+            if mass(other[1]) > mass(best[1]):
                 best, other = other, best
             others[target] = other
         self._starts = best[0].units
@@ -149,6 +151,7 @@ class Learner:
             tilt_azimuth(unit @ axes.T)[0]
             for unit, axes in zip(normals.units, self.layout.facing, strict=True)
         ]
+        # a finite penalty: where every hypothesis is too steep, weights must still add up to one
         too_steep = np.max(tilts, axis=0) > self.settings.tilt_limit_deg + 5.0
         weights = (
             self._filters.log_likelihood + normals.log_evidence + self._proposal.log_weight(self._points)
@@ -178,8 +181,8 @@ class Learner:
         }
 
 
-def _mass(log_weights: FloatArray) -> float:
-    """Logarithm of the probability that a branch has."""
+def mass(log_weights: FloatArray) -> float:
+    """Logarithm of the probability of a branch with these log-weights."""
     return float(np.logaddexp.reduce(log_weights))
 
 

@@ -1,7 +1,7 @@
 """From a filter's normals times the gain to unit normals: all beds and the gain together.
 
 A filter knows the vectors ``gain * normal`` as a joint normal distribution in which lengths are free. Lengths
-must all equal the gain: a bed whose vector the sun's path pins down tells the gain, and so every other bed.
+must all equal the gain: a bed whose vector the sun's path pins down gives the gain, so every other bed's too.
 The most probable unit normals are found by damped Gauss-Newton steps for all hypotheses at once; around them
 the distribution is taken to be normal in the plane that touches the sphere (Laplace).
 """
@@ -118,6 +118,7 @@ def unit_normals(filters: Filters, starts: tuple[FloatArray, ...], steps: int) -
     curvature = np.matmul(fit.jacobian.transpose(0, 2, 1), weighted)
     # the area of a sphere grows with its radius, the gain
     area = np.log(fit.gain) * (curvature.shape[1] - 1)
+    # Laplace: the Gaussian over gain and turns alone, against that over free vectors
     volume = np.linalg.slogdet(information)[1] - np.linalg.slogdet(curvature)[1]
     return UnitNormals(
         fit.gain,

@@ -6,32 +6,37 @@ points drawn evenly from each, so that the region of a slope is that of the mixt
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.special import ndtri
 
 from fieldkit.estimation.learned.even_points import even_points
-from fieldkit.estimation.learned.filters import prior_sds
 from fieldkit.estimation.learned.hypotheses import depths_m
-from fieldkit.estimation.learned.learner import Learner, Posterior
+from fieldkit.estimation.learned.learner import Learner, Posterior, mass
 from fieldkit.estimation.learned.normals import UnitNormals, places_of_normals, tangent_basis
+from fieldkit.estimation.learned.prior_state import prior_sds
 from fieldkit.estimation.likelihood import LikelihoodRegion, project
-from fieldkit.model.learnt import NINETY_SDS, LearntParameter
+from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.confidence import interval_sds
+from fieldkit.model.learnt import LearntParameter
 from fieldkit.physics.facet import VERTICAL, FloatArray, angle_between_deg, normal, tilt_azimuth
 
 POINTS = 32
 """Points for each hypothesis and branch."""
-NINETY = 0.90
 LEAST_SHARE = 0.05
 """Probability from which a second branch is reported."""
 _LINE: FloatArray = ndtri((np.arange(POINTS) + 0.5) / POINTS)[:, np.newaxis]
+# Sobol points begin at 0, whose quantile is infinite
 _PLANE: FloatArray = ndtri(np.clip(even_points("sobol-2"), 1e-3, 1 - 1e-3))
 
 
 @dataclass(frozen=True, slots=True)
 class KnownSlope:
-    """Slope of one target: mean normal (3,), 90 % region, second branch (3,) or None, and its share."""
+    """Slope of one target: mean normal (3,), likelihood region, second branch (3,) or None, and its share."""
 
     best: FloatArray
     region: LikelihoodRegion
@@ -47,18 +52,13 @@ def known_slope(learner: Learner, target: int) -> KnownSlope:
     second, share = None, 1.0
     if target in posterior.others:
         normals, log_weights = posterior.others[target]
-        both = np.logaddexp.reduce([_total(posterior.log_weights), _total(log_weights)])
-        share = float(np.exp(_total(posterior.log_weights) - both))
+        both = np.logaddexp.reduce([mass(posterior.log_weights), mass(log_weights)])
+        share = float(np.exp(mass(posterior.log_weights) - both))
         other = _mean(*_points(normals, log_weights, target, facing))
         if 1.0 - share >= LEAST_SHARE and angle_between_deg(other, best) > 1.0:
             second = other
-    limit = learner.settings.tilt_limit_deg
-    bound = _known_region if facing.shape[1] == 2 else _free_region
-    return KnownSlope(best, bound(points, weights, best, facing, limit), second, share)
-
-
-def _total(log_weights: FloatArray) -> float:
-    return float(np.logaddexp.reduce(log_weights))
+    region_of = _known_region if facing.shape[1] == 2 else _free_region
+    return KnownSlope(best, region_of(points, weights, best, facing, learner.settings), second, share)
 
 
 def _points(
@@ -67,7 +67,7 @@ def _points(
     """Unit normals (k, 3) drawn from the mixture, and their weights (k,)."""
     turn, tangent = normals.turn(target), normals.tangents[target]
     standard = _LINE if tangent.shape[2] == 1 else _PLANE
-    weights = np.exp(log_weights - _total(log_weights))
+    weights = np.exp(log_weights - mass(log_weights))
     used = weights > 1e-6
     root = np.linalg.cholesky(normals.covariance[used][:, turn, turn])
     turned = np.matmul(standard, root.transpose(0, 2, 1))
@@ -82,26 +82,31 @@ def _mean(points: FloatArray, weights: FloatArray) -> FloatArray:
 
 
 def _known_region(
-    points: FloatArray, weights: FloatArray, best: FloatArray, facing: FloatArray, limit: float
+    points: FloatArray, weights: FloatArray, best: FloatArray, facing: FloatArray, settings: EstimatorSettings
 ) -> LikelihoodRegion:
-    """The middle 90 % of tilts along a known azimuth; tilts to the other side count as negative."""
+    """The middle of the tilts along a known azimuth; tilts to the other side count as negative."""
     along = facing[:, 0]
     tilts = np.degrees(np.arctan2(points @ along, points[:, 2]))
-    low, high = quantiles(tilts, weights, (0.5 * (1.0 - NINETY), 0.5 * (1.0 + NINETY)))
-    azimuth = float(tilt_azimuth(along)[1])
+    low, high = quantiles(tilts, weights, _ends(settings))
+    azimuth, limit = float(tilt_azimuth(along)[1]), settings.tilt_limit_deg
     return LikelihoodRegion(max(low, 0.0), min(max(high, 0.0), limit), azimuth, azimuth, low <= 0.0)
 
 
+def _ends(settings: EstimatorSettings) -> tuple[float, float]:
+    """Shares below both ends of an interval."""
+    return 0.5 * (1.0 - settings.confidence), 0.5 * (1.0 + settings.confidence)
+
+
 def _free_region(
-    points: FloatArray, weights: FloatArray, best: FloatArray, facing: FloatArray, limit: float
+    points: FloatArray, weights: FloatArray, best: FloatArray, facing: FloatArray, settings: EstimatorSettings
 ) -> LikelihoodRegion:
-    """The ellipse around the mean normal that holds 90 %, projected on tilt and azimuth."""
+    """The ellipse around the mean normal that holds the wanted share, projected on tilt and azimuth."""
     plane = tangent_basis(best[np.newaxis])[0]
     away = points @ plane
     away = away - weights @ away
     covariance = (weights[:, np.newaxis] * away).T @ away
     distance = np.sum(away @ np.linalg.inv(covariance) * away, axis=1)
-    bound = quantiles(distance, weights, (NINETY,))[0]
+    bound = quantiles(distance, weights, (settings.confidence,))[0]
     angle = np.linspace(0.0, 2.0 * np.pi, 121)
     rim = np.sqrt(bound) * np.column_stack([np.cos(angle), np.sin(angle)]) @ np.linalg.cholesky(covariance).T
     outline = best + (rim + weights @ points @ plane - best @ plane) @ plane.T
@@ -109,7 +114,8 @@ def _free_region(
     upright = VERTICAL @ plane - weights @ points @ plane
     is_flat = bool(upright @ np.linalg.inv(covariance) @ upright <= bound)
     # a normal beyond the limit bounds itself
-    limit, start = max(limit, float(tilt_azimuth(best)[0])), np.zeros(1, np.int64)
+    limit = max(settings.tilt_limit_deg, float(tilt_azimuth(best)[0]))
+    start = np.zeros(1, np.int64)
     return project(np.vstack([outline, best]), start, best[np.newaxis], np.array([is_flat]), limit)[0]
 
 
@@ -206,57 +212,57 @@ def _by_tilt(learner: Learner) -> tuple[FloatArray, FloatArray]:
 
 
 def learnt_parameters(learner: Learner, found: Moments) -> tuple[LearntParameter, ...]:
-    """What was learnt of every shared parameter, with its prior."""
-    settings, prior = learner.settings, learner.settings.prior
+    """The shared parameters as learnt, with their priors."""
+    settings, prior, slab = learner.settings, learner.settings.prior, learner.settings.slab
+    straight = partial(_learnt, settings, found)
+    logarithmic = partial(_learnt, settings, found, of=np.exp)
     sds = prior_sds(settings, learner.logged)
-    straight = [
-        _straight("gain", "", found, settings.scale, sds["gain"]),
-        _straight("diffuse", "", found, 0.0, sds["diffuse"]),
-        _straight("circumsolar", "", found, prior.circumsolar_share, sds["circumsolar"]),
-        _straight("longwave", "W/m²", found, 0.0, sds["longwave"]),
-        _straight("air", "K", found, learner.logged.camera_k, sds["air"]),
-    ]
-    slab = settings.slab
-    logarithmic = [
-        _logarithmic("exchange", "W m⁻² K⁻¹", found, prior.exchange_w_m2_k, prior.exchange_log_sd),
-        _logarithmic("thermal_inertia", "J m⁻² K⁻¹ s⁻½", found, slab.thermal_inertia, prior.inertia_log_sd),
-        _depth(found, learner),
-        _logarithmic("gusts", "W m⁻² K⁻¹", found, prior.gust_sd_w_m2_k, prior.gust_log_sd),
-    ]
-    return (straight[0], *logarithmic, *straight[1:])
-
-
-def _depth(found: Moments, learner: Learner) -> LearntParameter:
-    """Depth, whose prior is a layer with a bottom or one without."""
-    low, median, high = depths_m(np.array([0.05, 0.5, 0.95]), learner.settings)
-    spread = float(np.log(high / low)) / (2.0 * NINETY_SDS)
-    plain = _logarithmic("depth", "cm", found, 100.0 * float(median), spread, scale=100.0)
-    return replace(plain, prior_low=100.0 * float(low), prior_high=100.0 * float(high))
-
-
-def _straight(name: str, unit: str, found: Moments, prior: float, prior_sd: float) -> LearntParameter:
-    value, sd = float(found.mean[found.names.index(name)]), found.sd(name)
-    half, prior_half = NINETY_SDS * sd, NINETY_SDS * prior_sd
-    share = min(sd / prior_sd, 1.0)
-    return LearntParameter(
-        name, unit, prior, prior - prior_half, prior + prior_half, value, value - half, value + half, share
+    return (
+        straight("gain", "", settings.scale, sds["gain"]),
+        logarithmic("exchange", "W m⁻² K⁻¹", np.log(prior.exchange_w_m2_k), prior.exchange_log_sd),
+        logarithmic("thermal_inertia", "J m⁻² K⁻¹ s⁻½", np.log(slab.thermal_inertia), prior.inertia_log_sd),
+        _depth(settings, found),
+        logarithmic("gusts", "W m⁻² K⁻¹", np.log(prior.gust_sd_w_m2_k), prior.gust_log_sd),
+        straight("diffuse", "", 0.0, sds["diffuse"]),
+        straight("circumsolar", "", prior.circumsolar_share, sds["circumsolar"]),
+        straight("longwave", "W/m²", 0.0, sds["longwave"]),
+        straight("air", "K", learner.logged.camera_k, sds["air"]),
     )
 
 
-def _logarithmic(
-    name: str, unit: str, found: Moments, prior: float, prior_sd: float, scale: float = 1.0
+def _depth(settings: EstimatorSettings, found: Moments) -> LearntParameter:
+    """Depth, whose prior is a layer with a bottom or one without."""
+    least, most = _ends(settings)
+    low, median, high = depths_m(np.array([least, 0.5, most]), settings)
+    spread = float(np.log(high / low)) / (2.0 * interval_sds(settings.confidence))
+    plain = _learnt(settings, found, "depth", "cm", np.log(median), spread, of=_centimetres)
+    return replace(plain, prior_low=100.0 * float(low), prior_high=100.0 * float(high))
+
+
+def _centimetres(log_m: float) -> float:
+    return 100.0 * math.exp(log_m)
+
+
+def _learnt(
+    settings: EstimatorSettings,
+    found: Moments,
+    name: str,
+    unit: str,
+    prior: float,
+    prior_sd: float,
+    of: Callable[[float], float] = float,
 ) -> LearntParameter:
-    value, sd = scale * float(np.exp(found.mean[found.names.index(name)])), found.sd(name)
-    factor, prior_factor = float(np.exp(NINETY_SDS * sd)), float(np.exp(NINETY_SDS * prior_sd))
-    share = min(sd / prior_sd, 1.0)
+    """A parameter with its prior; `of` makes numbers to show of those in `found`, prior and sd included."""
+    value, sd, sds = found.mean[found.names.index(name)], found.sd(name), interval_sds(settings.confidence)
     return LearntParameter(
-        name,
-        unit,
-        prior,
-        prior / prior_factor,
-        prior * prior_factor,
-        value,
-        value / factor,
-        value * factor,
-        share,
+        name=name,
+        unit=unit,
+        prior=float(of(prior)),
+        prior_low=float(of(prior - sds * prior_sd)),
+        prior_high=float(of(prior + sds * prior_sd)),
+        value=float(of(value)),
+        low=float(of(value - sds * sd)),
+        high=float(of(value + sds * sd)),
+        share_of_prior=min(sd / prior_sd, 1.0),
+        confidence=settings.confidence,
     )

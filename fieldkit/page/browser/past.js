@@ -37,7 +37,7 @@ async function estimatePast() {
   $("past-slopes").replaceChildren(...(lines.length ? lines : [el("li", {}, "No slopes: draw a target, and a reference where the slope is known.")]));
 }
 
-/** A slope with its 90 % region, or why there is none. */
+/** A slope with its likelihood region, or why there is none. */
 function slopeLine({ region, state, reason, tilt_deg: tilt, tilt_region_deg: tilts, azimuth_deg: azimuth, azimuth_region_deg: azimuths }) {
   const angle = (value, [low, high], digits) => `${number(value, digits)}° (${number(low, digits)} to ${number(high, digits)})`;
   const slope = Number.isFinite(tilt) ? `tilt ${angle(tilt, tilts, 1)}, azimuth ${angle(azimuth, azimuths, 0)}` : "no slope";

@@ -79,7 +79,7 @@ function showStreams(latest = {}) {
 function streamRow({ name, is_camera: isCamera, rows, cols, quantity }, now) {
   const value = isCamera ? `${cols} × ${rows}` : `${number(now.value, Math.abs(now.value) < 1000 ? 1 : 0)} ${now.unit ?? ""}`;
   const rate = now.rate_hz >= 1 ? `${number(now.rate_hz, 1)} /s` : `${number(now.rate_hz * 60, 1)} /min`;
-  const lost = (now.gaps ?? 0) + (now.dropped ?? 0) + (now.rejected ?? 0);
+  const lost = (now.gaps ?? 0) + (now.dropped ?? 0) + (now.rejected ?? 0) + (now.implausible ?? 0);
   const late = now.rate_hz > 0 && now.age_s > Math.max(5, 3 / now.rate_hz);
   return el("tr", {},
     el("th", { scope: "row" }, name, " ", el("small", {}, quantity === name ? "" : quantity)), el("td", {}, value), el("td", {}, rate),

@@ -52,10 +52,12 @@ def mean_error(columns: Series) -> float:
 
 
 def truths_held(columns: Series) -> str:
-    """How many of the final 90 % regions hold the given tilt, in words; empty where none was given."""
+    """Share of the final likelihood regions that hold the given tilt, in words; empty if none was given."""
     finals = [(bed.final_estimate, bed.region.tilt_deg) for bed in columns.beds]
-    held = [one.tilt_low_deg <= truth <= one.tilt_high_deg for one, truth in finals if one and truth == truth]
-    return f"The given tilt is within the 90 % region on {_of(sum(held), len(held))}." if held else ""
+    known = [(one, truth) for one, truth in finals if one and truth == truth]
+    held = sum(one.tilt_low_deg <= truth <= one.tilt_high_deg for one, truth in known)
+    sure = formatting.confidence(one for one, _ in known)
+    return f"The given tilt is within the {sure} region on {_of(held, len(known))}." if known else ""
 
 
 def _headline(columns: Series) -> str:
@@ -64,7 +66,7 @@ def _headline(columns: Series) -> str:
     if not columns.beds:
         return "No target regions are drawn: nothing was estimated."
     if not estimated:
-        return f"No slope was found on any of {len(columns.beds)} beds."
+        return f"No slope was found on any of {len(columns.beds)} targets."
     found = _found(len(certain), len(columns.beds))
     if uncertain := [bed for bed in estimated if bed not in certain]:
         found += f" Uncertain: {', '.join(map(_with_second_branch, uncertain))}."
@@ -73,7 +75,7 @@ def _headline(columns: Series) -> str:
         return f"{found} No true tilts were given to compare with."
     worst = max(errors, key=lambda name: errors[name])
     mean = float(np.mean(list(errors.values())))
-    worst_bed = f"worst bed {worst} with {errors[worst]:.1f}°"
+    worst_bed = f"worst target {worst} with {errors[worst]:.1f}°"
     return f"{found} Mean tilt error {mean:.1f}°; {worst_bed}. {truths_held(columns)}"
 
 
@@ -92,8 +94,8 @@ def _with_second_branch(bed: TargetSeries) -> str:
 
 def _of(some: int, total: int) -> str:
     if total == 1:
-        return "the bed" if some else "0 of 1 beds"
-    return f"all {total} beds" if some == total else f"{some} of {total} beds"
+        return "the target" if some else "0 of 1 targets"
+    return f"all {total} targets" if some == total else f"{some} of {total} targets"
 
 
 def _slope_warnings(columns: Series) -> list[str]:
@@ -121,7 +123,7 @@ def _recording_warnings(events: Sequence[Event], state: str) -> list[str]:
 
 
 def _alarm_warnings(events: Sequence[Event]) -> list[str]:
-    """How many alarms were raised, and which are still present."""
+    """Number of alarms raised, and those still present."""
     raised = sum(phase_of(event) is Phase.RAISED for event in events)
     warnings = [f"{raised} {'alarm' if raised == 1 else 'alarms'} while recording; see Events."] * (
         raised > 0

@@ -79,11 +79,17 @@ def _headline(parts: Sequence[Part]) -> str:
     truth = np.concatenate([np.empty(0), *(_truth(bed) for bed in beds)])
     mean = mean_absolute_error(estimated, truth)
     if not np.isfinite(mean):
-        return "No slope of a bed of known tilt was found in these sessions."
+        return "No slope of a region of known tilt was found in these sessions."
     count = int(np.isfinite(estimated - truth).sum())
-    found = f"Mean absolute tilt error {mean:.1f}° over {count} estimates of all beds and sessions"
+    found = f"Mean absolute tilt error {mean:.1f}° over {count} estimates of all regions and sessions"
     uncertain = sum(bed.uncertain for bed in beds)
-    return f"{found}, of which {uncertain} are uncertain: {formatting.UNCERTAIN_MEANS}."
+    return f"{found}, of which {uncertain} are uncertain: {formatting.uncertain_means(_confidence(parts))}."
+
+
+def _confidence(parts: Sequence[Part]) -> str:
+    """Confidence of the final estimates in words; "likelihood" where there are none."""
+    finals = (bed.final_estimate for part in parts for bed in part.columns.beds)
+    return formatting.confidence(one for one in finals if one) or "likelihood"
 
 
 def _truth(bed: TargetSeries) -> FloatArray:
@@ -92,15 +98,16 @@ def _truth(bed: TargetSeries) -> FloatArray:
 
 def _beds(parts: Sequence[Part], sd: SdKind) -> Table:
     rows = [_row(part, bed, sd) for part in parts for bed in part.columns.beds]
+    sure = _confidence(parts)
     caption = (
-        "Tilt: the final one ± the larger half of its 90 % region. MAE and SD: over the n minutes with an "
+        f"Tilt: the final one ± the larger half of its {sure} region. MAE and SD: over the n minutes with an "
         f"estimate, of which some are uncertain; SD {sd_words(sd)}. RMSE: measured surface temperature "
         " against eq. (7), the reference standing in for air and sky."
     )
     columns = (
         "day",
         "session",
-        "bed",
+        "region",
         "tilt °",
         "given",
         "MAE ± SD °",
@@ -147,7 +154,8 @@ def _slope_figures(parts: Sequence[Part]) -> list[Figure]:
     return [
         Figure(
             session_figures.final_tilts(tilts),
-            "Final tilt of each bed by session, in order of time. Bars: 90 % region; lines: the given tilts.",
+            f"Final tilt of each region by session, in order of time. Bars: {_confidence(parts)} region; "
+            "lines: the given tilts.",
             f"Final tilts: {words}.",
             wide=True,
             parts=beds,
@@ -199,7 +207,7 @@ def _errors_by_tilt(parts: Sequence[Part], sd: SdKind) -> dict[str, list[ErrorSp
 
 
 def _error_budget(parts: Sequence[Part]) -> Table | None:
-    """What each cause costs the beds of each given tilt, all days together."""
+    """Cost of each cause for regions of each given tilt, all days together."""
     found: dict[float, list[ErrorBudget]] = {}
     for part in parts:
         for bed in part.columns.beds:

@@ -14,8 +14,9 @@ from typing import get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldkit.estimation.estimator_keys import Model
 from fieldkit.estimation.region_temperatures import difference_k
-from fieldkit.estimation.settings import EstimatorSettings, Model
+from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics import daylight
 from fieldkit.physics.bodies import BODIES
@@ -34,12 +35,12 @@ OFFSET_K = 0.3
 SCALE = 0.10
 READING = (
     "to first order and with the azimuth known; in brackets what the cause amounts to in eq. (6). "
-    "Plus: the bed seems to face the sun more than it does."
+    "Plus: the region seems to face the sun more than it does."
 )
-"""How to read the table."""
+"""Caption of the table."""
 MODELS = (
-    "The same minutes by each model: final tilts, ± the larger half of the 90 % region; mean absolute error "
-    "over all minutes with an estimate; share of these whose 90 % region holds the given tilt."
+    "The same minutes by each model: final tilts, ± the larger half of the likelihood region; mean absolute "
+    "error over all minutes with an estimate; share of these whose region holds the given tilt."
 )
 MODEL_WORDS: Mapping[Model, str] = {
     "paper": "These slopes were estimated without them.",
@@ -94,7 +95,7 @@ def _model_row(name: object, columns: Series) -> list[object]:
 
 
 def _holds_truth(bed: TargetSeries) -> NDArray[np.bool_]:
-    """Of the minutes with an estimate, whether the 90 % region holds the given tilt."""
+    """Of the minutes with an estimate, whether the likelihood region holds the given tilt."""
     truth = bed.region.tilt_deg
     held = (bed.tilt_low_deg <= truth) & (truth <= bed.tilt_high_deg)
     return np.asarray(held[bed.is_estimate])
@@ -113,7 +114,7 @@ def cause_rows(budgets: Sequence[ErrorBudget]) -> list[list[object]]:
     found.append(["half the likelihood region", *(f"±{formatting.number(b.noise_deg, 1)}°" for b in budgets)])
     found.append(
         [
-            f"{OFFSET_K:g} K between bed and reference",
+            f"{OFFSET_K:g} K between region and reference",
             *(f"±{formatting.number(abs(b.of_offset(OFFSET_K)), 1)}°" for b in budgets),
         ]
     )
@@ -151,12 +152,12 @@ def _omitted_words(data: ReportData, budgets: Sequence[ErrorBudget]) -> str:
     known = [cost for cost in costs if np.isfinite(cost)]
     cost = formatting.number(float(np.mean(known)) if known else float("nan"), 1)
     omitted = (
-        "The paper's model, eq. (6), contains direct sunlight, and an exchange with air and sky that bed and "
-        "reference share. A tilted bed also sees less sky and more ground, and its sand takes up heat at "
-        "another rate: diffuse light, sky longwave and storage are omitted. With "
+        "The paper's model, eq. (6), contains direct sunlight, and an exchange with air and sky that region "
+        "and reference share. A tilted region also sees less sky and more ground, and its sand takes up heat "
+        "at another rate: diffuse light, sky longwave and storage are omitted. With "
         f"{settings.diffuse_fraction:.0%} of the light diffuse, {settings.longwave_down_w_m2:.0f} W/m² of "
         f"longwave from the sky and {slab.depth_m * 100:g} cm of sand these terms bias the tilt by {cost}° "
-        "here, on average over the beds; they partly cancel."
+        "here, on average over the regions; they partly cancel."
     )
     return f"{omitted} {MODEL_WORDS[settings.model]}"
 
@@ -171,7 +172,7 @@ def _advice(budgets: Sequence[ErrorBudget]) -> list[str]:
         "Noise averages over a longer window; the other uncertainties in the likelihood region do not. The "
         "azimuth needs an hour or more of sun motion.",
         "A wrong scale of the irradiance (lux meter, model, albedo, heat exchange) scales all tilts "
-        "alike; one bed of known slope calibrates it.",
+        "alike; one region of known slope calibrates it.",
     ]
 
 
@@ -252,17 +253,17 @@ def budget(columns: Series, bed: TargetSeries, settings: EstimatorSettings) -> E
     )
     absorbing = 1.0 - settings.surface.albedo
     return ErrorBudget(
-        bed.region.name,
-        _median(on_bed - diffuse),
-        _median(reflected),
-        _median(_longwave(columns, cos_tilt, settings)) / absorbing,
-        _median(-_stored(columns, bed, settings)) / absorbing,
-        _median(light * _per_degree(columns, tilt, azimuth)),
-        _median(bed.kelvin_per_degree),
-        _median(np.where(bed.is_estimate, (bed.tilt_high_deg - bed.tilt_low_deg) / 2, np.nan)),
-        tilt,
-        _median(_of_emissivity(columns, bed, settings)),
-        settings.factor_sd,
+        name=bed.region.name,
+        diffuse_w_m2=_median(on_bed - diffuse),
+        reflected_w_m2=_median(reflected),
+        longwave_w_m2=_median(_longwave(columns, cos_tilt, settings)) / absorbing,
+        storage_w_m2=_median(-_stored(columns, bed, settings)) / absorbing,
+        w_m2_per_degree=_median(light * _per_degree(columns, tilt, azimuth)),
+        kelvin_per_degree=_median(bed.kelvin_per_degree),
+        noise_deg=_median(np.where(bed.is_estimate, (bed.tilt_high_deg - bed.tilt_low_deg) / 2, np.nan)),
+        tilt_deg=tilt,
+        emissivity_k=_median(_of_emissivity(columns, bed, settings)),
+        factor_sd=settings.factor_sd,
     )
 
 

@@ -29,7 +29,7 @@ def prior_and_posterior(learnt: Learnt) -> str:
     axes.grid(visible=False, axis="y")
     axes.set_axisbelow(True)
     axes.set_xticks([-1.0, 0.0, 1.0], ["low", "median", "high"])
-    axes.set_xlabel("90 % interval of the prior")
+    axes.set_xlabel(f"{learnt_words.confidence(learnt)} interval of the prior")
     return plotting.svg(figure)
 
 
@@ -54,7 +54,7 @@ def _interval(axes: Axes, row: int, parameter: LearntParameter) -> None:
 
 
 def _on_prior(parameter: LearntParameter, number: float) -> float:
-    """A number where the prior's median is 0 and the ends of its 90 % interval are -1 and 1."""
+    """A number where the prior's median is 0 and the ends of its interval are -1 and 1."""
     away = number - parameter.prior
     half = parameter.prior_high - parameter.prior if away > 0 else parameter.prior - parameter.prior_low
     return away / half if half > 0 else 0.0

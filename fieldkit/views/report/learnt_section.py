@@ -1,4 +1,4 @@
-"""What the data taught, in a report: parameters before and after, over the session, and the residuals."""
+"""Learnt parameters in a report: parameters before and after, over the session, and the residuals."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def learnt_section(data: ReportData) -> LearntSection | None:
         return None
     return LearntSection(
         learnt_words.judgement(learnt),
-        Table(learnt_words.COLUMNS, learnt_words.rows(learnt, bar), learnt_words.MEANING),
+        Table(learnt_words.COLUMNS, learnt_words.rows(learnt, bar), learnt_words.meaning(learnt)),
         data.drawn(_figures),
         Table(learnt_words.RESIDUAL_COLUMNS, learnt_words.residual_rows(learnt)),
     )
@@ -38,18 +38,19 @@ def learnt_section(data: ReportData) -> LearntSection | None:
 def _figures(data: ReportData) -> Iterator[Figure]:
     learnt = data.columns.final_learnt
     assert learnt is not None
+    sure = learnt_words.confidence(learnt)
     words = "; ".join(f"{one.name} {learnt_words.found(one)}" for one in learnt.parameters)
     yield Figure(
         learnt_figures.prior_and_posterior(learnt),
-        "Each parameter on the scale of its prior: grey the 90 % interval before the data, blue after them, "
-        "with the medians. A blue bar as long as the grey one: the data said nothing.",
+        f"Each parameter on the scale of its prior: grey the {sure} interval before the data, blue after "
+        "them, with the medians. A blue bar as long as the grey one: the data added nothing.",
         f"Parameters before and after the data: {words}.",
     )
     if learnt_words.main(learnt):
         drawn = learnt_figures.over_time(data.columns, data.site)
         yield Figure(
             drawn.svg,
-            "What was known by each minute, with 90 % intervals; grey: the prior.",
+            f"What was known by each minute, with {sure} intervals; grey: the prior.",
             "Parameters against local time, their intervals narrowing from the prior's.",
             readings=readings(drawn, data.columns, data.site, lambda minute: _learnt_at(data, minute)),
         )

@@ -128,7 +128,7 @@ def _pixels(region: Region, frame: Frame | None) -> str:
 
 
 def is_simulated(session: SessionReader) -> bool:
-    """Whether any instrument of the session was simulated, by the configuration that recorded it."""
+    """True if any instrument of the session was simulated, by the configuration that recorded it."""
     if any(info.port == SIMULATED for info in session.streams.values()):
         return True
     try:
@@ -138,7 +138,7 @@ def is_simulated(session: SessionReader) -> bool:
 
 
 def _names_simulated(settings: object) -> bool:
-    """Whether a device among nested settings has the simulated port."""
+    """True if a device among nested settings has the simulated port."""
     if isinstance(settings, dict):
         return settings.get("port") == SIMULATED or any(map(_names_simulated, settings.values()))
     return isinstance(settings, list) and any(map(_names_simulated, settings))
@@ -156,12 +156,12 @@ class EventList:
 
     @property
     def is_short(self) -> bool:
-        """Whether the list is shown unfolded."""
+        """True if the list is shown unfolded."""
         return self.count <= UNFOLDED_EVENTS
 
     @property
     def is_cut(self) -> bool:
-        """Whether the table holds only the first events."""
+        """True if the table holds only the first events."""
         return self.count > SHOWN_EVENTS
 
 
@@ -180,7 +180,7 @@ def streams(data: ReportData) -> Table:
     health = list(data.session.health())
     final = {stream.stream: stream for stream in health[-1].streams} if health else {}
     rows = [_stream_row(data, info, final.get(name)) for name, info in data.session.streams.items()]
-    columns = ("stream", "instrument", "quantity", "received", "lost", "garbled", "gaps")
+    columns = ("stream", "instrument", "quantity", "received", "lost", "garbled", "gaps", "implausible")
     return Table(columns, rows)
 
 
@@ -193,11 +193,12 @@ def _stream_row(data: ReportData, info: StreamInfo, health: StreamHealth | None)
         f"{info.quantity}, {info.unit}",
         *(map(formatting.number, counts) if counts else [formatting.UNKNOWN] * 3),
         sum(event.stream == info.name for event in data.events_of(*_GAPS)),
+        sum(one.count for one in data.session.stream(info.name).excesses()),
     ]
 
 
 def clock(data: ReportData) -> str:
-    """How well the computer's clock kept UTC while recording."""
+    """Quality of the computer's clock while recording."""
     checks = list(data.session.clock_checks())
     if len(checks) < 2:
         return "The clock was not checked while recording."
@@ -214,7 +215,7 @@ def clock(data: ReportData) -> str:
 
 
 def provenance(data: ReportData) -> Table:
-    """Where the numbers come from: file and checksum, versions, command lines."""
+    """Provenance of the numbers: file and checksum, versions, command lines."""
     session = data.session
     rows: list[tuple[object, object]] = [
         ("session file", code(session.path.name)),
@@ -225,6 +226,7 @@ def provenance(data: ReportData) -> Table:
         ("versions", ", ".join(versions())),
         ("Python", f"{platform.python_version()} on {platform.platform()}"),
         ("estimator", f"{data.settings.method}, model {data.settings.model}"),
+        ("minutes", "of the recording itself" if data.is_recordings else "estimated from the stored samples"),
     ]
     credits = ((name, getattr(session.header, name)) for name in ("operator", "license", "references"))
     rows += [(name, value) for name, value in credits if value]

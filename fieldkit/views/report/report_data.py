@@ -1,4 +1,4 @@
-"""What a report is made from, gathered once; each section takes its part of it."""
+"""Data of a report, gathered once; each section takes its part of it."""
 
 from __future__ import annotations
 
@@ -38,6 +38,7 @@ class ReportData:
     command_line: str
     config_toml: str
     can_draw: bool
+    is_recordings: bool = False
 
     def events_of(self, *kinds: EventKind) -> list[Event]:
         """Events of some kinds, in order."""

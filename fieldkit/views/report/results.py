@@ -17,6 +17,7 @@ from fieldkit.estimation.statistics import (
     sd_of_absolute_error,
 )
 from fieldkit.model.air import is_air_temperature
+from fieldkit.model.confidence import percent
 from fieldkit.model.slope import SlopeEstimate
 from fieldkit.views import formatting, paper_figures
 from fieldkit.views.html import Figure, Table, strong
@@ -31,15 +32,15 @@ SPAN_S = 1200.0
 
 def slopes(data: ReportData) -> Table:
     """Each bed with its final slope and the slope that was given."""
-    caption = "±: the larger half of the 90 % region."
-    columns = ("bed", "tilt °", "azimuth °", "given", "state")
+    caption = f"±: the larger half of the {percent(data.settings.confidence)} region."
+    columns = ("region", "tilt °", "azimuth °", "given", "state")
     return Table(columns, list(map(_slope_row, data.columns.beds)), caption)
 
 
 def accuracy(data: ReportData) -> Table:
     """Each bed with the parts of its uncertainty, and its error against the given slope."""
     columns = {
-        "bed": "",
+        "region": "",
         "noise": "Noise: what noise alone contributes to the ± of the tilt.",
         "also fits": "Also fits: another slope, tilt/azimuth, that explains the same minutes.",
         "K per °": "K per °: change of the temperature difference with tilt.",
@@ -49,9 +50,11 @@ def accuracy(data: ReportData) -> Table:
         "n": "",
     }
     rows = [_accuracy_row(bed, data.sd) for bed in data.columns.beds]
+    sure = percent(data.settings.confidence)
     known = [any(row[index] != formatting.UNKNOWN for row in rows) for index in range(len(columns))]
     caption = (
-        f"The 90 % region {likelihood_words(data.settings)}. Uncertain: {formatting.UNCERTAIN_MEANS}. "
+        f"The {sure} region {likelihood_words(data.settings)}. "
+        f"Uncertain: {formatting.uncertain_means(sure)}. "
         f"{' '.join(filter(None, itertools.compress(columns.values(), known)))}"
     )
     shown = [list(itertools.compress(row, known)) for row in rows]
@@ -59,14 +62,14 @@ def accuracy(data: ReportData) -> Table:
 
 
 def caveat(settings: EstimatorSettings) -> str:
-    """What the paper's model omits, as one sentence; empty with other settings."""
+    """Omissions of the paper's model, as one sentence; empty with other settings."""
     if (settings.model, settings.azimuth) != ("paper", "free"):
         return ""
     return f"{formatting.PAPER_OMITS[0].upper()}{formatting.PAPER_OMITS[1:]}."
 
 
 def likelihood_words(settings: EstimatorSettings) -> str:
-    """Which uncertainties the likelihood region covers."""
+    """Uncertainties that the likelihood region covers."""
     parts = [f"noise of {settings.noise_k:g} K"]
     if settings.offset_sd_k > 0:
         parts.append(f"an offset between regions of {settings.offset_sd_k:g} K")
@@ -92,7 +95,7 @@ def likelihood_words(settings: EstimatorSettings) -> str:
 
 
 def sd_words(sd: SdKind) -> str:
-    """Which standard deviation is shown."""
+    """Kind of the standard deviation shown."""
     if sd == "paper":
         return "by eq. (9) as printed, with n outside the root: the standard error of the mean"
     return "the ordinary standard deviation of the absolute error"
@@ -119,7 +122,7 @@ def _accuracy_row(bed: TargetSeries, sd_kind: SdKind) -> list[object]:
         strong(bed.region.name),
         formatting.noise(final) if final else formatting.UNKNOWN,
         (final and formatting.second_branch(final)) or formatting.UNKNOWN,
-        formatting.number(final.kelvin_per_degree, 2) if final else formatting.UNKNOWN,
+        formatting.slope_number(final, "kelvin_per_degree") if final else formatting.UNKNOWN,
         f"{error:+.1f}" if np.isfinite(error) else formatting.UNKNOWN,
         f"{mae:.1f} ± {sd:.2f}" if np.isfinite(mae) else formatting.UNKNOWN,
         int(np.isfinite(bed.estimated_tilt_deg).sum()),
@@ -140,13 +143,13 @@ def _state(final: SlopeEstimate | None, last: SlopeEstimate | None) -> str:
 
 def slope_figures(data: ReportData) -> Iterator[Figure]:
     """The tilts of the beds over the session; nothing where no slope was found."""
-    columns = data.columns
+    columns, sure = data.columns, percent(data.settings.confidence)
     if _has_slopes(columns):
         drawn = session_figures.tilts(columns, data.site)
         yield Figure(
             drawn.svg,
-            "Tilt of each bed. Shaded: 90 % likelihood region; dashed: the given tilt; crosses: not to be "
-            f"relied on (held, shaded, no intersection); ticks at the foot: no slope.{_clouds(columns)}",
+            f"Tilt of each region. Shaded: {sure} likelihood region; dashed: the given tilt; crosses: not to "
+            f"be relied on (held, shaded, no intersection); ticks at the foot: no slope.{_clouds(columns)}",
             f"Tilt against local time. {_final_tilts(columns)}",
             wide=True,
             readings=readings(drawn, columns, data.site, lambda minute: _tilts_at(columns, minute)),
@@ -167,9 +170,9 @@ def time_figures(data: ReportData) -> Iterator[Figure]:
         drawn = session_figures.azimuths(columns, site)
         yield Figure(
             drawn.svg,
-            "Azimuth of each bed's normal with its likelihood region; a region over all 360° means that "
+            "Azimuth of each region's normal with its likelihood region; a region over all 360° means that "
             "the data do not determine it. Dashed: the given azimuth.",
-            "Azimuth of each bed against local time.",
+            "Azimuth of each region against local time.",
             wide=True,
             readings=readings(drawn, columns, site, lambda minute: _azimuths_at(columns, minute)),
         )
@@ -268,7 +271,7 @@ def paper_comparison(data: ReportData) -> PaperComparison | None:
     rmse_k = temperature_rmse_k(columns, modelled)
     summary = (
         f"Measured against modelled surface temperature: RMSE {formatting.number(rmse_k, 2)} K over "
-        f"{len(modelled)} beds (the paper reports 1.83 K for its own)."
+        f"{len(modelled)} regions (the paper reports 1.83 K for its own)."
     )
     return PaperComparison(summary, data.drawn(lambda data: _paper_figures(data, modelled, rmse_k)))
 
@@ -288,7 +291,7 @@ def _paper_figures(data: ReportData, modelled: Mapping[str, FloatArray], rmse_k:
         yield Figure(
             paper_figures.measured_against_modelled(measured, modelled, rmse_k),
             f"As the paper's Fig. 12: measured surface temperature against eq. (7) with this session's "
-            f"parameters. RMSE {rmse_k:.2f} K. Air temperature and long wave are not measured; the reference "
+            f"parameters. RMSE {rmse_k:.2f} K. Air temperature and longwave are not measured; the reference "
             "stands in for them through eq. (7), so it is not among the points.",
             f"Measured against modelled surface temperature, RMSE {rmse_k:.2f} kelvin.",
             parts=list(modelled),
@@ -309,6 +312,6 @@ def _paper_figures(data: ReportData, modelled: Mapping[str, FloatArray], rmse_k:
             paper_figures.errors_over_local_time(errors, data.zone),
             f"As the paper's Fig. 13: absolute tilt error over local time, means over {SPAN_S / 60:.0f} min. "
             f"Bars: one SD, {sd_words(data.sd)}.",
-            "Absolute tilt error of each bed against local time.",
+            "Absolute tilt error of each region against local time.",
             parts=list(errors),
         )

@@ -89,7 +89,7 @@ class Series:
 
     @property
     def final_learnt(self) -> Learnt | None:
-        """What the whole session taught, or None if nothing."""
+        """Parameters learnt from the whole session, or None if nothing."""
         return next((one for one in reversed(self.learnt) if one is not None), None)
 
     @property

@@ -106,7 +106,7 @@ def azimuths(columns: Series, site: Site) -> plotting.OverTime:
 
 @dataclass(frozen=True, slots=True)
 class FinalTilt:
-    """The final tilt of a bed in a session, with its 90 % region and the given tilt, degrees."""
+    """The final tilt of a bed in a session, with its likelihood region and the given tilt, degrees."""
 
     session: str
     bed: str

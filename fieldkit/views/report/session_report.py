@@ -40,6 +40,7 @@ def write_report(
     others: Mapping[str, Sequence[Minute]] | None = None,
     command_line: str = "",
     config_toml: str | None = None,
+    is_recordings: bool = False,
 ) -> None:
     """Write the report of a session as one self-contained HTML file.
 
@@ -63,6 +64,8 @@ def write_report(
         The command that was typed, for the provenance.
     config_toml
         The configuration used, where it is not the session's own.
+    is_recordings
+        Whether the minutes are those that the recording itself estimated.
 
     Raises
     ------
@@ -83,6 +86,7 @@ def write_report(
         command_line=command_line,
         config_toml=session.config_toml if config_toml is None else config_toml,
         can_draw=plotting.available(),
+        is_recordings=is_recordings,
     )
     path.write_text(_page(data), encoding="utf-8")
 

@@ -9,10 +9,10 @@ from pathlib import Path
 from fieldkit.config import load_config
 from fieldkit.drivers import registry
 from fieldkit.drivers.simulated import PORT, SimulatedField
+from fieldkit.recording.opening import Instruments, open_all
+from fieldkit.recording.record import PreparedRecording
 from fieldkit.simulation import Scene
 from fieldkit.simulation.simulated_clock import SimulatedClock
-from fieldkit.workflows.opening import Instruments, open_all
-from fieldkit.workflows.record import PreparedRecording
 from fieldlab.campaign import toml
 
 

@@ -9,8 +9,8 @@ import time
 
 HEAVY = (
     "numpy", "cv2", "h5py", "scipy.interpolate", "scipy.optimize", "erfa", "rich.live",
-    "serial", "usb.backend.libusb1", "fieldkit.views.terminal_view", "fieldkit.workflows.record",
-    "fieldkit.workflows.estimate",
+    "serial", "usb.backend.libusb1", "fieldkit.views.terminal_view", "fieldkit.recording.record",
+    "fieldkit.results.estimate",
 )  # fmt: skip
 ROOMS = ("config", "drivers", "drivers.cameras", "drivers.meters", "estimation", "recorder", "sessions")
 COMMANDS = ("check", "devices", "doctor", "record", "recover", "show")

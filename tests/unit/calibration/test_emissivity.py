@@ -21,11 +21,11 @@ from fieldkit.calibration.emissivity import (
 from fieldkit.model.errors import CalibrationError
 from fieldkit.model.units import CELSIUS_ZERO_K, MINUTE_NS
 from fieldkit.physics.radiance import band_radiance, brightness_temperature_k
+from fieldkit.recording.simulated_scene import FOIL_ALBEDO
 from fieldkit.simulation import Facet, MeasuredSky, Scene
 from fieldkit.simulation.scene import ALAMOSA_NOON_NS
 from fieldkit.weather import packaged
-from fieldkit.workflows.simulate import FOIL_ALBEDO
-from tests.harness.emissivity_days import OUTLINE, days, free_days, make_day
+from tests.harness.emissivity_days import OUTLINE, days, drawn_free_days, free_days, make_day
 
 NO_ERROR = SharedUncertainties(*(0.0,) * 7)
 
@@ -204,6 +204,20 @@ def test_without_a_foil_the_interval_allows_for_a_sky_that_drifts_and_a_probe_th
             inside.append(abs(found.value - day.emissivity) <= found.expanded)
     assert len(inside) >= 120  # the others leave more than 0.05 of doubt, as a span below 20 K does
     assert np.mean(inside) >= 0.92
+
+
+@pytest.mark.parametrize("tape", [False, True])
+def test_without_a_foil_the_stated_interval_is_neither_too_wide_nor_too_narrow(tape):
+    """With a tape the drift of the sky counted as if the tape reflected no sky: three times too wide."""
+    options = {"tape_emissivity": 0.95, "tape_emissivity_sd": 0.01} if tape else {}
+    off = []
+    for day in drawn_free_days(300, tape):
+        with suppress(CalibrationError):
+            found = fit_emissivity(day.pairs, day.shared, reflected="free", **options)
+            off.append((found.value - day.emissivity) / found.standard_uncertainty)
+    assert len(off) > 260
+    assert 0.92 <= np.mean(np.abs(off) <= 2.0) <= 0.985
+    assert 0.75 <= np.std(off) <= 1.1
 
 
 def test_the_budget_of_a_free_mirror_says_what_a_drifting_sky_would_do():

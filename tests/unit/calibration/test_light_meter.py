@@ -44,6 +44,12 @@ def test_measured_diffuse_light_is_added_as_measured():
     np.testing.assert_allclose(plane, dni * SUN[:, 2] + dhi, rtol=1e-9)
 
 
+def test_a_baffled_tube_beside_a_station_receives_its_beam_alone():
+    tube = IrradianceModel(mounting="sun-pointing", diffuse="none")
+    plane = on_plane(tube, np.full(240, 900.0), np.full(240, 80.0), SUN, TIMES)
+    np.testing.assert_allclose(plane, 900.0)
+
+
 def test_factor_and_uncertainty_of_a_clear_hour():
     random = np.random.default_rng(1)
     plane = np.linspace(300.0, 600.0, 120)

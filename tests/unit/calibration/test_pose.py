@@ -39,6 +39,14 @@ def test_exact_marks_give_the_pose(hfov_deg):
     assert (found.sd["hfov_deg"] == 0.0) == (hfov_deg is not None)
 
 
+def test_points_on_a_stretched_grid_give_the_same_camera_on_it():
+    """All distances on the grid 0.8 % longer: position and heights stay those on the ground."""
+    longer = (POINTS - TRUTH.position_m) * (1.008, 1.008, 1.0) + TRUTH.position_m
+    found = fit_pose(marked(), longer, TRUTH.shape, grid_scale=1.008)
+    assert numbers(found.camera) == pytest.approx(numbers(TRUTH), abs=1e-3)
+    assert found.camera.grid_scale == 1.008
+
+
 def test_four_points_are_enough():
     found = fit_pose(marked()[:4], POINTS[:4], TRUTH.shape, hfov_deg=50.0)
     assert numbers(found.camera) == pytest.approx(numbers(TRUTH), abs=1e-2)
@@ -51,6 +59,18 @@ def test_stated_uncertainties_are_those_of_noisy_marks():
     scatter = np.std([numbers(one.camera) for one in fits], axis=0)[:6]
     stated = np.median([[one.sd[name] for name in QUANTITIES[:6]] for one in fits], axis=0)
     assert stated == pytest.approx(scatter, rel=0.35)
+
+
+@pytest.mark.parametrize(("count", "hfov_deg"), [(4, 50.0), (4, None), (5, 50.0), (5, None), (6, 50.0)])
+def test_twice_the_standard_uncertainty_covers_the_truth_with_few_points(count, hfov_deg):
+    """Marks twice as far off as stated; without Student's factor it covered 79 to 92 %."""
+    quantities = len(QUANTITIES) - (hfov_deg is not None)
+    covered = []
+    for seed in range(60):
+        found = fit_pose(marked(2.0, seed)[:count], POINTS[:count], TRUTH.shape, hfov_deg=hfov_deg)
+        off = np.abs(numbers(found.camera) - numbers(TRUTH))[:quantities]
+        covered.append(off <= 2.0 * np.array([found.sd[name] for name in QUANTITIES[:quantities]]))
+    assert np.mean(covered) > 0.94
 
 
 @pytest.mark.parametrize("count", [0, 3])

@@ -6,7 +6,13 @@ import math
 
 import pytest
 
-from fieldkit.calibration.uncertainty import Contribution, combined_uncertainty, effective_freedom, largest
+from fieldkit.calibration.uncertainty import (
+    Contribution,
+    combined_uncertainty,
+    effective_freedom,
+    largest,
+    students_factor,
+)
 
 
 def line(effect: float, kind: str = "B") -> Contribution:
@@ -29,3 +35,9 @@ def test_contributions_add_in_quadrature_and_the_largest_may_be_negative() -> No
     budget = [line(25.0), line(9.7, "A"), line(2.9), line(-16.6)]
     assert combined_uncertainty(budget) == pytest.approx(32.0, abs=0.5)
     assert largest([line(5.0), line(-16.6), line(9.7)]).effect == -16.6
+
+
+@pytest.mark.parametrize(("freedom", "k"), [(1, 13.97), (2, 4.53), (5, 2.65), (10, 2.28), (50, 2.05)])
+def test_students_factor_is_that_of_the_guide(freedom, k):
+    """JCGM 100:2008, table G.2, 95.45 %."""
+    assert 2.0 * students_factor(freedom) == pytest.approx(k, abs=0.006)

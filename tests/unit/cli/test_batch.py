@@ -8,7 +8,7 @@ import pytest
 
 from fieldkit.cli import batch
 from fieldkit.model.errors import ConfigError, SessionError
-from fieldkit.workflows.result_files import write_results
+from fieldkit.results.result_files import write_results
 
 
 def test_a_session_that_is_named_twice_fails_once_and_as_what_it_is(tmp_path: Path) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import cv2
 import numpy as np
 import pytest
@@ -39,12 +41,22 @@ def test_pose_file_sees_the_points_where_they_were_marked(tmp_path, table):
     done = calibrate(tmp_path, table, *OPTIONS)
     assert done.exit_code == 0, done.output
     assert "marks off by 0.0 px" in done.output
+    assert "the grid of EPSG:32654 is corrected: convergence -0.93°, scale 0.99986" in done.output
     pose = load_pose(tmp_path / "pose.toml", 0)
     assert pose.position_m == pytest.approx(TRUTH.position_m, abs=1e-2)
     # true north lies 0.94 degrees clockwise of the grid's: (longitude - 141) sin(latitude)
     assert pose.yaw_deg == pytest.approx(20.0 - 0.94, abs=0.02)
     assert (pose.pitch_deg, pose.roll_deg, pose.table.hfov_deg) == pytest.approx((-25.0, 4.0, 50.0), abs=1e-2)
     assert "# standard uncertainty" in (tmp_path / "pose.toml").read_text()
+
+
+def test_marks_twice_as_uncertain_give_a_pose_twice_as_uncertain(tmp_path, table):
+    sds = []
+    for mark_sd in ("0.5", "1"):
+        done = calibrate(tmp_path, table, *OPTIONS, "--mark-sd-px", mark_sd, "--range-m", "500", "--json")
+        sds.append(np.array(list(json.loads(done.stdout)["sd"].values())))
+    np.testing.assert_allclose(sds[1], 2.0 * sds[0], rtol=1e-3)
+    assert "range_m = 500" in (tmp_path / "pose.toml").read_text()
 
 
 @pytest.mark.parametrize(

@@ -49,7 +49,9 @@ def test_the_reference_may_slope(tmp_path):
     hour, target, reference = CASES[10.0, 180.0]
     path = tmp_path / "table.csv"
     path.write_text(table_of(hour, reference, target))
-    done = CliRunner().invoke(command, [str(path), "--site", SITE, "--reference", "10,180", "--json", *PAPER])
+    done = CliRunner().invoke(
+        command, [str(path), "--site", SITE, "--reference-facet", "10,180", "--json", *PAPER]
+    )
     assert json.loads(done.stdout)["slopes"][0]["tilt_deg"] == pytest.approx(0.0, abs=0.01)
 
 

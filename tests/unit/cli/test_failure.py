@@ -1,5 +1,8 @@
 """What the user sees and the shell gets when a command fails."""
 
+import errno
+import json
+import os
 import sys
 from types import ModuleType
 
@@ -17,7 +20,7 @@ def run(monkeypatch, tmp_path):
     """Runs a command that raises what it is given."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
 
-    def go(error: BaseException):
+    def go(error: BaseException, *words: str):
         @click.command(cls=Command)
         def command() -> None:
             raise error
@@ -26,7 +29,7 @@ def run(monkeypatch, tmp_path):
         module.command = command
         monkeypatch.setitem(sys.modules, module.__name__, module)
         table = CommandTable({"Test": (CommandEntry("fail", module.__name__, "Fails."),)}, name="fieldkit")
-        return CliRunner().invoke(table, ["fail"])
+        return CliRunner().invoke(table, ["fail", *words])
 
     return go
 
@@ -59,6 +62,40 @@ def test_an_error_says_what_happened_and_what_to_do(run):
     result = run(errors.DeviceAccessError("no permission for /dev/x", fix="first line\nsecond line"))
     assert result.stdout == ""
     assert result.stderr == "error: no permission for /dev/x\n  fix: first line\n       second line\n"
+
+
+def test_with_json_an_error_is_one_line_of_it(run):
+    result = run(
+        errors.DeviceAccessError("no permission for /dev/x", fix="first line\nsecond line"), "--json"
+    )
+    assert result.stdout == ""
+    assert result.stderr.count("\n") == 1
+    assert json.loads(result.stderr) == {
+        "schema": 1, "error": "no permission for /dev/x", "fix": "first line\nsecond line", "exit_code": 4,
+    }  # fmt: skip
+
+
+def test_with_json_an_unexpected_error_names_its_log(run, tmp_path):
+    document = json.loads(run(RuntimeError("the unthinkable"), "--json").stderr)
+    (log,) = (tmp_path / "fieldkit" / "log").glob("*-fail.log")
+    assert document["error"] == "fail failed unexpectedly: RuntimeError: the unthinkable"
+    assert document["fix"].endswith(str(log))
+    assert document["exit_code"] == 1
+
+
+@pytest.mark.parametrize(
+    "number",
+    [errno.EROFS, errno.EACCES, errno.ESTALE, errno.ENAMETOOLONG, errno.EIO, errno.EDQUOT, errno.ENOTDIR],
+)
+def test_what_a_disk_refuses_is_not_called_a_bug(run, tmp_path, number):
+    result = run(OSError(number, os.strerror(number), "/media/stick/x.h5"))
+    assert result.exit_code == 6
+    assert result.stderr.startswith(f"error: cannot use /media/stick/x.h5: {os.strerror(number)}\n  fix: ")
+    assert not (tmp_path / "fieldkit").exists()
+
+
+def test_other_errors_of_the_system_are_unexpected(run):
+    assert run(ConnectionResetError(errno.ECONNRESET, "reset")).exit_code == 1
 
 
 def test_an_unexpected_error_leaves_a_log_and_names_it(run, tmp_path):

@@ -3,16 +3,17 @@
 import re
 import subprocess
 import sys
+from collections import defaultdict
 from pathlib import Path
-from typing import get_args
 
+import click
 import pytest
+from click.core import ParameterSource
 from click.testing import CliRunner
 
 from fieldkit.cli import COMMANDS, CommandEntry, CommandTable, main
 from fieldkit.cli.common import Command, CommandGroup
-from fieldkit.cli.export import KINDS
-from fieldkit.workflows.export import Kind
+from fieldkit.cli.old_spellings import OLD, respelt
 
 HEAVY = ("numpy", "astropy", "h5py", "cv2", "pydantic", "rich", "scipy", "serial", "usb")
 COMMAND_NAMES = [row.name for rows in COMMANDS.values() for row in rows]
@@ -108,5 +109,80 @@ def test_a_common_option_before_the_command_is_rejected_with_its_place(option):
     assert f"{option} goes after the command: fieldkit ls {option}" in found.stderr
 
 
-def test_export_offers_every_kind_that_there_is():
-    assert set(KINDS) == set(get_args(Kind))
+DIFFERENT = {
+    "--out": "a file, a folder, or a name that gets endings, as each command writes",
+    "-o": "short for --out",
+    "--set": "sweep takes several values of a key, the others one",
+    "--unit": "tables have more units than a thermometer's display",
+}
+"""Options that take different things in different commands, and why."""
+
+
+def contexts() -> dict[str, click.Context]:
+    """Every command and subcommand, by what is typed, with a context of its own."""
+    root, found = click.Context(main, info_name="fieldkit"), {}
+    for name in COMMAND_NAMES:
+        found[name] = click.Context(main.get_command(root, name), info_name=name, parent=root)
+        if isinstance(group := found[name].command, CommandGroup):
+            for word, one in group.commands.items():
+                found[f"{name} {word}"] = click.Context(one, info_name=word, parent=found[name])
+    return found
+
+
+def taken_by(context: click.Context) -> dict[str, str]:
+    """What each option takes, as its help shows it; nothing for a flag."""
+    options = (one for one in context.command.params if isinstance(one, click.Option))
+    return {
+        name: "" if option.is_flag else option.make_metavar(context)
+        for option in options
+        for name in option.opts
+    }
+
+
+def test_an_option_takes_the_same_in_every_command():
+    taken = defaultdict(set)
+    for context in contexts().values():
+        for name, metavar in taken_by(context).items():
+            taken[name].add(metavar)
+    assert {name for name, metavars in taken.items() if len(metavars) > 1} == set(DIFFERENT)
+
+
+VALUES = {
+    "--address": "192.0.2.1", "--at": "2026-12-11T11:52:30Z", "--clock-offset": "+1s",
+    "--device": "/dev/ttyUSB0", "--for": "45", "--measured-ground": __file__, "--option": "model=302",
+    "--place": "354605", "--region": "b15", "--reference-facet": "10,180", "--session": "x.h5",
+    "--step": "10", "--until": "-1m", "--window": "20", "--zone": "Asia/Tokyo",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("command", "old"), [(command, old) for command, spellings in OLD.items() for old in spellings]
+)
+def test_an_old_spelling_gives_what_the_new_one_gives_and_is_noted(command, old):
+    new, unit = OLD[command][old]
+    value, more = VALUES[new], ["3936221"] if new == "--place" else []
+    words, notes = respelt(command, [old, value, *more])
+    assert respelt(command, [f"{old}={value}", *more])[0] == words == [new, value + (unit or ""), *more]
+    assert [note.partition(";")[0] for note in notes] == [f"{old} {value} is now {' '.join(words[:2])}"]
+    assert respelt(command, words) == (words, [])
+
+    context = contexts()[command]
+    made = context.command.make_context(
+        context.info_name, [old, value, *more], context.parent, resilient_parsing=True
+    )
+    given = [name for name in made.params if made.get_parameter_source(name) is ParameterSource.COMMANDLINE]
+    option = next(one for one in context.command.params if new in one.opts)
+    assert given == [option.name]
+    assert new in taken_by(context)
+
+
+def test_an_old_spelling_is_warned_of_and_the_command_runs():
+    words = ["plan", "--site", "35.56,139.4,9", "--on", "2026-12-11", "--facet", "5,180"]
+    old = CliRunner().invoke(main, [*words, "--window", "90", "--step=120"])
+    new = CliRunner().invoke(main, [*words, "--window", "1h30m", "--step", "2h"])
+    assert old.exit_code == new.exit_code == 0
+    assert old.stdout == new.stdout
+    assert "warning: --window 90 is now --window 90m" in old.stderr
+    assert "warning: --step 120 is now --step 120m" in old.stderr
+    assert "warning" not in new.stderr
+    assert "warning" not in CliRunner().invoke(main, [*words, "--step", "120", "--quiet"]).stderr

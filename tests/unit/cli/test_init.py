@@ -33,7 +33,7 @@ def test_a_new_campaign_passes_its_own_check_and_has_its_folders(init, tmp_path)
 
 def test_the_site_comes_from_the_command_line(init, tmp_path):
     # the site of the paper's experiments
-    assert init("here", "--site", "35.558675,139.395232,9", "--timezone", "Asia/Tokyo").exit_code == 0
+    assert init("here", "--site", "35.558675,139.395232,9", "--zone", "Asia/Tokyo").exit_code == 0
     config = load_config(tmp_path / "here" / "fieldkit.toml", environment={})
     assert config.site == Site(35.558675, 139.395232, 9.0, "Asia/Tokyo")
 
@@ -101,9 +101,9 @@ def test_a_gitignore_that_is_there_is_kept(init, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "code", "said"),
     [
-        (("--site", "35,139", "--timezone", "Asia/Tokio"), 3, "did you mean Asia/Tokyo?"),
+        (("--site", "35,139", "--zone", "Asia/Tokio"), 3, "did you mean Asia/Tokyo?"),
         (("--site", "35,300"), 3, "from -180 to 180"),
-        (("--timezone", "Asia/Tokyo"), 2, "needs --site"),
+        (("--zone", "Asia/Tokyo"), 2, "needs --site"),
         (("--simulated", "--site", "35,139"), 2, "brings its own site"),
     ],
 )

@@ -25,6 +25,17 @@ def decoded(*words, **more):
     return json.loads(answer.stdout)
 
 
+def test_a_recording_without_its_instruments_must_be_wanted(tmp_path):
+    site = "latitude_deg = 35.6\nlongitude_deg = 139.4\nelevation_m = 9.0\n"
+    meter = '[lux]\ndriver = "lutron"\nport = "/dev/no-such-port"\n'
+    (tmp_path / "fieldkit.toml").write_text(f"schema = 1\n[site]\n{site}{meter}")
+    words = ("record", "-C", str(tmp_path), "--for", "1s")
+    refused = run(*words)
+    assert refused.exit_code == 4
+    assert "/dev/no-such-port" in refused.stderr
+    assert run(*words, "--allow-missing").exit_code == 0
+
+
 def test_decode_has_the_promised_form():
     assert decoded("lutron", *LUX.split(), "02", "34") == {
         "schema": 1,
@@ -93,7 +104,7 @@ def test_pictures_are_summed_up_in_kelvin(tmp_path):
 def test_options_of_the_driver_can_be_given():
     counts = "4B 73 " * (80 * 60)
     assert decoded("y16", counts)["readings"][0]["unit"] == "counts"
-    kelvin = decoded("y16", counts, "-o", "kelvin_per_count=0.01")["readings"][0]
+    kelvin = decoded("y16", counts, "--option", "kelvin_per_count=0.01")["readings"][0]
     assert (kelvin["unit"], kelvin["value"]) == ("K", pytest.approx(295.15))
 
 
@@ -104,7 +115,7 @@ def test_options_of_the_driver_can_be_given():
         (("lutron", "hello"), 3, "neither a file nor hexadecimal"),
         (("lutrn", "02"), 3, "did you mean lutron?"),
         (("modbus", "01", "--map", "nothing"), 3, "no register map 'nothing'"),
-        (("lutron", "02", "-o", "x"), 2, "is not KEY=VALUE"),
+        (("lutron", "02", "--option", "x"), 2, "is not KEY=VALUE"),
     ],
 )
 def test_mistakes_are_explained(words, code, message):
@@ -232,3 +243,9 @@ def test_selftest_passes_our_drivers_and_exits_accordingly(monkeypatch):
     answer = run("selftest", "lutron")
     assert answer.exit_code == 4
     assert "ZeroDivisionError" in answer.stdout
+
+
+def test_selftest_of_an_instrument_that_is_not_there_names_it():
+    answer = run("selftest", "lutron", "--identity", "10c4:ea60:0001")
+    assert answer.exit_code == 4
+    assert "10c4:ea60:0001" in answer.stdout

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -14,13 +15,15 @@ import pytest
 from click.testing import CliRunner
 
 from fieldkit.cli import main
+from fieldkit.estimation.bins import History, MinuteBin
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SlopeState
 from fieldkit.physics.facet import angle_between_deg, normal
 from fieldkit.physics.radiance import brightness_temperature_k
+from fieldkit.results import slope_map
 from fieldkit.sessions.reader import open_session
-from fieldkit.workflows import slope_map
 
 
 def fieldkit(*words):
@@ -178,9 +181,11 @@ def test_known_offset_of_a_region_is_taken_from_its_brightness(monkeypatch):
     seen = float(brightness_temperature_k(318.15, 0.85, 233.15)) + 1.0
     monkeypatch.setattr(slope_map, "mean_of_minute_k", lambda *_: np.full((4, 4), seen))
     settings = EstimatorSettings(model="paper", offsets_k={"b": 1.0})
-    estimator = SimpleNamespace(regions=(flat, bed))
-    one = SimpleNamespace(temperature_k=np.array([318.0, 318.0]), minute=0, sun=None, dni_w_m2=800.0)
-    slope_map._solved(None, SimpleNamespace(shape=(4, 4)), estimator, settings, [one])
+    beds = np.full(2, 318.0)
+    minute = MinuteBin(0, 0, np.array([0.0, 0.0, 1.0]), beds, beds, beds, np.ones(2, np.int64), 1, 800.0)
+    history = History.of([replace(minute, region_flags=(Quality.GOOD, Quality.GOOD))])
+    camera = SimpleNamespace(shape=(4, 4))
+    slope_map._solved(None, camera, (flat, bed), history, settings, np.array([0]))
     assert pictures[0] == pytest.approx(318.15, abs=1e-3)
 
 
@@ -326,6 +331,8 @@ def test_map_on_the_ground_before_the_camera(session, tmp_path):
     (tmp_path / "pose.toml").write_text(POSE)
     done = fieldkit("map", session, "-o", tmp_path / "x", "--pose", tmp_path / "pose.toml", "--cell-m", 0.25)
     assert done.exit_code == 0, done.output
+    # 88 km to the west of the meridian: 0.9996 (1 + 88^2 / (2 x 6371^2)); -1.0 degrees x sin(37.7 degrees)
+    assert "the grid of EPSG:32613 is corrected: convergence -0.61°, scale 0.99970" in done.output
     assert (tmp_path / "x.ply").read_bytes().startswith(b"ply\n")
     with rasterio.open(tmp_path / "x.tif") as file:
         layers = "slope", "heading", "slope_sd", "heading_sd", "state", "height", "misclosure"
@@ -357,3 +364,42 @@ def test_map_by_the_pose_of_the_configuration_and_without_ground_where_it_has_no
     assert "not put on the ground: the trajectory holds poses from 1970-01-01T00:00:01Z" in done.stderr
     assert (tmp_path / "y.png").exists()
     assert not (tmp_path / "y.tif").exists()
+    # without ground under the first name: what stands there is of the map before
+    again = fieldkit("map", session, "-o", tmp_path / "x", "--set", "camera.pose=moving.toml")
+    earlier = ", ".join(str(tmp_path / f"x.{ending}") for ending in ("tif", "ply", "mcap"))
+    assert f"of an earlier map, not of this one: {earlier}" in again.stderr.replace("\n", " ")
+    fresh = fieldkit("map", session, "-o", tmp_path / "x", "--set", "camera.pose=pose.toml")
+    assert "earlier" not in fresh.stderr
+
+
+def test_several_sessions_are_mapped_as_each_alone_from_python_too(session, tmp_path):
+    rasterio = pytest.importorskip("rasterio")
+    folder, maps = tmp_path / "recordings", tmp_path / "maps"
+    for place in (folder, maps):
+        place.mkdir()
+    for name in ("a", "b"):
+        shutil.copy(session, folder / f"{name}.h5")
+    (folder / "pose.toml").write_text(POSE)
+    (maps / "b-slope-map-rdir.png").write_bytes(b"older")
+    words = ("map", folder, "-j", 1, "-o", maps, "--set", "camera.pose=pose.toml")
+    done = fieldkit(*words)
+    assert done.exit_code == 0, done.output
+    assert "the grid of EPSG:32613 is corrected" in done.output
+    said = done.stderr.replace("\n", " ")
+    assert f"of an earlier map, not of this one: {maps / 'b-slope-map-rdir.png'}" in said
+    wrong = fieldkit(*words[:2], "-j", 2, *words[4:-1], "camera.pose=none.toml")
+    assert wrong.exit_code == 3
+    assert "cannot read" in wrong.stderr  # by the workers, whose error arrives whole
+
+    alone = fieldkit("map", folder / "a.h5", "-o", tmp_path / "alone", *words[-2:])
+    assert alone.exit_code == 0, alone.output
+    found = slope_map.slope_map(folder / "a.h5", settings={"camera.pose": "pose.toml"})
+    written = found.write(tmp_path / "python")
+    assert [path.suffix for path in written] == [".png", ".nc", ".png", ".png", ".tif", ".ply", ".mcap"]
+    bands = []
+    for path in (maps / "a-slope-map.tif", tmp_path / "alone.tif", tmp_path / "python.tif"):
+        with rasterio.open(path) as file:
+            bands.append((file.descriptions, file.transform, file.read()))
+    for names, transform, values in bands[1:]:
+        assert (names, transform) == bands[0][:2]
+        np.testing.assert_array_equal(values, bands[0][2])

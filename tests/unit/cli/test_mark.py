@@ -2,7 +2,8 @@ import json
 import os
 import subprocess
 import sys
-from datetime import datetime
+import threading
+from datetime import UTC, datetime
 from pathlib import Path
 from zoneinfo import ZoneInfo
 
@@ -10,13 +11,14 @@ import pytest
 from click.testing import CliRunner
 
 from fieldkit.cli import main
-from fieldkit.model.samples import Event
+from fieldkit.config import FILE_NAME, load_config
+from fieldkit.model.samples import Event, EventKind
+from fieldkit.recording.request_reader import RequestReader
+from fieldkit.recording.running import session_in_progress
 from fieldkit.sessions.lock import SessionLock
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter
 from fieldkit.simulation.simulated_clock import SimulatedClock
-from fieldkit.workflows.requests import RequestReader
-from fieldkit.workflows.running import session_in_progress
 from tests.harness.recording import CountedClock, header
 
 TOKYO = ZoneInfo("Asia/Tokyo")
@@ -71,7 +73,7 @@ def stored(folder: Path, event: Event) -> Event:
     ids=["letters", "Japanese", "quotes"],
 )
 def test_a_long_mark_is_kept_whole_with_its_span(campaign, recording, tmp_path, text):
-    result = mark(campaign, text, "-k", "cloud", "--from", "-4m", "--to", "-1m")
+    result = mark(campaign, text, "-k", "cloud", "--from", "-4m", "--until", "-1m")
     assert result.exit_code == 0
     (event,) = RequestReader(recording / "running.h5.journal" / "marks", SimulatedClock(NOON_NS))()
     kept = stored(tmp_path, event)
@@ -81,7 +83,7 @@ def test_a_long_mark_is_kept_whole_with_its_span(campaign, recording, tmp_path, 
 
 @pytest.mark.parametrize("arguments", [("x" * 3000,), ("shade", "-k", "k" * 1100), ("\x01" * 300,)])
 def test_a_mark_that_cannot_be_kept_whole_is_refused_not_cut(campaign, recording, arguments):
-    result = mark(campaign, *arguments, "--from", "-4m", "--to", "-1m")
+    result = mark(campaign, *arguments, "--from", "-4m", "--until", "-1m")
     assert result.exit_code == 3
     assert "too long to be stored whole" in result.stderr
     assert list((recording / "running.h5.journal" / "marks").iterdir()) == []
@@ -99,7 +101,7 @@ def test_bytes_of_a_latin_1_terminal_are_kept_as_they_were_typed(campaign, recor
 
 
 def test_a_span_has_two_ends(campaign, recording):
-    assert mark(campaign, "shade", "--from", "-4m", "--to", "-1m").exit_code == 0
+    assert mark(campaign, "shade", "--from", "-4m", "--until", "-1m").exit_code == 0
     (event,) = RequestReader(recording / "running.h5.journal" / "marks", SimulatedClock(NOON_NS))()
     assert event.time_ns == NOON_NS - 240 * 10**9
     assert event.data["end_ns"] == NOON_NS - 60 * 10**9
@@ -110,6 +112,44 @@ def test_a_mark_on_a_session_that_is_being_sealed_is_refused_not_lost(campaign, 
     result = mark(campaign, "packed up")
     assert result.exit_code == 9
     assert "running.h5 has just ended and is being sealed" in result.stderr
+
+
+def test_a_mark_right_after_the_start_waits_until_the_recording_accepts_it(campaign, recording):
+    folder = recording / "running.h5.journal" / "marks"
+    folder.rmdir()  # as between the lock of a session and its first look for requests
+    later = threading.Timer(0.5, folder.mkdir)
+    later.start()
+    result = mark(campaign, "sun is out")
+    later.join()
+    assert result.exit_code == 0, result.output
+    (event,) = RequestReader(folder, SimulatedClock(NOON_NS))()
+    assert event.text == "sun is out"
+
+
+def test_a_clock_time_in_a_simulated_campaign_is_that_of_its_scene(tmp_path, monkeypatch):
+    """Its scene begins on the first of January 2016 at noon in Alamosa, seven hours behind UTC."""
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    campaign = tmp_path / "field"
+    assert CliRunner().invoke(main, ["init", "--simulated", str(campaign)]).exit_code == 0
+    recordings = load_config(campaign / FILE_NAME).recordings
+    process = subprocess.Popen([sys.executable, "-m", "fieldkit", "record", "-C", str(campaign), "--quiet"])
+    try:
+        while session_in_progress(recordings) is None:
+            assert process.poll() is None
+        for at in ("12:02", "12:02+01:00", "2016-01-01T11:59"):  # at once: nothing may be recorded yet
+            result = mark(campaign, at, "--at", at)
+            assert result.exit_code == 0, result.output
+    finally:
+        process.terminate()
+        process.wait(60)
+    (path,) = recordings.glob("*.h5")
+    with open_session(path) as session:
+        marks = {event.text: event.time_ns for event in session.events() if event.kind is EventKind.MARK}
+    assert {text: datetime.fromtimestamp(ns / 1e9, UTC) for text, ns in marks.items()} == {
+        "12:02": datetime(2016, 1, 1, 19, 2, tzinfo=UTC),
+        "12:02+01:00": datetime(2016, 1, 1, 11, 2, tzinfo=UTC),
+        "2016-01-01T11:59": datetime(2016, 1, 1, 18, 59, tzinfo=UTC),
+    }
 
 
 def test_without_a_recording_it_says_so_and_exits_9(campaign):
@@ -129,7 +169,7 @@ def test_interrupted_sessions_are_not_in_progress(campaign):
 
 
 @pytest.mark.parametrize(
-    "arguments", [("--from", "-4m"), ("--to", "-4m"), ("--at", "-1m", "--from", "-4m", "--to", "-1m")]
+    "arguments", [("--from", "-4m"), ("--until", "-4m"), ("--at", "-1m", "--from", "-4m", "--until", "-1m")]
 )
 def test_half_a_span_is_wrong_usage(campaign, arguments):
     assert mark(campaign, "x", *arguments).exit_code == 2
@@ -138,10 +178,10 @@ def test_half_a_span_is_wrong_usage(campaign, arguments):
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (("--from", "-1m", "--to", "-4m"), "the end lies before the start"),
-        (("--from", "-1m", "--to", "2026-01-01T00:00Z"), "the end lies before the start"),
+        (("--from", "-1m", "--until", "-4m"), "the end lies before the start"),
+        (("--from", "-1m", "--until", "2026-01-01T00:00Z"), "the end lies before the start"),
         (("--at", "2926-12-11T12:31Z"), "2926-12-11T12:31:00+00:00 is more than 10 years from now"),
-        (("--at", "-999999h"), "more than 10 years from now"),
+        (("--at", "-99999h"), "more than 10 years from now"),
     ],
 )
 def test_times_that_cannot_be_meant_leave_no_mark(campaign, recording, arguments, told):

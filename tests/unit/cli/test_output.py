@@ -29,7 +29,7 @@ def test_output_that_does_not_fit_its_disk_is_an_error_of_storage(words):
         process = started(words, stdout=full)
         said = process.communicate(timeout=60)[1].decode()
     assert process.returncode == 6
-    assert "error: the output cannot be written: No space left on device" in said
+    assert "the output cannot be written: No space left on device" in said
     assert "bug in fieldkit" not in said
 
 

@@ -9,9 +9,9 @@ from click.testing import CliRunner
 
 from fieldkit.cli import main
 from fieldkit.cli.plan import command
+from fieldkit.recording import plan as planning
+from fieldkit.recording.experiments import Experiment
 from fieldkit.views import plotting
-from fieldkit.workflows import plan as planning
-from fieldkit.workflows.experiments import Experiment
 
 PAPER = ["--site", "35.558675,139.395232,9"]
 WINTER = ["--on", "2026-12-11", "--facet", "5,180", "--facet", "15,180", "--facet", "25,180"]
@@ -44,11 +44,19 @@ def test_winter_day_of_sand_slopes():
         assert [bed["kelvin_per_degree"] for bed in beds] == pytest.approx(kelvin, rel=0.04)
     assert at(plan, "11:30")["verdict"] == "good"
     # low sun matters where the beds are determined: two hours of it are
-    hours = document(*WINTER, "--window", "90")
+    hours = document(*WINTER, "--window", "90m")
     assert at(hours, "08:00")["verdict"] == "fair: low sun, long shadows"
     # the sun sinks from 9 to 4 degrees in the half hour after
     assert at(plan, "15:30")["verdict"] == "poor: the sun is too low within 20 min"
     assert at(plan, "16:00")["verdict"].startswith("poor")
+
+
+def test_noise_widens_and_cold_air_sharpens():
+    noon = {air: at(document(*WINTER, "--air-c", air), "12:00")["facets"][1] for air in ("-10", "30")}
+    # longwave and exchange grow with temperature: colder ground shows a watt in more kelvin
+    assert noon["-10"]["kelvin_per_degree"] > 1.05 * noon["30"]["kelvin_per_degree"]
+    quiet, noisy = (run(*WINTER, "--noise", noise).stdout for noise in ("0.1", "0.5"))
+    assert quiet != noisy
 
 
 def test_sun_of_the_winter_day_in_one_line():
@@ -96,7 +104,7 @@ def test_an_hour_with_a_wide_region_is_not_called_good():
     assert row["facets"][1]["bound_tilt_deg"] == pytest.approx(9.3, abs=0.1)
     assert row["verdict"] == "uncertain for all"
     # every good hour of three beds determines each to the larger of 3 degrees and a fifth of its tilt at 90 %
-    plan = document(*AUGUST, "--facet", "35,180", "--step", "10")
+    plan = document(*AUGUST, "--facet", "35,180", "--step", "10m")
     for row in plan["rows"]:
         for bed in row["facets"] if row["verdict"] == "good" else ():
             assert 2.0 * 2.146 * bed["bound_tilt_deg"] <= max(3.0, bed["tilt_deg"] / 5.0) + 1e-3
@@ -175,8 +183,8 @@ found = importlib.util.find_spec
 importlib.util.find_spec = lambda name, package=None: None if name == "matplotlib" else found(name, package)
 from fieldkit.cli.plan import command
 from fieldkit.views import plotting
-from fieldkit.workflows import plan as planning
-from fieldkit.workflows.experiments import Experiment
+from fieldkit.recording import plan as planning
+from fieldkit.recording.experiments import Experiment
 command(sys.argv[1:])
 """
 
@@ -199,7 +207,14 @@ def test_polar_night_has_no_plan():
 
 @pytest.mark.parametrize(
     "words",
-    [["--window", "0"], ["--step", "0"], ["--zone", "Mars/Jezero"], ["--dni", "-1"], ["--on", "2500-01-01"]],
+    [
+        ["--window", "2m"],
+        ["--window", "3m30s"],
+        ["--step", "0"],
+        ["--zone", "Mars/Jezero"],
+        ["--dni", "-1"],
+        ["--on", "2500-01-01"],
+    ],
 )
 def test_impossible_numbers_are_refused(words):
     done = CliRunner().invoke(command, [*PAPER, *AUGUST, *words])
@@ -229,7 +244,7 @@ def test_experiments_are_predicted_only_when_asked(monkeypatch, tmp_path):
     assert document(*AUGUST)["experiments"] is None
     assert not asked
     page = tmp_path / "plan.html"
-    lines = run(*AUGUST, "--experiments", "--minutes", "45", "--out", str(page)).stdout.splitlines()
+    lines = run(*AUGUST, "--experiments", "--for", "45m", "--out", str(page)).stdout.splitlines()
     assert [line.split() for line in lines[-3:-1]] == [
         ["as", "planned", "45", "min", "±2.0°", "±4.0°"],
         ["with", "25°/180°", "known", "60", "min", "±1.0°", "known"],

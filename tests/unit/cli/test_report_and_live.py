@@ -2,7 +2,10 @@
 
 import io
 import json
+import os
 import re
+import subprocess
+import sys
 
 import cv2
 import pytest
@@ -11,31 +14,24 @@ from rich.console import Console
 
 from fieldkit.cli import main
 from fieldkit.pixel_axes import BELOW_PX, LEFT_PX
+from fieldkit.recording.status import latest_of
+from fieldkit.results import report
+from fieldkit.results.estimate import estimator_for, minutes_of
+from fieldkit.results.sources import config_for
 from fieldkit.sessions.reader import open_session
 from fieldkit.views.screen import THEMES, snapshot
-from fieldkit.workflows import report
-from fieldkit.workflows.estimate import estimator_for, minutes_of
-from fieldkit.workflows.sources import config_for
-from fieldkit.workflows.status import latest_of
 
 FAST = ("--set", "simulation.speed=max")
 
 
 @pytest.fixture(scope="module")
-def campaign(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("campaign")
-    assert CliRunner().invoke(main, ["init", "--simulated", str(folder)]).exit_code == 0
-    made = CliRunner().invoke(
-        main, ["record", "-C", str(folder), "--for", "9m", "--name", "short", "-q", *FAST]
-    )
-    assert made.exit_code == 0, made.output
-    return folder
+def session(recorded, tmp_path_factory):
+    return recorded(tmp_path_factory.mktemp("campaign"))
 
 
 @pytest.fixture(scope="module")
-def session(campaign):
-    (path,) = (campaign / "recordings").glob("*.h5")
-    return path
+def campaign(session):
+    return session.parent.parent
 
 
 def fieldkit(*arguments):
@@ -58,6 +54,15 @@ def test_status_shows_what_the_live_view_shows_slopes_temperatures_and_named_pro
     b15 = next(line for line in lines if line.startswith("b15"))
     assert f"{last.temperature_k['b15'] - 273.15:.2f}" in b15
     assert re.search(r"contact +T1 \S+  T2 \S+  T3 \S+  air \S+ °C", "\n".join(lines))
+
+
+def test_report_opens_in_the_browser_that_the_environment_names(session, tmp_path):
+    browser = tmp_path / "browser"
+    browser.write_text(f'#!/bin/sh\necho "$1" > {tmp_path / "shown"}\n')
+    browser.chmod(0o755)
+    words = [sys.executable, "-m", "fieldkit", "report", session, "-o", tmp_path / "r.html", "--open"]
+    subprocess.run(words, env={**os.environ, "BROWSER": str(browser)}, check=True, capture_output=True)
+    assert (tmp_path / "shown").read_text().strip() == (tmp_path / "r.html").as_uri()
 
 
 def test_report_goes_to_the_campaigns_reports(campaign, session):

@@ -11,13 +11,8 @@ from fieldkit.cli import main
 
 
 @pytest.fixture(scope="module")
-def session(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("pdf")
-    assert fieldkit("init", "--simulated", folder).exit_code == 0
-    made = fieldkit("record", "-C", folder, "--for", "8m", "-q", "--set", "simulation.speed=max")
-    assert made.exit_code == 0, made.output
-    (path,) = (folder / "recordings").glob("*.h5")
-    return path
+def session(recorded, tmp_path_factory):
+    return recorded(tmp_path_factory.mktemp("pdf"))
 
 
 @pytest.fixture(autouse=True)

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 from fieldkit.cli import main
 from fieldkit.model.errors import ConfigError
-from fieldkit.workflows import result_files
+from fieldkit.results import result_files
 
 
 def fieldkit(*arguments):
@@ -17,15 +17,8 @@ def fieldkit(*arguments):
 
 
 @pytest.fixture(scope="module")
-def session(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("again")
-    assert fieldkit("init", "--simulated", folder).exit_code == 0
-    made = fieldkit(
-        "record", "-C", folder, "--for", "6m", "--name", "short", "-q", "--set", "simulation.speed=max"
-    )
-    assert made.exit_code == 0, made.output
-    (path,) = (folder / "recordings").glob("*.h5")
-    return path
+def session(recorded, tmp_path_factory):
+    return recorded(tmp_path_factory.mktemp("again"))
 
 
 @pytest.fixture(autouse=True)

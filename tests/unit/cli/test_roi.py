@@ -223,7 +223,7 @@ def test_check_looks_at_the_pictures_of_a_session(roi, tmp_path, scale, code):
     )
     assert imported.exit_code == 0, imported.stderr
     roi("add", "flat", "--reference", "--rect", "6,30,32,61")
-    result = roi("check", "--on", str(session), "--json")
+    result = roi("check", "--session", str(session), "--json")
     assert result.exit_code == code
     if code:
         assert "no usable frame with temperatures" in result.stderr

@@ -10,8 +10,8 @@ import pytest
 from click.testing import CliRunner
 
 from fieldkit.cli import main
-from fieldkit.workflows import service
-from fieldkit.workflows.service_unit import NAME, packaged_unit
+from fieldkit.recording import service, service_unit
+from fieldkit.recording.service_unit import NAME, packaged_unit
 
 SYSTEMCTL = """#!/bin/sh
 echo "$@" >> "$SERVICE_TEST/asked"
@@ -91,6 +91,9 @@ def test_install_warns_of_what_a_person_must_do(campaign, systemd, monkeypatch):
     monkeypatch.setattr(service, "_is_group", lambda name: False)
     done = run("install", "-C", campaign)
     assert "sudo loginctl enable-linger 12345" in done.stderr
+    monkeypatch.setattr(service_unit, "TEMPORARY", (str(campaign.parent),))
+    again = run("install", "-C", campaign)
+    assert f"{campaign} is emptied when the computer starts: move the campaign" in again.stderr
     assert "starts at login only" in done.stdout
 
 

@@ -30,12 +30,13 @@ from fieldkit.cli import (
 )
 from fieldkit.model.errors import ConfigError, IntegrityError, RefusedError, SessionError
 from fieldkit.model.samples import Severity
-from fieldkit.sessions.reader import open_session
+from fieldkit.recording.marks import Mark
+from fieldkit.recording.requests import inbox, send
+from fieldkit.results.estimate import estimator_for, minutes_of
+from fieldkit.results.session import open_session
+from fieldkit.results.sources import config_for, source_of
 from fieldkit.sessions.writer import SessionWriter
-from fieldkit.workflows.estimate import estimator_for, minutes_of
-from fieldkit.workflows.marks import Mark
-from fieldkit.workflows.requests import inbox, send
-from fieldkit.workflows.sources import config_for, source_of
+from tests.harness.foreign_files import surfrad
 from tests.harness.recording import START_NS, CountedClock, fill, header, sample
 
 
@@ -312,6 +313,8 @@ def test_import_without_a_site_warns_that_the_campaigns_is_taken(tmp_path: Path)
         warned = [event for event in session.events() if event.severity is Severity.WARNING]
         assert "import it again with --site" in warned[0].text
         assert session.site.latitude_deg == 35.558675
+    assert run(check, tmp_path / "a.h5").exit_code == 0
+    assert isinstance(run(check, tmp_path / "a.h5", "--strict").exception, IntegrityError)
     run(init, tmp_path / "own", "--site", "47.1,8.5,400", "--quiet")
     own = run(import_session, folder, *said, "-C", tmp_path / "own", "-o", tmp_path / "b.h5")
     assert "47.1, 8.5; if it was elsewhere" in own.stderr
@@ -345,13 +348,29 @@ def test_an_imported_session_is_estimated_under_the_sun_of_its_own_site(
 def test_auto_offset_needs_a_session_and_an_offset_its_unit(tmp_path: Path) -> None:
     table = tmp_path / "log.csv"
     table.write_text("time,T1 [C]\n2026-05-12T01:00:00Z,3\n")
-    done = run(import_session, table, "--offset", "auto", "--site=1,2")
-    assert done.exit_code == 2
-    assert "--into SESSION" in done.stderr
+    done = run(import_session, table, "--clock-offset", "auto", "--site=1,2")
+    assert isinstance(done.exception, ConfigError)
+    assert done.exception.fix == "--into SESSION"
     for name in ("events", "a/b", "", "x y"):
         assert "cannot name a stream" in run(import_session, table, "--as", name, "--site=1,2").stderr
-    wrong = run(import_session, table, "--offset", "soon", "--site=1,2")
+    wrong = run(import_session, table, "--clock-offset", "soon", "--site=1,2")
     assert "use +12s or -2m, or auto" in wrong.stderr
+
+
+def test_a_stream_added_to_a_session_refuses_the_sessions_own_options(tmp_path: Path) -> None:
+    table = tmp_path / "log.csv"
+    table.write_text("time,T1 [C]\n2026-05-12T01:00:00Z,3\n")
+    assert run(import_session, table, "--site=1,2", "-o", tmp_path / "a.h5").exit_code == 0
+    done = run(import_session, table, "--into", tmp_path / "a.h5", "--site=1,2", "--title", "x", "--as", "b")
+    assert isinstance(done.exception, ConfigError)
+    assert "--title, --site would have no effect" in done.exception.message
+
+
+def test_a_place_against_the_one_in_the_file_is_refused_with_both(tmp_path: Path) -> None:
+    (tmp_path / "slv16001.dat").write_bytes(surfrad())  # 37.70 N 105.92 W
+    done = run(import_session, tmp_path / "slv16001.dat", "--site=35.5,139.4,9", "-o", tmp_path / "a.h5")
+    assert isinstance(done.exception, ConfigError)
+    assert "states the place 37.7, -105.92, --site 35.5, 139.4" in done.exception.message
 
 
 @pytest.mark.parametrize("name", ["beds/1", "../../oops", "a\\b"])

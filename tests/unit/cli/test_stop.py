@@ -14,14 +14,13 @@ import pytest
 from click.testing import CliRunner
 
 from fieldkit.cli import main
-from fieldkit.sessions.layout import journal_path
-from fieldkit.sessions.lock import owner
-from fieldkit.workflows.running import unresponsive_recorder
+from fieldkit.recording.running import unresponsive_recorder
+from fieldkit.sessions.lock import journal_path, owner
 
 RECORDING = """
 import os, signal, sys, time
 from pathlib import Path
-from fieldkit.workflows.requests import inbox
+from fieldkit.recording.requests import inbox
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.recording import CountedClock, fill, header
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -13,8 +14,8 @@ from click.testing import CliRunner
 
 from fieldkit import __version__
 from fieldkit.cli import main
+from fieldkit.results.minutes import solve
 from fieldkit.sessions.reader import open_session
-from fieldkit.workflows import bins_and_slopes
 
 GRID = ("--set", "surface.albedo=0.15:0.25:0.05", "--set", "surface.emissivity=0.88,0.90")
 
@@ -106,6 +107,14 @@ def test_again_gives_the_same_bytes_from_the_cache_or_afresh_by_one_process_or_t
     assert made["fresh"] == made["cached"] == made["two"]
 
 
+def test_a_value_that_solves_few_minutes_is_not_ranked(recordings, tmp_path):
+    few = ("--set", "estimator.model=paper", "--set", "estimator.min_minutes=3,8")
+    found = fieldkit("sweep", recordings, *few, "-j", 1, "-o", tmp_path / "r")
+    assert re.search(r"estimator\.min_minutes +3: \d+\.\d°  8: not ranked", found.stdout), found.output
+    assert "nan" not in found.stdout
+    assert "NaN" not in (tmp_path / "r.json").read_text("utf-8")
+
+
 def test_provenance_names_content_and_code(recordings, tmp_path):
     fieldkit("sweep", recordings, *GRID, "-j", 1, "-o", tmp_path / "r")
     about = json.loads((tmp_path / "r.json").read_text("utf-8"))
@@ -191,7 +200,7 @@ def test_damaged_pictures_of_a_session_are_left_out_and_told(recordings, tmp_pat
 
 
 def test_a_sweep_that_was_stopped_goes_on(recordings, tmp_path, monkeypatch):
-    real, count = bins_and_slopes.estimate, 0
+    real, count = solve, 0
 
     def stopped_after_five(*arguments):
         nonlocal count
@@ -200,10 +209,10 @@ def test_a_sweep_that_was_stopped_goes_on(recordings, tmp_path, monkeypatch):
             raise KeyboardInterrupt
         return real(*arguments)
 
-    monkeypatch.setattr("fieldkit.workflows.bins_and_slopes.estimate", stopped_after_five)
+    monkeypatch.setattr("fieldkit.results.minutes.solve", stopped_after_five)
     found = fieldkit("sweep", recordings, *GRID, "-j", 1, "-o", tmp_path / "r")
     assert found.exit_code == 130
-    monkeypatch.setattr("fieldkit.workflows.bins_and_slopes.estimate", real)
+    monkeypatch.setattr("fieldkit.results.minutes.solve", real)
     found = fieldkit("sweep", recordings, *GRID, "-j", 1, "-o", tmp_path / "r")
     assert found.exit_code == 0
     assert "5 of them known before" in found.stderr

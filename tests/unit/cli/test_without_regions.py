@@ -11,8 +11,8 @@ from click.testing import CliRunner
 
 from fieldkit.cli import main
 from fieldkit.config import load_config
+from fieldkit.recording.simulated_scene import scene_of
 from fieldkit.simulation.scene import BEDS
-from fieldkit.workflows.simulate import scene_of
 
 
 def fieldkit(*arguments):
@@ -66,7 +66,7 @@ def test_the_report_of_several_without_beds_says_that_nothing_was_found(session)
     found = fieldkit("report", session.parent)
     assert found.exit_code == 0, found.output
     text = (session.parent.parent / "reports" / "campaign.html").read_text("utf-8")
-    assert "No slope of a bed of known tilt was found" in text
+    assert "No slope of a region of known tilt was found" in text
 
 
 @pytest.fixture
@@ -104,7 +104,7 @@ def test_from_a_recording_without_regions_to_slopes_as_the_tutorial_says(undrawn
     for tick in range(0, 160, 20):
         assert f">{tick}</text>" in page
     draw(undrawn)
-    checked = fieldkit("roi", "check", "-C", undrawn, "--on", path)
+    checked = fieldkit("roi", "check", "-C", undrawn, "--session", path)
     assert checked.exit_code == 0, checked.output
     estimated = fieldkit("estimate", path, "--campaign", "--set", "estimator.azimuth=known", "--json")
     assert estimated.exit_code == 0, estimated.output

@@ -38,7 +38,7 @@ def same(one: object, other: object) -> bool:
 
 
 def test_an_empty_configuration_gives_the_estimators_own_defaults(config):
-    """The defaults are written down twice, for the file and for Python; they must not drift apart."""
+    """Those of surface, slab, air and light are written down for the file and for Python: they must agree."""
     ours, theirs = config().estimator_settings(), EstimatorSettings()
     assert [f.name for f in fields(ours) if not same(getattr(ours, f.name), getattr(theirs, f.name))] == []
 
@@ -50,6 +50,7 @@ def test_every_setting_of_the_estimator_can_be_configured(config):
         "min_minutes = 9\ncontour_tolerance_w_m2 = 5\ncontour_threshold = 0.6\nscale = 1.1\n"
         "scale_sd = 0.02\nexchange_sd = 0.2\noffset_sd_k = 0.1\ndrift_sd_k_per_h = 0.3\n"
         'sky = "isotropic"\nground_albedo = 0.3\nlongwave_down_w_m2 = 250\ndiffuse_fraction = 0.2\n'
+        "confidence = 0.8\n"
         "[surface]\nalbedo = 0.3\nemissivity = 0.91\nemissivity_broadband = 0.92\n"
         "reflected_temperature_c = -20\nemissivity_sd = 0.02\n"
         "[air]\nheat_capacity_j_kg_k = 1005\ndensity_kg_m3 = 1.0\nexchange_m_s = 0.02\n"
@@ -60,6 +61,7 @@ def test_every_setting_of_the_estimator_can_be_configured(config):
         "diffuse_fraction = 0.1\n"
         "[slab]\ndepth_m = 0.05\nconductivity_w_m_k = 0.3\nheat_capacity_j_m3_k = 1.5e6\n"
         "conductivity_sd = 0.3\ncapacity_sd = 0.05\n"
+        "[limits]\nprobe_temperature_c = [-80, 250]\n"
         "[prior]\n"
         + "".join(f"{name} = {value / 2}\n" for name, value in asdict(Prior()).items())
         + '[[region]]\nname = "flat"\nkind = "reference"\noffset_k = -0.2\n'
@@ -69,9 +71,12 @@ def test_every_setting_of_the_estimator_can_be_configured(config):
     ).estimator_settings()
     assert given == EstimatorSettings(
         surface=SurfaceParameters(0.3, 0.91, 0.92, 1005.0, 1.0, 0.02),
-        irradiance=IrradianceModel("calibrated", 1.0, 110.0, 0.0091, "in-plane", 5.0, 180.0, "erbs", 0.1),
+        irradiance=IrradianceModel(
+            "calibrated", 1.0, 110.0, 0.0091, "in-plane", 5.0, 180.0, "erbs", 0.1, 0.3
+        ),
         light_stream="sun",
         measures={"sun": "ghi"},
+        limits={"probe_temperature": (pytest.approx(193.15), pytest.approx(523.15))},
         probes={"flat": ("thermometer:T1", "logger:2")},
         horizons={"flat": ((0.0, 5.0), (90.0, 12.5))},
         method="contours",
@@ -103,6 +108,7 @@ def test_every_setting_of_the_estimator_can_be_configured(config):
         ground_albedo=0.3,
         longwave_down_w_m2=250.0,
         diffuse_fraction=0.2,
+        confidence=0.8,
         prior=Prior(**{name: value / 2 for name, value in asdict(Prior()).items()}),
     )
     default = EstimatorSettings()

@@ -186,3 +186,115 @@ def test_without_port_and_identity_only_a_single_port_is_taken(monkeypatch, coun
     monkeypatch.setattr(ports, "serial_ports", lambda: present)
     with pytest.raises(DeviceNotFoundError, match=r"no serial ports|2 serial ports"):
         open_port(settings(), Line(), HostClock())
+
+
+class SysFs:
+    """A folder laid out as Linux lays out /sys for serial ports; `plug` returns the path of the new node."""
+
+    def __init__(self, root):
+        self.root = root
+
+    def plug(self, node, socket, kind, interface, serial="", port_number=""):
+        adapter = self.root / "devices/usb1" / socket
+        place = adapter / f"{socket}:1.{int(interface, 16)}"
+        place = place if node.startswith("ttyACM") else place / node
+        place.mkdir(parents=True)
+        facts = {"idVendor": kind[:4], "idProduct": kind[5:], "serial": serial, "product": "adapter"}
+        for name, text in facts.items():
+            (adapter / name).write_text(text + "\n")
+        (adapter / f"{socket}:1.{int(interface, 16)}" / "bInterfaceNumber").write_text(interface + "\n")
+        if port_number:
+            (place / "port_number").write_text(port_number + "\n")
+        tty = self.root / "class/tty" / node
+        tty.mkdir(parents=True)
+        (tty / "device").symlink_to(place)
+
+    def renumber(self, *nodes):
+        """Give the nodes each other's names, as after a boot that found the ports in another order."""
+        links = [(self.root / "class/tty" / node / "device") for node in nodes]
+        places = [link.readlink() for link in links]
+        for link, place in zip(links, places[1:] + places[:1], strict=True):
+            link.unlink()
+            link.symlink_to(place)
+
+
+@pytest.fixture
+def sysfs(tmp_path, monkeypatch):
+    monkeypatch.setattr(ports, "SYSFS", tmp_path / "sys")
+    return SysFs(tmp_path / "sys")
+
+
+def identities():
+    present = [usb for _, usb in ports.serial_ports()]
+    return {path.removeprefix("/dev/"): usb.as_text(present) for path, usb in ports.serial_ports()}
+
+
+@pytest.mark.parametrize(
+    ("kind", "serial", "interfaces", "expected"),
+    [
+        ("0403:6010", "FT1", ["00", "01"], ["0403:6010:FT1-if00", "0403:6010:FT1-if01"]),
+        ("0403:6011", "", ["00", "01", "02", "03"], [f"0403:6011-if0{n}" for n in range(4)]),
+        ("10c4:ea70", "", ["00", "01"], ["10c4:ea70-if00", "10c4:ea70-if01"]),
+        ("04e2:1414", "X", ["01", "0a"], ["04e2:1414:X-if01", "04e2:1414:X-if0a"]),
+        ("0403:6001", "A1", ["00"], ["0403:6001:A1"]),
+        ("10c4:ea60", "", ["00"], ["10c4:ea60"]),
+    ],
+)
+def test_each_port_of_an_adapter_has_an_identity_of_its_own(sysfs, kind, serial, interfaces, expected):
+    for number, interface in enumerate(interfaces):
+        sysfs.plug(f"ttyUSB{number}", "1-1.2", kind, interface, serial)
+    assert list(identities().values()) == expected
+
+
+def test_ports_of_one_interface_are_told_apart_by_their_place(sysfs):
+    for number in range(2):
+        sysfs.plug(f"ttyUSB{number}", "1-1", "9710:7840", "00", port_number=str(number))
+    assert list(identities().values()) == ["9710:7840-if00", "9710:7840-if00-port1"]
+
+
+def test_two_adapters_alike_are_named_by_socket_and_interface(sysfs):
+    for number, (socket, interface) in enumerate(
+        [("1-1", "00"), ("1-1", "01"), ("1-2", "00"), ("1-2", "01")]
+    ):
+        sysfs.plug(f"ttyACM{number}", socket, "0403:6010", interface, "same")
+    assert list(identities().values()) == ["1-1-if00", "1-1-if01", "1-2-if00", "1-2-if01"]
+
+
+@pytest.fixture
+def two_ports(sysfs):
+    sysfs.plug("ttyUSB0", "1-1.2", "0403:6010", "00", "FT1")
+    sysfs.plug("ttyUSB1", "1-1.2", "0403:6010", "01", "FT1")
+    return sysfs
+
+
+def test_the_identity_of_a_port_finds_it_when_the_numbers_were_swapped(two_ports):
+    wanted = settings(identity="0403:6010:FT1-if01")
+    assert ports._find_path(wanted, ()) == "/dev/ttyUSB1"
+    two_ports.renumber("ttyUSB0", "ttyUSB1")
+    assert ports._find_path(wanted, ()) == "/dev/ttyUSB0"
+    with pytest.raises(DeviceNotFoundError, match="is 0403:6010:FT1-if00, not 0403:6010:FT1-if01"):
+        ports._find_path(settings(identity="0403:6010:FT1-if01", port="/dev/ttyUSB1"), ())
+
+
+@pytest.mark.parametrize("identity", ["0403:6010", "0403:6010:FT1", "1-1.2"])
+@pytest.mark.parametrize("port", ["", "/dev/ttyUSB1"])
+def test_an_identity_that_two_ports_of_an_adapter_share_is_refused_with_the_choices(
+    two_ports, identity, port
+):
+    with pytest.raises(DeviceNotFoundError) as caught:
+        ports._find_path(settings(identity=identity, port=port), ())
+    for choice in ("0403:6010:FT1-if00 at /dev/ttyUSB0", "0403:6010:FT1-if01 at /dev/ttyUSB1"):
+        assert choice in caught.value.message
+
+
+@pytest.mark.parametrize("identity", ["0403:6001", "0403:6001:A1", "1-1", "0403:6001:A1-if00"])
+def test_identities_of_adapters_with_one_port_keep_working(sysfs, identity):
+    sysfs.plug("ttyUSB0", "1-1", "0403:6001", "00", "A1")
+    assert ports._find_path(settings(identity=identity), ()) == "/dev/ttyUSB0"
+    assert ports._find_path(settings(identity=identity, port="/dev/ttyUSB0"), ()) == "/dev/ttyUSB0"
+
+
+def test_look_alikes_with_one_port_each_may_still_be_named_by_port(sysfs):
+    for number in range(2):
+        sysfs.plug(f"ttyUSB{number}", f"1-{number + 1}", "10c4:ea60", "00")
+    assert ports._find_path(settings(identity="10c4:ea60", port="/dev/ttyUSB1"), ()) == "/dev/ttyUSB1"

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fieldkit.estimation.bins import CameraStream, OpenBin
+from fieldkit.estimation.bins import CameraStream, OpenBin, RegionSums
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Frame, Quality
 from fieldkit.model.site import Region, RegionKind
@@ -66,3 +66,18 @@ def test_a_minute_stands_at_the_mean_of_its_pictures_or_in_its_middle() -> None:
     under_the_shutter = minute_of(camera, frame(flat_counts, 10.0, Quality.SHUTTER))
     assert under_the_shutter.time_ns == 7 * MINUTE_NS + 30 * 10**9
     assert under_the_shutter.flags == Quality.SHUTTER
+
+
+def test_pixels_that_cannot_be_are_left_out_of_the_mean_of_their_region():
+    """A dead pixel of 0 counts, -273 degC, would move the mean of 16 pixels by 18 K."""
+    info = StreamInfo("camera", "brightness_temperature", "K", (4, 4), 0.01)
+    corners = ((0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (0.0, 4.0))
+    camera = CameraStream(info, [Region("flat", RegionKind.REFERENCE, corners)], 1.0, 233.15)
+    counts = np.full((4, 4), 29_315, np.uint16)
+    counts[1, 2] = 0
+    sums = RegionSums(1)
+    sums.add(camera.sums(frame(counts, 0.0), camera.outline), 0)
+    kelvin, spread, _ = camera.means(sums)
+    assert kelvin == pytest.approx([293.15])
+    assert spread == pytest.approx([0.0])
+    assert camera.mean_pixels(sums).tolist() == [15]

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from fieldkit.estimation.day_plan import (
+    PlanSettings,
     bound,
     bounds_over_day,
     cosine_noise,
@@ -73,7 +74,7 @@ def test_watts_per_degree_on_a_winter_day():
 def test_sensitivity_is_the_derivative_of_the_expected_temperature():
     sun = suns("2017-12-11T03:00", 1)
     beds = normal([14.99, 15.0, 15.01], 180.0)
-    warm = expected_temperature(beds, sun, 800.0, 283.0, TABLE_1)
+    warm = expected_temperature(beds, sun, 800.0, PlanSettings(air_k=283.0))
     found = sensitivity(beds, sun, 800.0, warm, TABLE_1).temperature_k
     assert (warm[2, 0] - warm[0, 0]) / 0.02 == pytest.approx(found[1, 0], rel=1e-4)
 

@@ -146,7 +146,7 @@ def test_tilted_reference_and_several_references(yard):
         minute = run(
             replace(yard, beds=chosen),
             replace(yard, beds=chosen).samples(61),
-            EstimatorSettings(model="paper", window_s=None),
+            EstimatorSettings(model="paper", window_s="weather"),
         )[-1]
         found = by_name(minute)["b08"]
         assert angle_between_deg(normal(found.tilt_deg, found.azimuth_deg), normal(8.0, 140.0)) < 0.3
@@ -168,6 +168,21 @@ def test_a_slope_known_to_a_wide_region_only_is_called_uncertain(yard):
         assert found.state == SlopeState.UNCERTAIN
         low, high = found.tilt_low_deg, found.tilt_high_deg
         assert found.reason == f"anything from {low:.1f}° to {high:.1f}° fits (90 %)"
+
+
+@pytest.mark.parametrize(("azimuth", "factor"), [("known", 1.1916), ("free", 1.1406)])
+def test_regions_of_another_confidence_are_wider_by_the_root_of_the_chi_square_quantiles(
+    yard, azimuth, factor
+):
+    """3.8415 over 2.7055 with one angle, 5.9915 over 4.6052 with two (tables of chi-square)."""
+
+    def widths(confidence: float) -> np.ndarray:
+        settings = EstimatorSettings(model="paper", window_s=3600.0, azimuth=azimuth, confidence=confidence)
+        found = run(yard, yard.samples(61), settings)[-1].estimates
+        assert {one.confidence for one in found} == {confidence}
+        return np.array([one.noise_tilt_high_deg - one.noise_tilt_low_deg for one in found])
+
+    assert widths(0.95) / widths(0.90) == pytest.approx(factor, rel=0.03)
 
 
 def test_both_branches_are_reported_when_both_fit(yard):

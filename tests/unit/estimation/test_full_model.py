@@ -1,24 +1,30 @@
 """The surface models against beds that the scene warms from measured minutes (Alamosa, 2016-01-01)."""
 
+import csv
 from dataclasses import replace
 
 import numpy as np
+import pvlib
 import pytest
 
 from fieldkit.estimation.balance import least_squares_rows
 from fieldkit.estimation.bins import History, RegionColumns
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.slopes import slopes
+from fieldkit.estimation.table import TemperatureTable, slopes_of_table
 from fieldkit.model.samples import Quality
-from fieldkit.model.site import Region, RegionKind
+from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.slope import SlopeState
 from fieldkit.model.units import MINUTE_NS
-from fieldkit.physics.facet import normal
+from fieldkit.physics.daylight import clear_sky, extraterrestrial
+from fieldkit.physics.energy_balance import SurfaceParameters
+from fieldkit.physics.facet import angle_between_deg, normal
 from fieldkit.physics.slab import Slab
-from fieldkit.physics.sun import sun_vectors
+from fieldkit.physics.sun import sun_angles, sun_vectors
 from fieldkit.simulation import Exchange, Facet, MeasuredSky
 from fieldkit.simulation.scene_series import SceneModel
 from fieldkit.weather import packaged
+from tests.shared_data import shared
 
 BEDS = ((7.4, 180.0), (21.3, 180.0), (14.6, 95.0))
 SLAB = Slab(depth_m=0.03)
@@ -95,7 +101,7 @@ def test_without_sky_instruments_the_full_model_still_beats_the_papers(clear_day
 
 def test_missing_minutes_are_bridged_for_the_layer(clear_day):
     kept = np.delete(np.arange(300), [120, 121, 122, 200, 275])
-    gappy = History(*(getattr(clear_day, name)[kept] for name in clear_day.__slots__))
+    gappy = clear_day.at(kept)
     assert tilt_errors(gappy, replace(KNOWN, model="full")).max() < 0.2
 
 
@@ -111,3 +117,93 @@ def test_rows_of_both_models_are_the_cosines_of_incidence(clear_day):
         made = least_squares_rows(clear_day, 240, RegionColumns(tuple(REGIONS)), settings)
         truth = made.design @ normal(*np.array(BEDS).T).T
         assert np.abs(made.y - truth).max() < limit
+
+
+# Pyranometers on tilted planes: without storage, emission and reflection a watt is a kelvin
+
+PLANES = EstimatorSettings(
+    model="full",
+    tilt_limit_deg=90.0,
+    limits={"surface_temperature": (0.0, 3000.0)},  # W/m2 in place of kelvin
+    surface=SurfaceParameters(
+        albedo=0.0,
+        emissivity=1e-9,
+        emissivity_broadband=1e-9,
+        heat_capacity_j_kg_k=1.0,
+        air_density_kg_m3=1.0,
+        exchange_m_s=1.0,
+    ),
+    slab=Slab(depth_m=1e-6, heat_capacity_j_m3_k=1.0),
+    noise_k=3.0,
+    offset_sd_k=5.0,
+    drift_sd_k_per_h=0.0,
+    exchange_sd=0.0,
+)
+WATTS_AT_0_K = 200.0
+"""Added to all: at night a temperature of 0 K would be none."""
+
+
+def normals_by_day(site, day, azimuths, tilt_deg, sky):
+    """Errors of the normals of planes, degrees, where pvlib computes the light on them."""
+    random = np.random.default_rng(3)
+    start = int(np.datetime64(day, "ns").astype(np.int64)) - int(site.longitude_deg / 15.0 * 3.6e12)
+    time_ns = start + np.arange(0, 1440, 10) * MINUTE_NS
+    zenith, azimuth = sun_angles(time_ns, site)
+    cosine = np.cos(np.radians(zenith))
+    dni, dhi = clear_sky(cosine, time_ns, site.elevation_m)
+    ghi = dni * np.maximum(cosine, 0.0) + dhi
+    light = zenith, azimuth, dni, ghi, dhi, extraterrestrial(time_ns)
+    planes = {}
+    for facing in azimuths:
+        on_plane = pvlib.irradiance.get_total_irradiance(tilt_deg, facing, *light, albedo=0.2, model=sky)
+        noise = 3.0 * random.standard_normal(time_ns.size)
+        planes[str(facing)] = np.nan_to_num(on_plane["poa_global"]) + noise + WATTS_AT_0_K
+    table = TemperatureTable(time_ns, ghi + WATTS_AT_0_K, planes, irradiance_w_m2=dni, diffuse_w_m2=dhi)
+    return errors_of(slopes_of_table(table, site, PLANES), tilt_deg, azimuths)
+
+
+def errors_of(found, tilt_deg, azimuths):
+    return [
+        angle_between_deg(normal(tilt_deg, azimuth), normal(one.tilt_deg, one.azimuth_deg))
+        for one, azimuth in zip(found, azimuths, strict=True)
+    ]
+
+
+@pytest.mark.parametrize("tilt_deg", [60.0, 75.0, 89.0])
+@pytest.mark.parametrize(("sky", "median_deg"), [("haydavies", 0.3), ("perez", 3.0), ("isotropic", 11.0)])
+def test_steep_facets_read_right_over_whole_days_by_the_default_sky(tilt_deg, sky, median_deg):
+    """Half of the day they are in their own shade: used as sunlit it made 36 (Perez) and 68 degrees."""
+    days = ((47.9, "2013-06-21"), (35.6, "2013-09-01"), (-33.9, "2013-12-15"))
+    azimuths = (90, 120, 150, 210, 240, 270)
+    errors = [
+        normals_by_day(Site(latitude_deg, 12.0, 200.0), day, azimuths, tilt_deg, sky)
+        for latitude_deg, day in days
+    ]
+    assert np.nanmedian(errors) < median_deg
+    assert np.isnan(errors).sum() <= 8  # walls to north-east and north-west see the sun too briefly
+
+
+def test_measured_light_on_a_west_and_an_east_wall_gives_their_normals():
+    """Pyranometers of the Twin Houses (IEA EBC Annex 58), 90 degrees: days with more direct than diffuse."""
+    with shared("data/real/twinhouse-o5-2013-aug-sep.csv").open(encoding="utf-8") as file:
+        lines = list(csv.DictReader(file))
+    watts = {
+        name: np.array([float(line[name] or "nan") for line in lines]) for name in lines[0] if "w_m2" in name
+    }
+    stamps = np.array([line["time_cet"][:19] for line in lines], "datetime64[ns]").astype(np.int64)
+    time_ns = stamps - 64 * MINUTE_NS  # from the end of ten minutes in UTC+1
+    site = Site(47.874, 11.728, 680.0)
+    height = sun_vectors(time_ns, site)[:, 2]
+    dni = (watts["ghi_w_m2"] - watts["dhi_w_m2"]) / np.where(height > 0.05, height, np.nan)
+    errors = []
+    for day in np.unique(stamps // (1440 * MINUTE_NS)):
+        of_day = stamps // (1440 * MINUTE_NS) == day
+        dhi, ghi = watts["dhi_w_m2"][of_day], watts["ghi_w_m2"][of_day]
+        if of_day.sum() < 140 or dhi.sum() > 0.45 * ghi.sum():
+            continue
+        walls = {name: watts[f"{name}_vertical_w_m2"][of_day] + WATTS_AT_0_K for name in ("east", "west")}
+        table = TemperatureTable(
+            time_ns[of_day], ghi + WATTS_AT_0_K, walls, irradiance_w_m2=dni[of_day], diffuse_w_m2=dhi
+        )
+        errors.append(errors_of(slopes_of_table(table, site, PLANES), 90.0, (90.0, 270.0)))
+    assert np.nanmedian(errors, axis=0).max() < 25.0  # 87 and 18 while rows in their own shade were used

@@ -270,7 +270,9 @@ def test_tilted_pyranometer_goes_through_its_own_plane():
     facing = float(normal(68.0, 180.0) @ sun_vectors(AT_22_DEGREES, SITE))
     # E = S cos i + D (1 + cos 68) / 2 with D the 15 % of the global horizontal light
     sky = 0.15 / 0.85 * np.sin(np.radians(22.0)) * (1.0 + np.cos(np.radians(68.0))) / 2.0
-    reading = 800.0 * (facing + sky)
+    # and of the ground 0.2 (S sin 22 + D) (1 - cos 68) / 2
+    ground = 0.2 * np.sin(np.radians(22.0)) / 0.85 * (1.0 - np.cos(np.radians(68.0))) / 2.0
+    reading = 800.0 * (facing + sky + ground)
     settings = EstimatorSettings(irradiance=plane)
     assert beam({"sun": reading}, radiation("sun", "gti"), settings=settings) == pytest.approx(
         800.0, rel=2e-3

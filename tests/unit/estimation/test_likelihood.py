@@ -1,10 +1,7 @@
 import numpy as np
 import pytest
-from scipy.stats import chi2
 
 from fieldkit.estimation.likelihood import (
-    NINETY_PERCENT,
-    NINETY_PERCENT_ONE,
     Grid,
     LikelihoodRegion,
     ProfileMisfit,
@@ -15,11 +12,13 @@ from fieldkit.estimation.likelihood import (
     with_systematics,
 )
 from fieldkit.estimation.normal import Misfit, choose, cramer_rao, solve
+from fieldkit.model.confidence import misfit_drop
 from fieldkit.model.site import Site
 from fieldkit.physics.facet import VERTICAL, angle_between_deg, normal, tilt_azimuth
 from fieldkit.physics.sun import sun_vectors
 
 SITE = Site(35.558675, 139.395232, 9.0)
+DROP, DROP_ONE = misfit_drop(0.90, 2), misfit_drop(0.90, 1)
 
 
 def window(start: str, minutes: int) -> np.ndarray:
@@ -47,10 +46,10 @@ def region_known_azimuth(
 def test_region_of_a_long_window_is_the_cramer_rao_ellipse():
     sun, truth = window("2017-08-30T00:00", 181), normal(10.0, 180.0)
     misfit = Misfit.of_rows(sun, sun @ truth, 1 / 0.005**2)
-    found = region(misfit, truth, NINETY_PERCENT, 45.0)
+    found = region(misfit, truth, DROP, 45.0)
     covariance = cramer_rao(misfit.H, truth)
-    tilt = np.degrees(np.sqrt(NINETY_PERCENT * covariance[0, 0]))
-    azimuth = np.degrees(np.sqrt(NINETY_PERCENT * covariance[1, 1])) / np.sin(np.radians(10.0))
+    tilt = np.degrees(np.sqrt(DROP * covariance[0, 0]))
+    azimuth = np.degrees(np.sqrt(DROP * covariance[1, 1])) / np.sin(np.radians(10.0))
     assert 10.0 - found.tilt_low_deg == pytest.approx(tilt, rel=0.08)
     assert found.tilt_high_deg - 10.0 == pytest.approx(tilt, rel=0.08)
     assert found.azimuth_high_deg - 180.0 == pytest.approx(azimuth, rel=0.08)
@@ -60,7 +59,7 @@ def test_region_of_a_long_window_is_the_cramer_rao_ellipse():
 def test_region_across_north_is_unwrapped(azimuth):
     sun, truth = window("2017-08-30T03:00", 61), normal(15.0, azimuth)
     misfit = Misfit.of_rows(sun, sun @ truth, 1 / 0.005**2)
-    found = region(misfit, truth, NINETY_PERCENT, 45.0)
+    found = region(misfit, truth, DROP, 45.0)
     assert found.azimuth_low_deg < azimuth < found.azimuth_high_deg
     assert found.azimuth_high_deg - found.azimuth_low_deg < 30.0
 
@@ -68,9 +67,9 @@ def test_region_across_north_is_unwrapped(azimuth):
 def test_every_normal_outside_the_projections_is_outside_the_region():
     sun, truth = window("2017-08-30T03:00", 21), normal(9.3, 77.0)
     misfit = Misfit.of_rows(sun, sun @ truth, 1 / 0.006**2)
-    found = region(misfit, truth, NINETY_PERCENT, 45.0)
+    found = region(misfit, truth, DROP, 45.0)
     tilts, azimuths = np.meshgrid(np.linspace(0, 45, 900), np.linspace(-100, 250, 1400))
-    inside = misfit(normal(tilts, azimuths)) <= NINETY_PERCENT
+    inside = misfit(normal(tilts, azimuths)) <= DROP
     # the strip is thinner than this raster, so the raster can only find less
     assert tilts[inside].min() >= found.tilt_low_deg - 0.2
     assert tilts[inside].max() <= found.tilt_high_deg + 0.2
@@ -150,9 +149,9 @@ def test_known_azimuth_region_has_the_width_the_noise_gives_it(sd, tilt):
     """Also where that is less than a step between the tilts tried."""
     sun, truth = window("2017-12-11T01:30", 180), normal(tilt, 180.0)
     misfit = Misfit.of_rows(sun, sun @ truth, 1 / sd**2)
-    found = region_known_azimuth(misfit, 180.0, truth, NINETY_PERCENT_ONE, 45.0)
+    found = region_known_azimuth(misfit, 180.0, truth, DROP_ONE, 45.0)
     steeper = normal(tilt + 90.0, 180.0)
-    half = np.degrees(np.sqrt(NINETY_PERCENT_ONE / (steeper @ misfit.H @ steeper)))
+    half = np.degrees(np.sqrt(DROP_ONE / (steeper @ misfit.H @ steeper)))
     assert tilt - found.tilt_low_deg == pytest.approx(half, rel=0.01)
     assert found.tilt_high_deg - tilt == pytest.approx(half, rel=0.01)
 
@@ -179,12 +178,7 @@ def test_likelihood_region_holds_the_truth_nine_times_in_ten(start, minutes):
     misfit = Misfit.of_rows(sun, y, 1 / 0.0055**2)
     choice = choose(misfit, solve(misfit), 45.0)
     least = np.fmin(choice.misfit, choice.other_misfit)
-    assert np.mean(misfit(truths) - least <= NINETY_PERCENT) == pytest.approx(0.90, abs=0.03)
-
-
-@pytest.mark.parametrize(("quantile", "freedom"), [(NINETY_PERCENT, 2), (NINETY_PERCENT_ONE, 1)])
-def test_regions_are_those_of_ninety_per_cent(quantile, freedom):
-    assert quantile == pytest.approx(chi2.ppf(0.90, freedom), abs=5e-4)
+    assert np.mean(misfit(truths) - least <= DROP) == pytest.approx(0.90, abs=0.03)
 
 
 def test_a_doubtful_scale_is_a_gaussian_of_its_standard_deviation():

@@ -6,7 +6,17 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from fieldkit.estimation.methods import chi_square_limit, kelvin_per_degree, noise_ratio, sunlit
+from fieldkit.estimation.balance import Rows
+from fieldkit.estimation.methods import (
+    chi_square_limit,
+    kelvin_per_degree,
+    noise_ratio,
+    solutions,
+    sunlit,
+)
+from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.site import Region, RegionKind
+from fieldkit.model.slope import SlopeState
 from fieldkit.physics.energy_balance import SurfaceParameters, irradiance_per_kelvin, surface_temperature
 from fieldkit.physics.facet import normal
 
@@ -47,5 +57,30 @@ def test_kelvin_per_degree_is_the_derivative_of_eq_7(zenith_azimuth):
     assert kelvin_per_degree(15.0, 180.0, direction, y_per_kelvin) == pytest.approx(expected, rel=1e-3)
 
 
-def test_a_row_within_two_sigmas_of_no_light_is_in_the_shade():
-    assert sunlit(np.array([0.019, 0.02, 0.5]), np.array([0.01, 0.01, 0.01])).tolist() == [False, True, True]
+def test_a_row_with_no_more_light_than_its_own_shade_has_is_not_used():
+    y = np.array([[0.059, 0.06, 0.5, 0.19, 0.2]]).T
+    sigma = np.array([[0.01, 0.01, 0.01, 0.05, 0.05]]).T
+    shade = np.array([0.0, 0.0, 0.0, 0.1, 0.1])
+    # two of the cosine that counts as grazing (0.03), or of the noise where that is more
+    assert sunlit(y, sigma, shade)[:, 0].tolist() == [False, True, True, False, True]
+    assert not sunlit(y, sigma, shade + 0.5).any()
+
+
+def test_minutes_that_no_slope_agrees_to_be_sunlit_in_give_no_slope():
+    """Noon, 60 and 75 degrees later, latitude 40: the slope that fits faces away from one of the three."""
+    hour_angle, latitude = np.radians([0.0, 60.0, 75.0]), np.radians(40.0)
+    sun = np.stack(
+        [
+            -np.sin(hour_angle),
+            -np.cos(hour_angle) * np.sin(latitude),
+            np.cos(hour_angle) * np.cos(latitude),
+        ],
+        axis=-1,
+    )
+    y, sigma, level = np.array([[0.1], [0.3], [1.0]]), np.full((3, 1), 0.01), np.array([0.0, 0.0, 1.0])
+    rows = Rows(sun, y, sigma, np.ones((3, 1)), np.ones(3), np.zeros((1, 3, 1)), level, sun, np.zeros(3))
+    settings = EstimatorSettings(model="paper", tilt_limit_deg=90.0)
+    (found,) = solutions(rows, [0], sigma.T**-2, [Region("b", RegionKind.TARGET, ((0.0, 0.0),))], settings)
+    assert found.state is SlopeState.NO_INTERSECTION
+    assert not found.explained
+    assert "own shade" in found.reason

@@ -6,10 +6,11 @@ import cv2
 import numpy as np
 import pytest
 
-from fieldkit.estimation.likelihood import NINETY_PERCENT, ProfileMisfit, regions
+from fieldkit.estimation.likelihood import ProfileMisfit, regions
 from fieldkit.estimation.normal import Misfit, choose, solve
 from fieldkit.estimation.pixel_slopes import MapSums, posterior, with_bounds
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.confidence import misfit_drop
 from fieldkit.model.site import Site
 from fieldkit.model.slope import SlopeState
 from fieldkit.physics.energy_balance import (
@@ -219,7 +220,7 @@ def test_bounds_are_those_of_a_region_with_the_same_misfit(tilt: float, azimuth:
         [(800.0 / (np.sqrt(2) * irradiance_per_kelvin(one, PAPER) * NOISE_K)) ** 2 for one in flat]
     )
     misfit = Misfit.of_rows(sun, (sun @ best)[np.newaxis], weights[np.newaxis])
-    drop = NINETY_PERCENT * max(1.0, float(slopes.chi_square[0, 0]))
+    drop = misfit_drop(0.90, 2) * max(1.0, float(slopes.chi_square[0, 0]))
     (exact,) = regions(ProfileMisfit(misfit, VERTICAL, 0.0), misfit.H, best[np.newaxis], drop, 45.0)
     found = [float(one[0, 0]) for one in (bounds.tilt_low_deg, bounds.tilt_high_deg)]
     width = exact.tilt_high_deg - exact.tilt_low_deg

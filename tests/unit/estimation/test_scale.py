@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 
-from fieldkit.estimation.normal import Misfit
-from fieldkit.estimation.scale import identify, joint_slopes, offsets_from_uniform, scale_from_known_bed
+from fieldkit.estimation.scale import identify, offsets_from_uniform, scale_from_known_bed
 from fieldkit.model.errors import CalibrationError
 from fieldkit.model.site import Site
 from fieldkit.physics.energy_balance import SurfaceParameters, irradiance_per_kelvin, surface_temperature
-from fieldkit.physics.facet import VERTICAL, angle_between_deg, normal
+from fieldkit.physics.facet import VERTICAL, normal
 from fieldkit.physics.sun import sun_vectors
 
 SITE = Site(35.558675, 139.395232, 9.0)
@@ -82,22 +81,6 @@ def test_uniform_target_gives_offsets_with_honest_errors():
     assert (offsets_from_uniform(drifting, np.full(30, 300.0)).offset_sd_k > found.offset_sd_k).all()
     with pytest.raises(CalibrationError, match="three minutes"):
         offsets_from_uniform(np.full((2, 1), 300.0), np.full(2, 300.0))
-
-
-def test_regions_sharing_a_scale_find_it_and_their_slopes():
-    rays = sun(181)
-    truths = normal([5, 10, 15, 20, 25, 28], [20, 80, 150, 200, 260, 320])
-    y = 1.08 * (rays @ (truths - VERTICAL).T).T + rays[:, 2]
-    joint = joint_slopes([Misfit.of_rows(rays, row, 1 / 0.0005**2) for row in y], VERTICAL, 0.1, 45.0)
-    assert joint.kappa == pytest.approx(1.08, abs=0.01)
-    assert angle_between_deg(joint.normals, truths).max() < 0.3
-
-
-def test_without_information_the_prior_speaks():
-    rays = sun(21)
-    y = 1.1 * (rays @ (normal(15.0, 30.0) - VERTICAL)) + rays[:, 2]
-    joint = joint_slopes([Misfit.of_rows(rays, y, 1 / SIGMA**2)], VERTICAL, 0.1, 45.0)
-    assert joint.kappa_sd == pytest.approx(0.1, rel=0.15)
 
 
 def test_known_beds_determine_steepness_but_not_its_split():

@@ -114,7 +114,7 @@ def mark(yard, name, at_s, noted_s=None, *, phase="begin", end_s=None):
 
 
 def flagged(history, column):
-    rows = np.flatnonzero(history.region_flags[:, column] & Quality.SHADED)
+    rows = np.flatnonzero(history.is_shaded()[:, column])
     return (history.minute[rows] - history.minute[0]).tolist()
 
 
@@ -151,7 +151,7 @@ def test_marks_shade_their_minutes_live_as_in_batch(yard, told, minutes):
     assert repr(again) == repr(as_live)
     for last in range(1, len(history) + 1):
         then = History.of(estimator.bins[:last])
-        assert np.array_equal(history.until(last).region_flags, then.region_flags)
+        assert np.array_equal(history.until(last).is_shaded(), then.is_shaded())
 
 
 def test_an_interval_told_afterwards_shades_the_minutes_before(yard):
@@ -177,7 +177,7 @@ def test_while_the_reference_is_shaded_every_slope_is_held(yard):
 
 def test_a_mark_about_an_unknown_region_changes_nothing(yard):
     estimator, _ = live(yard, yard.samples(8), [mark(yard, "elsewhere", 120)])
-    assert not History.of(estimator.bins).region_flags.any()
+    assert not History.of(estimator.bins).is_shaded().any()
 
 
 def test_the_hour_after_sunset_is_binned_and_announced_once(yard):

@@ -11,6 +11,8 @@ from fieldkit.model.errors import ConfigError
         ("1.5h", 5400.0),
         ("2h30m", 9000.0),
         ("45s", 45.0),
+        ("10min", 600.0),
+        ("1h5min30", 3930.0),
         # a bare number is of the unit below the one in front of it
         ("1h30", 5400.0),
         ("1m30", 90.0),
@@ -38,6 +40,13 @@ def test_offsets_carry_a_sign_and_are_seconds_without_a_unit(text, seconds):
 def test_anything_else_is_not_an_offset(text):
     with pytest.raises(ConfigError, match="is not a valid offset"):
         parse_offset(text)
+
+
+@pytest.mark.parametrize("duration", ["876601h", "9" * 400 + "h", 3_155_760_001.0, float("inf")])
+def test_a_duration_is_at_most_a_hundred_years(duration):
+    with pytest.raises(ConfigError, match="3h, 90m or 45s"):
+        as_seconds(duration)
+    assert as_seconds("876600h") == 100 * 365.25 * 86_400
 
 
 def test_from_python_a_duration_may_be_a_number_of_seconds():

@@ -80,6 +80,25 @@ def test_what_is_incomplete_or_unknown_is_refused_with_its_number(body):
     assert error.value.id == 3
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        '{"do": "mark", "text": "\\ud800", "id": 3}',
+        '{"id": 3, "do": "mark", "text": "\\udfff\\ud800"}',
+        '{"id":3, "do"',
+    ],
+)
+def test_what_is_not_json_is_refused_with_its_number(text):
+    with pytest.raises(BadRequestError) as error:
+        parse(text)
+    assert error.value.id == 3
+
+
+def test_text_may_have_lines_and_any_letters():
+    for text in ("two\nlines", "a\tb", "砂", "\U0001f321", "\ufffd", "\xa0"):
+        assert parse(json.dumps({"do": "mark", "text": text})).text == text
+
+
 @given(st.text())
 def test_any_text(text):
     is_parsed_or_refused(text)

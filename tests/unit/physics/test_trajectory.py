@@ -24,9 +24,10 @@ def test_a_single_pose_holds_at_any_time():
     assert Trajectory((0,), ((1.0, 2.0, 3.0),), (EAST,)).at(10**18) == ((1.0, 2.0, 3.0), EAST)
 
 
-def test_level_ground_lies_in_one_frame_where_the_homography_maps_it_from_another():
-    one = Camera((3.0, 5.0, 8.0), 20.0, -40.0, 3.0, 50.0, (120, 160))
-    other = Camera((4.5, 4.0, 9.0), 35.0, -55.0, -2.0, 50.0, (120, 160))
+@pytest.mark.parametrize("scale", [1.0, 1.008])
+def test_level_ground_lies_in_one_frame_where_the_homography_maps_it_from_another(scale):
+    one = Camera((3.0, 5.0, 8.0), 20.0, -40.0, 3.0, 50.0, (120, 160), grid_scale=scale)
+    other = Camera((4.5, 4.0, 9.0), 35.0, -55.0, -2.0, 50.0, (120, 160), grid_scale=scale)
     ground = np.column_stack([np.linspace(4.0, 9.0, 7), np.linspace(9.0, 14.0, 7) ** 1.02, np.full(7, 1.5)])
     x, y, _ = project(one, ground)
     mapped = np.column_stack([x, y, np.ones(7)]) @ homography_over_level(one, other, 1.5).T

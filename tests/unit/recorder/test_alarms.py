@@ -13,7 +13,7 @@ from fieldkit.estimation.estimator import Minute
 from fieldkit.model.alarm import Alarm, Condition, present_alarms
 from fieldkit.model.samples import Event, EventKind, Health, Quality, Reading, Severity, StreamHealth
 from fieldkit.model.slope import SlopeEstimate, SlopeState
-from fieldkit.recorder.alarms import BAND_DEG, RULES, AlarmEngine, AlarmSettings, Limits
+from fieldkit.recorder.alarms import BAND_DEG, AlarmEngine, AlarmSettings, Limits
 
 S = 10**9
 ANCHOR_NS = 1_700_000_040 * S  # a full minute
@@ -107,6 +107,25 @@ def test_a_flag_must_last_and_must_be_over_for_the_clear_time():
     assert run(items) == [("overrange:lux", "raised", 40.0), ("overrange:lux", "cleared", 62.0)]
 
 
+def test_estimates_that_stay_behind_are_an_alarm_until_they_catch_up_or_stop():
+    late, caught_up = (
+        [event(10, EventKind.ESTIMATOR, late="begin")],
+        event(90, EventKind.ESTIMATOR, late="end"),
+    )
+    found = run([*every_second(0, 10), *late, *every_second(10, 90), caught_up, *every_second(90, 100)])
+    assert [one for one in found if "camera" not in one[0]] == [
+        ("late", "raised", 70.0),
+        ("late", "cleared", 90.0),
+    ]
+    stopped = event(90, EventKind.ESTIMATOR, Severity.ERROR)
+    found = run([*every_second(0, 10), *late, *every_second(10, 90), stopped, *every_second(90, 100)])
+    assert [one[:2] for one in found if "camera" not in one[0]] == [
+        ("late", "raised"),
+        ("late", "cleared"),
+        ("estimator", "raised"),
+    ]
+
+
 def test_garbled_records_are_an_alarm_from_the_configured_number_in_a_minute():
     few = [health(second, min(4, second // 5)) for second in range(80)]
     assert not [one for one in run(few) if "garbled" in one[0]]
@@ -114,7 +133,7 @@ def test_garbled_records_are_an_alarm_from_the_configured_number_in_a_minute():
     found = [one for one in run(many) if "garbled" in one[0]]
     # the fifth record comes in second 25; counts of a second are judged two seconds late
     assert [one[:2] for one in found] == [("garbled:lux", "raised"), ("garbled:lux", "cleared")]
-    assert found[0][2] == 25 - 2 + RULES[Condition.GARBLED].hold_s
+    assert found[0][2] == 25 - 2 + Condition.GARBLED.rule.hold_s
 
 
 def test_a_clock_step_has_no_end_and_is_cleared_after_a_while():
@@ -271,21 +290,19 @@ def test_a_frame_that_moved_explains_what_its_regions_show():
 def test_rules_can_be_changed_and_switched_off():
     items = [*every_second(0, 10), lost(10), *map(health, range(10, 60))]
     for rule, expected in (
-        (replace(RULES[Condition.LOST], hold_s=20.0), [("lost:lux", "raised", 30.0)]),
-        (replace(RULES[Condition.LOST], off=True), []),
+        (replace(Condition.LOST.rule, hold_s=20.0), [("lost:lux", "raised", 30.0)]),
+        (replace(Condition.LOST.rule, off=True), []),
     ):
-        watched = AlarmEngine(AlarmSettings({**RULES, Condition.LOST: rule}, {"camera": 60.0}))
+        watched = AlarmEngine(
+            AlarmSettings({**AlarmSettings().rules, Condition.LOST: rule}, {"camera": 60.0})
+        )
         assert run(items, watched) == expected
-
-
-def test_every_condition_has_a_rule():
-    assert set(RULES) == set(Condition)
 
 
 @pytest.mark.parametrize("severity", list(Severity))
 def test_a_severity_can_be_chosen(severity):
-    rule = replace(RULES[Condition.LOST], severity=severity)
-    watched = AlarmEngine(AlarmSettings({**RULES, Condition.LOST: rule}, {}))
+    rule = replace(Condition.LOST.rule, severity=severity)
+    watched = AlarmEngine(AlarmSettings({**AlarmSettings().rules, Condition.LOST: rule}, {}))
     items = [health(0), lost(1), *map(health, range(1, 20))]
     (raised,) = itertools.chain.from_iterable(watched.update(item) for item in items)
     assert (raised.severity, present_alarms([raised])[0].severity) == (severity, severity)

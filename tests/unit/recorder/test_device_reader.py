@@ -325,3 +325,30 @@ def test_after_a_pause_bursts_keep_their_minutes_and_make_up_for_none() -> None:
     bursts = [(one.mono_ns - start_ns) / S for one in samples[::2]]
     assert np.diff(bursts[3:]).tolist() == pytest.approx([60.0] * (len(bursts) - 4))
     assert len(bursts) <= 6
+
+
+def test_an_impossible_reading_is_flagged_and_counted_as_it_came() -> None:
+    class Loose(Meter):
+        """A probe that shows 9.9E+37 lx, SCPI's overflow, at every second reading."""
+
+        def read(self, timeout_s: float) -> Reading | None:
+            found = super().read(timeout_s)
+            if found is None or round((found.mono_ns - self.start_ns) / S) % 2:
+                return found
+            return found._replace(values=(9.9e37,))
+
+    with SimulatedClock(0) as clock:
+        start_ns = clock.mono_ns()
+        inbox = SampleQueue({"lux": 100})
+        reader = DeviceReader(
+            Loose(clock, start_ns), lambda: None, inbox, clock, Sampling(), start_ns + 10 * S
+        )
+        reader.start()
+        assert reader.join(100.0)
+    readings = []
+    while (item := inbox.get(0.0)) is not None:
+        readings += [item] if isinstance(item, Reading) else []
+    flagged = [one.values for one in readings if one.quality == Quality.IMPLAUSIBLE]
+    assert flagged == [(9.9e37,)] * reader.implausible
+    assert reader.implausible == 5
+    assert {one.values for one in readings if one.quality == Quality.GOOD} == {(1.0,)}

@@ -11,13 +11,11 @@ from click.testing import CliRunner
 from fieldkit.cli import main
 from fieldkit.estimation.estimator import Estimator
 from fieldkit.model.learnt import Learnt
-from fieldkit.model.slope import SlopeEstimate
-from fieldkit.sessions.layout import ESTIMATE_ANGLES
+from fieldkit.model.slope import SLOPE_FIELDS, SlopeEstimate
+from fieldkit.results.estimate import estimate, estimator_for, minutes_of
+from fieldkit.results.sources import config_for
 from fieldkit.sessions.reader import SessionReader, open_session
-from fieldkit.workflows.estimate import estimate, estimator_for, minutes_of
-from fieldkit.workflows.sources import config_for
 
-NUMBERS = (*ESTIMATE_ANGLES, "kelvin_per_degree", "chi_square")
 ENDED_AT = 1300
 """Samples after which one recording is cut off: nine of its twelve minutes."""
 
@@ -70,7 +68,7 @@ def assert_equal(ones: list[SlopeEstimate], others: list[SlopeEstimate]) -> None
     assert [(one.time_ns // 1000, one.region, one.state, one.model) for one in ones] == [
         (other.time_ns // 1000, other.region, other.state, other.model) for other in others
     ]
-    for name in NUMBERS:
+    for name in SLOPE_FIELDS:
         expected = [getattr(other, name) for other in others]
         np.testing.assert_allclose([getattr(one, name) for one in ones], expected, rtol=0, atol=1e-9)
 

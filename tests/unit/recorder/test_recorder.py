@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -13,12 +18,13 @@ from click.testing import CliRunner, Result
 from fieldkit.cli import main
 from fieldkit.estimation.estimator import Estimator
 from fieldkit.estimation.following import RegionFollower
+from fieldkit.model.alarm import phase_of
 from fieldkit.model.samples import Event, EventKind, Health, Severity
-from fieldkit.sessions.layout import journal_path
-from fieldkit.sessions.lock import is_locked
+from fieldkit.recording.request_reader import RequestReader
+from fieldkit.recording.running import stop_recording
+from fieldkit.sessions.lock import is_locked, journal_path
 from fieldkit.sessions.reader import open_session
 from fieldkit.views.terminal_view import PlainView
-from fieldkit.workflows.requests import RequestReader
 from tests.harness.learnt import learnt
 
 LENGTH_S = 100
@@ -154,6 +160,126 @@ def test_a_second_ctrl_c_leaves_a_journal_that_gives_everything_back(
         assert session.state == "recovered"
         assert sum(session.count(name) for name in session.streams) == 100
         assert all(len(list(session.samples(name))) == session.count(name) for name in session.streams)
+
+
+HANGING = """
+import sys, threading
+from fieldkit.cli import main
+from fieldkit.config import FILE_NAME, load_config
+from fieldkit.estimation.estimator import Estimator
+from fieldkit.recorder import recorder
+
+def hang(self, closed):
+    print("hangs", flush=True)
+    threading.Event().wait()
+
+Estimator.minute = hang
+recorder.LONGEST_WAIT_S = float(sys.argv[1])
+main(["record", *sys.argv[2:]])
+"""
+
+
+@pytest.fixture
+def hanging(campaign: Path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
+    """Begins a recording whose estimator hangs in its first minute, waits for that; kills what is left."""
+    begun: list[subprocess.Popen[str]] = []
+
+    def begin(longest_wait_s: float, *words: str) -> subprocess.Popen[str]:
+        fast = ["-C", str(campaign), "--set", "simulation.speed=60", *words]
+        command = [sys.executable, "-c", HANGING, str(longest_wait_s), *fast]
+        begun.append(subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True))
+        assert begun[-1].stdout is not None
+        assert begun[-1].stdout.readline() == "hangs\n"
+        return begun[-1]
+
+    yield begin
+    for process in begun:
+        process.kill()
+        process.communicate()
+
+
+def gives_up(path: Path) -> None:
+    """The session is sealed, says that estimates stopped, and raised that alarm and no other."""
+    _, events = stored(path)
+    (lost,) = [event for event in events if event.kind is EventKind.ESTIMATOR]
+    assert "live estimates stopped: none came for" in lost.text
+    assert "fieldkit estimate" in lost.text
+    assert [event.data["alarm"] for event in events if phase_of(event)] == ["estimator"]
+
+
+def test_a_recording_whose_estimator_hangs_ends_as_planned(
+    campaign: Path, hanging: Callable[..., subprocess.Popen[str]]
+) -> None:
+    done = hanging(1.0, "--for", "100s", "--quiet")
+    _, errors = done.communicate(timeout=120)
+    assert done.returncode == 0, errors
+    gives_up(the_session(campaign))
+    assert is_whole(stored(the_session(campaign))[0])
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_recording_whose_estimator_hangs_is_sealed_at_a_signal(
+    campaign: Path, hanging: Callable[..., subprocess.Popen[str]], number: signal.Signals
+) -> None:
+    done = hanging(2.0, "--quiet")
+    done.send_signal(number)
+    _, errors = done.communicate(timeout=120)
+    assert done.returncode == 0, errors
+    gives_up(the_session(campaign))
+
+
+@pytest.mark.parametrize("second", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("first", [signal.SIGINT, signal.SIGTERM])
+def test_a_second_signal_ends_a_recording_whose_estimator_hangs_and_keeps_its_journal(
+    campaign: Path,
+    hanging: Callable[..., subprocess.Popen[str]],
+    first: signal.Signals,
+    second: signal.Signals,
+) -> None:
+    done = hanging(3600.0)
+    marks = journal_path(the_session(campaign)) / "marks"
+    done.send_signal(first)
+    while marks.exists():  # closed once the recorder is ending
+        assert done.poll() is None
+    done.send_signal(second)
+    _, errors = done.communicate(timeout=120)
+    assert done.returncode != 0
+    assert "the journal is kept. next: fieldkit recover" in errors
+    recovered = CliRunner().invoke(main, ["recover", str(the_session(campaign))])
+    assert recovered.exit_code == 0, recovered.output
+    with open_session(the_session(campaign)) as session:
+        assert session.state == "recovered"
+        assert session.count("thermometer") >= 60
+
+
+def test_a_stop_that_is_repeated_still_seals(
+    campaign: Path, hanging: Callable[..., subprocess.Popen[str]]
+) -> None:
+    done = hanging(3.0)
+    with ThreadPoolExecutor() as pool:
+        stopped = [pool.submit(stop_recording, campaign / "recordings", print) for _ in range(3)]
+        assert {one.result() for one in stopped} == {the_session(campaign)}
+    assert done.wait(120) == 0
+    gives_up(the_session(campaign))
+
+
+def test_estimates_that_are_late_are_an_event_and_so_is_their_return(
+    campaign: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a minute that takes a tenth of a second where a hundredth is a minute late."""
+    monkeypatch.setattr("fieldkit.recorder.health.LATE_S", 0.01)
+    monkeypatch.setattr("fieldkit.recorder.sample_queue.SampleQueue.settled", lambda self, timeout_s: True)
+    genuine = Estimator.minute
+
+    def slow(self: Estimator, closed: object) -> object:
+        threading.Event().wait(0.5)
+        return genuine(self, closed)
+
+    monkeypatch.setattr(Estimator, "minute", slow)
+    assert record(campaign, "--set", "simulation.speed=60").exit_code == 0
+    _, events = stored(the_session(campaign))
+    late = [(event.data["late"], event.severity) for event in events if "late" in event.data]
+    assert late == [("begin", Severity.WARNING), ("end", Severity.INFO)]
 
 
 def test_a_view_that_fails_is_told_and_left_out(campaign: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -81,7 +81,7 @@ def added_s(path: Path) -> np.ndarray:
         steps = propose_time_map(session)
     apply_time_map(path, steps)
     with open_session(path) as session:
-        return (session.times_ns("camera") - session.stream("camera").time_ns()) / 1e9
+        return (session.times_ns("camera") - session.stream("camera").time_ns(recorded=True)) / 1e9
 
 
 def test_sleep_asks_for_a_map_from_there_on(tmp_path: Path) -> None:

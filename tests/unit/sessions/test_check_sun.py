@@ -12,9 +12,11 @@ from fieldkit.model.samples import Quality, Reading
 from fieldkit.model.site import Site
 from fieldkit.sessions.analysis import minute_means
 from fieldkit.sessions.check import Finding, check
+from fieldkit.sessions.clock_correction import apply_time_map
 from fieldkit.sessions.formats.imported import ImportedRecording, write_imported
 from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.reader import open_session
+from fieldkit.sessions.time_map import TimeStep
 
 SITE = Site(35.558675, 139.395232, 9.0, "Asia/Tokyo")
 LUX = StreamInfo("lux", "illuminance", "lx", (1,), rate_hz=1 / 60)
@@ -50,6 +52,14 @@ def test_light_at_its_own_time_fits(tmp_path: Path) -> None:
     found = sun_finding(session(tmp_path / "a.h5", NINE_TO_THREE, clear_light_lx(NINE_TO_THREE)))
     assert found is not None
     assert (found.level, found.text) == ("ok", "the light fits the sun's height at the recorded times")
+
+
+def test_a_corrected_clock_fits(tmp_path: Path) -> None:
+    path = session(tmp_path / "a.h5", NINE_TO_THREE - 2 * HOUR_NS, clear_light_lx(NINE_TO_THREE))
+    apply_time_map(path, [TimeStep(0, 2 * HOUR_NS, "another clock")])
+    found = sun_finding(path)
+    assert found is not None
+    assert (found.level, found.text) == ("ok", "the light fits the sun's height at the corrected times")
 
 
 @pytest.mark.parametrize(("hours_behind", "told"), [(2, "+120 min"), (-3, "-180 min"), (9, "+540 min")])

@@ -12,11 +12,12 @@ import pytest
 
 from fieldkit.model.errors import IncompleteError, IntegrityError, SessionError
 from fieldkit.model.samples import Frame, Quality, Reading
+from fieldkit.results.session import open_session
 from fieldkit.sessions.analysis import minute_means
 from fieldkit.sessions.check import check
 from fieldkit.sessions.formats.images_out import export_pngs, export_tiffs
 from fieldkit.sessions.formats.tables_out import export_netcdf, export_tables
-from fieldkit.sessions.reader import SessionReader, open_session
+from fieldkit.sessions.reader import SessionReader
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.older import as_version_1_0
 from tests.harness.recording import CountedClock, fill, header

@@ -14,12 +14,21 @@ from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.sessions import journal as journal_module
 from fieldkit.sessions import session_file
-from fieldkit.sessions.journal import Journal, RetainedPart, SessionIdentity, SyncThread, wal_of
-from fieldkit.sessions.journal_reader import JournalReader, SampleRow
-from fieldkit.sessions.records import MinuteRecord, RegionRecord, decode_entry, encode_entry
+from fieldkit.sessions.journal import Chunk, Journal, SessionIdentity, SyncThread
+from fieldkit.sessions.journal_reader import JournalReader
+from fieldkit.sessions.log import Kind, LogReader, LogWriter, session_number
+from fieldkit.sessions.records import (
+    MinuteRecord,
+    RegionRecord,
+    SampleRow,
+    decode_entry,
+    encode_entry,
+    encode_sample,
+)
 from fieldkit.sessions.session_file import FileThread
 from tests.harness.learnt import learnt
 from tests.harness.recording import START_NS, header, same, sample
+from tests.unit.sessions.test_log import full_disk
 
 HEADER = header((24, 32))
 IDENTITY = SessionIdentity("a-session", START_NS, 77, HEADER)
@@ -62,68 +71,96 @@ def test_records_come_back_in_order_over_many_parts(tmp_path: Path) -> None:
     with JournalReader(journal.folder) as reader:  # while the writer is still there
         assert reader.identity.header.to_json() == HEADER.to_json()  # by text: NaN
         assert (reader.identity.session_id, reader.identity.anchor_ns) == ("a-session", 77)
-        rows = list(reader.rows())
-        assert len(rows) == journal.next_id == 40 + 8 + 8
-        frames = [row for row in rows if isinstance(row, SampleRow) and row.stream == 0]
+        frames = list(reader.rows(0))
         for seq, row in enumerate(frames):
             found = row.sample(HEADER.streams[0])
             assert found is not None
             assert same(found, sample(HEADER.streams[0], seq))
-        assert [row for row in rows if not isinstance(row, SampleRow)] == [ENTRIES[0]] * 8
-        some = [row.number for row in reader.rows(after=10, before=20) if isinstance(row, SampleRow)]
-        assert some == [n for n in range(11, 20) if n % 7 != 2]
-        assert reader.total(0) == 40
-        assert reader.total(2) == 0
+        assert list(reader.entries()) == [ENTRIES[0]] * 8
+        assert [row.seq for row in reader.rows(0, 11, 20)] == list(range(11, 21))
+        assert reader.numbers(0).tolist() == list(range(40))
+        assert reader.numbers(2).tolist() == []
+        assert list(reader.crc32s(0)) == [encode_sample(sample(HEADER.streams[0], n))[1] for n in range(40)]
+        assert reader.written == journal.written == (40, 8, 0, 8)
+        assert reader.has_end
         assert not reader.damage
     journal.close()
 
 
-def test_closing_copies_nothing_and_reading_changes_nothing(tmp_path: Path) -> None:
-    journal = filled(tmp_path / "journal", 30, part_bytes=10**9)
-    part = journal.part_path(1)
-    size = wal_of(part).stat().st_size
-    journal.close()
-    journal.close()
-    assert wal_of(part).stat().st_size == size
-    before = part.read_bytes(), wal_of(part).read_bytes()
-    with JournalReader(journal.folder) as reader:
-        assert len(list(reader.rows())) == journal.next_id
-    assert (part.read_bytes(), wal_of(part).read_bytes()) == before
-
-
-def test_retired_part_leaves_all_but_the_pictures(tmp_path: Path) -> None:
+def test_what_was_written_since_some_record_is_read_in_its_order(tmp_path: Path) -> None:
     journal = filled(tmp_path / "journal", 40, part_bytes=15_000)
-    retained = RetainedPart(journal.folder, IDENTITY)
-    part, end = journal.full_parts.popleft()
-    retained.retire(part)
+    order = [n for seq in range(40) for n in (("camera", "lux", "event") if seq % 5 == 0 else ("camera",))]
+    for first, last in ((0, 56), (11, 20), (50, 56), (30, 30)):
+        with JournalReader(journal.folder) as reader:
+            found = list(reader.since(first, last))
+        names = [("camera", "lux")[row.stream] if isinstance(row, SampleRow) else "event" for row in found]
+        assert names == order[first:last]
+    journal.close()
+
+
+def test_reading_changes_nothing(tmp_path: Path) -> None:
+    journal = filled(tmp_path / "journal", 30, part_bytes=10**9)
+    journal.close()
+    journal.close()
+    before = {path.name: path.read_bytes() for path in journal.folder.iterdir()}
+    with JournalReader(journal.folder) as reader:
+        assert len(list(reader.rows(0))) == 30
+    assert {path.name: path.read_bytes() for path in journal.folder.iterdir()} == before
+
+
+def test_retired_part_leaves_all_but_the_frames(tmp_path: Path) -> None:
+    journal = filled(tmp_path / "journal", 40, part_bytes=15_000)
+    part, _ = journal.full_parts.popleft()
+    with JournalReader(journal.folder) as reader:
+        crc32s = list(reader.crc32s(0))
+    journal.retire(part)
     assert not part.exists()
     with JournalReader(journal.folder) as reader:
-        rows = list(reader.rows())
-        assert len(rows) == journal.next_id
-        gone = [row for row in rows if isinstance(row, SampleRow) and row.data is None]
-        assert gone
-        assert all(row.stream == 0 and row.number < end for row in gone)
+        frames = list(reader.rows(0))
+        gone = [row for row in frames if row.data is None]
+        assert 0 < len(gone) < len(frames) == 40
+        assert [row.seq for row in gone] == list(range(len(gone)))
         assert all(row.sample(HEADER.streams[0]) is None for row in gone)
-        assert list(reader.crc32s(0)) == [row.crc32 for row in reader.stream_rows(0)]
-    retained.close()
+        assert list(reader.crc32s(0)) == crc32s
+        assert all(row.sample(HEADER.streams[1]) is not None for row in reader.rows(1))
+        assert len(list(reader.entries())) == 8
+        assert reader.written == journal.written
+        assert reader.has_end
     journal.close()
 
 
-def test_next_part_is_made_ready_before_it_is_needed(tmp_path: Path) -> None:
-    journal = filled(tmp_path / "journal", 6, part_bytes=15_000)
-    journal.prepare()
-    assert journal.part_path(2).exists()
-    assert journal.number == 1
-    for seq in range(6, 30):
-        journal.append(sample(HEADER.streams[0], seq))
-    assert journal.number >= 2
+def test_part_that_was_kept_but_not_yet_deleted_is_read_once_with_its_frames(tmp_path: Path) -> None:
+    journal = filled(tmp_path / "journal", 40, part_bytes=15_000)
+    part, _ = journal.full_parts.popleft()
+    shutil.copy(part, tmp_path / "part")
+    journal.retire(part)
+    shutil.copy(tmp_path / "part", part)
+    with JournalReader(journal.folder) as reader:
+        rows = list(reader.rows(0))
+        assert [row.seq for row in rows] == list(range(40))
+        assert all(row.data is not None for row in rows)
+        assert len(list(reader.entries())) == 8
+    journal.close()
+
+
+def test_chunks_are_found_by_their_first_row(tmp_path: Path) -> None:
+    journal = filled(tmp_path / "journal", 3, part_bytes=10**9)
+    block = [Chunk("/camera/counts", 9, 0, x, 2**40 + x, 100 + x, 7 + x) for x in (0, 16)]
+    rows = [Chunk("/camera/metadata_rows", 9, 0, 0, 5, 6, 7)]
+    again = [Chunk("/camera/counts", 9, 0, 0, 1, 2, 3)]
+    journal.note_chunks([*block, *rows])
+    journal.note_chunks(again)
+    with JournalReader(journal.folder) as reader:
+        assert reader.chunks("/camera/counts", 9) == [*block, *again]
+        assert reader.chunks("/camera/metadata_rows", 9) == rows
+        assert reader.chunks("/camera/counts", 0) == []
     journal.close()
 
 
 def test_row_with_a_changed_byte_is_not_handed_out(tmp_path: Path) -> None:
     journal = filled(tmp_path / "journal", 3, part_bytes=10**9)
     with JournalReader(journal.folder) as reader:
-        row = next(reader.stream_rows(0))
+        row = next(reader.rows(0))
         assert row.data is not None
         assert row.more is not None
         assert row.with_bytes(b"\xff" + row.data[1:], row.more).sample(HEADER.streams[0]) is None
@@ -135,13 +172,60 @@ def test_row_with_a_changed_byte_is_not_handed_out(tmp_path: Path) -> None:
 def test_journal_without_its_first_part_still_reads(tmp_path: Path) -> None:
     journal = filled(tmp_path / "journal", 40, part_bytes=15_000)
     journal.close()
-    for path in (journal.part_path(1), wal_of(journal.part_path(1))):
-        path.write_bytes(b"garbage" * 1000)
+    journal.part_path(1).write_bytes(b"garbage" * 1000)
     with JournalReader(journal.folder) as reader:
-        numbers = [row.number for row in reader.rows() if isinstance(row, SampleRow)]
-        assert numbers
-        assert min(numbers) > 0
-        assert any("000001" in line for line in reader.damage)
+        numbers = reader.numbers(0).tolist()
+        assert numbers == list(range(numbers[0], 40))
+        assert numbers[0] > 0
+        assert reader.written == (40, 8, 0, 8)
+        assert reader.has_end
+
+
+def test_records_of_an_earlier_journal_that_the_disk_shows_again_are_not_taken(tmp_path: Path) -> None:
+    """After a power cut a file may end in bytes of one that was deleted before."""
+    journal = filled(tmp_path / "journal", 3, part_bytes=10**9)
+    journal.close()
+    earlier = LogWriter(tmp_path / "earlier", session_number("an earlier one"))
+    for seq in range(3, 9):
+        frame, _ = encode_sample(sample(HEADER.streams[0], seq))
+        earlier.append(Kind.SAMPLE, 0, (seq + 1, 1, 0, 1), *frame)
+    earlier.close()
+    part = journal.part_path(1)
+    part.write_bytes(part.read_bytes() + (tmp_path / "earlier").read_bytes())
+    with JournalReader(journal.folder) as reader:
+        assert reader.numbers(0).tolist() == [0, 1, 2]
+        assert reader.written == (3, 1, 0, 1)
+
+
+@pytest.mark.parametrize("name", ["confirmed.log", "kept.log"])
+def test_file_of_the_journal_that_is_gone_is_named(tmp_path: Path, name: str) -> None:
+    journal = filled(tmp_path / "journal", 3, part_bytes=10**9)
+    journal.close()
+    (journal.folder / name).unlink()
+    with JournalReader(journal.folder) as reader:
+        assert reader.damage == [f"{name} is gone"]
+
+
+def test_end_that_only_the_count_knows_of_is_lost_and_not_the_end(tmp_path: Path) -> None:
+    journal = filled(tmp_path / "journal", 10, part_bytes=10**9)
+    journal.confirm(journal.written)
+    journal.close()
+    part = journal.part_path(1)
+    log = LogReader(part)
+    *_, last = log.heads()
+    log.close()
+    part.write_bytes(part.read_bytes()[: last.at])  # as if the last record had never been there
+    with JournalReader(journal.folder) as reader:
+        assert not reader.has_end
+    part.write_bytes(part.read_bytes()[: part.stat().st_size // 2])
+    with JournalReader(journal.folder) as reader:
+        assert reader.written == (10, 2, 0, 2)
+        assert len(reader.numbers(0)) < 10
+        assert not reader.has_end
+    (journal.folder / "confirmed.log").unlink()
+    with JournalReader(journal.folder) as reader:
+        assert reader.written[0] == len(reader.numbers(0))
+        assert not reader.has_end
 
 
 def test_folder_without_a_journal_is_refused(tmp_path: Path) -> None:
@@ -157,19 +241,20 @@ def _append_many(journal: Journal) -> None:
 def test_full_disk_is_a_storage_error_and_earlier_rows_stay(tmp_path: Path) -> None:
     journal = filled(tmp_path / "journal", 10, part_bytes=10**9)
     count = journal.next_id
-    # SQLite's own limit on pages gives the very error of a full disk (SQLITE_FULL).
-    pages = journal._database.execute("PRAGMA page_count").fetchone()[0]
-    journal._database.execute(f"PRAGMA max_page_count={pages}")
-    with pytest.raises(StorageError, match="full"):
+    with (
+        full_disk(journal.part_path(1).stat().st_size + 10_000),
+        pytest.raises(StorageError, match="too large"),
+    ):
         _append_many(journal)
     stored = journal.next_id
-    assert count <= stored < count + 30
-    journal._database.execute("PRAGMA max_page_count=100000")
+    assert count < stored < count + 30
     journal.append(ENTRIES[0])  # room again: it goes on
     journal.close()
-    shutil.copytree(journal.folder, tmp_path / "copy")
-    with JournalReader(tmp_path / "copy") as reader:
-        assert len(list(reader.rows())) == stored + 1
+    with JournalReader(journal.folder) as reader:
+        assert sum(len(reader.numbers(stream)) for stream in range(3)) == stored - 2
+        assert len(list(reader.entries())) == 3
+        assert reader.has_end
+        assert not reader.damage
 
 
 def test_parts_stay_until_the_file_has_their_records(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -209,5 +294,37 @@ def test_a_disk_that_does_not_confirm_is_told_and_the_part_is_asked_for_again(
     assert "Input/output error" in told[0]
     monkeypatch.setattr(journal_module, "sync_data", asked.append)
     thread._sync()
-    assert asked == [wal_of(journal.part_path(1))] * 2
+    assert asked == [journal.part_path(1)] * 2
+    journal.close()
+
+
+def test_journal_that_is_deleted_is_reported_at_once_and_once(tmp_path: Path) -> None:
+    journal = filled(tmp_path / "journal", 6, part_bytes=10**9)
+    told: list[str] = []
+    thread = SyncThread(journal, told.append)
+    thread._sync()
+    assert told == []
+    shutil.rmtree(journal.folder)
+    thread._sync()
+    thread._sync()
+    assert len(told) == 1
+    assert "was deleted while recording" in told[0]
+    journal.close()
+
+
+def test_what_the_disk_did_not_confirm_is_not_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(path: Path) -> None:
+        raise OSError(5, "Input/output error")
+
+    journal = filled(tmp_path / "journal", 6, part_bytes=10**9)
+    size = (journal.folder / "confirmed.log").stat().st_size
+    thread = SyncThread(journal, lambda text: None)
+    monkeypatch.setattr(journal_module, "sync_data", refuse)
+    thread._sync()
+    assert (journal.folder / "confirmed.log").stat().st_size == size
+    monkeypatch.undo()
+    thread._sync()
+    assert (journal.folder / "confirmed.log").stat().st_size > size
     journal.close()

@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import tracemalloc
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from inspect import Parameter, signature
 from pathlib import Path
 from typing import Any
 
@@ -14,18 +15,22 @@ import h5py
 import numpy as np
 import pytest
 
+from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import SessionError
 from fieldkit.model.learnt import Learnt
+from fieldkit.model.samples import Quality
 from fieldkit.model.slope import SlopeEstimate, SlopeState
+from fieldkit.results.session import open_session
+from fieldkit.results.session import open_session as open_whole_session
 from fieldkit.sessions.check import check
 from fieldkit.sessions.file_tree import LIBVER
 from fieldkit.sessions.layout import MAX_LEARNT
-from fieldkit.sessions.reader import SessionReader, open_session
+from fieldkit.sessions.reader import SessionReader
 from fieldkit.sessions.recovery import recover
 from fieldkit.sessions.seal import SealReport, seal
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.learnt import learnt
-from tests.harness.recording import CountedClock, fill, header
+from tests.harness.recording import CountedClock, fill, header, sample
 
 
 @pytest.fixture
@@ -90,6 +95,53 @@ def test_a_stream_that_is_not_there_or_cannot_do_it_is_refused_by_name(path: Pat
         with pytest.raises(SessionError, match="lux") as caught:
             session["lux"].kelvin()
         assert "camera" in caught.value.message + (caught.value.fix or "")
+
+
+ARGUMENTS = {
+    "stream": "camera", "camera": "camera", "meter": "lux", "path": "config/header", "to": "csv", "end": 9,
+    "row": 0, "box": (slice(1), slice(1)), "step": 1, "with_rows": False,
+}  # fmt: skip
+VAR_ARGS, VAR_NAMES = Parameter.VAR_POSITIONAL, Parameter.VAR_KEYWORD
+OPEN_OR_NOT = {"close", "is_closed", "name", "config_toml", "damaged", "info", "frame_datasets"}
+"""What does not need the file; the last are objects of h5py, which closed with it."""
+CLOSED = r"field\.h5 is closed\n  fix: open it again: fieldkit\.open_session|'\w+' is (not )?a camera"
+
+
+def read(of: object, name: str) -> None:
+    """Read a property, or call a method with whatever it needs and go through all that it returns."""
+    found = getattr(of, name)
+    if callable(found):
+        known = {**ARGUMENTS, "name": "seq" if name == "column" else "lux" if name == "stream" else "events"}
+        asked = [one for one in signature(found).parameters.values() if one.kind not in (VAR_ARGS, VAR_NAMES)]
+        needed = [one.name for one in asked if one.default is one.empty]
+        found = found(**{one: known[one] for one in needed})
+        list(found if isinstance(found, Iterator) else ())
+
+
+def test_every_method_of_a_closed_session_states_that_it_is_closed(path: Path) -> None:
+    with open_whole_session(path) as session:
+        objects = [session, *(found for name in session for found in (session[name], session.stream(name)))]
+    for of in objects:
+        names = {name for name in dir(of) if not name.startswith("_") and hasattr(type(of), name)}
+        for name in sorted(names - OPEN_OR_NOT):
+            with pytest.raises(SessionError, match=CLOSED):
+                read(of, name)
+
+
+def test_a_closed_session_can_be_shown(path: Path) -> None:
+    with open_whole_session(path) as session:
+        camera = session["camera"]
+    assert (repr(session), session._repr_html_()) == ("<Session field: closed>", None)
+    assert repr(camera).startswith("<Stream camera: closed, ")
+
+
+def test_session_closed_while_its_samples_are_read_is_not_damaged(path: Path) -> None:
+    with open_session(path) as session:
+        samples = session.samples("camera")
+        next(samples)
+    with pytest.raises(SessionError, match="is closed"):
+        list(samples)
+    assert session.damaged == {}
 
 
 def test_a_row_that_only_some_columns_have_is_not_read(path: Path) -> None:
@@ -159,6 +211,27 @@ def test_older_minor_version_without_a_column_is_read(path: Path) -> None:
     with open_session(path) as session:
         assert session.estimates() == []
         assert session.clock_checks() == []
+
+
+def test_slopes_and_what_was_learnt_without_a_confidence_have_the_former_one(
+    tmp_path: Path,
+) -> None:
+    clock = CountedClock()
+    writer = SessionWriter(tmp_path / "field.h5", header((24, 32)), clock)
+    slope = SlopeEstimate(clock.to_utc_ns(clock.mono_ns()), "b05", SlopeState.OK, 5.0, confidence=0.95)
+    found = replace(learnt(), parameters=tuple(replace(one, confidence=0.95) for one in learnt().parameters))
+    writer.minute(slope.time_ns, [slope], learnt=found)
+    writer.close()
+    with open_session(tmp_path / "field.h5") as session:
+        assert {one.confidence for one in session.estimates()} == {0.95}
+        (back,) = session.learnt().values()
+        assert {one.confidence for one in back.parameters} == {0.95}
+    with h5py.File(tmp_path / "field.h5", "r+", libver=LIBVER) as file:
+        del file["estimates/confidence"], file["learnt/confidence"]
+    with open_session(tmp_path / "field.h5") as session:
+        assert {one.confidence for one in session.estimates()} == {0.90}
+        (back,) = session.learnt().values()
+        assert {one.confidence for one in back.parameters} == {0.90}
 
 
 Harm = Callable[[h5py.File], None]
@@ -364,3 +437,43 @@ def test_session_is_still_being_recorded_while_it_is_sealed(
     assert seen == ["recording", 20, 20, "warn"]
     with open_session(tmp_path / "a.h5") as session:
         assert session.state == "sealed"
+
+
+def test_readings_that_cannot_be_are_stored_as_they_came_and_have_no_value(tmp_path: Path) -> None:
+    """Of a reading only the channel that cannot be is lost; the flag is there on reading."""
+    head = header((24, 32))
+    writer = SessionWriter(tmp_path / "a.h5", head, clock := CountedClock())
+    for seq, values in enumerate([(290.0, 291.0, 292.0, 293.0), (290.0, -7725.85, 292.0, 9.9e37)]):
+        now = clock.mono_ns()
+        reading = sample(head.streams[2], seq, now, clock.to_utc_ns(now))
+        writer.append(reading._replace(values=values))
+    writer.close()
+    with open_session(tmp_path / "a.h5") as session:
+        stored = session.stream("thermometer").column("value")
+        readings = session.readings("thermometer")
+        again = list(session.samples("thermometer"))
+        dataset = session.to_xarray("thermometer")
+        assert np.isnan(dataset["value"].values).tolist() == np.isnan(readings.values).tolist()
+        assert dataset["flags"].values.tolist() == readings.flags.tolist()
+        assert session.to_pandas("thermometer")["T2 [K]"].isna().tolist() == [False, True]
+    assert stored[1].tolist() == [290.0, -7725.85, 292.0, 9.9e37]
+    assert np.isnan(readings.values).tolist() == [[False] * 4, [False, True, False, True]]
+    assert readings.flags.tolist() == [0, int(Quality.IMPLAUSIBLE)]
+    assert [one.quality for one in again] == [Quality.GOOD, Quality.IMPLAUSIBLE]
+    assert again[1].values == (290.0, -7725.85, 292.0, 9.9e37)
+
+
+def test_light_that_the_sun_cannot_give_at_that_height_has_no_value(tmp_path: Path) -> None:
+    """In Tokyo it is night at 15:06 UTC: BSRN's limit of global light is then 100 W/m2."""
+    sun = StreamInfo("sun", "irradiance", "W m-2", (1,), measures=("ghi",), raw_bytes=16)
+    writer = SessionWriter(
+        tmp_path / "a.h5", replace(header((24, 32)), streams=(sun,)), clock := CountedClock()
+    )
+    for seq, value in enumerate([50.0, 800.0]):
+        now = clock.mono_ns()
+        writer.append(sample(sun, seq, now, clock.to_utc_ns(now))._replace(values=(value,)))
+    writer.close()
+    with open_session(tmp_path / "a.h5") as session:
+        assert session.readings("sun").flags.tolist() == [0, int(Quality.IMPLAUSIBLE)]
+        (excess,) = session.stream("sun").excesses()
+    assert (excess.count, excess.first, excess.value) == (1, 1, 800.0)

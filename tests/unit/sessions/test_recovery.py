@@ -5,7 +5,8 @@ from __future__ import annotations
 import errno
 import os
 import shutil
-import sqlite3
+import struct
+from collections.abc import Callable
 from pathlib import Path
 
 import h5py
@@ -15,11 +16,12 @@ from fieldkit.model.errors import StorageError
 from fieldkit.model.samples import Event, EventKind, Quality, Severity
 from fieldkit.sessions import salvage
 from fieldkit.sessions.clock_correction import apply_time_map
-from fieldkit.sessions.journal import wal_of
 from fieldkit.sessions.journal_reader import JournalReader
-from fieldkit.sessions.layout import journal_path
+from fieldkit.sessions.lock import journal_path
+from fieldkit.sessions.log import Kind, LogReader, LogWriter
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.recovery import recover
+from fieldkit.sessions.sample_fields import STAMPS_BYTES
 from fieldkit.sessions.session_file import SessionFile
 from fieldkit.sessions.time_map import TimeStep
 from fieldkit.sessions.writer import SessionWriter
@@ -45,6 +47,29 @@ def recorded(path: Path, frames: int, *, sealed: bool) -> None:
         writer._stop()
         writer._file_thread.close()
         writer._session_lock.release()
+
+
+def rewritten(part: Path, change: Callable[[int, bytes], bytes]) -> None:
+    """Let a part of a journal have been written with other frames."""
+    reader, copy = LogReader(part), part.with_name("copy")
+    heads = list(reader.heads())
+    writer = LogWriter(copy, heads[0].session)
+    for head in heads:
+        payload = reader.payload(head)
+        assert payload is not None
+        is_frame = head.kind == Kind.SAMPLE and head.stream == 0
+        writer.append(
+            Kind(head.kind), head.stream, head.counts, change(head.seq, payload) if is_frame else payload
+        )
+    writer.close()
+    reader.close()
+    copy.replace(part)
+
+
+def later(row: bytes) -> bytes:
+    """A journalled sample with another time than that of its checksum."""
+    mono_ns, time_ns = struct.unpack_from("<qq", row)
+    return struct.pack("<qq", mono_ns, time_ns + 5000) + row[16:]
 
 
 @pytest.fixture(scope="module")
@@ -147,9 +172,7 @@ def test_block_that_does_not_verify_is_made_again_sample_by_sample(
     """The journal itself is damaged: one row's stamp is not the one that its checksum is of."""
     path = tmp_path / "a.h5"
     recorded(path, 95, sealed=False)
-    with sqlite3.connect(journal_path(path) / "000001.sqlite") as database:
-        database.execute("UPDATE sample SET time_ns = time_ns + 5000 WHERE stream = 0 AND seq = 20")
-    database.close()
+    rewritten(journal_path(path) / "000001.log", lambda seq, row: later(row) if seq == 20 else row)
     report = recover(path)
     assert report.lost_samples == 0  # the file has it as it was
     with open_session(path) as session:
@@ -207,7 +230,7 @@ def test_complete_new_file_of_a_recovery_that_was_cut_off_is_used(tmp_path: Path
     """After a power cut the journal may be gone and the new file not yet in its place."""
     path = tmp_path / "a.h5"
     recorded(path, 300, sealed=False)
-    log = wal_of(journal_path(path) / "000001.sqlite")
+    log = journal_path(path) / "000001.log"
     log.write_bytes(log.read_bytes()[: log.stat().st_size // 2])
     path.unlink()
     shutil.copytree(tmp_path, tmp_path / "other")
@@ -246,12 +269,12 @@ def test_events_that_a_torn_journal_lost_come_from_the_file_once_and_in_order(tm
     writer._file_thread.join()  # all of it is in the file
     writer._file_thread.file.flush(everything=True)
     writer.abandon()
-    log = wal_of(journal_path(path) / "000001.sqlite")
+    log = journal_path(path) / "000001.log"
     data = bytearray(log.read_bytes())
     third = len(data) // 3
     data[third : 2 * third] = bytes(third)
     log.write_bytes(data)
-    with JournalReader(log.parent, salvage=True) as journal:
+    with JournalReader(log.parent) as journal:
         assert len([one for one in journal.entries() if isinstance(one, Event)]) < 200
     report = recover(path)
     assert not any("are lost" in line for line in report.damage)
@@ -285,7 +308,7 @@ def test_journal_goes_only_when_the_disk_has_the_new_file_in_its_place(tmp_path:
     changes = disk.read_log(tmp_path / "log", path.parent)
     renamed = next(n for n, one in enumerate(changes) if one.kind == "R" and one.path == "a.h5.recovering")
     synced = next(n for n, one in enumerate(changes) if n > renamed and (one.kind, one.path) == ("E", "."))
-    gone = next(n for n, one in enumerate(changes) if one.kind == "U" and one.path.endswith(".sqlite-wal"))
+    gone = next(n for n, one in enumerate(changes) if one.kind == "U" and one.path.endswith("000001.log"))
     assert renamed < synced < gone
 
 
@@ -373,9 +396,46 @@ def test_chunks_are_where_the_journal_says(tmp_path: Path, monkeypatch: pytest.M
     data[:4096] = bytes(4096)  # the file's own index is out of reach
     path.write_bytes(data)
     folder = journal_path(path)
-    with sqlite3.connect(folder / "000001.sqlite") as database:  # as a long journal is shortened
-        database.execute("UPDATE sample SET data = NULL, more = NULL WHERE stream = 0 AND seq < 90")
-    database.close()
+    rewritten(folder / "000001.log", lambda seq, row: row[:STAMPS_BYTES] if seq < 90 else row)
     report = recover(path)
     assert report.lost_samples <= 9  # a chunk may have stood in what was overwritten
     assert report.counts["camera"] >= 86
+
+
+def test_session_killed_before_its_journal_was_made_is_cleared_away(tmp_path: Path) -> None:
+    path = tmp_path / "a.h5"
+    journal_path(path).mkdir()
+    (journal_path(path) / "lock").write_text("4711\n")
+    (journal_path(path) / "000001.log").write_bytes(b"\xf5fkL as far as it came")
+    (journal_path(path) / "reserve").write_bytes(bytes(1000))
+    report = recover(path)
+    assert (report.counts, report.lost) == ({}, ())
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_session_without_a_sample_is_recovered(tmp_path: Path) -> None:
+    """Killed when its journal was made, but not yet its file."""
+    path = tmp_path / "a.h5"
+    SessionWriter(path, HEADER, CountedClock()).abandon()
+    path.unlink()
+    report = recover(path)
+    assert report.counts == {"camera": 0, "lux": 0, "thermometer": 0}
+    assert (report.lost, report.end_is_known) == ((), True)
+    with open_session(path) as session:
+        assert session.state == "recovered"
+
+
+def test_end_that_is_not_known_is_said(tmp_path: Path) -> None:
+    """Half of the journal is gone, and with it the count of what the disk had confirmed."""
+    path = tmp_path / "a.h5"
+    recorded(path, 20, sealed=False)
+    path.unlink()
+    part = journal_path(path) / "000001.log"
+    part.write_bytes(part.read_bytes()[: part.stat().st_size // 2])
+    (journal_path(path) / "confirmed.log").unlink()
+    report = recover(path)
+    assert not report.end_is_known
+    assert "confirmed.log is gone" in report.damage
+    with open_session(path) as session:
+        text = session.events()[-1].text
+    assert text.endswith("samples behind the last one may be lost")

@@ -2,15 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, replace
+from io import BytesIO
 from pathlib import Path
+from typing import Any
 
+import h5py
 import pytest
 
+from fieldkit.model.clock import ClockCheck
 from fieldkit.model.errors import SessionError, StorageError
 from fieldkit.model.samples import Event, EventKind, Frame, Health
+from fieldkit.model.slope import SlopeEstimate, SlopeState
+from fieldkit.results.export import export
+from fieldkit.results.session import Session
+from fieldkit.results.session import open_session as open_whole
+from fieldkit.results.stream import Stream
 from fieldkit.sessions.check import check
 from fieldkit.sessions.clock_correction import apply_time_map, changing_path
+from fieldkit.sessions.formats.exports import EXPORTS
 from fieldkit.sessions.formats.imported import ImportedRecording
 from fieldkit.sessions.formats.merged import merge
 from fieldkit.sessions.layout import RECOVERED
@@ -18,6 +30,7 @@ from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.recovery import rebuild
 from fieldkit.sessions.time_map import TimeStep
 from fieldkit.sessions.writer import SessionWriter
+from tests.harness.learnt import learnt
 from tests.harness.recording import CountedClock, header, sample
 
 S = 1_000_000_000
@@ -114,3 +127,148 @@ def test_log_is_not_put_beside_a_session_whose_journal_holds_more(tmp_path: Path
             merge(session, ImportedRecording((log,), [sample(log, 0)]), tmp_path / "b.h5", "log.csv")
         assert "fieldkit recover" in (refused.value.fix or "")
     assert not (tmp_path / "b.h5").exists()
+
+
+# --- every output: a session recorded an hour late and corrected, beside one recorded at the right time
+
+LATE_NS = 3_601_234_567_000
+"""An hour and a bit, in whole microseconds, in which tables are stored."""
+MOMENTS = ("begin_ns", "end_ns", "from_ns", "since_ns", "noted_ns", "after_ns", "before_ns")
+
+
+class ClockAhead(CountedClock):
+    """The same clock, ahead by a constant."""
+
+    def __init__(self, ahead_ns: int) -> None:
+        super().__init__()
+        self._ahead_ns = ahead_ns
+
+    def to_utc_ns(self, mono_ns: int) -> int:
+        return super().to_utc_ns(mono_ns) + self._ahead_ns
+
+
+def full_session(path: Path, ahead_ns: int) -> Path:
+    """Five seconds of everything that a session can hold."""
+    clock = ClockAhead(ahead_ns)
+    writer = SessionWriter(path, HEADER, clock)
+    utc_ns = [clock.to_utc_ns(n * S) for n in range(130)]
+    for n in range(5):
+        for info in HEADER.streams:
+            writer.append(sample(info, n, n * S, utc_ns[n]))
+    writer.event(Event(EventKind.MARK, 2 * S, utc_ns[2], "cloud", data=dict.fromkeys(MOMENTS, utc_ns[4])))
+    writer.event(Event(EventKind.SLEPT, 2 * S, utc_ns[2], "slept", data={"slept_ns": 5}))
+    writer.health(Health(4 * S, utc_ns[4], (), 0, 0, 0.0, 0.0, 0.0))
+    writer.clock_check(ClockCheck(3 * S, utc_ns[0] - ahead_ns + LATE_NS, 50, "gps"))
+    _, target = HEADER.regions
+    moved = replace(target, vertices=tuple((x + 1.0, y) for x, y in target.vertices))
+    writer.region(moved, utc_ns[60])
+    writer.region(replace(target, name="later"), utc_ns[60])
+    slopes = [
+        SlopeEstimate(utc_ns[4], name, SlopeState.OK, 5.0, 180.0, window_start_ns=utc_ns[1])
+        for name in (target.name, "later")
+    ]
+    writer.minute(utc_ns[4], slopes, 800.0, "eq10", learnt=learnt())
+    writer.close()
+    return path
+
+
+BY_STREAM: dict[str, Callable[[Any], list[int]]] = {
+    "times_ns": lambda found: found.tolist(),
+    "samples": lambda found: [one.time_ns for one in found],
+    "readings": lambda found: found.time_ns.tolist(),
+    "region_series": lambda found: found.time_ns.tolist(),
+    "to_pandas": lambda found: found.index.asi8.tolist(),
+    "to_xarray": lambda found: found["time"].values.tolist(),
+}
+OF_SESSION = {
+    "start_ns", "end_ns", "region_schedule", "events", "health", "region_history", "region_changes",
+    "estimates", "learnt", "irradiance", "minutes", "timed_table",
+}  # fmt: skip
+OTHERWISE = {"stream", "export", "plot", "estimate", "slope_map", "report"}
+"""Tested below, and in `tests/unit/results/test_from_python.py`."""
+WITHOUT_TIMES = {
+    "check", "clock_checks", "close", "columns_are_sealed", "config_toml", "count", "damaged", "flags",
+    "format_version", "group", "identity", "integrity", "is_closed", "kelvin", "name", "object_digest",
+    "provenance", "raw", "refresh", "regions", "require_finished", "require_open", "sealed_objects",
+    "sealed_tables", "tables", "time_map", "was_finished",
+}  # fmt: skip
+AS_STORED = {"table", "datasets", "entries"}
+
+
+def outputs(session: Session) -> dict[str, object]:
+    """Everything with a time in it that a session's methods return."""
+    found: dict[str, object] = {}
+    for name in OF_SESSION - {"timed_table", "irradiance"}:
+        value = getattr(session, name)
+        found[name] = json.dumps(value() if callable(value) else value, default=asdict)  # there NaN is NaN
+    found["irradiance"] = session.irradiance()["time_ns"].tolist()
+    for name in session.tables:
+        table = session.timed_table(name)
+        found[f"table {name}"] = {key: table[key].tolist() for key in table if key.endswith("_ns")}
+    found["all samples"] = [one.time_ns for one in session.samples()]
+    for name, info in session.streams.items():
+        reader = session.stream(name)
+        found[f"{name}: stored"] = reader.time_ns().tolist(), [one.time_ns for one in reader.samples()]
+        for method in BY_STREAM.keys() - {"readings" if info.is_camera else "region_series"}:
+            found[f"{name}: {method}"] = BY_STREAM[method](getattr(session[name], method)())
+    return found
+
+
+def contents(path: Path) -> object:
+    """What an exported file holds, but for what identifies the session."""
+    match path.suffix:
+        case ".parquet":
+            return pytest.importorskip("pandas").read_parquet(path).to_csv()
+        case ".nc":
+            with h5py.File(path, "r") as file:
+                return {name: file[name][()].tobytes() for name in file if name != "crc32"}
+        case ".mcap":
+            messages = (
+                pytest.importorskip("mcap.reader").make_reader(BytesIO(path.read_bytes())).iter_messages()
+            )
+            return [(channel.topic, message.log_time, message.data) for _, channel, message in messages]
+    return path.read_bytes()
+
+
+@pytest.fixture
+def corrected_and_right(tmp_path: Path) -> Iterator[tuple[Session, Session]]:
+    (tmp_path / "late").mkdir()
+    (tmp_path / "right").mkdir()
+    apply_time_map(full_session(tmp_path / "late/a.h5", 0), [TimeStep(0, LATE_NS, "gps")])
+    right = full_session(tmp_path / "right/a.h5", LATE_NS)
+    with open_whole(tmp_path / "late/a.h5") as one, open_whole(right) as other:
+        yield one, other
+
+
+def test_every_method_returns_corrected_times(corrected_and_right: tuple[Session, Session]) -> None:
+    corrected, right = map(outputs, corrected_and_right)
+    assert {name: (corrected[name], right[name]) for name in right if corrected[name] != right[name]} == {}
+
+
+def test_no_method_of_a_session_was_forgotten() -> None:
+    public = {name for kind in (Session, Stream) for name in dir(kind) if not name.startswith("_")}
+    known = OF_SESSION | BY_STREAM.keys() | OTHERWISE | WITHOUT_TIMES | AS_STORED | {"counts"}
+    assert public == known
+
+
+@pytest.mark.parametrize("kind", list(EXPORTS))
+def test_every_export_has_corrected_times(
+    corrected_and_right: tuple[Session, Session], kind: str, tmp_path: Path
+) -> None:
+    corrected, right = (
+        export(session, kind, tmp_path / session.path.parent.name / "out").files
+        for session in corrected_and_right
+    )
+    assert [path.name for path in corrected] == [path.name for path in right]
+    assert corrected
+    for one, other in zip(corrected, right, strict=True):
+        assert contents(one) == contents(other), one.name
+
+
+def test_xarray_backend_has_corrected_times(corrected_and_right: tuple[Session, Session]) -> None:
+    xr = pytest.importorskip("xarray")
+    corrected, right = (
+        xr.open_dataset(session.path, engine="fieldkit", group="camera")["time"].values.tolist()
+        for session in corrected_and_right
+    )
+    assert corrected == right

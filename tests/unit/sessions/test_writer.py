@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import sqlite3
+import shutil
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -16,10 +16,11 @@ from fieldkit.model.errors import ConfigError, IntegrityError, RefusedError, Ses
 from fieldkit.model.samples import Event, EventKind, Health, Quality, Severity, StreamHealth
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SlopeEstimate, SlopeState
+from fieldkit.recording.recordings import is_interrupted
 from fieldkit.sessions import seal as seal_module
 from fieldkit.sessions import session_file
 from fieldkit.sessions.journal import Journal
-from fieldkit.sessions.layout import journal_path
+from fieldkit.sessions.lock import journal_path
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.recovery import recover
 from fieldkit.sessions.session_file import SessionFile
@@ -216,8 +217,8 @@ def test_long_journal_is_shortened_and_nothing_is_lost(
     while writer._journal.full_parts and writer._journal.full_parts[0][1] < 250 and not idle.wait(0.01):
         pass
     writer.abandon()
-    parts = sorted(item.name for item in (tmp_path / "killed.h5.journal").glob("*.sqlite"))
-    assert "000001.sqlite" not in parts
+    parts = sorted(item.name for item in (tmp_path / "killed.h5.journal").glob("*.log"))
+    assert "000001.log" not in parts
     report = recover(path)
     assert report.lost_samples == 0
     appended_and_read(path, appended)
@@ -262,9 +263,11 @@ def test_session_of_which_something_is_lost_is_not_sealed(
     while writer._file_thread.error is None:
         threading.Event().wait(0.005)
     monkeypatch.setattr(SessionFile, "put", put)
-    with sqlite3.connect(journal_path(path) / "000001.sqlite") as database:
-        database.execute("UPDATE sample SET data = zeroblob(10) WHERE stream = 0 AND seq >= 75")
-    database.close()
+    part = journal_path(path) / "000001.log"
+    data = bytearray(part.read_bytes())
+    for seq in range(75, 80):
+        data[data.index(sample(HEADER.streams[0], seq).counts[5].tobytes())] ^= 1
+    part.write_bytes(data)
     with pytest.raises(StorageError, match="camera: 5 samples lost") as caught:
         writer.close()
     assert "fieldkit recover" in (caught.value.fix or "")
@@ -324,3 +327,37 @@ def test_a_file_that_lacks_the_journals_last_sample_is_not_sealed(tmp_path: Path
     for name in crcs:
         with pytest.raises(IntegrityError, match=f"samples of {name} are not those of the journal"):
             seal_module.seal(tmp_path / "a.h5", {**crcs, name: [*crcs[name], 1]}, 1)
+
+
+def test_journal_deleted_while_recording_is_reported_and_the_session_interrupted(tmp_path: Path) -> None:
+    clock, path = CountedClock(), tmp_path / "a.h5"
+    writer = SessionWriter(path, HEADER, clock)
+    appended = fill(writer, 30, clock)
+    shutil.rmtree(journal_path(path))
+    writer._syncer._sync()  # as each second
+    with pytest.raises(StorageError, match="its journal was deleted while it was recorded") as caught:
+        writer.close()
+    assert "fieldkit recover" in (caught.value.fix or "")
+    assert is_interrupted(path)
+    report = recover(path)
+    assert report.damage == ("the journal is gone: only what the file itself holds is recovered",)
+    assert not report.end_is_known
+    assert not is_interrupted(path)
+    appended_and_read(path, appended)
+    with open_session(path) as session:
+        assert any("was deleted while recording" in event.text for event in session.events())
+
+
+def test_bytes_written_are_those_on_the_disk(tmp_path: Path) -> None:
+    """Of a meter alone: each reading once cost the journal pages of 4096 bytes."""
+    head = dataclasses.replace(HEADER, streams=HEADER.streams[1:2])
+    writer = SessionWriter(tmp_path / "a.h5", head, CountedClock())
+    empty = writer.bytes_written
+    for seq in range(2000):
+        writer.append(sample(head.streams[0], seq))
+    writer._stop()
+    writer._file_thread.finish(0)
+    files = [tmp_path / "a.h5", *journal_path(tmp_path / "a.h5").glob("*.log")]
+    assert writer.bytes_written == sum(file.stat().st_size for file in files)
+    assert writer.bytes_written - empty < 2000 * 400  # what is planned for before a recording
+    writer.abandon()

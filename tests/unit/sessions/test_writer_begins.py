@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import gc
 import os
+import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from multiprocessing.queues import Queue
 from multiprocessing.synchronize import Barrier
@@ -105,3 +107,32 @@ def test_sessions_can_be_begun_in_several_threads_at_once(tmp_path: Path) -> Non
 
     with ThreadPoolExecutor(4) as pool:
         assert list(pool.map(begin_and_close, range(12))) == [1] * 12
+
+
+FEW_FILES = """
+import resource, sys
+from pathlib import Path
+from fieldkit.model.errors import StorageError
+from fieldkit.sessions.writer import SessionWriter
+from tests.harness.recording import CountedClock, header
+
+folder = Path(sys.argv[1])
+SessionWriter(folder / "warm.h5", header((24, 32)), CountedClock()).discard()
+free = len(list(Path("/proc/self/fd").iterdir()))
+for more in range(12):
+    resource.setrlimit(resource.RLIMIT_NOFILE, (free + more, resource.getrlimit(resource.RLIMIT_NOFILE)[1]))
+    try:
+        SessionWriter(folder / "a.h5", header((24, 32)), CountedClock()).discard()
+    except StorageError:
+        print(more, *sorted(item.name for item in folder.iterdir()))
+"""
+
+
+def test_start_without_enough_open_files_leaves_nothing_behind(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", FEW_FILES, str(tmp_path)], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    failed = done.stdout.splitlines()
+    assert 3 < len(failed) < 12, done.stderr
+    assert all(line.isdigit() for line in failed), failed

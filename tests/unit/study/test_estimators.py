@@ -5,6 +5,7 @@ L 400 W/m2: figures of an independent simulation with the same conditions.
 """
 
 from dataclasses import replace
+from datetime import date
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,8 @@ from fieldkit.study.estimators import (
     simulated_temperatures,
     summarise,
 )
+from fieldkit.study.runs import POSTERIOR_SLOPES, StudyOptions, slopes_for
+from fieldkit.weather import packaged
 
 PAPER = Site(35.558675, 139.395232, 9.0, "Asia/Tokyo")
 NOISELESS = StudySettings()
@@ -115,6 +118,40 @@ def test_noise_of_a_tenth_of_a_kelvin(hour, p90, mean):
     summary = summarise(run_study(random_slopes(8000, seed=3), conditions(hour), noisy).tilt_error_deg)
     assert summary.p90 == pytest.approx(p90, rel=0.06)
     assert summary.mae == pytest.approx(mean, rel=0.08)
+
+
+def test_a_thermometer_shows_the_nearest_of_its_steps():
+    exact, _ = simulated_temperatures(normal([10.0], [180.0]), conditions(3), NOISELESS)
+    shown, _ = simulated_temperatures(
+        normal([10.0], [180.0]), conditions(3), replace(NOISELESS, quantum_k=0.5)
+    )
+    np.testing.assert_allclose(shown, np.rint(exact * 2.0) / 2.0, atol=1e-9)
+
+
+def test_the_error_by_direction_is_of_the_slopes_nearest_to_it_and_not_of_flat_ground():
+    truth = normal([0.0, 10.0, 10.0, 20.0], [0.0, 44.0, 46.0, 350.0])
+    found = Outcome(truth, normal([9.0, 11.0, 13.0, 24.0], [0.0, 44.0, 46.0, 350.0]))
+    centres, errors = found.by_direction()
+    known = {int(centre): error for centre, error in zip(centres, errors, strict=True) if np.isfinite(error)}
+    assert known == {0: pytest.approx(4.0), 30: pytest.approx(1.0), 60: pytest.approx(3.0)}
+
+
+def test_the_posterior_solves_fewer_slopes_than_the_paper_has():
+    """It solves them one by one: 22 021 would take an hour."""
+    assert (
+        len(slopes_for(StudyOptions(), "posterior"))
+        == POSTERIOR_SLOPES
+        < len(slopes_for(StudyOptions(), "contours"))
+    )
+
+
+def test_measured_weather_brings_its_place_and_day():
+    """NOAA SURFRAD, Alamosa: 37.70 N, 105.92 W."""
+    options = StudyOptions.of(weather=packaged())
+    assert (options.site.latitude_deg, options.site.longitude_deg) == pytest.approx(
+        (37.70, -105.92), abs=0.01
+    )
+    assert options.day == date(2016, 1, 1)
 
 
 def test_shaded_minutes_are_left_out_in_the_evening():

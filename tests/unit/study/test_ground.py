@@ -152,7 +152,7 @@ def test_another_file_is_refused(tmp_path):
 
 
 def test_the_command_prints_and_writes_both_halves(record, tmp_path):
-    words = ["--ground", str(record), "--out", str(tmp_path), "--json"]
+    words = ["--measured-ground", str(record), "--out", str(tmp_path), "--json"]
     printed = CliRunner().invoke(command, words, catch_exceptions=False)
     first, second = json.loads(printed.stdout)["ground"]
     assert (first["fitted"], second["fitted"]) == ("first half", "second half")

@@ -17,8 +17,8 @@ from click.testing import CliRunner
 from fieldkit.cli import main
 from fieldkit.config import load_config
 from fieldkit.model.samples import Frame, Reading
+from fieldkit.recording.record import prepare
 from fieldkit.views.service_manager import RecordingReports, notify
-from fieldkit.workflows.record import prepare
 from tests.harness.service_manager import ServiceManager
 
 SILENCE_S = 3.0  # of a feed that comes once a second

@@ -212,3 +212,29 @@ def test_a_register_that_stands_for_no_value_has_none():
     assert math.isnan(found.value)
     assert found.quality == Quality.NO_VALUE
     assert "open" in found.states
+
+
+@pytest.mark.parametrize(
+    ("type_", "registers"),
+    [
+        # SunSpec, "not implemented": the least signed and the greatest unsigned; greatest signed: over range
+        ("s16", (0x8000,)),
+        ("s16", (0x7FFF,)),
+        ("u16", (0xFFFF,)),
+        ("s32", (0x8000, 0x0000)),
+        ("s32", (0x7FFF, 0xFFFF)),
+        ("u32", (0xFFFF, 0xFFFF)),
+        ("f32", (0x7FC0, 0x0000)),
+        ("f32", (0x7F80, 0x0000)),
+    ],
+)
+def test_counts_that_stand_for_no_value_by_their_type_have_none(tmp_path, type_, registers):
+    mine = tmp_path / "mine.toml"
+    mine.write_text(
+        'title = "x"\nquantity = "irradiance"\nunit = "W m-2"\nfunction = 3\nfirst = 0\n'
+        f"count = {len(registers)}\n"
+        f'[[channel]]\nname = "sun"\nregister = 0\ntype = "{type_}"\nunit = "W m-2"\nscale = 1e-6\n'
+    )
+    (value,) = load_map(str(mine)).values(registers)
+    assert math.isnan(value.value)
+    assert value.quality == Quality.NO_VALUE

@@ -2,8 +2,10 @@ import math
 import time
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from fieldkit.drivers.decoding import Rejected
+from fieldkit.drivers.decoding import Record, Rejected
 from fieldkit.drivers.meters.text import Grammar, Text
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
@@ -44,9 +46,7 @@ def test_sentinels_blanks_and_nan_are_no_value():
     assert all(math.isnan(value.value) for value in record.values)
 
 
-@pytest.mark.parametrize(
-    "line", [b"hello world=\xff\n", b"T1=abc C\n", b"21.5,x1y\n", b"1,2,3\n", b"=5\n", b"1" * 600]
-)
+@pytest.mark.parametrize("line", [b"hello world=\xff\n", b"T1=abc C\n", b"1,2,3\n", b"=5\n", b"1" * 600])
 def test_what_is_no_line_of_ours_is_rejected(line):
     assert isinstance(Grammar(("a", "b")).parse(line[:512]), Rejected)
 
@@ -144,3 +144,163 @@ def test_only_the_name_of_a_column_says_which_light_a_board_measures(wire, line,
     device = Text().open(settings(wire, **options), HostClock())
     assert device.info.measures == measures
     device.close()
+
+
+C, LX = "°C", "lx"
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        (b"Light: 54612.5 lx", [("Light", 54612.5, LX)]),
+        (b"Light:54612.5lux", [("Light", 54612.5, LX)]),
+        (b"Light level: 54612 lx Temp: 23.1 C", [("Light level", 54612.0, LX), ("Temp", 23.1, C)]),
+        (b"Temp(C): 23.1", [("Temp", 23.1, C)]),
+        (b"Temp (C): -23.1", [("Temp", -23.1, C)]),
+        (b"Sensor 1: 21.5 C, Sensor 2: -0.5 C", [("Sensor 1", 21.5, C), ("Sensor 2", -0.5, C)]),
+        # the line of the DHT examples, its degree sign in Latin-1
+        (
+            b"Humidity: 55.00%  Temperature: 23.40\xb0C 74.12\xb0F  Heat index: 23.24\xb0C 73.83\xb0F",
+            [("Humidity", 55.0, "%"), ("Temperature", 23.4, C), ("Heat index", 23.24, C)],
+        ),
+        (b"T=21.5 L=300", [("T", 21.5, ""), ("L", 300.0, "")]),
+        (b"T=21.5 C L=300 lx", [("T", 21.5, C), ("L", 300.0, LX)]),
+        (b"P: 1013 hPa T: 3 C", [("P", 1013.0, "hPa"), ("T", 3.0, C)]),
+        (b"tempC=23.4, light_lux=300", [("tempC", 23.4, C), ("light_lux", 300.0, LX)]),
+        (b"23.4C;54612 lux", [("column 1", 23.4, C), ("column 2", 54612.0, LX)]),
+        (b"21.5 C 98760 lx", [("column 1", 21.5, C), ("column 2", 98760.0, LX)]),
+        (b"21.5 98760", [("column 1", 21.5, ""), ("column 2", 98760.0, "")]),
+        ("E=120 µW/cm2".encode(), [("E", 120.0, "µW/cm²")]),
+        ("T: \N{MINUS SIGN}3.2 \N{DEGREE CELSIUS}".encode(), [("T", -3.2, C)]),
+        (b"12:34:56.789 -> Light: 5 lx", [("Light", 5.0, LX)]),
+        (b"[00:01:02] T=21.5 C", [("T", 21.5, C)]),
+        (b"25.11.2026 12:00:00;-21.5;3", [("column 1", -21.5, ""), ("column 2", 3.0, "")]),
+        (b"I (310) main: T=21.5 C", [("T", 21.5, C)]),
+        (
+            b'{"temp_c": 21.5, "id": "bed", "sky": {"lux": 98760}, "ok": true}',
+            [("temp_c", 21.5, C), ("sky.lux", 98760.0, LX)],
+        ),
+        (b'{"temp": {"value": 23.4, "unit": "C"}}', [("temp.value", 23.4, C)]),
+        (b"[21.5, 3]", [("column 1", 21.5, ""), ("column 2", 3.0, "")]),
+    ],
+)
+def test_lines_of_other_boards_are_read(line, expected):
+    assert values(line + b"\n") == expected
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        "OL",
+        "ovf",
+        "---",
+        "nan",
+        "NaN",
+        "n/a",
+        "null",
+        "ERR!",
+        "",
+        ">99999",
+        "9x760",
+        "98.7.60",
+        "abc",
+        "1e999",
+    ],
+)
+@pytest.mark.parametrize(
+    "line", ["ms,temp_c,lux\n1,21.5,{}\n", "temp_c=21.5, lux={}\n", '{{"temp_c": 21.5, "lux": "{}"}}\n']
+)
+def test_a_bad_field_costs_its_channel_alone(line, bad):
+    decoded = Text().decode(line.format(bad).encode(), {})
+    (kept, *lost) = decoded.values
+    assert (kept.channel, kept.value, kept.flags) == ("temp_c", 21.5, [])
+    assert all((one.channel, one.flags) == ("lux", ["no_value"]) for one in lost)
+    assert decoded.rejected == ()
+
+
+def test_a_board_whose_light_is_over_range_keeps_its_temperatures(wire):
+    wire.talk(b"ms,temp_c,lux\n1,21.5,OL\n")
+    device = Text().open(settings(wire), HostClock())
+    reading = device.read(1.0)
+    assert (reading.values, reading.quality) == ((pytest.approx(294.65),), Quality.GOOD)
+    device.close()
+
+
+def test_an_open_probe_of_a_board_without_other_channels_is_no_value_of_its_stream(wire):
+    wire.talk(b"T=OL\nT=21.5 C\n")
+    device = Text().open(settings(wire), HostClock())
+    readings = [device.read(1.0) for _ in range(4)]
+    assert device.info.unit == "K"
+    assert {(one.quality, math.isnan(one.values[0])) for one in readings} == {
+        (Quality.NO_VALUE, True),
+        (Quality.GOOD, False),
+    }
+    device.close()
+
+
+@pytest.mark.parametrize("end", [b"\r", b"\n", b"\r\n"])
+def test_lines_end_with_cr_lf_or_both(wire, end):
+    assert values(b"T=1 C" + end + b"T=2 C" + end) == [("T", 1.0, "°C"), ("T", 2.0, "°C")]
+    wire.talk(b"T=21.5 C" + end)
+    device = Text().open(settings(wire), HostClock())
+    assert [device.read(1.0).values[0] for _ in range(3)] == [pytest.approx(294.65)] * 3
+    assert device.rejected <= 1  # the line that was under way
+    device.close()
+
+
+def test_messages_of_a_board_that_starts_do_not_declare_its_stream(wire):
+    boot = b"rst:0x1 (POWERON_RESET),boot:0x13\r\nmode:DIO, clock div:1\r\nWiFi connected: yes\r\nready\r\n"
+    wire.talk(boot + b"21.5 C, 98760 lx\r\n")
+    device = Text().open(settings(wire), HostClock())
+    assert (device.info.unit, device.info.channels) == ("K", ("column 1",))
+    device.close()
+
+
+@pytest.mark.parametrize(
+    ("line", "reason"),
+    [
+        (b"LUX 980.2\n", "'LUX 980.2': lines may be"),
+        (b"T=21,5 C\n", "'T=21,5 C': a number without a name, or a decimal comma"),
+        (b"lux=54,612 lx\n", "decimal comma"),
+        (b"x: 12 345 lx\n", "lines may be"),
+        (b"1,2,3\n", "'1,2,3': 3 fields, 2 columns"),
+        (b"{oops}\n", "not JSON"),
+        (b"T=\xfe\xff\n", "wrong baud rate"),
+    ],
+)
+def test_a_line_that_is_rejected_is_shown_with_the_reason(line, reason):
+    assert reason in Grammar(("a", "b")).parse(line).reason
+
+
+@pytest.mark.parametrize("said", [b"LUX 980.2\n", b"LUX 980.2 "])
+def test_a_board_that_cannot_be_read_shows_its_line_and_the_accepted_forms(wire, said):
+    wire.talk(said)
+    with pytest.raises(DecodeError) as caught:
+        Text().open(settings(wire), HostClock())
+    assert "LUX 980.2" in caught.value.message
+    assert "T1=21.56 C, lux=98760 lx | Light: 98760 lx" in caught.value.fix
+
+
+def test_a_meter_states_why_it_dropped_a_line(wire):
+    wire.talk(b"T=21.5 C\nLUX 980.2\n")
+    device = Text().open(settings(wire), HostClock())
+    for _ in range(3):
+        device.read(1.0)
+    assert "'LUX 980.2'" in device.rejected_because
+    device.close()
+
+
+def test_microwatts_and_kilolux_become_the_streams_unit(wire):
+    """1 µW/cm² is 1e-6 W on 1e-4 m²."""
+    wire.talk(b"ghi=71200 uW/cm2\n")
+    device = Text().open(settings(wire), HostClock())
+    assert device.info.unit == "W m-2"
+    assert device.read(1.0).values == (pytest.approx(712.0),)
+    device.close()
+
+
+@given(st.text('T1=: ,;.-+eE{}[]"°Cxlu2\t0x:', max_size=60))
+def test_whatever_a_board_prints_is_a_record_or_a_reason(line):
+    parsed = Grammar(("a_c", "b")).parse(line.encode() + b"\n")
+    assert parsed.length == len(line.encode()) + 1
+    assert isinstance(parsed, Record) or parsed.reason

@@ -14,11 +14,15 @@ import pytest
 
 from benchmarks.drawn_worlds import BROKEN_CLOUD, CLEAR
 from fieldkit.estimation.bins import RegionColumns
-from fieldkit.estimation.learned import filters as constants
-from fieldkit.estimation.learned.filters import Filters, Hypotheses, prior_sds
+from fieldkit.estimation.learned import prior_state as constants
+from fieldkit.estimation.learned import surface
+from fieldkit.estimation.learned.filters import Filters
+from fieldkit.estimation.learned.hypotheses import Hypotheses
 from fieldkit.estimation.learned.inputs import Logged, minute_inputs
 from fieldkit.estimation.learned.layout import GUSTS, Layout
+from fieldkit.estimation.learned.prior_state import prior_sds
 from fieldkit.model.samples import Quality
+from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.facet import tilt_azimuth
 from fieldkit.physics.layer_modes import RATES_PER_S, layer_modes
 from tests.harness.drawn import drawn_world
@@ -29,22 +33,18 @@ DRAWN = Hypotheses(*(np.array([one]) for one in (17.0, 640.0, 0.04, 1.4, 1.2)))
 SHARED_CONSTANTS = ("gain", "diffuse", "circumsolar", "longwave", "air")
 
 
-class FrozenFilters(Filters):
-    """Filters that take products of unknowns around a fixed state and fluxes at fixed temperatures."""
+class FrozenModel(surface.SurfaceModel):
+    """Takes products of unknowns around a fixed state (n,) and fluxes at measured temperatures."""
 
     fixed: np.ndarray
 
-    def _terms(self, minute, sources, taken_k):
-        mean, self.mean = self.mean, self.fixed
-        try:
-            return super()._terms(minute, sources, minute.temperature_k + np.zeros_like(taken_k))
-        finally:
-            self.mean = mean
+    def _linearised(self, minute, sources, mean, taken_k):
+        return super()._linearised(minute, sources, self.fixed[np.newaxis], minute.temperature_k[np.newaxis])
 
     def flux(self, minute, region):
         """Net flux of a region as a row (n,) and a constant, at its measured temperature."""
-        rows, constants = self._fluxes(minute, self._sources(minute), minute.temperature_k[np.newaxis])
-        return rows[0, region], constants[0, region]
+        flux = self._flux(minute, self._sources(minute), minute.temperature_k[np.newaxis])
+        return flux.rows[0, region], flux.constant[0, region]
 
 
 def response(modes, time_s):
@@ -115,7 +115,7 @@ class Dense:
         means = {"gain": settings.scale, "circumsolar": prior.circumsolar_share}
         for name, sd in prior_sds(settings, known(has_air, settings)).items():
             self.block(name, means.get(name, 0.0), sd**2)
-        self.block("board", 0.0, constants.BOARD_SD_W_M2**2)
+        self.block("board", 0.0, surface.BOARD_SD_W_M2**2)
         for target, axes in enumerate(layout.facing):
             up = axes[2] > 0.0
             sd = np.where(up, constants.NORMAL_UP_SD, prior.normal_horizontal_sd)
@@ -150,9 +150,9 @@ class Dense:
         change = np.array([minute.direct_change for minute in self.minutes])
         direct = np.array([minute.direct for minute in self.minutes])
         self.block("beam", 0.0, np.diag((prior.beam_change_share * change) ** 2))
-        self.block("moment", 0.0, np.diag((constants.MOMENT_SHARE * change) ** 2))
+        self.block("moment", 0.0, np.diag((surface.MOMENT_SHARE * change) ** 2))
         self.block("camera", 0.0, self.settings.noise_k**2 * np.eye(n))
-        self.block("edge", 0.0, np.diag((constants.EDGE_SHARE * direct) ** 2))
+        self.block("edge", 0.0, np.diag((surface.EDGE_SHARE * direct) ** 2))
 
     def _places(self, minute):
         """Which unknown stands at which place of the filter's state, as pairs."""
@@ -170,7 +170,7 @@ class Dense:
         """Net flux (minutes, unknowns) and (minutes,) at the measured temperature."""
         rows, constant = np.zeros((self.count, self.size)), np.zeros(self.count)
         for number, minute in enumerate(self.minutes):
-            flux, constant[number] = self.filters.flux(minute, region)
+            flux, constant[number] = self.filters.model.flux(minute, region)
             for place, unknown in self._places(number):
                 rows[number, unknown] = flux[place]
         return rows, constant
@@ -184,8 +184,8 @@ class Dense:
         conducted = sum(np.diag(np.full(n - lag, kernel[lag]), -lag) for lag in range(n))
         rows, constant = self._without_losses(region)
         taken_k = np.array([minute.temperature_k[region] for minute in self.minutes])
-        surface = self.settings.surface
-        steepness = 4.0 * surface.emissivity_broadband * constants.STEFAN_BOLTZMANN * taken_k**3
+        emissivity = self.settings.surface.emissivity_broadband
+        steepness = 4.0 * emissivity * STEFAN_BOLTZMANN * taken_k**3
         losses = np.diag(steepness + drawn.exchange[0])
         free = conducted @ rows
         free[:, self.blocks[f"level{region}"]] += 1.0
@@ -245,11 +245,13 @@ def window(seed, day, azimuth, has_air):
     for row in range(MINUTES):
         before = minutes[-1] if minutes else None
         minutes.append(minute_inputs(history, row, layout, settings, before, int(history.minute[0])))
-    around = Filters(layout, DRAWN, settings, minutes[0], known(has_air, settings)).mean[0]
+    has = known(has_air, settings)
+    filters = Filters(layout, DRAWN, settings, minutes[0], has)
+    around = filters.mean[0].copy()
     for target, axes in enumerate(layout.facing):  # leaning towards the sun, so that all terms count
         around[layout.normal(target)] -= 0.1 * axes[1]
-    filters = FrozenFilters(layout, DRAWN, settings, minutes[0], known(has_air, settings), around)
-    filters.fixed = around[np.newaxis]
+    filters.model = FrozenModel(layout, DRAWN, settings, has, around)
+    filters.model.fixed = around
     return filters, minutes, settings
 
 

@@ -39,8 +39,7 @@ def with_nan(history, rows, *names, columns=slice(None)):
 
 def without(history, rows):
     """A history in which some minutes have no bin."""
-    kept = np.setdiff1d(np.arange(len(history)), rows)
-    return type(history)(*(getattr(history, name)[kept] for name in history.__slots__))
+    return history.at(np.setdiff1d(np.arange(len(history)), rows))
 
 
 def assert_sound(estimated, tilt_limit_deg=45.0):
@@ -255,13 +254,14 @@ def test_temperatures_of_another_world_are_survived():
 
 def shaded(history, columns, rows, found_at=None):
     """With a board over beds, told at once or found at a later minute."""
-    flags, since = history.region_flags.copy(), np.full(history.region_flags.shape, 2**62)
-    until = since.copy()
+    flags = np.zeros_like(history.region_flags)
+    flags[rows, columns] = int(Quality.SHADED)
     if found_at is None:
-        flags[rows, columns] |= int(Quality.SHADED)
-    else:
-        since[rows, columns] = history.minute[found_at]
-    return replace(history, region_flags=flags, shaded_from=since, shaded_until=until)
+        return replace(history, region_flags=flags)
+    cells = np.argwhere(flags)
+    known = np.full(len(cells), history.minute[found_at])
+    entries = np.column_stack([known, history.minute[cells[:, 0]], cells[:, 1]])
+    return replace(history, region_flags=0 * flags, shade_ledger=entries)
 
 
 def test_shade_found_afterwards_counts_as_if_flagged_from_the_start():
@@ -286,9 +286,8 @@ def test_shade_found_afterwards_counts_as_if_flagged_from_the_start():
 def test_shade_found_after_a_draw_gives_nearly_what_a_flag_would_have():
     """Hypotheses drawn before differ, so the slopes do by a part of the region's width."""
     drawn = world(40, shade_test=True)
-    flags = (drawn.history.region_flags & int(Quality.SHADED)) != 0
-    late = np.where(flags, drawn.history.minute[30], 2**62)
-    later = replace(drawn.history, region_flags=0 * drawn.history.region_flags, shaded_from=late)
+    rows, columns = np.nonzero(drawn.history.is_shaded())
+    later = shaded(drawn.history, columns, rows, found_at=30)
     chain = SlopeChain(drawn.regions, drawn.settings)
     for row in (20, 29, 31, 40):
         estimated = chain.at(later.until(row))

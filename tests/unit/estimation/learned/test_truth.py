@@ -9,7 +9,8 @@ import pytest
 from benchmarks.drawn_worlds import BROKEN_CLOUD, CLEAR
 from fieldkit.estimation.bins import RegionColumns
 from fieldkit.estimation.chain import SlopeChain
-from fieldkit.estimation.learned.filters import Filters, Hypotheses
+from fieldkit.estimation.learned.filters import Filters
+from fieldkit.estimation.learned.hypotheses import Hypotheses
 from fieldkit.estimation.learned.inputs import Logged, minute_inputs
 from fieldkit.estimation.learned.layout import Layout
 from fieldkit.estimation.learned.learner import Learner

@@ -20,14 +20,17 @@ from fieldkit.model.samples import Event, EventKind, Frame, Reading
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.physics.camera_laws import temperature_k
 from fieldkit.pixel_axes import BELOW_PX, LEFT_PX
+from fieldkit.results.export import export
+from fieldkit.results.session import open_session
 from fieldkit.sessions.file_tree import LIBVER
-from fieldkit.sessions.formats.images_out import export_mp4, export_pngs, export_tiffs
+from fieldkit.sessions.formats.exports import EXPORTS
+from fieldkit.sessions.formats.images_out import export_pngs, export_tiffs, export_video
 from fieldkit.sessions.formats.mcap_out import export_mcap
 from fieldkit.sessions.formats.stills import Scale, read_stills
-from fieldkit.sessions.formats.tables_out import export_netcdf, export_tables
-from fieldkit.sessions.formats.tiff import read_tags
+from fieldkit.sessions.formats.tables_out import as_text, export_netcdf, export_tables
+from fieldkit.sessions.formats.tiff import read_pages
 from fieldkit.sessions.layout import SessionHeader
-from fieldkit.sessions.reader import SessionReader, open_session
+from fieldkit.sessions.reader import SessionReader
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.faults import small_session
 from tests.harness.learnt import learnt
@@ -36,6 +39,7 @@ from tests.harness.recording import START_NS, CountedClock, fill, header, pictur
 HEADER = header((24, 32))
 TWO_CAMERAS = replace(HEADER, streams=(*HEADER.streams, replace(HEADER.streams[0], name="cam2")))
 FRAMES = 20
+PLANCK = {"r1": 16125.788, "b": 1420.1, "f": 1.0, "o": -5588, "r2": 0.0109034}
 
 
 def recorded(path: Path, about: SessionHeader = HEADER, frames: int = FRAMES) -> SessionReader:
@@ -90,7 +94,7 @@ def test_pandas_has_units_in_its_columns(session: SessionReader) -> None:
     pytest.importorskip("pandas")
     table = session.to_pandas("thermometer")
     assert list(table.columns[:4]) == ["T1 [K]", "T2 [K]", "T3 [K]", "T4 [K]"]
-    assert table["T3 [K]"].iloc[4] == 2 + 4 / 3
+    assert table["T3 [K]"].iloc[4] == 252 + 4 / 3
     assert str(table.index.tz) == "UTC"
     assert list(session.to_pandas("lux").columns[:1]) == ["illuminance [lx]"]
 
@@ -119,6 +123,16 @@ def test_tables_are_tidy_and_come_back(session: SessionReader, tmp_path: Path, k
     assert read(paths["events"])["text"].iloc[0] == "wolke über b05"
 
 
+@pytest.mark.parametrize("name", EXPORTS)
+def test_every_format_of_the_table_is_written(name: str, tmp_path: Path) -> None:
+    pytest.importorskip("mcap")
+    pytest.importorskip("pyarrow")
+    found = export(small_session(tmp_path / "field.h5"), name, tmp_path / "out")
+    assert found.problems == ()
+    assert {path.name for path in found.files} == {path.name for path in (tmp_path / "out").iterdir()}
+    assert all(path.stat().st_size > 0 for path in found.files)
+
+
 def test_table_of_slopes_has_both_ends_of_each_region(tmp_path: Path) -> None:
     pd = pytest.importorskip("pandas")
     with open_session(small_session(tmp_path / "field.h5")) as session:
@@ -130,6 +144,7 @@ def test_table_of_slopes_has_both_ends_of_each_region(tmp_path: Path) -> None:
         181.0,
         190.0,
     )
+    assert row.keys() >= {"sensitivity [K/deg]", "chi-square", "confidence", "second tilt [deg]"}
 
 
 @pytest.mark.parametrize("kind", ["csv", "parquet"])
@@ -180,6 +195,49 @@ def test_tiffs_say_themselves_what_a_count_means_and_when_they_were_taken(
     assert all(np.array_equal(a.counts, b.counts) for a, b in zip(frames, originals, strict=True))
 
 
+@pytest.mark.parametrize(
+    ("scale", "step"),
+    [(0.01, 0.01), (1 / 64, 0.02), (0.04, 0.04), (0.1, 0.16)],  # 655.35, 1023.98, 2621.4 and 6553.5 K
+)
+def test_temperatures_beyond_the_scale_of_tiffs_are_not_clipped(
+    tmp_path: Path, scale: float, step: float, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A pixel of 65535 counts: 16 bits of 0.01 K end at 655.35 K, of 0.02 K at 1310.7 K and so on."""
+    info = replace(HEADER.streams[0], scale=scale)
+    writer = SessionWriter(tmp_path / "a.h5", replace(HEADER, streams=(info,)), CountedClock())
+    hot = sample(info, 1)
+    hot.counts[3, 4] = 65_535
+    for frame in (sample(info, 0), hot):
+        writer.append(frame)
+    writer.close()
+    folder = tmp_path / "tiffs"
+    folder.mkdir()
+    with open_session(tmp_path / "a.h5") as session:
+        export_tiffs(session, folder)
+        expected = session.kelvin()
+    imported = read_stills(folder, None)
+    found = np.array([frame.counts for frame in imported.samples]) * imported.streams[0].scale
+    assert imported.streams[0].scale == step
+    assert found[1, 3, 4] == pytest.approx(65_535 * scale, abs=step / 2)
+    assert np.abs(found - expected).max() <= 0.51 * step
+    assert ("a count of the TIFFs is" in caplog.text) == (step > 0.01)
+
+
+def test_pixels_without_a_temperature_are_zero_and_never_the_hottest(tmp_path: Path) -> None:
+    """FLIR's law has no solution for counts below -O, here 5588."""
+    info = replace(HEADER.streams[0], law="planck", scale=float("nan"), settings=PLANCK)
+    writer = SessionWriter(tmp_path / "a.h5", replace(HEADER, streams=(info,)), CountedClock())
+    frame = sample(info, 0)
+    frame.counts[:], frame.counts[3, 4] = 18_000, 5000
+    writer.append(frame)
+    writer.close()
+    with open_session(tmp_path / "a.h5") as session:
+        path, _ = export_tiffs(session, tmp_path)
+    counts = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    assert counts[3, 4] == 0
+    assert 28_000 < counts[0, 0] < 31_000
+
+
 def test_tiffs_are_read_by_other_programs_with_their_tags(session: SessionReader, tmp_path: Path) -> None:
     """Pillow, which knows nothing of fieldkit; tag 42112 is what GDAL takes scale and offset from."""
     image = pytest.importorskip("PIL.Image")
@@ -198,7 +256,7 @@ def test_descriptions_of_other_programs_are_no_tags_of_ours(tmp_path: Path, text
     image = pytest.importorskip("PIL.Image")
     path = tmp_path / "other.tiff"
     image.fromarray(np.full((4, 4), 30_000, np.uint16)).save(path, description=text)
-    assert read_tags(path) is None
+    assert [page.tags for page in read_pages(path)] == [None]
     with pytest.raises(ConfigError, match="what one count"):
         read_stills(path, None)
 
@@ -245,7 +303,7 @@ def test_a_spreadsheet_computes_nothing_that_somebody_typed(tmp_path: Path) -> N
     pd = pytest.importorskip("pandas")
     lux = replace(HEADER.streams[1], shape=(2,), channels=("=1+1", "right"))
     writer = SessionWriter(tmp_path / "field.h5", replace(HEADER, streams=(lux,)), CountedClock())
-    writer.append(sample(lux, 0)._replace(values=(-3.0, 1.0)))
+    writer.append(sample(lux, 0)._replace(values=(3.0, 1.0)))
     for text in ('=HYPERLINK("http://a.example")', "+1", "-2", "@SUM(A1)", "\tx", "5 = 5"):
         writer.event(Event(EventKind.MARK, 0, START_NS, text))
     writer.close()
@@ -256,7 +314,36 @@ def test_a_spreadsheet_computes_nothing_that_somebody_typed(tmp_path: Path) -> N
     assert texts[0] == '\'=HYPERLINK("http://a.example")'
     table = pd.read_csv(paths["lux"])
     assert list(table.columns[1:3]) == ["'=1+1 [lx]", "right [lx]"]
-    assert table["'=1+1 [lx]"].tolist() == [-3.0]
+    assert table["'=1+1 [lx]"].tolist() == [3.0]
+
+
+@pytest.mark.parametrize("sign", "=+-@\uff1d\uff0b\uff0d\uff20")
+@pytest.mark.parametrize(
+    "before",
+    [
+        "",
+        " ",
+        "   ",
+        "\t",
+        "\r",
+        "\n",
+        " \t ",
+        "\xa0",
+        "\u3000",
+        "\u2003",
+        "\u200b",
+        "\ufeff",
+        "\x00",
+        "\x1f",
+    ],
+)
+def test_blanks_before_a_sign_do_not_make_a_formula_of_a_cell(before: str, sign: str) -> None:
+    assert as_text(f"{before}{sign}1+1") == f"'{before}{sign}1+1"
+
+
+@pytest.mark.parametrize("text", ["b15", " b15", "5 = 5", "a\n=1", "", " ", "°C", "(=1)", "\u200bx=1"])
+def test_other_cells_of_a_table_stay_as_they_are(text: str) -> None:
+    assert as_text(text) == text
 
 
 def test_tiffs_of_two_sessions_in_one_folder_come_back_through_import(tmp_path: Path) -> None:
@@ -269,7 +356,7 @@ def test_tiffs_of_two_sessions_in_one_folder_come_back_through_import(tmp_path: 
     assert len(list(read_stills(folder, Scale(0.01), times=folder / "times.csv", zone=UTC).samples)) == 4
 
 
-@pytest.mark.parametrize("export", [export_tiffs, export_pngs, export_mp4])
+@pytest.mark.parametrize("export", [export_tiffs, export_pngs, export_video])
 def test_pictures_of_each_camera_have_files_of_their_own(
     two_cameras: SessionReader, tmp_path: Path, export
 ) -> None:
@@ -279,7 +366,7 @@ def test_pictures_of_each_camera_have_files_of_their_own(
     assert all(path.exists() for path in first | second)
 
 
-@pytest.mark.parametrize("export", [export_tiffs, export_pngs, export_mp4])
+@pytest.mark.parametrize("export", [export_tiffs, export_pngs, export_video])
 def test_camera_that_is_not_known_is_asked_for(two_cameras: SessionReader, tmp_path: Path, export) -> None:
     with pytest.raises(ConfigError, match="frames of 2 cameras") as caught:
         export(two_cameras, tmp_path)
@@ -297,7 +384,7 @@ def test_pictures_show_scale_and_regions(session: SessionReader, tmp_path: Path)
     x += LEFT_PX
     assert image[y, x + 40].min() > 200  # the outline's upper edge
     assert image[y + 7, x + 4].max() < 20  # beside the name
-    (film,) = export_mp4(session, tmp_path)
+    (film,) = export_video(session, tmp_path)
     reader = cv2.VideoCapture(str(film))
     assert int(reader.get(cv2.CAP_PROP_FRAME_COUNT)) == FRAMES
     reader.release()

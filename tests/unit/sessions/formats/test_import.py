@@ -16,12 +16,13 @@ import pytest
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import EventKind, Frame, Quality, Severity
 from fieldkit.model.site import Site
-from fieldkit.sessions.formats.imported import bunched, flag_bunched, parse_times_ns, write_imported
+from fieldkit.sessions.formats.imported import bunched, flag_bunched, write_imported
 from fieldkit.sessions.formats.purethermal_files import is_purethermal, read_purethermal
 from fieldkit.sessions.formats.stills import Scale, read_stills
+from fieldkit.sessions.formats.times import parse_times_ns
 from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.reader import open_session
-from tests.harness.foreign_files import irg, purethermal
+from tests.harness.foreign_files import irg, purethermal, tiff_pages
 from tests.shared_data import shared
 
 SITE = Site(-33.5, -70.6, 500.0, "America/Santiago")
@@ -111,6 +112,36 @@ def test_picture_of_hostile_size_is_refused(tmp_path: Path) -> None:
         read_purethermal(path)
 
 
+@pytest.mark.parametrize("seconds", [1e300, 1.7e308, 1e10, -1.0, float("inf"), float("-inf"), float("nan")])
+@pytest.mark.parametrize("frame", [0, 2])
+def test_a_time_that_no_frame_has_names_the_frame(tmp_path: Path, seconds: float, frame: int) -> None:
+    """A frame is u64 number, f64 seconds, i64 milliseconds and 4 x 6 pixels of 16 bits, after the header."""
+    data = bytearray(purethermal([1.7e9, 1.7e9 + 1, 1.7e9 + 2]))
+    struct.pack_into("<d", data, len(data) - (3 - frame) * 72 + 8, seconds)
+    (tmp_path / "a.raw.y16.gz").write_bytes(gzip.compress(bytes(data)))
+    with pytest.raises(ConfigError, match=f"frame {frame} was taken at .* the file is damaged"):
+        read_purethermal(tmp_path / "a.raw.y16.gz")
+
+
+def test_a_recording_that_unpacks_to_gigabytes_is_refused_before_it_does(tmp_path: Path) -> None:
+    """Frames of nothing but zeros pack a thousand to one: 200 MB come from 200 kB."""
+    header = json.dumps({"width": 640, "height": 480, "fps": 9.0}).encode()
+    path = tmp_path / "bomb.raw.y16.gz"
+    with gzip.open(path, "wb") as file:
+        file.write(b"PTY16V1\n" + struct.pack("<I", len(header)) + header)
+        for number in range(330):
+            file.write(struct.pack("<Qdq", number, 1.7e9 + number, 0) + bytes(2 * 640 * 480))
+    assert path.stat().st_size < 300_000
+    with pytest.raises(ConfigError, match=r"unpacks to 1\d\d MB or more"):
+        read_purethermal(path)
+
+
+def test_a_recorder_whose_clock_was_slow_is_corrected_by_the_offset(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.raw.y16.gz", [1.7e9, 1.7e9 + 1])
+    times_ns = [frame.time_ns for frame in read_purethermal(path, offset_ns=83_000_000_000).samples]
+    assert times_ns == [1_700_000_083 * 10**9, 1_700_000_084 * 10**9]
+
+
 def tiffs(folder: Path, names: list[str]) -> Path:
     folder.mkdir()
     for number, name in enumerate(names):
@@ -140,6 +171,13 @@ def test_table_of_times_may_be_parted_otherwise_than_by_commas(tmp_path: Path, m
     assert frame.time_ns == 1_778_547_601_000_000_000  # 2026-05-12T01:00:01Z by date(1)
 
 
+def test_times_in_the_names_by_a_slow_clock_are_corrected_by_the_offset(tmp_path: Path) -> None:
+    folder = tiffs(tmp_path / "f", ["20260512T010000.tif"])
+    moment = {"time_format": "%Y%m%dT%H%M%S", "zone": UTC}
+    (frame,) = read_stills(folder, Scale(0.01), **moment, offset_ns=83_000_000_000).samples
+    assert frame.time_ns == 1_778_547_683_000_000_000  # 2026-05-12T01:01:23Z by date(1)
+
+
 def test_stamps_may_stand_in_the_names(tmp_path: Path) -> None:
     folder = tiffs(tmp_path / "f", ["IR_20260512T010000.tif", "IR_20260512T010001.tif"])
     imported = read_stills(folder, Scale(float("nan")), time_format="IR_%Y%m%dT%H%M%S", zone=UTC)
@@ -157,10 +195,12 @@ def test_trouble_with_tiffs_is_told(tmp_path: Path) -> None:
     times.write_text("a.tif,2026-05-12T10:00:01Z\n")
     with pytest.raises(ConfigError, match="no frames with temperatures"):
         read_stills(tmp_path / "empty", Scale(1.0), times=times)
-    with pytest.raises(ConfigError, match=r"no time for 1 frames, the first b\.tif"):
+    with pytest.raises(ConfigError, match=r"first b\.tif: 0 times for 1 frames"):
         read_stills(folder, Scale(1.0), times=times)
-    with pytest.raises(ConfigError, match="one way"):
+    with pytest.raises(ConfigError, match="taken is not known"):
         read_stills(folder, Scale(1.0))
+    with pytest.raises(ConfigError, match="one way"):
+        read_stills(folder, Scale(1.0), times=times, time_format="%Y")
     with pytest.raises(ConfigError, match="no zone"):
         read_stills(tiffs(tmp_path / "g", ["20260512.tif"]), Scale(1.0), time_format="%Y%m%d")
     cv2.imwrite(str(folder / "b.tif"), np.zeros((5, 7, 3), np.uint8))
@@ -172,9 +212,113 @@ def test_trouble_with_tiffs_is_told(tmp_path: Path) -> None:
         list(read_stills(folder, Scale(1.0), times=times).samples)
 
 
+FIRST = np.arange(30_000, 30_035, dtype=np.uint16).reshape(5, 7)
+SMALL, MOMENT = FIRST[:2, :3], {"time_format": "%Y%m%d", "zone": UTC}
+
+
+def tiff_file(folder: Path, data: bytes) -> Path:
+    (folder / "20260512.tif").write_bytes(data)
+    return folder / "20260512.tif"
+
+
+def frames_of(source: Path, **times) -> list[np.ndarray]:
+    found = read_stills(source, Scale(0.01), **times).samples
+    return [frame.counts for frame in found if isinstance(frame, Frame)]
+
+
+@pytest.mark.parametrize("layout", [{}, {"order": ">"}, {"is_big": True}, {"order": ">", "is_big": True}])
+def test_every_page_of_a_tiff_is_a_frame_with_a_time_of_its_own(tmp_path: Path, layout: dict) -> None:
+    path = tiff_file(tmp_path, tiff_pages(*((FIRST + n, {}) for n in range(10)), **layout))
+    times = tmp_path / "times.csv"
+    times.write_text("".join(f"{path.name},2026-05-12T10:00:{second:02}Z\n" for second in range(10)))
+    assert [frame[0, 0] for frame in frames_of(path, times=times)] == list(range(30_000, 30_010))
+    with pytest.raises(ConfigError, match="has 10 frames, its name only one time"):
+        read_stills(path, Scale(0.01), **MOMENT)
+    times.write_text(times.read_text().replace("2026-05-12T10:00:09Z", ""))
+    times.write_text("".join(times.read_text().splitlines(keepends=True)[:9]))
+    with pytest.raises(ConfigError, match=r"20260512\.tif: 9 times for 10 frames"):
+        read_stills(path, Scale(0.01), times=times)
+
+
+@pytest.mark.parametrize("tag", [{254: 1}, {254: 4}, {254: 5}, {255: 2}])  # TIFF 6.0, section 8
+@pytest.mark.parametrize("is_first", [True, False])
+def test_thumbnails_and_masks_are_not_taken_for_frames(tmp_path: Path, tag: dict, is_first: bool) -> None:
+    coloured = (np.zeros((2, 3, 3), np.uint8), {**tag, 258: 8})
+    pages = [coloured, (FIRST, {254: 0})] if is_first else [(FIRST, {254: 2}), (SMALL, tag)]
+    path = tiff_file(tmp_path, tiff_pages(*pages))
+    (frame,) = frames_of(path, **MOMENT)
+    assert np.array_equal(frame, FIRST)
+    assert "1 pages are thumbnails or masks" in read_stills(path, Scale(0.01), **MOMENT).notes[0][1]
+    with pytest.raises(ConfigError, match=r"no page .* \(1 in all\) is a frame"):
+        read_stills(tiff_file(tmp_path, tiff_pages((FIRST, tag))), Scale(0.01), **MOMENT)
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))  # TIFF 6.0, section 8: which side is row 0
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_frames_stay_as_the_sensor_has_them_whatever_their_orientation(
+    tmp_path: Path, orientation: int, order: str
+) -> None:
+    path = tiff_file(tmp_path, tiff_pages((FIRST, {274: orientation}), order=order))
+    found = read_stills(path, Scale(0.01), **MOMENT)
+    (frame,) = found.samples
+    assert np.array_equal(frame.counts, FIRST)
+    assert any("orientation of 1 frames was not applied" in text for _, text in found.notes) == (
+        orientation != 1
+    )
+
+
+@pytest.mark.parametrize(
+    ("pixels", "more", "words", "fix"),
+    [
+        (FIRST.astype(np.float32), {}, "32-bit floating-point numbers", "gdal_translate"),
+        (FIRST.astype(np.int16), {}, "16-bit signed numbers", "unsigned 16-bit"),
+        (FIRST.astype(np.uint8), {}, "8-bit numbers", "coloured"),
+        (FIRST.astype(np.uint32), {}, "32-bit numbers", "unsigned 16-bit"),
+        (FIRST, {258: 14}, "14-bit numbers", "unsigned 16-bit"),  # OpenCV would multiply them by 4
+        (np.zeros((5, 7, 3), np.uint8), {}, "3 channels", "coloured"),
+        (np.zeros((5, 7, 2), np.uint16), {}, "2 channels", "unsigned 16-bit"),
+    ],
+)
+def test_a_tiff_of_other_numbers_is_named_for_what_it_is(
+    tmp_path: Path, pixels: np.ndarray, more: dict, words: str, fix: str
+) -> None:
+    path = tiff_file(tmp_path, tiff_pages((pixels, more)))
+    with pytest.raises(ConfigError, match=f"has {words}, not one unsigned 16-bit number") as caught:
+        read_stills(path, Scale(0.01), **MOMENT)
+    assert fix in (caught.value.fix or "")
+    path = tiff_file(tmp_path, tiff_pages((FIRST, {}), (pixels, more)))
+    with pytest.raises(ConfigError, match=f"page 2 of 2 of .*20260512.tif has {words}"):
+        read_stills(path, Scale(0.01), **MOMENT)
+
+
+def test_directories_in_a_circle_or_cut_off_are_named(tmp_path: Path) -> None:
+    data = tiff_pages((FIRST, {}), (FIRST, {}))
+    circle = data[:-4] + data[4:8]
+    with pytest.raises(ConfigError, match="form a circle"):
+        read_stills(tiff_file(tmp_path, circle), Scale(0.01), **MOMENT)
+    for length in (0, 3, 7, len(data) - 1, len(data) - 100):
+        with pytest.raises(ConfigError, match="cannot be read as a frame"):
+            read_stills(tiff_file(tmp_path, data[:length]), Scale(0.01), **MOMENT)
+
+
+def test_pages_that_unpack_to_more_than_their_file_can_hold_are_refused(tmp_path: Path) -> None:
+    """Sixty pages of 4000 x 4000 pixels, 1.9 GB, in a file of some kilobytes."""
+    pages = [(SMALL, {256: 4000, 257: 4000})] * 60
+    path = tiff_file(tmp_path, tiff_pages(*pages))
+    with pytest.raises(ConfigError, match=r"unpacks to 1920 MB"):
+        read_stills(path, Scale(0.01), **MOMENT)
+
+
+def test_frames_that_state_different_scales_are_not_taken_for_one(tmp_path: Path) -> None:
+    for name, magic in (("20260512.irg", b"\xba\xab"), ("20260513.irg", b"\xca\xac")):
+        (tmp_path / name).write_bytes(irg(FIRST, magic))
+    with pytest.raises(ConfigError, match=r"20260512\.irg and .*20260513\.irg do not state the same scale"):
+        read_stills(tmp_path, None, **MOMENT)
+
+
 def test_failed_import_leaves_nothing(tmp_path: Path) -> None:
     folder = tiffs(tmp_path / "f", ["20260512T010000.tif", "20260512T010001.tif"])
-    (folder / "20260512T010001.tif").write_bytes(b"not a picture")
+    cv2.imwrite(str(folder / "20260512T010001.tif"), np.zeros((6, 7), np.uint16))  # of another size
     imported = read_stills(folder, Scale(0.01), time_format="%Y%m%dT%H%M%S", zone=UTC)
     with pytest.raises(ConfigError):
         write_imported(tmp_path / "a.h5", SessionHeader("t", SITE, imported.streams), imported, "f")
@@ -232,6 +376,15 @@ def test_irg_pictures_are_tenths_of_a_kelvin_where_all_readers_agree(tmp_path: P
     assert frames[0].time_ns == 1_675_261_750_000_000_000  # 2023-02-01T14:29:10Z by date(1)
     assert imported.streams[0].scale == 0.1
     assert "emissivity was 0.95" in imported.notes[0][1]
+
+
+@pytest.mark.parametrize("given", [Scale(0.04), Scale(0.1, 2.0), Scale(float("nan"))])
+def test_a_scale_against_the_one_in_the_file_is_refused_with_both(tmp_path: Path, given: Scale) -> None:
+    path = tmp_path / "20230201.irg"
+    path.write_bytes(irg(COUNTS // 6, b"\xba\xab"))
+    with pytest.raises(ConfigError, match=r"states 0\.1 K per count and 0 K at zero, the options (0|nan)"):
+        read_stills(path, given, time_format="%Y%m%d", zone=UTC)
+    assert read_stills(path, Scale(0.1), time_format="%Y%m%d", zone=UTC).streams[0].scale == 0.1
 
 
 def test_irg_pictures_of_disputed_scale_ask_for_it(tmp_path: Path) -> None:

@@ -12,8 +12,9 @@ import pytest
 
 from fieldkit.model.air import of_air
 from fieldkit.model.errors import ConfigError
-from fieldkit.model.samples import Reading, Severity
-from fieldkit.sessions.formats.imported import ImportedRecording
+from fieldkit.model.samples import Quality, Reading, Severity
+from fieldkit.model.site import Site
+from fieldkit.sessions.formats.imported import ImportedRecording, possible
 from fieldkit.sessions.formats.logs import LogColumns, LogOptions, read_log, read_table
 from fieldkit.sessions.formats.merged import cut_to, merge
 from fieldkit.sessions.reader import open_session
@@ -77,21 +78,30 @@ def test_date_and_time_of_day_in_two_columns_are_one_time(
 
 
 @pytest.mark.parametrize(
-    ("unit", "cells", "missing"),
+    ("unit", "cells", "impossible"),
     [
-        # -9999.9 as in SURFRAD's README, 9999 as in NOAA's format of hourly observations (ISD)
-        ("C", ("9999", "-9999.9", "-999.9", "inf", "21"), 4),
-        ("lx", ("9999", "-9999", "-999.9", "-inf", "21"), 3),
+        # -9999.9 as in SURFRAD's README, 9999 as in NOAA's format of hourly observations (ISD), the others as
+        # Campbell Scientific's loggers and SCPI instruments write "out of range"
+        ("C", ("9999", "-9999.9", "-999.9", "inf", "-7999", "-99.9", "9.91E+37", "21"), 7),
+        ("lx", ("9999", "-9999", "-999.9", "-inf", "9.9E+37", "-5", "21"), 5),
+        ("W/m2", ("7999", "-6999", "-99999", "800", "-150"), 3),
+        ("m/s", ("-99.9", "6999", "5"), 2),
     ],
 )
-def test_numbers_that_stand_for_no_value_are_missing(
-    tmp_path: Path, unit: str, cells: tuple[str, ...], missing: int
+def test_numbers_that_cannot_be_are_stored_as_they_came_flagged_and_counted(
+    tmp_path: Path, unit: str, cells: tuple[str, ...], impossible: int
 ) -> None:
     rows = "".join(f"2026-05-12T01:0{minute}:00Z,{cell}\n" for minute, cell in enumerate(cells))
-    imported = read_log(table(tmp_path, f"time,x [{unit}]\n{rows}"), "logger")
-    values = [one.values[0] for one in imported.samples if isinstance(one, Reading)]
-    assert np.isnan(values).sum() == missing
-    assert f"{missing} cells stand for no value (like -9999 or inf)" in [text for _, text in imported.notes]
+    read = read_log(table(tmp_path, f"time,x [{unit}]\n{rows}"), "logger")
+    imported = possible(read, {}, Site(35.0, 139.0, 0.0))
+    readings = [one for one in imported.samples if isinstance(one, Reading)]
+    zero = 273.15 if unit == "C" else 0.0
+    assert [one.values[0] for one in readings] == pytest.approx([float(cell) + zero for cell in cells])
+    flagged = [cells[n] for n, one in enumerate(readings) if Quality.IMPLAUSIBLE in one.quality]
+    assert len(flagged) == impossible
+    (note,) = [text for _, text in imported.notes if "implausible" in text]
+    assert f"logger: {impossible} implausible values" in note
+    assert f"(line {cells.index(flagged[0]) + 2})" in note
 
 
 def test_columns_of_unknown_units_are_named(tmp_path: Path) -> None:
@@ -303,11 +313,11 @@ def test_a_campbell_table_is_read_as_it_is(tmp_path: Path) -> None:
     columns = LogColumns(values=("Tair_Avg", "Tsand_Avg"))
     imported = read_log(written(tmp_path, TOA5), "tower", LogOptions(zone=DENVER, columns=columns))
     first, second = readings(imported)
-    assert first.time_ns == 1_778_601_660_000_000_000  # 2026-05-12T16:01:00Z
+    assert first.time_ns == 1_778_601_630_000_000_000  # 2026-05-12T16:00:30Z, in the middle of the minute
     assert first.values == (293.65, 304.4)
     assert np.isnan(second.values[0])
     assert imported.streams[0].channels == ("Tair_Avg", "Tsand_Avg")
-    assert any("--offset -30s" in text for _, text in imported.notes)  # the rows stand at the ends of minutes
+    assert any("in the middle of their interval of 60 s" in text for _, text in imported.notes)
 
 
 def test_columns_of_several_units_go_into_streams_of_their_own(tmp_path: Path) -> None:
@@ -323,7 +333,8 @@ def test_of_a_campbell_table_each_unit_is_a_stream_of_its_own(tmp_path: Path) ->
     imported = read_log(path, "sun", LogOptions(zone=DENVER, columns=LogColumns(values=("SWin_Avg",))))
     assert [one.values for one in readings(imported)] == [(812.5,), (813.0,)]
     assert (imported.streams[0].unit, imported.streams[0].quantity) == ("W m-2", "irradiance")
-    assert read_table(path, "utf-8").head[:3] == ["TIMESTAMP", "RECORD", "Batt_Min [Volts]"]
+    heads = [column.head for column in read_table(path).columns]
+    assert heads[:3] == ["TIMESTAMP [TS]", "RECORD [RN]", "Batt_Min [Volts]"]
 
 
 def test_radiation_of_a_table_is_what_its_columns_are_called_or_what_was_said(tmp_path: Path) -> None:
@@ -344,7 +355,7 @@ def test_radiation_of_a_table_is_what_its_columns_are_called_or_what_was_said(tm
 def test_samples_of_a_campbell_table_are_not_told_to_be_means(tmp_path: Path) -> None:
     path = written(tmp_path, TOA5.replace('"Avg"', '"Smp"'))
     imported = read_log(path, "sun", LogOptions(zone=DENVER, columns=LogColumns(values=("SWin_Avg",))))
-    assert not any("--offset" in text for _, text in imported.notes)
+    assert not any("--clock-offset" in text for _, text in imported.notes)
 
 
 @pytest.mark.parametrize("text", [HOBO, HOBO.split("\n", 1)[1]], ids=["title", "no title"])
@@ -371,12 +382,25 @@ def test_thousands_with_a_point_behind_them_are_understood(tmp_path: Path) -> No
     assert [one.values[0] for one in readings(imported)][:2] == [52_356.0, 52_400.0]
 
 
-def test_a_zone_that_is_given_is_taken_before_that_of_the_table(tmp_path: Path) -> None:
-    columns = LogColumns(values=("Temp",))
-    imported = read_log(
-        written(tmp_path, HOBO), "x", LogOptions(zone=DENVER, time_format=HOBO_TIME, columns=columns)
-    )
-    assert readings(imported)[0].time_ns == 1_778_601_600_000_000_000  # summer time: 2026-05-12T16:00:00Z
+@pytest.mark.parametrize(
+    ("head", "stated"),
+    [
+        ("Date Time, GMT-07:00", "UTC-07:00"),
+        ("Date/Time (GMT-08:00)", "UTC-08:00"),
+        ("Local time (GMT+01:00)", "UTC+01:00"),
+        ("Timestamp UTC+9", "UTC+09:00"),
+        ("time [UTC]", "UTC"),
+        ("time (Asia/Kathmandu)", "Asia/Kathmandu"),
+    ],
+)
+def test_a_zone_against_the_one_in_the_header_is_refused_with_both(
+    tmp_path: Path, head: str, stated: str
+) -> None:
+    path = written(tmp_path, f'"{head}",T [C]\n2026-05-12 10:00:00,20\n2026-05-12 10:01:00,21\n')
+    with pytest.raises(ConfigError, match=r"states the zone .*, --zone Pacific/Auckland") as caught:
+        read_log(path, "x", LogOptions(zone=ZoneInfo("Pacific/Auckland")))
+    assert f"zone {stated} of" in caught.value.message
+    assert len(readings(read_log(path, "x"))) == 2
 
 
 def test_sensors_of_a_hobo_are_called_by_label_or_number(tmp_path: Path) -> None:
@@ -399,8 +423,8 @@ def test_sensors_of_a_hobo_are_called_by_label_or_number(tmp_path: Path) -> None
 def test_a_line_separator_in_a_cell_ends_no_row(tmp_path: Path, separator: str) -> None:
     """As pasted into a note from a web page."""
     rows = f"time,T [C],note\n2026-05-12 10:00:00,20.5,wind{separator}picks up\n2026-05-12 10:01:00,20.6,\n"
-    table = read_table(written(tmp_path, rows), "utf-8")
-    assert [row[1] for row in table.rows] == ["20.5", "20.6"]
+    table = read_table(written(tmp_path, rows))
+    assert [row.cells[1] for row in table.rows] == ["20.5", "20.6"]
 
 
 # --- units and encodings
@@ -455,7 +479,7 @@ def test_one_import_takes_columns_of_every_unit(tmp_path: Path) -> None:
     assert imported.streams[2].measures == ("dni",)
     readings = {name: [one.values for one in imported.samples if one.stream == name] for name in found}
     assert readings["logger-temperature"][0] == pytest.approx((294.65, 293.15))
-    assert readings["logger-temperature"][1] == pytest.approx((295.65, float("nan")), nan_ok=True)
+    assert readings["logger-temperature"][1] == pytest.approx((295.65, (-999.9 + 459.67) / 1.8))
     assert readings["logger-illuminance"] == [pytest.approx((63_986.0,)), pytest.approx((64_100.0,))]
     assert readings["logger-irradiance"][0] == (850.0,)
     assert readings["logger-speed"] == [(2.0,), (3.0,)]
@@ -469,7 +493,6 @@ def test_one_import_takes_columns_of_every_unit(tmp_path: Path) -> None:
     assert times == sorted(times)
     said = [text for _, text in imported.notes]
     assert said[0] == "log.csv: 2 rows"
-    assert "1 cells stand for no value (like -9999 or inf)" in said
     assert any("excluded for their unit: gust [km/h]" in text for text in said)
 
 
@@ -477,3 +500,187 @@ def test_a_column_named_by_hand_in_an_unknown_unit_is_refused(tmp_path: Path) ->
     path = table(tmp_path, "time,wind [mph],T [C]\n2026-05-12T10:00:00,3,21\n")
     with pytest.raises(ConfigError, match=r"column 'wind \[mph\]' has the unit 'mph'"):
         read_log(path, "log", LogOptions(zone=UTC, columns=LogColumns(values=("wind",))))
+
+
+# --- what the table states, no option overrides
+
+NOON_NS = 1_781_179_200 * 10**9
+"""2026-06-11T12:00:00Z by date(1)."""
+
+
+def notes(imported: ImportedRecording) -> str:
+    return "\n".join(text for _, text in imported.notes)
+
+
+def minutes(columns: str, *cells: str) -> str:
+    rows = (f"2026-06-11 12:{minute:02}:00,{one}\n" for minute, one in enumerate(cells))
+    return f"time,{columns}\n{''.join(rows)}"
+
+
+def test_a_unit_that_is_given_is_of_columns_that_state_none(tmp_path: Path) -> None:
+    path = table(tmp_path, minutes("RH [%],T,T2 [F],WindDir (deg)", "55,21,68,180", "56,22,70,190"))
+    imported = read_log(path, "x", LogOptions(zone=UTC, unit="C"))
+    assert imported.streams[0].channels == ("T", "T2")
+    assert readings(imported)[0].values == pytest.approx((294.15, 293.15))  # 68 °F are 20 °C
+    assert "excluded for their unit: RH [%], WindDir (deg);" in notes(imported)
+    assert "--unit C applies to T; stated by the table: T2 [F]" in notes(imported)
+
+
+@pytest.mark.parametrize(("column", "unit"), [("RH", "%"), ("T2", "F"), ("WindDir", "deg")])
+def test_a_unit_against_that_of_a_column_asked_for_is_refused_with_both(
+    tmp_path: Path, column: str, unit: str
+) -> None:
+    path = table(tmp_path, minutes("RH [%],T,T2 [F],WindDir (deg)", "55,21,68,180"))
+    asked = LogColumns(values=(column,))
+    with pytest.raises(ConfigError, match=f"states the unit '{unit}', --unit C"):
+        read_log(path, "x", LogOptions(zone=UTC, unit="C", columns=asked))
+
+
+def test_a_unit_that_every_column_states_itself_applies_to_none(tmp_path: Path) -> None:
+    path = table(tmp_path, minutes("T [C]", "20", "21"))
+    imported = read_log(path, "x", LogOptions(zone=UTC, unit="F"))
+    assert readings(imported)[0].values == pytest.approx((293.15,))
+    assert (Severity.WARNING, "--unit F applies to no column; stated by the table: T [C]") in imported.notes
+    asked = LogOptions(zone=UTC, unit="degC", columns=LogColumns(values=("T",)))
+    assert readings(read_log(path, "x", asked))[0].values == pytest.approx((293.15,))
+
+
+def test_brackets_around_a_number_or_a_place_state_no_unit(tmp_path: Path) -> None:
+    """Arrays of Campbell loggers are ``Temp(1)``, ``Temp(2)``."""
+    path = table(tmp_path, minutes("No,Temp(1),Temp(2),T (shade),note", "1,20,21,22,dry", "2,21,22,23,wet"))
+    imported = read_log(path, "x", LogOptions(zone=UTC, unit="C"))
+    assert imported.streams[0].channels == ("No", "Temp(1)", "Temp(2)", "T (shade)")
+
+
+def test_counters_before_the_time_and_words_are_no_values(tmp_path: Path) -> None:
+    text = "No,Date,Time,T,note\n1,2026-06-11,12:00,20,dry\n2,2026-06-11,12:01,21,wet\n"
+    imported = read_log(table(tmp_path, text), "x", LogOptions(zone=UTC, unit="C"))
+    assert imported.streams[0].channels == ("T",)
+
+
+def test_a_component_that_is_given_is_of_columns_that_name_none(tmp_path: Path) -> None:
+    path = table(tmp_path, minutes("GHI [W/m2],sun [W/m2],DHI [W/m2]", "800,900,100", "801,901,101"))
+    imported = read_log(path, "x", LogOptions(zone=UTC, measures="dni"))
+    assert imported.streams[0].measures == ("ghi", "dni", "dhi")
+    assert "--measures dni applies to sun; stated by the table: GHI, DHI" in notes(imported)
+    named_ghi = LogOptions(zone=UTC, measures="dni", columns=LogColumns(values=("GHI",)))
+    with pytest.raises(ConfigError, match=r"'GHI \[W/m2\]' states ghi, --measures dni"):
+        read_log(path, "x", named_ghi)
+
+
+@pytest.mark.parametrize("columns", ["GHI [W/m2],DNI [W/m2]", "T1 [C],T2 [C]"])
+def test_a_component_that_no_column_can_take_is_named(tmp_path: Path, columns: str) -> None:
+    path = table(tmp_path, minutes(columns, "8,9", "7,6"))
+    imported = read_log(path, "x", LogOptions(zone=UTC, measures="dhi"))
+    assert "--measures dhi applies to no column" in notes(imported)
+    assert "dhi" not in imported.streams[0].measures
+
+
+def test_offsets_of_times_hold_against_a_zone_that_is_given(tmp_path: Path) -> None:
+    path = table(tmp_path, "time,T [C]\n2026-06-11T21:00:00+09:00,20\n2026-06-11T12:01:00Z,21\n")
+    imported = read_log(path, "x", LogOptions(zone=DENVER))
+    assert [one.time_ns - NOON_NS for one in readings(imported)] == [0, 60 * 10**9]
+    assert "every time states its own offset: --zone America/Denver applies to none" in notes(imported)
+
+
+def test_a_zone_that_agrees_with_the_one_in_the_header_is_taken(tmp_path: Path) -> None:
+    path = table(tmp_path, "time (UTC+02:00),T [C]\n2026-06-11 14:00:00,20\n2026-06-11 14:01:00,21\n")
+    assert readings(read_log(path, "x", LogOptions(zone=BERLIN)))[0].time_ns == NOON_NS
+
+
+# --- averages: each column by its own process
+
+# Layout: Campbell Scientific, LoggerNet manual, "Computer File Data Formats: TOA5"
+MIXED = """\
+"TOA5","CR6","CR6","1","CR6.Std.11.01","CPU:x.CR6","1","T"
+"TIMESTAMP","RECORD","T_sand_C","T_Avg","T_Max","T_Std","GHI_Avg","WS_WVc(1)","Flux_Tot"
+"TS","RN","Deg C","Deg C","Deg C","Deg C","W/m^2","meters/second","W/m^2"
+"","","Smp","Avg","Max","Std","Avg","WVc","Tot"
+"""
+
+
+def mixed(*rows: str) -> str:
+    return MIXED + "".join(f'"2026-06-11 {row}",1,20,21,30,0.1,800,2,5000\n' for row in rows)
+
+
+def seconds(imported: ImportedRecording, stream: str) -> list[float]:
+    return [(one.time_ns - NOON_NS) / 1e9 for one in imported.samples if one.stream == stream]
+
+
+def test_averages_stand_in_the_middle_of_their_interval_and_samples_where_they_are(tmp_path: Path) -> None:
+    path = table(tmp_path, mixed("12:00:00", "12:10:00", "12:20:00"))
+    imported = read_log(path, "log", LogOptions(zone=UTC))
+    assert {info.name: info.channels for info in imported.streams} == {
+        "log-temperature": ("T_sand_C",),
+        "log-temperature-mean": ("T_Avg",),
+        "log-irradiance": ("GHI_Avg",),
+        "log-speed": ("WS_WVc(1)",),
+    }
+    assert seconds(imported, "log-temperature") == [0, 600, 1200]
+    for averages in ("log-temperature-mean", "log-irradiance", "log-speed"):
+        assert seconds(imported, averages) == [-300, 300, 900]
+    excluded = "T_Max [Deg C] (Max), T_Std [Deg C] (Std), Flux_Tot [W/m^2] (Tot)"
+    assert f"excluded, neither samples nor averages: {excluded}" in notes(imported)
+    assert "--clock-offset" not in notes(imported)
+
+
+def test_an_extreme_asked_for_by_name_stays_where_it_is_and_is_named(tmp_path: Path) -> None:
+    path = table(tmp_path, mixed("12:00:00", "12:10:00"))
+    imported = read_log(path, "log", LogOptions(zone=UTC, columns=LogColumns(values=("T_Max",))))
+    assert seconds(imported, "log") == [0, 600]
+    assert "neither samples nor averages, stamped as the table has them: T_Max [Deg C] (Max)" in notes(
+        imported
+    )
+
+
+@pytest.mark.parametrize(
+    ("clocks", "middles"),
+    [
+        # a gap of an hour: the row after it is an average of ten minutes as the others are
+        (["12:00", "12:10", "12:20", "13:20", "13:30"], [-300, 300, 900, 4500, 5100]),
+        # from minutes to ten minutes
+        (["12:00", "12:01", "12:02", "12:03", "12:13", "12:23"], [-30, 30, 90, 150, 480, 1080]),
+        # a row of its own between two gaps is as long as is usual
+        (
+            ["12:00", "12:10", "12:20", "13:20", "15:20", "15:30", "15:40"],
+            [-300, 300, 900, 4500, 11700, 12300, 12900],
+        ),
+        # an output after three minutes, when the program was restarted
+        (["12:00", "12:10", "12:13", "12:20", "12:30"], [-300, 300, 690, 990, 1500]),
+    ],
+    ids=["gap", "other interval", "alone", "short"],
+)
+def test_averages_after_a_gap_or_of_another_interval_have_their_own_middle(
+    tmp_path: Path, clocks: Sequence[str], middles: list[float]
+) -> None:
+    path = table(tmp_path, mixed(*(f"{clock}:00" for clock in clocks)))
+    assert seconds(read_log(path, "log", LogOptions(zone=UTC)), "log-irradiance") == middles
+
+
+def test_one_average_alone_shows_no_interval(tmp_path: Path) -> None:
+    imported = read_log(table(tmp_path, mixed("12:00:00")), "log", LogOptions(zone=UTC))
+    assert seconds(imported, "log-irradiance") == [0]
+    assert "averages of GHI_Avg are stamped at the end of their interval" in notes(imported)
+
+
+def test_a_campbell_table_of_two_header_lines_has_units_and_processes_in_its_names(tmp_path: Path) -> None:
+    """Names as Campbell's Short Cut gives them: AirTC in °C, SlrW in W/m², WS_ms in m/s."""
+    text = (
+        '"TOACI1","CR1000","Hourly"\n"TMSTAMP","RECNBR","AirTC_Avg","AirTC_Max","SlrW_Avg","WS_ms","BattV"\n'
+        '"2026-06-11 12:00:00",1,12.5,19,455,2,12\n"2026-06-11 13:00:00",2,13.5,20,555,3,12\n'
+    )
+    imported = read_log(table(tmp_path, text), "log", LogOptions(zone=UTC))
+    assert {info.name: info.channels for info in imported.streams} == {
+        "log-temperature": ("AirTC_Avg",),
+        "log-irradiance": ("SlrW_Avg",),
+        "log-speed": ("WS_ms",),
+    }
+    assert seconds(imported, "log-temperature") == [-1800, 1800]
+    assert seconds(imported, "log-speed") == [0, 3600]
+
+
+def test_a_process_that_is_not_known_is_no_sample(tmp_path: Path) -> None:
+    text = mixed("12:00:00", "12:10:00").replace('"Smp","Avg"', '"Rfl","Avg"')
+    imported = read_log(table(tmp_path, text), "log", LogOptions(zone=UTC))
+    assert imported.streams[0].channels == ("T_Avg",)
+    assert "T_sand_C [Deg C] (Rfl)" in notes(imported)

@@ -36,6 +36,14 @@ def test_a_surfrad_file_gives_its_irradiance_with_what_it_measures(tmp_path: Pat
     assert measured["slv-direct"] == ("dni",)
 
 
+def test_a_surfrad_day_still_being_written_is_imported_with_a_word(tmp_path: Path) -> None:
+    (tmp_path / "slv16001.dat").write_bytes(foreign_files.surfrad()[:-20])
+    imported = read_station(tmp_path / "slv16001.dat", "slv")
+    assert len(readings(imported, "slv-global")) == 2
+    assert (Severity.WARNING, imported.notes[1][1]) == imported.notes[1]
+    assert "its last row is cut off" in imported.notes[1][1]
+
+
 def test_surfrad_day_gives_a_stream_for_each_quantity() -> None:
     """Expected: the extremes and the conventions in the README beside the file."""
     imported = read_station(shared("data/weather/slv16001.dat"), "slv")
@@ -99,6 +107,64 @@ def test_real_daily_download_is_read() -> None:
     assert air[0].values == pytest.approx((27.4 + 273.15, 36.0 + 273.15, 19.1 + 273.15))
     assert utc(air[0]) == "2014-06-01T03:00:00+00:00"  # noon in Japan
     assert readings(imported, "kyoto-sea-level-pressure")[1].values == pytest.approx((101240.0,))
+
+
+@pytest.mark.parametrize("again", ["品質情報", "品質情報.1"])  # the latter of a table saved again by pandas
+def test_quality_named_beside_its_item_holds(tmp_path: Path, again: str) -> None:
+    """The compact form: quality 8 is normal, 1 missing (JMA obsdl/top/help3)."""
+    rows = "2023/10/1 1:00:00,22.9,8,2.0,1\r\n2023/10/1 2:00:00,99.9,1,3.0,8\r\n"
+    head = f",試験,試験,試験,試験\r\n年月日時,気温(℃),品質情報,風速(m/s),{again}\r\n"
+    imported = read_obsdl(obsdl(tmp_path, head + rows), "jma")
+    air = [one.values[0] for one in readings(imported, "jma-air")]
+    wind = [one.values[0] for one in readings(imported, "jma-wind")]
+    assert air == pytest.approx([296.05, np.nan], nan_ok=True)
+    assert wind == pytest.approx([np.nan, 3.0], nan_ok=True)
+    assert (Severity.WARNING, "気温: 1 values whose quality is not 8 were excluded") in imported.notes
+
+
+def test_two_stations_of_one_name_are_told_apart(tmp_path: Path) -> None:
+    head = ",白浜,白浜,白浜,白浜\r\n年月日時,気温(℃),気温(℃),気温(℃),気温(℃)\r\n,,品質情報,,品質情報\r\n"
+    imported = read_obsdl(obsdl(tmp_path, f"{head}2026/7/5 11:00:00,28.9,8,18.9,8\r\n"), "jma")
+    assert imported.streams[0].channels == ("気温", "気温 (2)")
+    assert readings(imported, "jma-air")[0].values == pytest.approx((302.05, 292.05))
+
+
+@pytest.mark.parametrize(
+    ("date", "expected"),
+    [
+        ("2021年1月1日", "2021-01-01T03:00:00+00:00"),  # noon in Japan, of a day
+        ("2021年1月1日 13時", "2021-01-01T04:00:00+00:00"),
+        ("2021年1月1日24時", "2021-01-01T15:00:00+00:00"),
+        ("2021年01月01日 13時10分", "2021-01-01T04:10:00+00:00"),
+        ("2021年1月1日 13:10:00", "2021-01-01T04:10:00+00:00"),
+    ],
+)
+@pytest.mark.parametrize("name", ["年月日", ""])
+def test_dates_in_words_are_read(tmp_path: Path, date: str, expected: str, name: str) -> None:
+    name = name and name + "時" * ("日 " in date or "24" in date)
+    head = f",甲\r\n{name},平均気温(℃)\r\n"
+    (air,) = readings(read_obsdl(obsdl(tmp_path, f"{head}{date},5.0\r\n"), "jma"), "jma-air")
+    assert utc(air) == expected
+
+
+@pytest.mark.parametrize("encoding", ["cp932", "utf-8", "utf-8-sig"])
+def test_ten_minute_table_without_a_date_is_refused_for_that(tmp_path: Path, encoding: str) -> None:
+    path = tmp_path / "ten.csv"
+    path.write_bytes("時分,気温(℃)\r\n00:10,22.1\r\n".encode(encoding))
+    assert is_obsdl(path)
+    with pytest.raises(ConfigError, match="but no date") as caught:
+        read_obsdl(path, "jma")
+    assert "--zone Asia/Tokyo" in (caught.value.fix or "")
+    path.write_bytes("時分,気温(℃)\r\n2026-07-05 00:10,22.1\r\n".encode(encoding))
+    assert not is_obsdl(path), "with dates it is a table like any other"
+
+
+def test_marked_values_are_counted(tmp_path: Path) -> None:
+    """Marks of a download in letters, such as ``)`` and ``]``: the value is not of full quality."""
+    rows = "2024/7/1 1:00:00,22.1 )\r\n2024/7/1 2:00:00,///\r\n2024/7/1 3:00:00,\r\n2024/7/1 4:00:00,21\r\n"
+    imported = read_obsdl(obsdl(tmp_path, f",甲\r\n年月日時,気温(℃)\r\n{rows}"), "jma")
+    assert np.isnan([one.values[0] for one in readings(imported, "jma-air")]).tolist() == [True] * 3 + [False]
+    assert "2 cells that are not plain numbers were excluded, the first '22.1 )'" in imported.notes[1][1]
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig"])

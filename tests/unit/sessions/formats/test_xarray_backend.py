@@ -10,7 +10,7 @@ import pytest
 
 xr = pytest.importorskip("xarray")
 
-from fieldkit.sessions.reader import open_session  # noqa: E402
+from fieldkit.results.session import open_session  # noqa: E402
 from fieldkit.sessions.writer import SessionWriter  # noqa: E402
 from tests.harness.recording import CountedClock, fill, header  # noqa: E402
 
@@ -25,7 +25,7 @@ def path(tmp_path: Path) -> Path:
 
 
 def test_xarray_finds_the_backend_and_reads_what_the_session_reads(path: Path) -> None:
-    with xr.open_dataset(path, group="camera") as dataset, open_session(path) as session:
+    with xr.open_dataset(path, engine="fieldkit", group="camera") as dataset, open_session(path) as session:
         assert dataset.identical(session.to_xarray("camera"))
         np.testing.assert_array_equal(dataset["flags"], session.flags("camera"))
 

@@ -74,7 +74,7 @@ def test_without_matplotlib_the_table_stays(written, monkeypatch):
 def test_sessions_without_slopes_have_no_errors(tmp_path, recorded, site, regions, settings):
     empty = Part(recorded, site, series([], regions), settings)
     write_campaign_report(tmp_path / "campaign.html", "empty", [empty])
-    assert "No slope of a bed of known tilt" in (tmp_path / "campaign.html").read_text(encoding="utf-8")
+    assert "No slope of a region of known tilt" in (tmp_path / "campaign.html").read_text(encoding="utf-8")
 
 
 def test_the_error_budget_is_by_given_tilt_over_all_sessions(written):

@@ -149,7 +149,7 @@ def test_without_matplotlib_tables_stay_and_it_says_what_to_install(written, mon
 
 def test_a_session_without_minutes_still_has_its_report(written):
     page = Page(written(minutes=[], frame=None))
-    assert "No slope was found on any of 2 beds" in page.text
+    assert "No slope was found on any of 2 targets" in page.text
     assert "No unflagged frame was recorded" in page.text
 
 
@@ -211,9 +211,9 @@ def test_full_model_says_that_it_has_the_terms(written, settings):
 def test_verdict_names_the_worst_bed(make_minute, regions):
     found = assess(series([make_minute(0, tilt_deg=19.0)], regions), [], "sealed")
     assert found.headline == (
-        "Slopes were found on 1 of 2 beds. Uncertain: b25 24.0 ±1.0° or 43.3°/181°. "
-        "Mean tilt error 2.5°; worst bed b15 with 4.0°. "
-        "The given tilt is within the 90 % region on 1 of 2 beds."
+        "Slopes were found on 1 of 2 targets. Uncertain: b25 24.0 ±1.0° or 43.3°/181°. "
+        "Mean tilt error 2.5°; worst target b15 with 4.0°. "
+        "The given tilt is within the 90 % region on 1 of 2 targets."
     )
     assert found.warnings == ("b25 ended as: not resolved, or 43.3°/181°.",)
 
@@ -242,7 +242,7 @@ def test_verdict_without_truth_says_so(make_minute, regions):
 
 def test_verdict_without_slopes_is_plain(make_minute, regions):
     held = make_minute(0, estimates=())
-    assert assess(series([held], regions), [], "sealed").headline == "No slope was found on any of 2 beds."
+    assert assess(series([held], regions), [], "sealed").headline == "No slope was found on any of 2 targets."
 
 
 def test_verdict_counts_troubles_and_names_an_unsealed_session(make_minute, regions):

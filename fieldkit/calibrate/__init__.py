@@ -1,0 +1,28 @@
+"""Calibrations from recorded sessions: each function returns a record that is not saved until `save()`.
+
+A session enters as argument of the function; `inputs` takes streams and regions from it, `result` is what
+comes out. The arithmetic is in `fieldkit.calibration`.
+"""
+
+from fieldkit.calibrate.clock import clock, host_clock
+from fieldkit.calibrate.emissivity import emissivity
+from fieldkit.calibrate.emissivity_live import record_emissivity
+from fieldkit.calibrate.irradiance import irradiance
+from fieldkit.calibrate.measurement import MeasurementOptions
+from fieldkit.calibrate.pose import pose
+from fieldkit.calibrate.result import Calibration
+from fieldkit.calibrate.surface import surface
+from fieldkit.calibrate.uniformity import uniformity
+
+__all__ = [
+    "Calibration",
+    "MeasurementOptions",
+    "clock",
+    "emissivity",
+    "host_clock",
+    "irradiance",
+    "pose",
+    "record_emissivity",
+    "surface",
+    "uniformity",
+]

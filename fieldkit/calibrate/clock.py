@@ -1,0 +1,210 @@
+"""Offset of a clock: a session's against GPS or the sun, this computer's against another clock."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from fieldkit.calibrate.inputs import end_of, minute_means, one_stream, record_source
+from fieldkit.calibrate.result import Calibration, stamped
+from fieldkit.calibration.calibration_record import CalibrationRecord, Source
+from fieldkit.calibration.clock_offset import ClockOffset, offset_from_sun, offset_from_times
+from fieldkit.config import Config
+from fieldkit.model.clock import utc_ns
+from fieldkit.model.errors import CalibrationError, ConfigError
+from fieldkit.model.samples import NO_COUNTER, Quality, Reading, Sample, is_usable
+from fieldkit.physics.bodies import EARTH, body_of
+from fieldkit.results.sources import SessionOrFile, config_for, log_warning, notify_damage, reading
+from fieldkit.sessions.clock_correction import apply_time_map
+from fieldkit.sessions.reader import SessionReader
+from fieldkit.sessions.time_map import TimeStep
+
+DEFAULT_NAME = "clock"
+BY_HAND_S = 0.5
+"""Standard uncertainty of pressing a key at a given moment."""
+RECEIVER_S = 0.4
+"""Standard uncertainty of a GPS receiver's sentences, which arrive up to 0.7 s late."""
+DAY_S = 86_400.0
+NOTHING_TO_DO = "nothing, the offset is within its uncertainty"
+LARGEST_ZONE_S = 14 * 3600.0
+"""No two time zones differ by more from UTC; beyond that, one of the dates is wrong."""
+
+
+@dataclass(frozen=True, repr=False)
+class ClockCalibration(Calibration):
+    """Seconds to add to recorded times; `session` is the file they were found from, if any."""
+
+    offset: ClockOffset
+    session: Path | None = None
+
+    @property
+    def is_significant(self) -> bool:
+        """True if the offset is larger than its expanded uncertainty."""
+        return _is_significant(self.offset)
+
+    def apply(self) -> None:
+        """Correct the session's times from now on when reading; the recorded times stay as they are.
+
+        The session must not be open. Raises `ConfigError` for an offset of this computer's clock.
+        """
+        if self.session is None:
+            raise ConfigError(
+                "this offset is not of a session", fix="set this computer's clock before recording"
+            )
+        step = TimeStep(0, round(self.offset.offset_s * 1e9), self.record.method)
+        apply_time_map(self.session, [step])
+
+
+def clock(
+    session: SessionOrFile,
+    *,
+    gps: str | None = None,
+    name: str = DEFAULT_NAME,
+    notify: Callable[[str], None] = log_warning,
+) -> ClockCalibration:
+    """Find the offset of a session's times against its GPS receiver, or else against the sun.
+
+    Parameters
+    ----------
+    session : Session or path
+        A recording with a GPS stream, or with an illuminance stream under a clear sky.
+    gps : str, optional
+        Name of the GPS stream; without it the illuminance is compared with the sun's elevation.
+    name : str
+        Names the record.
+    notify : callable
+        Receives warnings, such as damaged samples or an implausible offset.
+
+    Raises
+    ------
+    ConfigError
+        If the stream does not carry what is needed.
+    CalibrationError
+        If the receiver had no fix, or the illuminance does not determine an offset.
+
+    Examples
+    --------
+    A clear day of a light logger that was left on daylight saving time:
+
+    >>> import numpy as np, pandas as pd
+    >>> options = fieldkit.PlanOptions(turbidity=3.0, step_min=2)
+    >>> day = fieldkit.plan(campaign.config.site, "2016-01-01", [(15.0, 180.0)], options).to_frame()
+    >>> time = pd.to_datetime(day["time"]) + pd.Timedelta("1h")
+    >>> light = 100 * day["direct_normal_w_m2"] * np.cos(np.radians(day["sun_zenith_deg"]))
+    >>> pd.DataFrame({"time": time, "light [lx]": light}).to_csv("logger.csv", index=False)
+    >>> logged = fieldkit.import_recording("logger.csv", campaign=campaign.directory)
+    >>> fieldkit.calibrate.clock(logged.path)
+    <ClockCalibration: add -363... ± 22... s (k=2)   the light against the sun's height>
+    """
+    with reading(session) as opened:
+        config = config_for(opened)
+        if gps is None:
+            found, method = _against_sun(opened), "the light against the sun's height"
+        else:
+            found, method = _against_gps(opened, gps), f"GPS receiver {gps}"
+        notify_damage(opened, notify)
+        _warn_of_another_day(found, notify)
+        record = _record(name, end_of(opened), found, method, (record_source(opened.path),))
+        used_by = "apply() corrects the session's times" if _is_significant(found) else NOTHING_TO_DO
+        return ClockCalibration(
+            record, _summary(found, method), used_by, config.calibration, found, opened.path
+        )
+
+
+def host_clock(
+    config: Config,
+    *,
+    host_ns: int,
+    shown: datetime,
+    name: str = DEFAULT_NAME,
+    notify: Callable[[str], None] = log_warning,
+) -> ClockCalibration:
+    """Find the offset of this computer's clock against another one, read by hand.
+
+    `host_ns` is this computer's UTC, nanoseconds since 1970, at the moment the other clock showed `shown`.
+
+    Examples
+    --------
+    >>> from datetime import datetime
+    >>> shown = datetime.fromisoformat("2026-12-11T11:52:30+09:00")
+    >>> host_ns = 1_796_957_545_000_000_000
+    >>> fieldkit.calibrate.host_clock(campaign.config, host_ns=host_ns, shown=shown)
+    <ClockCalibration: add +5.0 ± 1.0 s (k=2)   another clock, read by hand>
+    """
+    own, true = np.array([host_ns], np.int64), np.array([utc_ns(shown)], np.int64)
+    found = offset_from_times(own, true, BY_HAND_S, "other clock by hand")
+    method = "another clock, read by hand"
+    _warn_of_another_day(found, notify)
+    record = _record(name, datetime.fromtimestamp(host_ns // 10**9, UTC), found, method)
+    used_by = "set this computer's clock before recording" if _is_significant(found) else NOTHING_TO_DO
+    return ClockCalibration(record, _summary(found, method), used_by, config.calibration, found)
+
+
+def _record(
+    name: str, date: datetime, found: ClockOffset, method: str, sources: tuple[Source, ...] = ()
+) -> CalibrationRecord:
+    freedom = max(0, found.readings - 1)
+    return stamped(
+        CalibrationRecord(
+            "clock", name, date, found.offset_s, found.standard_uncertainty_s, "s", method, freedom,
+            found.budget, sources=sources,
+        )
+    )  # fmt: skip
+
+
+def _summary(found: ClockOffset, method: str) -> str:
+    return f"add {found.offset_s:+.1f} ± {found.expanded_s:.1f} s (k=2)   {method}"
+
+
+def _is_significant(found: ClockOffset) -> bool:
+    return abs(found.offset_s) > found.expanded_s
+
+
+def _warn_of_another_day(found: ClockOffset, notify: Callable[[str], None]) -> None:
+    if abs(found.offset_s) > LARGEST_ZONE_S:
+        days = found.offset_s / DAY_S
+        notify(f"that is {days:+.1f} days, more than any time zone: check the date of both clocks")
+
+
+def _against_gps(session: SessionReader, stream: str) -> ClockOffset:
+    reader = session.stream(stream)
+    if reader.info.device_time_unit != "ns since 1970 UTC":
+        raise ConfigError(f"{session.path}: {stream} carries no UTC", fix="use the drivers gpsd or nmea")
+    moments = [(one.time_ns, one.device_time) for one in reader.samples(recorded=True) if _is_fix(one)]
+    if not moments:
+        raise CalibrationError(
+            f"{stream} never had a fix; without one a receiver's time is a guess",
+            fix="give the receiver a view of the sky",
+        )
+    own, true = np.array(moments, np.int64).T
+    return offset_from_times(own, true, RECEIVER_S, "receiver")
+
+
+def _is_fix(sample: Sample) -> bool:
+    """True if a reading has position and time of satellites, stamped when it arrived.
+
+    Without a fix a receiver runs on its own clock, from the day it was made or last had one.
+    """
+    return (
+        isinstance(sample, Reading)
+        and sample.device_time != NO_COUNTER
+        and is_usable(sample.quality)
+        and not sample.quality & Quality.INTERPOLATED
+        and math.isfinite(sample.values[0])  # the latitude
+    )
+
+
+def _against_sun(session: SessionReader) -> ClockOffset:
+    if (body := body_of(session.site)) is not EARTH:
+        raise ConfigError(
+            f"{session.path.name} is of {body.name}; the clock is found by the light under the Earth's air",
+            fix="give a GPS stream with --gps, or read another clock with --at",
+        )
+    meter = one_stream(session, "illuminance").name
+    minutes, illuminance = minute_means(session, meter, recorded=True)
+    return offset_from_sun(minutes, illuminance, session.site)

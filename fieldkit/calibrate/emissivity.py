@@ -1,0 +1,217 @@
+"""The emissivity of a sample in the camera's band, from a recorded session."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from fieldkit.calibrate.inputs import end_of, record_source
+from fieldkit.calibrate.measurement import (
+    Inventory,
+    MeasurementOptions,
+    MeasurementSetup,
+    ReadingCollector,
+    measurement_setup,
+)
+from fieldkit.calibrate.result import Calibration, stamped
+from fieldkit.calibration.calibration_record import CalibrationRecord, instrument_of
+from fieldkit.calibration.emissivity import Emissivity, Pairs, SharedUncertainties, fit_emissivity
+from fieldkit.calibration.steady_pairs import (
+    Readings,
+    pairs_of,
+    refuse_other_bed,
+    refuse_shifted_clocks,
+    steady_intervals,
+)
+from fieldkit.model.units import CELSIUS_ZERO_K
+from fieldkit.results.sources import (
+    SessionOrFile,
+    Settings,
+    config_for,
+    log_warning,
+    notify_damage,
+    reading,
+)
+from fieldkit.views.calibration_figure import emissivity_figure, emissivity_svg
+from fieldkit.views.plotting import available
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+WITH_TAPE = "reference emissivity (tape), ASTM E1933"
+WITH_THERMOMETER = "contact thermometer, ASTM E1933"
+
+
+@dataclass(frozen=True, repr=False)
+class EmissivityCalibration(Calibration):
+    """An emissivity with the pairs of surface and apparent temperature that it was fitted to."""
+
+    fit: Emissivity
+    pairs: Pairs
+    setup: MeasurementSetup
+
+    def plot(self) -> Figure:
+        """The pairs with the fitted line, and the error budget."""
+        return emissivity_figure(self.fit, self.pairs, self.setup.band)
+
+    def save(self, folder: Path | None = None) -> Path:
+        """Write the record file, and beside it the figure if matplotlib is installed; the record's path."""
+        path = super().save(folder)
+        if available():
+            figure = emissivity_svg(self.fit, self.pairs, self.setup.band)
+            path.with_suffix(".svg").write_text(figure, encoding="utf-8")
+        return path
+
+
+def emissivity(
+    session: SessionOrFile,
+    *,
+    sample: str,
+    region: str | None = None,
+    reflected: str | float | None = None,
+    options: MeasurementOptions | None = None,
+    settings: Settings = (),
+    notify: Callable[[str], None] = log_warning,
+) -> EmissivityCalibration:
+    """Find the emissivity of a sample from a session with camera and contact thermometer, or with tape.
+
+    The fit itself is `fieldkit.calibration.emissivity.fit_emissivity`.
+
+    Parameters
+    ----------
+    session : Session or path
+        A recording in which the surface was steady at several temperatures.
+    sample : str
+        What was measured, such as ``dry-silica-sand``; names the record.
+    region, reflected : optional
+        Shorthand for the options of these names: ``region="flat", reflected=-42``.
+    options : MeasurementOptions, optional
+        Regions, instruments, band, path through the air and standard uncertainties.
+    settings : mapping, or sequence of ``KEY=VALUE``
+        Other values for keys of the configuration, such as ``{"albedo": 0.25}``.
+    notify : callable
+        Receives warnings, such as damaged samples that were excluded.
+
+    Raises
+    ------
+    ConfigError
+        If region, thermometer or probe is ambiguous.
+    CalibrationError
+        If the session does not determine an emissivity.
+
+    References
+    ----------
+    ASTM E1933, Standard Practice for Measuring and Compensating for Emissivity Using Infrared Imaging
+    Radiometers.
+
+    Examples
+    --------
+    >>> with_foil = fieldkit.open_campaign("sandslope", {"simulation.speed": "max", "simulation.foil": "b05"})
+    >>> session = fieldkit.record(with_foil, duration="15m", name="foil")
+    >>> fieldkit.calibrate.emissivity(session, sample="dry-sand", reflected="b05")
+    <EmissivityCalibration: emissivity 0.900 ± 0.032 (k=2)   band 8-14 um, flat   residual 0.03 K   n=4 ...>
+    """
+    with reading(session) as opened:
+        options = options or MeasurementOptions()
+        options = replace(
+            options,
+            region=region or options.region,
+            reflected=options.reflected if reflected is None else reflected,
+        )
+        config = config_for(opened, settings)
+        inventory = Inventory(opened.path, tuple(opened.streams.values()), opened.regions or config.regions)
+        setup = measurement_setup(inventory, options)
+        collector = ReadingCollector(setup)
+        for one in opened.samples():
+            collector.add(one)
+        notify_damage(opened, notify)
+        pairs, remarks = pairs_of(steady_intervals(_checked_readings(collector)))
+        found = _fitted(pairs, setup, options)
+        found = replace(found, remarks=(*remarks, *found.remarks))
+        record = CalibrationRecord(
+            "emissivity",
+            sample,
+            end_of(opened),
+            found.value,
+            found.standard_uncertainty,
+            "1",
+            WITH_THERMOMETER if setup.tape is None else WITH_TAPE,
+            found.freedom,
+            found.budget,
+            band=setup.band.label,
+            angle_deg=math.nan if options.angle_deg is None else options.angle_deg,
+            instrument=instrument_of(setup.camera),
+            sources=(record_source(opened.path),),
+            details=_details(found, pairs, setup),
+            settings={"sample": sample, **options.recorded()},
+            remarks=found.remarks,
+        )
+        used_by = f'surface.emissivity = "@{sample}"'
+        summary = _summary(found, pairs, setup)
+        return EmissivityCalibration(
+            stamped(record), summary, used_by, config.calibration, found, pairs, setup
+        )
+
+
+def _checked_readings(collector: ReadingCollector) -> Readings:
+    """The readings; raises `CalibrationError` if clocks or probe and region do not fit together."""
+    readings, setup = collector.readings(), collector.setup
+    if setup.tape is None:
+        refuse_shifted_clocks(readings)
+        refuse_other_bed(readings, collector.other_probes_k(), setup.probe_name)
+    return readings
+
+
+def _fitted(pairs: Pairs, setup: MeasurementSetup, options: MeasurementOptions) -> Emissivity:
+    shared = SharedUncertainties(
+        camera_k=options.camera_sd_k,
+        thermometer_k=options.thermometer_sd_k,
+        probe_to_skin_k=options.probe_sd_k,
+        reflected_k=options.reflected_sd_k,
+        sky_drift_k=options.sky_drift_sd_k,
+        probe_gradient_k=options.probe_gradient_sd_k,
+    )
+    return fit_emissivity(
+        pairs,
+        shared,
+        reflected="free" if setup.is_reflected_fitted else "fixed",
+        band=setup.band,
+        tape_emissivity=setup.tape_emissivity,
+        tape_emissivity_sd=options.tape_sd if setup.tape is not None else 0.0,
+        foil_emissivity_sd=options.foil_sd if setup.foil is not None else 0.0,
+    )
+
+
+def _details(found: Emissivity, pairs: Pairs, setup: MeasurementSetup) -> dict[str, Any]:
+    """Details of a record of this kind beside value and budget; temperatures in °C."""
+    if setup.foil is not None:
+        reflected_by = "foil, ISO 18434-1"
+    else:
+        reflected_by = "fitted" if setup.is_reflected_fitted else "given"
+    return {
+        "temperature_range_c": _celsius([pairs.contact_k.min(), pairs.contact_k.max()]),
+        "reflected_temperature_c": _celsius([found.reflected_k])[0],
+        "reflected_by": reflected_by,
+        "pairs": len(pairs),
+        "chi_square": found.chi_square,
+        "residual_k": found.residual_k,
+        "effective_degrees_of_freedom": found.effective_freedom,
+        "contact_c": _celsius(pairs.contact_k),
+        "apparent_c": _celsius(pairs.apparent_k),
+        "reflected_c": _celsius(pairs.reflected_k),
+    }
+
+
+def _celsius(kelvin: Any) -> list[float]:
+    return [round(float(one) - CELSIUS_ZERO_K, 3) for one in kelvin]
+
+
+def _summary(found: Emissivity, pairs: Pairs, setup: MeasurementSetup) -> str:
+    coldest, warmest = pairs.contact_k.min() - CELSIUS_ZERO_K, pairs.contact_k.max() - CELSIUS_ZERO_K
+    return (
+        f"emissivity {found.value:.3f} ± {found.expanded:.3f} (k=2)   band {setup.band.label}   "
+        f"residual {found.residual_k:.2f} K   n={len(pairs)}   span {coldest:.1f}→{warmest:.1f} °C"
+    )

@@ -1,0 +1,188 @@
+"""Record a session for an emissivity: it ends when the surface was steady at enough temperatures.
+
+The session is recorded like any other, with a burst of frames a minute and a shutter correction before
+each. The emissivity is found afterwards from the session alone.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from fieldkit.calibrate.measurement import (
+    Inventory,
+    MeasurementOptions,
+    MeasurementSetup,
+    ReadingCollector,
+    measurement_setup,
+)
+from fieldkit.calibration.emissivity import MIN_SPAN_K
+from fieldkit.calibration.steady_pairs import STEADY_K_MIN, Readings, drift_k_min, steady_intervals
+from fieldkit.config import Config, find_campaign, load_config
+from fieldkit.estimation.estimator import Minute
+from fieldkit.model.durations import as_seconds
+from fieldkit.model.errors import CalibrationError
+from fieldkit.model.samples import Frame, Reading
+from fieldkit.model.units import CELSIUS_ZERO_K
+from fieldkit.recorder.recorder import Shown
+from fieldkit.recording.record import PreparedRecording, RecordedSession, prepare
+from fieldkit.results.sources import Settings, log_warning, settings_from
+
+BURSTS = (
+    "record.sampling=bursts",
+    "record.every_s=60.0",
+    "record.burst_frames=25",
+    "record.shutter_before_burst=true",
+)
+"""Settings that a recording for an emissivity has unless others are given."""
+APART_K = 5.0
+"""Steady temperatures closer than this count as one."""
+RECENT_NS = 120_000_000_000
+"""Length of the interval of the drift that is shown."""
+
+
+def record_emissivity(
+    campaign: str | Path = ".",
+    *,
+    sample: str,
+    options: MeasurementOptions | None = None,
+    settings: Settings = (),
+    on_minute: Callable[[str], None] = lambda line: None,
+    notify: Callable[[str], None] = log_warning,
+) -> RecordedSession:
+    """Record a campaign's instruments until the surface was steady at enough temperatures.
+
+    Foil and probe must be in place; `prepare_emissivity` allows to wait for that.
+
+    Parameters
+    ----------
+    campaign : path
+        Folder of the campaign, or one inside it.
+    sample : str
+        What is measured; goes into the session's name.
+    options : MeasurementOptions, optional
+        What is measured with what, and after how many temperatures or how long to stop.
+    settings : mapping, or sequence of ``KEY=VALUE``
+        Other values for keys of the configuration, such as ``record.burst_frames=3``.
+    on_minute : callable
+        Receives a line each minute: how steady the surface is, and how many temperatures there are.
+    notify : callable
+        Receives warnings of the preflight.
+
+    Raises
+    ------
+    ConfigError, DeviceError, RefusedError, StorageError
+        See `fieldkit.recording.record.record`.
+
+    Examples
+    --------
+    >>> options = fieldkit.calibrate.MeasurementOptions(reflected="b05", temperatures=1, duration="10m")
+    >>> quick = {"simulation.speed": "max", "simulation.foil": "b05"}
+    >>> recorded = fieldkit.calibrate.record_emissivity(
+    ...     "sandslope", sample="sand", options=options, settings=quick
+    ... )
+    >>> recorded.path.name
+    '20160101T190001Z-sand.h5'
+    """
+    config = load_config(find_campaign(Path(campaign)), settings=(*BURSTS, *settings_from(settings)))
+    stopping = threading.Event()
+    with prepare_emissivity(config, sample, options or MeasurementOptions(), notify) as prepared:
+        view = prepared.view(on_minute, stopping.set)
+        recorded = prepared.recording.run([view], stopping=stopping)
+    if recorded.summary.failure is not None:
+        raise recorded.summary.failure
+    return recorded
+
+
+@dataclass(frozen=True, slots=True)
+class PreparedMeasurement:
+    """A recording for an emissivity that can start: instruments open and checked."""
+
+    recording: PreparedRecording
+    setup: MeasurementSetup
+    options: MeasurementOptions
+
+    @property
+    def steps(self) -> str:
+        """Steps before and during the recording, one step a line."""
+        setup = self.setup
+        reflected = "reflected temperature given"
+        if setup.foil is not None:
+            reflected = f"foil in region {setup.foil.name}, in the sample's plane"
+        contact = f"probe {setup.probe_name} under one layer of grains in region {setup.sample.name}"
+        if setup.tape is not None:
+            contact = f"tape in region {setup.tape.name}"
+        return f"1  {reflected}\n2  {contact}\n3  wait until each temperature is steady; Ctrl-C when done"
+
+    def view(self, on_minute: Callable[[str], None], stop: Callable[[], None]) -> SteadyView:
+        """A view of the recording that reports every minute, and calls `stop` when there is enough."""
+        span_k = MIN_SPAN_K if self.setup.is_reflected_fitted else 0.0
+        return SteadyView(ReadingCollector(self.setup), on_minute, stop, self.options.temperatures, span_k)
+
+
+@contextmanager
+def prepare_emissivity(
+    config: Config, sample: str, options: MeasurementOptions, notify: Callable[[str], None] = log_warning
+) -> Iterator[PreparedMeasurement]:
+    """Open a campaign's instruments and choose streams and regions; see `record_emissivity`."""
+    duration_s = None if options.duration is None else as_seconds(options.duration)
+    with prepare(config, name=sample, duration_s=duration_s, notify=notify) as recording:
+        inventory = Inventory(config.path, recording.instruments.streams, config.regions)
+        yield PreparedMeasurement(recording, measurement_setup(inventory, options), options)
+
+
+@dataclass
+class SteadyView:
+    """A view of the recording that reports every minute how steady the surface is, and ends it when done."""
+
+    collector: ReadingCollector
+    on_minute: Callable[[str], None]
+    stop: Callable[[], None]
+    wanted: int
+    wanted_span_k: float = 0.0
+
+    def show(self, item: Shown) -> None:
+        """See `fieldkit.recorder.View`."""
+        if isinstance(item, Frame | Reading):
+            self.collector.add(item)
+        elif isinstance(item, Minute):
+            self._inspect()
+
+    def close(self) -> None:
+        """See `fieldkit.recorder.View`; nothing to release."""
+
+    def _inspect(self) -> None:
+        try:
+            readings = self.collector.readings()
+        except CalibrationError as error:
+            self.on_minute(f"   {error.message}" + (f"; {error.fix}" if error.fix else ""))
+            return
+        steady_k = [interval.contact_k for interval in steady_intervals(readings)]
+        count, span_k = len(apart(steady_k)), max(steady_k, default=0.0) - min(steady_k, default=0.0)
+        progress = f"temperatures {count} of {self.wanted}, span {span_k:.0f} K"
+        self.on_minute(f"   {_state(readings)}   {progress}")
+        if count >= self.wanted and span_k >= self.wanted_span_k:
+            self.stop()
+
+
+def _state(readings: Readings) -> str:
+    recent = readings.contact_ns > int(readings.contact_ns[-1]) - RECENT_NS
+    drift = drift_k_min(readings.contact_ns[recent], readings.contact_k[recent])
+    probe, apparent, reflected = (
+        f"{float(values[-1]) - CELSIUS_ZERO_K:5.1f} °C"
+        for values in (readings.contact_k, readings.apparent_k, readings.reflected_k)
+    )
+    state = "steady" if abs(drift) < STEADY_K_MIN else "wait"
+    return f"probe {probe}  {drift:+.2f} K/min {state:6}   apparent {apparent}   reflected {reflected}"
+
+
+def apart(steady_k: Sequence[float]) -> list[float]:
+    """Those of the steady temperatures that are at least 5 K apart, in order of time."""
+    found: list[float] = []
+    for one in steady_k:
+        if all(abs(one - other) >= APART_K for other in found):
+            found.append(one)
+    return found

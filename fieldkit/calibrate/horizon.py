@@ -1,0 +1,151 @@
+"""The horizon of a place from a DEM, from the skyline clicked in a frame, or by its neighbours."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from scipy.ndimage import map_coordinates
+
+from fieldkit.config import Config
+from fieldkit.config.edit import change_region, set_in_site
+from fieldkit.config.files import read_text
+from fieldkit.config.horizon import COLUMNS
+from fieldkit.config.pose import Pose
+from fieldkit.disk import replacing
+from fieldkit.model.errors import ConfigError, StorageError
+from fieldkit.physics.camera_geometry import Grid, horizon_of_ground, rays
+from fieldkit.physics.facet import tilt_azimuth
+from fieldkit.physics.horizon import Horizon, higher_horizon, horizon_of_neighbours
+from fieldkit.sessions.formats import geotiff
+
+
+def horizon_from_dem(
+    dem: Path, crs: str, east_m: float, north_m: float, *, nearest_m: float = 0.0
+) -> Horizon:
+    """The horizon of a point by a DEM, every degree; raises `ConfigError`."""
+    system = geotiff.projected_crs(crs)
+    grid = geotiff.grid_at(system, east_m, north_m)
+    ground = geotiff.read_heights(dem, system, grid.scale)
+    if not np.isfinite(ground.at(east_m, north_m)):
+        raise ConfigError(f"{dem} has no height at {east_m:g}, {north_m:g}", fix="check --place and --crs")
+    azimuths = np.arange(0.0, 360.0)
+    on_grid = azimuths + grid.true_north_deg
+    elevations = np.nan_to_num(horizon_of_ground(ground, east_m, north_m, on_grid, nearest_m))
+    return list(zip(azimuths.tolist(), elevations.round(2).tolist(), strict=True))
+
+
+def horizon_from_skyline(points: Path, pose: Pose, shape: tuple[int, int]) -> Horizon:
+    """The horizon by a CSV file of pixels on the skyline; see `horizon_of_pixels`."""
+    return horizon_of_pixels(_skyline(points), pose, shape, str(points))
+
+
+def horizon_of_pixels(
+    pixels: Sequence[tuple[float, float]], pose: Pose, shape: tuple[int, int], source: str = "skyline"
+) -> Horizon:
+    """The horizon by pixels (x, y) on the skyline of a frame (rows, cols), from the camera's place.
+
+    Level left and right of them. Raises `ConfigError`, which names their source.
+    """
+    table = np.array(pixels).reshape(-1, 2)
+    inside = (table >= -0.5).all() and (table < np.array(shape[::-1]) - 0.5).all()
+    if len(table) < 2 or not inside:
+        raise ConfigError(f"{source}: needs two or more pixels, all within the frame", fix="check --frame")
+    camera = pose.camera(shape, Grid())  # yaw is against true north
+    x, y = table.T
+    lines = np.stack(
+        [map_coordinates(one, [y, x], order=1) for one in np.moveaxis(rays(camera), -1, 0)], axis=-1
+    )
+    zenith, azimuth = tilt_azimuth(lines)
+    order = np.argsort((azimuth - camera.yaw_deg + 180.0) % 360.0)
+    pairs = [(float(azimuth[i]), float(90.0 - zenith[i])) for i in order]
+    first, last = (pairs[0][0] - 0.1) % 360.0, (pairs[-1][0] + 0.1) % 360.0
+    rounded = [(round(at, 2), round(up, 2)) for at, up in pairs]
+    return [(round(first, 2), 0.0), *rounded, (round(last, 2), 0.0)]
+
+
+def horizons_of_regions(config: Config) -> dict[str, Horizon]:
+    """The horizon of each region on the ground that another one rises above, with the site's, by name.
+
+    Corners are the tops of beds; a region counts as shaded where any part of it is. Raises `ConfigError`.
+    """
+    beds = {one.name: np.array(one.points_m) for one in config.regions if one.points_m}
+    if config.pose is None or len(beds) < 2:
+        raise ConfigError(
+            "regions that shade each other: give two or more with corners on the ground",
+            fix="give regions points_m = [[east, north, height], ...], and [camera] a pose",
+        )
+    system = geotiff.projected_crs(config.pose.table.crs)
+    site = config.estimator_settings().horizon
+    found: dict[str, Horizon] = {}
+    for name, bed in beds.items():
+        grid = geotiff.grid_at(system, *bed[0, :2])
+        on_ground = (grid.scale, grid.scale, 1.0)
+        others = [other / on_ground for its_name, other in beds.items() if its_name != name]
+        over = horizon_of_neighbours(bed / on_ground, others)
+        if max(up for _, up in over) > 0.0:
+            on_site = [(float((at - grid.true_north_deg) % 360.0), up) for at, up in over]
+            found[name] = _thinned(higher_horizon(on_site, site))
+    return found
+
+
+def set_skyline(
+    config: Config, pixels: Sequence[tuple[float, float]], shape: tuple[int, int], time_ns: int
+) -> Horizon:
+    """Write the skyline of a frame as ``skyline.csv`` and name it as the site's horizon.
+
+    Seen by ``camera.pose`` at a time (UTC nanoseconds). Raises `ConfigError`.
+    """
+    if config.pose is None:
+        raise ConfigError(
+            "a skyline needs the pose of the camera", fix='write pose = "pose.toml" under [camera]'
+        )
+    horizon = horizon_of_pixels(pixels, config.pose.at(time_ns), shape)
+    file = config.path.parent / "skyline.csv"  # its own: a surveyed horizon.csv stays
+    write_horizon(file, horizon)
+    set_in_site(config.path, "horizon", file.name)
+    return horizon
+
+
+def set_horizons(file: Path, horizons: Mapping[str, Horizon]) -> list[Path]:
+    """Write ``horizon-REGION.csv`` beside a ``fieldkit.toml`` and name each in its region; the files."""
+    written = []
+    for name, horizon in horizons.items():
+        written.append(file.parent / f"horizon-{name}.csv")
+        write_horizon(written[-1], horizon)
+        change_region(file, name, {"horizon": written[-1].name})
+    return written
+
+
+def _thinned(horizon: Horizon) -> Horizon:
+    """Rounded for a file, without points amid others of the same elevation."""
+    rounded = {round(at, 3) % 360.0: round(up, 2) for at, up in horizon}
+    pairs = sorted(rounded.items())
+    up = np.array([elevation for _, elevation in pairs])
+    turns = (up != np.roll(up, 1)) | (up != np.roll(up, -1))
+    return [pair for pair, is_turn in zip(pairs, turns, strict=True) if is_turn] or pairs[:1]
+
+
+def write_horizon(path: Path, horizon: Horizon) -> None:
+    """Write the CSV file that ``horizon`` of a site or region names; raises `StorageError`."""
+    lines = [",".join(COLUMNS), *(f"{azimuth:g},{elevation:g}" for azimuth, elevation in horizon)]
+    try:
+        with replacing(path, synced=False) as file:
+            file.write_text("\n".join([*lines, ""]), encoding="utf-8")
+    except OSError as error:
+        raise StorageError(f"cannot write {path}: {error.strerror or error}") from error
+
+
+def _skyline(points: Path) -> list[tuple[float, float]]:
+    """Pixels x, y."""
+    rows = list(csv.DictReader(io.StringIO(read_text(points))))
+    try:
+        return [(float(row["x_px"]), float(row["y_px"])) for row in rows]
+    except (KeyError, TypeError, ValueError) as error:
+        raise ConfigError(
+            f"{points}: not a table of numbers with the columns x_px, y_px ({error})",
+            fix="begin the file with x_px,y_px",
+        ) from error

@@ -1,0 +1,62 @@
+"""Inputs of calibrations from a session: its streams, regions, minute means, and its place in a record."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.calibration.calibration_record import Source
+from fieldkit.disk import sha256
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.errors import ConfigError
+from fieldkit.model.site import Region
+from fieldkit.sessions import analysis
+from fieldkit.sessions.reader import SessionReader
+
+Times = NDArray[np.int64]
+FloatArray = NDArray[np.float64]
+
+
+def end_of(session: SessionReader) -> datetime:
+    """End of a session: the date of a calibration made from it."""
+    return datetime.fromtimestamp(session.end_ns // 10**9, UTC)
+
+
+def record_source(path: Path) -> Source:
+    """A session or file as a record refers to it: name and SHA-256."""
+    return Source(path.name, sha256(path))
+
+
+def one_region(regions: Sequence[Region], name: str, path: Path) -> Region:
+    """The region of that name; raises `ConfigError` with the names there are."""
+    for region in regions:
+        if region.name == name:
+            return region
+    have = ", ".join(region.name for region in regions) or "none"
+    raise ConfigError(f"{path} has no region {name!r}", fix=f"it has {have}; fieldkit roi add draws one")
+
+
+def one_stream(session: SessionReader, quantity: str, name: str | None = None) -> StreamInfo:
+    """The only stream of a quantity, or the one of that name; raises `ConfigError` with those there are."""
+    found = [info for info in session.streams.values() if info.quantity == quantity]
+    chosen = [info for info in found if name in (None, info.name)]
+    if len(chosen) == 1:
+        return chosen[0]
+    have = ", ".join(info.name for info in found) or "none"
+    which = f"no {quantity} stream {name!r}" if name else f"which {quantity} stream?"
+    raise ConfigError(f"{session.path}: {which}", fix=f"it has {have}")
+
+
+def minute_means(session: SessionReader, stream: str, *, recorded: bool = False) -> tuple[Times, FloatArray]:
+    """Middle and mean of every minute of a meter's first channel; raises `ConfigError` without any.
+
+    `recorded` takes the times as they were recorded, without an active time map.
+    """
+    minutes, means = analysis.minute_means(session, stream, recorded=recorded)
+    if not minutes.size:
+        raise ConfigError(f"{session.path}: {stream} has no usable readings", fix="fieldkit check shows why")
+    return minutes, means

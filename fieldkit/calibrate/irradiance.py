@@ -1,0 +1,178 @@
+"""The factor of a light meter, W/m2 per unit, against a better instrument."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.calibrate.inputs import Times, end_of, minute_means, one_stream, record_source
+from fieldkit.calibrate.result import Calibration, stamped
+from fieldkit.calibration.calibration_record import CalibrationRecord, instrument_of
+from fieldkit.calibration.light_meter import LightFactor, light_factor, on_plane
+from fieldkit.config import Config
+from fieldkit.model.errors import ConfigError
+from fieldkit.model.radiation import UNKNOWN, measured
+from fieldkit.physics.sun import sun_vectors
+from fieldkit.recording.simulated_scene import measured_weather
+from fieldkit.results.sources import (
+    SessionOrFile,
+    Settings,
+    config_for,
+    log_warning,
+    notify_damage,
+    reading,
+)
+from fieldkit.sessions.reader import SessionReader
+
+FloatArray = NDArray[np.float64]
+Against = Literal["pyranometer", "pyrheliometer", "station"]
+DIFFUSE_SD = {"none": 0.03, "fraction": 0.05, "erbs": 0.04}
+"""Relative standard uncertainty of the diffuse part where it is modelled, by model."""
+NEAR_S = 90.0
+
+
+def irradiance(
+    session: SessionOrFile,
+    *,
+    against: Against,
+    reference: str,
+    reference_sd: float = 0.02,
+    name: str = "light",
+    settings: Settings = (),
+    notify: Callable[[str], None] = log_warning,
+) -> Calibration:
+    """Find the factor of a session's light meter against a reference, by a line through the origin.
+
+    Mounting and diffuse model are those of ``[irradiance]``; diffuse irradiance of a station is used as
+    measured.
+
+    Parameters
+    ----------
+    session : Session or path
+        A recording with one illuminance stream.
+    against : {"pyranometer", "pyrheliometer", "station"}
+        Kind of reference: a stream of global irradiance on the meter's plane, a stream of direct normal
+        irradiance, or a station file.
+    reference : str
+        Name of the stream, SURFRAD or BSRN file of the site's station, or name of the packaged day.
+    reference_sd : float
+        Relative standard uncertainty of the reference. [unitless]
+    name : str
+        Names the record.
+    settings : mapping, or sequence of ``KEY=VALUE``
+        Other values for keys of the configuration, such as ``surface.albedo=0.25``.
+    notify : callable
+        Receives warnings, such as damaged samples that were excluded.
+
+    Raises
+    ------
+    ConfigError
+        If a stream or station does not measure what is needed, or not at the session's times.
+    CalibrationError
+        If the readings do not determine a factor.
+
+    Examples
+    --------
+    >>> fieldkit.calibrate.irradiance(session, against="station", reference="alamosa-2016-01-01")
+    <Calibration: 0.009156 ± 0.000458 W/m² per lx (k=2)   109 lm/W   scatter 0.1%   21 minutes>
+    """
+    with reading(session) as opened:
+        config = config_for(opened, settings)
+        files = [Path(reference).resolve()] if against == "station" and Path(reference).is_file() else []
+        if files:  # relative paths are meant from the current folder, not from the campaign's
+            reference = str(files[0])
+        meter = one_stream(opened, "illuminance")
+        minutes, illuminance = minute_means(opened, meter.name)
+        plane, method, diffuse_sd = _reference(opened, config, minutes, against, reference)
+        notify_damage(opened, notify)
+        found = light_factor(illuminance, plane, reference_sd=reference_sd, diffuse_sd=diffuse_sd)
+        model = config.irradiance_model()
+        record = CalibrationRecord(
+            "irradiance",
+            name,
+            end_of(opened),
+            found.value,
+            found.standard_uncertainty,
+            "W/m2/lx",
+            method,
+            found.minutes - 1,
+            found.budget,
+            instrument=instrument_of(meter),
+            sources=tuple(record_source(file) for file in (opened.path, *files)),
+            details={
+                "minutes": found.minutes,
+                "scatter": found.scatter,
+                "mounting": model.mounting,
+                "diffuse": model.diffuse,
+            },
+            settings={
+                "name": name,
+                "pyranometer": "",
+                "pyrheliometer": "",
+                "station": "",
+                against: reference,
+            },
+            remarks=found.remarks,
+        )
+        used_by = f'irradiance.model = "calibrated", irradiance.factor = "@{name}"'
+        return Calibration(stamped(record), _summary(found), used_by, config.calibration)
+
+
+def _summary(found: LightFactor) -> str:
+    return (
+        f"{found.value:.6f} ± {found.expanded:.6f} W/m² per lx (k=2)   {1.0 / found.value:.0f} lm/W   "
+        f"scatter {found.scatter:.1%}   {found.minutes} minutes"
+    )
+
+
+def _reference(
+    session: SessionReader, config: Config, minute_ns: Times, against: Against, reference: str
+) -> tuple[FloatArray, str, float]:
+    """Irradiance on the meter's plane at the minutes, the method, the uncertainty of the diffuse part."""
+    model = config.irradiance_model()
+    if against == "pyranometer":
+        times, value = minute_means(session, _radiation(session, config, reference, ("ghi", "gti")))
+        method = f"against the pyranometer {reference} on the same plane"
+        return _at(minute_ns, times, value), method, 0.0
+    sun = sun_vectors(minute_ns, config.site, refraction=True)
+    if against == "pyrheliometer":
+        times, value = minute_means(session, _radiation(session, config, reference, ("dni",)))
+        plane = on_plane(model, _at(minute_ns, times, value), None, sun, minute_ns)
+        method = f"against the pyrheliometer {reference}, diffuse {model.diffuse}"
+        return plane, method, DIFFUSE_SD[model.diffuse]
+    weather = measured_weather(config, reference)
+    if minute_ns[0] > weather.time_ns[-1] or minute_ns[-1] < weather.time_ns[0]:
+        raise ConfigError(
+            f"{reference} is of another day than {session.path.name}", fix="give that day's file"
+        )
+    dni = _at(minute_ns, weather.time_ns, weather.dni_w_m2)
+    dhi = _at(minute_ns, weather.time_ns, weather.dhi_w_m2)
+    return on_plane(model, dni, dhi, sun, minute_ns), f"against the station file {weather.source}", 0.0
+
+
+def _radiation(session: SessionReader, config: Config, stream: str, components: Sequence[str]) -> str:
+    """The stream of that name; raises `ConfigError` if it is known to measure something else."""
+    info = one_stream(session, "irradiance", stream)
+    known = set(measured(info, config.tables.irradiance.measures)) - {UNKNOWN}
+    if known and not known & set(components):
+        raise ConfigError(
+            f"{stream} measures {', '.join(sorted(known))}, not {' or '.join(components)}",
+            fix=f"name another stream, or correct irradiance.measures.{stream}",
+        )
+    return info.name
+
+
+def _at(minute_ns: Times, time_ns: Times, value: FloatArray) -> FloatArray:
+    """Values interpolated at the minutes; NaN farther than a minute and a half from any value."""
+    known = np.isfinite(value)
+    if not known.any():
+        return np.full(minute_ns.size, np.nan)
+    since, times = (minute_ns - time_ns[0]) / 1e9, (time_ns[known] - time_ns[0]) / 1e9
+    following = np.searchsorted(times, since)
+    near = np.abs(times[np.clip(following, 0, times.size - 1)] - since) < NEAR_S
+    near |= np.abs(times[np.clip(following - 1, 0, times.size - 1)] - since) < NEAR_S
+    return np.where(near, np.interp(since, times, value[known]), np.nan)

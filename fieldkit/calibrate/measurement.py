@@ -1,0 +1,382 @@
+"""Parts of an emissivity measurement, and its samples as readings in kelvin.
+
+Used alike for a recorded session and for instruments that are being read.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.calibrate.inputs import one_region
+from fieldkit.calibration.band import (
+    FLAT,
+    Band,
+    CameraBand,
+    ResponseBand,
+    before_camera_settings,
+    transmission,
+    without_air,
+)
+from fieldkit.calibration.emissivity import (
+    FOIL_EMISSIVITY,
+    FOIL_EMISSIVITY_SD,
+    is_saturated,
+    mirrored_temperature_k,
+    refuse_saturated,
+    tape_temperature_k,
+)
+from fieldkit.calibration.steady_pairs import Readings
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.errors import CalibrationError, ConfigError
+from fieldkit.model.limits import bounds_by_name
+from fieldkit.model.samples import Frame, Sample, is_usable
+from fieldkit.model.site import Region, RegionKind
+from fieldkit.model.units import CELSIUS_ZERO_K, kelvin_if_fahrenheit
+from fieldkit.physics.camera_laws import frame_k
+
+FloatArray = NDArray[np.float64]
+FITTED = "free"
+"""Value of `reflected` that leaves the reflected temperature to the fit."""
+NOT_MEASURED_K = 150.0
+"""Stands in for a reflected temperature that is left to the fit: colder than any sky."""
+
+
+@dataclass(frozen=True, slots=True)
+class MeasurementOptions:
+    """Method of an emissivity measurement, and the uncertainty of each part.
+
+    Parameters
+    ----------
+    region : str, optional
+        Region of the sample; the reference region by default.
+    thermometer : str, optional
+        Stream of the contact thermometer; needed if the session has several.
+    channel : str, optional
+        Probe of the thermometer, by name or by number from 1; the first by default.
+    reflected : str or float
+        Region of a foil that shows the reflected temperature, that temperature in °C, or ``free`` to fit it.
+    tape : str, optional
+        Region of a tape or paint of known emissivity, used instead of a thermometer.
+    tape_emissivity, tape_sd : float
+        Emissivity of the tape and its standard uncertainty.
+    foil_emissivity, foil_sd : float
+        Emissivity of the foil itself and its standard uncertainty.
+    band : str
+        Spectral band of the camera: ``8-14`` (flat, micrometres), the file of a spectral response,
+        or the camera's constants ``B,F`` or ``R,B,F,O``.
+    camera_emissivity : float, optional
+        Emissivity already applied by the camera.
+    camera_reflected_c : float
+        Reflected temperature already applied by the camera. [°C]
+    distance_m, air_c, humidity_percent : float
+        Path through the air; only lengths above a few metres matter. [m, °C, %]
+    angle_deg : float, optional
+        Viewing angle from the surface normal. [degrees]
+    unit : {"C", "F"}
+        Unit the thermometer displayed; ``F`` if it was recorded as °C by mistake.
+    camera_sd_k, thermometer_sd_k, probe_sd_k, reflected_sd_k : float
+        Standard uncertainties of camera, thermometer, contact between probe and surface, and
+        reflected temperature. [K]
+    probe_gradient_sd_k, sky_drift_sd_k : float
+        Half of the change between the coldest and the warmest pair: of the probe's error, and of the
+        reflected temperature where no foil measures it. [K]
+    temperatures : int
+        While recording: stop after this many steady temperatures.
+    duration : str or float, optional
+        While recording: stop after this time, such as ``3h``.
+
+    Examples
+    --------
+    >>> options = fieldkit.calibrate.MeasurementOptions(region="flat", reflected=-42.0, probe_sd_k=0.2)
+    >>> options.recorded()["reflected"]
+    '-42.0'
+    """
+
+    region: str | None = None
+    thermometer: str | None = None
+    channel: str | None = None
+    reflected: str | float = "foil"
+    tape: str | None = None
+    tape_emissivity: float = 0.95
+    tape_sd: float = 0.01
+    foil_emissivity: float = FOIL_EMISSIVITY
+    foil_sd: float = FOIL_EMISSIVITY_SD
+    band: str = "8-14"
+    camera_emissivity: float | None = None
+    camera_reflected_c: float = 20.0
+    distance_m: float = 0.0
+    air_c: float = 20.0
+    humidity_percent: float = 50.0
+    angle_deg: float | None = None
+    unit: Literal["C", "F"] = "C"
+    camera_sd_k: float = 0.3
+    thermometer_sd_k: float = 0.3
+    probe_sd_k: float = 0.5
+    reflected_sd_k: float = 5.0
+    probe_gradient_sd_k: float = 0.3
+    sky_drift_sd_k: float = 5.0
+    temperatures: int = 3
+    duration: str | float | None = None
+
+    def recorded(self) -> dict[str, Any]:
+        """The options by their names in a calibration record, to repeat it; empty ones are omitted."""
+        given = {_RECORDED.get(one.name, one.name): getattr(self, one.name) for one in fields(self)}
+        given["reflected"] = str(self.reflected)
+        return {key: value for key, value in given.items() if value not in (None, "", False)}
+
+
+_RECORDED = {
+    "camera_reflected_c": "camera_reflected",
+    "distance_m": "distance",
+    "air_c": "air",
+    "humidity_percent": "humidity",
+    "angle_deg": "angle",
+    "camera_sd_k": "camera_sd",
+    "thermometer_sd_k": "thermometer_sd",
+    "probe_sd_k": "probe_sd",
+    "reflected_sd_k": "reflected_sd",
+    "probe_gradient_sd_k": "probe_gradient_sd",
+    "sky_drift_sd_k": "sky_drift_sd",
+    "duration": "lasting",
+}
+"""Names in record files where they differ: files of earlier versions have them without units."""
+
+
+@dataclass(frozen=True, slots=True)
+class MeasurementSetup:
+    """Streams and regions of a measurement, and what lies between surface and camera.
+
+    `foil` is None if the reflected temperature is not measured by the camera; `foil_emissivity` is the
+    foil's own. `tape` is the region used instead of a thermometer. `fahrenheit` marks a thermometer whose
+    °F were recorded as °C. `camera_emissivity` and `camera_reflected_k` were already applied by the camera.
+    """
+
+    camera: StreamInfo
+    sample: Region
+    band: Band
+    thermometer: StreamInfo | None = None
+    channel: int = 0
+    foil: Region | None = None
+    tape: Region | None = None
+    tape_emissivity: float = 0.95
+    foil_emissivity: float = FOIL_EMISSIVITY
+    reflected_k: float = math.nan
+    is_reflected_fitted: bool = False
+    fahrenheit: bool = False
+    camera_emissivity: float = 1.0
+    camera_reflected_k: float = 293.15
+    distance_m: float = 0.0
+    air_k: float = 293.15
+    humidity: float = 0.5
+
+    @property
+    def channel_names(self) -> tuple[str, ...]:
+        """Probes of the thermometer, by name or else by number from 1."""
+        return () if self.thermometer is None else self.thermometer.channel_names
+
+    @property
+    def probe_name(self) -> str:
+        """Name of the chosen probe; empty without a thermometer."""
+        return self.channel_names[self.channel] if self.thermometer is not None else ""
+
+
+@dataclass(frozen=True, slots=True)
+class Inventory:
+    """Choices of a measurement: streams and regions of a session or of a campaign at `path`."""
+
+    path: Path
+    streams: Sequence[StreamInfo]
+    regions: Sequence[Region]
+
+
+def measurement_setup(inventory: Inventory, options: MeasurementOptions) -> MeasurementSetup:
+    """Choose the streams and regions of a measurement; raises `ConfigError` if a choice is unclear."""
+    where, regions = inventory.path, inventory.regions
+    camera = next((info for info in inventory.streams if info.is_camera), None)
+    if camera is None:
+        raise ConfigError(f"{where} has no camera", fix="an emissivity needs frames of a camera")
+    reference = next((one.name for one in regions if one.kind is RegionKind.REFERENCE), "")
+    foil, reflected_k = _reflected(options.reflected, regions, where)
+    setup = MeasurementSetup(
+        camera,
+        one_region(regions, options.region or reference, where),
+        band_of(options.band),
+        foil=foil,
+        tape=one_region(regions, options.tape, where) if options.tape else None,
+        reflected_k=reflected_k,
+        is_reflected_fitted=options.reflected == FITTED,
+        tape_emissivity=options.tape_emissivity,
+        foil_emissivity=options.foil_emissivity,
+        fahrenheit=options.unit == "F",
+        camera_emissivity=_applied_emissivity(camera, options.camera_emissivity),
+        camera_reflected_k=options.camera_reflected_c + CELSIUS_ZERO_K,
+        distance_m=options.distance_m,
+        air_k=options.air_c + CELSIUS_ZERO_K,
+        humidity=options.humidity_percent / 100.0,
+    )
+    return setup if setup.tape is not None else _with_thermometer(setup, inventory, options)
+
+
+def _with_thermometer(
+    setup: MeasurementSetup, inventory: Inventory, options: MeasurementOptions
+) -> MeasurementSetup:
+    found = [info for info in inventory.streams if info.quantity == "temperature"]
+    chosen = [info for info in found if options.thermometer in (None, info.name)]
+    if len(chosen) != 1:
+        have = ", ".join(info.name for info in found) or "none"
+        raise ConfigError(f"{inventory.path}: which thermometer?", fix=f"--thermometer; it has {have}")
+    return replace(setup, thermometer=chosen[0], channel=_channel(chosen[0], options.channel))
+
+
+def _applied_emissivity(camera: StreamInfo, given: float | None) -> float:
+    """The emissivity already applied by the camera: from its stream, or as given."""
+    reported = float(camera.settings.get("emissivity", 1.0))
+    if given is not None and reported not in (1.0, given):
+        raise ConfigError(
+            f"the camera reports that it applied {reported:g}, --camera-emissivity is {given:g}",
+            fix="omit --camera-emissivity: an emissivity must not be corrected for twice",
+        )
+    return reported if given is None else given
+
+
+def _reflected(reflected: str | float, regions: Sequence[Region], where: Path) -> tuple[Region | None, float]:
+    """The foil's region or the reflected temperature in kelvin."""
+    if reflected == FITTED:
+        return None, NOT_MEASURED_K
+    try:
+        return None, float(reflected) + CELSIUS_ZERO_K
+    except ValueError:
+        return one_region(regions, str(reflected), where), math.nan
+
+
+def _channel(thermometer: StreamInfo, text: str | None) -> int:
+    channel = 0 if text is None else thermometer.channel(text)
+    if channel is None:
+        have = ", ".join(thermometer.channel_names)
+        raise ConfigError(f"the thermometer has no probe {text!r}", fix=f"it has {have}")
+    return channel
+
+
+def band_of(text: str) -> Band:
+    """A band from ``8-14``, a file of wavelength and response, ``B,F`` or ``R,B,F,O``."""
+    if text == "8-14":
+        return FLAT
+    try:
+        numbers = [float(word) for word in text.split(",")]
+    except ValueError:
+        return ResponseBand.read(Path(text))
+    if len(numbers) == 2:
+        return CameraBand(*numbers)
+    if len(numbers) == 4:
+        return CameraBand(numbers[1], numbers[2], numbers[0], numbers[3])
+    raise ConfigError(f"{text!r} is not a valid band", fix="use 8-14, a file, B,F or R,B,F,O")
+
+
+@dataclass
+class ReadingCollector:
+    """Collects what an emissivity needs of each sample; `add` is quick, `readings` does the work."""
+
+    setup: MeasurementSetup
+    _camera: list[tuple[int, float, float, float]] = field(default_factory=list)
+    _probes: list[tuple[int, tuple[float, ...]]] = field(default_factory=list)
+    _saturated: int = 0
+    _lowest_k: float = math.inf
+
+    def __post_init__(self) -> None:
+        rows, cols = self.setup.camera.shape
+        regions = (self.setup.sample, self.setup.foil, self.setup.tape)
+        self._masks = [None if region is None else region.mask((rows, cols)) for region in regions]
+
+    def add(self, sample: Sample) -> None:
+        """Add a sample of any stream; unusable samples are skipped."""
+        if not is_usable(sample.quality):
+            return
+        probe = self.setup.thermometer
+        if isinstance(sample, Frame):
+            if sample.stream == self.setup.camera.name:
+                self._add_frame(sample)
+        elif probe is not None and sample.stream == probe.name:
+            self._probes.append((sample.time_ns, sample.values))
+
+    def _add_frame(self, frame: Frame) -> None:
+        info = self.setup.camera
+        kelvin = frame_k(info, frame.counts, frame.metadata_rows)
+        means = [float("nan") if mask is None else float(kelvin[mask].mean()) for mask in self._masks]
+        self._camera.append((frame.time_ns, *means))  # type: ignore[arg-type]
+        foil = self._masks[1]
+        if foil is not None and is_saturated(frame.counts[foil]):
+            self._saturated += 1
+            self._lowest_k = min(self._lowest_k, float(kelvin[foil].min()))
+
+    @property
+    def frame_count(self) -> int:
+        """Number of usable frames collected so far."""
+        return len(self._camera)
+
+    def readings(self) -> Readings:
+        """Camera and thermometer in kelvin, corrected for the camera's own settings and the air.
+
+        Raises `CalibrationError` for a saturated foil, or without usable frames or probe readings.
+        """
+        setup = self.setup
+        refuse_saturated(len(self._camera), self._saturated, self._lowest_k)
+        if not self._camera or (setup.thermometer is not None and not self._probes):
+            raise CalibrationError(
+                f"no usable {'frames' if not self._camera else 'thermometer readings'}",
+                fix="fieldkit check shows why samples are flagged",
+            )
+        times = np.array([row[0] for row in self._camera], np.int64)
+        table = np.array([row[1:] for row in self._camera], np.float64).T
+        apparent, foil, tape = (self._at_surface(column) for column in table)
+        # the foil lies on the surface, so it has about its temperature and emits a few per cent itself
+        reflected = (
+            np.full(times.size, setup.reflected_k)
+            if setup.foil is None
+            else mirrored_temperature_k(foil, apparent, setup.foil_emissivity, setup.band)
+        )
+        if setup.tape is not None:
+            contact = tape_temperature_k(tape, setup.tape_emissivity, reflected, setup.band)
+            return Readings(times, apparent, reflected, times, contact)
+        probe_ns = np.array([time_ns for time_ns, _ in self._probes], np.int64)
+        return Readings(times, apparent, reflected, probe_ns, self.probes_k()[:, setup.channel])
+
+    def probes_k(self) -> FloatArray:
+        """All probes, (m, channels), kelvin; NaN where they show what cannot be."""
+        values = np.array([row for _, row in self._probes], np.float64)
+        probe = self.setup.thermometer
+        assert probe is not None
+        kelvin = values + (0.0 if probe.unit == "K" else CELSIUS_ZERO_K)
+        if self.setup.fahrenheit:
+            kelvin = kelvin_if_fahrenheit(kelvin)
+        return np.where(bounds_by_name(["probe_temperature"], probe.limits).exceeded(kelvin), np.nan, kelvin)
+
+    def other_probes_k(self) -> dict[str, FloatArray]:
+        """The probes that were not chosen, by name; probes without any reading are omitted."""
+        setup = self.setup
+        if setup.thermometer is None:
+            return {}
+        probes = self.probes_k()
+        return {
+            name: probes[:, number]
+            for number, name in enumerate(setup.channel_names)
+            if number != setup.channel and np.isfinite(probes[:, number]).any()
+        }
+
+    def _at_surface(self, seen_k: FloatArray) -> FloatArray:
+        """Brightness temperature at the surface, before air and camera settings changed it, kelvin."""
+        setup, surface_k = self.setup, np.array(seen_k)
+        if setup.camera_emissivity != 1.0:
+            surface_k = before_camera_settings(
+                surface_k, setup.camera_emissivity, setup.camera_reflected_k, setup.band
+            )
+        if setup.distance_m > 0.0:
+            through = transmission(setup.distance_m, setup.air_k, setup.humidity)
+            surface_k = without_air(surface_k, through, setup.air_k, setup.band)
+        return surface_k

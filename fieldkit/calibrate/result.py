@@ -1,0 +1,60 @@
+"""Result of every calibration: a record that is not yet saved."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import fieldkit
+from fieldkit.calibration.calibration_record import CalibrationRecord, expiry, save
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True, repr=False)
+class Calibration:
+    """A calibration that is not yet saved.
+
+    `record` holds value, uncertainty and error budget; `summary` states them in a line or two.
+    `used_by` is the line of ``fieldkit.toml`` that uses the record, `folder` where the campaign keeps its
+    records.
+
+    Examples
+    --------
+    >>> kappa = fieldkit.calibrate.surface(session, settings={"estimator.model": "paper"})
+    >>> kappa.used_by
+    'estimator.scale = "@beds"'
+    >>> kappa.to_frame().columns.tolist()
+    ['name', 'uncertainty', 'unit', 'kind', 'effect']
+    >>> kappa.save().name
+    '20160101T192001Z-beds.toml'
+    """
+
+    record: CalibrationRecord
+    summary: str
+    used_by: str
+    folder: Path
+
+    def save(self, folder: Path | None = None) -> Path:
+        """Write the record file into the campaign's folder or another one; its path.
+
+        Raises `StorageError` if the folder has another record of the same name and date.
+        """
+        return save(self.record, folder or self.folder)
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self.summary}>"
+
+    def to_frame(self) -> pd.DataFrame:
+        """The error budget, one row per contribution."""
+        import pandas as pd
+
+        return pd.DataFrame(self.record.budget)
+
+
+def stamped(record: CalibrationRecord) -> CalibrationRecord:
+    """The record with its date of expiry and the version of this software."""
+    version = f"fieldkit {fieldkit.__version__}"
+    return replace(record, software=version, expires=expiry(record.kind, record.date))

@@ -1,0 +1,204 @@
+"""The scale kappa of the surface from target regions of known slope, and what they show of eq. (6).
+
+With the learned model: everything that the session taught of its sand (`fieldkit.calibrate.sand`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from fieldkit.calibrate.inputs import end_of, record_source
+from fieldkit.calibrate.result import Calibration, stamped
+from fieldkit.calibrate.sand import sand
+from fieldkit.calibration.calibration_record import CalibrationRecord
+from fieldkit.calibration.surface_scale import BedScale, PooledScale, pool
+from fieldkit.estimation import balance
+from fieldkit.estimation.balance import Rows
+from fieldkit.estimation.bins import History, RegionColumns
+from fieldkit.estimation.known_slopes import KnownSlope, known_slopes
+from fieldkit.estimation.normal import LOWEST_COS_INCIDENCE
+from fieldkit.estimation.region_temperatures import remove_offsets
+from fieldkit.estimation.scale import ExchangeFit, identify, scale_from_known_bed
+from fieldkit.model.errors import CalibrationError
+from fieldkit.model.samples import Quality
+from fieldkit.physics.facet import FloatArray
+from fieldkit.results.minutes import SessionMinutes
+from fieldkit.results.sources import (
+    SessionOrFile,
+    Settings,
+    config_for,
+    log_warning,
+    notify_damage,
+    reading,
+    regions_for,
+    settings_from,
+)
+
+CLOUDY = Quality.CLOUD | Quality.LOW_SUN | Quality.MOVED
+
+
+def surface(
+    session: SessionOrFile,
+    *,
+    beds: Sequence[str] = (),
+    tilt_sd_deg: float = 0.5,
+    name: str = "beds",
+    settings: Settings = (),
+    notify: Callable[[str], None] = log_warning,
+) -> Calibration:
+    """Find the scale kappa of a session from its target regions of known tilt and azimuth.
+
+    kappa belongs to one surface model and one irradiance source: change neither after calibrating. With the
+    learned model, the session's gain, thermal inertia and depth are the next session's prior ("this sand");
+    regions of known slope sharpen them and are not needed.
+
+    Parameters
+    ----------
+    session : Session or path
+        A recording with target regions whose ``tilt_deg`` and ``azimuth_deg`` are known.
+    beds : sequence of str
+        Only these regions; by default all of known slope.
+    tilt_sd_deg : float
+        Standard uncertainty of the inclinometer. [degrees]
+    name : str
+        Names the record.
+    settings : mapping, or sequence of ``KEY=VALUE``
+        Other values for keys of the configuration, such as ``surface.albedo=0.25``.
+    notify : callable
+        Receives warnings, such as damaged samples that were excluded.
+
+    Raises
+    ------
+    ConfigError
+        If a region of `beds` has no known slope.
+    CalibrationError
+        If no region has, if there are too few clear minutes, or if the regions disagree. With the learned
+        model: if the session teaches nothing.
+
+    Examples
+    --------
+    >>> fieldkit.calibrate.surface(session, settings={"estimator.model": "paper"})
+    <Calibration: kappa 1.132 ± 0.031 (k=2)   paper model, eq10 /0.44, diffuse 15%, horizontal
+      b05 1.079   b15 1.118   b25 1.138>
+    """
+    with reading(session) as opened:
+        config = config_for(opened, settings)
+        if config.tables.estimator.model == "learned":
+            given = known_slopes(regions_for(opened, config).latest, beds, opened.path)
+            learnt = sand(opened, config, given, tilt_sd_deg, name)
+            notify_damage(opened, notify)
+            return learnt
+        # kappa is measured relative to one, whatever was configured
+        config = config_for(opened, (*settings_from(settings), "estimator.scale=1.0"))
+        minutes = SessionMinutes(opened, config)
+        history = minutes.history
+        notify_damage(opened, notify)
+        known = known_slopes(minutes.regions, beds, opened.path)
+        if not known:
+            raise CalibrationError(
+                f"{opened.path} has no region of known slope",
+                fix="give tilt_deg and azimuth_deg of one bed of 10 to 25 degrees",
+            )
+        rows = clear_rows(minutes, history)
+        scales = {bed: _scale_of(rows, slope, tilt_sd_deg) for bed, slope in known.items()}
+        found = pool(scales, tilt_sd_deg)
+        model = identified(minutes, history, known)
+        record = CalibrationRecord(
+            "surface",
+            name,
+            end_of(opened),
+            found.kappa,
+            found.standard_uncertainty,
+            "1",
+            f"beds of known slope, {minutes.settings.model} model",
+            found.freedom,
+            found.budget,
+            values={bed: scale.kappa for bed, scale in scales.items()},
+            uncertainties={bed: scale.kappa_sd for bed, scale in scales.items()},
+            sources=(record_source(opened.path),),
+            details=_details(model, minutes),
+            settings={"name": name, "beds": list(known), "tilt_sd": tilt_sd_deg},
+            remarks=(model.summary,),
+        )
+        summary = _summary(found, scales, minutes)
+        return Calibration(stamped(record), summary, f'estimator.scale = "@{name}"', config.calibration)
+
+
+def clear_rows(minutes: SessionMinutes, history: History) -> Rows:
+    """Rows of the energy balance for all minutes of a session and all targets; NaN where it was not clear."""
+    columns, settings = RegionColumns(minutes.regions), minutes.settings
+    true = remove_offsets(history, columns.regions, settings)
+    rows = balance.least_squares_rows(true, 0, columns, settings)
+    is_clear = (history.flags & int(CLOUDY))[:, np.newaxis] == 0
+    return replace(rows, y=np.where(is_clear, rows.y, np.nan))
+
+
+def _scale_of(rows: Rows, slope: KnownSlope, tilt_sd_deg: float) -> BedScale:
+    """The scale of one region, and its change with the inclinometer's error."""
+    y, sigma = rows.y[:, slope.column], rows.sigma[:, slope.column]
+    is_lit = np.isfinite(rows.design).all(axis=1) & np.isfinite(sigma)
+    is_lit &= np.minimum(rows.sun @ slope.normal(), rows.sun @ rows.reference) >= LOWEST_COS_INCIDENCE
+    data = rows.design[is_lit], y[is_lit], sigma[is_lit], rows.reference
+    found = scale_from_known_bed(*data, slope.normal())
+    steeper = scale_from_known_bed(*data, slope.normal(steeper_deg=tilt_sd_deg))
+    return BedScale(found.kappa, found.kappa_sd, steeper.kappa - found.kappa)
+
+
+def identified(minutes: SessionMinutes, history: History, known: Mapping[str, KnownSlope]) -> ExchangeFit:
+    """Evidence of the regions of known slope on alpha and beta of eq. (6)."""
+    columns, surface = RegionColumns(minutes.regions), minutes.settings.surface
+    names = [region.name for region in minutes.regions]
+    warm = np.concatenate([history.temperature_k[:, names.index(name)] for name in known])
+    reference_normal = columns.reference_normals.mean(axis=0)
+    excess = np.concatenate(
+        [_excess_dni(history, slope.normal(), reference_normal) for slope in known.values()]
+    )
+    cold = np.tile(_reference_k(history, columns), len(known))
+    is_known = np.isfinite(warm) & np.isfinite(excess) & np.isfinite(cold)
+    if is_known.sum() < len(known) * 3:
+        raise CalibrationError("too few minutes with light and temperatures", fix="take a longer session")
+    data, prior = (warm[is_known], cold[is_known], excess[is_known]), (surface.alpha, surface.beta)
+    first = identify(*data, minutes.settings.noise_k, prior)
+    # what the surface does beside eq. (6) counts as noise too, or the split would look measured
+    residual_k = data[0] - data[1] - data[2] / first.steepness_w_m2_k
+    noise_k = max(minutes.settings.noise_k, float(np.std(residual_k)) / np.sqrt(2.0))
+    return identify(*data, noise_k, prior)
+
+
+def _reference_k(history: History, columns: RegionColumns) -> FloatArray:
+    """Mean temperature (n,) of the reference regions that have one; NaN where none has."""
+    base = history.temperature_k[:, columns.references]
+    is_known = np.isfinite(base)
+    mean = np.where(is_known, base, 0.0).sum(axis=1) / is_known.sum(axis=1).clip(1)
+    return np.where(is_known.any(axis=1), mean, np.nan)
+
+
+def _excess_dni(history: History, target: FloatArray, reference: FloatArray) -> FloatArray:
+    """Direct irradiance (n,) of a target beyond the reference's, W/m2; NaN while one is in its own shade."""
+    on_target, on_reference = history.sun @ target, history.sun @ reference
+    is_lit = np.minimum(on_target, on_reference) >= LOWEST_COS_INCIDENCE
+    return np.where(is_lit, history.dni_w_m2 * (on_target - on_reference), np.nan)
+
+
+def _details(model: ExchangeFit, minutes: SessionMinutes) -> dict[str, Any]:
+    return {
+        "model": minutes.settings.model,
+        "irradiance": minutes.measured.irradiance_model,
+        "steepness_w_m2_k": model.steepness_w_m2_k,
+        "steepness_sd": model.steepness_sd,
+        "alpha": model.alpha,
+        "beta": model.beta,
+        "alpha_and_beta_are_the_prior": model.share_is_prior,
+    }
+
+
+def _summary(found: PooledScale, scales: Mapping[str, BedScale], minutes: SessionMinutes) -> str:
+    each = "   ".join(f"{bed} {scale.kappa:.3f}" for bed, scale in scales.items())
+    return (
+        f"kappa {found.kappa:.3f} ± {found.expanded:.3f} (k=2)   {minutes.settings.model} model, "
+        f"{minutes.measured.irradiance_model}\n  {each}"
+    )

@@ -1,0 +1,94 @@
+"""A bank of Kalman filters: p states of n unknown numbers with their covariances, stepped side by side.
+
+::
+
+    x' = F x + c + w,  w ~ N(0, Q)        m' = F m + c,  P' = F P F' + Q                         (predict)
+    y  = H x + c + v,  v ~ N(0, R)        e = y - H m - c,  S = H P H' + R,  K = P H' S^-1       (update)
+                                          m' = m + K e,  P' = P - K S K',  log N(e; 0, S)
+
+S. Särkkä, Bayesian Filtering and Smoothing, Cambridge, 2013, theorem 4.2; the sum of the logarithms is the
+log-likelihood of all measurements (A. C. Harvey, Forecasting, Structural Time Series Models and the Kalman
+Filter, Cambridge, 1989, section 3.4).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from fieldkit.physics.facet import FloatArray
+
+LOG_TWO_PI = float(np.log(2.0 * np.pi))
+
+
+@dataclass(frozen=True, slots=True)
+class Affine:
+    """Numbers that a state determines, ``rows x + constant``: rows (p, m, n), constants (p, m)."""
+
+    rows: FloatArray
+    constant: FloatArray
+
+    def at(self, state: FloatArray) -> FloatArray:
+        """The numbers (p, m) at states (p, n)."""
+        return np.asarray(np.matmul(self.rows, state[..., np.newaxis])[..., 0] + self.constant)
+
+
+@dataclass(frozen=True, slots=True)
+class Transition:
+    """A state fades and some numbers flow into it: ``x' = decay x + into flows(x)``.
+
+    `decay` (n,), `into` (n, m); so F = diag(decay) + into rows, of which few rows differ from a diagonal.
+    """
+
+    decay: FloatArray
+    into: FloatArray
+    flows: Affine
+
+
+class Innovation(NamedTuple):
+    """Measured less predicted (p, m), the same whitened to unit variance, and its log-likelihood (p,)."""
+
+    difference: FloatArray
+    standardised: FloatArray
+    log_likelihood: FloatArray
+
+
+class KalmanBank:
+    """Filters with `mean` (p, n) and `covariance` (p, n, n)."""
+
+    def __init__(self, mean: FloatArray, covariance: FloatArray) -> None:
+        self.mean = mean
+        self.covariance = covariance
+
+    def predict(self, transition: Transition, noise: FloatArray) -> None:
+        """Move the states by a transition; `noise` (p, n) is the diagonal of Q."""
+        decay, into, flows = transition.decay, transition.into, transition.flows
+        self.mean = decay * self.mean + flows.at(self.mean) @ into.T
+        # F P F' without a product of two whole matrices: diagonal, and a part of few rows with its transpose
+        crossed = flows.rows @ self.covariance
+        among = crossed @ flows.rows.transpose(0, 2, 1)
+        inflow = into @ (decay * crossed + 0.5 * among @ into.T)
+        self.covariance *= np.outer(decay, decay)
+        self.covariance += inflow
+        self.covariance += inflow.transpose(0, 2, 1)
+        diagonal = np.arange(decay.size)
+        self.covariance[:, diagonal, diagonal] += noise
+
+    def update(self, design: Affine, measured: FloatArray, variance: float) -> Innovation:
+        """Correct the states by measurements (m,) with independent noise, R = variance I; NaN is skipped."""
+        seen, difference = np.isfinite(measured), measured - design.at(self.mean)
+        rows, count = design.rows[:, seen], int(seen.sum())
+        shared = rows @ self.covariance
+        root = np.linalg.cholesky(shared @ rows.transpose(0, 2, 1) + variance * np.eye(count))
+        # K S K' as a square of one matrix, L^-1 H P with S = L L': P stays symmetric and positive
+        whitening = np.linalg.inv(root)
+        half_gain = whitening @ shared
+        white = np.matmul(whitening, difference[:, seen, np.newaxis])[..., 0]
+        self.mean = self.mean + np.einsum("pmn,pm->pn", half_gain, white)
+        self.covariance -= half_gain.transpose(0, 2, 1) @ half_gain
+        log_size = np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1) + 0.5 * count * LOG_TWO_PI
+        standardised = np.full_like(difference, np.nan)
+        standardised[:, seen] = white
+        return Innovation(difference, standardised, -0.5 * (white**2).sum(axis=1) - log_size)

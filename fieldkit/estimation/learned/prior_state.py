@@ -1,0 +1,144 @@
+"""The state before any data: what relaxes and how fast, means, and covariances of all places.
+
+A state is normally distributed before the first minute. Stores begin as a level that is hardly known and as
+what unknown fluxes of the hours before have left in them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fieldkit.estimation.learned.hypotheses import Hypotheses
+from fieldkit.estimation.learned.inputs import Logged, MinuteInputs
+from fieldkit.estimation.learned.layout import GUSTS, Layout
+from fieldkit.estimation.prior import Prior
+from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.physics.facet import FloatArray
+from fieldkit.physics.layer_modes import RATES_PER_S
+
+GUST_MINUTES: FloatArray = np.array([2.0, 6.0, 20.0])
+GUST_SHARES: FloatArray = np.sqrt(GUST_MINUTES ** (2.0 / 3.0) / np.sum(GUST_MINUTES ** (2.0 / 3.0)))
+"""Standard deviations of the gusts' parts over that of all: together nearly f**(-5/3), as turbulence has."""
+SLOW_MINUTES = 30.0
+COMMON_MINUTES = 20.0
+AIR_MINUTES = 30.0
+SMOOTHED = float(np.sqrt(2.0))
+"""Standard deviation of a drive over that of the process which follows it with the same time constant."""
+AIR_CHANGE_K = 1.5
+"""Change of an air temperature that is not logged, over `AIR_MINUTES`."""
+AIR_NOISE_K = 0.1
+LEVEL_SD_K = 15.0
+PAST_MINUTES: FloatArray = np.array([0.0, 4.0, 12.0, 36.0, 108.0, 300.0])
+"""Bounds of the bins of time before the first minute in which the net flux was one unknown number each."""
+NORMAL_UP = 0.95
+NORMAL_UP_SD = 0.15
+DIRECT_SD = 0.07
+"""Relative, of direct light that is a reading less an assumed share of diffuse light."""
+ALBEDO_SD = 0.0625
+"""Relative, of the absorptance of sand whose albedo is 0.20 within 0.05."""
+GUESSED = 2.0
+"""Factor on the uncertainty of longwave where neither it nor the air was measured."""
+
+
+def processes(
+    layout: Layout, prior: Prior, hypotheses: Hypotheses, logged: Logged
+) -> dict[int, tuple[FloatArray, float]]:
+    """Standard deviation (p,) and time constant in minutes of what relaxes and is driven by chance, by place.
+
+    A smooth process follows its drive with the same time constant. Chance moves it over tens of minutes but
+    not from one to the next; otherwise quiet minutes would be taken for a high inertia.
+    """
+    unrest = SMOOTHED * hypotheses.unrest
+    found = {
+        layout.shared("slow_gust_drive"): (unrest * prior.slow_gust_sd * hypotheses.exchange, SLOW_MINUTES),
+        layout.shared("common_flux_drive"): (unrest * prior.common_flux_sd_w_m2, COMMON_MINUTES),
+        layout.shared("air_change_drive"): (
+            unrest * (AIR_NOISE_K if logged.air else AIR_CHANGE_K),
+            AIR_MINUTES,
+        ),
+    }
+    for name, share, minutes in zip(GUSTS, GUST_SHARES, GUST_MINUTES, strict=True):
+        found[layout.shared(name)] = (share * hypotheses.gust, float(minutes))
+    for target in range(layout.targets):
+        found[layout.bed_flux_drive(target)] = (unrest * prior.bed_flux_sd_w_m2, SLOW_MINUTES)
+    return found
+
+
+def prior_mean(
+    layout: Layout, settings: EstimatorSettings, first: MinuteInputs, logged: Logged
+) -> FloatArray:
+    """Prior mean (n,)."""
+    mean = np.zeros(layout.size)
+    for region in range(layout.regions):
+        mean[layout.stores(region).start] = first.temperature_k[region]
+    mean[layout.shared("gain")] = settings.scale
+    # to a camera that reads high the air would be warmer by as much
+    mean[layout.shared("air")] = logged.camera_k
+    mean[layout.shared("circumsolar")] = settings.prior.circumsolar_share
+    for target in range(layout.targets):
+        mean[layout.normal(target)] = settings.scale * NORMAL_UP * layout.facing[target][2]
+    return mean
+
+
+def prior_sds(settings: EstimatorSettings, logged: Logged) -> dict[str, float]:
+    """Prior standard deviations of the constants that all regions share, by name."""
+    prior = settings.prior
+    air_sd_k = prior.air_sd_k if logged.air else prior.air_unlogged_sd_k
+    is_guessed = not (logged.longwave or logged.air)
+    return {
+        "gain": float(np.hypot(gain_sd(settings), 0.0 if logged.diffuse else DIRECT_SD)),
+        "diffuse": prior.diffuse_sd if logged.diffuse else prior.diffuse_unmeasured_sd,
+        "circumsolar": prior.circumsolar_sd,
+        "longwave": prior.longwave_sd_w_m2 * (GUESSED if is_guessed else 1.0),
+        "air": float(np.hypot(air_sd_k, logged.camera_sd_k)),
+    }
+
+
+def gain_sd(settings: EstimatorSettings) -> float:
+    """Prior standard deviation of the gain: as stated, or a calibrated meter's factor and the albedo."""
+    calibrated = float(np.hypot(settings.factor_sd, ALBEDO_SD))
+    return min(settings.prior.gain_sd, calibrated) if settings.factor_sd > 0.0 else settings.prior.gain_sd
+
+
+def prior_covariance(
+    layout: Layout, settings: EstimatorSettings, hypotheses: Hypotheses, logged: Logged
+) -> FloatArray:
+    """Prior covariance (p, n, n); stores by past fluxes and an unknown level."""
+    prior = settings.prior
+    variance = np.zeros((hypotheses.exchange.size, layout.size))
+    for name, sd in prior_sds(settings, logged).items():
+        variance[:, layout.shared(name)] = sd**2
+    for place, (spread, _) in processes(layout, prior, hypotheses, logged).items():
+        variance[:, place] = spread**2
+    for target in range(layout.targets):
+        vertical = layout.facing[target][2]
+        sds = np.where(vertical > 0.0, NORMAL_UP_SD, prior.normal_horizontal_sd)
+        variance[:, layout.normal(target)] = sds**2
+    for region in range(1, layout.regions):
+        variance[:, layout.offset(region)] = settings.offset_sd_k**2
+        variance[:, layout.drift(region)] = settings.drift_sd_k_per_h**2
+    covariance = np.zeros((*variance.shape, layout.size))
+    covariance[:, range(layout.size), range(layout.size)] = variance
+    offsets = slice(layout.offset(1), layout.offset(layout.regions - 1) + 1)
+    covariance[:, offsets, offsets] += logged.emissivities_k2
+    # started as if it had long run: a process that follows its drive has half the drive's variance
+    for place, drive in layout.smooth.items():
+        covariance[:, place, place] = variance[:, drive] / 2.0
+        covariance[:, place, drive] = covariance[:, drive, place] = variance[:, drive] / 2.0
+    past = _past_fills()
+    shared = (past * prior.past_flux_sd_w_m2**2) @ past.T
+    own = (past * prior.bed_past_flux_sd_w_m2**2) @ past.T
+    for one in range(layout.regions):
+        for other in range(layout.regions):
+            covariance[:, layout.stores(one), layout.stores(other)] = shared + (one == other) * own
+        level = layout.stores(one).start
+        covariance[:, level, level] += LEVEL_SD_K**2
+    return covariance
+
+
+def _past_fills() -> FloatArray:
+    """Seconds of the flux of each past bin that are left in level and stores (1 + MODES, bins)."""
+    bounds_s = 60.0 * PAST_MINUTES
+    rates = RATES_PER_S[1:, np.newaxis]
+    left = (np.exp(-rates * bounds_s[:-1]) - np.exp(-rates * bounds_s[1:])) / rates
+    return np.vstack([np.zeros(left.shape[1]), np.diff(bounds_s), left])

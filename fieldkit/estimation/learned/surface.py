@@ -1,0 +1,253 @@
+"""Model of the surface: what the temperatures of a minute are, and what flows into the ground, by the state.
+
+Given a hypothesis, temperatures depend linearly on everything else that is unknown: the stores of each layer
+warm by the net flux, and that is linear in a normal times the gain, in gusts, longwave, air. The flux depends
+on the temperature itself, so it is taken at a predicted one and corrected to first order for the difference:
+noise of the camera stays noise and does not turn into heat. Where two unknowns multiply each other (share of
+diffuse light and normal), the product is taken to first order around a given state.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from fieldkit.estimation.learned.bank import Affine, Transition
+from fieldkit.estimation.learned.hypotheses import Hypotheses
+from fieldkit.estimation.learned.inputs import Logged, MinuteInputs
+from fieldkit.estimation.learned.layout import GUSTS, Layout
+from fieldkit.estimation.learned.prior_state import processes
+from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.physics.constants import STEFAN_BOLTZMANN
+from fieldkit.physics.facet import FloatArray
+from fieldkit.physics.layer_modes import RATES_PER_S, layer_modes
+
+MINUTE_S = 60.0
+_LOSSY: FloatArray = RATES_PER_S[1:]
+FADE: FloatArray = np.concatenate([[1.0, 1.0], np.exp(-_LOSSY * MINUTE_S)])
+"""Share of the level and of each store that is left after a minute."""
+FILL: FloatArray = np.concatenate([[0.0, MINUTE_S], (1.0 - FADE[2:]) / _LOSSY])
+"""Seconds of flux that a minute leaves in them."""
+MEAN: FloatArray = np.concatenate([[1.0, 1.0], (1.0 - FADE[2:]) / (_LOSSY * MINUTE_S)])
+"""Their mean over a minute without flux, as a share of the first value."""
+MEAN_FILL: FloatArray = np.concatenate([[0.0, MINUTE_S / 2.0], (1.0 - MEAN[2:]) / _LOSSY])
+"""The same of what a minute's flux adds, in seconds."""
+MOMENT_SHARE = 0.2
+"""The surface's mean over a minute depends on when the light changed; as a share of the change."""
+EDGE_SHARE = 0.3
+"""Direct light of a minute in which a board came or went, as a standard deviation around one half."""
+BOARD_SD_W_M2 = 60.0
+"""Longwave of a board instead of the sky's, and the skylight that comes in below it."""
+HIDDEN = 0.7
+"""Share of the sky that a board hides."""
+LOWEST_SUN = 0.05
+
+
+class SurfaceModel:
+    """Equations of all regions of a layout under p hypotheses; products around a state (n,)."""
+
+    def __init__(
+        self,
+        layout: Layout,
+        hypotheses: Hypotheses,
+        settings: EstimatorSettings,
+        logged: Logged,
+        around: FloatArray,
+    ) -> None:
+        self.layout = layout
+        self.hypotheses = hypotheses
+        self.settings = settings
+        modes = layer_modes(hypotheses.inertia, hypotheses.depth_m, settings.slab.heat_capacity_j_m3_k)
+        self._weights = np.column_stack([np.ones_like(modes.resistance), modes.weights])
+        self._quick = (modes.resistance + self._weights @ MEAN_FILL)[:, np.newaxis]
+        self._processes = processes(layout, settings.prior, hypotheses, logged)
+        self._normals = self._views()
+        self._around = _possible(layout, around)
+
+    # --- from one minute to the next
+
+    def transition(self, minute: MinuteInputs, flux: Affine) -> Transition:
+        """Into a minute, from the one with this flux: stores fade and take it, processes relax."""
+        layout, drives = self.layout, list(self.layout.smooth.values())
+        decay = self._decay.copy()
+        decay[layout.shared("board")] = float(minute.shaded.any())
+        followed = np.broadcast_to(np.eye(layout.size)[drives], (len(flux.rows), len(drives), layout.size))
+        rows = np.concatenate([flux.rows, followed], axis=1)
+        constant = np.concatenate([flux.constant, np.zeros(followed.shape[:2])], axis=1)
+        return Transition(decay, self._into, Affine(rows, constant))
+
+    def noise(self, minute: MinuteInputs) -> FloatArray:
+        """Variances (p, n) that a minute begins with or adds."""
+        variance = np.zeros((self.hypotheses.exchange.size, self.layout.size))
+        for place, (sd, _) in self._processes.items():
+            variance[:, place] = sd**2 * (1.0 - self._decay[place] ** 2)
+        for place, passing in self.passing(minute).items():
+            variance[:, place] = passing
+        return variance
+
+    def passing(self, minute: MinuteInputs) -> dict[int, float]:
+        """Variances by place of what lasts one minute, and of the board while there is none."""
+        change, prior = minute.direct_change, self.settings.prior
+        sds = {
+            "beam": prior.beam_change_share * change,
+            "moment": MOMENT_SHARE * change,
+            "edge": EDGE_SHARE * minute.direct,
+            # a shutter or the housing's warmth moves all regions together
+            "camera": self.settings.noise_k,
+            "board": 0.0 if minute.shaded.any() else BOARD_SD_W_M2,
+        }
+        return {self.layout.shared(name): sd**2 for name, sd in sds.items()}
+
+    @cached_property
+    def _decay(self) -> FloatArray:
+        """Share (n,) of each place that is left after a minute."""
+        layout = self.layout
+        decay = np.ones(layout.size)
+        for region in range(layout.regions):
+            decay[layout.stores(region)] = FADE
+        for place, (_, minutes) in self._processes.items():
+            decay[place] = np.exp(-1.0 / minutes)
+        for place, drive in layout.smooth.items():
+            decay[place] = decay[drive]
+        for name in ("beam", "moment", "edge", "camera"):
+            decay[layout.shared(name)] = 0.0
+        return decay
+
+    @cached_property
+    def _into(self) -> FloatArray:
+        """Places that each flux fills, and that each drive moves (n, regions + drives)."""
+        layout = self.layout
+        into = np.zeros((layout.size, layout.regions + len(layout.smooth)))
+        for region in range(layout.regions):
+            into[layout.stores(region), region] = FILL
+        for column, place in enumerate(layout.smooth, start=layout.regions):
+            into[place, column] = 1.0 - self._decay[place]
+        return into
+
+    # --- within a minute
+
+    def readings(self, minute: MinuteInputs, temperature: Affine) -> Affine:
+        """Temperatures of the regions as the camera shows them."""
+        layout, rows = self.layout, temperature.rows.copy()
+        rows[:, :, layout.shared("camera")] += 1.0
+        for region in range(1, layout.regions):
+            rows[:, region, layout.offset(region)] += 1.0
+            rows[:, region, layout.drift(region)] += minute.hours
+        return Affine(rows, temperature.constant)
+
+    def equations(self, minute: MinuteInputs, mean: FloatArray, taken_k: FloatArray) -> tuple[Affine, Affine]:
+        """Mean temperature and net flux of each region in a minute, at states near `mean` (p, n).
+
+        `taken_k` (p, regions) are temperatures to begin with.
+        """
+        sources = self._sources(minute)
+        # first at the last prediction, then at this one, which knows of a cloud, and unlike the measurement
+        # nothing of its noise
+        for _ in range(2):
+            temperature, flux = self._linearised(minute, sources, mean, taken_k)
+            taken_k = temperature.at(mean)
+        return temperature, flux
+
+    def _linearised(
+        self, minute: MinuteInputs, sources: Affine, mean: FloatArray, taken_k: FloatArray
+    ) -> tuple[Affine, Affine]:
+        """Mean temperature and net flux; the flux is taken at `taken_k` and corrected to first order."""
+        flux = self._flux(minute, sources, taken_k)
+        steepness, quick = self._steepness(mean, taken_k), self._quick
+        # the flux q - L (T - T0) warms the surface at once by T = R q + stores: solved for T
+        damping = 1.0 / (1.0 + quick * steepness)
+        rows = quick[..., np.newaxis] * flux.rows
+        beam, moment = self.layout.shared("beam"), self.layout.shared("moment")
+        # a mean that came too early or late is of the surface alone: the ground takes up the right flux
+        rows[:, :, moment] = quick * flux.rows[:, :, beam]
+        for region in range(self.layout.regions):
+            rows[:, region, self.layout.stores(region)] += self._weights * MEAN
+        rows *= damping[..., np.newaxis]
+        constant = damping * quick * (flux.constant + steepness * taken_k)
+        lost = Affine(steepness[..., np.newaxis] * rows, steepness * (constant - taken_k))
+        return Affine(rows, constant), Affine(flux.rows - lost.rows, flux.constant - lost.constant)
+
+    def _flux(self, minute: MinuteInputs, sources: Affine, taken_k: FloatArray) -> Affine:
+        """Net flux of each region at temperatures `taken_k` (p, regions)."""
+        place = self.layout.shared
+        rows = np.tile(sources.rows, (len(taken_k), 1, 1))
+        over_air, exchange = taken_k - minute.air_k, self.hypotheses.exchange[:, np.newaxis]
+        for name in (*GUSTS, "slow_gust"):
+            rows[:, :, place(name)] -= over_air
+        for name in ("air", "air_change"):
+            rows[:, :, place(name)] += exchange
+        emitted = self.settings.surface.emissivity_broadband * STEFAN_BOLTZMANN * taken_k**4
+        return Affine(rows, sources.constant - emitted - exchange * over_air)
+
+    def _steepness(self, mean: FloatArray, taken_k: FloatArray) -> FloatArray:
+        """Loss of heat per kelvin (p, regions), W m-2 K-1."""
+        gusts = sum(mean[:, self.layout.shared(name)] for name in (*GUSTS, "slow_gust"))
+        radiated = 4.0 * self.settings.surface.emissivity_broadband * STEFAN_BOLTZMANN * taken_k**3
+        return np.asarray(radiated + np.maximum(self.hypotheses.exchange + gusts, 0.0)[:, np.newaxis])
+
+    def _views(self) -> FloatArray:
+        """Rows (regions, n, 3) that give each region's normal times the gain."""
+        layout = self.layout
+        normals = np.zeros((layout.regions, layout.size, 3))
+        for region, known in enumerate(layout.known):
+            normals[region, layout.shared("gain")] = known
+        for target, axes in enumerate(layout.facing):
+            normals[layout.references + target, layout.normal(target)] = axes.T
+        return normals
+
+    def _sources(self, minute: MinuteInputs) -> Affine:
+        """Fluxes into each region that are the same under all hypotheses: rows (regions, n).
+
+        Absorbed sunlight, longwave and fluxes without a cause.
+        """
+        layout, place, now = self.layout, self.layout.shared, self._around
+        view, shaded, upwards = layout.sky_views, minute.shaded, self._normals[..., 2]
+        lit, sky = minute.sunlit * (1.0 - shaded), 1.0 - HIDDEN * shaded
+        towards = self._normals @ minute.sun
+        towards_now, upwards_now = towards @ now, upwards @ now
+        beam = lit * (towards_now > 0.0) * (minute.sun[2] > 0.0)
+        height = max(minute.sun[2], LOWEST_SUN)
+        share = now[place("circumsolar")] * minute.circumsolar
+        diffuse = sky * minute.diffuse * (1.0 + now[place("diffuse")])
+        dome = view * diffuse * (1.0 - share) / 2.0
+        # the ground around a region is in the same shadow of the horizon
+        hidden = (1.0 - minute.sunlit) * (minute.reflected - self.settings.ground_albedo * minute.diffuse)
+        reflected = sky * (minute.reflected - hidden) / 2.0
+        # what hides the sky is taken to be as warm as the ground
+        grey = self.settings.surface.emissivity_broadband
+        down = view * minute.longwave_down + (1.0 - view) * minute.longwave_ground
+        # longwave does not scale with the gain, but the state holds normals times the gain
+        tilted = grey * (down - minute.longwave_ground) / 2.0 / now[place("gain")]
+        rows = ((minute.direct + diffuse * share / height) * beam)[:, np.newaxis] * towards
+        rows += (dome - reflected + tilted)[:, np.newaxis] * upwards
+        # the sky's and the ground's halves (1 + n_z) / 2 and (1 - n_z) / 2, both times the gain
+        rows[:, place("gain")] += dome + reflected
+        constant = grey * (down + minute.longwave_ground) / 2.0
+        # products of two unknowns, to first order around what was known at the last draw
+        around, above = beam * towards_now / height, view * (now[place("gain")] + upwards_now) / 2.0
+        by_name = {
+            "diffuse": sky * minute.diffuse * (share * around + (1.0 - share) * above),
+            "circumsolar": diffuse * minute.circumsolar * (around - above),
+        }
+        for name, slope in by_name.items():
+            rows[:, place(name)] += slope
+            constant -= slope * now[place(name)]
+        rows[:, place("beam")] += beam * np.maximum(towards_now, 0.0)
+        rows[:, place("edge")] += minute.is_edge * np.maximum(towards_now, 0.0)
+        rows[:, place("common_flux")] += 1.0
+        rows[:, place("longwave")] += grey * view
+        rows[:, place("board")] += shaded
+        for target in range(layout.targets):
+            rows[layout.references + target, layout.bed_flux(target)] += 1.0
+        return Affine(rows, constant)
+
+
+def _possible(layout: Layout, state: FloatArray) -> FloatArray:
+    """A state whose gain and skylight can be."""
+    possible = state.copy()
+    limits = {"gain": (0.5, 2.0), "circumsolar": (0.0, 1.0), "diffuse": (-0.5, 1.0)}
+    for name, (low, high) in limits.items():
+        place = layout.shared(name)
+        possible[place] = min(max(possible[place], low), high)
+    return possible

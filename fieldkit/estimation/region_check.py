@@ -1,0 +1,193 @@
+"""Check that a region can be measured: large enough, in the frame, apart from others, of one temperature."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.model.site import Region
+
+MIN_PIXELS = 100
+MOST_OF_FRAME = 0.9
+"""A region that covers more of the frame than this sees more than one bed."""
+EDGE_PX = 2
+UNEVEN_EDGE_K = 1.0
+CLEAN_EDGE_K = 0.2
+"""A larger edge difference is a warning; shrinking should bring it below the smaller value."""
+MOST_SHRUNK_PX = 10
+FrameK = NDArray[np.float64]
+Level = Literal["ok", "warn", "FAIL"]
+
+
+@dataclass
+class RegionInspection:
+    """The result of checking one region; `spread_k` and `edge_k` are NaN without a frame.
+
+    `edge_k` is how much the outer two pixels differ from the inside, in kelvin; `shrink_px` by how many
+    pixels to move the edges inwards so that they differ no more, None where that is not needed or no remedy.
+    """
+
+    region: Region
+    pixels: int
+    spread_k: float = math.nan
+    edge_k: float = math.nan
+    failures: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    shrink_px: int | None = None
+
+    @property
+    def text(self) -> str:
+        """All issues in words; empty where there are none."""
+        return "; ".join(self.failures + self.warnings)
+
+    @property
+    def level(self) -> Level:
+        """The worst level of all issues."""
+        return "FAIL" if self.failures else "warn" if self.warnings else "ok"
+
+    def row(self) -> tuple[str, ...]:
+        """One line of the table."""
+        spread = "-" if math.isnan(self.spread_k) else f"{self.spread_k:.2f} K"
+        verdict = f"{self.level}: {self.text}" if self.text else "ok"
+        return self.region.name, slope_text(self.region), f"{self.pixels} px", spread, verdict
+
+    def document(self) -> dict[str, Any]:
+        """The result as a JSON object."""
+        return {
+            "name": self.region.name,
+            "pixels": self.pixels,
+            "spread_k": self.spread_k,
+            "edge_k": self.edge_k,
+            "level": self.level,
+            "remarks": self.failures + self.warnings,
+        }
+
+
+def slope_text(region: Region) -> str:
+    """``15/180``, ``15`` where the azimuth is not known, or a dash."""
+    known = [f"{angle:g}" for angle in (region.tilt_deg, region.azimuth_deg) if not math.isnan(angle)]
+    return "-" if math.isnan(region.tilt_deg) else "/".join(known)
+
+
+def check_regions(
+    regions: Sequence[Region], shape: tuple[int, ...] | None, frame: FrameK | None = None
+) -> list[RegionInspection]:
+    """Check each region in a frame of `shape` (rows, cols); `frame` holds kelvin of that shape.
+
+    Without a shape the regions are only checked against each other.
+    """
+    return [check_region(one, shape, frame, regions[:number]) for number, one in enumerate(regions)]
+
+
+def check_region(
+    region: Region,
+    shape: tuple[int, ...] | None,
+    frame: FrameK | None = None,
+    others: Sequence[Region] = (),
+) -> RegionInspection:
+    """Check one region in a frame of `shape` (rows, cols), as fast as a finger draws it.
+
+    `frame` holds kelvin of that shape; the region must share no pixel with `others`. Without a shape its size
+    and place in the frame are not checked.
+    """
+    rows, cols = shape or _around(region)
+    box = region.box((rows, cols))
+    mask = region.mask((rows, cols), box)
+    inspection = RegionInspection(region, int(mask.sum()))
+    _check_size(inspection, rows, cols)
+    for other in others:
+        if shared := int((mask & other.mask((rows, cols), box)).sum()):
+            inspection.failures.append(f"shares {shared} px with {other.name}")
+    if shape is not None and inspection.pixels > MOST_OF_FRAME * rows * cols:
+        inspection.warnings.append(
+            f"covers {inspection.pixels / (rows * cols):.0%} of the frame, not one bed"
+        )
+    if frame is not None and inspection.pixels:
+        _check_evenness(inspection, mask, frame[box], frame)
+    return inspection
+
+
+def _around(region: Region) -> tuple[int, int]:
+    """A frame large enough for a region."""
+    xs, ys = zip(*region.vertices, strict=True)
+    return math.ceil(max(ys)) + 1, math.ceil(max(xs)) + 1
+
+
+def _check_size(inspection: RegionInspection, rows: int, cols: int) -> None:
+    if not inspection.region.is_within((rows, cols)):
+        inspection.failures.append(f"outside the frame of {cols} x {rows} pixels")
+    elif inspection.pixels < MIN_PIXELS:
+        inspection.failures.append(f"too small, needs {MIN_PIXELS} px")
+    if inspection.region.crosses_itself:
+        inspection.failures.append("its outline crosses itself: give the corners in order around it")
+
+
+def _check_evenness(
+    inspection: RegionInspection, mask: NDArray[np.bool_], around: FrameK, frame: FrameK
+) -> None:
+    """Temperature spread of the region, and whether its rim differs from its inside."""
+    inspection.spread_k = float(around[mask].std())
+    rims = _Rims(inspection.region, frame)
+    inspection.edge_k = rims.edge_k(0)
+    if abs(inspection.edge_k) > UNEVEN_EDGE_K:
+        name, pixels = inspection.region.name, rims.pixels_to_shrink()
+        inspection.shrink_px = pixels
+        advice = (
+            f"roi edit {name} --shrink {pixels}" if pixels else f"roi remove {name}, then draw it smaller"
+        )
+        inspection.warnings.append(f"edge pixels differ by {inspection.edge_k:+.1f} K: fieldkit {advice}")
+
+
+class _Rims:
+    """The rims of a region made smaller and smaller; each smaller one is masked once, and only if needed."""
+
+    def __init__(self, region: Region, frame: FrameK) -> None:
+        self._region, self._shape, self._box = (
+            region,
+            (frame.shape[0], frame.shape[1]),
+            region.box(frame.shape),
+        )
+        self._around = frame[self._box]
+        self._known: dict[int, tuple[int, float]] = {}
+
+    def edge_k(self, pixels: int) -> float:
+        """Difference of the outer pixels of the smaller region from those inside; NaN without either."""
+        (count, total), (inner, inner_total) = self._sums(pixels), self._sums(pixels + EDGE_PX)
+        if inner == 0 or count <= inner:
+            return math.nan
+        return (total - inner_total) / (count - inner) - inner_total / inner
+
+    def pixels_to_shrink(self) -> int | None:
+        """Pixels to shrink the region by so that it covers only its bed; None if too little would be left.
+
+        On an uneven bed the edge difference need only fall below the warning.
+        """
+        found: int | None = None
+        for pixels in range(1, MOST_SHRUNK_PX + 1):
+            if self._sums(pixels)[0] < MIN_PIXELS:
+                break
+            edge_k = abs(self.edge_k(pixels))
+            if edge_k <= CLEAN_EDGE_K:
+                return pixels
+            if found is None and edge_k <= UNEVEN_EDGE_K:
+                found = pixels
+        return found
+
+    def _sums(self, pixels: int) -> tuple[int, float]:
+        """Number of pixels and sum of kelvin of the region so many pixels smaller."""
+        if pixels not in self._known:
+            self._known[pixels] = self._summed(pixels)
+        return self._known[pixels]
+
+    def _summed(self, pixels: int) -> tuple[int, float]:
+        try:
+            smaller = self._region.shrunk(pixels) if pixels else self._region
+        except ValueError:
+            return 0, 0.0
+        kelvin = self._around[smaller.mask(self._shape, self._box)]
+        return kelvin.size, float(kelvin.sum())

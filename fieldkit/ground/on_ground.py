@@ -1,0 +1,235 @@
+"""Products of a map on the ground: orthorectified as GeoTIFF and as ROS 2 grids, and as points.
+
+A cell takes the value of the pixel that sees its centre. The slopes also give the relief: the heights of
+the surface that has them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.config.ground import Ground
+from fieldkit.config.pose import CameraPose, Pose
+from fieldkit.config.toml_schema import PoseTable
+from fieldkit.disk import replacing
+from fieldkit.estimation.pixel_slopes import SlopeMap
+from fieldkit.ground.terrain_products import Layer
+from fieldkit.model.errors import ConfigError, NoAnswerError, StorageError
+from fieldkit.physics.camera_geometry import (
+    Camera,
+    Grid,
+    Heights,
+    distances_to_ground_m,
+    distances_to_plane_m,
+    ground_points,
+    seen_by,
+)
+from fieldkit.physics.facet import FloatArray, normal
+from fieldkit.physics.heights import heights_from_normals
+from fieldkit.sessions.formats import geotiff, ply, ros2_maps
+
+if TYPE_CHECKING:
+    from rasterio.crs import CRS
+
+MOST_CELLS = 20_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class GroundView:
+    """Ground that each pixel of a camera sees.
+
+    Attributes
+    ----------
+    camera, crs
+        The camera, in the axes of the projected reference system.
+    ground
+        Heights of the ground on the cells of the output.
+    grid
+        Its true north and scale.
+    distances_m
+        From the camera along each pixel's ray, (rows, cols); NaN where it meets no ground within range. [m]
+    """
+
+    camera: Camera
+    crs: CRS
+    ground: Heights
+    grid: Grid
+    distances_m: FloatArray
+
+    @property
+    def points_m(self) -> FloatArray:
+        """Ground points of the pixels in metres, shape (rows, cols, 3)."""
+        return ground_points(self.camera, self.distances_m)
+
+    def on_cells(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Values (rows, cols) of the frame on the cells of the ground; NaN where the camera sees none."""
+        row, col, seen = self._seen()
+        return np.where(seen, values[row, col], np.float32(np.nan))
+
+    def relief(self, slopes: SlopeMap) -> tuple[FloatArray, FloatArray]:
+        """Heights in metres that have these slopes, of the ground's mean, and their misclosure in degrees.
+
+        See `heights_from_normals`; on the cells of the ground.
+        """
+        tilt_deg, azimuth_deg = self.on_cells(slopes.tilt_deg), self.on_cells(slopes.azimuth_deg)
+        normals = normal(tilt_deg, azimuth_deg + self.grid.true_north_deg)
+        return heights_from_normals(normals, self.ground.cell_m / self.grid.scale, self.ground.heights_m)
+
+    def _seen(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.bool_]]:
+        rows, cols = self.ground.heights_m.shape
+        cell = self.ground.cell_m
+        east = self.ground.west_m + cell * (np.arange(cols) + 0.5)
+        north = self.ground.north_m - cell * (np.arange(rows) + 0.5)
+        points = np.stack([*np.meshgrid(east, north), self.ground.heights_m], axis=-1)
+        return seen_by(self.camera, points, self.distances_m, cell)
+
+
+def ground_view(pose: Pose, shape: tuple[int, int], cell_m: float | None = None) -> GroundView:
+    """Trace a camera's pixels to the ground.
+
+    Parameters
+    ----------
+    pose
+        Pose of the camera, with its ground.
+    shape
+        Rows and columns of a frame.
+    cell_m
+        Side of a cell; the median distance between neighbouring pixels on the ground by default. [m]
+
+    Raises
+    ------
+    ConfigError
+        If the reference system is unknown, not in metres or stretched, the DEM does not fit it, or a cell is
+        too small.
+    NoAnswerError
+        If no pixel meets the ground within range.
+    """
+    table = pose.table
+    crs = geotiff.projected_crs(table.crs)
+    grid = geotiff.grid_at(crs, *pose.position_m[:2])
+    camera = pose.camera(shape, grid)
+    dem = None if pose.dem is None else geotiff.read_heights(pose.dem, crs, grid.scale)
+    away = _distances_m(camera, table, dem)
+    if not np.isfinite(away).any():
+        what = f"the DEM {pose.dem}" if pose.dem else f"level ground at {table.ground_m} m"
+        raise NoAnswerError(
+            f"no pixel meets {what} within {table.range_m:g} m of the camera",
+            fix="check position, pitch_deg and range_m of the pose, and the place of the DEM",
+        )
+    points = ground_points(camera, away)
+    return GroundView(camera, crs, _cells(points, table, dem, cell_m), grid, away)
+
+
+def on_frame(
+    pose: CameraPose, shape: tuple[int, int], points_m: Sequence[tuple[float, float]], time_ns: int
+) -> list[tuple[float, float]]:
+    """Pixels of points of the ground at a time, to a tenth of a pixel.
+
+    Parameters
+    ----------
+    pose
+        Pose of the camera, with its ground.
+    shape
+        Rows and columns of a frame.
+    points_m
+        East and north in the pose's reference system. [m]
+    time_ns
+        UTC nanoseconds since 1970, which only matter to a pose along a trajectory.
+
+    Raises
+    ------
+    ConfigError
+        If the reference system or the DEM is wrong, or the camera does not see one of the points.
+    """
+    ground = Ground(pose, shape)
+    pose.at(time_ns)
+    return ground.seen(ground.with_heights(points_m), [time_ns])
+
+
+def _distances_m(camera: Camera, pose: PoseTable, dem: Heights | None) -> FloatArray:
+    if dem is not None:
+        return distances_to_ground_m(camera, dem, pose.range_m)
+    assert pose.ground_m is not None
+    away = distances_to_plane_m(camera, pose.ground_m)
+    return np.where(away <= pose.range_m, away, np.nan)
+
+
+def _cells(points: FloatArray, pose: PoseTable, dem: Heights | None, cell_m: float | None) -> Heights:
+    """Heights on the cells around the points, edges at multiples of their side."""
+    if cell_m is None:
+        apart = np.linalg.norm(np.diff(points, axis=1)[..., :2], axis=-1)
+        cell_m = float(np.nanmedian(apart)) if np.isfinite(apart).any() else 1.0
+    east, north = points[..., 0], points[..., 1]
+    west, south = (float(np.floor(np.nanmin(one) / cell_m)) * cell_m for one in (east, north))
+    cols, rows = (
+        max(2, int(np.ceil((np.nanmax(one) - edge) / cell_m))) for one, edge in ((east, west), (north, south))
+    )
+    if rows * cols > MOST_CELLS:
+        raise ConfigError(
+            f"cells of {cell_m:g} m make {rows} x {cols} of them", fix="choose a larger --cell-m"
+        )
+    top = south + rows * cell_m
+    flat = np.full((rows, cols), np.nan if pose.ground_m is None else pose.ground_m)
+    if dem is not None:
+        at = west + cell_m * (np.arange(cols) + 0.5), top - cell_m * (np.arange(rows) + 0.5)
+        flat = dem.at(*np.meshgrid(*at))
+    return Heights(west, top, cell_m, flat)
+
+
+def write_on_ground(
+    base: Path, view: GroundView, layers: Sequence[Layer], slopes: SlopeMap, time_ns: int
+) -> list[Path]:
+    """Write layers on the ground: ``BASE.tif``, ``BASE.ply`` and ``BASE.mcap``; the files.
+
+    Each holds the layers, their uncertainties and the state; grids also the relief. Raises
+    `StorageError`.
+
+    Parameters
+    ----------
+    base
+        The files without their endings.
+    view
+        What the camera sees of the ground.
+    layers, slopes
+        Of the frame.
+    time_ns
+        Time that the layers are of, UTC nanoseconds since 1970.
+    """
+    planes = [(layer.name, layer.units, layer.values) for layer in layers]
+    planes += [(f"{one.name}_sd", one.units, one.sd) for one in layers if one.sd is not None]
+    planes.append(("state", "1", slopes.state.astype(np.float32)))
+    on_cells = [(name, units, view.on_cells(values)) for name, units, values in planes]
+    height, misclosure = (one.astype(np.float32) for one in view.relief(slopes))
+    on_cells += [("height", "m", height), ("misclosure", "degree", misclosure)]
+    ground = view.ground
+    risk = next((layer.name for layer in layers if layer.name == "ptilt"), None)
+    try:
+        base.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(image := base.with_name(f"{base.name}.tif"), synced=False) as file:
+            geotiff.write_layers(file, on_cells, view.crs, ground.west_m, ground.north_m, ground.cell_m)
+        with replacing(points := base.with_name(f"{base.name}.ply"), synced=False) as file:
+            ply.write_points(file, _columns(view, planes), f"crs {view.crs}")
+        with replacing(maps := base.with_name(f"{base.name}.mcap"), synced=False) as file:
+            ros2_maps.write_maps(
+                file, {name: values for name, _, values in on_cells}, ground, time_ns, risk=risk
+            )
+    except OSError as error:
+        raise StorageError(
+            f"cannot write {base}: {error.strerror or error}", fix="name another place with -o"
+        ) from error
+    return [image, points, maps]
+
+
+def _columns(
+    view: GroundView, planes: Sequence[tuple[str, str, NDArray[np.float32]]]
+) -> dict[str, NDArray[np.floating]]:
+    """Place and layers of each pixel that meets the ground."""
+    met = np.isfinite(view.distances_m)
+    columns: dict[str, NDArray[np.floating]] = dict(zip("xyz", view.points_m[met].T, strict=True))
+    return columns | {name: values[met] for name, _, values in planes}

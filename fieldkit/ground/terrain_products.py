@@ -1,0 +1,243 @@
+"""Products of a slope map as a rover's planner takes them; all but the risks with their standard uncertainty.
+
+Definitions: `physics.terrain`; risk and uncertainty: `estimation.pixel_posterior`.
+
+>>> from fieldkit.results.slope_map import slope_map
+>>> slope_map("a.h5").products(Products(("slope", "ptilt"), limit_deg=20))            # doctest: +SKIP
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.estimation.pixel_posterior import TAIL, Measure, PixelPosterior
+from fieldkit.estimation.pixel_slopes import SlopeMap
+from fieldkit.model.errors import ConfigError, NoAnswerError
+from fieldkit.model.learnt import LearntParameter
+from fieldkit.model.site import Region, Site
+from fieldkit.model.units import SECOND_NS
+from fieldkit.physics.bodies import body_of
+from fieldkit.physics.facet import FloatArray, normal, tilt_azimuth
+from fieldkit.physics.sun import sun_vectors
+from fieldkit.physics.terrain import climb_deg, northerly_tilt_deg, sunlit_cosine
+
+NAMES = ("slope", "heading", "rdir", "ntilt", "solar", "uvw", "ptilt", "inertia")
+LAYERS = (*NAMES[:5], "u", "v", "w", "ptilt", "cvar", "inertia")
+"""Names of the layers that products have."""
+SUNS = 144
+TABLE_SIZE = 201
+
+
+@dataclass(frozen=True, slots=True)
+class Products:
+    """Products to make of a map.
+
+    Parameters
+    ----------
+    names
+        Of `NAMES`.
+    limit_deg
+        Tilt whose exceedance `ptilt` is the probability of, in (0, 90). [degrees]
+    drive_deg
+        Direction of a drive, which `rdir` is the slope along, from north, clockwise. [degrees]
+
+    Raises
+    ------
+    ConfigError
+        If a name is unknown, or an angle that a product needs is missing or out of range.
+    """
+
+    names: Sequence[str]
+    limit_deg: float = math.nan
+    drive_deg: float = math.nan
+
+    def __post_init__(self) -> None:
+        if unknown := [name for name in self.names if name not in NAMES]:
+            raise ConfigError(f"{unknown[0]!r} is not a product", fix=f"choose from {', '.join(NAMES)}")
+        if "ptilt" in self.names and not 0.0 < self.limit_deg < 90.0:
+            raise ConfigError(
+                "ptilt needs a tilt between 0 and 90 degrees that it is the risk of", fix="add --limit-deg 20"
+            )
+        if "rdir" in self.names and not math.isfinite(self.drive_deg):
+            raise ConfigError(
+                "rdir needs the direction of the drive, from north, clockwise", fix="add --drive-deg 90"
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class Layer:
+    """A number of every pixel, (rows, cols), NaN without a slope, and its standard uncertainty if any.
+
+    `is_cyclic` are angles that begin anew after a turn.
+    """
+
+    name: str
+    long_name: str
+    units: str
+    values: NDArray[np.float32]
+    sd: NDArray[np.float32] | None = None
+    standard_name: str = ""
+    is_cyclic: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class _Kind:
+    """Name of a layer that follows from the normal, and its function."""
+
+    name: str
+    long_name: str
+    units: str
+    measure: Measure
+    standard_name: str = ""
+    is_cyclic: bool = False
+    quick: Measure | None = None
+    """A faster form for uncertainties, where a hundred normals stand for each pixel."""
+
+
+def layers(
+    wanted: Products,
+    slopes: SlopeMap,
+    likelihood: PixelPosterior,
+    *,
+    site: Site,
+    time_ns: int,
+    regions: Sequence[Region],
+    inertia: LearntParameter | None,
+) -> list[Layer]:
+    """The layers of products, in the order of `NAMES`. Raises `NoAnswerError` for one that cannot be made.
+
+    Parameters
+    ----------
+    wanted
+        What to make.
+    slopes, likelihood
+        The slope map, and what its data say of each pixel.
+    site, time_ns
+        Where and on which day the sun shines; UTC nanoseconds since 1970.
+    regions, inertia
+        Regions of one material and its thermal inertia, None where no model found it.
+    """
+    made = _of_normals(slopes, likelihood, list(_kinds(wanted, suns_of_day(site, time_ns))))
+    if "ptilt" in wanted.names:
+        made += _risk(likelihood, wanted.limit_deg)
+    if "inertia" in wanted.names:
+        made.append(_inertia(slopes, regions, inertia))
+    return made
+
+
+def _kinds(wanted: Products, suns: FloatArray) -> Iterator[_Kind]:
+    drive_deg = wanted.drive_deg
+    kinds = {
+        "slope": _Kind(
+            "slope", "tilt from horizontal", "degree", _tilt, "ground_slope_angle", quick=_quick_tilt
+        ),
+        "heading": _Kind(
+            "heading", "direction of the surface normal from true north, clockwise", "degree", _azimuth,
+            "ground_slope_direction", is_cyclic=True, quick=_quick_azimuth,
+        ),
+        "rdir": _Kind(
+            "rdir", f"slope along a drive towards {drive_deg:g} degrees, positive uphill", "degree",
+            lambda normals: climb_deg(normals, drive_deg),
+        ),
+        "ntilt": _Kind("ntilt", "tilt towards north, negative towards south", "degree", northerly_tilt_deg),
+        "solar": _Kind(
+            "solar", "mean cosine of the sun's incidence over the body's day, zero while it is dark", "1",
+            lambda normals: sunlit_cosine(normals, suns), quick=_tabulated(suns),
+        ),
+    }  # fmt: skip
+    yield from (kind for name, kind in kinds.items() if name in wanted.names)
+    if "uvw" in wanted.names:
+        for axis, (name, direction) in enumerate((("u", "east"), ("v", "north"), ("w", "up"))):
+            yield _Kind(name, f"component of the unit normal, {direction}", "1", _component(axis))
+
+
+def _tilt(normals: FloatArray) -> FloatArray:
+    return tilt_azimuth(normals)[0]
+
+
+def _azimuth(normals: FloatArray) -> FloatArray:
+    return tilt_azimuth(normals)[1]
+
+
+def _quick_tilt(normals: NDArray[np.float32]) -> NDArray[np.float32]:
+    return np.asarray(np.degrees(np.arctan2(np.hypot(normals[..., 0], normals[..., 1]), normals[..., 2])))
+
+
+def _quick_azimuth(normals: NDArray[np.float32]) -> NDArray[np.float32]:
+    return np.asarray(np.degrees(np.arctan2(normals[..., 0], normals[..., 1])))
+
+
+def _component(axis: int) -> Callable[[FloatArray], FloatArray]:
+    return lambda normals: normals[..., axis]
+
+
+def suns_of_day(site: Site, time_ns: int) -> FloatArray:
+    """Unit vectors to the sun at even steps of the body's day around a time."""
+    day_ns = round(body_of(site).day_s * SECOND_NS)
+    shares = (np.arange(SUNS) + 0.5) / SUNS - 0.5
+    return sun_vectors(time_ns + np.rint(shares * day_ns).astype(np.int64), site)
+
+
+def _tabulated(suns: FloatArray) -> Measure:
+    """`sunlit_cosine` of normals that face up, looked up by their east and north components."""
+    east, north = np.meshgrid(*[np.linspace(-1.0, 1.0, TABLE_SIZE)] * 2)
+    up = np.sqrt(np.maximum(1.0 - east**2 - north**2, 0.0))
+    table = sunlit_cosine(np.stack([east, north, up], axis=-1), suns).astype(np.float32)
+
+    def look_up(normals: NDArray[np.float32]) -> NDArray[np.float32]:
+        import cv2
+
+        at = np.float32(TABLE_SIZE // 2) * (normals[..., :2] + np.float32(1.0))
+        at = at.reshape(-1, at.shape[-2], 2)
+        found = cv2.remap(table, at[..., 0], at[..., 1], cv2.INTER_LINEAR)
+        return np.asarray(found, np.float32).reshape(normals.shape[:-1])
+
+    return look_up
+
+
+def _of_normals(slopes: SlopeMap, likelihood: PixelPosterior, kinds: Sequence[_Kind]) -> list[Layer]:
+    if not kinds:
+        return []
+    normals = normal(slopes.tilt_deg, slopes.azimuth_deg)
+    measures: dict[str, Measure] = {kind.name: kind.quick or kind.measure for kind in kinds}
+    cyclic = frozenset(kind.name for kind in kinds if kind.is_cyclic)
+    deviations = likelihood.deviations(measures, cyclic=cyclic)
+    return [
+        Layer(
+            kind.name, kind.long_name, kind.units, np.asarray(kind.measure(normals), np.float32),
+            deviations[kind.name], kind.standard_name, kind.is_cyclic,
+        )
+        for kind in kinds
+    ]  # fmt: skip
+
+
+def _risk(likelihood: PixelPosterior, limit_deg: float) -> list[Layer]:
+    """Of a probability there is no uncertainty: it states one."""
+    steeper, worst = likelihood.risk(limit_deg)
+    return [
+        Layer("ptilt", f"probability of a tilt of more than {limit_deg:g} degrees", "1", steeper),
+        Layer("cvar", f"mean of the steepest {TAIL:.0%} of the tilts that fit", "degree", worst),
+    ]
+
+
+def _inertia(slopes: SlopeMap, regions: Sequence[Region], inertia: LearntParameter | None) -> Layer:
+    """Thermal inertia of the regions, which share their material."""
+    if inertia is None:
+        raise NoAnswerError(
+            "only the learned model finds a thermal inertia, and the map is of another",
+            fix="add --set estimator.model=learned, or omit inertia",
+        )
+    rows, cols = slopes.state.shape
+    inside = np.zeros((rows, cols), np.bool_)
+    for region in regions:
+        inside |= region.mask((rows, cols))
+    inside &= np.isfinite(slopes.tilt_deg)
+    values, sd = (
+        np.where(inside, number, np.nan).astype(np.float32) for number in (inertia.value, inertia.sd)
+    )
+    return Layer("inertia", "thermal inertia of the regions' material", "J m-2 K-1 s-0.5", values, sd)

@@ -1,0 +1,181 @@
+"""Check that this computer is ready for a day in the field: one line per check, problems with a fix."""
+
+from __future__ import annotations
+
+import platform
+import shutil
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from datetime import UTC, datetime
+from importlib.metadata import version
+from importlib.resources import files
+from pathlib import Path
+
+from fieldkit.calibration.calibration_record import expiry_warnings
+from fieldkit.config import Config, find_campaign, load_config
+from fieldkit.drivers import registry
+from fieldkit.drivers.discovery import ReadinessCheck, check_instruments, is_connected
+from fieldkit.model.device import DeviceSettings
+from fieldkit.model.errors import FieldkitError
+
+POWER = Path("/sys/class/power_supply")
+LOW_BATTERY_PERCENT = 50
+LITTLE_DISK_GB = 2.0
+RELEASED_S = 1_760_000_000
+"""October 2025: a clock that shows an earlier time was never set."""
+FULL_SUN_LX = 130_000
+
+
+def check_computer(folder: Path) -> list[ReadinessCheck]:
+    """Check programs, instruments, clock, disk, power, and the configuration of the campaign around `folder`.
+
+    No instrument is opened.
+    """
+    return [result for check in CHECKS for result in check(folder)]
+
+
+def udev_rules(folder: Path) -> str:
+    """The udev rules, with a name for each instrument of the campaign that has a serial number."""
+    text = files("fieldkit").joinpath("data/70-fieldkit.rules").read_text(encoding="utf-8")
+    return text + "".join(_name_rule(device) for device in _devices(folder))
+
+
+def _name_rule(device: DeviceSettings) -> str:
+    """``/dev/fieldkit/NAME`` for an instrument with a serial number."""
+    parts = device.identity.split(":")
+    if len(parts) != 3:
+        return ""
+    subsystem = (
+        'SUBSYSTEM=="video4linux", ATTR{index}=="0"' if device.name == "camera" else 'SUBSYSTEM=="tty"'
+    )
+    ids = f'ATTRS{{idVendor}}=="{parts[0].lower()}", ATTRS{{idProduct}}=="{parts[1].lower()}"'
+    return f'{subsystem}, {ids}, ATTRS{{serial}}=="{parts[2]}", SYMLINK+="fieldkit/{device.name}"\n'
+
+
+def _devices(folder: Path) -> tuple[DeviceSettings, ...]:
+    try:
+        return load_config(find_campaign(folder)).devices
+    except FieldkitError:
+        return ()
+
+
+def _programs(folder: Path) -> Iterator[ReadinessCheck]:
+    names = ("fieldkit", "h5py", "pyserial", "pyusb")
+    found = ", ".join(f"{name} {version(name)}" for name in names)
+    yield ReadinessCheck("ok", "program", f"python {platform.python_version()}, {found}")
+
+
+def _instruments(folder: Path) -> Iterator[ReadinessCheck]:
+    yield from check_instruments()
+
+
+def _clock(folder: Path) -> Iterator[ReadinessCheck]:
+    if time.time() < RELEASED_S:
+        now = time.strftime("%Y-%m-%d %H:%M", time.gmtime())
+        yield ReadinessCheck(
+            "fail", "clock", f"shows {now} UTC and was never set", "sudo date -u -s '2026-01-31 12:00'"
+        )
+    synchronised = _synchronised()
+    if synchronised is None:
+        yield ReadinessCheck("warn", "clock", "synchronisation is unknown", "sudo apt install chrony")
+    elif synchronised:
+        yield ReadinessCheck("ok", "clock", "synchronised")
+    else:
+        yield ReadinessCheck(
+            "warn", "clock", "not synchronised", "go online once, or give the computer a GPS receiver"
+        )
+
+
+def _synchronised() -> bool | None:
+    """True if the system clock is synchronised, by timedatectl; None without that program."""
+    try:
+        status = subprocess.run(
+            ["timedatectl", "show", "--property=NTPSynchronized", "--value"],
+            capture_output=True, text=True, timeout=5, check=True,
+        )  # fmt: skip
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return status.stdout.strip() == "yes"
+
+
+def _disk(folder: Path) -> Iterator[ReadinessCheck]:
+    free_gb = shutil.disk_usage(folder).free / 1e9
+    if free_gb < LITTLE_DISK_GB:
+        yield ReadinessCheck(
+            "warn", "disk", f"{free_gb:.1f} GB free in {folder}", "make room, or use another disk with -C DIR"
+        )
+    else:
+        yield ReadinessCheck("ok", "disk", f"{free_gb:.0f} GB free in {folder}")
+
+
+def _power(folder: Path) -> Iterator[ReadinessCheck]:
+    for battery in sorted(POWER.glob("BAT*")):
+        percent, state = (_read(battery / name) for name in ("capacity", "status"))
+        text = f"{percent} %, {state.lower()}"
+        low = percent.isdigit() and int(percent) < LOW_BATTERY_PERCENT and state == "Discharging"
+        fix = "charge it, or take a power bank; three hours of sun drain a laptop" if low else ""
+        yield ReadinessCheck("warn" if low else "ok", f"battery {battery.name}", text, fix)
+
+
+def _read(path: Path) -> str:
+    try:
+        return path.read_text().strip()
+    except OSError:
+        return "unknown"
+
+
+def _configuration(folder: Path) -> Iterator[ReadinessCheck]:
+    try:
+        found = load_config(find_campaign(folder))
+    except FieldkitError as error:
+        level = "warn" if "no fieldkit.toml" in error.message else "fail"
+        yield ReadinessCheck(level, "configuration", error.message, error.fix or "")
+        return
+    counted = f"{len(found.devices)} instruments, {len(found.regions)} regions"
+    if found.devices:
+        yield ReadinessCheck("ok", "configuration", counted)
+    else:
+        fix = "write [camera], [lux] ... into fieldkit.toml; fieldkit devices shows what is plugged in"
+        yield ReadinessCheck("warn", "configuration", f"{counted}: there is nothing to record", fix)
+    for device in found.devices:
+        yield from _configured(device)
+    yield from _calibrations(found)
+
+
+def _calibrations(config: Config) -> Iterator[ReadinessCheck]:
+    """Checks of the active calibration records and their age; no instrument is opened here."""
+    for key, record in config.calibrations().items():
+        if issues := expiry_warnings(record, datetime.now(UTC)):
+            yield ReadinessCheck("warn", key, "; ".join(issues), f"fieldkit calibrate {record.kind}")
+        else:
+            yield ReadinessCheck("ok", key, f"{record.name} of {record.date:%Y-%m-%d} is good")
+
+
+def _configured(device: DeviceSettings) -> Iterator[ReadinessCheck]:
+    """Presence of a configured instrument, and what its configuration lacks."""
+    driver = registry.get(device.driver)
+    if device.port != "simulated" and device.identity:
+        found = {one.identity for one in driver.find()}
+        present = device.identity in found or is_connected(device.identity)
+        level, text = ("ok", "plugged in") if present else ("fail", f"{device.identity} is not plugged in")
+        yield ReadinessCheck(level, device.name, text, "" if present else "fieldkit devices shows what is")
+    elif device.port.startswith("/") and not Path(device.port).exists():
+        yield ReadinessCheck(
+            "fail", device.name, f"there is no {device.port}", "fieldkit devices shows what is there"
+        )
+    if driver.quantity == "illuminance" and device.name == "lux" and "range_max_lx" not in device.options:
+        text = "the meter's range is not configured, so an overflow cannot be detected"
+        yield ReadinessCheck(
+            "warn", device.name, text, f"range_max_lx = ... in [lux]; full sun is about {FULL_SUN_LX} lx"
+        )
+
+
+CHECKS: tuple[Callable[[Path], Iterator[ReadinessCheck]], ...] = (
+    _programs,
+    _instruments,
+    _clock,
+    _disk,
+    _power,
+    _configuration,
+)

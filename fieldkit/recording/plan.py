@@ -1,0 +1,409 @@
+"""Plan a measuring day: sun, kelvin per degree and the best possible accuracy, before a measurement."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from datetime import UTC, date, datetime, timedelta
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.config import Config
+from fieldkit.estimation.day_plan import DayPlan, PlanSettings, label, plan_day
+from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.air import is_air_temperature
+from fieldkit.model.clock import utc_ns
+from fieldkit.model.errors import ConfigError, NoAnswerError, StorageError
+from fieldkit.model.site import RegionKind, Site, zone_by_longitude
+from fieldkit.model.units import CELSIUS_ZERO_K, DAY_S, HOUR_NS, MINUTE_NS, SECOND_NS
+from fieldkit.physics.bodies import EARTH, body_of
+from fieldkit.physics.constants import STEFAN_BOLTZMANN
+from fieldkit.physics.daylight import clear_day
+from fieldkit.physics.facet import FloatArray, tilt_azimuth
+from fieldkit.physics.horizon import MINUTE_EDGE_DEG, sunlit_share
+from fieldkit.physics.sun import solar_time_h, sun_vectors
+from fieldkit.recording.experiments import Experiment, Experiments, PlannedSession, experiments
+from fieldkit.simulation.sky import ClearSky
+from fieldkit.views import formatting, html, plan_page, plots
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+
+
+@dataclass(frozen=True)
+class PlanOptions:
+    """Assumptions of a plan: a constant `dni_w_m2`, or a clear sky of Linke `turbidity`.
+
+    Elsewhere than on the Earth light and air are those of the body's clear season instead.
+    `noise_k` is that of a region's minute mean, `window_min` the length of an estimate's window,
+    `air_c` the air temperature expected, `step_min` the time between rows.
+
+    Examples
+    --------
+    >>> options = fieldkit.PlanOptions(turbidity=3.0, noise_k=0.05)
+    >>> options.irradiance
+    'clear sky, Linke turbidity 3'
+    >>> fieldkit.plan((37.70, -105.92, 2317.0), "2016-01-01", options=options).options.noise_k
+    0.05
+    """
+
+    dni_w_m2: float = 800.0
+    turbidity: float | None = None
+    noise_k: float = 0.1
+    window_min: int = 20
+    air_c: float = 15.0
+    step_min: int = 30
+
+    @property
+    def irradiance(self) -> str:
+        """The assumed irradiance in words."""
+        if self.turbidity:
+            return f"clear sky, Linke turbidity {self.turbidity:g}"
+        return f"S {self.dni_w_m2:g} W/m² assumed"
+
+
+DEFAULTS = PlanOptions()
+
+
+@dataclass(frozen=True)
+class MeasuringPlan:
+    """The plan of one local day at a site; `day_plan` has its arrays."""
+
+    site: Site
+    day: date
+    options: PlanOptions
+    day_plan: DayPlan
+    estimator: EstimatorSettings = field(default_factory=EstimatorSettings)
+
+    @property
+    def irradiance(self) -> str:
+        """The assumed irradiance in words."""
+        body = body_of(self.site)
+        return self.options.irradiance if body is EARTH else f"clear season of {body.name.title()}"
+
+    @property
+    def warnings(self) -> list[str]:
+        """Warnings for that day."""
+        return plan_page.warnings(self.day_plan, self.site)
+
+    @property
+    def rows(self) -> list[dict[str, Any]]:
+        """One row for each planned time, with one entry for each facet."""
+        return [_row(self.day_plan, index, self.site) for index in range(self.day_plan.rows.size)]
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The plan as ``fieldkit plan --json`` prints it."""
+        found = self.day_plan
+        budget = found.bias_budget_k()
+        best_ns = None if found.best_row is None else int(found.time_ns[found.rows[found.best_row]])
+        return {
+            "site": asdict(self.site),
+            "day": str(self.day),
+            "irradiance": self.irradiance,
+            "noise_k": found.settings.noise_k,
+            "window_min": found.settings.window_min,
+            "best_window_start": None if best_ns is None else _iso(best_ns, self.site),
+            "minutes_for_azimuth": found.minutes_for_azimuth(),
+            "bias_budget": [
+                {
+                    "tilt_deg": tilt,
+                    "azimuth_deg": azimuth,
+                    "for_deg": found.settings.bias_deg,
+                    "kelvin": kelvin,
+                }
+                for (tilt, azimuth), kelvin in zip(found.facets, budget, strict=True)
+            ],
+            "warnings": self.warnings,
+            "rows": self.rows,
+        }
+
+    def __repr__(self) -> str:
+        return f"<MeasuringPlan of {self.day}: {'; '.join(self.warnings) or 'no warnings'}>"
+
+    def _repr_html_(self) -> str:
+        columns, rows = plan_page.COLUMNS, plan_page.rows(self.day_plan, self.site)
+        return html.table_html(html.Table(columns, rows, f"Plan for {self.day}"))
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Plot what one degree of tilt is worth in kelvin over the day, a line for each facet."""
+        found = self.day_plan
+        values = dict(zip(map(label, found.facets), found.sensitivity.temperature_k, strict=True))
+        up = {name: np.where(found.usable, kelvin, np.nan) for name, kelvin in values.items()}
+        return plots.lines(found.time_ns, up, "K per ° of tilt", self.site, ax)
+
+    def table(self) -> pd.DataFrame:
+        """The plan as `to_frame` gives it, by time and facet."""
+        return self.to_frame().set_index(["time", "tilt_deg", "azimuth_deg"])
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row for each time and facet, as a pandas frame; needs ``fieldkit[lab]``."""
+        import pandas as pd
+
+        return pd.DataFrame(
+            [
+                {**{name: value for name, value in row.items() if name != "facets"}, **facet}
+                for row in self.rows
+                for facet in row["facets"]
+            ]
+        )
+
+    def experiments(
+        self,
+        minutes: int = 60,
+        *,
+        air_logged: bool = False,
+        on_experiment: Callable[[Experiment], None] | None = None,
+    ) -> Experiments:
+        """Predict what a shade test, the hour after sunset, a known bed or a thermometer would bring.
+
+        Simulates the session around the best window, and estimates it with the learned model: about half a
+        minute for three beds.
+
+        Parameters
+        ----------
+        minutes
+            Length of the session. [min]
+        air_logged
+            Whether an air temperature will be recorded.
+        on_experiment
+            Receives each experiment when it is there.
+
+        Raises
+        ------
+        NoAnswerError
+            If the day has no usable window.
+        """
+        session = self._session(minutes, air_logged)
+        found = []
+        for one in experiments(session):
+            found.append(one)
+            if on_experiment:
+                on_experiment(one)
+        return Experiments(session, tuple(found))
+
+    def _session(self, minutes: int, air_logged: bool) -> PlannedSession:
+        """The session of that length around the middle of the best window."""
+        found, options = self.day_plan, self.options
+        if found.best_row is None:
+            raise NoAnswerError(
+                f"no window of {options.window_min} min on {self.day} is usable",
+                fix="choose another day, or a shorter window",
+            )
+        first = int(found.time_ns[found.rows[found.best_row]])
+        sky = ClearSky(air_temperature_k=options.air_c + CELSIUS_ZERO_K)
+        return PlannedSession(
+            self.site,
+            found.facets,
+            first + (options.window_min - minutes) // 2 * MINUTE_NS,
+            minutes,
+            replace(sky, linke_turbidity=options.turbidity) if options.turbidity else sky,
+            replace(self.estimator, model="learned", noise_k=options.noise_k),
+            _sunset_ns(found),
+            air_logged,
+        )
+
+    def write(self, path: str | Path, experiments: Experiments | None = None) -> Path:
+        """Write the plan as a page to print, with the experiments if given; raises `StorageError`."""
+        path = Path(path)
+        content = plan_page.page(
+            self.day_plan,
+            self.site,
+            f"Plan for {self.day}",
+            self.irradiance,
+            experiments.table if experiments else None,
+        )
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(content, encoding="utf-8")
+        except OSError as error:
+            raise StorageError(f"cannot write {path}: {error.strerror}", fix="give another --out") from error
+        return path
+
+
+PAPER_TILTS_DEG = (5.0, 15.0, 25.0)
+"""The paper's sand slopes."""
+
+
+def plan(
+    site: Site | Sequence[float],
+    day: date | str,
+    facets: Sequence[tuple[float, float]] | None = None,
+    options: PlanOptions = DEFAULTS,
+    *,
+    estimator: EstimatorSettings | None = None,
+) -> MeasuringPlan:
+    """Plan a measuring day: sun, sensitivity and the Cramér-Rao bound of tilt, by sun and noise alone.
+
+    Parameters
+    ----------
+    site
+        Where, or its latitude, longitude and elevation [degrees, m]; its zone sets the day and is shown.
+    day
+        Which local day, such as ``"2026-12-11"``.
+    facets
+        Tilt from horizontal and azimuth from north of each region [degrees]; by default the paper's
+        slopes of 5, 15 and 25 degrees, facing the equator.
+    options
+        What is assumed of irradiance, noise and air.
+    estimator
+        Settings that will be estimated with: surface parameters, the site's horizon, and whether azimuths are
+        known.
+
+    Returns
+    -------
+    MeasuringPlan
+        With `to_frame` and `write`.
+
+    Raises
+    ------
+    ConfigError
+        If the site or the day is not a valid one.
+    NoAnswerError
+        If the sun does not rise.
+
+    Examples
+    --------
+    >>> day = fieldkit.plan((37.70, -105.92, 2317.0), "2016-01-01", [(15.0, 180.0)])
+    >>> day
+    <MeasuringPlan of 2016-01-01: no warnings>
+    >>> day.to_frame()[["sun_zenith_deg", "kelvin_per_degree"]].loc[10].round(2).tolist()
+    [60.93, 0.33]
+    """
+    site, day = _site(site), _day(day)
+    if facets is None:
+        equator = 180.0 if site.latitude_deg >= 0.0 else 0.0
+        facets = [(tilt, equator) for tilt in PAPER_TILTS_DEG]
+    time_ns = np.arange(*_ends_ns(site, day), MINUTE_NS, dtype=np.int64)
+    settings = _settings(site, options)
+    if estimator is not None:
+        settings = replace(
+            settings,
+            surface=estimator.surface,
+            azimuth_known=estimator.azimuth == "known",
+            confidence=estimator.confidence,
+        )
+    sun = sun_vectors(time_ns, site)
+    light = _dni(sun, time_ns, site, options)
+    if estimator is not None:
+        light = np.where(sunlit_share(estimator.horizon, sun, MINUTE_EDGE_DEG) == 1.0, light, 0.0)
+    found = plan_day(tuple(facets), time_ns, sun, light, settings, options.step_min)
+    if not found.rows.size:
+        raise NoAnswerError(f"the sun does not rise on {day} at this site", fix="choose another day")
+    return MeasuringPlan(site, day, options, found, estimator or EstimatorSettings())
+
+
+def _site(site: Site | Sequence[float]) -> Site:
+    if isinstance(site, Site):
+        return site
+    if not 2 <= len(site) <= 3:
+        raise ConfigError(f"{site!r} is not a site", fix="give latitude, longitude and elevation")
+    latitude_deg, longitude_deg = site[:2]
+    if not (abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 180.0):
+        raise ConfigError(f"{site!r} is not a site", fix="give latitude first, then longitude, in degrees")
+    elevation_m = site[2] if len(site) == 3 else 0.0
+    return Site(latitude_deg, longitude_deg, elevation_m, zone_by_longitude(longitude_deg))
+
+
+def _day(day: date | str) -> date:
+    try:
+        return date.fromisoformat(day) if isinstance(day, str) else day
+    except ValueError as error:
+        raise ConfigError(f"{day!r} is not a date", fix='give one such as "2026-12-11"') from error
+
+
+def target_facets(config: Config) -> tuple[tuple[float, float], ...]:
+    """Tilt and azimuth of a campaign's targets where both are known; raises `ConfigError` without any."""
+    known = tuple(
+        (region.tilt_deg, region.azimuth_deg)
+        for region in config.regions
+        if region.kind is RegionKind.TARGET and isfinite(region.tilt_deg) and isfinite(region.azimuth_deg)
+    )
+    if not known:
+        raise ConfigError(
+            "no target in fieldkit.toml has a tilt and an azimuth to plan for", fix="add --facet TILT,AZIMUTH"
+        )
+    return known
+
+
+def logs_air(config: Config) -> bool:
+    """True if an instrument of a campaign has a channel that is labelled as air temperature."""
+    labels = (label for device in config.devices for label in device.options.get("labels", ()))
+    return any(is_air_temperature(str(label)) for label in labels)
+
+
+def _sunset_ns(plan: DayPlan) -> int | None:
+    """The first minute after noon without sun, None if there is none."""
+    noon = int(np.argmax(plan.elevation_deg))
+    down = np.flatnonzero(plan.elevation_deg[noon:] <= plan.settings.rising_deg)
+    return int(plan.time_ns[noon + down[0]]) if down.size else None
+
+
+def _ends_ns(site: Site, day: date) -> tuple[int, int]:
+    """A day of the site's zone, moved by whole hours to have the sun's noon in its middle.
+
+    So that no night is cut in two where clocks are of another place, or the sun sets after midnight.
+    Elsewhere it is the first solar day from then on, of the Moon two days of the Earth.
+    """
+    body = body_of(site)
+    if body is not EARTH:
+        begin_ns = utc_ns(datetime(day.year, day.month, day.day, tzinfo=UTC))
+        if body.day_s < 2 * DAY_S:
+            begin_ns += round(float((-solar_time_h(begin_ns, site)) % 24.0) / 24.0 * body.day_s) * SECOND_NS
+        return begin_ns, begin_ns + round(min(body.day_s, 2 * DAY_S)) * SECOND_NS
+    start = datetime(day.year, day.month, day.day, tzinfo=formatting.zone(site))
+    ahead_h = (start.utcoffset() or timedelta()) / timedelta(hours=1) - site.longitude_deg / 15.0
+    moved_ns = round((ahead_h + 12.0) % 24.0 - 12.0) * HOUR_NS
+    return utc_ns(start) + moved_ns, utc_ns(start + timedelta(days=1)) + moved_ns
+
+
+def _dni(sun: FloatArray, time_ns: NDArray[np.int64], site: Site, options: PlanOptions) -> FloatArray:
+    if options.turbidity or body_of(site) is not EARTH:
+        return clear_day(sun[:, 2], time_ns, site, turbidity=options.turbidity or np.nan)[0]
+    return np.full(len(sun), options.dni_w_m2)
+
+
+def _settings(site: Site, options: PlanOptions) -> PlanSettings:
+    """The air expected and the paper's surface on the Earth; elsewhere air, sky and ground of the body."""
+    body, air_k = body_of(site), options.air_c + CELSIUS_ZERO_K
+    settings = PlanSettings(noise_k=options.noise_k, window_min=options.window_min, air_k=air_k)
+    if body is EARTH:
+        return settings
+    air_k = body.air_temperature_k
+    emissivity = body.longwave_down_w_m2 / (STEFAN_BOLTZMANN * air_k**4)
+    return replace(
+        settings, air_k=air_k, sky_emissivity=emissivity, rising_deg=body.rising_deg, surface=body.surface
+    )
+
+
+def _row(plan: DayPlan, index: int, site: Site) -> dict[str, Any]:
+    minute, found = int(plan.rows[index]), plan.bounds[index]
+    zenith, azimuth = (float(angle) for angle in tilt_azimuth(plan.sun[minute]))
+    return {
+        "time": _iso(int(plan.time_ns[minute]), site),
+        "sun_zenith_deg": zenith,
+        "sun_azimuth_deg": azimuth,
+        "direct_normal_w_m2": plan.dni_w_m2[minute],
+        "verdict": plan.verdict(index),
+        "facets": [
+            {
+                "tilt_deg": tilt,
+                "azimuth_deg": turn,
+                "w_m2_per_degree": plan.sensitivity.irradiance_w_m2[place, minute],
+                "kelvin_per_degree": plan.sensitivity.temperature_k[place, minute],
+                "weak": bool(plan.weak[place, minute]),
+                "uncertain": bool(plan.uncertain(index)[place]),
+                **{f"bound_{name}": getattr(found, name)[place] for name in found.__slots__},
+            }
+            for place, (tilt, turn) in enumerate(plan.facets)
+        ],
+    }
+
+
+def _iso(time_ns: int, site: Site) -> str:
+    return formatting.local_time(time_ns, site).isoformat()

@@ -1,0 +1,132 @@
+"""Checks of what would spoil a session, before it begins: regions, disk space, meters, old calibrations."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from datetime import UTC, datetime
+
+from fieldkit.calibration.calibration_record import model_warnings, record_warnings
+from fieldkit.config import Config
+from fieldkit.config.trajectory import outside
+from fieldkit.estimation.instruments import Instruments as EstimatorInstruments
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.errors import ConfigError, StorageError
+from fieldkit.model.radiation import how_to_state
+from fieldkit.model.units import SECOND_NS
+from fieldkit.physics.sun import sun_vectors
+from fieldkit.recorder import Sampling
+from fieldkit.recording.opening import Instruments
+from fieldkit.views import formatting
+
+NO_REGIONS = (
+    "no regions are drawn: frames and readings are recorded, no slope is estimated. Find them on the "
+    "report's image, add them with fieldkit roi add, then: fieldkit report SESSION --campaign"
+)
+NO_UNIT = (
+    "its values have no unit, so they are recorded and used by nothing; print the unit (T=21.5 C), name the "
+    'column by it (temp_c), or set options.unit = "C"'
+)
+Notify = Callable[[str], None]
+"""Receives a warning."""
+log: logging.Logger = logging.getLogger(__name__)
+
+
+def preflight(
+    config: Config, instruments: Instruments, duration_s: float | None, notify: Notify = log.warning
+) -> None:
+    """Raise `ConfigError` or `StorageError` for what would spoil the session, before it begins.
+
+    `notify` receives warnings: no regions, radiation that cannot be used, probes and limits of what is not
+    there, a trajectory of another time, calibrations that are old or of another instrument.
+    """
+    streams = instruments.streams
+    _check_regions(config, streams, notify)
+    for name in config.tables.irradiance.measures.keys() - {info.name for info in streams}:
+        notify(f"irradiance.measures.{name}: no instrument is called {name}")
+    for name in config.alarms.region.keys() - {region.name for region in config.regions}:
+        notify(f"alarms.region.{name}: no region is called {name}, so its limits watch nothing")
+    meters = EstimatorInstruments(streams, config.estimator_settings())
+    for name in meters.unknown:
+        notify(f"{name}: what it measures is not known, so it is not used; {how_to_state(name)}")
+    for info in streams:
+        if not info.unit:
+            notify(f"{info.name}: {NO_UNIT}")
+    for name in meters.absent:
+        notify(f"probes of regions: no instrument is called {name}")
+    needed = bytes_per_second(streams, sampling_of(config))
+    _check_space(needed, duration_s, instruments.free_bytes(), disk_reserve_bytes(config))
+    now_ns = instruments.utc_ns()
+    sun_vectors(now_ns, config.site)  # loads astropy's tables now: later it would hold up the recording
+    _check_trajectory(config, now_ns, duration_s or 0.0, notify)
+    now = datetime.fromtimestamp(now_ns / SECOND_NS, UTC)
+    for key, calibration in config.calibrations().items():
+        other = model_warnings(calibration, config.tables.estimator.model) if key == "estimator.scale" else []
+        for warning in (*record_warnings(calibration, streams, now), *other):
+            notify(f"{key}: {warning}")
+
+
+def _check_regions(config: Config, streams: Sequence[StreamInfo], notify: Notify) -> None:
+    """Raise `ConfigError` if a region reaches outside the frame; warn if there are none."""
+    camera = next((info for info in streams if info.is_camera), None)
+    if camera is None:
+        return
+    if not config.regions:
+        notify(NO_REGIONS)
+    rows, cols = camera.shape
+    for region in config.regions:
+        if not region.is_within(camera.shape):
+            raise ConfigError(
+                f"region {region.name!r} reaches outside the frame of {cols} x {rows} pixels",
+                fix="fieldkit roi check, then correct its points_px in fieldkit.toml",
+            )
+
+
+def _check_trajectory(config: Config, now_ns: int, duration_s: float, notify: Notify) -> None:
+    """Warn if the camera's trajectory does not cover the session."""
+    path = config.estimator_settings().camera_path
+    for time_ns in (now_ns, now_ns + round(duration_s * SECOND_NS)):
+        if path is not None and path.trajectory.at(time_ns) is None:
+            wrong = outside(path.trajectory, time_ns, "the trajectory of camera.pose").message
+            notify(f"{wrong}: regions on the ground are lost then")
+            return
+
+
+def bytes_per_second(streams: Sequence[StreamInfo], sampling: Sampling) -> float:
+    """Largest growth of a session in time, journal and file together, frames uncompressed."""
+    total = 1000.0  # health and events
+    for info in streams:
+        rate_hz = info.rate_hz or 1.0
+        if info.is_camera:
+            per_frame = 2 * (info.shape[0] * info.shape[1] + info.metadata_shape[0] * info.metadata_shape[1])
+            kept_hz = sampling.burst_frames / sampling.every_s if sampling.every_s else rate_hz
+            total += 2 * per_frame * kept_hz
+        else:
+            total += 400 * rate_hz
+    return total
+
+
+def _check_space(needed_per_s: float, planned_s: float | None, free: int, reserve: int) -> None:
+    """Raise `StorageError` if the planned duration, or any, does not fit the disk beside its reserve."""
+    needed = needed_per_s * (planned_s or 0.0)
+    if needed + reserve <= free:
+        return
+    lasts_min = max(0.0, free - reserve) / needed_per_s / 60
+    raise StorageError(
+        f"the disk has {formatting.size(free)} free and keeps {formatting.size(reserve)} in reserve; "
+        f"this session needs {formatting.size(needed_per_s * 60)} a minute: "
+        f"there is room for {lasts_min:.0f} min",
+        fix='free some space, record for a shorter time, or use bursts: [record] sampling = "bursts"',
+    )
+
+
+def disk_reserve_bytes(config: Config) -> int:
+    """Free space below which storing frames stops."""
+    return round(config.alarms.disk_reserve_mb * 1e6)
+
+
+def sampling_of(config: Config) -> Sampling:
+    """Choice of frames that the configuration keeps."""
+    table = config.record
+    every_s = table.every_s if table.sampling == "bursts" else None
+    return Sampling(every_s, table.burst_frames, table.shutter_before_burst)

@@ -1,0 +1,214 @@
+"""Preview: what the instruments measure now, without recording.
+
+`preview` shows samples, minutes and slopes to views as a recording would; `current_frame` reads one frame.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fieldkit.config import Config
+from fieldkit.estimation.estimator import Estimator, Minute
+from fieldkit.model.device import Camera
+from fieldkit.model.durations import as_seconds
+from fieldkit.model.errors import DeviceNotFoundError, DeviceTimeoutError, StorageError
+from fieldkit.model.samples import Event, Frame, Health, Sample, StreamHealth, is_showable
+from fieldkit.recorder import EstimatorThread, SampleQueue, Sampling, View
+from fieldkit.recorder.device_reader import DeviceReader
+from fieldkit.recorder.estimator_thread import LONGEST_WAIT_S
+from fieldkit.recording.opening import Instruments, open_instruments
+from fieldkit.recording.record import MinuteView, config_of
+from fieldkit.views import frame_image
+
+if TYPE_CHECKING:
+    from fieldkit.recording.campaign import Campaign
+
+FRAME_WITHIN_S = 15.0
+READERS_END_WITHIN_S = 3.0
+QUEUE_SIZE = 512
+"""Samples of a stream that may wait; losing some is harmless, because nothing is recorded."""
+
+
+def preview(
+    campaign: Campaign | Config | str | Path = ".",
+    *,
+    duration: str | float | None = None,
+    on_minute: Callable[[Minute], None] | None = None,
+    views: Sequence[View] = (),
+) -> None:
+    """Read a campaign's instruments and show samples and slopes, without recording.
+
+    Instruments that are not plugged in are skipped. Raises `ConfigError`, `DeviceError`.
+
+    Parameters
+    ----------
+    campaign
+        A campaign, its configuration, or a path in its folder.
+    duration
+        ``"20m"`` or a number of seconds; by default until interrupted.
+    on_minute
+        Called with each minute as it closes.
+    views
+        Receive every sample, event and minute.
+    """
+    config, duration_s = config_of(campaign), None if duration is None else as_seconds(duration)
+    shown = [*views, *([MinuteView(on_minute)] if on_minute else [])]
+    with open_instruments(config, duration_s=duration_s, allow_missing=True) as instruments:
+        LivePreview(config, instruments, shown).run(duration_s)
+
+
+def current_frame(campaign: Campaign | Config | str | Path = ".") -> Frame:
+    """The camera's next usable frame.
+
+    Raises `DeviceNotFoundError` without a camera, `DeviceTimeoutError` if no usable frame arrives.
+    """
+    with open_instruments(config_of(campaign), allow_missing=True) as instruments:
+        return usable_frame(instruments)
+
+
+def missing_instruments(config: Config, instruments: Instruments) -> list[str]:
+    """Names of configured instruments that are not open."""
+    present = {info.name for info in instruments.streams}
+    return [one.name for one in config.devices if one.name not in present]
+
+
+def write_png(path: Path, config: Config, instruments: Instruments) -> None:
+    """Write the camera's next usable frame as an image with regions and scale.
+
+    Raises `DeviceNotFoundError` without a camera, `DeviceTimeoutError` if no usable frame arrives,
+    `StorageError` if the file cannot be written.
+    """
+    frame = usable_frame(instruments)
+    info = next(info for info in instruments.streams if info.name == frame.stream)
+    try:
+        path.write_bytes(frame_image.png(frame, info, config.regions))
+    except OSError as error:
+        raise StorageError(f"cannot write {path}: {error.strerror}", fix="name another file") from error
+
+
+def usable_frame(instruments: Instruments) -> Frame:
+    """The camera's next frame without a flag that makes it unfit to show."""
+    camera = next((device for device in instruments.devices if isinstance(device, Camera)), None)
+    if camera is None:
+        raise DeviceNotFoundError("no camera is configured or plugged in", fix="fieldkit devices")
+    with instruments.clock.taking_part():
+        end_ns = instruments.clock.mono_ns() + round(FRAME_WITHIN_S * 1e9)
+        while instruments.clock.mono_ns() < end_ns:
+            frame = camera.read(0.5)
+            if frame is not None and is_showable(frame.quality):
+                return frame
+    raise DeviceTimeoutError(
+        f"no usable frame arrived from the camera within {FRAME_WITHIN_S:.0f} s",
+        fix="unplug the camera and plug it in again",
+    )
+
+
+class LivePreview:
+    """Reads opened instruments and shows samples and slopes to views; nothing is stored."""
+
+    def __init__(self, config: Config, instruments: Instruments, views: Sequence[View]) -> None:
+        self.instruments = instruments
+        self.views = views
+        self._queue = SampleQueue({info.name: QUEUE_SIZE for info in instruments.streams})
+        self.measure(config)
+        self._next_health_ns = 0
+
+    def run(self, duration_s: float | None, is_over: Callable[[], bool] = lambda: False) -> None:
+        """Show until the duration or the preview is over, the instruments end, or an interrupt."""
+        readers = self._readers(duration_s)
+        self.instruments.clock.hold_until(self._queue.settled)
+        try:
+            with self.instruments.clock.taking_part():
+                for reader in readers:
+                    reader.start()
+                for reader in readers:
+                    reader.ready.wait()
+            while not is_over() and (any(reader.is_running for reader in readers) or self._is_unfinished()):
+                self._process_next()
+                self._show_health(readers)
+        finally:
+            self._end(readers)
+
+    def _is_unfinished(self) -> bool:
+        """True if samples or minutes are still to be shown, unless estimating takes too long."""
+        return self._queue.is_busy() and self._estimating.waited_s() < LONGEST_WAIT_S
+
+    def measure(self, config: Config) -> None:
+        """Estimate with other regions or settings from now on; safe from any thread."""
+        streams = self.instruments.streams
+        estimator = Estimator(config.site, config.regions, streams, config.estimator_settings())
+        self._estimating = EstimatorThread(estimator, self._queue)
+
+    def _readers(self, duration_s: float | None) -> list[DeviceReader]:
+        clock = self.instruments.clock
+        end_ns = None if duration_s is None else clock.mono_ns() + round(duration_s * 1e9)
+        return [
+            DeviceReader(
+                device,
+                partial(self.instruments.reopen, device.info.name),
+                self._queue,
+                clock,
+                Sampling(),
+                end_ns,
+            )
+            for device in self.instruments.devices
+        ]
+
+    def _process_next(self) -> None:
+        item = self._queue.get(0.1)
+        if item is None:
+            return
+        if isinstance(item, Future):
+            self._show_minute(item.result())
+        else:
+            self._show(item)
+            if not isinstance(item, Event):
+                self._estimating.add(item)
+        self._queue.done(item)
+
+    def _show_minute(self, minute: Minute) -> None:
+        for notice in minute.events:
+            self._show(notice)
+        self._show(minute)
+
+    def _show(self, item: Sample | Event | Minute | Health) -> None:
+        for view in self.views:
+            view.show(item)
+
+    def _show_health(self, readers: Sequence[DeviceReader]) -> None:
+        now_ns = self.instruments.clock.mono_ns()
+        if now_ns >= self._next_health_ns:
+            self._next_health_ns = now_ns + 1_000_000_000
+            self._show(self._health(now_ns, readers))
+
+    def _health(self, now_ns: int, readers: Sequence[DeviceReader]) -> Health:
+        streams = tuple(
+            StreamHealth(
+                reader.info.name,
+                reader.received,
+                self._queue.dropped[reader.info.name],
+                0,
+                rejected=reader.rejected,
+                implausible=reader.implausible,
+            )
+            for reader in readers
+        )
+        return Health(
+            now_ns, self.instruments.clock.to_utc_ns(now_ns), streams, self.instruments.free_bytes()
+        )
+
+    def _end(self, readers: Sequence[DeviceReader]) -> None:
+        """Close the views first, to give the terminal back: a reader may need a moment to end."""
+        self._estimating.close()
+        for view in self.views:
+            view.close()
+        for reader in readers:
+            reader.stop()
+        deadline = time.monotonic() + READERS_END_WITHIN_S
+        for reader in readers:
+            reader.join(max(0.0, deadline - time.monotonic()))

@@ -1,0 +1,270 @@
+"""Record a session: open the instruments, check what would spoil it, record until the end.
+
+`record` does all of it; `prepare` stops before the first sample, for those who attach views or need the
+streams first.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from datetime import time, timedelta
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fieldkit.config import Config, find_campaign, load_config
+from fieldkit.estimation.estimator import Estimator, Minute
+from fieldkit.model.clock import Clock
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.durations import as_seconds
+from fieldkit.model.radiation import with_components
+from fieldkit.model.site import Site
+from fieldkit.model.units import SECOND_NS
+from fieldkit.recorder import Recorder, Summary, View
+from fieldkit.recorder.recorder import Shown
+from fieldkit.recording.alarms import alarm_watch
+from fieldkit.recording.opening import Instruments, open_instruments
+from fieldkit.recording.preflight import Notify, disk_reserve_bytes, log, preflight, sampling_of
+from fieldkit.recording.recordings import session_path
+from fieldkit.recording.redrawing import Redrawing
+from fieldkit.recording.request_reader import RequestReader
+from fieldkit.recording.requests import inbox
+from fieldkit.recording.running import await_preview_end, only_recorder
+from fieldkit.recording.status_server import StatusServer
+from fieldkit.results.minutes import keep_recorded
+from fieldkit.results.session import Session, open_session
+from fieldkit.sessions.layout import SessionHeader
+from fieldkit.sessions.lock import journal_path
+from fieldkit.sessions.writer import SessionWriter
+from fieldkit.views import formatting
+from fieldkit.views.feed import Feed, feed_path
+from fieldkit.views.latest import Latest
+
+if TYPE_CHECKING:
+    from fieldkit.recording.campaign import Campaign
+
+
+def record(
+    campaign: Campaign | Config | str | Path = ".",
+    *,
+    duration: str | float | None = None,
+    name: str = "",
+    allow_missing: bool = False,
+    on_minute: Callable[[Minute], None] | None = None,
+    notify: Notify = log.warning,
+) -> Session:
+    """Record a session of a campaign and seal it; the session, open for reading.
+
+    No signal handler is installed: an interrupt (Ctrl-C, "stop" of a notebook) ends the recording at once
+    and keeps its journal, from which ``fieldkit recover`` finishes the session. ``fieldkit record`` seals
+    on Ctrl-C.
+
+    Parameters
+    ----------
+    campaign
+        A campaign, its configuration, or a path in its folder.
+    duration
+        When to stop: ``"20m"``, ``"2h30"``, or a number of seconds. Without it, until interrupted.
+    name
+        Part of the file's name.
+    allow_missing
+        Record without instruments that are not plugged in.
+    on_minute
+        Called with each minute as it closes, from the recording thread; it must return at once. If it
+        raises, it is not called again and the recording goes on.
+    notify
+        Receives warnings, such as of calibrations that are too old.
+
+    Raises
+    ------
+    ConfigError
+        No instruments are configured, or a region lies outside the frame.
+    DeviceError
+        An instrument cannot be opened.
+    RefusedError
+        The campaign is being recorded already.
+    StorageError
+        The disk is too small, cannot be written, or filled up; in the last case the session is sealed.
+
+    Examples
+    --------
+    >>> session = fieldkit.record(campaign, duration="2m", name="short")
+    >>> session.name, session.count("thermometer")
+    ('20160101T190001Z-short', 121)
+    """
+    config = config_of(campaign)
+    with prepare(
+        config,
+        name=name,
+        duration_s=None if duration is None else as_seconds(duration),
+        allow_missing=allow_missing,
+        notify=notify,
+    ) as prepared:
+        recorded = prepared.run(() if on_minute is None else (MinuteView(on_minute),))
+    if recorded.summary.failure is not None:
+        raise recorded.summary.failure
+    return open_session(recorded.path)
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedSession:
+    """A session that was recorded and sealed: its file, and how the recording went."""
+
+    path: Path
+    summary: Summary
+
+
+@dataclass(frozen=True, slots=True)
+class PreparedRecording:
+    """A recording that can start: instruments open and checked, the session's path chosen."""
+
+    config: Config
+    instruments: Instruments
+    path: Path
+    name: str = ""
+    duration_s: float | None = None
+
+    def starting_now(self) -> PreparedRecording:
+        """The same recording, its path named after the present time: call after waiting for the user."""
+        return replace(self, path=session_path(self.config, self.name, self.instruments.utc_ns()))
+
+    def run(
+        self, views: Sequence[View] = (), *, stopping: threading.Event | None = None, command_line: str = ""
+    ) -> RecordedSession:
+        """Record until the planned end or until `stopping` is set, and seal; call once.
+
+        `command_line` goes into the session's provenance. Raises `StorageError` if nothing can be stored;
+        a disk that fills up later is in ``summary.failure``.
+        """
+        config, instruments = self.config, self.instruments
+        alarms = alarm_watch(config, instruments.streams)
+        start_ns = instruments.clock.mono_ns()
+        header = header_of(config, self.name, instruments.streams, command_line)
+        writer = SessionWriter(self.path, header, instruments.clock)
+        camera = next((info for info in instruments.streams if info.is_camera), None)
+        redrawing = Redrawing(config.regions, camera.shape if camera else None, config.site)
+        requests = RequestReader(inbox(self.path), instruments.clock, redrawing)
+        estimator = Estimator(config.site, config.regions, instruments.streams, config.estimator_settings())
+        end_ns = None if self.duration_s is None else start_ns + round(self.duration_s * SECOND_NS)
+        try:
+            summary = Recorder(
+                devices=instruments.devices,
+                reopen=instruments.reopen,
+                writer=writer,
+                estimator=estimator,
+                clock=instruments.clock,
+                free_bytes=instruments.free_bytes,
+                sampling=sampling_of(config),
+                views=(*views, *self._followed(end_ns, header.title)),
+                end_ns=end_ns,
+                requests=requests,
+                last_requests=requests.close,
+                disk_reserve_bytes=disk_reserve_bytes(config),
+                alarms=alarms,
+                stopping=stopping or threading.Event(),
+            ).run()
+        finally:
+            writer.abandon()  # no effect after sealing; otherwise the journal is kept for recovery
+        self._keep(estimator)
+        return RecordedSession(self.path, summary)
+
+    def _keep(self, estimator: Estimator) -> None:
+        """Leave the minutes to the first report or check, which otherwise estimates them again."""
+        try:
+            keep_recorded(self.path, estimator)
+        except Exception as error:  # the session is sealed: nothing may make its recording look failed
+            log.info("the recording's own minutes were not kept: %s", error)
+
+    def _followed(self, end_ns: int | None, title: str) -> list[View]:
+        """Views by which other programs follow the recording, as far as they can be opened."""
+        config, instruments = self.config, self.instruments
+        planned_end_ns = None if end_ns is None else instruments.clock.to_utc_ns(end_ns)
+        latest = Latest(config.site, config.regions, instruments.streams, self.path.stem, planned_end_ns)
+        offered: list[View] = []
+        for offer in (
+            lambda: Feed(feed_path(journal_path(self.path)), latest),
+            lambda: StatusServer(self.path, title, latest),
+        ):
+            try:
+                offered.append(offer())
+            except OSError as error:
+                log.warning("no other program can follow this recording: %s", error)
+        return offered
+
+
+@contextmanager
+def prepare(
+    config: Config,
+    *,
+    name: str = "",
+    duration_s: float | None = None,
+    until: time | None = None,
+    allow_missing: bool = False,
+    notify: Notify = log.warning,
+) -> Iterator[PreparedRecording]:
+    """Open a campaign's instruments, check that recording can start, and choose the session's path.
+
+    `until` is a time of day at the site and replaces `duration_s`. Raises as `record`.
+    """
+    with ExitStack() as opened:
+        opened.enter_context(only_recorder(config.recordings))
+        await_preview_end(config.recordings)
+        instruments = opened.enter_context(
+            open_instruments(config, duration_s=duration_s, allow_missing=allow_missing)
+        )
+        if until is not None:
+            duration_s = seconds_until(until, config.site, instruments.clock)
+        preflight(config, instruments, duration_s, notify)
+        path = session_path(config, name, instruments.utc_ns())
+        yield PreparedRecording(config, instruments, path, name, duration_s)
+
+
+def config_of(campaign: Campaign | Config | str | Path) -> Config:
+    """The configuration of a campaign given as an object or as a path in its folder."""
+    if isinstance(campaign, str | Path):
+        return load_config(find_campaign(Path(campaign)))
+    return campaign if isinstance(campaign, Config) else campaign.config
+
+
+class MinuteView:
+    """A view that calls a function with every minute that closes."""
+
+    def __init__(self, on_minute: Callable[[Minute], None]) -> None:
+        self._on_minute = on_minute
+
+    def show(self, item: Shown) -> None:
+        """Pass a minute on; ignore anything else."""
+        if isinstance(item, Minute):
+            self._on_minute(item)
+
+    def close(self) -> None:
+        """Nothing to close."""
+
+
+def seconds_until(time_of_day: time, site: Site, clock: Clock) -> float:
+    """Seconds from now to the next time the site's clocks show `time_of_day`."""
+    now = formatting.local_time(clock.to_utc_ns(clock.mono_ns()), site)
+    end = now.replace(hour=time_of_day.hour, minute=time_of_day.minute, second=0, microsecond=0)
+    if end <= now:
+        end += timedelta(days=1)
+    # by timestamps: local times differ by an hour more or less where clocks change in between
+    return end.timestamp() - now.timestamp()
+
+
+def header_of(config: Config, title: str, streams: Sequence[StreamInfo], command_line: str) -> SessionHeader:
+    """Header of the session, known before its first sample."""
+    campaign = config.campaign
+    return SessionHeader(
+        title=title or campaign.title,
+        site=config.site,
+        streams=tuple(with_components(info, config.tables.irradiance.measures) for info in streams),
+        regions=config.regions,
+        config_toml=config.to_toml(),
+        command_line=command_line,
+        operator=campaign.operator,
+        description=campaign.description,
+        license=campaign.license,
+        references=campaign.references,
+    )

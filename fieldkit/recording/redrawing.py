@@ -1,0 +1,161 @@
+"""Regions redrawn while a recording runs: what changes, from which minute on, or why nothing does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar, TypeVar
+
+from fieldkit.config import read_config
+from fieldkit.config.edit import restoring
+from fieldkit.estimation.region_check import check_regions
+from fieldkit.model.samples import Event, EventKind, Severity
+from fieldkit.model.site import Region, RegionRecord, Site
+from fieldkit.model.units import MINUTE_NS
+from fieldkit.recording.regions import check_configured, read_regions
+from fieldkit.recording.requests import SentRequest, sent
+from fieldkit.recording.running import session_in_progress
+from fieldkit.sessions.entry_rows import event_fits
+from fieldkit.sessions.layout import MAX_REGIONS, check_region
+from fieldkit.views import formatting
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class NewRegions:
+    """All regions as they shall be from now on: a request to the running recording."""
+
+    regions: tuple[Region, ...]
+    do: ClassVar[str] = "regions"
+
+
+@dataclass
+class Redrawing:
+    """The regions of a recording as they are now; `shape` is of its camera's frames (rows, cols)."""
+
+    regions: tuple[Region, ...]
+    shape: tuple[int, ...] | None
+    site: Site
+
+    def __post_init__(self) -> None:
+        self._known = {region.name for region in self.regions}
+
+    def redrawn(
+        self, wanted: Sequence[Region], request: str, mono_ns: int, time_ns: int
+    ) -> Iterator[RegionRecord | Event]:
+        """The changes that lead to the regions wanted, and the event that answers; that alone if refused.
+
+        A change holds from the next full minute on, so that no minute is seen through two outlines. Each
+        counts as made once the caller asks for what follows.
+        """
+        if refusals := self._refusals(wanted):
+            yield self._answer(f"regions not changed: {'; '.join(refusals)}", request, mono_ns, time_ns)
+            return
+        since_ns = (time_ns // MINUTE_NS + 1) * MINUTE_NS
+        done: dict[str, list[str]] = {}
+        for record, what in list(_changes(self.regions, wanted, since_ns)):
+            yield record
+            self._follow(record)
+            done.setdefault(what, []).append(record.region.name)
+        yield self._answer(self._words(done, since_ns), request, mono_ns, time_ns, done, since_ns)
+
+    def _follow(self, record: RegionRecord) -> None:
+        regions = {region.name: region for region in self.regions}
+        if record.is_removed:
+            del regions[record.region.name]
+        else:
+            regions[record.region.name] = record.region
+        self.regions = tuple(regions.values())
+        self._known.add(record.region.name)
+
+    def _refusals(self, wanted: Sequence[Region]) -> list[str]:
+        """Mistakes of the regions wanted that those of now do not have already."""
+        before = set(self._failures(self.regions))
+        found = [failure for failure in self._failures(wanted) if failure not in before]
+        names = [region.name for region in wanted]
+        found += [f"{name} is there twice" for name in dict.fromkeys(names) if names.count(name) > 1]
+        if len(self._known | set(names)) > MAX_REGIONS:
+            found.append(f"a session has room for {MAX_REGIONS} regions")
+        return found
+
+    def _failures(self, regions: Sequence[Region]) -> list[str]:
+        try:
+            for region in regions:
+                check_region(region)
+        except ValueError as error:
+            return [str(error)]
+        inspections = check_regions(regions, self.shape)
+        return [f"{one.region.name}: {failure}" for one in inspections for failure in one.failures]
+
+    def _words(self, done: dict[str, list[str]], since_ns: int) -> str:
+        if not done:
+            return "regions unchanged: they are as requested"
+        changes = ", ".join(f"{', '.join(names)} {what}" for what, names in done.items())
+        return f"regions changed: {changes}; from {formatting.clock_time(since_ns, self.site)} on"
+
+    def _answer(
+        self,
+        text: str,
+        request: str,
+        mono_ns: int,
+        time_ns: int,
+        done: dict[str, list[str]] | None = None,
+        since_ns: int = 0,
+    ) -> Event:
+        severity = Severity.WARNING if done is None else Severity.INFO
+        data = {"request": request, "from_ns": since_ns, **done} if done else {"request": request}
+        event = Event(EventKind.REGION, mono_ns, time_ns, text, severity=severity, data=data)
+        if event_fits(event):
+            return event
+        return Event(EventKind.REGION, mono_ns, time_ns, text[:200], "", severity, {"request": request})
+
+
+def _changes(
+    regions: Sequence[Region], wanted: Sequence[Region], since_ns: int
+) -> Iterator[tuple[RegionRecord, str]]:
+    """Differences, each with its word: removals first, so that their pixels are free."""
+    before = {region.name: repr(region) for region in regions}  # in which NaN is equal to NaN
+    names = {region.name for region in wanted}
+    for region in regions:
+        if region.name not in names:
+            yield RegionRecord(region, since_ns, is_removed=True), "removed"
+    for region in wanted:
+        if before.get(region.name) != repr(region):
+            yield RegionRecord(region, since_ns), "changed" if region.name in before else "added"
+
+
+def change_regions(file: Path, change: Callable[[Path], T]) -> tuple[T, SentRequest | None]:
+    """Change the regions of a ``fieldkit.toml``, and those of its campaign's recording if one is running.
+
+    Estimates of the running session use the new regions from the next full minute on.
+
+    Parameters
+    ----------
+    file
+        The campaign's ``fieldkit.toml``.
+    change
+        What `fieldkit.recording.regions` does to the file:
+        ``partial(add_region, name="b15", rect=(60, 60, 30, 30))``, or `edit_region`, or `remove_region`.
+
+    Returns
+    -------
+    tuple
+        What `change` returned, and the request to the recording; None where nothing is being recorded.
+
+    Raises
+    ------
+    ConfigError
+        The regions would be invalid, or the recording could not use them; nothing is changed then.
+    RefusedError, StorageError
+        As `sent`; the file is changed then, and the recording is not.
+    """
+    config, _ = read_config(file)
+    if config is None or session_in_progress(config.recordings) is None:
+        return change(file), None
+    with restoring(file):
+        made = change(file)
+        changed = read_regions(file)[0]
+        check_configured(changed, unless=config)
+    return made, sent(config.recordings, NewRegions(changed.regions))

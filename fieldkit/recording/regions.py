@@ -1,0 +1,200 @@
+"""The regions of a campaign: add, edit and remove them in ``fieldkit.toml``, and check them."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, TypedDict, Unpack
+
+import numpy as np
+
+from fieldkit.config import Config, ConfigMistakesError, edit, read_config
+from fieldkit.estimation.region_check import FrameK, RegionInspection, check_regions
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.errors import ConfigError, SessionError
+from fieldkit.model.samples import Frame, Sample, is_usable
+from fieldkit.physics.camera_laws import frame_k, has_temperatures
+
+AVERAGED_FRAMES = 25
+
+Point = tuple[float, float]
+Rect = tuple[float, float, float, float]
+
+
+class RegionProperties(TypedDict, total=False):
+    """Known properties of a region: its slope, its emissivity, the camera's offset there.
+
+    Emissivity and offset may name a calibration record: ``"@sand"``.
+    """
+
+    tilt_deg: float
+    azimuth_deg: float
+    emissivity: float | str
+    offset_k: float | str
+
+
+def add_region(
+    file: Path,
+    name: str,
+    *,
+    points: Sequence[Point] = (),
+    rect: Rect | None = None,
+    is_ground: bool = False,
+    reference: bool = False,
+    **properties: Unpack[RegionProperties],
+) -> dict[str, Any]:
+    """Add a region to a ``fieldkit.toml``; the ``[[region]]`` table that was written.
+
+    Parameters
+    ----------
+    file
+        The campaign's ``fieldkit.toml``.
+    name
+        Letters, digits, ``-`` and ``_``.
+    points
+        Corners ``(x, y)`` in order around the region, at least three. [pixel]
+    rect
+        Instead of `points`: left, top, width, height. [pixel]
+    is_ground
+        Whether `points` are east, north on the ground of the campaign's ``camera.pose``. [m]
+    reference
+        Whether it is the flat reference; otherwise a target whose slope is estimated.
+    **properties
+        See `RegionProperties`.
+
+    Raises
+    ------
+    ConfigError
+        The region or the configuration with it would be invalid; nothing is written.
+    """
+    if bool(points) == (rect is not None):
+        raise ConfigError("a region needs its corners or a rectangle", fix="give points or rect, not both")
+    corners = points if rect is None else _corners(*rect)
+    table = {
+        "name": name,
+        "kind": "reference" if reference else "target",
+        "points_m" if is_ground else "points_px": _written(corners),
+        **properties,
+    }
+    edit.add_region(file, table)
+    return table
+
+
+def edit_region(
+    file: Path,
+    name: str,
+    *,
+    points: Sequence[Point] = (),
+    reference: bool | None = None,
+    shrink_px: float | None = None,
+    **properties: Unpack[RegionProperties],
+) -> dict[str, Any]:
+    """Change a region in a ``fieldkit.toml``: its corners, what it is for, its properties; the changed keys.
+
+    `shrink_px` moves its edges inwards. Raises `ConfigError` if there is no such region, if nothing is to
+    change, or if the result is invalid.
+    """
+    changes: dict[str, Any] = dict(properties)
+    if points:
+        changes["points_px"] = _written(points)
+    if reference is not None:
+        changes["kind"] = "reference" if reference else "target"
+    if shrink_px is not None:
+        changes["points_px"] = _shrunk_points(read_regions(file)[0], name, shrink_px)
+    if not changes:
+        raise ConfigError("give what to change: size, tilt, azimuth, emissivity or offset")
+    edit.change_region(file, name, changes)
+    return changes
+
+
+def remove_region(file: Path, name: str) -> None:
+    """Remove a region from a ``fieldkit.toml``; raises `ConfigError` if there is no such region."""
+    edit.remove_region(file, name)
+
+
+def read_regions(file: Path) -> tuple[Config, list[str]]:
+    """The configuration with its regions, and what is wrong with the regions, for those who mend them.
+
+    Raises `ConfigMistakesError` if no configuration can be read at all.
+    """
+    config, mistakes = read_config(file)
+    if config is None:
+        raise ConfigMistakesError(mistakes, fix=f"edit {file}")
+    return config, [mistake.message for _, mistake in mistakes if mistake.path[:1] == ("region",)]
+
+
+def inspect_regions(config: Config, session: Path | None = None) -> list[RegionInspection]:
+    """Check a campaign's regions, in the frames of a session or in a frame of the configured size.
+
+    Raises `SessionError` if the session has no frames with temperatures.
+    """
+    if session is not None:
+        frame = mean_of_first_frames_k(session)
+        return check_regions(config.regions, frame.shape, frame)
+    camera = config.tables.camera
+    shape = (camera.height_px, camera.width_px) if camera and camera.height_px and camera.width_px else None
+    return check_regions(config.regions, shape)
+
+
+def _corners(x: float, y: float, width: float, height: float) -> list[Point]:
+    """The corner pixels of a rectangle `width` x `height` pixels large."""
+    right, bottom = x + width - 1, y + height - 1
+    return [(x, y), (right, y), (right, bottom), (x, bottom)]
+
+
+def _shrunk_points(config: Config, name: str, pixels: float) -> list[list[int | float]]:
+    """Corners of the region called `name`, moved inwards; empty if there is no such region."""
+    region = next((region for region in config.regions if region.name == name), None)
+    try:
+        corners = region.shrunk(pixels).vertices if region else ()
+    except ValueError as error:
+        raise ConfigError(str(error), fix="a smaller --shrink") from error
+    return _written([(round(x, 1), round(y, 1)) for x, y in corners])
+
+
+def _written(corners: Sequence[Point]) -> list[list[int | float]]:
+    """Corners as they stand in ``fieldkit.toml``."""
+    return [[_short(x), _short(y)] for x, y in corners]
+
+
+def _short(value: float) -> int | float:
+    """A whole number without its decimal point, as people write pixels."""
+    return int(value) if float(value).is_integer() else value
+
+
+def check_configured(config: Config, *, unless: Config) -> None:
+    """Raise `ConfigError` for regions that cannot be used, apart from what is wrong in `unless` already."""
+    before = {_failed(one) for one in inspect_regions(unless)}
+    found = [_failed(one) for one in inspect_regions(config) if one.failures and _failed(one) not in before]
+    if found:
+        raise ConfigError("; ".join(found), fix="nothing was changed; draw it again")
+
+
+def _failed(inspection: RegionInspection) -> str:
+    return f"region {inspection.region.name}: {'; '.join(inspection.failures)}"
+
+
+def mean_of_first_frames_k(path: Path) -> FrameK:
+    """Mean of the first good frames of a session's first camera, kelvin, shape (rows, cols).
+
+    Raises `SessionError` if the session has no frames with a temperature.
+    """
+    from fieldkit.sessions.reader import open_session
+
+    with open_session(path) as session:
+        camera = next((info for info in session.streams.values() if info.is_camera), None)
+        frames = _usable_frames_k(session.samples(camera.name), camera) if camera else iter(())
+        kept = list(itertools.islice(frames, AVERAGED_FRAMES))
+    if not kept:
+        raise SessionError(f"{path} has no usable frame with temperatures", fix="omit --session")
+    return np.asarray(np.mean(kept, axis=0, dtype=np.float64))
+
+
+def _usable_frames_k(samples: Iterable[Sample], camera: StreamInfo) -> Iterator[FrameK]:
+    """The usable frames, as brightness temperatures."""
+    if not has_temperatures(camera):
+        return
+    for sample in samples:
+        if isinstance(sample, Frame) and is_usable(sample.quality):
+            yield frame_k(camera, sample.counts, sample.metadata_rows)

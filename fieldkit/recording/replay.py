@@ -1,0 +1,140 @@
+"""Play a recorded session as if it were live, through the same estimator and views."""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from fieldkit.estimation.estimator import Estimator, Minute
+from fieldkit.model.alarm import phase_of
+from fieldkit.model.clock import HostClock
+from fieldkit.model.learnt import Learnt
+from fieldkit.model.samples import Event, EventKind, Frame, Health, Reading, Severity
+from fieldkit.model.site import Region, RegionRecord
+from fieldkit.model.slope import SlopeEstimate, final_estimates
+from fieldkit.recorder import View
+from fieldkit.recorder.alarms import AlarmEngine
+from fieldkit.recorder.recorder import Shown
+from fieldkit.recording.alarms import alarm_settings
+from fieldkit.results.estimate import estimates_of, estimator_for
+from fieldkit.results.sources import config_for, marks_of
+from fieldkit.sessions.reader import SessionReader, open_session
+
+
+@dataclass(frozen=True)
+class Replay:
+    """Result of a replay: the regions, the minutes that closed, the final estimate of each target.
+
+    `alarms`: the events of all alarms, as the recording had them unless ``[alarms]`` is set otherwise.
+    """
+
+    regions: tuple[Region, ...]
+    minutes: tuple[Minute, ...]
+    estimates: dict[str, SlopeEstimate]
+    alarms: tuple[Event, ...] = ()
+
+    @property
+    def learnt(self) -> Learnt | None:
+        """Parameters learnt up to the end, or None if nothing."""
+        return next((minute.learnt for minute in reversed(self.minutes) if minute.learnt is not None), None)
+
+
+def replay(
+    path: str | Path,
+    *,
+    speed: float = math.inf,
+    settings: Sequence[str] = (),
+    view_of: Callable[[SessionReader, Estimator], View] | None = None,
+) -> Replay:
+    """Feed a recorded session to estimator and alarms as if live; no alarm is sent anywhere.
+
+    Parameters
+    ----------
+    path
+        The session.
+    speed
+        Session seconds per real second; infinity shows nothing and only estimates.
+    settings
+        ``KEY=VALUE`` over the session's configuration.
+    view_of
+        Makes the view that shows samples, events and minutes.
+
+    Raises
+    ------
+    SessionError
+        The session cannot be read.
+    ConfigError
+        A setting is invalid.
+    """
+    with open_session(Path(path)) as session:
+        config = config_for(session, settings)
+        estimator = estimator_for(session, config)
+        alarms = AlarmEngine(alarm_settings(config, tuple(session.streams.values())))
+        view = None if view_of is None or math.isinf(speed) else view_of(session, estimator)
+        minutes, raised = play(session, estimator, alarms, speed, view)
+        estimates = final_estimates(estimates_of(minutes), estimator.schedule.latest)
+        return Replay(estimator.schedule.latest, tuple(minutes), estimates, tuple(raised))
+
+
+def play(
+    session: SessionReader, estimator: Estimator, alarms: AlarmEngine, speed: float, view: View | None
+) -> tuple[list[Minute], list[Event]]:
+    """Show everything in order, `speed` session seconds per real second; the minutes, the alarms' events."""
+    minutes: list[Minute] = []
+    raised: list[Event] = []
+    for item in _paced(_played(session, estimator), speed):
+        found = alarms.update(item)
+        raised += found
+        minutes += [item] if isinstance(item, Minute) else []
+        if view is not None:
+            for shown in (item, *found):
+                view.show(shown)
+    if view is not None:
+        view.close()
+    return minutes, raised
+
+
+def _played(session: SessionReader, estimator: Estimator) -> Iterator[Shown]:
+    """Items that the recorder showed, in order, with the minutes estimated again."""
+    for mark in marks_of(session):
+        estimator.add(mark)
+    items = heapq.merge(session.samples(), _recorded_events(session), key=lambda item: item.mono_ns)
+    for item in items:
+        yield item
+        if isinstance(item, Frame | Reading):
+            yield from _closed(estimator.add(item))
+    yield from _closed(estimator.finish())
+
+
+def _paced(items: Iterator[Shown], speed: float) -> Iterator[Shown]:
+    """The items, samples and stored events at the pace of the recording times `speed`."""
+    clock = HostClock()
+    began_ns, first_ns = clock.mono_ns(), None
+    for item in items:
+        if not isinstance(item, Minute | RegionRecord):
+            first_ns = item.mono_ns if first_ns is None else first_ns
+            due_ns = began_ns + round((item.mono_ns - first_ns) / speed)
+            clock.sleep((due_ns - clock.mono_ns()) / 1e9)
+        yield item
+
+
+def _closed(minutes: list[Minute]) -> Iterator[Shown]:
+    for minute in minutes:
+        yield from minute.events
+        yield minute
+
+
+def _recorded_events(session: SessionReader) -> list[Event | Health]:
+    """Events and health of the recording, without what estimator and alarms will report again."""
+    kept = [event for event in session.events() if not _comes_again(event)]
+    return sorted([*kept, *session.health()], key=lambda item: item.mono_ns)
+
+
+def _comes_again(event: Event) -> bool:
+    if event.kind is EventKind.ESTIMATOR:
+        # an error or a delay is of the recorder's estimator, not of the data
+        return event.severity is not Severity.ERROR and "late" not in event.data
+    return event.kind in (EventKind.CLOUD, EventKind.MOVED) or phase_of(event) is not None

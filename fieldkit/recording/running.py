@@ -1,0 +1,212 @@
+"""The running recording of a campaign, one at a time: which session, whether it responds; stop.
+
+Another process is writing the session: nothing here opens it, so that small commands load neither numpy nor
+h5py.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shlex
+import signal
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fieldkit.model.errors import RefusedError, SessionError, StorageError
+from fieldkit.recording.recordings import JOURNAL, is_interrupted
+from fieldkit.sessions.lock import SessionLock, is_locked, journal_path, owner
+
+if TYPE_CHECKING:
+    from fieldkit.model.site import Site
+
+LOCK_NAME = ".recording"
+"""File in ``recordings/`` that the recorder of a campaign holds locked, so that there is only one."""
+PREVIEW_LOCK_NAME = ".preview"
+"""File in ``recordings/`` that a preview holds locked while it has the instruments open."""
+PREVIEW_ENDS_WITHIN_S = 10.0
+STOPPING_NAME = "stopping"
+"""File in the journal of a session whose recorder was asked to stop."""
+SILENT_AFTER_S = 5.0
+"""A recorder writes its state every second; a slow disk may hold up some of them."""
+SEALED_WITHIN_S = 90.0
+"""A minute for verifying, and what the recorder waits for estimates (`estimator_thread.LONGEST_WAIT_S`)."""
+REMOVED_WITHIN_S = 1.0
+"""A recorder that has sealed its session lets go of it, then removes the journal."""
+
+
+def running_session(recordings: Path) -> Path:
+    """The session that is being recorded into a folder; raises `RefusedError` if there is none."""
+    path = session_in_progress(recordings)
+    if path is None:
+        raise RefusedError("no recording is running in this campaign", fix="fieldkit record")
+    return path
+
+
+def session_in_progress(recordings: Path) -> Path | None:
+    """The session that a living process is writing, or None; an interrupted one is not in progress."""
+    for journal in sorted(recordings.glob(f"*.h5{JOURNAL}")):
+        if is_locked(journal):
+            return journal.with_name(journal.name.removesuffix(JOURNAL))
+    return None
+
+
+@contextmanager
+def only_recorder(recordings: Path) -> Iterator[None]:
+    """Be the one process that records in this campaign, from before its instruments are opened.
+
+    Raises `RefusedError` while another one is, `StorageError` if the folder cannot be written.
+    """
+    _refuse_second(recordings)  # a recorder of an earlier version holds only its session's lock
+    try:
+        recordings.mkdir(parents=True, exist_ok=True)
+        lock = SessionLock(recordings, LOCK_NAME)
+    except RefusedError as error:
+        _refuse_second(recordings)  # by the name of its session, once it has one
+        raise _already_recorded(error.message) from error
+    except OSError as error:
+        raise StorageError(
+            f"cannot record into {recordings}: {error.strerror}", fix="choose a folder that can be written"
+        ) from error
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+def is_recorder_present(recordings: Path) -> bool:
+    """Whether a process records in this campaign, or opens its instruments in order to."""
+    return is_locked(recordings, LOCK_NAME) or session_in_progress(recordings) is not None
+
+
+@contextmanager
+def previewing(recordings: Path) -> Iterator[None]:
+    """Hold the instruments for a preview that ends as soon as a recorder is present.
+
+    Raises `RefusedError` while another preview holds them, `OSError` if the folder cannot be written.
+    """
+    recordings.mkdir(parents=True, exist_ok=True)
+    lock = SessionLock(recordings, PREVIEW_LOCK_NAME)
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+def await_preview_end(recordings: Path) -> None:
+    """Wait until a preview has released the instruments, at most ten seconds; call as `only_recorder`."""
+    deadline = time.monotonic() + PREVIEW_ENDS_WITHIN_S
+    while is_locked(recordings, PREVIEW_LOCK_NAME) and time.monotonic() < deadline:
+        time.sleep(0.05)
+
+
+def _refuse_second(recordings: Path) -> None:
+    if (running := session_in_progress(recordings)) is not None:
+        raise _already_recorded(running.name)
+
+
+def _already_recorded(what: str) -> RefusedError:
+    return RefusedError(
+        f"this campaign is being recorded already: {what}",
+        fix="fieldkit status shows it, fieldkit stop ends it",
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class UnresponsiveRecorder:
+    """A recorder that holds its session and writes nothing: since when (UTC), and whether it was stopped."""
+
+    pid: int | None
+    since_ns: int
+    is_stopped: bool
+
+    def at(self, site: Site) -> str:
+        """In words, with the time at the site and what to do."""
+        from fieldkit.views import formatting
+
+        zone = formatting.zone_name(self.since_ns, site)
+        since = f"since {formatting.clock_time(self.since_ns, site, seconds=True)} {zone}"
+        if self.is_stopped:
+            remedy = f"it was stopped (Ctrl-Z); kill -CONT {self.pid} continues it"
+            return f"process {self.pid} does not respond {since}: {remedy}"
+        return f"process {self.pid} has written nothing {since}: it is sealing, its disk is slow, or it hangs"
+
+
+def unresponsive_recorder(session: Path) -> UnresponsiveRecorder | None:
+    """Whether the recorder of a session in progress does not respond; None where it does, or has ended."""
+    pid = owner(journal_path(session))
+    if pid is None:
+        return None
+    since_ns, is_stopped = _last_write_ns(session), _is_stopped(pid)
+    if not is_stopped and time.time() - since_ns / 1e9 < SILENT_AFTER_S:
+        return None
+    return UnresponsiveRecorder(pid, since_ns, is_stopped)
+
+
+def _last_write_ns(session: Path) -> int:
+    written = [0]
+    for file in (session, *journal_path(session).glob("*")):
+        with contextlib.suppress(OSError):  # a part of the journal that has just been retired
+            written.append(file.stat().st_mtime_ns)
+    return max(written)
+
+
+def _is_stopped(pid: int) -> bool:
+    """Whether the kernel has stopped a process, as by Ctrl-Z; false without ``/proc``."""
+    try:
+        about = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return False
+    return about.rpartition(")")[2].split()[0] in ("T", "t")
+
+
+def stop_recording(recordings: Path, notify: Callable[[UnresponsiveRecorder], None]) -> Path:
+    """Ask the running recording to stop and seal, and wait for it; the sealed session.
+
+    `notify` receives the recorder if it does not respond; one suspended by Ctrl-Z is then continued, so that
+    it can seal. Raises `RefusedError` if none is running or it takes more than `SEALED_WITHIN_S`,
+    `SessionError` if it ended without sealing.
+    """
+    path = running_session(recordings)
+    pid = owner(journal_path(path))
+    if pid is None:  # it has ended since
+        raise RefusedError("no recording is running in this campaign", fix="fieldkit record")
+    if _is_first_to_stop(path):
+        os.kill(pid, signal.SIGTERM)
+    deadline, is_reported = time.monotonic() + SEALED_WITHIN_S, False
+    while is_locked(journal_path(path)):
+        if not is_reported and (silent := unresponsive_recorder(path)) is not None:
+            is_reported = True
+            notify(silent)
+            if silent.is_stopped:
+                os.kill(pid, signal.SIGCONT)
+        if time.monotonic() > deadline:
+            raise RefusedError(
+                f"process {pid} has not sealed {path.name} within {SEALED_WITHIN_S:.0f} s",
+                fix=f"look at its terminal; kill {pid} ends it at once and keeps the journal",
+            )
+        time.sleep(0.1)
+    deadline = time.monotonic() + REMOVED_WITHIN_S
+    while journal_path(path).exists() and time.monotonic() < deadline:
+        time.sleep(0.02)
+    if is_interrupted(path):
+        raise SessionError(
+            f"the recording ended without sealing {path.name}; its journal is kept",
+            fix=f"fieldkit recover {shlex.quote(str(path))}",
+        )
+    return path
+
+
+def _is_first_to_stop(session: Path) -> bool:
+    """Whether a recorder has not been asked to stop before: a second signal would end it unsealed."""
+    try:
+        (journal_path(session) / STOPPING_NAME).touch(exist_ok=False)
+    except FileExistsError:
+        return False
+    except OSError:
+        return True
+    return True

@@ -1,0 +1,223 @@
+"""The scene that a configuration describes: sand under every region, below a clear or a measured sky."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.config import Config
+from fieldkit.config.pose import Pose
+from fieldkit.config.toml_schema import SimulationTable
+from fieldkit.drivers.simulated import SimulatedField
+from fieldkit.ground.on_ground import ground_view
+from fieldkit.model.errors import ConfigError
+from fieldkit.model.site import Region, RegionKind, Site
+from fieldkit.model.units import SECOND_NS
+from fieldkit.physics.bodies import EARTH, Body, body_of
+from fieldkit.physics.camera_geometry import horizon_of_ground
+from fieldkit.physics.facet import VERTICAL, normal, tilt_azimuth
+from fieldkit.results.sources import log_warning
+from fieldkit.sessions.formats.geotiff import read_heights
+from fieldkit.simulation import ClearSky, Facet, Fault, FaultKind, MeasuredSky, Scene, Sky
+from fieldkit.simulation.drawn_field import drawn_scene
+from fieldkit.simulation.facets import FRAME_SHAPE, GROUND
+from fieldkit.simulation.motion import Motion
+from fieldkit.simulation.scene import ALAMOSA_NOON_NS, BEDS
+from fieldkit.simulation.scene_series import Exchange
+from fieldkit.simulation.simulated_clock import SimulatedClock
+from fieldkit.simulation.terrain import Terrain
+from fieldkit.weather import Weather, packaged, read_station_file
+
+PACKAGED_DAY = "alamosa-2016-01-01"
+FOIL_ALBEDO, FOIL_EMISSIVITY = 0.80, 0.04
+"""Crumpled aluminium: it reflects the sky into the camera."""
+NEAR_DEG = 0.2
+HORIZON_STEP_DEG = 10.0
+"""Of the skyline that terrain casts its shadows by."""
+BED_OVER_REGION = 1.18
+"""Beds are this much larger than the regions drawn on them."""
+
+
+@contextmanager
+def simulated_field(config: Config, duration_s: float) -> Iterator[tuple[SimulatedClock, SimulatedField]]:
+    """The clock and the instruments of the configured scene, closed at the end."""
+    scene = scene_of(config, duration_s)
+    simulation = config.tables.simulation
+    speed = 1.0 if simulation is None else simulation.speed
+    clock = SimulatedClock(scene.start_ns, math.inf if speed == "max" else speed)
+    with clock, SimulatedField(scene, clock) as field:
+        yield clock, field
+
+
+def scene_of(config: Config, duration_s: float) -> Scene:
+    """The configured scene, with a bed of sand under every region, of its tilt and azimuth.
+
+    On terrain a target region of unknown tilt has no bed. On level ground, where no region is drawn yet,
+    the usual beds are there too, so that a user can see where to draw.
+    Raises `ConfigError` if the configuration does not describe a scene.
+    """
+    simulation = config.simulation
+    if simulation is None:
+        raise ConfigError(
+            "the devices are simulated, but there is no [simulation] table",
+            fix="add [simulation] to fieldkit.toml; fieldkit init --simulated shows one",
+        )
+    start_ns = ALAMOSA_NOON_NS
+    if simulation.start is not None:
+        start_ns = round(simulation.start.timestamp()) * SECOND_NS
+    facets = _facets(config, simulation)
+    faults = tuple(_fault(name) for name in simulation.faults)
+    sky = _sky(config, simulation.weather)
+    scene = Scene(
+        config.site, sky, facets, start_ns, duration_s, simulation.seed, faults, motion=_motion(simulation)
+    )
+    if (body := body_of(config.site)) is not EARTH:
+        still_air = Exchange(body.exchange_w_m2_k, per_wind=0.0)
+        scene = replace(scene, ground=_ground_of(body, GROUND), exchange=still_air)
+    if simulation.terrain:
+        if config.pose is None:
+            raise ConfigError("simulated terrain needs camera.pose", fix="give [camera] a pose with a dem")
+        scene = _in_relief(scene, terrain_of(config.pose.at(start_ns)), simulation)
+    return drawn_scene(scene) if simulation.drawn else scene
+
+
+def terrain_of(pose: Pose) -> Terrain:
+    """The ground of a pose's DEM as the camera sees it; level where a pixel meets none.
+
+    Raises `ConfigError`, or `NoAnswerError` if the camera sees nothing of it.
+    """
+    if pose.dem is None:
+        raise ConfigError("simulated terrain needs heights", fix="give camera.pose a dem, a GeoTIFF")
+    view = ground_view(pose, FRAME_SHAPE)
+    ground = read_heights(pose.dem, view.crs, view.grid.scale)
+    east, north = np.moveaxis(view.points_m[..., :2].reshape(-1, 2), -1, 0)
+    tilt, azimuth = tilt_azimuth(ground.normals(east, north))
+    normals = normal(tilt, azimuth - view.grid.true_north_deg)
+    azimuths = np.arange(0.0, 360.0, HORIZON_STEP_DEG) + view.grid.true_north_deg
+    pieces = np.array_split(np.arange(len(east)), len(east) // 1000 + 1)
+    horizon = [horizon_of_ground(ground, east[piece], north[piece], azimuths, 0.0) for piece in pieces]
+    is_known = np.isfinite(normals).all(axis=1, keepdims=True)
+    return Terrain(np.where(is_known, normals, VERTICAL), np.nan_to_num(np.concatenate(horizon)))
+
+
+def _in_relief(scene: Scene, terrain: Terrain, simulation: SimulationTable) -> Scene:
+    """The scene with sand in relief in place of level ground, whose skyline the beds see too."""
+    beds = tuple(replace(bed, horizon=terrain.horizon_at(_middle_pixel(bed))) for bed in scene.facets)
+    return replace(scene, terrain=terrain, facets=beds, ground=_of_sand(scene.ground, simulation))
+
+
+def _middle_pixel(bed: Facet) -> int:
+    x, y = np.mean(bed.vertices, axis=0)
+    return round(float(y)) * FRAME_SHAPE[1] + round(float(x))
+
+
+def _facets(config: Config, simulation: SimulationTable) -> tuple[Facet, ...]:
+    if simulation.terrain:
+        return tuple(_bed(config, one) for one in config.regions if math.isfinite(one.tilt_deg))
+    drawn = tuple(_bed(config, region) for region in config.regions)
+    return (*drawn, *_undrawn(simulation, drawn))
+
+
+def _bed(config: Config, region: Region) -> Facet:
+    simulation = config.simulation
+    assert simulation is not None
+    corners = np.asarray(region.vertices)
+    outline = corners.mean(axis=0) + BED_OVER_REGION * (corners - corners.mean(axis=0))
+    bed = Facet(
+        name=region.name,
+        vertices=tuple((float(x), float(y)) for x, y in outline),
+        tilt_deg=0.0 if math.isnan(region.tilt_deg) else region.tilt_deg,
+        azimuth_deg=180.0 if math.isnan(region.azimuth_deg) else region.azimuth_deg,
+        is_reference=region.kind is RegionKind.REFERENCE,
+    )
+    bed = _ground_of(body_of(config.site), _of_sand(bed, simulation))
+    if region.name != simulation.foil:
+        return bed
+    return replace(bed, albedo=FOIL_ALBEDO, emissivity=FOIL_EMISSIVITY, emissivity_broadband=FOIL_EMISSIVITY)
+
+
+def _of_sand(bed: Facet, simulation: SimulationTable) -> Facet:
+    return replace(
+        bed,
+        albedo=simulation.albedo,
+        emissivity=simulation.emissivity,
+        emissivity_broadband=simulation.emissivity,
+        depth_m=simulation.sand_depth_m,
+    )
+
+
+def _ground_of(body: Body, bed: Facet) -> Facet:
+    """The bed with the conductivity and heat capacity of a world's ground; the Earth's are the bed's own."""
+    if body is EARTH:
+        return bed
+    return replace(
+        bed, conductivity_w_m_k=body.conductivity_w_m_k, heat_capacity_j_m3_k=body.heat_capacity_j_m3_k
+    )
+
+
+def _undrawn(simulation: SimulationTable, drawn: Sequence[Facet]) -> Iterator[Facet]:
+    """Usual beds without a region; none if some region lies off the usual field: then it is another field."""
+    usual = {bed.name: _covered(bed) for bed in BEDS}
+    under = [{name for name, mask in usual.items() if (mask & _covered(bed)).any()} for bed in drawn]
+    if all(under):
+        taken = set[str]().union(*under)
+        for bed in BEDS:
+            if bed.name not in taken:
+                yield _of_sand(replace(bed, name=f"undrawn {bed.name}"), simulation)
+
+
+def _covered(bed: Facet) -> NDArray[np.bool_]:
+    return Region(bed.name, RegionKind.TARGET, bed.vertices).mask(FRAME_SHAPE)
+
+
+def _motion(simulation: SimulationTable) -> Motion | None:
+    drift_x, drift_y = simulation.drift_px
+    motion = Motion((drift_x, drift_y), simulation.pan_deg, simulation.jitter_px)
+    return None if motion == Motion() else motion
+
+
+def _fault(name: str) -> Fault:
+    try:
+        return Fault(FaultKind(name))
+    except ValueError as error:
+        known = ", ".join(FaultKind)
+        raise ConfigError(f"there is no fault {name!r}", fix=f"simulated faults are {known}") from error
+
+
+def _sky(config: Config, weather: str) -> Sky:
+    return ClearSky() if weather == "clear" else MeasuredSky(measured_weather(config, weather))
+
+
+def measured_weather(config: Config, weather: str) -> Weather:
+    """The packaged day by its name, or a SURFRAD or BSRN file of the station at the configured site.
+
+    Raises `ConfigError`.
+    """
+    if weather == PACKAGED_DAY:
+        return packaged()
+    path = config.directory / Path(weather)
+    if not path.is_file():
+        raise ConfigError(
+            f"weather: there is no file {path}",
+            fix=f'name a SURFRAD or BSRN file, "clear", or the packaged day "{PACKAGED_DAY}"',
+        )
+    found = read_station_file(path)
+    for note in found.notes:
+        log_warning(note)
+    if _degrees_apart(found.site, config.site) > NEAR_DEG:
+        there = f"{found.site.latitude_deg:g}, {found.site.longitude_deg:g}"
+        raise ConfigError(
+            f"weather: {path} was measured at {there}, not at the configured site",
+            fix="give [site] the station's latitude_deg and longitude_deg: the sky is that of the station",
+        )
+    return found
+
+
+def _degrees_apart(one: Site, other: Site) -> float:
+    return abs(one.latitude_deg - other.latitude_deg) + abs(one.longitude_deg - other.longitude_deg)

@@ -1,0 +1,128 @@
+"""The present state of a session that is being recorded.
+
+Its recorder reports it (`status_request`); of one that does not respond it is worked out from what is stored.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fieldkit.estimation.estimator import Minute
+from fieldkit.model.samples import Sample
+from fieldkit.model.units import MINUTE_NS, SECOND_NS
+from fieldkit.recording.running import UnresponsiveRecorder, unresponsive_recorder
+from fieldkit.results.describe import brief, recorded_learnt
+from fieldkit.results.estimate import as_document, estimator_for
+from fieldkit.results.json_document import learnt_document
+from fieldkit.results.sources import config_for
+from fieldkit.sessions.reader import SessionReader, open_session
+from fieldkit.views import formatting
+from fieldkit.views.latest import RATE_OVER_S, Latest
+from fieldkit.views.status_text import status_text
+
+LAST_EVENTS = 5
+LAST_MINUTES_NS = 150 * SECOND_NS
+"""Samples that hold a whole minute, closed by what came after it."""
+
+
+@dataclass(frozen=True)
+class RecordingStatus:
+    """Status of a running recording; `unresponsive` is set if its process does not respond."""
+
+    session: Path
+    title: str
+    start_ns: int
+    end_ns: int
+    counts: dict[str, int]
+    latest: Latest
+    unresponsive: UnresponsiveRecorder | None
+
+
+def status_reply(status: RecordingStatus, cols: int) -> dict[str, Any]:
+    """What commands need of a recording.
+
+    Its status as ``--json`` prints it (``document``) and as coloured text of `cols` columns (``text``), its
+    row of ``fieldkit ls`` (``brief``), and what marks depend on: regions' names, time zone, present time.
+    """
+    latest, silent = status.latest, status.unresponsive
+    warning = "" if silent is None else silent.at(latest.site)
+    text = status_text(status.session.name, latest, status.start_ns, status.end_ns, warning, cols)
+    known = (latest.site, status.start_ns, status.end_ns, status.counts, status.title)
+    return {
+        "document": _document(status),
+        "text": text,
+        "brief": brief(status.session, "recording", *known),
+        "regions": [region.name for region in latest.regions],
+        "timezone": str(formatting.zone(latest.site)),
+        "time_ns": latest.time_ns,
+    }
+
+
+def _document(status: RecordingStatus) -> dict[str, Any]:
+    latest, silent = status.latest, status.unresponsive
+    minute, regions = latest.minute, {region.name: region for region in latest.regions}
+    return {
+        "session": str(status.session),
+        "counts": status.counts,
+        "responds": silent is None,
+        "silent_since_ns": None if silent is None else silent.since_ns,
+        "slopes": [as_document(one, regions.get(one.region)) for one in minute.estimates] if minute else [],
+        "learnt": learnt_document(minute.learnt if minute else None),
+        "surface_temperature_k": dict(minute.temperature_k) if minute else {},
+        "readings": {name: list(reading.values) for name, reading in latest.readings.items()},
+        "events": [
+            {"time_ns": event.time_ns, "text": event.text, "kind": event.kind.name.lower(),
+             "label": str(event.data.get("label", ""))}
+            for event in latest.events[-LAST_EVENTS:]
+        ],
+    }  # fmt: skip
+
+
+def stored_status(path: Path) -> RecordingStatus:
+    """The state of a running recording, from what is stored so far."""
+    with open_session(path) as session:
+        return RecordingStatus(
+            path, session.header.title, session.start_ns, session.end_ns,
+            {name: session.count(name) for name in session.streams},
+            latest_of(session), unresponsive_recorder(path),
+        )  # fmt: skip
+
+
+def latest_of(session: SessionReader) -> Latest:
+    """Content of the live view of a session's recorder now, from what is stored."""
+    regions = session.region_schedule.regions_at(session.end_ns // MINUTE_NS)
+    latest = Latest(session.site, regions, tuple(session.streams.values()), session.header.title)
+    for event in session.events():
+        latest.update(event)
+    for health in session.health()[-RATE_OVER_S - 1 :]:
+        latest.update(health)
+    for name in session.streams:
+        if count := session.count(name):
+            latest.update(next(session.stream(name).samples(count - 1, count)))
+    if (minute := _last_minute(session)) is not None:
+        latest.update(minute)
+    return latest
+
+
+def _last_minute(session: SessionReader) -> Minute | None:
+    """The last minute that closed, measured again from its samples, with the slopes that were stored."""
+    estimator = estimator_for(session, config_for(session))
+    closed = [minute for sample in _last_samples(session) for minute in estimator.add(sample)]
+    if not closed:
+        return None
+    estimates = session.estimates()
+    stored = [one for one in estimates if one.time_ns == estimates[-1].time_ns]
+    return replace(closed[-1], estimates=tuple(stored), events=(), learnt=recorded_learnt(session))
+
+
+def _last_samples(session: SessionReader) -> Iterator[Sample]:
+    since_ns = session.end_ns - LAST_MINUTES_NS
+    first = {name: int(np.searchsorted(session.times_ns(name), since_ns)) for name in session.streams}
+    parts = (session.stream(name).samples(start) for name, start in first.items())
+    return heapq.merge(*parts, key=lambda sample: sample.mono_ns)

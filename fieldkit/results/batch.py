@@ -1,0 +1,177 @@
+"""Many sessions, many sets of parameters: which can be estimated, what failed, one table of all."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fieldkit.model.errors import ConfigError, FieldkitError, IntegrityError
+from fieldkit.model.samples import Quality
+from fieldkit.model.site import RegionKind
+from fieldkit.results.executors import THIS_PROCESS, Workers
+from fieldkit.results.minutes import Failure, Outcome, Run, estimate_runs, run_of
+from fieldkit.results.provenance import provenance
+from fieldkit.results.result_files import write_results
+from fieldkit.results.session_estimates import Estimates
+from fieldkit.results.sources import Source, source_of
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+Failures = dict[Path, FieldkitError]
+"""Errors of sessions that could not be estimated, or are damaged."""
+Progress = Callable[[int, int], None]
+"""Called with the number of finished pieces and of all."""
+
+
+def no_progress(done: int, total: int) -> None:
+    """Ignore progress."""
+
+
+Estimate = Callable[[Sequence[Run]], Iterable[Outcome]]
+"""Carries out runs."""
+
+
+def readable_sources(paths: Iterable[Path], *, present: bool = False) -> tuple[list[Source], Failures]:
+    """Every session that can be estimated, and why the others cannot; a session named twice counts once."""
+    sources: list[Source] = []
+    failures: Failures = {}
+    for path in dict.fromkeys(path.resolve() for path in paths):
+        try:
+            source = source_of(path, present=present)
+            _require_target(source)
+            sources.append(source)
+        except FieldkitError as error:
+            failures[path] = error
+    return sources, failures
+
+
+def _require_target(source: Source) -> None:
+    if not any(region.kind is RegionKind.TARGET for region in source.regions.columns):
+        raise ConfigError(
+            f"{source.path} has no target region to estimate",
+            fix="fieldkit roi add in its campaign, then once more with --campaign",
+        )
+
+
+def estimated(
+    runs: Sequence[Run],
+    failures: Failures,
+    workers: Workers = THIS_PROCESS,
+    on_progress: Progress = no_progress,
+) -> Iterator[Outcome]:
+    """The outcomes of runs as they come, cached ones first.
+
+    Sessions that cannot be read, or that are damaged in part, are added to `failures`.
+    """
+    with workers.executor(len(runs)) as executor:
+        for done, outcome in enumerate(estimate_runs(runs, executor), start=1):
+            on_progress(done, len(runs))
+            if isinstance(outcome, Failure):
+                failures[outcome.run.source.path] = outcome.error
+                continue
+            if (damage := _damage(outcome)) is not None:
+                failures[outcome.run.source.path] = damage
+            yield outcome
+
+
+def _damage(outcome: Outcome) -> IntegrityError | None:
+    """The error for a session in which samples do not match their checksums; estimates exclude them."""
+    rows = outcome.estimates.rows
+    minutes = np.unique(rows["time_ns"][(rows["flags"] & int(Quality.BAD_CRC)) != 0]).size
+    if not minutes:
+        return None
+    path = outcome.run.source.path
+    return IntegrityError(
+        f"{path} has damaged samples in {minutes} minutes; they are excluded", fix=f"fieldkit check {path}"
+    )
+
+
+def session_names(sources: Sequence[Source]) -> dict[Path, str]:
+    """Name of each session in tables: by its file's stem, or its path where two have the same stem."""
+    stems = [source.path.stem for source in sources]
+    return {
+        source.path: stem if stems.count(stem) == 1 else str(source.path)
+        for source, stem in zip(sources, stems, strict=True)
+    }
+
+
+@dataclass(frozen=True)
+class EstimatedSessions:
+    """Estimates of several sessions by their names in tables; `failures` by path."""
+
+    sources: tuple[Source, ...]
+    estimates: Mapping[str, Estimates]
+    failures: Failures
+    settings: tuple[str, ...]
+    present: bool
+
+    @property
+    def paths(self) -> dict[str, Path]:
+        """The file of each session by its name."""
+        return {name: path for path, name in session_names(self.sources).items()}
+
+    def columns(self) -> dict[str, list[Any]]:
+        """The tables of all sessions below each other, the session's name in front."""
+        return _below({name: estimates.columns() for name, estimates in self.estimates.items()})
+
+    def learnt_columns(self) -> dict[str, list[Any]]:
+        """The same of what the data taught; empty with other models than the learned."""
+        found = {name: estimates.learnt for name, estimates in self.estimates.items()}
+        return _below({name: learnt.columns() for name, learnt in found.items() if len(learnt)})
+
+    def to_frame(self) -> pd.DataFrame:
+        """The table as a pandas frame; needs ``fieldkit[lab]``."""
+        import pandas as pd
+
+        return pd.DataFrame(self.columns())
+
+    def write(self, base: Path) -> list[Path]:
+        """Write ``BASE.csv``, ``BASE.parquet`` and their provenance ``BASE.json``; raises `StorageError`.
+
+        What the data taught, if anything, is in ``BASE-learnt.csv``.
+        """
+        about = {
+            **provenance(self.sources, self.failures),
+            "settings": list(self.settings),
+            "campaign": self.present,
+        }
+        learnt = self.learnt_columns()
+        return write_results(base, self.columns(), about, {"learnt": learnt} if learnt else {})
+
+
+def _below(tables: Mapping[str, Mapping[str, list[Any]]]) -> dict[str, list[Any]]:
+    """Tables with the same columns below each other, the name of each in its rows' first column."""
+    joined: dict[str, list[Any]] = {}
+    for name, table in tables.items():
+        rows = len(next(iter(table.values())))
+        for column, values in {"session": [name] * rows, **table}.items():
+            joined.setdefault(column, []).extend(values)
+    return joined
+
+
+def estimate_sessions(
+    paths: Iterable[Path],
+    settings: Sequence[str] = (),
+    *,
+    present: bool = False,
+    workers: Workers = THIS_PROCESS,
+    on_progress: Progress = no_progress,
+) -> EstimatedSessions:
+    """Estimate the slopes of sessions, with ``KEY=VALUE`` `settings` over their configurations.
+
+    `present` takes the campaign's ``fieldkit.toml`` and regions as they are now. A session that cannot be
+    estimated is in `failures`, and the others go on. Raises `ConfigError` for settings that are wrong.
+    """
+    sources, failures = readable_sources(paths, present=present)
+    runs = [run_of(source, settings) for source in sources]
+    found = {run.run.source.path: run.estimates for run in estimated(runs, failures, workers, on_progress)}
+    done = tuple(source for source in sources if source.path in found)
+    names = session_names(done)
+    by_name = {names[source.path]: found[source.path] for source in done}
+    return EstimatedSessions(done, by_name, failures, tuple(settings), present)

@@ -1,0 +1,193 @@
+"""From a session to slopes: `estimate` for a notebook, and the steps that others share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+from fieldkit.config import Config, config_from_text
+from fieldkit.estimation.estimator import Estimator, Minute
+from fieldkit.estimation.estimator_keys import Model
+from fieldkit.estimation.table import possible, slopes_of_table
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.errors import ConfigError, NoAnswerError
+from fieldkit.model.site import Region, Site
+from fieldkit.model.slope import SLOPE_FIELDS, WITH_SLOPE, SlopeEstimate
+from fieldkit.results.json_document import learnt_document
+from fieldkit.results.minutes import estimate_run, run_of
+from fieldkit.results.session_estimates import Estimates
+from fieldkit.results.sources import (
+    SessionOrFile,
+    log_warning,
+    marks_of,
+    path_of,
+    regions_for,
+    settings_from,
+    source_of,
+)
+from fieldkit.results.temperature_table import read_table
+from fieldkit.sessions.reader import SessionReader
+
+
+def estimate(
+    session: SessionOrFile,
+    settings: Mapping[str, Any] | None = None,
+    /,
+    *,
+    model: Model | None = None,
+    present: bool = False,
+    regions: Sequence[Region] | None = None,
+    **values: Any,
+) -> Estimates:
+    """Estimate the slopes of a session minute by minute, as it was configured or with other parameters.
+
+    Parameters
+    ----------
+    session
+        A finished session or its file.
+    settings, values
+        Keys of ``fieldkit.toml``: by their own name where only one table has it (``albedo=0.25``), else
+        in full (``{"estimator.diffuse_fraction": 0.2}``).
+    model
+        The surface model, ``estimator.model``.
+    present
+        Use the campaign's ``fieldkit.toml`` and regions as they are now.
+    regions
+        Regions drawn afterwards, in place of those of the session, for all of it; the session is not changed.
+
+    Returns
+    -------
+    Estimates
+        ``result["b05"]`` is the final estimate of a region, ``result.to_frame()`` the table of all minutes.
+        What was estimated before comes from the cache.
+
+    Raises
+    ------
+    SessionError
+        If the session cannot be read or is still being recorded.
+    ConfigError
+        For a key or value that no estimate has, or a region that cannot be used in the session's frames.
+
+    Examples
+    --------
+    >>> estimates = fieldkit.estimate(session, model="full", albedo=0.25)
+    >>> estimates["b15"]
+    <b15: tilt 15.8° (11.2 to 22.0), azimuth 181°, uncertain>
+    >>> estimates.to_frame()[["region", "tilt_deg", "state"]].round(1).tail(3)
+                              region  tilt_deg      state
+    time
+    2016-01-01 19:20:30+00:00    b05       5.1  uncertain
+    2016-01-01 19:20:30+00:00    b15      15.8  uncertain
+    2016-01-01 19:20:30+00:00    b25      26.7  uncertain
+    """
+    keys = {**(settings or {}), **values}
+    if model is not None:
+        keys["estimator.model"] = model
+    source = source_of(path_of(session), present=present, regions=regions)
+    return estimate_run(run_of(source, settings_from(keys)))
+
+
+def estimate_table(
+    path: str | Path,
+    site: Site,
+    *,
+    settings: Sequence[str] = (),
+    reference_slope_deg: tuple[float, float] = (0.0, 0.0),
+    notify: Callable[[str], None] = log_warning,
+) -> tuple[SlopeEstimate, ...]:
+    """Estimate the slopes of all targets of a table of temperatures, over all of it unless a window is set.
+
+    Parameters
+    ----------
+    path
+        A CSV file with the columns of `fieldkit.results.temperature_table`.
+    site
+        Where it was measured.
+    settings
+        ``KEY=VALUE`` over the default configuration.
+    reference_slope_deg
+        Tilt and azimuth of the reference. [degrees]
+    notify
+        Receives a warning for each column with values that cannot be and are not used.
+
+    Raises
+    ------
+    ConfigError
+        If the file is not such a table, or a setting is wrong.
+    """
+    path = Path(path)
+    text = f"[site]\nlatitude_deg = {site.latitude_deg}\nlongitude_deg = {site.longitude_deg}\n"
+    config = config_from_text(f"{text}elevation_m = {site.elevation_m}\n", path, settings=settings)
+    if config.tables.estimator.azimuth == "known":
+        raise ConfigError(f"{path}: a table has no known azimuths", fix="omit estimator.azimuth")
+    table, settings_used = read_table(path), config.estimator_settings()
+    for excess in possible(table, config.site, settings_used)[1]:
+        notify(f"{path}: {excess.words(f'line {table.lines[excess.first]}')}; not used")
+    return slopes_of_table(table, config.site, settings_used, reference_slope_deg=reference_slope_deg)
+
+
+def estimator_for(
+    session: SessionReader, config: Config, *, present: bool = False, streams: Sequence[StreamInfo] = ()
+) -> Estimator:
+    """A fresh estimator for a session's streams, or for some of them."""
+    regions = regions_for(session, config, present=present)
+    chosen = tuple(streams or session.streams.values())
+    return Estimator(config.site, regions, chosen, config.estimator_settings())
+
+
+def minutes_of(session: SessionReader, estimator: Estimator) -> Iterator[Minute]:
+    """Every minute of a session, as the estimator closes it."""
+    for sample in chain(marks_of(session), session.samples()):
+        yield from estimator.add(sample)
+    yield from estimator.finish()
+
+
+def estimates_of(minutes: Iterable[Minute]) -> Iterator[SlopeEstimate]:
+    """The estimates of all minutes, in order of time."""
+    return (estimate for minute in minutes for estimate in minute.estimates)
+
+
+def as_document(estimate: SlopeEstimate, region: Region | None = None) -> dict[str, Any]:
+    """An estimate for ``--json``: degrees, kelvin per degree, the state as a word.
+
+    The regions include the systematic uncertainties of scale and offset; the noise regions do not.
+    """
+    numbers: dict[str, Any] = {}
+    for one in SLOPE_FIELDS.values():
+        value = getattr(estimate, one.key)
+        numbers[one.pair or one.key] = [*numbers.get(one.pair, ()), value] if one.pair else value
+    document: dict[str, Any] = {
+        "region": estimate.region,
+        "state": estimate.state.name.lower(),
+        **numbers,
+        "time_ns": estimate.time_ns,
+        "minutes": estimate.n_bins,
+        "flags": [str(flag.name).lower() for flag in estimate.flags],
+        "model": estimate.model,
+        "reason": estimate.reason,
+    }
+    if region is not None:
+        document["true_tilt_deg"], document["true_azimuth_deg"] = region.tilt_deg, region.azimuth_deg
+    return document
+
+
+def session_document(path: Path, estimates: Estimates) -> dict[str, Any]:
+    """The final estimates of a session for ``--json``."""
+    regions = {region.name: region for region in estimates.regions}
+    slopes = [as_document(one, regions[name]) for name, one in estimates.final.items()]
+    return {
+        "session": str(path),
+        "minutes": estimates.minutes,
+        "slopes": slopes,
+        "learnt": learnt_document(estimates.learnt.final),
+    }
+
+
+def require_slope(slopes: Iterable[SlopeEstimate]) -> None:
+    """Raise `NoAnswerError` with the reasons if none of the estimates has a slope."""
+    slopes = tuple(slopes)
+    if not any(one.state in WITH_SLOPE for one in slopes):
+        reasons = {one.reason or one.state.name.lower() for one in slopes} or {"no targets"}
+        raise NoAnswerError(f"no slope could be estimated: {', '.join(sorted(reasons))}")

@@ -1,0 +1,181 @@
+"""FLIR files (FFF, SEQ, radiometric JPEG), one or a folder of them, as an imported recording.
+
+The driver's decoder reads them. A folder is what a hand-held camera leaves on its card: a JPEG per frame,
+and beside them those of its ordinary camera, which hold no temperatures.
+"""
+
+from __future__ import annotations
+
+import mmap
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from datetime import tzinfo
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from fieldkit.drivers.cameras import flir_file
+from fieldkit.drivers.cameras.flir_file import FlirFrame
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.errors import ConfigError, DecodeError
+from fieldkit.model.samples import Frame, Severity
+from fieldkit.sessions.formats.frame_times import GIVE_TIMES, given_times_ns
+from fieldkit.sessions.formats.imported import ImportedRecording, flag_bunched, usual_rate_hz
+from fieldkit.sessions.formats.times import plausible_ns
+
+SUFFIXES = (".fff", ".seq", ".jpg", ".jpeg")
+_COPY = "copy it from the camera again; a truncated file cannot be read"
+
+
+@dataclass(frozen=True, slots=True)
+class _File:
+    """A file: times of the frames that can be read, 0 of those without, and what is damaged after them."""
+
+    path: Path
+    time_ns: list[int]
+    damage: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Frames:
+    """The frames of files, read whenever they are iterated over, never all in memory."""
+
+    files: list[_File]
+    name: str
+
+    def __iter__(self) -> Iterator[Frame]:
+        rows, number = np.empty((0, 0), np.uint16), 0
+        for file in self.files:
+            for stamp, stored in zip(file.time_ns, _stored_frames(file.path), strict=False):
+                yield Frame(self.name, stamp, stamp, stored.counts, rows, device_seq=number)
+                number += 1
+
+
+def files_in(source: Path) -> list[Path]:
+    """The FLIR files of a folder, by name; or the file itself."""
+    if not source.is_dir():
+        return [source]
+    return sorted(path for path in source.iterdir() if path.suffix.lower() in SUFFIXES)
+
+
+def read_flir(
+    source: Path, name: str, *, times: Path | None = None, time_format: str | None = None,
+    zone: tzinfo | None = None, offset_ns: int = 0,
+) -> ImportedRecording:  # fmt: skip
+    """Read a file or folder as a camera stream, in order of time; counts and constants as stored.
+
+    Each file is read twice, first for its times, and up to its first damaged frame.
+
+    Parameters
+    ----------
+    source : Path
+        A file, or a folder of them.
+    name : str
+        Name of the stream.
+    times, time_format, zone
+        The times of the frames, as `given_times_ns` reads them; by default those of the camera's clock.
+    offset_ns : int
+        To add to the times. [ns]
+
+    Returns
+    -------
+    ImportedRecording
+        One camera stream.
+
+    Raises
+    ------
+    ConfigError
+        There is no complete frame, a frame has no time, or size or constants change.
+    """
+    first, files, skipped = _scanned(source)
+    counts = {file.path: len(file.time_ns) for file in files}
+    given = given_times_ns(counts, times, time_format, zone)
+    files = _stamped(files, given, offset_ns)
+    time_ns = [stamp for file in files for stamp in file.time_ns]
+    samples: Iterable[Frame] = _Frames(files, name)
+    rate_hz, notes = usual_rate_hz(time_ns), skipped
+    if not source.is_dir():  # in a folder each frame was taken by hand, at no rate
+        samples, notes = flag_bunched(partial(_Frames, files, name), time_ns)
+        rate_hz = first.rate_hz
+    damages = tuple((Severity.WARNING, file.damage) for file in files if file.damage)
+    info = StreamInfo(
+        name, "brightness_temperature", "K", (first.counts.shape[0], first.counts.shape[1]), float("nan"),
+        law="planck", rate_hz=rate_hz, driver="import", vendor="FLIR", model=first.model,
+        serial_number=first.serial_number, settings=flir_file.settings(first),
+    )  # fmt: skip
+    clock = "as given" if given else "by the camera's own clock"
+    note = f"times are {clock}; the emissivity set in the camera was not applied"
+    return ImportedRecording((info,), samples, ((Severity.INFO, note), *damages, *notes))
+
+
+def _stamped(files: list[_File], given: Mapping[Path, list[int]] | None, offset_ns: int) -> list[_File]:
+    """The files with the times of their frames, in order of time."""
+    stamped = []
+    for file in files:
+        time_ns = given[file.path] if given else file.time_ns
+        if 0 in time_ns:
+            raise ConfigError(f"{file.path}: frame {time_ns.index(0)} has no time", fix=GIVE_TIMES)
+        moved = [plausible_ns(stamp + offset_ns) for stamp in time_ns]
+        stamped.append(replace(file, time_ns=moved))
+    return sorted(stamped, key=lambda file: file.time_ns[0])
+
+
+def _scanned(source: Path) -> tuple[FlirFrame, list[_File], tuple[tuple[Severity, str], ...]]:
+    """The first frame, which all must be like; the files; a note on those skipped."""
+    first, files, others, fix = None, [], list[str](), _COPY
+    for path in files_in(source):
+        try:
+            found, file = _scanned_file(path, first)
+        except DecodeError as error:
+            if not source.is_dir():
+                raise ConfigError(f"{path}: {error.message}", fix=error.fix or _COPY) from error
+            fix = fix if others else error.fix or _COPY
+            others.append(f"{path.name} ({error.message})")
+        else:
+            first = first or found
+            files.append(file)
+    if first is None:
+        raise ConfigError(
+            f"{source} has no frame with temperatures: {others[0] if others else 'it is empty'}", fix=fix
+        )
+    if not others:
+        return first, files, ()
+    more = f" and {len(others) - 1} more" if len(others) > 1 else ""
+    return first, files, ((Severity.WARNING, f"skipped, without temperatures: {others[0]}{more}"),)
+
+
+def _scanned_file(path: Path, first: FlirFrame | None) -> tuple[FlirFrame, _File]:
+    """The first frame of a file, and what can be read of it; raises `DecodeError` if nothing can."""
+    found, time_ns, damage = None, [], ""
+    try:
+        for number, stored in enumerate(_stored_frames(path)):
+            found = found or stored
+            _refuse_another(path, number, stored, first or found)
+            time_ns.append(stored.time_ns)
+    except DecodeError as error:
+        if found is None:
+            raise
+        damage = f"{error.message}: nothing after frame {len(time_ns)} of {path.name} could be read"
+    if found is None:
+        raise DecodeError("the file is empty", fix=_COPY)
+    return found, _File(path, time_ns, damage)
+
+
+def _refuse_another(path: Path, number: int, stored: FlirFrame, first: FlirFrame) -> None:
+    if stored.counts.shape != first.counts.shape or stored.constants != first.constants:
+        raise ConfigError(
+            f"{path}: frame {number} has another size or other constants than the first",
+            fix="import the parts one by one",
+        )
+
+
+def _stored_frames(path: Path) -> Iterator[FlirFrame]:
+    """The frames of a file; raises `DecodeError` at the first that is damaged."""
+    try:
+        if path.stat().st_size == 0:  # an empty file cannot be mapped
+            return
+        with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+            yield from flir_file.frames(data)
+    except OSError as error:
+        raise ConfigError(f"{path}: {error}", fix=_COPY) from error

@@ -1,0 +1,480 @@
+"""Recordings of other programs become sessions, or join one: frames, tables of loggers, weather stations."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from collections.abc import Set as AbstractSet
+from dataclasses import dataclass, fields, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Literal, NamedTuple
+from zoneinfo import ZoneInfo
+
+from fieldkit.config import Config, find_campaign, load_config
+from fieldkit.config.template import PAPER_SITE
+from fieldkit.estimation.instruments import sunlight_source
+from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.errors import ConfigError, FieldkitError
+from fieldkit.model.limits import rows_of
+from fieldkit.model.samples import Severity
+from fieldkit.model.site import Site
+from fieldkit.results import import_flir
+from fieldkit.results.session import Session, open_session
+from fieldkit.results.sources import SessionOrFile, log_warning, reading
+from fieldkit.sessions.formats import stills
+from fieldkit.sessions.formats.imported import ImportedRecording, possible, write_imported
+from fieldkit.sessions.formats.jma import is_obsdl, is_radiation_table, read_obsdl, read_radiation_table
+from fieldkit.sessions.formats.logger_clock import Keep
+from fieldkit.sessions.formats.logs import LogColumns, LogOptions, read_log
+from fieldkit.sessions.formats.merged import aligned, cut_to, merge
+from fieldkit.sessions.formats.purethermal_files import is_purethermal, read_purethermal
+from fieldkit.sessions.formats.stations import read_station
+from fieldkit.sessions.layout import SessionHeader
+from fieldkit.sessions.reader import SessionReader
+from fieldkit.sessions.seal import SealReport
+from fieldkit.weather import is_station_file
+
+AUTO: Literal["auto"] = "auto"
+TABLES = (".csv", ".txt", ".tsv", ".dat")
+KM_PER_DEGREE = 111.2
+NEAR_KM = 2.0
+"""A station nearer than this has the session's clouds."""
+
+
+@dataclass(frozen=True, slots=True)
+class ImportOptions:
+    """Facts that an imported recording does not state itself.
+
+    An option that its format does not use is refused.
+
+    Parameters
+    ----------
+    name : str, optional
+        Name of the stream; ``camera``, ``station`` or ``logger`` by default.
+    title : str
+        Title of the session; the source's name by default.
+    site : Site, optional
+        Where it was recorded; by default as the recording states, or else the campaign's.
+    kelvin_per_count, kelvin_at_zero : float
+        Scale of TIFF or IRG frames; NaN if it is not known. Never guessed. [K]
+    times : Path, optional
+        Table of the frames' file names and times.
+    time_format : str, optional
+        Format of times in the frames' names or in a table, such as ``%Y%m%dT%H%M%S``.
+    zone : str, optional
+        IANA time zone of times that have none.
+    offset_s : float or "auto"
+        Seconds to add to the times of frames or of a table, if their clock was slow; ``auto`` finds those of
+        a table from the session it is merged into.
+    unit : str
+        Unit of a table's values where its header has none.
+    columns : tuple of str
+        Columns of a table to read.
+    time_columns : tuple of str
+        Columns of a table's time, or of its date and time of day, if it is not the first that looks like one.
+    keep : "first" or "last", optional
+        Which rows of a table to keep of times that come twice, because its clock stepped back.
+    measures : str
+        What a table in W/m2 measures, such as ``ghi``, if its columns are not named so.
+    encoding : str
+        Encoding of a table.
+
+    Examples
+    --------
+    >>> tokyo = fieldkit.Site(35.68, 139.77, 25.0, "Asia/Tokyo")
+    >>> options = fieldkit.ImportOptions(site=tokyo, zone="Asia/Tokyo", time_format="%Y%m%dT%H%M%S")
+    >>> options.zone, options.offset_s
+    ('Asia/Tokyo', 0.0)
+    """
+
+    name: str | None = None
+    title: str = ""
+    site: Site | None = None
+    kelvin_per_count: float | None = None
+    kelvin_at_zero: float = 0.0
+    times: Path | None = None
+    time_format: str | None = None
+    zone: str | None = None
+    offset_s: float | Literal["auto"] = 0.0
+    unit: str = ""
+    columns: tuple[str, ...] = ()
+    time_columns: tuple[str, ...] = ()
+    keep: Keep | None = None
+    measures: str = ""
+    encoding: str = "utf-8-sig"
+
+
+@dataclass(frozen=True)
+class ImportedSession:
+    """A session made from another program's recording; `samples` counts those of each stream.
+
+    `notes` describe how the recording was read: those of `Severity.WARNING` may change results.
+    """
+
+    path: Path
+    samples: dict[str, int]
+    size_bytes: int
+    notes: tuple[tuple[Severity, str], ...]
+
+    def open(self) -> Session:
+        """The session, open for reading."""
+        return open_session(self.path)
+
+    def __repr__(self) -> str:
+        counts = ", ".join(f"{count} {name}" for name, count in self.samples.items())
+        warnings = "".join(f"; {text}" for severity, text in self.notes if severity is not Severity.INFO)
+        return f"<ImportedSession {self.path}: {counts}{warnings}>"
+
+    @classmethod
+    def of(cls, report: SealReport, recording: ImportedRecording) -> ImportedSession:
+        """Notes on a sealed session and the recording it was made from."""
+        return cls(report.path, report.counts, report.bytes, recording.notes)
+
+
+def import_recording(
+    source: str | Path,
+    out: str | Path | None = None,
+    options: ImportOptions | None = None,
+    *,
+    campaign: str | Path = ".",
+    command_line: str = "",
+    notify: Callable[[str], None] = log_warning,
+) -> ImportedSession:
+    """Make a session of a recording of another program, with the campaign's regions.
+
+    Parameters
+    ----------
+    source : path
+        A file, or a folder of frames; what it is follows from its content.
+    out : path, optional
+        The session's file; by default in ``recordings/`` of the campaign.
+    options : ImportOptions, optional
+        What the recording does not state itself.
+    campaign : path
+        Folder of the campaign, or one inside it; without a campaign the session has no regions.
+    command_line : str
+        Command that made the session, to be kept in it.
+    notify : callable
+        Receives a warning if the campaign cannot be used.
+
+    Raises
+    ------
+    ConfigError
+        If the source cannot be read, or place, times or scale are not known.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> _ = Path("log.csv").write_text('''time,light [lx]
+    ... 2026-05-12 12:00:00,50000
+    ... 2026-05-12 12:01:00,51000
+    ... ''')
+    >>> options = fieldkit.ImportOptions(site=fieldkit.Site(47.1, 8.5, 400.0, "Europe/Zurich"), zone="UTC")
+    >>> made = fieldkit.import_recording("log.csv", "log.h5", options)
+    >>> with made.open() as imported:
+    ...     imported["logger"].readings().values.ravel().tolist()
+    [50000.0, 51000.0]
+    """
+    source, options = Path(source), options or ImportOptions()
+    if options.offset_s == AUTO:
+        raise ConfigError("--clock-offset auto needs the session to align with", fix="--into SESSION")
+    recording = read_source(source, options)
+    config = _campaign_or_none(Path(campaign), notify)
+    site, recording = _placed(recording, options.site, config)
+    recording = possible(recording, config.limits if config else rows_of({}, site.body), site)
+    regions = config.regions if config else ()
+    header = SessionHeader(
+        options.title or source.name, site, recording.streams, regions, command_line=command_line
+    )
+    path = Path(out) if out is not None else _default_path(config, recording, source)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return ImportedSession.of(write_imported(path, header, recording, str(source)), recording)
+
+
+def import_into(
+    session: SessionOrFile,
+    source: str | Path,
+    out: str | Path | None = None,
+    options: ImportOptions | None = None,
+) -> ImportedSession:
+    """Make a new session of `session` together with the part of `source` recorded at the same time.
+
+    `out` is the new session's file, by default beside the old one. Raises `ConfigError` if the source
+    cannot be read or does not fit, `NoAnswerError` if ``offset_s="auto"`` finds no offset.
+
+    Examples
+    --------
+    >>> light = session["lux"].to_pandas()[["illuminance [lx]"]]
+    >>> light.to_csv("logger.csv", date_format="%Y-%m-%d %H:%M:%S")
+    >>> made = fieldkit.import_into(session, "logger.csv", "both.h5", fieldkit.ImportOptions(zone="UTC"))
+    >>> with made.open() as both:
+    ...     list(both.streams)
+    ['camera', 'lux', 'thermometer', 'logger']
+    """
+    source, options = Path(source), options or ImportOptions()
+    _refuse_unused(source, options, {"title", "site"}, "a stream of --into, which keeps site and title")
+    recording = read_source(source, options)
+    added = options.name or recording.streams[0].name
+    with reading(session) as opened:
+        path = Path(out) if out is not None else opened.path.with_name(f"{opened.path.stem}-with-{added}.h5")
+        if options.offset_s == AUTO:
+            recording = aligned(opened, recording)
+        recording = cut_to(opened, _warned_of_distance(recording, opened.site))
+        recording = possible(recording, _limits_of(opened), opened.site)
+        recording = _warned_of_irradiance(opened, recording)
+        return ImportedSession.of(merge(opened, recording, path, str(source)), recording)
+
+
+def _limits_of(session: SessionReader) -> dict[str, tuple[float, float]]:
+    """The rows of the table of limits that differ in a session: its body's, and those of its streams."""
+    rows = rows_of({}, session.site.body)
+    for info in session.streams.values():
+        rows |= info.limits
+    return rows
+
+
+def _campaign_or_none(start: Path, notify: Callable[[str], None]) -> Config | None:
+    """The configuration of the campaign around a folder; None without one, or if it has mistakes."""
+    try:
+        file = find_campaign(start)
+    except ConfigError:
+        return None
+    try:
+        return load_config(file)
+    except FieldkitError as error:
+        notify(f"the campaign is ignored: {error.message}")
+        return None
+
+
+def _placed(
+    recording: ImportedRecording, site: Site | None, config: Config | None
+) -> tuple[Site, ImportedRecording]:
+    """Site of the recording, and the recording with a warning if only the campaign states that."""
+    if site is not None and recording.site is not None and _apart_km(site, recording.site) >= NEAR_KM:
+        raise ConfigError(
+            f"the recording states the place {_coordinates(recording.site)}, --site {_coordinates(site)}",
+            fix="omit --site",
+        )
+    place = site or recording.site
+    if place is not None:
+        return place, recording
+    if config is None:
+        raise ConfigError(
+            "where this was recorded is not known, and slopes need it",
+            fix="--site LAT,LON,ALT, or run this inside a campaign (fieldkit init)",
+        )
+    place = config.site
+    where = f"{_coordinates(place)}{_note_on_default(place)}"
+    return place, _warned(
+        recording,
+        f"no --site: taken as recorded at the campaign's site, {where}; "
+        "if it was elsewhere, import it again with --site LAT,LON,ALT",
+    )
+
+
+def _coordinates(site: Site) -> str:
+    return f"{site.latitude_deg:g}, {site.longitude_deg:g}"
+
+
+def _apart_km(one: Site, other: Site) -> float:
+    north = one.latitude_deg - other.latitude_deg
+    east = (one.longitude_deg - other.longitude_deg) * math.cos(math.radians(other.latitude_deg))
+    return KM_PER_DEGREE * math.hypot(north, east)
+
+
+def _note_on_default(site: Site) -> str:
+    default = PAPER_SITE["latitude_deg"], PAPER_SITE["longitude_deg"]
+    is_default = (site.latitude_deg, site.longitude_deg) == default
+    return " (the paper's, the default of fieldkit init)" if is_default else ""
+
+
+def _warned_of_distance(recording: ImportedRecording, site: Site) -> ImportedRecording:
+    """The recording, with a warning if it was made at another place than the session."""
+    if recording.site is None:
+        return recording
+    apart_km = _apart_km(recording.site, site)
+    if apart_km < NEAR_KM:
+        return recording
+    return _warned(
+        recording, f"the station is {apart_km:.0f} km from the session's site: cloud cover may differ"
+    )
+
+
+def _warned_of_irradiance(session: SessionReader, recording: ImportedRecording) -> ImportedRecording:
+    """The recording, with a warning if estimates will use its irradiance instead of the session's."""
+    own = tuple(session.streams.values())
+    before, after = (
+        sunlight_source(streams, EstimatorSettings()) for streams in (own, own + recording.streams)
+    )
+    if before is None or after is None or before.info.name == after.info.name:
+        return recording
+    return _warned(
+        recording,
+        f"slopes now use the irradiance of {after.info.name} ({after.measures}), not of {before.info.name}; "
+        f'irradiance.stream = "{before.info.name}" keeps it',
+    )
+
+
+def _warned(recording: ImportedRecording, text: str) -> ImportedRecording:
+    return replace(recording, notes=(*recording.notes, (Severity.WARNING, text)))
+
+
+def _default_path(config: Config | None, recording: ImportedRecording, source: Path) -> Path:
+    """A session's file in the campaign's recordings, named by its first sample's time and its source."""
+    first = next(iter(recording.samples))
+    stamp = datetime.fromtimestamp(first.time_ns // 10**9, UTC).strftime("%Y%m%dT%H%M%SZ")
+    word = source.name.split(".")[0]
+    name = f"{stamp}-{''.join(c if c.isalnum() or c in '-_' else '-' for c in word)}.h5"
+    return (config.recordings if config else Path()) / name
+
+
+def read_source(source: Path, options: ImportOptions) -> ImportedRecording:
+    """Read a source by the first format that fits it.
+
+    Raises `ConfigError` if none does, or if an option is given that the format does not use.
+    """
+    for found in _FORMATS:
+        if found.fits(source):
+            unused = {field.name for field in fields(options)} - _OF_ALL - found.uses
+            _refuse_unused(source, options, unused, found.name)
+            return found.read(source, options)
+    raise ConfigError(
+        f"{source} has no format that fieldkit reads",
+        fix="it reads .raw.y16.gz, .fff, .seq, radiometric .jpg, 16-bit TIFF and .irg frames, "
+        "tables of loggers, files of SURFRAD, BSRN and the Japan Meteorological Agency",
+    )
+
+
+def _refuse_unused(source: Path, options: ImportOptions, unused: AbstractSet[str], name: str) -> None:
+    """Refuse options other than their defaults that would have no effect."""
+    given = [one.name for one in fields(options) if getattr(options, one.name) != one.default]
+    flags = [_flag(field) for field in given if field in unused]
+    if flags:
+        listed = ", ".join(flags)
+        raise ConfigError(f"{source} is {name}: {listed} would have no effect", fix=f"omit {listed}")
+
+
+def _flag(field: str) -> str:
+    """The option of the command line that sets a field of `ImportOptions`."""
+    others = {"offset_s": "--clock-offset", "columns": "--column", "time_columns": "--time"}
+    return others.get(field, f"--{field.replace('_', '-')}")
+
+
+def _is_flir(source: Path) -> bool:
+    """A FLIR file, or a folder of them; JPEGs beside other frames are only to look at."""
+    if source.is_dir():
+        return bool(import_flir.files_in(source)) and not stills.image_files(source)
+    return source.suffix.lower() in import_flir.SUFFIXES
+
+
+def _flir(source: Path, options: ImportOptions) -> ImportedRecording:
+    return import_flir.read_flir(
+        source,
+        options.name or "camera",
+        times=options.times,
+        time_format=options.time_format,
+        zone=_zone(options),
+        offset_ns=_offset_ns(options),
+    )
+
+
+def _is_stills(source: Path) -> bool:
+    return source.is_dir() or source.suffix.lower() in stills.SUFFIXES
+
+
+def _stills(source: Path, options: ImportOptions) -> ImportedRecording:
+    per_count = options.kelvin_per_count
+    if per_count is None and options.kelvin_at_zero:
+        raise ConfigError("--kelvin-at-zero has no effect alone", fix="add --kelvin-per-count")
+    scale = None if per_count is None else stills.Scale(per_count, options.kelvin_at_zero)
+    return stills.read_stills(
+        source,
+        scale,
+        name=options.name or "camera",
+        times=options.times,
+        time_format=options.time_format,
+        zone=_zone(options),
+        offset_ns=_offset_ns(options),
+    )
+
+
+def _station(source: Path, options: ImportOptions) -> ImportedRecording:
+    return read_station(source, options.name or "station")
+
+
+def _is_jma(source: Path) -> bool:
+    return is_radiation_table(source) or is_obsdl(source)
+
+
+def _jma(source: Path, options: ImportOptions) -> ImportedRecording:
+    read = read_radiation_table if is_radiation_table(source) else read_obsdl
+    return read(source, options.name or "station")
+
+
+def _purethermal(source: Path, options: ImportOptions) -> ImportedRecording:
+    return read_purethermal(source, options.name or "camera", offset_ns=_offset_ns(options))
+
+
+def _is_table(source: Path) -> bool:
+    return source.suffix.lower() in TABLES
+
+
+def _table(source: Path, options: ImportOptions) -> ImportedRecording:
+    unstated = LogOptions(
+        zone=_zone(options),
+        time_format=options.time_format,
+        unit=options.unit,
+        offset_ns=0 if options.offset_s == AUTO else round(options.offset_s * 1e9),
+        columns=LogColumns(options.time_columns, options.columns),
+        keep=options.keep,
+        encoding=options.encoding,
+        measures=options.measures,
+    )
+    return read_log(source, options.name or "logger", unstated)
+
+
+def _offset_ns(options: ImportOptions) -> int:
+    """The offset of frames, which cannot be found from a session's streams."""
+    if options.offset_s == AUTO:
+        raise ConfigError(
+            "--clock-offset auto aligns readings, not frames", fix="give it: --clock-offset +83s"
+        )
+    return round(options.offset_s * 1e9)
+
+
+def _zone(options: ImportOptions) -> ZoneInfo | None:
+    return ZoneInfo(options.zone) if options.zone else None
+
+
+class _Format(NamedTuple):
+    """A format: what a file of it is called, how it is recognised and read, the options that its reader uses.
+
+    All other fields of `ImportOptions` are refused, so a reader sees nothing but what it declares.
+    """
+
+    name: str
+    fits: Callable[[Path], bool]
+    read: Callable[[Path, ImportOptions], ImportedRecording]
+    uses: frozenset[str] = frozenset()
+
+
+_OF_ALL = {"name", "title", "site"}
+_TIMES = frozenset({"times", "time_format", "zone", "offset_s"})
+_FORMATS = (
+    _Format("a FLIR recording", _is_flir, _flir, _TIMES),
+    _Format(
+        "a recording of TIFF or IRG frames", _is_stills, _stills,
+        _TIMES | {"kelvin_per_count", "kelvin_at_zero"},
+    ),
+    _Format("a station's file (SURFRAD, BSRN)", is_station_file, _station),
+    _Format("a file of the Japan Meteorological Agency", _is_jma, _jma),
+    _Format("a PureThermal recording", is_purethermal, _purethermal, frozenset({"offset_s"})),
+    _Format(
+        "a table", _is_table, _table,  # last: other formats have the same suffixes
+        frozenset({
+            "time_format", "zone", "offset_s", "unit", "columns", "time_columns", "keep", "measures",
+            "encoding",
+        }),
+    ),
+)  # fmt: skip

@@ -1,0 +1,411 @@
+"""The minutes of sessions: measured once, their slopes solved once, both found again by what they depend on.
+
+A minute has two parts: what was measured and noticed (`Measured`), and the slopes by one set of settings
+(`Estimates`). `estimate`, `sweep`, `map`, `report`, `check` and `calibrate surface` ask for them here. Both
+are kept in the cache by the checksum of the session's file, the settings they depend on and the version of
+the code; they are those of the `Estimator`, to the last bit. A recording that ends leaves its own there.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import asdict, dataclass, fields, replace
+from functools import cached_property, partial
+from itertools import chain, islice
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fieldkit.config import Config, changed_config
+from fieldkit.disk import sha256
+from fieldkit.estimation.binner import Binner, Closed
+from fieldkit.estimation.bins import History
+from fieldkit.estimation.chain import slope_series
+from fieldkit.estimation.estimator import Estimator, Minute, measured_minute
+from fieldkit.estimation.estimator_keys import Model
+from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.errors import FieldkitError
+from fieldkit.model.learnt import Learnt
+from fieldkit.model.region_schedule import Regions, RegionSchedule
+from fieldkit.model.site import Region, RegionKind, Site
+from fieldkit.model.slope import SlopeEstimate
+from fieldkit.physics.energy_balance import SurfaceParameters
+from fieldkit.results.cache import Arrays, Cache, digest
+from fieldkit.results.executors import results
+from fieldkit.results.learnt_series import LearntSeries
+from fieldkit.results.session_estimates import Estimates
+from fieldkit.results.sources import SessionOrFile, Source, config_for, marks_of, reading, regions_for
+from fieldkit.sessions.json_forms import build
+from fieldkit.sessions.reader import SessionReader, open_session
+
+FINISHED = ("sealed", "recovered")
+"""States in which a session changes no more, so that what is known of it stays true."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A session with a set of parameters, the `number`-th of a sweep; only `streams`, if any are named."""
+
+    source: Source
+    site: Site
+    settings: EstimatorSettings
+    number: int = 0
+    streams: tuple[str, ...] = ()
+
+    @cached_property
+    def bins_key(self) -> str:
+        """Digest of everything that its minutes without slopes depend on."""
+        made_of = self.site, self.source.regions, bin_settings(self.settings), self.streams
+        return digest("minutes", self.source.checksum, *made_of)
+
+    @cached_property
+    def key(self) -> str:
+        """Digest of everything that its slopes depend on."""
+        return digest("slopes", self.bins_key, self.settings)
+
+
+def run_of(source: Source, settings: Sequence[str] = (), number: int = 0) -> Run:
+    """A session with ``KEY=VALUE`` over its configuration; raises `ConfigMistakesError`."""
+    config = changed_config(source.config, settings)
+    return Run(source, config.site, config.estimator_settings(), number)
+
+
+def bin_settings(settings: EstimatorSettings) -> EstimatorSettings:
+    """The settings that the minute bins depend on, everything else at its default.
+
+    From counts to surface temperature (emissivity, reflected temperature), from light readings
+    to DNI (streams, irradiance model, refraction), probes, what flags a minute (low sun, settling,
+    horizons), the camera's pose, and the limits of what a quantity can be.
+    """
+    return EstimatorSettings(
+        surface=SurfaceParameters(emissivity=settings.surface.emissivity),
+        irradiance=settings.irradiance,
+        light_stream=settings.light_stream,
+        measures=settings.measures,
+        probes=settings.probes,
+        horizon=settings.horizon,
+        horizons=settings.horizons,
+        refraction=settings.refraction,
+        reflected_temperature_k=settings.reflected_temperature_k,
+        low_sun_deg=settings.low_sun_deg,
+        settle_s=settings.settle_s,
+        camera_path=settings.camera_path,
+        limits=settings.limits,
+    )
+
+
+def _cache(run: Run) -> Cache | None:
+    """The cache, or None where no checksum vouches for the session: it is its journal alone, or goes on."""
+    return Cache() if run.source.checksum else None
+
+
+# --- what was measured
+
+
+@dataclass(frozen=True)
+class Measured:
+    """The minutes of a session without slopes, their bins, and the damaged samples by stream.
+
+    `is_recordings` where the recording itself measured them, with this version and these settings.
+    """
+
+    minutes: tuple[Minute, ...]
+    history: History
+    damaged: Mapping[str, int]
+    irradiance_model: str
+    is_recordings: bool = False
+
+    def arrays(self) -> Arrays:
+        """As arrays, every number exact."""
+        about = {
+            "damaged": dict(self.damaged), "irradiance_model": self.irradiance_model,
+            "is_recordings": self.is_recordings,
+        }  # fmt: skip
+        texts = [json.dumps(asdict(one)) for one in self.minutes]
+        lines = {"minutes": np.array(texts, np.bytes_), "about": np.array([json.dumps(about)], np.bytes_)}
+        return {**lines, **self.history.arrays()}
+
+    @classmethod
+    def of(cls, arrays: Arrays) -> Measured:
+        """Minutes of which `arrays` made arrays."""
+        minutes = tuple(build(Minute, json.loads(text)) for text in arrays["minutes"].tolist())
+        about = json.loads(arrays["about"].tolist()[0])
+        return cls(minutes, History(**{one.name: arrays[one.name] for one in fields(History)}), **about)
+
+
+def measure(
+    session: SessionOrFile,
+    regions: Regions,
+    wanted: Sequence[tuple[Site, EstimatorSettings]],
+    streams: Sequence[str] = (),
+) -> list[Measured]:
+    """The minutes of a session for each site and settings, in one pass over its samples.
+
+    `streams` alone take part, if any are named. Raises `SessionError`.
+    """
+    with reading(session) as opened:
+        chosen = tuple(info for name, info in opened.streams.items() if not streams or name in streams)
+        binners = [Binner(site, regions, chosen, settings) for site, settings in wanted]
+        closed: list[list[Closed]] = [[] for _ in binners]
+        for sample in chain(marks_of(opened), opened.samples()):
+            for binner, minutes in zip(binners, closed, strict=True):
+                minutes.extend(binner.add(sample))
+        for binner, minutes in zip(binners, closed, strict=True):
+            minutes.extend(binner.finish())
+        return [
+            _measured(binner, minutes, opened.damaged)
+            for binner, minutes in zip(binners, closed, strict=True)
+        ]
+
+
+def _measured(binner: Binner, closed: Sequence[Closed], damaged: Mapping[str, int]) -> Measured:
+    schedule, words = binner.schedule, binner.irradiance_model
+    minutes = tuple(measured_minute(one, schedule, words) for one in closed)
+    return Measured(minutes, History.of([one for one, _ in closed]), dict(damaged), words)
+
+
+def measured_in(run: Run, session: SessionReader | None = None) -> Measured:
+    """The minutes of a run without slopes, from the cache or else from its session.
+
+    Raises `SessionError`.
+    """
+    if (known := _known_minutes(run)) is not None:
+        return known
+    wanted = [(run.site, bin_settings(run.settings))]
+    (found,) = measure(session or run.source.path, run.source.regions, wanted, run.streams)
+    return _keep_minutes(run, found)
+
+
+def _known_minutes(run: Run) -> Measured | None:
+    cache = _cache(run)
+    entry = None if cache is None else cache.load(run.bins_key)
+    return None if entry is None else Measured.of(entry)
+
+
+def _keep_minutes(run: Run, found: Measured) -> Measured:
+    if (cache := _cache(run)) is not None:
+        cache.store(run.bins_key, found.arrays())
+    return found
+
+
+# --- slopes
+
+
+def solve(history: History, regions: Regions, settings: EstimatorSettings) -> Estimates:
+    """Slopes of every target at every minute."""
+    series = list(slope_series(history, regions, settings))
+    learnt = {int(time): one.learnt for time, one in zip(history.time_ns, series, strict=True) if one.learnt}
+    return _as_estimates(history, RegionSchedule.of(regions), [one.slopes for one in series], learnt)
+
+
+def _as_estimates(
+    history: History,
+    schedule: RegionSchedule,
+    minutes: Sequence[tuple[SlopeEstimate, ...]],
+    learnt: Mapping[int, Learnt],
+) -> Estimates:
+    temperature_k = [
+        history.temperature_k[row, schedule.column(one.region, int(history.minute[row]))]
+        for row, minute in enumerate(minutes)
+        for one in minute
+    ]
+    dni_w_m2 = np.repeat(history.dni_w_m2, [len(minute) for minute in minutes])
+    measured: dict[str, ArrayLike] = {"temperature_k": temperature_k, "irradiance_w_m2": dni_w_m2}
+    return Estimates.of([one for minute in minutes for one in minute], measured, schedule.latest, learnt)
+
+
+def _known_slopes(run: Run) -> Estimates | None:
+    cache = _cache(run)
+    entry = None if cache is None else cache.load(run.key)
+    if entry is None:
+        return None
+    texts = tuple(str(text) for text in entry["texts"])
+    return Estimates(entry["rows"], texts, run.source.regions.latest, LearntSeries.unpacked(entry))
+
+
+def _keep_slopes(run: Run, made: Estimates) -> Estimates:
+    if (cache := _cache(run)) is not None:
+        texts = np.array(made.texts, np.str_)
+        cache.store(run.key, {"rows": made.rows, "texts": texts, **made.learnt.packed()})
+    return made
+
+
+def keep_recorded(path: Path, estimator: Estimator) -> None:
+    """Keep what a recording measured and estimated itself for the first who asks for its minutes.
+
+    Nothing is kept where the sealed session has other minutes or settings. Raises `SessionError`, `OSError`.
+    """
+    with open_session(path) as session:
+        known = SessionMinutes(session, config_for(session))
+        if known.settings == estimator.settings and len(session.minutes()) == len(estimator.minutes):
+            known.keep(estimator)
+
+
+def estimate_run(run: Run) -> Estimates:
+    """The slopes of one run, in this process; raises `SessionError`."""
+    if (known := _known_slopes(run)) is not None:
+        return known
+    return _keep_slopes(run, solve(measured_in(run).history, run.source.regions, run.settings))
+
+
+class SessionMinutes:
+    """The minutes of an open session by one configuration, with slopes by any model.
+
+    `streams` are those that take part, all of the session unless given.
+    """
+
+    def __init__(
+        self,
+        session: SessionReader,
+        config: Config,
+        *,
+        present: bool = False,
+        streams: Sequence[StreamInfo] = (),
+    ) -> None:
+        self.schedule: RegionSchedule = regions_for(session, config, present=present)
+        self._session = session
+        is_finished = session.state in FINISHED and session.path.exists()
+        checksum = sha256(session.path) if is_finished else ""
+        source = Source(session.path, checksum, session.session_id, config, self.schedule)
+        is_part = 0 < len(streams) < len(session.streams)
+        names = tuple(one.name for one in streams) if is_part else ()
+        self._run = Run(source, config.site, config.estimator_settings(), streams=names)
+
+    @property
+    def site(self) -> Site:
+        """Site that the estimates assume."""
+        return self._run.site
+
+    @property
+    def settings(self) -> EstimatorSettings:
+        """Settings of the estimator."""
+        return self._run.settings
+
+    @cached_property
+    def measured(self) -> Measured:
+        """The minutes without slopes."""
+        return measured_in(self._run, self._session)
+
+    @property
+    def regions(self) -> tuple[Region, ...]:
+        """The regions that hold in the last minute."""
+        return self.schedule.regions_at(self._last_minute)
+
+    @property
+    def history(self) -> History:
+        """The bins of `regions`."""
+        return self.measured.history.only(self.schedule.at(self._last_minute))
+
+    @property
+    def _last_minute(self) -> int:
+        minutes = self.measured.history.minute
+        return int(minutes[-1]) if minutes.size else 0
+
+    def estimates(self, model: Model | None = None) -> Estimates:
+        """The slopes by a model, that of the settings unless given."""
+        run = replace(self._run, settings=replace(self.settings, model=model or self.settings.model))
+        if (known := _known_slopes(run)) is not None:
+            return known
+        return _keep_slopes(run, solve(self.measured.history, self.schedule, run.settings))
+
+    def keep(self, estimator: Estimator) -> None:
+        """Keep the minutes and slopes of the estimator that recorded the session."""
+        minutes, history = estimator.minutes, estimator.history
+        measured = tuple(replace(one, estimates=(), learnt=None) for one in minutes)
+        words = estimator.irradiance_model
+        _keep_minutes(self._run, Measured(measured, history, {}, words, is_recordings=True))
+        learnt = {one.time_ns: one.learnt for one in minutes if one.learnt is not None}
+        slopes = [one.estimates for one in minutes]
+        _keep_slopes(self._run, _as_estimates(history, estimator.schedule, slopes, learnt))
+
+    def minutes(self, model: Model | None = None) -> list[Minute]:
+        """All minutes with slopes by a model, that of the settings unless given."""
+        found = self.estimates(model)
+        slopes, learnt = iter(found), found.learnt.by_time_ns
+        minutes = zip(self.measured.minutes, self.measured.history.minute.tolist(), strict=True)
+        return [
+            replace(
+                one,
+                estimates=tuple(islice(slopes, self._targets(minute))),
+                learnt=learnt.get(one.time_ns),
+            )
+            for one, minute in minutes
+        ]
+
+    def _targets(self, minute: int) -> int:
+        return sum(region.kind is RegionKind.TARGET for region in self.schedule.regions_at(minute))
+
+
+# --- many runs
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The slopes of a run, and whether they came from the cache."""
+
+    run: Run
+    estimates: Estimates
+    cached: bool = False
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Reason why a run has no slopes."""
+
+    run: Run
+    error: FieldkitError
+
+
+def estimate_runs(runs: Iterable[Run], executor: Executor) -> Iterator[Outcome | Failure]:
+    """The outcome of every run: cached ones, then the others as they are solved; each is kept at once.
+
+    A session is read once for all its runs. One that cannot be read gives failures, and the others go on.
+    """
+    missing: dict[str, list[Run]] = defaultdict(list)
+    for run in runs:
+        if (known := _known_slopes(run)) is not None:
+            yield Outcome(run, known, cached=True)
+        else:
+            missing[run.key].append(run)
+    measured = _measure_all([same[0] for same in missing.values()], executor)
+    pieces = []
+    for same in missing.values():
+        history = measured[same[0].bins_key]
+        if isinstance(history, FieldkitError):
+            yield from (Failure(run, history) for run in same)
+        else:
+            pieces.append((same, partial(solve, history, same[0].source.regions, same[0].settings)))
+    for same, made in results(executor, pieces):
+        if isinstance(made, FieldkitError):
+            yield from (Failure(run, made) for run in same)
+        else:
+            _keep_slopes(same[0], made)
+            yield from (Outcome(run, made) for run in same)
+
+
+def _measure_all(runs: Iterable[Run], executor: Executor) -> dict[str, History | FieldkitError]:
+    """The bins of runs, or why there are none, by `Run.bins_key`; each session is read once."""
+    found: dict[str, History | FieldkitError] = {}
+    unread: dict[Path, dict[str, Run]] = defaultdict(dict)
+    for run in {run.bins_key: run for run in runs}.values():
+        if (known := _known_minutes(run)) is not None:
+            found[run.bins_key] = known.history
+        else:
+            unread[run.source.path][run.bins_key] = run
+    pieces = [([*by_key.values()], partial(_measure_runs, [*by_key.values()])) for by_key in unread.values()]
+    for same, made in results(executor, pieces):
+        for place, run in enumerate(same):
+            is_read = not isinstance(made, FieldkitError)
+            found[run.bins_key] = _keep_minutes(run, made[place]).history if is_read else made
+    return found
+
+
+def _measure_runs(runs: Sequence[Run]) -> list[Measured]:
+    """The minutes of runs of one session, in a worker."""
+    wanted = [(run.site, bin_settings(run.settings)) for run in runs]
+    return measure(runs[0].source.path, runs[0].source.regions, wanted, runs[0].streams)

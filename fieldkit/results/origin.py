@@ -1,0 +1,60 @@
+"""Origin of the running fieldkit: its commit, and how it came onto this computer."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import fieldkit
+
+if TYPE_CHECKING:
+    from importlib.metadata import Distribution
+
+PACKAGE = Path(fieldkit.__file__).resolve().parent
+STAMP = PACKAGE / "commit.txt"
+"""Written by ``packaging/hatch_build.py`` into wheels and source archives; a checkout has none."""
+
+
+def origin() -> str:
+    """Commit and source of the running program in one line, such as ``commit 1f0c3a5e77d2, wheel NAME``."""
+    if STAMP.exists():
+        return f"commit {STAMP.read_text(encoding='utf-8').strip()}, {_installed_from()}"
+    checkout = PACKAGE.parent
+    if (checkout / ".git").exists():
+        return f"commit {_commit_of(checkout)}, checkout {checkout}"
+    return f"commit unknown, {_installed_from()}"
+
+
+def _commit_of(checkout: Path) -> str:
+    """The commit that is checked out, with ``-dirty`` if files were changed since."""
+    import subprocess
+
+    words = ["git", "-C", str(checkout), "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"]
+    try:
+        return subprocess.run(words, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):  # no git, or a checkout of another user
+        return "unknown"
+
+
+def _installed_from() -> str:
+    """The distribution installed, as the installer recorded it (PEP 610, PEP 627)."""
+    from importlib.metadata import PackageNotFoundError, distribution  # 20 ms
+
+    try:
+        found = distribution("fieldkit")
+    except PackageNotFoundError:
+        return f"source {PACKAGE.parent}"
+    url = _direct_url(found)
+    installer = (found.read_text("INSTALLER") or "an unknown installer").strip()
+    if url is None:
+        return "Debian package" if installer == "dpkg" else f"installed by {installer} from a package index"
+    kind = "wheel" if url.endswith(".whl") else "source"
+    return f"{kind} {url.removeprefix('file://')}"
+
+
+def _direct_url(found: Distribution) -> str | None:
+    """Address from which the installer took the package; None if it came from an index."""
+    import json
+
+    recorded = found.read_text("direct_url.json")
+    return str(json.loads(recorded)["url"]) if recorded else None

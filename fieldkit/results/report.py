@@ -1,0 +1,237 @@
+"""Reports: sessions estimated and written as one HTML file, or printed to PDF."""
+
+from __future__ import annotations
+
+import webbrowser
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from markupsafe import Markup
+
+from fieldkit.model.errors import ConfigError, FieldkitError, StorageError
+from fieldkit.model.samples import is_usable
+from fieldkit.results.minutes import SessionMinutes
+from fieldkit.results.provenance import command_line
+from fieldkit.results.sources import (
+    SessionOrFile,
+    Settings,
+    config_for,
+    log_warning,
+    notify_damage,
+    path_of,
+)
+from fieldkit.sessions.reader import SessionReader, open_session
+from fieldkit.views.report import Part, write_campaign_report, write_report
+from fieldkit.views.report.assessment import assess
+from fieldkit.views.report.pdf import require_weasyprint, write_pdf
+from fieldkit.views.report.recording import is_simulated
+from fieldkit.views.report.series import series
+
+if TYPE_CHECKING:
+    from fieldkit.estimation.estimator import Minute
+    from fieldkit.estimation.estimator_keys import Model
+    from fieldkit.estimation.statistics import SdKind
+    from fieldkit.model.samples import Frame
+
+
+COMPARED: tuple[Model, ...] = ("paper", "full", "learned")
+"""Models that the error budget compares with the one that was used."""
+
+
+@dataclass(frozen=True)
+class Report:
+    """A written report: `path` of the HTML or PDF file, the sessions asked for, those that failed."""
+
+    path: Path
+    sessions: tuple[Path, ...]
+    failures: Mapping[Path, FieldkitError] = field(default_factory=dict)
+
+    def show(self) -> None:
+        """Open the report in the browser, or whatever opens its kind of file."""
+        webbrowser.open(self.path.resolve().as_uri())
+
+    def __repr__(self) -> str:
+        failed = f", {len(self.failures)} failed" if self.failures else ""
+        return f"<Report {self.path}: {len(self.sessions)} sessions{failed}>"
+
+    def _repr_html_(self) -> str:
+        return str(Markup('<a href="{}">{}</a>').format(self.path.resolve().as_uri(), self.path))
+
+
+@dataclass(frozen=True)
+class ReportOptions:
+    """Options of a report.
+
+    `sd` is the standard deviation of absolute errors: the paper's eq. (9) as printed, or the usual
+    one. `settings` are other values for keys of the configuration, such as ``{"albedo": 0.25}``; `present`
+    takes the campaign's ``fieldkit.toml`` and regions as they are now.
+
+    Examples
+    --------
+    >>> options = fieldkit.ReportOptions(settings={"albedo": 0.25})
+    >>> fieldkit.report(session, "darker.html", options)
+    <Report darker.html: 1 sessions>
+    """
+
+    sd: SdKind = "paper"
+    settings: Settings = ()
+    present: bool = False
+
+
+DEFAULTS = ReportOptions()
+
+
+def report(
+    sessions: SessionOrFile | Sequence[SessionOrFile],
+    out: str | Path | None = None,
+    options: ReportOptions = DEFAULTS,
+    *,
+    notify: Callable[[str], None] = log_warning,
+) -> Report:
+    """Write the report of a session, or one of several sessions together.
+
+    Parameters
+    ----------
+    sessions
+        A session or its file, or several.
+    out
+        ``FILE.html``, or ``FILE.pdf`` with the HTML beside it; by default HTML in the campaign's
+        ``reports`` folder, or beside a session elsewhere.
+    options
+        How the sessions are estimated and summarised.
+    notify
+        Receives notes, such as damaged samples that were excluded.
+
+    Returns
+    -------
+    Report
+        Of several sessions, those that cannot be read are in its `failures`.
+
+    Raises
+    ------
+    SessionError, ConfigError
+        If no session can be read or estimated.
+    StorageError
+        If the report cannot be written.
+
+    Examples
+    --------
+    >>> fieldkit.report(session, "noon.html")
+    <Report noon.html: 1 sessions>
+    """
+    given = (sessions,) if isinstance(sessions, str | Path | SessionReader) else sessions
+    paths = tuple(map(path_of, given))
+    if not paths:
+        raise ConfigError("no sessions to report", fix="give a session, its file, or several")
+    target = None if out is None else Path(out)
+    pdf = target if target is not None and target.suffix == ".pdf" else None
+    page = target if pdf is None else pdf.with_suffix(".html")
+    if pdf is not None:
+        require_weasyprint()
+    failures: dict[Path, FieldkitError] = {}
+    if len(paths) == 1:
+        written = _report_session(paths[0], page, options, notify)
+    else:
+        written, failures = _report_sessions(paths, page, options)
+    if pdf is None:
+        return Report(written, paths, failures)
+    with _writing(pdf):
+        write_pdf(written, pdf)
+    return Report(pdf, paths, failures)
+
+
+def _report_session(
+    path: Path, out: Path | None, options: ReportOptions, notify: Callable[[str], None]
+) -> Path:
+    out = out or default_path(path)
+    with open_session(path) as session:
+        config = config_for(session, options.settings, present=options.present)
+        known = SessionMinutes(session, config, present=options.present)
+        notify_damage(session, notify, known.measured.damaged)
+        with _writing(out):
+            write_report(
+                out,
+                session,
+                known.minutes(),
+                settings=known.settings,
+                site=known.site,
+                regions=known.schedule.latest,
+                sd=options.sd,
+                frame=middle_frame(session),
+                others=by_other_models(known),
+                command_line=command_line(),
+                config_toml=config.to_toml(),
+                is_recordings=known.measured.is_recordings,
+            )
+    return out
+
+
+def _report_sessions(
+    paths: Sequence[Path], out: Path | None, options: ReportOptions
+) -> tuple[Path, dict[Path, FieldkitError]]:
+    """One report of all sessions that can be read; raises the first failure where none can."""
+    parts: list[Part] = []
+    failures: dict[Path, FieldkitError] = {}
+    for path in paths:
+        try:
+            parts.append(report_part(path, options))
+        except FieldkitError as error:
+            failures[path] = error
+    if not parts:
+        raise next(iter(failures.values()))
+    out = out or default_path(paths[0]).with_name("campaign.html")
+    title = parts[0].path.resolve().parent.parent.name
+    with _writing(out):
+        write_campaign_report(out, title, parts, sd=options.sd, command_line=command_line())
+    return out, failures
+
+
+def report_part(path: Path, options: ReportOptions = DEFAULTS) -> Part:
+    """A session, estimated, as a part of a report of several. Raises `SessionError`, `ConfigError`."""
+    with open_session(path) as session:
+        config = config_for(session, options.settings, present=options.present)
+        known = SessionMinutes(session, config, present=options.present)
+        columns = series(known.minutes(), known.schedule.latest)
+        warnings = assess(columns, list(session.events()), session.state).warnings
+        return Part(path, known.site, columns, known.settings, warnings, is_simulated(session))
+
+
+@contextmanager
+def _writing(out: Path) -> Iterator[None]:
+    """Make the folder of a file; an error of the disk becomes a `StorageError`."""
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        yield
+    except OSError as error:
+        raise StorageError(
+            f"cannot write {out}: {error.strerror}", fix="name another place with -o"
+        ) from error
+
+
+def default_path(session: Path) -> Path:
+    """``reports/NAME.html`` beside the recordings folder, or ``NAME.html`` beside a session elsewhere."""
+    folder = session.resolve().parent
+    name = f"{session.stem}.html"
+    return folder.parent / "reports" / name if folder.name == "recordings" else session.parent / name
+
+
+def middle_frame(session: SessionReader) -> Frame | None:
+    """The usable frame nearest to the middle of the session, or None."""
+    camera = next((name for name, info in session.streams.items() if info.is_camera), None)
+    if camera is None:
+        return None
+    reader = session.stream(camera)
+    good = np.flatnonzero(is_usable(reader.column("flags")))
+    nearest = good[np.argsort(np.abs(good - len(reader) // 2), kind="stable")]
+    frames = (reader.frame(row) for row in nearest.tolist())
+    # the stored flags do not include the checksum; reading the frame verifies it
+    return next((frame for frame in frames if is_usable(frame.quality)), None)
+
+
+def by_other_models(known: SessionMinutes) -> dict[str, list[Minute]]:
+    """The same minutes with slopes by the other `COMPARED` models."""
+    return {model: known.minutes(model) for model in COMPARED if model != known.settings.model}

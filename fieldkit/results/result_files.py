@@ -1,0 +1,132 @@
+"""Result files: ``BASE.csv``, ``BASE.parquet``, and ``BASE.json`` with their provenance."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from collections.abc import Mapping, Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from fieldkit.disk import sha256
+from fieldkit.model.errors import ConfigError, StorageError, message_of
+from fieldkit.results.json_document import to_json
+from fieldkit.sessions.formats.tables_out import as_text
+
+Columns = Mapping[str, Sequence[Any]]
+ENDINGS = (".csv", ".parquet", ".json")
+_RECALLABLE = "name a session, or the BASE of fieldkit estimate -o BASE"
+
+
+def base_path(out: Path, endings: Sequence[str] = ENDINGS) -> Path:
+    """The name that the files of a result share, with or without a known ending typed."""
+    return out.with_suffix("") if out.suffix in endings else out
+
+
+def results_folder(session: Path) -> Path:
+    """The ``results`` folder of the campaign a session lies in, or the session's own folder elsewhere."""
+    folder = session.resolve().parent
+    return folder.parent / "results" if folder.name == "recordings" else folder
+
+
+def write_results(
+    base: Path, columns: Columns, about: Mapping[str, Any], beside: Mapping[str, Columns] | None = None
+) -> list[Path]:
+    """Write ``BASE.csv``, ``BASE.parquet`` with ``fieldkit[lab]``, and ``BASE.json``: where it all came from.
+
+    `beside` holds further tables, each ``BASE-NAME.csv``. The same runs give the same bytes. Raises
+    `StorageError`.
+    """
+    tables = {"": columns, **{f"-{name}": table for name, table in (beside or {}).items()}}
+    document = base.with_name(f"{base.name}.json")
+    try:
+        base.parent.mkdir(parents=True, exist_ok=True)
+        written = [
+            path
+            for suffix, table in tables.items()
+            for path in _write_table(base.with_name(f"{base.name}{suffix}"), table)
+        ]
+        digests = {path.name: sha256(path) for path in written}
+        document.write_text(to_json({**about, "files": digests}) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise StorageError(
+            f"cannot write {base}: {error.strerror}", fix="name another place with -o"
+        ) from error
+    return [*written, document]
+
+
+def recalled(
+    paths: Sequence[Path], settings: tuple[str, ...]
+) -> tuple[tuple[Path, ...], tuple[str, ...], bool]:
+    """Sessions and settings where results are named instead, and whether the campaign's present ones counted.
+
+    Raises `ConfigError`.
+    """
+    found: list[Path] = []
+    present = False
+    for path in paths:
+        document = _document_of(path)
+        if document is None:
+            found.append(path)
+            continue
+        about = _about(document)
+        found.extend(Path(session["path"]) for session in about["sessions"])
+        settings = (*about["settings"], *settings)
+        present = present or about.get("campaign", False)
+    return tuple(found), settings, present
+
+
+def _document_of(path: Path) -> Path | None:
+    """The ``BASE.json`` of results, with or without a known ending typed; None where a session is named."""
+    if path.exists() and path.suffix not in ENDINGS:
+        return None
+    base = base_path(path)
+    document = base.with_name(f"{base.name}.json")
+    return document if document.is_file() else None
+
+
+def _about(document: Path) -> dict[str, Any]:
+    try:
+        about = json.loads(document.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"{document} cannot be read: {message_of(error)}", fix=_RECALLABLE) from error
+    known: set[str] = set(about) if isinstance(about, dict) else set()
+    if {"sessions", "parameters"} <= known:
+        raise ConfigError(
+            f"{document} has many sets of parameters", fix="report its sessions with --set of one set"
+        )
+    if not {"sessions", "settings"} <= known:
+        raise ConfigError(f"{document} is not what estimate -o wrote", fix=_RECALLABLE)
+    return dict(about)
+
+
+def _write_table(base: Path, columns: Columns) -> list[Path]:
+    table, parquet = (base.with_name(f"{base.name}{ending}") for ending in (".csv", ".parquet"))
+    _write_csv(table, columns)
+    if find_spec("pyarrow") is None:
+        return [table]
+    _write_parquet(parquet, columns)
+    return [table, parquet]
+
+
+def _write_csv(path: Path, columns: Columns) -> None:
+    """A header and a row for each place of the columns; what is not known is empty."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(map(as_text, columns))
+        writer.writerows([_cell(value) for value in row] for row in zip(*columns.values(), strict=True))
+
+
+def _cell(value: Any) -> Any:
+    if isinstance(value, str):
+        return as_text(value)
+    return "" if isinstance(value, float) and math.isnan(value) else value
+
+
+def _write_parquet(path: Path, columns: Columns) -> None:
+    import pyarrow
+    import pyarrow.parquet
+
+    pyarrow.parquet.write_table(pyarrow.table(dict(columns)), path)

@@ -1,0 +1,241 @@
+"""`Session`: one recording, and everything that can be done with it.
+
+The stored samples are read by `fieldkit.sessions.reader.SessionReader`, which this class extends by arrays
+and tables, and by what needs other rooms: configuration, estimation, reports, plots.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.model.errors import SessionError
+from fieldkit.results.stream import Stream
+from fieldkit.sessions import analysis
+from fieldkit.sessions.analysis import Calibration, RegionSeries
+from fieldkit.sessions.reader import SessionReader, open_as
+from fieldkit.views import formatting, html
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+    from matplotlib.axes import Axes
+
+    from fieldkit.estimation.estimator_keys import Model
+    from fieldkit.model.site import Region
+    from fieldkit.results.check import CheckedSession
+    from fieldkit.results.export import Export
+    from fieldkit.results.report import Report
+    from fieldkit.results.session_estimates import Estimates
+    from fieldkit.results.slope_map import MappedSession, Window
+    from fieldkit.results.sources import Settings
+
+
+class Session(SessionReader):
+    """One recording: its streams by name, slopes, maps, reports.
+
+    A context manager; `close` releases its file, and so does the end of the program.
+
+    Examples
+    --------
+    Streams by name, as arrays and tables:
+
+    >>> list(session.streams)
+    ['camera', 'lux', 'thermometer']
+    >>> session["camera"].kelvin(0, 1).shape
+    (1, 120, 160)
+    >>> session["camera"][0].counts.shape, session["lux"][-1].seq, len(session["thermometer"][:5])
+    ((120, 160), 1199, 5)
+    >>> session.to_pandas("lux").columns.tolist()
+    ['illuminance [lx]', 'seq', 'flags', 'mono_ns']
+    >>> dict(session.to_xarray("camera").sizes)
+    {'time': 60, 'y': 120, 'x': 160, 'metadata_row': 2}
+    >>> session.region_series().mean_k.shape
+    (60, 4)
+    >>> session.readings("lux").values.shape, session.raw("camera").dtype
+    ((1200, 1), dtype('uint16'))
+    >>> sum(1 for sample in session.samples("lux", "thermometer"))
+    2401
+    >>> session.count("camera") == session.times_ns("camera").size == session.flags("camera").size
+    True
+
+    Slopes of every region, of every pixel, and those of the recording itself:
+
+    >>> session.estimate()["b15"]
+    <b15: tilt 15.7° (11.2 to 23.5), azimuth 179°, uncertain>
+    >>> session.slope_map("all")
+    <MappedSession 20160101T190001Z-noon: 20 min, 100% uncertain>
+    >>> session.estimates()[-1].region, len(session.minutes()), len(session.learnt())
+    ('b25', 21, 21)
+    >>> session.irradiance()["irradiance_w_m2"].shape
+    (21,)
+
+    What happened while recording:
+
+    >>> [event.kind.name for event in session.events()]
+    ['START', 'STOP']
+    >>> [one.received for one in session.health()[-1].streams]
+    [60, 1200, 1201]
+    >>> len(session.region_history()), session.region_changes()
+    (4, [])
+    >>> session.clock_checks()[0].source
+    'system'
+    >>> session.time_map()
+    []
+
+    What can be done with it:
+
+    >>> session.check()
+    <CheckedSession 20160101T190001Z-noon: 12 ok>
+    >>> session.report().path.name
+    '20160101T190001Z-noon.html'
+    >>> len(session.export("csv").files)
+    5
+    >>> session.plot().get_ylabel()
+    'brightness temperature, °C'
+
+    A session that is still being recorded shows what was added since it was opened:
+
+    >>> session.refresh()
+    >>> session.close()
+    """
+
+    @property
+    def name(self) -> str:
+        """The file's name without its ending."""
+        return self.path.stem
+
+    def __getitem__(self, stream: str) -> Stream:
+        """One stream; raises `SessionError` where there is none of that name."""
+        return Stream(self, self.stream(stream).info)
+
+    def kelvin(
+        self,
+        start: int = 0,
+        stop: int | None = None,
+        *,
+        stream: str | None = None,
+        calibration: Calibration | None = None,
+        damaged: Literal["raise", "nan"] = "raise",
+    ) -> NDArray[np.float64]:
+        """Brightness temperature of a camera's frames; see `fieldkit.sessions.analysis.kelvin`."""
+        return analysis.kelvin(self, start, stop, stream=stream, calibration=calibration, damaged=damaged)
+
+    def region_series(
+        self,
+        regions: Sequence[Region] | None = None,
+        *,
+        stream: str | None = None,
+        calibration: Calibration | None = None,
+    ) -> RegionSeries:
+        """Brightness temperature of regions over time; see `fieldkit.sessions.analysis.region_series`."""
+        return analysis.region_series(self, regions, stream=stream, calibration=calibration)
+
+    def to_pandas(self, stream: str) -> pd.DataFrame:
+        """A stream as a table by UTC; see `fieldkit.sessions.analysis.to_pandas`."""
+        return analysis.to_pandas(self, stream)
+
+    def to_xarray(self, stream: str) -> xr.Dataset:
+        """A stream as a lazy xarray dataset; see `fieldkit.sessions.analysis.to_xarray`."""
+        return analysis.to_xarray(self, stream)
+
+    def estimate(
+        self,
+        settings: Mapping[str, Any] | None = None,
+        /,
+        *,
+        model: Model | None = None,
+        present: bool = False,
+        regions: Sequence[Region] | None = None,
+        **values: Any,
+    ) -> Estimates:
+        """Slopes minute by minute; see `fieldkit.estimate`."""
+        from fieldkit.results.estimate import estimate
+
+        return estimate(self, settings, model=model, present=present, regions=regions, **values)
+
+    def slope_map(
+        self, window: Window = None, *, settings: Settings = (), present: bool = False
+    ) -> MappedSession:
+        """Tilt and azimuth of every pixel; see `fieldkit.slope_map`."""
+        from fieldkit.results.slope_map import slope_map
+
+        return slope_map(self, window, settings=settings, present=present)
+
+    def report(self, out: str | Path | None = None) -> Report:
+        """Write the report, one HTML page with figures; see `fieldkit.report`."""
+        from fieldkit.results.report import report
+
+        return report(self, out)
+
+    def check(self) -> CheckedSession:
+        """Check the recording; nothing is changed. See `fieldkit.check`."""
+        from fieldkit.results.check import check
+
+        return check(self)
+
+    def export(
+        self, to: str, folder: str | Path | None = None, *, stream: str | None = None, every: int = 1
+    ) -> Export:
+        """Write tables, images or a file for another program; see `fieldkit.export`."""
+        from fieldkit.results.export import export
+
+        return export(self, to, folder, stream=stream, every=every)
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Plot the brightness temperature of each region over local time, in °C.
+
+        Without a camera or regions, the readings of the first meter in their own unit. One stream:
+        ``session["lux"].plot()``.
+        """
+        cameras = [name for name, info in self.streams.items() if info.is_camera and self.regions]
+        meters = [name for name, info in self.streams.items() if not info.is_camera]
+        if not cameras + meters:
+            raise SessionError(
+                f"{self.path} has no regions to plot", fix="draw them: fieldkit roi add, then plot again"
+            )
+        return self[(cameras + meters)[0]].plot(ax)
+
+    def __repr__(self) -> str:
+        if self.is_closed:
+            return f"<Session {self.name}: closed>"
+        counts = ", ".join(f"{self.count(name)} {name}" for name in self.streams)
+        return f"<Session {self.name}: {self.state}, {self._when()}, {counts or 'no streams'}>"
+
+    def _repr_html_(self) -> str | None:
+        if self.is_closed:
+            return None  # a notebook then shows its `repr`
+        rows = [
+            (name, info.model, info.quantity, info.unit, f"{self.count(name)}")
+            for name, info in self.streams.items()
+        ]
+        columns = ("stream", "instrument", "quantity", "unit", "samples")
+        return html.table_html(html.Table(columns, rows, f"{self.name}: {self.state}, {self._when()}"))
+
+    def _when(self) -> str:
+        if not self.start_ns:
+            return "no samples"
+        start = formatting.local_time(self.start_ns, self.site)
+        minutes = (self.end_ns - self.start_ns) / 60e9
+        return f"{start:%Y-%m-%d %H:%M} {formatting.zone_name(self.start_ns, self.site)}, {minutes:.0f} min"
+
+
+def open_session(path: str | Path) -> Session:
+    """Open a session for reading: sealed, recovered, interrupted, or while it is being recorded.
+
+    Raises
+    ------
+    SessionError
+        Where the path holds no session, one of a newer version, or one too damaged to read.
+
+    Examples
+    --------
+    >>> with fieldkit.open_session(session.path) as opened:
+    ...     opened.state, opened.count("camera")
+    ('sealed', 60)
+    """
+    return open_as(Session, path)

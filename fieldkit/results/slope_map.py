@@ -1,0 +1,698 @@
+"""Slope maps: tilt and azimuth of every pixel, from mean frames of the minutes that the estimator trusts.
+
+The estimator goes over the session first, so a minute has the same sun, irradiance, reference and flags
+for a pixel as for a region; then the frames of the window's minutes are read once more. Cloudy minutes,
+which barely affect a region's estimate, are excluded. With the learned model pixels are solved by the full
+model with the parameters learnt from the regions.
+"""
+
+from __future__ import annotations
+
+import math
+import platform
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import fieldkit
+from fieldkit.disk import replacing
+from fieldkit.estimation.balance import absorbed_light, conducted, smoothed_kernel
+from fieldkit.estimation.bins import History, RegionColumns
+from fieldkit.estimation.disturbances import MOVED_PX
+from fieldkit.estimation.estimator_keys import Model
+from fieldkit.estimation.instruments import Instruments
+from fieldkit.estimation.learned.as_settings import learnt_settings
+from fieldkit.estimation.pixel_posterior import PixelPosterior
+from fieldkit.estimation.pixel_slopes import MapSums, PixelBounds, SlopeMap, posterior, with_bounds
+from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.ground.on_ground import GroundView, ground_view, write_on_ground
+from fieldkit.ground.terrain_products import LAYERS, Layer, Products, layers
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.durations import as_seconds
+from fieldkit.model.errors import ConfigError, FieldkitError, IntegrityError, NoAnswerError, StorageError
+from fieldkit.model.learnt import Learnt, LearntParameter
+from fieldkit.model.samples import Frame, Quality, is_usable
+from fieldkit.model.site import Region, RegionKind, Site
+from fieldkit.model.slope import CERTAIN, WITH_SLOPE, SlopeState, final_estimates
+from fieldkit.model.units import MINUTE_NS
+from fieldkit.physics.camera_laws import frame_k
+from fieldkit.physics.energy_balance import irradiance_per_kelvin
+from fieldkit.physics.facet import VERTICAL, FloatArray, normal, tilt_azimuth
+from fieldkit.physics.horizon import MINUTE_EDGE_DEG, sunlit_share
+from fieldkit.physics.radiance import surface_temperature_k
+from fieldkit.results.batch import Failures, Progress, no_progress
+from fieldkit.results.cache import code_version
+from fieldkit.results.executors import THIS_PROCESS, Workers, results
+from fieldkit.results.map_file import BOUNDS, VARIABLES, write_map
+from fieldkit.results.minutes import SessionMinutes
+from fieldkit.results.provenance import command_line
+from fieldkit.results.session_estimates import Estimates
+from fieldkit.results.sources import SessionOrFile, Settings, config_for, log_warning, reading, settings_from
+from fieldkit.sessions.file_tree import iso_utc
+from fieldkit.sessions.reader import SessionReader, open_session
+from fieldkit.views import formatting, layer_image, plots, slope_map_image
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.axes import Axes
+
+    from fieldkit.config.pose import CameraPose
+
+EXCLUDED = Quality.CLOUD | Quality.LOW_SUN
+"""Flags of minutes that no map is made of."""
+SURFACE_MODELS: Mapping[Model, str] = {
+    "paper": "paper, eq. (6), unit-norm",
+    "full": "full, unit-norm",
+    "learned": "full with learnt parameters, unit-norm",
+}
+LEAST_MINUTES = 3
+BEFORE_MINUTES = 120
+"""Minutes before the window whose warmth the sand remembers."""
+ENDINGS = (".png", ".nc")
+ON_GROUND = (".tif", ".ply", ".mcap")
+
+
+Window = float | str | None
+"""Back from the last usable minute: seconds, a duration such as "20m", "all", or "weather" for as far as
+the regions' own slopes look; None as configured."""
+
+
+@dataclass(frozen=True)
+class MappedRegion:
+    """A region of a map: median tilt, quartiles, azimuth of the mean normal, shares of the states.
+
+    `tilt_region_deg` are the medians over the pixels of the ends of their likelihood regions; angles in
+    degrees.
+    """
+
+    region: str
+    tilt_deg: float
+    azimuth_deg: float
+    tilt_low_deg: float
+    tilt_high_deg: float
+    tilt_region_deg: tuple[float, float]
+    pixels: int
+    states: dict[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class MappedSession:
+    """A slope map and what it was made of: the minutes `start_ns`..`end_ns`, how many, and their flags.
+
+    `overrides` are the ``KEY=VALUE`` given over the configuration.
+    `smeared_px` is by how much the frame's content lay elsewhere from minute to minute; frames are not moved.
+    `damaged` counts the camera's frames in them that do not match their checksum; they were excluded.
+    """
+
+    path: Path
+    overrides: tuple[str, ...]
+    slopes: SlopeMap
+    bounds: PixelBounds
+    likelihood: PixelPosterior
+    camera: StreamInfo
+    site: Site
+    regions: tuple[Region, ...]
+    settings: EstimatorSettings
+    model: Model
+    irradiance_model: str
+    start_ns: int
+    end_ns: int
+    minutes: int
+    flags: Quality
+    smeared_px: float = 0.0
+    damaged: int = 0
+    inertia: LearntParameter | None = None
+    """Thermal inertia that the learned model found, shared by all regions."""
+    pose: CameraPose | None = None
+    """Pose of the camera, if it was configured."""
+
+    @property
+    def states(self) -> dict[str, float]:
+        """The share of the pixels in each state that occurs."""
+        return _shares(self.slopes.state)
+
+    @property
+    def has_moved(self) -> bool:
+        """True if the frame moved within the window."""
+        return bool(self.flags & Quality.MOVED or self.smeared_px > MOVED_PX)
+
+    @property
+    def notes(self) -> list[str]:
+        """Settings for regions that do not apply to pixels, and what spoils the map."""
+        holds = {
+            "the map leaves the azimuth free: only regions have a known one": self.settings.azimuth
+            == "known",
+            "the frame moved within the window: edges are smeared; choose another --window": self.has_moved,
+        }
+        return [note for note, applies in holds.items() if applies]
+
+    @property
+    def damage(self) -> IntegrityError | None:
+        """The error for frames that do not match their checksum; the map was made without them."""
+        if not self.damaged:
+            return None
+        text = f"{self.path}: {self.damaged} frames do not match their checksum; the map is made without them"
+        return IntegrityError(text, fix=f"fieldkit check {self.path}")
+
+    def by_region(self) -> list[MappedRegion]:
+        """Each region of the map in numbers."""
+        return [_mapped_region(self, region) for region in self.regions]
+
+    def document(self) -> dict[str, Any]:
+        """The map in numbers, for ``--json``: minutes, states, flags, regions."""
+        return {
+            "minutes": self.minutes, "start_ns": self.start_ns, "end_ns": self.end_ns,
+            "confidence": self.bounds.confidence, "states": self.states,
+            "flags": [str(flag.name).lower() for flag in self.flags],
+            "regions": [asdict(region) for region in self.by_region()],
+        }  # fmt: skip
+
+    def __repr__(self) -> str:
+        shares = ", ".join(f"{share:.0%} {state}" for state, share in self.states.items())
+        return f"<MappedSession {self.path.stem}: {self.minutes} min, {shares}>"
+
+    def _repr_png_(self) -> bytes:
+        return _image(self)
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Plot the tilt of every pixel with the regions' outlines."""
+        outlines = {region.name: region.vertices for region in self.regions}
+        return plots.tilt_map(self.slopes.tilt_deg, outlines, ax)
+
+    def to_xarray(self) -> xr.Dataset:
+        """The arrays over (y, x), rows downwards; needs ``fieldkit[lab]``."""
+        import xarray as xr
+
+        arrays = {name: getattr(self.slopes, name) for name in VARIABLES}
+        arrays |= {name: getattr(self.bounds, name) for name in BOUNDS}
+        attributes = VARIABLES | BOUNDS
+        return xr.Dataset(
+            {name: (("y", "x"), values, attributes[name]) for name, values in arrays.items()},
+            attrs={
+                "session": self.path.name,
+                "minutes": self.minutes,
+                "confidence": self.bounds.confidence,
+            },
+        )
+
+    def products(self, wanted: Products) -> list[Layer]:
+        """Products of the map. Raises `NoAnswerError` for one that cannot be made of it."""
+        return layers(
+            wanted,
+            self.slopes,
+            self.likelihood,
+            site=self.site,
+            time_ns=self.start_ns,
+            regions=self.regions,
+            inertia=self.inertia,
+        )
+
+    def on_ground(self, pose: CameraPose, cell_m: float | None = None) -> GroundView:
+        """Ground that the pixels saw in the middle of the window.
+
+        Raises `NoAnswerError` if the camera moved: one pose cannot place its pixels. Otherwise as
+        `fieldkit.ground.on_ground.ground_view`.
+        """
+        if self.has_moved:
+            raise NoAnswerError(
+                f"{self.path.name}: the camera moved within the window, and one pose cannot place its pixels "
+                "on the ground",
+                fix="choose another --window, in which it stood still, or omit --pose",
+            )
+        rows, cols = self.slopes.state.shape
+        return ground_view(pose.at((self.start_ns + self.end_ns) // 2), (rows, cols), cell_m)
+
+    def write(
+        self,
+        base: str | Path | None = None,
+        wanted: Products | None = None,
+        *,
+        pose: CameraPose | None = None,
+        cell_m: float | None = None,
+        notify: Callable[[str], None] = log_warning,
+    ) -> list[Path]:
+        """Write the map as image ``BASE.png`` and arrays ``BASE.nc``; the files.
+
+        Products are added to the arrays; each has an image ``BASE-NAME.png``. With a pose, given or
+        configured, they (or slope and heading) are also written on the ground: ``BASE.tif``, ``BASE.ply``,
+        ``BASE.mcap``.
+
+        Parameters
+        ----------
+        base
+            The files without their endings; in the campaign's results by default, or beside a session
+            elsewhere.
+        wanted
+            Products to make.
+        pose, cell_m
+            Where the camera stood, by default as configured, and the side of a cell. [m]
+        notify
+            Told how the ground's grid is corrected, or why a configured pose does not put the map on it.
+
+        Raises
+        ------
+        StorageError, NoAnswerError, ConfigError
+            If a file cannot be written, a product not be made, or a pose that is given does not fit.
+        """
+        base = default_base(self.path) if base is None else Path(base)
+        view = self._configured_view(cell_m, notify) if pose is None else self.on_ground(pose, cell_m)
+        if wanted is None and view is not None:
+            wanted = Products(("slope", "heading"))
+        made = self.products(wanted) if wanted is not None else []
+        files = self._write_frame(base, made)
+        if view is not None:
+            notify(f"the grid of {view.crs} is corrected: {view.grid}")
+            files += write_on_ground(base, view, made, self.slopes, self.end_ns)
+        return files
+
+    def _configured_view(self, cell_m: float | None, notify: Callable[[str], None]) -> GroundView | None:
+        """The ground by the configured pose, None without one and where it does not fit."""
+        try:
+            return None if self.pose is None else self.on_ground(self.pose, cell_m)
+        except (ConfigError, NoAnswerError) as error:
+            notify(f"not put on the ground: {error.message}")
+            return None
+
+    def _write_frame(self, base: Path, made: Sequence[Layer]) -> list[Path]:
+        files = [base.with_name(base.name + ending) for ending in ENDINGS]
+        images = {base.with_name(f"{base.name}-{layer.name}.png"): layer for layer in made}
+        try:
+            base.parent.mkdir(parents=True, exist_ok=True)
+            # as a whole: a viewer may have the previous one open
+            with replacing(files[0], synced=False) as image, replacing(files[1], synced=False) as arrays:
+                image.write_bytes(_image(self))
+                with open_session(self.path) as session:
+                    attributes = _provenance(self, session)
+                write_map(
+                    arrays, self.slopes, self.bounds, regions=self.regions, site=self.site, made=made,
+                    attributes=attributes,
+                )  # fmt: skip
+            for path, layer in images.items():
+                with replacing(path, synced=False) as image:
+                    image.write_bytes(_layer_image(self, layer))
+        except OSError as error:
+            raise StorageError(
+                f"cannot write {base}: {error.strerror or error}", fix="name another place with -o"
+            ) from error
+        return [*files, *images]
+
+
+Maps = dict[Path, tuple[MappedSession, list[Path]]]
+"""Maps and their files, by session."""
+
+
+def slope_map(
+    session: SessionOrFile,
+    window: Window = None,
+    *,
+    settings: Settings = (),
+    present: bool = False,
+) -> MappedSession:
+    """Estimate tilt and azimuth of every pixel of a session.
+
+    Parameters
+    ----------
+    session
+        A session or its file; it may still be recording.
+    window
+        How far back from the last usable minute: seconds, "20m", "all", or "weather" for as far as the
+        regions' own slopes look; as configured by default.
+    settings
+        Other values for keys of ``fieldkit.toml``: ``{"albedo": 0.25}``, or ``KEY=VALUE``.
+    present
+        Use the campaign's ``fieldkit.toml`` and regions as they are now.
+
+    Returns
+    -------
+    MappedSession
+        The map, with `to_xarray`, `by_region` and `write`.
+
+    Raises
+    ------
+    SessionError, ConfigError
+        If the session cannot be read, or a setting is wrong.
+    NoAnswerError
+        If there is no reference region, no camera of known temperatures, or fewer than three minutes
+        of frames under steady sun.
+
+    Examples
+    --------
+    >>> slopes = fieldkit.slope_map(session, "all")
+    >>> slopes
+    <MappedSession 20160101T190001Z-noon: 20 min, 100% uncertain>
+    >>> [(bed.region, round(bed.tilt_deg)) for bed in slopes.by_region()]
+    [('flat', 1), ('b05', 5), ('b15', 15), ('b25', 26)]
+    """
+    with reading(session) as opened:
+        return _mapped(opened, window, tuple(settings_from(settings)), present)
+
+
+def map_sessions(
+    bases: Mapping[Path, Path],
+    window: Window = None,
+    *,
+    settings: Sequence[str] = (),
+    present: bool = False,
+    wanted: Products | None = None,
+    pose: CameraPose | None = None,
+    cell_m: float | None = None,
+    workers: Workers = THIS_PROCESS,
+    notify: Callable[[str], None] = log_warning,
+    on_progress: Progress = no_progress,
+) -> tuple[Maps, Failures]:
+    """Map sessions and write each under its base as `MappedSession.write` does: maps, files, what failed.
+
+    Workers read the recordings; the files are written here. Raises `StorageError`.
+    """
+    made: Maps = {}
+    failures: Failures = {}
+    with workers.executor(len(bases)) as executor:
+        pieces = [
+            (path, partial(slope_map, path.resolve(), window, settings=settings, present=present))
+            for path in bases
+        ]
+        for done, (path, found) in enumerate(results(executor, pieces), start=1):
+            on_progress(done, len(bases))
+            if isinstance(found, FieldkitError):
+                failures[path] = found
+                continue
+            try:
+                files = found.write(bases[path], wanted, pose=pose, cell_m=cell_m, notify=notify)
+                made[path] = found, files
+            except (ConfigError, NoAnswerError) as error:
+                failures[path] = error
+                continue
+            if (damage := found.damage) is not None:
+                failures[path] = damage
+    return {path: made[path] for path in bases if path in made}, failures
+
+
+def default_base(session: Path) -> Path:
+    """``results/NAME/slope-map`` of the campaign, or ``NAME-slope-map`` beside a session elsewhere."""
+    parent = session.resolve().parent
+    if parent.name == "recordings":
+        return parent.parent / "results" / session.stem / "slope-map"
+    return parent / f"{session.stem}-slope-map"
+
+
+def earlier_files(base: Path, written: Sequence[Path]) -> list[Path]:
+    """Files of an earlier map under a base that the files written now have not replaced."""
+    endings = (*ON_GROUND, *(f"-{name}.png" for name in LAYERS))
+    files = [base.with_name(base.name + ending) for ending in endings]
+    return [file for file in files if file.exists() and file not in written]
+
+
+def _mapped(
+    session: SessionReader, window: Window, settings: tuple[str, ...], present: bool
+) -> MappedSession:
+    config = config_for(session, settings, present=present)
+    known = SessionMinutes(session, config, present=present)
+    instruments = Instruments(tuple(session.streams.values()), known.settings)
+    camera = instruments.camera
+    if camera is None or not RegionColumns(known.schedule.columns).references.size:
+        missing = "camera whose temperatures are known" if camera is None else "reference region"
+        raise NoAnswerError(f"{session.path} has no {missing}, so it has no slope map")
+    history, estimates = known.history, known.estimates()
+    chosen = _window(known, estimates, window)
+    if len(chosen) < LEAST_MINUTES:
+        raise NoAnswerError(
+            f"{session.path}: {len(chosen)} minutes have frames, reference, sun and steady irradiance; "
+            f"a map needs {LEAST_MINUTES}",
+            fix="run fieldkit check for what is missing; --window all uses the whole session",
+        )
+    used = _settings(known, estimates.learnt.final)
+    slopes, bounds, likelihood = _solved(session, camera, known.regions, history, used, chosen)
+    first, last = history.minute[chosen[[0, -1]]].tolist()
+    return MappedSession(
+        path=session.path,
+        overrides=settings,
+        slopes=slopes,
+        bounds=bounds,
+        likelihood=likelihood,
+        camera=camera,
+        site=known.site,
+        regions=known.regions,
+        settings=used,
+        model=known.settings.model,
+        irradiance_model=instruments.label,
+        start_ns=first * MINUTE_NS,
+        end_ns=(last + 1) * MINUTE_NS,
+        minutes=len(chosen),
+        flags=Quality(int(np.bitwise_or.reduce(history.flags[chosen]))),
+        smeared_px=float(np.ptp(history.shift_px[chosen])),
+        damaged=known.measured.damaged.get(camera.name, 0),
+        inertia=_inertia(known.settings, estimates.learnt.final),
+        pose=config.pose,
+    )
+
+
+def _settings(known: SessionMinutes, learnt: Learnt | None) -> EstimatorSettings:
+    """Settings of the map: the configured ones, or the full model with what the session taught."""
+    settings, air_k = known.settings, known.history.air_k
+    if settings.model != "learned":
+        return settings
+    if learnt is None:
+        return replace(settings, model="full")
+    mean_air_k = float(np.nanmean(air_k)) if np.isfinite(air_k).any() else math.nan
+    return learnt_settings(settings, learnt, mean_air_k)
+
+
+def _inertia(settings: EstimatorSettings, learnt: Learnt | None) -> LearntParameter | None:
+    found = learnt.parameters if learnt is not None and settings.model == "learned" else ()
+    return next((one for one in found if one.name == "thermal_inertia"), None)
+
+
+def _window(known: SessionMinutes, estimates: Estimates, window: Window) -> NDArray[np.int64]:
+    """The usable minutes of a window, as rows of `SessionMinutes.history`."""
+    final = final_estimates(estimates, known.regions)
+    weather_ns = max((one.window_start_ns for one in final.values() if one.state in WITH_SLOPE), default=0)
+    window_s: float | None
+    match window:
+        case None:
+            is_learned = known.settings.model == "learned"
+            window_s = None if is_learned else known.settings.fixed_window_s
+        case "all":
+            window_s = math.inf
+        case "weather":
+            window_s = None
+        case duration:
+            window_s = as_seconds(duration)
+    history, field = known.history, RegionColumns(known.regions)
+    useful = np.flatnonzero(_is_sunlit(known, history) & _is_useful(history, field))
+    if not useful.size:
+        return useful
+    minutes = history.minute[useful]
+    first = weather_ns // MINUTE_NS if window_s is None else minutes[-1] - window_s / 60.0
+    return useful[minutes >= first]
+
+
+def _is_sunlit(known: SessionMinutes, history: History) -> NDArray[np.bool_]:
+    """Minutes in which neither the site's horizon nor that of a reference hides any of the sun."""
+    settings = known.settings
+    references = (region.name for region in known.regions if region.kind is RegionKind.REFERENCE)
+    horizons = (settings.horizon, *(settings.horizon_of(name) for name in references))
+    shares = [sunlit_share(horizon, history.sun, MINUTE_EDGE_DEG) for horizon in horizons]
+    return np.asarray(np.all(np.array(shares) == 1.0, axis=0))
+
+
+def _is_useful(history: History, field: RegionColumns) -> NDArray[np.bool_]:
+    has_reference = np.isfinite(history.temperature_k[:, field.references]).any(axis=1)
+    is_excluded = (history.flags & int(EXCLUDED)) != 0
+    return np.asarray(np.isfinite(history.dni_w_m2) & has_reference & ~is_excluded)
+
+
+def _solved(
+    session: SessionReader,
+    camera: StreamInfo,
+    regions: tuple[Region, ...],
+    history: History,
+    settings: EstimatorSettings,
+    chosen: NDArray[np.int64],
+) -> tuple[SlopeMap, PixelBounds, PixelPosterior]:
+    field, shape = RegionColumns(regions), (camera.shape[0], camera.shape[1])
+    sums = MapSums(shape, settings.surface, settings.noise_k, settings.tilt_limit_deg)
+    emissivity, offset_k = _of_pixels(regions, shape, settings)
+
+    def surface_k(minute: int) -> FloatArray:
+        # the offset is of brightness temperature, and a kelvin of it is more than one of the grey surface
+        brightness = mean_of_minute_k(session, camera, minute)
+        return surface_temperature_k(brightness - offset_k, emissivity, settings.reflected_temperature_k)
+
+    # as for regions: a reference without any temperature is excluded, the others are averaged
+    table = history.temperature_k[np.ix_(chosen, field.references)]
+    seen = np.isfinite(table).any(axis=0)
+    reference_normal = field.reference_normals[seen].mean(axis=0)
+    if settings.model == "paper":
+        for row, references_k in zip(chosen.tolist(), table[:, seen], strict=True):
+            reference_k = float(np.mean(references_k))
+            if np.isfinite(reference_k):
+                dni_w_m2 = history.dni_w_m2[row] * settings.scale
+                kelvin = surface_k(int(history.minute[row]))
+                sums.add(kelvin, reference_k, history.sun[row], dni_w_m2, reference_normal)
+    else:
+        reference_k = history.temperature_k[:, field.references[seen]].mean(axis=1)
+        _add_full(sums, surface_k, history, reference_k, chosen, reference_normal, settings)
+    slopes = sums.solve()
+    likelihood = posterior(slopes, sums, reference_normal, settings)
+    slopes, bounds = with_bounds(slopes, likelihood, settings)
+    return _within_regions(slopes, regions), bounds, likelihood
+
+
+def _add_full(
+    sums: MapSums,
+    surface_k: Callable[[int], FloatArray],
+    history: History,
+    reference_k: FloatArray,
+    chosen: NDArray[np.int64],
+    reference_normal: FloatArray,
+    settings: EstimatorSettings,
+) -> None:
+    """Add the chosen minutes by the full model, whose stored heat also depends on the minutes before."""
+    first, last = history.minute[chosen[[0, -1]]].tolist()
+    is_near = (history.minute >= first - BEFORE_MINUTES) & (history.minute <= last)
+    rows = np.flatnonzero(is_near & np.isfinite(reference_k))
+    known, base_k = history.at(rows), reference_k[rows]
+    over_k = np.array(
+        [(surface_k(int(minute)) - base).ravel() for minute, base in zip(known.minute, base_k, strict=True)],
+        np.float32,
+    )
+    stored = np.concatenate(
+        [conducted(known.minute, piece, settings.slab) for piece in _pieces(over_k)], axis=1
+    )
+    beam, vertical = absorbed_light(known, base_k, settings)
+    design = known.sun + (vertical / beam)[:, np.newaxis] * VERTICAL
+    light = beam * settings.scale / (1.0 - settings.surface.albedo)
+    kernel = smoothed_kernel(settings.slab)
+    for row in np.flatnonzero(np.isin(rows, chosen)).tolist():
+        loss = float(irradiance_per_kelvin(base_k[row], settings.surface))
+        loss *= 1.0 - settings.surface.albedo
+        gain = float(np.sqrt((loss + kernel[0]) ** 2 + np.sum(kernel[1:] ** 2))) / loss
+        kelvin = (over_k[row] + base_k[row]).reshape(sums.shape).astype(np.float64)
+        sums.add(kelvin, base_k[row], design[row], light[row], reference_normal, stored[row], gain)
+
+
+def _pieces(columns: NDArray[np.float32]) -> Iterator[FloatArray]:
+    """A few thousand columns at a time: the transforms need several times their memory."""
+    for begin in range(0, columns.shape[1], 4096):
+        yield columns[:, begin : begin + 4096].astype(np.float64)
+
+
+def _within_regions(slopes: SlopeMap, regions: Sequence[Region]) -> SlopeMap:
+    """Outside the regions the ground may differ from the reference's material: uncertain."""
+    state = slopes.state.copy()
+    drawn = np.zeros((state.shape[0], state.shape[1]), np.bool_)
+    for region in regions:
+        drawn |= region.mask((state.shape[0], state.shape[1]))
+    state[~drawn & np.isin(state, CERTAIN)] = SlopeState.UNCERTAIN
+    return replace(slopes, state=state)
+
+
+def _of_pixels(
+    regions: Sequence[Region], shape: tuple[int, int], settings: EstimatorSettings
+) -> tuple[FloatArray, FloatArray]:
+    """Emissivity and known offset (kelvin of brightness) of every pixel: a region's own inside it."""
+    emissivity, offset_k = np.full(shape, settings.surface.emissivity), np.zeros(shape)
+    for region in regions:
+        inside = region.mask(shape)
+        offset_k[inside] = settings.offsets_k.get(region.name, 0.0)
+        if np.isfinite(region.emissivity):
+            emissivity[inside] = region.emissivity
+    return emissivity, offset_k
+
+
+def mean_of_minute_k(session: SessionReader, camera: StreamInfo, minute: int) -> FloatArray:
+    """Mean brightness temperature (rows, cols) of the usable frames of a minute, kelvin.
+
+    NaN where the camera's law has no temperature, and everywhere without a usable frame.
+    """
+    rows = np.flatnonzero(session.times_ns(camera.name) // MINUTE_NS == minute)
+    total, count = np.zeros(camera.shape), 0
+    for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1) if rows.size else ():
+        for frame in session.stream(camera.name).samples(int(run[0]), int(run[-1]) + 1):
+            if isinstance(frame, Frame) and is_usable(frame.quality):
+                total += frame_k(camera, frame.counts, frame.metadata_rows, np.float32)
+                count += 1
+    return total / count if count else np.full(camera.shape, np.nan)
+
+
+def _mapped_region(found: MappedSession, region: Region) -> MappedRegion:
+    slopes = found.slopes
+    inside = region.mask((slopes.state.shape[0], slopes.state.shape[1]))
+    known = inside & np.isfinite(slopes.tilt_deg)
+    low, middle, high, azimuth, least, most = (math.nan,) * 6
+    if known.any():
+        low, middle, high = (float(q) for q in np.percentile(slopes.tilt_deg[known], (25, 50, 75)))
+        normals = normal(slopes.tilt_deg[known], slopes.azimuth_deg[known])
+        azimuth = float(tilt_azimuth(normals.mean(axis=0))[1])
+        bounds = (found.bounds.tilt_low_deg, found.bounds.tilt_high_deg)
+        least, most = (float(np.median(bound[known])) for bound in bounds)
+    shares = _shares(slopes.state[inside])
+    return MappedRegion(region.name, middle, azimuth, low, high, (least, most), int(inside.sum()), shares)
+
+
+def _shares(states: NDArray[np.uint8]) -> dict[str, float]:
+    """The share of the pixels in each state that occurs."""
+    shares = {state.name.lower(): float((states == state).mean()) for state in SlopeState if states.size}
+    return {name: share for name, share in shares.items() if share}
+
+
+def _image(found: MappedSession) -> bytes:
+    caption = _caption(found)
+    return slope_map_image.png(found.slopes, found.bounds, found.regions, found.path.stem, caption)
+
+
+def _layer_image(found: MappedSession, layer: Layer) -> bytes:
+    planes = (layer.values,) if layer.sd is None else (layer.values, layer.sd)
+    title, caption = f"{found.path.stem}: {layer.long_name}", _caption(found)
+    return layer_image.png(
+        planes, found.slopes.state, title, caption, units=layer.units, is_cyclic=layer.is_cyclic
+    )
+
+
+def _caption(found: MappedSession) -> str:
+    begin, end = (formatting.clock_time(time_ns, found.site) for time_ns in (found.start_ns, found.end_ns))
+    day = formatting.local_time(found.start_ns, found.site).date()
+    zone = formatting.zone_name(found.start_ns, found.site)
+    return f"{day} {begin}-{end} {zone}, {found.minutes} min"
+
+
+def _provenance(found: MappedSession, session: SessionReader) -> dict[str, Any]:
+    surface = found.settings.surface
+    references = [region.name for region in found.regions if region.kind is RegionKind.REFERENCE]
+    return {
+        "Conventions": "CF-1.11",
+        "title": f"Slope map of {session.header.title or session.path.stem}",
+        "institution": session.header.operator,
+        "license": session.header.license,
+        "source": f"{found.camera.name}: {found.camera.vendor} {found.camera.model}",
+        "history": f"made by fieldkit {fieldkit.__version__}: {command_line() or 'from Python'}",
+        "comment": "camera coordinates: rows and columns of the frame, not a map projection",
+        "session": session.path.name,
+        "session_id": session.session_id,
+        "code_version": code_version(),
+        "python": f"{platform.python_version()} on {platform.system()} {platform.machine()}",
+        "settings": " ".join(found.overrides),
+        "time_coverage_start": iso_utc(found.start_ns),
+        "time_coverage_end": iso_utc(found.end_ns),
+        "minutes": found.minutes,
+        "surface_model": SURFACE_MODELS[found.model],
+        "irradiance_model": found.irradiance_model,
+        "reference_regions": " ".join(references),
+        "albedo": surface.albedo,
+        "emissivity": surface.emissivity,
+        "emissivity_broadband": surface.emissivity_broadband,
+        "exchange_w_m2_k": surface.exchange_w_m2_k,
+        "scale": found.settings.scale,
+        "noise_k": found.settings.noise_k,
+        "scale_sd": found.settings.scale_sd,
+        "offset_sd_k": found.settings.offset_sd_k,
+        "drift_sd_k_per_h": found.settings.drift_sd_k_per_h,
+        "tilt_limit_deg": found.settings.tilt_limit_deg,
+        "confidence": found.settings.confidence,
+        "reflected_temperature_k": found.settings.reflected_temperature_k,
+    }

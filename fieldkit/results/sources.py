@@ -1,0 +1,173 @@
+"""A session and the configuration to estimate it with: its own, or the campaign's present one."""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import tomlkit
+
+from fieldkit.config import Config, config_from_text, find_campaign, load_config
+from fieldkit.config.toml_schema import known_keys
+from fieldkit.disk import sha256
+from fieldkit.estimation.region_check import check_regions
+from fieldkit.model.errors import ConfigError, FieldkitError, SessionError, message_of
+from fieldkit.model.region_schedule import RegionSchedule
+from fieldkit.model.samples import Event, EventKind
+from fieldkit.model.site import Region, Site
+from fieldkit.sessions.reader import SessionReader, open_session
+
+TABLES = ("surface", "air", "irradiance", "estimator", "prior", "slab", "site")
+"""Tables of ``fieldkit.toml`` whose keys enter an estimate."""
+
+log_warning: Callable[[str], None] = logging.getLogger(__name__).warning
+log_info: Callable[[str], None] = logging.getLogger(__name__).info
+"""Receiver of notes unless the caller receives them."""
+
+
+SessionOrFile = str | Path | SessionReader
+"""A session, or the file of one."""
+Settings = Mapping[str, Any] | Sequence[str]
+"""Values by key of ``fieldkit.toml``, as `fieldkit.estimate` takes them, or a list of ``KEY=VALUE``."""
+
+
+def path_of(session: SessionOrFile) -> Path:
+    """The file of a session; raises `SessionError` for a closed one."""
+    if not isinstance(session, SessionReader):
+        return Path(session)
+    session.require_open()
+    return session.path
+
+
+@contextmanager
+def reading(session: SessionOrFile) -> Iterator[SessionReader]:
+    """The session, opened and closed here if its file is given; errors of a file are `SessionError`."""
+    if isinstance(session, SessionReader):
+        session.require_open()
+        yield session
+        return
+    path = Path(session)
+    try:
+        with open_session(path) as opened:
+            yield opened
+    except FieldkitError:
+        raise
+    except (OSError, RuntimeError, ValueError) as error:
+        raise SessionError(
+            f"{path} cannot be read: {message_of(error)}", fix=f"fieldkit check {path}"
+        ) from error
+
+
+def marks_of(session: SessionReader) -> list[Event]:
+    """The marks of a session: an estimator takes them before the samples."""
+    return [event for event in session.events() if event.kind is EventKind.MARK]
+
+
+def notify_damage(
+    session: SessionReader, notify: Callable[[str], None], damaged: Mapping[str, int] | None = None
+) -> None:
+    """Report how many samples of each stream do not match their checksum: no result includes them.
+
+    `damaged` are those of an earlier reading; else those that were read so far.
+    """
+    for name, count in (session.damaged if damaged is None else damaged).items():
+        what = f"{count} of {session.count(name)} samples of {name} do not match their checksum"
+        notify(f"{session.path}: {what} and are excluded; fieldkit check lists what is damaged")
+
+
+@dataclass(frozen=True)
+class Source:
+    """A session file to estimate: `checksum` is the file's SHA-256."""
+
+    path: Path
+    checksum: str
+    session_id: str
+    config: Config
+    regions: RegionSchedule
+
+
+def source_of(path: Path, *, present: bool = False, regions: Sequence[Region] | None = None) -> Source:
+    """Read what an estimate needs of a session; `present` takes the campaign's configuration and regions.
+
+    `regions` replace those of the session. Raises `SessionError` if it cannot be read or is still being
+    recorded, `ConfigError`, also for regions that cannot be used in its frames.
+    """
+    with open_session(path) as session:
+        if session.state == "recording":
+            raise SessionError(f"{path} is still being recorded", fix="fieldkit stop, or wait until it ends")
+        config = config_for(session, present=present)
+        drawn = (
+            regions_for(session, config, present=present) if regions is None else drawn_on(session, regions)
+        )
+        # a session may consist of its journal alone: then there is no file to digest
+        checksum = sha256(path) if path.exists() else ""
+        return Source(path.resolve(), checksum, session.session_id, config, drawn)
+
+
+def drawn_on(session: SessionReader, regions: Sequence[Region]) -> RegionSchedule:
+    """Regions drawn on a finished session; raises `ConfigError` for one that cannot be used in its frames."""
+    camera = next((info for info in session.streams.values() if info.is_camera), None)
+    found = check_regions(regions, camera.shape if camera else None)
+    if failures := [f"{one.region.name}: {failure}" for one in found for failure in one.failures]:
+        raise ConfigError("; ".join(failures), fix="draw them again on the session's frames")
+    return RegionSchedule.of(regions)
+
+
+def config_for(session: SessionReader, settings: Settings = (), *, present: bool = False) -> Config:
+    """The configuration to estimate a session with.
+
+    The session's own, unless it has none (it was imported) or `present` asks for the
+    campaign's ``fieldkit.toml`` as it is now, regions included. The site is always the session's;
+    only `settings` can replace it. Raises `ConfigError`.
+    """
+    settings = (*_site_settings(session.site), *settings_from(settings))
+    if session.config_toml and not present:
+        return config_from_text(session.config_toml, session.path, settings=settings)
+    try:
+        return load_config(find_campaign(session.path.resolve().parent), settings=settings)
+    except ConfigError as error:
+        if session.config_toml or "no fieldkit.toml" not in error.message:
+            raise
+        raise ConfigError(
+            f"{session.path} has no configuration of its own (it was imported), and no campaign is around it",
+            fix="put it into recordings/ of a campaign (fieldkit init), and draw regions with fieldkit roi",
+        ) from error
+
+
+def _site_settings(site: Site) -> tuple[str, ...]:
+    """A site as settings: they override the campaign's file, and are overridden by settings after them."""
+    return tuple(f"site.{key}={json.dumps(value)}" for key, value in asdict(site).items())
+
+
+def settings_from(values: Settings) -> list[str]:
+    """``KEY=VALUE`` of Python values by key; a key may omit its table where only one table has it."""
+    if not isinstance(values, Mapping):
+        return [values] if isinstance(values, str) else list(values)
+    return [f"{qualified_key(name)}={tomlkit.item(value).as_string()}" for name, value in values.items()]
+
+
+def qualified_key(name: str) -> str:
+    """``surface.albedo`` for ``albedo``; raises `ConfigError` if no table or more than one has the key."""
+    if "." in name:
+        return name
+    found = [f"{table}.{name}" for table in TABLES if name in known_keys((table,))]
+    if len(found) == 1:
+        return found[0]
+    if found:
+        raise ConfigError(f"{name} is ambiguous", fix=f'qualify it: estimate({{"{found[0]}": ...}})')
+    raise ConfigError(
+        f"no parameter of an estimate is called {name}",
+        fix='see the configuration reference; other keys need their table: {"record.every_s": 30}',
+    )
+
+
+def regions_for(session: SessionReader, config: Config, *, present: bool = False) -> RegionSchedule:
+    """The regions of the session as they changed, or the campaign's present ones."""
+    if present or not session.regions:
+        return RegionSchedule.of(config.regions)
+    return session.region_schedule

@@ -1,0 +1,49 @@
+"""Position of the sun at given moments, and its angle of incidence on facets (the paper's Table 2)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+
+from fieldkit.model.clock import utc_ns
+from fieldkit.model.site import Site
+from fieldkit.physics.bodies import body_of
+from fieldkit.physics.facet import incidence_deg, normal, tilt_azimuth
+from fieldkit.physics.sun import exact_vectors, refract, solar_time_h
+
+
+def sun_rows(
+    site: Site, moments: Sequence[datetime], facets: Sequence[tuple[float, float]] = ()
+) -> list[dict[str, Any]]:
+    """One row per moment: true solar time, the sun's angles and one incidence angle per facet, degrees."""
+    geometric = exact_vectors(np.array([utc_ns(moment) for moment in moments]) * 1e-9, site)
+    lifted_by_air = refract(geometric, site.elevation_m) if body_of(site).refracts else geometric
+    seen = (geometric, lifted_by_air)
+    solar_h = solar_time_h([utc_ns(moment) for moment in moments], site)
+    (zenith, azimuth), (apparent, bearing) = (tilt_azimuth(sun) for sun in seen)
+    # the last axis counts facets, so that no facet at all gives an empty table and not an error
+    normals = normal([tilt for tilt, _ in facets], [turn for _, turn in facets]).reshape(-1, 3)
+    angles, lifted = (incidence_deg(normals, sun) for sun in seen)
+    return [
+        {
+            "time": moment.isoformat(),
+            "solar_time_h": float(solar_h[row]),
+            "sun_zenith_deg": float(zenith[row]),
+            "sun_azimuth_deg": float(azimuth[row]),
+            "sun_zenith_refracted_deg": float(apparent[row]),
+            "sun_azimuth_refracted_deg": float(bearing[row]),
+            "facets": [
+                {
+                    "tilt_deg": tilt,
+                    "azimuth_deg": turn,
+                    "incidence_deg": float(angles[index, row]),
+                    "incidence_refracted_deg": float(lifted[index, row]),
+                }
+                for index, (tilt, turn) in enumerate(facets)
+            ],
+        }
+        for row, moment in enumerate(moments)
+    ]

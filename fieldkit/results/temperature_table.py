@@ -1,0 +1,119 @@
+"""Tables of measured temperatures as CSV files, for `fieldkit.results.estimate.estimate_table`.
+
+Columns: ``time`` (ISO 8601 with zone), ``reference_k``, one ``NAME_k`` per target (or
+``_c`` for both), ``irradiance_w_m2`` (direct normal), ``ghi_w_m2`` (global horizontal) or
+``illuminance_lx``; if there, ``air_k`` (or ``air_c``), ``wind_m_s``, ``diffuse_w_m2``, ``longwave_w_m2`` and
+``flags``.
+Empty cells are missing values.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+
+from fieldkit.estimation.table import TemperatureTable
+from fieldkit.model.errors import ConfigError
+from fieldkit.model.units import CELSIUS_ZERO_K
+from fieldkit.physics.facet import FloatArray
+
+Row = Mapping[str, str | None]
+LIGHT_COLUMNS = ("irradiance_w_m2", "ghi_w_m2", "illuminance_lx")
+OTHER_COLUMNS = (*LIGHT_COLUMNS, "diffuse_w_m2", "longwave_w_m2", "wind_m_s")
+
+
+def read_table(path: Path) -> TemperatureTable:
+    """Read and check a table; rows are put in order of time."""
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            reader = csv.DictReader(file, skipinitialspace=True)
+            names = [name.strip() for name in reader.fieldnames or []]
+            reader.fieldnames = names
+            rows = list(_filled(path, reader))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise ConfigError(f"{path}: cannot be read as a table: {error}") from error
+    temperatures = _temperature_columns(path, names)
+    if not rows:
+        raise ConfigError(f"{path}: the table has no rows", fix="give one row per measurement")
+    times = np.array([_time_ns(path, line, row) for line, row in rows], np.int64)
+    order = np.argsort(times, kind="stable")
+    kelvin = {
+        name: _column(path, rows, column)[order] + zero for name, (column, zero) in temperatures.items()
+    }
+    others = {name: _column(path, rows, name)[order] for name in OTHER_COLUMNS if name in names}
+    flags = np.zeros(0, np.int64)
+    if "flags" in names:
+        flags = np.nan_to_num(_column(path, rows, "flags")).astype(np.int64)[order]
+    reference, air_k = kelvin.pop("reference"), kelvin.pop("air", None)
+    lines = np.array([line for line, _ in rows], np.int64)[order]
+    return TemperatureTable(times[order], reference, kelvin, **others, air_k=air_k, flags=flags, lines=lines)
+
+
+def _filled(path: Path, reader: csv.DictReader[str]) -> Iterator[tuple[int, Row]]:
+    """The rows that hold anything, each with its line of the file."""
+    for row in reader:
+        # the reader gathers what has no column under no name
+        surplus = row.pop(None, [])
+        if not any((cell or "").strip() for cell in (*row.values(), *surplus)):
+            continue
+        if surplus:
+            raise ConfigError(
+                f"{path}, line {reader.line_num} has more cells than columns",
+                fix="write decimals with a point, not a comma, and no comma after the last cell",
+            )
+        yield reader.line_num, row
+
+
+def _temperature_columns(path: Path, names: list[str]) -> dict[str, tuple[str, float]]:
+    """Column and its zero in kelvin by region; all missing columns are reported at once."""
+    found = {
+        name[:-2]: (name, 0.0 if name.endswith("_k") else CELSIUS_ZERO_K)
+        for name in names
+        if name[-2:] in ("_k", "_c") and len(name) > 2
+    }
+    missing = [
+        what
+        for what, there in (
+            ("time", "time" in names),
+            ("reference_k (or reference_c)", "reference" in found),
+            ("one NAME_k (or NAME_c) per target", found.keys() - {"reference", "air"}),
+            ("irradiance_w_m2, ghi_w_m2 or illuminance_lx", set(LIGHT_COLUMNS) & set(names)),
+        )
+        if not there
+    ]
+    if missing:
+        raise ConfigError(
+            f"{path}: missing columns: {'; '.join(missing)}",
+            fix=f"the first line names the columns; found: {', '.join(names) or 'none'}",
+        )
+    return found
+
+
+def _time_ns(path: Path, line: int, row: Row) -> int:
+    text = (row["time"] or "").strip()
+    try:
+        time = datetime.fromisoformat(text)
+    except ValueError:
+        time = None
+    if time is None or time.utcoffset() is None:
+        raise ConfigError(
+            f"{path}, line {line}: time '{text}' is not ISO 8601 with a zone",
+            fix="write times like 2017-08-30T12:00:00+09:00",
+        )
+    return round(time.timestamp() * 1e6) * 1000
+
+
+def _column(path: Path, rows: Sequence[tuple[int, Row]], name: str) -> FloatArray:
+    values = np.full(len(rows), np.nan)
+    for index, (line, row) in enumerate(rows):
+        cell = (row[name] or "").strip()
+        try:
+            values[index] = float(cell) if cell else np.nan
+        except ValueError as error:
+            message = f"{path}, line {line}: {name} '{cell}' is not a number"
+            raise ConfigError(message, fix="leave a missing value empty") from error
+    return values

@@ -1,0 +1,159 @@
+"""The rows of a logger in the order of its clock: rows far from the others, steps back, rows written twice.
+
+A clock that was set back, or restarted, gives one time to two rows: which of them is right is never guessed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import UTC, datetime, timedelta
+from itertools import pairwise
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from fieldkit.model.errors import ConfigError
+from fieldkit.model.samples import Severity
+
+Keep = Literal["first", "last"]
+Notes = list[tuple[Severity, str]]
+
+_YEAR_NS = 366 * 86_400 * 10**9
+_FINE_NS = 10**9  # a clock of whole seconds repeats itself where rows are no further apart
+_GAP = 10  # usual intervals
+
+
+class TimedRow(NamedTuple):
+    """A row of a table: the number of its line in the file, its time and its cells."""
+
+    number: int
+    time_ns: int
+    cells: list[str]
+
+    def __str__(self) -> str:
+        return (
+            f"row {self.number} ({datetime.fromtimestamp(self.time_ns // 10**9, UTC):%Y-%m-%d %H:%M:%S} UTC)"
+        )
+
+
+def in_clock_order(
+    path: Path, rows: Sequence[TimedRow], keep: Keep | None = None
+) -> tuple[list[TimedRow], Notes]:
+    """The rows, oldest first, without those that cannot be right, and notes that name these.
+
+    Rows more than a year from the others are excluded, and copies of earlier rows, as in two downloads of one
+    logger. Where the clock steps back, `keep` decides which rows of the times that come twice are kept.
+
+    Raises `ConfigError` where it steps back and `keep` is not given.
+    """
+    near, far = _near(rows)
+    ordered = _oldest_first(near)
+    least_ns = 0 if _usual_ns(ordered) <= _FINE_NS else 1
+    whole = _without_copies(ordered, least_ns)
+    kept = _once(whole, least_ns, keep)
+    if keep is None and len(kept) < len(whole):
+        raise _step(path, whole, least_ns)
+    copies, twice = _missing(ordered, whole), _missing(whole, kept)
+    notes = [
+        *_note(Severity.WARNING, far, "more than a year from the others"),
+        *_note(Severity.INFO, copies, "copies of earlier ones"),
+        *_note(Severity.WARNING, twice, f"as their times come twice (--keep {keep})"),
+        *_longest_gap(kept),
+    ]
+    if keep and not twice:
+        notes.append((Severity.INFO, f"--keep {keep} has no effect: no time comes twice"))
+    return kept, notes
+
+
+def _near(rows: Sequence[TimedRow]) -> tuple[list[TimedRow], list[TimedRow]]:
+    """The rows around the median time, and those that more than a year without any parts from them."""
+    times = np.sort([row.time_ns for row in rows])
+    middle = times.size // 2  # of two halves the later: clocks restart in the past
+    gaps = np.flatnonzero(np.diff(times) > _YEAR_NS) + 1  # the first rows after them
+    first = times[max(gaps[gaps <= middle], default=0)]
+    last = times[min(gaps[gaps > middle], default=times.size) - 1]
+    inside = [first <= row.time_ns <= last for row in rows]
+    return (
+        [row for row, is_near in zip(rows, inside, strict=True) if is_near],
+        [row for row, is_near in zip(rows, inside, strict=True) if not is_near],
+    )
+
+
+def _oldest_first(rows: list[TimedRow]) -> list[TimedRow]:
+    falls = sum(later.time_ns < earlier.time_ns for earlier, later in pairwise(rows))
+    return rows[::-1] if 2 * falls > len(rows) - 1 else rows
+
+
+def _usual_ns(rows: Sequence[TimedRow]) -> int:
+    intervals = sorted(abs(later.time_ns - earlier.time_ns) for earlier, later in pairwise(rows))
+    return intervals[(len(intervals) - 1) // 2] if intervals else 0
+
+
+def _without_copies(rows: Sequence[TimedRow], least_ns: int) -> list[TimedRow]:
+    seen: set[tuple[int, tuple[str, ...]]] = set()
+    kept: list[TimedRow] = []
+    latest_ns = -1
+    for row in rows:
+        key = (row.time_ns, tuple(row.cells))
+        if row.time_ns >= latest_ns + least_ns or key not in seen:
+            kept.append(row)
+        seen.add(key)
+        latest_ns = max(latest_ns, row.time_ns)
+    return kept
+
+
+def _once(rows: Sequence[TimedRow], least_ns: int, keep: Keep | None) -> list[TimedRow]:
+    """The rows whose times rise, each the first of its time, or the last."""
+    sign = -1 if keep == "last" else 1
+    kept: list[TimedRow] = []
+    for row in rows[::sign]:
+        if not kept or sign * (row.time_ns - kept[-1].time_ns) >= least_ns:
+            kept.append(row)
+    return kept[::sign]
+
+
+def _step(path: Path, rows: Sequence[TimedRow], least_ns: int) -> ConfigError:
+    steps = [(one, two) for one, two in pairwise(rows) if two.time_ns - one.time_ns < least_ns]
+    before, after = steps[0]
+    back = timedelta(microseconds=(before.time_ns - after.time_ns) // 1000)
+    what = f"goes back by {back}" if back else "stands still"
+    more = f", and {len(steps) - 1} more times" if len(steps) > 1 else ""
+    return ConfigError(
+        f"{path}: the clock {what} from {before} to {after}{more}",
+        fix="--keep first or --keep last, of the times that come twice; or import the rows before and after "
+        "on their own; if summer time ended, --zone with that zone, such as Europe/Berlin",
+    )
+
+
+def _missing(rows: Sequence[TimedRow], kept: Sequence[TimedRow]) -> list[TimedRow]:
+    numbers = {row.number for row in kept}
+    return [row for row in rows if row.number not in numbers]
+
+
+def _note(severity: Severity, rows: Sequence[TimedRow], why: str) -> Notes:
+    return [(severity, f"{counted(rows)} excluded, {why}: {listed(rows)}")] if rows else []
+
+
+def counted(rows: Sequence[object]) -> str:
+    """Number of rows."""
+    return "1 row" if len(rows) == 1 else f"{len(rows)} rows"
+
+
+def listed(rows: Sequence[object]) -> str:
+    """The first three of them, and how many more there are."""
+    more = f" and {len(rows) - 3} more" if len(rows) > 3 else ""
+    return ", ".join(map(str, rows[:3])) + more
+
+
+def _longest_gap(rows: Sequence[TimedRow]) -> Notes:
+    """A gap may be a clock that was set forward: it cannot be seen which."""
+    gaps = [(two.time_ns - one.time_ns, two) for one, two in pairwise(rows)]
+    limit_ns = _GAP * _usual_ns(rows)
+    long = [gap for gap in gaps if gap[0] > limit_ns > 0]
+    if not long:
+        return []
+    gap_ns, row = max(long)
+    lasts = timedelta(microseconds=gap_ns // 1000)
+    which = f"a gap of {lasts}" if len(long) == 1 else f"{len(long)} gaps, the longest of {lasts},"
+    return [(Severity.INFO, f"{which} before {row}: nothing recorded, or a clock set forward")]

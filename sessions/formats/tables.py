@@ -1,0 +1,358 @@
+"""Tables of loggers and spreadsheets (CSV) as text: header, what it states, where the times are.
+
+A header line names the columns, with their units in brackets or in a line below it; lines above it are
+skipped. Two makers write their own (their manuals, and public programs that read such files):
+
+- Campbell Scientific (TOA5): a line on the logger, names, units, how each value was made (``Avg``, ``Smp``).
+  TOACI1 has the names alone, which end in unit and process as Short Cut gives them (``T109_C_Avg``).
+- Onset (HOBOware): a title, then cells like ``Temp, °C (LGR S/N: 1, SEN S/N: 2, LBL: bed)`` and the zone in
+  that of the time, ``Date Time, GMT+09:00``.
+"""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import io
+import re
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from datetime import tzinfo
+from itertools import islice
+from pathlib import Path
+from typing import NamedTuple
+
+from fieldkit.model.errors import ConfigError
+from fieldkit.sessions.formats.table_units import short_cut_unit, split_head
+from fieldkit.sessions.formats.times import is_clock, is_date_alone, is_dated, is_time, is_unix, stated_zone
+
+_MAX_BYTES = 100_000_000
+_DELIMITERS = ";\t,"
+_SAMPLE = 200
+"""Rows that show what parts the columns, and where the time is."""
+
+DEFAULT_ENCODING = "utf-8-sig"
+_MARKS = {codecs.BOM_UTF8: DEFAULT_ENCODING, codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
+_NAME_ENCODING = "name its encoding: --encoding cp1252 (Western Windows), cp932 (Japanese), utf-16, utf-16-le"
+
+SAMPLED, AVERAGED = ("", "Smp"), ("Avg", "WVc")  # WVc: a mean of wind vectors
+_PROCESSES = ("Smp", *AVERAGED, "Max", "Min", "Std", "Tot", "Med", "TMx", "TMn", "Cov", "Mom", "Hst", "FFT")
+_PROCESS = re.compile(rf"_({'|'.join(_PROCESSES)})(?=$|_\d+$|\(\d+\)$)")
+_UNIT_COLUMN = re.compile(r"unit|einheit|単位|单位", re.IGNORECASE)
+_CAMPBELL = ("TOA5", "TOACI1")
+_HOBO = re.compile(r"(?P<name>[^,(]+?)(?:, (?P<unit>[^,(]+?))?(?: \((?P<more>(?:LGR|SEN|LBL).*)\))?")
+
+_BELOW_TIME = re.compile(r"TS|(?:UTC|GMT|[ymdhsf]|[\W\d_])*", re.IGNORECASE)  # such as yyyy-mm-dd hh:mm:ss
+_FRACTION_DIGITS = {"ms": 3, "msec": 3, "us": 6, "usec": 6, "µs": 6, "μs": 6}
+
+
+class Row(NamedTuple):
+    """A row, and the number of its line in the file, the first being 1."""
+
+    number: int
+    cells: list[str]
+
+
+class Column(NamedTuple):
+    """A column as the header states it: name with unit, name, unit, process; ``""`` where it does not.
+
+    `unit_at` is the column with the unit of each row, as in ``Ch1_Value,Ch1_Unit``; -1 without one.
+    """
+
+    head: str
+    label: str
+    unit: str = ""
+    process: str = ""
+    unit_at: int = -1
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Columns, rows, and the places of the time: one column, or date, time of day, fraction of the second.
+
+    `has_decimal_commas`: a comma in a number is its decimal point; `zone` is of the times, where the file
+    states it.
+    """
+
+    columns: list[Column]
+    rows: list[Row]
+    time_at: tuple[int, ...]
+    has_decimal_commas: bool
+    zone: tzinfo | None = None
+
+    def time_text(self, row: Row) -> str:
+        """The cells of a row's time as one text."""
+        cells = [cell_of(row.cells, place) for place in self.time_at]
+        if len(cells) < 3:
+            return " ".join(cells)
+        digits = _FRACTION_DIGITS.get(self.columns[self.time_at[2]].label.lower(), 0)
+        return f"{cells[0]} {cells[1]}.{cells[2]:0>{digits}}"
+
+
+def cell_of(cells: Sequence[str], place: int) -> str:
+    """A cell; ``""`` where the row ends before it."""
+    return cells[place] if place < len(cells) else ""
+
+
+def read_table(
+    path: Path,
+    encoding: str = DEFAULT_ENCODING,
+    *,
+    time_names: Sequence[str] = (),
+    time_format: str | None = None,
+) -> Table:
+    """The table of a file, of the forms above.
+
+    `time_names` are the columns of the time, where it is not the first that looks like one. Raises
+    `ConfigError`.
+    """
+    text = _text(path, encoding)
+    try:
+        delimiter = _delimiter(text)
+        rows = [row for row in _rows(text, delimiter) if any(row.cells)]
+    except csv.Error as error:
+        raise _unreadable(path, str(error)) from error
+    date, first = _first_time(path, rows, time_names, time_format)
+    names, below = _header(rows[:first], date)
+    if len(names) < 2 or first >= len(rows):
+        raise ConfigError(
+            f"{path} has no table with a header line and rows",
+            fix="keep the header line, with the unit of each column in brackets",
+        )
+    columns = _columns(names, below, is_campbell=rows[0].cells[0] in _CAMPBELL)
+    body = rows[first:]
+    _refuse_another_header(path, names, body, date)
+    time_at = tuple(place_of(path, columns, name) for name in time_names) or _time_at(
+        path, columns, body, date
+    )
+    return Table(columns, body, time_at, delimiter != ",", _zone((names, *below), rows[:first], time_at))
+
+
+def place_of(path: Path, columns: Sequence[Column], name: str) -> int:
+    """Place of the column of that name; raises `ConfigError`."""
+    for place, column in enumerate(columns):
+        if name in (column.head, column.label):
+            return place
+    raise ConfigError(
+        f"{path} has no column {name!r}", fix=f"it has: {', '.join(column.head for column in columns)}"
+    )
+
+
+# --- from bytes to rows
+
+
+def _text(path: Path, encoding: str) -> str:
+    try:
+        if path.stat().st_size > _MAX_BYTES:
+            raise ConfigError(f"{path} is larger than {_MAX_BYTES // 10**6} MB", fix="split it")
+        with path.open("rb") as file:
+            stated = _stated_encoding(path, file.read(3), encoding)
+        text = path.read_text(encoding=stated)
+    except UnicodeDecodeError as error:
+        raise ConfigError(
+            f"{path} is not in {error.encoding}: byte {error.object[error.start]:#04x} at {error.start}",
+            fix=_NAME_ENCODING,
+        ) from error
+    except LookupError as error:
+        raise ConfigError(f"{error}", fix="--encoding utf-8, cp1252, cp932 or utf-16") from error
+    except (OSError, UnicodeError) as error:
+        raise _unreadable(path, str(error)) from error
+    if "\0" in text:
+        raise ConfigError(f"{path} is not in {stated}: it has bytes of zero", fix=_NAME_ENCODING)
+    return text.removeprefix("\ufeff")
+
+
+def _stated_encoding(path: Path, start: bytes, given: str) -> str:
+    """The encoding given, or that of the mark at the beginning of the file."""
+    stated = next((name for mark, name in _MARKS.items() if start.startswith(mark)), given)
+    if given != DEFAULT_ENCODING and codecs.lookup(given).name[:6] != codecs.lookup(stated).name[:6]:
+        raise ConfigError(f"{path} begins as {stated}, the option states {given}", fix="omit --encoding")
+    return stated
+
+
+def _unreadable(path: Path, why: str) -> ConfigError:
+    return ConfigError(f"{path} cannot be read as a table: {why}", fix="save it as CSV, UTF-8")
+
+
+def _rows(text: str, delimiter: str) -> Iterator[Row]:
+    lines = io.StringIO(text, newline="")  # `str.splitlines` would end lines at U+2028 and its like too
+    reader = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
+    for cells in reader:
+        yield Row(reader.line_num, [cell.strip() for cell in cells])
+
+
+def _delimiter(text: str) -> str:
+    """Separator of the columns: a first line ``sep=;`` states it, else it makes most rows equally long."""
+    stated = re.match(f"sep=([{_DELIMITERS}])\\s", text, re.IGNORECASE)
+    return stated[1] if stated else max(_DELIMITERS, key=lambda mark: _alike(_rows(text, mark)))
+
+
+def _alike(rows: Iterator[Row]) -> int:
+    widths = Counter(len(row.cells) for row in islice(rows, _SAMPLE))
+    return max((count for width, count in widths.items() if width > 1), default=0)
+
+
+# --- where the times are, and which line is the header
+
+
+def _first_time(
+    path: Path, rows: Sequence[Row], names: Sequence[str], time_format: str | None
+) -> tuple[int, int]:
+    """The column of the date or time, and the first row that has one; else the first and the second."""
+    named = _place_of_name(rows, names[0]) if names else None
+    for looks_right in (is_dated, lambda cell: is_time(cell, time_format), is_unix):
+        place = _place_where(rows[:_SAMPLE], looks_right) if named is None else named
+        for number, row in enumerate(rows):
+            if place is not None and len(row.cells) > 1 and looks_right(cell_of(row.cells, place)):
+                return place, number
+    if named is None and time_format is None:
+        _refuse_without_dates(path, rows)
+    return named or 0, 1
+
+
+def _place_of_name(rows: Sequence[Row], name: str) -> int | None:
+    heads = ((place, cell) for row in rows[:_SAMPLE] for place, cell in enumerate(row.cells))
+    return next((place for place, cell in heads if name in (cell, split_head(cell)[0])), None)
+
+
+def _place_where(rows: Sequence[Row], looks_right: Callable[[str], bool]) -> int | None:
+    """The first column of those whose cells look right in the most rows, a constant one last."""
+    found: dict[int, list[str]] = {}
+    for row in rows:
+        for place, cell in enumerate(row.cells):
+            if looks_right(cell):
+                found.setdefault(place, []).append(cell)
+    most = max(map(len, found.values()), default=0)
+    usual = [place for place, cells in found.items() if 2 * len(cells) > most]
+    return min(usual, key=lambda place: (len(set(found[place])) == 1, place), default=None)
+
+
+def _refuse_without_dates(path: Path, rows: Sequence[Row]) -> None:
+    """Refuse what other tables hold in place of times; raises `ConfigError`."""
+    if any(row.cells[0].startswith(("File:", "Frame ")) for row in rows[:_SAMPLE]):
+        raise ConfigError(
+            f"{path} holds the temperatures of an image without its time, as FLIR's programs export them",
+            fix="export the radiometric .jpg, .fff or .seq and import that",
+        )
+    clock = _place_where(rows[1:_SAMPLE], is_clock)
+    if clock is not None:
+        raise ConfigError(
+            f"{path}: column {cell_of(rows[0].cells, clock)!r} has times of day, and no column has the date",
+            fix="add a column with the date, like 2026-05-12",
+        )
+    first = cell_of(rows[1].cells, 0) if len(rows) > 1 else ""
+    if re.fullmatch(r"[+-]?\d+([.,]\d+)?", first):
+        raise ConfigError(
+            f"{path}: column {rows[0].cells[0]!r} counts from {first}, and no column has a date",
+            fix="add a column with date and time, such as 2026-05-12T15:30:46, or name it: --time",
+        )
+
+
+def _header(above: Sequence[Row], place: int) -> tuple[list[str], list[list[str]]]:
+    """The cells of the header, and of the lines of units and processes below it."""
+    at = len(above) - 1
+    while at > 0 and _is_below_names(above[at].cells, above[at - 1].cells, place):
+        at -= 1
+    return (above[at].cells if above else []), [row.cells for row in above[at + 1 :]]
+
+
+def _is_below_names(cells: Sequence[str], names: Sequence[str], place: int) -> bool:
+    width = len([cell for cell in cells if cell])
+    is_table = width > 0 and len(cells) > 1 and len([name for name in names if name]) >= max(width, 2)
+    return is_table and _BELOW_TIME.fullmatch(cell_of(cells, place)) is not None
+
+
+def _refuse_another_header(path: Path, names: Sequence[str], rows: Sequence[Row], place: int) -> None:
+    """Refuse a second table with other columns; the same header again is only a row without a time."""
+    for number, cells in rows:
+        if cell_of(cells, place) == names[place] and cells != names:
+            raise ConfigError(
+                f"{path}: row {number} is a header with other columns",
+                fix=f"import the rows before and after row {number} on their own",
+            )
+
+
+def _time_at(path: Path, columns: Sequence[Column], rows: Sequence[Row], date: int) -> tuple[int, ...]:
+    """The places of the time: the one column, or date, time of day and what stands behind its second."""
+    dates = [cell_of(row.cells, date) for row in rows]
+    if 2 * sum(map(is_date_alone, dates)) <= len(dates):
+        return (date,)
+    is_repeated = len(set(dates)) < len(dates)
+    for place in sorted(range(len(columns)), key=lambda place: (abs(place - date), place < date)):
+        is_near = is_repeated or abs(place - date) == 1
+        if is_near and 2 * sum(is_clock(cell_of(row.cells, place)) for row in rows) > len(rows):
+            has_fraction = (
+                columns[place + 1 : place + 2] and columns[place + 1].label.lower() in _FRACTION_DIGITS
+            )
+            return (date, place, place + 1) if has_fraction else (date, place)
+    if is_repeated:  # all of them would be put at midnight
+        raise ConfigError(
+            f"{path}: several rows have the date {Counter(dates).most_common(1)[0][0]!r} and no time of day",
+            fix="put the time of day into the column after the date, like 15:30:46",
+        )
+    return (date,)
+
+
+def _zone(head: Sequence[Sequence[str]], above: Sequence[Row], time_at: Sequence[int]) -> tzinfo | None:
+    """The zone that the header of the time states, or a line above, as ``Time zone: UTC+9``."""
+    of_time = [cell_of(cells, place) for cells in head for place in time_at]
+    lines = [line for row in above if "zone" in (line := " ".join(row.cells)).lower()]
+    return next((zone for text in (*of_time, *lines) if (zone := stated_zone(text)) is not None), None)
+
+
+# --- what the header states of each column
+
+
+def _columns(names: list[str], below: Sequence[list[str]], *, is_campbell: bool) -> list[Column]:
+    processes = next((row for row in below if _has_processes(row)), [])
+    units = next((row for row in below if not _has_processes(row)), [])
+    columns: list[Column] = []
+    count: Counter[str] = Counter()
+    for place, name in enumerate(_of_onset(names)):
+        column = _column(name, cell_of(units, place), cell_of(processes, place), is_campbell=is_campbell)
+        count[column.label] += 1
+        same = f" {count[column.label]}" if count[column.label] > 1 else ""
+        columns.append(column._replace(label=column.label + same))
+    for after, column in enumerate(columns[:-1], start=1):
+        if not column.unit and _UNIT_COLUMN.search(columns[after].label):
+            columns[after - 1] = column._replace(unit_at=after)
+    return columns
+
+
+def _has_processes(cells: Sequence[str]) -> bool:
+    return not set(_PROCESSES).isdisjoint(cells)
+
+
+def _column(name: str, unit: str, process: str, *, is_campbell: bool) -> Column:
+    label, own_unit = split_head(name)
+    if is_campbell and not process and (found := _PROCESS.search(name)):
+        process = found[1]
+    unit = unit.strip("[]() ") or own_unit or (short_cut_unit(_PROCESS.sub("", name)) if is_campbell else "")
+    return Column(name if unit == own_unit else f"{label} [{unit}]", label, unit, process)
+
+
+def _of_onset(names: list[str]) -> list[str]:
+    """HOBOware's headers as ``name [unit]``: a sensor's label, or what it measures and its number."""
+    if not any(name.startswith("Date") and "GMT" in f"{names}" for name in names):
+        return names
+    parts = [_parts(name) for name in names]
+    count = Counter(name for name, _, _ in parts)
+    return [
+        (f"{name} {serial}" if count[name] > 1 and serial else name) + (f" [{unit}]" if unit else "")
+        for name, unit, serial in parts
+    ]
+
+
+def _parts(cell: str) -> tuple[str, str, str]:
+    """Name, unit and serial number of the sensor, as far as the cell of a header has them."""
+    found = _HOBO.fullmatch(cell)
+    if found is None or stated_zone(cell) is not None:
+        return cell, "", ""
+    more = found["more"] or ""
+    label, serial = re.search(r"LBL: ([^,]+)", more), re.search(r"SEN S/N: (\w+)", more)
+    return (
+        label[1].strip() if label else found["name"],
+        found["unit"] or "",
+        serial[1] if serial else "",
+    )

@@ -1,0 +1,243 @@
+"""Times as other programs write them, to UTC nanoseconds; a missing zone is never guessed."""
+
+from __future__ import annotations
+
+import itertools
+import re
+import statistics
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import UTC, datetime, timedelta, timezone, tzinfo
+from typing import NamedTuple
+
+from fieldkit.model.errors import ConfigError
+from fieldkit.model.site import known_zone
+
+_EPOCH = datetime.fromtimestamp(0, UTC)
+
+_COARSE_S = 1800.0
+"""Rows so far apart cannot go back within an hour that comes twice."""
+
+_WORDS = {"yyyy": "%Y", "mm": "%m", "dd": "%d", "HH": "%H", "MM": "%M", "SS": "%S"}
+_END_OF_DAY = re.compile(r"(?<![\d:])24:00(?=(:00(\.0*)?)?(?![\d:.]))")
+_LEAP_SECOND = re.compile(r"(?<=:59):60(?!\d)")
+
+# dates whose year comes first have one order only; of others it must be given
+_YEAR_FIRST = re.compile(r"(\d{4})[-/.](\d{1,2})[-/.](\d{1,2})(?=$|[T ])(?:[T ]+(\d{1,2}:.+))?")
+_DATED = re.compile(
+    r"(\d{4}[-/.]\d{1,2}[-/.]\d{1,2}|\d{1,2}[-/.]\d{1,2}[-/.]\d{2,4}|(19|20)\d\d[01]\d[0-3]\d)(?=$|[T ])"
+)
+_DATE_DIGITS = 8  # 20260512
+_UNIX = re.compile(r"\d{9,11}(\.\d+)?")
+_CLOCK = re.compile(r"\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?( ?[AP]M)?", re.IGNORECASE)
+
+
+class Times(NamedTuple):
+    """UTC nanoseconds by row, the errors of rows without any, and whether a time needed the zone."""
+
+    known_ns: dict[int, int]
+    unreadable: dict[int, ConfigError]
+    needed_zone: bool
+
+
+def parse_times_ns(texts: Sequence[str], zone: tzinfo | None, time_format: str | None = None) -> list[int]:
+    """UTC nanoseconds of times as `read_times` reads them; raises `ConfigError` where one is unreadable."""
+    times = read_times(texts, zone, time_format)
+    for error in times.unreadable.values():
+        raise error
+    return [times.known_ns[row] for row in range(len(texts))]
+
+
+def read_times(texts: Sequence[str], zone: tzinfo | None, time_format: str | None = None) -> Times:
+    """The times of a log in the order of its rows.
+
+    They are ISO 8601, also with slashes or points in a date whose year comes first, Unix seconds, or as
+    `time_format` describes: for strptime (``%Y-%m-%d``) or in plain letters (``yyyy/mm/dd HH:MM:SS``).
+    24:00 is midnight of the next day, a leap second 23:59:60 the second before. Of the hour that comes twice
+    at the end of summer time, the rows up to where the clock goes back belong to the first.
+
+    Raises `ConfigError` where a time has no offset and no `zone` is given, names an hour that was skipped, or
+    one that came twice and the order of the rows leaves open which.
+    """
+    known_ns: dict[int, int] = {}
+    written: dict[int, datetime] = {}
+    unreadable: dict[int, ConfigError] = {}
+    for row, text in enumerate(texts):
+        try:
+            if time_format is None and _UNIX.fullmatch(text):
+                known_ns[row] = _unix_ns(text)
+            else:
+                written[row] = _parsed(text, time_format)
+        except ConfigError as error:
+            unreadable[row] = error
+    for row, moment in _in_zone(texts, written, zone).items():
+        try:
+            known_ns[row] = utc_ns(moment)
+        except ConfigError as error:
+            unreadable[row] = error
+    return Times(known_ns, unreadable, any(moment.tzinfo is None for moment in written.values()))
+
+
+def _in_zone(
+    texts: Sequence[str], written: Mapping[int, datetime], zone: tzinfo | None
+) -> dict[int, datetime]:
+    """The times with their offset, of an hour that came twice the one by the order of the rows."""
+    moments = {row: _zoned(texts[row], moment, zone) for row, moment in written.items()}
+    for row, moment in moments.items():
+        if _hours_back(moment) < 0:
+            note = f"{texts[row]!r} does not exist in {moment.tzinfo}: clocks were put forward over it"
+            raise ConfigError(note, fix=_fixed_offset(moment))
+    for row in _second_times(moments, texts):
+        moments[row] = moments[row].replace(fold=1)
+    return moments
+
+
+def _unix_ns(text: str) -> int:
+    seconds, _, fraction = text.partition(".")
+    return plausible_ns(int(seconds) * 10**9 + int(fraction[:9].ljust(9, "0")))
+
+
+def _zoned(text: str, moment: datetime, zone: tzinfo | None) -> datetime:
+    if moment.tzinfo is not None:
+        return moment
+    if zone is None:
+        raise ConfigError(f"the time {text!r} has no zone", fix="give it: --zone Asia/Tokyo, or --zone UTC")
+    return moment.replace(tzinfo=zone)
+
+
+def _hours_back(moment: datetime) -> float:
+    """Seconds by which clocks were put back over this time: above 0 it came twice, below 0 never."""
+    before, behind = (moment.replace(fold=fold).utcoffset() or timedelta() for fold in (0, 1))
+    return (before - behind) / timedelta(hours=1)
+
+
+def _second_times(moments: Mapping[int, datetime], texts: Sequence[str]) -> Iterator[int]:
+    """Rows whose time came twice and which belong to the second, by the order of the rows.
+
+    The clock goes back once in such a run of rows, which may stand newest first.
+    """
+    shown = {row: moment.replace(tzinfo=None) for row, moment in moments.items()}
+    changes_s = [(later - earlier).total_seconds() for earlier, later in itertools.pairwise(shown.values())]
+    newest_first = sum(change < 0.0 for change in changes_s) > len(changes_s) / 2
+    is_coarse = bool(changes_s) and statistics.median(map(abs, changes_s)) >= _COARSE_S
+    order = sorted(moments, reverse=newest_first)
+    for is_twice, run in itertools.groupby(order, key=lambda row: _hours_back(moments[row]) > 0):
+        rows = list(run)
+        if not is_twice:
+            continue
+        pairs = list(enumerate(itertools.pairwise(shown[row] for row in rows), start=1))
+        back = [place for place, (earlier, later) in pairs if later < earlier]
+        if not back and is_coarse:  # an hourly log only repeats itself
+            back = [place for place, (earlier, later) in pairs if later == earlier]
+        if len(back) != 1:
+            raise ConfigError(
+                f"{texts[rows[0]]!r} came twice in {moments[rows[0]].tzinfo}, at the end of summer time, "
+                "and the order of the rows leaves open which it was",
+                fix=_fixed_offset(moments[rows[0]]),
+            )
+        yield from rows[back[0] :]
+
+
+def _fixed_offset(moment: datetime) -> str:
+    """Next step where a clock's zone leaves its times open: name the offset that it kept."""
+    offsets = (moment.replace(fold=fold).utcoffset() or timedelta() for fold in (0, 1))
+    hours = sorted(offset / timedelta(hours=1) for offset in offsets)
+    kept = " or ".join(f"--zone Etc/GMT{-int(one):+d}" for one in hours if one.is_integer())
+    cut = "export it with times in UTC, or import what lies before and after on its own"
+    return f"if its clock was never put forward or back: {kept}; else {cut}" if kept else cut
+
+
+def utc_ns(moment: datetime) -> int:
+    """UTC nanoseconds since 1970 of a moment with a zone, exact to the microsecond; raises `ConfigError`."""
+    return plausible_ns((moment - _EPOCH) // timedelta(microseconds=1) * 1000)
+
+
+def plausible_ns(time_ns: int) -> int:
+    """The same; raises `ConfigError` before 1970, and after 2262, where 64 bits end."""
+    if not 0 <= time_ns < 2**63:
+        raise ConfigError(
+            f"a time {time_ns / 1e9:.0f} s after 1970 is none of a recording",
+            fix="check its clock and format",
+        )
+    return time_ns
+
+
+def _parsed(text: str, time_format: str | None) -> datetime:
+    plain, midnights = _END_OF_DAY.subn("00:00", text)
+    plain = _LEAP_SECOND.sub(":59", plain)
+    try:
+        moment = _iso(plain) if time_format is None else datetime.strptime(plain, _pattern(time_format))
+        return moment + timedelta(days=midnights)
+    except (ValueError, OverflowError) as error:
+        expected = time_format or "ISO 8601, such as 2026-12-11T12:00:00+09:00"
+        date = "%Y/%m/%d" if _YEAR_FIRST.match(text) else "%m/%d/%y"
+        example = f"{date} %I:%M:%S %p" if text.endswith(("AM", "PM")) else "%d.%m.%Y %H:%M:%S"
+        raise ConfigError(
+            f"{text!r} is not a time as expected: {expected}",
+            fix=f'give the format of the times, such as --time-format "{example}"',
+        ) from error
+
+
+def _iso(text: str) -> datetime:
+    found = _YEAR_FIRST.fullmatch(text)
+    if found is None:
+        return datetime.fromisoformat(text)
+    year, month, day, clock = found.groups(default="00:00")
+    clock = re.sub(" ?(UTC|GMT)$", "+00:00", clock if clock[2] == ":" else f"0{clock}")
+    return datetime.fromisoformat(f"{year}-{month:0>2}-{day:0>2}T{clock}")
+
+
+def _pattern(time_format: str) -> str:
+    """A format as strptime has it, also of plain letters such as ``yyyy/mm/dd HH:MM:SS``."""
+    if "%" in time_format:
+        return time_format
+    return re.sub("|".join(_WORDS), lambda found: _WORDS[found[0]], time_format)
+
+
+# --- what cells of a table look like before their order and zone are known
+
+
+def is_dated(text: str) -> bool:
+    """True if a text begins with a date in digits."""
+    return _DATED.match(text) is not None
+
+
+def is_time(text: str, time_format: str | None) -> bool:
+    """True if a text is a time by a format, if there is one."""
+    try:
+        return time_format is not None and bool(_parsed(text, time_format))
+    except ConfigError:
+        return False
+
+
+def is_date_alone(text: str) -> bool:
+    """True if a text that is a time or date has no time of day and counts no seconds."""
+    return ":" not in text and sum(map(str.isdigit, text)) <= _DATE_DIGITS
+
+
+def is_unix(text: str) -> bool:
+    """True if a text may be seconds since 1970."""
+    return _UNIX.fullmatch(text) is not None
+
+
+def is_clock(text: str) -> bool:
+    """True if a text is a time of day: ``15:30``, ``15:30:46.5``, ``3:30 PM``."""
+    return _CLOCK.fullmatch(text) is not None
+
+
+_OFFSET = re.compile(
+    r"(?<![A-Z])(?:GMT|UTC)(?![A-Z])(?:\s*([+\-−±])\s*(\d{1,2})(?::?(\d{2}))?(?![\d.:])|(?!\s*[+\-−±\d]))",
+    re.IGNORECASE,
+)
+_MOST_HOURS = 14  # Kiribati
+
+
+def stated_zone(text: str) -> tzinfo | None:
+    """The zone that a header states: ``Europe/Berlin``, ``GMT-07:00``, ``UTC+9``, ``UTC``; or None."""
+    for name in re.findall(r"[A-Za-z]+(?:/[\w+-]+)+", text):
+        if (zone := known_zone(name)) is not None:
+            return zone
+    found = _OFFSET.search(text)
+    if found is None or int(found[2] or 0) > _MOST_HOURS:
+        return None
+    ahead = timedelta(hours=int(found[2] or 0), minutes=int(found[3] or 0))
+    return timezone(-ahead if found[1] in ("-", "−") else ahead)

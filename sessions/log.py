@@ -1,0 +1,200 @@
+"""A log of records: appended, never changed, each framed and checked by itself.
+
+::
+
+    magic | session, kind, stream, counts, length, payload's CRC-32 | CRC-32 of all that | payload
+
+Damage costs the records whose bytes it hits and no others: a reader goes on at the next magic. `counts` has
+how many records of each stream were written until then, this one included, so that any record that survives
+says how many there were before it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import struct
+import zlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from pathlib import Path
+
+from isal.isal_zlib import crc32
+
+MAGIC = b"\xf5fkL"  # no byte of UTF-8 text begins with F5
+_FIXED = struct.Struct("<4sIHHHII")
+_CRC = struct.Struct("<I")
+_WINDOW = 65_536
+_SECTOR = 4096
+_MOST_COUNTS = 1024
+
+
+class Kind(IntEnum):
+    """Kind of a record's payload."""
+
+    IDENTITY = 0
+    """Whose log it is; the first record of each file."""
+    SAMPLE = 1
+    STAMPS = 2
+    """A frame without its counts, which the session file has."""
+    ENTRY = 3
+    CHUNKS = 4
+    """Places of chunks of frames in the session file."""
+    CONFIRMED = 5
+    """Confirmation by the disk of as many records as in `counts`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Head:
+    """Head of a payload, and its place."""
+
+    at: int
+    session: int
+    kind: int
+    stream: int
+    counts: tuple[int, ...]
+    length: int
+    crc32: int
+
+    @property
+    def seq(self) -> int:
+        """The number of the record in its stream, from 0."""
+        return self.counts[self.stream] - 1
+
+    @property
+    def number(self) -> int:
+        """The number of the record among all, from 0."""
+        return sum(self.counts) - 1
+
+    @property
+    def payload_at(self) -> int:
+        """Offset at which the payload begins."""
+        return self.at + _FIXED.size + 8 * len(self.counts) + _CRC.size
+
+    @property
+    def end(self) -> int:
+        """Offset at which the record ends."""
+        return self.payload_at + self.length
+
+
+def session_number(session_id: str) -> int:
+    """Mark of the records of a session: a disk may show bytes of an earlier log that was deleted."""
+    return zlib.crc32(session_id.encode())
+
+
+class LogWriter:
+    """Writes a log from its beginning; raises `OSError`, and then it ends with the record before."""
+
+    def __init__(self, path: Path, session: int) -> None:
+        self.path = path
+        self.size: int = 0
+        self._session = session
+        self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
+
+    def append(self, kind: Kind, stream: int, counts: Sequence[int], *payload: bytes | memoryview) -> None:
+        """Write one record, its payload given in parts."""
+        crc = 0
+        for part in payload:
+            crc = crc32(part, crc)
+        length = sum(map(len, payload))
+        head = _FIXED.pack(MAGIC, self._session, kind, stream, len(counts), length, crc)
+        head += struct.pack(f"<{len(counts)}Q", *counts)
+        self._write([head + _CRC.pack(crc32(head)), *payload])
+
+    def _write(self, parts: list[bytes | memoryview]) -> None:
+        whole = sum(map(len, parts))
+        try:
+            done = os.writev(self._descriptor, parts)
+            while done < whole:  # a full disk takes a part, and then says why it takes no more
+                done += os.write(self._descriptor, b"".join(parts)[done:])
+        except OSError:
+            with contextlib.suppress(OSError):  # else the next record is written over what is there
+                os.ftruncate(self._descriptor, self.size)
+            os.lseek(self._descriptor, self.size, os.SEEK_SET)
+            raise
+        self.size += whole
+
+    def close(self) -> None:
+        """Close; a second call does nothing."""
+        if self._descriptor >= 0:
+            os.close(self._descriptor)
+            self._descriptor = -1
+
+
+class LogReader:
+    """Reads a log, also one that is being written, was cut off or is damaged.
+
+    `damage` names the bytes that are not records, as far as the file was read; what stands behind the last
+    record is its tail, not damage: `is_whole` tells whether there is none.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.name = path.name
+        self.damage: list[str] = []
+        self.is_whole: bool = True
+        self._file = path.open("rb", buffering=_WINDOW)
+        self._size = os.fstat(self._file.fileno()).st_size
+
+    def close(self) -> None:
+        """Let go of the file."""
+        self._file.close()
+
+    def heads(self) -> Iterator[Head]:
+        """The head of each record that has one, in the order of the file; payloads are not looked at."""
+        at = 0
+        self.damage.clear()
+        while (head := self._next_head(at)) is not None:
+            if head.at > at:
+                self.damage.append(f"{self.name}: {head.at - at} bytes from {at} on are damaged")
+            yield head
+            at = self._behind(head)
+        self.is_whole = at == self._size
+
+    def payload(self, head: Head) -> bytes | None:
+        """The payload of a record, None where it is damaged."""
+        data = self._read(head.payload_at, head.length)
+        return data if len(data) == head.length and crc32(data) == head.crc32 else None
+
+    def head_at(self, at: int) -> Head | None:
+        """The record that begins at a place, if one does and the file has all of it."""
+        fixed = self._read(at, _FIXED.size)
+        if len(fixed) < _FIXED.size or not fixed.startswith(MAGIC):
+            return None
+        _, session, kind, stream, streams, length, crc = _FIXED.unpack(fixed)
+        rest = self._read(at + _FIXED.size, 8 * streams + _CRC.size) if streams <= _MOST_COUNTS else b""
+        head, stored = fixed + rest[: -_CRC.size], rest[-_CRC.size :]
+        if len(rest) != 8 * streams + _CRC.size or _CRC.pack(crc32(head)) != stored:
+            return None
+        found = Head(at, session, kind, stream, struct.unpack_from(f"<{streams}Q", rest), length, crc)
+        return found if found.end <= self._size and stream < streams else None
+
+    def _behind(self, head: Head) -> int:
+        """Possible start of the next record: behind this one, or where it lacks bytes, within its length."""
+        is_next = head.end == self._size or self._read(head.end, len(MAGIC)) == MAGIC
+        return head.end if is_next or self.payload(head) is not None else head.payload_at
+
+    def _next_head(self, at: int) -> Head | None:
+        """The first record from a place on."""
+        while at < self._size:
+            if (head := self.head_at(at)) is not None:
+                return head
+            at = self._next_magic(at + 1)
+        return None
+
+    def _next_magic(self, at: int) -> int:
+        """Offset of the next magic, or the end of the file."""
+        while at < self._size:
+            window = self._read(at, _WINDOW)
+            if (place := window.find(MAGIC)) >= 0:
+                return at + place
+            at += max(len(window) - len(MAGIC) + 1, 1) if window else _SECTOR
+        return self._size
+
+    def _read(self, at: int, size: int) -> bytes:
+        """Bytes of the file; none where the disk does not give them."""
+        try:
+            self._file.seek(at)
+            return self._file.read(size)
+        except OSError:
+            return b""

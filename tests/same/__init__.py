@@ -1,0 +1,1 @@
+"""Does another checkout find the same numbers? ``make same OTHER=../other-checkout``."""

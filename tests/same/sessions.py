@@ -1,0 +1,124 @@
+"""The sessions to compare: recorded once, by the other checkout, which is the older one."""
+
+from __future__ import annotations
+
+import gzip
+import math
+import random
+import shutil
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from tests.same.program import Program
+
+FROZEN = Path(__file__).parents[1] / "data/sessions"
+RECORDED: dict[str, Sequence[str]] = {
+    "demo": ("estimator.azimuth=known",),
+    "free": ("estimator.azimuth=free",),
+    "paper": ("estimator.model=paper", "estimator.window_s=600"),
+    "full": ("estimator.model=full", "estimator.window_s=600"),
+    "faults": ('simulation.faults=["cloud","cable","shutter","garbled","shade"]',),
+    "clock": ('simulation.faults=["clock","drift","overrange"]',),
+    "horizon": ("site.horizon=[[0,5],[150,5],[160,40],[180,40],[190,5]]",),
+    "moving": ("simulation.drift_px=[4.0,3.0]", "simulation.jitter_px=1.0"),
+    "night": ("simulation.start=2016-01-01T16:20:00-07:00",),
+}
+"""Settings of each recording of simulated instruments."""
+MINUTES = 40
+KILLS = DAMAGES = 20
+
+
+def make(program: Program, folder: Path) -> Iterator[Path]:
+    """Fill `folder` with sessions and tables; each path as it is finished."""
+    for name, settings in RECORDED.items():
+        yield record(program, folder / name, settings, MINUTES)
+    for kept in sorted(FROZEN.glob("*.h5.gz")):
+        yield unpack(kept, folder / kept.name.removesuffix(".h5.gz") / kept.name.removesuffix(".gz"))
+    yield from imported(program, folder / "imported", folder / "demo")
+    yield two_days(folder / "two-days.csv")
+    short = record(program, folder / "short", (), 2)
+    for number in range(DAMAGES):
+        yield damaged(short, folder / f"damage-{number:02}" / short.name, number)
+    for number in range(KILLS):
+        yield killed(program, folder / f"kill-{number:02}", number)
+
+
+def record(program: Program, campaign: Path, settings: Sequence[str], minutes: int) -> Path:
+    """A sealed session of a new campaign of simulated instruments."""
+    start(program, campaign)
+    options = [word for setting in ("simulation.speed=max", *settings) for word in ("--set", setting)]
+    printed = program.run("record", "--for", f"{minutes}m", "--name", "same", *options, cwd=campaign)
+    sessions = sorted(campaign.glob("recordings/*.h5"))
+    if len(sessions) != 1:
+        raise SystemExit(f"{campaign.name} was not recorded: {printed}")
+    return sessions[0]
+
+
+def start(program: Program, campaign: Path) -> None:
+    """A new campaign of simulated instruments."""
+    campaign.mkdir(parents=True)
+    program.run("init", "--simulated", ".", cwd=campaign)
+
+
+def unpack(kept: Path, path: Path) -> Path:
+    path.parent.mkdir(parents=True)
+    with gzip.open(kept) as source, path.open("wb") as target:
+        shutil.copyfileobj(source, target)
+    return path
+
+
+def imported(program: Program, campaign: Path, recorded: Path) -> Iterator[Path]:
+    """A logger's table alone, and merged into a recording."""
+    start(program, campaign)
+    session = next(recorded.glob("recordings/*.h5"))
+    table = campaign / "logger.csv"
+    rows = (
+        f"2016-01-01T{12 + n // 60}:{n % 60:02}:00-07:00,{1.5 + n / 100:.2f},{400 + n}" for n in range(45)
+    )
+    table.write_text("\n".join(["time,air (C),ghi (W/m2)", *rows, ""]))
+    program.run("import", table, "-o", "logger.h5", cwd=campaign)
+    yield campaign / "logger.h5"
+    program.run("import", table, "--into", session, "-o", "merged.h5", cwd=campaign)
+    yield campaign / "merged.h5"
+
+
+def two_days(path: Path) -> Path:
+    """A table of temperatures of two days, for `estimate TABLE`; its numbers need not be true."""
+    rows = ["time,reference_k,b20_k,ghi_w_m2,irradiance_w_m2,air_k"]
+    for day in (1, 2):
+        for minute in range(0, 360, 2):
+            height = math.sin(math.pi * (minute + 30) / 420)
+            noise = random.Random(1000 * day + minute).gauss(0.0, 0.05)
+            flat, bed = 285.0 + 12.0 * height, 285.0 + 18.0 * height + noise
+            rows.append(
+                f"2016-06-{day:02}T{9 + minute // 60:02}:{minute % 60:02}:00-07:00,{flat:.3f},{bed:.3f},"
+                f"{900 * height:.1f},{820 * height**0.3:.1f},{280 + 6 * height:.2f}"
+            )
+    path.write_text("\n".join([*rows, ""]))
+    return path
+
+
+def damaged(session: Path, path: Path, seed: int) -> Path:
+    """A copy of a session with its end cut, a stretch overwritten or a bit turned."""
+    chance = random.Random(seed)
+    data = bytearray(session.read_bytes())
+    place = chance.randrange(len(data))
+    match seed % 3:
+        case 0:
+            del data[place:]
+        case 1:
+            data[place : place + chance.randrange(1, 5000)] = b"\0"
+        case _:
+            data[place] ^= 1 << chance.randrange(8)
+    path.parent.mkdir(parents=True)
+    path.write_bytes(data)
+    return path
+
+
+def killed(program: Program, campaign: Path, seed: int) -> Path:
+    """A recording ended by SIGKILL; its campaign."""
+    start(program, campaign)
+    after_s = random.Random(seed).uniform(0.5, 8.0)
+    words = ("record", "--for", "10m", "--name", "same", "--set", "simulation.speed=60")
+    program.run_and_kill(*words, cwd=campaign, after_s=after_s)
+    return campaign

@@ -1,0 +1,98 @@
+"""``estimator.confidence``: one key, honoured by every output."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import h5py
+import pytest
+from click.testing import CliRunner
+from scipy.stats import norm
+
+from fieldkit.cli import main
+
+NINETY = re.compile(r"\b90 ?%|nine times")
+
+
+def fieldkit(*arguments: object) -> str:
+    made = CliRunner().invoke(main, [str(argument) for argument in arguments])
+    assert made.exit_code == 0, made.output
+    return made.output
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("sure")
+    fieldkit("init", "--simulated", folder)
+    settings = folder / "fieldkit.toml"
+    text = re.sub(
+        r"^\[estimator\]$", "[estimator]\nconfidence = 0.95", settings.read_text("utf-8"), flags=re.M
+    )
+    settings.write_text(text, "utf-8")
+    fieldkit("record", "-C", folder, "--for", "10m", "--name", "sure", "-q", "--set", "simulation.speed=max")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def session(folder):
+    (path,) = (folder / "recordings").glob("*.h5")
+    return path
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+
+
+def test_every_text_and_page_names_the_confidence_of_the_session(folder, session, tmp_path):
+    report, base = tmp_path / "report.html", tmp_path / "map"
+    outputs = {
+        "estimate": fieldkit("estimate", session, "-j", 1),
+        "show": fieldkit("show", session),
+        "map": fieldkit("map", session, "-o", base, "--window", "all"),
+        "replay": fieldkit("replay", session),
+        "plan": fieldkit("plan", "-C", folder, "--on", "2026-01-01", "--window", "3m"),
+        "report": fieldkit("report", session, "-o", report) + report.read_text("utf-8"),
+    }
+    assert [name for name, text in outputs.items() if NINETY.search(text)] == []
+    silent = {name for name, text in outputs.items() if "95 %" not in text}
+    assert silent == {"show"}  # its ± has no caption
+
+
+def test_files_state_the_confidence_of_each_slope(session, tmp_path):
+    fieldkit("export", session, "--to", "csv", "-o", tmp_path)
+    (slopes,) = tmp_path.glob("*-slopes.csv")
+    header, *rows = slopes.read_text("utf-8").splitlines()
+    place = header.split(",").index("confidence")
+    assert {row.split(",")[place] for row in rows} == {"0.95"}
+    fieldkit("map", session, "-o", tmp_path / "map", "--window", "all")
+    with h5py.File(tmp_path / "map.nc") as file:
+        assert file.attrs["confidence"] == 0.95
+        texts = [str(value) for item in (file, *file.values()) for value in item.attrs.values()]
+    assert not NINETY.search(" ".join(texts))
+
+
+def test_intervals_are_as_much_wider_as_those_of_a_normal_distribution(session):
+    def estimated(*settings: str) -> dict:
+        return json.loads(fieldkit("estimate", session, "-j", 1, "--json", *settings))
+
+    wide, narrow = estimated(), estimated("--set", "estimator.confidence=0.90")
+    assert {one["confidence"] for one in wide["slopes"]} == {0.95}
+    assert {one["confidence"] for one in narrow["slopes"]} == {0.90}
+    gains = [document["learnt"]["parameters"][0] for document in (wide, narrow)]
+    widths = [gain["high"] - gain["low"] for gain in gains]
+    assert widths[0] / widths[1] == pytest.approx(norm.ppf(0.975) / norm.ppf(0.95), rel=5e-4)
+    for one, other in zip(wide["slopes"], narrow["slopes"], strict=True):
+        assert one["tilt_region_deg"][0] <= other["tilt_region_deg"][0]
+        assert one["tilt_region_deg"][1] >= other["tilt_region_deg"][1]
+    assert [one["tilt_deg"] for one in wide["slopes"]] == [one["tilt_deg"] for one in narrow["slopes"]]
+
+
+@pytest.mark.parametrize("confidence", ["0.49", "0.995", "90"])
+def test_a_confidence_outside_its_range_is_refused(session, confidence):
+    found = CliRunner().invoke(
+        main, ["estimate", str(session), "--set", f"estimator.confidence={confidence}"]
+    )
+    assert found.exit_code == 3
+    assert "from 0.5 to 0.99" in found.output

@@ -1,0 +1,133 @@
+"""No password, token or topic gets into a configuration, from which it would get into every session."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+import tomlkit
+
+from fieldkit.config import ConfigMistakesError, config_from_text, load_config
+
+SITE = "[site]\nlatitude_deg = 35.5\nlongitude_deg = 139.4\n"
+SECRET = "s3cr3t"
+TOKEN = f"tk_{SECRET}{'x' * 23}"
+
+REFUSED: list[tuple[str, Any, str]] = [
+    *(
+        ("alarms.mqtt", address, "mqtt_password_file")
+        for address in (
+            f"mqtt://user:{SECRET}@192.168.1.10/sand",
+            f"mqtts://user:{SECRET}/x@broker.example.org:8883/sand",
+            f"mqtt://user:a@{SECRET}@host",
+            f"mqtt://:{SECRET}@host",
+            f"user:{SECRET}@host",
+            f"mqtt:/user:{SECRET}@host",
+            f"mqtt://host/sand?password={SECRET}",
+        )
+    ),
+    ("alarms.ntfy", f"https://ntfy.example.org/{SECRET}", "ntfy_file"),
+    ("alarms.ntfy", SECRET, "ntfy_file"),
+    ("alarms.ntfy_file", f"https://ntfy.example.org/{SECRET}", "that file's name"),
+    ("alarms.ntfy_token_file", TOKEN, "that file's name"),
+    ("alarms.mqtt_password", SECRET, "a file of its own"),
+    ("alarms.command", ["curl", "-u", f"me:{SECRET}", "http://10.0.0.1/alarm"], "script"),
+    ("alarms.command", ["curl", "-H", f"Authorization: Bearer {SECRET}", "http://10.0.0.1"], "script"),
+    ("alarms.command", ["notify", f"--password={SECRET}"], "script"),
+    ("alarms.command", ["notify", "--api-token", SECRET], "script"),
+    ("alarms.command", ["curl", f"https://ntfy.sh/{SECRET}"], "script"),
+    ("alarms.command", ["wget", f"https://example.org/hook?key={SECRET}"], "script"),
+    ("camera.port", f"rtsp://admin:{SECRET}@10.0.0.2/stream", "a file of its own"),
+    ("camera.options.password", SECRET, "a file of its own"),
+    ("camera.options.login.auth_token", SECRET, "a file of its own"),
+    ("camera.options.api_key", 31415926, "a file of its own"),
+    ("campaign.description", f"alarms: https://ntfy.sh/{SECRET}", "a file of its own"),
+    ("campaign.references", f"https://{SECRET}@example.org/paper", "a file of its own"),
+    ("campaign.references", f"https://example.org/a?x=1&X-Amz-Signature={SECRET}", "a file of its own"),
+]
+
+ACCEPTED: list[tuple[str, Any]] = [
+    ("alarms.mqtt", "mqtt://192.168.1.10/fieldkit"),
+    ("alarms.mqtt", "mqtts://user@broker.example.org:8883/beds/a@b"),
+    ("alarms.mqtt", "mqtt://broker:1883/beds@field"),
+    ("alarms.mqtt", "mqtt://user@[fe80::1]:1883/sand"),
+    ("alarms.mqtt_password_file", "/home/pi/mqtt.txt"),
+    ("alarms.ntfy_file", "~/ntfy.txt"),
+    ("alarms.command", ["curl", "--data", "x", "http://192.168.1.10:8123/alarm?zone=1"]),
+    ("alarms.command", ["notify", "--token-file", "/home/pi/token.txt"]),
+    ("campaign.description", "mail: me@example.org; token of thanks; at 12:30 @ the field"),
+    ("campaign.references", "https://doi.org/10.1000/1?page=2, https://medium.com/@me/sand"),
+]
+
+
+def names(cases: list[Any]) -> list[str]:
+    return [f"{case[0]} {number}" for number, case in enumerate(cases)]
+
+
+def toml(key: str, value: Any) -> str:
+    """A campaign with this key."""
+    document = tomlkit.parse(f'{SITE}[camera]\ndriver = "purethermal"\n[alarms]\n[campaign]\n')
+    *tables, last = key.split(".")
+    table: Any = document
+    for name in tables:
+        table = table.setdefault(name, {})
+    table[last] = value
+    return tomlkit.dumps(document)
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    path = tmp_path / "fieldkit.toml"
+    path.write_text(f'{SITE}[camera]\ndriver = "purethermal"\n', encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(("key", "value", "fix"), REFUSED, ids=names(REFUSED))
+def test_a_secret_is_refused_with_the_fix_and_without_the_secret(
+    file: Path, key: str, value: Any, fix: str
+) -> None:
+    as_setting = [f"{key}={json.dumps(value)}"]
+    name = f"FIELDKIT_{key.upper().replace('.', '__')}"
+    text = toml(key, value)
+    for environment, settings, written in (
+        ({}, as_setting, None),
+        ({name: json.dumps(value)}, [], None),
+        ({}, [], text),
+    ):
+        if written is not None:
+            file.write_text(written, encoding="utf-8")
+        with pytest.raises(ConfigMistakesError) as caught:
+            load_config(file, settings=settings, environment=environment)
+        (mistake,) = caught.value.mistakes
+        assert f" {key}: " in mistake
+        assert fix in mistake
+        assert SECRET not in str(caught.value)
+        assert "31415926" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("key", "value"), ACCEPTED, ids=names(ACCEPTED))
+def test_what_only_resembles_a_secret_is_accepted(file: Path, key: str, value: Any) -> None:
+    load_config(file, settings=[f"{key}={json.dumps(value)}"], environment={})
+
+
+def test_a_setting_that_is_wrong_in_another_way_does_not_show_its_secret(file: Path) -> None:
+    address = f"mqtt://user:{SECRET}@host"
+    for setting in (
+        f'alarms.mqtt = {{url = "{address}"}}',
+        f'alarms = {{mqtt = "{address}"}}',
+        f"alarms.mqtt={address}",
+    ):
+        with pytest.raises(ConfigMistakesError) as caught:
+            load_config(file, settings=[setting, "surface.albedo=9"], environment={})
+        assert SECRET not in str(caught.value)
+        assert "surface.albedo=9" in str(caught.value)
+
+
+@pytest.mark.parametrize(("key", "value", "fix"), REFUSED, ids=names(REFUSED))
+def test_a_session_that_holds_a_secret_is_read_without_it(key: str, value: Any, fix: str) -> None:
+    config = config_from_text(toml(key, value), Path("old.h5"))
+    assert SECRET not in config.to_toml()
+    with pytest.raises(ConfigMistakesError, match=r"^--set alarms\.mqtt: "):
+        config_from_text(config.to_toml(), Path("old.h5"), settings=["alarms.mqtt=mqtt://user:pass@host"])

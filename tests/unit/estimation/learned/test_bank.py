@@ -1,0 +1,58 @@
+"""The bank against the equations as printed (Särkkä 2013, eqs. 4.20 and 4.21), on random numbers."""
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from fieldkit.estimation.learned.bank import Affine, KalmanBank, Transition
+
+BANK, STATES, FLOWS, READINGS = 3, 12, 4, 5
+
+
+@pytest.fixture
+def random():
+    return np.random.default_rng(7)
+
+
+def bank_of(random):
+    root = random.standard_normal((BANK, STATES, STATES))
+    covariance = root @ root.transpose(0, 2, 1) / STATES
+    return KalmanBank(random.standard_normal((BANK, STATES)), covariance + 0.1 * np.eye(STATES))
+
+
+def affine(random, count):
+    return Affine(random.standard_normal((BANK, count, STATES)), random.standard_normal((BANK, count)))
+
+
+def test_prediction_is_the_product_of_whole_matrices(random):
+    bank, flows = bank_of(random), affine(random, FLOWS)
+    decay, into = random.uniform(0.0, 1.0, STATES), random.standard_normal((STATES, FLOWS))
+    noise = random.uniform(0.0, 1.0, (BANK, STATES))
+    F = np.diag(decay) + into @ flows.rows
+    mean = [F[i] @ bank.mean[i] + into @ flows.constant[i] for i in range(BANK)]
+    covariance = [F[i] @ bank.covariance[i] @ F[i].T + np.diag(noise[i]) for i in range(BANK)]
+    bank.predict(Transition(decay, into, flows), noise)
+    np.testing.assert_allclose(bank.mean, mean, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(bank.covariance, covariance, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("missing", [[], [1, 3], list(range(READINGS))])
+def test_update_is_the_gain_times_the_innovation(random, missing):
+    bank, design, variance = bank_of(random), affine(random, READINGS), 0.3
+    measured = random.standard_normal(READINGS)
+    measured[missing] = np.nan
+    mean, covariance, seen = bank.mean.copy(), bank.covariance.copy(), np.isfinite(measured)
+    found = bank.update(design, measured, variance)
+    for i in range(BANK):
+        H, P = design.rows[i][seen], covariance[i]
+        S = H @ P @ H.T + variance * np.eye(seen.sum())
+        K = P @ H.T @ np.linalg.inv(S)
+        predicted = (H @ mean[i] + design.constant[i][seen]).tolist()
+        np.testing.assert_allclose(bank.mean[i], mean[i] + K @ (measured[seen] - predicted), atol=1e-12)
+        np.testing.assert_allclose(bank.covariance[i], P - K @ S @ K.T, atol=1e-12)
+        log_likelihood = multivariate_normal(predicted, S).logpdf(measured[seen]) if seen.any() else 0.0
+        assert found.log_likelihood[i] == pytest.approx(log_likelihood, abs=1e-12)
+        assert np.isnan(found.standardised[i, missing]).all()
+        whitened = found.standardised[i][seen]
+        distance = (measured[seen] - predicted) @ np.linalg.solve(S, measured[seen] - predicted)
+        assert whitened @ whitened == pytest.approx(distance, rel=1e-12)

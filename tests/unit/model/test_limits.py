@@ -1,0 +1,153 @@
+"""What quantities can be: expected values from records and standards, not from the table itself."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.limits import bounds_of, excesses, flagged, labels_of, rows_of
+from fieldkit.model.samples import Frame, Quality, Reading
+
+STREAMS = {
+    "air": StreamInfo("logger", "temperature", "K", (1,), channels=("air",)),
+    "probe": StreamInfo("thermometer", "temperature", "K", (1,), channels=("T1",)),
+    "camera": StreamInfo("camera", "brightness_temperature", "K", (2, 2), 0.01),
+    "lux": StreamInfo("lux", "illuminance", "lx", (1,)),
+    **{
+        word: StreamInfo(word, "irradiance", "W m-2", (1,), measures=(word,))
+        for word in ("dni", "ghi", "gti", "dhi", "longwave_down", "longwave_up")
+    },
+    "unknown": StreamInfo("sun", "irradiance", "W m-2", (1,)),
+    "wind": StreamInfo("wind", "wind_speed", "m s-1", (1,)),
+}
+
+
+def exceeds(name: str, value: float, sine: float | None = None) -> bool:
+    return bool(bounds_of(STREAMS[name]).exceeded(np.array([[value]]), sine).any())
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("air", 273.15 - 89.2),  # Vostok, 1983
+        ("air", 273.15 + 56.7),  # Death Valley, 1913
+        ("probe", 273.15 + 80.8),  # satellite maximum of the Lut desert
+        ("probe", 273.15 + 120.0),  # a black plate on insulation
+        ("camera", 273.15 - 30.0),
+        ("lux", 0.0),
+        ("lux", 130_000.0),  # direct sun and bright clouds
+        ("dni", 1150.0),  # Mauna Loa
+        ("ghi", 1891.0),  # cloud enhancement measured at 1 s, La Paz
+        ("gti", 1891.0),
+        ("dhi", 700.0),
+        ("ghi", -8.0),  # a ventilated pyranometer at night
+        ("unknown", -150.0),  # net radiation at night
+        ("longwave_down", 120.0),  # Antarctic plateau
+        ("longwave_up", 850.0),
+        ("wind", 113.2),  # Barrow Island, 1996
+        *((name, np.nan) for name in STREAMS),
+    ],
+)
+def test_what_was_measured_somewhere_is_possible(name: str, value: float) -> None:
+    assert not exceeds(name, value)
+
+
+@pytest.mark.parametrize("name", STREAMS)
+@pytest.mark.parametrize(
+    "value",
+    [
+        -7999.0, 7999.0, -6999.0, 6999.0, -99999.0,  # Campbell Scientific: NAN and over range
+        -9999.9, -999.9, -9999.0,  # SURFRAD, ISD
+        -32768.0, 3276.7 * 1e3,  # 16-bit registers
+        9.9e37, 9.91e37, -9.9e37,  # SCPI: over range and not a number
+        np.inf, -np.inf,
+    ],
+)  # fmt: skip
+def test_what_stands_for_no_value_is_impossible(name: str, value: float) -> None:
+    is_light = name == "lux" and 0.0 <= value <= 10_000.0  # a light may be of 7999 lx
+    assert exceeds(name, value) != is_light
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("lux", -5.0), ("probe", 0.0), ("air", 273.15 - 99.9), ("probe", 273.15 - 127.0), ("wind", -0.1),
+     ("dni", 1600.0), ("longwave_down", -5.0), ("camera", 0.0)],
+)  # fmt: skip
+def test_what_no_surface_or_sky_has_is_impossible(name: str, value: float) -> None:
+    assert exceeds(name, value)
+
+
+def test_light_of_level_ground_is_limited_by_the_height_of_the_sun() -> None:
+    """BSRN, physically possible, for a sine of 0.2 and 1408 W/m2 of sun."""
+    assert pytest.approx(406.3, abs=0.5) == 1.5 * 1408 * 0.2**1.2 + 100
+    assert not exceeds("ghi", 405.0, 0.2)
+    assert exceeds("ghi", 408.0, 0.2)
+    assert pytest.approx(244.0, abs=0.5) == 0.95 * 1408 * 0.2**1.2 + 50
+    assert exceeds("dhi", 245.5, 0.2)
+    assert exceeds("ghi", 120.0, -0.3)  # at night
+    assert not exceeds("gti", 900.0, 0.2)  # a plane that faces the low sun
+    assert not exceeds("dni", 900.0, 0.2)
+
+
+def test_a_stream_of_degrees_celsius_has_the_same_limits() -> None:
+    celsius = StreamInfo("t", "temperature", "degC", (2,), channels=("air", "bed"))
+    values = np.array([[-89.0, 120.0], [-99.9, 20.0], [20.0, 999.9]])
+    assert bounds_of(celsius).exceeded(values).tolist() == [[False, False], [True, False], [False, True]]
+
+
+def test_a_row_that_is_stated_replaces_the_table() -> None:
+    hot = rows_of({"probe_temperature_c": (-20.0, 300.0), "ghi_w_m2": (-10.0, 3000.0)}, "earth")
+    plate = np.array([[273.15 + 250.0], [273.15 - 30.0]])
+    assert bounds_of(STREAMS["probe"], hot).exceeded(plate)[:, 0].tolist() == [False, True]
+    assert not bounds_of(STREAMS["ghi"], hot).exceeded(np.array([[2900.0]]), 0.1).any()
+
+
+def test_a_row_that_is_stated_replaces_the_limits_of_a_stream() -> None:
+    own = StreamInfo(
+        "logger", "temperature", "K", (1,), channels=("T1",), limits={"probe_temperature": (250.0, 330.0)}
+    )
+    hot = rows_of({"probe_temperature_c": (-20.0, 300.0)}, "earth")
+    values = np.array([[400.0], [600.0]])
+    assert bounds_of(own).exceeded(values)[:, 0].tolist() == [True, True]
+    assert bounds_of(own, hot).exceeded(values)[:, 0].tolist() == [False, True]
+
+
+def test_other_worlds_are_colder() -> None:
+    """The Moon's night is 95 K at the equator, the shadows at its poles 25 K (Paige et al., 2010)."""
+    moon = bounds_of(STREAMS["camera"], rows_of({}, "moon"))
+    assert moon.exceeded(np.array([[95.0], [25.0], [10.0]]))[:, 0].tolist() == [False, False, True]
+    assert not bounds_of(STREAMS["longwave_down"], rows_of({}, "moon")).exceeded(np.array([[0.0]])).any()
+
+
+def test_a_reading_is_flagged_if_one_of_its_channels_cannot_be() -> None:
+    info = StreamInfo("t", "temperature", "K", (2,), channels=("T1", "T2"))
+    good, bad = (Reading("t", 0, 0, (one, 293.0)) for one in (294.0, -7725.85))
+    assert flagged(good, bounds_of(info)) is good
+    found = flagged(bad, bounds_of(info))
+    assert found.quality == Quality.IMPLAUSIBLE
+    assert found.values == bad.values
+    frame = Frame("camera", 0, 0, np.zeros((2, 2), np.uint16), np.zeros((0, 0), np.uint16))
+    assert flagged(frame, bounds_of(STREAMS["camera"])) is frame
+
+
+def test_what_cannot_be_is_counted_by_channel_and_the_first_named() -> None:
+    info = StreamInfo("logger", "temperature", "K", (2,), channels=("air", "bed"))
+    values = np.array([[290.0, 300.0], [290.0, -7725.85], [9.9e37, 8272.15]])
+    bounds = bounds_of(info)
+    words = [
+        one.words(f"row {one.first}")
+        for one in excesses(labels_of(info), bounds, values, bounds.exceeded(values))
+    ]
+    assert words == [
+        "logger air: 1 implausible value, the first 9.9e+37 K at row 2; possible: 183.9 to 350",
+        "logger bed: 2 implausible values, the first -7725.85 K at row 1; possible: 175 to 440",
+    ]
+
+
+def test_values_for_a_result_are_without_unusable_and_impossible_ones() -> None:
+    info = StreamInfo("t", "temperature", "K", (2,), channels=("T1", "T2"))
+    values = np.array([[300.0, 0.0], [300.0, 301.0]])
+    flags = np.array([int(Quality.IMPLAUSIBLE), int(Quality.BAD_CRC)])
+    usable = bounds_of(info).usable(values, flags)
+    assert np.isnan(usable).tolist() == [[False, True], [True, True]]

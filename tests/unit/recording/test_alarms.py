@@ -1,0 +1,350 @@
+"""Every fault of the simulated field raises its alarm once, in time, and clears it; replay finds the same."""
+
+from __future__ import annotations
+
+import json
+import socket
+import sys
+import threading
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any, ClassVar
+
+import pytest
+
+from fieldkit.config import FILE_NAME, load_config
+from fieldkit.config.template import SIMULATED
+from fieldkit.estimation.estimator import Estimator
+from fieldkit.model.alarm import Alarm, Condition, Phase, phase_of
+from fieldkit.model.errors import ConfigError
+from fieldkit.model.samples import Event, EventKind, Severity
+from fieldkit.recorder import alarm_outputs
+from fieldkit.recorder.alarm_outputs import AlarmOutput, AlarmOutputs, NtfyOutput
+from fieldkit.recorder.recorder import Recorder
+from fieldkit.recording.alarms import _outputs, alarm_settings
+from fieldkit.recording.campaign import create_campaign
+from fieldkit.recording.record import RecordedSession, prepare
+from fieldkit.recording.replay import replay
+from fieldkit.sessions.reader import open_session
+
+FAST = [
+    "simulation.speed=max",
+    'estimator.model="paper"',
+    'estimator.azimuth="known"',
+    "estimator.window_s=300",
+]
+
+
+def recorded(folder: Path, minutes: int, *settings: str, marks: Any = None) -> RecordedSession:
+    create_campaign(folder, SIMULATED)
+    config = load_config(folder / FILE_NAME, settings=[*FAST, *settings])
+    with prepare(config, duration_s=60.0 * minutes) as prepared:
+        return prepared.run()
+
+
+def alarms_of(path: Path) -> list[Event]:
+    with open_session(path) as session:
+        return [event for event in session.events() if phase_of(event) is not None]
+
+
+def seconds(events: Sequence[Event], phase: Phase, name: str, start_ns: int) -> list[float]:
+    return [
+        (event.time_ns - start_ns) / 1e9
+        for event in events
+        if event.data["alarm"] == name and phase_of(event) is phase
+    ]
+
+
+def as_rows(events: Sequence[Event]) -> list[tuple[Any, ...]]:
+    return sorted((one.time_ns, one.mono_ns, one.text, one.severity, str(one.data)) for one in events)
+
+
+B25 = "alarms.region={b25 = {%s}}"
+
+
+@pytest.mark.parametrize(
+    ("fault", "minutes", "settings", "expected"),
+    [
+        # within: of the fault's begin, with the minute of a burst or bin and the hold time
+        ("cable", 8, (), {"lost:camera": (10, True)}),
+        ("silent", 8, (), {"lost:camera": (70, True)}),
+        ("frozen", 8, (), {"frozen:camera": (65, True)}),
+        ("overrange", 8, (), {"overrange:lux": (15, True)}),
+        ("garbled", 10, (), {"garbled:lux": (60, True)}),
+        ("clock", 12, (), {"clock": (2, True)}),
+        ("disk", 24, (), {"disk": (300, True), "silent:camera": (420, True)}),
+        ("moved", 36, (), {"moved": (180, True)}),
+        ("shade", 36, (), {"shade:b25": (180, True)}),
+        (
+            "drift",
+            40,
+            (
+                'estimator.model="learned"',
+                B25 % "tilt_max_deg = 28, tilt_probability = 0.5",
+                "alarms.hold_s={tilt = 0, tilt-probability = 0}",
+            ),
+            {"drift:b25": (300, True), "tilt:b25": (300, True), "tilt-probability:b25": (300, True)},
+        ),
+        (
+            "cloud",
+            34,
+            (
+                'estimator.window_s="weather"',
+                B25 % "temperature_min_c = 15, temperature_rate_k_min = 4.5",
+                "alarms.hold_s={held = 450}",
+                "estimator.settle_s=60",
+            ),
+            {
+                "cloud": (120, True),
+                "temperature:b25": (240, True),
+                "rate:b25": (240, True),
+                "held:b25": (600, True),
+            },
+        ),
+    ],
+)
+def test_a_fault_raises_its_alarms_once_in_time_and_clears_them(tmp_path, fault, minutes, settings, expected):
+    done = recorded(tmp_path / "field", minutes, f'simulation.faults=["{fault}"]', *settings)
+    assert done.summary.failure is None
+    live = alarms_of(done.path)
+    with open_session(done.path) as session:
+        begin_ns = session.start_ns + 30 * minutes * 10**9
+    for name, (within_s, cleared) in expected.items():
+        raised = seconds(live, Phase.RAISED, name, begin_ns)
+        assert len(raised) == 1, (name, raised)
+        assert -2 <= raised[0] <= within_s
+        over = seconds(live, Phase.CLEARED, name, begin_ns)
+        assert len(over) == cleared
+        assert all(one > raised[0] for one in over)
+    assert as_rows(replay(done.path).alarms) == as_rows(live) != []
+
+
+def test_a_quiet_field_raises_no_alarm(tmp_path):
+    done = recorded(tmp_path / "field", 20)
+    assert alarms_of(done.path) == []
+    assert replay(done.path).alarms == ()
+
+
+def test_replay_with_other_limits_finds_other_alarms(tmp_path):
+    done = recorded(tmp_path / "field", 10)
+    (found,) = replay(done.path, settings=[B25 % "temperature_max_c = 10"]).alarms
+    assert (found.data["alarm"], phase_of(found)) == ("temperature:b25", Phase.RAISED)
+
+
+def test_an_estimator_that_fails_is_an_alarm(tmp_path, monkeypatch):
+    def fail(self: Estimator, sample: object) -> None:
+        raise ZeroDivisionError("no light at all")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Estimator, "collect", fail)
+        done = recorded(tmp_path / "field", 3)
+    live = alarms_of(done.path)
+    assert [event.data["alarm"] for event in live] == ["estimator"]
+    assert as_rows(replay(done.path).alarms) == as_rows(live)
+
+
+def test_alarms_that_fail_do_not_end_the_recording(tmp_path, monkeypatch):
+    def fail(self: object, item: object) -> None:
+        raise ZeroDivisionError("no alarm at all")
+
+    monkeypatch.setattr("fieldkit.recorder.alarms.AlarmEngine.update", fail)
+    done = recorded(tmp_path / "field", 3)
+    with open_session(done.path) as session:
+        assert session.state == "sealed"
+        (told,) = [event for event in session.events() if event.kind is EventKind.ALARM]
+    assert "no alarm at all" in told.text
+    assert told.severity is Severity.ERROR
+
+
+def test_an_acknowledgement_is_stored_and_replayed(tmp_path, monkeypatch):
+    genuine = Recorder._keep_event
+
+    def acknowledging(self: Recorder, event: Event) -> None:
+        genuine(self, event)
+        if phase_of(event) is Phase.RAISED:
+            data = {"acknowledge": event.data["alarm"]}
+            now = self.clock.mono_ns()
+            self._carry_out([Event(EventKind.MARK, now, self.clock.to_utc_ns(now), "seen", data=data)])
+
+    monkeypatch.setattr(Recorder, "_keep_event", acknowledging)
+    done = recorded(tmp_path / "field", 8, 'simulation.faults=["cable"]')
+    live = alarms_of(done.path)
+    assert [phase_of(event) for event in live] == [Phase.RAISED, Phase.ACKNOWLEDGED, Phase.CLEARED]
+    assert as_rows(replay(done.path).alarms) == as_rows(live)
+
+
+def counts(done: RecordedSession) -> dict[str, int]:
+    assert done.summary.failure is None
+    assert not any(done.summary.dropped.values())
+    return done.summary.counts
+
+
+def test_a_command_that_hangs_and_a_broker_that_is_away_leave_the_recording_alone(tmp_path):
+    pytest.importorskip("paho.mqtt.client")
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]  # closed again: nothing listens there
+    cable = 'simulation.faults=["cable"]'
+    undisturbed = recorded(tmp_path / "one", 8, cable)
+    started = time.monotonic()
+    hanging = f'alarms.command=["{sys.executable}", "-c", "import time; time.sleep(600)"]'
+    away = f'alarms.mqtt="mqtt://127.0.0.1:{port}/sand"'
+    done = recorded(tmp_path / "two", 8, cable, hanging, away)
+    assert time.monotonic() - started < 60.0
+    assert counts(done) == counts(undisturbed)
+    assert as_rows(alarms_of(done.path)) == as_rows(alarms_of(undisturbed.path))
+    for thread in threading.enumerate():
+        if thread.name == "alarms to the command":  # it is killed, and reaped, a moment later
+            thread.join(5.0)
+            assert not thread.is_alive()
+
+
+def test_an_output_that_fails_is_one_event(tmp_path):
+    settings = ['alarms.command=["/nonexistent/alarm"]', "simulation.speed=60", 'simulation.faults=["clock"]']
+    settings.append("alarms.clear_s={clock = 5}")
+    done = recorded(tmp_path / "field", 2, *settings)
+    with open_session(done.path) as session:
+        told = [event.text for event in session.events() if event.data.get("output") == "the command"]
+    assert len(told) == 1
+    assert "/nonexistent/alarm" in told[0]
+
+
+class Dripping(BaseHTTPRequestHandler):
+    """Answers every alarm of its first connection with a header that never ends."""
+
+    def do_POST(self) -> None:
+        self.server.posted.append(self.rfile.read(int(self.headers["Content-Length"])).decode())
+        if len(self.server.posted) > 1:
+            self.send_response(200)
+            self.send_header("Content-Length", "0")
+            self.end_headers()
+            return
+        self.wfile.write(b"HTTP/1.1 200 OK\r\n")
+        with suppress(OSError):
+            while not self.server.ended.wait(0.05):
+                self.wfile.write(b"X")
+
+    def log_message(self, *words: object) -> None:
+        """Nothing to print."""
+
+
+def test_a_server_that_answers_in_drips_is_an_event_and_the_next_alarm_is_sent(monkeypatch):
+    monkeypatch.setattr(alarm_outputs, "HUNG_AFTER_S", 1.0)
+    with ThreadingHTTPServer(("127.0.0.1", 0), Dripping) as server:
+        server.posted, server.ended = [], threading.Event()
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        outputs = AlarmOutputs((NtfyOutput(f"http://127.0.0.1:{server.server_port}/sand", within_s=1.0),))
+        for name in ("camera", "lux"):
+            alarm = Alarm("lost", name, Severity.ERROR, 0, f"{name} does not respond")
+            outputs.send(alarm.event(Phase.RAISED, 0, 0))
+        told: list[Event] = []
+        while not told:
+            told += outputs.failures(0, 0)
+        outputs.close()
+        assert "no complete response within 1 s" in told[0].text
+        assert server.posted == ["alarm: camera does not respond", "alarm: lux does not respond"]
+        server.ended.set()
+        server.shutdown()
+
+
+def test_a_secret_is_read_from_its_file_and_must_be_there(tmp_path):
+    with pytest.raises(ConfigError, match="ntfy_token_file"):
+        with_secrets(tmp_path / "f", ntfy_file="http://127.0.0.1:1/t", ntfy_token_file=None)
+
+
+def with_secrets(folder: Path, **files: str | None) -> list[AlarmOutput]:
+    """The outputs of a campaign with these files of secrets; None is one that is not there."""
+    create_campaign(folder, SIMULATED)
+    for key, text in files.items():
+        if text is not None:
+            (folder / f"{key}.txt").write_text(text, encoding="utf-8")
+    settings = [f"alarms.{key}={key}.txt" for key in files]
+    if "mqtt_password_file" in files:
+        settings.append("alarms.mqtt=mqtt://me@127.0.0.1:1/sand")
+    return list(_outputs(load_config(folder / FILE_NAME, settings=settings)))
+
+
+@pytest.mark.parametrize(
+    "secrets",
+    [
+        {"ntfy_file": "ntfy.sh/s3cr3t"},
+        {"ntfy_file": "https://me:s3cr3t@ntfy.sh/t"},
+        {"ntfy_file": "https://ntfy.sh/s3cr3t topic"},
+        {"ntfy_file": "https://ntfy.sh/s3cr3t\nhttps://ntfy.sh/other"},
+        {"ntfy_file": "https://ntfy.sh"},
+        {"ntfy_file": "s3cr3t\xfc"},
+        {"ntfy_file": ""},
+        {"ntfy_file": "https://ntfy.sh/t", "ntfy_token_file": "tk_s3cr3t\nmore"},
+        {"ntfy_file": "https://ntfy.sh/t", "ntfy_token_file": " \n"},
+        {"mqtt_password_file": "s3cr3t\nmore"},
+        {"mqtt_password_file": ""},
+    ],
+)
+def test_a_file_that_holds_no_secret_of_its_kind_is_named_but_not_quoted(tmp_path, secrets):
+    with pytest.raises(ConfigError, match=r"does not hold an? ") as caught:
+        with_secrets(tmp_path / "f", **secrets)
+    assert "s3cr3t" not in str(caught.value)
+    assert str(tmp_path / "f") in caught.value.message
+
+
+class Topic(BaseHTTPRequestHandler):
+    """An ntfy server that knows one topic."""
+
+    asked: ClassVar[list[tuple[str, str]]] = []
+
+    def do_POST(self) -> None:
+        self.asked.append((self.path, self.headers.get("Authorization", "")))
+        self.send_response(200 if self.path == "/s3cr3t" else 404, f"no topic {self.path}")
+        self.end_headers()
+
+    def log_message(self, *_: object) -> None:
+        """Quiet."""
+
+
+def test_an_alarm_goes_to_the_topic_of_the_file_and_a_failure_does_not_quote_it(tmp_path):
+    event = Alarm(Condition.LOST, "camera", Severity.ERROR, 0, "lost").event(Phase.RAISED, 0, 0)
+    with ThreadingHTTPServer(("127.0.0.1", 0), Topic) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        address = f"http://127.0.0.1:{server.server_port}"
+        (known,) = with_secrets(
+            tmp_path / "a", ntfy_file=f"\ufeff{address}/s3cr3t\r\n", ntfy_token_file="tk_1\n"
+        )
+        known.send(event)
+        (unknown,) = with_secrets(tmp_path / "b", ntfy_file=f"{address}/t0p1c")
+        with pytest.raises(OSError, match=r"^the server answered with status 404$"):
+            unknown.send(event)
+        server.shutdown()
+    assert Topic.asked == [("/s3cr3t", "Bearer tk_1"), ("/t0p1c", "")]
+    assert known.name == f"ntfy at {address.removeprefix('http://')}"
+
+
+@pytest.mark.parametrize(
+    "setting", ["mqtt=mqtt://me:s3cr3t@127.0.0.1/sand", "ntfy=http://127.0.0.1:1/s3cr3t"]
+)
+def test_a_secret_in_the_configuration_begins_no_recording(tmp_path, setting):
+    with pytest.raises(ConfigError, match="_file"):
+        recorded(tmp_path / "f", 1, f"alarms.{setting}")
+    files = [path for path in tmp_path.rglob("*") if path.is_file()]
+    assert not any(b"s3cr3t" in path.read_bytes() for path in files)
+    assert not list(tmp_path.rglob("*.h5*"))
+
+
+def test_every_condition_can_be_configured_by_its_name(tmp_path):
+    create_campaign(tmp_path, SIMULATED)
+    names = [condition.value for condition in Condition]
+    config = load_config(tmp_path / FILE_NAME, settings=[f"alarms.off={json.dumps(names)}"])
+    assert all(rule.off for rule in alarm_settings(config, ()).rules.values())
+    assert f"off = {json.dumps(names)}" in config.to_toml()
+    with pytest.raises(ConfigError, match=f"expected one of {', '.join(map(json.dumps, names))}"):
+        load_config(tmp_path / FILE_NAME, settings=['alarms.off=["rain"]'])
+
+
+def test_limits_of_a_region_that_is_not_there_are_noticed_before_the_recording(tmp_path):
+    create_campaign(tmp_path, SIMULATED)
+    config = load_config(tmp_path / FILE_NAME, settings=["alarms.region={b27 = {tilt_max_deg = 30}}"])
+    noticed: list[str] = []
+    with prepare(config, duration_s=60.0, notify=noticed.append):
+        assert "alarms.region.b27: no region is called b27, so its limits watch nothing" in noticed

@@ -1,0 +1,195 @@
+"""`fieldkit.open_campaign`: sessions, estimates, pandas and xarray."""
+
+import json
+import math
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import fieldkit
+from fieldkit.cli import main
+from fieldkit.config.toml_schema import known_keys
+from fieldkit.model.errors import ConfigError, SessionError
+from fieldkit.results.estimate import estimator_for, minutes_of
+from fieldkit.results.session import open_session
+from fieldkit.results.sources import config_for, qualified_key
+
+
+@pytest.fixture
+def campaign(folder):
+    return fieldkit.open_campaign(folder)
+
+
+def test_a_campaign_has_its_sessions_by_age(campaign, folder, sessions):
+    assert campaign.directory == folder
+    assert [session.path for session in campaign.sessions] == sessions
+    with campaign.sessions[0] as session:
+        assert session.state == "sealed"
+
+
+def test_settings_replace_values_of_the_file_and_stay_when_a_region_is_added(folder, tmp_path):
+    (tmp_path / "fieldkit.toml").write_text((folder / "fieldkit.toml").read_text("utf-8"), "utf-8")
+    campaign = fieldkit.open_campaign(tmp_path, {"record.every_s": 30.0, "albedo": 0.3})
+    before = campaign.config.record.every_s, campaign.config.surface_parameters().albedo
+    campaign.add_region("mud", rect=(2, 2, 12, 12))
+    assert (
+        (campaign.config.record.every_s, campaign.config.surface_parameters().albedo) == before == (30, 0.3)
+    )
+    assert fieldkit.open_campaign(tmp_path).config.record.every_s != 30.0
+
+
+def test_estimates_are_those_of_the_recording(campaign):
+    for session in campaign.sessions:
+        live = session.estimates()
+        again = list(session.estimate())
+        assert [one.time_ns // 1000 for one in again] == [one.time_ns // 1000 for one in live]
+        assert [one.tilt_deg for one in again] == pytest.approx([one.tilt_deg for one in live], nan_ok=True)
+
+
+def test_other_parameters_give_other_slopes_and_the_cache_gives_them_again(campaign, cache_folder):
+    session = campaign.sessions[0]
+    first = session.estimate(albedo=0.25)
+    assert not np.array_equal(first.rows["tilt_deg"], session.estimate().rows["tilt_deg"], equal_nan=True)
+    entries = len(list(cache_folder.rglob("*.arrays")))
+    again = session.estimate({"surface.albedo": 0.25})
+    assert again.rows.tobytes() == first.rows.tobytes()
+    assert again.texts == first.texts
+    assert len(list(cache_folder.rglob("*.arrays"))) == entries
+
+
+def test_a_frame_has_a_row_for_each_minute_and_bed(campaign):
+    pytest.importorskip("pandas")
+    estimates = campaign.sessions[0].estimate()
+    frame = estimates.to_frame()
+    assert len(frame) == len(estimates) == 3 * estimates.minutes
+    assert str(frame.index.tz) == "UTC"
+    ok = frame[frame.state == "ok"]
+    assert set(ok.region) <= {"b05", "b15", "b25"}
+    assert (ok.true_tilt_deg == ok.region.str[1:].astype(float)).all()
+    assert ok.temperature_k.dropna().between(250, 350).all()
+
+
+def test_a_dataset_has_time_and_region(campaign):
+    pytest.importorskip("xarray")
+    estimates = campaign.sessions[0].estimate()
+    dataset = estimates.to_xarray()
+    assert dict(dataset.sizes) == {"time": estimates.minutes, "region": 3}
+    last = list(estimates)[-1]
+    assert float(dataset.tilt_deg[-1].sel(region=last.region)) == pytest.approx(last.tilt_deg, nan_ok=True)
+
+
+def test_estimates_come_back_whole(campaign):
+    one = next(iter(campaign.sessions[0].estimate()))
+    assert (one.region, one.reason) == ("b05", "1 of 5 minutes so far")
+    assert math.isnan(one.tilt_deg)
+
+
+@pytest.mark.parametrize(
+    ("name", "key"),
+    [("albedo", "surface.albedo"), ("exchange_m_s", "air.exchange_m_s"), ("window_s", "estimator.window_s")],
+)
+def test_short_names_of_parameters(name, key):
+    assert qualified_key(name) == key
+    table, _, own = key.partition(".")
+    assert own in known_keys((table,))
+
+
+def test_ambiguous_and_unknown_names_are_refused(campaign):
+    with pytest.raises(ConfigError, match="ambiguous"):
+        campaign.sessions[0].estimate(diffuse_fraction=0.2)
+    with pytest.raises(ConfigError, match="no parameter"):
+        campaign.sessions[0].estimate(albdo=0.2)
+    with pytest.raises(ConfigError, match="albedo"):
+        campaign.sessions[0].estimate(albedo=1.5)
+
+
+def test_a_damaged_session_raises_its_own_error(folder, sessions, tmp_path):
+    (tmp_path / "recordings").mkdir()
+    (tmp_path / "fieldkit.toml").write_text((folder / "fieldkit.toml").read_text("utf-8"), "utf-8")
+    (tmp_path / "recordings" / "torn.h5").write_bytes(sessions[0].read_bytes()[:5000])
+    with pytest.raises(SessionError, match="torn"):
+        fieldkit.open_campaign(tmp_path).sessions[0]
+
+
+def test_no_campaign_is_told(tmp_path):
+    with pytest.raises(ConfigError, match=r"no fieldkit\.toml"):
+        fieldkit.open_campaign(tmp_path)
+
+
+def test_importing_fieldkit_loads_nothing_of_it():
+    code = "import fieldkit, sys; print([name for name in sys.modules if name.startswith('fieldkit.')])"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout == "[]\n"
+
+
+def test_a_pyrheliometers_log_beside_a_session_gives_its_light_and_says_so(folder, sessions, tmp_path):
+    with open_session(sessions[0]) as session:
+        begin = session.start_ns // 10**9
+    log = tmp_path / "sun.csv"
+    log.write_text("time,DNI [W/m2]\n" + "".join(f"{begin + 30 * row},900\n" for row in range(22)))
+    arguments = [
+        "import",
+        str(log),
+        "--as",
+        "sun",
+        "--into",
+        str(sessions[0]),
+        "-o",
+        str(tmp_path / "both.h5"),
+    ]
+    made = CliRunner().invoke(main, [*arguments, "-C", str(folder)])
+    assert made.exit_code == 0, made.output
+    assert "slopes now use the irradiance of sun (dni), not of lux" in made.output
+    assert 'irradiance.stream = "lux"' in made.output
+    with open_session(tmp_path / "both.h5") as both:
+        for stream, label in (("", "pyrheliometer"), ("lux", "eq10")):
+            estimator = estimator_for(both, config_for(both, [f"irradiance.stream={stream!r}"]))
+            minutes = list(minutes_of(both, estimator))
+            assert minutes[5].irradiance_model.startswith(label)
+            assert (minutes[5].dni_w_m2 == 900.0) == (not stream)
+    checked = CliRunner().invoke(main, ["check", str(tmp_path / "both.h5")])
+    assert "slopes come out the same" in checked.output
+
+
+def test_a_sweep_from_python_is_that_of_the_command_line(campaign, folder, tmp_path):
+    pd = pytest.importorskip("pandas")
+    found = campaign.sweep({"albedo": np.array([0.20, 0.25]), "estimator.model": ["paper", "full"]})
+    frame = found.to_frame()
+    words = [
+        "--set",
+        "surface.albedo=0.2,0.25",
+        "--set",
+        "estimator.model=paper,full",
+        "-o",
+        str(tmp_path / "x"),
+    ]
+    made = CliRunner().invoke(main, ["sweep", str(folder / "recordings"), *words, "--json"])
+    assert made.exit_code == 0, made.output
+    told = json.loads(made.stdout)["ranking"]
+    written = pd.read_csv(tmp_path / "x.csv", comment="#")
+    assert len(frame) == len(written) == 2 * 4 * 3
+    assert frame["median_abs_error_deg"].tolist() == pytest.approx(
+        written["median_abs_error_deg"].tolist(), nan_ok=True
+    )
+    assert {key: float(value) if key == "surface.albedo" else value for key, value in found.best.items()} == {
+        key: float(value) if key == "surface.albedo" else value for key, value in told["best"].items()
+    }
+    assert found.ranking.cross_validated_deg == pytest.approx(told["left_out_deg"])
+    assert found.failures == {}
+
+
+def test_a_sweep_from_python_names_what_it_could_not_read_and_goes_on(campaign, tmp_path):
+    broken = tmp_path / "broken.h5"
+    broken.write_bytes(b"no session")
+    sessions = [campaign.sessions[0], broken]
+    found = campaign.sweep({"albedo": [0.2]}, sessions=sessions)
+    assert list(found.failures) == [broken]
+    assert set(found.columns["session"]) == {campaign.sessions[0].name}
+
+
+def test_a_sweep_over_nothing_or_over_what_no_estimate_has_is_refused(campaign):
+    for parameters in ({"albedo": []}, {"albedo": "0.2"}, {"record.every_s": [1.0, 2.0]}):
+        with pytest.raises(ConfigError):
+            campaign.sweep(parameters)

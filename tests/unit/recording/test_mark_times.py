@@ -1,0 +1,57 @@
+from datetime import datetime
+from zoneinfo import ZoneInfo
+
+import pytest
+
+from fieldkit.model.errors import ConfigError
+from fieldkit.recording.mark_times import parse_when, reject_impossible
+from fieldkit.recording.marks import Mark
+
+TOKYO = ZoneInfo("Asia/Tokyo")
+NOON = datetime(2026, 12, 11, 12, 0, tzinfo=TOKYO)
+
+
+@pytest.mark.parametrize(("text", "seconds"), [("-30s", -30.0), ("-5m", -300.0), ("-1.5h", -5400.0)])
+def test_times_before_now(text, seconds):
+    assert parse_when(text, NOON) == seconds
+
+
+@pytest.mark.parametrize(
+    ("text", "moment"),
+    [
+        ("11:31", "2026-12-11T11:31:00+09:00"),
+        ("11:31:05", "2026-12-11T11:31:05+09:00"),
+        # a zone that is given stays, and its own day counts: in Denver it is still the tenth
+        ("02:00Z", "2026-12-11T02:00:00+00:00"),
+        ("19:00-07:00", "2026-12-10T19:00:00-07:00"),
+        # somebody's watch is a little ahead; what is further ahead was yesterday
+        ("12:04", "2026-12-11T12:04:00+09:00"),
+        ("12:06", "2026-12-10T12:06:00+09:00"),
+    ],
+)
+def test_a_clock_time_is_the_last_one_in_its_zone_or_the_sites(text, moment):
+    assert parse_when(text, NOON) == moment
+
+
+def test_around_midnight_a_clock_time_is_the_one_nearby():
+    after = datetime(2026, 12, 11, 0, 3, tzinfo=TOKYO)
+    before = datetime(2026, 12, 10, 23, 58, tzinfo=TOKYO)
+    assert parse_when("23:58", after) == "2026-12-10T23:58:00+09:00"
+    assert parse_when("00:01", before) == "2026-12-11T00:01:00+09:00"
+
+
+def test_an_iso_time_keeps_its_zone_and_without_one_is_the_sites():
+    assert parse_when("2026-12-11T12:31-07:00", NOON) == "2026-12-11T12:31:00-07:00"
+    assert parse_when("2026-12-11T12:31", NOON) == "2026-12-11T12:31:00+09:00"
+
+
+@pytest.mark.parametrize("text", ["30s", "-30", "noon", "25:00", "-1d", "2026-12"])
+def test_anything_else_is_not_a_time(text):
+    with pytest.raises(ConfigError, match="is not a valid time"):
+        parse_when(text, NOON)
+
+
+def test_a_mark_within_ten_years_of_the_recordings_now_is_possible():
+    reject_impossible(Mark("x", at="2017-01-01T12:00:00-07:00"), NOON)
+    with pytest.raises(ConfigError, match="10 years"):
+        reject_impossible(Mark("x", at="2926-01-01T12:00:00-07:00"), NOON)

@@ -1,0 +1,21 @@
+"""A plan behind a ridge."""
+
+from __future__ import annotations
+
+from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.recording.plan import plan
+
+
+def test_minutes_behind_the_horizon_are_not_planned_with() -> None:
+    horizon = ((169.9, 0.0), (170.0, 60.0), (220.0, 60.0), (220.1, 0.0))
+    settings = EstimatorSettings(horizon=horizon)
+    made = plan((37.70, -105.92, 2317.0), "2016-01-01", [(15.0, 180.0)], estimator=settings)
+    hidden = {
+        170.0 < row["sun_azimuth_deg"] < 220.0
+        for row in made.rows
+        if row["verdict"].endswith("hides the sun")
+    }
+    assert hidden == {True}
+    best = made.day_plan.best_row
+    assert best is not None
+    assert not 165.0 < made.rows[best]["sun_azimuth_deg"] < 220.0

@@ -1,0 +1,33 @@
+from datetime import UTC, datetime, time
+
+import pytest
+
+from fieldkit.model.site import Site
+from fieldkit.recording.record import seconds_until
+from fieldkit.simulation.simulated_clock import SimulatedClock
+
+
+def clock_at(moment: datetime) -> SimulatedClock:
+    return SimulatedClock(round(moment.timestamp()) * 10**9)
+
+
+@pytest.mark.parametrize(
+    ("now", "until", "hours"),
+    [
+        # Zurich, 22:00 until 06:00: clocks go forward on 2026-03-29 and back on 2026-10-25
+        (datetime(2026, 3, 28, 21, tzinfo=UTC), "06:00", 7.0),
+        (datetime(2026, 10, 24, 20, tzinfo=UTC), "06:00", 9.0),
+        (datetime(2026, 7, 1, 20, tzinfo=UTC), "06:00", 8.0),
+        (datetime(2026, 7, 1, 20, tzinfo=UTC), "23:30", 1.5),
+    ],
+)
+def test_until_a_clock_time_also_where_the_clocks_are_changed(now, until, hours):
+    assert seconds_until(
+        time.fromisoformat(until), Site(47.4, 8.5, 400, "Europe/Zurich"), clock_at(now)
+    ) == pytest.approx(3600.0 * hours)
+
+
+@pytest.mark.parametrize("zone", ["Mars/Jezero", "Asia", "", "x" * 5000])
+def test_until_a_clock_time_where_the_zone_is_unknown_on_this_computer_is_utc(zone):
+    now = clock_at(datetime(2026, 7, 1, 20, tzinfo=UTC))
+    assert seconds_until(time(23, 30), Site(0, 0, 0, zone), now) == 3.5 * 3600

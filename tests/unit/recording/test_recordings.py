@@ -1,0 +1,141 @@
+"""What counts as a session of a folder, whatever lies in it, and what a session may be called."""
+
+from __future__ import annotations
+
+import json
+import os
+import shlex
+import socket
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from fieldkit.config import load_config
+from fieldkit.model.errors import ConfigError
+from fieldkit.recording.campaign import open_campaign
+from fieldkit.recording.recordings import session_path, sessions_in
+from fieldkit.sessions.writer import SessionWriter
+from tests.harness.page import campaign
+from tests.harness.recording import CountedClock, fill, header
+
+PATIENCE_S = 60.0
+
+
+@pytest.fixture
+def recordings(tmp_path: Path) -> Path:
+    """The folder of a campaign with one sealed session."""
+    folder = campaign(tmp_path / "field") / "recordings"
+    folder.mkdir(exist_ok=True)
+    clock = CountedClock()
+    writer = SessionWriter(folder / "a.h5", header((24, 32)), clock)
+    fill(writer, 5, clock)
+    writer.close()
+    return folder
+
+
+def bind(path: Path) -> None:
+    with socket.socket(socket.AF_UNIX) as bound:
+        os.chdir(path.parent)  # the name of a socket may have a hundred letters
+        bound.bind(path.name)
+
+
+STRANGE: dict[str, Callable[[Path], object]] = {
+    "a link to a file elsewhere": lambda path: path.symlink_to("/etc/passwd"),
+    "a link to a session elsewhere": lambda path: path.symlink_to(path.parents[1] / "elsewhere.h5"),
+    "a link to a session of the folder": lambda path: path.symlink_to("a.h5"),
+    "a link to nothing": lambda path: path.symlink_to("nothing.h5"),
+    "a link to itself": lambda path: path.symlink_to(path.name),
+    "a link to a device": lambda path: path.symlink_to("/dev/zero"),
+    "a link to a folder": lambda path: path.symlink_to("."),
+    "a folder": lambda path: path.mkdir(),
+    "a pipe": os.mkfifo,
+    "a socket": bind,
+}
+
+
+@pytest.fixture(params=STRANGE)
+def strange(request: pytest.FixtureRequest, recordings: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Something that is called like a session."""
+    monkeypatch.chdir(recordings)  # for `bind`, and back afterwards
+    (recordings.parent / "elsewhere.h5").write_bytes((recordings / "a.h5").read_bytes())
+    path = recordings / "strange.h5"
+    STRANGE[request.param](path)
+    return path
+
+
+def test_only_regular_files_of_the_folder_are_its_sessions(strange: Path) -> None:
+    skipped: list[str] = []
+    assert sessions_in(strange.parent, skipped.append) == [strange.parent / "a.h5"]
+    assert [text.partition(" is skipped")[0] for text in skipped] == [str(strange)]
+    assert open_campaign(strange.parent).sessions.paths == (strange.parent / "a.h5",)
+
+
+def test_the_journal_of_a_lost_file_is_a_session(recordings: Path) -> None:
+    (recordings / "b.h5.journal").mkdir()
+    assert sessions_in(recordings) == [recordings / "a.h5", recordings / "b.h5"]
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "two\nlines",
+        "\r",
+        "a\tb",
+        "\x00",
+        "\x1b[2J",
+        "\x7f",
+        "\x85",
+        "\u2028",
+        "\ud800",
+        "latin-1 \udcff",
+        "a/b",
+        "a\\b",
+    ],
+)
+def test_a_session_is_called_by_text_without_control_characters(recordings: Path, name: str) -> None:
+    config = load_config(recordings.parent / "fieldkit.toml")
+    with pytest.raises(ConfigError) as caught:
+        session_path(config, name, 0)
+    assert caught.value.message.isprintable()
+    (_, usable) = shlex.split(caught.value.fix or "")
+    assert session_path(config, usable, 0).parent == recordings
+
+
+@pytest.mark.parametrize("letter", ["x", "ü", "地", "🌡"])
+def test_a_session_is_called_by_a_name_that_leaves_room_for_all_that_is_made_of_it(
+    recordings: Path, letter: str
+) -> None:
+    config = load_config(recordings.parent / "fieldkit.toml")
+    with pytest.raises(ConfigError, match="bytes, and may have 120") as caught:
+        session_path(config, 240 * letter, 0)
+    (_, usable) = shlex.split(caught.value.fix or "")
+    longest = (
+        session_path(config, usable, 0).name.removesuffix(".h5") + f"-{32 * 's'}-regions.parquet.4194304.new"
+    )
+    (recordings / f".{longest}").touch()
+
+
+def test_other_names_of_sessions_are_free(recordings: Path) -> None:
+    config = load_config(recordings.parent / "fieldkit.toml")
+    for name in ("three beds", "砂 五\u3000度", "=1+1", "..", "-x", "👨\u200d👩"):
+        assert session_path(config, name, 0).name == f"19700101T000000Z-{name}.h5"
+
+
+def fieldkit(*words: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "fieldkit", *map(str, words)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S)
+
+
+def test_a_pipe_among_the_sessions_holds_up_no_command(recordings: Path) -> None:
+    os.mkfifo(recordings / "pipe.h5")
+    (recordings / "b.h5.journal").mkdir()
+    os.mkfifo(recordings / "b.h5.journal" / "lock")
+    done = fieldkit("ls", "-C", recordings.parent, "--json")
+    assert [one["name"] for one in json.loads(done.stdout)["sessions"]] == ["a.h5", "b.h5"]
+    assert f"warning: {recordings / 'pipe.h5'} is skipped" in done.stderr
+    assert fieldkit("status", "-C", recordings.parent).returncode == 9  # nothing is recorded
+    named = fieldkit("show", recordings / "pipe.h5")
+    assert (named.returncode, "pipe.h5 is a directory, pipe or device" in named.stderr) == (3, True)

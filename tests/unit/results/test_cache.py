@@ -1,0 +1,124 @@
+import logging
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fieldkit.physics.energy_balance import SurfaceParameters
+from fieldkit.results import cache as cache_module
+from fieldkit.results.cache import Cache, code_version, digest
+
+
+def test_what_was_stored_is_found_to_the_bit(tmp_path):
+    arrays = {"x": np.array([0.1, np.nan, -0.0]), "texts": np.array(["a", "°"], np.str_)}
+    Cache(tmp_path).store("abc", arrays)
+    found = Cache(tmp_path).load("abc")
+    assert found is not None
+    assert {name: value.tobytes() for name, value in found.items()} == {
+        name: value.tobytes() for name, value in arrays.items()
+    }
+
+
+def test_a_damaged_entry_is_as_if_it_were_not_there(tmp_path):
+    cache = Cache(tmp_path)
+    cache.store("abc", {"x": np.arange(100.0)})
+    (entry,) = tmp_path.rglob("*.arrays")
+    whole = entry.read_bytes()
+    for damaged in (
+        b"",
+        whole[: len(whole) // 2],
+        b"PK" + bytes(50),
+        whole[:200] + b"\xff" * 40 + whole[240:],
+    ):
+        entry.write_bytes(damaged)
+        assert cache.load("abc") is None
+    assert cache.load("never stored") is None
+
+
+def test_an_entry_with_any_flipped_bit_is_made_again(tmp_path):
+    cache, arrays = Cache(tmp_path), {"x": np.arange(3.0), "names": np.array(["a", "b"])}
+    cache.store("abc", arrays)
+    (entry,) = tmp_path.rglob("*.arrays")
+    whole = entry.read_bytes()
+    for place in range(len(whole)):
+        entry.write_bytes(whole[:place] + bytes([whole[place] ^ 1 << place % 8]) + whole[place + 1 :])
+        assert cache.load("abc") is None
+
+
+def test_an_entry_is_never_executed(tmp_path):
+    cache = Cache(tmp_path)
+    cache.store("abc", {"x": np.array([{"an": "object"}], dtype=object)})
+    assert cache.load("abc") is None
+
+
+def test_a_disk_that_refuses_costs_a_warning(tmp_path, caplog):
+    (tmp_path / "file").write_text("in the way")
+    with caplog.at_level(logging.WARNING):
+        Cache(tmp_path / "file").store("abc", {"x": np.zeros(1)})
+    assert "cannot keep results" in caplog.text
+
+
+def test_keys_follow_content_and_are_the_same_in_another_process():
+    assert digest("session", SurfaceParameters()) == digest("session", SurfaceParameters())
+    assert digest("session", SurfaceParameters()) != digest("session", SurfaceParameters(albedo=0.2000001))
+    code = "from fieldkit.results.cache import digest; print(digest('session', 0.1))"
+    printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert printed.strip() == digest("session", 0.1)
+
+
+def test_the_code_version_names_release_and_content():
+    release, _, content = code_version().partition("+")
+    assert release
+    assert len(content) == 12
+
+
+@pytest.fixture
+def fresh_version():
+    """The version as of now, not of the first time it was asked."""
+    code_version.cache_clear()
+    yield lambda: (code_version.cache_clear(), code_version())[1]
+    code_version.cache_clear()
+
+
+@pytest.mark.parametrize("package", ["numpy", "scipy", "astropy", "h5py"])
+def test_results_of_other_libraries_are_not_found(monkeypatch, fresh_version, package):
+    before, genuine = fresh_version(), cache_module.metadata.version
+    monkeypatch.setattr(
+        cache_module.metadata, "version", lambda name: "0.1" if name == package else genuine(name)
+    )
+    assert fresh_version() != before
+
+
+def test_results_of_another_kind_of_machine_are_not_found(monkeypatch, fresh_version):
+    before = fresh_version()
+    monkeypatch.setattr(cache_module.platform, "machine", lambda: "riscv64")
+    assert fresh_version() != before
+
+
+@pytest.mark.parametrize(
+    "file",
+    [
+        "fieldkit/model/samples.py",
+        "fieldkit/model/site.py",
+        "fieldkit/estimation/balance.py",
+        "fieldkit/estimation/learned/filters.py",
+        "fieldkit/data/sobol-5.csv",
+        "fieldkit/physics/sun.py",
+        "fieldkit/sessions/stream_reader.py",
+        "fieldkit/results/minutes.py",
+    ],
+)
+def test_results_of_other_code_are_not_found(monkeypatch, fresh_version, file):
+    """One line more in any module between session and slope."""
+    before, genuine = fresh_version(), Path.read_bytes
+    changed = (Path(cache_module.__file__).parents[2] / file).resolve()
+    monkeypatch.setattr(Path, "read_bytes", lambda path: genuine(path) + b"\n" * (path.resolve() == changed))
+    assert fresh_version() != before
+
+
+def test_every_key_depends_on_the_version(monkeypatch):
+    before = digest("session", 0.1)
+    monkeypatch.setattr(cache_module, "code_version", lambda: "another")
+    assert digest("session", 0.1) != before

@@ -1,0 +1,180 @@
+"""What a notebook calls: estimates, maps, reports and plans without a command line."""
+
+from __future__ import annotations
+
+import csv
+import re
+import shutil
+from dataclasses import replace
+from datetime import date, datetime
+
+import numpy as np
+import pytest
+
+import fieldkit
+from fieldkit.model.clock import utc_ns
+from fieldkit.model.errors import ConfigError
+from fieldkit.model.site import Site
+from fieldkit.model.units import SECOND_NS
+from fieldkit.recording.plan import PlanOptions, plan
+from fieldkit.results import minutes as minutes_service
+from fieldkit.results.batch import estimate_sessions
+from fieldkit.results.describe import describe
+from fieldkit.results.estimate import estimate
+from fieldkit.results.learnt_series import LearntSeries
+from fieldkit.results.report import report
+from fieldkit.results.session import open_session
+from fieldkit.results.slope_map import slope_map
+from fieldkit.results.sources import settings_from
+from fieldkit.sessions.clock_correction import apply_time_map
+from fieldkit.sessions.time_map import TimeStep
+from tests.harness.learnt import learnt
+
+
+def test_estimates_are_found_by_region_and_changed_by_parameters(sessions):
+    with open_session(sessions[0]) as session:
+        configured = estimate(session)
+    brighter = estimate(sessions[0], {"surface.albedo": 0.4})
+    assert list(configured.final) == ["b05", "b15", "b25"]
+    assert configured["b15"].region == "b15"
+    assert configured["b15"].tilt_deg != brighter["b15"].tilt_deg
+    assert brighter["b15"].tilt_deg == estimate(sessions[0], albedo=0.4)["b15"].tilt_deg
+    assert estimate(sessions[0], model="full")["b15"].model.startswith("full")
+
+
+def test_a_parameter_that_does_not_exist_is_named(sessions):
+    with pytest.raises(ConfigError, match="no parameter of an estimate is called colour"):
+        estimate(sessions[0], colour=1.0)
+
+
+def test_several_sessions_are_estimated_together_and_a_torn_one_does_not_stop_them(sessions, tmp_path):
+    torn = tmp_path / "torn.h5"
+    torn.write_bytes(sessions[0].read_bytes()[:1000])
+    steps = []
+    found = estimate_sessions([*sessions, torn], on_progress=lambda *step: steps.append(step))
+    assert list(found.estimates) == [path.stem for path in sessions]
+    assert list(found.failures) == [torn]
+    assert steps == [(1, 2), (2, 2)]
+    alone = estimate(sessions[1])
+    together = found.estimates[sessions[1].stem]
+    assert np.array_equal(alone.rows["tilt_deg"], together.rows["tilt_deg"], equal_nan=True)
+
+
+def test_a_slope_map_has_its_arrays_by_pixel(sessions):
+    xr = pytest.importorskip("xarray")
+    found = slope_map(sessions[0], "all")
+    arrays = found.to_xarray()
+    assert isinstance(arrays, xr.Dataset)
+    assert arrays["tilt_deg"].dims == ("y", "x")
+    assert arrays["tilt_deg"].attrs["units"] == "degree"
+    assert {one.region for one in found.by_region()} >= {"b05", "b15", "b25"}
+    assert slope_map(sessions[0], "4m").minutes < found.minutes
+
+
+def test_settings_are_values_by_key_or_key_value_texts(sessions):
+    by_key = slope_map(sessions[0], "all", settings={"albedo": 0.4}).to_xarray()
+    as_text = slope_map(sessions[0], "all", settings=["surface.albedo=0.4"]).to_xarray()
+    assert by_key.tilt_deg.equals(as_text.tilt_deg)
+    assert settings_from("surface.albedo=0.4") == ["surface.albedo=0.4"]
+    assert not by_key.tilt_deg.equals(slope_map(sessions[0], "all").to_xarray().tilt_deg)
+
+
+def test_a_session_and_its_file_give_the_same(sessions, tmp_path):
+    with fieldkit.open_session(sessions[0]) as session:
+        opened = fieldkit.export(session, "csv", tmp_path / "opened"), fieldkit.check(session)
+        assert session.export("csv", tmp_path / "method").files
+        assert fieldkit.report(session, tmp_path / "one.html").sessions == (sessions[0],)
+        assert session.state == "sealed"
+        assert session.count("camera") > 0  # still open
+    named = fieldkit.export(sessions[0], "csv", tmp_path / "named"), fieldkit.check(sessions[0])
+    assert [path.name for path in opened[0].files] == [path.name for path in named[0].files]
+    assert opened[1] == named[1]
+
+
+def test_a_report_is_written_where_asked(sessions, tmp_path):
+    made = report(sessions[0], tmp_path / "one.html")
+    assert made.path == tmp_path / "one.html"
+    assert made.path.read_text(encoding="utf-8").lower().startswith("<!doctype html>")
+    both = report([*sessions, tmp_path / "none.h5"], tmp_path / "all.html")
+    assert list(both.failures) == [tmp_path / "none.h5"]
+
+
+def test_a_plan_is_a_table_of_times_and_facets():
+    pytest.importorskip("pandas")
+    site = Site(35.558675, 139.395232, 9.0, "Asia/Tokyo")
+    made = plan(site, date(2026, 12, 11), [(5.0, 180.0), (15.0, 180.0)], PlanOptions(step_min=60))
+    frame = made.to_frame()
+    assert set(frame["tilt_deg"]) == {5.0, 15.0}
+    assert len(frame) == 2 * len(made.rows)
+    assert (frame["kelvin_per_degree"].between(0.0, 1.0)).all()
+
+
+def test_what_the_data_taught_comes_with_the_slopes_and_from_the_cache(sessions, monkeypatch, tmp_path):
+    """Each minute's synthetic one, through workers, cache, tables and files."""
+    pytest.importorskip("pandas")
+    genuine = minutes_service.solve
+
+    def with_learnt(history, regions, settings):
+        found = {int(time_ns): learnt(minute) for minute, time_ns in enumerate(history.time_ns)}
+        return replace(genuine(history, regions, settings), learnt=LearntSeries(found))
+
+    monkeypatch.setattr(minutes_service, "solve", with_learnt)
+    for _ in ("made", "cached"):
+        slopes = estimate(sessions[0], albedo=0.31)
+        minutes = slopes.learnt.by_time_ns
+        assert list(minutes) == sorted(set(slopes.rows["time_ns"].tolist()))
+        assert list(minutes.values()) == [learnt(minute) for minute in range(len(minutes))]
+        assert slopes.learnt["depth"] == learnt(len(minutes) - 1).parameters[3]
+    table = slopes.learnt.to_frame()
+    assert table["parameter"].tolist()[:2] == ["gain", "exchange"]
+    assert len(table) == 9 * len(minutes)
+    assert table["share_of_prior"].iloc[0] == 1.0
+    assert slopes.learnt.residuals()["residual_k"].tolist()[:3] == [0.05, 0.06, 0.071]
+    assert "thermal inertia" in slopes.learnt._repr_html_()
+    with pytest.raises(KeyError, match="no parameter 'colour'"):
+        slopes.learnt["colour"]
+    written = estimate_sessions(sessions, ["surface.albedo=0.31"]).write(tmp_path / "base")
+    with (tmp_path / "base-learnt.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert tmp_path / "base-learnt.csv" in written
+    assert rows[3]["session"] == sessions[0].stem
+    assert (rows[3]["parameter"], rows[3]["unit"], rows[3]["prior"]) == ("depth", "cm", "3.0")
+
+
+def test_other_models_learn_nothing_and_write_no_table_of_it(sessions, tmp_path):
+    found = estimate_sessions([sessions[0]], ["estimator.model=full"])
+    assert found.estimates[sessions[0].stem].learnt.final is None
+    assert [path.suffixes for path in found.write(tmp_path / "base")][-1] == [".json"]
+    assert not list(tmp_path.glob("base-learnt*"))
+
+
+EARLIER_NS = 7_200_000_000_000
+
+
+def times_ns(session):
+    """The times of all that is computed from a session or drawn of it."""
+    estimates, mapped, axes = session.estimate(model="full"), session.slope_map("all"), session.plot()
+    shown = describe(session)
+    return {
+        "estimate": estimates.rows["time_ns"].tolist(),
+        "windows": estimates.rows["window_start_ns"].tolist(),
+        "to_frame": estimates.to_frame().index.as_unit("ns").asi8.tolist(),
+        "slope_map": [mapped.start_ns, mapped.end_ns],
+        "plot": [round(day * 86_400) * SECOND_NS for day in axes.lines[0].get_xdata()],
+        "show": [utc_ns(datetime.fromisoformat(shown[name])) for name in ("start", "end")],
+    }
+
+
+def test_results_and_figures_have_the_times_of_a_corrected_clock(sessions, tmp_path):
+    """A clock two hours ahead; the recording began at 12:00:01 by it, and ended at 12:11."""
+    path = tmp_path / shutil.copy(sessions[0], tmp_path)
+    with fieldkit.open_session(path) as session:
+        recorded_ns = times_ns(session)
+    apply_time_map(path, [TimeStep(0, -EARLIER_NS, "another clock")])
+    with fieldkit.open_session(path) as session:
+        corrected_ns = times_ns(session)
+        page = session.report(tmp_path / "report.html").path.read_text()
+    for name, times in recorded_ns.items():
+        assert corrected_ns[name] == [time_ns - EARLIER_NS for time_ns in times], name
+    assert re.search(r"\b10:0\d", page)
+    assert re.findall(r".*\b12:[01]\d.*", page) == []

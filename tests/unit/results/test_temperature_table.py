@@ -1,0 +1,263 @@
+"""`fieldkit estimate table.csv`: the golden four hours, independent SPA sun and Table 1 parameters."""
+
+import numpy as np
+import pytest
+
+from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.estimation.table import slopes_of_table
+from fieldkit.model.errors import ConfigError
+from fieldkit.model.site import Site
+from fieldkit.model.slope import SlopeState
+from fieldkit.physics.irradiance import IrradianceModel
+from fieldkit.results.estimate import estimate_table
+from fieldkit.results.temperature_table import read_table
+
+
+def slopes_of(path, site, settings, **more):
+    return slopes_of_table(read_table(path), site, settings, **more)
+
+
+SITE = Site(35.558675, 139.395232, 9.0)
+WHOLE = EstimatorSettings(model="paper", window_s="weather")
+CASE_1 = """time,reference_k,bed_k,irradiance_w_m2
+2017-08-30T12:00:00+09:00,323.60330,325.23205,800
+2017-08-30T13:00:00+09:00,322.50984,324.02574,800
+2017-08-30T14:00:00+09:00,320.08268,321.34508,800
+2017-08-30T15:00:00+09:00,316.46441,317.34486,800
+"""
+
+
+@pytest.fixture
+def table(tmp_path):
+    def write(text: str):
+        path = tmp_path / "table.csv"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
+
+
+def test_the_golden_table_gives_ten_degrees_south(table):
+    (bed,) = slopes_of(table(CASE_1), SITE, WHOLE)
+    assert bed.region == "bed"
+    assert bed.tilt_deg == pytest.approx(10.0, abs=0.001)
+    assert bed.azimuth_deg == pytest.approx(180.0, abs=0.005)
+    assert bed.tilt_low_deg < 10.0 < bed.tilt_high_deg
+    assert bed.n_bins == 4
+    # 0.064 K per degree at 15:00 (d T / d tilt of a 10 degree south slope, S = 800 instead of 850)
+    assert bed.kelvin_per_degree == pytest.approx(0.066 * 800 / 850, abs=0.006)
+
+
+def test_air_and_wind_are_columns_of_the_table_and_no_targets(table):
+    first, *rows = CASE_1.splitlines()
+    text = "\n".join([f"{first},air_c,wind_m_s", *(f"{row},22.5,{hour}" for hour, row in enumerate(rows))])
+    read = read_table(table(text))
+    assert list(read.targets_k) == ["bed"]
+    assert read.air_k.tolist() == [295.65] * 4
+    assert read.wind_m_s.tolist() == [0.0, 1.0, 2.0, 3.0]
+    assert slopes_of(table(text), SITE, WHOLE) == slopes_of(table(CASE_1), SITE, WHOLE)
+    with pytest.raises(ConfigError, match="one NAME_k"):
+        read_table(table("time,reference_k,air_k,irradiance_w_m2\n2017-08-30T12:00:00+09:00,1,2,3\n"))
+
+
+def test_celsius_unsorted_rows_and_other_zones_are_the_same_table(table):
+    first, *rows = CASE_1.splitlines()
+    celsius = [first.replace("_k", "_c")]
+    for row in reversed(rows):
+        time, *kelvin, irradiance = row.split(",")
+        hour = int(time[11:13]) - 9
+        cells = [f"{float(k) - 273.15:.5f}" for k in kelvin]
+        celsius.append(",".join([f"2017-08-30T{hour:02d}:00:00Z", *cells, irradiance]))
+    (bed,) = slopes_of(table("\n".join(celsius)), SITE, WHOLE)
+    assert bed.tilt_deg == pytest.approx(10.0, abs=0.001)
+
+
+def test_lux_on_the_horizontal_is_as_good(table):
+    sun_up = [0.891975, 0.849206, 0.754695, 0.614874]
+    first, *rows = CASE_1.splitlines()
+    lines = [first.replace("irradiance_w_m2", "illuminance_lx")]
+    for row, up in zip(rows, sun_up, strict=True):
+        lines.append(row.rsplit(",", 1)[0] + f",{800 * up * 0.44 * 246.78:.3f}")
+    settings = EstimatorSettings(
+        model="paper", window_s="weather", irradiance=IrradianceModel(diffuse="none")
+    )
+    (bed,) = slopes_of(table("\n".join(lines)), SITE, settings)
+    assert bed.tilt_deg == pytest.approx(10.0, abs=0.01)
+
+
+def with_light(columns, cells):
+    """The golden table with other columns of light, a cell for each hour."""
+    first, *rows = CASE_1.splitlines()
+    lines = [first.replace("irradiance_w_m2", columns)]
+    return "\n".join(
+        lines + [f"{row.rsplit(',', 1)[0]},{cell}" for row, cell in zip(rows, cells, strict=True)]
+    )
+
+
+def test_global_irradiance_is_as_good_with_the_sky_measured_or_assumed(table):
+    """800 W/m2 of beam and a sky of 100 W/m2; then one of 15 % of the global light."""
+    sun_up = [0.891975, 0.849206, 0.754695, 0.614874]
+    measured = with_light("ghi_w_m2,diffuse_w_m2", [f"{800 * up + 100:.4f},100" for up in sun_up])
+    (bed,) = slopes_of(table(measured), SITE, WHOLE)
+    assert bed.tilt_deg == pytest.approx(10.0, abs=0.01)
+    assumed = with_light("ghi_w_m2", [f"{800 * up / 0.85:.4f}" for up in sun_up])
+    (bed,) = slopes_of(table(assumed), SITE, WHOLE)
+    assert bed.tilt_deg == pytest.approx(10.0, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("columns", "model", "complaint"),
+    [
+        (
+            "ghi_w_m2",
+            IrradianceModel(diffuse="none"),
+            "ghi_w_m2 is global light, which contains the light of",
+        ),
+        (
+            "illuminance_lx",
+            IrradianceModel(kind="pyrheliometer"),
+            "takes direct light, but the table has lux",
+        ),
+    ],
+)
+def test_light_that_the_model_does_not_take_is_refused(table, columns, model, complaint):
+    settings = EstimatorSettings(model="paper", window_s="weather", irradiance=model)
+    with pytest.raises(ConfigError, match=complaint):
+        slopes_of(table(with_light(columns, ["500"] * 4)), SITE, settings)
+
+
+def test_leaning_reference_and_known_azimuth(table):
+    swapped = CASE_1.replace("reference_k,bed_k", "bed_k,reference_k")
+    (bed,) = slopes_of(table(swapped), SITE, WHOLE, reference_slope_deg=(10.0, 180.0))
+    assert bed.tilt_deg == pytest.approx(0.0, abs=0.01)
+    settings = EstimatorSettings(model="paper", window_s="weather", azimuth="known")
+    (bed,) = slopes_of(table(CASE_1), SITE, settings, azimuths_deg={"bed": 180.0})
+    assert bed.tilt_deg == pytest.approx(10.0, abs=0.001)
+
+
+def test_flagged_and_empty_cells_are_left_out(table):
+    lines = CASE_1.splitlines()
+    flagged = [lines[0] + ",flags", *(line + ",0" for line in lines[1:])]
+    flagged.append("2017-08-30T14:30:00+09:00,318.0,340.0,800,32")
+    flagged.append("2017-08-30T14:40:00+09:00,,340.0,800,")
+    (bed,) = slopes_of(table("\n".join(flagged)), SITE, WHOLE)
+    assert bed.tilt_deg == pytest.approx(10.0, abs=0.001)
+    assert bed.n_bins == 4
+
+
+def test_two_rows_are_too_few_and_say_so(table):
+    (bed,) = slopes_of(table("\n".join(CASE_1.splitlines()[:3])), SITE, WHOLE)
+    assert bed.state == SlopeState.TOO_FEW
+    assert np.isnan(bed.tilt_deg)
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("", "missing columns: time; reference_k"),
+        ("time,reference_k,bed_k\n", "irradiance_w_m2, ghi_w_m2 or illuminance_lx"),
+        ("time,reference_k,irradiance_w_m2\n", "one NAME_k"),
+        (CASE_1.splitlines()[0], "no rows"),
+        (CASE_1.replace("+09:00", ""), "line 2: time '2017-08-30T12:00:00' is not ISO 8601 with a zone"),
+        (CASE_1.replace("322.50984", "warm"), "line 3: reference_k 'warm' is not a number"),
+    ],
+)
+def test_what_is_wrong_with_a_table_is_said_with_its_line(table, text, complaint):
+    with pytest.raises(ConfigError, match=r"table\.csv") as caught:
+        read_table(table(text))
+    assert complaint in str(caught.value)
+
+
+def test_a_file_that_is_not_there_is_a_config_error(tmp_path):
+    with pytest.raises(ConfigError, match="cannot be read"):
+        read_table(tmp_path / "nothing.csv")
+
+
+def test_a_table_that_runs_into_the_night_ends_with_its_last_sun(table):
+    night = "2017-08-30T21:00:00+09:00,298.0,297.9,0\n2017-08-30T22:00:00+09:00,297.5,297.4,\n"
+    (day,), (both,) = (slopes_of(table(text), SITE, WHOLE) for text in (CASE_1, CASE_1 + night))
+    assert both == day
+
+
+FAR_AWAY = {
+    "Sydney, winter": ((-33.9, 151.2, 50.0), "2018-06-21T11:00+10:00", 90),
+    "Cape Town, summer, tilted reference": ((-33.9, 18.4, 100.0), "2017-12-30T09:00+02:00", 120),
+    "on the tropic, sun overhead": ((23.43, 10.0, 0.0), "2021-06-21T11:00+01:00", 120),
+    "Svalbard, night of the polar day": ((78.2, 15.6, 30.0), "2019-06-15T02:00+02:00", 120),
+    "McMurdo, sun in the south": ((-77.8, 166.7, 10.0), "2020-12-20T18:00+13:00", 120),
+    "over the date line": ((-17.0, 179.99, 0.0), "2022-02-01T07:00+12:00", 240),
+}
+
+
+@pytest.mark.parametrize("place", FAR_AWAY)
+def test_slopes_anywhere_on_earth_from_a_sun_that_is_not_ours(table, place):
+    """Sun by pvlib's SPA, temperatures by eq. (7) solved here: nothing of the estimator's own."""
+    pvlib, pd = pytest.importorskip("pvlib"), pytest.importorskip("pandas")
+    (latitude, longitude, elevation), begin, minutes = FAR_AWAY[place]
+    reference = (35.0, 320.0) if "tilted" in place else (0.0, 0.0)
+    times = pd.date_range(begin, periods=minutes + 1, freq="1min")
+    sun = pvlib.solarposition.spa_python(times, latitude, longitude, elevation)
+    zenith, azimuth = np.radians(sun["zenith"].to_numpy()), np.radians(sun["azimuth"].to_numpy())
+
+    def kelvin(tilt_deg: float, azimuth_deg: float) -> np.ndarray:
+        tilt, facing = np.radians([tilt_deg, azimuth_deg])
+        cosine = np.cos(tilt) * np.cos(zenith) + np.sin(tilt) * np.sin(zenith) * np.cos(azimuth - facing)
+        warm = np.full(cosine.shape, 300.0)
+        for _ in range(50):  # Newton on the paper's eq. (7), Table 1, air 295 K, long wave 330 W/m2
+            excess = 0.8 * 800.0 * np.maximum(cosine, 0.0) + 0.9 * 330.0
+            excess -= 0.9 * 5.670374419e-8 * warm**4 + 18.15 * (warm - 295.0)
+            warm = warm + excess / (4 * 0.9 * 5.670374419e-8 * warm**3 + 18.15)
+        return warm
+
+    truths = {"a": (7.3, 151.0), "b": (18.7, 263.0), "c": (26.2, 12.0)}
+    columns = {"time": [time.isoformat() for time in times], "reference_k": kelvin(*reference)}
+    columns |= {f"{name}_k": kelvin(*truth) for name, truth in truths.items()}
+    text = pd.DataFrame({**columns, "irradiance_w_m2": 800.0}).to_csv(index=False)
+    site = Site(latitude, longitude, elevation)
+    found = slopes_of(table(text), site, WHOLE, reference_slope_deg=reference)
+    assert {one.region for one in found} == set(truths)
+    for one in found:
+        true_tilt, true_azimuth = truths[one.region]
+        assert one.tilt_deg == pytest.approx(true_tilt, abs=0.01)
+        assert one.azimuth_deg == pytest.approx(true_azimuth, abs=0.03)
+        assert one.chi_square >= 0.0
+
+
+@pytest.mark.parametrize(
+    ("column", "cell"),
+    [
+        ("reference_k", "-26.0"),
+        ("bed_k", "-7725.85"),
+        ("bed_k", "8272.15"),
+        ("irradiance_w_m2", "9.9E+37"),
+        ("irradiance_w_m2", "-6999"),
+        ("irradiance_w_m2", "7999"),
+    ],
+)
+def test_a_cell_that_cannot_be_is_as_an_empty_one_and_is_named_by_its_line(table, column, cell):
+    head, *rows = CASE_1.splitlines()
+    place = head.split(",").index(column)
+
+    def with_cell(text: str) -> str:
+        cells = rows[1].split(",")
+        return "\n".join([head, rows[0], ",".join([*cells[:place], text, *cells[place + 1 :]]), *rows[2:]])
+
+    told: list[str] = []
+    settings = ["estimator.model=paper", "estimator.window_s=1e6"]
+    found = estimate_table(table(with_cell(cell)), SITE, settings=settings, notify=told.append)
+    (text,) = told
+    assert f"{column}: 1 implausible value, the first {float(cell):.6g}" in text
+    assert "at line 3; possible: " in text
+    empty = estimate_table(table(with_cell("")), SITE, settings=settings, notify=told.append)
+    assert repr(found) == repr(empty)
+    assert len(told) == 1
+
+
+def test_a_hot_plate_is_possible_where_the_limits_say_so(table):
+    hot = CASE_1.replace("325.23205", "455.0")
+    told: list[str] = []
+    estimate_table(table(hot), SITE, notify=told.append)
+    assert len(told) == 1
+    settings = ["limits.surface_temperature_c=[-50, 250]"]
+    estimate_table(table(hot), SITE, settings=settings, notify=told.append)
+    assert len(told) == 1

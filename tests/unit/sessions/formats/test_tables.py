@@ -1,0 +1,201 @@
+"""Tables are found in files as loggers write them: what parts the columns, header, units, time, zone."""
+
+from __future__ import annotations
+
+import codecs
+from datetime import UTC, datetime
+from pathlib import Path
+
+import pytest
+
+from fieldkit.model.errors import ConfigError
+from fieldkit.model.samples import Reading
+from fieldkit.sessions.formats.logs import LogColumns, LogOptions, read_log
+
+DAY_S = int(datetime(2026, 6, 11, tzinfo=UTC).timestamp())
+IN_UTC = LogOptions(zone=UTC)
+NOON_S = DAY_S + 43_200
+
+
+def readings(tmp_path: Path, text: str | bytes, options: LogOptions = IN_UTC) -> list[tuple[float, float]]:
+    """Seconds after noon and the first channel's value as it was written, of temperatures in °C."""
+    path = tmp_path / "log.csv"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    imported = read_log(path, "logger", options)
+    shift = 273.15 if imported.streams[0].unit == "K" else 0.0
+    return [
+        ((one.time_ns - NOON_S * 10**9) / 1e9, pytest.approx(one.values[0] - shift))
+        for one in imported.samples
+        if isinstance(one, Reading) and one.stream == imported.streams[0].name
+    ]
+
+
+TWO_ROWS = [(0, 20.5), (60, 21.5)]
+ROWS = "2026-06-11 12:00:00,20.5\n2026-06-11 12:01:00,21.5\n"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        f"# logger 5, north bed\n# read out 2026-06-12 08:00 by hand\ntime,T [C]\n{ROWS}",
+        f"Device,ABC\nSerial,123\n\ntime,T [C]\n{ROWS}",
+        f"time,T\nyyyy-mm-dd hh:mm:ss,degC\n{ROWS}",
+        f"Model,X\ntime,T\n,°C\n{ROWS}",
+        f"time,T\n[UTC],[degC]\n{ROWS}",
+        f"time,T [C]\n{ROWS}End of data\n",
+        f",T [C]\n{ROWS}",
+        "sep=;\ntime;T [C]\n2026-06-11 12:00:00;20,5\n2026-06-11 12:01:00;21,5\n",
+        "time\tT [C]\tnote\n2026-06-11 12:00:00\t20,5\ta, b\n2026-06-11 12:01:00\t21,5\tc, d, e\n",
+        "time, T [C]\r2026/6/11 12:00, 20.5\r2026/6/11 12:01, 21.5\r",
+        'time,T [C],note\n2026-06-11 12:00:00,20.5\n2026-06-11 12:01:00,21.5,"a, b",,\n',
+        "time,RH [%],T [℃]\n2026-06-11 12:00:00,55,20.5\n2026-06-11 12:01:00,56,21.5\n",
+    ],
+    ids=[
+        "comments", "preamble", "units below", "units below a preamble", "brackets below", "footer",
+        "no name of the time", "sep", "tabs", "spaces", "ragged", "unit in one sign",
+    ],
+)  # fmt: skip
+def test_lines_around_a_table_do_not_hide_it(tmp_path: Path, text: str) -> None:
+    assert readings(tmp_path, text) == TWO_ROWS
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "NO.,Date,Time,T [C]\n1,2026-06-11,12:00:00,20.5\n2,2026-06-11,12:01:00,21.5\n",
+        "Place;Date;Time;T [C]\n1;2026/06/11;12:00:00;20,5\n2;2026/06/11;12:01:00;21,5\n",
+        "Time,Date,T [C]\n12:00:00,2026-06-11,20.5\n12:01:00,2026-06-11,21.5\n",
+        "No,Date,T [C],Time\n1,2026-06-11,20.5,12:00\n2,2026-06-11,21.5,12:01\n",
+        f"Sync,No,Time,T [C]\n2026-06-01 08:00:00,1,{ROWS.splitlines()[0]}\n"
+        f"2026-06-01 08:00:00,2,{ROWS.splitlines()[1]}\n",
+        f"No,Unix,T [C]\n1,{NOON_S},20.5\n2,{NOON_S + 60},21.5\n",
+        "NO.,Date,Time,us,T1 [C]\n1,2026-06-11,12:00:00,0,+ 20.5\n2,2026-06-11,12:01:00,0,+ 21.5\n",
+    ],
+)
+def test_times_are_found_behind_counters_and_apart_from_their_dates(tmp_path: Path, text: str) -> None:
+    assert readings(tmp_path, text) == TWO_ROWS
+
+
+def test_microseconds_in_a_column_of_their_own_belong_to_the_time(tmp_path: Path) -> None:
+    text = "NO.,Date,Time,us,T1 [C]\n1,2026-06-11,12:00:00,0,+ 20.081\n2,2026-06-11,12:00:00,500000,- 0.413\n"
+    assert readings(tmp_path, text) == [(0, 20.081), (0.5, -0.413)]
+    milliseconds = text.replace(",us,", ",ms,").replace("500000", "5")
+    assert readings(tmp_path, milliseconds)[1] == (0.005, -0.413)
+
+
+def test_a_column_of_the_time_may_be_named(tmp_path: Path) -> None:
+    rows = "2026-06-11 08:00,20.5,2026-06-11,12:00\n2026-06-11 08:02,21.5,2026-06-11,12:01\n"
+    text = f"Logged,T [C],Shown,Clock\n{rows}"
+    assert [at for at, _ in readings(tmp_path, text)] == [-4 * 3600, -4 * 3600 + 120]
+    options = LogOptions(zone=UTC, columns=LogColumns(time=("Shown", "Clock")))
+    assert readings(tmp_path, text, options) == TWO_ROWS
+    with pytest.raises(ConfigError, match="no column 'When'"):
+        readings(tmp_path, text, LogOptions(zone=UTC, columns=LogColumns(time=("When",))))
+
+
+def test_units_stand_in_a_column_of_their_own(tmp_path: Path) -> None:
+    """Illuminance in two units, one foot-candle being 10.763 91 lx (NIST SP 811, appendix B)."""
+    text = (
+        "Position,Date,Time,Value,Unit\n1,2026/06/11,12:00:00,98760,Lux\n2,2026/06/11,12:00:02,9880,Ft-cd\n"
+        "3,2026/06/11,12:00:04,12,OL\n"
+    )
+    found = readings(tmp_path, text)
+    assert found[:2] == [(0, 98_760.0), (2, pytest.approx(106_347.43, abs=0.01))]
+    notes = [text for _, text in read_log(tmp_path / "log.csv", "x", LogOptions(zone=UTC)).notes]
+    assert "1 cells have no value for their unit: 'OL' (row 4)" in notes
+    with pytest.raises(ConfigError, match=r"'Lux' \(row 2\)") as caught:
+        readings(tmp_path, text.replace("OL", "Degree C"))
+    assert "'Degree C' (row 4)" in caught.value.message
+    with pytest.raises(ConfigError, match=r"no column has a unit that is read: Value \[%RH\]"):
+        readings(tmp_path, text.replace("Lux", "%RH").replace("Ft-cd", "%RH").replace("OL", "%RH"))
+
+
+@pytest.mark.parametrize("columns", [100, 300, 768])
+def test_wide_tables_are_read(tmp_path: Path, columns: int) -> None:
+    head = ",".join(str(number) for number in range(columns))
+    rows = "".join(f"2026-06-11 12:0{m}:00,{','.join(['20.5'] * columns)}\n" for m in range(3))
+    path = tmp_path / "log.csv"
+    path.write_text(f"time,{head}\n{rows}")
+    imported = read_log(path, "array", LogOptions(zone=UTC, unit="C"))
+    assert imported.streams[0].shape == (columns,)
+    with pytest.raises(ConfigError, match="no column has a unit"):
+        read_log(path, "array", LogOptions(zone=UTC))
+
+
+def test_a_row_longer_than_the_header_is_excluded_by_its_number(tmp_path: Path) -> None:
+    rows = "".join(f"2026-06-11 12:0{m}:00,20.5,dry\n" for m in range(3))
+    text = f"time,T [C],note\n{rows}2026-06-11 12:03:00,21,5,wet\n"
+    assert len(readings(tmp_path, text)) == 3
+    notes = [text for _, text in read_log(tmp_path / "log.csv", "x", LogOptions(zone=UTC)).notes]
+    assert "1 row excluded: row 5 (it has 4 cells, the header 3)" in notes
+    with pytest.raises(ConfigError, match="row 2: it has 3 cells, the header 2"):
+        readings(tmp_path, "time,T [C]\n2026-06-11 12:00:00,20,5\n2026-06-11 12:01:00,21,5\n")
+
+
+def test_a_second_header_is_refused_where_its_columns_are_others(tmp_path: Path) -> None:
+    first = "time,T1 [C],T2 [C]\n2026-06-11 12:00:00,20.5,9\n2026-06-11 12:01:00,21.5,9\n"
+    again = "time,T1 [C],T2 [C]\n2026-06-11 12:02:00,22.5,9\n2026-06-11 12:03:00,23.5,9\n"
+    assert len(readings(tmp_path, first + again)) == 4
+    with pytest.raises(ConfigError, match="row 4 is a header with other columns"):
+        readings(tmp_path, first + again.replace("T1 [C],T2 [C]", "T2 [C],T1 [C]"))
+
+
+def test_columns_of_one_name_are_told_apart(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("time,T [C],T [C]\n2026-06-11 12:00:00,20.5,21\n2026-06-11 12:01:00,21.5,22\n")
+    assert read_log(path, "x", LogOptions(zone=UTC)).streams[0].channels == ("T", "T 2")
+    second = read_log(path, "x", LogOptions(zone=UTC, columns=LogColumns(values=("T 2",))))
+    assert [one.values[0] for one in second.samples if isinstance(one, Reading)] == [294.15, 295.15]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (
+            "time (s),T (C)\n1,36.65\n2,36.59\n",
+            r"column 'time \(s\)' counts from 1, and no column has a date",
+        ),
+        (
+            "elapsed,T [C]\n00:00:01,20\n00:00:02,21\n",
+            "'elapsed' has times of day, and no column has the date",
+        ),
+        (
+            "File:;C:\\x\\FLIR0001.jpg\nFrame 1;23,1;23,4\n;23,2;23,4\n",
+            "the temperatures of an image without",
+        ),
+        ("2026-06-11 12:00:00,20\n2026-06-11 12:01:00,21\n", "no table with a header line"),
+    ],
+)
+def test_what_has_no_times_is_refused_by_what_it_is(tmp_path: Path, text: str, words: str) -> None:
+    with pytest.raises(ConfigError, match=words) as caught:
+        readings(tmp_path, text)
+    assert caught.value.fix
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
+def test_a_mark_at_the_beginning_gives_the_encoding(tmp_path: Path, encoding: str) -> None:
+    data = f"time,T [°C]\n{ROWS}".encode(encoding)
+    assert readings(tmp_path, data) == TWO_ROWS
+    assert readings(tmp_path, data, LogOptions(zone=UTC, encoding=encoding)) == TWO_ROWS
+    with pytest.raises(ConfigError, match=f"begins as {encoding}, the option states cp932"):
+        readings(tmp_path, data, LogOptions(zone=UTC, encoding="cp932"))
+
+
+def test_utf_16_without_a_mark_is_asked_for(tmp_path: Path) -> None:
+    data = f"time,T [C]\n{ROWS}".encode("utf-16-le")
+    with pytest.raises(ConfigError, match="bytes of zero") as caught:
+        readings(tmp_path, data)
+    assert "utf-16-le" in (caught.value.fix or "")
+    assert readings(tmp_path, data, LogOptions(zone=UTC, encoding="utf-16-le")) == TWO_ROWS
+    assert readings(tmp_path, codecs.BOM_UTF16_BE + data.decode("utf-16-le").encode("utf-16-be")) == TWO_ROWS
+
+
+@pytest.mark.parametrize("line", ["Time zone: UTC-5", "Zone,GMT-05:00", "timezone (America/Panama)"])
+def test_a_zone_above_the_header_is_used(tmp_path: Path, line: str) -> None:
+    found = readings(tmp_path, f"{line}\ntime,T [C]\n{ROWS}", LogOptions())
+    assert [at for at, _ in found] == [5 * 3600, 5 * 3600 + 60]
+
+
+def test_a_date_of_the_preamble_does_not_state_the_zone(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="no zone"):
+        readings(tmp_path, f"# read out 2026-06-12 08:00 UTC, by hand\ntime,T [C]\n{ROWS}", LogOptions())
