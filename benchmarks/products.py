@@ -28,7 +28,17 @@ from fieldkit.results.slope_map import MappedSession
 
 MINUTES, NOISE_K, ROUNDS = 20, 0.05, 5
 SETTINGS = EstimatorSettings(model="full", noise_k=NOISE_K)
-INERTIA = LearntParameter("thermal_inertia", "J m⁻² K⁻¹ s⁻½", 570.0, 380.0, 860.0, 600.0, 450.0, 790.0, 0.7)
+INERTIA = LearntParameter(
+    name="thermal_inertia",
+    unit="J m⁻² K⁻¹ s⁻½",
+    prior=570.0,
+    prior_low=380.0,
+    prior_high=860.0,
+    value=600.0,
+    low=450.0,
+    high=790.0,
+    share_of_prior=0.7,
+)
 ALL = Row(
     "all", "a map of 640x512 with all products over one of the slope alone", "<= 3",
     included="20 mean frames added, the map solved, likelihood, layers with uncertainties; processor time",
@@ -47,9 +57,10 @@ def mapped(frames_k: Sequence[FloatArray], rays: NDArray[Any]) -> MappedSession:
     slopes, bounds = with_bounds(solved, likelihood, SETTINGS)
     whole = Region("beds", RegionKind.TARGET, ((0.0, 0.0), (cols, 0.0), (cols, rows), (0.0, rows)))
     return MappedSession(
-        Path("benchmark.h5"), (), slopes, bounds, likelihood,
-        camera(*LARGE), SITE, (whole,), SETTINGS, "full", "", START_NS, START_NS + MINUTES * MINUTE_NS,
-        MINUTES, Quality(0), inertia=INERTIA,
+        path=Path("benchmark.h5"), overrides=(), slopes=slopes, bounds=bounds, likelihood=likelihood,
+        camera=camera(*LARGE), site=SITE, regions=(whole,), settings=SETTINGS, model="full",
+        irradiance_model="", start_ns=START_NS, end_ns=START_NS + MINUTES * MINUTE_NS,
+        minutes=MINUTES, flags=Quality(0), inertia=INERTIA,
     )  # fmt: skip
 
 

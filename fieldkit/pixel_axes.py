@@ -62,4 +62,4 @@ def _write(image: Image, text: str, x: int, y: int, *, align: float) -> None:
     font, size = cv2.FONT_HERSHEY_SIMPLEX, 0.45
     width = cv2.getTextSize(text, font, size, 1)[0][0]
     place = (round(x - align * width), y)
-    cv2.putText(image, text, place, font, size, (_INK, _INK, _INK), 1, cv2.LINE_AA)
+    cv2.putText(image, text, place, font, size, (_INK, _INK, _INK), thickness=1, lineType=cv2.LINE_AA)

@@ -207,7 +207,9 @@ class KonicaMinolta:
             port.close()
             raise
         names = options.labels(settings, ("lux",))
-        info = meter.describe(settings, port, LAYOUT, "illuminance", "lx", names, model, LATENCY_S)
+        info = meter.describe(
+            settings, port, LAYOUT, "illuminance", "lx", names, model=model, latency_s=LATENCY_S
+        )
         key = "illuminance" if head == 0 else f"illuminance head {head:02d}"
         return meter.Meter(info, port, LAYOUT, clock, (key,), poll=poll)
 

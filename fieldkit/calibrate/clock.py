@@ -151,10 +151,18 @@ def _record(
     freedom = max(0, found.readings - 1)
     return stamped(
         CalibrationRecord(
-            "clock", name, date, found.offset_s, found.standard_uncertainty_s, "s", method, freedom,
-            found.budget, sources=sources,
+            kind="clock",
+            name=name,
+            date=date,
+            value=found.offset_s,
+            standard_uncertainty=found.standard_uncertainty_s,
+            unit="s",
+            method=method,
+            degrees_of_freedom=freedom,
+            budget=found.budget,
+            sources=sources,
         )
-    )  # fmt: skip
+    )
 
 
 def _summary(found: ClockOffset, method: str) -> str:

@@ -92,15 +92,15 @@ def irradiance(
         found = light_factor(illuminance, plane, reference_sd=reference_sd, diffuse_sd=diffuse_sd)
         model = config.irradiance_model()
         record = CalibrationRecord(
-            "irradiance",
-            name,
-            end_of(opened),
-            found.value,
-            found.standard_uncertainty,
-            "W/m2/lx",
-            method,
-            found.minutes - 1,
-            found.budget,
+            kind="irradiance",
+            name=name,
+            date=end_of(opened),
+            value=found.value,
+            standard_uncertainty=found.standard_uncertainty,
+            unit="W/m2/lx",
+            method=method,
+            degrees_of_freedom=found.minutes - 1,
+            budget=found.budget,
             instrument=instrument_of(meter),
             sources=tuple(record_source(file) for file in (opened.path, *files)),
             details={

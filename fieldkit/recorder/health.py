@@ -311,7 +311,16 @@ class HealthMonitor:
         lag_ms = max(self._late_max_us.values(), default=0) / 1000.0
         self._late_max_us.clear()
         cpu = self._rates.cpu_percent()
-        return Health(now, utc, streams, free, self.writer.bytes_written, self.writer.sync_ms, cpu, lag_ms)
+        return Health(
+            mono_ns=now,
+            time_ns=utc,
+            streams=streams,
+            disk_free_bytes=free,
+            written_bytes=self.writer.bytes_written,
+            sync_ms=self.writer.sync_ms,
+            cpu_percent=cpu,
+            lag_ms=lag_ms,
+        )
 
     def _stream_health(self, reader: DeviceReader) -> StreamHealth:
         name = reader.info.name

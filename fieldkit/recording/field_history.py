@@ -26,15 +26,15 @@ def field_history(model: SceneModel, start_ns: int, minutes: int) -> History:
     """
     field = field_minutes(model, start_ns, minutes)
     return History(
-        field.time_ns // MINUTE_NS,
-        field.time_ns,
-        sun_vectors(field.time_ns, model.site),
-        field.surface_k,
-        field.dni_w_m2,
-        field.dhi_w_m2,
-        field.longwave_down_w_m2,
-        np.zeros(minutes, np.int64),
-        np.where(field.is_shaded, int(Quality.SHADED), 0),
-        field.air_k,
-        field.wind_m_s,
+        minute=field.time_ns // MINUTE_NS,
+        time_ns=field.time_ns,
+        sun=sun_vectors(field.time_ns, model.site),
+        temperature_k=field.surface_k,
+        dni_w_m2=field.dni_w_m2,
+        dhi_w_m2=field.dhi_w_m2,
+        longwave_down_w_m2=field.longwave_down_w_m2,
+        flags=np.zeros(minutes, np.int64),
+        region_flags=np.where(field.is_shaded, int(Quality.SHADED), 0),
+        air_k=field.air_k,
+        wind_m_s=field.wind_m_s,
     )

@@ -198,14 +198,14 @@ class MeasuringPlan:
         first = int(found.time_ns[found.rows[found.best_row]])
         sky = ClearSky(air_temperature_k=options.air_c + CELSIUS_ZERO_K)
         return PlannedSession(
-            self.site,
-            found.facets,
-            first + (options.window_min - minutes) // 2 * MINUTE_NS,
-            minutes,
-            replace(sky, linke_turbidity=options.turbidity) if options.turbidity else sky,
-            replace(self.estimator, model="learned", noise_k=options.noise_k),
-            _sunset_ns(found),
-            air_logged,
+            site=self.site,
+            facets=found.facets,
+            start_ns=first + (options.window_min - minutes) // 2 * MINUTE_NS,
+            minutes=minutes,
+            sky=replace(sky, linke_turbidity=options.turbidity) if options.turbidity else sky,
+            settings=replace(self.estimator, model="learned", noise_k=options.noise_k),
+            sunset_ns=_sunset_ns(found),
+            air_logged=air_logged,
         )
 
     def write(self, path: str | Path, experiments: Experiments | None = None) -> Path:

@@ -179,18 +179,18 @@ class _Manager:
         unit = self.effective_unit()
         text = unit.read_text(encoding="utf-8")
         return ServiceStatus(
-            unit,
-            self.is_system,
-            campaign_of(text),
-            page_options_of(text),
-            shown.get("UnitFileState") == "enabled" and (self.is_system or _lingers()),
-            shown.get("ActiveState", ""),
-            shown.get("SubState", ""),
-            shown.get("StatusText", ""),
-            shown.get("Result", ""),
-            int(shown.get("NRestarts") or 0),
-            int(since) * SECOND_NS if since.isdigit() else None,
-            self._last_log(),
+            unit=unit,
+            is_system=self.is_system,
+            campaign=campaign_of(text),
+            page=page_options_of(text),
+            starts_at_boot=shown.get("UnitFileState") == "enabled" and (self.is_system or _lingers()),
+            state=shown.get("ActiveState", ""),
+            substate=shown.get("SubState", ""),
+            reports=shown.get("StatusText", ""),
+            result=shown.get("Result", ""),
+            restarts=int(shown.get("NRestarts") or 0),
+            since_ns=int(since) * SECOND_NS if since.isdigit() else None,
+            last_log=self._last_log(),
         )
 
     def _last_log(self) -> LogLine | None:

@@ -632,7 +632,16 @@ def _mapped_region(found: MappedSession, region: Region) -> MappedRegion:
         bounds = (found.bounds.tilt_low_deg, found.bounds.tilt_high_deg)
         least, most = (float(np.median(bound[known])) for bound in bounds)
     shares = _shares(slopes.state[inside])
-    return MappedRegion(region.name, middle, azimuth, low, high, (least, most), int(inside.sum()), shares)
+    return MappedRegion(
+        region=region.name,
+        tilt_deg=middle,
+        azimuth_deg=azimuth,
+        tilt_low_deg=low,
+        tilt_high_deg=high,
+        tilt_region_deg=(least, most),
+        pixels=int(inside.sum()),
+        states=shares,
+    )
 
 
 def _shares(states: NDArray[np.uint8]) -> dict[str, float]:

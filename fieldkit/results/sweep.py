@@ -424,7 +424,17 @@ def ranked(
     effects = tuple(_effect(parameter, grid.sets, error) for parameter in grid.varied)
     worst = float(np.nanmax(worst_deg[best, sessions]))
     share = float(uncertain[best].sum() / solved[best].sum())
-    return Ranking(best, error, worst, left_out, same, sessions.size, effects, share, unranked)
+    return Ranking(
+        best=best,
+        error_deg=error,
+        worst_deg=worst,
+        cross_validated_deg=left_out,
+        same_choice=same,
+        folds=sessions.size,
+        effects=effects,
+        uncertain_share=share,
+        unranked=unranked,
+    )
 
 
 def _mean(error_deg: FloatArray) -> FloatArray:

@@ -249,4 +249,4 @@ def _write(image: Image, text: str, place: tuple[int, int]) -> None:
     (width, height), below = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.45, 1)
     x, y = place
     cv2.rectangle(image, (x - 2, y - height - 2), (x + width + 2, y + below), _BLACK, cv2.FILLED)
-    cv2.putText(image, text, place, cv2.FONT_HERSHEY_SIMPLEX, 0.45, _WHITE, 1, cv2.LINE_AA)
+    cv2.putText(image, text, place, cv2.FONT_HERSHEY_SIMPLEX, 0.45, _WHITE, thickness=1, lineType=cv2.LINE_AA)
