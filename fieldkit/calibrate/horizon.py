@@ -11,7 +11,7 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 
 from fieldkit.config import Config
-from fieldkit.config.edit import change_region, set_in_site
+from fieldkit.config.edit import change_region, set_key
 from fieldkit.config.files import read_text
 from fieldkit.config.horizon import COLUMNS
 from fieldkit.config.pose import Pose
@@ -106,7 +106,7 @@ def set_skyline(
     horizon = horizon_of_pixels(pixels, config.pose.at(time_ns), shape)
     file = config.path.parent / "skyline.csv"  # its own: a surveyed horizon.csv stays
     write_horizon(file, horizon)
-    set_in_site(config.path, "horizon", file.name)
+    set_key(config.path, "site", "horizon", file.name)
     return horizon
 
 
