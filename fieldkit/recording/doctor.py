@@ -27,12 +27,17 @@ RELEASED_S = 1_760_000_000
 FULL_SUN_LX = 130_000
 
 
-def check_computer(folder: Path) -> list[ReadinessCheck]:
+def doctor(folder: str | Path = ".") -> list[ReadinessCheck]:
     """Check programs, instruments, clock, disk, power, and the configuration of the campaign around `folder`.
 
     No instrument is opened.
+
+    Examples
+    --------
+    >>> [check.text for check in fieldkit.doctor("sandslope") if check.what == "configuration"]
+    ['3 instruments, 4 regions']
     """
-    return [result for check in CHECKS for result in check(folder)]
+    return [result for check in CHECKS for result in check(Path(folder))]
 
 
 def udev_rules(folder: Path) -> str:

@@ -117,7 +117,7 @@ def names(recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> It
 @pytest.mark.usefixtures("instruments")
 @pytest.mark.parametrize("name", TESTS)
 def test_the_example_gives_what_it_shows(name, names):
-    if name.endswith("pose"):
+    if name.endswith(("pose", "dem", "skyline")):
         pytest.importorskip("rasterio", reason="the extra [terrain] is not installed")
     test, printed = TESTS[name], []
     test.globs = names

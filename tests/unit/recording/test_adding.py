@@ -1,6 +1,8 @@
 """Connected instruments written into fieldkit.toml: real drivers on pseudo-terminals."""
 
 import json
+import os
+import pty
 import tomllib
 
 import pytest
@@ -13,7 +15,7 @@ from fieldkit.drivers.identity import UsbIdentity
 from fieldkit.drivers.meters.modbus import pack_request
 from fieldkit.model.errors import ConfigError
 from fieldkit.recording.adding import add_devices
-from fieldkit.recording.doctor import check_computer
+from fieldkit.recording.doctor import doctor
 from tests.unit.drivers.conftest import Wire
 
 LUX = bytes.fromhex("02 34 31 31 35 30 30 30 30 30 39 38 37 36 30 0D")
@@ -94,6 +96,18 @@ def test_without_input_what_is_not_known_is_an_error_with_the_option_that_states
     assert file.read_text() == before
 
 
+def test_on_a_terminal_it_is_asked_for(plug, file, monkeypatch, capsys):
+    plug("A7").talk(LUX)
+    near, far = pty.openpty()
+    with os.fdopen(far) as terminal, monkeypatch.context() as patch:
+        patch.setattr("sys.stdin", terminal)
+        os.write(near, b"lutrn\nlutron\n")
+        assert not main(["devices", "--add", "-C", str(file.parent)], standalone_mode=False)
+    os.close(near)
+    assert "driver of the instrument on 10c4:ea60:A7" in capsys.readouterr().err
+    assert load_config(file).devices[0].driver == "lutron"
+
+
 def test_one_that_fails_keeps_no_other_out(plug, file):
     plug("A7").talk(LUX)
     plug("A8")
@@ -162,5 +176,5 @@ def test_record_refuses_a_stream_whose_unit_is_not_known(plug, file):
     with pytest.raises(ConfigError, match="thermometer: the unit of the values is not known") as caught:
         fieldkit.record(file.parent, duration="1s")
     assert 'options.unit = "C"' in caught.value.fix
-    checks = {one.what: one for one in check_computer(file.parent)}
+    checks = {one.what: one for one in doctor(file.parent)}
     assert "options.unit is not set" in checks["thermometer"].text
