@@ -18,6 +18,7 @@ from fieldkit.drivers.cameras.source import cameras
 from fieldkit.drivers.identity import SYSFS, UDEV_FIX, UsbIdentity, permission_fix, usb_parent
 from fieldkit.drivers.meters import ut325
 from fieldkit.drivers.ports import serial_ports
+from fieldkit.model.device import DeviceSettings
 
 PROC = Path("/proc")
 UDEV_DATA = Path("/run/udev/data")
@@ -96,6 +97,16 @@ def _unrecognised(
         for path, usb in present
         if path not in recognised
     ]
+
+
+def is_device(device: ConnectedDevice, settings: DeviceSettings) -> bool:
+    """True if a configured instrument is this one: by identity, by port, or else by a driver alone."""
+    if settings.identity:
+        usb = (usb for path, usb in (*cameras(), *serial_ports()) if path == device.port)
+        return settings.identity == device.identity or any(one.matches(settings.identity) for one in usb)
+    if settings.port:
+        return os.path.realpath(settings.port) == os.path.realpath(device.port)
+    return settings.driver in device.drivers
 
 
 def is_connected(identity: str, sysfs: Path = SYSFS) -> bool:

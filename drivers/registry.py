@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import difflib
 import importlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import EntryPoint, entry_points
 from types import MappingProxyType
@@ -78,6 +78,12 @@ def open_device(settings: DeviceSettings, clock: Clock) -> Device:
     if settings.limits:
         device.info = replace(device.info, limits=settings.limits)
     return device
+
+
+def needs(name: str) -> Mapping[str, Sequence[str]]:
+    """Options that state what the driver's stream measures where its bytes do not show it; see `Driver`."""
+    found: Mapping[str, Sequence[str]] = getattr(get(name), "needs", {})
+    return found
 
 
 def decode(name: str, data: bytes, given: Mapping[str, Any]) -> Decoded:

@@ -21,9 +21,15 @@ if _TYPE_CHECKING:
     from fieldkit.recording.campaign import Campaign as Campaign
     from fieldkit.recording.campaign import init_campaign as init_campaign
     from fieldkit.recording.campaign import open_campaign as open_campaign
+    from fieldkit.recording.doctor import doctor as doctor
+    from fieldkit.recording.in_progress import mark as mark
+    from fieldkit.recording.in_progress import status as status
+    from fieldkit.recording.in_progress import stop as stop
     from fieldkit.recording.plan import PlanOptions as PlanOptions
     from fieldkit.recording.plan import plan as plan
+    from fieldkit.recording.preview import live as live
     from fieldkit.recording.record import record as record
+    from fieldkit.recording.replay import replay as replay
     from fieldkit.recording.simulate import simulate as simulate
     from fieldkit.results.check import check as check
     from fieldkit.results.estimate import estimate as estimate
@@ -36,6 +42,7 @@ if _TYPE_CHECKING:
     from fieldkit.results.session import Session as Session
     from fieldkit.results.session import open_session as open_session
     from fieldkit.results.slope_map import slope_map as slope_map
+    from fieldkit.results.sun_angles import sun as sun
 
 __version__ = "0.2.0"
 
@@ -51,12 +58,17 @@ _HOMES = {
     "fieldkit.results.estimate": ("estimate",),
     "fieldkit.results.export": ("export",),
     "fieldkit.results.importing": ("ImportOptions", "import_into", "import_recording"),
+    "fieldkit.recording.doctor": ("doctor",),
+    "fieldkit.recording.in_progress": ("mark", "status", "stop"),
     "fieldkit.recording.plan": ("PlanOptions", "plan"),
+    "fieldkit.recording.preview": ("live",),
     "fieldkit.recording.record": ("record",),
+    "fieldkit.recording.replay": ("replay",),
     "fieldkit.results.report": ("ReportOptions", "report"),
     "fieldkit.results.session": ("Session", "open_session"),
     "fieldkit.recording.simulate": ("simulate",),
     "fieldkit.results.slope_map": ("slope_map",),
+    "fieldkit.results.sun_angles": ("sun",),
 }
 """Where each public name is defined; the module is imported when the name is first used."""
 
@@ -66,7 +78,11 @@ __all__ = ["__version__", *_MODULE_OF]  # noqa: PLE0604 (a test compares it with
 
 def __getattr__(name: str) -> object:
     if name not in _MODULE_OF:
-        raise AttributeError(f"module 'fieldkit' has no attribute {name!r}")
+        from difflib import get_close_matches
+
+        near = get_close_matches(name, __all__, n=1)
+        hint = f"; did you mean {near[0]!r}?" if near and name[0] != "_" else ""
+        raise AttributeError(f"module 'fieldkit' has no attribute {name!r}{hint}")
     module = _import_module(_MODULE_OF[name])
     value = _import_module(f"{module.__name__}.{name}") if name == "calibrate" else getattr(module, name)
     globals()[name] = value

@@ -298,16 +298,16 @@ def to_pandas(session: SessionReader, stream: str) -> pd.DataFrame:
 
 
 def to_xarray(session: SessionReader, stream: str) -> xr.Dataset:
-    """A stream as an xarray dataset, read lazily; counts of a linear camera are read as kelvin.
+    """A stream as an xarray dataset, read lazily; the variable of its values has the name of their quantity.
 
-    Times are corrected by the active time map, values that cannot be are NaN, and `flags` are verified by
-    the checksums when they are read, which reads the whole stream. Raises
-    `SessionError` for an interrupted session, which other programs cannot open, and for a stream that lies
-    outside the session's file, into which they would follow the link.
+    Counts of a linear camera are read as kelvin; those of others stay ``counts``. Times are corrected by the
+    active time map, values that cannot be are NaN, and `flags` are verified by the checksums when they are
+    read, which reads the whole stream. Raises `SessionError` for an interrupted session, which other programs
+    cannot open, and for a stream that lies outside the session's file, into which they would follow the link.
 
     Examples
     --------
-    >>> session.to_xarray("lux").sizes["time"]
+    >>> session.to_xarray("lux")["illuminance"].sizes["time"]
     1200
     """
     import xarray as xr
@@ -329,4 +329,12 @@ def to_xarray(session: SessionReader, stream: str) -> xr.Dataset:
     if not session.streams[stream].is_camera:
         values = session.readings(stream).values[: stored.shape[0]]
         read["value"] = dataset["value"].variable.copy(data=values.reshape(dataset["value"].shape))
-    return dataset.assign_coords(time=time).assign(read)
+    return _named(dataset.assign_coords(time=time).assign(read), session.streams[stream])
+
+
+def _named(dataset: xr.Dataset, info: StreamInfo) -> xr.Dataset:
+    """The dataset with its values called as their quantity, if they are of that."""
+    name = "counts" if info.is_camera else "value"
+    if info.is_camera and dataset[name].attrs.get("units") != "K":
+        return dataset
+    return dataset.rename({name: info.quantity}).assign_attrs(signal=info.quantity)

@@ -381,6 +381,7 @@ class Modbus:
     title = "Modbus RTU instrument by register map"
     quantity = "irradiance"
     options: tuple[str, ...] = (*meter.OPTIONS, "map", "unit", "baud", "parity")
+    needs: Mapping[str, Sequence[str]] = {"map": packaged()}
 
     def find(self) -> list[DiscoveredDevice]:
         """Serial adapters; an RS-485 adapter does not show what is connected to it."""

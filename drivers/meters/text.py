@@ -322,6 +322,7 @@ class Text:
     title = "lines of text from a microcontroller board"
     quantity = "temperature"
     options: tuple[str, ...] = (*meter.OPTIONS, "columns", "no_value", "baud", "unit")
+    needs: Mapping[str, Sequence[str]] = {"unit": ("C", "F", "K", "lx", "klx", "W/m2", "m/s")}
 
     def find(self) -> list[DiscoveredDevice]:
         """Serial ports; only the lines decide, so each is a candidate."""

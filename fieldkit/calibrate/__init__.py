@@ -7,6 +7,7 @@ comes out. The arithmetic is in `fieldkit.calibration`.
 from fieldkit.calibrate.clock import clock, host_clock
 from fieldkit.calibrate.emissivity import emissivity
 from fieldkit.calibrate.emissivity_live import record_emissivity
+from fieldkit.calibrate.horizon import horizon_from_dem, horizon_from_skyline, write_horizon
 from fieldkit.calibrate.irradiance import irradiance
 from fieldkit.calibrate.measurement import MeasurementOptions
 from fieldkit.calibrate.pose import pose
@@ -19,10 +20,13 @@ __all__ = [
     "MeasurementOptions",
     "clock",
     "emissivity",
+    "horizon_from_dem",
+    "horizon_from_skyline",
     "host_clock",
     "irradiance",
     "pose",
     "record_emissivity",
     "surface",
     "uniformity",
+    "write_horizon",
 ]

@@ -5,17 +5,19 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 from scipy.ndimage import map_coordinates
 
 from fieldkit.config import Config
-from fieldkit.config.edit import change_region, set_in_site
+from fieldkit.config.edit import change_region, set_key
 from fieldkit.config.files import read_text
 from fieldkit.config.horizon import COLUMNS
-from fieldkit.config.pose import Pose
+from fieldkit.config.pose import Pose, load_pose
 from fieldkit.disk import replacing
+from fieldkit.model.clock import utc_ns
 from fieldkit.model.errors import ConfigError, StorageError
 from fieldkit.physics.camera_geometry import Grid, horizon_of_ground, rays
 from fieldkit.physics.facet import tilt_azimuth
@@ -24,23 +26,60 @@ from fieldkit.sessions.formats import geotiff
 
 
 def horizon_from_dem(
-    dem: Path, crs: str, east_m: float, north_m: float, *, nearest_m: float = 0.0
+    dem: str | Path, crs: str, east_m: float, north_m: float, *, nearest_m: float = 0.0
 ) -> Horizon:
-    """The horizon of a point by a DEM, every degree; raises `ConfigError`."""
+    """The horizon of a point by a GeoTIFF of heights: (azimuth, elevation) every degree.
+
+    `crs` is a projected system in metres; ground nearer than `nearest_m` is omitted. Raises
+    `ConfigError`.
+
+    Examples
+    --------
+    >>> import numpy as np, rasterio
+    >>> heights = np.where(np.arange(101) < 75, 0.0, 10.0).astype("float32") * np.ones((101, 1), "float32")
+    >>> corner = rasterio.Affine(1.0, 0.0, 499949.5, 0.0, -1.0, 3936250.5)
+    >>> size = {"width": 101, "height": 101, "count": 1, "dtype": "float32"}
+    >>> with rasterio.open("wall.tif", "w", "GTiff", crs="EPSG:32654", transform=corner, **size) as file:
+    ...     file.write(heights, 1)
+    >>> round(dict(fieldkit.calibrate.horizon_from_dem("wall.tif", "EPSG:32654", 500000, 3936200))[90.0])
+    22
+    """
+    dem = Path(dem)
     system = geotiff.projected_crs(crs)
     grid = geotiff.grid_at(system, east_m, north_m)
     ground = geotiff.read_heights(dem, system, grid.scale)
     if not np.isfinite(ground.at(east_m, north_m)):
-        raise ConfigError(f"{dem} has no height at {east_m:g}, {north_m:g}", fix="check --place and --crs")
+        raise ConfigError(
+            f"{dem} has no height at {east_m:g}, {north_m:g}", fix="check the place and the CRS"
+        )
     azimuths = np.arange(0.0, 360.0)
     on_grid = azimuths + grid.true_north_deg
     elevations = np.nan_to_num(horizon_of_ground(ground, east_m, north_m, on_grid, nearest_m))
     return list(zip(azimuths.tolist(), elevations.round(2).tolist(), strict=True))
 
 
-def horizon_from_skyline(points: Path, pose: Pose, shape: tuple[int, int]) -> Horizon:
-    """The horizon by a CSV file of pixels on the skyline; see `horizon_of_pixels`."""
-    return horizon_of_pixels(_skyline(points), pose, shape, str(points))
+def horizon_from_skyline(
+    points: str | Path, pose: str | Path, shape: tuple[int, int], *, at: datetime | None = None
+) -> Horizon:
+    r"""The horizon by a CSV file of pixels ``x_px,y_px`` on the skyline of a frame; raises `ConfigError`.
+
+    `pose` is the file of a pose, `at` the frame's time if the camera moves, `shape` its rows and columns.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> _ = Path("skyline.csv").write_text("x_px,y_px\n79.5,39.5\n119.5,59.5\n39.5,59.5\n")
+    >>> place = {"east_m": 500000.0, "north_m": 3936200.0, "height_m": 2.0, "range_m": 100.0, "ground_m": 0.0}
+    >>> angles = {"yaw_deg": 90.0, "pitch_deg": 0.0, "hfov_deg": 90.0}
+    >>> lines = [f"{key} = {value}" for key, value in {**place, **angles}.items()]
+    >>> _ = Path("pose.toml").write_text("\n".join(['crs = "EPSG:32654"', *lines]))
+    >>> found = fieldkit.calibrate.horizon_from_skyline("skyline.csv", "pose.toml", (120, 160))
+    >>> [round(elevation) for _, elevation in found]
+    [0, 0, 14, 0, 0]
+    >>> fieldkit.calibrate.write_horizon("horizon.csv", found)
+    """
+    seen_by = load_pose(Path(pose), utc_ns(at or datetime.now(UTC)))
+    return horizon_of_pixels(_skyline(Path(points)), seen_by, shape, str(points))
 
 
 def horizon_of_pixels(
@@ -53,7 +92,9 @@ def horizon_of_pixels(
     table = np.array(pixels).reshape(-1, 2)
     inside = (table >= -0.5).all() and (table < np.array(shape[::-1]) - 0.5).all()
     if len(table) < 2 or not inside:
-        raise ConfigError(f"{source}: needs two or more pixels, all within the frame", fix="check --frame")
+        raise ConfigError(
+            f"{source}: needs two or more pixels, all within the frame", fix="check the size of the frame"
+        )
     camera = pose.camera(shape, Grid())  # yaw is against true north
     x, y = table.T
     lines = np.stack(
@@ -106,7 +147,7 @@ def set_skyline(
     horizon = horizon_of_pixels(pixels, config.pose.at(time_ns), shape)
     file = config.path.parent / "skyline.csv"  # its own: a surveyed horizon.csv stays
     write_horizon(file, horizon)
-    set_in_site(config.path, "horizon", file.name)
+    set_key(config.path, "site", "horizon", file.name)
     return horizon
 
 
@@ -129,11 +170,16 @@ def _thinned(horizon: Horizon) -> Horizon:
     return [pair for pair, is_turn in zip(pairs, turns, strict=True) if is_turn] or pairs[:1]
 
 
-def write_horizon(path: Path, horizon: Horizon) -> None:
-    """Write the CSV file that ``horizon`` of a site or region names; raises `StorageError`."""
+def write_horizon(path: str | Path, horizon: Horizon) -> None:
+    """Write the CSV file that ``horizon`` of a site or region names; raises `StorageError`.
+
+    Examples
+    --------
+    >>> fieldkit.calibrate.write_horizon("horizon.csv", [(80.0, 0.0), (90.0, 14.0), (100.0, 0.0)])
+    """
     lines = [",".join(COLUMNS), *(f"{azimuth:g},{elevation:g}" for azimuth, elevation in horizon)]
     try:
-        with replacing(path, synced=False) as file:
+        with replacing(Path(path), synced=False) as file:
             file.write_text("\n".join([*lines, ""]), encoding="utf-8")
     except OSError as error:
         raise StorageError(f"cannot write {path}: {error.strerror or error}") from error

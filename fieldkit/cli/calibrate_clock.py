@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shlex
-import sys
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -88,7 +87,7 @@ def _key_pressed_ns(shown: datetime) -> int:
     """UTC of this computer at the key press; the start of the program does not delay it."""
     from fieldkit.model.clock import HostClock
 
-    if common.options().no_input or not sys.stdin.isatty():
+    if not common.is_interactive():
         raise click.UsageError("--at asks for a key press: run it in a terminal, without --no-input")
     clock = HostClock()
     click.echo(f"press a key the moment the other clock shows {shown.isoformat()}", err=True)

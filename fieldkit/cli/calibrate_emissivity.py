@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import signal
-import sys
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -213,5 +212,5 @@ def _record(ctx: click.Context, sample: str, options: MeasurementOptions, settin
 def _confirm_setup(steps: str) -> None:
     """Print what to place where; wait for a key if there is a terminal."""
     common.say(steps)
-    if sys.stdin.isatty() and not common.options().no_input:
+    if common.is_interactive():
         click.pause("press a key when both are in place", err=True)

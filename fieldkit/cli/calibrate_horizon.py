@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import re
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 
 import click
 
 from fieldkit.cli import common
 from fieldkit.cli.types import MOMENT
-from fieldkit.model.clock import utc_ns
 
 _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 
@@ -55,7 +54,6 @@ def command(
         _of_regions()
         return
     from fieldkit.calibrate.horizon import horizon_from_dem, horizon_from_skyline, write_horizon
-    from fieldkit.config.pose import load_pose
 
     if dem and crs and place and not skyline:
         found = horizon_from_dem(dem, crs, *place, nearest_m=nearest_m)
@@ -63,9 +61,7 @@ def command(
         size = re.fullmatch(r"(\d+)x(\d+)", frame)
         if size is None:
             raise click.UsageError(f"--frame {frame}: write columns x rows, such as 160x120")
-        found = horizon_from_skyline(
-            skyline, load_pose(pose_file, utc_ns(moment or datetime.now(UTC))), (int(size[2]), int(size[1]))
-        )
+        found = horizon_from_skyline(skyline, pose_file, (int(size[2]), int(size[1])), at=moment)
     else:
         raise click.UsageError(
             "give --dem, --crs and --place, or --skyline, --pose and --frame, or --regions"

@@ -164,6 +164,11 @@ def options(ctx: click.Context | None = None) -> Options:
     return found or Options()
 
 
+def is_interactive() -> bool:
+    """True if the running command may ask: on a terminal, without ``--no-input``."""
+    return sys.stdin.isatty() and not options().no_input
+
+
 def say(text: str) -> None:
     """Print a message on stderr, unless ``--quiet``."""
     if not options().quiet:

@@ -1,25 +1,90 @@
-"""``fieldkit devices``: list connected instruments, their drivers, and the identity to configure."""
+"""``fieldkit devices``: list connected instruments and their drivers, or write them into fieldkit.toml."""
 
 from __future__ import annotations
 
+from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from fieldkit.cli.common import Command, options, print_json, print_table, say
+from fieldkit.cli.common import Command, is_interactive, options, print_json, print_table, say
+from fieldkit.cli.types import INSTRUMENT
 
 if TYPE_CHECKING:
     from fieldkit.drivers.discovery import ConnectedDevice
+    from fieldkit.recording.adding import AddedDevices, Question
 
 
 @click.command(cls=Command)
+@click.option("--add", "is_adding", is_flag=True, help="Write what is connected into fieldkit.toml.")
+@click.option(
+    "--instrument", "stated", type=INSTRUMENT, multiple=True, metavar="IDENTITY=DRIVER[,KEY=VALUE]",
+    help="With --add: what is on a cable and its options, instead of a question; DRIVER skip: nothing.",
+)  # fmt: skip
 @click.pass_context
-def command(ctx: click.Context) -> None:
-    """List connected instruments and the identity to write into fieldkit.toml.
+def command(ctx: click.Context, is_adding: bool, stated: tuple[tuple[str, dict[str, Any]], ...]) -> None:
+    r"""List connected instruments, or write them into fieldkit.toml.
 
     An identity is vendor:product with the serial number, or with the USB socket for devices without one; it
     does not change when the computer numbers its ports differently.
+
+    With --add each instrument is opened once. What neither it nor --instrument shows is asked for: the driver
+    behind a serial adapter, a register map, a unit, what radiation it is. Those configured already stay.
+
+    \b
+    fieldkit devices --add
+    fieldkit devices --add --no-input --instrument 10c4:ea60:A7=modbus,map=kipp-smp
     """
+    if stated and not is_adding:
+        raise click.UsageError("--instrument needs --add")
+    if is_adding:
+        from fieldkit.config import find_campaign
+
+        add_connected(find_campaign(options(ctx).directory or Path.cwd()), dict(stated))
+    else:
+        _list(ctx)
+
+
+def add_connected(file: Path, stated: dict[str, dict[str, Any]]) -> None:
+    """Write what is connected into a fieldkit.toml and print it; raises `ConfigError` or `DeviceError`."""
+    from fieldkit.recording.adding import Question, add_devices
+    from fieldkit.recording.opening import together
+
+    done = add_devices(file, stated, _answer if is_interactive() else Question.refused)
+    if options().json:
+        print_json(
+            {
+                "config": str(file),
+                "added": [asdict(one) for one in done.added],
+                "configured": done.configured,
+                "skipped": [_row(one) for one in done.skipped],
+                "failures": [{"message": one.message, "fix": one.fix} for one in done.failures],
+            }
+        )
+    _report(file, done)
+    if done.failures:
+        raise together(done.failures)
+
+
+def _answer(question: Question) -> str:
+    answer: str = click.prompt(str(question), type=click.Choice(question.choices), err=True)
+    return answer
+
+
+def _report(file: Path, done: AddedDevices) -> None:
+    for one in done.added:
+        measured = f"{one.quantity} in {one.unit}"
+        say(f"added {one.name} to {file}: {one.driver}, {measured}, {one.identity or one.port}")
+    for identity, name in done.configured.items():
+        say(f"{identity} is configured already, as {name}")
+    for device in done.skipped:
+        say(f"skipped {device.identity or device.port}: {device.note}")
+    if not (done.added or done.configured or done.skipped or done.failures):
+        say("no instrument is plugged in")
+
+
+def _list(ctx: click.Context) -> None:
     from fieldkit.drivers import registry
     from fieldkit.drivers.discovery import discover
 

@@ -24,13 +24,13 @@ def command(ctx: click.Context, udev: bool) -> None:
     \b
     fieldkit doctor --udev | sudo tee /etc/udev/rules.d/70-fieldkit.rules
     """
-    from fieldkit.recording.doctor import check_computer, udev_rules
+    from fieldkit.recording.doctor import doctor, udev_rules
 
     folder = options(ctx).directory or Path.cwd()
     if udev:
         click.echo(udev_rules(folder), nl=False)
         return
-    checks = check_computer(folder)
+    checks = doctor(folder)
     if options(ctx).json:
         print_json({"checks": [asdict(check) for check in checks]})
     else:

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import click
 
-from fieldkit.cli.common import Command, options, print_json, say
+from fieldkit.cli.common import Command, is_interactive, options, print_json, say
+from fieldkit.cli.devices import add_connected
 from fieldkit.cli.types import SITE
 from fieldkit.model.site import Site, zone_by_longitude
 
@@ -42,8 +43,16 @@ def command(
     say(f"new campaign in {folder}; its configuration is {file}")
     if not simulated:
         _report_site_defaults(site, timezone)
-    then = "fieldkit record --for 10m" if simulated else "fieldkit devices, then fieldkit roi add"
+    then = "fieldkit record --for 10m" if simulated else f"{_instruments_added(file)}, then fieldkit roi add"
     say(f"next: {_going_into(folder)}{then}")
+
+
+def _instruments_added(file: Path) -> str:
+    """Offer on a terminal to add what is connected; the next command."""
+    if not is_interactive() or not click.confirm("add what is connected now?", err=True):
+        return "fieldkit devices --add"
+    add_connected(file, {})
+    return "fieldkit doctor"
 
 
 def _report_site_defaults(site: Site | None, timezone: str | None) -> None:

@@ -16,15 +16,11 @@ from fieldkit.cli import common
 def command(ctx: click.Context) -> None:
     """Show how the running recording is doing: slopes, temperatures, streams, disk, last events."""
     from fieldkit.recording.running import running_session
-    from fieldkit.recording.status_request import recorder_status
+    from fieldkit.recording.status_request import present_status
 
     session = running_session(common.recordings(ctx))
     cols = shutil.get_terminal_size().columns if sys.stdout.isatty() else common.PIPE_COLS
-    status = recorder_status(session, cols)
-    if status is None:
-        from fieldkit.recording.status import status_reply, stored_status
-
-        status = status_reply(stored_status(session), cols)
+    status = present_status(session, cols)
     if common.options().json:
         common.print_json(status["document"])
     else:

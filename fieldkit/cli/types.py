@@ -196,6 +196,15 @@ def parse_key_value(text: str) -> tuple[str, Any]:
         return key, value
 
 
+def parse_instrument(text: str) -> tuple[str, dict[str, Any]]:
+    """``IDENTITY=DRIVER[,KEY=VALUE...]``: an identity, and its ``driver`` with options."""
+    identity, _, stated = text.partition("=")
+    driver, *pairs = stated.split(",")
+    if not (identity and driver):
+        raise ConfigError(f"{text!r} is not IDENTITY=DRIVER, such as 10c4:ea60:A7=lutron")
+    return identity, {"driver": driver, **dict(map(parse_key_value, pairs))}
+
+
 def _refuse_far(when: date) -> None:
     if when.year not in YEARS:
         raise ValueError(f"the year must lie within {YEARS[0]}..{YEARS[-1]}")
@@ -229,3 +238,4 @@ STREAM_NAME = _Typed("NAME", parse_stream_name)
 KELVIN_PER_COUNT = _Typed("K|none", parse_kelvin_per_count)
 CLOCK_OFFSET = _Typed("[+-]Ns|auto", parse_clock_offset)
 KEY_VALUE = _Typed("KEY=VALUE", parse_key_value)
+INSTRUMENT = _Typed("IDENTITY=DRIVER", parse_instrument)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import codecs
 import shutil
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ import tomlkit
 from fieldkit.config.files import read_text
 from fieldkit.config.load import mistakes_in
 from fieldkit.config.template import assignment
-from fieldkit.config.toml_lines import key_lines, toml_lines
+from fieldkit.config.toml_lines import KeyPath, key_lines, toml_lines
 from fieldkit.config.validation import ConfigMistakesError
 from fieldkit.disk import one_at_a_time, replacing
 from fieldkit.model.errors import ConfigError, StorageError
@@ -26,9 +26,24 @@ def add_region(file: Path, region: Mapping[str, Any]) -> None:
     with one_at_a_time(file.resolve().parent):
         before = _read(file)
         index = len(_names(file, before))
-        keys = [assignment(key, value) for key, value in region.items()]
-        text = "\n".join([before.rstrip("\r\n"), "", "[[region]]", *keys, ""])
-        _write_checked(file, text, index, f"the new region {region['name']!r}")
+        text = before.rstrip("\r\n") + "\n\n[[region]]\n" + _assignments(region)
+        _write_checked(file, text, ("region", index), f"the new region {region['name']!r}")
+
+
+def add_instrument(file: Path, path: Sequence[str], table: Mapping[str, Any]) -> None:
+    """Add the table of an instrument, such as ``[lux]``: where it stands commented out, or else at the end.
+
+    Raises `ConfigError` if there is one already, `ConfigMistakesError` if it is invalid.
+    """
+    with one_at_a_time(file.resolve().parent):
+        before, header = _read(file), f"[{'.'.join(path)}]"
+        added, lines = f"{header}\n{_assignments(table)}", toml_lines(before)
+        place = next((place for place, line in enumerate(lines) if line.strip() == f"#{header}"), None)
+        if place is None:
+            lines.append(f"\n{added}" if before.endswith("\n") or not before else f"\n\n{added}")
+        else:
+            lines[place] = added
+        _write_checked(file, "".join(lines), tuple(path), header)
 
 
 def change_region(file: Path, name: str, changes: Mapping[str, Any]) -> None:
@@ -45,21 +60,25 @@ def change_region(file: Path, name: str, changes: Mapping[str, Any]) -> None:
         redrawn = ["points_m"] if "points_px" in changes else []  # in pixels, no longer on the ground
         for key in [*redrawn, *(key for key, value in changes.items() if value is None)]:
             document["region"][0].pop(key, None)
-        _write_checked(file, before + tomlkit.dumps(document) + after, index, f"region {name!r}")
+        text = before + tomlkit.dumps(document) + after
+        _write_checked(file, text, ("region", index), f"region {name!r}")
 
 
-def set_in_site(file: Path, key: str, value: Any) -> None:
-    """Set a key of ``[site]``; raises `ConfigError` if that is not a table of its own."""
+def set_key(file: Path, table: str, key: str, value: Any) -> None:
+    """Set a key of a table, such as ``[site]``; raises `ConfigError` if that is not a table of its own."""
     with one_at_a_time(file.resolve().parent):
         text = _read(file)
         lines, where, entry = toml_lines(text), key_lines(text), f"{assignment(key, value)}\n"
-        if (first := where.get(("site", key))) is not None:
+        if (first := where.get((table, key))) is not None:
             lines[first - 1 : _end_of_value(lines, first)] = [entry]
-        elif (header := where.get(("site",))) is not None:
+        elif (header := where.get((table,))) is not None:
             lines.insert(header, entry)
+        else:
+            lines.append(f"\n[{table}]\n{entry}")
         changed = "".join(lines)
-        if not _is_toml(changed) or tomllib.loads(changed).get("site", {}).get(key) != value:
-            raise ConfigError(f"{file} has no [site] of its own to set {key} in", fix=f"edit {file} by hand")
+        if not _is_toml(changed) or tomllib.loads(changed).get(table, {}).get(key) != value:
+            what = f"{file} has no [{table}] of its own to set {key} in"
+            raise ConfigError(what, fix=f"edit {file} by hand")
         _write(file, changed)
 
 
@@ -130,9 +149,13 @@ def _is_toml(text: str) -> bool:
     return True
 
 
-def _write_checked(file: Path, text: str, index: int, where: str) -> None:
-    """Write, unless region number `index` has a mistake in it."""
-    found = [mistake for _, mistake in mistakes_in(text, file) if mistake.path[:2] == ("region", index)]
+def _assignments(table: Mapping[str, Any]) -> str:
+    return "".join(f"{assignment(key, value)}\n" for key, value in table.items())
+
+
+def _write_checked(file: Path, text: str, path: KeyPath, where: str) -> None:
+    """Write, unless the table at `path` has a mistake in it."""
+    found = [mistake for _, mistake in mistakes_in(text, file) if mistake.path[: len(path)] == path]
     if found:
         raise ConfigMistakesError([(where, mistake) for mistake in found], fix="nothing was changed")
     _write(file, text)

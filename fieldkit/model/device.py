@@ -194,7 +194,8 @@ class Camera(Device, Protocol):
 class Driver(Protocol):
     """The code that knows one kind of instrument.
 
-    A driver may declare the names of its `options`; any others are then rejected.
+    A driver may declare the names of its `options`; any others are then rejected. Its `needs` are those that
+    state what a stream measures where its bytes do not show it, each with values to choose from.
     """
 
     name: str

@@ -15,6 +15,7 @@ from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldkit.model.errors import ConfigError
 from fieldkit.model.numbered import NumberedEnum
 
 
@@ -44,6 +45,19 @@ def zone_by_longitude(longitude_deg: float) -> str:
     hours = round(((longitude_deg + 180.0) % 360.0 - 180.0) / 15.0)
     # the sign of these names is inverted: Etc/GMT-9 is nine hours ahead of Greenwich
     return f"Etc/GMT{-hours:+d}" if hours else "UTC"
+
+
+def as_site(site: Site | Sequence[float]) -> Site:
+    """The site, or that of latitude, longitude and elevation in its zone; raises `ConfigError`."""
+    if isinstance(site, Site):
+        return site
+    if not 2 <= len(site) <= 3:
+        raise ConfigError(f"{site!r} is not a site", fix="give latitude, longitude and elevation")
+    latitude_deg, longitude_deg = site[:2]
+    if not (abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 180.0):
+        raise ConfigError(f"{site!r} is not a site", fix="give latitude first, then longitude, in degrees")
+    elevation_m = site[2] if len(site) == 3 else 0.0
+    return Site(latitude_deg, longitude_deg, elevation_m, zone_by_longitude(longitude_deg))
 
 
 def with_zone(site: Site, zone: str | None) -> Site:

@@ -20,6 +20,7 @@ from fieldkit.config.template import PAPER_SITE, SIMULATED, campaign_toml
 from fieldkit.drivers.instrument import Instrument
 from fieldkit.model.errors import ConfigError, RefusedError, SessionError, StorageError
 from fieldkit.model.site import Region, zone_by_longitude
+from fieldkit.recording.adding import AddedDevices, Ask, Question, Stated, add_devices
 from fieldkit.recording.opening import open_instruments
 from fieldkit.recording.recordings import sessions_in
 from fieldkit.recording.regions import Point, Rect, RegionProperties, add_region
@@ -146,6 +147,19 @@ class Campaign:
         """
         add_region(self.config.path, name, points=points, rect=rect, reference=reference, **properties)
         self.config = load_config(self.config.path, settings=self.settings)
+
+    def add_devices(self, stated: Stated | None = None, ask: Ask = Question.refused) -> AddedDevices:
+        """Write what is connected into ``fieldkit.toml``; parameters and errors as `adding.add_devices`.
+
+        Examples
+        --------
+        >>> dunes = fieldkit.init_campaign("dunes", (37.70, -105.92))
+        >>> dunes.add_devices({"10c4:ea60:A7": {"driver": "lutron"}})
+        <AddedDevices: lux; 0 configured, 0 failed>
+        """
+        done = add_devices(self.config.path, stated, ask)
+        self.config = load_config(self.config.path, settings=self.settings)
+        return done
 
     @contextmanager
     def open_devices(self) -> Iterator[dict[str, Instrument[Any]]]:

@@ -27,12 +27,17 @@ RELEASED_S = 1_760_000_000
 FULL_SUN_LX = 130_000
 
 
-def check_computer(folder: Path) -> list[ReadinessCheck]:
+def doctor(folder: str | Path = ".") -> list[ReadinessCheck]:
     """Check programs, instruments, clock, disk, power, and the configuration of the campaign around `folder`.
 
     No instrument is opened.
+
+    Examples
+    --------
+    >>> [check.text for check in fieldkit.doctor("sandslope") if check.what == "configuration"]
+    ['3 instruments, 4 regions']
     """
-    return [result for check in CHECKS for result in check(folder)]
+    return [result for check in CHECKS for result in check(Path(folder))]
 
 
 def udev_rules(folder: Path) -> str:
@@ -136,7 +141,7 @@ def _configuration(folder: Path) -> Iterator[ReadinessCheck]:
     if found.devices:
         yield ReadinessCheck("ok", "configuration", counted)
     else:
-        fix = "write [camera], [lux] ... into fieldkit.toml; fieldkit devices shows what is plugged in"
+        fix = "fieldkit devices --add writes what is plugged in into fieldkit.toml"
         yield ReadinessCheck("warn", "configuration", f"{counted}: there is nothing to record", fix)
     for device in found.devices:
         yield from _configured(device)
@@ -164,6 +169,10 @@ def _configured(device: DeviceSettings) -> Iterator[ReadinessCheck]:
         yield ReadinessCheck(
             "fail", device.name, f"there is no {device.port}", "fieldkit devices shows what is there"
         )
+    for key, values in registry.needs(device.driver).items():
+        if key not in device.options:
+            text = f"options.{key} is not set: record refuses it if its bytes do not show what it measures"
+            yield ReadinessCheck("warn", device.name, text, f"set it to one of {', '.join(values)}")
     if driver.quantity == "illuminance" and device.name == "lux" and "range_max_lx" not in device.options:
         text = "the meter's range is not configured, so an overflow cannot be detected"
         yield ReadinessCheck(

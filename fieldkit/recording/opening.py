@@ -50,7 +50,7 @@ def open_instruments(
     if not config.devices:
         raise ConfigError(
             "no instruments are configured",
-            fix="fieldkit devices shows what is plugged in and what to write into fieldkit.toml",
+            fix="fieldkit devices --add writes what is plugged in into fieldkit.toml",
         )
     free_here = partial(free_bytes, config.recordings)
     if not any(settings.port == SIMULATED for settings in config.devices):
@@ -98,11 +98,12 @@ def open_all(
     if failed:
         for device in opened:
             device.close()
-        raise _together(failed)
+        raise together(failed)
     return tuple(opened)
 
 
-def _together(failed: Sequence[ConfigError | DeviceError]) -> ConfigError | DeviceError:
+def together(failed: Sequence[ConfigError | DeviceError]) -> ConfigError | DeviceError:
+    """One error that shows what is wrong with each of several instruments."""
     if len(failed) == 1:
         return failed[0]
     lines = "".join(

@@ -18,7 +18,7 @@ from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.air import is_air_temperature
 from fieldkit.model.clock import utc_ns
 from fieldkit.model.errors import ConfigError, NoAnswerError, StorageError
-from fieldkit.model.site import RegionKind, Site, zone_by_longitude
+from fieldkit.model.site import RegionKind, Site, as_site
 from fieldkit.model.units import CELSIUS_ZERO_K, DAY_S, HOUR_NS, MINUTE_NS, SECOND_NS
 from fieldkit.physics.bodies import EARTH, body_of
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
@@ -275,7 +275,7 @@ def plan(
     >>> day.to_frame()[["sun_zenith_deg", "kelvin_per_degree"]].loc[10].round(2).tolist()
     [60.93, 0.33]
     """
-    site, day = _site(site), _day(day)
+    site, day = as_site(site), _day(day)
     if facets is None:
         equator = 180.0 if site.latitude_deg >= 0.0 else 0.0
         facets = [(tilt, equator) for tilt in PAPER_TILTS_DEG]
@@ -296,18 +296,6 @@ def plan(
     if not found.rows.size:
         raise NoAnswerError(f"the sun does not rise on {day} at this site", fix="choose another day")
     return MeasuringPlan(site, day, options, found, estimator or EstimatorSettings())
-
-
-def _site(site: Site | Sequence[float]) -> Site:
-    if isinstance(site, Site):
-        return site
-    if not 2 <= len(site) <= 3:
-        raise ConfigError(f"{site!r} is not a site", fix="give latitude, longitude and elevation")
-    latitude_deg, longitude_deg = site[:2]
-    if not (abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 180.0):
-        raise ConfigError(f"{site!r} is not a site", fix="give latitude first, then longitude, in degrees")
-    elevation_m = site[2] if len(site) == 3 else 0.0
-    return Site(latitude_deg, longitude_deg, elevation_m, zone_by_longitude(longitude_deg))
 
 
 def _day(day: date | str) -> date:

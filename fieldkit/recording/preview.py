@@ -1,6 +1,6 @@
 """Preview: what the instruments measure now, without recording.
 
-`preview` shows samples, minutes and slopes to views as a recording would; `current_frame` reads one frame.
+`live` shows samples, minutes and slopes to views as a recording would; `current_frame` reads one frame.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ QUEUE_SIZE = 512
 """Samples of a stream that may wait; losing some is harmless, because nothing is recorded."""
 
 
-def preview(
+def live(
     campaign: Campaign | Config | str | Path = ".",
     *,
     duration: str | float | None = None,
@@ -55,6 +55,13 @@ def preview(
         Called with each minute as it closes.
     views
         Receive every sample, event and minute.
+
+    Examples
+    --------
+    >>> minutes = []
+    >>> fieldkit.live(campaign, duration="3m", on_minute=minutes.append)
+    >>> minutes[0]
+    <Minute 19:00 UTC: b05 ...; ... W/m² direct>
     """
     config, duration_s = config_of(campaign), None if duration is None else as_seconds(duration)
     shown = [*views, *([MinuteView(on_minute)] if on_minute else [])]

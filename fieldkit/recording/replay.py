@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 from fieldkit.estimation.estimator import Estimator, Minute
 from fieldkit.model.alarm import phase_of
@@ -20,11 +19,11 @@ from fieldkit.recorder.alarms import AlarmEngine
 from fieldkit.recorder.recorder import Shown
 from fieldkit.recording.alarms import alarm_settings
 from fieldkit.results.estimate import estimates_of, estimator_for
-from fieldkit.results.sources import config_for, marks_of
-from fieldkit.sessions.reader import SessionReader, open_session
+from fieldkit.results.sources import SessionOrFile, Settings, config_for, marks_of, reading, settings_from
+from fieldkit.sessions.reader import SessionReader
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Replay:
     """Result of a replay: the regions, the minutes that closed, the final estimate of each target.
 
@@ -36,6 +35,10 @@ class Replay:
     estimates: dict[str, SlopeEstimate]
     alarms: tuple[Event, ...] = ()
 
+    def __repr__(self) -> str:
+        counted = f"{len(self.minutes)} minutes, {len(self.alarms)} alarm events"
+        return f"<Replay: {counted}; targets {', '.join(self.estimates) or 'none'}>"
+
     @property
     def learnt(self) -> Learnt | None:
         """Parameters learnt up to the end, or None if nothing."""
@@ -43,22 +46,22 @@ class Replay:
 
 
 def replay(
-    path: str | Path,
+    session: SessionOrFile,
     *,
     speed: float = math.inf,
-    settings: Sequence[str] = (),
+    settings: Settings = (),
     view_of: Callable[[SessionReader, Estimator], View] | None = None,
 ) -> Replay:
     """Feed a recorded session to estimator and alarms as if live; no alarm is sent anywhere.
 
     Parameters
     ----------
-    path
-        The session.
+    session
+        The session, or its file.
     speed
         Session seconds per real second; infinity shows nothing and only estimates.
     settings
-        ``KEY=VALUE`` over the session's configuration.
+        Other values for keys of the session's configuration, as in `fieldkit.slope_map`.
     view_of
         Makes the view that shows samples, events and minutes.
 
@@ -68,13 +71,18 @@ def replay(
         The session cannot be read.
     ConfigError
         A setting is invalid.
+
+    Examples
+    --------
+    >>> fieldkit.replay(session, settings={"estimator.model": "paper"})
+    <Replay: 21 minutes, 0 alarm events; targets b05, b15, b25>
     """
-    with open_session(Path(path)) as session:
-        config = config_for(session, settings)
-        estimator = estimator_for(session, config)
-        alarms = AlarmEngine(alarm_settings(config, tuple(session.streams.values())))
-        view = None if view_of is None or math.isinf(speed) else view_of(session, estimator)
-        minutes, raised = play(session, estimator, alarms, speed, view)
+    with reading(session) as opened:
+        config = config_for(opened, settings_from(settings))
+        estimator = estimator_for(opened, config)
+        alarms = AlarmEngine(alarm_settings(config, tuple(opened.streams.values())))
+        view = None if view_of is None or math.isinf(speed) else view_of(opened, estimator)
+        minutes, raised = play(opened, estimator, alarms, speed, view)
         estimates = final_estimates(estimates_of(minutes), estimator.schedule.latest)
         return Replay(estimator.schedule.latest, tuple(minutes), estimates, tuple(raised))
 

@@ -24,6 +24,15 @@ def status_path(session: Path) -> Path:
     return journal_path(session) / NAME
 
 
+def present_status(session: Path, cols: int = 80) -> dict[str, Any]:
+    """The status of a session in progress: its recorder's, or what is stored if that does not respond."""
+    if (status := recorder_status(session, cols)) is not None:
+        return status
+    from fieldkit.recording.status import status_reply, stored_status
+
+    return status_reply(stored_status(session), cols)
+
+
 def recorder_status(session: Path, cols: int = 80) -> dict[str, Any] | None:
     """What `fieldkit.recording.status.status_reply` gives to the recorder of a session.
 

@@ -9,10 +9,52 @@ from typing import Any
 import numpy as np
 
 from fieldkit.model.clock import utc_ns
-from fieldkit.model.site import Site
+from fieldkit.model.errors import ConfigError
+from fieldkit.model.site import Site, as_site
 from fieldkit.physics.bodies import body_of
 from fieldkit.physics.facet import incidence_deg, normal, tilt_azimuth
 from fieldkit.physics.sun import exact_vectors, refract, solar_time_h
+
+
+def sun(
+    site: Site | Sequence[float],
+    at: datetime | str | Sequence[datetime | str],
+    facets: Sequence[tuple[float, float]] = (),
+) -> list[dict[str, Any]]:
+    """Where the sun stands, and at what angle it falls on facets: one row for each time.
+
+    Parameters
+    ----------
+    site
+        A `Site`, or latitude [degrees north], longitude [degrees east] and elevation [m].
+    at
+        Times with their zone, or ISO 8601.
+    facets
+        Tilt and azimuth of surfaces. [degrees]
+
+    Raises
+    ------
+    ConfigError
+        A time has no zone, or the site is none.
+
+    Examples
+    --------
+    >>> (row,) = fieldkit.sun((35.558675, 139.395232, 9.0), "2017-08-30T12:00+09:00", [(10.0, 180.0)])
+    >>> round(row["sun_zenith_deg"], 1), round(row["facets"][0]["incidence_deg"], 1)
+    (26.9, 17.1)
+    """
+    given = [at] if isinstance(at, datetime | str) else at
+    return sun_rows(as_site(site), [_moment(one) for one in given], facets)
+
+
+def _moment(at: datetime | str) -> datetime:
+    try:
+        moment = datetime.fromisoformat(at) if isinstance(at, str) else at
+    except ValueError as error:
+        raise ConfigError(f"{at!r} is not a time", fix="write it as 2017-08-30T12:00+09:00") from error
+    if moment.tzinfo is None:
+        raise ConfigError(f"{at!r} has no zone", fix="add its offset from UTC: 2017-08-30T12:00+09:00")
+    return moment
 
 
 def sun_rows(

@@ -75,6 +75,11 @@ def test_an_unknown_name_is_an_attribute_error():
         _ = fieldkit.nothing
 
 
+def test_a_misspelt_name_is_suggested():
+    with pytest.raises(AttributeError, match="did you mean 'estimate'"):
+        _ = fieldkit.estimat
+
+
 def test_completion_imports_nothing():
     code = "import sys, fieldkit; dir(fieldkit); print([m for m in sys.modules if m.startswith('fieldkit.')])"
     assert subprocess.check_output([sys.executable, "-c", code], text=True).strip() == "[]"

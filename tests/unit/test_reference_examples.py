@@ -81,6 +81,7 @@ def instruments(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Non
     adapter = ("/dev/ttyUSB0", UsbIdentity(0x10C4, 0xEA60, "A7", "1-2", "CP2102"))
     for name, found in (("cameras", []), ("serial_ports", [adapter])):
         monkeypatch.setattr(f"fieldkit.drivers.discovery.{name}", lambda found=found: found)
+    monkeypatch.setattr("fieldkit.drivers.ports.serial_ports", lambda: [("light-meter", adapter[1])])
     monkeypatch.setattr("fieldkit.drivers.registry.load_all", lambda: ([], []))
     near, far = pty.openpty()
     tty.setraw(near)
@@ -116,7 +117,7 @@ def names(recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> It
 @pytest.mark.usefixtures("instruments")
 @pytest.mark.parametrize("name", TESTS)
 def test_the_example_gives_what_it_shows(name, names):
-    if name.endswith("pose"):
+    if name.endswith(("pose", "dem", "skyline")):
         pytest.importorskip("rasterio", reason="the extra [terrain] is not installed")
     test, printed = TESTS[name], []
     test.globs = names

@@ -1,4 +1,6 @@
 import json
+import os
+import pty
 import sys
 
 import pytest
@@ -63,6 +65,24 @@ def test_what_to_do_next_works_where_one_stands(init, tmp_path):
     assert "next: cd here && fieldkit record" in init("here", "--simulated").stderr
     assert "next: cd 'my sand' && fieldkit devices" in init("my sand").stderr
     assert "next: fieldkit devices" in init(str(tmp_path)).stderr
+
+
+@pytest.mark.parametrize(
+    ("typed", "following"), [(b"n\n", "fieldkit devices --add"), (b"y\n", "fieldkit doctor")]
+)
+def test_on_a_terminal_it_offers_to_add_what_is_connected(monkeypatch, tmp_path, capsys, typed, following):
+    monkeypatch.setattr("fieldkit.drivers.registry.names", list)
+    for name in ("cameras", "serial_ports"):
+        monkeypatch.setattr(f"fieldkit.drivers.discovery.{name}", list)
+    near, far = pty.openpty()
+    with os.fdopen(far) as terminal, monkeypatch.context() as patch:
+        patch.setattr("sys.stdin", terminal)
+        os.write(near, typed)
+        main(["init", str(tmp_path / "here")], standalone_mode=False)
+    os.close(near)
+    said = capsys.readouterr().err
+    assert "add what is connected now?" in said
+    assert f"&& {following}, then fieldkit roi add" in said
 
 
 def test_without_a_site_it_says_that_the_papers_stands_there(init):

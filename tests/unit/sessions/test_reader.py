@@ -453,7 +453,7 @@ def test_readings_that_cannot_be_are_stored_as_they_came_and_have_no_value(tmp_p
         readings = session.readings("thermometer")
         again = list(session.samples("thermometer"))
         dataset = session.to_xarray("thermometer")
-        assert np.isnan(dataset["value"].values).tolist() == np.isnan(readings.values).tolist()
+        assert np.isnan(dataset["temperature"].values).tolist() == np.isnan(readings.values).tolist()
         assert dataset["flags"].values.tolist() == readings.flags.tolist()
         assert session.to_pandas("thermometer")["T2 [K]"].isna().tolist() == [False, True]
     assert stored[1].tolist() == [290.0, -7725.85, 292.0, 9.9e37]

@@ -28,6 +28,8 @@ def test_xarray_finds_the_backend_and_reads_what_the_session_reads(path: Path) -
     with xr.open_dataset(path, engine="fieldkit", group="camera") as dataset, open_session(path) as session:
         assert dataset.identical(session.to_xarray("camera"))
         np.testing.assert_array_equal(dataset["flags"], session.flags("camera"))
+        np.testing.assert_allclose(dataset["brightness_temperature"], session.kelvin())
+        assert session["lux"].to_xarray()["illuminance"].attrs["units"] == "lx"
 
 
 def test_variables_can_be_dropped(path: Path) -> None:

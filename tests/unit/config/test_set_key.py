@@ -1,4 +1,4 @@
-"""A key of ``[site]`` set in a file whose comments and other lines stay."""
+"""A key of a table set in a file whose comments and other lines stay."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from fieldkit.config.edit import set_in_site
+from fieldkit.config.edit import set_key
 from fieldkit.model.errors import ConfigError
 
 BEFORE = """schema = 1
@@ -24,7 +24,7 @@ driver = "purethermal"
 def test_a_new_key_stands_below_the_header(tmp_path: Path) -> None:
     file = tmp_path / "fieldkit.toml"
     file.write_text(BEFORE)
-    set_in_site(file, "horizon", "horizon.csv")
+    set_key(file, "site", "horizon", "horizon.csv")
     assert file.read_text() == BEFORE.replace("[site]\n", '[site]\nhorizon = "horizon.csv"\n')
 
 
@@ -33,7 +33,7 @@ def test_a_value_of_several_lines_is_replaced(tmp_path: Path) -> None:
     file.write_text(
         BEFORE.replace("\n# the camera", "horizon = [\n  [0, 1],\n  [90, 20],\n]\n\n# the camera")
     )
-    set_in_site(file, "horizon", "horizon.csv")
+    set_key(file, "site", "horizon", "horizon.csv")
     assert file.read_text() == BEFORE.replace("\n# the camera", 'horizon = "horizon.csv"\n\n# the camera')
 
 
@@ -42,5 +42,5 @@ def test_a_site_without_a_table_is_left_to_its_owner(tmp_path: Path) -> None:
     text = "schema = 1\nsite = { latitude_deg = 35.5, longitude_deg = 139.4 }\n"
     file.write_text(text)
     with pytest.raises(ConfigError, match="of its own to set horizon in"):
-        set_in_site(file, "horizon", "horizon.csv")
+        set_key(file, "site", "horizon", "horizon.csv")
     assert file.read_text() == text

@@ -1,0 +1,193 @@
+"""Connected instruments, written into ``fieldkit.toml``: what nothing shows is asked for, once.
+
+Each is opened as by a recording, so that its stream states what it measures. One that is configured already
+is left alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from fieldkit.config import Config, edit, load_config
+from fieldkit.drivers import registry
+from fieldkit.drivers.discovery import ConnectedDevice, discover, is_device
+from fieldkit.model.clock import HostClock
+from fieldkit.model.device import DeviceSettings, StreamInfo
+from fieldkit.model.errors import ConfigError, DeviceError
+from fieldkit.model.radiation import COMPONENTS, measured
+from fieldkit.recording.opening import SIMULATED
+from fieldkit.recording.preflight import STATE_UNIT
+
+SKIP = "skip"
+_NAMES = {"illuminance": "lux", "temperature": "thermometer"}
+"""Tables of ``fieldkit.toml`` by quantity; for others, and for second ones, it is ``[device.NAME]``."""
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """What is not known of an instrument: `key` is ``driver``, ``measures`` or an option of its driver."""
+
+    device: ConnectedDevice
+    stated: str
+    key: str
+    choices: Sequence[str]
+
+    def __str__(self) -> str:
+        return f"{self.key} of {self.stated or 'the instrument'} on {id_of(self.device)}, {self.device.port}"
+
+    def refused(self) -> str:
+        """Raises `ConfigError` with the option that states it."""
+        given = f"{id_of(self.device)}={self.stated}" + (f",{self.key}=" if self.stated else "")
+        raise ConfigError(
+            f"{self} is not known",
+            fix=f"fieldkit devices --add --instrument {given}X, where X is {', '.join(self.choices)}",
+        )
+
+
+Ask = Callable[[Question], str]
+"""Returns one of the choices."""
+Stated = Mapping[str, Mapping[str, Any]]
+"""By identity or port: ``driver`` (or `SKIP`), its options, what its radiation ``measures``."""
+
+
+@dataclass(frozen=True, slots=True)
+class AddedDevice:
+    """An instrument that was written into ``fieldkit.toml``; `name` is that of its stream."""
+
+    name: str
+    driver: str
+    identity: str
+    port: str
+    quantity: str
+    unit: str
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class AddedDevices:
+    """Result of `add_devices`; `configured` are names by identity, `failures` what kept others out."""
+
+    added: list[AddedDevice] = field(default_factory=list)
+    configured: dict[str, str] = field(default_factory=dict)
+    skipped: list[ConnectedDevice] = field(default_factory=list)
+    failures: list[ConfigError | DeviceError] = field(default_factory=list)
+
+    def __repr__(self) -> str:
+        names = ", ".join(one.name for one in self.added) or "none"
+        return f"<AddedDevices: {names}; {len(self.configured)} configured, {len(self.failures)} failed>"
+
+
+def add_devices(file: Path, stated: Stated | None = None, ask: Ask = Question.refused) -> AddedDevices:
+    """Write what is connected into a ``fieldkit.toml``, whose comments stay.
+
+    Parameters
+    ----------
+    file
+        The campaign's ``fieldkit.toml``.
+    stated
+        What is on a cable, by identity: ``{"10c4:ea60:A7": {"driver": "modbus", "map": "kipp-smp"}}``.
+    ask
+        Called for what neither the instrument nor `stated` shows; by default that is a failure.
+
+    Raises
+    ------
+    ConfigError
+        The configuration is invalid, or its instruments are simulated.
+    """
+    done = AddedDevices()
+    for device in discover()[0]:
+        config = _config(file)
+        try:
+            _add(config, device, {**(stated or {}).get(id_of(device), {})}, ask, done)
+        except (ConfigError, DeviceError) as error:
+            done.failures.append(error)
+    return done
+
+
+def id_of(device: ConnectedDevice) -> str:
+    """Identity of an instrument, or its port if it has none."""
+    return device.identity or device.port
+
+
+def _config(file: Path) -> Config:
+    config = load_config(file)
+    if any(one.port == SIMULATED for one in config.devices):
+        raise ConfigError(f"the instruments of {file} are simulated", fix="fieldkit init DIR, for real ones")
+    return config
+
+
+def _add(
+    config: Config, device: ConnectedDevice, stated: dict[str, Any], ask: Ask, done: AddedDevices
+) -> None:
+    """Add one instrument, unless it is configured or skipped; raises `ConfigError` or `DeviceError`."""
+    name = next((one.name for one in config.devices if is_device(device, one)), None)
+    driver = stated.pop("driver", "") or ("" if name else _driver(device, ask))
+    if name is not None:
+        done.configured[id_of(device)] = name
+    elif driver == SKIP:
+        done.skipped.append(device)
+    else:
+        component = stated.pop("measures", "")
+        port = "" if device.identity else device.port  # an identity survives a replug, a port does not
+        given = DeviceSettings(driver, driver, port, device.identity, options=stated)
+        settings, info = _declared(device, given, ask)
+        if "" in measured(info, {}):
+            component = component or ask(Question(device, driver, "measures", COMPONENTS))
+        done.added.append(_written(config, settings, info, component))
+
+
+def _driver(device: ConnectedDevice, ask: Ask) -> str:
+    """The driver of an instrument: the only one that recognises it, or else what is asked for."""
+    if len(device.drivers) > 1:
+        return ask(Question(device, "", "driver", (*device.drivers, SKIP)))
+    return device.drivers[0] if device.drivers else SKIP
+
+
+def _declared(
+    device: ConnectedDevice, settings: DeviceSettings, ask: Ask
+) -> tuple[DeviceSettings, StreamInfo]:
+    """The stream that an instrument declares, with the options that it needs for that."""
+    driver = settings.driver
+    needs = {key: values for key, values in registry.needs(driver).items() if key not in settings.options}
+    try:
+        with closing(registry.open_device(settings, HostClock())) as opened:
+            info = opened.info
+    except ConfigError:
+        if not needs:
+            raise
+    else:
+        if info.unit:
+            return settings, info
+        if not needs:
+            what = f"{driver} on {id_of(device)}: the unit of the values is not known"
+            raise ConfigError(what, fix=STATE_UNIT)
+    found = {key: ask(Question(device, driver, key, values)) for key, values in needs.items()}
+    return _declared(device, replace(settings, options={**settings.options, **found}), ask)
+
+
+def _written(config: Config, settings: DeviceSettings, info: StreamInfo, component: str) -> AddedDevice:
+    """Write an instrument that is open no more; raises `ConfigError` if it cannot be configured so."""
+    driver = settings.driver
+    path = _path(info, driver, {one.name for one in config.devices})
+    rows, cols = info.shape if path == ("camera",) else (0, 0)
+    table = {
+        "driver": driver, "identity": settings.identity, "port": settings.port,
+        "width_px": cols, "height_px": rows, "options": dict(settings.options),
+    }  # fmt: skip
+    edit.add_instrument(config.path, path, {key: value for key, value in table.items() if value})
+    if component:
+        measures = {**config.tables.irradiance.measures, path[-1]: component}
+        edit.set_key(config.path, "irradiance", "measures", measures)
+    return AddedDevice(path[-1], driver, settings.identity, info.port, info.quantity, info.unit)
+
+
+def _path(info: StreamInfo, driver: str, taken: set[str]) -> tuple[str, ...]:
+    """The table of an instrument: ``[camera]``, ``[lux]``, ``[thermometer]`` while free, else its own."""
+    name = "camera" if info.is_camera else _NAMES.get(info.quantity, "")
+    if name and name not in taken:
+        return (name,)
+    numbered = (driver, *(f"{driver}-{number}" for number in range(2, len(taken) + 3)))
+    return ("device", next(name for name in numbered if name not in taken))
