@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldkit.model.marks import corrected
 from fieldkit.model.region_schedule import RegionSchedule
 from fieldkit.model.samples import Event
 from fieldkit.model.units import MINUTE_NS
@@ -222,15 +223,16 @@ def _filled(minutes: NDArray[np.int64], found_at: NDArray[np.int64], kelvin: Flo
 
 @dataclass(slots=True)
 class ShadeMarks:
-    """Shade tests that the operator marked; a mark counts from the minute in which it was made."""
+    """Shade tests that the operator marked; a mark counts from the minute in which it was made.
 
-    _events: list[tuple[int, Event]] = field(default_factory=list)
+    One that corrects another counts from its own time.
+    """
+
+    _events: list[Event] = field(default_factory=list)
 
     def add(self, event: Event) -> None:
-        """Take an event; one that is not about the shade of a region is skipped."""
-        if "shade_test" in event.data:
-            noted_ns = int(event.data.get("noted_ns", event.time_ns))
-            self._events.append((noted_ns // MINUTE_NS, event))
+        """Take a mark; one that is not about the shade of a region may become one."""
+        self._events.append(event)
 
     def tests(self, minute: int, schedule: RegionSchedule, *, is_last: bool) -> list[ShadeTest]:
         """The tests marked by the end of a minute, up to then; `is_last` counts marks made later too.
@@ -239,8 +241,9 @@ class ShadeMarks:
         """
         marked = [
             (noted, column, event)
-            for noted, event in self._events
-            if noted <= minute or is_last
+            for event in corrected(self._events)
+            if "shade_test" in event.data
+            if (noted := int(event.data.get("noted_ns", event.time_ns)) // MINUTE_NS) <= minute or is_last
             if (column := schedule.column(str(event.data["shade_test"]), noted)) is not None
         ]
         marked.sort(key=lambda one: (one[2].time_ns, one[0], one[2].text))

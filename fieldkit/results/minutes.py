@@ -238,10 +238,13 @@ def _keep_slopes(run: Run, made: Estimates) -> Estimates:
 def keep_recorded(path: Path, estimator: Estimator) -> None:
     """Keep what a recording measured and estimated itself for the first who asks for its minutes.
 
-    Nothing is kept where the sealed session has other minutes or settings. Raises `SessionError`, `OSError`.
+    Nothing is kept where the sealed session has other minutes, settings or marks. Raises `SessionError`,
+    `OSError`.
     """
     with open_session(path) as session:
         known = SessionMinutes(session, config_for(session))
+        if session.has_corrected_marks:  # it estimated some minutes before it knew the corrections
+            return
         if known.settings == estimator.settings and len(session.minutes()) == len(estimator.minutes):
             known.keep(estimator)
 
