@@ -6,7 +6,7 @@ and tables, and by what needs other rooms: configuration, estimation, reports, p
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -151,12 +151,14 @@ class Session(SessionReader):
         model: Model | None = None,
         present: bool = False,
         regions: Sequence[Region] | None = None,
+        without_marks: Collection[int | str] = (),
         **values: Any,
     ) -> Estimates:
         """Slopes minute by minute; see `fieldkit.estimate`."""
         from fieldkit.results.estimate import estimate
 
-        return estimate(self, settings, model=model, present=present, regions=regions, **values)
+        chosen: Mapping[str, Any] = {"regions": regions, "without_marks": without_marks}
+        return estimate(self, settings, model=model, present=present, **chosen, **values)
 
     def slope_map(
         self, window: Window = None, *, settings: Settings = (), present: bool = False

@@ -7,8 +7,10 @@ from pathlib import Path
 
 import h5py
 import pytest
+from click.testing import CliRunner
 
 import fieldkit
+from fieldkit.cli import main
 from fieldkit.model.errors import ConfigError, SessionError
 from fieldkit.model.samples import Event, EventKind, Quality
 from fieldkit.model.units import MINUTE_NS, SECOND_NS
@@ -159,6 +161,11 @@ def slopes(path: Path, **options: object) -> tuple[list[float], int]:
 def test_a_shade_test_taken_back_has_no_effect_on_the_slopes(sessions, shaded: Path) -> None:
     plain, marked = slopes(sessions[0]), slopes(shaded)
     assert (plain[1], marked[1]) == (0, 3)
+    assert repr(slopes(shaded, without_marks=["shade-test b15"])) == repr(plain)
+    found = CliRunner().invoke(main, ["estimate", str(shaded), "--without-mark", "2"])
+    assert "has no mark '2'" in found.output
+    assert "its marks: 1 shade-test b15" in found.output
+    assert repr(slopes(shaded)) == repr(marked)
     with fieldkit.open_session(shaded) as session:
         session.take_back("shade-test b15")
     assert repr(slopes(shaded)) == repr(plain)
