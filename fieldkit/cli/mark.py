@@ -49,7 +49,7 @@ def command(
 
     "shade-test REGION" when a board begins to shade a region, "shade-test REGION end" when it is taken away,
     or "shade-test REGION" with an interval: estimates then know those minutes as shaded. Without an end the
-    shade counts for 20 minutes, or --for as long as it says.
+    shade counts for 20 minutes, or for the time that --for states.
 
     A mark that was taken back or edited, while recording or later, stays in the session as it was made;
     estimates, reports and exports use the marks as corrected.
