@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import shutil
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -14,13 +14,11 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.disk import one_at_a_time, put_in_place
 from fieldkit.model.clock import ClockCheck
-from fieldkit.model.errors import StorageError
 from fieldkit.model.units import SECOND_NS
-from fieldkit.sessions.guarded_file import GuardedFile
+from fieldkit.sessions.finished_file import add_to_finished
 from fieldkit.sessions.layout import TIME_MAP_COLUMNS, encode_text
-from fieldkit.sessions.reader import SessionReader, open_session
+from fieldkit.sessions.reader import SessionReader
 from fieldkit.sessions.stored import columns_of
 from fieldkit.sessions.time_map import TimeStep, row_crc32s
 
@@ -84,44 +82,19 @@ def _asleep(checks: Sequence[ClockCheck]) -> list[TimeStep]:
 def apply_time_map(path: Path, steps: Sequence[TimeStep]) -> None:
     """Write a time map into a finished session, as a new version beside those before.
 
-    That is done in a copy, which then takes the session's place: a process killed meanwhile leaves the
-    session as it was. Raises `SessionError` where the session is not finished, `StorageError` where it
-    cannot be written or there is no room for the copy.
+    Raises `SessionError` where the session is not finished, `StorageError` where it cannot be written.
     """
-    path = path.resolve()  # a link stays a link
-    draft = changing_path(path)
-    try:
-        with one_at_a_time(path.parent):
-            with open_session(path) as session:
-                session.require_finished()
-            try:
-                shutil.copyfile(path, draft)
-                shutil.copystat(path, draft)
-                _add_steps(draft, steps)
-                put_in_place(draft, path)
-            finally:
-                draft.unlink(missing_ok=True)
-    except OSError as error:
-        raise StorageError(
-            f"the times of {path} could not be corrected: {error.strerror or error}",
-            fix="see that its folder can be written and has room for a copy of it; nothing was changed",
-        ) from error
+    add_to_finished(path, partial(_add_steps, steps))
 
 
-def changing_path(path: Path) -> Path:
-    """Path at which a session is changed before it takes its own place; a killed process leaves it."""
-    return path.with_name(path.name + ".changing")
-
-
-def _add_steps(path: Path, steps: Sequence[TimeStep]) -> None:
-    with GuardedFile(path) as file:
-        group = file["time_map"]
-        old = group["time"].shape[0]
-        version = int(group["version"][:].max(initial=0)) + 1
-        rows = _rows(steps, version)
-        for name in columns_of(group, TIME_MAP_COLUMNS):  # an older file has no room for the checksum
-            group[name].resize((old + len(steps),))
-            group[name][old:] = rows[name]
+def _add_steps(steps: Sequence[TimeStep], file: h5py.File) -> None:
+    group = file["time_map"]
+    old = group["time"].shape[0]
+    version = int(group["version"][:].max(initial=0)) + 1
+    rows = _rows(steps, version)
+    for name in columns_of(group, TIME_MAP_COLUMNS):  # an older file has no room for the checksum
+        group[name].resize((old + len(steps),))
+        group[name][old:] = rows[name]
 
 
 def _rows(steps: Sequence[TimeStep], version: int) -> dict[str, NDArray[Any]]:

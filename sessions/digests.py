@@ -2,8 +2,8 @@
 
 An object is a group or a dataset. Its digest is SHA-256 over what a reader gets of it (names of members,
 type, shape, values, scales, attributes), not over how HDF5 lays it out. Three kinds of values are excluded:
-frames, each of which has a checksum of its own; the corrections of the clock, which are added after the
-seal and have a checksum per row; and what sealing itself writes last.
+frames, each of which has a checksum of its own; the corrections of the clock and of marks, which are added
+after the seal and have a checksum per row; and what sealing itself writes last.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from fieldkit.sessions.layout import FRAME_DATASETS
+from fieldkit.sessions.layout import FRAME_DATASETS, LATER_EVENTS
 from fieldkit.sessions.stored import check_size, members, stored_here
 
 ROOT = "/"
@@ -62,7 +62,7 @@ def _attributes(node: h5py.Group | h5py.Dataset) -> Iterator[bytes]:
 
 
 def _members(group: h5py.Group) -> Iterator[bytes]:
-    for name in sorted(group):
+    for name in sorted({*group} - {LATER_EVENTS}):
         yield _framed(name)
 
 

@@ -10,6 +10,7 @@ import json
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+import h5py
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,6 +21,7 @@ from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SLOPE_FIELDS, SlopeEstimate, SlopeState
 from fieldkit.sessions.chunks import as_column
 from fieldkit.sessions.layout import (
+    EVENT_COLUMNS,
     LEARNT_NUMBERS,
     MAX_LEARNT,
     MAX_VERTICES,
@@ -170,6 +172,16 @@ def _event_row(event: Event) -> Row:
         "severity": int(event.severity), "stream": encode_text(event.stream, 32),
         "text": encode_text(str(event.text), _TEXT_BYTES), "data": stored_details(event),
     }  # fmt: skip
+
+
+def event_columns(events: Sequence[Event]) -> Table:
+    """The columns of a table of these events, text marked as UTF-8."""
+    rows, columns = [_event_row(event) for event in events], dict[str, NDArray[Any]]()
+    for one in EVENT_COLUMNS:
+        values = [row[one.name] for row in rows]
+        text = h5py.string_dtype("utf-8", np.dtype(one.dtype).itemsize)
+        columns[one.name] = np.array(values, text) if one.is_text else fitting_column(values, one)
+    return columns
 
 
 def stored_details(event: Event) -> bytes:

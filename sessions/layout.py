@@ -40,6 +40,7 @@ RESERVED_NAMES = frozenset(
         "irradiance",
         "estimates",
         "later_estimates",
+        "later_events",
         "learnt",
         "regions",
         "events",
@@ -286,15 +287,7 @@ def entry_columns(header: SessionHeader) -> dict[str, list[Column]]:
         "later_estimates": [_time(), Column("region", "S64"), *_of_one_region(_estimate_columns(1))],
         "learnt": [_time(), *_learnt_columns(regions)],
         "regions": _region_columns(),
-        "events": [
-            _time(),
-            _mono("host monotonic clock"),
-            Column("kind", "u1", attributes=meaning_attributes(EventKind, "what happened")),
-            Column("severity", "u1", attributes=meaning_attributes(Severity, "how bad it is")),
-            Column("stream", "S32"),
-            Column("text", "S256"),
-            Column("data", "S1024", attributes={"long_name": "details, JSON"}),
-        ],
+        "events": list(EVENT_COLUMNS),
         "clock": [
             _time(),
             _mono("host monotonic clock"),
@@ -307,12 +300,34 @@ def entry_columns(header: SessionHeader) -> dict[str, list[Column]]:
     }
 
 
+EVENT_COLUMNS = (
+    _time(),
+    _mono("host monotonic clock"),
+    Column("kind", "u1", attributes=meaning_attributes(EventKind, "what happened")),
+    Column("severity", "u1", attributes=meaning_attributes(Severity, "how bad it is")),
+    Column("stream", "S32"),
+    Column("text", "S256"),
+    Column("data", "S1024", attributes={"long_name": "details, JSON"}),
+)
+
+_ROW_CRC = Column("crc32", "<u4", attributes={"long_name": "CRC-32 of the row's other columns", "units": "1"})
+
+LATER_EVENTS = "later_events"
+"""Group that a finished session gets with the first correction of a mark."""
+
+LATER_EVENT_COLUMNS = (
+    *EVENT_COLUMNS,
+    Column("written", "<i8", attributes={"units": TIME_UNITS, "long_name": "when this was written"}),
+    _ROW_CRC,
+)
+"""Events added afterwards: corrections of marks."""
+
 TIME_MAP_COLUMNS = (
     Column("time", "<i8", attributes={"units": TIME_UNITS, "long_name": "when this was written"}),
     Column("mono_ns", "<i8", attributes={"units": "ns", "long_name": "holds from here on"}),
     Column("add_ns", "<i8", attributes={"units": "ns", "long_name": "to be added to the time"}),
     Column("version", "<u2", attributes={"units": "1"}),
-    Column("crc32", "<u4", attributes={"long_name": "CRC-32 of the row's other columns", "units": "1"}),
+    _ROW_CRC,
     Column("reason", "S256"),
 )
 """Corrections of the clock, written afterwards."""

@@ -29,6 +29,7 @@ from fieldkit.model.clock import ClockCheck
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import SessionError
 from fieldkit.model.learnt import Learnt
+from fieldkit.model.marks import corrected, marks_now
 from fieldkit.model.region_schedule import RegionSchedule
 from fieldkit.model.samples import Event, Health, Quality, Sample
 from fieldkit.model.site import Region, Site
@@ -40,6 +41,8 @@ from fieldkit.sessions.layout import (
     FORMAT_NAME,
     FORMAT_VERSION,
     INTEGRITY_COLUMNS,
+    LATER_EVENT_COLUMNS,
+    LATER_EVENTS,
     RECORDING,
     RECOVERED,
     SEALED,
@@ -65,7 +68,7 @@ from fieldkit.sessions.stored import (
 )
 from fieldkit.sessions.stream_reader import Readings, StreamReader
 from fieldkit.sessions.superblock import CHECK_PATH, MendedFile, is_clean
-from fieldkit.sessions.time_map import StoredTimes, TimeStep, mapped_event
+from fieldkit.sessions.time_map import StoredTimes, TimeStep, check_rows, mapped_event
 
 if TYPE_CHECKING:
     pass
@@ -339,9 +342,34 @@ class SessionReader:
     # --- tables: everything but samples
 
     def events(self, *, recorded: bool = False) -> list[Event]:
-        """Events of the recording, in the order they were detected."""
-        events = entry_rows.events_from(self.timed_table("events", recorded=True))
-        return events if recorded else [mapped_event(self.time_map(), event) for event in events]
+        """Events of the recording, in the order they were detected, with marks as corrected since.
+
+        With `recorded` all marks as they were made, and the corrections of marks as events of their own.
+        """
+        stored = self.timed_table("events", recorded=True)
+        events = [*entry_rows.events_from(stored), *self._later_events()]
+        return events if recorded else [mapped_event(self.time_map(), event) for event in corrected(events)]
+
+    def marks(self) -> dict[int, Event]:
+        """The marks by their numbers, as corrected since; those taken back are omitted."""
+        marks = marks_now(self.events(recorded=True))
+        return {number: mapped_event(self.time_map(), mark) for number, mark in marks.items()}
+
+    @property
+    def has_corrected_marks(self) -> bool:
+        """True if marks were taken back or edited, while recording or since."""
+        return any("corrects" in event.data for event in self.events(recorded=True))
+
+    def _later_events(self) -> list[Event]:
+        """Events added since the session was finished, with times as recorded."""
+        if link_of(self._file, LATER_EVENTS) is None:
+            return []
+        with self._explaining():
+            datasets = columns_of(self.group(LATER_EVENTS), LATER_EVENT_COLUMNS)
+            columns = {name: dataset[:] for name, dataset in datasets.items()}
+            check_rows(columns, "marks")
+        time_ns = self._times.utc_ns(columns["time"], columns["mono_ns"], recorded=True)
+        return entry_rows.events_from({**columns, "time_ns": time_ns})
 
     def health(self, *, recorded: bool = False) -> list[Health]:
         """Health of the recording, once a second."""

@@ -37,15 +37,15 @@ class TimeStep:
 
 
 def row_crc32s(columns: Mapping[str, NDArray[Any]]) -> list[int]:
-    """CRC-32 of every row of a time map as stored, over its columns in order but for the checksum itself."""
+    """CRC-32 of every row of corrections as stored, over its columns in order but for the checksum itself."""
     others = [values for name, values in columns.items() if name != "crc32"]
     return [zlib.crc32(b"".join(cell.tobytes() for cell in row)) for row in zip(*others, strict=False)]
 
 
-def check_rows(columns: Mapping[str, NDArray[Any]]) -> None:
-    """Raise `SessionError` where a row of a time map is not as written; older maps have no checksum."""
+def check_rows(columns: Mapping[str, NDArray[Any]], of: str = "the clock") -> None:
+    """Raise `SessionError` where a row of corrections is not as written; older time maps have no checksum."""
     if "crc32" in columns and row_crc32s(columns) != columns["crc32"].tolist():
-        raise SessionError("the corrections of the clock are damaged", fix="take another copy of the session")
+        raise SessionError(f"the corrections of {of} are damaged", fix="take another copy of the session")
 
 
 def added_ns(steps: Sequence[TimeStep], mono_ns: int) -> int:
@@ -60,6 +60,16 @@ def mapped_event(steps: Sequence[TimeStep], event: Event) -> Event:
         if isinstance(time_ns := data.get(name), int):
             data[name] = time_ns + added_ns(steps, event.mono_ns + time_ns - event.time_ns)
     return replace(event, time_ns=event.time_ns + added_ns(steps, event.mono_ns), data=data)
+
+
+def recorded_event(steps: Sequence[TimeStep], event: Event, anchor_ns: int) -> Event:
+    """The event as recorded, of one with corrected times: the inverse of `mapped_event`."""
+    data = dict(event.data)
+    for name in _TIMES:
+        if isinstance(time_ns := data.get(name), int):
+            data[name] = recorded_mono_ns(steps, time_ns, anchor_ns) + anchor_ns
+    mono_ns = recorded_mono_ns(steps, event.time_ns, anchor_ns)
+    return replace(event, mono_ns=mono_ns, time_ns=mono_ns + anchor_ns, data=data)
 
 
 def recorded_mono_ns(steps: Sequence[TimeStep], time_ns: int, anchor_ns: int) -> int:

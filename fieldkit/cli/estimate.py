@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from fieldkit.cli import batch, common
 from fieldkit.cli.session_paths import find_sessions
 from fieldkit.cli.slope_table import explain_slopes, print_learnt, print_slopes
-from fieldkit.cli.types import FACET, SITE
+from fieldkit.cli.types import FACET, SITE, WORDS
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.results.estimate import as_document, require_slope, session_document
 
@@ -39,6 +39,14 @@ if TYPE_CHECKING:
     default=(0.0, 0.0),
     help="Slope of a table's reference.  [default: horizontal]",
 )
+@click.option(
+    "--without-mark",
+    "without_marks",
+    type=WORDS,
+    multiple=True,
+    metavar="MARK",
+    help="Give a mark no effect, by its number (fieldkit mark --list) or text.",
+)
 @common.set_option
 @click.pass_context
 def command(
@@ -51,6 +59,7 @@ def command(
     address: str | None,
     site: Site | None,
     reference: tuple[float, float],
+    without_marks: tuple[str, ...],
     settings: tuple[str, ...],
 ) -> None:
     """Estimate the slopes of recorded SESSIONS or folders of them, as configured or with --set.
@@ -65,22 +74,25 @@ def command(
     if len(sessions) == 1 and sessions[0].suffix.lower() == ".csv":
         if out is not None:
             raise click.UsageError("-o is for sessions; the slopes of a table are printed: --json > FILE")
-        if present or jobs is not None or address is not None:
-            raise click.UsageError("--campaign and workers are for sessions; a table takes --site and --set")
+        if present or without_marks or jobs is not None or address is not None:
+            raise click.UsageError(
+                "--campaign, --without-mark and workers are for sessions; a table takes --site and --set"
+            )
         _estimate_table(sessions[0], site, reference, settings)
         return
     paths = find_sessions(ctx, sessions)
-    _estimate_sessions(paths, out, batch.workers(kind, address, jobs), settings, present=present)
+    workers, chosen = batch.workers(kind, address, jobs), {"present": present, "without_marks": without_marks}
+    _estimate_sessions(paths, out, workers, settings, chosen)
 
 
 def _estimate_sessions(
-    paths: Sequence[Path], out: Path | None, workers: Workers, settings: Sequence[str], *, present: bool
+    paths: Sequence[Path], out: Path | None, workers: Workers, settings: Sequence[str], chosen: dict[str, Any]
 ) -> None:
     from fieldkit.results.batch import estimate_sessions
 
     base = None if out is None else batch.base_of(out)
     with batch.progress_bar("estimating") as on_progress:
-        found = estimate_sessions(paths, settings, present=present, workers=workers, on_progress=on_progress)
+        found = estimate_sessions(paths, settings, **chosen, workers=workers, on_progress=on_progress)
     if base is not None and found.estimates:
         common.say(f"wrote {', '.join(map(str, found.write(base)))}")
     if found.estimates:

@@ -35,11 +35,11 @@ class StreamProgress:
 def changes(session: SessionReader) -> Iterator[Event | StreamProgress]:
     """The events and samples that come after what `session` has shown so far."""
     counts = {name: session.count(name) for name in session.streams}
-    events = len(session.events())
+    events = len(session.events(recorded=True))
     while is_locked(journal_path(session.path)):
         time.sleep(SAMPLES_POLL_S)
         session.refresh()
-        for event in session.events()[events:]:
+        for event in session.events(recorded=True)[events:]:
             events += 1
             yield event
         for name, before in counts.items():

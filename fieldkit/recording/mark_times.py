@@ -1,31 +1,26 @@
-"""The time of a mark as people write it: ``-30s``, ``12:31`` at the site, ISO 8601."""
+"""A mark as people write it, on the recording that runs: its time by that recording's clock."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
-from datetime import time as time_of_day
 from pathlib import Path
 from typing import TYPE_CHECKING
 from zoneinfo import ZoneInfo
 
 from fieldkit.model.durations import parse_duration
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.mark_times import parse_when, reject_impossible, reject_unknown_region
+from fieldkit.model.marks import Mark, When, shade_test
 from fieldkit.model.units import SECOND_NS
-from fieldkit.recording.marks import Mark, When, shade_test
 from fieldkit.recording.requests import STARTED_WITHIN_S, await_inbox
 from fieldkit.recording.running import session_in_progress
 from fieldkit.recording.status_request import recorder_status
 
 if TYPE_CHECKING:
     from fieldkit.config import Config
-
-CLOCKS_DIFFER = timedelta(minutes=5)
-"""A clock time up to this far ahead means now, by a watch that is fast; beyond, it means yesterday."""
-YEAR_S = 365.25 * 86_400.0
-FAR_S = 10.0 * YEAR_S
-"""A mark further from now is a typing error."""
 
 
 def mark_of(
@@ -36,8 +31,11 @@ def mark_of(
     kind: str = "",
     at: str = "-0s",
     to: str | None = None,
-) -> Mark:
-    """A note with its time, or interval, as people write them: ``-30s``, ``12:31`` at the site, ISO 8601.
+    longest: str | None = None,
+) -> tuple[Mark, str]:
+    """A note with its time, or interval, and what a shade test does in words (else empty).
+
+    Times are as people write them: ``-30s``, ``12:31`` at the site, ISO 8601.
 
     A shade test and a time of the site need the regions and the time of what records into `recordings`;
     `config` loads the campaign's configuration where its recorder does not report them. Raises `ConfigError`
@@ -48,10 +46,32 @@ def mark_of(
     now = datetime.now(UTC)
     if test is not None or not (at.startswith("-") and (to is None or to.startswith("-"))):
         regions, now = _regions_and_now(recordings, config)
-        _reject_unknown_region(test, regions)
+        reject_unknown_region(test, regions)
     mark = Mark(text, kind, parse_when(at, now), parse_when(to, now) if to else None)
     reject_impossible(mark, now)
-    return mark
+    if longest is not None:
+        if test is None or test[1] == "end" or to is not None:
+            raise ConfigError("--for is of a shade test that begins: shade-test REGION without an interval")
+        mark = replace(mark, longest_s=parse_duration(longest))
+    return mark, "" if test is None else _effect(mark, *test, now)
+
+
+def _effect(mark: Mark, region: str, phase: str, now: datetime) -> str:
+    start = _moment(mark.at, now)
+    if mark.to is not None:
+        return f"{region} counts as shaded from {start:%H:%M} until {_moment(mark.to, now):%H:%M}"
+    if phase == "end":
+        return f"{region} counts as sunlit from {start:%H:%M}"
+    latest = start + timedelta(seconds=mark.longest_s)
+    return (
+        f"{region} counts as shaded from {start:%H:%M} until you end it, at the latest until {latest:%H:%M}"
+    )
+
+
+def _moment(when: When, now: datetime) -> datetime:
+    if isinstance(when, str):
+        return datetime.fromisoformat(when).astimezone(now.tzinfo)
+    return now + timedelta(seconds=when)
 
 
 def _regions_and_now(recordings: Path, config: Callable[[], Config]) -> tuple[list[str], datetime]:
@@ -78,53 +98,3 @@ def _now(config: Config, session: Path | None) -> datetime:
         with open_session(session) as opened:
             end_ns = opened.end_ns
     return datetime.fromtimestamp(end_ns / SECOND_NS, zone) if end_ns else datetime.now(zone)
-
-
-def _reject_unknown_region(test: tuple[str, str] | None, names: list[str]) -> None:
-    if test is not None and test[0] not in names:
-        raise ConfigError(
-            f"no region is called {test[0]!r}", fix=f"shade-test and one of {', '.join(names) or 'none'}"
-        )
-
-
-def parse_when(text: str, now: datetime) -> When:
-    """Seconds before `now` from ``-30s``, ``-5m``, ``-1h``; else ISO 8601, by default in the zone of `now`.
-
-    ``12:31`` is the last time that clocks showed it. Raises `ConfigError` for anything else.
-    """
-    try:
-        if text.startswith("-"):
-            return -parse_duration(text[1:])
-        if ":" in text[:3]:
-            return _last(time_of_day.fromisoformat(text), now).isoformat()
-        moment = datetime.fromisoformat(text)
-    except ValueError:  # also a `ConfigError`
-        raise ConfigError(
-            f"{text!r} is not a valid time; use -30s, 12:31 or 2026-12-11T12:31+09:00"
-        ) from None
-    return (moment if moment.tzinfo else moment.replace(tzinfo=now.tzinfo)).isoformat()
-
-
-def _last(shown: time_of_day, now: datetime) -> datetime:
-    """When clocks last showed a time, in its own zone if it has one."""
-    own_zone = shown.tzinfo or now.tzinfo
-    latest = (now + CLOCKS_DIFFER).timestamp()
-    day = now.astimezone(own_zone).date()
-    moments = [datetime.combine(day + timedelta(days), shown, own_zone) for days in (1, 0, -1)]
-    return next(moment for moment in moments if moment.timestamp() <= latest)
-
-
-def reject_impossible(mark: Mark, now: datetime) -> None:
-    """Raise `ConfigError` for a time further than `FAR_S` from now, or an end before its start."""
-    ends = [mark.at] if mark.to is None else [mark.at, mark.to]
-    after_s = [_after_s(end, now) for end in ends]
-    for end, seconds in zip(ends, after_s, strict=True):
-        if abs(seconds) > FAR_S:
-            shown = f"{seconds:g} s" if isinstance(end, float) else end
-            raise ConfigError(f"{shown} is more than {FAR_S / YEAR_S:.0f} years from now; correct the time")
-    if after_s[-1] < after_s[0]:
-        raise ConfigError("the end lies before the start; give the earlier time to --from")
-
-
-def _after_s(when: When, now: datetime) -> float:
-    return datetime.fromisoformat(when).timestamp() - now.timestamp() if isinstance(when, str) else when

@@ -6,6 +6,7 @@ streams first.
 
 from __future__ import annotations
 
+import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -57,9 +58,10 @@ def record(
 ) -> Session:
     """Record a session of a campaign and seal it; the session, open for reading.
 
-    No signal handler is installed: an interrupt (Ctrl-C, "stop" of a notebook) ends the recording at once
-    and keeps its journal, from which ``fieldkit recover`` finishes the session. ``fieldkit record`` seals
-    on Ctrl-C.
+    An interrupt (Ctrl-C, "stop" of a notebook) ends the recording, which is sealed and returned as at its
+    planned end. A second one raises `KeyboardInterrupt` at once and keeps the journal, from which
+    ``fieldkit recover`` finishes the session. In a thread, or with a handler of SIGINT of your own, nothing
+    is changed: `KeyboardInterrupt` keeps the journal.
 
     Parameters
     ----------
@@ -95,17 +97,39 @@ def record(
     ('20160101T190001Z-short', 121)
     """
     config = config_of(campaign)
-    with prepare(
+    opened = prepare(
         config,
         name=name,
         duration_s=None if duration is None else as_seconds(duration),
         allow_missing=allow_missing,
         notify=notify,
-    ) as prepared:
-        recorded = prepared.run(() if on_minute is None else (MinuteView(on_minute),))
+    )
+    views = () if on_minute is None else (MinuteView(on_minute),)
+    with opened as prepared, _stopped_by_interrupt() as stopping:
+        recorded = prepared.run(views, stopping=stopping)
     if recorded.summary.failure is not None:
         raise recorded.summary.failure
     return open_session(recorded.path)
+
+
+@contextmanager
+def _stopped_by_interrupt() -> Iterator[threading.Event]:
+    """An event that the first interrupt sets, where Python alone would raise `KeyboardInterrupt`."""
+    stopping = threading.Event()
+    is_main = threading.current_thread() is threading.main_thread()
+    if not is_main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield stopping
+        return
+
+    def stop(number: int, frame: object) -> None:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        stopping.set()
+
+    signal.signal(signal.SIGINT, stop)
+    try:
+        yield stopping
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @dataclass(frozen=True, slots=True)

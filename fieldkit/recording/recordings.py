@@ -83,7 +83,7 @@ def began(path: Path) -> tuple[int, int, str]:
 
 def delete_crash_files(sessions: Iterable[Path]) -> list[Path]:
     """Delete the files that recovery kept as crashes left them; their paths."""
-    from fieldkit.sessions.clock_correction import changing_path
+    from fieldkit.sessions.finished_file import changing_path
     from fieldkit.sessions.recovery import crashed_path
 
     beside = [name(path) for path in sessions for name in (crashed_path, changing_path)]

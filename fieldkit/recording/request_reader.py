@@ -16,10 +16,10 @@ from typing import Any
 
 from fieldkit.model.clock import Clock
 from fieldkit.model.errors import StorageError, message_of
+from fieldkit.model.marks import Mark, mark_event
 from fieldkit.model.samples import Event, EventKind, Severity
 from fieldkit.model.site import RegionRecord
 from fieldkit.recorder import ShutterRequest
-from fieldkit.recording.marks import Mark, mark_event
 from fieldkit.recording.redrawing import NewRegions, Redrawing
 from fieldkit.recording.requests import Acknowledgement, Request, Shutter, closed_inbox, inbox
 from fieldkit.sessions.json_forms import build

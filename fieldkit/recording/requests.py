@@ -16,7 +16,7 @@ from typing import Any, ClassVar, Protocol
 
 from fieldkit.disk import replacing
 from fieldkit.model.errors import ConfigError, RefusedError, StorageError
-from fieldkit.recording.marks import Mark, mark_details
+from fieldkit.model.marks import Mark, mark_details
 from fieldkit.recording.running import running_session
 from fieldkit.sessions.lock import is_locked, journal_path
 

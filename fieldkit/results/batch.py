@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -37,13 +37,15 @@ Estimate = Callable[[Sequence[Run]], Iterable[Outcome]]
 """Carries out runs."""
 
 
-def readable_sources(paths: Iterable[Path], *, present: bool = False) -> tuple[list[Source], Failures]:
+def readable_sources(
+    paths: Iterable[Path], *, present: bool = False, without_marks: Collection[str] = ()
+) -> tuple[list[Source], Failures]:
     """Every session that can be estimated, and why the others cannot; a session named twice counts once."""
     sources: list[Source] = []
     failures: Failures = {}
     for path in dict.fromkeys(path.resolve() for path in paths):
         try:
-            source = source_of(path, present=present)
+            source = source_of(path, present=present, without_marks=without_marks)
             _require_target(source)
             sources.append(source)
         except FieldkitError as error:
@@ -110,6 +112,7 @@ class EstimatedSessions:
     failures: Failures
     settings: tuple[str, ...]
     present: bool
+    without_marks: tuple[str, ...] = ()
 
     @property
     def paths(self) -> dict[str, Path]:
@@ -140,6 +143,7 @@ class EstimatedSessions:
             **provenance(self.sources, self.failures),
             "settings": list(self.settings),
             "campaign": self.present,
+            "without_marks": list(self.without_marks),
         }
         learnt = self.learnt_columns()
         return write_results(base, self.columns(), about, {"learnt": learnt} if learnt else {})
@@ -160,18 +164,20 @@ def estimate_sessions(
     settings: Sequence[str] = (),
     *,
     present: bool = False,
+    without_marks: Collection[str] = (),
     workers: Workers = THIS_PROCESS,
     on_progress: Progress = no_progress,
 ) -> EstimatedSessions:
     """Estimate the slopes of sessions, with ``KEY=VALUE`` `settings` over their configurations.
 
-    `present` takes the campaign's ``fieldkit.toml`` and regions as they are now. A session that cannot be
-    estimated is in `failures`, and the others go on. Raises `ConfigError` for settings that are wrong.
+    `present` takes the campaign's ``fieldkit.toml`` and regions as they are now; marks with a number or text
+    of `without_marks` have no effect. A session that cannot be estimated is in `failures`, and the others go
+    on. Raises `ConfigError` for settings that are wrong.
     """
-    sources, failures = readable_sources(paths, present=present)
+    sources, failures = readable_sources(paths, present=present, without_marks=without_marks)
     runs = [run_of(source, settings) for source in sources]
     found = {run.run.source.path: run.estimates for run in estimated(runs, failures, workers, on_progress)}
     done = tuple(source for source in sources if source.path in found)
     names = session_names(done)
     by_name = {names[source.path]: found[source.path] for source in done}
-    return EstimatedSessions(done, by_name, failures, tuple(settings), present)
+    return EstimatedSessions(done, by_name, failures, tuple(settings), present, tuple(without_marks))

@@ -89,7 +89,7 @@ def _estimate_findings(session: SessionReader) -> list[Finding]:
 
 def _compared(session: SessionReader) -> list[Finding]:
     stored = session.estimates()
-    if not stored or session.time_map():
+    if not stored or session.time_map() or session.has_corrected_marks:
         return []
     known = _minutes(session)
     minutes = known.minutes()

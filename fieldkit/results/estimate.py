@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -39,6 +39,7 @@ def estimate(
     model: Model | None = None,
     present: bool = False,
     regions: Sequence[Region] | None = None,
+    without_marks: Collection[int | str] = (),
     **values: Any,
 ) -> Estimates:
     """Estimate the slopes of a session minute by minute, as it was configured or with other parameters.
@@ -56,6 +57,8 @@ def estimate(
         Use the campaign's ``fieldkit.toml`` and regions as they are now.
     regions
         Regions drawn afterwards, in place of those of the session, for all of it; the session is not changed.
+    without_marks
+        Numbers (see `Session.marks`) or texts of marks that have no effect on the slopes.
 
     Returns
     -------
@@ -68,7 +71,8 @@ def estimate(
     SessionError
         If the session cannot be read or is still being recorded.
     ConfigError
-        For a key or value that no estimate has, or a region that cannot be used in the session's frames.
+        For a key or value that no estimate has, a region that cannot be used in the session's frames, or a
+        mark that the session does not have.
 
     Examples
     --------
@@ -85,7 +89,7 @@ def estimate(
     keys = {**(settings or {}), **values}
     if model is not None:
         keys["estimator.model"] = model
-    source = source_of(path_of(session), present=present, regions=regions)
+    source = source_of(path_of(session), present=present, regions=regions, without_marks=without_marks)
     return estimate_run(run_of(source, settings_from(keys)))
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property, partial
@@ -61,7 +61,7 @@ class Run:
     def bins_key(self) -> str:
         """Digest of everything that its minutes without slopes depend on."""
         made_of = self.site, self.source.regions, bin_settings(self.settings), self.streams
-        return digest("minutes", self.source.checksum, *made_of)
+        return digest("minutes", self.source.checksum, *made_of, self.source.without_marks)
 
     @cached_property
     def key(self) -> str:
@@ -143,16 +143,18 @@ def measure(
     regions: Regions,
     wanted: Sequence[tuple[Site, EstimatorSettings]],
     streams: Sequence[str] = (),
+    without_marks: Collection[int] = (),
 ) -> list[Measured]:
     """The minutes of a session for each site and settings, in one pass over its samples.
 
-    `streams` alone take part, if any are named. Raises `SessionError`.
+    `streams` alone take part, if any are named, and no mark numbered in `without_marks`. Raises
+    `SessionError`.
     """
     with reading(session) as opened:
         chosen = tuple(info for name, info in opened.streams.items() if not streams or name in streams)
         binners = [Binner(site, regions, chosen, settings) for site, settings in wanted]
         closed: list[list[Closed]] = [[] for _ in binners]
-        for sample in chain(marks_of(opened), opened.samples()):
+        for sample in chain(marks_of(opened, without_marks), opened.samples()):
             for binner, minutes in zip(binners, closed, strict=True):
                 minutes.extend(binner.add(sample))
         for binner, minutes in zip(binners, closed, strict=True):
@@ -177,7 +179,8 @@ def measured_in(run: Run, session: SessionReader | None = None) -> Measured:
     if (known := _known_minutes(run)) is not None:
         return known
     wanted = [(run.site, bin_settings(run.settings))]
-    (found,) = measure(session or run.source.path, run.source.regions, wanted, run.streams)
+    source = run.source
+    (found,) = measure(session or source.path, source.regions, wanted, run.streams, source.without_marks)
     return _keep_minutes(run, found)
 
 
@@ -238,10 +241,13 @@ def _keep_slopes(run: Run, made: Estimates) -> Estimates:
 def keep_recorded(path: Path, estimator: Estimator) -> None:
     """Keep what a recording measured and estimated itself for the first who asks for its minutes.
 
-    Nothing is kept where the sealed session has other minutes or settings. Raises `SessionError`, `OSError`.
+    Nothing is kept where the sealed session has other minutes, settings or marks. Raises `SessionError`,
+    `OSError`.
     """
     with open_session(path) as session:
         known = SessionMinutes(session, config_for(session))
+        if session.has_corrected_marks:  # it estimated some minutes before it knew the corrections
+            return
         if known.settings == estimator.settings and len(session.minutes()) == len(estimator.minutes):
             known.keep(estimator)
 
@@ -408,4 +414,5 @@ def _measure_all(runs: Iterable[Run], executor: Executor) -> dict[str, History |
 def _measure_runs(runs: Sequence[Run]) -> list[Measured]:
     """The minutes of runs of one session, in a worker."""
     wanted = [(run.site, bin_settings(run.settings)) for run in runs]
-    return measure(runs[0].source.path, runs[0].source.regions, wanted, runs[0].streams)
+    source = runs[0].source
+    return measure(source.path, source.regions, wanted, runs[0].streams, source.without_marks)

@@ -6,7 +6,7 @@ and tables, and by what needs other rooms: configuration, estimation, reports, p
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -84,8 +84,8 @@ class Session(SessionReader):
     (4, [])
     >>> session.clock_checks()[0].source
     'system'
-    >>> session.time_map()
-    []
+    >>> session.time_map(), session.marks()
+    ([], {})
 
     What can be done with it:
 
@@ -151,12 +151,14 @@ class Session(SessionReader):
         model: Model | None = None,
         present: bool = False,
         regions: Sequence[Region] | None = None,
+        without_marks: Collection[int | str] = (),
         **values: Any,
     ) -> Estimates:
         """Slopes minute by minute; see `fieldkit.estimate`."""
         from fieldkit.results.estimate import estimate
 
-        return estimate(self, settings, model=model, present=present, regions=regions, **values)
+        chosen: Mapping[str, Any] = {"regions": regions, "without_marks": without_marks}
+        return estimate(self, settings, model=model, present=present, **chosen, **values)
 
     def slope_map(
         self, window: Window = None, *, settings: Settings = (), present: bool = False
@@ -185,6 +187,41 @@ class Session(SessionReader):
         from fieldkit.results.export import export
 
         return export(self, to, folder, stream=stream, every=every)
+
+    def take_back(self, mark: int | str) -> None:
+        """Take back a mark, by its number in `marks` or its text; its event stays in the file.
+
+        From then on events, estimates, reports and exports omit it. Raises `ConfigError` where no mark or
+        more than one is meant, `SessionError` where the session is not finished, `StorageError`.
+        """
+        from fieldkit.results.marks import correct, taken_back
+
+        correct(self, taken_back(self, mark))
+        self._reopen()
+
+    def edit_mark(
+        self,
+        mark: int | str,
+        text: str | None = None,
+        *,
+        label: str | None = None,
+        at: str | None = None,
+        to: str | None = None,
+    ) -> None:
+        """Give a mark another text, label or time, all else as it is. Raises as `take_back`.
+
+        Times are ISO 8601 or ``12:31`` at the site; with `at` alone the mark has no end any more.
+        """
+        from fieldkit.results.marks import correct, edited
+
+        correct(self, edited(self, mark, text, label=label, at=at, to=to))
+        self._reopen()
+
+    def _reopen(self) -> None:
+        """Open the file that has taken the place of the one that is open."""
+        again = open_as(type(self), self.path)
+        self.close()
+        vars(self).update(vars(again))
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Plot the brightness temperature of each region over local time, in °C.

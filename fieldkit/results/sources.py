@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -17,8 +17,9 @@ from fieldkit.config.toml_schema import known_keys
 from fieldkit.disk import sha256
 from fieldkit.estimation.region_check import check_regions
 from fieldkit.model.errors import ConfigError, FieldkitError, SessionError, message_of
+from fieldkit.model.marks import numbers_named
 from fieldkit.model.region_schedule import RegionSchedule
-from fieldkit.model.samples import Event, EventKind
+from fieldkit.model.samples import Event
 from fieldkit.model.site import Region, Site
 from fieldkit.sessions.reader import SessionReader, open_session
 
@@ -63,9 +64,10 @@ def reading(session: SessionOrFile) -> Iterator[SessionReader]:
         ) from error
 
 
-def marks_of(session: SessionReader) -> list[Event]:
-    """The marks of a session: an estimator takes them before the samples."""
-    return [event for event in session.events() if event.kind is EventKind.MARK]
+def marks_of(session: SessionReader, without: Collection[int] = ()) -> list[Event]:
+    """The marks of a session but for those numbered `without`: an estimator takes them before the samples."""
+    marks = session.marks().items()
+    return [mark for number, mark in marks if number not in without]
 
 
 def notify_damage(
@@ -82,20 +84,28 @@ def notify_damage(
 
 @dataclass(frozen=True)
 class Source:
-    """A session file to estimate: `checksum` is the file's SHA-256."""
+    """A session file to estimate: `checksum` is the file's SHA-256, `without_marks` numbers of its marks."""
 
     path: Path
     checksum: str
     session_id: str
     config: Config
     regions: RegionSchedule
+    without_marks: tuple[int, ...] = ()
 
 
-def source_of(path: Path, *, present: bool = False, regions: Sequence[Region] | None = None) -> Source:
+def source_of(
+    path: Path,
+    *,
+    present: bool = False,
+    regions: Sequence[Region] | None = None,
+    without_marks: Collection[int | str] = (),
+) -> Source:
     """Read what an estimate needs of a session; `present` takes the campaign's configuration and regions.
 
-    `regions` replace those of the session. Raises `SessionError` if it cannot be read or is still being
-    recorded, `ConfigError`, also for regions that cannot be used in its frames.
+    `regions` replace those of the session; `without_marks` are numbers or texts of marks. Raises
+    `SessionError` if it cannot be read or is still being recorded, `ConfigError`, also for regions that
+    cannot be used in its frames.
     """
     with open_session(path) as session:
         if session.state == "recording":
@@ -106,7 +116,9 @@ def source_of(path: Path, *, present: bool = False, regions: Sequence[Region] | 
         )
         # a session may consist of its journal alone: then there is no file to digest
         checksum = sha256(path) if path.exists() else ""
-        return Source(path.resolve(), checksum, session.session_id, config, drawn)
+        marks = session.marks()
+        without = sorted({number for name in without_marks for number in numbers_named(name, marks)})
+        return Source(path.resolve(), checksum, session.session_id, config, drawn, tuple(without))
 
 
 def drawn_on(session: SessionReader, regions: Sequence[Region]) -> RegionSchedule:

@@ -16,8 +16,8 @@ from fieldkit.model.errors import ConfigError, IncompleteError, SessionError, me
 from fieldkit.model.slope import SLOPE_FIELDS
 from fieldkit.sessions.analysis import region_series, to_pandas
 from fieldkit.sessions.chunks import corners, pack
-from fieldkit.sessions.entry_rows import stored_details
-from fieldkit.sessions.file_tree import LIBVER
+from fieldkit.sessions.entry_rows import event_columns
+from fieldkit.sessions.file_tree import LIBVER, put_rows
 from fieldkit.sessions.reader import SessionReader
 from fieldkit.sessions.stream_reader import StreamReader
 
@@ -155,7 +155,7 @@ _PLAIN_KINDS = "biufSU"  # references, among others, mean nothing in another fil
 
 
 def export_netcdf(session: SessionReader, folder: Path) -> list[Path]:
-    """One ``.nc`` for each stream and table, its times as the active time map corrects them.
+    """One ``.nc`` for each stream and table, times and marks as corrected since.
 
     The flags are verified: a sample that does not match its checksum is flagged. Frames that cannot be
     read are the fill value. Raises `IncompleteError`, when all the others are written, for a group that
@@ -179,21 +179,21 @@ def _netcdf(session: SessionReader, name: str, path: Path) -> Path:
             _attach(dataset, file, own)
         if name in session.streams:
             _verify(session.stream(name), file)
-        if session.time_map():
+        if session.time_map() or session.has_corrected_marks:
             _correct(session, name, file)
     return path
 
 
 def _correct(session: SessionReader, name: str, file: h5py.File) -> None:
-    """Times as the active time map corrects them, also those in the details of events."""
+    """Times as the active time map corrects them, and events as they are now."""
+    if name == "events":
+        put_rows(file, event_columns(session.events()))
+        return
     is_stream = name in session.streams
     times = {"time_ns": session.times_ns(name)} if is_stream else session.timed_table(name)
     for column in ("time", "window_start"):
         if column in file:
             file[column][:] = times[f"{column}_ns"] // 1000
-    if name == "events":
-        data = [stored_details(event) for event in session.events()]
-        file["data"][:] = np.array(data, file["data"].dtype)
 
 
 def _verify(reader: StreamReader, file: h5py.File) -> None:

@@ -16,8 +16,8 @@ from fieldkit.drivers.meters.meter import Meter
 from fieldkit.estimation.estimator import Estimator
 from fieldkit.model.alarm import phase_of
 from fieldkit.model.errors import StorageError
+from fieldkit.model.marks import Mark
 from fieldkit.model.samples import Event, EventKind, Health, Quality, Reading, Sample, Severity
-from fieldkit.recording.marks import Mark
 from fieldkit.recording.opening import open_instruments
 from fieldkit.recording.record import PreparedRecording
 from fieldkit.recording.requests import inbox, send

@@ -1,5 +1,6 @@
 import json
 import os
+import re
 import subprocess
 import sys
 import threading
@@ -19,7 +20,7 @@ from fieldkit.sessions.lock import SessionLock
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter
 from fieldkit.simulation.simulated_clock import SimulatedClock
-from tests.harness.recording import CountedClock, header
+from tests.harness.recording import CountedClock, fill, header
 
 TOKYO = ZoneInfo("Asia/Tokyo")
 NOON = datetime(2026, 12, 11, 12, 0, tzinfo=TOKYO)
@@ -201,10 +202,101 @@ def test_a_shade_test_needs_no_quotes(campaign, recording):
     assert event.data == {"shade_test": "b15", "phase": "end", "noted_ns": NOON_NS}
 
 
+@pytest.mark.parametrize(
+    ("arguments", "effect", "minutes"),
+    [
+        ((), "shaded from HH:MM until you end it, at the latest until HH:MM", 20),
+        (("--for", "7m"), "shaded from HH:MM until you end it, at the latest until HH:MM", 7),
+        (("end",), "sunlit from HH:MM", None),
+        (("--from", "12:10", "--until", "12:14"), "shaded from HH:MM until HH:MM", 4),
+    ],
+)
+def test_a_shade_test_says_at_once_what_it_does(campaign, recording, arguments, effect, minutes):
+    corners = ["--points", "18,77", "64,74", "65,101", "15,106"]
+    CliRunner().invoke(main, ["roi", "add", "-C", str(campaign), "b15", "--reference", *corners])
+    result = mark(campaign, "shade-test", "b15", *arguments)
+    assert result.exit_code == 0, result.output
+    said = " ".join(result.stderr.split())
+    assert f"b15 counts as {effect}" in re.sub(r"\d\d:\d\d", "HH:MM", said)
+    times = [datetime.strptime(one, "%H:%M") for one in re.findall(r"\d\d:\d\d", said)]
+    assert minutes is None or (times[1] - times[0]).seconds == 60 * minutes
+    *_, event = RequestReader(recording / "running.h5.journal" / "marks", SimulatedClock(NOON_NS))()
+    assert event.data.get("for_s") == (420.0 if "--for" in arguments else None)
+
+
+def test_only_a_shade_test_that_begins_has_a_longest_time(campaign, recording):
+    assert mark(campaign, "wind", "--for", "5m").exit_code == 2
+    assert mark(campaign, "--take-back", "1", "--for", "5m").exit_code == 2
+
+
 def test_a_shade_test_of_an_unknown_region_is_refused(campaign, recording):
     result = mark(campaign, "shade-test", "b51")
     assert result.exit_code == 2
     assert "no region is called 'b51'" in result.stderr
+
+
+@pytest.fixture
+def noted(campaign):
+    """A session with two marks, and its writer, which still runs."""
+    clock, path = CountedClock(), campaign / "recordings" / "noon.h5"
+    path.parent.mkdir(exist_ok=True)
+    writer = SessionWriter(path, header((24, 32)), clock)
+    fill(writer, 10, clock)
+    writer.event(Event(EventKind.MARK, 9 * 10**9, clock.to_utc_ns(9 * 10**9), "wind"))
+    yield path, writer
+    writer.abandon()
+
+
+def test_marks_of_a_finished_session_are_listed_edited_and_taken_back(campaign, noted):
+    path, writer = noted
+    writer.close()
+    assert mark(campaign, "--take-back", "1").exit_code == 0
+    edited = mark(campaign, "--edit", "wind", "gusts", "of", "wind", "-k", "air", "--session", str(path))
+    assert edited.exit_code == 0, edited.output
+    assert "mark 2 is now: gusts of wind" in edited.stderr
+    listed = json.loads(mark(campaign, "--list", "--json").stdout)["marks"]
+    assert [(one["mark"], one["text"]) for one in listed] == [(2, "air: gusts of wind")]
+    missing = mark(campaign, "--take-back", "rain")
+    assert missing.exit_code == 3
+    assert "its marks: 1 wolke über b05; 2 gusts of wind" in " ".join(missing.stderr.split())
+
+
+def test_marks_of_a_running_recording_are_corrected_by_its_recorder(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    campaign = tmp_path / "field"
+    assert CliRunner().invoke(main, ["init", "--simulated", str(campaign)]).exit_code == 0
+    recordings = load_config(campaign / FILE_NAME).recordings
+    process = subprocess.Popen([sys.executable, "-m", "fieldkit", "record", "-C", str(campaign), "--quiet"])
+    try:
+        while session_in_progress(recordings) is None:
+            assert process.poll() is None
+        for text in ("wind", "shade-test b15"):
+            assert mark(campaign, text).exit_code == 0
+        while mark(campaign, "--take-back", "shade-test b15").exit_code:  # until both are stored
+            assert process.poll() is None
+        assert mark(campaign, "--edit", "1", "gusts").exit_code == 0
+    finally:
+        process.terminate()
+        process.wait(60)
+    (path,) = recordings.glob("*.h5")
+    with open_session(path) as session:
+        assert [one.text for one in session.marks().values()] == ["gusts"]
+        made = [one.text for one in session.events(recorded=True) if one.kind is EventKind.MARK]
+    assert made == ["wind", "shade-test b15", "taken back: shade-test b15", "gusts"]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        (),
+        ("--take-back", "1", "x"),
+        ("--list", "--edit", "1"),
+        ("x", "--session", "a.h5"),
+        ("--list", "--at", "-1s"),
+    ],
+)
+def test_correcting_and_adding_are_not_mixed(campaign, arguments):
+    assert mark(campaign, *arguments).exit_code == 2
 
 
 def requests_in(recording: Path) -> list[dict]:

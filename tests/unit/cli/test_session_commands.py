@@ -29,8 +29,8 @@ from fieldkit.cli import (
     show,
 )
 from fieldkit.model.errors import ConfigError, IntegrityError, RefusedError, SessionError
+from fieldkit.model.marks import Mark
 from fieldkit.model.samples import Severity
-from fieldkit.recording.marks import Mark
 from fieldkit.recording.requests import inbox, send
 from fieldkit.results.estimate import estimator_for, minutes_of
 from fieldkit.results.session import open_session

@@ -4,8 +4,8 @@ from zoneinfo import ZoneInfo
 import pytest
 
 from fieldkit.model.errors import ConfigError
-from fieldkit.recording.mark_times import parse_when, reject_impossible
-from fieldkit.recording.marks import Mark
+from fieldkit.model.mark_times import parse_when, reject_impossible
+from fieldkit.model.marks import Mark
 
 TOKYO = ZoneInfo("Asia/Tokyo")
 NOON = datetime(2026, 12, 11, 12, 0, tzinfo=TOKYO)

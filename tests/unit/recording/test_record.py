@@ -1,8 +1,14 @@
+import signal
+import subprocess
+import sys
 from datetime import UTC, datetime, time
 
 import pytest
 
+import fieldkit
+from fieldkit.config.template import SIMULATED
 from fieldkit.model.site import Site
+from fieldkit.recording.campaign import create_campaign
 from fieldkit.recording.record import seconds_until
 from fieldkit.simulation.simulated_clock import SimulatedClock
 
@@ -31,3 +37,36 @@ def test_until_a_clock_time_also_where_the_clocks_are_changed(now, until, hours)
 def test_until_a_clock_time_where_the_zone_is_unknown_on_this_computer_is_utc(zone):
     now = clock_at(datetime(2026, 7, 1, 20, tzinfo=UTC))
     assert seconds_until(time(23, 30), Site(0, 0, 0, zone), now) == 3.5 * 3600
+
+
+NOTEBOOK = """
+import sys, fieldkit
+
+campaign, times = sys.argv[1], []
+
+def minute_closed(minute):
+    if not times:
+        print("recording", flush=True)
+    times.append(minute.time_ns)
+
+session = fieldkit.record(campaign, on_minute=minute_closed)
+print(session.state, len(session.minutes()) >= 1, flush=True)
+sys.stdin.read()  # back in the notebook an interrupt is one again
+"""
+
+
+def test_an_interrupted_record_in_a_notebook_is_sealed_and_returned(tmp_path):
+    simulation = {**SIMULATED["simulation"], "speed": 600}
+    create_campaign(tmp_path, {**SIMULATED, "simulation": simulation})
+    process = subprocess.Popen(
+        [sys.executable, "-c", NOTEBOOK, str(tmp_path)], text=True, stdin=-1, stdout=-1, stderr=-1
+    )
+    with process:
+        assert process.stdout.readline() == "recording\n"
+        process.send_signal(signal.SIGINT)
+        assert process.stdout.readline() == "sealed True\n"
+        process.send_signal(signal.SIGINT)
+        assert "KeyboardInterrupt" in process.communicate(timeout=60)[1]
+    (path,) = (tmp_path / "recordings").glob("*.h5")
+    with fieldkit.open_session(path) as session:
+        assert session.state == "sealed"

@@ -6,9 +6,9 @@ from dataclasses import replace
 import pytest
 
 from fieldkit.model.errors import StorageError
+from fieldkit.model.marks import Mark
 from fieldkit.model.samples import EventKind, Severity
 from fieldkit.model.site import Region, RegionKind, RegionRecord, Site
-from fieldkit.recording.marks import Mark
 from fieldkit.recording.redrawing import NewRegions, Redrawing
 from fieldkit.recording.request_reader import RequestReader, left_requests
 from fieldkit.recording.requests import Acknowledgement, Shutter, inbox, send

@@ -21,7 +21,8 @@ from fieldkit.results.session import Session
 from fieldkit.results.session import open_session as open_whole
 from fieldkit.results.stream import Stream
 from fieldkit.sessions.check import check
-from fieldkit.sessions.clock_correction import apply_time_map, changing_path
+from fieldkit.sessions.clock_correction import apply_time_map
+from fieldkit.sessions.finished_file import changing_path
 from fieldkit.sessions.formats.exports import EXPORTS
 from fieldkit.sessions.formats.imported import ImportedRecording
 from fieldkit.sessions.formats.merged import merge
@@ -182,15 +183,15 @@ BY_STREAM: dict[str, Callable[[Any], list[int]]] = {
 }
 OF_SESSION = {
     "start_ns", "end_ns", "region_schedule", "events", "health", "region_history", "region_changes",
-    "estimates", "learnt", "irradiance", "minutes", "timed_table",
+    "estimates", "learnt", "irradiance", "minutes", "timed_table", "marks",
 }  # fmt: skip
-OTHERWISE = {"stream", "export", "plot", "estimate", "slope_map", "report"}
-"""Tested below, and in `tests/unit/results/test_from_python.py`."""
+OTHERWISE = {"stream", "export", "plot", "estimate", "slope_map", "report", "take_back", "edit_mark"}
+"""Tested below, and in `tests/unit/results/test_from_python.py` and `test_corrected_marks.py`."""
 WITHOUT_TIMES = {
     "check", "clock_checks", "close", "columns_are_sealed", "config_toml", "count", "damaged", "flags",
-    "format_version", "group", "identity", "integrity", "is_closed", "kelvin", "name", "object_digest",
-    "provenance", "raw", "refresh", "regions", "require_finished", "require_open", "sealed_objects",
-    "sealed_tables", "tables", "time_map", "was_finished",
+    "format_version", "group", "has_corrected_marks", "identity", "integrity", "is_closed", "kelvin", "name",
+    "object_digest", "provenance", "raw", "refresh", "regions", "require_finished", "require_open",
+    "sealed_objects", "sealed_tables", "tables", "time_map", "was_finished",
 }  # fmt: skip
 AS_STORED = {"table", "datasets", "entries"}
 

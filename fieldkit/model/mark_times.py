@@ -1,0 +1,67 @@
+"""The time of a mark as people write it: ``-30s``, ``12:31`` at the site, ISO 8601."""
+
+from __future__ import annotations
+
+from datetime import datetime, timedelta
+from datetime import time as time_of_day
+
+from fieldkit.model.durations import parse_duration
+from fieldkit.model.errors import ConfigError
+from fieldkit.model.marks import Mark, When
+
+CLOCKS_DIFFER = timedelta(minutes=5)
+"""A clock time up to this far ahead means now, by a watch that is fast; beyond, it means yesterday."""
+YEAR_S = 365.25 * 86_400.0
+FAR_S = 10.0 * YEAR_S
+"""A mark further from now is a typing error."""
+
+
+def parse_when(text: str, now: datetime) -> When:
+    """Seconds before `now` from ``-30s``, ``-5m``, ``-1h``; else ISO 8601, by default in the zone of `now`.
+
+    ``12:31`` is the last time that clocks showed it. Raises `ConfigError` for anything else.
+    """
+    try:
+        if text.startswith("-"):
+            return -parse_duration(text[1:])
+        if ":" in text[:3]:
+            return _last(time_of_day.fromisoformat(text), now).isoformat()
+        moment = datetime.fromisoformat(text)
+    except ValueError:  # also a `ConfigError`
+        raise ConfigError(
+            f"{text!r} is not a valid time; use -30s, 12:31 or 2026-12-11T12:31+09:00"
+        ) from None
+    return (moment if moment.tzinfo else moment.replace(tzinfo=now.tzinfo)).isoformat()
+
+
+def _last(shown: time_of_day, now: datetime) -> datetime:
+    """When clocks last showed a time, in its own zone if it has one."""
+    own_zone = shown.tzinfo or now.tzinfo
+    latest = (now + CLOCKS_DIFFER).timestamp()
+    day = now.astimezone(own_zone).date()
+    moments = [datetime.combine(day + timedelta(days), shown, own_zone) for days in (1, 0, -1)]
+    return next(moment for moment in moments if moment.timestamp() <= latest)
+
+
+def reject_impossible(mark: Mark, now: datetime) -> None:
+    """Raise `ConfigError` for a time further than `FAR_S` from now, or an end before its start."""
+    ends = [mark.at] if mark.to is None else [mark.at, mark.to]
+    after_s = [_after_s(end, now) for end in ends]
+    for end, seconds in zip(ends, after_s, strict=True):
+        if abs(seconds) > FAR_S:
+            shown = f"{seconds:g} s" if isinstance(end, float) else end
+            raise ConfigError(f"{shown} is more than {FAR_S / YEAR_S:.0f} years from now; correct the time")
+    if after_s[-1] < after_s[0]:
+        raise ConfigError("the end lies before the start; give the earlier time to --from")
+
+
+def _after_s(when: When, now: datetime) -> float:
+    return datetime.fromisoformat(when).timestamp() - now.timestamp() if isinstance(when, str) else when
+
+
+def reject_unknown_region(test: tuple[str, str] | None, names: list[str]) -> None:
+    """Raise `ConfigError` for a shade test of a region that there is not."""
+    if test is not None and test[0] not in names:
+        raise ConfigError(
+            f"no region is called {test[0]!r}", fix=f"shade-test and one of {', '.join(names) or 'none'}"
+        )

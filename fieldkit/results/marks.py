@@ -1,0 +1,79 @@
+"""Correcting the marks of a session: taken back or edited, while the events themselves stay in it."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime, timedelta
+
+from fieldkit.model.errors import ConfigError
+from fieldkit.model.mark_times import parse_when, reject_impossible, reject_unknown_region
+from fieldkit.model.marks import SHADE_TEST_S, Mark, When, mark_event, marks_made, numbers_named, shade_test
+from fieldkit.model.samples import Event
+from fieldkit.model.site import known_zone
+from fieldkit.sessions.later_events import add_later_events
+from fieldkit.sessions.reader import SessionReader
+from fieldkit.sessions.time_map import mapped_event, recorded_event
+
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_TEXT_CHARS = 80
+
+
+def taken_back(session: SessionReader, name: int | str) -> Mark:
+    """What takes back the mark of a session with that number or text; raises `ConfigError`."""
+    number, mark = _named(session, name)
+    return Mark(f"taken back: {mark.text[:_TEXT_CHARS]}", corrects=number, takes_back=True)
+
+
+def edited(
+    session: SessionReader,
+    name: int | str,
+    text: str | None = None,
+    *,
+    label: str | None = None,
+    at: str | None = None,
+    to: str | None = None,
+) -> Mark:
+    """What takes the place of the mark with that number or text: the same but for what is given.
+
+    Times are ISO 8601 or ``12:31`` at the site, or ``-30s`` before the session's last sample; with `at` alone
+    the mark has no end any more. A mark that was taken back counts again. Raises `ConfigError`.
+    """
+    number, mark = _named(session, name)
+    now = _utc(session.end_ns).astimezone(known_zone(session.site.timezone) or UTC)
+    start, end = _ends(mark) if at is None else (parse_when(at, now), parse_when(to, now) if to else None)
+    kept = str(mark.data.get("label", "")) if label is None else label
+    longest_s = float(mark.data.get("for_s", SHADE_TEST_S))
+    correction = Mark(text or mark.text, kept, start, end, longest_s, number)
+    reject_unknown_region(shade_test(correction.text), [region.name for region in session.regions])
+    reject_impossible(correction, now)
+    return correction
+
+
+def correct(session: SessionReader, correction: Mark) -> None:
+    """Add the correction of a mark to a finished session; an open one shows it once it is opened again.
+
+    Raises `SessionError` where it is not finished, `StorageError` where it cannot be written.
+    """
+    now_ns = session.end_ns
+    event = mark_event(correction, now_ns - session.anchor_ns, now_ns)
+    add_later_events(session.path, [recorded_event(session.time_map(), event, session.anchor_ns)])
+
+
+def _named(session: SessionReader, name: int | str) -> tuple[int, Event]:
+    """Number and mark, as corrected last, or as it was made if it was taken back."""
+    steps, made = session.time_map(), marks_made(session.events(recorded=True))
+    marks = {number: mapped_event(steps, mark) for number, mark in made.items()} | session.marks()
+    found = numbers_named(name, marks)
+    if len(found) > 1:
+        raise ConfigError(
+            f"{len(found)} marks have the text {name!r}", fix=f"give a number: {', '.join(map(str, found))}"
+        )
+    return found[0], marks[found[0]]
+
+
+def _ends(mark: Event) -> tuple[When, When | None]:
+    end_ns = mark.data.get("end_ns")
+    return _utc(mark.time_ns).isoformat(), None if end_ns is None else _utc(end_ns).isoformat()
+
+
+def _utc(time_ns: int) -> datetime:
+    return _EPOCH + timedelta(microseconds=time_ns // 1000)
