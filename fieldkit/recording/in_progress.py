@@ -60,7 +60,8 @@ def mark(
     """
     file = _file(campaign)
     folder = file.parent / "recordings"
-    return sent(folder, mark_of(folder, lambda: load_config(file), text, kind=kind, at=at, to=until))
+    made, _ = mark_of(folder, lambda: load_config(file), text, kind=kind, at=at, to=until)
+    return sent(folder, made)
 
 
 def status(campaign: Campaign | Config | str | Path = ".") -> dict[str, Any]:
