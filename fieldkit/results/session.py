@@ -193,6 +193,14 @@ class Session(SessionReader):
 
         From then on events, estimates, reports and exports omit it. Raises `ConfigError` where no mark or
         more than one is meant, `SessionError` where the session is not finished, `StorageError`.
+
+        Examples
+        --------
+        >>> session.take_back("a gust")
+        Traceback (most recent call last):
+        ...
+        fieldkit.model.errors.ConfigError: the session has no mark 'a gust'
+          fix: its marks: none
         """
         from fieldkit.results.marks import correct, taken_back
 
@@ -211,6 +219,18 @@ class Session(SessionReader):
         """Give a mark another text, label or time, all else as it is. Raises as `take_back`.
 
         Times are ISO 8601 or ``12:31`` at the site; with `at` alone the mark has no end any more.
+
+        Examples
+        --------
+        >>> def note(minute):
+        ...     fieldkit.mark("a gust", campaign)
+        >>> with fieldkit.record(campaign, duration="3m", on_minute=note) as noted:
+        ...     noted.edit_mark(1, "a cloud")
+        ...     noted.marks()[1].text
+        ...     noted.take_back("a cloud")
+        ...     1 in noted.marks()
+        'a cloud'
+        False
         """
         from fieldkit.results.marks import correct, edited
 
