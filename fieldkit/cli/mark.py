@@ -28,6 +28,9 @@ from fieldkit.cli.types import WORDS
 )
 @click.option("--from", "start", metavar="TIME", help="Start of an interval; needs --until.")
 @click.option("--until", "end", metavar="TIME", help="End of an interval; needs --from.")
+@click.option(
+    "--for", "longest", metavar="TIME", help="Longest time of a shade test that begins.  [default: 20m]"
+)
 @click.option("--list", "is_list", is_flag=True, help="Print the marks with their numbers.")
 @click.option("--take-back", metavar="MARK", type=WORDS, help="Take back a mark, by its number or text.")
 @click.option("--edit", metavar="MARK", type=WORDS, help="Change a mark's text, --kind or time.")
@@ -39,12 +42,14 @@ from fieldkit.cli.types import WORDS
 @click.pass_context
 def command(
     ctx: click.Context, words: tuple[str, ...], kind: str | None, at: str | None, start: str | None,
-    end: str | None, is_list: bool, take_back: str | None, edit: str | None, session: Path | None,
+    end: str | None, longest: str | None, is_list: bool, take_back: str | None, edit: str | None,
+    session: Path | None,
 ) -> None:  # fmt: skip
     r"""Add the note TEXT to the running recording, as an event of its session.
 
     "shade-test REGION" when a board begins to shade a region, "shade-test REGION end" when it is taken away,
-    or "shade-test REGION" with an interval: estimates then know those minutes as shaded.
+    or "shade-test REGION" with an interval: estimates then know those minutes as shaded. Without an end the
+    shade counts for 20 minutes, or for the time that --for states.
 
     A mark that was taken back or edited, while recording or later, stays in the session as it was made;
     estimates, reports and exports use the marks as corrected.
@@ -61,31 +66,32 @@ def command(
     if (start is None) != (end is None) or (at and start):
         raise click.UsageError("give --at, or --from and --until together")
     asked = is_list + (take_back is not None) + (edit is not None)
-    if asked > 1 or (asked and edit is None and (text or any(given))):
+    if asked > 1 or (asked and (longest or (edit is None and (text or any(given))))):
         raise click.UsageError("--list and --take-back stand alone; --edit takes TEXT, --kind and a time")
     if asked:
         _correct(ctx, session, take_back, edit, text, given)
     elif not text or session is not None:
         raise click.UsageError("give the TEXT of a mark; --session needs --list, --take-back or --edit")
     else:
-        _add(ctx, text, kind or "", at or start or "-0s", end)
+        _add(ctx, text, kind or "", at or start or "-0s", end, longest)
 
 
-def _add(ctx: click.Context, text: str, kind: str, at: str, end: str | None) -> None:
+def _add(ctx: click.Context, text: str, kind: str, at: str, end: str | None, longest: str | None) -> None:
     from fieldkit.recording.mark_times import mark_of
     from fieldkit.recording.requests import sent
     from fieldkit.recording.running import unresponsive_recorder
 
     folder = recordings(ctx)
     with usage_errors():
-        mark = mark_of(folder, partial(campaign, ctx), text, kind=kind, at=at, to=end)
+        known = partial(campaign, ctx)
+        mark, effect = mark_of(folder, known, text, kind=kind, at=at, to=end, longest=longest)
     session = sent(folder, mark).session
     if options(ctx).json:
         print_json({"session": str(session), "text": text, "kind": kind, "at": mark.at, "to": mark.to})
     if (silent := unresponsive_recorder(session)) is not None:
         say(f"warning: {silent.at(campaign(ctx).site)}; the mark waits for it beside {session.name}: {text}")
     else:
-        say(f"marked in {session.name}: {text}")
+        say(f"marked in {session.name}: {effect or text}")
 
 
 def _correct(

@@ -23,7 +23,7 @@ from fieldkit.estimation.shade import ShadedMinutes, ShadeMarks, ShadeTest, Shad
 from fieldkit.model.region_schedule import RegionSchedule
 from fieldkit.model.samples import Event, EventKind, Frame, Quality, Reading, Severity
 from fieldkit.model.site import RegionKind
-from fieldkit.model.units import SECOND_NS
+from fieldkit.model.units import MINUTE_NS, SECOND_NS
 from fieldkit.physics.horizon import MINUTE_EDGE_DEG, sunlit_share
 
 SUDDEN_CHANGE = 0.15
@@ -35,6 +35,8 @@ MIN_VALUES = 10
 SLOT_NS = 5 * SECOND_NS
 GUST_SD_K = 0.2
 """Scatter of a region's temperature from minute to minute by gusts outdoors: the least noise assumed."""
+UNCOOLED_K = 2.0 * GUST_SD_K
+"""Cooling within a minute and a half that a board exceeds even in thin sun, on dry sand by several times."""
 MOVED_PX = 1.5
 """Growth of the correction that is worth an event."""
 
@@ -143,6 +145,8 @@ class DisturbanceMonitor:
         slow = self._slow_shades(entry, reference_k, tested | below) | below
         shaded, reflagged = self._minutes.update(entry.minute, self._tests.shaded, slow, marked)
         events += self._shade_events(shaded, ended, end_of(minute))
+        if not (entry.flags & (Quality.CLOUD | Quality.LOW_SUN)):
+            events += self._uncooled(entry.minute, marked, end_of(minute))
         flags = [
             flag | Quality.SHADED if column in shaded else flag
             for column, flag in enumerate(entry.region_flags)
@@ -188,6 +192,16 @@ class DisturbanceMonitor:
         text = f"{name} is {'shaded' if is_shaded else 'sunlit again'}"
         data = {"shaded": name, "phase": "begin" if is_shaded else "end"}
         return Event(EventKind.ESTIMATOR, *at_ns, text, severity=Severity.WARNING, data=data)
+
+    def _uncooled(self, minute: int, marked: list[ShadeTest], at_ns: tuple[int, int]) -> Iterator[Event]:
+        """Events for shade tests, marked in the minute before, that cool nothing in a whole minute."""
+        whole = {test.column for test in marked if test.end_ns >= (minute + 1) * MINUTE_NS}
+        for column in sorted(whole & self._marks.just_begun(minute, self._schedule)):
+            if self._tests.cooling_k(minute, column) < UNCOOLED_K:
+                name = self._schedule.columns[column].name
+                text = f"{name} does not cool in its shade test: check the board, or take the mark back"
+                data = {"uncooled": name}
+                yield Event(EventKind.ESTIMATOR, *at_ns, text, severity=Severity.WARNING, data=data)
 
     def _drifts(self, entry: MinuteBin, reference_k: float, at_ns: tuple[int, int]) -> list[Event]:
         """Events for targets that begin or end to be warmer than their trend: the opposite of a shade."""

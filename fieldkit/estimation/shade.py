@@ -16,10 +16,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.model.marks import corrected
+from fieldkit.model.marks import SHADE_TEST_S, corrected
 from fieldkit.model.region_schedule import RegionSchedule
 from fieldkit.model.samples import Event
-from fieldkit.model.units import MINUTE_NS
+from fieldkit.model.units import MINUTE_NS, SECOND_NS
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.slab import Slab, conducted_flux
 
@@ -133,6 +133,16 @@ class ShadeTestMonitor:
         self._before = (minute, sunlight)
         return ended
 
+    def cooling_k(self, minute: int, column: int) -> float:
+        """How far a region has cooled more than the others since two minutes before; NaN if unknown."""
+        kelvin = dict(self._kelvin)
+        if minute not in kelvin or minute - 2 not in kelvin:
+            return float("nan")
+        cooling = kelvin[minute - 2] - kelvin[minute]
+        others = np.delete(cooling, column)
+        others = others[np.isfinite(others)]
+        return float(cooling[column] - np.median(others)) if others.size else float("nan")
+
     def _widen(self, regions: int) -> None:
         """Give a region that was drawn later its place in what is remembered."""
         if not self._kelvin or self._kelvin[0][1].size == regions:
@@ -243,25 +253,37 @@ class ShadeMarks:
             (noted, column, event)
             for event in corrected(self._events)
             if "shade_test" in event.data
-            if (noted := int(event.data.get("noted_ns", event.time_ns)) // MINUTE_NS) <= minute or is_last
+            if (noted := _noted(event)) <= minute or is_last
             if (column := schedule.column(str(event.data["shade_test"]), noted)) is not None
         ]
         marked.sort(key=lambda one: (one[2].time_ns, one[0], one[2].text))
-        tests, begun = [], dict[int, int]()
+        tests, begun = [], dict[int, Event]()
         for _, column, event in marked:
             if "end_ns" in event.data:
                 tests.append(ShadeTest(column, event.time_ns, int(event.data["end_ns"])))
             elif column in begun:
                 tests.append(_until(column, begun.pop(column), event.time_ns))
             if event.data.get("phase") == "begin":
-                begun[column] = event.time_ns
+                begun[column] = event
         now_ns = (minute + 1) * MINUTE_NS
-        return [*tests, *(_until(column, begin_ns, now_ns) for column, begin_ns in begun.items())]
+        return [*tests, *(_until(column, begin, now_ns) for column, begin in begun.items())]
+
+    def just_begun(self, minute: int, schedule: RegionSchedule) -> set[int]:
+        """Columns whose test was marked as begun in the minute before."""
+        begins = (one for one in corrected(self._events) if one.data.get("phase") == "begin")
+        names = (one.data["shade_test"] for one in begins if _noted(one) == minute - 1)
+        return {column for name in names if (column := schedule.column(str(name), minute)) is not None}
 
 
-def _until(column: int, begin_ns: int, end_ns: int) -> ShadeTest:
+def _noted(mark: Event) -> int:
+    """The minute from which a mark counts."""
+    return int(mark.data.get("noted_ns", mark.time_ns)) // MINUTE_NS
+
+
+def _until(column: int, begin: Event, end_ns: int) -> ShadeTest:
     """A test that ends when the operator says so, at the latest after the longest time."""
-    return ShadeTest(column, begin_ns, min(end_ns, begin_ns + LONGEST_MIN * MINUTE_NS))
+    longest_ns = round(float(begin.data.get("for_s", SHADE_TEST_S)) * SECOND_NS)
+    return ShadeTest(column, begin.time_ns, min(end_ns, begin.time_ns + longest_ns))
 
 
 class ShadedMinutes:

@@ -24,6 +24,8 @@ from fieldkit.model.units import SECOND_NS
 _SHADE_TEST = re.compile(r"shade[ -]test (?:of )?(?P<region>.+?)(?: (?P<phase>begin|end))?", re.IGNORECASE)
 _NO_NOTE = {"corrects", "acknowledge"}
 """Details of marks that are not notes: corrections of others, acknowledgements of alarms."""
+SHADE_TEST_S = 1200.0
+"""Time after which a shade test has ended that is not ended before, unless a mark states another."""
 TEN_YEARS_S = 10 * 365.25 * 86_400
 When = float | str
 """Seconds before now (zero or negative), or an ISO 8601 time with its zone."""
@@ -33,13 +35,15 @@ When = float | str
 class Mark:
     """A note on the recording at one time, or from `at` to `to`; `label` is one word to group by.
 
-    `corrects` is the number of the mark that it takes back, or else whose place it takes.
+    `longest_s` is the time after which a shade test that it begins has ended. `corrects` is the number of the
+    mark that it takes back, or else whose place it takes.
     """
 
     text: str
     label: str = ""
     at: When = 0.0
     to: When | None = None
+    longest_s: float = SHADE_TEST_S
     corrects: int = 0
     takes_back: bool = False
     do: ClassVar[str] = "mark"
@@ -58,15 +62,17 @@ def shade_test(text: str) -> tuple[str, str] | None:
     return None if found is None else (found["region"], found["phase"] or "begin")
 
 
-def mark_details(mark: Mark, end_ns: int, noted_ns: int) -> dict[str, str | int]:
+def mark_details(mark: Mark, end_ns: int, noted_ns: int) -> dict[str, str | int | float]:
     """What an event keeps of a mark besides its text: its label, a span's end, what it says of shade."""
-    label: dict[str, str | int] = {"label": mark.label} if mark.label else {}
+    label: dict[str, str | int | float] = {"label": mark.label} if mark.label else {}
     span = label if mark.to is None else {**label, "end_ns": end_ns}
     if mark.corrects:
         span |= {"corrects": mark.corrects} | ({"takes_back": 1} if mark.takes_back else {})
     if (test := shade_test(mark.text)) is None:
         return span
-    phase = {"phase": test[1]} if mark.to is None else {}
+    phase: dict[str, str | float] = {"phase": test[1]} if mark.to is None else {}
+    if phase.get("phase") == "begin" and mark.longest_s != SHADE_TEST_S:
+        phase["for_s"] = mark.longest_s
     # when it was noted: live estimates did not know it earlier, so later ones must not either
     noted = {} if mark.corrects else {"noted_ns": noted_ns}
     return {**span, "shade_test": test[0], **noted, **phase}

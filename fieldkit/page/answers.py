@@ -120,7 +120,8 @@ class Answers:
     def _send_mark(self, request: requests.AddMark) -> SentRequest:
         folder = self.config.recordings
         words = partial(mark_of, folder, lambda: self.config, request.text, kind=request.kind)
-        return sent(folder, words(at=request.at, to=request.to))
+        mark, _ = words(at=request.at, to=request.to)
+        return sent(folder, mark)
 
     def _acknowledge(self, alarm: str) -> SentRequest:
         if alarm not in (present := [one.id for one in self.hub.latest.alarms]):

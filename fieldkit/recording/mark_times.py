@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from datetime import UTC, datetime
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING
 from zoneinfo import ZoneInfo
 
+from fieldkit.model.durations import parse_duration
+from fieldkit.model.errors import ConfigError
 from fieldkit.model.mark_times import parse_when, reject_impossible, reject_unknown_region
-from fieldkit.model.marks import Mark, shade_test
+from fieldkit.model.marks import Mark, When, shade_test
 from fieldkit.model.units import SECOND_NS
 from fieldkit.recording.requests import STARTED_WITHIN_S, await_inbox
 from fieldkit.recording.running import session_in_progress
@@ -28,8 +31,11 @@ def mark_of(
     kind: str = "",
     at: str = "-0s",
     to: str | None = None,
-) -> Mark:
-    """A note with its time, or interval, as people write them: ``-30s``, ``12:31`` at the site, ISO 8601.
+    longest: str | None = None,
+) -> tuple[Mark, str]:
+    """A note with its time, or interval, and what a shade test does in words (else empty).
+
+    Times are as people write them: ``-30s``, ``12:31`` at the site, ISO 8601.
 
     A shade test and a time of the site need the regions and the time of what records into `recordings`;
     `config` loads the campaign's configuration where its recorder does not report them. Raises `ConfigError`
@@ -43,7 +49,29 @@ def mark_of(
         reject_unknown_region(test, regions)
     mark = Mark(text, kind, parse_when(at, now), parse_when(to, now) if to else None)
     reject_impossible(mark, now)
-    return mark
+    if longest is not None:
+        if test is None or test[1] == "end" or to is not None:
+            raise ConfigError("--for is of a shade test that begins: shade-test REGION without an interval")
+        mark = replace(mark, longest_s=parse_duration(longest))
+    return mark, "" if test is None else _effect(mark, *test, now)
+
+
+def _effect(mark: Mark, region: str, phase: str, now: datetime) -> str:
+    start = _moment(mark.at, now)
+    if mark.to is not None:
+        return f"{region} counts as shaded from {start:%H:%M} until {_moment(mark.to, now):%H:%M}"
+    if phase == "end":
+        return f"{region} counts as sunlit from {start:%H:%M}"
+    latest = start + timedelta(seconds=mark.longest_s)
+    return (
+        f"{region} counts as shaded from {start:%H:%M} until you end it, at the latest until {latest:%H:%M}"
+    )
+
+
+def _moment(when: When, now: datetime) -> datetime:
+    if isinstance(when, str):
+        return datetime.fromisoformat(when).astimezone(now.tzinfo)
+    return now + timedelta(seconds=when)
 
 
 def _regions_and_now(recordings: Path, config: Callable[[], Config]) -> tuple[list[str], datetime]:

@@ -6,7 +6,7 @@ from datetime import UTC, datetime, timedelta
 
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.mark_times import parse_when, reject_impossible, reject_unknown_region
-from fieldkit.model.marks import Mark, When, mark_event, marks_made, numbers_named, shade_test
+from fieldkit.model.marks import SHADE_TEST_S, Mark, When, mark_event, marks_made, numbers_named, shade_test
 from fieldkit.model.samples import Event
 from fieldkit.model.site import known_zone
 from fieldkit.sessions.later_events import add_later_events
@@ -41,7 +41,8 @@ def edited(
     now = _utc(session.end_ns).astimezone(known_zone(session.site.timezone) or UTC)
     start, end = _ends(mark) if at is None else (parse_when(at, now), parse_when(to, now) if to else None)
     kept = str(mark.data.get("label", "")) if label is None else label
-    correction = Mark(text or mark.text, kept, start, end, corrects=number)
+    longest_s = float(mark.data.get("for_s", SHADE_TEST_S))
+    correction = Mark(text or mark.text, kept, start, end, longest_s, number)
     reject_unknown_region(shade_test(correction.text), [region.name for region in session.regions])
     reject_impossible(correction, now)
     return correction

@@ -1,5 +1,6 @@
 import json
 import os
+import re
 import subprocess
 import sys
 import threading
@@ -199,6 +200,33 @@ def test_a_shade_test_needs_no_quotes(campaign, recording):
     *_, event = RequestReader(recording / "running.h5.journal" / "marks", SimulatedClock(NOON_NS))()
     del event.data["request"]
     assert event.data == {"shade_test": "b15", "phase": "end", "noted_ns": NOON_NS}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "effect", "minutes"),
+    [
+        ((), "shaded from HH:MM until you end it, at the latest until HH:MM", 20),
+        (("--for", "7m"), "shaded from HH:MM until you end it, at the latest until HH:MM", 7),
+        (("end",), "sunlit from HH:MM", None),
+        (("--from", "12:10", "--until", "12:14"), "shaded from HH:MM until HH:MM", 4),
+    ],
+)
+def test_a_shade_test_says_at_once_what_it_does(campaign, recording, arguments, effect, minutes):
+    corners = ["--points", "18,77", "64,74", "65,101", "15,106"]
+    CliRunner().invoke(main, ["roi", "add", "-C", str(campaign), "b15", "--reference", *corners])
+    result = mark(campaign, "shade-test", "b15", *arguments)
+    assert result.exit_code == 0, result.output
+    said = " ".join(result.stderr.split())
+    assert f"b15 counts as {effect}" in re.sub(r"\d\d:\d\d", "HH:MM", said)
+    times = [datetime.strptime(one, "%H:%M") for one in re.findall(r"\d\d:\d\d", said)]
+    assert minutes is None or (times[1] - times[0]).seconds == 60 * minutes
+    *_, event = RequestReader(recording / "running.h5.journal" / "marks", SimulatedClock(NOON_NS))()
+    assert event.data.get("for_s") == (420.0 if "--for" in arguments else None)
+
+
+def test_only_a_shade_test_that_begins_has_a_longest_time(campaign, recording):
+    assert mark(campaign, "wind", "--for", "5m").exit_code == 2
+    assert mark(campaign, "--take-back", "1", "--for", "5m").exit_code == 2
 
 
 def test_a_shade_test_of_an_unknown_region_is_refused(campaign, recording):

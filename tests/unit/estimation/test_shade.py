@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from fieldkit.estimation.bins import History, RegionColumns
+from fieldkit.estimation.disturbances import UNCOOLED_K
 from fieldkit.estimation.estimator import Estimator, EstimatorSettings
 from fieldkit.estimation.shade import ShadeTestMonitor
 from fieldkit.estimation.slopes import shaded_rows
@@ -105,6 +106,16 @@ def test_a_shadow_that_stays_is_no_test():
     assert shaded == cells(B15, *range(60, 81))
 
 
+@pytest.mark.parametrize("second", [5, 20, 55])
+def test_under_a_board_a_region_cools_more_than_others_in_its_first_whole_minute(second):
+    for boards, cools in (([(B15, 61 + second / 60, 66)], True), ([], False)):
+        for seed in range(5):
+            monitor, rng = ShadeTestMonitor(), np.random.default_rng(seed)
+            for minute, row in enumerate(afternoon_k(*boards)[:63]):
+                monitor.update(minute, row + 0.1 * rng.standard_normal(row.size), False)
+            assert (monitor.cooling_k(62, B15) > UNCOOLED_K) is cools
+
+
 def mark(yard, name, at_s, noted_s=None, *, phase="begin", end_s=None):
     at_ns = yard.start_ns + round(at_s * SECOND_NS)
     noted_ns = yard.start_ns + round((at_s if noted_s is None else noted_s) * SECOND_NS)
@@ -161,6 +172,27 @@ def test_an_interval_told_afterwards_shades_the_minutes_before(yard):
     assert flagged(history.until(20), 2) == []
     assert flagged(history.until(21), 2) == list(range(10, 15))
     assert flagged(history, 2) == list(range(10, 15))
+
+
+def test_a_shade_test_ends_by_itself_and_one_that_cools_nothing_is_reported(yard):
+    begun = mark(yard, "b17", 605)
+    begun = replace(begun, data={**begun.data, "for_s": 240.0})
+    estimator, minutes = live(replace(yard, noise_k=0.05), yard.samples(25), [begun])
+    assert flagged(History.of(estimator.bins), 2) == list(range(10, 15))
+    warnings = [
+        (n, one.text) for n, each in enumerate(minutes) for one in each.events if "uncooled" in one.data
+    ]
+    assert warnings == [(11, "b17 does not cool in its shade test: check the board, or take the mark back")]
+
+
+def test_a_mark_taken_back_while_recording_shades_no_minute(yard):
+    begun, other = mark(yard, "b17", 605), mark(yard, "b05", 610)
+    back = Event(EventKind.MARK, 0, begun.time_ns, "taken back", data={"corrects": 1, "takes_back": 1})
+    back.data["noted_ns"] = yard.start_ns + 700 * SECOND_NS
+    estimator, _ = live(yard, yard.samples(25), [begun, other, back])
+    history = History.of(estimator.bins)
+    assert flagged(history.until(11), 2) == [10]
+    assert flagged(history, 2) == []
 
 
 def test_while_the_reference_is_shaded_every_slope_is_held(yard):
