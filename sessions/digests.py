@@ -39,13 +39,13 @@ def object_paths(group: h5py.Group, path: str = "") -> Iterator[str]:
             yield inside
 
 
-def object_digest(file: h5py.File, path: str) -> str:
-    """The digest of one object, in hexadecimal.
+def object_digest(file: h5py.File, path: str, groups: dict[str, h5py.Group] | None = None) -> str:
+    """The digest of one object, in hexadecimal; `groups` keeps those that were met, for the next object.
 
     Raises `SessionError` where there is none, or it claims what is not there; `OSError`, `RuntimeError` or
     `KeyError` where HDF5 cannot read it.
     """
-    node = file if path == ROOT else stored_here(file, path)
+    node = file if path == ROOT else _found(file, path, {} if groups is None else groups)
     digest = sha256()
     for part in _attributes(node):
         digest.update(part)
@@ -54,9 +54,20 @@ def object_digest(file: h5py.File, path: str) -> str:
     return digest.hexdigest()
 
 
+def _found(file: h5py.File, path: str, groups: dict[str, h5py.Group]) -> Any:
+    """The object at a path: finding the group again for each of its members would cost as much as they do."""
+    folder, _, name = path.rpartition("/")
+    if not folder:
+        return stored_here(file, path)
+    if folder not in groups:
+        groups[folder] = stored_here(file, folder)
+    return stored_here(groups[folder], name)
+
+
 def _attributes(node: h5py.Group | h5py.Dataset) -> Iterator[bytes]:
-    for name in sorted(set(node.attrs) - _REFERENCES):
-        value = np.asarray(node.attrs[name])
+    attributes = node.attrs
+    for name in sorted(set(attributes) - _REFERENCES):
+        value = np.asarray(attributes[name])
         yield _described(f"@{name}", value)
         yield value.tobytes()
 
@@ -70,11 +81,18 @@ def _data(dataset: h5py.Dataset, path: str) -> Iterator[bytes]:
     """Description and content of a dataset; of one that grows after the seal, without how long it is."""
     grows = path.startswith(_LATER)
     yield _described("", dataset if not grows else np.empty(dataset.shape[1:], dataset.dtype))
-    for axis in dataset.dims:
-        for scale in axis.values():
-            yield h5py.h5ds.get_scale_name(scale.id) + b"\0"
+    for axis in range(dataset.ndim):
+        for scale in _scales(dataset.id, axis):
+            yield h5py.h5ds.get_scale_name(scale) + b"\0"
     if not (grows or path in NOT_YET or path.rsplit("/", 1)[-1] in FRAME_DATASETS):
         yield from _values(dataset)
+
+
+def _scales(dataset: h5py.h5d.DatasetID, axis: int) -> list[h5py.h5d.DatasetID]:
+    scales: list[h5py.h5d.DatasetID] = []
+    if h5py.h5ds.get_num_scales(dataset, axis):  # HDF5 takes it for a mistake to go through none
+        h5py.h5ds.iterate(dataset, axis, scales.append, 0)
+    return scales
 
 
 def _values(dataset: h5py.Dataset) -> Iterator[bytes]:

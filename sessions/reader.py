@@ -148,6 +148,7 @@ class SessionReader:
         self.anchor_ns: int = int(scalar(file, "entry/utc_minus_mono_ns"))
         self._handle = file
         self._salvage = salvage
+        self._groups: dict[str, h5py.Group] = {}
         self.site: Site = self.header.site
         self.streams: Mapping[str, StreamInfo] = {info.name: info for info in self.header.streams}
         self.session_id: str = str(attribute(file, "session_id"))
@@ -457,7 +458,7 @@ class SessionReader:
 
     def object_digest(self, path: str) -> str:
         """The digest of an object as it is now; see `fieldkit.sessions.digests`."""
-        return object_digest(self._file, path)
+        return object_digest(self._file, path, self._groups)
 
     def minutes(self, *, recorded: bool = False) -> list[MinuteRecord]:
         """The estimates made while recording, minute by minute."""

@@ -68,7 +68,7 @@ def total(folder: Path) -> int:
 @pytest.mark.parametrize(("error", "how"), WAYS)
 def test_failure_at_some_writes(tmp_path: Path, error: int, how: int) -> None:
     changes = total(tmp_path)
-    chosen = [1 + changes * n // 4 for n in range(4)]
+    chosen = [1 + changes * n // 3 for n in range(3)]
     for outcome in outcomes(tmp_path, error, how, chosen):
         check_kept(tmp_path, outcome)
 

@@ -33,7 +33,7 @@ from tests.harness.recording import (
 )
 
 RATE_HZ = 200.0
-FEW, MANY = range(20), range(20, 200)
+FEW, MANY = range(8), range(8, 200)
 PROJECT = Path(__file__).parents[2]
 
 
@@ -122,7 +122,7 @@ def test_closing_killed_at_any_moment_can_be_finished(tmp_path: Path, trial: int
     check_complete(path, {"camera": 40, "lux": 4, "thermometer": 4})
 
 
-@pytest.mark.parametrize("trial", trials(range(10), range(10, 60)))
+@pytest.mark.parametrize("trial", trials(range(5), range(5, 60)))
 def test_correcting_the_times_killed_at_any_moment_leaves_the_session_sealed(
     tmp_path: Path, trial: int
 ) -> None:
@@ -156,7 +156,7 @@ raise KeyboardInterrupt
 """
 
 
-@pytest.mark.parametrize("trial", trials(range(6), range(6, 60)))
+@pytest.mark.parametrize("trial", trials(range(3), range(3, 60)))
 def test_process_that_ends_without_closing_ends_and_leaves_the_session_to_recovery(
     tmp_path: Path, trial: int
 ) -> None:

@@ -67,7 +67,7 @@ def survivors(folder: Path) -> int:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("trials", [4, pytest.param(250, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("trials", [2, pytest.param(250, marks=pytest.mark.slow)])
 def test_nothing_covered_by_a_sync_is_lost(
     changes: list[disk.Change], tmp_path: Path, kind: str, trials: int
 ) -> None:

@@ -110,7 +110,7 @@ def every_sample_is_right_or_flagged(path: Path) -> bool:
     return right == WRITTEN
 
 
-@pytest.mark.parametrize("trials", [25, pytest.param(1000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("trials", [8, pytest.param(1000, marks=pytest.mark.slow)])
 def test_damage_never_gives_a_wrong_sample(recorded: Path, tmp_path: Path, trials: int) -> None:
     chance = random.Random(trials)
     for _ in range(trials):
@@ -128,7 +128,7 @@ def test_damage_never_gives_a_wrong_sample(recorded: Path, tmp_path: Path, trial
         assert not (file_is_damaged and report.lost_samples)  # a whole journal has everything
 
 
-@pytest.mark.parametrize("trials", [25, pytest.param(1000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("trials", [8, pytest.param(1000, marks=pytest.mark.slow)])
 def test_damaged_sealed_session_is_noticed(recorded: Path, tmp_path: Path, trials: int) -> None:
     chance = random.Random(trials)
     for _ in range(trials):

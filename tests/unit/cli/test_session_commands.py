@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -44,16 +45,21 @@ def run(module: Any, *words: object) -> Result:
     return CliRunner().invoke(module.command, [str(word) for word in words], catch_exceptions=True)
 
 
-@pytest.fixture
-def campaign(tmp_path: Path) -> Path:
-    """A folder with a sealed and an interrupted session."""
-    folder = tmp_path / "recordings"
-    folder.mkdir()
+@pytest.fixture(scope="module")
+def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("recordings")
     for name in ("20261211T025512Z-a.h5", "20261212T025512Z-b.h5"):
         clock = CountedClock()
         writer = SessionWriter(folder / name, header((24, 32)), clock)
         fill(writer, 20, clock)
         writer.close() if "a.h5" in name else writer.abandon()
+    return folder
+
+
+@pytest.fixture
+def campaign(recordings: Path, tmp_path: Path) -> Path:
+    """A folder with a sealed and an interrupted session."""
+    shutil.copytree(recordings, tmp_path / "recordings")
     return tmp_path
 
 

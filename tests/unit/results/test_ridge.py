@@ -47,7 +47,7 @@ def last_estimate(model: Model, horizon: Horizon, known: Horizon) -> SlopeEstima
     return last.slopes[1]
 
 
-@pytest.mark.parametrize("model", ["paper", "full", "learned"])
+@pytest.mark.parametrize("model", [pytest.param("paper", marks=pytest.mark.slow), "full", "learned"])
 def test_with_the_horizon_a_ridge_adds_no_bias(model: Model) -> None:
     """Its shadow, with the estimator's own error of that day beside it."""
     undisturbed = abs(last_estimate(model, (), ()).tilt_deg - TILT_DEG)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import tracemalloc
 import zlib
 from collections.abc import Callable, Iterator
@@ -33,13 +34,18 @@ from tests.harness.learnt import learnt
 from tests.harness.recording import CountedClock, fill, header, sample
 
 
-@pytest.fixture
-def path(tmp_path: Path) -> Path:
-    clock = CountedClock()
-    writer = SessionWriter(tmp_path / "field.h5", header((24, 32)), clock)
+@pytest.fixture(scope="module")
+def sealed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path, clock = tmp_path_factory.mktemp("sealed") / "field.h5", CountedClock()
+    writer = SessionWriter(path, header((24, 32)), clock)
     fill(writer, 10, clock)
     writer.close()
-    return tmp_path / "field.h5"
+    return path
+
+
+@pytest.fixture
+def path(sealed: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copy(sealed, tmp_path))
 
 
 def test_missing_file_and_folder_are_named(tmp_path: Path) -> None:

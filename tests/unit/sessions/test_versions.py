@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -50,17 +51,22 @@ def rewritten(path: Path, change: Callable[[dict[str, Any]], None]) -> None:
     seal(path, checksums, SEALED)
 
 
-@pytest.fixture
-def path(tmp_path: Path) -> Path:
-    clock = CountedClock()
-    writer = SessionWriter(tmp_path / "field.h5", header((24, 32)), clock)
+@pytest.fixture(scope="module")
+def sealed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path, clock = tmp_path_factory.mktemp("sealed") / "field.h5", CountedClock()
+    writer = SessionWriter(path, header((24, 32)), clock)
     fill(writer, 10, clock)
     now = clock.mono_ns()
     time_ns = clock.to_utc_ns(now)
     writer.event(Event(NEW_KIND, now, time_ns, "the drone came back", "camera", Severity(9), {"height": [1]}))
     writer.minute(time_ns, [SlopeEstimate(time_ns, "b05", NEW_STATE, 5.0, 180.0, model="next")])
     writer.close()
-    return tmp_path / "field.h5"
+    return path
+
+
+@pytest.fixture
+def path(sealed: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copy(sealed, tmp_path))
 
 
 @pytest.fixture

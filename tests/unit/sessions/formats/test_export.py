@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import math
+import shutil
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from datetime import UTC
@@ -50,15 +51,29 @@ def recorded(path: Path, about: SessionHeader = HEADER, frames: int = FRAMES) ->
     return open_session(path)
 
 
+@pytest.fixture(scope="module")
+def sealed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("sealed") / "field.h5"
+    recorded(path).close()
+    return path
+
+
 @pytest.fixture
-def session(tmp_path: Path):
-    with recorded(tmp_path / "field.h5") as opened:
+def session(sealed: Path, tmp_path: Path):
+    with open_session(Path(shutil.copy(sealed, tmp_path))) as opened:
         yield opened
 
 
+@pytest.fixture(scope="module")
+def sealed_of_two_cameras(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("two-cameras") / "field.h5"
+    recorded(path, TWO_CAMERAS, frames=4).close()
+    return path
+
+
 @pytest.fixture
-def two_cameras(tmp_path: Path):
-    with recorded(tmp_path / "field.h5", TWO_CAMERAS, frames=4) as opened:
+def two_cameras(sealed_of_two_cameras: Path, tmp_path: Path):
+    with open_session(Path(shutil.copy(sealed_of_two_cameras, tmp_path))) as opened:
         yield opened
 
 

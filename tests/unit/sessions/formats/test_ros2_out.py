@@ -18,13 +18,13 @@ make_reader = pytest.importorskip("mcap.reader").make_reader
 STORE = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
 
 
-@pytest.fixture
-def session(tmp_path):
-    clock = CountedClock()
-    writer = SessionWriter(tmp_path / "field.h5", header((24, 32)), clock)
+@pytest.fixture(scope="module")
+def session(tmp_path_factory):
+    path, clock = tmp_path_factory.mktemp("sealed") / "field.h5", CountedClock()
+    writer = SessionWriter(path, header((24, 32)), clock)
     fill(writer, 6, clock)
     writer.close()
-    with open_session(tmp_path / "field.h5") as opened:
+    with open_session(path) as opened:
         yield opened
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import h5py
@@ -15,13 +16,18 @@ from fieldkit.sessions.writer import SessionWriter  # noqa: E402
 from tests.harness.recording import CountedClock, fill, header  # noqa: E402
 
 
-@pytest.fixture
-def path(tmp_path: Path) -> Path:
-    clock = CountedClock()
-    writer = SessionWriter(tmp_path / "field.h5", header((24, 32)), clock)
+@pytest.fixture(scope="module")
+def sealed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path, clock = tmp_path_factory.mktemp("sealed") / "field.h5", CountedClock()
+    writer = SessionWriter(path, header((24, 32)), clock)
     fill(writer, 10, clock)
     writer.close()
-    return tmp_path / "field.h5"
+    return path
+
+
+@pytest.fixture
+def path(sealed: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copy(sealed, tmp_path))
 
 
 def test_xarray_finds_the_backend_and_reads_what_the_session_reads(path: Path) -> None:
