@@ -146,7 +146,6 @@ def test_a_fault_is_survived_named_on_screen_and_in_the_file_and_found_by_check(
         fault,
     ]
     command += ["--set", "simulation.speed=max", "--set", f'simulation.faults=["{fault}"]']
-    command += ["--set", "estimator.model=paper"]  # a fraction of the time of the learned one
     done = subprocess.run(command, capture_output=True, text=True, timeout=500)
     assert done.returncode == 0, done.stderr
     path = next(campaign.glob(f"recordings/*-{fault}.h5"))
