@@ -37,6 +37,7 @@ from fieldkit.cli.types import WORDS
 @click.option(
     "--session",
     type=click.Path(path_type=Path),
+    metavar="SESSION",
     help="Session to list or correct.  [default: the running one, else the latest]",
 )
 @click.pass_context

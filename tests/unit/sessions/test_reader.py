@@ -105,7 +105,7 @@ def test_a_stream_that_is_not_there_or_cannot_do_it_is_refused_by_name(path: Pat
 
 ARGUMENTS = {
     "stream": "camera", "camera": "camera", "meter": "lux", "path": "config/header", "to": "csv", "end": 9,
-    "row": 0, "box": (slice(1), slice(1)), "step": 1, "with_rows": False,
+    "row": 0, "box": (slice(1), slice(1)), "step": 1, "with_rows": False, "mark": 1,
 }  # fmt: skip
 VAR_ARGS, VAR_NAMES = Parameter.VAR_POSITIONAL, Parameter.VAR_KEYWORD
 OPEN_OR_NOT = {"close", "is_closed", "name", "config_toml", "damaged", "info", "frame_datasets"}
