@@ -81,7 +81,7 @@ def _report(file: Path, done: AddedDevices) -> None:
     for device in done.skipped:
         say(f"skipped {device.identity or device.port}: {device.note}")
     if not (done.added or done.configured or done.skipped or done.failures):
-        say("no instrument is plugged in")
+        say("no instrument is plugged in; next: fieldkit doctor")
 
 
 def _list(ctx: click.Context) -> None:
