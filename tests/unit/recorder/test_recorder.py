@@ -266,20 +266,22 @@ def test_a_stop_that_is_repeated_still_seals(
 def test_estimates_that_are_late_are_an_event_and_so_is_their_return(
     campaign: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of a minute that takes a tenth of a second where a hundredth is a minute late."""
-    monkeypatch.setattr("fieldkit.recorder.health.LATE_S", 0.01)
+    """Of a first minute that takes half a second where a fifth of one is late; the others come as they do."""
+    monkeypatch.setattr("fieldkit.recorder.health.LATE_S", 0.2)
     monkeypatch.setattr("fieldkit.recorder.sample_queue.SampleQueue.settled", lambda self, timeout_s: True)
-    genuine = Estimator.minute
+    genuine, held = Estimator.minute, threading.Event()
 
     def slow(self: Estimator, closed: object) -> object:
-        threading.Event().wait(0.5)
+        if not held.is_set():
+            held.wait(0.5)
+            held.set()
         return genuine(self, closed)
 
     monkeypatch.setattr(Estimator, "minute", slow)
-    assert record(campaign, "--set", "simulation.speed=60").exit_code == 0
+    assert record(campaign, "--for", "300s", "--set", "simulation.speed=60").exit_code == 0
     _, events = stored(the_session(campaign))
     late = [(event.data["late"], event.severity) for event in events if "late" in event.data]
-    assert late == [("begin", Severity.WARNING), ("end", Severity.INFO)]
+    assert late[:2] == [("begin", Severity.WARNING), ("end", Severity.INFO)]  # a busy computer may be late again
 
 
 def test_a_view_that_fails_is_told_and_left_out(campaign: Path, monkeypatch: pytest.MonkeyPatch) -> None:
