@@ -54,10 +54,6 @@ WARM_SKY_K = 253.15
 MIN_REFLECTANCE = 0.02
 """Least reflectance assumed where it is fitted together with the sky."""
 
-FOIL_EMISSIVITY, FOIL_EMISSIVITY_SD = 0.04, 0.02
-"""Aluminium foil at 10 micrometres and 27 °C in the emissivity tables of thermal camera manuals; dust and
-folds add, and its own temperature is only known as the surface's it lies on."""
-
 SATURATED_SHARE = 0.25
 """Share of a foil's pixels at one lowest count; noise alone leaves a few per cent there."""
 

@@ -17,9 +17,10 @@ from fieldkit.drivers.ports import Line
 from fieldkit.drivers.simulated.pseudo_terminal import PseudoTerminal
 from fieldkit.model.air import is_air_temperature
 from fieldkit.model.device import DeviceSettings
+from fieldkit.model.fault_kind import FaultKind
 from fieldkit.model.units import CELSIUS_ZERO_K, SECOND_NS
 from fieldkit.physics.facet import FloatArray
-from fieldkit.simulation import FaultKind, Scene
+from fieldkit.simulation import Scene
 from fieldkit.simulation.simulated_clock import SimulatedClock
 
 _LINE = Line(9600)

@@ -25,13 +25,12 @@ from fieldkit.calibration.band import (
     without_air,
 )
 from fieldkit.calibration.emissivity import (
-    FOIL_EMISSIVITY,
-    FOIL_EMISSIVITY_SD,
     is_saturated,
     mirrored_temperature_k,
     refuse_saturated,
     tape_temperature_k,
 )
+from fieldkit.calibration.foil import FOIL_EMISSIVITY, FOIL_EMISSIVITY_SD
 from fieldkit.calibration.steady_pairs import Readings
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import CalibrationError, ConfigError

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fieldkit.calibration.emissivity import FOIL_EMISSIVITY, FOIL_EMISSIVITY_SD
+from fieldkit.calibration.foil import FOIL_EMISSIVITY, FOIL_EMISSIVITY_SD
 from fieldkit.cli import common
 from fieldkit.cli.session_paths import find_session
 from fieldkit.cli.types import DURATION, RECORD_NAME

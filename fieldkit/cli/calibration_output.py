@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import click
 
-from fieldkit.calibrate.result import Calibration
-from fieldkit.calibration.calibration_record import as_document
-from fieldkit.calibration.uncertainty import Contribution, combined_uncertainty, largest
 from fieldkit.cli import common
+
+if TYPE_CHECKING:
+    from fieldkit.calibrate.result import Calibration
+    from fieldkit.calibration.uncertainty import Contribution
 
 WIDEST_BAR = 24
 
 
 def save_and_print(calibration: Calibration, used_by: str = "") -> None:
     """Save the record, print value and budget; `used_by` replaces the calibration's own advice."""
+    from fieldkit.calibration.calibration_record import as_document
+
     path, record = calibration.save(), calibration.record
     if common.options().json:
         common.print_json({"record": str(path), **as_document(record)})
@@ -30,6 +34,8 @@ def save_and_print(calibration: Calibration, used_by: str = "") -> None:
 
 def print_budget(budget: Sequence[Contribution], unit: str) -> None:
     """The budget as a table with bars; the largest contribution is named below it."""
+    from fieldkit.calibration.uncertainty import combined_uncertainty, largest
+
     worst = max(abs(line.effect) for line in budget) or 1.0
     rows: list[tuple[str, ...]] = [
         (

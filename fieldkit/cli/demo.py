@@ -13,18 +13,14 @@ import click
 from fieldkit.cli import common
 from fieldkit.cli.recording import live_views, run_until_stopped
 from fieldkit.cli.slope_table import explain_slopes, print_learnt, print_slopes
-from fieldkit.config import Config
-from fieldkit.model.site import Region
+from fieldkit.model.fault_kind import FaultKind
 from fieldkit.model.slope import final_estimates
-from fieldkit.recording.record import MinuteView, prepare
-from fieldkit.recording.simulate import demo_campaign, judged_against_truth, mean_tilt_error_deg
-from fieldkit.results.estimate import as_document, estimates_of
-from fieldkit.results.report import report as write_report
-from fieldkit.simulation import FaultKind
 from fieldkit.views import formatting
 
 if TYPE_CHECKING:
+    from fieldkit.config import Config
     from fieldkit.estimation.estimator import Minute
+    from fieldkit.model.site import Region
 
 SCENE_S = 3 * 3600.0
 PACE = 360
@@ -45,6 +41,10 @@ PACE = 360
 @click.pass_context
 def command(ctx: click.Context, fast: bool, fault: str | None, out: Path) -> None:
     """Run the whole experiment on simulated devices under one measured day of weather, then report."""
+    from fieldkit.recording.record import MinuteView, prepare
+    from fieldkit.recording.simulate import demo_campaign
+    from fieldkit.results.report import report as write_report
+
     began = time.monotonic()
     folder = (common.options(ctx).directory or Path()) / out
     config = demo_campaign(folder, speed="max" if fast else PACE, fault=fault)
@@ -72,6 +72,9 @@ def _introduce(config: Config, fault: str | None) -> None:
 def _conclude(
     path: Path, report: Path, minutes: Sequence[Minute], regions: Sequence[Region], took_s: float
 ) -> None:
+    from fieldkit.recording.simulate import judged_against_truth, mean_tilt_error_deg
+    from fieldkit.results.estimate import as_document, estimates_of
+
     slopes = final_estimates(estimates_of(minutes), regions)
     mean_error = mean_tilt_error_deg(minutes, regions)
     if common.options().json:

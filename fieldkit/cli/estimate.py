@@ -13,7 +13,6 @@ from fieldkit.cli.session_paths import find_sessions
 from fieldkit.cli.slope_table import explain_slopes, print_learnt, print_slopes
 from fieldkit.cli.types import FACET, SITE, WORDS
 from fieldkit.model.site import Region, RegionKind, Site
-from fieldkit.results.estimate import as_document, require_slope, session_document
 
 if TYPE_CHECKING:
     from fieldkit.results.batch import EstimatedSessions
@@ -89,6 +88,7 @@ def _estimate_sessions(
     paths: Sequence[Path], out: Path | None, workers: Workers, settings: Sequence[str], chosen: dict[str, Any]
 ) -> None:
     from fieldkit.results.batch import estimate_sessions
+    from fieldkit.results.estimate import require_slope
 
     base = None if out is None else batch.base_of(out)
     with batch.progress_bar("estimating") as on_progress:
@@ -104,7 +104,7 @@ def _estimate_sessions(
 def _estimate_table(
     path: Path, site: Site | None, reference: tuple[float, float], settings: Sequence[str]
 ) -> None:
-    from fieldkit.results.estimate import estimate_table
+    from fieldkit.results.estimate import as_document, estimate_table, require_slope
 
     if site is None:
         raise click.UsageError("a table needs --site LAT,LON,ALT: where it was measured")
@@ -121,6 +121,8 @@ def _estimate_table(
 
 
 def _print(found: EstimatedSessions) -> None:
+    from fieldkit.results.estimate import session_document
+
     if common.options().json:
         documents = [session_document(found.paths[name], slopes) for name, slopes in found.estimates.items()]
         common.print_json(documents[0] if len(documents) == 1 else {"sessions": documents})

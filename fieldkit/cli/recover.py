@@ -13,7 +13,6 @@ from fieldkit.cli.common import Command, options, print_json, say
 from fieldkit.cli.session_paths import find_session, recordings_folder
 from fieldkit.model.errors import FieldkitError, IntegrityError
 from fieldkit.recording.recordings import delete_crash_files, is_interrupted, sessions_in
-from fieldkit.recording.request_reader import recover_session
 
 if TYPE_CHECKING:
     from fieldkit.sessions.recovery import RecoveryReport
@@ -29,6 +28,8 @@ def command(ctx: click.Context, paths: tuple[Path, ...], tidy: bool) -> None:
 
     Safe to interrupt and to run again; a finished session is not changed. Exit code 7 if samples are lost.
     """
+    from fieldkit.recording.request_reader import recover_session
+
     folder = recordings_folder(ctx)
     named = [find_session(ctx, path) for path in paths]
     found = named or [path for path in sessions_in(folder) if is_interrupted(path)]

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from fieldkit.cli import common
 from fieldkit.cli.session_paths import find_session, report_interrupted
 from fieldkit.cli.slope_table import explain_slopes, print_learnt, print_slopes
-from fieldkit.estimation.estimator import Estimator
-from fieldkit.recorder import View
-from fieldkit.recording.replay import replay
-from fieldkit.results.estimate import as_document
-from fieldkit.results.json_document import learnt_document
-from fieldkit.sessions.reader import SessionReader
+
+if TYPE_CHECKING:
+    from fieldkit.estimation.estimator import Estimator
+    from fieldkit.recorder import View
+    from fieldkit.sessions.reader import SessionReader
 
 
 @click.command(cls=common.Command)
@@ -27,6 +27,10 @@ from fieldkit.sessions.reader import SessionReader
 @click.pass_context
 def command(ctx: click.Context, session: Path, speed: str, settings: tuple[str, ...]) -> None:
     """Play a SESSION as if live; --speed max gives its slopes at once."""
+    from fieldkit.recording.replay import replay
+    from fieldkit.results.estimate import as_document
+    from fieldkit.results.json_document import learnt_document
+
     factor = parse_speed(speed)
     session = find_session(ctx, session)
     report_interrupted([session])

@@ -17,6 +17,7 @@ from fieldkit.config.toml_schema import SimulationTable
 from fieldkit.drivers.simulated import SimulatedField
 from fieldkit.ground.on_ground import ground_view
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.fault_kind import FaultKind
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.units import SECOND_NS
 from fieldkit.physics.bodies import EARTH, Body, body_of
@@ -24,7 +25,7 @@ from fieldkit.physics.camera_geometry import horizon_of_ground
 from fieldkit.physics.facet import VERTICAL, normal, tilt_azimuth
 from fieldkit.results.sources import log_warning
 from fieldkit.sessions.formats.geotiff import read_heights
-from fieldkit.simulation import ClearSky, Facet, Fault, FaultKind, MeasuredSky, Scene, Sky
+from fieldkit.simulation import ClearSky, Facet, Fault, MeasuredSky, Scene, Sky
 from fieldkit.simulation.drawn_field import drawn_scene
 from fieldkit.simulation.facets import FRAME_SHAPE, GROUND
 from fieldkit.simulation.motion import Motion

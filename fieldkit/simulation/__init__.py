@@ -7,7 +7,7 @@ skylight, longwave, wind and stored heat count, and light meter and camera have 
 
 from fieldkit.simulation.camera_frame import Correction
 from fieldkit.simulation.facets import Facet
-from fieldkit.simulation.faults import Fault, FaultKind, LightStep
+from fieldkit.simulation.faults import Fault, LightStep
 from fieldkit.simulation.scene import Scene, sand_slopes
 from fieldkit.simulation.scene_series import Exchange, SceneState
 from fieldkit.simulation.sky import ClearSky, MeasuredSky, Sky
@@ -18,7 +18,6 @@ __all__ = [
     "Exchange",
     "Facet",
     "Fault",
-    "FaultKind",
     "LightStep",
     "MeasuredSky",
     "Scene",

@@ -9,8 +9,6 @@ import pytest
 from fieldkit.calibration.band import CameraBand, ResponseBand, before_camera_settings
 from fieldkit.calibration.emissivity import (
     DEFAULT_SHARED_UNCERTAINTIES,
-    FOIL_EMISSIVITY,
-    FOIL_EMISSIVITY_SD,
     Pairs,
     SharedUncertainties,
     fit_emissivity,
@@ -18,6 +16,7 @@ from fieldkit.calibration.emissivity import (
     single_pair,
     tape_temperature_k,
 )
+from fieldkit.calibration.foil import FOIL_EMISSIVITY, FOIL_EMISSIVITY_SD
 from fieldkit.model.errors import CalibrationError
 from fieldkit.model.units import CELSIUS_ZERO_K, MINUTE_NS
 from fieldkit.physics.radiance import band_radiance, brightness_temperature_k

@@ -10,6 +10,7 @@ import time
 import pytest
 
 import fieldkit
+from fieldkit.cli import COMMANDS
 from fieldkit.recording.running import session_in_progress
 from fieldkit.recording.status import status_reply, stored_status
 from fieldkit.recording.status_request import recorder_status, status_path
@@ -27,6 +28,16 @@ try:
 except SystemExit as end:
     code = end.code
 print("loaded:", code, *sorted({name.partition(".")[0] for name in sys.modules}))
+"""
+HELP_OF = """
+import sys
+from fieldkit.cli import main
+for name in sys.argv[1:]:
+    try:
+        main([name, "--help"])
+    except SystemExit as end:
+        assert end.code == 0
+print("loaded:", *sorted({name.partition(".")[0] for name in sys.modules}))
 """
 
 
@@ -70,6 +81,15 @@ def test_help_loads_no_heavy_library(words):
     code, printed, heavy = run(*words)
     assert (code, heavy) == (0, set())
     assert printed.startswith("Usage:")
+
+
+def test_the_help_of_no_command_takes_longer_than_numpy():
+    """Of all of them in one process: what a module imports at its top would be seen."""
+    names = [entry.name for group in COMMANDS.values() for entry in group]
+    done = subprocess.run([sys.executable, "-c", HELP_OF, *names], capture_output=True, text=True, check=True)
+    printed, _, loaded = done.stdout.rpartition("loaded: ")
+    assert printed.count("Usage:") == len(names) > 25
+    assert HEAVY & set(loaded.split()) <= {"numpy"}
 
 
 def test_the_version_loads_no_heavy_library():

@@ -16,8 +16,9 @@ from fieldkit.drivers.simulated.pseudo_terminal import PseudoTerminal
 from fieldkit.model.air import of_air
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceAccessError, DeviceLostError
+from fieldkit.model.fault_kind import FaultKind
 from fieldkit.model.units import SECOND_NS
-from fieldkit.simulation import Fault, FaultKind, sand_slopes
+from fieldkit.simulation import Fault, sand_slopes
 from fieldkit.simulation.simulated_clock import SimulatedClock
 
 LUX = DeviceSettings("lux", "lutron", "simulated")
