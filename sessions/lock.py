@@ -76,11 +76,11 @@ def is_locked(folder: Path, name: str = RECORDING) -> bool:
     return False
 
 
-def owner(folder: Path) -> int | None:
-    """The process that holds the lock of a journal folder, or None if it is free."""
-    if not is_locked(folder):
+def owner(folder: Path, name: str = RECORDING) -> int | None:
+    """The process that holds the lock of a journal folder, or another lock there; None if it is free."""
+    if not is_locked(folder, name):
         return None
     try:
-        return int((folder / RECORDING).read_text().strip())
+        return int((folder / name).read_text().strip())
     except (OSError, ValueError):
         return None

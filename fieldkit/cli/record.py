@@ -9,28 +9,38 @@ import click
 
 from fieldkit.cli import common
 from fieldkit.cli.page import LOOPBACK, page_beside
-from fieldkit.cli.recording import live_views, run_until_stopped
+from fieldkit.cli.recording import live_views, run_until_stopped, stop_on_signals, terminal_views
 from fieldkit.cli.session_paths import report_interrupted
 from fieldkit.cli.types import DURATION, TIME_OF_DAY
 from fieldkit.recording.recordings import sessions_in
 from fieldkit.results.json_document import learnt_document
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from datetime import time
     from pathlib import Path
 
+    from fieldkit.config import Config
     from fieldkit.recorder import Summary
+    from fieldkit.recording.record import PreparedRecording
 
 
 @click.command(cls=common.Command)
 @click.option("--name", default="", metavar="NAME", help="Part of the file name.")
 @click.option("--for", "duration_s", type=DURATION, metavar="TIME", help="Duration: 3h, 90m, 45s.")
 @click.option(
+    "--at",
+    type=TIME_OF_DAY,
+    metavar="TIME",
+    help="Time of day to begin, such as 11:30, in the site's zone; until then the instruments are shown.",
+)
+@click.option(
     "--until",
     type=TIME_OF_DAY,
     metavar="TIME",
     help="Time of day to stop, such as 15:05, in the site's zone.",
 )
+@click.option("--detach", is_flag=True, help="Record in the background, beyond the end of this terminal.")
 @click.option("--allow-missing", is_flag=True, help="Record without instruments that are not plugged in.")
 @click.option(
     "--page", "page_address", is_flag=False, flag_value=LOOPBACK, metavar="[ADDRESS]",
@@ -43,7 +53,9 @@ def command(
     ctx: click.Context,
     name: str,
     duration_s: float | None,
+    at: time | None,
     until: time | None,
+    detach: bool,
     allow_missing: bool,
     page_address: str | None,
     theme: Literal["dark", "paper"],
@@ -56,14 +68,27 @@ def command(
         raise click.UsageError("give --for or --until, not both")
     config = common.campaign(ctx, settings)
     report_interrupted(sessions_in(config.recordings))
+    if detach and page_address is not None:
+        raise click.UsageError("--page ends with this terminal; fieldkit page shows a detached recording")
+    if detach:
+        ends = [f"--for={duration_s}s"] if duration_s is not None else []
+        times = [f"--{word}={one:%H:%M}" for word, one in (("at", at), ("until", until)) if one is not None]
+        missing = ["--allow-missing"] if allow_missing else []
+        changed = [word for setting in settings for word in ("--set", setting)]
+        _detach(config, [f"--name={name}", *ends, *times, *missing, *changed])
+        return
     with prepare(
         config,
         name=name,
         duration_s=duration_s,
+        at=at,
         until=until,
         allow_missing=allow_missing,
         notify=common.say_warning,
     ) as prepared:
+        if at is not None and not _waited(prepared, at, theme):
+            common.say("called off: nothing was recorded")
+            return
         common.say(f"recording {prepared.path.stem}     Ctrl-C stops and seals")
         views = [] if page_address else live_views(prepared, theme)  # whose screen would hide the links
         with page_beside(config, page_address, settings):
@@ -71,6 +96,35 @@ def command(
     print_summary(prepared.path, summary)
     if summary.failure is not None:
         raise summary.failure
+
+
+def _waited(prepared: PreparedRecording, at: time, theme: Literal["dark", "paper"]) -> bool:
+    """Show the instruments until the recording is to begin; False if that was called off."""
+    from fieldkit.recording.waiting import await_begin
+
+    wait_s, title = prepared.begins_in_s(), f"waiting until {at:%H:%M}, not recorded"
+    common.say(f"the instruments are ready; recording begins at {at:%H:%M}     Ctrl-C calls it off")
+    views = terminal_views(prepared.config, prepared.instruments, title, wait_s, theme)
+    with stop_on_signals() as stopping:
+        return await_begin(prepared, views, stopping)
+
+
+def _detach(config: Config, options: Sequence[str]) -> None:
+    """Begin a recording in a process of its own, and return once it records or waits for its time."""
+    from fieldkit.recording.background import BackgroundRecording
+
+    recorder = BackgroundRecording(config.directory, options)
+    try:
+        session = recorder.await_start(config.recordings)
+        for line in recorder.warnings():
+            common.say(line)
+    finally:
+        recorder.forget()
+    if common.options().json:
+        common.print_json({"session": None if session is None else str(session), "process": recorder.pid})
+    what = "waits for its time" if session is None else f"recording {session.stem}"
+    common.say(f"{what} in the background (process {recorder.pid})")
+    common.say("next: fieldkit status  |  fieldkit page  |  fieldkit stop")
 
 
 def print_summary(path: Path, summary: Summary) -> None:

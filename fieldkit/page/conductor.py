@@ -7,21 +7,17 @@ ends, however it ends. The conductor reads the recorder's feed and never touches
 from __future__ import annotations
 
 import logging
-import subprocess
-import sys
-import tempfile
 import threading
 import time
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import IO
 
 from fieldkit.config import Config, load_config
 from fieldkit.model.errors import ConfigError, DeviceError, FieldkitError, RefusedError, message_of
 from fieldkit.model.samples import Event, EventKind
-from fieldkit.page.command_error import command_error
 from fieldkit.page.hub import Hub, Item
+from fieldkit.recording.background import LOOK_EVERY_S, BackgroundRecording
 from fieldkit.recording.opening import open_instruments
 from fieldkit.recording.preview import LivePreview, missing_instruments
 from fieldkit.recording.running import is_recorder_present, previewing, session_in_progress
@@ -32,11 +28,9 @@ from fieldkit.views.trend import Trend
 
 log: logging.Logger = logging.getLogger(__name__)
 
-LOOK_EVERY_S = 0.1
 FEED_WITHIN_S = 5.0
 """A recorder opens its feed at once; one without a feed is of an earlier version."""
 TRY_AGAIN_S = 3.0
-STARTS_WITHIN_S = 60.0
 
 
 class Conductor:
@@ -50,7 +44,7 @@ class Conductor:
         self.settings: tuple[str, ...] = tuple(settings)
         self._previews = preview
         self._ending = threading.Event()
-        self._child: _Child | None = None
+        self._child: BackgroundRecording | None = None
         self._preview: LivePreview | None = None
         self._reader: FeedReader | None = None
 
@@ -107,16 +101,10 @@ class Conductor:
             raise RefusedError("this campaign is being recorded already", fix="stop that recording first")
         options = [f"--name={name}", *end, *(["--allow-missing"] if allow_missing else [])]
         self._forget_child()
-        self._child = child = _Child(self.config.directory, [*options, *self._set_options()])
-        deadline = time.monotonic() + STARTS_WITHIN_S
-        while time.monotonic() < deadline:
-            if child.has_ended:
-                raise child.failure()
-            session = session_in_progress(self.config.recordings)
-            if session is not None and owner(journal_path(session)) == child.pid:
-                return session
-            time.sleep(LOOK_EVERY_S)
-        raise RefusedError("the recorder has not started within a minute", fix="look at the instruments")
+        self._child = BackgroundRecording(self.config.directory, [*options, *self._set_options()])
+        session = self._child.await_start(self.config.recordings)
+        assert session is not None  # it was not told to wait for a time
+        return session
 
     def exit_code(self, ending: threading.Event) -> int | None:
         """Exit code of the recording that `start` started last, once it has ended (negative: by a signal).
@@ -224,44 +212,3 @@ class _Throttled:
             self._next = now + LOOK_EVERY_S
             self._answer = bool(self._question())
         return self._answer
-
-
-class _Child:
-    """A ``fieldkit record`` that this page started, in a session of its own: it outlives the page.
-
-    Its errors go to a file without a name, which outlives the page: a pipe would end with it.
-    """
-
-    def __init__(self, campaign: Path, options: Sequence[str]) -> None:
-        self._errors: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - the process's, as long as it runs
-        words = [
-            *(sys.executable, "-P", "-m", "fieldkit", "record"),
-            *("-C", str(campaign), "--quiet", "--json", "--no-input", *options),
-        ]
-        self._process = subprocess.Popen(
-            words,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=self._errors,
-            start_new_session=True,
-        )
-        self.pid = self._process.pid
-
-    @property
-    def has_ended(self) -> bool:
-        """Whether the process is over."""
-        return self._process.poll() is not None
-
-    @property
-    def exit_code(self) -> int | None:
-        """The process's exit code, None while it runs."""
-        return self._process.poll()
-
-    def failure(self) -> RefusedError:
-        """Why it ended."""
-        self._errors.seek(0)
-        return command_error(self._errors.read().decode(errors="replace"), "the recording ended at once")
-
-    def forget(self) -> None:
-        """Let it go on alone."""
-        self._errors.close()

@@ -21,8 +21,8 @@ from fieldkit.config import Config
 from fieldkit.disk import is_regular
 from fieldkit.estimation.region_check import FrameK
 from fieldkit.model.errors import RefusedError, SessionError
-from fieldkit.page.command_error import command_error
 from fieldkit.page.viewer import Role
+from fieldkit.recording.background import command_error
 from fieldkit.recording.recordings import sessions_in
 from fieldkit.recording.regions import mean_of_first_frames_k
 from fieldkit.results.describe import describe_briefly

@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING
 
 from fieldkit.config import Config, find_campaign, load_config
 from fieldkit.estimation.estimator import Estimator, Minute
-from fieldkit.model.clock import Clock
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.durations import as_seconds
 from fieldkit.model.radiation import with_components
@@ -149,6 +148,13 @@ class PreparedRecording:
     path: Path
     name: str = ""
     duration_s: float | None = None
+    begins_ns: int | None = None
+
+    def begins_in_s(self) -> float:
+        """Seconds until the time at which the recording is to begin; 0 without one, or once it has come."""
+        if self.begins_ns is None:
+            return 0.0
+        return max(0.0, (self.begins_ns - self.instruments.clock.mono_ns()) / SECOND_NS)
 
     def starting_now(self) -> PreparedRecording:
         """The same recording, its path named after the present time: call after waiting for the user."""
@@ -224,25 +230,31 @@ def prepare(
     *,
     name: str = "",
     duration_s: float | None = None,
+    at: time | None = None,
     until: time | None = None,
     allow_missing: bool = False,
     notify: Notify = log.warning,
 ) -> Iterator[PreparedRecording]:
     """Open a campaign's instruments, check that recording can start, and choose the session's path.
 
-    `until` is a time of day at the site and replaces `duration_s`. Raises as `record`.
+    `at` and `until` are times of day at the site, at which the recording is to begin and to end; `until`
+    replaces `duration_s`. Raises as `record`.
     """
     with ExitStack() as opened:
         opened.enter_context(only_recorder(config.recordings))
         await_preview_end(config.recordings)
+        scene_s = None if at else duration_s  # a simulated field goes on while its recorder waits
         instruments = opened.enter_context(
-            open_instruments(config, duration_s=duration_s, allow_missing=allow_missing)
+            open_instruments(config, duration_s=scene_s, allow_missing=allow_missing)
         )
+        now_ns, utc_ns = instruments.clock.mono_ns(), instruments.utc_ns()
+        wait_ns = 0 if at is None else ns_until(at, config.site, utc_ns)
         if until is not None:
-            duration_s = seconds_until(until, config.site, instruments.clock)
+            duration_s = ns_until(until, config.site, utc_ns + wait_ns) / SECOND_NS
         preflight(config, instruments, duration_s, notify)
-        path = session_path(config, name, instruments.utc_ns())
-        yield PreparedRecording(config, instruments, path, name, duration_s)
+        path = session_path(config, name, utc_ns + wait_ns)
+        begins_ns = None if at is None else now_ns + wait_ns
+        yield PreparedRecording(config, instruments, path, name, duration_s, begins_ns)
 
 
 def config_of(campaign: Campaign | Config | str | Path) -> Config:
@@ -267,14 +279,14 @@ class MinuteView:
         """Nothing to close."""
 
 
-def seconds_until(time_of_day: time, site: Site, clock: Clock) -> float:
-    """Seconds from now to the next time the site's clocks show `time_of_day`."""
-    now = formatting.local_time(clock.to_utc_ns(clock.mono_ns()), site)
+def ns_until(time_of_day: time, site: Site, utc_ns: int) -> int:
+    """Nanoseconds from a time to the next one at which the site's clocks show `time_of_day`."""
+    now = formatting.local_time(utc_ns, site)
     end = now.replace(hour=time_of_day.hour, minute=time_of_day.minute, second=0, microsecond=0)
     if end <= now:
         end += timedelta(days=1)
     # by timestamps: local times differ by an hour more or less where clocks change in between
-    return end.timestamp() - now.timestamp()
+    return round((end.timestamp() - now.timestamp()) * SECOND_NS)
 
 
 def header_of(config: Config, title: str, streams: Sequence[StreamInfo], command_line: str) -> SessionHeader:

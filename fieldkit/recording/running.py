@@ -28,6 +28,8 @@ LOCK_NAME = ".recording"
 """File in ``recordings/`` that the recorder of a campaign holds locked, so that there is only one."""
 PREVIEW_LOCK_NAME = ".preview"
 """File in ``recordings/`` that a preview holds locked while it has the instruments open."""
+WAITING_NAME = ".waiting"
+"""File in ``recordings/`` that a recorder holds locked until the time at which it is to begin."""
 PREVIEW_ENDS_WITHIN_S = 10.0
 STOPPING_NAME = "stopping"
 """File in the journal of a session whose recorder was asked to stop."""
@@ -42,9 +44,29 @@ REMOVED_WITHIN_S = 1.0
 def running_session(recordings: Path) -> Path:
     """The session that is being recorded into a folder; raises `RefusedError` if there is none."""
     path = session_in_progress(recordings)
+    if path is None and (pid := waiting_recorder(recordings)) is not None:
+        raise RefusedError(
+            f"process {pid} records nothing yet: it waits for its time", fix="fieldkit stop calls it off"
+        )
     if path is None:
         raise RefusedError("no recording is running in this campaign", fix="fieldkit record")
     return path
+
+
+def waiting_recorder(recordings: Path) -> int | None:
+    """The process that waits for the time at which its recording is to begin (``record --at``), or None."""
+    return owner(recordings, WAITING_NAME)
+
+
+def call_off(recordings: Path) -> bool:
+    """End a recorder that waits for its time, so that it never begins; False if none does."""
+    if (pid := waiting_recorder(recordings)) is None:
+        return False
+    os.kill(pid, signal.SIGTERM)
+    deadline = time.monotonic() + PREVIEW_ENDS_WITHIN_S
+    while is_locked(recordings, LOCK_NAME) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    return True
 
 
 def session_in_progress(recordings: Path) -> Path | None:

@@ -90,6 +90,20 @@ def test_a_whole_clear_day_determines_the_clock_to_seconds_but_for_level_and_haz
     assert 90.0 < effects["level of the meter"] < 300.0
 
 
+def test_scatter_moves_the_clock_by_what_the_budget_says():
+    """Light that scatters by 1 % from one five minutes to the next, in eight draws."""
+    site = SITES["Sagamihara"]
+    times, lux, elevation = clear_day(site, "2017-06-21", 2.5)
+    high, draw = elevation > 15.0, np.random.default_rng(3)
+    found = []
+    for _ in range(8):
+        scatter = np.repeat(draw.normal(0.0, 0.01, times.size // 5 + 1), 5)[: times.size]
+        found.append(offset_from_sun(times[high], (lux * np.exp(scatter))[high], site))
+    stated = np.mean([abs(one.budget[0].effect) for one in found])
+    assert found[0].budget[0].name == "scatter of the light"
+    assert 0.3 < np.std([one.offset_s for one in found]) / stated < 1.5
+
+
 @pytest.mark.parametrize("tilt_deg", [0.5, -0.5])
 def test_a_meter_off_its_level_moves_the_clock_by_what_the_budget_says(tilt_deg):
     site = SITES["Sagamihara"]

@@ -130,6 +130,7 @@ def test_a_flat_response_is_the_flat_band():
     [
         (pairs((45.0, 50.0)), {}, "2 steady pairs", "3 temperatures"),
         (pairs((20.0, 24.0, 30.0), sky_c=18.0), {}, "from what it reflects", "heat the sample"),
+        (pairs((22.0, 24.0, 26.0), sky_c=18.0), {"shared": NO_ERROR}, "not 10 K", "heat the sample"),
         (pairs((40.0, 44.0, 48.0)), {"reflected": "free"}, "spans 8 K", "foil"),
         (pairs(noise_k=8.0), {}, "not determined", "scatter of the pairs"),
         (pairs(emissivity=1.0, sky_c=-20.0), {}, "", ""),

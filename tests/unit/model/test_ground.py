@@ -54,6 +54,11 @@ def test_a_region_holds_the_pixels_on_its_edge_and_none_beyond() -> None:
     assert mask.sum() == 16
 
 
+def test_pixels_on_the_line_of_an_edge_but_beyond_its_end_are_outside() -> None:
+    mask = Region("bed", RegionKind.TARGET, ((2.5, 3.0), (7.5, 3.0), (7.5, 6.0), (2.5, 6.0))).mask((9, 10))
+    assert np.flatnonzero(mask[3]).tolist() == np.flatnonzero(mask[6]).tolist() == [3, 4, 5, 6, 7]
+
+
 def test_a_triangle_holds_its_corners_and_half_of_its_square() -> None:
     mask = Region("bed", RegionKind.TARGET, ((1.0, 1.0), (7.0, 1.0), (1.0, 7.0))).mask((9, 9))
     expected = np.array([[x >= 1 and y >= 1 and x + y <= 8 for x in range(9)] for y in range(9)])

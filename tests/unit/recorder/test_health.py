@@ -38,6 +38,12 @@ def test_a_flag_is_reported_when_it_begins_not_while_it_lasts() -> None:
     assert reported == [[], [EventKind.OVERRANGE], [], [], [EventKind.OVERRANGE]]
 
 
+def test_a_second_flag_is_reported_and_the_first_not_again() -> None:
+    monitor = FlagMonitor()
+    flags = [Quality.NO_VALUE, Quality.NO_VALUE | Quality.OVERRANGE, Quality.NO_VALUE]
+    assert [len(list(monitor.update(reading(flag)))) for flag in flags] == [1, 1, 0]
+
+
 def test_garbled_records_are_reported_at_most_once_a_minute_with_their_number() -> None:
     monitor = GarbleMonitor()
     counts = [(0, 0), (3, 1), (5, 2), (9, 62)]  # records, seconds

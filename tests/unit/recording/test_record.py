@@ -9,12 +9,11 @@ import fieldkit
 from fieldkit.config.template import SIMULATED
 from fieldkit.model.site import Site
 from fieldkit.recording.campaign import create_campaign
-from fieldkit.recording.record import seconds_until
-from fieldkit.simulation.simulated_clock import SimulatedClock
+from fieldkit.recording.record import ns_until
 
 
-def clock_at(moment: datetime) -> SimulatedClock:
-    return SimulatedClock(round(moment.timestamp()) * 10**9)
+def utc_ns(moment: datetime) -> int:
+    return round(moment.timestamp()) * 10**9
 
 
 @pytest.mark.parametrize(
@@ -28,15 +27,14 @@ def clock_at(moment: datetime) -> SimulatedClock:
     ],
 )
 def test_until_a_clock_time_also_where_the_clocks_are_changed(now, until, hours):
-    assert seconds_until(
-        time.fromisoformat(until), Site(47.4, 8.5, 400, "Europe/Zurich"), clock_at(now)
-    ) == pytest.approx(3600.0 * hours)
+    site = Site(47.4, 8.5, 400, "Europe/Zurich")
+    assert ns_until(time.fromisoformat(until), site, utc_ns(now)) == 3600e9 * hours
 
 
 @pytest.mark.parametrize("zone", ["Mars/Jezero", "Asia", "", "x" * 5000])
 def test_until_a_clock_time_where_the_zone_is_unknown_on_this_computer_is_utc(zone):
-    now = clock_at(datetime(2026, 7, 1, 20, tzinfo=UTC))
-    assert seconds_until(time(23, 30), Site(0, 0, 0, zone), now) == 3.5 * 3600
+    now = datetime(2026, 7, 1, 20, tzinfo=UTC)
+    assert ns_until(time(23, 30), Site(0, 0, 0, zone), utc_ns(now)) == 3.5 * 3600e9
 
 
 NOTEBOOK = """

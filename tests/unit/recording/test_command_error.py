@@ -9,10 +9,10 @@ from click.testing import CliRunner
 from fieldkit.cli import main
 from fieldkit.config import FILE_NAME, Config, load_config
 from fieldkit.model.errors import ConfigError, RefusedError, SessionError
-from fieldkit.page.command_error import command_error
 from fieldkit.page.conductor import Conductor
 from fieldkit.page.hub import Hub
 from fieldkit.page.sessions import PastSessions, identifier
+from fieldkit.recording.background import command_error
 from fieldkit.recording.record import prepare
 from fieldkit.results.session import open_session
 

@@ -1,0 +1,92 @@
+"""A recording in a process and session of its own, which goes on however those end who began it."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import IO
+
+from fieldkit.model.errors import RefusedError
+from fieldkit.recording.running import session_in_progress, waiting_recorder
+from fieldkit.sessions.lock import journal_path, owner
+
+LOOK_EVERY_S = 0.1
+STARTS_WITHIN_S = 60.0
+
+
+class BackgroundRecording:
+    """A ``fieldkit record`` of a campaign with `options`, begun at once.
+
+    Its errors go to a file without a name, which outlives who began it: a pipe would end with them.
+    """
+
+    def __init__(self, campaign: Path, options: Sequence[str]) -> None:
+        self._errors: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - the process's, as long as it runs
+        words = [
+            *(sys.executable, "-P", "-m", "fieldkit", "record"),
+            *("-C", str(campaign), "--json", "--no-input", *options),
+        ]
+        self._process = subprocess.Popen(
+            words,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=self._errors,
+            start_new_session=True,
+        )
+        self.pid = self._process.pid
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether the process is over."""
+        return self._process.poll() is not None
+
+    @property
+    def exit_code(self) -> int | None:
+        """The process's exit code, None while it runs."""
+        return self._process.poll()
+
+    def await_start(self, recordings: Path) -> Path | None:
+        """The session once it is recorded; None once its recorder waits for its time.
+
+        Raises `RefusedError` with what the recorder said, or if it takes more than `STARTS_WITHIN_S`.
+        """
+        deadline = time.monotonic() + STARTS_WITHIN_S
+        while time.monotonic() < deadline:
+            if self.has_ended:
+                raise self._failure()
+            session = session_in_progress(recordings)
+            if session is not None and owner(journal_path(session)) == self.pid:
+                return session
+            if waiting_recorder(recordings) == self.pid:
+                return None
+            time.sleep(LOOK_EVERY_S)
+        raise RefusedError("the recorder has not started within a minute", fix="look at the instruments")
+
+    def warnings(self) -> list[str]:
+        """What it has warned of so far, such as of a calibration that is too old."""
+        return [line for line in self._printed().splitlines() if line.startswith("warning: ")]
+
+    def forget(self) -> None:
+        """Let it go on alone."""
+        self._errors.close()
+
+    def _printed(self) -> str:
+        self._errors.seek(0)
+        return self._errors.read().decode(errors="replace")
+
+    def _failure(self) -> RefusedError:
+        return command_error(self._printed(), "the recording ended at once")
+
+
+def command_error(printed: str, otherwise: str) -> RefusedError:
+    """The error that a command with ``--json`` left on stderr as its last line; `otherwise` without one."""
+    try:
+        document = json.loads(printed.splitlines()[-1])
+        return RefusedError(document["error"], fix=document["fix"])
+    except (ValueError, LookupError, TypeError):  # killed, or an option of another version
+        return RefusedError(otherwise, fix="run the command in a terminal, which shows why")

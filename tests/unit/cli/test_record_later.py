@@ -1,0 +1,78 @@
+"""``fieldkit record`` that begins at a time of day, or in the background."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+from click.testing import CliRunner
+
+from fieldkit.cli import main
+from fieldkit.recording.running import session_in_progress, waiting_recorder
+from fieldkit.sessions.lock import journal_path, owner
+from fieldkit.sessions.reader import open_session
+
+
+@pytest.fixture
+def campaign(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "home"))
+    assert CliRunner().invoke(main, ["init", "--simulated", str(tmp_path / "sand")]).exit_code == 0
+    yield tmp_path / "sand"
+    run(tmp_path / "sand", "stop")
+
+
+def run(campaign, command, *words):
+    return CliRunner().invoke(main, [command, "-C", str(campaign), *words])
+
+
+def detached(campaign, *words):
+    """In a process of its own, which ends before the recording that it began."""
+    command = [sys.executable, "-m", "fieldkit", "record", "-C", str(campaign), "--detach", *words]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+def test_a_recording_begins_at_its_time_and_ends_at_the_other(campaign):
+    """The simulated day begins at 12:00 at the site, UTC-7; nothing before 12:02 is stored."""
+    done = run(campaign, "record", "--at", "12:02", "--until", "12:03", "--set", "simulation.speed=max")
+    assert done.exit_code == 0, done.output
+    assert "recording begins at 12:02" in done.stderr
+    (path,) = (campaign / "recordings").glob("*.h5")
+    assert path.name == "20160101T190200Z.h5"
+    with open_session(path) as session:
+        times = [sample.time_ns / 1e9 - 1451674920 for sample in session.samples()]  # 2016-01-01T19:02Z
+    assert 0 <= min(times) < 2
+    assert 58 < max(times) < 61
+
+
+def test_a_detached_recording_goes_on_until_it_is_stopped(campaign):
+    done = detached(campaign, "--name", "far", "--json", "--set", "simulation.speed=30")
+    assert done.returncode == 0, done.stderr
+    begun = json.loads(done.stdout)
+    session = session_in_progress(campaign / "recordings")
+    assert (str(session), owner(journal_path(session))) == (begun["session"], begun["process"])
+    assert "next: fieldkit status" in done.stderr
+    assert run(campaign, "stop").exit_code == 0
+    with open_session(session) as stored:
+        assert stored.state == "sealed"
+
+
+def test_a_recording_that_waits_is_shown_and_called_off(campaign):
+    done = detached(campaign, "--at", "20:00", "--set", "simulation.speed=1")
+    assert done.returncode == 0, done.stderr
+    assert "waits for its time" in done.stderr
+    pid = waiting_recorder(campaign / "recordings")
+    asked = run(campaign, "status")
+    assert asked.exit_code == 9
+    assert f"process {pid} records nothing yet" in asked.stderr
+    assert "being recorded already" in run(campaign, "record", "--for", "1m").stderr
+    assert "called off" in run(campaign, "stop").stderr
+    assert waiting_recorder(campaign / "recordings") is None
+    assert not list((campaign / "recordings").glob("*.h5*"))
+
+
+def test_a_detached_recording_that_cannot_begin_says_why(campaign):
+    (campaign / "recordings").mkdir(exist_ok=True)
+    done = detached(campaign, "--set", "lux.driver=center-303", "--set", "lux.port=/dev/none")
+    assert done.returncode == 9
+    assert "/dev/none" in done.stderr
+    assert run(campaign, "record", "--detach", "--page").exit_code == 2
