@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from fieldkit.cli.common import Command, options, print_json
+from fieldkit.cli.common import Command, options, print_json, progress
 from fieldkit.cli.session_paths import latest_session
+from fieldkit.cli.types import parse_speed
 from fieldkit.model.errors import IntegrityError
 from fieldkit.sessions.formats.exports import EXPORTS
 
@@ -29,17 +30,44 @@ FORMATS = "\n".join(f"{name:<8} {one.meaning}" for name, one in EXPORTS.items())
     help="Which camera, if there are several; for mcap and ros2, only this stream.",
 )
 @click.option("--every", type=click.IntRange(1), default=1, help="Only every n-th frame.")
+@click.option("--from", "begin", metavar="TIME", help="Only frames from then on: 12:31, -5m before the end.")
+@click.option("--until", metavar="TIME", help="Only frames up to then.")
+@click.option(
+    "--speed", default="max", show_default=True, metavar="N|max",
+    help="Of a video: session seconds per second; max: 25 frames a second.",
+)  # fmt: skip
 @click.pass_context
 def command(
-    ctx: click.Context, session: Path | None, kind: str, out: Path | None, stream: str | None, every: int
+    ctx: click.Context,
+    session: Path | None,
+    kind: str,
+    out: Path | None,
+    stream: str | None,
+    every: int,
+    begin: str | None,
+    until: str | None,
+    speed: str,
 ) -> None:
     """Write a session for other programs."""
     from fieldkit.results.export import export
     from fieldkit.sessions.reader import open_session
 
     path = latest_session(ctx, session)
-    with open_session(path) as opened:
-        found = export(opened, kind, out, stream=stream, every=every)
+    factor = None if speed == "max" else parse_speed(speed)
+    with open_session(path) as opened, progress() as bar:
+        frames = sum(opened.count(one.name) for one in opened.streams.values() if one.is_camera)
+        task = bar.add_task(f"writing {kind}", total=frames)
+        found = export(
+            opened,
+            kind,
+            out,
+            stream=stream,
+            every=every,
+            begin=begin,
+            until=until,
+            speed=factor,
+            on_frame=lambda: bar.advance(task),
+        )
     _print(path, found)
     if found.problems:
         raise IntegrityError(f"{path}: {'; '.join(found.problems)}", fix=f"fieldkit check {path}")

@@ -11,6 +11,7 @@ import click
 from fieldkit.cli import common
 from fieldkit.cli.session_paths import find_session, report_interrupted
 from fieldkit.cli.slope_table import explain_slopes, print_learnt, print_slopes
+from fieldkit.cli.types import parse_speed
 
 if TYPE_CHECKING:
     from fieldkit.estimation.estimator import Estimator
@@ -67,14 +68,3 @@ def _view(session: SessionReader, estimator: Estimator) -> View:
         planned_end_ns=session.end_ns,
         console=common.console(err=True),
     )
-
-
-def parse_speed(text: str) -> float:
-    """A positive number, or infinity for ``max``; raises `click.UsageError`."""
-    try:
-        speed = math.inf if text == "max" else float(text)
-    except ValueError:
-        speed = math.nan
-    if not speed > 0:
-        raise click.UsageError(f"{text!r} is not a valid speed; use a positive number or max")
-    return speed

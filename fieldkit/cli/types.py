@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 import tomllib
 from datetime import date, datetime, time
-from math import isfinite
+from math import inf, isfinite, nan
 from typing import TYPE_CHECKING, Any, Literal
 
 import click
@@ -239,3 +239,14 @@ KELVIN_PER_COUNT = _Typed("K|none", parse_kelvin_per_count)
 CLOCK_OFFSET = _Typed("[+-]Ns|auto", parse_clock_offset)
 KEY_VALUE = _Typed("KEY=VALUE", parse_key_value)
 INSTRUMENT = _Typed("IDENTITY=DRIVER", parse_instrument)
+
+
+def parse_speed(text: str) -> float:
+    """A positive number, or infinity for ``max``; raises `click.UsageError`."""
+    try:
+        speed = inf if text == "max" else float(text)
+    except ValueError:
+        speed = nan
+    if not speed > 0:
+        raise click.UsageError(f"{text!r} is not a valid speed; use a positive number or max")
+    return speed

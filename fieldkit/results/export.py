@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from datetime import datetime, timedelta
 from pathlib import Path
 
 from fieldkit.model.errors import ConfigError, IncompleteError, StorageError
+from fieldkit.model.mark_times import parse_when
 from fieldkit.results.sources import SessionOrFile, path_of, reading
 from fieldkit.sessions.formats.exports import EXPORTS, ExportFormat
 from fieldkit.sessions.reader import SessionReader
+from fieldkit.views import formatting
 
 
 @dataclass(frozen=True)
@@ -27,6 +32,10 @@ def export(
     *,
     stream: str | None = None,
     every: int = 1,
+    begin: str | None = None,
+    until: str | None = None,
+    speed: float | None = None,
+    on_frame: Callable[[], None] | None = None,
 ) -> Export:
     """Write a session for other programs.
 
@@ -42,11 +51,18 @@ def export(
         Which camera, if there are several; for MCAP, the only stream to write.
     every : int
         Write only every n-th frame.
+    begin, until : str, optional
+        Only frames from then on, and up to then: ``"12:31"`` at the site, ``"-5m"`` before the session's end,
+        or ISO 8601.
+    speed : float, optional
+        Of a video: seconds of the session per second; by default each frame is one of 25 pictures a second.
+    on_frame : callable, optional
+        Called at each frame of the session, for progress.
 
     Raises
     ------
     ConfigError
-        If `stream` is given for a kind that contains every stream, or there is no such kind.
+        If there is no such kind, it does not take an option that is given, or a time cannot be read.
     StorageError
         If the files cannot be written.
 
@@ -59,16 +75,16 @@ def export(
     if to not in EXPORTS:
         raise ConfigError(f"{to!r} is not a kind of export", fix=f"use one of {', '.join(EXPORTS)}")
     chosen = EXPORTS[to]
-    if stream is not None and chosen.is_whole:
-        raise ConfigError(
-            f"--stream {stream}: --to {to} writes every stream, each into a file of its own",
-            fix="omit --stream",
-        )
+    given = {"--stream": stream, "--every": every, "--from": begin, "--until": until, "--speed": speed}
+    _refuse_unused(to, {name: value for name, value in given.items() if value not in (None, 1)})
     target = Path(folder) if folder is not None else _default_folder(path_of(session))
     with reading(session) as opened:
+        options: dict[str, object] = {"stream": stream, "every": every, "speed": speed, "on_frame": on_frame}
+        options["between_ns"] = None if begin is until is None else _between_ns(opened, begin, until)
+        used = {name: one for name, one in options.items() if one is not None and name in chosen.takes}
         try:
             target.mkdir(parents=True, exist_ok=True)
-            files, problems = _written(opened, target, chosen, stream, every)
+            files, problems = _written(opened, target, chosen, used)
         except OSError as error:
             raise StorageError(f"cannot write into {target}: {error.strerror or error}") from error
         return Export(target, tuple(files), (*problems, *_damage(opened, chosen)))
@@ -81,12 +97,41 @@ def _default_folder(session: Path) -> Path:
     return parent / f"{session.stem}-export"
 
 
+def _refuse_unused(to: str, given: Mapping[str, object]) -> None:
+    """Raise `ConfigError` for an option that the format does not take."""
+    takes = {"--from": "between_ns", "--until": "between_ns"}
+    for option, value in given.items():
+        name = takes.get(option, option.removeprefix("--"))
+        if name not in EXPORTS[to].takes:
+            those = ", ".join(kind for kind, one in EXPORTS.items() if name in one.takes)
+            raise ConfigError(
+                f"{option} {value}: --to {to} does not take it", fix=f"omit {option}, which is for {those}"
+            )
+
+
+def _between_ns(session: SessionReader, begin: str | None, until: str | None) -> tuple[float, float]:
+    """Two times as people write them, in UTC nanoseconds; the session's end is now."""
+    end = formatting.local_time(session.end_ns, session.site)
+
+    def ns(text: str | None, otherwise: float) -> float:
+        if text is None:
+            return otherwise
+        when = parse_when(text, end)
+        moment = datetime.fromisoformat(when) if isinstance(when, str) else end + timedelta(seconds=when)
+        return round(moment.timestamp() * 1e6) * 1000
+
+    between = ns(begin, -math.inf), ns(until, math.inf)
+    if between[0] > between[1]:
+        raise ConfigError("the end lies before the start", fix="give the earlier time to --from")
+    return between
+
+
 def _written(
-    session: SessionReader, folder: Path, chosen: ExportFormat, stream: str | None, every: int
+    session: SessionReader, folder: Path, chosen: ExportFormat, options: Mapping[str, object]
 ) -> tuple[list[Path], list[str]]:
     """The files, and what could not be read for them."""
     try:
-        return chosen.write(session, folder, stream=stream, every=every), []
+        return chosen.write(session, folder, options), []
     except IncompleteError as error:
         return list(error.files), [error.message]
 

@@ -6,8 +6,10 @@ import csv
 import logging
 import math
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from itertools import repeat
 from pathlib import Path
+from typing import TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +19,7 @@ from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, StorageError
 from fieldkit.model.samples import Frame, is_damaged
 from fieldkit.model.slope import SlopeEstimate
-from fieldkit.model.units import CELSIUS_ZERO_K
+from fieldkit.model.units import CELSIUS_ZERO_K, SECOND_NS
 from fieldkit.physics.camera_laws import frame_k, has_temperatures
 from fieldkit.pixel_axes import with_axes
 from fieldkit.sessions.file_tree import iso_utc
@@ -30,12 +32,22 @@ _WIDTH, _BAR = 640, 36
 _ROOM = "make room, or name another folder: -o DIR"
 _TABLES = "export --to csv, for what it has"
 _BLACK, _WHITE = (0, 0, 0), (255, 255, 255)  # white on black shows on any colour
+_PICTURES_PER_S = 25.0
+ALWAYS = (-math.inf, math.inf)
 Image = NDArray[np.uint8]
 log: logging.Logger = logging.getLogger(__name__)
 
 
+class Chosen(TypedDict, total=False):
+    """Which frames: every n-th, between two times (UTC nanoseconds); `on_frame` is called at each of all."""
+
+    every: int
+    between_ns: tuple[float, float]
+    on_frame: Callable[[], None]
+
+
 def export_tiffs(
-    session: SessionReader, folder: Path, *, stream: str | None = None, every: int = 1
+    session: SessionReader, folder: Path, *, stream: str | None = None, **chosen: Unpack[Chosen]
 ) -> list[Path]:
     """16-bit TIFFs of 0.01 K per count with scale, time and flags in their tags: `import` reads them back.
 
@@ -44,8 +56,9 @@ def export_tiffs(
     scale are written as they are. Raises `OSError`, and `ConfigError` where the camera is not known.
     """
     info = _camera(session, stream)
-    step, paths, rows = _kelvin_per_count(session, info, every), [], []
-    for frame in _frames(session, info.name, every):
+    unseen: Chosen = {**chosen, "on_frame": lambda: None}  # of two passes the second is counted
+    step, paths, rows = _kelvin_per_count(session, info, **unseen), [], []
+    for frame in _frames(session, info.name, **chosen):
         path, time = folder / f"{_stem(session, info)}-{frame.seq:07}.tiff", iso_utc(frame.time_ns)
         flags = tuple(str(flag.name).lower() for flag in frame.quality)
         counts = _tiff_counts(frame, info, step)
@@ -55,11 +68,11 @@ def export_tiffs(
     return [*paths, _write_times(folder / "times.csv", rows)]
 
 
-def _kelvin_per_count(session: SessionReader, info: StreamInfo, every: int) -> float:
+def _kelvin_per_count(session: SessionReader, info: StreamInfo, **chosen: Unpack[Chosen]) -> float:
     """The step by which 16 bits hold every temperature: 0.01 K or its doubles; NaN where there are none."""
     if not has_temperatures(info):
         return math.nan
-    hottest = max((_hottest_k(frame, info) for frame in _frames(session, info.name, every)), default=0.0)
+    hottest = max((_hottest_k(frame, info) for frame in _frames(session, info.name, **chosen)), default=0.0)
     doublings = math.ceil(math.log2(max(1.0, hottest / (_MOST_COUNTS * TIFF_KELVIN_PER_COUNT))))
     step = float(TIFF_KELVIN_PER_COUNT * 2**doublings)
     if doublings:
@@ -80,7 +93,7 @@ def _tiff_counts(frame: Frame, info: StreamInfo, step: float) -> NDArray[np.uint
 
 
 def export_pngs(
-    session: SessionReader, folder: Path, *, stream: str | None = None, every: int = 1
+    session: SessionReader, folder: Path, *, stream: str | None = None, **chosen: Unpack[Chosen]
 ) -> list[Path]:
     """Coloured images with temperature scale, regions, their slopes as recorded, and time.
 
@@ -90,7 +103,7 @@ def export_pngs(
 
     paths = []
     info = _camera(session, stream)
-    for frame, image in _drawn(session, info, every):
+    for frame, image in _drawn(session, info, **chosen):
         path = folder / f"{_stem(session, info)}-{frame.seq:07}.png"
         if not cv2.imwrite(str(path), image):
             raise StorageError(f"cannot write {path}", fix=_ROOM)
@@ -99,17 +112,25 @@ def export_pngs(
 
 
 def export_video(
-    session: SessionReader, folder: Path, *, stream: str | None = None, every: int = 1
+    session: SessionReader,
+    folder: Path,
+    *,
+    stream: str | None = None,
+    speed: float = math.inf,
+    **chosen: Unpack[Chosen],
 ) -> list[Path]:
-    """The same as a video, 25 frames a second, VP9 in MP4, which browsers play. Raises `StorageError`."""
+    """The same as a video, 25 pictures a second, VP9 in MP4, which browsers play. Raises `StorageError`.
+
+    `speed` are seconds of the session per second of the video; infinite: each frame is one picture.
+    """
     import cv2
 
     info = _camera(session, stream)
     path, film = folder / f"{_stem(session, info)}.mp4", None
-    for _, image in _drawn(session, info, every):
+    for image in _at_speed(_drawn(session, info, **chosen), speed):
         if film is None:
             code = cv2.VideoWriter.fourcc(*"vp09")
-            film = cv2.VideoWriter(str(path), code, 25.0, (image.shape[1], image.shape[0]))
+            film = cv2.VideoWriter(str(path), code, _PICTURES_PER_S, (image.shape[1], image.shape[0]))
             if not film.isOpened():
                 raise StorageError(f"cannot write {path}", fix="export --to png, and make a film of them")
         film.write(image)
@@ -117,6 +138,22 @@ def export_video(
         raise ConfigError(f"{session.path} has no frames", fix=_TABLES)
     film.release()
     return [path]
+
+
+def _at_speed(drawn: Iterable[tuple[Frame, Image]], speed: float) -> Iterator[Image]:
+    """The pictures of a video: each frame until the next one was taken, or once where `speed` is infinite."""
+    first_ns, shown, before = 0, 0, None
+    for frame, image in drawn:
+        first_ns = first_ns or frame.time_ns
+        due = shown + 1
+        if math.isfinite(speed):
+            due = round((frame.time_ns - first_ns) / SECOND_NS / speed * _PICTURES_PER_S)
+        if before is not None:
+            yield from repeat(before, due - shown)
+            shown = max(shown, due)
+        before = image
+    if before is not None:
+        yield before
 
 
 def _camera(session: SessionReader, stream: str | None) -> StreamInfo:
@@ -158,20 +195,32 @@ def _write_times(table: Path, rows: list[tuple[str, str]]) -> Path:
     return table
 
 
-def _frames(session: SessionReader, camera: str, every: int) -> Iterator[Frame]:
+def _frames(
+    session: SessionReader,
+    camera: str,
+    *,
+    every: int = 1,
+    between_ns: tuple[float, float] = ALWAYS,
+    on_frame: Callable[[], None] = lambda: None,
+) -> Iterator[Frame]:
     """The frames to be written; damaged ones are not among them, as an image shows no flags."""
+    begin_ns, end_ns = between_ns
     for sample in session.samples(camera):
-        if isinstance(sample, Frame) and sample.seq % every == 0 and not is_damaged(sample.quality):
+        on_frame()
+        is_chosen = sample.seq % every == 0 and begin_ns <= sample.time_ns <= end_ns
+        if isinstance(sample, Frame) and is_chosen and not is_damaged(sample.quality):
             yield sample
 
 
-def _drawn(session: SessionReader, info: StreamInfo, every: int) -> Iterator[tuple[Frame, Image]]:
+def _drawn(
+    session: SessionReader, info: StreamInfo, **chosen: Unpack[Chosen]
+) -> Iterator[tuple[Frame, Image]]:
     low, high = _range(session, info)
     unit = " C" if has_temperatures(info) else ""
     words = [f"{end:.1f}{unit}" if unit else f"{end:.0f}" for end in (low, high)]
     slopes = deque(session.estimates())
     names = {region.name: region.name for region in session.regions}
-    for frame in _frames(session, info.name, every):
+    for frame in _frames(session, info.name, **chosen):
         while slopes and slopes[0].time_ns <= frame.time_ns:
             estimate = slopes.popleft()
             names[estimate.region] = _with_slope(estimate)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -243,6 +244,42 @@ def test_export_of_every_stream_refuses_to_pass_over_the_one_named(campaign: Pat
     assert isinstance(done.exception, ConfigError)
     assert "--stream nope" in str(done.exception)
     assert not (campaign / "results").exists()
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        ("csv", ("--from", "12:00")),
+        ("mcap", ("--until", "-5s")),
+        ("png", ("--speed", "60")),
+        ("csv", ("--every", "2")),
+    ],
+)
+def test_an_export_refuses_an_option_that_it_does_not_use(
+    campaign: Path, kind: str, words: tuple[str, str]
+) -> None:
+    done = run(export, campaign / "recordings" / "20261211T025512Z-a.h5", "--to", kind, *words)
+    assert isinstance(done.exception, ConfigError)
+    assert f"{words[0]} {words[1]}" in done.exception.message
+    assert "video" in str(done.exception.fix)
+
+
+def test_frames_of_a_span_are_exported(campaign: Path, tmp_path: Path) -> None:
+    path = campaign / "recordings" / "20261211T025512Z-a.h5"
+    with open_session(path) as session:
+        times = [datetime.fromtimestamp(one.time_ns / 1e9, UTC) for one in session.samples("camera")]
+    after = times[9] + timedelta(milliseconds=1)
+    spans = {
+        "late": ("--from", after.isoformat()),
+        "early": ("--until", after.isoformat()),
+        "no": ("--until", "-1h"),
+    }
+    for name, span in spans.items():
+        assert run(export, path, "--to", "png", "-o", tmp_path / name, *span).exit_code == 0
+    written = {name: len(list((tmp_path / name).glob("*.png"))) for name in spans}
+    assert written == {"late": 10, "early": 10, "no": 0}
+    turned = run(export, path, "--to", "png", "--from", "-1s", "--until", "-5s")
+    assert "the end lies before the start" in str(turned.exception)
 
 
 def test_session_of_which_only_the_journal_is_left_is_offered_too(campaign: Path) -> None:

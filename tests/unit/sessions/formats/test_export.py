@@ -405,6 +405,27 @@ def test_pictures_show_scale_and_regions(session: SessionReader, tmp_path: Path)
     reader.release()
 
 
+def test_a_video_shows_each_frame_as_long_as_it_lasted_at_its_speed(
+    session: SessionReader, tmp_path: Path
+) -> None:
+    times = [frame.time_ns for frame in session.samples("camera")]
+    lasted_s = (times[-1] - times[0]) / 1e9
+    (film,) = export_video(session, tmp_path, speed=lasted_s / 2.0)  # two seconds, 25 pictures each
+    reader = cv2.VideoCapture(str(film))
+    assert int(reader.get(cv2.CAP_PROP_FRAME_COUNT)) == 51
+    reader.release()
+
+
+def test_only_frames_between_two_times_are_written_and_all_are_counted(
+    session: SessionReader, tmp_path: Path
+) -> None:
+    frames, passed = list(session.samples("camera")), []
+    between = frames[3].time_ns, frames[5].time_ns
+    files = export_pngs(session, tmp_path, between_ns=between, on_frame=lambda: passed.append(1))
+    assert [int(path.stem[-7:]) for path in files] == [frame.seq for frame in frames[3:6]]
+    assert len(passed) == FRAMES
+
+
 def test_bed_that_is_warm_for_a_while_only_is_not_beyond_the_scale(tmp_path: Path) -> None:
     clock, info = CountedClock(), HEADER.streams[0]
     writer = SessionWriter(tmp_path / "cooling.h5", HEADER, clock)
