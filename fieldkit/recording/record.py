@@ -41,6 +41,7 @@ from fieldkit.sessions.writer import SessionWriter
 from fieldkit.views import formatting
 from fieldkit.views.feed import Feed, feed_path
 from fieldkit.views.latest import Latest
+from fieldkit.views.notebook_line import NotebookLine, is_notebook
 
 if TYPE_CHECKING:
     from fieldkit.recording.campaign import Campaign
@@ -56,6 +57,8 @@ def record(
     notify: Notify = log.warning,
 ) -> Session:
     """Record a session of a campaign and seal it; the session, open for reading.
+
+    In a notebook a line below the cell shows time, slopes and alarms meanwhile.
 
     An interrupt (Ctrl-C, "stop" of a notebook) ends the recording, which is sealed and returned as at its
     planned end. A second one raises `KeyboardInterrupt` at once and keeps the journal, from which
@@ -103,8 +106,10 @@ def record(
         allow_missing=allow_missing,
         notify=notify,
     )
-    views = () if on_minute is None else (MinuteView(on_minute),)
+    views: list[View] = [] if on_minute is None else [MinuteView(on_minute)]
     with opened as prepared, _stopped_by_interrupt() as stopping:
+        if is_notebook():
+            views.append(NotebookLine(prepared.latest()))
         recorded = prepared.run(views, stopping=stopping)
     if recorded.summary.failure is not None:
         raise recorded.summary.failure
@@ -155,6 +160,13 @@ class PreparedRecording:
         if self.begins_ns is None:
             return 0.0
         return max(0.0, (self.begins_ns - self.instruments.clock.mono_ns()) / SECOND_NS)
+
+    def latest(self, planned_end_ns: int | None = None) -> Latest:
+        """An empty state for views; by default it ends after the planned duration from now."""
+        if planned_end_ns is None and self.duration_s is not None:
+            planned_end_ns = self.instruments.utc_ns() + round(self.duration_s * SECOND_NS)
+        config, streams = self.config, self.instruments.streams
+        return Latest(config.site, config.regions, streams, self.path.stem, planned_end_ns)
 
     def starting_now(self) -> PreparedRecording:
         """The same recording, its path named after the present time: call after waiting for the user."""
@@ -209,9 +221,7 @@ class PreparedRecording:
 
     def _followed(self, end_ns: int | None, title: str) -> list[View]:
         """Views by which other programs follow the recording, as far as they can be opened."""
-        config, instruments = self.config, self.instruments
-        planned_end_ns = None if end_ns is None else instruments.clock.to_utc_ns(end_ns)
-        latest = Latest(config.site, config.regions, instruments.streams, self.path.stem, planned_end_ns)
+        latest = self.latest(None if end_ns is None else self.instruments.clock.to_utc_ns(end_ns))
         offered: list[View] = []
         for offer in (
             lambda: Feed(feed_path(journal_path(self.path)), latest),
