@@ -157,14 +157,21 @@ class MapSums:
         """Half the gradient of the misfit of these pixels against a direction (3,), at the origin."""
         return direction @ self._b[:, pixels.ravel()]
 
-    def solve(self) -> SlopeMap:
-        """The map of all frames so far; the state is `TOO_FEW` with fewer than three."""
+    def solve(self, explained: NDArray[np.bool_] | None = None) -> SlopeMap:
+        """The map of all frames so far; the state is `TOO_FEW` with fewer than three.
+
+        `explained` are pixels (rows, cols) of regions of which a slope was found: their misfit is that of the
+        region's gusts, so it widens their bounds and does not refuse them.
+        """
+        refused = np.ones(self._c.size, np.bool_) if explained is None else ~explained.ravel()
         planes = np.full((4, self._c.size), np.nan, np.float32)
         state = np.full(self._c.size, SlopeState.TOO_FEW, np.uint8)
         if self.count >= 3:
             values, axes = self.sun_axes()
             for piece in self._pieces:
-                self._solve_piece(piece, values[::-1], axes[::-1].T, planes[:, piece], state[piece])
+                self._solve_piece(
+                    piece, values[::-1], axes[::-1].T, planes[:, piece], state[piece], refused[piece]
+                )
         tilt, azimuth, second, chi_square = planes.reshape(4, *self.shape)
         return SlopeMap(tilt, azimuth, second, chi_square, state.reshape(self.shape))
 
@@ -179,6 +186,7 @@ class MapSums:
         vectors: FloatArray,
         planes: NDArray[np.float32],
         state: NDArray[np.uint8],
+        refused: NDArray[np.bool_],
     ) -> None:
         y1, y2, pull, left = self._resolved(piece, values, vectors)
         m, e2, e1 = vectors.T.astype(np.float32)
@@ -211,6 +219,8 @@ class MapSums:
         np.maximum(left, 0.0, out=left)
         np.divide(np.add(left, pinned, out=left), self._freedom, out=chi_square)
         self._set_states(chosen, other, chi_square, gain, is_alone, state)
+        misfits = refused & (chi_square > _alarm(self._freedom))
+        _raise_state(state, misfits, SlopeState.NO_INTERSECTION)
         # the first axis is the sun's mean direction, so along it lies the mean cosine
         _raise_state(state, (y1 if e1[2] > 0.0 else -y1) < LOWEST_COS_INCIDENCE, SlopeState.SHADED)
         _raise_state(state, np.isnan(y1), SlopeState.NO_DATA)
@@ -246,7 +256,7 @@ class MapSums:
         np.multiply(~is_alone & (gain < significant), np.uint8(SlopeState.NOT_RESOLVED), out=state)
         limit = self._limit_cosine
         too_steep = (chosen < limit) | ((other < limit) & (gain < -significant))
-        _raise_state(state, too_steep | (chi_square > _alarm(self._freedom)), SlopeState.NO_INTERSECTION)
+        _raise_state(state, too_steep, SlopeState.NO_INTERSECTION)
 
 
 def _raise_state(state: NDArray[np.uint8], where: NDArray[np.bool_], value: SlopeState) -> None:

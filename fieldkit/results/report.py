@@ -7,13 +7,14 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from markupsafe import Markup
 
 from fieldkit.model.errors import ConfigError, FieldkitError, StorageError
 from fieldkit.model.samples import is_usable
+from fieldkit.results.day_picture import picture_of
 from fieldkit.results.minutes import SessionMinutes
 from fieldkit.results.provenance import command_line
 from fieldkit.results.sources import (
@@ -99,8 +100,8 @@ def report(
     sessions
         A session or its file, or several.
     out
-        ``FILE.html``, or ``FILE.pdf`` with the HTML beside it; by default HTML in the campaign's
-        ``reports`` folder, or beside a session elsewhere.
+        ``FILE.html``, ``FILE.pdf`` with the HTML beside it, or ``FILE.png``, one picture of a session for a
+        slide; by default HTML in the campaign's ``reports`` folder, or beside a session elsewhere.
     options
         How the sessions are estimated and summarised.
     notify
@@ -133,6 +134,8 @@ def report(
     if pdf is not None:
         require_weasyprint()
     failures: dict[Path, FieldkitError] = {}
+    if len(paths) > 1 and page is not None and page.suffix == ".png":
+        raise ConfigError("a picture is of one session", fix="name one session, or -o FILE.html")
     if len(paths) == 1:
         written = _report_session(paths[0], page, options, notify)
     else:
@@ -152,6 +155,12 @@ def _report_session(
         config = config_for(session, options.settings, present=options.present)
         known = SessionMinutes(session, config, present=options.present)
         notify_damage(session, notify, known.measured.damaged)
+        if out.suffix == ".png":
+            given: dict[str, Any] = {"settings": options.settings, "present": options.present}
+            picture = picture_of(session, known, notify, **given)
+            with _writing(out):
+                out.write_bytes(picture)
+            return out
         with _writing(out):
             write_report(
                 out,

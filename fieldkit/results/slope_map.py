@@ -426,7 +426,8 @@ def _mapped(
             fix="run fieldkit check for what is missing; --window all uses the whole session",
         )
     used = _settings(known, estimates.learnt.final)
-    slopes, bounds, likelihood = _solved(session, camera, known.regions, history, used, chosen)
+    explained = _explained(known.regions, estimates, (camera.shape[0], camera.shape[1]))
+    slopes, bounds, likelihood = _solved(session, camera, known.regions, history, used, chosen, explained)
     first, last = history.minute[chosen[[0, -1]]].tolist()
     return MappedSession(
         path=session.path,
@@ -513,6 +514,7 @@ def _solved(
     history: History,
     settings: EstimatorSettings,
     chosen: NDArray[np.int64],
+    explained: NDArray[np.bool_],
 ) -> tuple[SlopeMap, PixelBounds, PixelPosterior]:
     field, shape = RegionColumns(regions), (camera.shape[0], camera.shape[1])
     sums = MapSums(shape, settings.surface, settings.noise_k, settings.tilt_limit_deg)
@@ -537,7 +539,7 @@ def _solved(
     else:
         reference_k = history.temperature_k[:, field.references[seen]].mean(axis=1)
         _add_full(sums, surface_k, history, reference_k, chosen, reference_normal, settings)
-    slopes = sums.solve()
+    slopes = sums.solve(explained)
     likelihood = posterior(slopes, sums, reference_normal, settings)
     slopes, bounds = with_bounds(slopes, likelihood, settings)
     return _within_regions(slopes, regions), bounds, likelihood
@@ -580,6 +582,17 @@ def _pieces(columns: NDArray[np.float32]) -> Iterator[FloatArray]:
     """A few thousand columns at a time: the transforms need several times their memory."""
     for begin in range(0, columns.shape[1], 4096):
         yield columns[:, begin : begin + 4096].astype(np.float64)
+
+
+def _explained(regions: Sequence[Region], estimates: Estimates, shape: tuple[int, int]) -> NDArray[np.bool_]:
+    """Pixels of the references and of the targets of which the regions' own estimate has a slope."""
+    final = final_estimates(estimates, regions)
+    found = {name for name, one in final.items() if one.state in WITH_SLOPE}
+    explained = np.zeros(shape, np.bool_)
+    for region in regions:
+        if region.kind is RegionKind.REFERENCE or region.name in found:
+            explained |= region.mask(shape)
+    return explained
 
 
 def _within_regions(slopes: SlopeMap, regions: Sequence[Region]) -> SlopeMap:

@@ -8,6 +8,7 @@ import subprocess
 import sys
 
 import cv2
+import numpy as np
 import pytest
 from click.testing import CliRunner
 from rich.console import Console
@@ -73,6 +74,20 @@ def test_report_goes_to_the_campaigns_reports(campaign, session):
     text = written.read_text(encoding="utf-8")
     assert "No slope is certain. Uncertain: b05 " in text
     assert re.search(r"<td[^>]*>paper<.*<strong>learned<.strong>", text, re.DOTALL)
+
+
+def test_one_picture_for_a_slide_has_frames_map_and_slopes(session, tmp_path):
+    found = fieldkit("report", session, "-o", tmp_path / "day.png")
+    assert found.exit_code == 0, found.output
+    image = cv2.imread(str(tmp_path / "day.png"))
+    assert image.shape == (1080, 1920, 3)
+    colours = [len(np.unique(part.reshape(-1, 3), axis=0)) for part in np.split(image[100:520], 3, axis=1)]
+    assert min(colours) > 50  # a frame in each third
+    assert len(np.unique(image[580:, :900].reshape(-1, 3), axis=0)) > 50  # the map
+    assert (image[580:, 960:].min(axis=2) < 100).mean() > 0.005  # letters
+    refused = fieldkit("report", session, session, "-o", tmp_path / "two.png")
+    assert refused.exit_code == 3
+    assert "a picture is of one session" in refused.stderr
 
 
 def test_report_of_a_session_elsewhere_lies_beside_it(session, tmp_path):

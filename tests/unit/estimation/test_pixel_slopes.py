@@ -95,6 +95,27 @@ def test_pixels_without_temperature_have_no_data(scene):
     assert (found.state[5:] != SlopeState.NO_DATA).all()
 
 
+def test_gusts_widen_the_pixels_of_a_region_that_has_a_slope_and_refuse_others():
+    """Exchange that changes by a tenth from minute to minute: more than noise, the more the warmer."""
+    start = int(np.datetime64("2017-08-30T01:30", "ns").astype(np.int64))
+    sun, truth = sun_vectors(start + np.arange(90) * 60_000_000_000, SITE), normal(25.0, 180.0)
+    random, sums = np.random.default_rng(4), MapSums(SHAPE, PAPER, 0.05)
+    for ray in sun:
+        flat_k = float(temperatures(VERTICAL, ray))
+        gust = 1.0 + 0.1 * random.standard_normal()
+        frame_k = flat_k + gust * (np.full(SHAPE, temperatures(truth, ray)) - flat_k)
+        sums.add(frame_k + 0.05 * random.standard_normal(SHAPE), flat_k, ray, 800.0, VERTICAL)
+    explained = np.zeros(SHAPE, np.bool_)
+    explained[:10] = True
+    slopes = sums.solve(explained)
+    assert (slopes.state[10:] == SlopeState.NO_INTERSECTION).all()
+    assert (slopes.state[:10] != SlopeState.NO_INTERSECTION).all()
+    likelihood = posterior(slopes, sums, VERTICAL, EstimatorSettings(surface=PAPER))
+    _, bounds = with_bounds(slopes, likelihood, EstimatorSettings(surface=PAPER))
+    inside = (bounds.tilt_low_deg[:10] < 25.0) & (bounds.tilt_high_deg[:10] > 25.0)
+    assert inside.all()
+
+
 def test_a_hot_stone_is_no_slope(scene):
     sun, truth = scene
     sums = MapSums(SHAPE, PAPER, 0.05)
