@@ -185,7 +185,7 @@ def test_known_offset_of_a_region_is_taken_from_its_brightness(monkeypatch):
     minute = MinuteBin(0, 0, np.array([0.0, 0.0, 1.0]), beds, beds, beds, np.ones(2, np.int64), 1, 800.0)
     history = History.of([replace(minute, region_flags=(Quality.GOOD, Quality.GOOD))])
     camera = SimpleNamespace(shape=(4, 4))
-    slope_map._solved(None, camera, (flat, bed), history, settings, np.array([0]))
+    slope_map._solved(None, camera, (flat, bed), history, settings, np.array([0]), np.zeros((4, 4), np.bool_))
     assert pictures[0] == pytest.approx(318.15, abs=1e-3)
 
 
