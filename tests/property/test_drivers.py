@@ -17,6 +17,7 @@ from fieldkit.drivers.cameras.boson import pack, unpack
 from fieldkit.drivers.cameras.camera import DecodedFrame
 from fieldkit.drivers.decoding import Rejected
 from fieldkit.drivers.meters import center, lutron, text
+from fieldkit.drivers.meters.board_sensors import SENSORS
 from fieldkit.drivers.meters.modbus import packaged
 from fieldkit.drivers.ports import Framer
 from fieldkit.drivers.registry import BUILT_IN
@@ -39,6 +40,7 @@ LARGEST = {
     "text": None,
 }
 OPTIONS = [(name, {}) for name in LARGEST] + [("modbus", {"map": name}) for name in packaged()]
+OPTIONS += [("text", {"sensor": name}) for name in SENSORS]
 FRAMES = {
     "purethermal": (purethermal.decode, tuple(purethermal.SHAPES)),
     "p2pro": (p2pro.decode, (p2pro.LENGTH,)),
@@ -58,7 +60,7 @@ def golden_of(name):
         one["text"].encode() if "text" in one else bytes.fromhex(one["hex"])
         for one in GOLDEN
         if one["driver"] == name
-    ] or [b"T1=21.5 C\n", b"ms,temp_c\n", b'{"class":"TPV","mode":3,"lat":1,"lon":2}\n']
+    ] or [b'{"class":"TPV","mode":3,"lat":1,"lon":2}\n']
 
 
 def check(name, options, data):
