@@ -30,6 +30,7 @@ BUILT_IN: Mapping[str, str] = MappingProxyType(
         "boson": "fieldkit.drivers.cameras.boson:Boson",
         "ht301": "fieldkit.drivers.cameras.ht301:Ht301",
         "thermal-master": "fieldkit.drivers.cameras.thermal_master:ThermalMaster",
+        "tc002c": "fieldkit.drivers.cameras.tc002c:Tc002c",
         "y16": "fieldkit.drivers.cameras.y16:Y16",
         "konica-minolta": "fieldkit.drivers.meters.konica_minolta:KonicaMinolta",
         "lutron": "fieldkit.drivers.meters.lutron:Lutron",

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fieldkit.drivers import registry
-from fieldkit.drivers.cameras import boson, flir_file, ht301, p2pro, purethermal, thermal_master, y16
+from fieldkit.drivers.cameras import boson, flir_file, ht301, p2pro, purethermal, tc002c, thermal_master, y16
 from fieldkit.drivers.cameras.boson import pack, unpack
 from fieldkit.drivers.cameras.camera import DecodedFrame
 from fieldkit.drivers.decoding import Rejected
@@ -47,6 +47,7 @@ FRAMES = {
     "boson": (boson.decode, (min(boson.SHAPES),)),
     "ht301": (ht301.decode, tuple(ht301.SHAPES)[1:3]),
     "thermal-master": (thermal_master.decode, (2 * 242 * 160, 2 * 242 * 160 + 24)),
+    "tc002c": (tc002c.decode, (tc002c.LENGTH,)),
     "y16": (lambda data: y16.decode(data, 80, 60), (9600,)),
 }
 
