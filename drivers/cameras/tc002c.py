@@ -4,9 +4,9 @@ Rows 0-95 hold 256x192 words, two rows of the sensor in each; rows 96-97 are tel
 98-481 an image of 512x384, 482-483 telemetry again. One public description, of one unit
 (AronNovak/PyThermalCamera, docs/TC002C-DUO.md); errors of several kelvin are reported there.
 
-Hikvision's id 2bdf:0102 is shared with its HIKMICRO modules (JS-MINI256, Mini), whose frames of 256x192, 256x196
-and 256x392 hold images of 8 bits alone: only the frame size tells them apart, and asking for a size that is
-announced but does not exist disturbs the stream, so no other is tried.
+Hikvision's id 2bdf:0102 is shared with its HIKMICRO modules (JS-MINI256, Mini), whose frames of 256x192,
+256x196 and 256x392 hold images of 8 bits alone: only the frame size tells them apart, and asking for a size
+that is announced but does not exist disturbs the stream, so no other is tried.
 """
 
 from __future__ import annotations
