@@ -12,7 +12,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fieldkit.drivers import registry
-from fieldkit.drivers.cameras import boson, flir_file, ht301, p2pro, purethermal, tc002c, thermal_master, y16
+from fieldkit.drivers.cameras import (
+    boson,
+    flir_file,
+    ht301,
+    htpa,
+    mlx90640,
+    p2pro,
+    purethermal,
+    tc002c,
+    tcam,
+    thermal_master,
+    y16,
+)
 from fieldkit.drivers.cameras.boson import pack, unpack
 from fieldkit.drivers.cameras.camera import DecodedFrame
 from fieldkit.drivers.decoding import Rejected
@@ -48,6 +60,9 @@ FRAMES = {
     "ht301": (ht301.decode, tuple(ht301.SHAPES)[1:3]),
     "thermal-master": (thermal_master.decode, (2 * 242 * 160, 2 * 242 * 160 + 24)),
     "tc002c": (tc002c.decode, (tc002c.LENGTH,)),
+    "tcam": (tcam.decode, (51_980,)),
+    "htpa": (htpa.decode, (htpa.LENGTH,)),
+    "mlx90640": (mlx90640.decode, (mlx90640.LENGTH,)),
     "y16": (lambda data: y16.decode(data, 80, 60), (9600,)),
 }
 
