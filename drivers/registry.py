@@ -34,6 +34,7 @@ BUILT_IN: Mapping[str, str] = MappingProxyType(
         "tcam": "fieldkit.drivers.cameras.tcam:TCam",
         "htpa": "fieldkit.drivers.cameras.htpa:Htpa",
         "mlx90640": "fieldkit.drivers.cameras.mlx90640:Mlx90640",
+        "genicam": "fieldkit.drivers.cameras.genicam:Genicam",
         "y16": "fieldkit.drivers.cameras.y16:Y16",
         "konica-minolta": "fieldkit.drivers.meters.konica_minolta:KonicaMinolta",
         "lutron": "fieldkit.drivers.meters.lutron:Lutron",

@@ -90,7 +90,7 @@ class UdpSource(StreamSource):
                 )
             if heard.startswith(reply):
                 return heard.decode("latin-1")
-        raise DeviceNotFoundError(f"no HTPA board answers at {self.port}", fix=_ADVICE)
+        raise DeviceNotFoundError(f"no HTPA board replies at {self.port}", fix=_ADVICE)
 
     def send(self, command: bytes) -> None:
         """Send a command; raises `DeviceLostError`."""

@@ -101,7 +101,7 @@ def _of_module(buffer: bytes) -> Parsed:
     if not buffer.startswith(HEADER):
         if buffer[1:2] == START and sum(buffer[:3]) & 0xFF == buffer[3]:
             return Record(4, note=f"emissivity {buffer[2] / 100:g}")
-        return Rejected(skip_to(START, buffer), "5A begins neither a frame nor an answer")
+        return Rejected(skip_to(START, buffer), "5A begins neither a frame nor a reply")
     if len(buffer) < LENGTH:
         return None
     frame = decode(buffer[:LENGTH])

@@ -63,6 +63,7 @@ FRAMES = {
     "tcam": (tcam.decode, (51_980,)),
     "htpa": (htpa.decode, (htpa.LENGTH,)),
     "mlx90640": (mlx90640.decode, (mlx90640.LENGTH,)),
+    "genicam": (lambda data: y16.decode(data, 80, 60), (9600,)),
     "y16": (lambda data: y16.decode(data, 80, 60), (9600,)),
 }
 
