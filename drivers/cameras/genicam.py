@@ -20,13 +20,14 @@ from typing import Any
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera
 from fieldkit.drivers.cameras.source import OpenedSource
-from fieldkit.drivers.cameras.stream import StreamSource
+from fieldkit.drivers.cameras.streaming import StreamSource
 from fieldkit.drivers.cameras.y16 import Y16, decoder
 from fieldkit.drivers.decoding import Decoded
 from fieldkit.drivers.identity import UsbIdentity
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import Buffer, DeviceSettings, DiscoveredDevice
 from fieldkit.model.errors import ConfigError, DeviceAccessError, DeviceError, DeviceNotFoundError
+from fieldkit.model.units import SECOND_NS
 
 IR_FORMATS = {"10mK": ("TemperatureLinear10mK", 0.01), "100mK": ("TemperatureLinear100mK", 0.1)}
 """Values of FLIR's ``IRFormat`` and kelvin per count, by the option `resolution`."""
@@ -34,7 +35,7 @@ IR_FORMATS = {"10mK": ("TemperatureLinear10mK", 0.01), "100mK": ("TemperatureLin
 MONO16 = "Mono16"
 BUFFERS = 16
 BLOCK_IDS = 65_535  # of GigE Vision 1: 0 is never used
-LATE_NS = 1_000_000_000
+LATE_NS = SECOND_NS  # an older stamp is of a clock that was set
 _INSTALL = "sudo apt install gir1.2-aravis-0.8 libgirepository1.0-dev libcairo2-dev, and fieldkit[genicam]"
 
 

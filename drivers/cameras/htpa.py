@@ -21,7 +21,7 @@ from typing import Any
 from fieldkit.drivers.cameras import camera
 from fieldkit.drivers.cameras.camera import DecodedFrame, decode_frames, extremes, pixel_view, quality_flags
 from fieldkit.drivers.cameras.source import OpenedSource
-from fieldkit.drivers.cameras.stream import StreamSource
+from fieldkit.drivers.cameras.streaming import StreamSource
 from fieldkit.drivers.connections import address_of
 from fieldkit.drivers.decoding import Decoded, Rejected
 from fieldkit.drivers.identity import UsbIdentity

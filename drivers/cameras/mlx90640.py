@@ -24,7 +24,7 @@ from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera
 from fieldkit.drivers.cameras.camera import DecodedFrame, extremes, quality_flags, summary
 from fieldkit.drivers.cameras.source import OpenedSource
-from fieldkit.drivers.cameras.stream import PortSource
+from fieldkit.drivers.cameras.streaming import PortSource
 from fieldkit.drivers.decoding import Decoded, Layout, Parsed, Record, Rejected, decode_records, skip_to
 from fieldkit.drivers.identity import UsbIdentity
 from fieldkit.drivers.ports import Line, SerialPort, find_ports, open_port

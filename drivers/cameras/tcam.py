@@ -19,7 +19,7 @@ from typing import Any
 from fieldkit.drivers.cameras import camera, purethermal
 from fieldkit.drivers.cameras.camera import DecodedFrame, summary
 from fieldkit.drivers.cameras.source import OpenedSource
-from fieldkit.drivers.cameras.stream import PortSource
+from fieldkit.drivers.cameras.streaming import PortSource
 from fieldkit.drivers.connections import SocketPort, address_of
 from fieldkit.drivers.decoding import Decoded, Layout, Parsed, Record, Rejected, decode_records, skip_to
 from fieldkit.drivers.identity import UsbIdentity
