@@ -106,14 +106,13 @@ class UdpSource(StreamSource):
         self._socket.close()
 
     def _receive(self, timeout_s: float) -> Buffer | None:
-        """A frame of two datagrams; one without the other is a damaged frame."""
+        """A frame of two datagrams; of one without the other `decode` finds the length wrong."""
         deadline_ns = self._clock.mono_ns() + int(timeout_s * 1e9)
         while (left_ns := deadline_ns - self._clock.mono_ns()) > 0:
             heard = self._datagram(left_ns / 1e9)
             first, self._first = self._first, heard if len(heard) == FIRST else b""
             if len(heard) == SECOND or (first and heard):
-                now_ns = self._clock.mono_ns()
-                return Buffer(first + heard, now_ns, error=len(first + heard) != LENGTH)
+                return Buffer(first + heard, self._clock.mono_ns())
             self._first = self._first or first
         return None
 

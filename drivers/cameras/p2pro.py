@@ -218,9 +218,7 @@ WANTED = CameraFormat(
 SCALE = 1 / 64
 RATE_HZ = 25.0
 GREY = (0x8000, 0x80FF)  # the grey half in place of temperatures; a camera that starts sends 0x8000
-UNCORRECTED_K = (
-    100 * SCALE
-)  # mean step between neighbours: 6 counts when clean, 320 before the first correction
+UNCORRECTED_K = 100 * SCALE  # mean step of neighbours: about 6 counts when clean, 320 when uncorrected
 
 
 def decode(data: bytes) -> DecodedFrame | Rejected:
