@@ -12,8 +12,9 @@ from __future__ import annotations
 
 import binascii
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from fieldkit.drivers.cameras import camera, purethermal
@@ -25,7 +26,7 @@ from fieldkit.drivers.decoding import Decoded, Layout, Parsed, Record, Rejected,
 from fieldkit.drivers.identity import UsbIdentity
 from fieldkit.drivers.ports import Port
 from fieldkit.model.clock import Clock
-from fieldkit.model.device import DeviceSettings, DiscoveredDevice
+from fieldkit.model.device import DeviceSettings, DiscoveredDevice, FrameSource
 
 PORT = 5001
 START, END = b"\x02", b"\x03"
@@ -109,17 +110,30 @@ class TCam:
 
     def open(self, settings: DeviceSettings, clock: Clock) -> camera.ThermalCamera:
         """Connect, switch AGC off, and let the camera stream as fast as it can."""
-        port = SocketPort(address_of(settings, PORT), clock, "tCam", _ADVICE)
-        facts = _facts(port, clock)
-        port.write(packet(STREAM_ON))
-        source = PortSource(port, LAYOUT, clock, packet(STREAM_OFF))
+        source, facts, run_shutter = _simulated(settings.source) or _connected(settings, clock)
         first = camera.first_frame(source, decode, settings.name, clock)
         opened = OpenedSource(source, UsbIdentity(0, 0), settings.identity)
         info = camera.describe(
             settings, opened, first, facts, vendor="danjulio / FLIR", rate_hz=purethermal.RATE_HZ
         )
         info = replace(info, device_time_unit="ms")
-        return camera.ThermalCamera(info, source, decode, clock, lambda: port.write(packet(RUN_FFC)))
+        return camera.ThermalCamera(info, source, decode, clock, run_shutter)
+
+
+_Camera = tuple[FrameSource, dict[str, Any], Callable[[], None]]
+"""Its frames, what it reports of itself, and how its shutter is run."""
+
+
+def _connected(settings: DeviceSettings, clock: Clock) -> _Camera:
+    port = SocketPort(address_of(settings, PORT), clock, "tCam", _ADVICE)
+    facts = _facts(port, clock)
+    port.write(packet(STREAM_ON))
+    source = PortSource(port, LAYOUT, clock, packet(STREAM_OFF))
+    return source, facts, lambda: port.write(packet(RUN_FFC))
+
+
+def _simulated(source: FrameSource | None) -> _Camera | None:
+    return (source, {"model": "tCam"}, partial(purethermal.run_shutter, source)) if source else None
 
 
 def _facts(port: Port, clock: Clock) -> dict[str, Any]:
