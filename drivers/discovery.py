@@ -14,7 +14,7 @@ from pathlib import Path
 
 from fieldkit.drivers import registry
 from fieldkit.drivers.cameras import thermal_master
-from fieldkit.drivers.cameras.source import cameras
+from fieldkit.drivers.cameras.source import WITHOUT_TEMPERATURES, cameras
 from fieldkit.drivers.identity import SYSFS, UDEV_FIX, UsbIdentity, permission_fix, usb_parent
 from fieldkit.drivers.meters import ut325
 from fieldkit.drivers.ports import serial_ports
@@ -93,7 +93,13 @@ def _unrecognised(
 ) -> list[ConnectedDevice]:
     units = [usb for _, usb in present]
     return [
-        ConnectedDevice(usb.as_text(units), path, usb.title, (), note)
+        ConnectedDevice(
+            usb.as_text(units),
+            path,
+            usb.title,
+            (),
+            WITHOUT_TEMPERATURES.get((usb.vendor, usb.product), note),
+        )
         for path, usb in present
         if path not in recognised
     ]

@@ -104,8 +104,10 @@ def _without_fff(segments: list[tuple[int, bytes]], head: bytes) -> DecodeError:
     """The error of a JPEG of another maker (as ExifTool distinguishes them), or without temperatures."""
     is_dji = any(marker == _APP1 and b"DJI\0" in body for marker, body in segments)
     if is_dji and any(marker == _APP3 for marker, _ in segments):
-        fix = "convert it to 16-bit TIFF with DJI's Thermal SDK, and import that with --kelvin-per-count"
-        return DecodeError("a radiometric JPEG of DJI, which fieldkit does not read", head, fix=fix)
+        # the counts are in APP3 (GDAL reads them, pull request 12972), but nobody has published their law
+        fix = "convert it to 32-bit TIFF with Thermal Tools (UAV4GEO) or DJI's SDK; import that with --unit C"
+        words = "a radiometric JPEG of DJI, whose temperatures only DJI's own program finds"
+        return DecodeError(words, head, fix=fix)
     if any(marker == _APP2 and body[4:10] == b"IJPEG\0" for marker, body in segments):
         words = "a radiometric JPEG of InfiRay, which fieldkit does not read"
         return DecodeError(words, head, fix=_EXPORT_TIFF)

@@ -8,7 +8,7 @@ HT-301 by width only.
 
 Commands are values written to the absolute zoom control: 0x8004 temperatures, 0x8000 close the shutter and
 calibrate, 0x8020 and 0x8021 the range of -20 to 120 °C and the upper one, whose law is disputed: there the
-stream is counts. T2S+ of the second version (04b4:0100) deliver uncorrected data and are not supported.
+stream is counts. T2S+ of the second version (04b4:0100) deliver uncorrected data and are refused.
 """
 
 from __future__ import annotations

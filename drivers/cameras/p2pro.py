@@ -209,11 +209,16 @@ def _facts(commands: Commands) -> dict[str, Any]:
 
 WIDTH, HEIGHT = 256, 192
 LENGTH = 2 * WIDTH * 2 * HEIGHT
-WANTED = CameraFormat(((0x0BDA, 0x5830), (0x0BDA, 0x5840)), "YUYV", ((WIDTH, 2 * HEIGHT),))
+WANTED = CameraFormat(
+    ((0x0BDA, 0x5830), (0x0BDA, 0x5840)),
+    "YUYV",
+    ((WIDTH, 2 * HEIGHT),),
+    otherwise="a webcam with the same chip, or a thermal camera that sends its image alone",
+)
 SCALE = 1 / 64
 RATE_HZ = 25.0
 GREY = (0x8000, 0x80FF)  # the grey half in place of temperatures; a camera that starts sends 0x8000
-UNCORRECTED_STEP = 100.0  # mean difference of neighbours: about 6 when clean, 320 before the first correction
+UNCORRECTED_K = 100 * SCALE  # mean step of neighbours: about 6 counts when clean, 320 when uncorrected
 
 
 def decode(data: bytes) -> DecodedFrame | Rejected:
@@ -225,14 +230,14 @@ def decode(data: bytes) -> DecodedFrame | Rejected:
     return DecodedFrame(counts, found, scale=SCALE, quality=flags(counts, found))
 
 
-def flags(counts: NDArray[np.uint16], found: tuple[float, float]) -> Quality:
+def flags(counts: NDArray[np.uint16], found: tuple[float, float], scale: float = SCALE) -> Quality:
     """Flags by the temperatures alone: end of scale, not started, not corrected, or the grey half."""
-    quality = quality_flags(found, (0, 0xFFFF), SCALE)
+    quality = quality_flags(found, (0, 0xFFFF), scale)
     middle = len(counts) // 2
     row = counts[middle].astype(np.int32)
     step = np.abs(row[1:] - row[:-1]).mean()
     # halves that are exchanged or shifted leave one of these rows grey
-    if step > UNCORRECTED_STEP or any(_is_grey(counts[place]) for place in (0, middle, -1)):
+    if step * scale > UNCORRECTED_K or any(_is_grey(counts[place]) for place in (0, middle, -1)):
         quality |= Quality.NO_VALUE
     return quality
 

@@ -18,6 +18,8 @@ from fieldkit.model.clock import Clock
 from fieldkit.model.device import Buffer, DeviceSettings, DiscoveredDevice, FrameSource
 from fieldkit.model.errors import DeviceError, DeviceLostError, DeviceNotFoundError
 
+_ANOTHER_CAMERA = "use another camera, or import what the maker's program records: fieldkit import"
+
 # --- OpenCV, where there is no Video4Linux or the configuration selects it
 
 
@@ -114,11 +116,15 @@ class OpenCvSource:
 
 @dataclass(frozen=True, slots=True)
 class CameraFormat:
-    """A family's USB kinds, raw format, (width, height) by preference."""
+    """A family's USB kinds, raw format, (width, height) by preference.
+
+    `otherwise` is what a camera of these kinds without these sizes is, where others share the identity.
+    """
 
     kinds: tuple[tuple[int, int], ...]
     fourcc: str
     sizes: tuple[tuple[int, int], ...]
+    otherwise: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,6 +134,12 @@ class OpenedSource:
     source: FrameSource
     usb: UsbIdentity
     identity: str
+
+
+WITHOUT_TEMPERATURES = {
+    (0x04B4, 0x0100): "an InfiRay T2S+ of the second version sends uncorrected data, not temperatures"
+}
+"""Cameras that are refused, and why, whatever their frames look like; by USB kind."""
 
 
 def cameras(sysfs: Path = SYSFS) -> list[tuple[str, UsbIdentity]]:
@@ -164,10 +176,17 @@ def open_source(settings: DeviceSettings, wanted: CameraFormat, clock: Clock) ->
     backend = options.text(settings, "backend", "auto", ("auto", "v4l2", "opencv"))
     present = cameras()
     path, usb = _pick(settings, wanted, present)
+    if refused := WITHOUT_TEMPERATURES.get((usb.vendor, usb.product)):
+        raise DeviceNotFoundError(f"{settings.name}: {refused}", fix=_ANOTHER_CAMERA)
     direct = backend == "v4l2" or (backend == "auto" and sys.platform == "linux")
     reader = V4l2Source if direct else OpenCvSource
     identity = usb.as_text([other for _, other in present]) if usb.vendor else settings.identity
-    return OpenedSource(reader(path, wanted.fourcc, wanted.sizes, clock), usb, identity)
+    try:
+        return OpenedSource(reader(path, wanted.fourcc, wanted.sizes, clock), usb, identity)
+    except DeviceNotFoundError as error:
+        if not wanted.otherwise or (usb.vendor, usb.product) not in wanted.kinds:
+            raise
+        raise DeviceNotFoundError(f"{error.message}: {wanted.otherwise}", fix=_ANOTHER_CAMERA) from error
 
 
 def _pick(

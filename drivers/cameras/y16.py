@@ -58,7 +58,8 @@ def _sizes(settings: DeviceSettings) -> tuple[tuple[int, int], ...]:
     return ((width, height),) if width > 0 and height > 0 else SIZES
 
 
-def _decoder(settings: DeviceSettings, width: int, height: int) -> Decode:
+def decoder(settings: DeviceSettings, width: int, height: int) -> Decode:
+    """Decoder of frames of that size, by the options `kelvin_per_count` and `kelvin_offset`."""
     offset = options.number(settings, "kelvin_offset", 0.0)
     return partial(decode, width=width, height=height, scale=kelvin_per_count(settings), offset=offset)
 
@@ -96,7 +97,7 @@ class Y16:
             reason = f"{len(data)} bytes; no usual size divides them: give -o width=... -o height=..."
             return Decoded((), (Rejected(len(data), reason),))
         width, height = sizes[0]
-        return decode_frames(data, _decoder(settings, width, height), (2 * width * height,))
+        return decode_frames(data, decoder(settings, width, height), (2 * width * height,))
 
     def open(self, settings: DeviceSettings, clock: Clock) -> camera.ThermalCamera:
         """Open the camera that identity or port name; there is no default."""
@@ -109,7 +110,7 @@ class Y16:
         sizes = _sizes(settings)
         opened = open_source(settings, CameraFormat((), "Y16 ", sizes), clock)
         width, height = getattr(opened.source, "size", sizes[0])
-        read = _decoder(settings, width, height)
+        read = decoder(settings, width, height)
         first = camera.first_frame(opened.source, read, settings.name, clock)
         facts = {"scale_from": "unknown" if math.isnan(first.scale) else "configuration"}
         rate_hz = options.number(settings, "rate_hz", 0.0)

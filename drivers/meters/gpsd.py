@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import socket
 from collections.abc import Mapping
 from dataclasses import replace
@@ -16,12 +15,11 @@ from datetime import datetime
 from typing import Any
 
 from fieldkit.drivers import options
+from fieldkit.drivers.connections import SocketPort, address_of
 from fieldkit.drivers.decoding import Decoded, Layout, Parsed, Record, Rejected, Value, decode_records
 from fieldkit.drivers.meters import meter
-from fieldkit.drivers.ports import Framer, Stamped
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, DiscoveredDevice
-from fieldkit.model.errors import DeviceLostError, DeviceNotFoundError
 from fieldkit.model.samples import NO_COUNTER, Quality
 
 LONGEST = 16_384
@@ -29,6 +27,7 @@ PORT = 2947
 WATCH = b'?WATCH={"enable":true,"json":true,"pps":true};\n'
 CHANNELS = (("latitude", "°"), ("longitude", "°"), ("altitude", "m"), ("clock error", "s"))
 UNIT = "degree degree m s"
+_ADVICE = "sudo systemctl start gpsd, or give port = host:port"
 _HINT = "is a receiver attached to gpsd? cgps shows it"
 
 
@@ -85,65 +84,6 @@ def _time_ns(text: Any) -> int:
 LAYOUT = Layout(parse, LONGEST)
 
 
-class SocketPort:
-    """A TCP connection as a port for meters; see `fieldkit.drivers.ports.Port`."""
-
-    byte_ns = 0
-    identity = ""
-
-    def __init__(self, host: str, port: int, clock: Clock) -> None:
-        self.path: str = f"{host}:{port}"
-        self.facts: dict[str, str] = {"line": "tcp"}
-        self.framer: Framer = Framer(self.byte_ns)
-        self._clock = clock
-        try:
-            self._socket = socket.create_connection((host, port), timeout=5.0)
-        except OSError as error:
-            raise DeviceNotFoundError(
-                f"no gpsd at {self.path}: {error}", fix="sudo systemctl start gpsd, or give port = host:port"
-            ) from error
-        self._socket.setblocking(False)
-
-    def write(self, data: bytes) -> None:
-        """Send bytes."""
-        try:
-            self._socket.sendall(data)
-        except OSError as error:
-            raise self._lost() from error
-
-    def read(self, layout: Layout, timeout_s: float, request: bytes = b"") -> Stamped | None:
-        """The next record, or the reply to `request`; None if none is complete within `timeout_s`."""
-        if request:
-            self.framer.discard()
-            self.write(request)
-        deadline_ns = self._clock.mono_ns() + int(timeout_s * 1e9)
-        found = self.framer.next_record(layout)
-        while found is None:
-            remaining_s = max((deadline_ns - self._clock.mono_ns()) / 1e9, 0.0)
-            if not self._clock.wait_readable(self._socket.fileno(), remaining_s):
-                return None
-            found = self.framer.feed(layout, self._chunk(), self._clock.mono_ns())
-        return found
-
-    def close(self) -> None:
-        """Close the connection; a second call does nothing."""
-        self._socket.close()
-
-    def _chunk(self) -> bytes:
-        try:
-            chunk = os.read(self._socket.fileno(), 4096)
-        except BlockingIOError:
-            return b""
-        except OSError as error:
-            raise self._lost() from error
-        if not chunk:
-            raise self._lost()
-        return chunk
-
-    def _lost(self) -> DeviceLostError:
-        return DeviceLostError(f"gpsd at {self.path} hung up", fix="sudo systemctl restart gpsd")
-
-
 class Gpsd:
     """Driver of gpsd; `port` is ``host:port`` (localhost:2947), options are those of every meter."""
 
@@ -166,8 +106,7 @@ class Gpsd:
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
         """Connect, start watching, and wait for the first report."""
-        host, _, number = (settings.port or "localhost").partition(":")
-        port = SocketPort(host, int(number) if number.isdigit() else PORT, clock)
+        port = SocketPort(address_of(settings, PORT, "localhost"), clock, "gpsd", _ADVICE)
         port.write(WATCH)
         meter.first_record(port, LAYOUT, settings.name, _HINT)
         keys = [name for name, _ in CHANNELS]

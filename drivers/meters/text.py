@@ -14,9 +14,10 @@ value, a checksum at the end) is another format and needs a driver of its own.
 
 A field that is not a number is no value of its channel alone: ``nan``, ``OL``, ``---``, an empty field,
 garbled digits below a name; so are the numbers of the option `no_value` (for a DS18B20: -127 disconnected, 85
-just powered on). Radiation is used by its name, ``ghi_w_m2`` or ``DNI=712 W/m2``; of any other column in W/m2
-the configuration must state what it measures (`fieldkit.model.radiation`). ``ms`` is the board's own clock,
-which wraps after 49.7 days.
+just powered on). The option `sensor` reads what the example of a sensor's library prints
+(`fieldkit.drivers.meters.board_sensors`). Radiation is used by its name, ``ghi_w_m2`` or ``DNI=712 W/m2``; of
+any other column in W/m2 the configuration must state what it measures (`fieldkit.model.radiation`). ``ms`` is
+the board's own clock, which wraps after 49.7 days.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ from unicodedata import normalize
 from fieldkit.drivers import options
 from fieldkit.drivers.decoding import Decoded, Layout, Parsed, Record, Rejected, Value, decode_records
 from fieldkit.drivers.meters import meter
+from fieldkit.drivers.meters.board_sensors import SENSORS, Sensor
 from fieldkit.drivers.meters.meter import STREAM_UNITS
 from fieldkit.drivers.options import decoding_settings
 from fieldkit.drivers.ports import Line, Port, find_ports, open_port
@@ -99,11 +101,12 @@ class _Field(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Grammar:
-    """Rules for a board's lines: names of bare numbers, their unit, numbers that are no value."""
+    """Rules for a board's lines: names of bare numbers, their unit, what is no value; or a sensor."""
 
     columns: tuple[str, ...] = ()
     unit: str = ""
     no_value: tuple[float, ...] = ()
+    sensor: Sensor | None = None
 
     def parse(self, buffer: bytes) -> Parsed:
         """The line at the start of `buffer`."""
@@ -121,6 +124,8 @@ class Grammar:
 
     def _line(self, line: str) -> Record | str:
         """A record without its length, or why the line is none."""
+        if self.sensor:
+            return self._of_sensor(self.sensor, line)
         stamp = _STAMP.match(line)
         body = line[stamp.end() :] if stamp else line
         if body.startswith(("{", "[")):
@@ -135,6 +140,12 @@ class Grammar:
         if names and not any(map(_is_value, names)) and all(map(_NAME.fullmatch, names)):
             return _heading(names, line)
         return self._row(fields, has_stamp=stamp is not None)
+
+    def _of_sensor(self, sensor: Sensor, line: str) -> Record | str:
+        shown = sensor.reading(line)
+        if shown is None:
+            return "not a line of this sensor's example; without the option sensor other lines are read"
+        return self._record([_Field(sensor.channel, shown, sensor.unit)]) if shown else Record(0, note=line)
 
     def _json(self, body: str) -> Record | str:
         try:
@@ -314,14 +325,15 @@ def header(notes: Sequence[str]) -> tuple[str, ...]:
 class Text:
     """Driver of boards that print lines.
 
-    Options: `columns`, `no_value`, `baud` (115200), `unit` (what a line without units means), and those of
-    every meter. The stream takes the columns that have the unit of the first value.
+    Options: `columns`, `no_value`, `baud` (115200), `unit` (what a line without units means), `sensor` (whose
+    library's example the board runs) and those of every meter. The stream takes the columns that have the
+    unit of the first value.
     """
 
     name = "text"
     title = "lines of text from a microcontroller board"
     quantity = "temperature"
-    options: tuple[str, ...] = (*meter.OPTIONS, "columns", "no_value", "baud", "unit")
+    options: tuple[str, ...] = (*meter.OPTIONS, "columns", "no_value", "baud", "unit", "sensor")
     needs: Mapping[str, Sequence[str]] = {"unit": ("C", "F", "K", "lx", "klx", "W/m2", "m/s")}
 
     def find(self) -> list[DiscoveredDevice]:
@@ -332,7 +344,7 @@ class Text:
         """Explain bytes; see `fieldkit.drivers.decoding.Decodes`. The header may stand anywhere in them."""
         names = options.get("columns", ())
         given = {**options, "columns": names.split(",") if isinstance(names, str) else names}
-        grammar = _grammar(decoding_settings(self.name, given))
+        grammar = _grammar(_completed(decoding_settings(self.name, given)))
         if not grammar.columns:
             grammar = replace(grammar, columns=header(decode_records(data, grammar.layout).notes))
         return decode_records(data, grammar.layout)
@@ -342,6 +354,7 @@ class Text:
 
         Raises `DecodeError` where only comments and headers come for `PREAMBLE_S`.
         """
+        settings = _completed(settings)
         grammar = _grammar(settings)
         port = open_port(settings, Line(int(options.number(settings, "baud", LINE.baud))), clock)
         grammar, first = _first_values(port, grammar, settings.name, clock)
@@ -393,6 +406,12 @@ def _quantity(record: Record) -> str:
     return next((one.unit for one in record.channels if one.unit in _SPELLINGS), "")
 
 
+def _completed(settings: DeviceSettings) -> DeviceSettings:
+    """The settings with the options of their sensor, where they give none themselves."""
+    name = options.text(settings, "sensor", "", ("", *SENSORS))
+    return replace(settings, options={**SENSORS[name].options, **settings.options}) if name else settings
+
+
 def _grammar(settings: DeviceSettings) -> Grammar:
     columns, no_value = settings.options.get("columns", ()), settings.options.get("no_value", ())
     if not isinstance(columns, list | tuple) or not all(isinstance(name, str) for name in columns):
@@ -400,7 +419,8 @@ def _grammar(settings: DeviceSettings) -> Grammar:
     if not isinstance(no_value, list | tuple) or not all(isinstance(one, int | float) for one in no_value):
         raise _wrong(settings, "no_value", "a list of numbers such as [-127, 85]")
     unit = options.text(settings, "unit", "")
-    return Grammar(tuple(columns), _unit(unit), tuple(float(one) for one in no_value))
+    sensor = SENSORS.get(options.text(settings, "sensor", ""))
+    return Grammar(tuple(columns), _unit(unit), tuple(float(one) for one in no_value), sensor)
 
 
 def _wrong(settings: DeviceSettings, key: str, expected: str) -> ConfigError:

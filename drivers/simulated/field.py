@@ -8,6 +8,7 @@ from types import MappingProxyType, TracebackType
 
 from fieldkit.drivers.simulated.lepton import LATENCY_S, SimulatedLepton
 from fieldkit.drivers.simulated.meters import SimulatedCenter309, SimulatedLutron, SimulatedMeter
+from fieldkit.drivers.simulated.tcam import SimulatedTCam
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.fault_kind import FaultKind
@@ -18,7 +19,9 @@ from fieldkit.simulation.simulated_clock import SimulatedClock
 PORT = "simulated"
 """Port of a simulated instrument in the configuration."""
 
-CAMERAS: Mapping[str, type[SimulatedLepton]] = MappingProxyType({"purethermal": SimulatedLepton})
+CAMERAS: Mapping[str, type[SimulatedLepton]] = MappingProxyType(
+    {"purethermal": SimulatedLepton, "tcam": SimulatedTCam}
+)
 METERS: Mapping[str, type[SimulatedMeter]] = MappingProxyType(
     {"lutron": SimulatedLutron, "center-309": SimulatedCenter309}
 )

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     "--kelvin-per-count",
     type=KELVIN_PER_COUNT,
     metavar="K|none",
-    help="Scale of TIFF or IRG counts; none if it is not known. Never guessed.",
+    help="Scale of TIFF, PNG or IRG counts; none if it is not known. Never guessed.",
 )
 @click.option("--kelvin-at-zero", type=float, default=0.0, help="Kelvin of count 0 [default: 0].")
 @click.option(
@@ -62,7 +62,7 @@ if TYPE_CHECKING:
 @click.option(
     "--unit",
     default="",
-    help="Unit of a table's values, if not in its header: C, F, K, lx, klx, fc, W/m2, m/s.",
+    help="Unit of a table's values, if not in its header, or of float TIFF: C, F, K, lx, klx, fc, W/m2, m/s.",
 )
 @click.option("--column", "columns", multiple=True, metavar="NAME", help="Column of a table; repeatable.")
 @click.option(
@@ -93,9 +93,9 @@ if TYPE_CHECKING:
 def command(ctx: click.Context, /, source: Path, out: Path | None, into: Path | None, **given: Any) -> None:
     """Turn SOURCE into a session: frames, tables of loggers, files of weather stations.
 
-    PureThermal .raw.y16.gz; FLIR .fff, .seq, radiometric .jpg, 16-bit TIFF and .irg, or folders of them;
-    tables, also of Campbell and HOBO loggers; SURFRAD, BSRN, downloads and radiation tables of the Japan
-    Meteorological Agency.
+    PureThermal .raw.y16.gz; FLIR .fff, .seq, radiometric .jpg, TIFF (16 bits, floats), 16-bit PNG and .irg,
+    or folders of them; tables, also of Campbell and HOBO loggers; SURFRAD, BSRN, downloads and radiation
+    tables of the Japan Meteorological Agency.
 
     The session gets the regions of the campaign; draw them before or after (fieldkit roi).
     """

@@ -57,7 +57,7 @@ class ImportOptions:
     site : Site, optional
         Where it was recorded; by default as the recording states, or else the campaign's.
     kelvin_per_count, kelvin_at_zero : float
-        Scale of TIFF or IRG frames; NaN if it is not known. Never guessed. [K]
+        Scale of TIFF, PNG or IRG frames; NaN if it is not known. Never guessed. [K]
     times : Path, optional
         Table of the frames' file names and times.
     time_format : str, optional
@@ -68,7 +68,7 @@ class ImportOptions:
         Seconds to add to the times of frames or of a table, if their clock was slow; ``auto`` finds those of
         a table from the session it is merged into.
     unit : str
-        Unit of a table's values where its header has none.
+        Unit of a table's values where its header has none; of frames of floating-point temperatures.
     columns : tuple of str
         Columns of a table to read.
     time_columns : tuple of str
@@ -341,7 +341,7 @@ def read_source(source: Path, options: ImportOptions) -> ImportedRecording:
             return found.read(source, options)
     raise ConfigError(
         f"{source} has no format that fieldkit reads",
-        fix="it reads .raw.y16.gz, .fff, .seq, radiometric .jpg, 16-bit TIFF and .irg frames, "
+        fix="it reads .raw.y16.gz, .fff, .seq, radiometric .jpg, TIFF, 16-bit PNG and .irg frames, "
         "tables of loggers, files of SURFRAD, BSRN and the Japan Meteorological Agency",
     )
 
@@ -364,7 +364,8 @@ def _flag(field: str) -> str:
 def _is_flir(source: Path) -> bool:
     """A FLIR file, or a folder of them; JPEGs beside other frames are only to look at."""
     if source.is_dir():
-        return bool(import_flir.files_in(source)) and not stills.image_files(source)
+        beside = {path.suffix.lower() for path in stills.image_files(source)}
+        return bool(import_flir.files_in(source)) and beside <= {".png"}
     return source.suffix.lower() in import_flir.SUFFIXES
 
 
@@ -396,6 +397,7 @@ def _stills(source: Path, options: ImportOptions) -> ImportedRecording:
         time_format=options.time_format,
         zone=_zone(options),
         offset_ns=_offset_ns(options),
+        unit=options.unit,
     )
 
 
@@ -464,8 +466,8 @@ _TIMES = frozenset({"times", "time_format", "zone", "offset_s"})
 _FORMATS = (
     _Format("a FLIR recording", _is_flir, _flir, _TIMES),
     _Format(
-        "a recording of TIFF or IRG frames", _is_stills, _stills,
-        _TIMES | {"kelvin_per_count", "kelvin_at_zero"},
+        "a recording of TIFF, PNG or IRG frames", _is_stills, _stills,
+        _TIMES | {"kelvin_per_count", "kelvin_at_zero", "unit"},
     ),
     _Format("a station's file (SURFRAD, BSRN)", is_station_file, _station),
     _Format("a file of the Japan Meteorological Agency", _is_jma, _jma),

@@ -1,6 +1,7 @@
-"""Frames of TIFF (16 bits) and InfiRay IRG files, of a folder or one alone, with times from a table or names.
+"""Frames of TIFF, 16-bit PNG and InfiRay IRG files, a folder or one alone, times from a table or names.
 
-What a count means is never guessed: it stands in the file, or must be given, or declared unknown.
+What a count means is never guessed: it stands in the file, or must be given, or declared unknown. TIFF holds
+counts of 16 bits or temperatures as 32-bit floating-point numbers, which become counts of 0.01 K.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from datetime import tzinfo
 from functools import reduce
 from operator import or_
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,11 +25,13 @@ from fieldkit.model.errors import ConfigError, message_of
 from fieldkit.model.samples import Frame, Quality, Severity
 from fieldkit.sessions.formats.frame_times import GIVE_TIMES, given_times_ns
 from fieldkit.sessions.formats.imported import ImportedRecording, flag_bunched, usual_rate_hz
+from fieldkit.sessions.formats.table_units import Unit, known_unit
 from fieldkit.sessions.formats.tiff import Page, read_pages
 from fieldkit.sessions.formats.times import parse_times_ns, plausible_ns
 from fieldkit.sessions.formats.unpacking import refuse_bomb
 
-SUFFIXES = (".tif", ".tiff", ".irg")
+_FIRST_SUFFIXES = (".tif", ".tiff", ".irg")  # beside them PNGs are only to look at
+SUFFIXES = (*_FIRST_SUFFIXES, ".png")
 
 Note = tuple[Severity, str]
 
@@ -41,15 +45,19 @@ _WORDS = {_SIGNED: "signed ", _FLOAT: "floating-point "}
 
 _NOT_COLOURED = "export the radiometric frames as unsigned 16-bit counts, not coloured or scaled for display"
 
-_FROM_FLOAT = (
-    "if it is in °C: gdal_translate -ot UInt16 -scale -273.15 382.2 0 65535 IN.tif OUT.tif, "
-    "and import that with --kelvin-per-count 0.01"
-)
+_UNIT_OF_FLOAT = "if they are temperatures: --unit C, or K, F"
+
+_KELVIN_UNIT = "K"
+
+_PNG_MAGIC, _PNG_HEAD = b"\x89PNG\r\n\x1a\n", struct.Struct(">IIBB")  # its IHDR: width, height, bits, colour
+
+_GREY_16 = (16, 0)
 
 _OR_NONE = "or --kelvin-per-count none for frames only"
 
 _SAY_SCALE = {
     "TIFF": f"--kelvin-per-count 0.01 (the maker's number), {_OR_NONE}",
+    "PNG": f"--kelvin-per-count 0.01 (the maker's number), {_OR_NONE}",
     "IRG": f"--kelvin-per-count 0.0625 (InfiRay C200) or 0.1 (others), {_OR_NONE}",
 }
 
@@ -62,14 +70,18 @@ class Scale:
     kelvin_at_zero: float = 0.0
 
 
+_OF_FLOAT = Scale(0.01)
+
+
 @dataclass(frozen=True, slots=True)
 class _Still:
-    """A frame: its file, what messages call it, the scale it states, and its page of a TIFF."""
+    """A frame: its file, its name in messages, the scale it states, its page of a TIFF, its floats' unit."""
 
     path: Path
     label: str
     scale: Scale | None
     page: Page | None = None
+    unit: Unit | None = None
 
     @property
     def flags(self) -> Quality:
@@ -80,31 +92,46 @@ class _Still:
 
     def counts(self) -> NDArray[np.uint16]:
         """Shape (rows, cols); raises `ConfigError` where it cannot be read."""
-        if self.page is None:
+        if self.path.suffix.lower() == ".irg":
             return read_irg(self.path).counts
-        found = self.page.read(self.path)
-        if found is None or found.dtype != np.uint16 or found.ndim != 2:
+        found = self.page.read(self.path) if self.page else _read_png(self.path)
+        if found is None or found.dtype != (np.float32 if self.unit else np.uint16) or found.ndim != 2:
             raise ConfigError(f"{self.label} cannot be read as a frame", fix=_EXPORT_AGAIN)
-        return found.astype(np.uint16, copy=False)
+        return _counts_of(found, self.unit) if self.unit else found.astype(np.uint16, copy=False)
 
 
 def image_files(source: Path) -> list[Path]:
     """The frames of a folder, by name; or the one."""
     if not source.is_dir():
         return [source]
-    return sorted(path for path in source.iterdir() if path.suffix.lower() in SUFFIXES)
+    found = sorted(path for path in source.iterdir() if path.suffix.lower() in SUFFIXES)
+    return [path for path in found if path.suffix.lower() in _FIRST_SUFFIXES] or found
+
+
+def _counts_of(values: NDArray[Any], unit: Unit) -> NDArray[np.uint16]:
+    """Temperatures as counts of 0.01 K; what is no temperature becomes an end of the range."""
+    kelvin = np.nan_to_num((values.astype(np.float64) + unit.add) / unit.by, nan=0.0)
+    step_k = _OF_FLOAT.kelvin_per_count
+    return np.rint(np.clip(kelvin, 0.0, 0xFFFF * step_k) / step_k).astype(np.uint16)
+
+
+def _read_png(path: Path) -> NDArray[Any] | None:
+    import cv2
+
+    return cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
 
 
 def read_stills(
     source: Path, scale: Scale | None, *, times: Path | None = None, time_format: str | None = None,
-    zone: tzinfo | None = None, offset_ns: int = 0, name: str = "camera",
+    zone: tzinfo | None = None, offset_ns: int = 0, unit: str = "", name: str = "camera",
 ) -> ImportedRecording:  # fmt: skip
     """Read the frames of a folder, or of a single file, as a camera stream in order of time.
 
     Parameters
     ----------
     source : Path
-        A folder or file: InfiRay IRG, or 16-bit TIFF, every page a frame but thumbnails and masks.
+        A folder or file: InfiRay IRG, 16-bit PNG, or TIFF (16-bit counts, 32-bit floating-point
+        temperatures), every page a frame but thumbnails and masks.
     scale : Scale or None
         What a count means; None uses the scale in the files.
     times : Path, optional
@@ -116,6 +143,8 @@ def read_stills(
         Zone of times without an offset.
     offset_ns : int
         To add to the times. [ns]
+    unit : str
+        Unit of floating-point temperatures: C, K or F.
     name : str
         Name of the stream.
 
@@ -133,10 +162,15 @@ def read_stills(
     if not paths:
         raise ConfigError(
             f"{source} has no frames with temperatures",
-            fix="name the folder that has the .tif, .tiff or .irg files, or FLIR's .jpg, .fff or .seq",
+            fix="name the folder that has the .tif, .tiff, .irg or .png files, or FLIR's .jpg, .fff or .seq",
         )
     kind = _kind(paths)
-    stills, notes = _tiff_stills(paths) if kind == "TIFF" else _irg_stills(paths)
+    if kind != "TIFF" and unit:
+        raise ConfigError(f"{source} holds counts: --unit would have no effect", fix="omit --unit")
+    if kind == "TIFF":
+        stills, notes = _tiff_stills(paths, _temperature_unit(unit))
+    else:
+        stills, notes = _irg_stills(paths) if kind == "IRG" else _png_stills(paths)
     rows, cols = stills[0].counts().shape
     known = _common_scale(stills, scale, kind)
     times_ns = [plausible_ns(at + offset_ns) for at in _times_ns(stills, times, time_format, zone)]
@@ -151,7 +185,7 @@ def read_stills(
 
 
 def _kind(paths: Sequence[Path]) -> str:
-    kinds = {"IRG" if path.suffix.lower() == ".irg" else "TIFF" for path in paths}
+    kinds = {{".irg": "IRG", ".png": "PNG"}.get(path.suffix.lower(), "TIFF") for path in paths}
     if len(kinds) > 1:
         raise ConfigError(
             f"{paths[0].parent} has TIFF and IRG frames", fix="import them from folders of their own"
@@ -167,11 +201,41 @@ def _irg_stills(paths: Sequence[Path]) -> tuple[list[_Still], list[Note]]:
     return stills, [(Severity.WARNING, f"{set_to}; whether the counts allow for it is not known")]
 
 
-def _tiff_stills(paths: Sequence[Path]) -> tuple[list[_Still], list[Note]]:
+def _png_stills(paths: Sequence[Path]) -> tuple[list[_Still], list[Note]]:
+    for path in paths:
+        with path.open("rb") as file:
+            head = file.read(26)
+        if not head.startswith(_PNG_MAGIC) or len(head) < 26:
+            raise ConfigError(
+                f"{path} cannot be read as a frame: it does not begin as a PNG", fix=_EXPORT_AGAIN
+            )
+        width, height, *kind = _PNG_HEAD.unpack_from(head, 16)
+        if tuple(kind) != _GREY_16:
+            raise ConfigError(f"{path} has not one 16-bit number per pixel", fix=_NOT_COLOURED)
+        _refuse_pixels(str(path), width * height)
+        refuse_bomb(path, 2 * width * height)
+    return [_Still(path, str(path), None) for path in paths], []
+
+
+def _temperature_unit(written: str) -> Unit | None:
+    """The unit of floating-point frames, None if none is given; raises `ConfigError` for another quantity."""
+    unit = known_unit(written) if written else None
+    if written and (unit is None or unit.unit != _KELVIN_UNIT):
+        raise ConfigError(f"--unit {written} is not a temperature", fix="--unit C, or K, F")
+    return unit
+
+
+def _tiff_stills(paths: Sequence[Path], unit: Unit | None) -> tuple[list[_Still], list[Note]]:
     """The pages that are frames, and notes on those that are not, and on turned ones."""
     pages = {path: _pages(path) for path in paths}
     stills = [
-        _Still(path, f"page {number} of {len(those)} of {path}" if those[1:] else str(path), _own(page), page)
+        _Still(
+            path,
+            f"page {number} of {len(those)} of {path}" if those[1:] else str(path),
+            _OF_FLOAT if unit else _own(page),
+            page,
+            unit,
+        )
         for path, those in pages.items()
         for number, page in enumerate(those, start=1)
         if page.is_frame
@@ -206,22 +270,34 @@ def _own(page: Page) -> Scale | None:
 
 
 def _refuse_other_numbers(still: _Still) -> None:
-    """All but one unsigned 16-bit number per pixel: OpenCV scales or converts some without a word."""
+    """All but one unsigned 16-bit number per pixel: OpenCV scales or converts some without a word.
+
+    With a unit, all but one 32-bit floating-point number.
+    """
     page = still.page
     if page is None:
         return
-    if math.prod(page.shape) > _MOST_PIXELS:
-        raise ConfigError(
-            f"{still.label} claims more than {_MOST_PIXELS // 10**6} million pixels", fix="export it again"
-        )
-    if (page.channels, page.bits) == (1, 16) and page.kind in (_UNSIGNED, _UNDEFINED):
+    _refuse_pixels(still.label, math.prod(page.shape))
+    is_counts = (page.channels, page.bits) == (1, 16) and page.kind in (_UNSIGNED, _UNDEFINED)
+    is_float = (page.channels, page.bits, page.kind) == (1, 32, _FLOAT)
+    fits = is_float if still.unit else is_counts
+    if fits:
         return
+    if is_counts:
+        raise ConfigError(f"{still.label} holds counts: --unit would have no effect", fix="omit --unit")
     one = f"{page.bits}-bit {_WORDS.get(page.kind, '')}numbers"
     found = one if page.channels == 1 else f"{page.channels} channels"
     raise ConfigError(
         f"{still.label} has {found}, not one unsigned 16-bit number per pixel",
-        fix=_FROM_FLOAT if (page.channels, page.kind) == (1, _FLOAT) else _NOT_COLOURED,
+        fix=_UNIT_OF_FLOAT if is_float else _NOT_COLOURED,
     )
+
+
+def _refuse_pixels(label: str, count: int) -> None:
+    if count > _MOST_PIXELS:
+        raise ConfigError(
+            f"{label} claims more than {_MOST_PIXELS // 10**6} million pixels", fix="export it again"
+        )
 
 
 def _common_scale(stills: Sequence[_Still], given: Scale | None, kind: str) -> Scale:
@@ -276,7 +352,9 @@ def _frames(stamped: Sequence[tuple[int, _Still]], info: StreamInfo) -> Iterator
                 f"{still.label} has {counts.shape} pixels, the first frame {info.shape}",
                 fix="import frames of different sizes from folders of their own",
             )
-        yield Frame(info.name, stamp, stamp, counts, empty, still.flags, device_seq=number)
+        ends = still.unit and (counts.min() == 0 or counts.max() == 0xFFFF)  # no data, or no temperature
+        flags = still.flags | (Quality.SATURATED if ends else Quality.GOOD)
+        yield Frame(info.name, stamp, stamp, counts, empty, flags, device_seq=number)
 
 
 # --- frames ``.irg`` of InfiRay's hand-held cameras and their brandings

@@ -12,11 +12,24 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fieldkit.drivers import registry
-from fieldkit.drivers.cameras import boson, flir_file, ht301, p2pro, purethermal, thermal_master, y16
+from fieldkit.drivers.cameras import (
+    boson,
+    flir_file,
+    ht301,
+    htpa,
+    mlx90640,
+    p2pro,
+    purethermal,
+    tc002c,
+    tcam,
+    thermal_master,
+    y16,
+)
 from fieldkit.drivers.cameras.boson import pack, unpack
 from fieldkit.drivers.cameras.camera import DecodedFrame
 from fieldkit.drivers.decoding import Rejected
 from fieldkit.drivers.meters import center, lutron, text
+from fieldkit.drivers.meters.board_sensors import SENSORS
 from fieldkit.drivers.meters.modbus import packaged
 from fieldkit.drivers.ports import Framer
 from fieldkit.drivers.registry import BUILT_IN
@@ -39,12 +52,18 @@ LARGEST = {
     "text": None,
 }
 OPTIONS = [(name, {}) for name in LARGEST] + [("modbus", {"map": name}) for name in packaged()]
+OPTIONS += [("text", {"sensor": name}) for name in SENSORS]
 FRAMES = {
     "purethermal": (purethermal.decode, tuple(purethermal.SHAPES)),
     "p2pro": (p2pro.decode, (p2pro.LENGTH,)),
     "boson": (boson.decode, (min(boson.SHAPES),)),
     "ht301": (ht301.decode, tuple(ht301.SHAPES)[1:3]),
     "thermal-master": (thermal_master.decode, (2 * 242 * 160, 2 * 242 * 160 + 24)),
+    "tc002c": (tc002c.decode, (tc002c.LENGTH,)),
+    "tcam": (tcam.decode, (51_980,)),
+    "htpa": (htpa.decode, (htpa.LENGTH,)),
+    "mlx90640": (mlx90640.decode, (mlx90640.LENGTH,)),
+    "genicam": (lambda data: y16.decode(data, 80, 60), (9600,)),
     "y16": (lambda data: y16.decode(data, 80, 60), (9600,)),
 }
 
@@ -58,7 +77,7 @@ def golden_of(name):
         one["text"].encode() if "text" in one else bytes.fromhex(one["hex"])
         for one in GOLDEN
         if one["driver"] == name
-    ] or [b"T1=21.5 C\n", b"ms,temp_c\n", b'{"class":"TPV","mode":3,"lat":1,"lon":2}\n']
+    ] or [b'{"class":"TPV","mode":3,"lat":1,"lon":2}\n']
 
 
 def check(name, options, data):

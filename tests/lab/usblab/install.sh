@@ -1,9 +1,10 @@
 #!/usr/bin/env bash
-# What the virtual USB lab needs from the distribution, and the packages named as arguments;
+# What the virtual USB lab and aravis' fake camera need from the distribution, and the packages named as arguments;
 # installs nothing where it is already there.
 set -euo pipefail
 
-packages=(qemu-system-x86 squashfs-tools liblzo2-2 libusb-1.0-0 libkmod2 libblkid1 libacl1 libcap2 libselinux1 "$@")
+packages=(qemu-system-x86 squashfs-tools liblzo2-2 libusb-1.0-0 libkmod2 libblkid1 libacl1 libcap2 libselinux1
+    aravis-tools gir1.2-aravis-0.8 libgirepository1.0-dev libcairo2-dev pkg-config gcc "$@")
 
 missing=()
 for package in "${packages[@]}"; do

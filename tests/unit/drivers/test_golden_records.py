@@ -34,7 +34,8 @@ def test_a_record_is_found_again_after_noise_and_its_beginning_is_waited_for(gol
     driver = registry.get(golden["driver"])
     assert isinstance(driver, Decodes)
     data = bytes_of(golden)
-    decoded = driver.decode(b"\xfe\xfd\xfc" + data + data[:5], golden.get("options", {}))
+    noise = b"\xfe\xfd\xfc" + b"\n" * (golden["driver"] == "text")  # only the end of a line parts lines
+    decoded = driver.decode(noise + data + data[:5], golden.get("options", {}))
     assert len(decoded.values) == len(golden["values"])
-    assert [(part.offset, part.length) for part in decoded.rejected] == [(0, 3)]
+    assert [(part.offset, part.length) for part in decoded.rejected] == [(0, len(noise))]
     assert decoded.rest == 5

@@ -12,14 +12,16 @@ from pathlib import Path
 
 import pytest
 
-from fieldkit.drivers.cameras import boson, ht301, p2pro, purethermal, thermal_master
+from fieldkit.drivers.cameras import boson, ht301, p2pro, purethermal, tc002c, thermal_master
 from fieldkit.drivers.discovery import RAW_ONLY, VENDOR_COMMANDS
 from fieldkit.drivers.meters import konica_minolta, pce_174, ut325
 
 RULES = (Path(__file__).parents[3] / "udev/70-fieldkit.rules").read_text()
 _WORD = re.compile(r'([A-Z_]+)(?:\{([\w./]+)\})?(==|!=|\+=|=)"((?:[^"]*))"')
 VIDEO = {
-    kind for module in (boson, ht301, p2pro, purethermal, thermal_master) for kind in module.WANTED.kinds
+    kind
+    for module in (boson, ht301, p2pro, purethermal, tc002c, thermal_master)
+    for kind in module.WANTED.kinds
 }
 USB = VIDEO | {
     *VENDOR_COMMANDS, *RAW_ONLY, *thermal_master.KINDS,

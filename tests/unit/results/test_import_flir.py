@@ -166,7 +166,7 @@ EXIF_OF_DJI = segment(0xE1, b"Exif\0\0MM\0*\0\0\0\x08" + b"DJI\0M3T\0")
 @pytest.mark.parametrize(
     ("segments", "words", "fix"),
     [
-        (EXIF_OF_DJI + segment(0xE3, bytes(40)), "of DJI, which fieldkit does not read", "DJI's Thermal SDK"),
+        (EXIF_OF_DJI + segment(0xE3, bytes(40)), "of DJI, whose temperatures", "Thermal Tools"),
         (segment(0xE2, b"\1\0\0\0IJPEG\0" + bytes(70)), "of InfiRay, which fieldkit", "16-bit TIFF"),
         (EXIF_OF_DJI, "without FLIR's thermal data", "16-bit TIFF"),  # of its ordinary camera
     ],

@@ -9,8 +9,13 @@ import subprocess
 import pytest
 
 from fieldkit.drivers.cameras import v4l2
+from fieldkit.drivers.cameras.ht301 import Ht301
+from fieldkit.drivers.cameras.p2pro import P2Pro
+from fieldkit.drivers.cameras.tc002c import Tc002c
 from fieldkit.drivers.cameras.v4l2 import V4l2Source
+from fieldkit.drivers.identity import UsbIdentity
 from fieldkit.model.clock import HostClock
+from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
 
 SLOT = 65536
@@ -299,3 +304,31 @@ def test_structures_are_those_of_this_kernels_headers(tmp_path):
         *(layout.fmt.offset, v4l2.Capability.device_caps.offset),
         *(v4l2.ZOOM_ABSOLUTE, v4l2.FLAG_ERROR),
     ]
+
+
+@pytest.mark.parametrize(
+    ("driver", "kind", "sizes", "named"),
+    [
+        # sizes of a HIKMICRO JS-MINI256-9 as its owner lists them; of a Topdon TC001 Plus:
+        # leswright1977/PyThermalCamera, issue 24
+        (Tc002c, (0x2BDF, 0x0102), [(256, 192), (256, 392), (256, 196)], "it has 256x192.*HIKMICRO module"),
+        (
+            P2Pro,
+            (0x0BDA, 0x5830),
+            [(640, 480)],
+            "it has 640x480: a webcam .*or a thermal camera that sends its image",
+        ),
+        (Ht301, (0x04B4, 0x0100), [(256, 196)], "T2S\\+ of the second version sends uncorrected data"),
+    ],
+)
+def test_a_camera_that_shares_an_identity_and_gives_no_temperatures_is_refused_by_name(
+    kernel, monkeypatch, driver, kind, sizes, named
+):
+    kernel.sizes = sizes
+    usb = UsbIdentity(*kind, path="1-2", title="USB Camera")
+    monkeypatch.setattr("fieldkit.drivers.cameras.source.cameras", lambda: [(str(kernel.path), usb)])
+    settings = DeviceSettings("ir", driver.name, identity=usb.as_text())
+    with pytest.raises(DeviceNotFoundError, match=named) as caught:
+        driver().open(settings, HostClock())
+    assert "fieldkit import" in caught.value.fix
+    assert not kernel.streaming

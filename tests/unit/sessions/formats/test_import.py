@@ -270,7 +270,7 @@ def test_frames_stay_as_the_sensor_has_them_whatever_their_orientation(
 @pytest.mark.parametrize(
     ("pixels", "more", "words", "fix"),
     [
-        (FIRST.astype(np.float32), {}, "32-bit floating-point numbers", "gdal_translate"),
+        (FIRST.astype(np.float32), {}, "32-bit floating-point numbers", "--unit C"),
         (FIRST.astype(np.int16), {}, "16-bit signed numbers", "unsigned 16-bit"),
         (FIRST.astype(np.uint8), {}, "8-bit numbers", "coloured"),
         (FIRST.astype(np.uint32), {}, "32-bit numbers", "unsigned 16-bit"),
@@ -289,6 +289,65 @@ def test_a_tiff_of_other_numbers_is_named_for_what_it_is(
     path = tiff_file(tmp_path, tiff_pages((FIRST, {}), (pixels, more)))
     with pytest.raises(ConfigError, match=f"page 2 of 2 of .*20260512.tif has {words}"):
         read_stills(path, Scale(0.01), **MOMENT)
+
+
+@pytest.mark.parametrize(("unit", "value"), [("C", 22.35), ("K", 295.5), ("F", 72.23)])
+def test_floating_point_temperatures_become_hundredths_of_kelvin(
+    tmp_path: Path, unit: str, value: float
+) -> None:
+    pixels = np.full((5, 7), value, np.float32)
+    path = tiff_file(tmp_path, tiff_pages((pixels, {})))
+    found = read_stills(path, None, unit=unit, **MOMENT)
+    (frame,) = found.samples
+    info = found.streams[0]
+    assert (info.unit, info.scale, info.offset) == ("K", 0.01, 0.0)
+    assert frame.counts.tolist() == np.full((5, 7), 29_550).tolist()
+    assert frame.quality == Quality.GOOD
+
+
+@pytest.mark.parametrize(("hole", "count"), [(np.nan, 0), (-9999.0, 0), (np.inf, 65_535), (400.0, 65_535)])
+def test_a_pixel_without_a_temperature_flags_its_frame(tmp_path: Path, hole: float, count: int) -> None:
+    pixels = np.full((5, 7), 22.35, np.float32)
+    pixels[1, 2] = hole
+    (frame,) = read_stills(tiff_file(tmp_path, tiff_pages((pixels, {}))), None, unit="C", **MOMENT).samples
+    assert frame.counts[1, 2] == count
+    assert frame.quality == Quality.SATURATED
+
+
+def test_an_option_for_other_numbers_is_refused(tmp_path: Path) -> None:
+    counts = tiff_file(tmp_path, tiff_pages((FIRST, {})))
+    with pytest.raises(ConfigError, match="holds counts: --unit would have no effect"):
+        read_stills(counts, None, unit="C", **MOMENT)
+    with pytest.raises(ConfigError, match="--unit lx is not a temperature"):
+        read_stills(counts, None, unit="lx", **MOMENT)
+    floats = tiff_file(tmp_path, tiff_pages((FIRST.astype(np.float32), {})))
+    with pytest.raises(ConfigError, match=r"states 0\.01 K per count"):
+        read_stills(floats, Scale(0.04), unit="C", **MOMENT)
+
+
+def png(folder: Path, pixels: np.ndarray) -> Path:
+    folder.mkdir(exist_ok=True)
+    cv2.imwrite(str(folder / "20260512.png"), pixels)
+    return folder
+
+
+def test_png_of_16_bits_needs_its_scale(tmp_path: Path) -> None:
+    folder = png(tmp_path / "f", FIRST)
+    (frame,) = read_stills(folder, Scale(0.01), **MOMENT).samples
+    assert np.array_equal(frame.counts, FIRST)
+    with pytest.raises(ConfigError, match="one count of these PNG frames means is not known"):
+        read_stills(folder, None, **MOMENT)
+    with pytest.raises(ConfigError, match="has not one 16-bit number per pixel"):
+        read_stills(png(folder, np.zeros((5, 7), np.uint8)), Scale(0.01), **MOMENT)
+    (folder / "20260512.png").write_bytes(b"\x89PNG")
+    with pytest.raises(ConfigError, match="cannot be read as a frame"):
+        read_stills(folder, Scale(0.01), **MOMENT)
+
+
+def test_pngs_beside_other_frames_are_only_to_look_at(tmp_path: Path) -> None:
+    folder = png(tiffs(tmp_path / "f", ["20260512.tif"]), np.zeros((5, 7), np.uint8))
+    (frame,) = read_stills(folder, Scale(0.01), **MOMENT).samples
+    assert int(frame.counts[0, 0]) == 6900
 
 
 def test_directories_in_a_circle_or_cut_off_are_named(tmp_path: Path) -> None:

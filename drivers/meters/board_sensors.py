@@ -1,0 +1,106 @@
+"""Lines that the example sketches of sensors' libraries print: the option `sensor` of the driver `text`.
+
+Most examples print a value per line, some without a unit: of each, one line has the value that is recorded,
+the others are known and skipped. Each sensor names the sketch it was read from, on GitHub. Where a sketch can
+be changed, those of `examples/firmware` print all values in one line, with units and the board's clock.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+_NUMBER = r"(-?\d+(?:\.\d+)?|nan|inf|ovf)"  # as Arduino's Print writes a float
+_NEVER = r"(?!)"
+
+
+class Sensor(NamedTuple):
+    """What one example prints: patterns of whole lines; the group of `value` is the value, in `unit`.
+
+    `failure` is a line in place of a value, `others` are lines without it; `options` are the driver's, unless
+    the configuration gives them.
+    """
+
+    channel: str
+    unit: str
+    value: str
+    options: Mapping[str, Any]
+    failure: str = _NEVER
+    others: str = _NEVER
+
+    def reading(self, line: str) -> str | None:
+        """The value of a line, ``nan`` for a failure, empty for one without; None for any other line."""
+        if found := re.fullmatch(self.value, line):
+            return found[1]
+        if re.fullmatch(self.failure, line):
+            return "nan"
+        return "" if re.fullmatch(self.others, line) else None
+
+
+SENSORS: Mapping[str, Sensor] = MappingProxyType(
+    {
+        # claws/BH1750 examples/BH1750test; src/BH1750.cpp: -1 no answer, -2 not configured, end 65535/1.2
+        "bh1750": Sensor(
+            channel="lux",
+            unit="lx",
+            value=f"Light: {_NUMBER} lx",
+            options={"baud": 9600, "no_value": (-1, -2), "range_max_lx": 54_612.0},
+        ),
+        # adafruit/Adafruit_TSL2591_Library examples/tsl2591; Adafruit_TSL2591.cpp: 0 overflow, end 88 klx
+        "tsl2591": Sensor(
+            channel="lux",
+            unit="lx",
+            value=r"\[ \d+ ms(?: -> \d+ ms)? \] (?:IR: \d+  Full: \d+  Visible: -?\d+  Lux: )?"
+            + _NUMBER
+            + "(?: lux)?",
+            failure=r"\[ \d+ ms \] Invalid data \(adjust gain or timing\)",
+            options={"baud": 9600, "no_value": (0,), "range_max_lx": 88_000.0},
+        ),
+        # adafruit/Adafruit_VEML7700 examples/veml7700_test, two versions
+        "veml7700": Sensor(
+            channel="lux",
+            unit="lx",
+            value=f"[Ll]ux: {_NUMBER}",
+            others=rf"(?:White|Raw ALS|raw white|raw ALS): {_NUMBER}|\*\* (?:Low|High) threshold",
+            options={"baud": 115_200},
+        ),
+        # adafruit/Adafruit-MAX31855-library examples/serialthermocouple
+        "max31855": Sensor(
+            channel="T1",
+            unit="°C",
+            value=f"C = {_NUMBER}",
+            failure=r"Thermocouple fault\(s\) detected!",
+            others=rf"Internal Temp = {_NUMBER}|F = {_NUMBER}|FAULT: Thermocouple is .*",
+            options={"baud": 9600},
+        ),
+        # adafruit/Adafruit_MCP9600 examples/mcp9600_test
+        "mcp9600": Sensor(
+            channel="T1",
+            unit="°C",
+            value=f"Hot Junction: {_NUMBER}",
+            others=rf"Cold Junction: {_NUMBER}|ADC: -?\d+ uV",
+            options={"baud": 115_200},
+        ),
+        # milesburton/Arduino-Temperature-Control-Library examples/Simple and /Single; -127 is
+        # DEVICE_DISCONNECTED_C, 85 the power-on value of the data sheet
+        "ds18b20": Sensor(
+            channel="T1",
+            unit="°C",
+            value=rf"(?:Temperature for the device 1 \(index 0\) is|Temp C): {_NUMBER}(?: Temp F: .*)?",
+            failure="Error: Could not read temperature data",
+            others=r"Requesting temperatures\.\.\.DONE",
+            options={"baud": 9600, "no_value": (-127, 85)},
+        ),
+        # adafruit/Adafruit_SHT4X examples/SHT4x_non-blocking and SHT4test
+        "sht4x": Sensor(
+            channel="air",
+            unit="°C",
+            value=f"Temperature: {_NUMBER} degrees C",
+            others=rf"Humidity: {_NUMBER}% rH|Read duration \(ms\): \d+",
+            options={"baud": 115_200},
+        ),
+    }
+)
+"""The sensors, by the value of the option."""
