@@ -93,6 +93,16 @@ class SlopeChain:
             explained = [replace(one, reason=LOST) for one in found.slopes]
         return replace(found, slopes=tuple(explained))
 
+    def at_once(self, history: History) -> Estimated:
+        """As `at` of a new chain with the learned model, in half the time, for plans.
+
+        Widths differ by a tenth from those of minutes taken one by one, which draw other hypotheses.
+        """
+        for group in self._groups:
+            group.take_at_once(history)
+        self._taken = len(history)
+        return self.at(history)
+
     def _learned(self, history: History) -> Estimated | None:
         """Slopes by what was learned; None without a reference or a target."""
         drawn = self.schedule.columns[: history.temperature_k.shape[1]]
@@ -191,6 +201,18 @@ class _Group:
             if not np.array_equal(shade(history, self._layout)[self._first : -1], self._shade):
                 learner.reshade(self._inputs(history, row))
             learner.add(self._input(history, row, learner.last))
+        self._read(history)
+
+    def take_at_once(self, history: History) -> None:
+        """Take a whole history in which all regions hold."""
+        history = history.only(self._places)
+        self._start(history, 0)
+        if self._learner is not None:
+            self._learner.learn_at_once(self._inputs(history, len(history)))
+        self._read(history)
+
+    def _read(self, history: History) -> None:
+        """Slopes and moments of what is learned by now."""
         if self._learner is not None:
             self._shade = shade(history, self._layout)[self._first :]
             self._found = [known_slope(self._learner, index) for index in range(self._targets.size)]
