@@ -78,7 +78,8 @@ def command(
 
     NAME.png shows azimuth as hue and tilt as saturation, shaded like a relief; NAME.nc (netCDF) has the
     arrays with state and likelihood region of every pixel. With --follow both are replaced as a whole, so an
-    image viewer or a browser may keep them open; the recording is not disturbed.
+    image viewer or a browser may keep them open; the recording is not disturbed. Of several sessions
+    slope-maps.html shows the maps beside each other, colours and pixels of one scale.
 
     \b
     Products, NaN where there is no slope; all but ptilt with their standard uncertainty:
@@ -110,7 +111,7 @@ def command(
         workers = batch.workers(kind, address, jobs)
         make_all = partial(map_sessions, window=window, settings=settings, present=present, workers=workers)
         write_all = partial(make_all, wanted=wanted, pose=camera, cell_m=cell_m, notify=common.say)
-        _map_many(_bases(paths, out), write_all)
+        _map_many(_bases(paths, out), write_all, out)
         return
     make = partial(slope_map, paths[0], window, settings=settings, present=present)
 
@@ -155,19 +156,31 @@ def _map(
         raise damage
 
 
-def _map_many(bases: Mapping[Path, Path], make: Callable[..., tuple[Maps, Failures]]) -> None:
+def _map_many(
+    bases: Mapping[Path, Path], make: Callable[..., tuple[Maps, Failures]], out: Path | None
+) -> None:
+    """Map each session, and all of them on one page."""
+    from fieldkit.results.maps_page import write_maps_page
+    from fieldkit.results.result_files import results_folder
+
     with batch.progress_bar("mapping") as on_progress:
         made, failures = make(bases, on_progress=on_progress)
     for note in dict.fromkeys(note for found, _ in made.values() for note in found.notes):
         common.say(note)
     for path, (_, files) in made.items():
         _say_earlier(bases[path], files)
+    page = None
+    if made:
+        folder = out or results_folder(next(iter(bases)))
+        page = write_maps_page([found for found, _ in made.values()], folder / "slope-maps.html")
     if common.options().json:
-        common.print_json({"sessions": [_document(path, *one) for path, one in made.items()]})
+        common.print_json({"sessions": [_document(path, *one) for path, one in made.items()], "page": page})
     else:
         for path, (found, files) in made.items():
             click.echo(path.stem)
             _print_map(found, files)
+        if page:
+            click.echo(f"all maps: {page}")
     batch.raise_failures(failures, bases)
 
 

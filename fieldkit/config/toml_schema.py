@@ -55,6 +55,10 @@ class CampaignTable(Table):
     description: str = Field(default="", description="notes for later readers")
     license: str = Field(default="", description="licence of the data, such as CC-BY-4.0")
     references: str = Field(default="", description="papers or pages to cite")
+    exact_place: bool = Field(
+        default=False, strict=True,
+        description="whether export --to ro-crate states the exact place; else to 0.1 degrees",
+    )  # fmt: skip
 
 
 class SiteTable(Table):

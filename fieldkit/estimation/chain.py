@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.estimation.bins import History, RegionColumns
+from fieldkit.estimation.learned.budget import BudgetTerm, slope_budget
 from fieldkit.estimation.learned.inputs import (
     BRIDGED_MINUTES,
     MinuteInputs,
@@ -31,7 +32,7 @@ from fieldkit.estimation.methods import kelvin_per_degree
 from fieldkit.estimation.region_temperatures import remove_offsets
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.slopes import slopes
-from fieldkit.model.confidence import interval_sds, percent
+from fieldkit.model.confidence import percent
 from fieldkit.model.learnt import Learnt
 from fieldkit.model.region_schedule import Regions, RegionSchedule
 from fieldkit.model.samples import Quality
@@ -43,6 +44,7 @@ from fieldkit.physics.facet import FloatArray, tilt_azimuth
 TOGETHER = 4
 """Targets that learn together with the references; more share no more, and the cost grows with the square."""
 KNOWN_BED_SD_DEG = 0.2
+ONE_KNOWN = "one region of known slope"
 AIR_LOGGED_SD_K = 0.5
 LONGWAVE_MEASURED_SD_W_M2 = 10.0
 DEPTH_MEASURED_SD = 0.1
@@ -92,6 +94,21 @@ class SlopeChain:
         if (history.flags & int(Quality.MOVED)).any() and not np.isfinite(history.temperature_k).any():
             explained = [replace(one, reason=LOST) for one in found.slopes]
         return replace(found, slopes=tuple(explained))
+
+    def at_once(self, history: History) -> Estimated:
+        """As `at` of a new chain with the learned model, in half the time, for plans and budgets.
+
+        Widths differ by a tenth from those of minutes taken one by one, which draw other hypotheses.
+        """
+        corrected = remove_offsets(history, self.schedule.columns, self._settings)
+        for group in self._groups:
+            group.take_at_once(corrected)
+        self._taken = len(history)
+        return self.at(history)
+
+    def budgets(self) -> dict[str, tuple[BudgetTerm, ...]]:
+        """The uncertainty budget of each target by the learned model, after the last minute."""
+        return {name: terms for group in self._groups for name, terms in group.budgets()}
 
     def _learned(self, history: History) -> Estimated | None:
         """Slopes by what was learned; None without a reference or a target."""
@@ -191,6 +208,21 @@ class _Group:
             if not np.array_equal(shade(history, self._layout)[self._first : -1], self._shade):
                 learner.reshade(self._inputs(history, row))
             learner.add(self._input(history, row, learner.last))
+        self._read(history)
+
+    def take_at_once(self, history: History) -> None:
+        """Take a whole history in which all regions hold, from its last long gap on."""
+        history = history.only(self._places)
+        gaps = np.flatnonzero(np.diff(history.minute) > BRIDGED_MINUTES)
+        for row in range(int(gaps[-1]) + 1 if gaps.size else 0, len(history)):
+            if self._learner is None:
+                self._start(history, row)
+        if self._learner is not None:
+            self._learner.learn_at_once(self._inputs(history, len(history)))
+        self._read(history)
+
+    def _read(self, history: History) -> None:
+        """Slopes and moments of what is learned by now."""
         if self._learner is not None:
             self._shade = shade(history, self._layout)[self._first :]
             self._found = [known_slope(self._learner, index) for index in range(self._targets.size)]
@@ -284,14 +316,15 @@ class _Group:
             reason = f"anything from {low:.1f}° up to the limit of {limit:g}° fits ({sure})"
             return replace(filled, state=SlopeState.UNCERTAIN, reason=reason)
         if is_too_wide(filled.tilt_deg, low, high):
-            reason = f"anything from {low:.1f}° to {high:.1f}° fits ({sure}); {self._advice(index)}"
+            advice = self._advice(index, 0.5 * (high - low))
+            reason = f"anything from {low:.1f}° to {high:.1f}° fits ({sure}); {advice}"
             return replace(filled, state=SlopeState.UNCERTAIN, reason=reason)
         if found.region.vertical:
             return replace(filled, state=SlopeState.FLAT, reason=f"flat within {high:.1f}°")
         return replace(filled, state=SlopeState.OK)
 
-    def _advice(self, index: int) -> str:
-        """The measurement that would narrow a tilt most."""
+    def _advice(self, index: int, half_deg: float) -> str:
+        """The measurement that would narrow a tilt most, known to `half_deg`."""
         found, name = self._moments, f"tilt{index}"
         sd = found.sd(name)
         offers = {
@@ -302,10 +335,15 @@ class _Group:
         for other in range(self._targets.size):
             if other != index:
                 known = found.sd_if_known(name, f"tilt{other}", KNOWN_BED_SD_DEG)
-                offers["one known bed"] = min(known, offers.get("one known bed", math.inf))
+                offers[ONE_KNOWN] = min(known, offers.get(ONE_KNOWN, math.inf))
         best = min(offers, key=lambda offer: offers[offer])
-        sds = interval_sds(self._settings.confidence)
-        return f"{best}: ±{sds * sd:.1f} → ±{sds * offers[best]:.1f}°"
+        return f"{best} would narrow ±{half_deg:.1f}° to ±{half_deg * offers[best] / sd:.1f}°"
+
+    def budgets(self) -> Iterator[tuple[str, tuple[BudgetTerm, ...]]]:
+        """Name and uncertainty budget of each target; none before the first minute."""
+        if self._learner is not None:
+            for index, column in enumerate(self._targets):
+                yield self._columns.regions[column].name, slope_budget(self._learner, self._moments, index)
 
     def learnt(self) -> Learnt | None:
         """Parameters and prediction errors by now; None before the first minute."""

@@ -14,8 +14,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldkit.estimation.normal import LOWEST_COS_INCIDENCE, cramer_rao, mirror, tangents
-from fieldkit.model.confidence import CONFIDENCE, misfit_drop
-from fieldkit.model.slope import is_too_wide
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.bodies import EARTH
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
@@ -58,7 +56,6 @@ class PlanSettings:
     azimuth_known: bool = False
     sky_emissivity: float = SKY_EMISSIVITY
     rising_deg: float = EARTH.rising_deg
-    confidence: float = CONFIDENCE
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,16 +94,6 @@ class DayPlan:
         """Bound (f,) of the tilt in the window of `rows[row]`, 1 sd, the azimuth known or not as set."""
         found = self.bounds[row]
         return found.known_azimuth_deg if self.settings.azimuth_known else found.tilt_deg
-
-    def half_region_deg(self, row: int) -> FloatArray:
-        """Half of the likelihood region of tilt (f,) in that window, by noise alone."""
-        drop = misfit_drop(self.settings.confidence, 1 if self.settings.azimuth_known else 2)
-        return np.asarray(np.sqrt(drop) * self.tilt_sd_deg(row))
-
-    def uncertain(self, row: int) -> NDArray[np.bool_]:
-        """Facets (f,) whose slope will have the state `UNCERTAIN` in that window, by noise alone."""
-        tilt, half = np.array([tilt for tilt, _ in self.facets]), self.half_region_deg(row)
-        return is_too_wide(tilt, np.maximum(tilt - half, 0.0), tilt + half)
 
     @property
     def best_row(self) -> int | None:
@@ -158,7 +145,7 @@ class DayPlan:
         return [(int(times[a]), int(times[b])) for a, b in zip(starts, ends, strict=True)]
 
     def verdict(self, row: int) -> str:
-        """Rating of the minute of `rows[row]`: good, fair, weak, uncertain or poor, with the reason."""
+        """Rating of the hour of `rows[row]` by sun and slope: usable, fair, weak or poor, with the reason."""
         minute = int(self.rows[row])
         elevation = self.elevation_deg[minute]
         if elevation < self.settings.low_sun_deg:
@@ -172,17 +159,11 @@ class DayPlan:
             what = "the sun is too low" if is_low else "the horizon hides the sun"
             return f"poor: {what} within {self.settings.window_min} min"
         weak = self.weak[:, minute]
-        uncertain = self.uncertain(row) & ~weak
-        reasons = [
-            f"{word} for {self._named(facets)}"
-            for word, facets in (("weak", weak), ("uncertain", uncertain))
-            if facets.any()
-        ]
-        if reasons:
-            return "; ".join(reasons)
+        if weak.any():
+            return f"weak for {self._named(weak)}"
         if elevation < LONG_SHADOWS_DEG:
             return "fair: low sun, long shadows"
-        return "good"
+        return "usable"
 
     def _named(self, chosen: NDArray[np.bool_]) -> str:
         if chosen.all() and chosen.size > 1:

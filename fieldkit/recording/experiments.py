@@ -1,32 +1,39 @@
-"""Prediction of experiments: planned sessions on a simulated field, estimated with the learned model.
+"""Prediction of a session: planned minutes of a simulated field, estimated with the learned model.
 
 The field is what the settings expect: their sand, surface and exchange, a clear sky by formula, gusts and the
-camera's noise of a fixed seed. The half-widths are those that a session like it would report at its end.
+camera's noise of a fixed seed. What is not measured is unknown to the model, as it would be. The half widths
+are those that a session like it would report by then, as planned and with each measure that narrows them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fieldkit.estimation.bins import History
-from fieldkit.estimation.chain import SlopeChain
+from fieldkit.estimation.chain import DEPTH_MEASURED_SD, LONGWAVE_MEASURED_SD_W_M2, SlopeChain
 from fieldkit.estimation.day_plan import label
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.confidence import percent
+from fieldkit.model.errors import FieldkitError
 from fieldkit.model.site import Region, RegionKind, Site
-from fieldkit.model.slope import SlopeEstimate, SlopeState
+from fieldkit.model.slope import SlopeEstimate, SlopeState, is_too_wide
 from fieldkit.model.units import MINUTE_NS
+from fieldkit.physics.facet import FloatArray
+from fieldkit.physics.irradiance import direct_normal, shares_on_plane
 from fieldkit.recording.field_history import field_history
+from fieldkit.results.executors import THIS_PROCESS, Workers, results
 from fieldkit.simulation.boards import Board, boards_in_turn
 from fieldkit.simulation.facets import Facet
 from fieldkit.simulation.gusts import Gusts, GustySky
 from fieldkit.simulation.scene_series import Exchange, SceneModel
 from fieldkit.simulation.sky import ClearSky
-from fieldkit.views import html
+from fieldkit.views import formatting, html
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -37,16 +44,24 @@ PER_WIND = 1.8
 """Exchange per m/s of wind on measured ground, W m-2 K-1: with the default gusts about the prior's median."""
 UNDISTURBED_MIN, BOARD_MIN, BETWEEN_BOARDS_MIN = 10, 5, 15
 AFTER_SUNSET_MIN = 60
+EVERY_MIN = 30
+"""Time between two predictions as the session goes on."""
 SEED = 1
 NO_OUTLINE = ((0.0, 0.0),)
+LEVEL: tuple[float, float] = (0.0, 0.0)
+AS_PLANNED = "as planned"
+AIR, DIFFUSE, LONGWAVE = "air", "diffuse", "longwave"
+OFFSET_SD_K = 0.05
+"""What a calibration of uniformity leaves of the offsets."""
 
 
 @dataclass(frozen=True, slots=True)
 class PlannedSession:
-    """A session that an experiment is compared with: where, which slopes, from when and how long.
+    """A session to predict: where, which slopes, from when and how long.
 
-    `sunset_ns` is the end of the last minute with sun, None where it does not set; `air_logged` whether an
-    air temperature will be recorded. [UTC ns], [min]
+    `facets` and `references` are tilt and azimuth of each region [degrees], `logged` what is measured beside
+    light and frames: any of ``air``, ``diffuse``, ``longwave``. `sunset_ns` is the end of the last minute
+    with sun, None where it does not set. [UTC ns], [min]
     """
 
     site: Site
@@ -56,14 +71,15 @@ class PlannedSession:
     sky: ClearSky
     settings: EstimatorSettings
     sunset_ns: int | None = None
-    air_logged: bool = False
+    logged: frozenset[str] = frozenset()
+    references: tuple[tuple[float, float], ...] = (LEVEL,)
 
 
 @dataclass(frozen=True, slots=True)
 class Experiment:
-    """Half of the likelihood region of each bed's tilt at the end of a session of `minutes`, by `name`.
+    """Half of the likelihood region of each target's tilt after `minutes` of a session, by `name`.
 
-    NaN for the bed that is known and for one of `not_resolved`, which two slopes fit. [degrees]
+    NaN for the target that is known and for one of `not_resolved`, which two slopes fit. [degrees]
     """
 
     name: str
@@ -75,7 +91,7 @@ class Experiment:
 
 @dataclass(frozen=True)
 class Experiments:
-    """Predictions for each experiment, the session as planned first; `to_frame` is the table."""
+    """Predictions: as planned by the half hour, then each measure at the end; `to_frame` is the table."""
 
     session: PlannedSession
     outcomes: tuple[Experiment, ...]
@@ -88,23 +104,77 @@ class Experiments:
             raise KeyError(f"no experiment {name!r}; there are {', '.join(found)}") from None
 
     @property
-    def document(self) -> list[dict[str, Any]]:
-        """The experiments as ``fieldkit plan --experiments --json`` prints them."""
-        return [asdict(one) for one in self.outcomes]
+    def document(self) -> dict[str, Any]:
+        """The session and its predictions as ``fieldkit plan --json`` prints them."""
+        session = self.session
+        return {
+            "session": {
+                "start": formatting.local_time(session.start_ns, session.site).isoformat(),
+                "minutes": session.minutes,
+                "confidence": session.settings.confidence,
+                "linke_turbidity": session.sky.linke_turbidity,
+                "logged": sorted(session.logged),
+            },
+            "experiments": [{**asdict(one), "verdict": self.verdict(one)} for one in self.outcomes],
+        }
 
     @property
     def table(self) -> html.Table:
-        """The experiments for people, a column for each bed."""
-        rows = [(one.name, f"{one.minutes} min", *_cells(one)) for one in self.outcomes]
-        sure = percent(self.session.settings.confidence)
-        caption = f"Half of the {sure} region of each tilt after the session, on a simulated clear day."
-        return html.Table(("session", "length", *map(label, self.session.facets)), rows, caption)
+        """The predictions for people, a column for each target."""
+        rows = [(one.name, f"{one.minutes} min", *_cells(one), self.verdict(one)) for one in self.outcomes]
+        columns = ("session", "after", *map(label, self.session.facets), "verdict")
+        return html.Table(columns, rows, self._caption)
+
+    @property
+    def _caption(self) -> str:
+        session = self.session
+        measured = [word for word in (AIR, DIFFUSE, LONGWAVE) if word in session.logged]
+        sure, turbidity = percent(session.settings.confidence), session.sky.linke_turbidity
+        return (
+            f"Half of the {sure} region of each tilt on a simulated clear day of Linke turbidity "
+            f"{turbidity:g}; measured beside frames and light: {', '.join(measured) or 'nothing'}."
+        )
+
+    @property
+    def summary(self) -> list[str]:
+        """The end of the session as planned, and the measure that narrows the widest region most."""
+        planned, site = self[AS_PLANNED], self.session.site
+        ends = (self.session.start_ns, self.session.start_ns + planned.minutes * MINUTE_NS)
+        between = "–".join(formatting.clock_time(end, site) for end in ends)
+        lines = [
+            f"after {planned.minutes} min ({between}) tilt {'  '.join(_cells(planned))} "
+            f"({percent(self.session.settings.confidence)}): {self.verdict(planned)}"
+        ]
+        others = [one for one in self.outcomes if one.name != AS_PLANNED]
+        if others:
+            best = min(others, key=_widest)
+            lines.append(f"narrowed most {best.name} ({best.minutes} min): {'  '.join(_cells(best))}")
+        return lines
+
+    @property
+    def course(self) -> tuple[NDArray[np.int64], FloatArray]:
+        """Times (m,) of the session as planned and half widths then (m, targets), UTC ns and degrees."""
+        planned = [one for one in self.outcomes if one.name == AS_PLANNED]
+        minutes = np.array([one.minutes for one in planned], np.int64)
+        return self.session.start_ns + minutes * MINUTE_NS, np.array([one.half_region_deg for one in planned])
+
+    def verdict(self, one: Experiment) -> str:
+        """``good``, or the targets that stay uncertain or that two slopes fit."""
+        tilts, halves = np.array([tilt for tilt, _ in self.session.facets]), np.array(one.half_region_deg)
+        two, known = np.array(one.not_resolved), np.array(one.known)
+        wide = is_too_wide(tilts, np.maximum(tilts - halves, 0.0), tilts + halves) & ~two & ~known
+        words = [
+            f"{word} for {', '.join(label(self.session.facets[target]) for target in np.flatnonzero(chosen))}"
+            for word, chosen in (("two slopes", two), ("uncertain", wide))
+            if chosen.any()
+        ]
+        return "; ".join(words) or "good"
 
     def _repr_html_(self) -> str:
         return html.table_html(self.table)
 
     def to_frame(self) -> pd.DataFrame:
-        """A row for each experiment and bed, as a pandas frame; needs ``fieldkit[lab]``."""
+        """A row for each prediction and target, as a pandas frame; needs ``fieldkit[lab]``."""
         import pandas as pd
 
         return pd.DataFrame(
@@ -130,85 +200,128 @@ def _cells(one: Experiment) -> list[str]:
     return ["known" if known else "two slopes fit" if two else f"±{half:.1f}°" for half, known, two in words]
 
 
-def experiments(session: PlannedSession) -> Iterator[Experiment]:
-    """Each experiment with a planned session, one after the other: a few seconds each.
+def _widest(one: Experiment) -> float:
+    """Widest half region; infinite where two slopes fit."""
+    return np.inf if any(one.not_resolved) else float(np.nanmax(one.half_region_deg))
 
-    Parameters
-    ----------
-    session
-        What is planned without any experiment.
 
-    Yields
-    ------
-    Experiment
-        The session as planned; a shade test of each bed; the steepest bed known; the air temperature logged,
-        or not logged where it is planned; the same session continued until sunset and for an hour more.
+@dataclass(frozen=True, slots=True)
+class Run:
+    """A session to simulate, with names for what is known after so many minutes.
+
+    `known` is the target that is a reference too, `shade_test` whether a board lies over each in turn.
     """
-    regions, beds = _regions(session.facets), range(len(session.facets))
-    history = _measured(session, _model(session), session.minutes)
-    yield _outcome("as planned", history, regions, session)
-    tested = _measured(session, _model(session, _boards(session)), session.minutes)
-    yield _outcome("with a shade test of each bed", tested, regions, session)
-    if len(beds) > 1:
-        steepest = max(beds, key=lambda bed: session.facets[bed][0])
-        name = f"with {label(session.facets[steepest])} known"
-        yield _outcome(name, history, _with_known(regions, steepest), session)
-    other = replace(session, air_logged=not session.air_logged)
-    name = "with air temperature logged" if other.air_logged else "without air temperature"
-    yield _outcome(name, _measured(other, _model(other), session.minutes), regions, other)
-    yield from _evening(session, regions)
+
+    session: PlannedSession
+    marks: tuple[tuple[str, int], ...]
+    shade_test: bool = False
+    known: int | None = None
 
 
-def _evening(session: PlannedSession, regions: tuple[Region, ...]) -> Iterator[Experiment]:
-    """The session continued until sunset, and for an hour more."""
-    if session.sunset_ns is None or session.sunset_ns < session.start_ns + session.minutes * MINUTE_NS:
-        return
-    until_sunset = (session.sunset_ns - session.start_ns) // MINUTE_NS
-    history = _measured(session, _model(session), until_sunset + AFTER_SUNSET_MIN)
+def as_planned(session: PlannedSession) -> Run:
+    """The session by the half hour, and at its end."""
+    halves = range(EVERY_MIN, session.minutes, EVERY_MIN)
+    return Run(session, tuple((AS_PLANNED, minutes) for minutes in (*halves, session.minutes)))
+
+
+def measures(session: PlannedSession) -> Iterator[Run]:
+    """The same session with each measure that could narrow its regions, and continued into the evening."""
+    end = session.minutes
+    for name, changed in _better_known(session):
+        yield Run(changed, ((f"with {name}", end),))
+    yield Run(session, (("with a shade test of each target", end),), shade_test=True)
+    if len(session.facets) > 1:
+        steepest = max(range(len(session.facets)), key=lambda target: session.facets[target][0])
+        yield Run(session, ((f"with {label(session.facets[steepest])} known", end),), known=steepest)
+    if session.sunset_ns is not None and session.sunset_ns >= session.start_ns + end * MINUTE_NS:
+        until = (session.sunset_ns - session.start_ns) // MINUTE_NS + AFTER_SUNSET_MIN
+        yield Run(session, (("until an hour after sunset", until),))
+
+
+def _better_known(session: PlannedSession) -> Iterator[tuple[str, PlannedSession]]:
+    """What instruments and calibrations would add to the knowledge of the settings."""
+    settings, prior, logged = session.settings, session.settings.prior, session.logged
+    if AIR not in logged:
+        yield "air temperature logged", replace(session, logged=logged | {AIR})
+    if DIFFUSE not in logged:
+        yield "diffuse irradiance measured", replace(session, logged=logged | {DIFFUSE})
+    if prior.longwave_sd_w_m2 > LONGWAVE_MEASURED_SD_W_M2:
+        measured = replace(settings, prior=replace(prior, longwave_sd_w_m2=LONGWAVE_MEASURED_SD_W_M2))
+        name = f"longwave measured, prior.longwave_sd_w_m2 = {LONGWAVE_MEASURED_SD_W_M2:g}"
+        yield name, replace(session, logged=logged | {LONGWAVE}, settings=measured)
+    if prior.depth_log_sd > DEPTH_MEASURED_SD:
+        measured = replace(settings, prior=replace(prior, depth_log_sd=DEPTH_MEASURED_SD, deep_share=0.0))
+        name = f"depth measured, prior.depth_log_sd = {DEPTH_MEASURED_SD:g}, prior.deep_share = 0"
+        yield name, replace(session, settings=measured)
+    if settings.offset_sd_k > OFFSET_SD_K:
+        name = f"offsets calibrated, estimator.offset_sd_k = {OFFSET_SD_K:g}"
+        yield name, replace(session, settings=replace(settings, offset_sd_k=OFFSET_SD_K))
+    if settings.emissivity_sd > 0.0:
+        name = "emissivity calibrated, surface.emissivity_sd = 0"
+        yield name, replace(session, settings=replace(settings, emissivity_sd=0.0))
+
+
+def predicted(
+    runs: Sequence[Run], workers: Workers = THIS_PROCESS, on_run: Callable[[], None] | None = None
+) -> tuple[Experiment, ...]:
+    """What each session would report at its marks, in the order of the runs.
+
+    Three hours of three targets take six seconds as planned, and three with each measure. `on_run` is called
+    as each run is finished.
+    Raises `FieldkitError` if worker processes are killed.
+    """
+    found: dict[int, tuple[Experiment, ...]] = {}
+    with workers.executor(len(runs)) as executor:
+        pieces = ((index, partial(_outcomes, run)) for index, run in enumerate(runs))
+        for index, outcomes in results(executor, pieces):
+            if isinstance(outcomes, FieldkitError):
+                raise outcomes
+            found[index] = outcomes
+            if on_run:
+                on_run()
+    return tuple(one for index in sorted(found) for one in found[index])
+
+
+def _outcomes(run: Run) -> tuple[Experiment, ...]:
+    """Half widths at the marks of a run."""
+    session, regions = run.session, _regions(run.session, run.known)
+    model = _model(session, _boards(session) if run.shade_test else ())
+    history = _measured(session, model, run.marks[-1][1])
     chain = SlopeChain(regions, session.settings)
-    for name, last in (("until sunset", until_sunset), ("until an hour after sunset", len(history))):
-        yield _named(name, regions, last, chain.at(history.until(last)).slopes)
+    # a single mark needs no minute before
+    slopes_at = chain.at if len(run.marks) > 1 else chain.at_once
+    targets = [region.name for region in regions[len(session.references) :]]
+    return tuple(_named(mark, targets, slopes_at(history.until(mark[1])).slopes) for mark in run.marks)
 
 
-def _outcome(name: str, history: History, regions: tuple[Region, ...], session: PlannedSession) -> Experiment:
-    slopes = SlopeChain(regions, session.settings).at(history).slopes
-    return _named(name, regions, len(history), slopes)
-
-
-def _named(
-    name: str, regions: tuple[Region, ...], minutes: int, slopes: Sequence[SlopeEstimate]
-) -> Experiment:
+def _named(mark: tuple[str, int], targets: Sequence[str], slopes: Sequence[SlopeEstimate]) -> Experiment:
     by_region: Mapping[str, SlopeEstimate] = {one.region: one for one in slopes}
-    found = [by_region.get(region.name) for region in regions[1:]]
+    found = [by_region.get(target) for target in targets]
     two = tuple(one is not None and one.state is SlopeState.NOT_RESOLVED for one in found)
     halves = tuple(
         float("nan") if one is None or twice else 0.5 * (one.tilt_high_deg - one.tilt_low_deg)
         for one, twice in zip(found, two, strict=True)
     )
-    return Experiment(name, minutes, halves, tuple(one is None for one in found), two)
+    return Experiment(*mark, halves, tuple(one is None for one in found), two)
 
 
-def _regions(facets: Sequence[tuple[float, float]]) -> tuple[Region, ...]:
-    """A level reference and the beds."""
-    beds = (
-        Region(f"bed {number}", RegionKind.TARGET, NO_OUTLINE, tilt, azimuth)
-        for number, (tilt, azimuth) in enumerate(facets, start=1)
-    )
-    return (Region("flat", RegionKind.REFERENCE, NO_OUTLINE, 0.0, 0.0), *beds)
-
-
-def _with_known(regions: tuple[Region, ...], bed: int) -> tuple[Region, ...]:
-    known = regions[1 + bed]
+def _regions(session: PlannedSession, known: int | None = None) -> tuple[Region, ...]:
+    """References and targets; the target that is known is a reference too."""
+    kinds = [RegionKind.REFERENCE] * len(session.references) + [RegionKind.TARGET] * len(session.facets)
+    if known is not None:
+        kinds[len(session.references) + known] = RegionKind.REFERENCE
+    facets = (*session.references, *session.facets)
     return tuple(
-        replace(region, kind=RegionKind.REFERENCE) if region is known else region for region in regions
+        Region(f"region {number}", kind, NO_OUTLINE, tilt, azimuth)
+        for number, (kind, (tilt, azimuth)) in enumerate(zip(kinds, facets, strict=True), start=1)
     )
 
 
 def _model(session: PlannedSession, boards: tuple[Board, ...] = ()) -> SceneModel:
     """The field that the settings expect."""
     settings = session.settings
-    beds = tuple(_bed(region, settings) for region in _regions(session.facets))
-    ground = replace(beds[0], albedo=settings.ground_albedo)
+    beds = tuple(_bed(region, settings) for region in _regions(session))
+    ground = replace(beds[0], tilt_deg=0.0, albedo=settings.ground_albedo)
     exchange = Exchange(settings.prior.exchange_w_m2_k - PER_WIND * session.sky.wind_m_s, PER_WIND)
     sky = GustySky(session.sky, Gusts(SEED))
     circumsolar = settings.prior.circumsolar_share
@@ -238,17 +351,32 @@ def _boards(session: PlannedSession) -> tuple[Board, ...]:
     beds = len(session.facets)
     between = min(BETWEEN_BOARDS_MIN, max((session.minutes - UNDISTURBED_MIN) // beds, 2))
     lasts = min(BOARD_MIN, between // 2)
-    names = [region.name for region in _regions(session.facets)[1:]]
+    names = [region.name for region in _regions(session)[len(session.references) :]]
     return boards_in_turn(names, LEAD_MIN + UNDISTURBED_MIN, between, lasts)
 
 
 def _measured(session: PlannedSession, model: SceneModel, minutes: int) -> History:
-    """The session's minutes with the camera's noise, and air temperature where it is logged."""
+    """The session's minutes with the camera's noise, as far as instruments measure them."""
     begin_ns = session.start_ns - LEAD_MIN * MINUTE_NS
     history = field_history(model, begin_ns, LEAD_MIN + minutes).since(LEAD_MIN)
     noise_k = np.random.default_rng(SEED).standard_normal(history.temperature_k.shape)
+    unknown, logged = np.full(len(history), np.nan), session.logged
+    diffuse = history.dhi_w_m2 if DIFFUSE in logged else unknown
     return replace(
         history,
         temperature_k=history.temperature_k + session.settings.noise_k * noise_k,
-        air_k=history.air_k if session.air_logged else np.full(len(history), np.nan),
+        dni_w_m2=_derived(history, diffuse, session.settings),
+        dhi_w_m2=diffuse,
+        longwave_down_w_m2=history.longwave_down_w_m2 if LONGWAVE in logged else unknown,
+        air_k=history.air_k if AIR in logged else unknown,
     )
+
+
+def _derived(history: History, diffuse: FloatArray, settings: EstimatorSettings) -> FloatArray:
+    """Direct irradiance as it follows from a light meter mounted as configured."""
+    if settings.irradiance.is_direct:
+        return history.dni_w_m2
+    model = replace(settings.irradiance, kind="pyranometer")
+    per_beam, per_sky = shares_on_plane(model, history.sun)
+    reading = history.dni_w_m2 * per_beam + history.dhi_w_m2 * per_sky
+    return direct_normal(model, reading, history.sun, history.time_ns, diffuse)

@@ -1,10 +1,10 @@
-"""Plan a measuring day: sun, kelvin per degree and the best possible accuracy, before a measurement."""
+"""Plan a measuring day: what a session will determine, when, and what would narrow it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from datetime import UTC, date, datetime, timedelta
+from datetime import UTC, date, datetime, time, timedelta
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +18,7 @@ from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.air import is_air_temperature
 from fieldkit.model.clock import utc_ns
 from fieldkit.model.errors import ConfigError, NoAnswerError, StorageError
+from fieldkit.model.radiation import named
 from fieldkit.model.site import RegionKind, Site, as_site
 from fieldkit.model.units import CELSIUS_ZERO_K, DAY_S, HOUR_NS, MINUTE_NS, SECOND_NS
 from fieldkit.physics.bodies import EARTH, body_of
@@ -26,7 +27,18 @@ from fieldkit.physics.daylight import clear_day
 from fieldkit.physics.facet import FloatArray, tilt_azimuth
 from fieldkit.physics.horizon import MINUTE_EDGE_DEG, sunlit_share
 from fieldkit.physics.sun import solar_time_h, sun_vectors
-from fieldkit.recording.experiments import Experiment, Experiments, PlannedSession, experiments
+from fieldkit.recording.experiments import (
+    AIR,
+    DIFFUSE,
+    LEVEL,
+    LONGWAVE,
+    Experiments,
+    PlannedSession,
+    as_planned,
+    measures,
+    predicted,
+)
+from fieldkit.results.executors import THIS_PROCESS, Workers
 from fieldkit.simulation.sky import ClearSky
 from fieldkit.views import formatting, html, plan_page, plots
 
@@ -40,8 +52,9 @@ class PlanOptions:
     """Assumptions of a plan: a constant `dni_w_m2`, or a clear sky of Linke `turbidity`.
 
     Elsewhere than on the Earth light and air are those of the body's clear season instead.
-    `noise_k` is that of a region's minute mean, `window_min` the length of an estimate's window,
-    `air_c` the air temperature expected, `step_min` the time between rows.
+    `noise_k` is that of a region's minute mean, by default the estimator's; `window_min` the length of the
+    windows for which noise alone is stated, `air_c` the air temperature expected, `step_min` the time between
+    rows.
 
     Examples
     --------
@@ -54,7 +67,7 @@ class PlanOptions:
 
     dni_w_m2: float = 800.0
     turbidity: float | None = None
-    noise_k: float = 0.1
+    noise_k: float | None = None
     window_min: int = 20
     air_c: float = 15.0
     step_min: int = 30
@@ -68,6 +81,7 @@ class PlanOptions:
 
 
 DEFAULTS = PlanOptions()
+SESSION_MIN = 180
 
 
 @dataclass(frozen=True)
@@ -153,70 +167,104 @@ class MeasuringPlan:
             ]
         )
 
-    def experiments(
+    def session(
         self,
-        minutes: int = 60,
+        minutes: int = SESSION_MIN,
         *,
-        air_logged: bool = False,
-        on_experiment: Callable[[Experiment], None] | None = None,
-    ) -> Experiments:
-        """Predict what a shade test, the hour after sunset, a known bed or a thermometer would bring.
-
-        Simulates the session around the best window, and estimates it with the learned model: about half a
-        minute for three beds.
+        at: time | None = None,
+        logged: Iterable[str] = (),
+        references: Sequence[tuple[float, float]] = (LEVEL,),
+    ) -> PlannedSession:
+        """A session of that day, for `experiments`.
 
         Parameters
         ----------
         minutes
-            Length of the session. [min]
-        air_logged
-            Whether an air temperature will be recorded.
-        on_experiment
-            Receives each experiment when it is there.
+            Length. [min]
+        at
+            Start on the site's clocks; by default the middle is that of the best window.
+        logged
+            What is measured beside light and frames: any of ``"air"``, ``"diffuse"``, ``"longwave"``.
+        references
+            Tilt and azimuth of each reference; by default one is level. [degrees]
 
         Raises
         ------
         NoAnswerError
-            If the day has no usable window.
+            If no start is given, and the day has no usable window.
         """
-        session = self._session(minutes, air_logged)
-        found = []
-        for one in experiments(session):
-            found.append(one)
-            if on_experiment:
-                on_experiment(one)
-        return Experiments(session, tuple(found))
+        options = self.options
+        sky = ClearSky(air_temperature_k=options.air_c + CELSIUS_ZERO_K)
+        return PlannedSession(
+            site=self.site,
+            facets=self.day_plan.facets,
+            start_ns=self._start_ns(minutes, at),
+            minutes=minutes,
+            sky=replace(sky, linke_turbidity=options.turbidity) if options.turbidity else sky,
+            settings=replace(self.estimator, model="learned", noise_k=self.day_plan.settings.noise_k),
+            sunset_ns=_sunset_ns(self.day_plan),
+            logged=frozenset(logged),
+            references=tuple(references),
+        )
 
-    def _session(self, minutes: int, air_logged: bool) -> PlannedSession:
-        """The session of that length around the middle of the best window."""
+    def _start_ns(self, minutes: int, at: time | None) -> int:
         found, options = self.day_plan, self.options
+        if at is not None:
+            return utc_ns(datetime.combine(self.day, at, formatting.zone(self.site)))
         if found.best_row is None:
             raise NoAnswerError(
                 f"no window of {options.window_min} min on {self.day} is usable",
                 fix="choose another day, or a shorter window",
             )
         first = int(found.time_ns[found.rows[found.best_row]])
-        sky = ClearSky(air_temperature_k=options.air_c + CELSIUS_ZERO_K)
-        return PlannedSession(
-            site=self.site,
-            facets=found.facets,
-            start_ns=first + (options.window_min - minutes) // 2 * MINUTE_NS,
-            minutes=minutes,
-            sky=replace(sky, linke_turbidity=options.turbidity) if options.turbidity else sky,
-            settings=replace(self.estimator, model="learned", noise_k=options.noise_k),
-            sunset_ns=_sunset_ns(found),
-            air_logged=air_logged,
-        )
+        return first + (options.window_min - minutes) // 2 * MINUTE_NS
+
+    def experiments(
+        self,
+        session: PlannedSession | None = None,
+        *,
+        with_measures: bool = True,
+        workers: Workers = THIS_PROCESS,
+        on_run: Callable[[int, int], None] | None = None,
+    ) -> Experiments:
+        """Half widths by the half hour of a session, and at its end with each measure that narrows them.
+
+        Simulates the session and estimates it with the learned model; on one core six seconds for three hours
+        of three targets, and as much for each measure.
+
+        Parameters
+        ----------
+        session
+            From `session`; by default three hours around the best window.
+        with_measures
+            Whether instruments, calibrations, a shade test, a known target and the evening are tried.
+        workers
+            Processes that share the work.
+        on_run
+            Receives how many simulations are finished, and of how many.
+
+        Raises
+        ------
+        NoAnswerError
+            If no session is given, and the day has no usable window.
+        """
+        session = session or self.session()
+        runs = [as_planned(session), *(measures(session) if with_measures else ())]
+        finished = iter(range(1, len(runs) + 1))
+        found = predicted(runs, workers, lambda: on_run(next(finished), len(runs)) if on_run else None)
+        return Experiments(session, found)
 
     def write(self, path: str | Path, experiments: Experiments | None = None) -> Path:
-        """Write the plan as a page to print, with the experiments if given; raises `StorageError`."""
+        """Write the plan as a page to print, led by the session if predicted; raises `StorageError`."""
         path = Path(path)
         content = plan_page.page(
             self.day_plan,
             self.site,
             f"Plan for {self.day}",
             self.irradiance,
-            experiments.table if experiments else None,
+            plan_page.Session(experiments.summary, experiments.table, experiments.course)
+            if experiments
+            else None,
         )
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -232,20 +280,20 @@ PAPER_TILTS_DEG = (5.0, 15.0, 25.0)
 
 def plan(
     site: Site | Sequence[float],
-    day: date | str,
+    day: date | str | None = None,
     facets: Sequence[tuple[float, float]] | None = None,
     options: PlanOptions = DEFAULTS,
     *,
     estimator: EstimatorSettings | None = None,
 ) -> MeasuringPlan:
-    """Plan a measuring day: sun, sensitivity and the Cramér-Rao bound of tilt, by sun and noise alone.
+    """Plan a measuring day: sun and kelvin per degree over the hours; `experiments` predicts a session.
 
     Parameters
     ----------
     site
         Where, or its latitude, longitude and elevation [degrees, m]; its zone sets the day and is shown.
     day
-        Which local day, such as ``"2026-12-11"``.
+        Which local day, such as ``"2026-12-11"``; by default the next one.
     facets
         Tilt from horizontal and azimuth from north of each region [degrees]; by default the paper's
         slopes of 5, 15 and 25 degrees, facing the equator.
@@ -258,7 +306,7 @@ def plan(
     Returns
     -------
     MeasuringPlan
-        With `to_frame` and `write`.
+        With `experiments`, `to_frame` and `write`.
 
     Raises
     ------
@@ -275,18 +323,19 @@ def plan(
     >>> day.to_frame()[["sun_zenith_deg", "kelvin_per_degree"]].loc[10].round(2).tolist()
     [60.93, 0.33]
     """
-    site, day = as_site(site), _day(day)
+    site = as_site(site)
+    day = _day(day, site)
     if facets is None:
         equator = 180.0 if site.latitude_deg >= 0.0 else 0.0
         facets = [(tilt, equator) for tilt in PAPER_TILTS_DEG]
     time_ns = np.arange(*_ends_ns(site, day), MINUTE_NS, dtype=np.int64)
-    settings = _settings(site, options)
+    noise_k = options.noise_k or (estimator or EstimatorSettings()).noise_k
+    settings = replace(_settings(site, options), noise_k=noise_k)
     if estimator is not None:
         settings = replace(
             settings,
             surface=estimator.surface,
             azimuth_known=estimator.azimuth == "known",
-            confidence=estimator.confidence,
         )
     sun = sun_vectors(time_ns, site)
     light = _dni(sun, time_ns, site, options)
@@ -298,7 +347,9 @@ def plan(
     return MeasuringPlan(site, day, options, found, estimator or EstimatorSettings())
 
 
-def _day(day: date | str) -> date:
+def _day(day: date | str | None, site: Site) -> date:
+    if day is None:
+        return datetime.now(formatting.zone(site)).date() + timedelta(days=1)
     try:
         return date.fromisoformat(day) if isinstance(day, str) else day
     except ValueError as error:
@@ -319,10 +370,19 @@ def target_facets(config: Config) -> tuple[tuple[float, float], ...]:
     return known
 
 
-def logs_air(config: Config) -> bool:
-    """True if an instrument of a campaign has a channel that is labelled as air temperature."""
-    labels = (label for device in config.devices for label in device.options.get("labels", ()))
-    return any(is_air_temperature(str(label)) for label in labels)
+def reference_facets(config: Config) -> tuple[tuple[float, float], ...]:
+    """Tilt and azimuth of a campaign's references, level if it has none."""
+    references = [one for one in config.regions if one.kind is RegionKind.REFERENCE]
+    return tuple((one.tilt_deg, one.azimuth_deg) for one in references) or (LEVEL,)
+
+
+def logged_by(config: Config) -> frozenset[str]:
+    """What the instruments of a campaign measure beside light and frames, by their labels and the keys."""
+    labels = [str(label) for device in config.devices for label in device.options.get("labels", ())]
+    components = {*named(labels), *config.tables.irradiance.measures.values()}
+    found = {AIR: any(map(is_air_temperature, labels))}
+    found |= {DIFFUSE: "dhi" in components, LONGWAVE: "longwave_down" in components}
+    return frozenset(word for word, is_logged in found.items() if is_logged)
 
 
 def _sunset_ns(plan: DayPlan) -> int | None:
@@ -359,7 +419,7 @@ def _dni(sun: FloatArray, time_ns: NDArray[np.int64], site: Site, options: PlanO
 def _settings(site: Site, options: PlanOptions) -> PlanSettings:
     """The air expected and the paper's surface on the Earth; elsewhere air, sky and ground of the body."""
     body, air_k = body_of(site), options.air_c + CELSIUS_ZERO_K
-    settings = PlanSettings(noise_k=options.noise_k, window_min=options.window_min, air_k=air_k)
+    settings = PlanSettings(window_min=options.window_min, air_k=air_k)
     if body is EARTH:
         return settings
     air_k = body.air_temperature_k
@@ -385,7 +445,6 @@ def _row(plan: DayPlan, index: int, site: Site) -> dict[str, Any]:
                 "w_m2_per_degree": plan.sensitivity.irradiance_w_m2[place, minute],
                 "kelvin_per_degree": plan.sensitivity.temperature_k[place, minute],
                 "weak": bool(plan.weak[place, minute]),
-                "uncertain": bool(plan.uncertain(index)[place]),
                 **{f"bound_{name}": getattr(found, name)[place] for name in found.__slots__},
             }
             for place, (tilt, turn) in enumerate(plan.facets)

@@ -12,6 +12,7 @@ import numpy as np
 from fieldkit.model.errors import ConfigError, FieldkitError, IntegrityError
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import RegionKind
+from fieldkit.results.budgets import budget_columns, budgets_of
 from fieldkit.results.executors import THIS_PROCESS, Workers
 from fieldkit.results.minutes import Failure, Outcome, Run, estimate_runs, run_of
 from fieldkit.results.provenance import provenance
@@ -128,6 +129,12 @@ class EstimatedSessions:
         found = {name: estimates.learnt for name, estimates in self.estimates.items()}
         return _below({name: learnt.columns() for name, learnt in found.items() if len(learnt)})
 
+    def budget_columns(self) -> dict[str, list[Any]]:
+        """The same of the uncertainty budgets of the final slopes; empty with other models."""
+        names = session_names(self.sources)
+        found = {names[one.path]: budgets_of(run_of(one, self.settings)) for one in self.sources}
+        return _below({name: budget_columns(budgets) for name, budgets in found.items() if budgets})
+
     def to_frame(self) -> pd.DataFrame:
         """The table as a pandas frame; needs ``fieldkit[lab]``."""
         import pandas as pd
@@ -137,7 +144,8 @@ class EstimatedSessions:
     def write(self, base: Path) -> list[Path]:
         """Write ``BASE.csv``, ``BASE.parquet`` and their provenance ``BASE.json``; raises `StorageError`.
 
-        What the data taught, if anything, is in ``BASE-learnt.csv``.
+        What the data taught, if anything, is in ``BASE-learnt.csv``, the uncertainty budgets of the slopes
+        in ``BASE-budget.csv``.
         """
         about = {
             **provenance(self.sources, self.failures),
@@ -145,8 +153,8 @@ class EstimatedSessions:
             "campaign": self.present,
             "without_marks": list(self.without_marks),
         }
-        learnt = self.learnt_columns()
-        return write_results(base, self.columns(), about, {"learnt": learnt} if learnt else {})
+        beside = {"learnt": self.learnt_columns(), "budget": self.budget_columns()}
+        return write_results(base, self.columns(), about, {name: one for name, one in beside.items() if one})
 
 
 def _below(tables: Mapping[str, Mapping[str, list[Any]]]) -> dict[str, list[Any]]:

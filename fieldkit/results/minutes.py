@@ -280,22 +280,22 @@ class SessionMinutes:
         source = Source(session.path, checksum, session.session_id, config, self.schedule)
         is_part = 0 < len(streams) < len(session.streams)
         names = tuple(one.name for one in streams) if is_part else ()
-        self._run = Run(source, config.site, config.estimator_settings(), streams=names)
+        self.run: Run = Run(source, config.site, config.estimator_settings(), streams=names)
 
     @property
     def site(self) -> Site:
         """Site that the estimates assume."""
-        return self._run.site
+        return self.run.site
 
     @property
     def settings(self) -> EstimatorSettings:
         """Settings of the estimator."""
-        return self._run.settings
+        return self.run.settings
 
     @cached_property
     def measured(self) -> Measured:
         """The minutes without slopes."""
-        return measured_in(self._run, self._session)
+        return measured_in(self.run, self._session)
 
     @property
     def regions(self) -> tuple[Region, ...]:
@@ -314,7 +314,7 @@ class SessionMinutes:
 
     def estimates(self, model: Model | None = None) -> Estimates:
         """The slopes by a model, that of the settings unless given."""
-        run = replace(self._run, settings=replace(self.settings, model=model or self.settings.model))
+        run = replace(self.run, settings=replace(self.settings, model=model or self.settings.model))
         if (known := _known_slopes(run)) is not None:
             return known
         return _keep_slopes(run, solve(self.measured.history, self.schedule, run.settings))
@@ -324,10 +324,10 @@ class SessionMinutes:
         minutes, history = estimator.minutes, estimator.history
         measured = tuple(replace(one, estimates=(), learnt=None) for one in minutes)
         words = estimator.irradiance_model
-        _keep_minutes(self._run, Measured(measured, history, {}, words, is_recordings=True))
+        _keep_minutes(self.run, Measured(measured, history, {}, words, is_recordings=True))
         learnt = {one.time_ns: one.learnt for one in minutes if one.learnt is not None}
         slopes = [one.estimates for one in minutes]
-        _keep_slopes(self._run, _as_estimates(history, estimator.schedule, slopes, learnt))
+        _keep_slopes(self.run, _as_estimates(history, estimator.schedule, slopes, learnt))
 
     def minutes(self, model: Model | None = None) -> list[Minute]:
         """All minutes with slopes by a model, that of the settings unless given."""

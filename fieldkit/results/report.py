@@ -14,6 +14,7 @@ from markupsafe import Markup
 
 from fieldkit.model.errors import ConfigError, FieldkitError, StorageError
 from fieldkit.model.samples import is_usable
+from fieldkit.results.budgets import budgets_of
 from fieldkit.results.day_picture import picture_of
 from fieldkit.results.minutes import SessionMinutes
 from fieldkit.results.provenance import command_line
@@ -175,6 +176,7 @@ def _report_session(
                 command_line=command_line(),
                 config_toml=config.to_toml(),
                 is_recordings=known.measured.is_recordings,
+                budgets=budgets_of(known.run, session),
             )
     return out
 

@@ -177,7 +177,7 @@ class MappedSession:
         return f"<MappedSession {self.path.stem}: {self.minutes} min, {shares}>"
 
     def _repr_png_(self) -> bytes:
-        return _image(self)
+        return map_png(self)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Plot the tilt of every pixel with the regions' outlines."""
@@ -285,7 +285,7 @@ class MappedSession:
             base.parent.mkdir(parents=True, exist_ok=True)
             # as a whole: a viewer may have the previous one open
             with replacing(files[0], synced=False) as image, replacing(files[1], synced=False) as arrays:
-                image.write_bytes(_image(self))
+                image.write_bytes(map_png(self))
                 with open_session(self.path) as session:
                     attributes = _provenance(self, session)
                 write_map(
@@ -663,9 +663,12 @@ def _shares(states: NDArray[np.uint8]) -> dict[str, float]:
     return {name: share for name, share in shares.items() if share}
 
 
-def _image(found: MappedSession) -> bytes:
-    caption = _caption(found)
-    return slope_map_image.png(found.slopes, found.bounds, found.regions, found.path.stem, caption)
+def map_png(found: MappedSession, width: int = 960, full_deg: float = 0.0) -> bytes:
+    """A map as a PNG file close to `width` pixels wide; `full_deg` in full colour, by default its own."""
+    about = found.path.stem, _caption(found)
+    return slope_map_image.png(
+        found.slopes, found.bounds, found.regions, *about, width=width, full_deg=full_deg
+    )
 
 
 def _layer_image(found: MappedSession, layer: Layer) -> bytes:

@@ -67,6 +67,11 @@ def tilt(estimate: SlopeEstimate) -> str:
     return plus_minus(estimate.tilt_deg, estimate.tilt_low_deg, estimate.tilt_high_deg)
 
 
+def half_region(estimate: SlopeEstimate) -> float:
+    """The larger half of the likelihood region of the tilt, degrees."""
+    return max(estimate.tilt_high_deg - estimate.tilt_deg, estimate.tilt_deg - estimate.tilt_low_deg)
+
+
 def slope_number(estimate: SlopeEstimate, key: str) -> str:
     """One of the `SLOPE_FIELDS`, with its decimals."""
     return number(getattr(estimate, key), SLOPE_FIELDS[key].digits)

@@ -1,26 +1,40 @@
 """The plan of a measuring day in words, as rows, and as a page to print.
 
-Everything comes from a `DayPlan`; times are shown in the site's zone. The page is one
-self-contained HTML file; its charts need matplotlib, without it the tables stand alone.
+The day comes from a `DayPlan`, what a session will determine from its prediction (`Session`); times are
+shown in the site's zone. The page is one self-contained HTML file; its charts need matplotlib, without it the
+tables stand alone.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fieldkit.estimation.day_plan import WEAK_K_PER_DEG, DayPlan, label
-from fieldkit.model.confidence import percent
 from fieldkit.model.site import Site
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.views import formatting, plotting
-from fieldkit.views.html import Figure, Table, render, strong
+from fieldkit.views.html import Figure, Table, render
 
-FREE, KNOWN = "tilt ±°", "tilt ±°, azimuth known"
-COLUMNS = ("at", "sun", "azimuth", "W/m² per °", "K per °", FREE, KNOWN, "verdict")
+COLUMNS = ("at", "sun", "azimuth", "W/m² per °", "K per °", "hour")
+NOTHING = "nothing can be measured on this day"
 MEANINGLESS_SD_DEG = 45.0
 """Above this standard deviation of tilt the linear bound has no meaning: the window determines nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Session:
+    """A predicted session: its end in words, its table, and its course.
+
+    `course` are times (m,) and half of the likelihood region of each tilt then (m, f). [UTC ns], [degrees]
+    """
+
+    summary: Sequence[str]
+    table: Table
+    course: tuple[NDArray[np.int64], NDArray[np.float64]]
 
 
 def heading(plan: DayPlan, site: Site, light: str) -> str:
@@ -49,7 +63,6 @@ def rows(plan: DayPlan, site: Site) -> list[Sequence[str]]:
     table: list[Sequence[str]] = []
     bearing = np.degrees(np.arctan2(plan.sun[:, 0], plan.sun[:, 1])) % 360.0
     for index, minute in enumerate(plan.rows):
-        found = plan.bounds[index]
         table.append(
             (
                 formatting.clock_time(int(plan.time_ns[minute]), site),
@@ -57,8 +70,6 @@ def rows(plan: DayPlan, site: Site) -> list[Sequence[str]]:
                 f"{bearing[minute]:.0f}°",
                 _beside(plan.sensitivity.irradiance_w_m2[:, minute], 1),
                 _beside(plan.sensitivity.temperature_k[:, minute], 2),
-                _deviations(found.tilt_deg),
-                _deviations(found.known_azimuth_deg),
                 plan.verdict(index),
             )
         )
@@ -85,28 +96,11 @@ def warnings(plan: DayPlan, site: Site) -> list[str]:
         intervals = plan.intervals(plan.weak[index])
         if intervals:
             found.append(
-                f"the {label(facet)} bed is weak {_when(plan, intervals, site)}: below "
+                f"the {label(facet)} region is weak {_when(plan, intervals, site)}: below "
                 f"{WEAK_K_PER_DEG:.3f} K per °, 0.1 K between regions is more than 3° of tilt"
             )
         found.extend(_twin(plan, index, facet))
-    return found + _uncertain(plan)
-
-
-def _uncertain(plan: DayPlan) -> list[str]:
-    """A warning with the beds that stay uncertain in the best window, and what narrows their regions."""
-    row = plan.best_row
-    if row is None or not plan.uncertain(row).any():
-        return []
-    halves = plan.half_region_deg(row)
-    beds = ", ".join(
-        f"±{halves[bed]:.1f}° at {label(plan.facets[bed])}" for bed in np.flatnonzero(plan.uncertain(row))
-    )
-    sure = percent(plan.settings.confidence)
-    remedy = "a longer --window" if plan.settings.azimuth_known else "a longer --window, or a given azimuth,"
-    return [
-        f"even the best {plan.settings.window_min} min leave slopes uncertain ({sure} region {beds}): "
-        f"{remedy} narrows them"
-    ]
+    return found
 
 
 def _twin(plan: DayPlan, index: int, facet: tuple[float, float]) -> list[str]:
@@ -117,7 +111,7 @@ def _twin(plan: DayPlan, index: int, facet: tuple[float, float]) -> list[str]:
     if not other[0] <= plan.settings.tilt_limit_deg:
         return []
     return [
-        f"the {label(facet)} bed has a twin: {other[0]:.0f}°/{other[1]:.0f}° fits the best window as well; "
+        f"{label(facet)} has a twin: {other[0]:.0f}°/{other[1]:.0f}° fits the best window as well; "
         f"limit the tilt below {other[0]:.0f}°, give the azimuth, or record for hours"
     ]
 
@@ -144,20 +138,21 @@ def _to_ten_minutes(time_ns: int, site: Site) -> str:
     return formatting.clock_time((time_ns + ten // 2) // ten * ten, site)
 
 
-def summary(plan: DayPlan, site: Site) -> list[str]:
-    """Best window, bias budget and what the azimuth needs, one line each."""
+def footnotes(plan: DayPlan, site: Site) -> list[str]:
+    """Noise alone in the best window, bias budget and what the azimuth needs, one line each."""
     if plan.best_row is None:
         return []
-    found, settings = plan.bounds[plan.best_row], plan.settings
+    settings, which = plan.settings, "known" if plan.settings.azimuth_known else "free"
     budget = ", ".join(
         f"{formatting.number(float(kelvin), 2)} K at {label(facet)}"
         for facet, kelvin in zip(plan.facets, plan.bias_budget_k(), strict=True)
     )
     return [
-        f"{_best_window(plan, site)}, tilt ±{_deviations(found.tilt_deg)}° with azimuth free, "
-        f"±{_deviations(found.known_azimuth_deg)}° known (1 sd, {settings.noise_k:g} K a minute and region)",
-        f"camera bias budget for {settings.bias_deg:g}° of tilt then: {budget}",
+        f"camera bias budget for {settings.bias_deg:g}° of tilt: {budget}",
         _azimuth_words(plan),
+        f"noise alone, {_best_window(plan, site)}: ±{_deviations(plan.tilt_sd_deg(plan.best_row))}° with "
+        f"azimuth {which} (1 sd, {settings.noise_k:g} K a minute and region); what is unknown of surface, "
+        "air and sky is far more",
     ]
 
 
@@ -176,58 +171,37 @@ def _azimuth_words(plan: DayPlan) -> str:
     return f"azimuth to ±10° needs {needed} min around the best window"
 
 
-def _best_table(plan: DayPlan) -> Table:
-    """Result of the best window for each facet."""
-    assert plan.best_row is not None
-    found, settings = plan.bounds[plan.best_row], plan.settings
-    columns = zip(
-        map(label, plan.facets),
-        found.tilt_deg,
-        found.known_azimuth_deg,
-        plan.sensitivity.temperature_k[:, plan.rows[plan.best_row]],
-        plan.bias_budget_k(),
-        strict=True,
-    )
-    rows = [
-        (strong(bed), _deviations([free]), _deviations([known]), *(formatting.number(k, 2) for k in kelvins))
-        for bed, free, known, *kelvins in columns
-    ]
-    caption = (
-        f"± is one standard deviation with noise of {settings.noise_k:g} K a minute and region. Bias budget: "
-        f"error of the camera between bed and reference that costs {settings.bias_deg:g}° of tilt."
-    )
-    return Table(("bed", FREE, KNOWN, "K per °", "bias budget K"), rows, caption)
-
-
-def page(plan: DayPlan, site: Site, title: str, light: str, experiments: Table | None = None) -> str:
-    """The whole page: where and when, the best window, warnings, chart, table, experiments, checklist."""
-    beds, found = ", ".join(label(facet) for facet in plan.facets), plan.best_row is not None
+def page(plan: DayPlan, site: Site, title: str, light: str, session: Session | None = None) -> str:
+    """The whole page: where and when, the session, warnings, chart, the day, checklist."""
+    targets = ", ".join(label(facet) for facet in plan.facets)
+    best = [NOTHING if plan.best_row is None else _best_window(plan, site)]
     return render(
         "plan.html",
         title=title,
         heading=heading(plan, site, light),
-        best=f"{_best_window(plan, site)}; {_azimuth_words(plan)}." if found else None,
-        beds=_best_table(plan) if found else None,
+        lead=session.summary if session else best,
+        session=session and session.table,
         warnings=warnings(plan, site),
-        charts=[_chart(plan, site)] if plotting.available() else None,
-        over_day=Table(COLUMNS, rows(plan, site), f"Beds side by side: {beds}."),
-        experiments=experiments,
+        charts=[_chart(plan, site, session)] if plotting.available() else None,
+        over_day=Table(COLUMNS, rows(plan, site), f"Regions side by side: {targets}."),
+        footnotes=footnotes(plan, site),
     )
 
 
-def _chart(plan: DayPlan, site: Site) -> Figure:
+def _chart(plan: DayPlan, site: Site, session: Session | None) -> Figure:
+    below = "; below, half of the region of each tilt as the session goes on" if session else ""
     return Figure(
-        _drawn(plan, site),
-        "Above, what one degree of tilt is worth; below, the best one can do with one window and the "
-        "azimuth free.",
-        "kelvin per degree and Cramér–Rao bound of the tilt over the day, one line per bed",
+        _drawn(plan, site, session),
+        f"What one degree of tilt is worth over the day{below}.",
+        "kelvin per degree over the day, and half widths over the session, one line per region",
         wide=True,
     )
 
 
-def _drawn(plan: DayPlan, site: Site) -> str:
-    figure, (upper, lower) = plotting.panels(2, 4.6, plotting.WIDE_IN)
-    hours, usable = _hours(plan, site), plan.usable
+def _drawn(plan: DayPlan, site: Site, session: Session | None) -> str:
+    figure, panels = plotting.panels(2 if session else 1, 4.6, plotting.WIDE_IN)
+    upper, lower = panels[0], panels[-1]
+    hours, usable = _hours(plan.time_ns, plan, site), plan.usable
     for index, facet in enumerate(plan.facets):
         line = {
             "color": plotting.colour(index),
@@ -235,11 +209,14 @@ def _drawn(plan: DayPlan, site: Site) -> str:
             "label": label(facet),
         }
         upper.plot(hours[usable], plan.sensitivity.temperature_k[index, usable], **line)
-        lower.semilogy(hours[plan.rows], [found.tilt_deg[index] for found in plan.bounds], **line)
-    plotting.plain_log_ticks(lower.yaxis)
+        if session:
+            time_ns, halves = session.course
+            lower.semilogy(_hours(time_ns, plan, site), halves[:, index], marker=".", **line)
+    if session:
+        lower.set_ylabel("tilt, half region, °")
+        plotting.plain_log_ticks(lower.yaxis)
     upper.axhspan(-WEAK_K_PER_DEG, WEAK_K_PER_DEG, color="0.88", label="weak")
     upper.set_ylabel("K per ° of tilt")
-    lower.set_ylabel(f"tilt, 1 sd of {plan.settings.window_min} min, °")
     lower.xaxis.set_major_formatter(
         lambda hour, _position: f"{int(hour) % 24:02d}:{round(hour % 1 * 60):02d}"
     )
@@ -248,7 +225,7 @@ def _drawn(plan: DayPlan, site: Site) -> str:
     return plotting.svg(figure)
 
 
-def _hours(plan: DayPlan, site: Site) -> np.ndarray:
+def _hours(time_ns: NDArray[np.int64], plan: DayPlan, site: Site) -> np.ndarray:
     first = formatting.local_time(int(plan.time_ns[0]), site)
-    since = (plan.time_ns - plan.time_ns[0]) / 3.6e12
+    since = (time_ns - plan.time_ns[0]) / 3.6e12
     return np.asarray(first.hour + first.minute / 60.0 + since)

@@ -45,12 +45,15 @@ MASKS = {
 
 def png(
     slopes: SlopeMap, bounds: PixelBounds, regions: Sequence[Region] = (), title: str = "",
-    subtitle: str = "", *, width: int = 960,
+    subtitle: str = "", *, width: int = 960, full_deg: float = 0.0,
 ) -> bytes:  # fmt: skip
-    """A PNG file: the map enlarged close to `width`, axes in camera pixels, outlines, names, legend."""
+    """A PNG file: the map enlarged close to `width`, axes in camera pixels, outlines, names, legend.
+
+    `full_deg` is the tilt in full colour, by default that of the map.
+    """
     import cv2
 
-    full_deg = full_colour_deg(slopes.tilt_deg)
+    full_deg = full_deg or full_colour_deg(slopes.tilt_deg)
     factor = max(1, round(width / slopes.state.shape[1]))
     canvas = enlarged(map_colours(slopes, full_deg), factor)
     hatch(canvas, enlarged(slopes.state, factor))

@@ -29,6 +29,8 @@ FROM_PRIOR = 0.15
 WIDER = 1.4
 """Width of the proposal over that of the weighted hypotheses."""
 DEEP_M = (0.08, 0.40)
+DEPTH_QUANTILES = (0.1587, 0.8413)
+"""Between these lie two standard deviations of a normal distribution."""
 LEAST_EFFECTIVE = 12.0
 """Hypotheses that a fitted distribution rests on at least; weights are tempered until it does."""
 

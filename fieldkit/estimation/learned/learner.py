@@ -98,12 +98,7 @@ class Learner:
             self._innovations.append(self._filters.step(one))
         self.posterior = self._posterior(STEPS)
         if self._is_due():
-            rounds = ROUNDS if self._judged else FIRST_ROUNDS
-            for _ in range(rounds):
-                self._around = self.posterior.state
-                self._draw(Proposal.fitted(self._points, self.posterior.log_weights))
-                self.posterior = self._posterior(STEPS_AFTER_DRAW)
-            self._judged = len(self._minutes)
+            self._draw_anew(ROUNDS if self._judged else FIRST_ROUNDS)
 
     def reshade(self, minutes: list[MinuteInputs]) -> None:
         """Take the same minutes again, of which some turned out to be shaded, or not."""
@@ -112,6 +107,19 @@ class Learner:
         self._judged, self._around = 0, None
         self._draw(Proposal.prior())
         self.posterior = self._posterior(STEPS_AFTER_DRAW)
+
+    def learn_at_once(self, minutes: list[MinuteInputs]) -> None:
+        """Take all these minutes at once: the hypotheses are drawn for all of them, not as they add up."""
+        self.reshade(minutes)
+        self._draw_anew(FIRST_ROUNDS)
+
+    def _draw_anew(self, rounds: int) -> None:
+        """Hypotheses where those that count are, some rounds over."""
+        for _ in range(rounds):
+            self._around = self.posterior.state
+            self._draw(Proposal.fitted(self._points, self.posterior.log_weights))
+            self.posterior = self._posterior(STEPS_AFTER_DRAW)
+        self._judged = len(self._minutes)
 
     def _is_due(self) -> bool:
         count = len(self._minutes)

@@ -10,7 +10,7 @@ import numpy as np
 from fieldkit.estimation.statistics import mean_absolute_error
 from fieldkit.model.alarm import Phase, phase_of, present_alarms
 from fieldkit.model.samples import Event, EventKind
-from fieldkit.model.slope import CERTAIN, is_certain
+from fieldkit.model.slope import CERTAIN, SlopeEstimate, SlopeState, is_certain
 from fieldkit.views import formatting
 from fieldkit.views.report.series import Series, TargetSeries
 
@@ -67,16 +67,42 @@ def _headline(columns: Series) -> str:
         return "No target regions are drawn: nothing was estimated."
     if not estimated:
         return f"No slope was found on any of {len(columns.beds)} targets."
-    found = _found(len(certain), len(columns.beds))
-    if uncertain := [bed for bed in estimated if bed not in certain]:
-        found += f" Uncertain: {', '.join(map(_with_second_branch, uncertain))}."
-    errors = {bed.region.name: bed_error(bed) for bed in estimated if np.isfinite(bed_error(bed))}
-    if not errors:
+    off = {bed.region.name: error for bed in estimated if np.isfinite(error := _final_error(bed))}
+    if certain and len(off) == len(columns.beds) and all(map(_is_held, estimated)):
+        found = _all_held([bed.final_estimate for bed in estimated if bed.final_estimate])
+    else:
+        found = _found(len(certain), len(columns.beds))
+        if uncertain := [bed for bed in estimated if bed not in certain]:
+            found += f" Uncertain: {', '.join(map(_with_second_branch, uncertain))}."
+        found = f"{found} {truths_held(columns)}".strip()
+    if not off:
         return f"{found} No true tilts were given to compare with."
-    worst = max(errors, key=lambda name: errors[name])
-    mean = float(np.mean(list(errors.values())))
-    worst_bed = f"worst target {worst} with {errors[worst]:.1f}°"
-    return f"{found} Mean tilt error {mean:.1f}°; {worst_bed}. {truths_held(columns)}"
+    worst = max(off, key=lambda name: off[name])
+    return f"{found} The largest error has {worst}: {off[worst]:.1f}°."
+
+
+def _final_error(bed: TargetSeries) -> float:
+    """Absolute difference of the final tilt to the given one, degrees; NaN if it was not given."""
+    return abs(bed.final_estimate.tilt_deg - bed.region.tilt_deg) if bed.final_estimate else float("nan")
+
+
+def _is_held(bed: TargetSeries) -> bool:
+    """True if the given tilt lies within the region of the final estimate, which a single slope fits."""
+    final, truth = bed.final_estimate, bed.region.tilt_deg
+    is_single = final is not None and final.state is not SlopeState.NOT_RESOLVED
+    return bool(is_single and final and final.tilt_low_deg <= truth <= final.tilt_high_deg)
+
+
+def _all_held(finals: Sequence[SlopeEstimate]) -> str:
+    """That all are right, and the widest region."""
+    widths = {one.region: formatting.half_region(one) for one in finals}
+    widest = max(widths, key=lambda name: widths[name])
+    some = {1: "The slope was", 2: "Both slopes were"}
+    every = some.get(len(finals), f"All {len(finals)} slopes were")
+    return (
+        f"{every} found, ±{widths[widest]:.1f}° at most ({widest}): every given tilt is within its "
+        f"{formatting.confidence(finals)} region."
+    )
 
 
 def _found(certain: int, total: int) -> str:
@@ -103,8 +129,8 @@ def _slope_warnings(columns: Series) -> list[str]:
     for bed in columns.beds:
         last = bed.last
         if last is not None and last.state not in CERTAIN:
-            reason = f" ({last.reason})" if last.reason else ""
-            warnings.append(f"{bed.region.name} ended as: {formatting.state(last)}{reason}.")
+            reasons = (f" {word[0].upper()}{word[1:]}." for word in last.reason.split("; ") if word)
+            warnings.append(f"{bed.region.name} ended as: {formatting.state(last)}.{''.join(reasons)}")
     minutes = int(columns.cloudy.sum())
     if minutes:
         warnings.append(f"Clouds or changing light in {minutes} of {columns.time_ns.size} minutes.")

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.estimation.estimator_keys import Model
+from fieldkit.estimation.learned.budget import BudgetTerm
 from fieldkit.estimation.region_temperatures import difference_k
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.units import MINUTE_NS
@@ -23,7 +24,7 @@ from fieldkit.physics.bodies import BODIES
 from fieldkit.physics.energy_balance import emitted_longwave
 from fieldkit.physics.facet import cos_incidence, normal
 from fieldkit.physics.slab import conducted_flux
-from fieldkit.views import formatting
+from fieldkit.views import formatting, learnt_words
 from fieldkit.views.html import Table, strong
 from fieldkit.views.report.assessment import mean_error
 from fieldkit.views.report.report_data import ReportData
@@ -38,6 +39,12 @@ READING = (
     "Plus: the region seems to face the sun more than it does."
 )
 """Caption of the table."""
+LEAST_SHARE = 1e-3
+GUM = (
+    "The variance of each tilt by input, after the data (JCGM 100:2008). Type A: determined by the session's "
+    "own minutes, B: resting on the prior. Without unit: relative. A negative share compensates another. "
+    "In CSV: fieldkit estimate -o BASE."
+)
 MODELS = (
     "The same minutes by each model: final tilts, ± the larger half of the likelihood region; mean absolute "
     "error over all minutes with an estimate; share of these whose region holds the given tilt."
@@ -54,6 +61,8 @@ class BudgetSection:
     """The error budget as a report shows it: what the models omit, how they compare, causes, and advice."""
 
     summary: str
+    meaning: str
+    slopes: Sequence[Table]
     models: Table | None
     contributions: Table
     advice: Sequence[str]
@@ -70,7 +79,32 @@ def error_budget(data: ReportData) -> BudgetSection | None:
         f"Degrees of tilt, medians over the session, {READING}",
     )
     models = model_table(data) if data.others else None
-    return BudgetSection(_omitted_words(data, budgets), models, contributions, _advice(budgets))
+    return BudgetSection(
+        summary=_omitted_words(data, budgets),
+        meaning=GUM if data.budgets else "",
+        slopes=[_slope_table(name, terms) for name, terms in data.budgets.items()],
+        models=models,
+        contributions=contributions,
+        advice=_advice(budgets),
+    )
+
+
+def _slope_table(region: str, terms: Sequence[BudgetTerm]) -> Table:
+    """The budget of one slope; terms below a thousandth of the variance are left to the table in CSV."""
+    rows = [
+        (
+            learnt_words.NAMES.get(term.name, term.name.replace("_", " ")),
+            term.kind,
+            f"{term.uncertainty:.2g} {term.unit}".strip(),
+            f"{term.sensitivity:+.2g}°",
+            f"{term.share:.1%}",
+        )
+        for term in terms
+        if abs(term.share) >= LEAST_SHARE
+    ]
+    return Table(
+        ("term", "type", "standard uncertainty", "° per unit", "of the variance"), rows, f"Slope of {region}."
+    )
 
 
 def model_table(data: ReportData) -> Table:

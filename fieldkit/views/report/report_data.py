@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from fieldkit.estimation.learned.budget import BudgetTerm
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.statistics import SdKind
 from fieldkit.model.samples import Event, EventKind, Frame
@@ -23,7 +24,8 @@ class ReportData:
     """A session, its minutes as columns, the settings they were estimated with, and its events.
 
     `site`, `regions` and `config_toml` are those of the estimator, as an imported session has none of its
-    own. `others` holds the same minutes estimated with other surface models, by their names.
+    own. `others` holds the same minutes estimated with other surface models, by their names,
+    `budgets` the uncertainty budget of each slope, with the learned model.
     """
 
     session: SessionReader
@@ -39,6 +41,7 @@ class ReportData:
     config_toml: str
     can_draw: bool
     is_recordings: bool = False
+    budgets: Mapping[str, tuple[BudgetTerm, ...]] = field(default_factory=dict)
 
     def events_of(self, *kinds: EventKind) -> list[Event]:
         """Events of some kinds, in order."""

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
+from fieldkit.estimation.learned.budget import BudgetTerm
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.statistics import SdKind
 from fieldkit.model.samples import Frame
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
     from fieldkit.estimation.estimator import Minute
     from fieldkit.sessions.reader import SessionReader
 
+NO_BUDGETS: Mapping[str, tuple[BudgetTerm, ...]] = MappingProxyType({})
 LONGEST_LINE = 500
 """Of the configuration, in characters."""
 
@@ -41,6 +44,7 @@ def write_report(
     command_line: str = "",
     config_toml: str | None = None,
     is_recordings: bool = False,
+    budgets: Mapping[str, tuple[BudgetTerm, ...]] = NO_BUDGETS,
 ) -> None:
     """Write the report of a session as one self-contained HTML file.
 
@@ -66,6 +70,8 @@ def write_report(
         The configuration used, where it is not the session's own.
     is_recordings
         Whether the minutes are those that the recording itself estimated.
+    budgets
+        The uncertainty budget of each slope, by region.
 
     Raises
     ------
@@ -87,6 +93,7 @@ def write_report(
         config_toml=session.config_toml if config_toml is None else config_toml,
         can_draw=plotting.available(),
         is_recordings=is_recordings,
+        budgets=budgets,
     )
     path.write_text(_page(data), encoding="utf-8")
 

@@ -177,7 +177,18 @@ def test_an_old_spelling_gives_what_the_new_one_gives_and_is_noted(command, old)
 
 
 def test_an_old_spelling_is_warned_of_and_the_command_runs():
-    words = ["plan", "--site", "35.56,139.4,9", "--on", "2026-12-11", "--facet", "5,180"]
+    words = [
+        "plan",
+        "--for",
+        "20m",
+        "--no-measures",
+        "--site",
+        "35.56,139.4,9",
+        "--on",
+        "2026-12-11",
+        "--facet",
+        "5,180",
+    ]
     old = CliRunner().invoke(main, [*words, "--window", "90", "--step=120"])
     new = CliRunner().invoke(main, [*words, "--window", "1h30m", "--step", "2h"])
     assert old.exit_code == new.exit_code == 0

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import base64
 import json
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -231,8 +233,17 @@ def test_many_sessions_are_mapped_by_several_processes_and_a_torn_one_does_not_s
     assert done.exit_code == 3
     assert "1 of 3 sessions could not be estimated; the others are done" in done.stderr
     assert "torn.h5" in done.stderr
-    documents = json.loads(done.stdout)["sessions"]
+    printed = json.loads(done.stdout)
+    documents = printed["sessions"]
     assert [Path(one["session"]).name for one in documents] == ["a.h5", "b.h5"]
+    assert printed["page"] == str(tmp_path / "maps" / "slope-maps.html")
+    page = Path(printed["page"]).read_text(encoding="utf-8")
+    shown = re.findall(r'src="data:image/png;base64,([^"]+)" alt="Slope map of (.)"', page)
+    assert [name for _, name in shown] == ["a", "b"]
+    sizes = [cv2.imdecode(np.frombuffer(base64.b64decode(png), np.uint8), 1).shape for png, _ in shown]
+    assert sizes[0] == sizes[1]
+    for one in mapped["regions"]:
+        assert re.search(rf"<strong>{one['region']}</strong>.*{one['tilt_deg']:.1f} ±", page)
     for one in documents:
         assert one["regions"] == mapped["regions"]
         with h5py.File(one["files"][1]) as arrays, h5py.File(mapped["files"][1]) as alone:

@@ -6,7 +6,18 @@ import sys
 
 import pytest
 
-PLAN = ["plan", "--site", "35.56,139.4,9", "--on", "2026-12-11", "--facet", "5,180"]
+PLAN = [
+    "plan",
+    "--for",
+    "20m",
+    "--no-measures",
+    "--site",
+    "35.56,139.4,9",
+    "--on",
+    "2026-12-11",
+    "--facet",
+    "5,180",
+]
 
 
 def started(words, **given):
@@ -38,7 +49,7 @@ def test_a_terminal_with_ascii_alone_shows_everything_in_letters_it_has(monkeypa
     process = started(PLAN, stdout=subprocess.PIPE)
     printed, said = (part.decode() for part in process.communicate(timeout=60))
     assert process.returncode == 0, said
-    assert "tilt +-deg" in printed
+    assert "W/m2 per deg" in printed
     process = started([*PLAN, "--json"], stdout=subprocess.PIPE)
     document = json.loads(process.communicate(timeout=60)[0].decode("ascii"))
     assert document["irradiance"] == "S 800 W/m² assumed"  # data are escaped, never replaced

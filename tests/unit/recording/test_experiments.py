@@ -13,17 +13,19 @@ from fieldkit.model.clock import utc_ns
 from fieldkit.model.errors import NoAnswerError
 from fieldkit.model.site import Site
 from fieldkit.model.units import MINUTE_NS
-from fieldkit.recording import plan as planning
 from fieldkit.recording.campaign import init_campaign
 from fieldkit.recording.experiments import (
     Experiment,
     Experiments,
     PlannedSession,
+    Run,
     _measured,
     _model,
-    experiments,
+    as_planned,
+    measures,
+    predicted,
 )
-from fieldkit.recording.plan import PlanOptions, logs_air, plan
+from fieldkit.recording.plan import PlanOptions, logged_by, plan
 from fieldkit.simulation.sky import ClearSky
 
 SITE = Site(35.558675, 139.395232, 9.0, "Asia/Tokyo")
@@ -37,90 +39,112 @@ SESSION = PlannedSession(
     ClearSky(air_temperature_k=283.15),
     EstimatorSettings(model="learned", azimuth="known"),
 )
-NAMES = [
-    "as planned",
-    "with a shade test of each bed",
-    "with 25°/180° known",
-    "with air temperature logged",
-]
+SHADE, KNOWN, AIR = "with a shade test of each target", "with 25°/180° known", "with air temperature logged"
+
+
+def named(session: PlannedSession, *names: str) -> list[Run]:
+    runs = {run.marks[0][0]: run for run in measures(session)}
+    return [runs[name] for name in names]
 
 
 @pytest.fixture(scope="module")
 def found() -> Experiments:
-    return Experiments(SESSION, tuple(experiments(SESSION)))
+    runs = [as_planned(replace(SESSION, minutes=40)), *named(SESSION, SHADE, KNOWN, AIR)]
+    return Experiments(SESSION, predicted(runs))
 
 
-def test_each_experiment_is_a_session_at_its_end(found):
-    assert [one.name for one in found.outcomes] == NAMES
-    assert {one.minutes for one in found.outcomes} == {30}
-    assert found["as planned"] == found.outcomes[0]
+def test_a_session_is_predicted_by_the_half_hour_and_at_its_end_with_each_measure(found):
+    assert [one.name for one in found.outcomes] == ["as planned", "as planned", SHADE, KNOWN, AIR]
+    assert [one.minutes for one in found.outcomes] == [30, 40, 30, 30, 30]
+    assert found["as planned"] == found.outcomes[1]
     with pytest.raises(KeyError, match="as planned"):
         found["by moonlight"]
 
 
-def test_what_tells_the_gain_narrows_the_steep_bed(found):
+def test_every_measure_that_is_not_there_yet_is_tried():
+    names = [run.marks[0][0] for run in measures(replace(SESSION, sunset_ns=SUNSET_NS))]
+    assert [name.split(",")[0] for name in names] == [
+        AIR,
+        "with diffuse irradiance measured",
+        "with longwave measured",
+        "with depth measured",
+        "with offsets calibrated",
+        SHADE,
+        KNOWN,
+        "until an hour after sunset",
+    ]
+    (emissivity,) = [
+        run
+        for run in measures(replace(SESSION, settings=replace(SESSION.settings, emissivity_sd=0.02)))
+        if "emissivity" in run.marks[0][0]
+    ]
+    assert emissivity.session.settings.emissivity_sd == 0.0
+    there = replace(SESSION, facets=SESSION.facets[:1], logged=frozenset({"air", "diffuse"}), sunset_ns=None)
+    names = [run.marks[0][0].split(",")[0] for run in measures(there)]
+    assert names == ["with longwave measured", "with depth measured", "with offsets calibrated", SHADE]
+
+
+def test_what_tells_the_gain_narrows_the_steep_target(found):
     steep = {one.name: one.half_region_deg[1] for one in found.outcomes}
-    assert steep["with a shade test of each bed"] < 0.8 * steep["as planned"]
-    assert steep["with air temperature logged"] < 0.8 * steep["as planned"]
-    assert math.isnan(steep["with 25°/180° known"])
-    known = found["with 25°/180° known"]
-    assert known.known == (False, True)
-    assert known.half_region_deg[0] < found["as planned"].half_region_deg[0]
+    assert steep[AIR] < 0.8 * steep["as planned"]
+    assert math.isnan(steep[KNOWN])
+    assert found[KNOWN].known == (False, True)
+    assert found[KNOWN].half_region_deg[0] < found["as planned"].half_region_deg[0]
+    assert found.summary[1].startswith("narrowed most with")
+
+
+def test_minutes_taken_at_once_say_what_one_by_one_do():
+    run = Run(replace(SESSION, logged=frozenset({"air"})), (("at once", 30),))
+    (once,), (_, one_by_one) = predicted([run]), predicted([replace(run, marks=(("", 29), ("", 30)))])
+    assert once.half_region_deg == pytest.approx(one_by_one.half_region_deg, rel=0.2)
 
 
 def test_the_table_and_the_frame_have_each_bed(found):
     pytest.importorskip("pandas")
     rows = {row[0]: row[2:] for row in found.table.rows}
-    assert rows["with 25°/180° known"][1] == "known"
-    assert all(cell.startswith("±") for cell in rows["as planned"])
+    assert rows[KNOWN][1] == "known"
+    assert all(cell.startswith("±") for cell in rows["as planned"][:2])
     frame = found.to_frame()
-    assert len(frame) == 2 * len(NAMES)
+    assert len(frame) == 2 * len(found.outcomes)
     assert frame["half_region_deg"].isna().sum() == 1
     assert "as planned" in found._repr_html_()
-    assert found.document[0]["half_region_deg"] == found.outcomes[0].half_region_deg
+    assert found.document["experiments"][0]["half_region_deg"] == found.outcomes[0].half_region_deg
 
 
 def test_an_azimuth_that_is_not_resolved_has_no_width():
     outcome = Experiment("as planned", 20, (math.nan, 2.0), (False, False), (True, False))
-    assert Experiments(SESSION, (outcome,)).table.rows[0][2:] == ("two slopes fit", "±2.0°")
-
-
-def test_a_campaign_that_logs_the_air_is_compared_with_one_that_does_not():
-    session = replace(SESSION, facets=SESSION.facets[:1], minutes=20, air_logged=True)
-    names = [one.name for one in experiments(session)]
-    assert names == ["as planned", "with a shade test of each bed", "without air temperature"]
+    assert Experiments(SESSION, (outcome,)).table.rows[0][2:] == (
+        "two slopes fit",
+        "±2.0°",
+        "two slopes for 5°/180°",
+    )
 
 
 def test_a_session_goes_on_until_an_hour_after_sunset():
     start_ns = SUNSET_NS - 25 * MINUTE_NS
     session = replace(SESSION, facets=SESSION.facets[:1], start_ns=start_ns, minutes=20, sunset_ns=SUNSET_NS)
-    *_, sunset, later = experiments(session)
-    assert (sunset.name, sunset.minutes) == ("until sunset", 25)
-    assert (later.name, later.minutes) == ("until an hour after sunset", 85)
-    assert later.half_region_deg != sunset.half_region_deg
-    over = replace(session, sunset_ns=start_ns)
-    assert "until sunset" not in [one.name for one in experiments(over)]
+    (evening,) = named(session, "until an hour after sunset")
+    assert evening.marks[0][1] == 85
+    over = measures(replace(session, sunset_ns=start_ns))
+    assert "until an hour after sunset" not in [run.marks[0][0] for run in over]
 
 
-def test_a_plan_hands_over_the_best_window_and_what_it_assumes(monkeypatch):
-    sessions, heard = [], []
-
-    def one_experiment(session):
-        sessions.append(session)
-        yield Experiment("as planned", session.minutes, (1.0,), (False,), (False,))
-
-    monkeypatch.setattr(planning, "experiments", one_experiment)
+def test_a_plan_hands_over_the_best_window_and_what_it_assumes():
     options = PlanOptions(turbidity=4.0, air_c=10.0, noise_k=0.2)
     made = plan(SITE, "2026-12-11", [(15.0, 180.0)], options, estimator=EstimatorSettings(azimuth="known"))
-    found = made.experiments(50, on_experiment=heard.append)
-    (session,) = sessions
+    session = made.session(50)
     best = int(made.day_plan.time_ns[made.day_plan.rows[made.day_plan.best_row]])
     assert session.start_ns + 25 * MINUTE_NS == best + 10 * MINUTE_NS
     assert abs(session.sunset_ns - SUNSET_NS) <= 2 * MINUTE_NS
     assert session.sky == ClearSky(4.0, 283.15)
     assert (session.settings.model, session.settings.azimuth) == ("learned", "known")
     assert session.settings.noise_k == 0.2
-    assert found.outcomes == tuple(heard)
+    heard = []
+    found = made.experiments(
+        made.session(20), with_measures=False, on_run=lambda done, of: heard.append((done, of))
+    )
+    assert heard == [(1, 1)]
+    assert [one.minutes for one in found.outcomes] == [20]
 
 
 def test_a_day_without_a_usable_window_has_no_experiments():
@@ -133,9 +157,22 @@ def test_a_day_without_a_usable_window_has_no_experiments():
 def test_air_is_logged_where_a_channel_is_named_so(tmp_path):
     init_campaign(tmp_path / "field", simulated=True)
     file = tmp_path / "field" / "fieldkit.toml"
-    assert logs_air(load_config(file))
+    assert logged_by(load_config(file)) == {"air"}
     file.write_text(file.read_text(encoding="utf-8").replace('"air"]', '"T4"]'), encoding="utf-8")
-    assert not logs_air(load_config(file))
+    assert not logged_by(load_config(file))
+
+
+def test_what_no_instrument_measures_is_unknown_and_light_comes_from_the_meter():
+    dark, lit = (
+        _measured(replace(SESSION, logged=frozenset(logged)), _model(SESSION), 5)
+        for logged in ((), ("diffuse", "longwave", "air"))
+    )
+    for name in ("air_k", "dhi_w_m2", "longwave_down_w_m2"):
+        assert np.isnan(getattr(dark, name)).all()
+        assert np.isfinite(getattr(lit, name)).all()
+    # a level meter less 15 % of it, over the cosine of the zenith angle
+    ghi = lit.dni_w_m2 * lit.sun[:, 2] + lit.dhi_w_m2
+    np.testing.assert_allclose(dark.dni_w_m2, 0.85 * ghi / lit.sun[:, 2], rtol=1e-9)
 
 
 def test_the_noise_is_that_of_the_settings():

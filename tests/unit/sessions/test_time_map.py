@@ -234,6 +234,9 @@ def contents(path: Path) -> object:
                 pytest.importorskip("mcap.reader").make_reader(BytesIO(path.read_bytes())).iter_messages()
             )
             return [(channel.topic, message.log_time, message.data) for _, channel, message in messages]
+        case ".json":
+            graph = json.loads(path.read_text(encoding="utf-8"))["@graph"]
+            return [{key: value for key, value in one.items() if key != "identifier"} for one in graph]
     return path.read_bytes()
 
 

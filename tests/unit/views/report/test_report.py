@@ -212,10 +212,26 @@ def test_verdict_names_the_worst_bed(make_minute, regions):
     found = assess(series([make_minute(0, tilt_deg=19.0)], regions), [], "sealed")
     assert found.headline == (
         "Slopes were found on 1 of 2 targets. Uncertain: b25 24.0 ±1.0° or 43.3°/181°. "
-        "Mean tilt error 2.5°; worst target b15 with 4.0°. "
-        "The given tilt is within the 90 % region on 1 of 2 targets."
+        "The given tilt is within the 90 % region on 1 of 2 targets. The largest error has b15: 4.0°."
     )
     assert found.warnings == ("b25 ended as: not resolved, or 43.3°/181°.",)
+
+
+def test_all_regions_that_hold_the_given_tilt_are_found_though_one_is_wide(make_minute, regions):
+    minute = make_minute(0, tilt_deg=16.0)
+    wide = replace(
+        minute.estimates[1], state=SlopeState.UNCERTAIN, tilt_deg=23.0, tilt_low_deg=17.7, tilt_high_deg=28.3,
+        second_tilt_deg=float("nan"), second_azimuth_deg=float("nan"),
+        reason="anything fits; one region of known slope would narrow it",
+    )  # fmt: skip
+    found = assess(series([replace(minute, estimates=(minute.estimates[0], wide))], regions), [], "sealed")
+    assert found.headline == (
+        "Both slopes were found, ±5.3° at most (b25): every given tilt is within its 90 % region. "
+        "The largest error has b25: 2.0°."
+    )
+    assert found.warnings == (
+        "b25 ended as: uncertain. Anything fits. One region of known slope would narrow it.",
+    )
 
 
 def test_a_headline_over_wide_regions_does_not_say_that_slopes_were_found(make_minute, regions):

@@ -1,0 +1,63 @@
+"""The uncertainty budgets of a session's slopes by the learned model, found again in the cache."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from fieldkit.estimation.chain import SlopeChain
+from fieldkit.estimation.learned.budget import BudgetTerm
+from fieldkit.results.cache import Cache, digest
+from fieldkit.results.minutes import Run, measured_in
+from fieldkit.sessions.json_forms import build
+from fieldkit.sessions.reader import SessionReader
+
+Budgets = Mapping[str, tuple[BudgetTerm, ...]]
+
+
+def budgets_of(run: Run, session: SessionReader | None = None) -> Budgets:
+    """Budget of each target at the end of a session; empty with other models than the learned.
+
+    All minutes are taken at once, seconds for three hours; `session` is the open file, if there is one.
+    Raises `SessionError`.
+    """
+    if run.settings.model != "learned":
+        return {}
+    cache, key = Cache() if run.source.checksum else None, digest("budgets", run.key)
+    known = cache.load(key) if cache else None
+    if known is not None:
+        stored = json.loads(known["budgets"].tolist()[0])
+        return {name: tuple(build(BudgetTerm, term) for term in terms) for name, terms in stored.items()}
+    found = _learnt_at_once(run, session)
+    if cache:
+        texts = json.dumps({name: [asdict(term) for term in terms] for name, terms in found.items()})
+        cache.store(key, {"budgets": np.array([texts], np.bytes_)})
+    return found
+
+
+def _learnt_at_once(run: Run, session: SessionReader | None) -> Budgets:
+    history, schedule = measured_in(run, session).history, run.source.regions
+    if not len(history):
+        return {}
+    last = int(history.minute[-1])
+    chain = SlopeChain(schedule.regions_at(last), run.settings)
+    chain.at_once(history.only(schedule.at(last)))
+    return chain.budgets()
+
+
+def budget_columns(found: Budgets) -> dict[str, list[Any]]:
+    """The budgets as a table, a row for each term of each region."""
+    rows = [(name, term) for name, terms in found.items() for term in terms]
+    return {
+        "region": [name for name, _ in rows],
+        "term": [term.name for _, term in rows],
+        "type": [term.kind for _, term in rows],
+        "standard_uncertainty": [term.uncertainty for _, term in rows],
+        "unit": [term.unit for _, term in rows],
+        "sensitivity_deg_per_unit": [term.sensitivity for _, term in rows],
+        "share_of_variance": [term.share for _, term in rows],
+    }

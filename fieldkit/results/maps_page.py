@@ -1,0 +1,61 @@
+"""Slope maps of several sessions on one page: beside each other, colours and pixels of one scale."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from fieldkit.model.errors import StorageError
+from fieldkit.results.slope_map import MappedSession, map_png
+from fieldkit.views import formatting, html
+from fieldkit.views.slope_map_image import full_colour_deg
+
+PIXELS_WIDE = 480
+"""Of the map with the most camera pixels in a row."""
+
+
+def write_maps_page(maps: Sequence[MappedSession], path: Path) -> Path:
+    """Write maps, at least one, as one page that needs no second file.
+
+    The tilt in full colour is that of the steepest map, and a camera pixel is as large on each. Raises
+    `StorageError`.
+    """
+    full_deg = max(full_colour_deg(one.slopes.tilt_deg) for one in maps)
+    widest = max(one.slopes.state.shape[1] for one in maps)
+    factor = max(1, round(PIXELS_WIDE / widest))
+    images = [
+        (
+            one.path.stem,
+            html.data_uri("image/png", map_png(one, factor * one.slopes.state.shape[1], full_deg)),
+        )
+        for one in maps
+    ]
+    content = html.render(
+        "maps.html", title="Slope maps", full_deg=full_deg, images=images, tilts=_tilts(maps)
+    )
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(content, encoding="utf-8")
+    except OSError as error:
+        raise StorageError(f"cannot write {path}: {error.strerror}", fix="give another -o") from error
+    return path
+
+
+def _tilts(maps: Sequence[MappedSession]) -> html.Table:
+    """The median tilt and the quartiles of each region in each session."""
+    by_session = [{region.region: region for region in one.by_region()} for one in maps]
+    names = dict.fromkeys(name for regions in by_session for name in regions)
+    rows = [
+        (
+            html.strong(name),
+            *(
+                formatting.plus_minus(one.tilt_deg, one.tilt_low_deg, one.tilt_high_deg)
+                if (one := regions.get(name))
+                else formatting.UNKNOWN
+                for regions in by_session
+            ),
+        )
+        for name in names
+    ]
+    caption = "Median tilt of the pixels of each region in degrees, ± to the farther quartile."
+    return html.Table(("region", *(one.path.stem for one in maps)), rows, caption)

@@ -1,0 +1,100 @@
+"""A session as an RO-Crate for archives: its tables, and ``ro-crate-metadata.json`` that describes them.
+
+RO-Crate 1.1 (https://w3id.org/ro/crate/1.1) is JSON-LD in the words of schema.org, of which Zenodo and other
+archives fill DataCite's fields: creators, titles, rights, descriptions, related items, dates, place, formats.
+"""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Iterator, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from fieldkit import __version__
+from fieldkit.model.site import Site
+from fieldkit.sessions.file_tree import iso_utc
+from fieldkit.sessions.formats.tables_out import export_csv
+from fieldkit.sessions.reader import SessionReader
+
+METADATA = "ro-crate-metadata.json"
+VERSION = "https://w3id.org/ro/crate/1.1"
+PLACE_DECIMALS = 1
+"""Of the place where the exact one is not to be published: to about ten kilometres."""
+_SPDX = "https://spdx.org/licenses/"
+
+
+def export_ro_crate(session: SessionReader, folder: Path) -> list[Path]:
+    """Write the tables of a session and their description into a folder, which becomes the crate."""
+    files = export_csv(session, folder)
+    metadata = folder / METADATA
+    document = {"@context": f"{VERSION}/context", "@graph": list(_entities(session, files))}
+    metadata.write_text(json.dumps(document, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    return [*files, metadata]
+
+
+def _entities(session: SessionReader, files: Sequence[Path]) -> Iterator[dict[str, Any]]:
+    """The descriptor, the dataset, and what they refer to."""
+    yield {
+        "@id": METADATA, "@type": "CreativeWork", "conformsTo": {"@id": VERSION}, "about": {"@id": "./"},
+    }  # fmt: skip
+    yield _dataset(session, files)
+    for file in files:
+        about = {"name": file.stem, "encodingFormat": "text/csv", "contentSize": str(file.stat().st_size)}
+        yield {"@id": file.name, "@type": "File", **about}
+    header = session.header
+    if header.operator:
+        yield {"@id": "#operator", "@type": "Person", "name": header.operator}
+    yield {"@id": "#place", "@type": "Place", "geo": {"@id": "#geo"}}
+    yield _coordinates(header.site, is_exact=_is_exact(header.config_toml))
+    software = {"name": "fieldkit", "version": __version__}
+    yield {"@id": "#fieldkit", "@type": "SoftwareApplication", **software}
+    yield {
+        "@id": "#export", "@type": "CreateAction", "instrument": {"@id": "#fieldkit"}, "object": session.path.name,
+        "result": {"@id": "./"},
+    }  # fmt: skip
+
+
+def _dataset(session: SessionReader, files: Sequence[Path]) -> dict[str, Any]:
+    """The root: what RO-Crate demands (name, description, date, licence), and what is known beyond."""
+    header = session.header
+    title = header.title or session.path.stem
+    known = {
+        "author": {"@id": "#operator"} if header.operator else "",
+        "license": _license(header.license),
+        "citation": header.references,
+    }
+    return {
+        "@id": "./",
+        "@type": "Dataset",
+        "name": title,
+        "identifier": f"urn:uuid:{session.session_id}",
+        "description": header.description or f"{title}: readings and slopes recorded by fieldkit",
+        "datePublished": f"{datetime.now(UTC):%Y-%m-%d}",
+        "temporalCoverage": f"{iso_utc(session.start_ns)}/{iso_utc(session.end_ns)}",
+        "spatialCoverage": {"@id": "#place"},
+        "variableMeasured": sorted({info.quantity for info in header.streams}),
+        "hasPart": [{"@id": file.name} for file in files],
+        **{name: value for name, value in known.items() if value},
+    }
+
+
+def _license(words: str) -> Any:
+    """The licence by its SPDX identifier as an address, or as it is written."""
+    return {"@id": f"{_SPDX}{words}"} if words and " " not in words and ":" not in words else words
+
+
+def _is_exact(config_toml: str) -> bool:
+    """Whether the campaign publishes its exact place."""
+    return bool(tomllib.loads(config_toml).get("campaign", {}).get("exact_place", False))
+
+
+def _coordinates(site: Site, *, is_exact: bool) -> dict[str, Any]:
+    """WGS 84, rounded unless the exact place is asked for."""
+    latitude, longitude = site.latitude_deg, site.longitude_deg
+    if not is_exact:
+        latitude, longitude = round(latitude, PLACE_DECIMALS), round(longitude, PLACE_DECIMALS)
+    found = {"@id": "#geo", "@type": "GeoCoordinates", "latitude": latitude, "longitude": longitude}
+    return {**found, "elevation": site.elevation_m} if is_exact else found

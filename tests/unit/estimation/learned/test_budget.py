@@ -1,0 +1,40 @@
+"""Uncertainty budgets against a linear combination worked out by hand with the GUM's formula."""
+
+import numpy as np
+import pytest
+
+from benchmarks.drawn_worlds import CLEAR
+from fieldkit.estimation.chain import SlopeChain
+from fieldkit.estimation.learned.budget import REST, budget_of
+from fieldkit.estimation.learned.readout import Moments
+from tests.harness.drawn import drawn_world
+
+
+def test_shares_are_those_of_jcgm_100_eq_13():
+    # y = 2 a - 3 b + e with u(a) = 1, u(b) = 0.5, r(a, b) = 0.6, u(e) = 1.5:
+    # u2(y) = 4 + 2.25 + 2 x 2 x (-3) x 0.3 + 2.25 = 4.9; a: 2 x (2 - 0.9) / 4.9, b: -3 x (0.6 - 0.75) / 4.9
+    covariance = np.array([[1.0, 1.1, 0.3], [1.1, 4.9, -0.15], [0.3, -0.15, 0.25]])
+    found = Moments(("gain", "tilt0", "offset0"), np.zeros(3), covariance)
+    terms = {one.name: one for one in budget_of(found, "tilt0", "offset0", {"gain": 4.0, "offset": 0.6})}
+    assert [terms[name].sensitivity for name in ("gain", "offset")] == pytest.approx([2.0, -3.0])
+    shares = [terms[name].share for name in ("gain", "offset", REST)]
+    assert shares == pytest.approx([2.2 / 4.9, 0.45 / 4.9, 2.25 / 4.9])
+    assert [terms[name].uncertainty for name in ("gain", "offset", REST)] == pytest.approx([1.0, 0.5, 1.5])
+    # the gain is known four times better than before, the offset hardly better
+    assert [terms[name].kind for name in ("gain", "offset", REST)] == ["A", "B", "A"]
+    assert list(terms) == [REST, "gain", "offset"]
+
+
+def test_the_budget_of_a_session_adds_up():
+    world = drawn_world(2000, CLEAR, minutes=15)
+    chain = SlopeChain(world.regions, world.settings)
+    assert chain.budgets() == {}
+    chain.at_once(world.history)
+    budgets = chain.budgets()
+    assert list(budgets) == ["bed0", "bed1", "bed2"]
+    for terms in budgets.values():
+        assert sum(one.share for one in terms) == pytest.approx(1.0)
+        known = {one.name: one for one in terms}
+        # fifteen minutes say nothing of the offset: its standard uncertainty stays that of the settings
+        assert known["offset"].uncertainty == pytest.approx(world.settings.offset_sd_k, rel=0.1)
+        assert known["offset"].kind == "B"
