@@ -168,7 +168,7 @@ def read_stills(
     if kind != "TIFF" and unit:
         raise ConfigError(f"{source} holds counts: --unit would have no effect", fix="omit --unit")
     if kind == "TIFF":
-        stills, notes = _tiff_stills(paths, _temperature_unit(unit))
+        stills, notes = _tiff_stills(paths, unit)
     else:
         stills, notes = _irg_stills(paths) if kind == "IRG" else _png_stills(paths)
     rows, cols = stills[0].counts().shape
@@ -225,9 +225,12 @@ def _temperature_unit(written: str) -> Unit | None:
     return unit
 
 
-def _tiff_stills(paths: Sequence[Path], unit: Unit | None) -> tuple[list[_Still], list[Note]]:
+def _tiff_stills(paths: Sequence[Path], written: str) -> tuple[list[_Still], list[Note]]:
     """The pages that are frames, and notes on those that are not, and on turned ones."""
     pages = {path: _pages(path) for path in paths}
+    if written and not any(page.kind == _FLOAT for those in pages.values() for page in those):
+        raise ConfigError(f"{paths[0]} holds counts: --unit would have no effect", fix="omit --unit")
+    unit = _temperature_unit(written)
     stills = [
         _Still(
             path,

@@ -318,9 +318,9 @@ def test_an_option_for_other_numbers_is_refused(tmp_path: Path) -> None:
     counts = tiff_file(tmp_path, tiff_pages((FIRST, {})))
     with pytest.raises(ConfigError, match="holds counts: --unit would have no effect"):
         read_stills(counts, None, unit="C", **MOMENT)
-    with pytest.raises(ConfigError, match="--unit lx is not a temperature"):
-        read_stills(counts, None, unit="lx", **MOMENT)
     floats = tiff_file(tmp_path, tiff_pages((FIRST.astype(np.float32), {})))
+    with pytest.raises(ConfigError, match="--unit lx is not a temperature"):
+        read_stills(floats, None, unit="lx", **MOMENT)
     with pytest.raises(ConfigError, match=r"states 0\.01 K per count"):
         read_stills(floats, Scale(0.04), unit="C", **MOMENT)
 
