@@ -110,7 +110,8 @@ def image_files(source: Path) -> list[Path]:
 
 def _counts_of(values: NDArray[Any], unit: Unit) -> NDArray[np.uint16]:
     """Temperatures as counts of 0.01 K; what is no temperature becomes an end of the range."""
-    kelvin = np.nan_to_num((values.astype(np.float64) + unit.add) / unit.by, nan=0.0)
+    with np.errstate(invalid="ignore"):  # signalling NaNs
+        kelvin = np.nan_to_num((values.astype(np.float64) + unit.add) / unit.by, nan=0.0)
     step_k = _OF_FLOAT.kelvin_per_count
     return np.rint(np.clip(kelvin, 0.0, 0xFFFF * step_k) / step_k).astype(np.uint16)
 

@@ -305,7 +305,12 @@ def test_floating_point_temperatures_become_hundredths_of_kelvin(
     assert frame.quality == Quality.GOOD
 
 
-@pytest.mark.parametrize(("hole", "count"), [(np.nan, 0), (-9999.0, 0), (np.inf, 65_535), (400.0, 65_535)])
+SIGNALLING = np.array(0x7F800001, np.uint32).view(np.float32)  # a NaN that warns when it is converted
+
+
+@pytest.mark.parametrize(
+    ("hole", "count"), [(np.nan, 0), (SIGNALLING, 0), (-9999.0, 0), (np.inf, 65_535), (400.0, 65_535)]
+)
 def test_a_pixel_without_a_temperature_flags_its_frame(tmp_path: Path, hole: float, count: int) -> None:
     pixels = np.full((5, 7), 22.35, np.float32)
     pixels[1, 2] = hole
