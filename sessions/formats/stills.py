@@ -110,7 +110,8 @@ def image_files(source: Path) -> list[Path]:
 
 def _counts_of(values: NDArray[Any], unit: Unit) -> NDArray[np.uint16]:
     """Temperatures as counts of 0.01 K; what is no temperature becomes an end of the range."""
-    kelvin = np.nan_to_num((values.astype(np.float64) + unit.add) / unit.by, nan=0.0)
+    with np.errstate(invalid="ignore"):  # signalling NaNs
+        kelvin = np.nan_to_num((values.astype(np.float64) + unit.add) / unit.by, nan=0.0)
     step_k = _OF_FLOAT.kelvin_per_count
     return np.rint(np.clip(kelvin, 0.0, 0xFFFF * step_k) / step_k).astype(np.uint16)
 
@@ -168,7 +169,7 @@ def read_stills(
     if kind != "TIFF" and unit:
         raise ConfigError(f"{source} holds counts: --unit would have no effect", fix="omit --unit")
     if kind == "TIFF":
-        stills, notes = _tiff_stills(paths, _temperature_unit(unit))
+        stills, notes = _tiff_stills(paths, unit)
     else:
         stills, notes = _irg_stills(paths) if kind == "IRG" else _png_stills(paths)
     rows, cols = stills[0].counts().shape
@@ -225,9 +226,12 @@ def _temperature_unit(written: str) -> Unit | None:
     return unit
 
 
-def _tiff_stills(paths: Sequence[Path], unit: Unit | None) -> tuple[list[_Still], list[Note]]:
+def _tiff_stills(paths: Sequence[Path], written: str) -> tuple[list[_Still], list[Note]]:
     """The pages that are frames, and notes on those that are not, and on turned ones."""
     pages = {path: _pages(path) for path in paths}
+    if written and not any(page.kind == _FLOAT for those in pages.values() for page in those):
+        raise ConfigError(f"{paths[0]} holds counts: --unit would have no effect", fix="omit --unit")
+    unit = _temperature_unit(written)
     stills = [
         _Still(
             path,

@@ -305,7 +305,12 @@ def test_floating_point_temperatures_become_hundredths_of_kelvin(
     assert frame.quality == Quality.GOOD
 
 
-@pytest.mark.parametrize(("hole", "count"), [(np.nan, 0), (-9999.0, 0), (np.inf, 65_535), (400.0, 65_535)])
+SIGNALLING = np.array(0x7F800001, np.uint32).view(np.float32)  # a NaN that warns when it is converted
+
+
+@pytest.mark.parametrize(
+    ("hole", "count"), [(np.nan, 0), (SIGNALLING, 0), (-9999.0, 0), (np.inf, 65_535), (400.0, 65_535)]
+)
 def test_a_pixel_without_a_temperature_flags_its_frame(tmp_path: Path, hole: float, count: int) -> None:
     pixels = np.full((5, 7), 22.35, np.float32)
     pixels[1, 2] = hole
@@ -318,9 +323,9 @@ def test_an_option_for_other_numbers_is_refused(tmp_path: Path) -> None:
     counts = tiff_file(tmp_path, tiff_pages((FIRST, {})))
     with pytest.raises(ConfigError, match="holds counts: --unit would have no effect"):
         read_stills(counts, None, unit="C", **MOMENT)
-    with pytest.raises(ConfigError, match="--unit lx is not a temperature"):
-        read_stills(counts, None, unit="lx", **MOMENT)
     floats = tiff_file(tmp_path, tiff_pages((FIRST.astype(np.float32), {})))
+    with pytest.raises(ConfigError, match="--unit lx is not a temperature"):
+        read_stills(floats, None, unit="lx", **MOMENT)
     with pytest.raises(ConfigError, match=r"states 0\.01 K per count"):
         read_stills(floats, Scale(0.04), unit="C", **MOMENT)
 
