@@ -15,6 +15,7 @@ SCRIPTS = (
     "overlay.js",
     "picture.js",
     "drawing.js",
+    "suggest.js",
     "status.js",
     "alarms.js",
     "actions.js",

@@ -14,11 +14,15 @@ import numpy as np
 import pytest
 
 from fieldkit.config import load_config
+from fieldkit.model.site import Region, RegionKind
+from fieldkit.simulation.facets import FRAME_SHAPE
+from fieldkit.simulation.scene import BEDS
 from tests.harness import field_page_journey as journey
 from tests.harness.field_page import (
     LAPTOP,
     PHONE,
     PHONE_ON_ITS_SIDE,
+    SMALLEST,
     Served,
     Watched,
     chromium,
@@ -132,6 +136,30 @@ def test_corners_are_tapped_moved_added_and_undone(browser: Browser, page: Serve
     watched.drag((60, 40), (65, 45))  # the inside: all of it
     assert _corners(watched) == [[35, 35], [75, 35], [75, 65]]
     assert watched.errors == []
+
+
+def test_suggested_regions_are_added_by_one_tap_each(browser: Browser, tmp_path: Path) -> None:
+    """A region lies inside the bed that the simulated field has there."""
+    campaign = journey.empty_campaign(tmp_path / "sandslope")
+    with served(campaign) as page:
+        watched = opened(browser, page.link(), SMALLEST)
+        watched.wait_for_picture()
+        watched.page.locator("#suggest").tap()
+        buttons = watched.page.locator("#suggestion-list button")
+        buttons.first.wait_for()
+        outlines = watched.page.locator("#overlay .suggested")
+        assert outlines.count() == buttons.count() >= 3
+        assert watched.violations() == []
+        assert watched.page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
+        buttons.first.tap()
+        watched.page.locator("#cards .card").first.wait_for()
+        watched.page.locator("#dismiss-suggestions").tap()
+        assert outlines.count() == 0
+        assert watched.errors == []
+    (region,) = load_config(campaign / "fieldkit.toml").regions
+    beds = [Region(bed.name, RegionKind.TARGET, bed.vertices).mask(FRAME_SHAPE) for bed in BEDS]
+    inside = region.mask(FRAME_SHAPE)
+    assert any(bed[inside].all() for bed in beds)
 
 
 POSE = """[camera.pose]
