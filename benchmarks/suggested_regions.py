@@ -29,9 +29,7 @@ from fieldkit.simulation.terrain import Terrain
 SCENES = 150
 MARGIN_PX = 2.0
 HOUR_NS = 3_600_000_000_000
-INCLUDED = (
-    "150 frames of the field, moved, turned, cluttered, noisy, from 9 to 16 h; 50 with ground in relief"
-)
+INCLUDED = "150 frames of the field, moved, turned, cluttered, noisy, 9 to 16 h; 50 with ground in relief"
 INSIDE = Row("inside", "suggested regions that lie inside a bed", ">= 95", "%", INCLUDED)
 SUGGESTED = Row("suggested", "regions suggested", "", "regions", INCLUDED)
 FOUND = Row("found", "beds that are found", "", "%", INCLUDED)
@@ -98,7 +96,7 @@ def scored(drawn: Drawn) -> Score:
 
 
 def drawn_frame(seed: int) -> Drawn:
-    """A frame of the field: as it stands for every fourth seed, else moved, then cluttered, then noisy too."""
+    """A frame of the field: as it stands for every fourth seed, else moved, cluttered, noisy too."""
     random, kind = np.random.default_rng([seed, 1]), seed % 4
     scene = _at_some_time(random, seed)
     scene = replace(scene, facets=moved_beds(random) if kind else BEDS)
@@ -154,7 +152,7 @@ def moved_beds(random: np.random.Generator) -> tuple[Facet, ...]:
 def cluttered(frame: FrameK, random: np.random.Generator, count: int) -> FrameK:
     """A frame with people, cables, vessels and boxes before it, mostly warmer than the ground."""
     for _ in range(count):
-        shape = random.choice([_person, _cable, _vessel, _box])(random)
+        shape = (_person, _cable, _vessel, _box)[random.integers(4)](random)
         kelvin = np.median(frame) + random.uniform(2.0, 15.0) * random.choice([1.0, 1.0, -0.5])
         soft = gaussian_filter(shape.astype(np.float64), 0.7)
         frame = frame * (1.0 - soft) + kelvin * soft
@@ -171,9 +169,8 @@ def _person(random: np.random.Generator) -> NDArray[np.uint8]:
 def _cable(random: np.random.Generator) -> NDArray[np.uint8]:
     image, place = _place(random)
     points = np.cumsum(random.normal(0.0, 14.0, (8, 2)), axis=0) + place
-    cv2.polylines(
-        image, [points.astype(np.int32)], isClosed=False, color=1, thickness=int(random.integers(1, 3))
-    )
+    thickness = int(random.integers(1, 3))
+    cv2.polylines(image, [points.astype(np.int32)], isClosed=False, color=1, thickness=thickness)
     return image
 
 

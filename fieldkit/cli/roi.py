@@ -154,16 +154,15 @@ def suggest(ctx: click.Context, names: tuple[str, ...], accept: bool, session: P
     fieldkit roi suggest --accept           add all
 
     Frames are those of the running recording's beginning, otherwise the camera's next. The area least unlike
-    the ground is suggested as reference: check that it is level. Give targets their measured slopes by roi edit.
+    the ground is suggested as reference: check that it is level. Give targets their slopes by roi edit.
     """
-    from fieldkit.config import load_config
     from fieldkit.recording.redrawing import change_regions
     from fieldkit.recording.suggesting import add_suggested, suggest_regions
 
     if accept and names:
         raise click.UsageError("give names or --accept, not both")
     file = _file(ctx)
-    found = suggest_regions(load_config(file), find_session(ctx, session) if session else None)
+    found = suggest_regions(file.parent, find_session(ctx, session) if session else None)
     chosen = [one for one in found if accept or one.region.name in names]
     if unknown := set(names) - {one.region.name for one in found}:
         suggested = ", ".join(one.region.name for one in found)

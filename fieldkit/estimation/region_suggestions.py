@@ -208,6 +208,6 @@ def _missing(candidates: list[FoundBed]) -> str:
     best = max(candidates, key=lambda bed: bed.contrast_k)
     needed = max(LEAST_CONTRAST_K, CONTRAST_OVER_SPREAD * best.spread_k)
     return (
-        f"no area differs enough from its surroundings on all sides: the most distinct by {best.contrast_k:.1f} K, "
-        f"a bed by {needed:.1f} K"
+        "no area differs enough from its surroundings on all sides: "
+        f"the most distinct by {best.contrast_k:.1f} K, a bed by {needed:.1f} K"
     )

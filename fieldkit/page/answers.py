@@ -190,7 +190,7 @@ class Answers:
         if frame is None:
             raise RefusedError(
                 "there is no frame with known temperatures",
-                fix="wait for the first frame, or draw the regions",
+                fix="wait for one, or draw the regions",
             )
         return [one.document() for one in suggested(frame, present)]
 
