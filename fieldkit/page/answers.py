@@ -26,7 +26,7 @@ from fieldkit.page import requests
 from fieldkit.page.conductor import Conductor
 from fieldkit.page.hub import Hub
 from fieldkit.page.keys import Keys
-from fieldkit.page.sessions import PastSessions
+from fieldkit.page.sessions import PastSessions, identifier
 from fieldkit.page.viewer import Viewer
 from fieldkit.recording import regions as campaign_regions
 from fieldkit.recording.mark_times import mark_of
@@ -113,7 +113,9 @@ class Answers:
     def _start_or_stop(self, request: requests.Start | requests.Stop) -> Document:
         if isinstance(request, requests.Stop):
             path = stop_recording(self.config.recordings, self._log_silence)
-            return answer(request.id, f"sealed {path.stem}", data={"session": path.stem})
+            report = f"/session/{identifier(path)}/report"
+            sealed = {"session": path.stem, "report_url": report}
+            return answer(request.id, f"sealed {path.stem}", data=sealed)
         session = self.conductor.start(request.name, _end(request), allow_missing=request.allow_missing)
         return answer(request.id, f"recording {session.stem}", data={"session": session.stem})
 
