@@ -12,6 +12,7 @@ SCRIPTS = (
     "dom.js",
     "socket.js",
     "cards.js",
+    "plot.js",
     "overlay.js",
     "picture.js",
     "drawing.js",

@@ -58,10 +58,11 @@ WAITING_POLICY = "default-src 'none'; style-src 'unsafe-inline'; frame-ancestors
 WAITING = """<!doctype html>
 <html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
 <title>Report of {name}</title>
-<style>body {{ margin: 15vh auto; max-width: 30rem; padding: 0 16px; color: #111; font: 17px/1.4 system-ui, sans-serif }}
+<style>body {{ margin: 15vh auto; max-width: 30rem; padding: 0 16px; color: #111; overflow-wrap: anywhere;
+font: 17px/1.4 system-ui, sans-serif }}
 progress {{ width: 100%; height: 16px; accent-color: #0a3f7d }}</style>
 <main><h1>Report of {name}</h1>
-<p>It is being made since {waited}; a session of three hours takes about a minute on a small computer.</p>
+<p>It has been in the making for {waited}; a session of three hours takes about a minute on a small computer.</p>
 <progress aria-label="The report is being made"></progress></main></html>
 """
 
