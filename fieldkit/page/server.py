@@ -62,7 +62,7 @@ WAITING = """<!doctype html>
 font: 17px/1.4 system-ui, sans-serif }}
 progress {{ width: 100%; height: 16px; accent-color: #0a3f7d }}</style>
 <main><h1>Report of {name}</h1>
-<p>It has been in the making for {waited}; a session of three hours takes about a minute on a small computer.</p>
+<p>It has been in the making for {waited}; it opens here when it is ready.</p>
 <progress aria-label="The report is being made"></progress></main></html>
 """
 
