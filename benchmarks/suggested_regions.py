@@ -64,7 +64,7 @@ class Score:
 
 
 def run() -> list[Result]:
-    """All frames; takes about two minutes."""
+    """All frames; takes about four minutes of processor time."""
     drawn = [drawn_frame(seed) for seed in range(SCENES)] + [in_relief(seed) for seed in range(SCENES // 3)]
     score = sum(map(scored, drawn), start=Score(0, 0, 0, 0, 0, 0))
     return [
