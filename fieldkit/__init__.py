@@ -31,6 +31,7 @@ if _TYPE_CHECKING:
     from fieldkit.recording.record import record as record
     from fieldkit.recording.replay import replay as replay
     from fieldkit.recording.simulate import simulate as simulate
+    from fieldkit.recording.suggesting import suggest_regions as suggest_regions
     from fieldkit.results.check import check as check
     from fieldkit.results.estimate import estimate as estimate
     from fieldkit.results.export import export as export
@@ -67,6 +68,7 @@ _HOMES = {
     "fieldkit.results.report": ("ReportOptions", "report"),
     "fieldkit.results.session": ("Session", "open_session"),
     "fieldkit.recording.simulate": ("simulate",),
+    "fieldkit.recording.suggesting": ("suggest_regions",),
     "fieldkit.results.slope_map": ("slope_map",),
     "fieldkit.results.sun_angles": ("sun",),
 }

@@ -17,6 +17,7 @@ from fieldkit.model.errors import ConfigError
 if TYPE_CHECKING:
     from fieldkit.model.site import Region
     from fieldkit.recording.requests import SentRequest
+    from fieldkit.recording.suggesting import SuggestedRegion
 
 Point = tuple[float, float]
 
@@ -132,6 +133,52 @@ def _on_frame(file: Path, pose: Path, corners: list[Point]) -> list[Point]:
             fix="set camera.width_px and camera.height_px",
         )
     return on_frame(read_pose(pose), (camera.height_px, camera.width_px), corners, time.time_ns())
+
+
+@command.command("suggest")
+@click.argument("names", nargs=-1, metavar="[NAME]...")
+@click.option("--accept", is_flag=True, help="Add all of them to fieldkit.toml.")
+@click.option(
+    "--session",
+    type=click.Path(path_type=Path),
+    metavar="SESSION",
+    help="Look in the first frames of this session.",
+)
+@click.pass_context
+def suggest(ctx: click.Context, names: tuple[str, ...], accept: bool, session: Path | None) -> None:
+    r"""Suggest regions: even areas with four sharp edges that differ from their surroundings.
+
+    \b
+    fieldkit roi suggest                    list them
+    fieldkit roi suggest flat bed-1         add these
+    fieldkit roi suggest --accept           add all
+
+    Frames are those of the running recording's beginning, otherwise the camera's next. The area least unlike
+    the ground is suggested as reference: check that it is level. Give targets their slopes by roi edit.
+    """
+    from fieldkit.recording.redrawing import change_regions
+    from fieldkit.recording.suggesting import add_suggested, suggest_regions
+
+    if accept and names:
+        raise click.UsageError("give names or --accept, not both")
+    file = _file(ctx)
+    found = suggest_regions(file.parent, find_session(ctx, session) if session else None)
+    chosen = [one for one in found if accept or one.region.name in names]
+    if unknown := set(names) - {one.region.name for one in found}:
+        suggested = ", ".join(one.region.name for one in found)
+        raise ConfigError(f"{', '.join(sorted(unknown))}: not suggested", fix=f"suggested are {suggested}")
+    sent = change_regions(file, partial(add_suggested, suggestions=chosen))[1] if chosen else None
+    added = [one.region.name for one in chosen]
+    if options(ctx).json:
+        suggestions = [one.document() for one in found]
+        print_json({"config": str(file), "suggestions": suggestions, "added": added, **_request(sent)})
+    elif not chosen:
+        print_table(_SUGGESTED, [_suggested_row(one) for one in found])
+        say("next: fieldkit roi suggest --accept, or with the names of those to add")
+    if chosen:
+        say(f"{', '.join(added)} added to {file}; check with a spirit level that the reference is level")
+        _say_sent(sent)
+        say(f"next: fieldkit roi edit {added[-1]} --tilt DEGREES --azimuth DEGREES")
 
 
 @command.command("edit")
@@ -275,6 +322,15 @@ def _row(region: Region) -> tuple[str, ...]:
 
     corners = " ".join(f"{x:g},{y:g}" for x, y in region.vertices)
     return region.name, region.kind.name.lower(), slope_text(region), corners
+
+
+_SUGGESTED = ("name", "kind", "pixels", "contrast", "spread", "corners")
+
+
+def _suggested_row(one: SuggestedRegion) -> tuple[str, ...]:
+    name, kind, _, corners = _row(one.region)
+    found = one.found
+    return name, kind, f"{found.pixels} px", f"{found.contrast_k:.1f} K", f"{found.spread_k:.2f} K", corners
 
 
 def _document(region: Region) -> dict[str, Any]:

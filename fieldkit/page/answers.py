@@ -26,13 +26,14 @@ from fieldkit.page import requests
 from fieldkit.page.conductor import Conductor
 from fieldkit.page.hub import Hub
 from fieldkit.page.keys import Keys
-from fieldkit.page.sessions import PastSessions
+from fieldkit.page.sessions import PastSessions, identifier
 from fieldkit.page.viewer import Viewer
 from fieldkit.recording import regions as campaign_regions
 from fieldkit.recording.mark_times import mark_of
 from fieldkit.recording.redrawing import change_regions
 from fieldkit.recording.requests import Acknowledgement, SentRequest, Shutter, sent
 from fieldkit.recording.running import UnresponsiveRecorder, is_recorder_present, stop_recording
+from fieldkit.recording.suggesting import suggested
 from fieldkit.views import formatting, frame_image
 
 log: logging.Logger = logging.getLogger(__name__)
@@ -99,6 +100,8 @@ class Answers:
                 return await self._by_recorder(request.id, partial(self._acknowledge, request.alarm))
             case requests.Skyline():
                 return await asyncio.to_thread(self._set_skyline, request)
+            case requests.SuggestRegions():
+                return answer(request.id, "", data=await asyncio.to_thread(self._suggestions, request))
             case requests.Link():
                 key = await asyncio.to_thread(self.keys.new_link, request.role)
                 return answer(request.id, f"a link that works once, to {request.role}", data={"key": key})
@@ -110,7 +113,9 @@ class Answers:
     def _start_or_stop(self, request: requests.Start | requests.Stop) -> Document:
         if isinstance(request, requests.Stop):
             path = stop_recording(self.config.recordings, self._log_silence)
-            return answer(request.id, f"sealed {path.stem}", data={"session": path.stem})
+            report = f"/session/{identifier(path)}/report"
+            sealed = {"session": path.stem, "report_url": report}
+            return answer(request.id, f"sealed {path.stem}", data=sealed)
         session = self.conductor.start(request.name, _end(request), allow_missing=request.allow_missing)
         return answer(request.id, f"recording {session.stem}", data={"session": session.stem})
 
@@ -181,6 +186,15 @@ class Answers:
             "text": found.text or "ok", "shrink_px": found.shrink_px,
             "vertices": [list(corner) for corner in region.vertices],
         }  # fmt: skip
+
+    def _suggestions(self, request: requests.SuggestRegions) -> list[Document]:
+        _, frame, present = self._drawn_on(request.session)
+        if frame is None:
+            raise RefusedError(
+                "there is no frame with known temperatures",
+                fix="wait for one, or draw the regions",
+            )
+        return [one.document() for one in suggested(frame, present)]
 
     def _drawn_on(
         self, session: str | None

@@ -198,6 +198,13 @@ class Skyline(_Request):
     points: Annotated[list[tuple[Pixel, Pixel]], Field(min_length=2, max_length=64)]
 
 
+class SuggestRegions(_Request):
+    """Regions found in the picture, or in that of the past session with this id."""
+
+    do: Literal["suggest_regions"]
+    session: Word | None = None
+
+
 class Link(_Request):
     """A one-time link for another browser."""
 
@@ -217,6 +224,7 @@ ForControl = (
     | EditRegion
     | RemoveRegion
     | Skyline
+    | SuggestRegions
     | Link
 )
 Request = ForAnyone | ForControl

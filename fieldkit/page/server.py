@@ -52,8 +52,19 @@ ANSWERS_AT_ONCE = 8
 FULL, NO_KEY, LEFT = 4001, 4003, 4008
 """Codes with which a WebSocket is closed: too many viewers, no key, disconnected with a reason."""
 REPORT_POLICY = "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:"
-WAITING_POLICY = "default-src 'none'; frame-ancestors 'none'"
+WAITING_POLICY = "default-src 'none'; style-src 'unsafe-inline'; frame-ancestors 'none'"
 """Without a sandbox: what a sandboxed page loads again, browsers ask for without the cookie."""
+
+WAITING = """<!doctype html>
+<html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
+<title>Report of {name}</title>
+<style>body {{ margin: 15vh auto; max-width: 30rem; padding: 0 16px; color: #111; overflow-wrap: anywhere;
+font: 17px/1.4 system-ui, sans-serif }}
+progress {{ width: 100%; height: 16px; accent-color: #0a3f7d }}</style>
+<main><h1>Report of {name}</h1>
+<p>It has been in the making for {waited}; it opens here when it is ready.</p>
+<progress aria-label="The report is being made"></progress></main></html>
+"""
 
 
 @dataclass
@@ -216,8 +227,8 @@ class Page:
         if report.done() and report.result():
             return PlainTextResponse(report.result(), 500, headers)
         name = escape(self.past.path(session).stem)
-        words = f"<!doctype html><title>Report</title><p>The report of {name} is being made …"
-        return HTMLResponse(words, 202, {**headers, "refresh": "2"})
+        waited = f"{self.past.waited_s(session):.0f} s"
+        return HTMLResponse(WAITING.format(name=name, waited=waited), 202, {**headers, "refresh": "2"})
 
     async def _download(self, session: str) -> Response:
         path = self.past.sealed(session)

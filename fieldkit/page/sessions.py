@@ -12,6 +12,7 @@ import hashlib
 import json
 import os
 import sys
+import time
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
@@ -46,6 +47,7 @@ class PastSessions:
     _one_job: asyncio.Lock = field(default_factory=asyncio.Lock)
     _frames: dict[Path, FrameK] = field(default_factory=dict)
     _reports: dict[Path, asyncio.Task[str]] = field(default_factory=dict)
+    _asked_s: dict[Path, float] = field(default_factory=dict)
 
     def paths(self) -> dict[str, Path]:
         """Files by id."""
@@ -124,9 +126,14 @@ class PastSessions:
         making = self._reports.get(session)
         if making is None:
             making = self._reports[session] = asyncio.create_task(self._make(session))
+            self._asked_s[session] = time.monotonic()
         elif making.done():
             del self._reports[session]  # reported once; asking again tries again
         return making
+
+    def waited_s(self, wanted: str) -> float:
+        """Seconds since the report of a session was asked for first."""
+        return time.monotonic() - self._asked_s[self.path(wanted)]
 
     async def _make(self, session: Path) -> str:
         async with self._one_job:

@@ -231,6 +231,7 @@ CONTROL_ONLY = (
     {"do": "acknowledge", "alarm": "x"},
     {"do": "remove_region", "name": "b15", "confirm": True},
     {"do": "skyline", "points": [[1, 20], [30, 2]]},
+    {"do": "suggest_regions"},
     {"do": "link", "role": "control"},
 )
 

@@ -14,11 +14,15 @@ import numpy as np
 import pytest
 
 from fieldkit.config import load_config
+from fieldkit.model.site import Region, RegionKind
+from fieldkit.simulation.facets import FRAME_SHAPE
+from fieldkit.simulation.scene import BEDS
 from tests.harness import field_page_journey as journey
 from tests.harness.field_page import (
     LAPTOP,
     PHONE,
     PHONE_ON_ITS_SIDE,
+    SMALLEST,
     Served,
     Watched,
     chromium,
@@ -74,7 +78,11 @@ def test_the_whole_journey_by_touch(browser: Browser, tmp_path: Path) -> None:
         journey.record(watched, journey.unseen)
         journey.mark(watched, journey.unseen)
         journey.be_warned(watched, journey.unseen)
+        _zoom_the_plot(watched)
+        bar = watched.page.locator("#time-bar").evaluate("(bar) => bar.value / bar.max")
+        assert 0.0 < bar <= 1.0
         journey.stop(watched, journey.unseen)
+        assert watched.page.locator("#answers a", has_text="Report").is_visible()
         assert "two-beds" in journey.report(watched, journey.unseen)
         assert "tilt" in journey.estimate_anew(watched, journey.unseen)
         watched.page.locator("#stage:not(.stale)").wait_for()  # live again
@@ -82,7 +90,42 @@ def test_the_whole_journey_by_touch(browser: Browser, tmp_path: Path) -> None:
         assert watched.errors == []
 
 
-@pytest.mark.parametrize("size", [PHONE, PHONE_ON_ITS_SIDE, LAPTOP])
+def _zoom_the_plot(watched: Watched) -> None:
+    """The wheel shortens the time shown, and Home shows all of it again."""
+    chart = watched.page.locator("#plot")
+    chart.scroll_into_view_if_needed()
+
+    def lines() -> list[int]:
+        counts: list[int] = chart.evaluate(
+            "(plot) => [...plot.querySelectorAll('polyline')].map((line) => line.points.numberOfItems)"
+        )
+        return counts
+
+    wait_until(lambda: max(lines(), default=0) > 5, "no minutes are plotted")
+    before = max(lines())
+    box = chart.bounding_box()
+    assert box is not None
+    watched.page.mouse.move(box["x"] + box["width"] / 2, box["y"] + 50)
+    watched.page.mouse.wheel(0, -300)
+    wait_until(lambda: max(lines()) < before, "the wheel does not zoom")
+    chart.press("Home")
+    wait_until(lambda: max(lines()) >= before, "Home does not show all")
+
+
+def test_the_palette_is_chosen_and_kept_on_the_device(browser: Browser, page: Served) -> None:
+    """Hot is black: the legend begins white."""
+    watched = opened(browser, page.link())
+    watched.wait_for_picture()
+    first = "[...document.getElementById('legend').getContext('2d').getImageData(0, 0, 1, 1).data]"
+    assert watched.page.evaluate(first) == [0, 0, 4, 255]  # inferno's first colour (matplotlib)
+    watched.page.locator("#palette").select_option("black hot")
+    assert watched.page.evaluate(first) == [255, 255, 255, 255]
+    watched.page.reload()
+    watched.wait_for_picture()
+    assert watched.page.evaluate(first) == [255, 255, 255, 255]
+
+
+@pytest.mark.parametrize("size", [SMALLEST, PHONE, PHONE_ON_ITS_SIDE, LAPTOP])
 def test_axe_finds_nothing(browser: Browser, page: Served, size: tuple[int, int]) -> None:
     watched = opened(browser, page.link(), size)
     watched.wait_for_picture()
@@ -132,6 +175,30 @@ def test_corners_are_tapped_moved_added_and_undone(browser: Browser, page: Serve
     watched.drag((60, 40), (65, 45))  # the inside: all of it
     assert _corners(watched) == [[35, 35], [75, 35], [75, 65]]
     assert watched.errors == []
+
+
+def test_suggested_regions_are_added_by_one_tap_each(browser: Browser, tmp_path: Path) -> None:
+    """A region lies inside the bed that the simulated field has there."""
+    campaign = journey.empty_campaign(tmp_path / "sandslope")
+    with served(campaign) as page:
+        watched = opened(browser, page.link(), SMALLEST)
+        watched.wait_for_picture()
+        watched.page.locator("#suggest").tap()
+        buttons = watched.page.locator("#suggestion-list button")
+        buttons.first.wait_for()
+        outlines = watched.page.locator("#overlay .suggested")
+        assert outlines.count() == buttons.count() >= 3
+        assert watched.violations() == []
+        assert watched.page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
+        buttons.first.tap()
+        watched.page.locator("#cards .card").first.wait_for()
+        watched.page.locator("#dismiss-suggestions").tap()
+        assert outlines.count() == 0
+        assert watched.errors == []
+    (region,) = load_config(campaign / "fieldkit.toml").regions
+    beds = [Region(bed.name, RegionKind.TARGET, bed.vertices).mask(FRAME_SHAPE) for bed in BEDS]
+    inside = region.mask(FRAME_SHAPE)
+    assert any(bed[inside].all() for bed in beds)
 
 
 POSE = """[camera.pose]

@@ -2,12 +2,14 @@
 
 const ANSWER_MS = 6000;
 
-/** Show what a request did; a failure stays until it is closed. */
-function showAnswer({ ok, text, fix }) {
+/** Show what a request did; a failure, or one that leads to a report, stays until it is closed. */
+function showAnswer({ ok, text, fix, data }) {
+  const report = data?.report_url;
   const close = el("button", { type: "button", onclick: () => line.remove() }, "Close");
-  const line = el("p", { class: ok ? null : "failed" }, el("span", {}, [text, fix].filter(Boolean).join(" ")), close);
+  const line = el("p", { class: ok ? null : "failed" }, el("span", {}, [text, fix].filter(Boolean).join(" ")),
+    report ? el("a", { class: "button", href: report, target: "_blank", rel: "noopener" }, "Report") : null, close);
   $("answers").replaceChildren(line);
-  if (ok) setTimeout(() => line.remove(), ANSWER_MS);
+  if (ok && !report) setTimeout(() => line.remove(), ANSWER_MS);
 }
 
 /** Ask before something that cannot be taken back; a promise of the decision. */
@@ -76,6 +78,7 @@ function showFields() {
   $("until-field").hidden = start.ends.value !== "until";
   $("mark-time-field").hidden = mark.at.value !== "time";
 }
+for (const name of document.querySelectorAll("[name=name]")) name.onfocus = () => name.select(); // typing replaces it
 for (const dialog of document.querySelectorAll("dialog")) {
   dialog.querySelector(".cancel").onclick = () => dialog.close();
   dialog.addEventListener("change", showFields);

@@ -49,7 +49,7 @@ const site = { zone: "UTC" };
 
 /** A time at the site; `options` as of Intl.DateTimeFormat. */
 function localTime(ms, options = { hour: "2-digit", minute: "2-digit", second: "2-digit" }) {
-  if (!Number.isFinite(ms)) return "–";
+  if (!(ms > 0)) return "–"; // nothing has a time before the first sample
   try {
     return new Intl.DateTimeFormat("en-GB", { ...options, timeZone: site.zone }).format(ms);
   } catch {

@@ -13,18 +13,19 @@ function drawOverlay() {
   const edited = drawing.draft?.original;
   const focused = document.activeElement?.dataset?.corner;
   overlay.replaceChildren(
-    ...regions.list.filter((region) => region.name !== edited).map(regionShape),
+    ...regions.list.filter((region) => region.name !== edited).map((region) => regionShape(region)),
+    ...suggesting.list.map((region) => regionShape(region, "suggested")),
     ...(drawing.draft ? [draftShape(drawing.draft)] : []),
     ...crossShapes(drawing.draft ? drawing.draft.cursor : picture.probe),
   );
   if (focused !== undefined) overlay.querySelector(`[data-corner="${focused}"]`)?.focus();
 }
 
-function regionShape(region) {
+function regionShape(region, kind = region.role) {
   const x = Math.min(...region.vertices.map((vertex) => vertex[0])), y = Math.min(...region.vertices.map((vertex) => vertex[1]));
   const letters = 15 / zoom();
   const name = el("text", { x: x + 2 / zoom(), y: y > letters ? y - 4 / zoom() : y + letters, "font-size": letters, "stroke-width": 3.5 / zoom() }, region.name);
-  return el("g", { class: region.role }, ...outline(region.vertices), name);
+  return el("g", { class: kind }, ...outline(region.vertices), name);
 }
 
 function draftShape(draft) {

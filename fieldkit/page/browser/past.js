@@ -8,6 +8,7 @@ async function openPast(session) {
   const response = await fetch(session.picture_url).catch(() => null);
   if (!response?.ok) return { ok: false, text: (await response?.text()) ?? "The picture did not come.", fix: "Try again." };
   past.session = session;
+  showSuggestions([]);
   choosePictures();
   await takePicture(await response.arrayBuffer());
   $("past-slopes").replaceChildren();
@@ -22,6 +23,7 @@ function leavePast() {
   if (!past.session) return;
   if (drawing.draft) endDrawing();
   past.session = null;
+  showSuggestions([]);
   $("past").hidden = true;
   choosePictures();
 }

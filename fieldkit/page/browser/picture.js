@@ -1,12 +1,19 @@
 // The thermal picture: decoded, coloured with a table fixed in temperature, greyed when stale, read under the finger.
 
-const PALETTE = Uint8Array.from(atob("{{palette}}"), (character) => character.charCodeAt(0)); // 256 x red, green, blue
+// 256 x red, green, blue; cividis: every 15th colour of Nunez, Anderton and Renslow, PLoS ONE 13, e0199239 (2018)
+const PALETTES = {
+  inferno: Uint8Array.from(atob("{{palette}}"), (character) => character.charCodeAt(0)),
+  ironbow: ramp("00000a 1c0065 6b0096 b8187c e4572e f99d10 fddc5c fffff6"),
+  "white hot": ramp("000000 ffffff"),
+  "black hot": ramp("ffffff 000000"),
+  "cividis, for the colour-blind": ramp("00224e 002d68 163770 2e416d 3f4c6c 4e566c 5c616e 696b71 767676 838179 928c78 a09875 afa471 bfb06b cfbd62 dfca57 f0d846 fee838"),
+};
 const STALE_AFTER = 2.5; // intervals: two expected pictures did not come
 const UNKNOWN_INTERVAL_MS = 3000;
 
 const picture = {
   header: null, counts: null, scale: 1, offset: 0, // value in °C = scale * count + offset
-  low: 0, high: 1, locked: null, mode: "jpeg",
+  palette: PALETTES.inferno, low: 0, high: 1, locked: null, mode: "jpeg",
   waiting: null, busy: false, arrivals: [], probe: null, probing: false,
 };
 const pixels = $("pixels"), stage = $("stage");
@@ -71,9 +78,9 @@ function draw() {
   const start = ((picture.offset - picture.low) * 255) / (picture.high - picture.low);
   for (let i = 0; i < picture.counts.length; i++) {
     const colour = 3 * Math.round(Math.min(255, Math.max(0, picture.counts[i] * factor + start)));
-    image.data[4 * i] = PALETTE[colour];
-    image.data[4 * i + 1] = PALETTE[colour + 1];
-    image.data[4 * i + 2] = PALETTE[colour + 2];
+    image.data[4 * i] = picture.palette[colour];
+    image.data[4 * i + 1] = picture.palette[colour + 1];
+    image.data[4 * i + 2] = picture.palette[colour + 2];
     image.data[4 * i + 3] = 255;
   }
   screen2d.putImageData(image, 0, 0);
@@ -122,9 +129,27 @@ function showStale() {
   say($("age"), stale ? "" : past.session ? "recorded" : localTime(picture.header.time_ms));
 }
 
+/** 256 colours in even steps between those given in hexadecimal. */
+function ramp(colours) {
+  const stops = colours.split(" ").map((colour) => [0, 2, 4].map((at) => parseInt(colour.slice(at, at + 2), 16)));
+  return Uint8Array.from({ length: 768 }, (_, i) => {
+    const place = (Math.floor(i / 3) / 255) * (stops.length - 1), before = Math.min(Math.floor(place), stops.length - 2);
+    const [from, to] = [stops[before][i % 3], stops[before + 1][i % 3]];
+    return Math.round(from + (place - before) * (to - from));
+  });
+}
+
+/** Colour the picture and the legend anew; the choice is kept on this device. */
+function choosePalette(name) {
+  picture.palette = PALETTES[name] ?? PALETTES.inferno;
+  localStorage.setItem("palette", name);
+  drawLegend();
+  if (picture.header) draw();
+}
+
 function drawLegend() {
   const legend = $("legend").getContext("2d"), image = legend.createImageData(256, 1);
-  for (let i = 0; i < 256; i++) image.data.set([...PALETTE.subarray(3 * i, 3 * i + 3), 255], 4 * i);
+  for (let i = 0; i < 256; i++) image.data.set([...picture.palette.subarray(3 * i, 3 * i + 3), 255], 4 * i);
   legend.putImageData(image, 0, 0);
 }
 
@@ -219,5 +244,8 @@ $("exact").onclick = () => {
   choosePictures();
 };
 new ResizeObserver(() => drawOverlay()).observe(stage);
-drawLegend();
+$("palette").append(...Object.keys(PALETTES).map((name) => el("option", { value: name }, name)));
+$("palette").value = localStorage.getItem("palette") in PALETTES ? localStorage.getItem("palette") : "inferno";
+$("palette").onchange = () => choosePalette($("palette").value);
+choosePalette($("palette").value);
 setInterval(() => { showStale(); checkConnection(); }, 250);

@@ -5,6 +5,8 @@ async function listSessions() {
   if (!answer.ok) return showAnswer(answer);
   say($("list-sessions"), "Show again");
   $("session-list").replaceChildren(...answer.data.map(sessionItem));
+  $("session-search").hidden = answer.data.length < 2;
+  searchSessions();
   if (answer.data.length === 0) $("session-list").append(el("li", {}, "Nothing was recorded yet."));
 }
 
@@ -31,4 +33,14 @@ function sessionItem(session) {
     result);
 }
 
+/** Hide the sessions in whose text a searched word does not occur. */
+function searchSessions() {
+  const words = $("session-search").querySelector("input").value.toLowerCase().split(" ");
+  for (const item of $("session-list").children) {
+    const text = item.textContent.toLowerCase();
+    item.hidden = !words.every((word) => text.includes(word));
+  }
+}
+
 $("list-sessions").onclick = listSessions;
+$("session-search").oninput = searchSessions;

@@ -33,6 +33,9 @@ function showState() {
   const { phase, session, started_ms: started, planned_end_ms: end, problem } = status.state;
   const since = phase === "recording" && started ? `${session}, ${duration(Math.floor(((status.atMs ?? started) - started) / 60e3) * 60)}` : session;
   const until = phase === "recording" && end ? `ends ${minuteTime(end)}` : "";
+  const bar = $("time-bar");
+  bar.hidden = !until;
+  if (until) Object.assign(bar, { max: end - started, value: Math.max(0, (status.atMs ?? started) - started) });
   say($("state"), [PHASES[phase] ?? phase, since, until, problem].filter(Boolean).join(" · "));
   $("state").className = phase;
 }

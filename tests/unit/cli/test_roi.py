@@ -10,6 +10,9 @@ from fieldkit.calibration.calibration_record import CalibrationRecord, save
 from fieldkit.cli import main
 from fieldkit.config import load_config
 from fieldkit.model.site import Region, RegionKind
+from fieldkit.simulation.facets import FRAME_SHAPE
+from fieldkit.simulation.scene import BEDS
+from tests.harness.field_page_journey import empty_campaign
 
 
 @pytest.fixture
@@ -259,3 +262,29 @@ def test_a_region_that_crosses_itself_is_refused_with_what_to_do(roi):
     checked = roi("check")
     assert checked.exit_code == 3
     assert "give the corners in order" in checked.stdout
+
+
+@pytest.fixture
+def empty_field(tmp_path):
+    """The simulated field without regions, by a command on it."""
+    empty_campaign(tmp_path / "field")
+    return lambda *arguments: CliRunner().invoke(
+        main, ["roi", arguments[0], "-C", str(tmp_path / "field"), *arguments[1:]]
+    )
+
+
+def test_suggested_regions_are_listed_then_accepted_by_name(empty_field, tmp_path):
+    """They lie inside the beds of the scene."""
+    listed = json.loads(empty_field("suggest", "--json").stdout)
+    assert listed["added"] == []
+    names = [one["name"] for one in listed["suggestions"]]
+    assert "flat" in names
+    assert empty_field("suggest", "flat", "nowhere").exit_code == 3
+    accepted = empty_field("suggest", "flat")
+    assert accepted.exit_code == 0, accepted.stderr
+    assert "spirit level" in accepted.stderr
+    (flat,) = load_config(tmp_path / "field" / "fieldkit.toml").regions
+    assert flat.kind is RegionKind.REFERENCE
+    inside = flat.mask(FRAME_SHAPE)
+    beds = [Region(bed.name, RegionKind.TARGET, bed.vertices).mask(FRAME_SHAPE) for bed in BEDS]
+    assert [bool(bed[inside].all()) for bed in beds] == [True, False, False, False]

@@ -30,6 +30,7 @@ GOOD: list[dict[str, Any]] = [
     {"do": "edit_region", "name": "b15", "region": REGION},
     {"do": "remove_region", "name": "b15", "confirm": True},
     {"do": "skyline", "points": [[1, 20], [30, 2.5]]},
+    {"do": "suggest_regions", "session": None},
     {"do": "link", "role": "view"},
 ]
 json_values = st.recursive(

@@ -1,0 +1,213 @@
+"""Find beds in a frame: even areas with four straight, sharp edges, each as an outline inset from them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.estimation.region_check import MIN_PIXELS, FrameK, check_region
+from fieldkit.model.errors import NoAnswerError
+from fieldkit.model.site import Region, RegionKind
+
+LEAST_CONTRAST_K = 0.5
+CONTRAST_OVER_SPREAD = 3.0
+"""A bed differs from what surrounds it by more than this and by this many times its own spread."""
+_COLS = 160
+"""Larger frames are averaged to about so many columns: noise and time shrink, beds stay."""
+_LEVELS = 12
+_SMOOTHED_PX = 1.0
+_MOST_OF_FRAME, _LEAST_OF_LARGEST = 0.4, 0.25
+"""Beds are alike in size: what is far smaller than the largest lies on or beside them."""
+_FILLED = 0.88
+_UNDISTURBED = 15.0
+"""Per cent of a side that something may lie across."""
+_INSET_PX = 1.5
+_ALONG = np.linspace(0.12, 0.88, 32)
+_INSIDE_PX, _OUTSIDE_PX = (-3.0, -2.0, -1.0), (3.0, 4.0, 5.0)
+"""Of an even area, which ends up to two pixels before the edge of its bed."""
+FIX = "try again when the sun has warmed the beds apart, or draw them: fieldkit roi add"
+
+Mask = NDArray[np.bool_]
+_Corners = NDArray[np.float64]
+_Image = NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True)
+class FoundBed:
+    """An area that looks like a bed.
+
+    Attributes
+    ----------
+    vertices
+        Its four corners (x, y), inset from its edges. [pixel]
+    pixels
+        Number of pixels inside.
+    contrast_k
+        How much it differs from its surroundings where it differs least. [K]
+    spread_k
+        Standard deviation inside. [K]
+    """
+
+    vertices: tuple[tuple[float, float], ...]
+    pixels: int
+    contrast_k: float
+    spread_k: float
+
+    @property
+    def is_distinct(self) -> bool:
+        """Whether it differs clearly from its surroundings on every side."""
+        return self.contrast_k >= max(LEAST_CONTRAST_K, CONTRAST_OVER_SPREAD * self.spread_k)
+
+
+def find_beds(frame: FrameK) -> list[FoundBed]:
+    """The areas of a frame that look like beds, row by row from the top left.
+
+    Areas are the connected parts in which the temperature changes little from pixel to pixel, at every limit
+    of "little": those are kept that nearly fill a quadrilateral and differ from their surroundings all along
+    its four sides.
+
+    Parameters
+    ----------
+    frame
+        Brightness temperatures, shape (rows, cols); unknown ones are NaN. [K]
+
+    Raises
+    ------
+    NoAnswerError
+        There is none; the message states what is missing.
+    """
+    if not np.isfinite(frame).any():
+        raise NoAnswerError("the frame has no known temperature", fix=FIX)
+    factor = max(1, round(frame.shape[1] / _COLS))
+    image = _prepared(frame, factor)
+    candidates = [bed for corners in _quadrilaterals(image) if (bed := _measured(corners, image))]
+    found = [bed for bed in _apart(candidates, image.shape) if _is_usable(bed, image)]
+    if not found:
+        raise NoAnswerError(_missing(candidates), fix=FIX)
+    largest = max(bed.pixels for bed in found)
+    kept = [_enlarged(bed, factor) for bed in found if bed.pixels >= _LEAST_OF_LARGEST * largest]
+    return sorted(kept, key=lambda bed: _row_by_row(bed, frame.shape[0]))
+
+
+def _prepared(frame: FrameK, factor: int) -> _Image:
+    """The frame at its working size, without single wrong pixels."""
+    known = np.where(np.isfinite(frame), frame, np.nanmedian(frame)).astype(np.float32)
+    size = frame.shape[1] // factor, frame.shape[0] // factor
+    return np.asarray(cv2.medianBlur(cv2.resize(known, size, interpolation=cv2.INTER_AREA), 3), np.float32)
+
+
+def _quadrilaterals(image: _Image) -> Iterator[_Corners]:
+    """Corners (4, 2) of the even areas that fill a quadrilateral."""
+    smooth = cv2.GaussianBlur(image, (0, 0), _SMOOTHED_PX)
+    gradient = np.hypot(cv2.Sobel(smooth, -1, 1, 0, scale=0.125), cv2.Sobel(smooth, -1, 0, 1, scale=0.125))
+    low, high = np.maximum(np.percentile(gradient, (20.0, 98.0)), (1e-3, 2e-3))
+    for level in np.geomspace(low, high, _LEVELS):
+        for area in _areas(gradient < level):
+            corners = _corners(area)
+            if corners is not None and _is_filled(corners, area):
+                yield corners
+
+
+def _areas(even: Mask) -> Iterator[Mask]:
+    """The connected parts that could be a bed: not too small or large, and away from the frame's edge."""
+    _, labels, statistics, _ = cv2.connectedComponentsWithStats(even.astype(np.uint8), connectivity=4)
+    rows, cols = even.shape
+    for number, (x, y, width, height, pixels) in enumerate(statistics[1:], start=1):
+        is_inside = min(x, y) >= 2 and x + width <= cols - 2 and y + height <= rows - 2
+        if is_inside and width * height >= pixels >= MIN_PIXELS and pixels <= _MOST_OF_FRAME * even.size:
+            yield labels == number
+
+
+def _corners(area: Mask) -> _Corners | None:
+    """The hull of an area reduced to four corners; None where fewer are left."""
+    contours, _ = cv2.findContours(area.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    hull = cv2.convexHull(max(contours, key=cv2.contourArea))
+    length = cv2.arcLength(hull, closed=True)
+    for share in np.linspace(0.01, 0.12, 23):
+        corners = cv2.approxPolyDP(hull, share * length, closed=True)[:, 0]
+        if len(corners) <= 4:
+            return corners.astype(np.float64) if len(corners) == 4 else None
+    return None
+
+
+def _is_filled(corners: _Corners, area: Mask) -> bool:
+    inside = _region(corners).mask(area.shape)
+    return bool((inside & area).sum() >= _FILLED * (inside | area).sum())
+
+
+def _measured(corners: _Corners, image: _Image) -> FoundBed | None:
+    """The inset outline with its contrast and spread; None where nothing is left inside."""
+    try:
+        region = _region(corners).shrunk(_INSET_PX)
+    except ValueError:
+        return None
+    inside = image[region.mask((image.shape[0], image.shape[1]))]
+    if inside.size < MIN_PIXELS:
+        return None
+    return FoundBed(region.vertices, inside.size, _contrast_k(corners, image), float(inside.std()))
+
+
+def _contrast_k(corners: _Corners, image: _Image) -> float:
+    """Difference across the least distinct side, but for the part of it that something may lie across."""
+    along = np.roll(corners, -1, axis=0) - corners
+    outwards = along[:, ::-1] * (1.0, -1.0) / np.linalg.norm(along, axis=1, keepdims=True)
+    outwards *= np.sign(np.sum(outwards * (corners - corners.mean(axis=0)), axis=1, keepdims=True))
+    places = corners[:, np.newaxis] + _ALONG[:, np.newaxis] * along[:, np.newaxis]
+    inside, outside = (_means(places, outwards, steps, image) for steps in (_INSIDE_PX, _OUTSIDE_PX))
+    return float(np.percentile(np.abs(outside - inside), _UNDISTURBED, axis=1).min())
+
+
+def _means(places: _Corners, outwards: _Corners, steps: tuple[float, ...], image: _Image) -> _Corners:
+    """Means over steps outwards from places along the sides, (4, n, 2); shape (4, n)."""
+    at = places + np.multiply.outer(steps, outwards)[:, :, np.newaxis]
+    x, y = np.moveaxis(at, -1, 0).astype(np.float32).reshape(2, len(steps), -1)
+    values = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(values.mean(axis=0, dtype=np.float64).reshape(places.shape[:2]))
+
+
+def _apart(beds: list[FoundBed], shape: tuple[int, ...]) -> list[FoundBed]:
+    """The distinct ones, and of those that share pixels the largest."""
+    taken, kept = np.zeros(shape, np.bool_), []
+    for bed in sorted(beds, key=lambda bed: -bed.pixels):
+        inside = _region(np.array(bed.vertices)).mask((shape[0], shape[1]))
+        if bed.is_distinct and not (inside & taken).any():
+            taken |= inside
+            kept.append(bed)
+    return kept
+
+
+def _is_usable(bed: FoundBed, image: _Image) -> bool:
+    region = _region(np.array(bed.vertices))
+    return check_region(region, image.shape, image.astype(np.float64)).level == "ok"
+
+
+def _enlarged(bed: FoundBed, factor: int) -> FoundBed:
+    """A bed of the working size in pixels of the frame, whose centres are at whole numbers."""
+    corners = [((x + 0.5) * factor - 0.5, (y + 0.5) * factor - 0.5) for x, y in bed.vertices]
+    vertices = tuple((round(x, 1), round(y, 1)) for x, y in corners)
+    return FoundBed(vertices, bed.pixels * factor**2, bed.contrast_k, bed.spread_k)
+
+
+def _row_by_row(bed: FoundBed, rows: int) -> tuple[int, float]:
+    """Its place in reading order: beds side by side are rarely at one height to the pixel."""
+    x, y = np.mean(bed.vertices, axis=0)
+    return round(4.0 * float(y) / rows), float(x)
+
+
+def _region(corners: _Corners) -> Region:
+    return Region("bed", RegionKind.TARGET, tuple((float(x), float(y)) for x, y in corners))
+
+
+def _missing(candidates: list[FoundBed]) -> str:
+    if not candidates:
+        return "no even area with four straight edges was found in the frame"
+    best = max(candidates, key=lambda bed: bed.contrast_k)
+    needed = max(LEAST_CONTRAST_K, CONTRAST_OVER_SPREAD * best.spread_k)
+    return (
+        "no area differs enough from its surroundings on all sides: "
+        f"the most distinct by {best.contrast_k:.1f} K, a bed by {needed:.1f} K"
+    )

@@ -1,0 +1,33 @@
+// Suggested regions: outlines over the picture, each added by one tap.
+
+const suggesting = { list: [] };
+
+async function suggestRegions() {
+  $("suggest").disabled = true;
+  const answer = await request({ do: "suggest_regions", session: past.session?.id ?? null });
+  $("suggest").disabled = false;
+  if (!answer.ok) return showAnswer(answer);
+  showSuggestions(answer.data);
+  window.scrollTo(0, 0);
+  $("suggestion-list").querySelector("button").focus({ preventScroll: true });
+}
+
+function showSuggestions(list) {
+  suggesting.list = list;
+  $("suggestions").hidden = list.length === 0;
+  $("suggestion-list").replaceChildren(...list.map(suggestionButton));
+  drawOverlay();
+}
+
+function suggestionButton(region) {
+  const { name, role, vertices, contrast_k: contrast } = region;
+  const add = async () => {
+    const answer = await request({ do: "add_region", region: { name, role, vertices, tilt_deg: role === "reference" ? 0 : null } });
+    if (answer.ok) showSuggestions(suggesting.list.filter((one) => one !== region));
+    showAnswer(answer);
+  };
+  return el("button", { type: "button", onclick: add }, `Add ${name}`, el("small", {}, `${role}, ${number(contrast, 1)} K`));
+}
+
+$("suggest").onclick = suggestRegions;
+$("dismiss-suggestions").onclick = () => showSuggestions([]);

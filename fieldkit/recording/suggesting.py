@@ -1,0 +1,117 @@
+"""Regions suggested for a campaign: beds found in a frame of its camera, with names and roles."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import count
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fieldkit.config import Config
+from fieldkit.estimation.region_check import FrameK
+from fieldkit.estimation.region_suggestions import FIX, FoundBed, find_beds
+from fieldkit.model.errors import NoAnswerError
+from fieldkit.model.site import Region, RegionKind
+from fieldkit.physics.camera_laws import frame_k, has_temperatures
+from fieldkit.recording.opening import Instruments, open_instruments
+from fieldkit.recording.preview import usable_frame
+from fieldkit.recording.record import config_of
+from fieldkit.recording.regions import add_region, mean_of_first_frames_k
+from fieldkit.recording.running import session_in_progress
+
+if TYPE_CHECKING:
+    from fieldkit.recording.campaign import Campaign
+
+FRAMES = 9
+"""Of a camera without a recording: a second, in which noise falls to a third."""
+
+
+@dataclass(frozen=True, slots=True)
+class SuggestedRegion:
+    """A region to accept or not; `found` has its contrast, spread and number of pixels."""
+
+    region: Region
+    found: FoundBed
+
+    def document(self) -> dict[str, Any]:
+        """The suggestion as a JSON object, angles and emissivity left to the user."""
+        return {
+            "name": self.region.name,
+            "role": self.region.kind.name.lower(),
+            "vertices": [list(corner) for corner in self.region.vertices],
+            "pixels": self.found.pixels,
+            "contrast_k": self.found.contrast_k,
+            "spread_k": self.found.spread_k,
+        }
+
+
+def suggest_regions(
+    campaign: Campaign | Config | str | Path = ".", session: str | Path | None = None
+) -> list[SuggestedRegion]:
+    """Regions found in the first frames of a session, of the running recording, or in the camera's next ones.
+
+    Nothing is written. Raises `NoAnswerError` if there is none, and as `current_frame`; `SessionError` if the
+    session has no frame with temperatures.
+
+    Examples
+    --------
+    >>> for one in fieldkit.suggest_regions("dunes"):                                      # doctest: +SKIP
+    ...     is_flat = one.region.kind.name == "REFERENCE"
+    ...     dunes.add_region(one.region.name, points=one.region.vertices, reference=is_flat)
+    """
+    config = config_of(campaign)
+    recorded = session or session_in_progress(config.recordings)
+    if recorded is not None:
+        return suggested(mean_of_first_frames_k(Path(recorded)), config.regions)
+    with open_instruments(config, allow_missing=True) as instruments:
+        return suggested(_next_frames_k(instruments), config.regions)
+
+
+def suggested(frame: FrameK, present: Sequence[Region]) -> list[SuggestedRegion]:
+    """Regions found in a frame (rows, cols) of kelvin apart from those `present`.
+
+    The one that differs least from its surroundings is suggested as reference where there is none: level sand
+    receives the light that level ground receives. Whether it is level must be measured. It comes first.
+    Raises `NoAnswerError` if there is none.
+    """
+    shape = frame.shape[0], frame.shape[1]
+    taken = np.zeros(shape, np.bool_)
+    for region in present:
+        taken |= region.mask(shape)
+    beds = [bed for bed in find_beds(frame) if not (_outline("", bed).mask(shape) & taken).any()]
+    if not beds:
+        raise NoAnswerError("every bed that was found has a region already", fix=FIX)
+    wants_reference = all(region.kind is not RegionKind.REFERENCE for region in present)
+    reference = min(beds, key=lambda bed: bed.contrast_k) if wants_reference else None
+    names = {region.name for region in present}
+    free = (name for number in count(1) if (name := f"bed-{number}") not in names)
+    level = "flat" if "flat" not in names else next(free)
+    named = [
+        SuggestedRegion(_outline(level if bed is reference else next(free), bed, bed is reference), bed)
+        for bed in beds
+    ]
+    return sorted(named, key=lambda one: one.found is not reference)  # no configuration has targets alone
+
+
+def add_suggested(file: Path, suggestions: Iterable[SuggestedRegion]) -> None:
+    """Add suggested regions to a ``fieldkit.toml``; raises as `add_region`."""
+    for one in suggestions:
+        is_reference = one.region.kind is RegionKind.REFERENCE
+        add_region(file, one.region.name, points=one.region.vertices, reference=is_reference)
+
+
+def _outline(name: str, bed: FoundBed, is_reference: bool = False) -> Region:
+    return Region(name, RegionKind.REFERENCE if is_reference else RegionKind.TARGET, bed.vertices)
+
+
+def _next_frames_k(instruments: Instruments) -> FrameK:
+    """Mean of the camera's next usable frames."""
+    frames = [usable_frame(instruments) for _ in range(FRAMES)]
+    info = next(info for info in instruments.streams if info.name == frames[0].stream)
+    if not has_temperatures(info):
+        raise NoAnswerError("the camera's temperatures are not known", fix="fieldkit doctor shows why")
+    kelvin = [frame_k(info, frame.counts, frame.metadata_rows) for frame in frames]
+    return np.asarray(np.mean(kelvin, axis=0, dtype=np.float64))
