@@ -52,8 +52,8 @@ def _entities(session: SessionReader, files: Sequence[Path]) -> Iterator[dict[st
     software = {"name": "fieldkit", "version": __version__}
     yield {"@id": "#fieldkit", "@type": "SoftwareApplication", **software}
     yield {
-        "@id": "#export", "@type": "CreateAction", "instrument": {"@id": "#fieldkit"}, "object": session.path.name,
-        "result": {"@id": "./"},
+        "@id": "#export", "@type": "CreateAction", "instrument": {"@id": "#fieldkit"},
+        "object": session.path.name, "result": {"@id": "./"},
     }  # fmt: skip
 
 
