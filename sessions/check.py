@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -24,28 +23,13 @@ from fieldkit.physics.camera_laws import frame_k
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.sessions.analysis import minute_means
 from fieldkit.sessions.clock_correction import STEP_NS, TOLERANCE_NS, propose_time_map, stepped_ns
+from fieldkit.sessions.finding import Finding
 from fieldkit.sessions.lock import journal_path
+from fieldkit.sessions.radiation_check import radiation_findings
 from fieldkit.sessions.reader import SessionReader, open_session
 from fieldkit.sessions.seal import crc_of_crcs, table_crc32
 from fieldkit.sessions.stream_reader import StreamReader
 from fieldkit.sessions.time_map import TimeStep
-
-
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """One thing looked at: `level` "ok", "warn" or "fail", `what` the thing, `fix` the next step."""
-
-    level: str
-    what: str
-    text: str
-    fix: str = ""
-
-
-def worst(findings: Sequence[Finding]) -> str:
-    """The worst level among findings."""
-    levels = {finding.level for finding in findings}
-    return "fail" if "fail" in levels else "warn" if "warn" in levels else "ok"
-
 
 _COPY = "take another copy of the session; its numbers may not mean what they did"
 
@@ -62,7 +46,16 @@ def check(path: str | Path) -> list[Finding]:
     with session:
         findings: list[Finding] = []
         sealed = (_state, integrity_findings, _objects)
-        for check_one in (*sealed, _entries, _streams, _events, clock_findings, sun_findings, _regions):
+        for check_one in (
+            *sealed,
+            _entries,
+            _streams,
+            _events,
+            clock_findings,
+            sun_findings,
+            radiation_findings,
+            _regions,
+        ):
             try:
                 findings.extend(check_one(session))
             except Exception as error:  # whatever is in the file, the other checks go on

@@ -30,7 +30,6 @@ OLD = {
     "page": {"--on": ADDRESS},
     "plan": {
         "--window": MINUTES_WINDOW, "--step": Spelling("--step", "m"), "--minutes": Spelling("--for", "m"),
-        "--experiments": Spelling("--measures"),
     },
     "roi check": {"--on": Spelling("--session")},
     "selftest": {"--port": Spelling("--device"), "-o": OPTION},

@@ -12,7 +12,7 @@ from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.physics.facet import FloatArray, normal
 from fieldkit.physics.horizon import MINUTE_EDGE_DEG, sunlit_share
-from fieldkit.sessions.check import Finding
+from fieldkit.sessions.finding import Finding
 
 COOLING_MINUTES = 10
 """By then a region in the shadow is several kelvin colder."""

@@ -74,6 +74,35 @@ LIMITS: Mapping[str, Limit] = {
     "wind_speed": Limit(0.0, 113.3),  # gust of 113.2 m/s, Barrow Island 1996, WMO
 }  # fmt: skip
 
+
+class Rare(NamedTuple):
+    """Least and greatest value that is not extremely rare, W/m2.
+
+    The greatest is ``share * top * max(s, 0)**power + high`` for light of `top` above the atmosphere and a
+    sine `s` of the sun's elevation.
+    """
+
+    low: float
+    high: float
+    share: float = 0.0
+    power: float = 1.0
+
+
+RARE: Mapping[str, Rare] = {  # BSRN, extremely rare limits
+    "ghi": Rare(-2.0, 50.0, 1.2, 1.2),
+    "dhi": Rare(-2.0, 30.0, 0.75, 1.2),
+    "dni": Rare(-2.0, 10.0, 0.95, 0.2),
+    "longwave_down": Rare(60.0, 500.0),
+}
+
+
+def is_rare(name: str, values: FloatArray, sine: FloatArray, top_w_m2: FloatArray) -> NDArray[np.bool_]:
+    """True where a component of `RARE` is possible, but extremely rare; False for NaN."""
+    rare = RARE[name]
+    high = rare.share * top_w_m2 * np.maximum(sine, 0.0) ** rare.power + rare.high
+    return np.asarray((values < rare.low) | (values > high))
+
+
 _ELSEWHERE: Mapping[str, Range] = {
     # 25 K in shadows at the Moon's poles: Paige et al., Science 330, 2010
     **dict.fromkeys(("air_temperature", "probe_temperature", "surface_temperature"), (20.0, _HOTTEST_K)),

@@ -147,7 +147,7 @@ class Experiments:
         ]
         others = [one for one in self.outcomes if one.name != AS_PLANNED]
         if others:
-            best = min(others, key=_widest)
+            best = min(others, key=lambda one: _narrowing(one, planned))
             lines.append(f"narrowed most {best.name} ({best.minutes} min): {'  '.join(_cells(best))}")
         return lines
 
@@ -200,9 +200,11 @@ def _cells(one: Experiment) -> list[str]:
     return ["known" if known else "two slopes fit" if two else f"±{half:.1f}°" for half, known, two in words]
 
 
-def _widest(one: Experiment) -> float:
-    """Widest half region; infinite where two slopes fit."""
-    return np.inf if any(one.not_resolved) else float(np.nanmax(one.half_region_deg))
+def _narrowing(one: Experiment, planned: Experiment) -> float:
+    """Mean half width over that as planned, of the targets that have both; infinite where two slopes fit."""
+    ratios = np.array(one.half_region_deg) / np.array(planned.half_region_deg)
+    known = np.isfinite(ratios)
+    return float(ratios[known].mean()) if known.any() and not any(one.not_resolved) else np.inf
 
 
 @dataclass(frozen=True, slots=True)

@@ -72,7 +72,7 @@ def pages(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> dict[st
     fieldkit("report", noon, "-o", made["session"])
     fieldkit("report", rain, "-o", made["weather"])
     fieldkit("report", *beds.glob("recordings/*.h5"), "-o", made["campaign"])
-    fieldkit("plan", "-C", beds, "--on", "2026-12-11", "--for", "20m", "--no-measures", "--out", made["plan"])
+    fieldkit("plan", "-C", beds, "--on", "2026-12-11", "--for", "20m", "--as-planned", "--out", made["plan"])
     fieldkit("study", "--slopes", "50", "--estimator", "unit-norm", "--out", folder / "study")
     made["study"] = folder / "study" / "study.html"
     return made

@@ -181,7 +181,7 @@ def test_an_old_spelling_is_warned_of_and_the_command_runs():
         "plan",
         "--for",
         "20m",
-        "--no-measures",
+        "--as-planned",
         "--site",
         "35.56,139.4,9",
         "--on",

@@ -10,7 +10,7 @@ PLAN = [
     "plan",
     "--for",
     "20m",
-    "--no-measures",
+    "--as-planned",
     "--site",
     "35.56,139.4,9",
     "--on",

@@ -1,0 +1,22 @@
+"""What a check found, and the worst of several findings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing looked at: `level` "ok", "warn" or "fail", `what` the thing, `fix` the next step."""
+
+    level: str
+    what: str
+    text: str
+    fix: str = ""
+
+
+def worst(findings: Sequence[Finding]) -> str:
+    """The worst level among findings."""
+    levels = {finding.level for finding in findings}
+    return "fail" if "fail" in levels else "warn" if "warn" in levels else "ok"
