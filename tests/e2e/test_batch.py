@@ -35,10 +35,9 @@ def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("dask")
     assert run("init", "--simulated", folder, cache=folder).returncode == 0
     for seed in (1, 2):
-        settings = ("--set", "simulation.speed=max", "--set", f"simulation.seed={seed}")
-        made = run(
-            "record", "-C", folder, "--for", "12m", "--name", f"s{seed}", "-q", *settings, cache=folder
-        )
+        settings = ("simulation.speed=max", f"simulation.seed={seed}", "lux.every_s=4", "thermometer.every_s=4")
+        given = [word for setting in settings for word in ("--set", setting)]
+        made = run("record", "-C", folder, "--for", "12m", "--name", f"s{seed}", "-q", *given, cache=folder)
         assert made.returncode == 0, made.stderr
     return folder / "recordings"
 

@@ -21,7 +21,9 @@ if TYPE_CHECKING:
 
 DESK, PHONE = (1200, 800), (390, 800)
 PAGES = ("session", "weather", "campaign", "plan", "study")
-AT_ONCE = ("-q", "--set", "simulation.speed=max")
+AT_ONCE = (
+    "-q", "--set", "simulation.speed=max", "--set", "lux.every_s=4", "--set", "thermometer.every_s=4",
+)  # fmt: skip
 POINTS_OF_LINES = """[...document.querySelectorAll('.drawing g[id*="-axes_"]')].map((axes) =>
     [...axes.querySelectorAll(":scope > g > path")].map((path) => path.getAttribute("d").split("L").length))
     .map((lengths) => Math.max(0, ...lengths))"""

@@ -12,6 +12,9 @@ from scipy.stats import norm
 
 from fieldkit.cli import main
 
+FAST = (
+    "--set", "simulation.speed=max", "--set", "lux.every_s=4", "--set", "thermometer.every_s=4",
+)  # fmt: skip
 NINETY = re.compile(r"\b90 ?%|nine times")
 
 
@@ -30,7 +33,7 @@ def folder(tmp_path_factory):
         r"^\[estimator\]$", "[estimator]\nconfidence = 0.95", settings.read_text("utf-8"), flags=re.M
     )
     settings.write_text(text, "utf-8")
-    fieldkit("record", "-C", folder, "--for", "10m", "--name", "sure", "-q", "--set", "simulation.speed=max")
+    fieldkit("record", "-C", folder, "--for", "10m", "--name", "sure", "-q", *FAST)
     return folder
 
 

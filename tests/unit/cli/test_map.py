@@ -37,6 +37,7 @@ def session(tmp_path_factory):
     made = fieldkit(
         "record", "-C", folder, "--for", "25m", "-q",
         "--set", "simulation.speed=max", "--set", "estimator.model=paper",
+        "--set", "lux.every_s=4", "--set", "thermometer.every_s=4",
     )  # fmt: skip
     assert made.exit_code == 0, made.output
     (path,) = (folder / "recordings").glob("*.h5")

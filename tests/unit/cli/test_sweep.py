@@ -28,6 +28,7 @@ def recordings(tmp_path_factory):
     assert fieldkit("init", "--simulated", folder).exit_code == 0
     for seed in (1, 2, 3):
         settings = ("--set", "simulation.speed=max", "--set", f"simulation.seed={seed}")
+        settings += ("--set", "lux.every_s=4", "--set", "thermometer.every_s=4")
         made = fieldkit("record", "-C", folder, "--for", "8m", "--name", f"s{seed}", "-q", *settings)
         assert made.exit_code == 0, made.output
     return folder / "recordings"

@@ -24,8 +24,9 @@ POSE_ERROR_DEG = 0.2
 def recorded(folder, minutes, *settings, tables=SIMULATED):
     create_campaign(folder, tables)
     paper = ("simulation.speed=max", 'estimator.model="paper"', 'estimator.azimuth="known"')
+    seldom = ("lux.every_s=4", "thermometer.every_s=4")
     with prepare(
-        load_config(folder / FILE_NAME, settings=[*paper, *settings]), duration_s=60.0 * minutes
+        load_config(folder / FILE_NAME, settings=[*paper, *seldom, *settings]), duration_s=60.0 * minutes
     ) as ready:
         done = ready.run()
     assert done.summary.failure is None

@@ -1,4 +1,4 @@
-"""A ridge that hides the sun from one bed for 40 minutes of three hours, and the same hours without it."""
+"""A ridge that hides the sun from one bed for 40 minutes of two hours, and the same hours without it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from fieldkit.simulation.scene_series import EXCHANGE, SceneModel
 from fieldkit.simulation.sky import ClearSky
 from fieldkit.weather import packaged
 
-MINUTES, HIDDEN, TILT_DEG = 180, (80, 120), 15.0
+MINUTES, HIDDEN, TILT_DEG = 120, (50, 90), 15.0
 START_NS = ALAMOSA_NOON_NS - MINUTES // 2 * MINUTE_NS
 
 
