@@ -84,7 +84,6 @@ SELDOM = ("lux.every_s=4", "thermometer.every_s=4")
             "drift",
             40,
             (
-                *SELDOM,
                 'estimator.model="learned"',
                 B25 % "tilt_max_deg = 28, tilt_probability = 0.5",
                 "alarms.hold_s={tilt = 0, tilt-probability = 0}",
