@@ -14,6 +14,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.harness.seldom import SET_SELDOM
+
 GRID = (
     "--set", "surface.albedo=0.15:0.35:0.02", "--set", "surface.emissivity=0.88,0.90",
     "--set", "estimator.model=full",  # a seventh of the time of the learned one
@@ -35,9 +37,10 @@ def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("dask")
     assert run("init", "--simulated", folder, cache=folder).returncode == 0
     for seed in (1, 2):
-        settings = ("simulation.speed=max", f"simulation.seed={seed}", "lux.every_s=4", "thermometer.every_s=4")
-        given = [word for setting in settings for word in ("--set", setting)]
-        made = run("record", "-C", folder, "--for", "12m", "--name", f"s{seed}", "-q", *given, cache=folder)
+        settings = ("--set", "simulation.speed=max", "--set", f"simulation.seed={seed}", *SET_SELDOM)
+        made = run(
+            "record", "-C", folder, "--for", "12m", "--name", f"s{seed}", "-q", *settings, cache=folder
+        )
         assert made.returncode == 0, made.stderr
     return folder / "recordings"
 

@@ -62,8 +62,7 @@ def closed_afterwards(browser: Browser) -> Iterator[None]:
 
 def test_the_whole_journey_by_touch(browser: Browser, tmp_path: Path) -> None:
     campaign = journey.empty_campaign(tmp_path / "sandslope")
-    quick = ("estimator.model=paper", "lux.every_s=4", "thermometer.every_s=4")
-    with served(campaign, *journey.SETTINGS, *quick) as page:
+    with served(campaign, *journey.SETTINGS) as page:
         watched = opened(browser, page.link())
         watched.wait_for_picture()
         assert "#" not in watched.page.url  # the key has left the address bar

@@ -8,6 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from fieldkit.cli import main
+from tests.harness.seldom import SELDOM
 
 
 @pytest.fixture(scope="session")
@@ -16,7 +17,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert CliRunner().invoke(main, ["init", "--simulated", str(folder)]).exit_code == 0
     for seed in (1, 2):
         settings = ["simulation.speed=max", f"simulation.seed={seed}", f"simulation.albedo=0.2{seed}"]
-        settings += ["lux.every_s=4", "thermometer.every_s=4"]
+        settings += SELDOM
         arguments = ["record", "-C", str(folder), "--for", "11m", "--name", f"s{seed}", "-q"]
         made = CliRunner().invoke(main, [*arguments, *(word for one in settings for word in ("--set", one))])
         assert made.exit_code == 0, made.output

@@ -11,10 +11,9 @@ from click.testing import CliRunner
 from scipy.stats import norm
 
 from fieldkit.cli import main
+from tests.harness.seldom import SET_SELDOM
 
-FAST = (
-    "--set", "simulation.speed=max", "--set", "lux.every_s=4", "--set", "thermometer.every_s=4",
-)  # fmt: skip
+FAST = ("--set", "simulation.speed=max", *SET_SELDOM)
 NINETY = re.compile(r"\b90 ?%|nine times")
 
 

@@ -218,7 +218,8 @@ def test_a_recording_whose_estimator_hangs_ends_as_planned(
 
 
 @pytest.mark.parametrize(
-    "number", [signal.SIGINT, *(pytest.param(one, marks=pytest.mark.slow) for one in (signal.SIGTERM, signal.SIGHUP))]
+    "number",
+    [signal.SIGINT, *(pytest.param(one, marks=pytest.mark.slow) for one in (signal.SIGTERM, signal.SIGHUP))],
 )
 def test_a_recording_whose_estimator_hangs_is_sealed_at_a_signal(
     campaign: Path, hanging: Callable[..., subprocess.Popen[str]], number: signal.Signals
@@ -290,7 +291,10 @@ def test_estimates_that_are_late_are_an_event_and_so_is_their_return(
     assert record(campaign, "--for", "300s", "--set", "simulation.speed=60").exit_code == 0
     _, events = stored(the_session(campaign))
     late = [(event.data["late"], event.severity) for event in events if "late" in event.data]
-    assert late[:2] == [("begin", Severity.WARNING), ("end", Severity.INFO)]  # a busy computer may be late again
+    assert late[:2] == [
+        ("begin", Severity.WARNING),
+        ("end", Severity.INFO),
+    ]  # a busy computer may be late again
 
 
 def test_a_view_that_fails_is_told_and_left_out(campaign: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -29,6 +29,7 @@ from fieldkit.recording.campaign import create_campaign
 from fieldkit.recording.record import RecordedSession, prepare
 from fieldkit.recording.replay import replay
 from fieldkit.sessions.reader import open_session
+from tests.harness.seldom import SELDOM
 
 FAST = [
     "simulation.speed=max",
@@ -63,8 +64,6 @@ def as_rows(events: Sequence[Event]) -> list[tuple[Any, ...]]:
 
 
 B25 = "alarms.region={b25 = {%s}}"
-SELDOM = ("lux.every_s=4", "thermometer.every_s=4")
-"""Meters read as often as a long recording needs that is not about them."""
 
 
 @pytest.mark.parametrize(
