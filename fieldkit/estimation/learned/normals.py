@@ -175,7 +175,6 @@ def tangent_basis(unit: FloatArray) -> FloatArray:
     sign = np.copysign(1.0, z)
     a = -1.0 / (sign + z)
     b = x * y * a
-    basis = np.empty((len(unit), 3, 2))  # as stacks it would be an eighth of the time of an estimate
-    basis[:, 0, 0], basis[:, 1, 0], basis[:, 2, 0] = 1.0 + sign * x**2 * a, sign * b, -sign * x
-    basis[:, 0, 1], basis[:, 1, 1], basis[:, 2, 1] = b, sign + y**2 * a, -y
-    return basis
+    first = np.stack([1.0 + sign * x**2 * a, sign * b, -sign * x], axis=1)
+    second = np.stack([b, sign + y**2 * a, -y], axis=1)
+    return np.stack([first, second], axis=2)
