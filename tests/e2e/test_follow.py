@@ -39,7 +39,7 @@ def test_follower_sees_samples_arrive_until_the_end(tmp_path: Path) -> None:
 def test_map_follows_a_recording_and_leaves_it_alone(tmp_path: Path) -> None:
     made = subprocess.run([*PROGRAM, "init", "--simulated", tmp_path], capture_output=True, check=False)
     assert made.returncode == 0, made.stderr
-    words = [*PROGRAM, "record", "-C", tmp_path, "--for", "3h", "-q", "--set", "simulation.speed=60"]
+    words = [*PROGRAM, "record", "-C", tmp_path, "--for", "3h", "-q", "--set", "simulation.speed=20"]
     maps: list[int] = []
     with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as recorder:
         deadline = time.monotonic() + PATIENCE_S
