@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -12,7 +11,7 @@ from click.testing import CliRunner
 from hypothesis import HealthCheck, settings
 
 from fieldkit.cli import main
-from fieldkit.disk import one_at_a_time
+from tests.harness.once import made_once
 
 # what hypothesis tries may take as long as a busy computer needs
 settings.register_profile("busy computer", deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -23,18 +22,8 @@ RECORD = ("record", "--for", "12m", "--name", "short", "-q", "--set", "simulatio
 
 @pytest.fixture(scope="session")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Path], Path]:
-    """A session of twelve simulated minutes in a campaign of its own, in the folder that is given.
-
-    It is recorded once in a run, by the worker that comes first; the others copy it.
-    """
-    run = tmp_path_factory.getbasetemp()
-    if "PYTEST_XDIST_WORKER" in os.environ:
-        run = run.parent  # which all workers share
-    original, is_complete = run / "recorded", run / "recorded.complete"
-    with one_at_a_time(run):
-        if not is_complete.exists():
-            record(original)
-            is_complete.touch()
+    """A session of twelve simulated minutes in a campaign of its own, in the folder that is given."""
+    original = made_once(tmp_path_factory, "recorded", record)
 
     def copy(folder: Path) -> Path:
         shutil.copytree(original, folder, dirs_exist_ok=True)

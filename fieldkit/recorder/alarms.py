@@ -270,7 +270,7 @@ class AlarmEngine:
     # --- minutes, on a time line of their own
 
     def _minute(self, minute: Minute) -> Iterator[tuple[Alarm, Phase, int]]:
-        end_ns = minute.time_ns + MINUTE_NS
+        end_ns = minute.time_ns - minute.time_ns % MINUTE_NS + MINUTE_NS
         if end_ns > self._newest_ns:  # cut short by the end of the recording
             return
         for found in self._minutes.update(minute):

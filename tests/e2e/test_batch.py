@@ -14,6 +14,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.harness.two_sessions import copy_of_both
+
 GRID = (
     "--set", "surface.albedo=0.15:0.35:0.02", "--set", "surface.emissivity=0.88,0.90",
     "--set", "estimator.model=full",  # a seventh of the time of the learned one
@@ -32,15 +34,7 @@ def run(*arguments: object, cache: Path) -> subprocess.CompletedProcess[str]:
 
 @pytest.fixture(scope="module")
 def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("dask")
-    assert run("init", "--simulated", folder, cache=folder).returncode == 0
-    for seed in (1, 2):
-        settings = ("--set", "simulation.speed=max", "--set", f"simulation.seed={seed}")
-        made = run(
-            "record", "-C", folder, "--for", "12m", "--name", f"s{seed}", "-q", *settings, cache=folder
-        )
-        assert made.returncode == 0, made.stderr
-    return folder / "recordings"
+    return copy_of_both(tmp_path_factory, tmp_path_factory.mktemp("dask")) / "recordings"
 
 
 @contextmanager

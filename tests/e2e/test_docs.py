@@ -24,7 +24,6 @@ def loaded(name: str) -> ModuleType:
 transcripts = loaded("transcripts")
 
 
-@pytest.mark.timeout(300)  # one page records four hours of an afternoon
 @pytest.mark.parametrize("page", transcripts.pages(), ids=lambda page: page.stem)
 def test_what_a_page_shows_is_what_is_printed(page, tmp_path):
     run = transcripts.shell(tmp_path)

@@ -63,7 +63,7 @@ def test_whole_experiment(printed_by: Printed, folder: Path) -> None:
         paper, learned, low, high = numbers(pattern, printed)
         assert low <= true_deg <= high
         assert abs(learned - true_deg) < abs(paper - true_deg)  # the scene has diffuse light
-    assert printed.count(" lx ") >= 30  # a line for each of thirty minutes
+    assert printed.count(" lx ") >= 20  # a line for each of twenty minutes
     files = {path.name for path in (folder / "sandslope").rglob("*lesson*") if path.is_file()}
     assert {"20160101T190001Z-lesson.h5", "20160101T190001Z-lesson.html"} <= files
     assert "20160101T190001Z-lesson-slopes.csv" in files

@@ -2,24 +2,34 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
 
 from fieldkit.cli import main
+from tests.harness.once import made_once
+from tests.harness.seldom import SET_SELDOM
 
 
 @pytest.fixture(scope="session")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("campaign")
+    return copy_of_both(tmp_path_factory, tmp_path_factory.mktemp("campaign"))
+
+
+def copy_of_both(factory: pytest.TempPathFactory, folder: Path) -> Path:
+    """The campaign with both, in a folder."""
+    return shutil.copytree(made_once(factory, "two-sessions", record), folder, dirs_exist_ok=True)
+
+
+def record(folder: Path) -> None:
     assert CliRunner().invoke(main, ["init", "--simulated", str(folder)]).exit_code == 0
     for seed in (1, 2):
         settings = ["simulation.speed=max", f"simulation.seed={seed}", f"simulation.albedo=0.2{seed}"]
-        arguments = ["record", "-C", str(folder), "--for", "11m", "--name", f"s{seed}", "-q"]
+        arguments = ["record", "-C", str(folder), "--for", "11m", "--name", f"s{seed}", "-q", *SET_SELDOM]
         made = CliRunner().invoke(main, [*arguments, *(word for one in settings for word in ("--set", one))])
         assert made.exit_code == 0, made.output
-    return folder
 
 
 @pytest.fixture

@@ -66,7 +66,7 @@ def test_twice_the_standard_uncertainty_covers_the_truth_with_few_points(count, 
     """Marks twice as far off as stated; without Student's factor it covered 79 to 92 %."""
     quantities = len(QUANTITIES) - (hfov_deg is not None)
     covered = []
-    for seed in range(60):
+    for seed in range(40):
         found = fit_pose(marked(2.0, seed)[:count], POINTS[:count], TRUTH.shape, hfov_deg=hfov_deg)
         off = np.abs(numbers(found.camera) - numbers(TRUTH))[:quantities]
         covered.append(off <= 2.0 * np.array([found.sd[name] for name in QUANTITIES[:quantities]]))

@@ -11,7 +11,9 @@ from click.testing import CliRunner
 from scipy.stats import norm
 
 from fieldkit.cli import main
+from tests.harness.seldom import SET_SELDOM
 
+FAST = ("--set", "simulation.speed=max", *SET_SELDOM)
 NINETY = re.compile(r"\b90 ?%|nine times")
 
 
@@ -30,7 +32,7 @@ def folder(tmp_path_factory):
         r"^\[estimator\]$", "[estimator]\nconfidence = 0.95", settings.read_text("utf-8"), flags=re.M
     )
     settings.write_text(text, "utf-8")
-    fieldkit("record", "-C", folder, "--for", "10m", "--name", "sure", "-q", "--set", "simulation.speed=max")
+    fieldkit("record", "-C", folder, "--for", "10m", "--name", "sure", "-q", *FAST)
     return folder
 
 

@@ -26,6 +26,7 @@ from fieldkit.physics.facet import angle_between_deg, normal
 from fieldkit.physics.radiance import brightness_temperature_k
 from fieldkit.results import slope_map
 from fieldkit.sessions.reader import open_session
+from tests.harness.seldom import SET_SELDOM
 
 
 def fieldkit(*words):
@@ -39,6 +40,7 @@ def session(tmp_path_factory):
     made = fieldkit(
         "record", "-C", folder, "--for", "25m", "-q",
         "--set", "simulation.speed=max", "--set", "estimator.model=paper",
+        *SET_SELDOM,
     )  # fmt: skip
     assert made.exit_code == 0, made.output
     (path,) = (folder / "recordings").glob("*.h5")

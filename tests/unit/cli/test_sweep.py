@@ -16,6 +16,7 @@ from fieldkit import __version__
 from fieldkit.cli import main
 from fieldkit.results.minutes import solve
 from fieldkit.sessions.reader import open_session
+from tests.harness.seldom import SET_SELDOM
 
 GRID = ("--set", "surface.albedo=0.15:0.25:0.05", "--set", "surface.emissivity=0.88,0.90")
 PAPER = ("--set", "estimator.model=paper")
@@ -27,7 +28,7 @@ def recordings(tmp_path_factory):
     folder = tmp_path_factory.mktemp("sweep")
     assert fieldkit("init", "--simulated", folder).exit_code == 0
     for seed in (1, 2, 3):
-        settings = ("--set", "simulation.speed=max", "--set", f"simulation.seed={seed}")
+        settings = ("--set", "simulation.speed=max", "--set", f"simulation.seed={seed}", *SET_SELDOM)
         made = fieldkit("record", "-C", folder, "--for", "8m", "--name", f"s{seed}", "-q", *settings)
         assert made.exit_code == 0, made.output
     return folder / "recordings"

@@ -217,7 +217,10 @@ def test_a_recording_whose_estimator_hangs_ends_as_planned(
     assert is_whole(stored(the_session(campaign))[0])
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize(
+    "number",
+    [signal.SIGINT, *(pytest.param(one, marks=pytest.mark.slow) for one in (signal.SIGTERM, signal.SIGHUP))],
+)
 def test_a_recording_whose_estimator_hangs_is_sealed_at_a_signal(
     campaign: Path, hanging: Callable[..., subprocess.Popen[str]], number: signal.Signals
 ) -> None:
@@ -228,8 +231,15 @@ def test_a_recording_whose_estimator_hangs_is_sealed_at_a_signal(
     gives_up(the_session(campaign))
 
 
-@pytest.mark.parametrize("second", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("first", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        (signal.SIGINT, signal.SIGTERM),
+        (signal.SIGTERM, signal.SIGINT),
+        pytest.param(signal.SIGINT, signal.SIGINT, marks=pytest.mark.slow),
+        pytest.param(signal.SIGTERM, signal.SIGTERM, marks=pytest.mark.slow),
+    ],
+)
 def test_a_second_signal_ends_a_recording_whose_estimator_hangs_and_keeps_its_journal(
     campaign: Path,
     hanging: Callable[..., subprocess.Popen[str]],

@@ -29,6 +29,7 @@ from fieldkit.recording.campaign import create_campaign
 from fieldkit.recording.record import RecordedSession, prepare
 from fieldkit.recording.replay import replay
 from fieldkit.sessions.reader import open_session
+from tests.harness.seldom import SELDOM
 
 FAST = [
     "simulation.speed=max",
@@ -75,9 +76,9 @@ B25 = "alarms.region={b25 = {%s}}"
         ("overrange", 8, (), {"overrange:lux": (15, True)}),
         ("garbled", 10, (), {"garbled:lux": (60, True)}),
         ("clock", 12, (), {"clock": (2, True)}),
-        ("disk", 24, (), {"disk": (300, True), "silent:camera": (420, True)}),
-        ("moved", 36, (), {"moved": (180, True)}),
-        ("shade", 36, (), {"shade:b25": (180, True)}),
+        ("disk", 24, SELDOM, {"disk": (300, True), "silent:camera": (420, True)}),
+        ("moved", 36, SELDOM, {"moved": (180, True)}),
+        ("shade", 36, SELDOM, {"shade:b25": (180, True)}),
         (
             "drift",
             40,
@@ -92,6 +93,7 @@ B25 = "alarms.region={b25 = {%s}}"
             "cloud",
             34,
             (
+                *SELDOM,
                 'estimator.window_s="weather"',
                 B25 % "temperature_min_c = 15, temperature_rate_k_min = 4.5",
                 "alarms.hold_s={held = 450}",
@@ -123,7 +125,7 @@ def test_a_fault_raises_its_alarms_once_in_time_and_clears_them(tmp_path, fault,
 
 
 def test_a_quiet_field_raises_no_alarm(tmp_path):
-    done = recorded(tmp_path / "field", 20)
+    done = recorded(tmp_path / "field", 12)
     assert alarms_of(done.path) == []
     assert replay(done.path).alarms == ()
 

@@ -15,6 +15,7 @@ from fieldkit.sessions.reader import open_session
 from fieldkit.simulation.motion import Motion
 from fieldkit.simulation.scene import ALAMOSA_NOON_NS
 from tests.harness.nadir_camera import LENS, on_ground, write_trajectory
+from tests.harness.seldom import SELDOM
 
 MOVING = ("simulation.drift_px=[-6.0, 8.0]", "simulation.pan_deg=3.0", "simulation.jitter_px=2.0")
 MOTION = Motion((-6.0, 8.0), 3.0)
@@ -25,7 +26,7 @@ def recorded(folder, minutes, *settings, tables=SIMULATED):
     create_campaign(folder, tables)
     paper = ("simulation.speed=max", 'estimator.model="paper"', 'estimator.azimuth="known"')
     with prepare(
-        load_config(folder / FILE_NAME, settings=[*paper, *settings]), duration_s=60.0 * minutes
+        load_config(folder / FILE_NAME, settings=[*paper, *SELDOM, *settings]), duration_s=60.0 * minutes
     ) as ready:
         done = ready.run()
     assert done.summary.failure is None

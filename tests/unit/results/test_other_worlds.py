@@ -33,6 +33,7 @@ def campaign(folder, **tables):
         "site": JEZERO,
         "estimator": {"azimuth": "known"},
         "simulation": {"start": MORNING, "speed": "max"},
+        **{meter: {**SIMULATED[meter], "every_s": 4} for meter in ("lux", "thermometer")},
         **tables,
     }
     return create_campaign(folder, document)

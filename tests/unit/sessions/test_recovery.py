@@ -29,7 +29,7 @@ from tests.harness import disk
 from tests.harness.recording import START_NS, CountedClock, fill, header, same, sample
 
 HEADER = header((60, 80))
-FRAMES = 2500
+FRAMES = 1000
 
 
 def recorded(path: Path, frames: int, *, sealed: bool) -> None:
