@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import re
 import shutil
@@ -83,14 +84,20 @@ def _stop(running: list[subprocess.Popen[bytes]]) -> None:
 
 
 def _description(words: list[str]) -> str:
-    """What the camera itself says of its features."""
-    from gi.repository import Aravis
-
+    """What the camera itself says of its features; by its length, for the text has no end of its own."""
+    aravis = ctypes.CDLL("libaravis-0.8.so.0")
+    for function in (aravis.arv_camera_new, aravis.arv_camera_get_device, aravis.arv_device_get_genicam_xml):
+        function.restype = ctypes.c_void_p
+    size = ctypes.c_size_t()
     with subprocess.Popen(words, stdout=subprocess.DEVNULL) as plain:
-        time.sleep(0.5)
-        text, _ = Aravis.Camera.new(ADDRESS).get_device().get_genicam_xml()
-        plain.kill()
-    return str(text)
+        try:
+            time.sleep(0.5)
+            camera = ctypes.c_void_p(aravis.arv_camera_new(ADDRESS.encode(), None))
+            device = ctypes.c_void_p(aravis.arv_camera_get_device(camera))
+            text = aravis.arv_device_get_genicam_xml(device, ctypes.byref(size))
+            return ctypes.string_at(text, size.value).decode()
+        finally:
+            plain.kill()
 
 
 def with_ir_format(description: str) -> str:
