@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     "--out",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="FILE.html, FILE.pdf with the HTML beside it, or FILE.png, one picture for a slide "
+    help="FILE.html, FILE.pdf with the HTML beside it, or FILE.png, one image for a slide "
     "[default: HTML in the reports folder].",
 )
 @click.option("--open", "show", is_flag=True, help="Open it in the browser.")

@@ -15,9 +15,9 @@ from markupsafe import Markup
 from fieldkit.model.errors import ConfigError, FieldkitError, StorageError
 from fieldkit.model.samples import is_usable
 from fieldkit.results.budgets import budgets_of
-from fieldkit.results.day_picture import picture_of
 from fieldkit.results.minutes import SessionMinutes
 from fieldkit.results.provenance import command_line
+from fieldkit.results.session_image import image_of
 from fieldkit.results.sources import (
     SessionOrFile,
     Settings,
@@ -101,7 +101,7 @@ def report(
     sessions
         A session or its file, or several.
     out
-        ``FILE.html``, ``FILE.pdf`` with the HTML beside it, or ``FILE.png``, one picture of a session for a
+        ``FILE.html``, ``FILE.pdf`` with the HTML beside it, or ``FILE.png``, one image of a session for a
         slide; by default HTML in the campaign's ``reports`` folder, or beside a session elsewhere.
     options
         How the sessions are estimated and summarised.
@@ -136,7 +136,7 @@ def report(
         require_weasyprint()
     failures: dict[Path, FieldkitError] = {}
     if len(paths) > 1 and page is not None and page.suffix == ".png":
-        raise ConfigError("a picture is of one session", fix="name one session, or -o FILE.html")
+        raise ConfigError("an image is of one session", fix="name one session, or -o FILE.html")
     if len(paths) == 1:
         written = _report_session(paths[0], page, options, notify)
     else:
@@ -158,9 +158,9 @@ def _report_session(
         notify_damage(session, notify, known.measured.damaged)
         if out.suffix == ".png":
             given: dict[str, Any] = {"settings": options.settings, "present": options.present}
-            picture = picture_of(session, known, notify, **given)
+            image = image_of(session, known, notify, **given)
             with _writing(out):
-                out.write_bytes(picture)
+                out.write_bytes(image)
             return out
         with _writing(out):
             write_report(

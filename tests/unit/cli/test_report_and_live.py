@@ -76,7 +76,7 @@ def test_report_goes_to_the_campaigns_reports(campaign, session):
     assert re.search(r"<td[^>]*>paper<.*<strong>learned<.strong>", text, re.DOTALL)
 
 
-def test_one_picture_for_a_slide_has_frames_map_and_slopes(session, tmp_path):
+def test_one_image_for_a_slide_has_frames_map_and_slopes(session, tmp_path):
     found = fieldkit("report", session, "-o", tmp_path / "day.png")
     assert found.exit_code == 0, found.output
     image = cv2.imread(str(tmp_path / "day.png"))
@@ -87,7 +87,7 @@ def test_one_picture_for_a_slide_has_frames_map_and_slopes(session, tmp_path):
     assert (image[580:, 960:].min(axis=2) < 100).mean() > 0.005  # letters
     refused = fieldkit("report", session, session, "-o", tmp_path / "two.png")
     assert refused.exit_code == 3
-    assert "a picture is of one session" in refused.stderr
+    assert "an image is of one session" in refused.stderr
 
 
 def test_report_of_a_session_elsewhere_lies_beside_it(session, tmp_path):

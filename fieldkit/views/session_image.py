@@ -1,4 +1,4 @@
-"""One picture of a session for a slide: its first, noon and last frame, the slope map, and the slopes."""
+"""One image of a session for a slide: its first, noon and last frame, the slope map, and the slopes."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class ShownFrame:
     unit: str
 
 
-def day_picture(
+def session_image(
     title: str,
     subtitle: str,
     frames: Sequence[ShownFrame],

@@ -1,4 +1,4 @@
-"""One picture of a session for a slide; see `fieldkit.views.day_picture`."""
+"""One image of a session for a slide; see `fieldkit.views.session_image`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from fieldkit.results.minutes import SessionMinutes
 from fieldkit.results.slope_map import slope_map
 from fieldkit.results.sources import Settings
 from fieldkit.views import formatting, frame_image, plotting
-from fieldkit.views.day_picture import ShownFrame, day_picture
+from fieldkit.views.session_image import ShownFrame, session_image
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from fieldkit.sessions.reader import SessionReader
 
 
-def picture_of(
+def image_of(
     session: SessionReader,
     known: SessionMinutes,
     notify: Callable[[str], None],
@@ -36,20 +36,20 @@ def picture_of(
     to `notify` and left out.
     """
     if not plotting.available():
-        raise ConfigError("a picture needs matplotlib", fix="pip install 'fieldkit[lab]'")
+        raise ConfigError("an image needs matplotlib", fix="pip install 'fieldkit[lab]'")
     frames = list(_frames(session, known))
     if not frames:
         raise ConfigError(f"{session.path} has no usable frame", fix=f"fieldkit check {session.path}")
     try:
         mapped = slope_map(session, settings=settings, present=present).slopes
     except FieldkitError as error:
-        notify(f"the picture has no map: {error.message}")
+        notify(f"the image has no map: {error.message}")
         mapped = None
     site, start, end = known.site, session.start_ns, session.end_ns
     day, until = formatting.local_time(start, site), formatting.clock_time(end, site)
     subtitle = f"{day:%Y-%m-%d %H:%M} to {until} {formatting.zone_name(end, site)}   {formatting.place(site)}"
     estimates = list(known.estimates().final.values())
-    return day_picture(session.path.stem, subtitle, frames, known.schedule.latest, mapped, estimates)
+    return session_image(session.path.stem, subtitle, frames, known.schedule.latest, mapped, estimates)
 
 
 def _frames(session: SessionReader, known: SessionMinutes) -> Iterator[ShownFrame]:
