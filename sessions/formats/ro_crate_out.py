@@ -47,8 +47,11 @@ def _entities(session: SessionReader, files: Sequence[Path]) -> Iterator[dict[st
     header = session.header
     if header.operator:
         yield {"@id": "#operator", "@type": "Person", "name": header.operator}
-    yield {"@id": "#place", "@type": "Place", "geo": {"@id": "#geo"}}
-    yield _coordinates(header.site, is_exact=_is_exact(header.config_toml))
+    if header.site.body == "earth":
+        yield {"@id": "#place", "@type": "Place", "geo": {"@id": "#geo"}}
+        yield _coordinates(header.site, is_exact=_is_exact(header.config_toml))
+    else:  # GeoCoordinates are of the Earth
+        yield {"@id": "#place", "@type": "Place", "name": header.site.body}
     software = {"name": "fieldkit", "version": __version__}
     yield {"@id": "#fieldkit", "@type": "SoftwareApplication", **software}
     yield {
