@@ -7,8 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from scipy.special import ndtr, stdtrit
-
 COVERAGE_FACTOR = 2.0
 """Coverage factor k of expanded uncertainties, about 95 %."""
 
@@ -59,6 +57,8 @@ def students_factor(freedom: int) -> float:
     ----------
     .. [1] JCGM 100:2008, Guide to the expression of uncertainty in measurement, G.3 and table G.2.
     """
+    from scipy.special import ndtr, stdtrit  # slow to import, and every configuration imports this file
+
     return float(stdtrit(freedom, ndtr(COVERAGE_FACTOR))) / COVERAGE_FACTOR
 
 

@@ -11,8 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import map_coordinates
-from scipy.spatial.transform import Rotation
 
 from fieldkit.physics.facet import FloatArray
 
@@ -138,6 +136,8 @@ def angles_of_quaternion(quaternion: Sequence[float]) -> tuple[float, float, flo
 
     It turns right, down, forward of the camera into east, north, up: the optical frame of ROS (REP 103).
     """
+    from scipy.spatial.transform import Rotation  # slow to import, and every recording imports this file
+
     right, _, forward = Rotation.from_quat(quaternion).as_matrix().T
     yaw, pitch = np.arctan2(forward[0], forward[1]), np.arcsin(np.clip(forward[2], -1.0, 1.0))
     level = np.array([np.cos(yaw), -np.sin(yaw), 0.0])
@@ -147,6 +147,8 @@ def angles_of_quaternion(quaternion: Sequence[float]) -> tuple[float, float, flo
 
 def quaternion_of_angles(yaw_deg: float, pitch_deg: float, roll_deg: float) -> list[float]:
     """The unit quaternion x, y, z, w of these angles in degrees: the inverse of `angles_of_quaternion`."""
+    from scipy.spatial.transform import Rotation
+
     axes = Camera((0.0, 0.0, 0.0), yaw_deg, pitch_deg, roll_deg, 90.0, (1, 1)).axes
     return [float(one) for one in Rotation.from_matrix(axes.T).as_quat()]
 
@@ -198,6 +200,8 @@ class Heights:
 
     def at(self, east_m: ArrayLike, north_m: ArrayLike) -> FloatArray:
         """Heights in metres between cell centres, bilinear, shape of the coordinates; NaN outside."""
+        from scipy.ndimage import map_coordinates
+
         x = (np.asarray(east_m, np.float64) - self.west_m) / self.cell_m - 0.5
         y = (self.north_m - np.asarray(north_m, np.float64)) / self.cell_m - 0.5
         y, x = np.broadcast_arrays(y, x)

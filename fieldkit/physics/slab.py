@@ -2,7 +2,7 @@
 
 The scene knows the fluxes at the surface and needs its temperature: `SlabStep` couples the layer to the
 surface balance by implicit finite volumes, with a node on the surface and thinner layers near it;
-`surface_series` runs the same steps over a whole record of one bed, for fits. The full
+`surface_series` runs the same steps over a whole record of one bed. The full
 surface model knows the measured surface temperature and needs the flux into the ground: `conducted_flux` is
 exact for a surface temperature that is linear between readings. A thick slab stands for deep sand.
 """
@@ -139,7 +139,7 @@ class SlabStep:
 
 
 def surface_series(
-    slab: Slab,
+    stack: Stack,
     start_k: float,
     step_s: ArrayLike,
     absorbed_w_m2: FloatArray,
@@ -151,8 +151,8 @@ def surface_series(
 
     Parameters
     ----------
-    slab
-        The layer, at `start_k` throughout in the first row.
+    stack
+        Its layers, at `start_k` throughout in the first row.
     start_k
         Temperature in the first row. [K]
     step_s
@@ -175,9 +175,10 @@ def surface_series(
     Each step is one small matrix product and a Newton search in plain floats, 4 microseconds.
     """
     steps = np.broadcast_to(step_s, len(absorbed_w_m2) - 1).tolist()
-    matrices = {step: _matrices(slab, step) for step in set(steps)}
+    matrices = {step: _matrices(stack, step) for step in set(steps)}
     supply = (absorbed_w_m2 + exchange_w_m2_k * air_temperature_k)[1:].tolist()
-    layers, surface = np.full(slab.layers + 1, start_k), [float(start_k)]
+    nodes = 1 + sum(slab.layers for slab in stack)
+    layers, surface = np.full(nodes, start_k), [float(start_k)]
     for step, supplied, exchange in zip(steps, supply, exchange_w_m2_k[1:].tolist(), strict=True):
         advance, response = matrices[step]
         coasting = advance @ layers
@@ -188,8 +189,8 @@ def surface_series(
     return np.array(surface)
 
 
-def _matrices(slab: Slab, step_s: float) -> tuple[FloatArray, FloatArray]:
-    step = SlabStep.of([(slab,)], step_s)
+def _matrices(stack: Stack, step_s: float) -> tuple[FloatArray, FloatArray]:
+    step = SlabStep.of([stack], step_s)
     return step.coasting[0], step.response[0]
 
 

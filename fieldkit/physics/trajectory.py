@@ -10,7 +10,6 @@ from bisect import bisect_right
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation, Slerp
 
 from fieldkit.physics.camera_geometry import Camera, angles_of_quaternion
 from fieldkit.physics.facet import FloatArray
@@ -36,6 +35,9 @@ class Trajectory:
             return self.position_m[0], self.quaternion[0]
         if not self.time_ns[0] <= time_ns <= self.time_ns[-1]:
             return None
+        # slow to import, and every recording imports this file
+        from scipy.spatial.transform import Rotation, Slerp
+
         after = min(bisect_right(self.time_ns, time_ns), len(self.time_ns) - 1)
         pair = slice(after - 1, after + 1)
         first, last = self.time_ns[pair]

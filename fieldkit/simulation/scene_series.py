@@ -21,7 +21,7 @@ from fieldkit.physics.energy_balance import balance_temperature
 from fieldkit.physics.facet import FloatArray, cos_incidence, normal
 from fieldkit.physics.horizon import sky_view_factor, sunlit_share
 from fieldkit.physics.radiance import band_radiance, band_temperature
-from fieldkit.physics.slab import SlabStep
+from fieldkit.physics.slab import SlabStep, surface_series
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.simulation.boards import Board
 from fieldkit.simulation.facets import Facet
@@ -167,7 +167,7 @@ class SceneModel:
             lit, view = terrain.sunlit_share(radiation.sun, piece), terrain.sky_view[piece, np.newaxis]
             normals = terrain.normals[piece]
             absorbed = radiation.absorbed_by_w_m2(self.ground, normals, lit, view, longwave_up)
-            surface = surface_temperatures([self.ground] * len(normals), time_s, absorbed, exchange, air)
+            surface = _of_one_material(self.ground, time_s, absorbed, exchange, air)
             seen = _brightness_k(self.ground.emissivity, surface, normals[:, 2:], from_sky, from_ground)
             brightness[:, piece] = seen.T
         return TerrainSeries(origin_ns, time_s, brightness)
@@ -347,7 +347,7 @@ def surface_temperatures(
     Parameters
     ----------
     facets
-        k facets; those with equally many nodes are stepped together.
+        k facets.
     time_s
         Times, shape (m,). [s]
     absorbed
@@ -361,31 +361,33 @@ def surface_temperatures(
     -------
     Shape (k, m). [K]
     """
-    series = np.empty_like(absorbed)
-    rows_of: dict[int, list[int]] = {}
-    for row, facet in enumerate(facets):
-        rows_of.setdefault(sum(slab.layers for slab in facet.stack), []).append(row)
-    for rows in rows_of.values():
-        alike = [facets[row] for row in rows]
-        series[rows] = _stepped(alike, time_s, absorbed[rows], exchange, air_k)
-    return series
+    start, step_s = _in_balance(facets, absorbed, exchange, air_k), np.round(np.diff(time_s), 6)
+    rows = [
+        surface_series(facet.stack, begin, step_s, own, exchange, air_k, facet.emissivity_broadband)
+        for facet, begin, own in zip(facets, start.tolist(), absorbed, strict=True)
+    ]
+    return np.array(rows).reshape(absorbed.shape)
 
 
-def _stepped(
-    facets: Sequence[Facet], time_s: FloatArray, absorbed: FloatArray, exchange: FloatArray, air_k: FloatArray
+def _in_balance(
+    facets: Sequence[Facet], absorbed: FloatArray, exchange: FloatArray, air_k: FloatArray
 ) -> FloatArray:
-    """Surface temperatures of facets with equally many nodes, stepped together."""
+    """Surface temperatures (k,) of facets that store no heat, at the first time."""
     grey = np.array([facet.emissivity_broadband for facet in facets])
-    stacks = [facet.stack for facet in facets]
-    lengths_s = np.round(np.diff(time_s), 6).tolist()
-    different = stacks[:1] if len(set(stacks)) == 1 else stacks  # thousands of pixels share one
-    steps = {step_s: SlabStep.of(different, step_s) for step_s in set(lengths_s)}
+    return balance_temperature(absorbed[:, 0] + exchange[0] * air_k[0], exchange[0], grey)
+
+
+def _of_one_material(
+    facet: Facet, time_s: FloatArray, absorbed: FloatArray, exchange: FloatArray, air_k: FloatArray
+) -> FloatArray:
+    """Surface temperatures of thousands of surfaces of a facet's material, stepped together."""
+    step = SlabStep.of([facet.stack], float(time_s[1] - time_s[0]))
     surface = np.empty_like(absorbed)
-    surface[:, 0] = balance_temperature(absorbed[:, 0] + exchange[0] * air_k[0], exchange[0], grey)
-    nodes = 1 + sum(slab.layers for slab in stacks[0])
-    layer = np.tile(surface[:, :1], (1, nodes))
-    for row, step_s in enumerate(lengths_s, start=1):
-        layer = steps[step_s].after(layer, absorbed[:, row], exchange[row], air_k[row], grey)
+    surface[:, 0] = _in_balance([facet], absorbed, exchange, air_k)
+    layer = np.tile(surface[:, :1], (1, step.response.shape[1]))
+    for row in range(1, time_s.size):
+        supplied = absorbed[:, row], exchange[row], air_k[row]
+        layer = step.after(layer, *supplied, facet.emissivity_broadband)
         surface[:, row] = layer[:, 0]
     return surface
 

@@ -220,7 +220,7 @@ def surface_k(ground: MeasuredGround, values: FloatArray) -> FloatArray:
     slab = replace(DEEP, conductivity_w_m_k=inertia**2 / HEAT_CAPACITY_J_M3_K)
     start_k = _mean_balance_k((absorbed + exchange * ground.air_k)[:DAY_MIN], exchange[:DAY_MIN])
     surface = surface_series(
-        slab, start_k, 60.0, absorbed[rows], exchange[rows], ground.air_k[rows], EMISSIVITY
+        (slab,), start_k, 60.0, absorbed[rows], exchange[rows], ground.air_k[rows], EMISSIVITY
     )
     return _delayed(surface, response_min)[-absorbed.size :]
 

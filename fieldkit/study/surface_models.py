@@ -115,7 +115,9 @@ class Ground:
     def _stored(self, station: Station, absorbed: FloatArray, exchange: FloatArray) -> FloatArray:
         slab = replace(DEEP, conductivity_w_m_k=self.inertia**2 / HEAT_CAPACITY_J_M3_K)
         step_s = np.round(np.diff(station.time_s), 3)
-        return surface_series(slab, self.start_k, step_s, absorbed, exchange, station.air_k, self.emissivity)
+        return surface_series(
+            (slab,), self.start_k, step_s, absorbed, exchange, station.air_k, self.emissivity
+        )
 
 
 def as_printed(station: Station, emissivity: float, *, with_diffuse: bool) -> FloatArray:

@@ -183,5 +183,5 @@ def test_a_series_takes_the_steps_of_one_bed_to_a_microkelvin():
     for row, step in enumerate(steps.tolist(), start=1):
         layers = warm_slab(SAND, layers, step, absorbed[row], exchange[row], air[row], 0.95)
         expected.append(layers[0])
-    found = surface_series(SAND, 288.0, steps, absorbed, exchange, air, 0.95)
+    found = surface_series((SAND,), 288.0, steps, absorbed, exchange, air, 0.95)
     np.testing.assert_allclose(found, expected, atol=1e-6)

@@ -57,7 +57,7 @@ def test_thick_layer_first_warms_as_a_half_space():
     np.testing.assert_allclose(curve[after] - curve[0], 80.0 / loss_w_m2_k * (1 - erfcx(b)), rtol=0.02)
 
 
-def test_equal_layers_are_stepped_together_and_unequal_ones_apart():
+def test_equal_layers_warm_alike_and_a_thin_one_ahead_of_a_thick_one():
     time_s = np.arange(0.0, 3600.0, 10.0)
     beds = [Facet("a", (), depth_m=0.01), Facet("b", (), depth_m=0.03), Facet("c", (), depth_m=0.01)]
     absorbed = np.full((3, time_s.size), 700.0)
