@@ -1,6 +1,7 @@
 """A small field whose samples follow the paper's own balance, eq. (7), so slopes are known exactly."""
 
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
 import pytest
@@ -21,6 +22,9 @@ EQ10_DIVISOR = 4.57 * 54.0
 
 def box(x: int, y: int) -> tuple[tuple[float, float], ...]:
     return ((x, y), (x + 14, y), (x + 14, y + 20), (x, y + 20))
+
+
+mask = cache(lambda bed: bed.mask(SHAPE))
 
 
 @dataclass
@@ -56,7 +60,7 @@ class Yard:
             direct = 0.0 if minute in self.shade.get(bed.name, ()) else self.light(minute)
             absorbed = direct * max(0.0, float(normal(tilt, azimuth) @ sun))
             surface = surface_temperature(absorbed, 400.0, 303.15, SurfaceParameters())
-            kelvin[bed.mask(SHAPE)] = brightness_temperature_k(surface, 0.90, 233.15)
+            kelvin[mask(bed)] = brightness_temperature_k(surface, 0.90, 233.15)
         noisy = kelvin + self.noise_k * random.standard_normal(SHAPE)
         return np.round(noisy / 0.01).astype(np.uint16)
 
@@ -81,6 +85,6 @@ class Yard:
         return sorted(made, key=lambda sample: sample.time_ns)
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def yard() -> Yard:
     return Yard()

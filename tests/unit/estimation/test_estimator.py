@@ -4,7 +4,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fieldkit.estimation.estimator import Estimator, EstimatorSettings, Minute
+from fieldkit.estimation.bins import History
+from fieldkit.estimation.chain import SlopeChain
+from fieldkit.estimation.estimator import Estimator, EstimatorSettings, Minute, measured_minute
 from fieldkit.model.samples import EventKind, Frame, Quality, Reading
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SlopeState
@@ -19,11 +21,21 @@ def run(yard, samples, settings=None) -> list[Minute]:
     return closed + estimator.finish()
 
 
+def last_of(yard, samples, settings=None) -> Minute:
+    """The last minute alone: the slopes of those before it need not be found."""
+    settings = settings or EstimatorSettings(model="paper")
+    estimator = Estimator(yard.site, yard.beds, yard.streams, settings)
+    closed = [one for sample in samples for one in estimator.collect(sample)] + estimator.collect_rest()
+    found = SlopeChain(yard.beds, settings).at(History.of([entry for entry, _ in closed]))
+    measured = measured_minute(closed[-1], estimator.schedule, estimator.irradiance_model)
+    return replace(measured, estimates=found.slopes, learnt=found.learnt)
+
+
 def by_name(minute: Minute) -> dict:
     return {estimate.region: estimate for estimate in minute.estimates}
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def an_hour(yard):
     return run(yard, yard.samples(61), EstimatorSettings(model="paper", window_s=3600.0))
 
@@ -56,9 +68,9 @@ def test_a_minute_tells_what_was_measured(yard, an_hour):
 
 
 def test_a_region_below_its_horizon_is_flagged_and_the_others_are_as_they_were(yard):
-    plain = by_name(run(yard, yard.samples(31))[-1])
+    plain = by_name(last_of(yard, yard.samples(31)))
     below = EstimatorSettings(model="paper", horizons={"b17": ((0.0, 89.0),)})
-    found = by_name(run(yard, yard.samples(31), below)[-1])
+    found = by_name(last_of(yard, yard.samples(31), below))
     assert found["b17"].flags & Quality.SHADED
     assert np.isnan(found["b17"].tilt_deg)
     assert repr(found["b08"]) == repr(plain["b08"])
@@ -82,7 +94,7 @@ def test_interleaving_within_two_seconds_changes_nothing_at_all(yard):
 @pytest.mark.parametrize(("method", "within_deg"), [("contours", 0.4), ("posterior", 0.05)])
 def test_every_method_finds_the_beds_within_its_region(yard, method, within_deg):
     settings = EstimatorSettings(model="paper", method=method, window_s=3600.0, tilt_limit_deg=30.0)
-    minute = run(yard, yard.samples(61), settings)[-1]
+    minute = last_of(yard, yard.samples(61), settings)
     for bed in yard.beds[1:]:
         found = by_name(minute)[bed.name]
         truth = normal(bed.tilt_deg, bed.azimuth_deg)
@@ -109,7 +121,7 @@ def test_two_minutes_are_the_fewest_that_can_disagree_about_a_tilt_alone(yard):
 
 
 def test_known_azimuth_needs_few_minutes(yard):
-    minute = run(yard, yard.samples(8), EstimatorSettings(model="paper", azimuth="known"))[-1]
+    minute = last_of(yard, yard.samples(8), EstimatorSettings(model="paper", azimuth="known"))
     for bed in yard.beds[1:]:
         assert by_name(minute)[bed.name].tilt_deg == pytest.approx(bed.tilt_deg, abs=0.1)
         assert by_name(minute)[bed.name].azimuth_deg == pytest.approx(bed.azimuth_deg)
@@ -123,12 +135,12 @@ def test_a_known_azimuth_holds_for_a_bed_found_flat(yard, azimuth):
     # a little too cold for a flat bed turned towards the sun, too warm for one turned away
     offset_k = 0.3 if azimuth == 100.0 else -0.3
     settings = EstimatorSettings(model="paper", azimuth="known", offsets_k={"b08": offset_k})
-    found = run(flat, samples, settings)[-1].estimates[0]
+    found = last_of(flat, samples, settings).estimates[0]
     assert found.tilt_deg == 0.0
     assert found.azimuth_deg == found.azimuth_low_deg == found.azimuth_high_deg == azimuth % 360.0
     assert (found.kelvin_per_degree > 0.0) == (azimuth == 100.0)
     slightly = replace(flat, beds=(flat.beds[0], replace(flat.beds[1], tilt_deg=1.0)))
-    warmer = run(slightly, slightly.samples(8), EstimatorSettings(model="paper", azimuth="known"))[-1]
+    warmer = last_of(slightly, slightly.samples(8), EstimatorSettings(model="paper", azimuth="known"))
     kelvin = warmer.temperature_k["b08"] - warmer.temperature_k["flat"]
     assert found.kelvin_per_degree == pytest.approx(kelvin, abs=0.05)
 
@@ -143,11 +155,11 @@ def test_tilted_reference_and_several_references(yard):
     leaning = Region("leaning", RegionKind.REFERENCE, yard.beds[2].vertices, 17.0, 250.0)
     beds = (yard.beds[0], yard.beds[1], leaning, yard.beds[3])
     for chosen in (beds, beds[1:]):
-        minute = run(
+        minute = last_of(
             replace(yard, beds=chosen),
             replace(yard, beds=chosen).samples(61),
             EstimatorSettings(model="paper", window_s="weather"),
-        )[-1]
+        )
         found = by_name(minute)["b08"]
         assert angle_between_deg(normal(found.tilt_deg, found.azimuth_deg), normal(8.0, 140.0)) < 0.3
 
@@ -155,7 +167,7 @@ def test_tilted_reference_and_several_references(yard):
 def test_flat_target_is_called_flat(yard):
     beds = (*yard.beds[:1], replace(yard.beds[1], tilt_deg=0.0))
     level = replace(yard, beds=beds)
-    found = run(level, level.samples(120), EstimatorSettings(model="paper", offset_sd_k=0.1))[-1].estimates[0]
+    found = last_of(level, level.samples(120), EstimatorSettings(model="paper", offset_sd_k=0.1)).estimates[0]
     assert found.state == SlopeState.FLAT
     assert found.tilt_low_deg == 0.0
     assert found.azimuth_high_deg - found.azimuth_low_deg == pytest.approx(360.0)
@@ -164,7 +176,7 @@ def test_flat_target_is_called_flat(yard):
 
 def test_a_slope_known_to_a_wide_region_only_is_called_uncertain(yard):
     uncertain = EstimatorSettings(model="paper", window_s=3600.0, offset_sd_k=2.0)
-    for found in run(yard, yard.samples(61), uncertain)[-1].estimates:
+    for found in last_of(yard, yard.samples(61), uncertain).estimates:
         assert found.state == SlopeState.UNCERTAIN
         low, high = found.tilt_low_deg, found.tilt_high_deg
         assert found.reason == f"anything from {low:.1f}° to {high:.1f}° fits (90 %)"
@@ -178,7 +190,7 @@ def test_regions_of_another_confidence_are_wider_by_the_root_of_the_chi_square_q
 
     def widths(confidence: float) -> np.ndarray:
         settings = EstimatorSettings(model="paper", window_s=3600.0, azimuth=azimuth, confidence=confidence)
-        found = run(yard, yard.samples(61), settings)[-1].estimates
+        found = last_of(yard, yard.samples(61), settings).estimates
         assert {one.confidence for one in found} == {confidence}
         return np.array([one.noise_tilt_high_deg - one.noise_tilt_low_deg for one in found])
 
@@ -191,7 +203,7 @@ def test_both_branches_are_reported_when_both_fit(yard):
         start_ns=int(np.datetime64("2017-08-30T03:00", "ns").astype(np.int64)),
         beds=(yard.beds[0], replace(yard.beds[1], tilt_deg=20.0, azimuth_deg=180.0)),
     )
-    found = run(noon, noon.samples(21))[-1].estimates[0]
+    found = last_of(noon, noon.samples(21)).estimates[0]
     assert found.state == SlopeState.NOT_RESOLVED
     assert found.flags & Quality.UNRESOLVED
     assert found.second_tilt_deg == pytest.approx(33.0, abs=0.5)
@@ -215,7 +227,7 @@ def test_overrange_light_is_no_light(yard):
     samples = [
         s._replace(quality=Quality.OVERRANGE) if isinstance(s, Reading) else s for s in yard.samples(21)
     ]
-    minute = run(yard, samples)[-1]
+    minute = last_of(yard, samples)
     assert minute.estimates[0].state == SlopeState.NO_DATA
     assert "irradiance" in minute.estimates[0].reason
     assert np.isnan(minute.dni_w_m2)
@@ -224,7 +236,7 @@ def test_overrange_light_is_no_light(yard):
 
 def test_night_is_low_sun_not_an_error(yard):
     night = replace(yard, start_ns=yard.start_ns + 11 * 3600 * 10**9, dni_w_m2=0.0)
-    minute = run(night, night.samples(10))[-1]
+    minute = last_of(night, night.samples(10))
     assert minute.estimates[0].state == SlopeState.LOW_SUN
     assert np.isnan(minute.estimates[0].tilt_deg)
 
@@ -236,7 +248,7 @@ def test_pyrheliometer_stream_replaces_lux(yard):
     samples = [
         Reading("beam", s.mono_ns, s.time_ns, (800.0,)) if s.stream == "lux" else s for s in yard.samples(21)
     ]
-    minute = run(replace(yard, streams=beam), samples)[-1]
+    minute = last_of(replace(yard, streams=beam), samples)
     assert minute.dni_w_m2 == pytest.approx(800.0)
     assert minute.irradiance_model.startswith("pyrheliometer")
     assert minute.estimates[2].tilt_deg == pytest.approx(25.0, abs=0.5)
@@ -253,10 +265,10 @@ def test_level_pyranometer_gives_the_slopes_that_a_light_meter_gives(yard):
         else s
         for s in yard.samples(21)
     ]
-    minute = run(replace(yard, streams=(yard.streams[0], whole)), samples)[-1]
+    minute = last_of(replace(yard, streams=(yard.streams[0], whole)), samples)
     assert minute.dni_w_m2 == pytest.approx(800.0, rel=1e-3)
     assert minute.irradiance_model == "pyranometer, diffuse 15%, horizontal"
-    by_lux = run(yard, yard.samples(21))[-1]
+    by_lux = last_of(yard, yard.samples(21))
     for one, other in zip(minute.estimates, by_lux.estimates, strict=True):
         assert one.tilt_deg == pytest.approx(other.tilt_deg, abs=1e-6)
 
@@ -351,14 +363,14 @@ def test_late_samples_are_left_out_and_counted(yard):
     samples = yard.samples(6)
     late = samples.pop(3)
     minutes = run(yard, [*samples, late])
-    assert minutes[-1].time_ns == run(yard, samples)[-1].time_ns
+    assert minutes[-1].time_ns == last_of(yard, samples).time_ns
     late_notice = [e.text for m in run(yard, [*samples[:-8], late, *samples[-8:]]) for e in m.events]
     assert late_notice == ["1 samples arrived more than 2 s late and were excluded from the estimates"]
 
 
 def test_no_reference_is_said_in_words(yard):
     bare = replace(yard, beds=yard.beds[1:])
-    found = run(bare, bare.samples(6))[-1].estimates[0]
+    found = last_of(bare, bare.samples(6)).estimates[0]
     assert found.state == SlopeState.NO_DATA
     assert found.reason == "no reference region"
 
@@ -371,10 +383,10 @@ def test_known_offset_of_a_region_is_taken_out(yard):
         else s
         for s in yard.samples(61)
     ]
-    spoilt = by_name(run(yard, warm, settings)[-1])["b08"]
+    spoilt = by_name(last_of(yard, warm, settings))["b08"]
     # offsets are of brightness: a kelvin of it is 1.06 K of a surface of emissivity 0.9 under a cold sky
-    mended = by_name(run(yard, warm, replace(settings, offsets_k={"b08": 1.0}))[-1])["b08"]
-    right = by_name(run(yard, yard.samples(61), settings)[-1])["b08"]
+    mended = by_name(last_of(yard, warm, replace(settings, offsets_k={"b08": 1.0})))["b08"]
+    right = by_name(last_of(yard, yard.samples(61), settings))["b08"]
     assert abs(spoilt.tilt_deg - 8.0) > 1.0
     assert mended.tilt_deg == pytest.approx(right.tilt_deg, abs=1e-3)
 
@@ -405,7 +417,7 @@ def test_a_last_minute_without_pictures_keeps_the_kelvin_per_degree(yard):
 
 def test_window_reaches_back_over_a_passing_cloud_to_the_start(yard):
     clouded = replace(yard, clouds=range(20, 24), noise_k=0.02)
-    last = run(clouded, clouded.samples(50))[-1].estimates[0]
+    last = last_of(clouded, clouded.samples(50)).estimates[0]
     assert last.window_start_ns < clouded.start_ns + MINUTE_NS
     assert angle_between_deg(normal(last.tilt_deg, last.azimuth_deg), normal(8.0, 140.0)) < 1.0
 
@@ -415,7 +427,7 @@ def test_window_is_halved_until_one_slope_explains_it(yard):
     turned = replace(yard, beds=(yard.beds[0], replace(yard.beds[1], tilt_deg=20.0)))
     before = replace(yard, beds=yard.beds[:2]).samples(40)
     after = [sample for sample in turned.samples(80) if sample.time_ns >= yard.start_ns + 40 * MINUTE_NS]
-    last = run(turned, [*before, *after], EstimatorSettings(model="paper", azimuth="known"))[-1].estimates[0]
+    last = last_of(turned, [*before, *after], EstimatorSettings(model="paper", azimuth="known")).estimates[0]
     assert last.tilt_deg == pytest.approx(20.0, abs=0.3)
     assert last.window_start_ns >= yard.start_ns + 40 * MINUTE_NS
 

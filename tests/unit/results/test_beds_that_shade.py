@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fieldkit.estimation.chain import slope_series
+from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.samples import Quality
 from fieldkit.model.units import MINUTE_NS
@@ -33,8 +33,8 @@ def last_tilt_deg(horizon: Horizon, known: Horizon) -> float:
     flags = history.region_flags.copy()
     flags[sunlit_share(known, history.sun, MINUTE_EDGE_DEG) < 1.0, 2] |= int(Quality.SHADED)
     settings = EstimatorSettings(model="paper", horizons={"b15": known} if known else {})
-    *_, last = slope_series(replace(history, region_flags=flags), [bed.region() for bed in beds], settings)
-    return last.slopes[1].tilt_deg
+    chain = SlopeChain([bed.region() for bed in beds], settings)
+    return chain.at(replace(history, region_flags=flags)).slopes[1].tilt_deg
 
 
 def test_the_horizon_of_a_neighbour_keeps_the_slope_of_a_bed() -> None:

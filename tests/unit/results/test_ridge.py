@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fieldkit.estimation.chain import slope_series
+from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.estimator_keys import Model
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.samples import Quality
@@ -43,8 +43,8 @@ def last_estimate(model: Model, horizon: Horizon, known: Horizon) -> SlopeEstima
     flags = history.region_flags.copy()
     flags[is_hidden, 2] |= int(Quality.SHADED)
     settings = EstimatorSettings(model=model, horizons={"b15": known} if known else {})
-    *_, last = slope_series(replace(history, region_flags=flags), [bed.region() for bed in beds], settings)
-    return last.slopes[1]
+    chain = SlopeChain([bed.region() for bed in beds], settings)
+    return chain.at(replace(history, region_flags=flags)).slopes[1]
 
 
 @pytest.mark.parametrize("model", [pytest.param("paper", marks=pytest.mark.slow), "full", "learned"])
