@@ -4,31 +4,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fieldkit.estimation.bins import History
-from fieldkit.estimation.chain import SlopeChain
-from fieldkit.estimation.estimator import Estimator, EstimatorSettings, Minute, measured_minute
+from fieldkit.estimation.estimator import Estimator, EstimatorSettings, Minute
 from fieldkit.model.samples import EventKind, Frame, Quality, Reading
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SlopeState
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.camera_laws import Planck, planck_counts
 from fieldkit.physics.facet import angle_between_deg, normal
+from tests.harness.last_minute import last_of
 
 
 def run(yard, samples, settings=None) -> list[Minute]:
     estimator = Estimator(yard.site, yard.beds, yard.streams, settings or EstimatorSettings(model="paper"))
     closed = [minute for sample in samples for minute in estimator.add(sample)]
     return closed + estimator.finish()
-
-
-def last_of(yard, samples, settings=None) -> Minute:
-    """The last minute alone: the slopes of those before it need not be found."""
-    settings = settings or EstimatorSettings(model="paper")
-    estimator = Estimator(yard.site, yard.beds, yard.streams, settings)
-    closed = [one for sample in samples for one in estimator.collect(sample)] + estimator.collect_rest()
-    found = SlopeChain(yard.beds, settings).at(History.of([entry for entry, _ in closed]))
-    measured = measured_minute(closed[-1], estimator.schedule, estimator.irradiance_model)
-    return replace(measured, estimates=found.slopes, learnt=found.learnt)
 
 
 def by_name(minute: Minute) -> dict:

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from fieldkit.estimation.bins import History
-from fieldkit.estimation.estimator import Estimator
 from fieldkit.estimation.region_temperatures import (
     difference_covariance_k2,
     difference_k,
@@ -21,6 +20,7 @@ from fieldkit.physics.radiance import (
     kelvin_per_emissivity,
     surface_temperature_k,
 )
+from tests.harness.last_minute import last_of
 
 CORNERS = ((0.0, 0.0), (9.0, 0.0), (9.0, 9.0))
 FLAT, BED = Region("flat", RegionKind.REFERENCE, CORNERS), Region("b15", RegionKind.TARGET, CORNERS)
@@ -55,10 +55,7 @@ def slopes(yard, **more):
         azimuth="known", exchange_sd=0.0, drift_sd_k_per_h=0.0, conductivity_sd=0.0, capacity_sd=0.0,
         **{"model": "paper", "scale_sd": 0.0, "offset_sd_k": 0.0, **more},
     )  # fmt: skip
-    estimator = Estimator(yard.site, yard.beds, yard.streams, settings)
-    for sample in yard.samples(60):
-        estimator.add(sample)
-    return {one.region: one for one in estimator.finish()[-1].estimates}
+    return {one.region: one for one in last_of(yard, yard.samples(60), settings).estimates}
 
 
 def half_width(found):
@@ -66,8 +63,8 @@ def half_width(found):
 
 
 def with_its_own_emissivity(yard):
-    yard.beds = tuple(replace(bed, emissivity=0.90) if bed.name == "b17" else bed for bed in yard.beds)
-    return yard
+    beds = (replace(bed, emissivity=0.90) if bed.name == "b17" else bed for bed in yard.beds)
+    return replace(yard, beds=tuple(beds))
 
 
 @pytest.mark.parametrize("model", ["paper", "full"])

@@ -15,6 +15,7 @@ from fieldkit.estimation.estimator import Estimator, EstimatorSettings
 from fieldkit.model.slope import SlopeEstimate
 from fieldkit.physics.facet import normal
 from tests.harness.drawn import drawn_world
+from tests.harness.last_minute import last_of
 
 ANGLES = ("tilt_deg", "azimuth_deg", "tilt_low_deg", "tilt_high_deg", "azimuth_low_deg", "azimuth_high_deg")
 
@@ -96,6 +97,8 @@ def test_interleaving_within_two_seconds_changes_nothing(yard):
 def test_the_papers_own_beds_are_found(yard):
     """Beds of 8, 17 and 25 degrees by the paper's eq. (7), which has no stored heat: within a wide region."""
     settled = replace(yard, noise_k=0.05)
-    for found, bed in zip(minutes_of(settled, settled.samples(40))[-1].estimates, yard.beds[1:], strict=True):
+    for found, bed in zip(
+        last_of(settled, settled.samples(40), LEARNED).estimates, yard.beds[1:], strict=True
+    ):
         towards = normal(found.tilt_deg, found.azimuth_deg) @ normal(bed.tilt_deg, bed.azimuth_deg)
         assert np.degrees(np.arccos(towards)) < 10.0
