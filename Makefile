@@ -5,6 +5,9 @@ RUN    := $(VENV)/bin/python
 DIST   := dist
 PIP    := $(RUN) -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
+# A worker for each processor: threads of the linear algebra would only take turns with them.
+test: export OPENBLAS_NUM_THREADS := 1
+
 # Where it is set, each of the thousand processes that the tests start compiles every library again.
 unexport PYTHONDONTWRITEBYTECODE
 
@@ -22,6 +25,7 @@ test: $(VENV)/.test
 
 test-slow: $(VENV)/.test
 	$(RUN) -m pytest -m slow --timeout 3600
+	$(RUN) -m pytest --hypothesis-profile thorough --timeout 3600 tests/property
 
 test-lab: $(VENV)/.test $(VENV)/.genicam
 	$(RUN) -m pytest tests/lab --timeout 600

@@ -14,8 +14,9 @@ from fieldkit.cli import main
 from tests.harness.once import made_once
 
 # what hypothesis tries may take as long as a busy computer needs
-settings.register_profile("busy computer", deadline=None, suppress_health_check=[HealthCheck.too_slow])
-settings.load_profile("busy computer")
+settings.register_profile("thorough", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile("quick", settings.get_profile("thorough"), max_examples=25)
+settings.load_profile("quick")
 
 RECORD = ("record", "--for", "12m", "--name", "short", "-q", "--set", "simulation.speed=max", "-C")
 

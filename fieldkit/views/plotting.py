@@ -92,9 +92,12 @@ def styled() -> AbstractContextManager[None]:
 
 def svg(figure: Figure) -> str:
     """A figure as SVG text."""
-    buffer = io.StringIO()
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+
+    buffer, unsaid = io.StringIO(), dict.fromkeys(("Date", "Creator", "Format", "Type"))
     with styled():
-        figure.savefig(buffer, format="svg", metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")))
+        # `savefig` draws a figure twice, first to lay it out, which drawing does by itself
+        FigureCanvasSVG(figure).print_svg(buffer, metadata=unsaid)  # type: ignore[no-untyped-call]
     return buffer.getvalue()
 
 

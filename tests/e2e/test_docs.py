@@ -4,10 +4,15 @@
 """
 
 import importlib.util
+import re
+import shlex
 from pathlib import Path
 from types import ModuleType
 
+import click
 import pytest
+
+from fieldkit.cli import main
 
 ROOT = Path(__file__).parents[2]
 
@@ -24,7 +29,46 @@ def loaded(name: str) -> ModuleType:
 transcripts = loaded("transcripts")
 
 
+# half a minute of computing and more each
+LONG = {
+    "batch",
+    "calibrate-beds-and-meters",
+    "calibrate-emissivity",
+    "first-five-minutes",
+    "import-recordings",
+    "terrain-products",
+}
+
+
+def all_pages():
+    """The pages, the long ones for `make test-slow`."""
+    return [
+        pytest.param(page, marks=[pytest.mark.slow] if page.stem in LONG else [])
+        for page in transcripts.pages()
+    ]
+
+
+def assert_takes(words):
+    """That a command has the options that stand after it."""
+    command, name = main, "fieldkit"
+    while isinstance(command, click.Group):
+        name, *words = words
+        command = command.get_command(click.Context(command), name)
+        assert command is not None, f"there is no command {name!r}"
+    command.make_parser(click.Context(command, info_name=name)).parse_args(words)
+
+
 @pytest.mark.parametrize("page", transcripts.pages(), ids=lambda page: page.stem)
+def test_every_command_of_a_page_has_the_options_it_shows(page):
+    for command, _ in transcripts.commands(page):
+        if "<<'PYTHON'" in command:
+            compile(command.split("\n", 1)[1].removesuffix("PYTHON"), page.name, "exec")
+        else:
+            for words in re.findall(r"\bfieldkit ((?:\\\n|[^|;&>\n])+)", command):
+                assert_takes(shlex.split(words.replace("\\\n", " ")))
+
+
+@pytest.mark.parametrize("page", all_pages(), ids=lambda page: page.stem)
 def test_what_a_page_shows_is_what_is_printed(page, tmp_path):
     run = transcripts.shell(tmp_path)
     for command, shown in transcripts.commands(page):

@@ -218,14 +218,14 @@ def names(regions: dict[str, Any]) -> set[str]:
 def test_a_page_that_is_killed_leaves_its_recording_alone(tmp_path: Path) -> None:
     folder = campaign(tmp_path / "field")
     with started(folder) as page, page.browser() as browser:
-        assert browser.request(do="start", duration="25s")["ok"]
+        assert browser.request(do="start", duration="18s")["ok"]
         browser.next("state", phase="recording")
         page.process.kill()
         page.process.wait(PATIENCE_S)
     with started(folder) as again, again.browser() as browser:
         browser.next("state", phase="recording")  # which goes on, and is followed
         until(lambda: session_in_progress(folder / "recordings") is None, "the recording did not end")
-    lost_nothing(folder, 25)
+    lost_nothing(folder, 18)
 
 
 def come_and_go(page: Served, cookie: str, count: int) -> None:
@@ -253,7 +253,7 @@ def storm(folder: Path, seconds: int, connections: int) -> None:
         path = folder / "recordings" / f"{recording['data']['session']}.h5"
         browser.request(do="picture", mode="jpeg")
         cookie = page.cookie()
-        come_and_go(page, cookie, 40)
+        come_and_go(page, cookie, 24)
         before = page.kilobytes
         deaf = page.opened(Cookie=cookie)  # never reads: what it is sent fills its sockets
         deaf.socket.send(json.dumps({"do": "picture", "mode": "exact"}))
@@ -272,7 +272,7 @@ def storm(folder: Path, seconds: int, connections: int) -> None:
 
 
 def test_connections_that_come_and_go_cost_a_recording_nothing(tmp_path: Path) -> None:
-    storm(campaign(tmp_path / "field"), 30, 150)
+    storm(campaign(tmp_path / "field"), 20, 60)
 
 
 @pytest.mark.slow
@@ -282,7 +282,7 @@ def test_a_thousand_connections_that_come_and_go_cost_a_recording_nothing(tmp_pa
 
 def test_a_past_session_is_drawn_on_and_estimated_anew(tmp_path: Path) -> None:
     folder = campaign(tmp_path / "field")
-    with record(folder, 8) as recorder:
+    with record(folder, 4) as recorder:
         assert recorder.wait(PATIENT_S) == 0
     with served(folder) as page, page.browser() as browser, page.browser("view") as looking:
         (listed,) = browser.request(do="sessions")["data"]

@@ -80,13 +80,15 @@ def test_nothing_covered_by_a_sync_is_lost(
         assert survivors(folder) >= durable[count - 1], f"{kind} after {count} of {len(changes)} changes"
 
 
+@pytest.mark.parametrize("every", [6, pytest.param(1, marks=pytest.mark.slow)])
 def test_nothing_is_lost_where_the_disk_kept_what_syncs_asked_for_and_nothing_else(
-    changes: list[disk.Change], tmp_path: Path
+    changes: list[disk.Change], tmp_path: Path, every: int
 ) -> None:
     """Cut right before and right after each sync promises more: then most is gone."""
     durable = list(disk.durable_counts(changes, MARKS))
     rises = [count for count in range(1, len(changes)) if durable[count] > durable[count - 1]]
-    for count in (*rises, *(count + 1 for count in rises), len(changes)):
+    chosen = [*rises[::every], rises[-1]]
+    for count in (*chosen, *(count + 1 for count in chosen), len(changes)):
         folder = disk.confirmed(changes, count).store(tmp_path / "disk")
         assert survivors(folder) >= durable[count - 1], f"after {count} of {len(changes)} changes"
 

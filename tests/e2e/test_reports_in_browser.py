@@ -15,13 +15,14 @@ from click.testing import CliRunner
 from fieldkit.cli import main
 from fieldkit.page.server import REPORT_POLICY
 from tests.harness.field_page import chromium, opened
+from tests.harness.seldom import SET_SELDOM
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
 DESK, PHONE = (1200, 800), (390, 800)
 PAGES = ("session", "weather", "campaign", "plan", "study")
-AT_ONCE = ("-q", "--set", "simulation.speed=max")
+AT_ONCE = ("-q", "--set", "simulation.speed=max", *SET_SELDOM)
 POINTS_OF_LINES = """[...document.querySelectorAll('.drawing g[id*="-axes_"]')].map((axes) =>
     [...axes.querySelectorAll(":scope > g > path")].map((path) => path.getAttribute("d").split("L").length))
     .map((lengths) => Math.max(0, ...lengths))"""

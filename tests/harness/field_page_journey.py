@@ -60,7 +60,7 @@ def record(watched: Watched, shoot: Shoot) -> None:
     page.locator("#start").tap()
     page.locator("#start-dialog [name=name]").fill("two-beds")
     page.locator("#start-dialog [name=ends][value=duration]").check()
-    page.locator("#start-dialog [name=duration]").fill("40m")
+    page.locator("#start-dialog [name=duration]").fill("24m")
     shoot("start", watched)
     page.get_by_role("button", name="Start recording").tap()
     watched.said("two-beds")

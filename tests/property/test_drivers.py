@@ -8,7 +8,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from fieldkit.drivers import registry
@@ -130,7 +130,6 @@ def ended_alike(records):
 
 
 @pytest.mark.parametrize("name", LARGEST)
-@settings(max_examples=50)
 @given(chunks=st.lists(st.integers(1, 40), min_size=1, max_size=20), data=st.data())
 def test_records_do_not_depend_on_how_the_bytes_arrive(name, chunks, data):
     stream = data.draw(mutated(golden_of(name)))
@@ -171,7 +170,6 @@ def test_boson_frames_survive_their_escapes(sequence, function, payload):
 
 
 @pytest.mark.parametrize("name", FRAMES)
-@settings(max_examples=30)
 @given(seed=st.integers(0, 2**32 - 1), head=st.binary(max_size=64))
 def test_any_frame_is_decoded_or_rejected(name, seed, head):
     decode, lengths = FRAMES[name]

@@ -1,7 +1,7 @@
 """What holds for every slope, sun and order of minutes."""
 
 import numpy as np
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from fieldkit.estimation.bins import RegionPixels
@@ -38,7 +38,6 @@ def best_of(sun: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 @given(latitudes, days, tilts, azimuths)
-@settings(max_examples=60)
 def test_without_noise_one_branch_is_the_truth(latitude, day, tilt, azimuth):
     sun, truth = sun_of(latitude, day), normal(tilt, azimuth)
     both = solve(Misfit.of_rows(sun, sun @ truth, 1 / SIGMA**2))
@@ -47,7 +46,6 @@ def test_without_noise_one_branch_is_the_truth(latitude, day, tilt, azimuth):
 
 
 @given(latitudes, days, tilts, azimuths, seeds, st.floats(0.0, 360.0))
-@settings(max_examples=40)
 def test_turning_the_compass_turns_the_answer(latitude, day, tilt, azimuth, seed, turn):
     sun = sun_of(latitude, day)
     y = noisy(sun, normal(tilt, azimuth), seed)
@@ -60,7 +58,6 @@ def test_turning_the_compass_turns_the_answer(latitude, day, tilt, azimuth, seed
 
 
 @given(latitudes, days, tilts, azimuths, seeds)
-@settings(max_examples=40)
 def test_order_of_minutes_does_not_matter(latitude, day, tilt, azimuth, seed):
     sun = sun_of(latitude, day)
     y = noisy(sun, normal(tilt, azimuth), seed)
@@ -69,7 +66,6 @@ def test_order_of_minutes_does_not_matter(latitude, day, tilt, azimuth, seed):
 
 
 @given(latitudes, days, tilts, azimuths)
-@settings(max_examples=40)
 def test_mirror_of_the_mirror_is_the_original(latitude, day, tilt, azimuth):
     sun, truth = sun_of(latitude, day), normal(tilt, azimuth)
     H = sun.T @ sun
@@ -80,7 +76,6 @@ def test_mirror_of_the_mirror_is_the_original(latitude, day, tilt, azimuth):
 
 
 @given(latitudes, days, tilts, azimuths, st.floats(0.8, 1.25))
-@settings(max_examples=40)
 def test_three_vector_solution_of_a_wrong_scale_is_a_blend_with_the_vertical(
     latitude, day, tilt, azimuth, kappa
 ):
@@ -95,7 +90,6 @@ def test_three_vector_solution_of_a_wrong_scale_is_a_blend_with_the_vertical(
 
 
 @given(latitudes, days, tilts, azimuths, seeds)
-@settings(max_examples=40)
 def test_doubts_never_raise_the_misfit(latitude, day, tilt, azimuth, seed):
     sun, random = sun_of(latitude, day), np.random.default_rng(seed)
     y, weights = noisy(sun, normal(tilt, azimuth), seed), np.full(len(sun), 1 / SIGMA**2)
@@ -107,7 +101,6 @@ def test_doubts_never_raise_the_misfit(latitude, day, tilt, azimuth, seed):
 
 
 @given(st.integers(1, 12), st.integers(1, 12), seeds)
-@settings(max_examples=30)
 def test_region_sums_equal_those_of_the_mask(width, height, seed):
     counts = np.random.default_rng(seed).integers(0, 2**16, (15, 17), dtype=np.uint16)
     corners = ((1.0, 1.0), (1.0 + width, 1.0), (1.0 + width, 1.0 + height), (1.0, 1.0 + height))

@@ -1,6 +1,6 @@
 import threading
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from fieldkit.model.units import SECOND_NS
@@ -10,7 +10,6 @@ naps = st.lists(st.floats(1e-9, 1e4), min_size=1, max_size=12)
 
 
 @given(st.lists(naps, min_size=1, max_size=5))
-@settings(max_examples=40)
 def test_everybody_wakes_exactly_when_the_naps_add_up(crew):
     """Whatever the threads do, each wakes at its own times and time never runs back."""
     log = []

@@ -15,6 +15,7 @@ from fieldkit.recording.running import session_in_progress
 from fieldkit.recording.status import status_reply, stored_status
 from fieldkit.recording.status_request import recorder_status, status_path
 from fieldkit.views import unix_socket
+from tests.harness.seldom import SET_SELDOM
 
 HEAVY = {
     *("numpy", "scipy", "h5py", "astropy", "erfa", "cv2", "pandas", "matplotlib"),
@@ -54,7 +55,7 @@ def begun(folder):
     command = [sys.executable, "-m", "fieldkit"]
     subprocess.run([*command, "init", "--simulated", str(folder)], check=True, capture_output=True)
     process = subprocess.Popen(
-        [*command, "record", "-C", str(folder), "--quiet", "--set", "simulation.speed=30"]
+        [*command, "record", "-C", str(folder), "--quiet", "--set", "simulation.speed=30", *SET_SELDOM]
     )
     while (session := session_in_progress(folder / "recordings")) is None or not recorder_status(session):
         assert process.poll() is None

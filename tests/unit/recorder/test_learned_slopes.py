@@ -15,13 +15,14 @@ from fieldkit.model.slope import SLOPE_FIELDS, SlopeEstimate
 from fieldkit.results.estimate import estimate, estimator_for, minutes_of
 from fieldkit.results.sources import config_for
 from fieldkit.sessions.reader import SessionReader, open_session
+from tests.harness.seldom import SET_SELDOM
 
-ENDED_AT = 1300
+ENDED_AT = 310
 """Samples after which one recording is cut off: nine of its twelve minutes."""
 
 
 def recorded(folder: Path, name: str) -> Path:
-    words = ("--for", "12m", "--name", name, "-q", "--set", "simulation.speed=max")
+    words = ("--for", "12m", "--name", name, "-q", "--set", "simulation.speed=max", *SET_SELDOM)
     CliRunner().invoke(main, ["record", "-C", str(folder), *words, "--set", "estimator.model=learned"])
     (path,) = (folder / "recordings").glob(f"*{name}*.h5")
     return path

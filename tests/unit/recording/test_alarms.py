@@ -36,7 +36,9 @@ FAST = [
     'estimator.model="paper"',
     'estimator.azimuth="known"',
     "estimator.window_s=300",
+    *SELDOM,
 ]
+EACH_SECOND = ("lux.every_s=1", "thermometer.every_s=1")
 
 
 def recorded(folder: Path, minutes: int, *settings: str, marks: Any = None) -> RecordedSession:
@@ -73,12 +75,12 @@ B25 = "alarms.region={b25 = {%s}}"
         ("cable", 8, (), {"lost:camera": (10, True)}),
         ("silent", 8, (), {"lost:camera": (70, True)}),
         ("frozen", 8, (), {"frozen:camera": (65, True)}),
-        ("overrange", 8, (), {"overrange:lux": (15, True)}),
-        ("garbled", 10, (), {"garbled:lux": (60, True)}),
-        ("clock", 12, (), {"clock": (2, True)}),
-        ("disk", 24, SELDOM, {"disk": (300, True), "silent:camera": (420, True)}),
-        ("moved", 36, SELDOM, {"moved": (180, True)}),
-        ("shade", 36, SELDOM, {"shade:b25": (180, True)}),
+        ("overrange", 8, EACH_SECOND, {"overrange:lux": (15, True)}),
+        ("garbled", 10, EACH_SECOND, {"garbled:lux": (60, True)}),
+        ("clock", 12, EACH_SECOND, {"clock": (2, True)}),
+        ("disk", 24, (), {"disk": (300, True), "silent:camera": (420, True)}),
+        ("moved", 36, (), {"moved": (180, True)}),
+        ("shade", 36, (), {"shade:b25": (180, True)}),
         (
             "drift",
             40,
@@ -93,7 +95,6 @@ B25 = "alarms.region={b25 = {%s}}"
             "cloud",
             34,
             (
-                *SELDOM,
                 'estimator.window_s="weather"',
                 B25 % "temperature_min_c = 15, temperature_rate_k_min = 4.5",
                 "alarms.hold_s={held = 450}",
