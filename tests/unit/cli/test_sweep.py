@@ -134,6 +134,7 @@ def test_provenance_names_content_and_code(recordings, swept):
     assert about["parameters"] == {
         "surface.albedo": ["0.15", "0.20", "0.25"],
         "surface.emissivity": ["0.88", "0.90"],
+        "estimator.model": ["paper"],
     }
     paths = sorted(recordings.glob("*.h5"))
     assert [one["sha256"] for one in about["sessions"]] == [

@@ -85,6 +85,7 @@ B25 = "alarms.region={b25 = {%s}}"
             "drift",
             40,
             (
+                *EACH_SECOND,
                 'estimator.model="learned"',
                 B25 % "tilt_max_deg = 28, tilt_probability = 0.5",
                 "alarms.hold_s={tilt = 0, tilt-probability = 0}",
