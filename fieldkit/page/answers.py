@@ -113,6 +113,8 @@ class Answers:
     def _start_or_stop(self, request: requests.Start | requests.Stop) -> Document:
         if isinstance(request, requests.Stop):
             path = stop_recording(self.config.recordings, self._log_silence)
+            if path is None:
+                return answer(request.id, "called off: nothing was recorded")
             report = f"/session/{identifier(path)}/report"
             sealed = {"session": path.stem, "report_url": report}
             return answer(request.id, f"sealed {path.stem}", data=sealed)

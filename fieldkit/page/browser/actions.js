@@ -65,7 +65,8 @@ $("mark").onclick = () => {
 };
 $("shutter").onclick = async () => showAnswer(await request({ do: "shutter" }));
 $("stop").onclick = async () => {
-  const { session, ours } = status.state;
+  const { phase, session, ours } = status.state;
+  if (phase === "waiting") return showAnswer(await request({ do: "stop", confirm: true }));
   const whose = ours === false ? " It was not started from this page." : "";
   const sure = await confirmed("Stop the recording?", `${session ?? "The recording"} ends now and is checked and sealed.${whose}`, "Stop and seal", "Keep recording");
   if (sure) showAnswer(await request({ do: "stop", confirm: true }));

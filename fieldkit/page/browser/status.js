@@ -2,7 +2,7 @@
 
 const MOST_EVENTS = 100;
 const PHASES = {
-  preview: "Live preview, not recording", starting: "Starting …", recording: "Recording",
+  preview: "Live preview, not recording", starting: "Starting …", waiting: "A recording waits for its time", recording: "Recording",
   sealing: "Stopping: checking and sealing …", "no-instruments": "No instruments",
 };
 
@@ -22,7 +22,7 @@ on("hello", (hello) => {
 on("state", (state) => {
   status.state = state;
   showState();
-  $("start").hidden = state.phase === "recording" || state.phase === "sealing";
+  $("start").hidden = ["waiting", "recording", "sealing"].includes(state.phase);
   $("start").disabled = state.phase === "starting";
   $("stop").hidden = !$("start").hidden;
   $("stop").disabled = state.phase === "sealing";

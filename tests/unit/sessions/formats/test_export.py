@@ -385,7 +385,7 @@ def test_pictures_of_each_camera_have_files_of_their_own(
 def test_camera_that_is_not_known_is_asked_for(two_cameras: SessionReader, tmp_path: Path, export) -> None:
     with pytest.raises(ConfigError, match="frames of 2 cameras") as caught:
         export(two_cameras, tmp_path)
-    assert caught.value.fix == "--stream with one of camera, cam2"
+    assert caught.value.fix == "stream with one of camera, cam2"
     with pytest.raises(ConfigError, match="no camera 'lux'"):
         export(two_cameras, tmp_path, stream="lux")
 
