@@ -18,7 +18,6 @@ CALLS = {
     "calibrate surface": "fieldkit.calibrate.surface({})",
     "calibrate uniformity": "fieldkit.calibrate.uniformity({})",
     "check": "fieldkit.check({})",
-    "devices --add --instrument": "campaign.add_devices() with the instrument's",
     "devices --add": "campaign.add_devices()",
     "devices": "fieldkit.find_devices()",
     "doctor": "fieldkit.doctor()",
@@ -118,6 +117,7 @@ _NO_VALUES = r"(?:(?:has|is|are|of|or|and|to|with|if|in|alone|would|does|needs|m
 _VALUE = rf"(?:[ =](?!{_NO_VALUES})(\"[^\"]*\"|'[^']*'|@?[\w+.:/{{-]*[\w}}/]))?"
 _OPTION = re.compile(rf"(?<![\w-])(--[a-z][a-z-]*|-j){_VALUE}")
 _SET = re.compile(r"(?<![\w-])--set(?: ([\w.]+)=([\w.:@-]*[\w-]))?")
+_STATED = re.compile(r"\bfieldkit devices --add --instrument ([^=\s]+)=(?:([\w-]+),)?(\w+)(?:=(\w+))?")
 _FILE = r"DIR|SESSION|'[^']+'|[^\s:]*[./][^\s;,]*\w"
 _NAMED = "|".join(sorted(CALLS, key=len, reverse=True))
 _COMMAND = re.compile(rf"\bfieldkit ({_NAMED})\b(?! --)(?: ({_FILE}))?")
@@ -147,7 +147,7 @@ def in_python(text: str) -> str:
         return text
     for phrase, python in PHRASES.items():
         text = text.replace(phrase, python)
-    text = _COMMAND.sub(_call, text)
+    text = _COMMAND.sub(_call, _STATED.sub(_stated, text))
     text = _OPTION.sub(_argument, _SET.sub(_setting, text))
     return f"{text} (in a terminal)" if _LEFT.search(text) else text
 
@@ -159,6 +159,12 @@ def _call(found: re.Match[str]) -> str:
     else:
         file = f'"{file.strip(chr(39))}"'
     return CALLS[command].format(file)
+
+
+def _stated(found: re.Match[str]) -> str:
+    identity, driver, key, value = found.groups()
+    options = f'"driver": "{driver}", "{key}": {value}' if driver else f'"driver": {key}'
+    return f'campaign.add_devices({{"{identity}": {{{options}}}}})'
 
 
 def _setting(found: re.Match[str]) -> str:

@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import time
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from datetime import UTC, datetime
 from importlib.metadata import version
 from importlib.resources import files
@@ -16,9 +17,11 @@ from fieldkit.calibration.calibration_record import expiry_warnings
 from fieldkit.config import Config, find_campaign, load_config
 from fieldkit.drivers import registry
 from fieldkit.drivers.discovery import check_instruments, is_connected
+from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
-from fieldkit.model.errors import FieldkitError
+from fieldkit.model.errors import ConfigError, DeviceError, DeviceNotFoundError, FieldkitError
 from fieldkit.model.finding import Finding
+from fieldkit.recording.preflight import STATE_UNIT, UNKNOWN_UNIT
 
 POWER = Path("/sys/class/power_supply")
 LOW_BATTERY_PERCENT = 50
@@ -31,7 +34,7 @@ FULL_SUN_LX = 130_000
 def doctor(folder: str | Path = ".") -> list[Finding]:
     """Check programs, instruments, clock, disk, power, and the configuration of the campaign around `folder`.
 
-    No instrument is opened.
+    An instrument is opened only where its configuration leaves open what it measures.
 
     Examples
     --------
@@ -170,15 +173,29 @@ def _configured(device: DeviceSettings) -> Iterator[Finding]:
         yield Finding(
             "fail", device.name, f"there is no {device.port}", "fieldkit devices shows what is there"
         )
-    for key, values in registry.needs(device.driver).items():
-        if key not in device.options:
-            text = f"options.{key} is not set: record refuses it if its bytes do not show what it measures"
-            yield Finding("warn", device.name, text, f"set it to one of {', '.join(values)}")
+    if registry.needs(device.driver).keys() - device.options.keys():
+        yield from _declared(device)
     if driver.quantity == "illuminance" and device.name == "lux" and "range_max_lx" not in device.options:
         text = "the meter's range is not configured, so an overflow cannot be detected"
         yield Finding(
             "warn", device.name, text, f"range_max_lx = ... in [lux]; full sun is about {FULL_SUN_LX} lx"
         )
+
+
+def _declared(device: DeviceSettings) -> Iterator[Finding]:
+    """Refuse what `record` refuses: an instrument that does not state what it measures, nor its options."""
+    try:
+        with closing(registry.open_device(device, HostClock())) as opened:
+            unit = opened.info.unit
+    except ConfigError as error:
+        yield Finding("fail", device.name, error.message, error.fix or "")
+    except DeviceNotFoundError:
+        return
+    except DeviceError as error:
+        yield Finding("warn", device.name, f"its unit is not known: {error.message}", error.fix or "")
+    else:
+        if not unit:
+            yield Finding("fail", device.name, UNKNOWN_UNIT, STATE_UNIT)
 
 
 CHECKS: tuple[Callable[[Path], Iterator[Finding]], ...] = (

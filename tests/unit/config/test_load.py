@@ -243,7 +243,7 @@ def test_a_sessions_own_configuration_heeds_settings_but_neither_environment_nor
     config = config_from_text(SITE, Path("x.h5"), settings=["surface.emissivity_broadband=0.8"])
     surface = config.tables.surface
     assert (surface.albedo, surface.emissivity, surface.emissivity_broadband) == (0.2, 0.9, 0.8)
-    with pytest.raises(ConfigMistakesError, match='settings={"surface.albedo": 2}'):
+    with pytest.raises(ConfigMistakesError, match=r'settings=\{"surface.albedo": 2\}'):
         config_from_text(SITE, Path("x.h5"), settings=["surface.albedo=2"])
 
 
