@@ -18,7 +18,8 @@ from fieldkit.model.site import Region
 from fieldkit.model.slope import SlopeState
 from fieldkit.physics.facet import normal
 from fieldkit.pixel_axes import with_axes
-from fieldkit.views.frame_image import BLACK, WHITE, Colours, on_grid
+from fieldkit.views.frame_image import BLACK, WHITE, on_grid
+from fieldkit.views.palettes import Colours
 
 PANEL_WIDTH, PANEL_HEIGHT = 340, 640
 WHEEL_RADIUS = 100

@@ -18,6 +18,7 @@ from fieldkit.sessions.clock_correction import awake_offsets_ns
 from fieldkit.views import formatting
 from fieldkit.views import frame_image as image
 from fieldkit.views.html import Table, code, data_uri, strong
+from fieldkit.views.palettes import palette
 from fieldkit.views.report.report_data import ReportData
 
 if TYPE_CHECKING:
@@ -88,7 +89,7 @@ def frame_image(data: ReportData) -> FrameImage | None:
         low=scale.text(scale.low),
         middle=scale.text((scale.low + scale.high) / 2),
         high=scale.text(scale.high),
-        palette=[f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in image.palette()[::8].tolist()],
+        palette=[f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in palette()[::8].tolist()],
         outlines=[_outline(region) for region in data.regions],
         caption=_frame_caption(data, frame, scale),
     )
