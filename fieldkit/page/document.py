@@ -7,7 +7,7 @@ import functools
 import json
 from importlib import resources
 
-from fieldkit.views.palettes import STOPS, palette
+from fieldkit.palettes import STOPS, palette
 
 SCRIPTS = (
     "dom.js",

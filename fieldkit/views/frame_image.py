@@ -17,9 +17,9 @@ from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Frame
 from fieldkit.model.site import Region
 from fieldkit.model.units import CELSIUS_ZERO_K
+from fieldkit.palettes import INFERNO, Colours, palette
 from fieldkit.physics.camera_laws import frame_k, has_temperatures
 from fieldkit.pixel_axes import with_axes
-from fieldkit.views.palettes import INFERNO, Colours, palette
 
 FloatArray = NDArray[np.float64]
 

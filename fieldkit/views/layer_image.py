@@ -10,9 +10,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldkit.palettes import Colours
 from fieldkit.pixel_axes import with_axes
 from fieldkit.views.frame_image import BLACK
-from fieldkit.views.palettes import Colours
 from fieldkit.views.slope_map_image import (
     MASKS,
     MEANINGS,

@@ -26,9 +26,9 @@ from fieldkit.model.learnt import Learnt, LearntParameter
 from fieldkit.model.samples import Event, Frame, Reading, Severity
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import CERTAIN, SlopeEstimate
+from fieldkit.palettes import Colours, palette
 from fieldkit.views import formatting, frame_image, learnt_words
 from fieldkit.views.latest import Latest
-from fieldkit.views.palettes import Colours, palette
 
 THEMES: Mapping[str, Theme] = {
     "dark": Theme(

@@ -13,12 +13,12 @@ from fieldkit.disk import sha256
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import EventKind, Frame, StreamHealth
 from fieldkit.model.site import Region
+from fieldkit.palettes import palette
 from fieldkit.pixel_axes import ticks
 from fieldkit.sessions.clock_correction import awake_offsets_ns
 from fieldkit.views import formatting
 from fieldkit.views import frame_image as image
 from fieldkit.views.html import Table, code, data_uri, strong
-from fieldkit.views.palettes import palette
 from fieldkit.views.report.report_data import ReportData
 
 if TYPE_CHECKING:

@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
+from fieldkit.palettes import palette
 from fieldkit.pixel_axes import BELOW_PX, LEFT_PX, ticks, with_axes
 from fieldkit.views import frame_image
-from fieldkit.views.palettes import palette
 
 
 def luminance(rgb):

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from functools import cache
+from typing import TYPE_CHECKING, TypeAlias
 
-import numpy as np
-from numpy.typing import NDArray
+if TYPE_CHECKING:  # a command that only names palettes would wait for it
+    import numpy as np
+    from numpy.typing import NDArray
 
-Colours = NDArray[np.uint8]
+Colours: TypeAlias = "NDArray[np.uint8]"
 
 INFERNO = "inferno"
 STOPS = {
@@ -32,8 +34,16 @@ def palette(name: str = INFERNO) -> Colours:
     return _inferno() if name == INFERNO else _ramp(STOPS[name])
 
 
+def bgr(name: str) -> Colours:
+    """The same colours as OpenCV wants them, blue-green-red."""
+    import numpy as np
+
+    return np.ascontiguousarray(palette(name)[:, ::-1])
+
+
 def _inferno() -> Colours:
     import cv2
+    import numpy as np
 
     ramp = np.arange(256, dtype=np.uint8).reshape(-1, 1)
     colours: Colours = np.ascontiguousarray(cv2.applyColorMap(ramp, cv2.COLORMAP_INFERNO)[:, 0, ::-1])
@@ -41,6 +51,8 @@ def _inferno() -> Colours:
 
 
 def _ramp(stops: str) -> Colours:
+    import numpy as np
+
     given = np.array([list(bytes.fromhex(stop)) for stop in stops.split()], np.float64)
     places, at = np.linspace(0.0, 1.0, 256), np.linspace(0.0, 1.0, len(given))
     colours: Colours = np.rint(np.column_stack([np.interp(places, at, one) for one in given.T])).astype(
