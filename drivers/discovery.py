@@ -19,6 +19,7 @@ from fieldkit.drivers.identity import SYSFS, UDEV_FIX, UsbIdentity, permission_f
 from fieldkit.drivers.meters import ut325
 from fieldkit.drivers.ports import serial_ports
 from fieldkit.model.device import DeviceSettings
+from fieldkit.model.finding import Finding
 
 PROC = Path("/proc")
 UDEV_DATA = Path("/run/udev/data")
@@ -125,23 +126,13 @@ def is_connected(identity: str, sysfs: Path = SYSFS) -> bool:
 # --- can they be used?
 
 
-@dataclass(frozen=True, slots=True)
-class ReadinessCheck:
-    """One thing checked: `level` is ok, warn or fail; `what` it is about, and the `fix`."""
-
-    level: str
-    what: str
-    text: str
-    fix: str = ""
-
-
-def check_instruments(sysfs: Path = SYSFS) -> Iterator[ReadinessCheck]:
+def check_instruments(sysfs: Path = SYSFS) -> Iterator[Finding]:
     """Check the cameras and serial ports of this computer."""
     found_cameras, found_ports = cameras(), serial_ports()
     raw_only = list(_raw_nodes(sysfs, RAW_ONLY))
     yield from _libraries()
     if not found_cameras and not any(_is_camera(usb) for usb, _ in raw_only):
-        yield ReadinessCheck(
+        yield Finding(
             "warn", "camera", "no USB camera is connected", "connect it; lsusb shows whether it is detected"
         )
     for path, usb in found_cameras:
@@ -151,9 +142,7 @@ def check_instruments(sysfs: Path = SYSFS) -> Iterator[ReadinessCheck]:
     for usb, node in raw_only:
         yield _permission(node, usb, "plugdev")
     if not found_ports:
-        yield ReadinessCheck(
-            "warn", "serial port", "no USB serial port is connected", "connect the meter's adapter"
-        )
+        yield Finding("warn", "serial port", "no USB serial port is connected", "connect the meter's adapter")
     for path, usb in found_ports:
         yield _permission(path, usb, "dialout", [one for _, one in found_ports])
         yield from _latency(path, sysfs)
@@ -165,7 +154,7 @@ def _is_camera(usb: UsbIdentity) -> bool:
     return (usb.vendor, usb.product) in thermal_master.KINDS
 
 
-def _libraries() -> Iterator[ReadinessCheck]:
+def _libraries() -> Iterator[Finding]:
     try:
         import usb.backend.libusb1
 
@@ -173,9 +162,9 @@ def _libraries() -> Iterator[ReadinessCheck]:
     except ImportError:
         present = False
     if present:
-        yield ReadinessCheck("ok", "libusb", "installed, for cameras and meters that need it")
+        yield Finding("ok", "libusb", "installed, for cameras and meters that need it")
     else:
-        yield ReadinessCheck(
+        yield Finding(
             "warn",
             "libusb",
             "missing: needed by P2 Pro commands, P1/P3 cameras, UT325",
@@ -183,30 +172,26 @@ def _libraries() -> Iterator[ReadinessCheck]:
         )
 
 
-def _permission(
-    path: str, usb: UsbIdentity, group: str, present: Sequence[UsbIdentity] = ()
-) -> ReadinessCheck:
+def _permission(path: str, usb: UsbIdentity, group: str, present: Sequence[UsbIdentity] = ()) -> Finding:
     name = f"{path} ({usb.title or usb.as_text()})"
     if not os.path.exists(path):
-        return ReadinessCheck(
+        return Finding(
             "fail", name, "detected by the kernel, but its device node is missing", "sudo udevadm trigger"
         )
     if os.access(path, os.R_OK | os.W_OK):
-        return ReadinessCheck("ok", name, f"ready; identity {usb.as_text(present)}")
-    return ReadinessCheck("fail", name, "permission denied", permission_fix(group))
+        return Finding("ok", name, f"ready; identity {usb.as_text(present)}")
+    return Finding("fail", name, "permission denied", permission_fix(group))
 
 
-def _raw_node(usb: UsbIdentity, sysfs: Path) -> Iterator[ReadinessCheck]:
+def _raw_node(usb: UsbIdentity, sysfs: Path) -> Iterator[Finding]:
     """Cameras with vendor commands need a second permission, for the raw USB node."""
     for other, node in _raw_nodes(sysfs, VENDOR_COMMANDS):
         if other.path != usb.path:
             continue
         if os.access(node, os.W_OK):
-            yield ReadinessCheck("ok", node, "camera commands available")
+            yield Finding("ok", node, "camera commands available")
         else:
-            yield ReadinessCheck(
-                "warn", node, "no permission for camera commands; frames still work", UDEV_FIX
-            )
+            yield Finding("warn", node, "no permission for camera commands; frames still work", UDEV_FIX)
 
 
 def _raw_nodes(sysfs: Path, kinds: Collection[tuple[int, int]]) -> Iterator[tuple[UsbIdentity, str]]:
@@ -222,31 +207,31 @@ def _raw_nodes(sysfs: Path, kinds: Collection[tuple[int, int]]) -> Iterator[tupl
         yield usb, f"/dev/bus/usb/{bus:03d}/{number:03d}"
 
 
-def _autosuspend(path: str, usb: UsbIdentity, sysfs: Path) -> Iterator[ReadinessCheck]:
+def _autosuspend(path: str, usb: UsbIdentity, sysfs: Path) -> Iterator[Finding]:
     try:
         control = (sysfs / "bus/usb/devices" / usb.path / "power/control").read_text().strip()
     except OSError:
         return
     if control != "on":
-        yield ReadinessCheck("warn", path, "the kernel may suspend it (autosuspend)", UDEV_FIX)
+        yield Finding("warn", path, "the kernel may suspend it (autosuspend)", UDEV_FIX)
 
 
-def _latency(path: str, sysfs: Path) -> Iterator[ReadinessCheck]:
+def _latency(path: str, sysfs: Path) -> Iterator[Finding]:
     try:
         timer_ms = int((sysfs / "class/tty" / Path(path).name / "device/latency_timer").read_text())
     except (OSError, ValueError):
         return
     if timer_ms > SLOW_LATENCY_MS:
-        yield ReadinessCheck("warn", path, f"the adapter holds bytes for {timer_ms} ms", UDEV_FIX)
+        yield Finding("warn", path, f"the adapter holds bytes for {timer_ms} ms", UDEV_FIX)
 
 
-def _modem_manager(paths: list[str]) -> ReadinessCheck:
+def _modem_manager(paths: list[str]) -> Finding:
     if not any(_comm(folder) == "ModemManager" for folder in PROC.glob("[0-9]*")):
-        return ReadinessCheck("ok", "ModemManager", "not running")
+        return Finding("ok", "ModemManager", "not running")
     exposed = [path for path in paths if not _is_ignored(path)]
     if exposed:
-        return ReadinessCheck("warn", "ModemManager", f"running; it may probe {', '.join(exposed)}", UDEV_FIX)
-    return ReadinessCheck("ok", "ModemManager", "running; the udev rules keep it off the ports")
+        return Finding("warn", "ModemManager", f"running; it may probe {', '.join(exposed)}", UDEV_FIX)
+    return Finding("ok", "ModemManager", "running; the udev rules keep it off the ports")
 
 
 def _comm(folder: Path) -> str:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from fieldkit.model.clock import ClockCheck
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import SessionError, message_of
+from fieldkit.model.finding import Finding
 from fieldkit.model.samples import NO_COUNTER, EventKind, Frame, Quality, Severity
 from fieldkit.model.site import RegionKind, Site
 from fieldkit.model.units import MINUTE_NS
@@ -23,7 +24,6 @@ from fieldkit.physics.camera_laws import frame_k
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.sessions.analysis import minute_means
 from fieldkit.sessions.clock_correction import STEP_NS, TOLERANCE_NS, propose_time_map, stepped_ns
-from fieldkit.sessions.finding import Finding
 from fieldkit.sessions.lock import journal_path
 from fieldkit.sessions.radiation_check import radiation_findings
 from fieldkit.sessions.reader import SessionReader, open_session

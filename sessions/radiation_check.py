@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from fieldkit.model.air import AIR_TEMPERATURE, CELSIUS_UNITS, of_air
 from fieldkit.model.device import StreamInfo
+from fieldkit.model.finding import Finding
 from fieldkit.model.limits import RARE, is_rare
 from fieldkit.model.radiation import measured
 from fieldkit.model.samples import is_usable
@@ -25,7 +26,6 @@ from fieldkit.physics.bodies import EARTH, body_of
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.daylight import extraterrestrial
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.sessions.finding import Finding
 from fieldkit.sessions.reader import SessionReader
 
 HIGH_SUN, LOWEST_SUN = np.cos(np.radians([75.0, 93.0]))

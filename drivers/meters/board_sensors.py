@@ -8,7 +8,7 @@ be changed, those of `examples/firmware` print all values in one line, with unit
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -20,7 +20,8 @@ class Sensor(NamedTuple):
     """What one example prints: patterns of whole lines; the group of `value` is the value, in `unit`.
 
     `failure` is a line in place of a value, `others` are lines without it; `options` are the driver's, unless
-    the configuration gives them.
+    the configuration gives them. Where several lines make one record, `last` is the line behind them, and the
+    groups of `value` are channel and value.
     """
 
     channel: str
@@ -29,6 +30,7 @@ class Sensor(NamedTuple):
     options: Mapping[str, Any]
     failure: str = _NEVER
     others: str = _NEVER
+    last: str = ""
 
     def reading(self, line: str) -> str | None:
         """The value of a line, ``nan`` for a failure, empty for one without; None for any other line."""
@@ -36,7 +38,12 @@ class Sensor(NamedTuple):
             return found[1]
         if re.fullmatch(self.failure, line):
             return "nan"
-        return "" if re.fullmatch(self.others, line) else None
+        return "" if re.fullmatch(f"{self.others}|{self.last}", line) else None
+
+    def channels(self, lines: Sequence[str]) -> list[tuple[str, str]] | None:
+        """Channel and value of each line of a record of several lines; None if one is another line."""
+        found = [re.fullmatch(self.value, line) for line in lines if line]
+        return [(one[1], one[2] or "nan") for one in found if one] if all(found) else None
 
 
 SENSORS: Mapping[str, Sensor] = MappingProxyType(
@@ -91,6 +98,16 @@ SENSORS: Mapping[str, Sensor] = MappingProxyType(
             value=rf"(?:Temperature for the device 1 \(index 0\) is|Temp C): {_NUMBER}(?: Temp F: .*)?",
             failure="Error: Could not read temperature data",
             others=r"Requesting temperatures\.\.\.DONE",
+            options={"baud": 9600, "no_value": (-127, 85)},
+        ),
+        # the same library's examples/Multiple, with any number of probes: a channel for each address
+        "ds18b20-multiple": Sensor(
+            channel="",
+            unit="°C",
+            value=rf"Device Address: ([0-9A-F]{{16}}) (?:Temp C: {_NUMBER} Temp F: .*|Error: Could not .*)",
+            others="Dallas Temperature IC Control Library Demo|Locating devices.*|Parasite power is: .*"
+            r"|Unable to find address for .*|Device \d+ (?:Address|Resolution): .*",
+            last=r"Requesting temperatures\.\.\.DONE",
             options={"baud": 9600, "no_value": (-127, 85)},
         ),
         # adafruit/Adafruit_SHT4X examples/SHT4x_non-blocking and SHT4test

@@ -44,6 +44,7 @@ from fieldkit.model.radiation import UNIT, named
 from fieldkit.model.samples import NO_COUNTER, Quality
 
 LONGEST = 512
+BLOCK_LONGEST = 2048
 LINE = Line(115_200)
 PREAMBLE_S = 15.0  # comments, headers and messages of a board that has just restarted
 FORMS = (
@@ -114,6 +115,8 @@ class Grammar:
         if end is None:
             reason = f"{_start(buffer)}: no line end in {LONGEST} bytes"
             return None if len(buffer) < LONGEST else Rejected(len(buffer), reason)
+        if self.sensor and self.sensor.last and re.match(self.sensor.value.encode(), buffer):
+            return self._block(self.sensor, buffer)
         line = _decoded(buffer[: end.start()])
         if line is None:
             return Rejected(end.end(), f"{_start(buffer)}: not text: wrong baud rate?")
@@ -146,6 +149,20 @@ class Grammar:
         if shown is None:
             return "not a line of this sensor's example; without the option sensor other lines are read"
         return self._record([_Field(sensor.channel, shown, sensor.unit)]) if shown else Record(0, note=line)
+
+    def _block(self, sensor: Sensor, buffer: bytes) -> Parsed:
+        """A record of several lines, once the line behind them is complete."""
+        last = re.search(rb"(?:^|[\r\n])" + sensor.last.encode() + rb"(?:\r\n|\r|\n)", buffer)
+        if last is None:
+            reason = f"{_start(buffer)}: no end of a record in {BLOCK_LONGEST} bytes"
+            return None if len(buffer) < BLOCK_LONGEST else Rejected(len(buffer), reason)
+        lines = [_decoded(line) for line in _LINE_END.split(buffer[: last.start()])]
+        shown = sensor.channels([line or "" for line in lines]) if None not in lines else None
+        fields = [_Field(channel, value, sensor.unit) for channel, value in shown or ()]
+        parsed = self._record(fields) if fields else "a line that is not of this sensor's example"
+        if isinstance(parsed, Record):
+            return parsed._replace(length=last.end())
+        return Rejected(last.end(), f"{_start(buffer)}: {parsed}")
 
     def _json(self, body: str) -> Record | str:
         try:
@@ -211,7 +228,7 @@ class Grammar:
     @property
     def layout(self) -> Layout:
         """For a port."""
-        return Layout(self.parse, LONGEST)
+        return Layout(self.parse, BLOCK_LONGEST if self.sensor and self.sensor.last else LONGEST)
 
 
 def _start(buffer: bytes) -> str:

@@ -11,6 +11,7 @@ from fieldkit.cli.common import Command, options, print_json, progress
 from fieldkit.cli.session_paths import latest_session
 from fieldkit.cli.types import parse_speed
 from fieldkit.model.errors import IntegrityError
+from fieldkit.palettes import NAMES
 from fieldkit.sessions.formats.exports import EXPORTS
 
 if TYPE_CHECKING:
@@ -36,6 +37,7 @@ FORMATS = "\n".join(f"{name:<8} {one.meaning}" for name, one in EXPORTS.items())
     "--speed", default="max", show_default=True, metavar="N|max",
     help="Of a video: session seconds per second; max: 25 frames a second.",
 )  # fmt: skip
+@click.option("--palette", type=click.Choice(NAMES), help="Colours of images and videos. [default: inferno]")
 @click.pass_context
 def command(
     ctx: click.Context,
@@ -47,6 +49,7 @@ def command(
     begin: str | None,
     until: str | None,
     speed: str,
+    palette: str | None,
 ) -> None:
     """Write a session for other programs."""
     from fieldkit.results.export import export
@@ -66,6 +69,7 @@ def command(
             begin=begin,
             until=until,
             speed=factor,
+            palette=palette,
             on_frame=lambda: bar.advance(task),
         )
     _print(path, found)

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 import click
 
 from fieldkit.model.errors import FieldkitError, StorageError
+from fieldkit.model.wording import typed
 
 if TYPE_CHECKING:  # every command would wait for it, also --help
     from pathlib import Path
@@ -44,6 +45,11 @@ def explain_failures(ctx: click.Context) -> Iterator[None]:
     (`click.ClickException`, code 2) are left to click. A pipe closed by its reader, such as ``head``, is a
     success: 0; output or files that cannot be written are an error of storage: 6.
     """
+    with typed():
+        yield from _explained(ctx)
+
+
+def _explained(ctx: click.Context) -> Iterator[None]:
     _replace_missing_letters()
     try:
         yield

@@ -11,17 +11,14 @@ from fieldkit.cli import common
 @click.pass_context
 def command(ctx: click.Context) -> None:
     """Stop and seal the running recording, and wait until it has ended; call off one that waits."""
-    from fieldkit.recording.running import UnresponsiveRecorder, call_off, stop_recording
+    from fieldkit.recording.running import UnresponsiveRecorder, stop_recording
 
     def warn(silent: UnresponsiveRecorder) -> None:
         common.say_warning(silent.at(common.campaign(ctx).site))
         if silent.is_stopped:
             common.say_warning("the recorder was suspended; continuing it, so that it can seal")
 
-    if call_off(common.recordings(ctx)):
-        common.say("called off: nothing was recorded")
-        return
     path = stop_recording(common.recordings(ctx), notify=warn)
     if common.options().json:
-        common.print_json({"session": str(path)})
-    common.say(f"sealed {path}")
+        common.print_json({"session": path and str(path)})
+    common.say(f"sealed {path}" if path else "called off: nothing was recorded")

@@ -346,6 +346,10 @@ class AlarmsTable(LimitsTable):
         examples=["mqtt://192.168.1.10/fieldkit"],
         description="MQTT broker and topic, mqtt[s]://[user@]host[:port]/topic; needs fieldkit[alarms]",
     )
+    home_assistant: bool = Field(
+        default=False,
+        description="announce meters, regions and alarms to Home Assistant, through the same broker",
+    )
     mqtt_password_file: str = Field(default="", description="file with the password for mqtt")
 
 

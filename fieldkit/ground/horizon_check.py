@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from fieldkit.estimation.estimator import Minute
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.finding import Finding
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.physics.facet import FloatArray, normal
 from fieldkit.physics.horizon import MINUTE_EDGE_DEG, sunlit_share
-from fieldkit.sessions.finding import Finding
 
 COOLING_MINUTES = 10
 """By then a region in the shadow is several kelvin colder."""

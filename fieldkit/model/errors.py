@@ -26,12 +26,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from fieldkit.model.wording import worded
+
 if TYPE_CHECKING:  # every command would wait for it, also --help
     from pathlib import Path
 
 
 class FieldkitError(Exception):
-    """An error with an explanation: `message` is what happened, `fix` what to type or do next.
+    """An error with an explanation: `message` is what happened, `fix` what to do next.
+
+    Both name calls and arguments in Python, commands and options at the command line (`wording`).
 
     Examples
     --------
@@ -39,15 +43,24 @@ class FieldkitError(Exception):
     ...     fieldkit.open_session("nowhere.h5")
     ... except fieldkit.FieldkitError as error:
     ...     print(error.fix)
-    check the path; fieldkit ls shows the sessions of a campaign
+    check the path; fieldkit.open_campaign().sessions shows the sessions of a campaign
     """
 
     exit_code = 1
 
     def __init__(self, message: str, *, fix: str | None = None) -> None:
         super().__init__(message)
-        self.message = message
-        self.fix = fix
+        self._message, self._fix = message, fix
+
+    @property
+    def message(self) -> str:
+        """What happened, to which thing."""
+        return worded(self._message)
+
+    @property
+    def fix(self) -> str | None:
+        """What to do next, if that is known."""
+        return worded(self._fix) if self._fix else None
 
     def __str__(self) -> str:
         """Message and fix, so that a traceback or a notebook also shows what to do next."""

@@ -52,7 +52,7 @@ def reject_impossible(mark: Mark, now: datetime) -> None:
             shown = f"{seconds:g} s" if isinstance(end, float) else end
             raise ConfigError(f"{shown} is more than {FAR_S / YEAR_S:.0f} years from now; correct the time")
     if after_s[-1] < after_s[0]:
-        raise ConfigError("the end lies before the start; give the earlier time to --from")
+        raise ConfigError("the end lies before the start; exchange them")
 
 
 def _after_s(when: When, now: datetime) -> float:

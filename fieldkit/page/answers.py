@@ -19,21 +19,30 @@ from fieldkit.config import Config, edit, load_config
 from fieldkit.estimation.region_check import FrameK, check_region
 from fieldkit.model.durations import parse_duration, parse_time_of_day
 from fieldkit.model.errors import ConfigError, FieldkitError, RefusedError
+from fieldkit.model.marks import Mark
 from fieldkit.model.samples import Event, Severity
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.units import CELSIUS_ZERO_K
-from fieldkit.page import requests
+from fieldkit.page import outgoing, requests
 from fieldkit.page.conductor import Conductor
 from fieldkit.page.hub import Hub
 from fieldkit.page.keys import Keys
 from fieldkit.page.sessions import PastSessions, identifier
 from fieldkit.page.viewer import Viewer
 from fieldkit.recording import regions as campaign_regions
+from fieldkit.recording.mark_corrections import keep
 from fieldkit.recording.mark_times import mark_of
 from fieldkit.recording.redrawing import change_regions
 from fieldkit.recording.requests import Acknowledgement, SentRequest, Shutter, sent
-from fieldkit.recording.running import UnresponsiveRecorder, is_recorder_present, stop_recording
+from fieldkit.recording.running import (
+    UnresponsiveRecorder,
+    is_recorder_present,
+    running_session,
+    stop_recording,
+)
 from fieldkit.recording.suggesting import suggested
+from fieldkit.results.marks import edited, every_mark, taken_back
+from fieldkit.sessions.reader import open_session
 from fieldkit.views import formatting, frame_image
 
 log: logging.Logger = logging.getLogger(__name__)
@@ -90,6 +99,13 @@ class Answers:
                 return answer(request.id, text, ok=ok)
             case requests.EstimateSession():
                 return answer(request.id, "", data=await self.past.estimate(request.session))
+            case requests.SessionSlopes():
+                return answer(request.id, "", data=await asyncio.to_thread(self.past.slopes, request.session))
+            case requests.Marks():
+                marked = await asyncio.to_thread(self._marks, request.session)
+                return answer(request.id, "", data=marked)
+            case requests.TakeBack() | requests.EditMark():
+                return await self._corrected(request)
             case requests.Start() | requests.Stop():
                 return await asyncio.to_thread(self._start_or_stop, request)
             case requests.AddMark():
@@ -113,6 +129,8 @@ class Answers:
     def _start_or_stop(self, request: requests.Start | requests.Stop) -> Document:
         if isinstance(request, requests.Stop):
             path = stop_recording(self.config.recordings, self._log_silence)
+            if path is None:
+                return answer(request.id, "called off: nothing was recorded")
             report = f"/session/{identifier(path)}/report"
             sealed = {"session": path.stem, "report_url": report}
             return answer(request.id, f"sealed {path.stem}", data=sealed)
@@ -127,6 +145,24 @@ class Answers:
         words = partial(mark_of, folder, lambda: self.config, request.text, kind=request.kind)
         mark, _ = words(at=request.at, to=request.to)
         return sent(folder, mark)
+
+    def _marked(self, session: str | None) -> Path:
+        """The session whose marks are meant: of the list, or the running one."""
+        return self.past.sealed(session) if session else running_session(self.config.recordings)
+
+    def _marks(self, session: str | None) -> list[Document]:
+        with open_session(self._marked(session)) as opened:
+            counting = opened.marks()
+            every = every_mark(opened)
+        return [outgoing.mark(one, every[one], counts=one in counting) for one in sorted(every)]
+
+    async def _corrected(self, request: requests.TakeBack | requests.EditMark) -> Document:
+        path = self._marked(request.session)
+        correction = await asyncio.to_thread(_correction, path, request)
+        if request.session is None:
+            return await self._by_recorder(request.id, partial(sent, path.parent, correction))
+        await asyncio.to_thread(keep, path, correction)
+        return answer(request.id, f"mark {request.mark} is now: {correction.text}")
 
     def _acknowledge(self, alarm: str) -> SentRequest:
         if alarm not in (present := [one.id for one in self.hub.latest.alarms]):
@@ -280,6 +316,13 @@ def _change(request: requests.Request) -> tuple[str, Callable[[Path], Any]]:
             return words, lambda file: edit.change_region(file, name, {"name": drawn.name, **_table(drawn)})
         case _:
             raise ConfigError(f"{request.do} is not about regions")
+
+
+def _correction(path: Path, request: requests.TakeBack | requests.EditMark) -> Mark:
+    with open_session(path) as session:
+        if isinstance(request, requests.TakeBack):
+            return taken_back(session, request.mark)
+        return edited(session, request.mark, request.text, label=request.kind, at=request.at)
 
 
 def _end(request: requests.Start) -> list[str]:

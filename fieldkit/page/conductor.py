@@ -20,7 +20,12 @@ from fieldkit.page.hub import Hub, Item
 from fieldkit.recording.background import LOOK_EVERY_S, BackgroundRecording
 from fieldkit.recording.opening import open_instruments
 from fieldkit.recording.preview import LivePreview, missing_instruments
-from fieldkit.recording.running import is_recorder_present, previewing, session_in_progress
+from fieldkit.recording.running import (
+    is_recorder_present,
+    previewing,
+    session_in_progress,
+    waiting_recorder,
+)
 from fieldkit.sessions.lock import is_locked, journal_path, owner
 from fieldkit.views.feed import FeedReader, FeedStart, feed_path
 from fieldkit.views.latest import Latest
@@ -83,6 +88,8 @@ class Conductor:
         session = session_in_progress(self.config.recordings)
         if session is not None:
             self._follow(session)
+        elif waiting_recorder(self.config.recordings) is not None:
+            self.hub.become(phase="waiting", session=None, problem=None)
         elif is_recorder_present(self.config.recordings) or self._is_starting():
             self.hub.become(phase="starting", session=None, problem=None)
         elif self._previews:

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import base64
 import functools
+import json
 from importlib import resources
 
-from fieldkit.views.frame_image import palette
+from fieldkit.palettes import STOPS, palette
 
 SCRIPTS = (
     "dom.js",
     "socket.js",
+    "units.js",
     "cards.js",
     "plot.js",
     "overlay.js",
@@ -20,8 +22,10 @@ SCRIPTS = (
     "status.js",
     "alarms.js",
     "actions.js",
+    "marks.js",
     "past.js",
     "sessions.js",
+    "compare.js",
     "start.js",
 )
 """The parts of the script, in the order in which they run."""
@@ -41,7 +45,7 @@ def _document() -> str:
     script = "\n".join(_part(name) for name in SCRIPTS)
     colours = base64.b64encode(palette().tobytes()).decode()
     page = _part("page.html").replace("{{style}}", _part("page.css")).replace("{{script}}", script)
-    return page.replace("{{palette}}", colours)
+    return page.replace("{{inferno}}", colours).replace("{{palettes}}", json.dumps(STOPS))
 
 
 def _part(name: str) -> str:

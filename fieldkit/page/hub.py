@@ -32,7 +32,7 @@ from fieldkit.views import frame_image
 from fieldkit.views.latest import Latest
 from fieldkit.views.trend import Trend
 
-Phase = Literal["preview", "starting", "recording", "sealing", "no-instruments"]
+Phase = Literal["preview", "starting", "waiting", "recording", "sealing", "no-instruments"]
 Item = Frame | Reading | Event | RegionRecord | Minute | Health
 FASTEST_PICTURES_S = 0.03
 """A simulated field may run faster than time; eyes do not."""

@@ -107,6 +107,24 @@ def event(happened: Event) -> Document:
     }  # fmt: skip
 
 
+def mark(number: int, made: Event, *, counts: bool) -> Document:
+    """A mark of a session; `counts` is false if it was taken back."""
+    label = str(made.data.get("label", ""))
+    words = formatting.event_text(made)
+    return {
+        "mark": number, "time_ms": ms(made.time_ns), "kind": label, "text": made.text, "words": words,
+        "counts": counts,
+    }  # fmt: skip
+
+
+def slope(estimated: SlopeEstimate) -> Document:
+    """A slope in words."""
+    return {
+        "region": estimated.region, "tilt": formatting.tilt(estimated),
+        "azimuth": formatting.azimuth(estimated), "words": formatting.state(estimated),
+    }  # fmt: skip
+
+
 def alarms(present: Sequence[Alarm]) -> Document:
     """The alarms that are present, oldest first."""
     return {"type": "alarms", "alarms": [_alarm(alarm) for alarm in present]}

@@ -22,6 +22,7 @@ from fieldkit.views import frame_image
 
 Mode = Literal["jpeg", "exact", "off"]
 JPEG_QUALITY = 80
+THUMBNAIL_COLS = 160
 ENDS = (0.1, 99.9)
 """Percentiles between which grey levels lie: a defect pixel must not take all of them."""
 NARROWEST = 2.0
@@ -41,6 +42,19 @@ def picture(frame: Frame, info: StreamInfo, mode: Mode, seq: int) -> bytes:
         return _message(header, _jpeg(shown, low, high))
     counts, scale, offset = _linear(frame.counts, shown, info)
     return _message({**header, "scale": scale, "offset": offset}, _exact(counts))
+
+
+def thumbnail(kelvin: NDArray[np.float64]) -> bytes:
+    """A frame of a past session in few bytes, `THUMBNAIL_COLS` pixels wide at most."""
+    rows, cols = kelvin.shape
+    smaller = min(1.0, THUMBNAIL_COLS / cols)
+    shown = frame_image.resized(kelvin - CELSIUS_ZERO_K, round(rows * smaller), round(cols * smaller))
+    low, high = _ends(shown)
+    header = {
+        "rows": shown.shape[0], "cols": shown.shape[1], "mode": "jpeg", "unit": "°C", "low_c": low,
+        "high_c": high,
+    }  # fmt: skip
+    return _message(header, _jpeg(shown, low, high))
 
 
 def still(kelvin: NDArray[np.float64]) -> bytes:

@@ -122,6 +122,39 @@ class EstimateSession(_Request):
     session: Word
 
 
+class SessionSlopes(_Request):
+    """Slopes of a past session as they were recorded."""
+
+    do: Literal["slopes"]
+    session: Word
+
+
+class Marks(_Request):
+    """The marks of a past session with this id, or of the running recording."""
+
+    do: Literal["marks"]
+    session: Word | None = None
+
+
+class TakeBack(_Request):
+    """Take back the mark of this number; the session keeps it as it was made."""
+
+    do: Literal["take_back"]
+    mark: Annotated[int, Field(ge=1)]
+    session: Word | None = None
+
+
+class EditMark(_Request):
+    """Another text, kind or time for the mark of this number; one taken back counts again. None stays."""
+
+    do: Literal["edit_mark"]
+    mark: Annotated[int, Field(ge=1)]
+    text: Annotated[Text, Field(min_length=1, max_length=2000)] | None = None
+    kind: Annotated[Text, Field(max_length=80)] | None = None
+    at: Word | None = None
+    session: Word | None = None
+
+
 class Start(_Request):
     """Start a recording, for a `duration` such as ``3h`` or `until` a time of day ``HH:MM``."""
 
@@ -212,12 +245,14 @@ class Link(_Request):
     role: Literal["view", "control"]
 
 
-ForAnyone = Picture | Value | CheckRegion | Sessions | CheckSession
+ForAnyone = Picture | Value | CheckRegion | Sessions | CheckSession | SessionSlopes | Marks
 ForControl = (
     EstimateSession
     | Start
     | Stop
     | AddMark
+    | TakeBack
+    | EditMark
     | Shutter
     | Acknowledge
     | AddRegion

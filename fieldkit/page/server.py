@@ -102,6 +102,7 @@ class Page:
             Route("/session/{session}/report", self.serve_report),
             Route("/session/{session}/download", self.serve_file),
             Route("/session/{session}/picture", self.serve_still),
+            Route("/session/{session}/thumbnail", self.serve_thumbnail),
             WebSocketRoute("/socket", self.serve_socket),
         ]
         return Guarded(Starlette(routes=routes, lifespan=self._running), self.keys, self.checks)
@@ -210,6 +211,10 @@ class Page:
         """A frame of a session, to draw on."""
         return await self._file(request, self._still)
 
+    async def serve_thumbnail(self, request: Request) -> Response:
+        """A small image of a session, for the list."""
+        return await self._file(request, self._thumbnail)
+
     async def _file(self, request: Request, serve: Callable[[str], Awaitable[Response]]) -> Response:
         known = self.known(request)
         if known is None or known[0] != "control":
@@ -237,6 +242,10 @@ class Page:
     async def _still(self, session: str) -> Response:
         kelvin = await asyncio.to_thread(self.past.frame_k, session)
         return Response(still(kelvin), media_type="application/octet-stream")
+
+    async def _thumbnail(self, session: str) -> Response:
+        small = await asyncio.to_thread(self.past.thumbnail, session)
+        return Response(small, media_type="application/octet-stream")
 
     # --- the socket
 

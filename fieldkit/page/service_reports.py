@@ -11,6 +11,7 @@ EVERY_S = 5.0
 WORDS: dict[Phase, str] = {
     "preview": "no recording; the page shows the instruments",
     "starting": "a recording is starting",
+    "waiting": "a recording waits for its time",
     "recording": "a recording that was started elsewhere goes on",
     "sealing": "the session is being sealed",
     "no-instruments": "no recording, no instruments",

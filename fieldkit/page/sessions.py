@@ -22,13 +22,16 @@ from fieldkit.config import Config
 from fieldkit.disk import is_regular
 from fieldkit.estimation.region_check import FrameK
 from fieldkit.model.errors import RefusedError, SessionError
+from fieldkit.page import outgoing
+from fieldkit.page.pictures import thumbnail
 from fieldkit.page.viewer import Role
 from fieldkit.recording.background import command_error
 from fieldkit.recording.recordings import sessions_in
 from fieldkit.recording.regions import mean_of_first_frames_k
-from fieldkit.results.describe import describe_briefly
+from fieldkit.results.describe import describe_briefly, recorded_slopes
 from fieldkit.results.report import default_path
 from fieldkit.sessions.lock import is_locked, journal_path
+from fieldkit.sessions.reader import open_session
 
 SHOWN = 200
 """The latest sessions of a campaign; more are listed by ``fieldkit ls``."""
@@ -46,6 +49,7 @@ class PastSessions:
     config: Config
     _one_job: asyncio.Lock = field(default_factory=asyncio.Lock)
     _frames: dict[Path, FrameK] = field(default_factory=dict)
+    _thumbnails: dict[tuple[Path, int], bytes] = field(default_factory=dict)
     _reports: dict[Path, asyncio.Task[str]] = field(default_factory=dict)
     _asked_s: dict[Path, float] = field(default_factory=dict)
 
@@ -83,6 +87,7 @@ class PastSessions:
             "report_url": f"/session/{name}/report" if has_files else None,
             "download_url": f"/session/{name}/download" if has_files else None,
             "picture_url": f"/session/{name}/picture" if has_files else None,
+            "thumbnail_url": f"/session/{name}/thumbnail" if has_files else None,
         }  # fmt: skip
 
     async def check(self, wanted: str) -> tuple[bool, str]:
@@ -104,6 +109,19 @@ class PastSessions:
         if path not in self._frames:
             self._frames = {path: mean_of_first_frames_k(path)}  # of the one that is looked at
         return self._frames[path]
+
+    def thumbnail(self, wanted: str) -> bytes:
+        """A small image of that frame, as a message for browsers."""
+        path = self.sealed(wanted)
+        key = (path, path.stat().st_mtime_ns)
+        if key not in self._thumbnails:
+            self._thumbnails[key] = thumbnail(mean_of_first_frames_k(path))
+        return self._thumbnails[key]
+
+    def slopes(self, wanted: str) -> list[dict[str, Any]]:
+        """The final slope of each target of a session, as recorded."""
+        with open_session(self.sealed(wanted)) as session:
+            return [outgoing.slope(one) for one in recorded_slopes(session)]
 
     async def estimate(self, wanted: str) -> list[dict[str, Any]]:
         """Slopes of a session with the campaign's regions as they are now."""

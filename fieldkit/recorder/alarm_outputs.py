@@ -21,12 +21,13 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Protocol
 from urllib.error import HTTPError
-from urllib.parse import quote, urlsplit
+from urllib.parse import urlsplit
 from urllib.request import Request, urlopen
 
 from fieldkit.model.alarm import alarm_of, phase_of
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import Event, EventKind, Severity
+from fieldkit.recorder.home_assistant import Publication, alarm_topic
 
 if TYPE_CHECKING:
     from paho.mqtt.client import Client
@@ -79,7 +80,13 @@ class AlarmOutputs:
         """Queue an alarm's event for every output; anything else is ignored."""
         if phase_of(event) is not None and alarm_of(event).severity >= self._least:
             for channel in self._channels:
-                channel.put(event)
+                channel.put(partial(channel.output.send, event))
+
+    def publish(self, publication: Publication) -> None:
+        """Queue sensors and their states for the MQTT broker, if there is one."""
+        for channel in self._channels:
+            if isinstance(channel.output, MqttOutput):
+                channel.put(partial(channel.output.publish, publication))
 
     def failures(self, mono_ns: int, time_ns: int) -> Iterator[Event]:
         """An event for each output that has begun to fail since the last call."""
@@ -103,18 +110,18 @@ class _Channel:
 
     def __init__(self, output: AlarmOutput) -> None:
         self.output = output
-        self._queue: queue.Queue[Event | None] = queue.Queue(QUEUE_SIZE)
+        self._queue: queue.Queue[Callable[[], None] | None] = queue.Queue(QUEUE_SIZE)
         self._failures: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._is_failing, self._is_over = False, threading.Event()
         self._hung: list[threading.Thread] = []
         self._thread = threading.Thread(target=self._run, name=f"alarms to {output.name}", daemon=True)
         self._thread.start()
 
-    def put(self, event: Event | None) -> None:
-        """Queue an event, or None for the end."""
+    def put(self, act: Callable[[], None] | None) -> None:
+        """Queue what is to be sent, or None for the end."""
         while True:
             with suppress(queue.Full):
-                return self._queue.put_nowait(event)
+                return self._queue.put_nowait(act)
             with suppress(queue.Empty):
                 self._queue.get_nowait()
 
@@ -134,8 +141,8 @@ class _Channel:
 
     def _run(self) -> None:
         self._guarded(self.output.open)
-        while (event := self._queue.get()) is not None and not self._is_over.is_set():
-            self._guarded(partial(self.output.send, event))
+        while (act := self._queue.get()) is not None and not self._is_over.is_set():
+            self._guarded(act)
         if not self._is_over.is_set():
             self._guarded(self.output.close)
 
@@ -273,6 +280,7 @@ class MqttOutput:
     password: str = field(default="", repr=False)
     within_s: float = WITHIN_S
     _client: Client | None = field(default=None, repr=False)
+    _configs: dict[str, str] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         """Raises `ConfigError` if the MQTT library is missing."""
@@ -308,15 +316,25 @@ class MqttOutput:
         client.reconnect_delay_set(1, 30)
         state = f"{self.base}/recorder"
         client.will_set(state, "lost", qos=1, retain=True)
-        client.on_connect = lambda connected, *_: connected.publish(state, "recording", qos=1, retain=True)
+        client.on_connect = lambda connected, *_: self._begin(connected, state)
         client.connect_async(parts.hostname or "localhost", parts.port or _port(parts.scheme), keepalive=30)
         client.loop_start()
 
     def send(self, event: Event) -> None:
         """Publish the alarm."""
-        alarm = alarm_of(event)
-        about = "/".join(quote(word, safe="") for word in (alarm.condition, alarm.subject) if word)
-        self._publish(f"{self.base}/alarm/{about}", json.dumps(document(event)))
+        self._publish(alarm_topic(self.base, alarm_of(event)), json.dumps(document(event)))
+
+    def publish(self, publication: Publication) -> None:
+        """Publish sensors that are new, then the states; each is retained."""
+        new = {topic: text for topic, text in publication.configs.items() if self._configs.get(topic) != text}
+        self._configs |= new
+        for topic, text in (new | publication.states).items():
+            self._publish(topic, text)
+
+    def _begin(self, client: Client, state: str) -> None:
+        """At every connection: a broker that was restarted may have forgotten what it retained."""
+        for topic, text in {state: "recording", **self._configs}.items():
+            client.publish(topic, text, qos=1, retain=True)
 
     def _publish(self, topic: str, text: str) -> None:
         if self._client is None:

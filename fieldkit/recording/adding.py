@@ -20,7 +20,7 @@ from fieldkit.model.device import DeviceSettings, StreamInfo
 from fieldkit.model.errors import ConfigError, DeviceError
 from fieldkit.model.radiation import COMPONENTS, measured
 from fieldkit.recording.opening import SIMULATED
-from fieldkit.recording.preflight import STATE_UNIT
+from fieldkit.recording.preflight import STATE_UNIT, UNKNOWN_UNIT
 
 SKIP = "skip"
 _NAMES = {"illuminance": "lux", "temperature": "thermometer"}
@@ -162,8 +162,7 @@ def _declared(
         if info.unit:
             return settings, info
         if not needs:
-            what = f"{driver} on {id_of(device)}: the unit of the values is not known"
-            raise ConfigError(what, fix=STATE_UNIT)
+            raise ConfigError(f"{driver} on {id_of(device)}: {UNKNOWN_UNIT}", fix=STATE_UNIT)
     found = {key: ask(Question(device, driver, key, values)) for key, values in needs.items()}
     return _declared(device, replace(settings, options={**settings.options, **found}), ask)
 

@@ -22,6 +22,7 @@ from fieldkit.recorder.alarm_outputs import (
 )
 from fieldkit.recorder.alarm_watch import AlarmWatch
 from fieldkit.recorder.alarms import AlarmEngine, AlarmSettings, Limits
+from fieldkit.recorder.home_assistant import HomeAssistant
 from fieldkit.recording.preflight import sampling_of
 
 SECRETS = {
@@ -38,7 +39,17 @@ UNKNOWN_INTERVAL_S = 5.0
 def alarm_watch(config: Config, streams: Sequence[StreamInfo]) -> AlarmWatch:
     """The alarms of a recording; raises `ConfigError` if an output cannot be set up."""
     outputs = AlarmOutputs(tuple(_outputs(config)), least_sent(config))
-    return AlarmWatch(AlarmEngine(alarm_settings(config, streams)), outputs)
+    return AlarmWatch(AlarmEngine(alarm_settings(config, streams)), outputs, _sensors(config, streams))
+
+
+def _sensors(config: Config, streams: Sequence[StreamInfo]) -> HomeAssistant | None:
+    if not config.alarms.home_assistant:
+        return None
+    if not config.alarms.mqtt:
+        fix = 'set alarms.mqtt = "mqtt://HOST/TOPIC"'
+        raise ConfigError("alarms.home_assistant needs the broker of Home Assistant", fix=fix)
+    title = config.campaign.title or config.directory.name
+    return HomeAssistant(MqttOutput(config.alarms.mqtt).base, title, streams, least_sent(config))
 
 
 def least_sent(config: Config) -> Severity:

@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import time
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from datetime import UTC, datetime
 from importlib.metadata import version
 from importlib.resources import files
@@ -15,9 +16,12 @@ from pathlib import Path
 from fieldkit.calibration.calibration_record import expiry_warnings
 from fieldkit.config import Config, find_campaign, load_config
 from fieldkit.drivers import registry
-from fieldkit.drivers.discovery import ReadinessCheck, check_instruments, is_connected
+from fieldkit.drivers.discovery import check_instruments, is_connected
+from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
-from fieldkit.model.errors import FieldkitError
+from fieldkit.model.errors import ConfigError, DeviceError, DeviceNotFoundError, FieldkitError
+from fieldkit.model.finding import Finding
+from fieldkit.recording.preflight import STATE_UNIT, UNKNOWN_UNIT
 
 POWER = Path("/sys/class/power_supply")
 LOW_BATTERY_PERCENT = 50
@@ -27,10 +31,10 @@ RELEASED_S = 1_760_000_000
 FULL_SUN_LX = 130_000
 
 
-def doctor(folder: str | Path = ".") -> list[ReadinessCheck]:
+def doctor(folder: str | Path = ".") -> list[Finding]:
     """Check programs, instruments, clock, disk, power, and the configuration of the campaign around `folder`.
 
-    No instrument is opened.
+    An instrument is opened only where its configuration leaves open what it measures.
 
     Examples
     --------
@@ -65,29 +69,29 @@ def _devices(folder: Path) -> tuple[DeviceSettings, ...]:
         return ()
 
 
-def _programs(folder: Path) -> Iterator[ReadinessCheck]:
+def _programs(folder: Path) -> Iterator[Finding]:
     names = ("fieldkit", "h5py", "pyserial", "pyusb")
     found = ", ".join(f"{name} {version(name)}" for name in names)
-    yield ReadinessCheck("ok", "program", f"python {platform.python_version()}, {found}")
+    yield Finding("ok", "program", f"python {platform.python_version()}, {found}")
 
 
-def _instruments(folder: Path) -> Iterator[ReadinessCheck]:
+def _instruments(folder: Path) -> Iterator[Finding]:
     yield from check_instruments()
 
 
-def _clock(folder: Path) -> Iterator[ReadinessCheck]:
+def _clock(folder: Path) -> Iterator[Finding]:
     if time.time() < RELEASED_S:
         now = time.strftime("%Y-%m-%d %H:%M", time.gmtime())
-        yield ReadinessCheck(
+        yield Finding(
             "fail", "clock", f"shows {now} UTC and was never set", "sudo date -u -s '2026-01-31 12:00'"
         )
     synchronised = _synchronised()
     if synchronised is None:
-        yield ReadinessCheck("warn", "clock", "synchronisation is unknown", "sudo apt install chrony")
+        yield Finding("warn", "clock", "synchronisation is unknown", "sudo apt install chrony")
     elif synchronised:
-        yield ReadinessCheck("ok", "clock", "synchronised")
+        yield Finding("ok", "clock", "synchronised")
     else:
-        yield ReadinessCheck(
+        yield Finding(
             "warn", "clock", "not synchronised", "go online once, or give the computer a GPS receiver"
         )
 
@@ -104,23 +108,23 @@ def _synchronised() -> bool | None:
     return status.stdout.strip() == "yes"
 
 
-def _disk(folder: Path) -> Iterator[ReadinessCheck]:
+def _disk(folder: Path) -> Iterator[Finding]:
     free_gb = shutil.disk_usage(folder).free / 1e9
     if free_gb < LITTLE_DISK_GB:
-        yield ReadinessCheck(
+        yield Finding(
             "warn", "disk", f"{free_gb:.1f} GB free in {folder}", "make room, or use another disk with -C DIR"
         )
     else:
-        yield ReadinessCheck("ok", "disk", f"{free_gb:.0f} GB free in {folder}")
+        yield Finding("ok", "disk", f"{free_gb:.0f} GB free in {folder}")
 
 
-def _power(folder: Path) -> Iterator[ReadinessCheck]:
+def _power(folder: Path) -> Iterator[Finding]:
     for battery in sorted(POWER.glob("BAT*")):
         percent, state = (_read(battery / name) for name in ("capacity", "status"))
         text = f"{percent} %, {state.lower()}"
         low = percent.isdigit() and int(percent) < LOW_BATTERY_PERCENT and state == "Discharging"
         fix = "charge it, or take a power bank; three hours of sun drain a laptop" if low else ""
-        yield ReadinessCheck("warn" if low else "ok", f"battery {battery.name}", text, fix)
+        yield Finding("warn" if low else "ok", f"battery {battery.name}", text, fix)
 
 
 def _read(path: Path) -> str:
@@ -130,57 +134,71 @@ def _read(path: Path) -> str:
         return "unknown"
 
 
-def _configuration(folder: Path) -> Iterator[ReadinessCheck]:
+def _configuration(folder: Path) -> Iterator[Finding]:
     try:
         found = load_config(find_campaign(folder))
     except FieldkitError as error:
         level = "warn" if "no fieldkit.toml" in error.message else "fail"
-        yield ReadinessCheck(level, "configuration", error.message, error.fix or "")
+        yield Finding(level, "configuration", error.message, error.fix or "")
         return
     counted = f"{len(found.devices)} instruments, {len(found.regions)} regions"
     if found.devices:
-        yield ReadinessCheck("ok", "configuration", counted)
+        yield Finding("ok", "configuration", counted)
     else:
         fix = "fieldkit devices --add writes what is plugged in into fieldkit.toml"
-        yield ReadinessCheck("warn", "configuration", f"{counted}: there is nothing to record", fix)
+        yield Finding("warn", "configuration", f"{counted}: there is nothing to record", fix)
     for device in found.devices:
         yield from _configured(device)
     yield from _calibrations(found)
 
 
-def _calibrations(config: Config) -> Iterator[ReadinessCheck]:
+def _calibrations(config: Config) -> Iterator[Finding]:
     """Checks of the active calibration records and their age; no instrument is opened here."""
     for key, record in config.calibrations().items():
         if issues := expiry_warnings(record, datetime.now(UTC)):
-            yield ReadinessCheck("warn", key, "; ".join(issues), f"fieldkit calibrate {record.kind}")
+            yield Finding("warn", key, "; ".join(issues), f"fieldkit calibrate {record.kind}")
         else:
-            yield ReadinessCheck("ok", key, f"{record.name} of {record.date:%Y-%m-%d} is good")
+            yield Finding("ok", key, f"{record.name} of {record.date:%Y-%m-%d} is good")
 
 
-def _configured(device: DeviceSettings) -> Iterator[ReadinessCheck]:
+def _configured(device: DeviceSettings) -> Iterator[Finding]:
     """Presence of a configured instrument, and what its configuration lacks."""
     driver = registry.get(device.driver)
     if device.port != "simulated" and device.identity:
         found = {one.identity for one in driver.find()}
         present = device.identity in found or is_connected(device.identity)
         level, text = ("ok", "plugged in") if present else ("fail", f"{device.identity} is not plugged in")
-        yield ReadinessCheck(level, device.name, text, "" if present else "fieldkit devices shows what is")
+        yield Finding(level, device.name, text, "" if present else "fieldkit devices shows what is")
     elif device.port.startswith("/") and not Path(device.port).exists():
-        yield ReadinessCheck(
+        yield Finding(
             "fail", device.name, f"there is no {device.port}", "fieldkit devices shows what is there"
         )
-    for key, values in registry.needs(device.driver).items():
-        if key not in device.options:
-            text = f"options.{key} is not set: record refuses it if its bytes do not show what it measures"
-            yield ReadinessCheck("warn", device.name, text, f"set it to one of {', '.join(values)}")
+    if registry.needs(device.driver).keys() - device.options.keys():
+        yield from _declared(device)
     if driver.quantity == "illuminance" and device.name == "lux" and "range_max_lx" not in device.options:
         text = "the meter's range is not configured, so an overflow cannot be detected"
-        yield ReadinessCheck(
+        yield Finding(
             "warn", device.name, text, f"range_max_lx = ... in [lux]; full sun is about {FULL_SUN_LX} lx"
         )
 
 
-CHECKS: tuple[Callable[[Path], Iterator[ReadinessCheck]], ...] = (
+def _declared(device: DeviceSettings) -> Iterator[Finding]:
+    """Refuse what `record` refuses: an instrument that does not state what it measures, nor its options."""
+    try:
+        with closing(registry.open_device(device, HostClock())) as opened:
+            unit = opened.info.unit
+    except ConfigError as error:
+        yield Finding("fail", device.name, error.message, error.fix or "")
+    except DeviceNotFoundError:
+        return
+    except DeviceError as error:
+        yield Finding("warn", device.name, f"its unit is not known: {error.message}", error.fix or "")
+    else:
+        if not unit:
+            yield Finding("fail", device.name, UNKNOWN_UNIT, STATE_UNIT)
+
+
+CHECKS: tuple[Callable[[Path], Iterator[Finding]], ...] = (
     _programs,
     _instruments,
     _clock,

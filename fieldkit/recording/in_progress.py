@@ -75,15 +75,16 @@ def status(campaign: Campaign | Config | str | Path = ".") -> dict[str, Any]:
     Traceback (most recent call last):
     ...
     fieldkit.model.errors.RefusedError: no recording is running in this campaign
-      fix: fieldkit record
+      fix: fieldkit.record()
     """
     found: dict[str, Any] = present_status(running_session(_file(campaign).parent / "recordings"))["document"]
     return found
 
 
-def stop(campaign: Campaign | Config | str | Path = ".") -> Path:
+def stop(campaign: Campaign | Config | str | Path = ".") -> Path | None:
     """Stop and seal the recording that another process makes, and wait for it; the file of its session.
 
+    One that waits for its time (``record --at``) is called off: there is no session, None.
     Raises `RefusedError` if nothing is being recorded, `SessionError` if it ended without sealing.
 
     Examples
@@ -92,7 +93,7 @@ def stop(campaign: Campaign | Config | str | Path = ".") -> Path:
     Traceback (most recent call last):
     ...
     fieldkit.model.errors.RefusedError: no recording is running in this campaign
-      fix: fieldkit record
+      fix: fieldkit.record()
     """
     file = _file(campaign)
 

@@ -28,6 +28,12 @@ def edit(
         return _kept(session, edited(session, name, text, label=label, at=at, to=to))
 
 
+def keep(path: Path, correction: Mark) -> None:
+    """Keep the correction of a mark of a session; raises as `take_back`."""
+    with open_session(path) as session:
+        _kept(session, correction)
+
+
 def _kept(session: SessionReader, correction: Mark) -> Mark:
     if session.state == "recording":
         sent(session.path.parent, correction)

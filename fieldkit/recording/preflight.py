@@ -23,6 +23,7 @@ NO_REGIONS = (
     "no regions are drawn: frames and readings are recorded, no slope is estimated. Find them on the "
     "report's image, add them with fieldkit roi add, then: fieldkit report SESSION --campaign"
 )
+UNKNOWN_UNIT = "the unit of the values is not known"
 STATE_UNIT = 'print the unit (T=21.5 C), name the column by it (temp_c), or set options.unit = "C"'
 Notify = Callable[[str], None]
 """Receives a warning."""
@@ -47,7 +48,7 @@ def preflight(
     for name in meters.unknown:
         notify(f"{name}: what it measures is not known, so it is not used; {how_to_state(name)}")
     if unknown := [info.name for info in streams if not info.unit]:
-        raise ConfigError(f"{', '.join(unknown)}: the unit of the values is not known", fix=STATE_UNIT)
+        raise ConfigError(f"{', '.join(unknown)}: {UNKNOWN_UNIT}", fix=STATE_UNIT)
     for name in meters.absent:
         notify(f"probes of regions: no instrument is called {name}")
     needed = bytes_per_second(streams, sampling_of(config))

@@ -58,7 +58,7 @@ def waiting_recorder(recordings: Path) -> int | None:
     return owner(recordings, WAITING_NAME)
 
 
-def call_off(recordings: Path) -> bool:
+def _call_off(recordings: Path) -> bool:
     """End a recorder that waits for its time, so that it never begins; False if none does."""
     if (pid := waiting_recorder(recordings)) is None:
         return False
@@ -186,13 +186,16 @@ def _is_stopped(pid: int) -> bool:
     return about.rpartition(")")[2].split()[0] in ("T", "t")
 
 
-def stop_recording(recordings: Path, notify: Callable[[UnresponsiveRecorder], None]) -> Path:
+def stop_recording(recordings: Path, notify: Callable[[UnresponsiveRecorder], None]) -> Path | None:
     """Ask the running recording to stop and seal, and wait for it; the sealed session.
 
+    One that waits for its time is called off: nothing was recorded, and there is no session.
     `notify` receives the recorder if it does not respond; one suspended by Ctrl-Z is then continued, so that
     it can seal. Raises `RefusedError` if none is running or it takes more than `SEALED_WITHIN_S`,
     `SessionError` if it ended without sealing.
     """
+    if _call_off(recordings):
+        return None
     path = running_session(recordings)
     pid = owner(journal_path(path))
     if pid is None:  # it has ended since

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 
 from fieldkit.ground.horizon_check import horizon_findings
 from fieldkit.model.errors import RefusedError, message_of
+from fieldkit.model.finding import Finding, worst
 from fieldkit.model.slope import SlopeEstimate
 from fieldkit.results.minutes import SessionMinutes
 from fieldkit.results.sources import SessionOrFile, config_for, path_of
 from fieldkit.sessions import check as file_check
 from fieldkit.sessions.clock_correction import apply_time_map, propose_time_map
-from fieldkit.sessions.finding import Finding, worst
 from fieldkit.sessions.reader import SessionReader, open_session
 from fieldkit.sessions.time_map import TimeStep
 from fieldkit.views import html

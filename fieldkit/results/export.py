@@ -35,6 +35,7 @@ def export(
     begin: str | None = None,
     until: str | None = None,
     speed: float | None = None,
+    palette: str | None = None,
     on_frame: Callable[[], None] | None = None,
 ) -> Export:
     """Write a session for other programs.
@@ -56,6 +57,8 @@ def export(
         or ISO 8601.
     speed : float, optional
         Of a video: seconds of the session per second; by default each frame is one of 25 pictures a second.
+    palette : str, optional
+        Colours of images and videos, of `fieldkit.palettes.NAMES`; inferno by default.
     on_frame : callable, optional
         Called at each frame of the session, for progress.
 
@@ -75,11 +78,15 @@ def export(
     if to not in EXPORTS:
         raise ConfigError(f"{to!r} is not a kind of export", fix=f"use one of {', '.join(EXPORTS)}")
     chosen = EXPORTS[to]
-    given = {"--stream": stream, "--every": every, "--from": begin, "--until": until, "--speed": speed}
+    given = {
+        "--stream": stream, "--every": every, "--from": begin, "--until": until, "--speed": speed,
+        "--palette": palette,
+    }  # fmt: skip
     _refuse_unused(to, {name: value for name, value in given.items() if value not in (None, 1)})
     target = Path(folder) if folder is not None else _default_folder(path_of(session))
     with reading(session) as opened:
         options: dict[str, object] = {"stream": stream, "every": every, "speed": speed, "on_frame": on_frame}
+        options["palette"] = palette
         options["between_ns"] = None if begin is until is None else _between_ns(opened, begin, until)
         used = {name: one for name, one in options.items() if one is not None and name in chosen.takes}
         try:

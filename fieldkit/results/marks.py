@@ -58,10 +58,14 @@ def correct(session: SessionReader, correction: Mark) -> None:
     add_later_events(session.path, [recorded_event(session.time_map(), event, session.anchor_ns)])
 
 
-def _named(session: SessionReader, name: int | str) -> tuple[int, Event]:
-    """Number and mark, as corrected last, or as it was made if it was taken back."""
+def every_mark(session: SessionReader) -> dict[int, Event]:
+    """The marks by their numbers, as corrected last, or as they were made if they were taken back."""
     steps, made = session.time_map(), marks_made(session.events(recorded=True))
-    marks = {number: mapped_event(steps, mark) for number, mark in made.items()} | session.marks()
+    return {number: mapped_event(steps, mark) for number, mark in made.items()} | session.marks()
+
+
+def _named(session: SessionReader, name: int | str) -> tuple[int, Event]:
+    marks = every_mark(session)
     found = numbers_named(name, marks)
     if len(found) > 1:
         raise ConfigError(

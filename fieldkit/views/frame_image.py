@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +17,11 @@ from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Frame
 from fieldkit.model.site import Region
 from fieldkit.model.units import CELSIUS_ZERO_K
+from fieldkit.palettes import INFERNO, Colours, palette
 from fieldkit.physics.camera_laws import frame_k, has_temperatures
 from fieldkit.pixel_axes import with_axes
 
 FloatArray = NDArray[np.float64]
-Colours = NDArray[np.uint8]
 
 WHITE = (255, 255, 255)
 BLACK = (0, 0, 0)
@@ -70,18 +69,9 @@ def scale_of(shown: FloatArray, unit: str) -> Scale:
     return Scale(low, max(high, low + 2), unit)
 
 
-@lru_cache(maxsize=1)
-def palette() -> Colours:
-    """256 colours of even perceived steps, dark to bright (inferno), red-green-blue, shape (256, 3)."""
-    import cv2
-
-    ramp = np.arange(256, dtype=np.uint8).reshape(-1, 1)
-    return np.ascontiguousarray(cv2.applyColorMap(ramp, cv2.COLORMAP_INFERNO)[:, 0, ::-1]).astype(np.uint8)
-
-
-def colours(shown: FloatArray, scale: Scale) -> Colours:
-    """The frame in colour, shape (rows, cols, 3), red-green-blue."""
-    return palette()[np.rint(scale.position(shown) * 255).astype(np.intp)]
+def colours(shown: FloatArray, scale: Scale, name: str = INFERNO) -> Colours:
+    """The frame in the colours of a palette, shape (rows, cols, 3), red-green-blue."""
+    return palette(name)[np.rint(scale.position(shown) * 255).astype(np.intp)]
 
 
 def resized(shown: FloatArray, rows: int, cols: int) -> FloatArray:

@@ -10,8 +10,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldkit.palettes import Colours
 from fieldkit.pixel_axes import with_axes
-from fieldkit.views.frame_image import BLACK, Colours
+from fieldkit.views.frame_image import BLACK
 from fieldkit.views.slope_map_image import (
     MASKS,
     MEANINGS,

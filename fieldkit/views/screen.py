@@ -26,6 +26,7 @@ from fieldkit.model.learnt import Learnt, LearntParameter
 from fieldkit.model.samples import Event, Frame, Reading, Severity
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import CERTAIN, SlopeEstimate
+from fieldkit.palettes import Colours, palette
 from fieldkit.views import formatting, frame_image, learnt_words
 from fieldkit.views.latest import Latest
 
@@ -102,7 +103,7 @@ def snapshot(latest: Latest, cols: int) -> RenderableType:
 class HalfBlocks:
     """An image in characters, two pixel rows in each line: ``▀`` has a colour above and one below."""
 
-    def __init__(self, rgb: frame_image.Colours, labels: Mapping[tuple[int, int], str]) -> None:
+    def __init__(self, rgb: Colours, labels: Mapping[tuple[int, int], str]) -> None:
         packed = rgb.astype(np.int64) @ np.array([65536, 256, 1])
         self._above, self._below = packed[0::2].tolist(), packed[1::2].tolist()
         self._labels = labels
@@ -144,7 +145,7 @@ def _drawn(
     scale = frame_image.scale_of(shown, frame_image.unit(info))
     small = frame_image.resized(shown, 2 * lines, cols)
     # 64 levels are more than the eye can distinguish here, and keep the styles in their cache.
-    rgb = frame_image.palette()[(np.rint(scale.position(small) * 63) * 4).astype(np.intp)]
+    rgb = palette()[(np.rint(scale.position(small) * 63) * 4).astype(np.intp)]
     for region in regions:
         rgb[frame_image.outline_mask(region, shape, 2 * lines, cols)] = frame_image.OUTLINE
     return Group(HalfBlocks(rgb, _labels(regions, shape, lines, cols)), _scale(scale, cols))
@@ -171,7 +172,7 @@ def _scale(scale: frame_image.Scale, cols: int) -> Text:
     width = max(1, cols - len(low) - len(high))
     bar = Text(low, "base")
     for index in np.linspace(0, 255, width).astype(int):
-        red, green, blue = (int(part) for part in frame_image.palette()[index])
+        red, green, blue = (int(part) for part in palette()[index])
         bar.append(" ", Style(bgcolor=Color.from_rgb(red, green, blue)))
     return bar.append(high)
 

@@ -11,8 +11,9 @@ import numpy as np
 
 from fieldkit.model.site import Region
 from fieldkit.model.slope import SlopeEstimate
+from fieldkit.palettes import Colours
 from fieldkit.views import formatting, frame_image, plotting, slope_map_image
-from fieldkit.views.frame_image import Colours, FloatArray
+from fieldkit.views.frame_image import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -16,9 +16,10 @@ from fieldkit.estimation.pixel_slopes import PixelBounds, SlopeMap
 from fieldkit.model.confidence import percent
 from fieldkit.model.site import Region
 from fieldkit.model.slope import SlopeState
+from fieldkit.palettes import Colours
 from fieldkit.physics.facet import normal
 from fieldkit.pixel_axes import with_axes
-from fieldkit.views.frame_image import BLACK, WHITE, Colours, on_grid
+from fieldkit.views.frame_image import BLACK, WHITE, on_grid
 
 PANEL_WIDTH, PANEL_HEIGHT = 340, 640
 WHEEL_RADIUS = 100

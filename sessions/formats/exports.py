@@ -43,6 +43,7 @@ class ExportFormat:
 
 _STREAM = frozenset({"stream", "every"})
 _FRAMES = _STREAM | {"between_ns", "on_frame"}
+_IMAGES = _FRAMES | {"palette"}
 
 
 EXPORTS: Mapping[str, ExportFormat] = MappingProxyType(
@@ -55,9 +56,9 @@ EXPORTS: Mapping[str, ExportFormat] = MappingProxyType(
         "ro-crate": ExportFormat(
             "ro_crate_out:export_ro_crate", "tables with RO-Crate metadata, for archives"
         ),
-        "png": ExportFormat("images_out:export_pngs", "frames as coloured images", _FRAMES, True),
+        "png": ExportFormat("images_out:export_pngs", "frames as coloured images", _IMAGES, True),
         "video": ExportFormat(
-            "images_out:export_video", "the same as a video, VP9", _FRAMES | {"speed"}, True
+            "images_out:export_video", "the same as a video, VP9", _IMAGES | {"speed"}, True
         ),
         "tiff": ExportFormat(
             "images_out:export_tiffs", "frames as 16-bit TIFF of 0.01 K per count", _FRAMES, True

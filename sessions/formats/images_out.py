@@ -20,6 +20,7 @@ from fieldkit.model.errors import ConfigError, StorageError
 from fieldkit.model.samples import Frame, is_damaged
 from fieldkit.model.slope import SlopeEstimate
 from fieldkit.model.units import CELSIUS_ZERO_K, SECOND_NS
+from fieldkit.palettes import INFERNO, NAMES, Colours, bgr
 from fieldkit.physics.camera_laws import frame_k, has_temperatures
 from fieldkit.pixel_axes import with_axes
 from fieldkit.sessions.file_tree import iso_utc
@@ -93,7 +94,12 @@ def _tiff_counts(frame: Frame, info: StreamInfo, step: float) -> NDArray[np.uint
 
 
 def export_pngs(
-    session: SessionReader, folder: Path, *, stream: str | None = None, **chosen: Unpack[Chosen]
+    session: SessionReader,
+    folder: Path,
+    *,
+    stream: str | None = None,
+    palette: str = INFERNO,
+    **chosen: Unpack[Chosen],
 ) -> list[Path]:
     """Coloured images with temperature scale, regions, their slopes as recorded, and time.
 
@@ -103,7 +109,7 @@ def export_pngs(
 
     paths = []
     info = _camera(session, stream)
-    for frame, image in _drawn(session, info, **chosen):
+    for frame, image in _drawn(session, info, palette, **chosen):
         path = folder / f"{_stem(session, info)}-{frame.seq:07}.png"
         if not cv2.imwrite(str(path), image):
             raise StorageError(f"cannot write {path}", fix=_ROOM)
@@ -117,6 +123,7 @@ def export_video(
     *,
     stream: str | None = None,
     speed: float = math.inf,
+    palette: str = INFERNO,
     **chosen: Unpack[Chosen],
 ) -> list[Path]:
     """The same as a video, 25 pictures a second, VP9 in MP4, which browsers play. Raises `StorageError`.
@@ -127,7 +134,7 @@ def export_video(
 
     info = _camera(session, stream)
     path, film = folder / f"{_stem(session, info)}.mp4", None
-    for image in _at_speed(_drawn(session, info, **chosen), speed):
+    for image in _at_speed(_drawn(session, info, palette, **chosen), speed):
         if film is None:
             code = cv2.VideoWriter.fourcc(*"vp09")
             film = cv2.VideoWriter(str(path), code, _PICTURES_PER_S, (image.shape[1], image.shape[0]))
@@ -213,8 +220,11 @@ def _frames(
 
 
 def _drawn(
-    session: SessionReader, info: StreamInfo, **chosen: Unpack[Chosen]
+    session: SessionReader, info: StreamInfo, palette: str, **chosen: Unpack[Chosen]
 ) -> Iterator[tuple[Frame, Image]]:
+    if palette not in NAMES:
+        raise ConfigError(f"there is no palette {palette!r}", fix=f"one of {', '.join(NAMES)}")
+    colours = bgr(palette)
     low, high = _range(session, info)
     unit = " C" if has_temperatures(info) else ""
     words = [f"{end:.1f}{unit}" if unit else f"{end:.0f}" for end in (low, high)]
@@ -224,7 +234,7 @@ def _drawn(
         while slopes and slopes[0].time_ns <= frame.time_ns:
             estimate = slopes.popleft()
             names[estimate.region] = _with_slope(estimate)
-        yield frame, _draw(session, frame, _shown(frame, info), (low, high), words, names)
+        yield frame, _draw(session, frame, _shown(frame, info), (low, high), words, names, colours)
 
 
 def _with_slope(estimate: SlopeEstimate) -> str:
@@ -262,6 +272,7 @@ def _draw(
     ends: tuple[float, float],
     words: list[str],
     names: Mapping[str, str],
+    colours: Colours,
 ) -> Image:
     import cv2
 
@@ -269,23 +280,21 @@ def _draw(
     low, high = ends
     grey = np.clip(np.nan_to_num((shown - low) / (high - low)) * 255, 0, 255).astype(np.uint8)
     large = cv2.resize(grey, None, fx=factor, fy=factor, interpolation=cv2.INTER_NEAREST)
-    image: Image = cv2.applyColorMap(large, cv2.COLORMAP_INFERNO).astype(np.uint8)
+    image: Image = colours[large]
     for region in session.regions:
         corners = np.array([((x + 0.5) * factor, (y + 0.5) * factor) for x, y in region.vertices], np.int32)
         for colour, thickness in ((_BLACK, 3), (_WHITE, 1)):
             cv2.polylines(image, [corners], True, colour, thickness, cv2.LINE_AA)
         _write(image, names[region.name], (int(corners[0][0]) + 5, int(corners[0][1]) + 17))
     image = with_axes(image, factor)
-    return np.vstack([image, _bar(image.shape[1], words, iso_utc(frame.time_ns)[:19] + "Z")])
+    return np.vstack([image, _bar(image.shape[1], words, iso_utc(frame.time_ns)[:19] + "Z", colours)])
 
 
-def _bar(width: int, words: list[str], moment: str) -> Image:
+def _bar(width: int, words: list[str], moment: str, colours: Colours) -> Image:
     """The colour scale with its ends, and the time."""
-    import cv2
-
     ramp = np.tile(np.linspace(0, 255, width).astype(np.uint8), (_BAR // 3, 1))
     black = np.zeros((_BAR - _BAR // 3, width, 3), np.uint8)
-    bar: Image = np.vstack([cv2.applyColorMap(ramp, cv2.COLORMAP_INFERNO).astype(np.uint8), black])
+    bar: Image = np.vstack([colours[ramp], black])
     _write(bar, words[0], (4, _BAR - 8))
     _write(bar, moment, (width // 2 - 80, _BAR - 8))
     _write(bar, words[1], (width - 80, _BAR - 8))

@@ -183,6 +183,10 @@ def test_requests_reach_the_recording_and_its_events_answer(tmp_path: Path) -> N
         (first, *_) = browser.next("regions")["regions"]
         answer = browser.request(do="shutter")
         assert (answer["ok"], "shutter" in answer["text"].lower()) == (True, True), answer
+        assert browser.request(do="mark", text="wind")["ok"]
+        until(lambda: browser.request(do="marks")["data"], "the mark is not stored")
+        answer = browser.request(do="take_back", mark=1)
+        assert (answer["ok"], "taken back: wind" in answer["text"]) == (True, True), answer
         answer = browser.request(do="acknowledge", alarm="disk")
         assert (answer["ok"], "there is no alarm" in answer["text"]) == (False, True), answer
         drawn = {"name": "corner", "role": "target", "vertices": [[2, 2], [20, 2], [20, 16], [2, 16]]}
@@ -207,6 +211,7 @@ def test_requests_reach_the_recording_and_its_events_answer(tmp_path: Path) -> N
     (path,) = (folder / "recordings").glob("*.h5")
     with open_session(path) as session:
         kinds = [event.kind for event in session.events() if "request" in event.data]
+        assert session.marks() == {}
     assert kinds.count(EventKind.REGION) == 3
     assert EventKind.SHUTTER in kinds
 

@@ -12,6 +12,7 @@ from click.testing import CliRunner, Result
 
 from fieldkit.cli import import_session
 from fieldkit.model.errors import ConfigError, FieldkitError
+from fieldkit.model.wording import typed
 from fieldkit.sessions.reader import open_session
 from tests.harness.foreign_files import one_of_each
 
@@ -70,8 +71,9 @@ def test_options_that_a_format_does_not_use_are_refused_by_name(
     for option in OPTIONS.keys() - USED.get(name, set()):
         done = imported(source, tmp_path / "a.h5", (*sound[source], option, OPTIONS[option]))
         assert isinstance(done.exception, ConfigError), option
-        assert f"{option} would have no effect" in done.exception.message
-        assert done.exception.fix == f"omit {option}"
+        with typed():
+            assert f"{option} would have no effect" in done.exception.message
+            assert done.exception.fix == f"omit {option}"
 
 
 def damaged(data: bytes, chance: random.Random) -> bytes:

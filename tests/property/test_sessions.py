@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fieldkit.model.errors import FieldkitError
+from fieldkit.model.finding import worst
 from fieldkit.model.samples import Quality
 from fieldkit.sessions.check import check
-from fieldkit.sessions.finding import worst
 from fieldkit.sessions.layout import SessionHeader, decode_text, encode_text
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.recovery import recover

@@ -26,7 +26,7 @@ function confirmed(title, text, yes, no) {
 }
 
 /** Open a dialog whose form makes a request; it stays open with the reason if that fails. */
-function ask(id, whatOf) {
+function ask(id, whatOf, then = () => {}) {
   const dialog = $(id), fields = dialog.querySelector("form"), error = dialog.querySelector(".error");
   error.hidden = true;
   fields.onsubmit = async (event) => {
@@ -38,7 +38,9 @@ function ask(id, whatOf) {
     if (answer.ok) dialog.close();
     else say(error, [answer.text, answer.fix].filter(Boolean).join(" "));
     error.hidden = answer.ok;
-    if (answer.ok) showAnswer(answer);
+    if (!answer.ok) return;
+    showAnswer(answer);
+    then();
   };
   dialog.showModal();
 }
@@ -56,16 +58,13 @@ function markRequest(field) {
 
 $("start").onclick = () => ask("start-dialog", startRequest);
 $("mark").onclick = () => {
-  const field = $("mark-dialog").querySelector("form").elements;
-  Object.assign(field.text, { value: "" });
-  Object.assign(field.since, { checked: false });
-  field.at.value = "-0s";
-  showFields();
+  openMarkFields(false);
   ask("mark-dialog", markRequest);
 };
 $("shutter").onclick = async () => showAnswer(await request({ do: "shutter" }));
 $("stop").onclick = async () => {
-  const { session, ours } = status.state;
+  const { phase, session, ours } = status.state;
+  if (phase === "waiting") return showAnswer(await request({ do: "stop", confirm: true }));
   const whose = ours === false ? " It was not started from this page." : "";
   const sure = await confirmed("Stop the recording?", `${session ?? "The recording"} ends now and is checked and sealed.${whose}`, "Stop and seal", "Keep recording");
   if (sure) showAnswer(await request({ do: "stop", confirm: true }));

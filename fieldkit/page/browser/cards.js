@@ -34,7 +34,7 @@ function newCard(region) {
   const edit = el("button", { type: "button", class: "control", "aria-label": `Edit ${region.name}`, onclick: () => beginDrawing(card.region) }, "Edit");
   edit.hidden = link.role !== "control";
   const fact = (name, value) => el("div", {}, el("dt", {}, name), value);
-  const facts = [fact("Mean, °C", card.temperature)];
+  const facts = [fact(`Mean, ${temperature.unit}`, card.temperature)];
   if (region.role === "target") facts.push(fact("Tilt, °", card.tilt), fact("Azimuth, °", card.azimuth));
   else facts.push(fact("Tilt given, °", el("dd", {}, number(region.tilt_deg, 1))));
   card.root = el("article", { class: "card", "aria-labelledby": heading },
@@ -46,7 +46,7 @@ function newCard(region) {
 on("now", (now) => {
   for (const [name, { temperature_c: celsius }] of Object.entries(now.regions ?? {})) {
     const card = regions.cards.get(name);
-    if (card) say(card.temperature, number(celsius, 2));
+    if (card) say(card.temperature, number(displayed(celsius), 2));
   }
 });
 
@@ -76,7 +76,7 @@ function append(name, values) {
 }
 
 function showMinute(card, values) {
-  say(card.temperature, number(values.temperature_c, 2));
+  say(card.temperature, number(displayed(values.temperature_c), 2));
   if (card.role === "target") {
     say(card.tilt, values.tilt ?? "–");
     say(card.azimuth, values.azimuth ?? "–");
@@ -96,7 +96,7 @@ function showLine(card) {
   const values = isTilt ? series.tilt_deg : series.temperature_c, finite = known(values);
   if (finite.length < 2) return card.course.replaceChildren();
   const low = Math.min(...finite), high = Math.max(...finite);
-  const words = `${isTilt ? "Tilt" : "Temperature"} ${number(low, 1)} to ${number(high, 1)} ${isTilt ? "°" : "°C"} in ${duration(60 * values.length)}`;
+  const words = `${isTilt ? "Tilt" : "Temperature"} ${number(isTilt ? low : displayed(low), 1)} to ${number(isTilt ? high : displayed(high), 1)} ${isTilt ? "°" : temperature.unit} in ${duration(60 * values.length)}`;
   card.course.replaceChildren(
     el("svg", { role: "img", "aria-label": words, viewBox: "0 0 100 30", preserveAspectRatio: "none" }, ...lines(values, low, high)),
     el("p", { class: "small", "aria-hidden": true }, words));

@@ -63,7 +63,7 @@ const dayTime = (ms) => localTime(ms, { year: "numeric", month: "short", day: "n
 function makeSteppers() {
   for (const box of document.querySelectorAll(".stepper")) {
     const input = box.querySelector("input");
-    const name = box.closest("label").firstChild.textContent.trim();
+    const name = box.closest("label").firstChild.textContent.replace(",", "").trim();
     const button = (sign, word) =>
       el("button", { type: "button", "aria-label": `${word} ${name}`, onclick: () => step(box, input, sign) }, sign > 0 ? "+" : "−");
     box.prepend(button(-1, "Decrease"));

@@ -1,13 +1,9 @@
 // The thermal picture: decoded, coloured with a table fixed in temperature, greyed when stale, read under the finger.
 
-// 256 x red, green, blue; cividis: every 15th colour of Nunez, Anderton and Renslow, PLoS ONE 13, e0199239 (2018)
-const PALETTES = {
-  inferno: Uint8Array.from(atob("{{palette}}"), (character) => character.charCodeAt(0)),
-  ironbow: ramp("00000a 1c0065 6b0096 b8187c e4572e f99d10 fddc5c fffff6"),
-  "white hot": ramp("000000 ffffff"),
-  "black hot": ramp("ffffff 000000"),
-  "cividis, for the colour-blind": ramp("00224e 002d68 163770 2e416d 3f4c6c 4e566c 5c616e 696b71 767676 838179 928c78 a09875 afa471 bfb06b cfbd62 dfca57 f0d846 fee838"),
-};
+// 256 x red, green, blue
+const PALETTES = { inferno: Uint8Array.from(atob("{{inferno}}"), (character) => character.charCodeAt(0)) };
+for (const [name, colours] of Object.entries({{palettes}})) PALETTES[name] = ramp(colours);
+const WORDS_OF = { cividis: "cividis, for the colour-blind" };
 const STALE_AFTER = 2.5; // intervals: two expected pictures did not come
 const UNKNOWN_INTERVAL_MS = 3000;
 
@@ -29,7 +25,8 @@ async function takePicture(buffer) {
     const next = picture.waiting;
     picture.waiting = null;
     try {
-      await decode(next);
+      Object.assign(picture, await decoded(next));
+      picture.arrivals = [...picture.arrivals.slice(-8), performance.now()];
       draw();
     } catch (error) {
       console.warn("a picture could not be shown:", error);
@@ -38,18 +35,14 @@ async function takePicture(buffer) {
   picture.busy = false;
 }
 
-async function decode(buffer) {
+/** A picture's header and counts, with the scale and offset that turn them into °C. */
+async function decoded(buffer) {
   const headerSize = new DataView(buffer).getUint16(0, true);
   const header = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 2, headerSize)));
   const body = new Blob([new Uint8Array(buffer, 2 + headerSize)], { type: "image/jpeg" });
-  const counts = await (header.mode === "exact" ? exactCounts(body, header) : jpegCounts(body, header));
-  const isJpeg = header.mode === "jpeg";
-  Object.assign(picture, {
-    header, counts,
-    scale: isJpeg ? (header.high_c - header.low_c) / 255 : header.scale,
-    offset: isJpeg ? header.low_c : header.offset,
-  });
-  picture.arrivals = [...picture.arrivals.slice(-8), performance.now()];
+  if (header.mode === "exact") return { header, counts: await exactCounts(body, header), scale: header.scale, offset: header.offset };
+  const scale = (header.high_c - header.low_c) / 255;
+  return { header, counts: await jpegCounts(body, header), scale, offset: header.low_c };
 }
 
 async function jpegCounts(body, { rows, cols }) {
@@ -73,19 +66,23 @@ function draw() {
   const { rows, cols } = picture.header;
   if (pixels.width !== cols || pixels.height !== rows) resizeStage(rows, cols);
   setScale();
-  const image = screen2d.createImageData(cols, rows);
-  const factor = (picture.scale * 255) / (picture.high - picture.low);
-  const start = ((picture.offset - picture.low) * 255) / (picture.high - picture.low);
-  for (let i = 0; i < picture.counts.length; i++) {
-    const colour = 3 * Math.round(Math.min(255, Math.max(0, picture.counts[i] * factor + start)));
-    image.data[4 * i] = picture.palette[colour];
-    image.data[4 * i + 1] = picture.palette[colour + 1];
-    image.data[4 * i + 2] = picture.palette[colour + 2];
-    image.data[4 * i + 3] = 255;
-  }
-  screen2d.putImageData(image, 0, 0);
+  paint(screen2d, picture, picture.low, picture.high);
   showStale();
   if (picture.mode === "exact") showProbe();
+}
+
+/** Paint a decoded picture in the palette's colours, from `low` to `high` °C. */
+function paint(canvas, { header: { rows, cols }, counts, scale, offset }, low, high) {
+  const image = canvas.createImageData(cols, rows), { palette } = picture;
+  const factor = (scale * 255) / (high - low), start = ((offset - low) * 255) / (high - low);
+  for (let i = 0; i < counts.length; i++) {
+    const colour = 3 * Math.round(Math.min(255, Math.max(0, counts[i] * factor + start)));
+    image.data[4 * i] = palette[colour];
+    image.data[4 * i + 1] = palette[colour + 1];
+    image.data[4 * i + 2] = palette[colour + 2];
+    image.data[4 * i + 3] = 255;
+  }
+  canvas.putImageData(image, 0, 0);
 }
 
 function resizeStage(rows, cols) {
@@ -106,9 +103,10 @@ function setScale() {
     high = Math.max(high, low + 2);
   }
   Object.assign(picture, { low, high });
-  const unit = picture.header.unit ?? "°C"; // or counts, of a camera without known temperatures
-  say($("low"), `${number(low, low % 1 ? 1 : 0)} ${unit}`);
-  say($("high"), `${number(high, high % 1 ? 1 : 0)} ${unit}`);
+  for (const [id, end] of [["low", low], ["high", high]]) {
+    const [value, unit] = inUnit(end, picture.header.unit); // or counts, of a camera without known temperatures
+    say($(id), `${number(value, value % 1 ? 1 : 0)} ${unit}`);
+  }
 }
 
 /** Milliseconds between pictures, as they arrived. */
@@ -145,6 +143,7 @@ function choosePalette(name) {
   localStorage.setItem("palette", name);
   drawLegend();
   if (picture.header) draw();
+  paintThumbnails();
 }
 
 function drawLegend() {
@@ -166,6 +165,11 @@ function lockScale(values) {
   $("lock").setAttribute("aria-pressed", String(values !== null));
   $("locked-scale").hidden = values === null;
   if (picture.counts) draw();
+}
+
+/** The ends of the locked scale, in the unit shown. */
+function showLock() {
+  if (picture.locked) [$("lock-low").value, $("lock-high").value] = picture.locked.map((end) => Math.round(10 * displayed(end)) / 10);
 }
 
 /** Ask for pictures of the mode chosen; none while the tab is hidden, a past session is shown or the link is gone. */
@@ -205,7 +209,10 @@ async function showProbe() {
   if (answer.ok && (picture.probe[0] !== x || picture.probe[1] !== y)) showProbe();
 }
 
-const showValue = (x, y, celsius) => say($("value"), `${number(celsius, 2)} ${picture.header.unit ?? "°C"} at ${x}, ${y}`);
+function showValue(x, y, celsius) {
+  const [value, unit] = inUnit(celsius, picture.header.unit);
+  say($("value"), `${number(value, 2)} ${unit} at ${x}, ${y}`);
+}
 
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 
@@ -229,12 +236,12 @@ on("hello", choosePictures);
 on("now", () => { showProbe(); describePicture(); });
 $("lock").onclick = () => {
   const values = picture.locked ? null : [picture.low, picture.high];
-  if (values) [$("lock-low").value, $("lock-high").value] = values;
   lockScale(values);
+  showLock();
 };
 for (const id of ["lock-low", "lock-high"]) {
   $(id).oninput = () => {
-    const low = Number($("lock-low").value), high = Number($("lock-high").value);
+    const [low, high] = ["lock-low", "lock-high"].map((end) => fromDisplayed(Number($(end).value)));
     if (high > low) lockScale([low, high]);
   };
 }
@@ -244,7 +251,7 @@ $("exact").onclick = () => {
   choosePictures();
 };
 new ResizeObserver(() => drawOverlay()).observe(stage);
-$("palette").append(...Object.keys(PALETTES).map((name) => el("option", { value: name }, name)));
+$("palette").append(...Object.keys(PALETTES).map((name) => el("option", { value: name }, WORDS_OF[name] ?? name.replace("-", " "))));
 $("palette").value = localStorage.getItem("palette") in PALETTES ? localStorage.getItem("palette") : "inferno";
 $("palette").onchange = () => choosePalette($("palette").value);
 choosePalette($("palette").value);

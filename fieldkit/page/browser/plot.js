@@ -1,6 +1,6 @@
 // Temperatures and tilts of the whole session over time: wheel, pinch or + and − zoom, dragging or arrow keys move.
 
-const PANELS = [["temperature_c", "Temperature, °C"], ["tilt_deg", "Tilt, °"]];
+const PANELS = [["temperature_c", () => `Temperature, ${temperature.unit}`, displayed], ["tilt_deg", () => "Tilt, °", (tilt) => tilt]];
 const BOX = { left: 44, right: 8, top: 20, height: 110, between: 34 };
 const TIME_STEPS_MIN = [1, 2, 5, 10, 15, 30, 60, 120, 180, 360, 720, 1440];
 const LINES = 6; // colours, as classes of page.css
@@ -22,9 +22,10 @@ function drawPlot() {
   $("plot-names").replaceChildren(...Object.keys(regions.series).map((name, i) => el("li", { class: `line-${i % LINES}` }, name)));
 }
 
-function panelOf([key, title], top, x, width) {
+function panelOf([key, titled, asShown], top, x, width) {
+  const title = titled();
   const [from, to] = viewed(), shown = regions.minutes.map((ms) => ms >= from && ms <= to);
-  const series = Object.values(regions.series).map((one) => one[key] ?? []);
+  const series = Object.values(regions.series).map((one) => (one[key] ?? []).map(asShown));
   const finite = series.flatMap((values) => values.filter((value, i) => shown[i] && Number.isFinite(value)));
   if (finite.length === 0) return el("g", {}, el("text", { x: BOX.left, y: top - 6 }, `${title}: none yet`));
   const step = evenStep(Math.max(...finite) - Math.min(...finite) || 1);

@@ -2,6 +2,7 @@
 
 async function listSessions() {
   const answer = await request({ do: "sessions" });
+  forgetChosen();
   if (!answer.ok) return showAnswer(answer);
   say($("list-sessions"), "Show again");
   $("session-list").replaceChildren(...answer.data.map(sessionItem));
@@ -24,11 +25,13 @@ function sessionItem(session) {
   };
   const about = [session.state, dayTime(session.started_ms), duration(session.duration_s), size(session.bytes)].join(", ");
   const reach = (url, words, props) => url && el("a", { class: "button", href: url, "aria-describedby": heading, ...props }, words);
-  return el("li", {}, el("h3", { id: heading }, session.title || session.id), el("p", { class: "small" }, about),
+  return el("li", {}, el("div", { class: "line" }, el("div", {}, el("h3", { id: heading }, session.title || session.id), el("p", { class: "small" }, about)), thumbnailOf(session)),
+    session.thumbnail_url && compareChoice(session, heading),
     el("div", { class: "buttons" },
       reach(session.report_url, "Report", { target: "_blank", rel: "noopener" }) || null,
       reach(session.download_url, "Download", { download: true }) || null,
       session.picture_url && el("button", { type: "button", "aria-describedby": heading, onclick: draw }, "Draw regions"),
+      link.role === "control" && session.picture_url && el("button", { type: "button", "aria-describedby": heading, onclick: () => openMarks(session) }, "Marks"),
       el("button", { type: "button", "aria-describedby": heading, onclick: check }, "Check")),
     result);
 }

@@ -3,7 +3,7 @@
 const RETRY_MS = [200, 500, 1000, 1500];
 const SILENT_MS = 5000; // the server sends something every second
 
-const link = { socket: null, role: null, next: 1, tries: 0, heardMs: 0, lostMs: null, waiting: new Map(), handlers: {} };
+const link = { last: {}, socket: null, role: null, next: 1, tries: 0, heardMs: 0, lostMs: null, waiting: new Map(), handlers: {} };
 
 /** Call `handler` with each message of a type. */
 function on(type, handler) {
@@ -37,8 +37,11 @@ function received(data) {
     link.waiting.get(message.id)?.(message);
     link.waiting.delete(message.id);
   }
-  for (const handler of link.handlers[message.type] ?? []) handler(message);
+  link.last[message.type] = message;
+  handle(message);
 }
+
+const handle = (message) => (link.handlers[message.type] ?? []).forEach((handler) => handler(message));
 
 /** `reason` is the server's, where it closed the connection itself. */
 function closed(socket, reason = "") {

@@ -2,7 +2,7 @@
 
 const MOST_EVENTS = 100;
 const PHASES = {
-  preview: "Live preview, not recording", starting: "Starting …", recording: "Recording",
+  preview: "Live preview, not recording", starting: "Starting …", waiting: "A recording waits for its time", recording: "Recording",
   sealing: "Stopping: checking and sealing …", "no-instruments": "No instruments",
 };
 
@@ -22,11 +22,11 @@ on("hello", (hello) => {
 on("state", (state) => {
   status.state = state;
   showState();
-  $("start").hidden = state.phase === "recording" || state.phase === "sealing";
+  $("start").hidden = ["waiting", "recording", "sealing"].includes(state.phase);
   $("start").disabled = state.phase === "starting";
   $("stop").hidden = !$("start").hidden;
   $("stop").disabled = state.phase === "sealing";
-  for (const id of ["mark", "shutter"]) $(id).disabled = state.phase !== "recording";
+  for (const id of ["mark", "shutter", "edit-marks"]) $(id).disabled = state.phase !== "recording";
 });
 
 function showState() {
@@ -52,7 +52,7 @@ function fact(name, text) {
 
 on("minute", ({ irradiance, sun, contact_c: contact }) => {
   fact("Direct irradiance", `${number(irradiance?.dni_w_m2)} W/m²${irradiance?.model ? ` (${irradiance.model})` : ""}`);
-  if (contact.length) fact("Contact temperature", `${contact.map((celsius) => number(celsius, 1)).join(", ")} °C`);
+  if (contact.length) fact("Contact temperature", `${contact.map((celsius) => number(displayed(celsius), 1)).join(", ")} ${temperature.unit}`);
   fact("Sun", sun ? `${number(90 - sun.zenith_deg, 1)}° high, azimuth ${number(sun.azimuth_deg)}°` : "–");
 });
 
@@ -79,8 +79,13 @@ function showStreams(latest = {}) {
   $("streams").replaceChildren(...status.streams.map((stream) => streamRow(stream, latest[stream.name] ?? {})));
 }
 
+function measured({ value, unit = "" }) {
+  const [amount, word] = inUnit(value, unit);
+  return `${number(amount, Math.abs(amount) < 1000 ? 1 : 0)} ${word}`;
+}
+
 function streamRow({ name, is_camera: isCamera, rows, cols, quantity }, now) {
-  const value = isCamera ? `${cols} × ${rows}` : `${number(now.value, Math.abs(now.value) < 1000 ? 1 : 0)} ${now.unit ?? ""}`;
+  const value = isCamera ? `${cols} × ${rows}` : measured(now);
   const rate = now.rate_hz >= 1 ? `${number(now.rate_hz, 1)} /s` : `${number(now.rate_hz * 60, 1)} /min`;
   const lost = (now.gaps ?? 0) + (now.dropped ?? 0) + (now.rejected ?? 0) + (now.implausible ?? 0);
   const late = now.rate_hz > 0 && now.age_s > Math.max(5, 3 / now.rate_hz);

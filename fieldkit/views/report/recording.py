@@ -13,6 +13,7 @@ from fieldkit.disk import sha256
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import EventKind, Frame, StreamHealth
 from fieldkit.model.site import Region
+from fieldkit.palettes import palette
 from fieldkit.pixel_axes import ticks
 from fieldkit.sessions.clock_correction import awake_offsets_ns
 from fieldkit.views import formatting
@@ -88,7 +89,7 @@ def frame_image(data: ReportData) -> FrameImage | None:
         low=scale.text(scale.low),
         middle=scale.text((scale.low + scale.high) / 2),
         high=scale.text(scale.high),
-        palette=[f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in image.palette()[::8].tolist()],
+        palette=[f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in palette()[::8].tolist()],
         outlines=[_outline(region) for region in data.regions],
         caption=_frame_caption(data, frame, scale),
     )

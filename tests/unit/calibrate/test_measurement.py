@@ -122,7 +122,7 @@ def test_an_emissivity_that_the_camera_applied_is_undone() -> None:
     told = replace(CAMERA, settings={"emissivity": 0.9})
     assert made(told, PROBES).camera_emissivity == 0.9
     assert made(told, PROBES, camera_emissivity=0.9).camera_emissivity == 0.9
-    with pytest.raises(ConfigError, match=r"applied 0\.9, --camera-emissivity is 0\.8"):
+    with pytest.raises(ConfigError, match=r"applied 0\.9, camera_emissivity is 0\.8"):
         made(told, PROBES, camera_emissivity=0.8)
 
 

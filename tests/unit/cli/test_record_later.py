@@ -7,10 +7,12 @@ import sys
 import pytest
 from click.testing import CliRunner
 
+import fieldkit
 from fieldkit.cli import main
 from fieldkit.recording.running import session_in_progress, waiting_recorder
 from fieldkit.sessions.lock import journal_path, owner
 from fieldkit.sessions.reader import open_session
+from tests.harness.page import served
 
 
 @pytest.fixture
@@ -67,6 +69,20 @@ def test_a_recording_that_waits_is_shown_and_called_off(campaign):
     assert "being recorded already" in run(campaign, "record", "--for", "1m").stderr
     assert "called off" in run(campaign, "stop").stderr
     assert waiting_recorder(campaign / "recordings") is None
+    assert not list((campaign / "recordings").glob("*.h5*"))
+
+
+def test_python_and_the_page_call_off_a_recording_that_waits(campaign):
+    waits = ("--at", "20:00", "--set", "simulation.speed=1")
+    assert detached(campaign, *waits).returncode == 0
+    assert fieldkit.stop(campaign) is None
+    assert waiting_recorder(campaign / "recordings") is None
+    with served(campaign) as page, page.browser() as browser:
+        assert detached(campaign, *waits).returncode == 0
+        browser.next("state", phase="waiting")
+        assert browser.request(do="stop", confirm=True)["text"] == "called off: nothing was recorded"
+        assert waiting_recorder(campaign / "recordings") is None
+        browser.next("state", phase="no-instruments")
     assert not list((campaign / "recordings").glob("*.h5*"))
 
 

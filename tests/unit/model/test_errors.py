@@ -9,7 +9,7 @@ from fieldkit.model.errors import ConfigError, DeviceTimeoutError, message_of
 
 def test_text_of_an_error_carries_the_fix():
     error = ConfigError("no fieldkit.toml in /tmp", fix="fieldkit init")
-    assert str(error) == "no fieldkit.toml in /tmp\n  fix: fieldkit init"
+    assert str(error) == "no fieldkit.toml in /tmp\n  fix: fieldkit.init_campaign(folder)"
     assert str(DeviceTimeoutError("nothing arrived")) == "nothing arrived"
 
 

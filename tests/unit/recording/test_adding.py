@@ -123,7 +123,7 @@ def test_a_board_whose_lines_have_no_unit_is_asked_for_it_once(plug, file):
     stated = {"10c4:ea60:B1": {"driver": "text"}}
     refused = add_devices(file, stated).failures[0]
     assert "unit of text on 10c4:ea60:B1" in refused.message
-    assert "--instrument 10c4:ea60:B1=text,unit=X" in refused.fix
+    assert 'campaign.add_devices({"10c4:ea60:B1": {"driver": "text", "unit": X}})' in refused.fix
     asked = []
     done = add_devices(file, stated, lambda question: asked.append(question.key) or "C")
     assert asked == ["unit"]
@@ -177,4 +177,6 @@ def test_record_refuses_a_stream_whose_unit_is_not_known(plug, file):
         fieldkit.record(file.parent, duration="1s")
     assert 'options.unit = "C"' in caught.value.fix
     checks = {one.what: one for one in doctor(file.parent)}
-    assert "options.unit is not set" in checks["thermometer"].text
+    assert (checks["thermometer"].level, checks["thermometer"].fix) == ("fail", caught.value.fix)
+    wire.talk(b"T=21.5 C\r\n")
+    assert "thermometer" not in {one.what for one in doctor(file.parent)}

@@ -15,6 +15,7 @@ import pytest
 
 from fieldkit.config import load_config
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.wording import typed
 from fieldkit.recording.campaign import open_campaign
 from fieldkit.recording.recordings import session_path, sessions_in
 from fieldkit.sessions.writer import SessionWriter
@@ -100,7 +101,8 @@ def test_a_session_is_called_by_text_without_control_characters(recordings: Path
     with pytest.raises(ConfigError) as caught:
         session_path(config, name, 0)
     assert caught.value.message.isprintable()
-    (_, usable) = shlex.split(caught.value.fix or "")
+    with typed():
+        (_, usable) = shlex.split(caught.value.fix or "")
     assert session_path(config, usable, 0).parent == recordings
 
 
@@ -111,7 +113,8 @@ def test_a_session_is_called_by_a_name_that_leaves_room_for_all_that_is_made_of_
     config = load_config(recordings.parent / "fieldkit.toml")
     with pytest.raises(ConfigError, match="bytes, and may have 120") as caught:
         session_path(config, 240 * letter, 0)
-    (_, usable) = shlex.split(caught.value.fix or "")
+    with typed():
+        (_, usable) = shlex.split(caught.value.fix or "")
     longest = (
         session_path(config, usable, 0).name.removesuffix(".h5") + f"-{32 * 's'}-regions.parquet.4194304.new"
     )

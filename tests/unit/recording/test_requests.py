@@ -176,7 +176,7 @@ def test_marks_that_cannot_be_read_at_the_end_keep_the_session_from_being_sealed
             marks.close()
         with pytest.raises(StorageError, match="stale file handle"):
             left_requests(folder)
-    assert "fieldkit recover" in caught.value.fix
+    assert "fieldkit.sessions.recovery.recover(" in caught.value.fix
     assert [event.text for event in left_requests(folder)] == ["wind"]
 
 

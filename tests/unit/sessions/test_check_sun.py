@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from fieldkit.model.device import StreamInfo
+from fieldkit.model.finding import Finding
 from fieldkit.model.samples import Quality, Reading
 from fieldkit.model.site import Site
 from fieldkit.sessions.analysis import minute_means
 from fieldkit.sessions.check import check
 from fieldkit.sessions.clock_correction import apply_time_map
-from fieldkit.sessions.finding import Finding
 from fieldkit.sessions.formats.imported import ImportedRecording, write_imported
 from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.reader import open_session

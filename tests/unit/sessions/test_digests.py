@@ -11,10 +11,10 @@ import h5py
 import numpy as np
 import pytest
 
+from fieldkit.model.finding import worst
 from fieldkit.sessions.check import check
 from fieldkit.sessions.clock_correction import apply_time_map
 from fieldkit.sessions.file_tree import LIBVER
-from fieldkit.sessions.finding import worst
 from fieldkit.sessions.formats.imported import ImportedRecording
 from fieldkit.sessions.formats.merged import merge
 from fieldkit.sessions.guarded_file import write_in_place

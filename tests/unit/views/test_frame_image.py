@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from fieldkit.palettes import palette
 from fieldkit.pixel_axes import BELOW_PX, LEFT_PX, ticks, with_axes
 from fieldkit.views import frame_image
 
@@ -36,7 +37,7 @@ def test_scale_is_in_whole_units_and_holds_the_picture(frame, streams):
 def test_a_uniform_picture_still_has_a_scale():
     scale = frame_image.scale_of(np.full((3, 3), 20.0), "°C")
     assert scale.high > scale.low
-    assert np.all(frame_image.colours(np.full((3, 3), 20.0), scale) == frame_image.palette()[0])
+    assert np.all(frame_image.colours(np.full((3, 3), 20.0), scale) == palette()[0])
 
 
 def test_dead_and_hot_pixels_do_not_set_the_scale():
@@ -46,9 +47,9 @@ def test_dead_and_hot_pixels_do_not_set_the_scale():
 
 
 def test_palette_grows_brighter_at_every_step():
-    steps = np.diff(luminance(frame_image.palette().astype(np.float64)))
+    steps = np.diff(luminance(palette().astype(np.float64)))
     assert np.all(steps > -1e-3)  # 8-bit rounding
-    assert luminance(frame_image.palette()[-1].astype(np.float64)) > 0.9
+    assert luminance(palette()[-1].astype(np.float64)) > 0.9
 
 
 def test_making_smaller_keeps_the_mean():

@@ -19,6 +19,7 @@ import pytest
 from fieldkit.model.errors import ConfigError, SessionError
 from fieldkit.model.samples import Event, EventKind, Frame, Reading
 from fieldkit.model.site import Region, RegionKind
+from fieldkit.palettes import palette
 from fieldkit.physics.camera_laws import temperature_k
 from fieldkit.pixel_axes import BELOW_PX, LEFT_PX
 from fieldkit.results.export import export
@@ -385,7 +386,7 @@ def test_pictures_of_each_camera_have_files_of_their_own(
 def test_camera_that_is_not_known_is_asked_for(two_cameras: SessionReader, tmp_path: Path, export) -> None:
     with pytest.raises(ConfigError, match="frames of 2 cameras") as caught:
         export(two_cameras, tmp_path)
-    assert caught.value.fix == "--stream with one of camera, cam2"
+    assert caught.value.fix == "stream with one of camera, cam2"
     with pytest.raises(ConfigError, match="no camera 'lux'"):
         export(two_cameras, tmp_path, stream="lux")
 
@@ -414,6 +415,29 @@ def test_a_video_shows_each_frame_as_long_as_it_lasted_at_its_speed(
     reader = cv2.VideoCapture(str(film))
     assert int(reader.get(cv2.CAP_PROP_FRAME_COUNT)) == 51
     reader.release()
+
+
+def test_images_have_the_colours_of_the_palette_that_is_named(session: SessionReader, tmp_path: Path) -> None:
+    """White is hot: the left end of the scale is black, the right one white, and all is grey."""
+    path = export_pngs(session, tmp_path, palette="white-hot", every=FRAMES)[0]
+    bar = cv2.imread(str(path))[-30]
+    assert (bar[0].tolist(), bar[-1].tolist()) == ([0] * 3, [255] * 3)
+    assert (bar == bar[:, :1]).all()
+    with pytest.raises(ConfigError, match="there is no palette 'jet'"):
+        export_pngs(session, tmp_path, palette="jet")
+
+
+@pytest.mark.parametrize(
+    ("name", "coldest", "hottest"),
+    [
+        ("inferno", (0, 0, 4), (252, 255, 164)),  # matplotlib's inferno.colors
+        ("cividis", (0, 34, 78), (254, 232, 56)),  # matplotlib's cividis.colors
+    ],
+)
+def test_a_palette_begins_and_ends_as_published(
+    name: str, coldest: tuple[int, ...], hottest: tuple[int, ...]
+) -> None:
+    assert palette(name)[[0, -1]] == pytest.approx(np.array([coldest, hottest]), abs=1)
 
 
 def test_only_frames_between_two_times_are_written_and_all_are_counted(

@@ -270,7 +270,7 @@ def test_frames_stay_as_the_sensor_has_them_whatever_their_orientation(
 @pytest.mark.parametrize(
     ("pixels", "more", "words", "fix"),
     [
-        (FIRST.astype(np.float32), {}, "32-bit floating-point numbers", "--unit C"),
+        (FIRST.astype(np.float32), {}, "32-bit floating-point numbers", 'unit="C"'),
         (FIRST.astype(np.int16), {}, "16-bit signed numbers", "unsigned 16-bit"),
         (FIRST.astype(np.uint8), {}, "8-bit numbers", "coloured"),
         (FIRST.astype(np.uint32), {}, "32-bit numbers", "unsigned 16-bit"),
@@ -321,10 +321,10 @@ def test_a_pixel_without_a_temperature_flags_its_frame(tmp_path: Path, hole: flo
 
 def test_an_option_for_other_numbers_is_refused(tmp_path: Path) -> None:
     counts = tiff_file(tmp_path, tiff_pages((FIRST, {})))
-    with pytest.raises(ConfigError, match="holds counts: --unit would have no effect"):
+    with pytest.raises(ConfigError, match="holds counts: unit would have no effect"):
         read_stills(counts, None, unit="C", **MOMENT)
     floats = tiff_file(tmp_path, tiff_pages((FIRST.astype(np.float32), {})))
-    with pytest.raises(ConfigError, match="--unit lx is not a temperature"):
+    with pytest.raises(ConfigError, match='unit="lx" is not a temperature'):
         read_stills(floats, None, unit="lx", **MOMENT)
     with pytest.raises(ConfigError, match=r"states 0\.01 K per count"):
         read_stills(floats, Scale(0.04), unit="C", **MOMENT)

@@ -65,7 +65,7 @@ def test_a_clock_that_steps_back_is_refused_by_its_row_unless_keep_decides(
         ConfigError, match=rf"the clock (goes back|stands still) .* to row {row} \(2026"
     ) as caught:
         read_log(path, "x", LogOptions(zone=UTC))
-    assert "--keep first" in (caught.value.fix or "")
+    assert 'keep="first"' in (caught.value.fix or "")
     options: list[Keep] = ["first", "last"]
     for keep, expected in zip(options, (first, last), strict=True):
         kept = read_log(path, "x", LogOptions(zone=UTC, keep=keep))
@@ -107,7 +107,7 @@ def test_the_end_of_summer_time_is_a_step_only_for_a_clock_without_it(
     assert len(lines(read_log(path, "x", LogOptions(zone=ZoneInfo("Europe/Berlin"))))) == len(times)
     with pytest.raises(ConfigError, match=r"the clock (goes back|stands still)") as caught:
         read_log(path, "x", LogOptions(zone=UTC))
-    assert "--zone" in (caught.value.fix or "")
+    assert "zone" in (caught.value.fix or "")
 
 
 @pytest.mark.parametrize(
@@ -146,7 +146,7 @@ def test_years_without_a_gap_are_one_log(tmp_path: Path) -> None:
 def test_times_are_refused_where_most_of_them_cannot_be_read(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"log\.csv, row 2: '11\.06\.2026 12:00' is not a time") as caught:
         read_log(log(tmp_path, numbered(["11.06.2026 12:00", "11.06.2026 12:01"])), "x", LogOptions(zone=UTC))
-    assert "--time-format" in (caught.value.fix or "")
+    assert "time_format=" in (caught.value.fix or "")
 
 
 def test_two_downloads_that_overlap_are_joined(tmp_path: Path) -> None:

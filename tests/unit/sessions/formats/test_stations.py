@@ -154,7 +154,7 @@ def test_ten_minute_table_without_a_date_is_refused_for_that(tmp_path: Path, enc
     assert is_obsdl(path)
     with pytest.raises(ConfigError, match="but no date") as caught:
         read_obsdl(path, "jma")
-    assert "--zone Asia/Tokyo" in (caught.value.fix or "")
+    assert 'zone="Asia/Tokyo"' in (caught.value.fix or "")
     path.write_bytes("時分,気温(℃)\r\n2026-07-05 00:10,22.1\r\n".encode(encoding))
     assert not is_obsdl(path), "with dates it is a table like any other"
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from fieldkit.model.wording import worded
+
 
 @dataclass(frozen=True, slots=True)
 class Finding:
@@ -14,6 +16,9 @@ class Finding:
     what: str
     text: str
     fix: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "fix", worded(self.fix))
 
 
 def worst(findings: Sequence[Finding]) -> str:

@@ -1,0 +1,135 @@
+"""What Home Assistant needs to show a recording by itself: MQTT discovery of its meters, regions and alarms.
+
+A retained document under ``homeassistant/`` describes each sensor and the topic of its state; the states
+follow once a minute. Formats and device classes: https://www.home-assistant.io, there
+``/integrations/mqtt/#mqtt-discovery``, ``/integrations/sensor.mqtt``, ``/integrations/sensor#device-class``.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+from urllib.parse import quote
+
+from fieldkit import __version__
+from fieldkit.estimation.estimator import Minute
+from fieldkit.model.alarm import Alarm, alarm_of, phase_of
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.samples import Event, Reading, Severity, is_usable
+from fieldkit.model.units import CELSIUS_ZERO_K
+
+PREFIX = "homeassistant"
+"""Home Assistant's own prefix of discovery, unless it is configured otherwise there."""
+UNKNOWN = "None"
+"""Payload by which a sensor has no value."""
+_KINDS = {
+    "K": {"device_class": "temperature", "unit_of_measurement": "°C"},
+    "lx": {"device_class": "illuminance", "unit_of_measurement": "lx"},
+    "W m-2": {"device_class": "irradiance", "unit_of_measurement": "W/m²"},
+    "m/s": {"device_class": "wind_speed", "unit_of_measurement": "m/s"},
+}
+"""Device class and unit of a value by the unit of its stream."""
+_ANGLE = {"unit_of_measurement": "°"}
+_ONLINE = "{{ 'online' if value == 'recording' else 'offline' }}"
+_IS_ON = "{{ 'OFF' if value_json.phase == 'cleared' else 'ON' }}"
+
+
+class Publication(NamedTuple):
+    """Texts by topic: `configs` describe sensors and are published anew at every connection."""
+
+    configs: dict[str, str]
+    states: dict[str, str]
+
+
+class _Value(NamedTuple):
+    words: tuple[str, ...]
+    kind: dict[str, str]
+    value: float
+
+
+def alarm_topic(base: str, alarm: Alarm) -> str:
+    """The topic of an alarm below `base`."""
+    return _topic(base, "alarm", *filter(None, (alarm.condition, alarm.subject)))
+
+
+@dataclass
+class HomeAssistant:
+    """Turns what a recording passes on into sensors of Home Assistant below the MQTT topic `base`."""
+
+    base: str
+    title: str
+    streams: Sequence[StreamInfo]
+    least: Severity = Severity.INFO
+    _latest: dict[str, Reading] = field(default_factory=dict, repr=False)
+
+    def update(self, item: object) -> Publication | None:
+        """What is to be published after an item: sensors after a minute, an alarm's after its event."""
+        if isinstance(item, Reading):
+            self._latest[item.stream] = item
+        elif isinstance(item, Minute):
+            values = [*self._readings(), *_regions(item)]
+            configs = dict(self._sensor(one) for one in values)
+            return Publication(configs, {_topic(self.base, *one.words): _text(one.value) for one in values})
+        elif isinstance(item, Event) and phase_of(item) and alarm_of(item).severity >= self.least:
+            return Publication(dict([self._problem(alarm_of(item))]), {})
+        return None
+
+    def _readings(self) -> Iterator[_Value]:
+        """The channels of every meter as read last, kelvin as °C."""
+        for info in self.streams:
+            if info.is_camera or info.quantity == "position" or info.name not in self._latest:
+                continue
+            reading, kind = self._latest[info.name], _KINDS.get(info.unit, {"unit_of_measurement": info.unit})
+            zero = CELSIUS_ZERO_K if info.unit == "K" else 0.0
+            for name, value in zip(info.channel_names, reading.values, strict=False):
+                words = ("stream", info.name, *([name] if len(info.channel_names) > 1 else []))
+                yield _Value(words, kind, value - zero if is_usable(reading.quality) else math.nan)
+
+    def _sensor(self, one: _Value) -> tuple[str, str]:
+        is_mean = one.words[-1] != "azimuth"  # the mean of 359° and 1° is no azimuth
+        kind = {**one.kind, **({"state_class": "measurement"} if is_mean else {})}
+        return self._config("sensor", one.words, {"state_topic": _topic(self.base, *one.words), **kind})
+
+    def _problem(self, alarm: Alarm) -> tuple[str, str]:
+        topic = alarm_topic(self.base, alarm)
+        words = ("alarm", *filter(None, (alarm.condition, alarm.subject)))
+        keys = {"state_topic": topic, "json_attributes_topic": topic, "value_template": _IS_ON}
+        return self._config("binary_sensor", words, {**keys, "device_class": "problem"})
+
+    def _config(self, component: str, words: Sequence[str], keys: dict[str, Any]) -> tuple[str, str]:
+        """Topic and text of the document that describes a sensor."""
+        node, name = _plain(self.base), _plain("_".join(words))
+        document = {
+            "name": " ".join(words[1:]), "unique_id": f"fieldkit_{node}_{name}", **keys,
+            "availability": [{"topic": f"{self.base}/recorder", "value_template": _ONLINE}],
+            "device": {
+                "identifiers": [f"fieldkit_{node}"], "name": self.title,
+                "sw_version": f"fieldkit {__version__}",
+            },
+        }  # fmt: skip
+        return f"{PREFIX}/{component}/{node}/{name}/config", json.dumps(document)
+
+
+def _regions(minute: Minute) -> Iterator[_Value]:
+    for name, kelvin in minute.temperature_k.items():
+        yield _Value(("region", name, "temperature"), _KINDS["K"], kelvin - CELSIUS_ZERO_K)
+    for slope in minute.estimates:
+        yield _Value(("region", slope.region, "tilt"), _ANGLE, slope.tilt_deg)
+        yield _Value(("region", slope.region, "azimuth"), _ANGLE, slope.azimuth_deg)
+
+
+def _topic(base: str, *words: str) -> str:
+    return "/".join((base, *(quote(word, safe="") for word in words)))
+
+
+def _plain(text: str) -> str:
+    """A text of the letters that discovery allows in its topics."""
+    return re.sub(r"[^a-zA-Z0-9_-]", "_", text)
+
+
+def _text(value: float) -> str:
+    return f"{value:.7g}" if math.isfinite(value) else UNKNOWN

@@ -1,0 +1,118 @@
+"""Home Assistant finds a recording by MQTT, through a real broker (Mosquitto).
+
+Topics, keys, device classes and units: Home Assistant's documentation of "MQTT discovery", "MQTT sensor",
+"MQTT binary sensor" and "Sensor: device class" (home-assistant.io).
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import socket
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from fieldkit.config import FILE_NAME, load_config
+from fieldkit.config.template import SIMULATED
+from fieldkit.model.errors import ConfigError
+from fieldkit.recording.campaign import create_campaign
+from fieldkit.recording.record import prepare
+
+UNITS = {"temperature": "°C", "illuminance": "lx", "irradiance": "W/m²", "wind_speed": "m/s", None: "°"}
+"""A unit that Home Assistant takes for each device class; none: an angle."""
+FAULT = 'simulation.faults=["moved"]'
+
+
+@pytest.fixture
+def broker(tmp_path: Path) -> Iterator[int]:
+    """The port of a broker that lets anybody in."""
+    program = shutil.which("mosquitto", path="/usr/sbin:/usr/local/sbin:/usr/bin")
+    if program is None:
+        pytest.skip("no mosquitto here: apt-get install mosquitto")
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = int(free.getsockname()[1])
+    (tmp_path / "mosquitto.conf").write_text(f"listener {port} 127.0.0.1\nallow_anonymous true\n")
+    with subprocess.Popen([program, "-c", tmp_path / "mosquitto.conf"], stderr=subprocess.DEVNULL) as process:
+        yield port
+        process.terminate()
+
+
+def retained(port: int) -> dict[str, str]:
+    """Every text that the broker keeps, by topic."""
+    client_module = pytest.importorskip("paho.mqtt.client")
+    from paho.mqtt.enums import CallbackAPIVersion
+
+    found: dict[str, str] = {}
+    client = client_module.Client(CallbackAPIVersion.VERSION2)
+    client.on_connect = lambda connected, *_: connected.subscribe("#")
+    client.on_message = lambda _client, _data, message: found.update(
+        {message.topic: message.payload.decode()}
+    )
+    client.connect("127.0.0.1", port)
+    client.loop_start()
+    count, deadline = -1, time.monotonic() + 60.0
+    while len(found) != count and time.monotonic() < deadline:  # until no more come
+        count = len(found)
+        time.sleep(0.5)
+    client.disconnect()
+    client.loop_stop()
+    return found
+
+
+def test_a_recording_is_found_with_its_meters_regions_and_alarms(broker: int, tmp_path: Path) -> None:
+    pytest.importorskip("paho.mqtt.client")
+    create_campaign(tmp_path / "field", SIMULATED)
+    given = (f"alarms.mqtt=mqtt://127.0.0.1:{broker}/my field", "alarms.home_assistant=true")
+    settings = [
+        "simulation.speed=max",
+        "lux.every_s=4",
+        "thermometer.every_s=4",
+        "alarms.send=info",
+        *given,
+        FAULT,
+    ]
+    config = load_config(tmp_path / "field" / FILE_NAME, settings=settings)
+    with prepare(config, duration_s=1200.0) as prepared:
+        prepared.run()
+    found = retained(broker)
+    configs = {topic: json.loads(text) for topic, text in found.items() if topic.startswith("homeassistant/")}
+    for topic, config_ in configs.items():
+        is_found_and_understood(topic, config_, found)
+    sensors = {one["unique_id"] for one in configs.values()}
+    assert {"fieldkit_my_field_region_b15_tilt", "fieldkit_my_field_stream_lux"} <= sensors
+    assert any(topic.startswith("homeassistant/binary_sensor/my_field/alarm_moved") for topic in configs)
+    assert found["my field/recorder"] == "ended"
+    tilt = float(found["my field/region/b15/tilt"])
+    assert tilt == pytest.approx(15.0, abs=5.0)  # of the simulated bed
+    assert 10_000 < float(found["my field/stream/lux"]) < 200_000
+
+
+def is_found_and_understood(topic: str, config: dict[str, Any], found: dict[str, str]) -> None:
+    assert re.fullmatch(r"homeassistant/(binary_)?sensor/[a-zA-Z0-9_-]+/[a-zA-Z0-9_-]+/config", topic)
+    assert config["state_topic"] in found
+    assert config["availability"][0]["topic"] in found
+    assert config["device"]["identifiers"]
+    if topic.startswith("homeassistant/binary_sensor"):
+        assert config["device_class"] == "problem"
+        assert json.loads(found[config["state_topic"]])["phase"] in ("raised", "acknowledged", "cleared")
+    else:
+        assert config["unit_of_measurement"] == UNITS[config.get("device_class")]
+        assert found[config["state_topic"]] == "None" or float(found[config["state_topic"]])
+
+
+def test_without_a_broker_the_recording_does_not_begin(tmp_path: Path) -> None:
+    create_campaign(tmp_path / "field", SIMULATED)
+    config = load_config(tmp_path / "field" / FILE_NAME, settings=["alarms.home_assistant=true"])
+    with (
+        pytest.raises(ConfigError, match="needs the broker") as refused,
+        prepare(config, duration_s=60.0) as one,
+    ):
+        one.run()
+    assert "alarms.mqtt" in (refused.value.fix or "")

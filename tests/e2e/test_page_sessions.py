@@ -1,0 +1,168 @@
+"""Recorded sessions on the page: marks edited and taken back, small images, slopes beside each other, °F."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+import fieldkit
+from fieldkit.model.samples import Event, EventKind
+from fieldkit.page.pictures import THUMBNAIL_COLS
+from fieldkit.page.sessions import identifier
+from fieldkit.results.describe import recorded_slopes
+from fieldkit.sessions.writer import SessionWriter
+from tests.harness import field_page
+from tests.harness.field_page import LAPTOP, PHONE, PHONE_ON_ITS_SIDE, SMALLEST, Watched, chromium, opened
+from tests.harness.page import Served, served
+from tests.harness.recording import CountedClock, fill, header
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
+
+FITS = "document.documentElement.scrollWidth <= window.innerWidth"
+COLOURS = (
+    "(canvas) => new Set(canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data).size"
+)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory, recorded: Callable[[Path], Path]) -> Path:
+    """A campaign with the same session twice, and one with the marks 2 "wind" and 3 "cloud"."""
+    folder = tmp_path_factory.mktemp("page") / "sandslope"
+    session = recorded(folder)
+    shutil.copy(session, session.with_name("20160102T190001Z-again.h5"))
+    clock = CountedClock()
+    writer = SessionWriter(session.with_name("marked.h5"), header((24, 32)), clock)
+    fill(writer, 10, clock)
+    for text in ("wind", "cloud"):
+        now = clock.mono_ns()
+        writer.event(Event(EventKind.MARK, now, clock.to_utc_ns(now), text, data={"label": text}))
+    writer.close()
+    return folder
+
+
+@pytest.fixture(scope="module")
+def page(folder: Path) -> Iterator[Served]:
+    with served(folder) as page:
+        yield page
+
+
+def test_marks_are_edited_taken_back_and_count_again_while_the_session_keeps_them(
+    page: Served, folder: Path, tmp_path: Path
+) -> None:
+    path = folder / "recordings/marked.h5"
+    with fieldkit.open_session(path) as session:
+        made = [event.text for event in session.events(recorded=True)]
+    this = {"session": identifier(path)}
+    with page.browser("view") as looking:
+        assert [one["words"] for one in looking.request(do="marks", **this)["data"]][2] == "cloud: cloud"
+        assert looking.request(do="take_back", mark=2, **this)["fix"] == "open the page by a control link"
+    with page.browser() as browser:
+        assert browser.request(do="take_back", mark=2, **this)["ok"]
+        done = browser.request(do="edit_mark", mark=3, text="a thin cloud", kind="sky", at="12:00", **this)
+        assert done["text"] == "mark 3 is now: a thin cloud"
+        _, first, second = browser.request(do="marks", **this)["data"]
+        assert (first["text"], first["counts"]) == ("wind", False)
+        assert (second["words"], second["counts"]) == ("sky: a thin cloud", True)
+        with fieldkit.open_session(path) as session:
+            assert {number: mark.text for number, mark in session.marks().items()} == {
+                1: "wolke über b05",
+                3: "a thin cloud",
+            }
+            assert [event.text for event in session.events(recorded=True)][: len(made)] == made
+        assert browser.request(do="edit_mark", mark=2, **this)["ok"]
+        assert [one["counts"] for one in browser.request(do="marks", **this)["data"]] == [True] * 3
+        assert "no mark 7" in browser.request(do="take_back", mark=7, **this)["text"].replace("'", "")
+        assert browser.request(do="marks")["text"] == "no recording is running in this campaign"
+
+
+def test_small_images_and_slopes_are_those_of_the_session(page: Served, folder: Path) -> None:
+    path = folder / "recordings/20160102T190001Z-again.h5"
+    small = page.ask("GET", f"/session/{identifier(path)}/thumbnail", Cookie=page.cookie())
+    size = int.from_bytes(small.body[:2], "little")
+    head = json.loads(small.body[2 : 2 + size])
+    assert (head["cols"], head["rows"]) == (THUMBNAIL_COLS, 120)
+    assert len(small.body) < 8000
+    assert page.ask("GET", f"/session/{identifier(path)}/thumbnail", Cookie=page.cookie("view")).status == 403
+    with page.browser("view") as browser, fieldkit.open_session(path) as session:
+        shown = browser.request(do="slopes", session=identifier(path))["data"]
+        recorded = recorded_slopes(session)
+        assert [one["region"] for one in shown] == [one.region for one in recorded]
+        tilts = [float(re.match(r"[\d.]+", one["tilt"])[0]) for one in shown]  # type: ignore[index]
+        assert tilts == pytest.approx([one.tilt_deg for one in recorded], abs=0.5)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with chromium() as browser:
+        yield browser
+
+
+@pytest.fixture
+def phone(browser: Browser, page: Served) -> Iterator[Watched]:
+    """The list of sessions on a phone."""
+    watched = opened(browser, f"{page.origin}/#{page.page.keys.new_link('control')}", PHONE)
+    watched.page.locator("#list-sessions").tap()
+    watched.page.locator("#session-list li").nth(2).wait_for()
+    yield watched
+    assert (watched.foreign, watched.errors) == ([], [])
+    watched.page.context.close()
+
+
+def at_every_size(watched: Watched) -> None:
+    for width, height in (SMALLEST, PHONE, PHONE_ON_ITS_SIDE, LAPTOP):
+        watched.page.set_viewport_size({"width": width, "height": height})
+        assert watched.page.evaluate(FITS), width
+        if field_page.AXE in field_page.os.environ:
+            assert watched.violations() == [], width
+
+
+def test_sessions_are_compared_by_touch(phone: Watched) -> None:
+    """Each has its image, in the colours of the palette, and its row of slopes."""
+    page = phone.page
+    small = page.locator("#session-list .thumbnail")
+    field_page.wait_until(lambda: small.first.evaluate(COLOURS) > 10, "no small image")
+    for choice in page.locator("#session-list .check").all()[:2]:
+        choice.tap()
+    at_every_size(phone)
+    page.locator("#compare", has_text="Compare 2 sessions").click()
+    page.locator("#compare-slopes tr").first.wait_for()
+    assert page.locator("#compare-head canvas").count() == 2
+    assert re.search(r"tilt \d", page.locator("#compare-slopes").inner_text())
+    at_every_size(phone)
+    page.locator("#compare-dialog .cancel").click()
+    page.locator("#compare-dialog").wait_for(state="hidden")
+
+
+def test_marks_are_edited_and_taken_back_by_touch(phone: Watched) -> None:
+    page = phone.page
+    item = page.locator("#session-list li", has_text="three beds")
+    item.get_by_role("button", name="Marks").tap()
+    first = page.locator("#mark-list li").first
+    first.get_by_role("button", name="Take back").tap()
+    page.locator("#mark-list .gone").wait_for()
+    at_every_size(phone)
+    first.get_by_role("button", name="Count again").tap()
+    page.locator("#mark-list .gone").wait_for(state="detached")
+    first.get_by_role("button", name="Edit").click()
+    at_every_size(phone)
+    page.locator("#mark-dialog [name=text]").fill("a gust")
+    page.get_by_role("button", name="Save mark").click()
+    page.locator("#mark-list li", has_text="a gust").wait_for()
+    page.locator("#marks-dialog .cancel").click()
+
+
+def test_temperatures_in_fahrenheit_are_display_alone(phone: Watched) -> None:
+    """20 °C are 68 °F (NIST Handbook 44, Appendix C: t(°F) = 1.8 t(°C) + 32)."""
+    page = phone.page
+    page.locator("#unit").select_option("°F")
+    assert page.evaluate("localStorage.getItem('unit')") == "°F"
+    page.reload()
+    assert page.locator("#unit").input_value() == "°F"
+    assert page.locator("#value").inner_text() == "Touch to read °F"

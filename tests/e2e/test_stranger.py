@@ -1,0 +1,43 @@
+"""A stranger's way from the installed package to a slope: few commands, nothing edited, nothing asked."""
+
+from __future__ import annotations
+
+import json
+from glob import glob
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from fieldkit.cli import main
+from fieldkit.simulation.scene import BEDS
+
+COMMANDS = (
+    ("init", "--simulated", "sand"),
+    ("doctor", "-C", "sand"),
+    ("record", "-C", "sand", "--for", "12m", "--set", "simulation.speed=max"),
+    ("check", "-C", "sand"),
+    ("estimate", "sand/recordings/*.h5", "--json"),
+    ("report", "-C", "sand"),
+)
+
+
+def test_six_commands_lead_from_nothing_to_a_slope_and_its_report(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "home"))
+    assert len(COMMANDS) <= 6
+    done: dict[str, Result] = {}
+    for words in COMMANDS:
+        typed = [path for word in words for path in (sorted(glob(word)) or [word])]  # as a shell does
+        done[words[0]] = CliRunner().invoke(main, [*typed, "--no-input"])
+        may_lack_instruments = words[0] == "doctor"  # of this computer: the simulated ones need none
+        assert done[words[0]].exit_code == 0 or may_lack_instruments, done[words[0]].output
+    tilts = {bed.name: bed.tilt_deg for bed in BEDS}
+    found = {one["region"]: one for one in json.loads(done["estimate"].stdout)["slopes"]}
+    assert {"b05", "b15", "b25"} <= found.keys()
+    for name, slope in found.items():
+        low, high = slope["tilt_region_deg"]
+        assert low <= tilts[name] <= high, slope  # the truth of the simulated field
+    assert list((tmp_path / "sand/reports").glob("*.html"))
