@@ -353,7 +353,7 @@ def surface_temperatures(
     absorbed
         Absorbed radiation, shape (k, m). [W/m2]
     exchange
-        Coefficient of heat exchange with the air, shape (m,). [W m-2 K-1]
+        Coefficient of heat exchange with the air, shape (m,), or (k, m) of each facet. [W m-2 K-1]
     air_k
         Air temperature, shape (m,). [K]
 
@@ -361,13 +361,14 @@ def surface_temperatures(
     -------
     Shape (k, m). [K]
     """
+    exchange = np.broadcast_to(exchange, absorbed.shape)
     series = np.empty_like(absorbed)
     rows_of: dict[int, list[int]] = {}
     for row, facet in enumerate(facets):
         rows_of.setdefault(sum(slab.layers for slab in facet.stack), []).append(row)
     for rows in rows_of.values():
         alike = [facets[row] for row in rows]
-        series[rows] = _stepped(alike, time_s, absorbed[rows], exchange, air_k)
+        series[rows] = _stepped(alike, time_s, absorbed[rows], exchange[rows], air_k)
     return series
 
 
@@ -381,11 +382,11 @@ def _stepped(
     different = stacks[:1] if len(set(stacks)) == 1 else stacks  # thousands of pixels share one
     steps = {step_s: SlabStep.of(different, step_s) for step_s in set(lengths_s)}
     surface = np.empty_like(absorbed)
-    surface[:, 0] = balance_temperature(absorbed[:, 0] + exchange[0] * air_k[0], exchange[0], grey)
+    surface[:, 0] = balance_temperature(absorbed[:, 0] + exchange[:, 0] * air_k[0], exchange[:, 0], grey)
     nodes = 1 + sum(slab.layers for slab in stacks[0])
     layer = np.tile(surface[:, :1], (1, nodes))
     for row, step_s in enumerate(lengths_s, start=1):
-        layer = steps[step_s].after(layer, absorbed[:, row], exchange[row], air_k[row], grey)
+        layer = steps[step_s].after(layer, absorbed[:, row], exchange[:, row], air_k[row], grey)
         surface[:, row] = layer[:, 0]
     return surface
 

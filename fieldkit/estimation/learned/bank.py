@@ -76,12 +76,13 @@ class KalmanBank:
         diagonal = np.arange(decay.size)
         self.covariance[:, diagonal, diagonal] += noise
 
-    def update(self, design: Affine, measured: FloatArray, variance: float) -> Innovation:
-        """Correct the states by measurements (m,) with independent noise, R = variance I; NaN is skipped."""
+    def update(self, design: Affine, measured: FloatArray, variance: FloatArray) -> Innovation:
+        """Correct the states by measurements (m,) with independent noise (p, m), R's diagonal; NaN is skipped."""
         seen, difference = np.isfinite(measured), measured - design.at(self.mean)
         rows, count = design.rows[:, seen], int(seen.sum())
         shared = rows @ self.covariance
-        root = np.linalg.cholesky(shared @ rows.transpose(0, 2, 1) + variance * np.eye(count))
+        noise = variance[:, seen, np.newaxis] * np.eye(count)
+        root = np.linalg.cholesky(shared @ rows.transpose(0, 2, 1) + noise)
         # K S K' as a square of one matrix, L^-1 H P with S = L L': P stays symmetric and positive
         whitening = np.linalg.inv(root)
         half_gain = whitening @ shared

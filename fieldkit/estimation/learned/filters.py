@@ -17,7 +17,8 @@ from fieldkit.physics.facet import FloatArray
 class Filters(KalmanBank):
     """The bank that follows a surface minute by minute; `log_likelihood` (p,) of all that was measured.
 
-    Products of two unknowns are linear only near some state (n,): `around`, else the prior's.
+    Products of two unknowns are linear only near some state (n,): `around`, else the prior's. `noise_k` is the
+    noise of each region's minute alone, else the configured one.
     """
 
     def __init__(
@@ -28,6 +29,7 @@ class Filters(KalmanBank):
         first: MinuteInputs,
         logged: Logged,
         around: FloatArray | None = None,
+        noise_k: float | None = None,
     ) -> None:
         self.layout = layout
         self.hypotheses = hypotheses
@@ -40,6 +42,7 @@ class Filters(KalmanBank):
         )
         for place, variance in self.model.passing(first).items():
             self.covariance[:, place, place] = variance
+        self._noise_k = settings.noise_k if noise_k is None else noise_k
         self._taken_k = np.tile(first.temperature_k, (len(covariance), 1))
         self._flux: Affine | None = None
 
@@ -48,9 +51,11 @@ class Filters(KalmanBank):
         model = self.model
         if self._flux is not None:  # before the first minute lies the prior
             self.predict(model.transition(minute, self._flux), model.noise(minute))
-        temperature, self._flux = model.equations(minute, self.mean, self._taken_k)
+        light = model.light(minute, self.mean, self.covariance)
+        temperature, self._flux = model.equations(minute, light, self.mean, self._taken_k)
         measured_k = np.where(minute.measured, minute.temperature_k, np.nan)
-        found = self.update(model.readings(minute, temperature), measured_k, model.settings.noise_k**2)
+        variance = self._noise_k**2 + model.grazing_k2(minute, light, self.mean, self._taken_k)
+        found = self.update(model.readings(minute, temperature), measured_k, variance)
         self._taken_k = temperature.at(self.mean)
         self.log_likelihood = self.log_likelihood + found.log_likelihood
         return found

@@ -6,6 +6,7 @@ unknown change. Minutes without any bin are bridged by straight lines.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -19,13 +20,22 @@ from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.site import Region
 from fieldkit.physics.bodies import BODIES
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
-from fieldkit.physics.daylight import air_under_clear_sky, clear_sky_longwave, extraterrestrial
+from fieldkit.physics.climate import usual_air_k
+from fieldkit.physics.daylight import (
+    air_under_clear_sky,
+    clear_sky_longwave,
+    extraterrestrial,
+    perez_brightening,
+)
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.horizon import MINUTE_EDGE_DEG, sunlit_share
 
 UNKNOWN_CHANGE = 5.0
 """Change of the light of a minute without a reading, as a share of the last one."""
 BRIDGED_MINUTES = 120
+FEWEST_FOR_NOISE = 10
+LEAST_NOISE_K = 0.01
+_MEDIAN_OF_NORMAL = 0.6745
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,8 +57,12 @@ class MinuteInputs:
         ground by a facet that sees nothing else. [W/m2], [-]
     longwave_down, longwave_ground
         From the sky and from the ground. [W/m2]
-    air_k
-        Air temperature, logged or guessed. [K]
+    brightening, horizon
+        Perez' circumsolar share less Hay and Davies', and the share of his horizon band. [-]
+    air_k, air_age_min
+        Air temperature, logged or guessed; since when it was logged. [K], [min]
+    wind_change
+        Wind speed over that of the first minute, 0 where it is not logged. [m/s]
     shaded, sunlit
         Share of a minute that a region is under a board; share of the sun that its horizon leaves visible.
     is_edge
@@ -70,6 +84,10 @@ class MinuteInputs:
     shaded: FloatArray
     sunlit: FloatArray
     is_edge: NDArray[np.bool_]
+    brightening: float
+    horizon: float
+    air_age_min: float
+    wind_change: float
 
     def between(self, later: MinuteInputs, share: float) -> MinuteInputs:
         """Inputs of a minute without a bin, `share` of the way to a later one."""
@@ -88,6 +106,7 @@ class MinuteInputs:
 class Logged:
     """Quantities measured in a chain's first minute, by which priors are chosen.
 
+    `longwave_per_k` is the longwave that a warmer air means where neither was measured. [W m-2 K-1]
     `camera_k` and `camera_sd_k` are the camera's error that all regions share, as contact probes in the
     regions show it, and its standard deviation. `emissivities_k2` is the covariance of the differences to the
     first region from uncertain emissivities (regions - 1, regions - 1). [K], [K2]
@@ -95,6 +114,7 @@ class Logged:
 
     air: bool
     longwave: bool
+    longwave_per_k: float
     diffuse: bool
     camera_k: float
     camera_sd_k: float
@@ -114,6 +134,7 @@ def logged(
     return Logged(
         bool(np.isfinite(history.air_k[row])),
         bool(np.isfinite(history.longwave_down_w_m2[row])),
+        _longwave_per_k(history, row, settings),
         bool(np.isfinite(history.dhi_w_m2[row])),
         float(weight * known.mean() / information) if known.size else 0.0,
         float(information**-0.5),
@@ -123,6 +144,15 @@ def logged(
             settings,
         ),
     )
+
+
+def _longwave_per_k(history: History, row: int, settings: EstimatorSettings) -> float:
+    """Longwave that a warmer air means where neither was measured, W m-2 K-1: of a clear sky on the Earth."""
+    either = np.isfinite([history.air_k[row], history.longwave_down_w_m2[row]]).any()
+    if either or not BODIES[settings.body].has_air_of_earth:
+        return 0.0
+    air_k = air_unlogged_k(math.nan, settings, int(history.time_ns[row]))
+    return 6.0 * float(clear_sky_longwave(air_k)) / air_k
 
 
 def can_start(history: History, row: int, layout: Layout) -> bool:
@@ -158,13 +188,18 @@ def minute_inputs(
     is_shaded, is_moved = shade(history, layout)[row]
     visible = sunlit(history.sun[row], layout)
     is_edge = is_moved | ((visible > 0.0) & (visible < 1.0))
-    logged_k = _logged_air_k(history, row)
+    logged_k, age_min = _logged_air_k(history, row)
     longwave = float(history.longwave_down_w_m2[row])
-    longwave = longwave if np.isfinite(longwave) else sky_longwave(logged_k, settings)
+    air_k = logged_k if np.isfinite(logged_k) else air_unlogged_k(longwave, settings, int(history.time_ns[row]))
+    longwave = longwave if np.isfinite(longwave) else sky_longwave(air_k, settings)
     grey = surface.emissivity_broadband
     # the ground around, which the regions see, is taken to be as warm as the references
     ground_k = kelvin[: layout.references].mean()
     top = float(extraterrestrial(history.time_ns[row], BODIES[settings.body]))
+    circumsolar = float(np.clip(direct / top, 0.0, 1.0)) if settings.sky == "hay-davies" else 0.0
+    around_sun, band = circumsolar, 0.0
+    if settings.sky == "hay-davies" and BODIES[settings.body].has_air_of_earth and cos_zenith > 0.0:
+        around_sun, band = perez_brightening(diffuse, direct, top, cos_zenith)
     return MinuteInputs(
         hours=float(history.minute[row] - start) / 60.0,
         sun=history.sun[row].copy(),  # a view would keep the whole history
@@ -174,15 +209,25 @@ def minute_inputs(
         direct=absorptance * direct,
         direct_change=change,
         diffuse=absorptance * diffuse,
-        circumsolar=float(np.clip(direct / top, 0.0, 1.0)) if settings.sky == "hay-davies" else 0.0,
+        circumsolar=circumsolar,
         reflected=absorptance * settings.ground_albedo * (direct * cos_zenith + diffuse),
         longwave_down=longwave,
         longwave_ground=float(grey * STEFAN_BOLTZMANN * ground_k**4 + (1.0 - grey) * longwave),
-        air_k=logged_k if np.isfinite(logged_k) else air_of_sky(longwave, settings),
+        air_k=air_k,
         shaded=np.where(is_moved, 0.5, is_shaded.astype(np.float64)),
         sunlit=visible,
         is_edge=is_edge,
+        brightening=float(around_sun) - circumsolar,
+        horizon=float(band),
+        air_age_min=age_min,
+        wind_change=_wind_change(history, row),
     )
+
+
+def _wind_change(history: History, row: int) -> float:
+    """The last logged wind speed over the first, 0 without any."""
+    known = np.flatnonzero(np.isfinite(history.wind_m_s[: row + 1]))
+    return float(history.wind_m_s[known[-1]] - history.wind_m_s[known[0]]) if known.size else 0.0
 
 
 def shade(history: History, layout: Layout) -> NDArray[np.bool_]:
@@ -225,14 +270,20 @@ def _light(
     return direct, share * direct * cos_zenith if np.isnan(diffuse) else max(diffuse, 0.0), True
 
 
-def _logged_air_k(history: History, row: int) -> float:
-    """The last logged air temperature, as it was: smoothing would part it from the sun that warms it."""
+def _logged_air_k(history: History, row: int) -> tuple[float, float]:
+    """The last logged air temperature, as it was, and its age in minutes: NaN, inf without any.
+
+    Smoothing would part it from the sun that warms it.
+    """
     known = np.flatnonzero(np.isfinite(history.air_k[: row + 1]))
-    return float(history.air_k[known[-1]]) if known.size else float("nan")
+    if not known.size:
+        return math.nan, math.inf
+    last = int(known[-1])
+    return float(history.air_k[last]), float(history.minute[row] - history.minute[last])
 
 
 def sky_longwave(air_k: float, settings: EstimatorSettings) -> float:
-    """Longwave where it is not measured, W/m2: of the Earth's clear sky over logged air, or as configured.
+    """Longwave where it is not measured, W/m2: of the Earth's clear sky over the air, or as configured.
 
     One fixed number is 100 W/m2 too much over a high plateau in winter.
     """
@@ -241,7 +292,31 @@ def sky_longwave(air_k: float, settings: EstimatorSettings) -> float:
     return settings.longwave_down_w_m2
 
 
-def air_of_sky(longwave_w_m2: float, settings: EstimatorSettings) -> float:
-    """Air temperature where it is not logged, K: on the Earth by the longwave, elsewhere the body's."""
+def air_unlogged_k(longwave_w_m2: float, settings: EstimatorSettings, time_ns: int) -> float:
+    """Air temperature where it is not logged, K.
+
+    On the Earth that under a sky of the longwave (NaN where not measured), else the usual one of place, date and
+    hour; elsewhere the body's.
+    """
     body = BODIES[settings.body]
-    return float(air_under_clear_sky(longwave_w_m2)) if body.has_air_of_earth else body.air_temperature_k
+    if not body.has_air_of_earth:
+        return body.air_temperature_k
+    if np.isfinite(longwave_w_m2) or settings.site is None:
+        known = np.isfinite(longwave_w_m2)
+        return float(air_under_clear_sky(longwave_w_m2 if known else settings.longwave_down_w_m2))
+    return float(usual_air_k(time_ns, settings.site))
+
+
+def own_noise_k(minutes: Sequence[MinuteInputs], configured_k: float) -> float:
+    """Noise of a region's minute that no other region shares, K: as configured, or as the minutes show if less.
+
+    Second differences of a region over the mean of all, whose median knows no slow change and no single jump.
+    """
+    kelvin = np.array([minute.temperature_k for minute in minutes if minute.measured.all()])
+    if len(kelvin) < FEWEST_FOR_NOISE:
+        return configured_k
+    regions = kelvin.shape[1]
+    over_mean = np.diff(kelvin - kelvin.mean(axis=1, keepdims=True), 2, axis=0)
+    # of white noise the second difference has six times the variance, less the mean's part
+    spread = np.median(np.abs(over_mean)) / _MEDIAN_OF_NORMAL
+    return float(np.clip(spread / np.sqrt(6.0 * (1.0 - 1.0 / regions)), LEAST_NOISE_K, configured_k))

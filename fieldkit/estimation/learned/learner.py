@@ -13,7 +13,7 @@ import numpy as np
 from fieldkit.estimation.learned.bank import Innovation
 from fieldkit.estimation.learned.filters import Filters
 from fieldkit.estimation.learned.hypotheses import Proposal, effective, hypotheses, normalised
-from fieldkit.estimation.learned.inputs import Logged, MinuteInputs, bridge
+from fieldkit.estimation.learned.inputs import Logged, MinuteInputs, bridge, own_noise_k
 from fieldkit.estimation.learned.layout import Layout
 from fieldkit.estimation.learned.normals import UnitNormals, places_of_normals, unit_normals
 from fieldkit.estimation.normal import Misfit, solve
@@ -136,7 +136,13 @@ class Learner:
         self._points = proposal.draw()
         drawn = hypotheses(self._points, self.settings)
         self._filters = Filters(
-            self.layout, drawn, self.settings, self._minutes[0], self.logged, self._around
+            self.layout,
+            drawn,
+            self.settings,
+            self._minutes[0],
+            self.logged,
+            self._around,
+            own_noise_k(self._minutes, self.settings.noise_k),
         )
         self._innovations = [self._filters.step(minute) for minute in self._minutes]
         self._starts = self._directions()

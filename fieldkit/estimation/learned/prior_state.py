@@ -21,12 +21,16 @@ GUST_SHARES: FloatArray = np.sqrt(GUST_MINUTES ** (2.0 / 3.0) / np.sum(GUST_MINU
 """Standard deviations of the gusts' parts over that of all: together nearly f**(-5/3), as turbulence has."""
 SLOW_MINUTES = 30.0
 COMMON_MINUTES = 20.0
+OWN_MINUTES = 4.0
 AIR_MINUTES = 30.0
 SMOOTHED = float(np.sqrt(2.0))
 """Standard deviation of a drive over that of the process which follows it with the same time constant."""
 AIR_CHANGE_K = 1.5
 """Change of an air temperature that is not logged, over `AIR_MINUTES`."""
 AIR_NOISE_K = 0.1
+AIR_STALE_MIN = 10.0
+AIR_WALK_K = 3.0
+"""Change of the air within an hour that nobody logs, growing with the root of time."""
 LEVEL_SD_K = 15.0
 PAST_MINUTES: FloatArray = np.array([0.0, 4.0, 12.0, 36.0, 108.0, 300.0])
 """Bounds of the bins of time before the first minute in which the net flux was one unknown number each."""
@@ -36,8 +40,6 @@ DIRECT_SD = 0.07
 """Relative, of direct light that is a reading less an assumed share of diffuse light."""
 ALBEDO_SD = 0.0625
 """Relative, of the absorptance of sand whose albedo is 0.20 within 0.05."""
-GUESSED = 2.0
-"""Factor on the uncertainty of longwave where neither it nor the air was measured."""
 
 
 def processes(
@@ -60,7 +62,11 @@ def processes(
     for name, share, minutes in zip(GUSTS, GUST_SHARES, GUST_MINUTES, strict=True):
         found[layout.shared(name)] = (share * hypotheses.gust, float(minutes))
     for target in range(layout.targets):
-        found[layout.bed_flux_drive(target)] = (unrest * prior.bed_flux_sd_w_m2, SLOW_MINUTES)
+        spread = unrest * prior.own_slow_exchange * hypotheses.exchange
+        found[layout.slow_exchange_drive(target)] = (spread, SLOW_MINUTES)
+    for region in range(layout.regions):
+        own = hypotheses.own_share * hypotheses.exchange
+        found[layout.quick_exchange(region)] = (own, OWN_MINUTES)
     return found
 
 
@@ -75,6 +81,8 @@ def prior_mean(
     # to a camera that reads high the air would be warmer by as much
     mean[layout.shared("air")] = logged.camera_k
     mean[layout.shared("circumsolar")] = settings.prior.circumsolar_share
+    mean[layout.shared("brightening")] = settings.prior.brightening_share
+    mean[layout.shared("wind")] = settings.prior.wind_w_m2_k_per_m_s
     for target in range(layout.targets):
         mean[layout.normal(target)] = settings.scale * NORMAL_UP * layout.facing[target][2]
     return mean
@@ -84,12 +92,13 @@ def prior_sds(settings: EstimatorSettings, logged: Logged) -> dict[str, float]:
     """Prior standard deviations of the constants that all regions share, by name."""
     prior = settings.prior
     air_sd_k = prior.air_sd_k if logged.air else prior.air_unlogged_sd_k
-    is_guessed = not (logged.longwave or logged.air)
     return {
         "gain": float(np.hypot(gain_sd(settings), 0.0 if logged.diffuse else DIRECT_SD)),
         "diffuse": prior.diffuse_sd if logged.diffuse else prior.diffuse_unmeasured_sd,
         "circumsolar": prior.circumsolar_sd,
-        "longwave": prior.longwave_sd_w_m2 * (GUESSED if is_guessed else 1.0),
+        "brightening": prior.brightening_sd,
+        "wind": prior.wind_sd_w_m2_k_per_m_s,
+        "longwave": prior.longwave_sd_w_m2,
         "air": float(np.hypot(air_sd_k, logged.camera_sd_k)),
     }
 
@@ -121,6 +130,10 @@ def prior_covariance(
     covariance[:, range(layout.size), range(layout.size)] = variance
     offsets = slice(layout.offset(1), layout.offset(layout.regions - 1) + 1)
     covariance[:, offsets, offsets] += logged.emissivities_k2
+    air, longwave = layout.shared("air"), layout.shared("longwave")
+    together = logged.longwave_per_k * variance[:, air]  # a sky is as warm as its air
+    covariance[:, longwave, longwave] += logged.longwave_per_k * together
+    covariance[:, air, longwave] = covariance[:, longwave, air] = together
     # started as if it had long run: a process that follows its drive has half the drive's variance
     for place, drive in layout.smooth.items():
         covariance[:, place, place] = variance[:, drive] / 2.0
