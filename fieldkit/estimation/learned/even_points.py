@@ -23,7 +23,7 @@ def even_points(table: str) -> FloatArray:
     Parameters
     ----------
     table
-        ``"sobol-6"``: 128 points of ``scipy.stats.qmc.Sobol(6, rng=numpy.random.default_rng(20170830))``;
+        ``"sobol-5"``: 64 points of ``scipy.stats.qmc.Sobol(5, rng=numpy.random.default_rng(20170830))``;
         ``"sobol-2"``: 32 of ``Sobol(2, rng=default_rng(1))``.
 
     References

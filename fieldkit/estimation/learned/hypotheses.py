@@ -22,14 +22,8 @@ from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.physics.facet import FloatArray
 
 UNKNOWNS = 5
-COUNT = 96
-"""Hypotheses at a time."""
-OWN_SHARES: FloatArray = np.array([0.002, 0.01, 0.03, 0.09])
-"""Standard deviation of a region's own quick exchange over the exchange: next to nothing, to beds that differ by
-a tenth from one minute to the next. Which it is, the evidence tells within an hour."""
 MOST_SDS = 5.0
 """Farthest from the prior's centre; beyond, fluxes of any size explain anything and numbers overflow."""
-EVEN_SHARES: FloatArray = np.full(OWN_SHARES.size, 1.0 / OWN_SHARES.size)
 FROM_PRIOR = 0.15
 """Share of the proposal that is the prior."""
 WIDER = 1.4
@@ -46,7 +40,7 @@ class Hypotheses:
     """Parameters in which the filters differ, (p,) each.
 
     `exchange` and `gust` [W m-2 K-1], `inertia` [J m-2 K-1 s-1/2], `depth_m` [m]; `unrest` scales all slow
-    processes; `own_share` is one of `OWN_SHARES`.
+    processes.
     """
 
     exchange: FloatArray
@@ -54,56 +48,47 @@ class Hypotheses:
     depth_m: FloatArray
     gust: FloatArray
     unrest: FloatArray
-    own_share: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
     """Distribution that hypotheses are drawn from: a mixture of the prior and one normal distribution, in
-    coordinates in which the prior is standard normal; `centre` (5,), `root` (5, 5) lower triangular. A sixth
-    coordinate numbers the own share, whose probabilities are `shares`.
+    coordinates in which the prior is standard normal; `centre` (5,), `root` (5, 5) lower triangular.
     """
 
     centre: FloatArray
     root: FloatArray
-    shares: FloatArray
 
     @classmethod
     def prior(cls) -> Proposal:
         """The prior itself."""
-        return cls(np.zeros(UNKNOWNS), np.eye(UNKNOWNS), EVEN_SHARES)
+        return cls(np.zeros(UNKNOWNS), np.eye(UNKNOWNS))
 
     @classmethod
     def fitted(cls, points: FloatArray, log_weights: FloatArray) -> Proposal:
-        """Fitted to weighted points (p, 6)."""
+        """Fitted to weighted points (p, 5)."""
         weights = tempered(log_weights)
-        inner, number = points[:, :UNKNOWNS], points[:, UNKNOWNS].astype(np.int64)
-        centre = weights @ inner
-        away = inner - centre
+        centre = weights @ points
+        away = points - centre
         covariance = (weights[:, np.newaxis] * away).T @ away
         # a few heavy points may lie in a plane
         covariance += 0.02**2 * np.eye(UNKNOWNS)
-        shares = np.bincount(number, weights, OWN_SHARES.size)
-        return cls(centre, np.asarray(WIDER * np.linalg.cholesky(covariance), np.float64), shares)
+        return cls(centre, np.asarray(WIDER * np.linalg.cholesky(covariance), np.float64))
 
     def draw(self) -> FloatArray:
-        """Points (`COUNT`, 6)."""
-        even = even_points("sobol-6")[:COUNT]
-        standard = ndtri(np.clip(even[:, :UNKNOWNS], 1e-9, 1.0 - 1e-9))
-        points, shares = self.centre + standard @ self.root.T, np.tile(self.shares, (COUNT, 1))
+        """Points (64, 5)."""
+        standard = ndtri(np.clip(even_points("sobol-5"), 1e-9, 1.0 - 1e-9))
+        points = self.centre + standard @ self.root.T
         every = round(1.0 / FROM_PRIOR)
         # were the data misjudged early, the truth could lie where nothing is drawn any more
-        points[::every], shares[::every] = standard[::every], EVEN_SHARES
-        numbers = (even[:, UNKNOWNS:] >= np.cumsum(shares, axis=1)[:, :-1]).sum(axis=1)
-        return np.column_stack([np.clip(points, -MOST_SDS, MOST_SDS), numbers])
+        points[::every] = standard[::every]
+        return np.asarray(np.clip(points, -MOST_SDS, MOST_SDS))
 
     def log_weight(self, points: FloatArray) -> FloatArray:
-        """Logarithm of prior over proposal at points (p, 6), (p,)."""
-        inner, number = points[:, :UNKNOWNS], points[:, UNKNOWNS].astype(np.int64)
-        inside = np.linalg.solve(self.root, (inner - self.centre).T)
+        """Logarithm of prior over proposal at points (p, 5), (p,)."""
+        inside = np.linalg.solve(self.root, (points - self.centre).T)
         fitted = -0.5 * (inside**2).sum(axis=0) - np.log(np.diagonal(self.root)).sum()
-        fitted += np.log(np.maximum(self.shares[number], 1e-12))
-        prior = -0.5 * (inner**2).sum(axis=1) + np.log(EVEN_SHARES[number])
+        prior = -0.5 * (points**2).sum(axis=1)
         share = 1.0 / round(1.0 / FROM_PRIOR)
         return np.asarray(prior - np.logaddexp(np.log(1.0 - share) + fitted, np.log(share) + prior))
 
@@ -129,16 +114,15 @@ def tempered(log_weights: FloatArray) -> FloatArray:
 
 
 def hypotheses(points: FloatArray, settings: EstimatorSettings) -> Hypotheses:
-    """Hypotheses at points (p, 6) of coordinates in which the prior is standard normal."""
+    """Hypotheses at points (p, 5) of coordinates in which the prior is standard normal."""
     prior = settings.prior
-    exchange, inertia, depth, gust, unrest, number = points.T
+    exchange, inertia, depth, gust, unrest = points.T
     return Hypotheses(
         prior.exchange_w_m2_k * np.exp(prior.exchange_log_sd * exchange),
         settings.slab.thermal_inertia * np.exp(prior.inertia_log_sd * inertia),
         depths_m(ndtr(depth), settings),
         prior.gust_sd_w_m2_k * np.exp(prior.gust_log_sd * gust),
         np.exp(prior.unrest_log_sd * unrest),
-        OWN_SHARES[number.astype(np.int64)],
     )
 
 

@@ -33,9 +33,6 @@ from fieldkit.physics.horizon import MINUTE_EDGE_DEG, sunlit_share
 UNKNOWN_CHANGE = 5.0
 """Change of the light of a minute without a reading, as a share of the last one."""
 BRIDGED_MINUTES = 120
-FEWEST_FOR_NOISE = 10
-LEAST_NOISE_K = 0.01
-_MEDIAN_OF_NORMAL = 0.6745
 
 
 @dataclass(frozen=True, slots=True)
@@ -306,17 +303,3 @@ def air_unlogged_k(longwave_w_m2: float, settings: EstimatorSettings, time_ns: i
         return float(air_under_clear_sky(longwave_w_m2 if known else settings.longwave_down_w_m2))
     return float(usual_air_k(time_ns, settings.site))
 
-
-def own_noise_k(minutes: Sequence[MinuteInputs], configured_k: float) -> float:
-    """Noise of a region's minute that no other region shares, K: as configured, or as the minutes show if less.
-
-    Second differences of a region over the mean of all, whose median knows no slow change and no single jump.
-    """
-    kelvin = np.array([minute.temperature_k for minute in minutes if minute.measured.all()])
-    if len(kelvin) < FEWEST_FOR_NOISE:
-        return configured_k
-    regions = kelvin.shape[1]
-    over_mean = np.diff(kelvin - kelvin.mean(axis=1, keepdims=True), 2, axis=0)
-    # of white noise the second difference has six times the variance, less the mean's part
-    spread = np.median(np.abs(over_mean)) / _MEDIAN_OF_NORMAL
-    return float(np.clip(spread / np.sqrt(6.0 * (1.0 - 1.0 / regions)), LEAST_NOISE_K, configured_k))

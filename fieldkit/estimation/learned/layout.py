@@ -2,7 +2,7 @@
 
 For each region the stores of its layer; then what is shared and varies (gusts, a common flux, air, beam,
 board), slow exchange of each bed's own; then what is constant: gain, diffuse light and its shape, longwave,
-air, wind, the beds' normals times the gain, offsets, drifts; last the quick exchange of each region's own.
+air, wind, the beds' normals times the gain, offsets, drifts; last what each region does alone within minutes.
 """
 
 from __future__ import annotations
@@ -117,9 +117,14 @@ class Layout:
         """Place of the drift of any region but the first reference."""
         return self.offset(region) + self.regions - 1
 
-    def quick_exchange(self, region: int) -> int:
-        """Place of a region's own quick exchange."""
+    def own(self, region: int) -> int:
+        """Place of what a region's temperature does alone within minutes."""
         return self.drift(self.regions) + region
+
+    @cached_property
+    def own_places(self) -> Indices:
+        """Places of what each region's temperature does alone (regions,)."""
+        return self.own(0) + np.arange(self.regions)
 
     @property
     def smooth(self) -> dict[int, int]:
@@ -131,7 +136,7 @@ class Layout:
     @property
     def size(self) -> int:
         """Number of places."""
-        return self.quick_exchange(self.regions)
+        return self.own(self.regions)
 
 
 def _facing(region: Region, is_azimuth_known: bool) -> FloatArray:

@@ -13,8 +13,9 @@ import numpy as np
 from fieldkit.estimation.learned.bank import Innovation
 from fieldkit.estimation.learned.filters import Filters
 from fieldkit.estimation.learned.hypotheses import Proposal, effective, hypotheses, normalised
-from fieldkit.estimation.learned.inputs import Logged, MinuteInputs, bridge, own_noise_k
+from fieldkit.estimation.learned.inputs import Logged, MinuteInputs, bridge
 from fieldkit.estimation.learned.layout import Layout
+from fieldkit.estimation.learned.noise import noise_of
 from fieldkit.estimation.learned.normals import UnitNormals, places_of_normals, unit_normals
 from fieldkit.estimation.normal import Misfit, solve
 from fieldkit.estimation.settings import EstimatorSettings
@@ -26,7 +27,7 @@ FEWEST = 10.0
 """Effective hypotheses below which all are drawn anew."""
 LONGER = 1.2
 """Length of the chain over that at the last draw from which a new draw may be due."""
-FIRST_ROUNDS, ROUNDS = 3, 2
+FIRST_ROUNDS, ROUNDS, MOST_ROUNDS = 3, 2, 10
 STEPS, STEPS_AFTER_DRAW = 4, 15
 FAR = 40.0
 """Misfit over the best branch from which another one is not pursued."""
@@ -114,8 +115,10 @@ class Learner:
         self._draw_anew(FIRST_ROUNDS)
 
     def _draw_anew(self, rounds: int) -> None:
-        """Hypotheses where those that count are, some rounds over."""
-        for _ in range(rounds):
+        """Hypotheses where those that count are, some rounds over, and more while few of them count."""
+        for done in range(MOST_ROUNDS):
+            if done >= rounds and effective(self.posterior.log_weights) >= FEWEST:
+                break
             self._around = self.posterior.state
             self._draw(Proposal.fitted(self._points, self.posterior.log_weights))
             self.posterior = self._posterior(STEPS_AFTER_DRAW)
@@ -142,7 +145,7 @@ class Learner:
             self._minutes[0],
             self.logged,
             self._around,
-            own_noise_k(self._minutes, self.settings.noise_k),
+            noise_of(self._minutes, self.settings.noise_k),
         )
         self._innovations = [self._filters.step(minute) for minute in self._minutes]
         self._starts = self._directions()

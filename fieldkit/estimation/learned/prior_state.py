@@ -11,6 +11,7 @@ import numpy as np
 from fieldkit.estimation.learned.hypotheses import Hypotheses
 from fieldkit.estimation.learned.inputs import Logged, MinuteInputs
 from fieldkit.estimation.learned.layout import GUSTS, Layout
+from fieldkit.estimation.learned.noise import OWN_MINUTES, Noise
 from fieldkit.estimation.prior import Prior
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.physics.facet import FloatArray
@@ -21,7 +22,6 @@ GUST_SHARES: FloatArray = np.sqrt(GUST_MINUTES ** (2.0 / 3.0) / np.sum(GUST_MINU
 """Standard deviations of the gusts' parts over that of all: together nearly f**(-5/3), as turbulence has."""
 SLOW_MINUTES = 30.0
 COMMON_MINUTES = 20.0
-OWN_MINUTES = 4.0
 AIR_MINUTES = 30.0
 SMOOTHED = float(np.sqrt(2.0))
 """Standard deviation of a drive over that of the process which follows it with the same time constant."""
@@ -43,7 +43,7 @@ ALBEDO_SD = 0.0625
 
 
 def processes(
-    layout: Layout, prior: Prior, hypotheses: Hypotheses, logged: Logged
+    layout: Layout, prior: Prior, hypotheses: Hypotheses, logged: Logged, noise: Noise
 ) -> dict[int, tuple[FloatArray, float]]:
     """Standard deviation (p,) and time constant in minutes of what relaxes and is driven by chance, by place.
 
@@ -65,8 +65,7 @@ def processes(
         spread = unrest * prior.own_slow_exchange * hypotheses.exchange
         found[layout.slow_exchange_drive(target)] = (spread, SLOW_MINUTES)
     for region in range(layout.regions):
-        own = hypotheses.own_share * hypotheses.exchange
-        found[layout.quick_exchange(region)] = (own, OWN_MINUTES)
+        found[layout.own(region)] = (np.full(hypotheses.exchange.size, noise.own_k), OWN_MINUTES)
     return found
 
 
@@ -110,14 +109,18 @@ def gain_sd(settings: EstimatorSettings) -> float:
 
 
 def prior_covariance(
-    layout: Layout, settings: EstimatorSettings, hypotheses: Hypotheses, logged: Logged
+    layout: Layout,
+    settings: EstimatorSettings,
+    hypotheses: Hypotheses,
+    logged: Logged,
+    noise: Noise,
 ) -> FloatArray:
     """Prior covariance (p, n, n); stores by past fluxes and an unknown level."""
     prior = settings.prior
     variance = np.zeros((hypotheses.exchange.size, layout.size))
     for name, sd in prior_sds(settings, logged).items():
         variance[:, layout.shared(name)] = sd**2
-    for place, (spread, _) in processes(layout, prior, hypotheses, logged).items():
+    for place, (spread, _) in processes(layout, prior, hypotheses, logged, noise).items():
         variance[:, place] = spread**2
     for target in range(layout.targets):
         vertical = layout.facing[target][2]

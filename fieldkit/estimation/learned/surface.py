@@ -19,6 +19,7 @@ from fieldkit.estimation.learned.bank import Affine, Transition
 from fieldkit.estimation.learned.hypotheses import Hypotheses
 from fieldkit.estimation.learned.inputs import Logged, MinuteInputs
 from fieldkit.estimation.learned.layout import GUSTS, Layout
+from fieldkit.estimation.learned.noise import Noise
 from fieldkit.estimation.learned.prior_state import AIR_STALE_MIN, AIR_WALK_K, processes
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
@@ -71,6 +72,7 @@ class SurfaceModel:
         settings: EstimatorSettings,
         logged: Logged,
         around: FloatArray,
+        noise: Noise,
     ) -> None:
         self.layout = layout
         self.hypotheses = hypotheses
@@ -78,7 +80,7 @@ class SurfaceModel:
         modes = layer_modes(hypotheses.inertia, hypotheses.depth_m, settings.slab.heat_capacity_j_m3_k)
         self._weights = np.column_stack([np.ones_like(modes.resistance), modes.weights])
         self._quick = (modes.resistance + self._weights @ MEAN_FILL)[:, np.newaxis]
-        self._processes = processes(layout, settings.prior, hypotheses, logged)
+        self._processes = processes(layout, settings.prior, hypotheses, logged, noise)
         self._normals = self._views()
         self._around = _possible(layout, around)
 
@@ -150,6 +152,8 @@ class SurfaceModel:
         """Temperatures of the regions as the camera shows them."""
         layout, rows = self.layout, temperature.rows.copy()
         rows[:, :, layout.shared("camera")] += 1.0
+        for region in range(layout.regions):
+            rows[:, region, layout.own(region)] += 1.0
         for region in range(1, layout.regions):
             rows[:, region, layout.offset(region)] += 1.0
             rows[:, region, layout.drift(region)] += minute.hours
@@ -221,8 +225,6 @@ class SurfaceModel:
         for name in (*GUSTS, "slow_gust"):
             rows[:, :, place(name)] -= over_air
         rows[:, :, place("wind")] -= over_air * minute.wind_change
-        for region in range(self.layout.regions):
-            rows[:, region, self.layout.quick_exchange(region)] -= over_air[:, region]
         for target in range(self.layout.targets):
             region = self.layout.references + target
             rows[:, region, self.layout.slow_exchange(target)] -= over_air[:, region]
@@ -236,8 +238,8 @@ class SurfaceModel:
         layout = self.layout
         gusts = sum(mean[:, layout.shared(name)] for name in (*GUSTS, "slow_gust"))
         common = self.hypotheses.exchange + gusts + minute.wind_change * mean[:, layout.shared("wind")]
-        own = mean[:, layout.quick_exchange(0) : layout.quick_exchange(layout.regions)].copy()
-        own[:, layout.references :] += mean[:, layout.slow_exchange(0) : layout.slow_exchange(layout.targets)]
+        own = np.zeros_like(taken_k)
+        own[:, layout.references :] = mean[:, layout.slow_exchange(0) : layout.slow_exchange(layout.targets)]
         radiated = 4.0 * self.settings.surface.emissivity_broadband * STEFAN_BOLTZMANN * taken_k**3
         return np.asarray(radiated + np.maximum(common[:, np.newaxis] + own, 0.0))
 
