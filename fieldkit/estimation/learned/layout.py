@@ -121,6 +121,10 @@ class Layout:
         """Place of what a region's temperature does alone within minutes."""
         return self.drift(self.regions) + region
 
+    def quickness(self, target: int) -> int:
+        """Place of how much more a target warms by the same flux, as a share."""
+        return self.own(self.regions) + target
+
     @cached_property
     def own_places(self) -> Indices:
         """Places of what each region's temperature does alone (regions,)."""
@@ -136,7 +140,7 @@ class Layout:
     @property
     def size(self) -> int:
         """Number of places."""
-        return self.own(self.regions)
+        return self.quickness(self.targets)
 
 
 def _facing(region: Region, is_azimuth_known: bool) -> FloatArray:

@@ -212,6 +212,10 @@ class SurfaceModel:
         rows[:, :, moment] = quick * flux.rows[:, :, beam]
         for region in range(self.layout.regions):
             rows[:, region, self.layout.stores(region)] += self._weights * MEAN
+        for target in range(self.layout.targets):
+            region = self.layout.references + target
+            warmed = taken_k[:, region] - mean[:, self.layout.stores(region).start]
+            rows[:, region, self.layout.quickness(target)] += warmed
         rows *= damping[..., np.newaxis]
         constant = damping * quick * (flux.constant + steepness * taken_k)
         lost = Affine(steepness[..., np.newaxis] * rows, steepness * (constant - taken_k))
