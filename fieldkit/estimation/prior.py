@@ -89,7 +89,7 @@ class Prior:
     )
     brightening_sd: float = key(0.4, "of brightening_share", gt=0)
     own_gain_sd: float = key(0.03, "relative, of one bed's absorbed light against the others'", gt=0)
-    own_inertia_sd: float = key(0.1, "relative, of one bed's thermal inertia against the others'", gt=0)
+    own_inertia_sd: float = key(0.12, "relative, of one bed's thermal inertia against the others'", gt=0)
     wind_w_m2_k_per_m_s: float = key(1.8, "heat exchange by the logged wind: measured ground", gt=0)
     wind_sd_w_m2_k_per_m_s: float = key(1.0, "of wind_w_m2_k_per_m_s", gt=0)
     longwave_sd_w_m2: float = key(
@@ -113,7 +113,7 @@ class Prior:
     slow_gust_sd: float = key(0.06, "relative, slow changes of the heat exchange over 60 min", gt=0)
     common_flux_sd_w_m2: float = key(3.0, "unmodelled flux into all regions, over 40 min", gt=0)
     own_slow_exchange: float = key(
-        0.04, "relative, heat exchange of one bed against the others, over 60 min", gt=0
+        0.06, "relative, heat exchange of one bed against the others, over 60 min", gt=0
     )
     unrest_log_sd: float = key(
         0.8, "of the logarithm of a factor on the three before, adapted to the data", gt=0

@@ -116,7 +116,9 @@ class _Fit:
 def unit_normals(filters: Filters, starts: tuple[FloatArray, ...], steps: int) -> UnitNormals:
     """Most probable unit normals near the starts, one (k,) or (p, k) for each target, in at most `steps`."""
     known, free = _known(filters)
-    mean, information = _with_own_gains(known, free, len(starts), filters.model.settings.prior.own_gain_sd)
+    # beds that are unlike in what passes are unlike in what stays
+    own_sd = filters.model.settings.prior.own_gain_sd * filters.hypotheses.unrest
+    mean, information = _with_own_gains(known, free, len(starts), own_sd)
     units = [np.broadcast_to(start, (len(mean), start.shape[-1])).copy() for start in starts]
     fit = _Fit.at(mean, information, np.maximum(mean[:, 0], LEAST_GAIN), units, mean[:, known.shape[1] :])
     damping = np.full(len(mean), 1e-6)
@@ -146,13 +148,13 @@ def unit_normals(filters: Filters, starts: tuple[FloatArray, ...], steps: int) -
 
 
 def _with_own_gains(
-    mean: FloatArray, information: FloatArray, targets: int, sd: float
+    mean: FloatArray, information: FloatArray, targets: int, sd: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """The same numbers, followed by the own gains of the targets around zero."""
     count, size = mean.shape
     whole = np.zeros((count, size + targets, size + targets))
     whole[:, :size, :size] = information
-    whole[:, range(size, size + targets), range(size, size + targets)] = sd**-2
+    whole[:, range(size, size + targets), range(size, size + targets)] = sd[:, np.newaxis] ** -2
     return np.column_stack([mean, np.zeros((count, targets))]), whole
 
 

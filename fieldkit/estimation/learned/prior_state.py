@@ -128,7 +128,7 @@ def prior_covariance(
         horizontal = prior.normal_horizontal_sd * np.sqrt(4 - vertical.size)
         sds = np.where(vertical > 0.0, NORMAL_UP_SD, horizontal)
         variance[:, layout.normal(target)] = sds**2
-        variance[:, layout.quickness(target)] = prior.own_inertia_sd**2
+        variance[:, layout.quickness(target)] = (hypotheses.unrest * prior.own_inertia_sd) ** 2
     for region in range(1, layout.regions):
         variance[:, layout.offset(region)] = settings.offset_sd_k**2
         variance[:, layout.drift(region)] = settings.drift_sd_k_per_h**2
