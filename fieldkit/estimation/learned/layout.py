@@ -125,6 +125,10 @@ class Layout:
         """Place of how much more a target warms by the same flux, as a share."""
         return self.own(self.regions) + target
 
+    def own_exchange(self, target: int) -> int:
+        """Place of a target's lasting exchange over that of the references."""
+        return self.quickness(self.targets) + target
+
     @cached_property
     def own_places(self) -> Indices:
         """Places of what each region's temperature does alone (regions,)."""
@@ -140,7 +144,7 @@ class Layout:
     @property
     def size(self) -> int:
         """Number of places."""
-        return self.quickness(self.targets)
+        return self.own_exchange(self.targets)
 
 
 def _facing(region: Region, is_azimuth_known: bool) -> FloatArray:

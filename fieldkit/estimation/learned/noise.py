@@ -8,6 +8,7 @@ vignetting. With sd s and the correlation r_k over k minutes such a process has 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -21,6 +22,8 @@ NEAR, FAR = 1, 4
 """Lags of second differences. [min]"""
 OWN_K = 0.05
 """Own deviation that is taken before there are minutes to show it."""
+UNLIKE_K = 0.05
+"""Own deviation that doubles the variance of what regions do alone for hours."""
 WORTH_MINUTES = 15.0
 """Number of minutes that this assumption counts for."""
 LEAST_K = 0.01
@@ -32,6 +35,11 @@ class Noise(NamedTuple):
 
     white_k: float
     own_k: float
+
+    @property
+    def unlike(self) -> float:
+        """How much less alike regions are than in still air: 1 for an own deviation that is small."""
+        return math.hypot(1.0, self.own_k / UNLIKE_K)
 
 
 def noise_of(minutes: Sequence[MinuteInputs], configured_k: float) -> Noise:

@@ -128,6 +128,9 @@ def prior_covariance(
         horizontal = prior.normal_horizontal_sd * np.sqrt(4 - vertical.size)
         sds = np.where(vertical > 0.0, NORMAL_UP_SD, horizontal)
         variance[:, layout.normal(target)] = sds**2
+        # regions whose exchange differs from minute to minute differ for hours too
+        lasting = noise.unlike * prior.own_exchange * hypotheses.exchange
+        variance[:, layout.own_exchange(target)] = lasting**2
         variance[:, layout.quickness(target)] = (hypotheses.unrest * prior.own_inertia_sd) ** 2
     for region in range(1, layout.regions):
         variance[:, layout.offset(region)] = settings.offset_sd_k**2

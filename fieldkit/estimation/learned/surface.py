@@ -231,7 +231,8 @@ class SurfaceModel:
         rows[:, :, place("wind")] -= over_air * minute.wind_change
         for target in range(self.layout.targets):
             region = self.layout.references + target
-            rows[:, region, self.layout.slow_exchange(target)] -= over_air[:, region]
+            for own in (self.layout.slow_exchange(target), self.layout.own_exchange(target)):
+                rows[:, region, own] -= over_air[:, region]
         for name in ("air", "air_change"):
             rows[:, :, place(name)] += exchange
         emitted = self.settings.surface.emissivity_broadband * STEFAN_BOLTZMANN * taken_k**4
@@ -243,7 +244,8 @@ class SurfaceModel:
         gusts = sum(mean[:, layout.shared(name)] for name in (*GUSTS, "slow_gust"))
         common = self.hypotheses.exchange + gusts + minute.wind_change * mean[:, layout.shared("wind")]
         own = np.zeros_like(taken_k)
-        own[:, layout.references :] = mean[:, layout.slow_exchange(0) : layout.slow_exchange(layout.targets)]
+        for first in (layout.slow_exchange(0), layout.own_exchange(0)):
+            own[:, layout.references :] += mean[:, first : first + layout.targets]
         radiated = 4.0 * self.settings.surface.emissivity_broadband * STEFAN_BOLTZMANN * taken_k**3
         return np.asarray(radiated + np.maximum(common[:, np.newaxis] + own, 0.0))
 
