@@ -88,11 +88,11 @@ class Prior:
         0.3, "diffuse light around sun and horizon: 0 Hay and Davies, 1 Perez", ge=0, le=1
     )
     brightening_sd: float = key(0.4, "of brightening_share", gt=0)
-    own_gain_sd: float = key(0.03, "relative, of one bed's absorbed light against the others'", gt=0)
+    own_gain_sd: float = key(0.035, "relative, of one bed's absorbed light against the others'", gt=0)
     own_exchange: float = key(
-        0.03, "relative, lasting heat exchange of one bed; more where beds are seen to differ", gt=0
+        0.04, "relative, lasting heat exchange of one bed; more where beds are seen to differ", gt=0
     )
-    own_inertia_sd: float = key(0.12, "relative, of one bed's thermal inertia against the others'", gt=0)
+    own_inertia_sd: float = key(0.14, "relative, of one bed's thermal inertia against the others'", gt=0)
     wind_w_m2_k_per_m_s: float = key(1.8, "heat exchange by the logged wind: measured ground", gt=0)
     wind_sd_w_m2_k_per_m_s: float = key(1.0, "of wind_w_m2_k_per_m_s", gt=0)
     longwave_sd_w_m2: float = key(

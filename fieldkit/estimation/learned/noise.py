@@ -22,8 +22,10 @@ NEAR, FAR = 1, 4
 """Lags of second differences. [min]"""
 OWN_K = 0.05
 """Own deviation that is taken before there are minutes to show it."""
-UNLIKE_K = 0.05
-"""Own deviation that doubles the variance of what regions do alone for hours."""
+UNLIKE_K = 0.1
+"""Own deviation of minutes that doubles the variance of what is a region's own for hours."""
+LEAST_UNLIKE = 0.25
+"""Beds that behave alike may still differ a little."""
 WORTH_MINUTES = 15.0
 """Number of minutes that this assumption counts for."""
 LEAST_K = 0.01
@@ -36,10 +38,9 @@ class Noise(NamedTuple):
     white_k: float
     own_k: float
 
-    @property
-    def unlike(self) -> float:
-        """How much less alike regions are than in still air: 1 for an own deviation that is small."""
-        return math.hypot(1.0, self.own_k / UNLIKE_K)
+    def unlike(self, unrest: FloatArray) -> FloatArray:
+        """How unlike regions are in what lasts, by what each does alone for minutes and for hours; 1 as expected."""
+        return np.hypot(unrest, LEAST_UNLIKE) * math.hypot(1.0, self.own_k / UNLIKE_K)
 
 
 def noise_of(minutes: Sequence[MinuteInputs], configured_k: float) -> Noise:

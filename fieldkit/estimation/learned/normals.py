@@ -117,7 +117,7 @@ def unit_normals(filters: Filters, starts: tuple[FloatArray, ...], steps: int) -
     """Most probable unit normals near the starts, one (k,) or (p, k) for each target, in at most `steps`."""
     known, free = _known(filters)
     # beds that are unlike in what passes are unlike in what stays
-    own_sd = filters.model.settings.prior.own_gain_sd * filters.hypotheses.unrest
+    own_sd = filters.model.settings.prior.own_gain_sd * filters.noise.unlike(filters.hypotheses.unrest)
     mean, information = _with_own_gains(known, free, len(starts), own_sd)
     units = [np.broadcast_to(start, (len(mean), start.shape[-1])).copy() for start in starts]
     fit = _Fit.at(mean, information, np.maximum(mean[:, 0], LEAST_GAIN), units, mean[:, known.shape[1] :])

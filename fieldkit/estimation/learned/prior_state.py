@@ -118,6 +118,7 @@ def prior_covariance(
     """Prior covariance (p, n, n); stores by past fluxes and an unknown level."""
     prior = settings.prior
     variance = np.zeros((hypotheses.exchange.size, layout.size))
+    unlike = noise.unlike(hypotheses.unrest)
     for name, sd in prior_sds(settings, logged).items():
         variance[:, layout.shared(name)] = sd**2
     for place, (spread, _) in processes(layout, prior, hypotheses, logged, noise).items():
@@ -128,10 +129,9 @@ def prior_covariance(
         horizontal = prior.normal_horizontal_sd * np.sqrt(4 - vertical.size)
         sds = np.where(vertical > 0.0, NORMAL_UP_SD, horizontal)
         variance[:, layout.normal(target)] = sds**2
-        # regions whose exchange differs from minute to minute differ for hours too
-        lasting = noise.unlike * prior.own_exchange * hypotheses.exchange
+        lasting = unlike * prior.own_exchange * hypotheses.exchange
         variance[:, layout.own_exchange(target)] = lasting**2
-        variance[:, layout.quickness(target)] = (hypotheses.unrest * prior.own_inertia_sd) ** 2
+        variance[:, layout.quickness(target)] = (unlike * prior.own_inertia_sd) ** 2
     for region in range(1, layout.regions):
         variance[:, layout.offset(region)] = settings.offset_sd_k**2
         variance[:, layout.drift(region)] = settings.drift_sd_k_per_h**2
