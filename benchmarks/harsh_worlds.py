@@ -125,15 +125,17 @@ def harsh_world(
     field = field if harm.gusts else replace(field, gusts=None)
     outline = regions(slopes)
     own = np.random.default_rng([seed, 11])
-    facets = [
-        _own(field, Facet(one.name, (), one.tilt_deg, one.azimuth_deg), harm, own) for one in outline
-    ]
+    facets = [_own(field, Facet(one.name, (), one.tilt_deg, one.azimuth_deg), harm, own) for one in outline]
     site, sky, noon_ns = day_of(day)
     true = _history(site, sky, noon_ns - LEAD_MIN * MINUTE_NS, minutes, facets, field, harm, own)
     drifts = DRIFT_SD_K_PER_H * random.standard_normal(len(facets) - 1)
     errors = BedErrors(0.25 * random.standard_normal(len(facets) - 1), drifts)
     settings = EstimatorSettings(
-        azimuth="known" if beds == SOUTH else "free", slab=CONFIGURED_SLAB, offset_sd_k=0.25, noise_k=NOISE_K, site=site
+        azimuth="known" if beds == SOUTH else "free",
+        slab=CONFIGURED_SLAB,
+        offset_sd_k=0.25,
+        noise_k=NOISE_K,
+        site=site,
     )
     return World(_measured(true, field, errors, harm, own), outline, settings, field, errors)
 
@@ -204,9 +206,7 @@ def _by_minute(values: FloatArray) -> FloatArray:
     return np.asarray(middle.reshape(*values.shape[:-1], -1, PER_MINUTE).mean(axis=-1))
 
 
-def _under_people(
-    sky: SkyState, beds: int, harm: Harm, random: np.random.Generator
-) -> tuple[SkyState, ...]:
+def _under_people(sky: SkyState, beds: int, harm: Harm, random: np.random.Generator) -> tuple[SkyState, ...]:
     """The sky over each bed, with a person's shadow now and then."""
     lit = np.ones((beds, sky.dni_w_m2.size))
     for _ in range(random.poisson(harm.shadows_per_h * sky.dni_w_m2.size * STEP_S / 3600.0)):

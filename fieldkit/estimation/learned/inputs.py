@@ -33,6 +33,8 @@ from fieldkit.physics.horizon import MINUTE_EDGE_DEG, sunlit_share
 UNKNOWN_CHANGE = 5.0
 """Change of the light of a minute without a reading, as a share of the last one."""
 BRIDGED_MINUTES = 120
+AIR_HOLDS_MIN = 10.0
+"""How long an air temperature is taken to be as it was last logged."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,8 +58,8 @@ class MinuteInputs:
         From the sky and from the ground. [W/m2]
     brightening, horizon
         Perez' circumsolar share less Hay and Davies', and the share of his horizon band. [-]
-    air_k, air_age_min
-        Air temperature, logged or guessed; since when it was logged. [K], [min]
+    air_k, air_stale_h
+        Air temperature, logged or guessed; for how long it has not been logged. [K], [h]
     wind_change
         Wind speed over that of the first minute, 0 where it is not logged. [m/s]
     shaded, sunlit
@@ -83,7 +85,7 @@ class MinuteInputs:
     is_edge: NDArray[np.bool_]
     brightening: float
     horizon: float
-    air_age_min: float
+    air_stale_h: float
     wind_change: float
 
     def between(self, later: MinuteInputs, share: float) -> MinuteInputs:
@@ -185,9 +187,11 @@ def minute_inputs(
     is_shaded, is_moved = shade(history, layout)[row]
     visible = sunlit(history.sun[row], layout)
     is_edge = is_moved | ((visible > 0.0) & (visible < 1.0))
-    logged_k, age_min = _logged_air_k(history, row)
+    logged_k, stale_h = _logged_air_k(history, row, start, settings)
     longwave = float(history.longwave_down_w_m2[row])
-    air_k = logged_k if np.isfinite(logged_k) else air_unlogged_k(longwave, settings, int(history.time_ns[row]))
+    air_k = (
+        logged_k if np.isfinite(logged_k) else air_unlogged_k(longwave, settings, int(history.time_ns[row]))
+    )
     longwave = longwave if np.isfinite(longwave) else sky_longwave(air_k, settings)
     grey = surface.emissivity_broadband
     # the ground around, which the regions see, is taken to be as warm as the references
@@ -216,7 +220,7 @@ def minute_inputs(
         is_edge=is_edge,
         brightening=float(around_sun) - circumsolar,
         horizon=float(band),
-        air_age_min=age_min,
+        air_stale_h=stale_h,
         wind_change=_wind_change(history, row),
     )
 
@@ -267,16 +271,21 @@ def _light(
     return direct, share * direct * cos_zenith if np.isnan(diffuse) else max(diffuse, 0.0), True
 
 
-def _logged_air_k(history: History, row: int) -> tuple[float, float]:
-    """The last logged air temperature, as it was, and its age in minutes: NaN, inf without any.
+def _logged_air_k(history: History, row: int, start: int, settings: EstimatorSettings) -> tuple[float, float]:
+    """The last logged air temperature, as it was, and since when it is stale, h; NaN and since the start without.
 
-    Smoothing would part it from the sun that warms it.
+    Smoothing would part it from the sun that warms it. A stale one changes as the air usually does by then.
     """
     known = np.flatnonzero(np.isfinite(history.air_k[: row + 1]))
     if not known.size:
-        return math.nan, math.inf
+        return math.nan, float(history.minute[row] - start) / 60.0
     last = int(known[-1])
-    return float(history.air_k[last]), float(history.minute[row] - history.minute[last])
+    stale_h = max(float(history.minute[row] - history.minute[last]) - AIR_HOLDS_MIN, 0.0) / 60.0
+    logged_k = float(history.air_k[last])
+    if stale_h > 0.0 and settings.site is not None and BODIES[settings.body].has_air_of_earth:
+        then_k, now_k = usual_air_k(history.time_ns[[last, row]], settings.site).tolist()
+        logged_k += now_k - then_k
+    return logged_k, stale_h
 
 
 def sky_longwave(air_k: float, settings: EstimatorSettings) -> float:
@@ -302,4 +311,3 @@ def air_unlogged_k(longwave_w_m2: float, settings: EstimatorSettings, time_ns: i
         known = np.isfinite(longwave_w_m2)
         return float(air_under_clear_sky(longwave_w_m2 if known else settings.longwave_down_w_m2))
     return float(usual_air_k(time_ns, settings.site))
-

@@ -30,7 +30,7 @@ SHARED = (
     *("gust", "longer_gust", "longest_gust", "slow_gust", "common_flux", "air_change"),
     *("beam", "moment", "edge", "board", "camera"),
     *("slow_gust_drive", "common_flux_drive", "air_change_drive"),
-    *("gain", "diffuse", "circumsolar", "brightening", "longwave", "air", "wind"),
+    *("gain", "diffuse", "circumsolar", "brightening", "longwave", "air", "air_drift", "wind"),
 )
 
 

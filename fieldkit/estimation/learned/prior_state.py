@@ -28,9 +28,8 @@ SMOOTHED = float(np.sqrt(2.0))
 AIR_CHANGE_K = 1.5
 """Change of an air temperature that is not logged, over `AIR_MINUTES`."""
 AIR_NOISE_K = 0.1
-AIR_STALE_MIN = 10.0
-AIR_WALK_K = 3.0
-"""Change of the air within an hour that nobody logs, growing with the root of time."""
+AIR_DRIFT_K_PER_H = 1.5
+"""Change of an air temperature that is not logged any more, or never was, besides what is usual."""
 LEVEL_SD_K = 15.0
 PAST_MINUTES: FloatArray = np.array([0.0, 4.0, 12.0, 36.0, 108.0, 300.0])
 """Bounds of the bins of time before the first minute in which the net flux was one unknown number each."""
@@ -96,6 +95,7 @@ def prior_sds(settings: EstimatorSettings, logged: Logged) -> dict[str, float]:
         "diffuse": prior.diffuse_sd if logged.diffuse else prior.diffuse_unmeasured_sd,
         "circumsolar": prior.circumsolar_sd,
         "brightening": prior.brightening_sd,
+        "air_drift": AIR_DRIFT_K_PER_H,
         "wind": prior.wind_sd_w_m2_k_per_m_s,
         "longwave": prior.longwave_sd_w_m2,
         "air": float(np.hypot(air_sd_k, logged.camera_sd_k)),

@@ -20,7 +20,7 @@ from fieldkit.estimation.learned.hypotheses import Hypotheses
 from fieldkit.estimation.learned.inputs import Logged, MinuteInputs
 from fieldkit.estimation.learned.layout import GUSTS, Layout
 from fieldkit.estimation.learned.noise import Noise
-from fieldkit.estimation.learned.prior_state import AIR_STALE_MIN, AIR_WALK_K, processes
+from fieldkit.estimation.learned.prior_state import AIR_CHANGE_K, SMOOTHED, processes
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.facet import FloatArray
@@ -103,8 +103,10 @@ class SurfaceModel:
             variance[:, place] = sd**2 * (1.0 - self._decay[place] ** 2)
         for place, passing in self.passing(minute).items():
             variance[:, place] = passing
-        if minute.air_age_min > AIR_STALE_MIN:
-            variance[:, self.layout.shared("air")] += AIR_WALK_K**2 / 60.0
+        if minute.air_stale_h > 0.0:
+            drive = self.layout.shared("air_change_drive")
+            change = SMOOTHED * AIR_CHANGE_K * self.hypotheses.unrest
+            variance[:, drive] = change**2 * (1.0 - self._decay[drive] ** 2)
         return variance
 
     def passing(self, minute: MinuteInputs) -> dict[int, float]:
@@ -228,6 +230,7 @@ class SurfaceModel:
         over_air, exchange = taken_k - minute.air_k, self.hypotheses.exchange[:, np.newaxis]
         for name in (*GUSTS, "slow_gust"):
             rows[:, :, place(name)] -= over_air
+        rows[:, :, place("air_drift")] += exchange * minute.air_stale_h
         rows[:, :, place("wind")] -= over_air * minute.wind_change
         for target in range(self.layout.targets):
             region = self.layout.references + target
@@ -268,7 +271,9 @@ class SurfaceModel:
         view, shaded, upwards = layout.sky_views, minute.shaded, self._normals[..., 2]
         sky, upwards_now = 1.0 - HIDDEN * shaded, upwards @ now
         beam, height = _beam(minute), max(minute.sun[2], LOWEST_SUN)
-        share = now[place("circumsolar")] * minute.circumsolar + now[place("brightening")] * minute.brightening
+        share = (
+            now[place("circumsolar")] * minute.circumsolar + now[place("brightening")] * minute.brightening
+        )
         band = now[place("brightening")] * minute.horizon
         diffuse = sky * minute.diffuse * (1.0 + now[place("diffuse")])
         dome = view * diffuse * (1.0 - share) / 2.0
@@ -294,9 +299,7 @@ class SurfaceModel:
         around, above = beam * light.mean / height, view * (now[place("gain")] + upwards_now) / 2.0
         aside = view * (self._sideways @ now)
         by_name = {
-            "diffuse": sky
-            * minute.diffuse
-            * (share * around + (1.0 - share) * above + band * aside),
+            "diffuse": sky * minute.diffuse * (share * around + (1.0 - share) * above + band * aside),
             "circumsolar": diffuse * minute.circumsolar * (around - above),
             "brightening": diffuse * (minute.brightening * (around - above) + minute.horizon * aside),
         }
