@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmarks.drawn_worlds import (
+    BEDS_SOUTH,
     CONFIGURED_SLAB,
     DRIFT_SD_K_PER_H,
     GUESSED,
@@ -19,7 +20,6 @@ from benchmarks.drawn_worlds import (
     SESSION_MIN,
     SOUTH,
     BedErrors,
-    BEDS_SOUTH,
     World,
     day_of,
     random_beds,
@@ -69,8 +69,8 @@ class Harm:
     skies
         Distributions of diffuse light, of which one is drawn.
     shutter_k, common_k, warm_up_k, vignetting_k
-        Steps of each region every `SHUTTER_MIN`, noise of all regions together from minute to minute, drift of
-        each as the housing warms up, and a wave over an hour. [K]
+        Steps of each region every `SHUTTER_MIN`, noise of all regions together by the minute, drift of each as
+        the housing warms up, and a wave over an hour. [K]
     air_noise_k, air_sun_k
         Of the logged air temperature: noise, and most of what 1000 W/m2 warms it. [K]
     shadows_per_h
@@ -168,7 +168,7 @@ def _history(
 ) -> History:
     """True minutes of the session, which the beds have been warming up to for `LEAD_MIN`."""
     steps = PER_MINUTE * (LEAD_MIN + minutes) + 1
-    time_s = STEP_S * np.arange(steps)
+    time_s = np.arange(steps, dtype=np.float64) * STEP_S
     time_ns = begin_ns + np.round(time_s * SECOND_NS).astype(np.int64)
     sun = sun_vectors(time_ns, site, refraction=True)
     state = field.sky(sky).sky_state(time_ns, sun[:, 2], site)
@@ -181,7 +181,8 @@ def _history(
         shape,
         0.0 if shape == ISOTROPIC else 1.0 if shape == PEREZ else field.circumsolar_share,
     )
-    exchange = field.exchange.at(state.wind_m_s) * (1.0 + _own_exchange(len(facets), steps, harm, random))
+    own_share = 1.0 + _own_exchange(len(facets), steps, harm, random)
+    exchange = field.exchange.at(state.wind_m_s) * own_share
     surface = _surfaces(facets, field, light, time_s, exchange)
     minute_ns = begin_ns + np.arange(LEAD_MIN + minutes) * MINUTE_NS + MINUTE_NS // 2
     whole = History(

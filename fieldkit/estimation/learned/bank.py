@@ -81,22 +81,27 @@ class KalmanBank:
         self.covariance[:, diagonal, diagonal] += noise
 
     def update(
-        self, design: Affine, measured: FloatArray, variance: FloatArray, jumps: NDArray[np.int64]
+        self,
+        design: Affine,
+        measured: FloatArray,
+        variance: FloatArray,
+        jumps: NDArray[np.int64] | None = None,
     ) -> Innovation:
-        """Correct the states by measurements (m,) with independent noise (p, m), R's diagonal; NaN is skipped.
+        """Correct the states by measurements (m,) with independent noise (p, m), R's diagonal.
 
-        One that contradicts all others and what came before is a jump of the state in its place of `jumps` (m,).
+        NaN is skipped. A measurement that contradicts all others and what came before is a jump of the state
+        in its place of `jumps` (m,), where they are given.
         """
         seen, difference = np.isfinite(measured), measured - design.at(self.mean)
-        rows, error, places = design.rows[:, seen], difference[:, seen], jumps[seen]
+        rows, error, count = design.rows[:, seen], difference[:, seen], int(seen.sum())
         shared = rows @ self.covariance
-        spread = shared @ rows.transpose(0, 2, 1) + variance[:, seen, np.newaxis] * np.eye(places.size)
-        added = _jump_variance(spread, error)
-        jumped = added > 0.0
-        if jumped.any():
+        spread = shared @ rows.transpose(0, 2, 1) + variance[:, seen, np.newaxis] * np.eye(count)
+        added = np.zeros_like(error) if jumps is None else _jump_variance(spread, error)
+        if jumps is not None and added.any():
+            places = jumps[seen]
             self.covariance[:, places, places] += added
             shared = rows @ self.covariance
-            spread = shared @ rows.transpose(0, 2, 1) + variance[:, seen, np.newaxis] * np.eye(places.size)
+            spread = shared @ rows.transpose(0, 2, 1) + variance[:, seen, np.newaxis] * np.eye(count)
         root = np.linalg.cholesky(spread)
         # K S K' as a square of one matrix, L^-1 H P with S = L L': P stays symmetric and positive
         whitening = np.linalg.inv(root)
@@ -104,15 +109,17 @@ class KalmanBank:
         white = np.matmul(whitening, error[..., np.newaxis])[..., 0]
         self.mean = self.mean + np.einsum("pmn,pm->pn", half_gain, white)
         self.covariance -= half_gain.transpose(0, 2, 1) @ half_gain
-        log_size = np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1) + 0.5 * places.size * LOG_TWO_PI
+        log_size = np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1) + 0.5 * count * LOG_TWO_PI
         standardised = np.full_like(difference, np.nan)
         standardised[:, seen] = white
-        chance = np.log(JUMP_PROBABILITY) * jumped.sum(axis=1)
+        chance = np.log(JUMP_PROBABILITY) * (added > 0.0).sum(axis=1)
         return Innovation(difference, standardised, chance - 0.5 * (white**2).sum(axis=1) - log_size)
 
 
 def _jump_variance(spread: FloatArray, error: FloatArray) -> FloatArray:
-    """Squares (p, m) of what one measurement is off from what all others say of it, 0 where that may be chance."""
+    """Squares (p, m) of what one measurement is off from what all others say, 0 where that may be chance."""
+    if error.shape[1] < 2:
+        return np.zeros_like(error)
     inverse = np.linalg.inv(spread)
     alone = np.matmul(inverse, error[..., np.newaxis])[..., 0]
     information = np.diagonal(inverse, axis1=1, axis2=2)

@@ -19,8 +19,8 @@ from fieldkit.estimation.region_temperatures import difference_covariance_k2
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.site import Region
 from fieldkit.physics.bodies import BODIES
-from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.climate import usual_air_k
+from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.daylight import (
     air_under_clear_sky,
     clear_sky_longwave,
@@ -200,7 +200,7 @@ def minute_inputs(
     circumsolar = float(np.clip(direct / top, 0.0, 1.0)) if settings.sky == "hay-davies" else 0.0
     around_sun, band = circumsolar, 0.0
     if settings.sky == "hay-davies" and BODIES[settings.body].has_air_of_earth and cos_zenith > 0.0:
-        around_sun, band = perez_brightening(diffuse, direct, top, cos_zenith)
+        around_sun, band = map(float, perez_brightening(diffuse, direct, top, cos_zenith))
     return MinuteInputs(
         hours=float(history.minute[row] - start) / 60.0,
         sun=history.sun[row].copy(),  # a view would keep the whole history
@@ -218,8 +218,8 @@ def minute_inputs(
         shaded=np.where(is_moved, 0.5, is_shaded.astype(np.float64)),
         sunlit=visible,
         is_edge=is_edge,
-        brightening=float(around_sun) - circumsolar,
-        horizon=float(band),
+        brightening=around_sun - circumsolar,
+        horizon=band,
         air_stale_h=stale_h,
         wind_change=_wind_change(history, row),
     )
@@ -272,7 +272,7 @@ def _light(
 
 
 def _logged_air_k(history: History, row: int, start: int, settings: EstimatorSettings) -> tuple[float, float]:
-    """The last logged air temperature, as it was, and since when it is stale, h; NaN and since the start without.
+    """The last logged air temperature, as it was, and for how long it has been stale, h; NaN without any.
 
     Smoothing would part it from the sun that warms it. A stale one changes as the air usually does by then.
     """
@@ -301,8 +301,8 @@ def sky_longwave(air_k: float, settings: EstimatorSettings) -> float:
 def air_unlogged_k(longwave_w_m2: float, settings: EstimatorSettings, time_ns: int) -> float:
     """Air temperature where it is not logged, K.
 
-    On the Earth that under a sky of the longwave (NaN where not measured), else the usual one of place, date and
-    hour; elsewhere the body's.
+    On the Earth that under a sky of the longwave (NaN where not measured), else the usual one of place, date
+    and hour; elsewhere the body's.
     """
     body = BODIES[settings.body]
     if not body.has_air_of_earth:

@@ -1,8 +1,8 @@
 """What regions do alone from minute to minute, as the minutes themselves show it.
 
 Once the gusts that all regions share are taken out, second differences of a temperature over one minute are
-mostly noise, those over four mostly what passes one region only: gusts of its own, steps of the shutter, a haze of
-vignetting. With sd s and the correlation r_k over k minutes such a process has second differences of variance
+mostly noise, those over four mostly what passes one region only: gusts of its own, steps of the shutter. With
+sd s and the correlation r_k over k minutes such a process has second differences of variance
 ``s^2 (6 - 8 r_k + 2 r_2k)``, white noise n of ``6 n^2``; two lags give both.
 """
 
@@ -33,13 +33,13 @@ _MEDIAN_OF_NORMAL = 0.6745
 
 
 class Noise(NamedTuple):
-    """Standard deviations of a region's minute: white, and an own one that lasts for minutes. [K]"""
+    """Standard deviations of a region's minute: white, and an own one that lasts for minutes, K."""
 
     white_k: float
     own_k: float
 
     def unlike(self, unrest: FloatArray) -> FloatArray:
-        """How unlike regions are in what lasts, by what each does alone for minutes and for hours; 1 as expected."""
+        """How unlike regions are in what lasts, by what each does alone for minutes and hours; 1 as expected."""
         return np.hypot(unrest, LEAST_UNLIKE) * math.hypot(1.0, self.own_k / UNLIKE_K)
 
 

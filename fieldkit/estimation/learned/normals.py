@@ -2,7 +2,8 @@
 
 A filter knows the vectors ``gain * normal`` as a joint normal distribution in which lengths are free. Lengths
 must all equal the gain, up to what each bed absorbs more or less than the reference: a bed whose vector the
-sun's path pins down gives the gain, so nearly every other bed's too. The most probable unit normals are found by damped Gauss-Newton steps for all hypotheses at once; around them
+sun's path pins down gives the gain, so nearly every other bed's too. The most probable unit normals are found
+by damped Gauss-Newton steps for all hypotheses at once; around them
 the distribution is taken to be normal in the plane that touches the sphere (Laplace).
 """
 

@@ -50,7 +50,7 @@ _LEAST_SD = 1e-4
 
 
 class Light(NamedTuple):
-    """What the sun may shed on regions (p, regions), of a cosine times the gain that is known to within an sd.
+    """The sun on regions (p, regions), of a cosine times the gain that is known to within an sd.
 
     `share` is the probability that the sun stands above the surface, `mean` and `sd` those of the lit cosine,
     whose part without the linear one is `left`.
@@ -181,7 +181,7 @@ class SurfaceModel:
     def grazing_k2(
         self, minute: MinuteInputs, light: Light, mean: FloatArray, taken_k: FloatArray
     ) -> FloatArray:
-        """Variance (p, regions) of a minute's temperatures from light that no line follows. [K2]"""
+        """Variance (p, regions) of a minute's temperatures from light that no line follows, K2."""
         warmed = self._quick / (1.0 + self._quick * self._steepness(minute, mean, taken_k))
         return np.asarray((warmed * minute.direct * _beam(minute) * light.sd) ** 2)
 
