@@ -69,8 +69,8 @@ class Harm:
     skies
         Distributions of diffuse light, of which one is drawn.
     shutter_k, common_k, warm_up_k, vignetting_k
-        Steps of each region every `SHUTTER_MIN`, noise of all regions together by the minute, drift of each as
-        the housing warms up, and a wave over an hour. [K]
+        Steps of each region every `SHUTTER_MIN`, noise of all regions by the minute, drift of each as the
+        housing warms up, and a wave over an hour. [K]
     air_noise_k, air_sun_k
         Of the logged air temperature: noise, and most of what 1000 W/m2 warms it. [K]
     shadows_per_h

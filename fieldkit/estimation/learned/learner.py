@@ -6,6 +6,7 @@ takes the same minutes takes the same steps.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -86,6 +87,11 @@ class Learner:
     def innovations(self) -> list[Innovation]:
         """Prediction errors of all minutes under the present hypotheses."""
         return self._innovations
+
+    @property
+    def minutes(self) -> Sequence[MinuteInputs]:
+        """All minutes taken, with those that were bridged."""
+        return self._minutes
 
     @property
     def last(self) -> MinuteInputs:

@@ -39,7 +39,7 @@ class Noise(NamedTuple):
     own_k: float
 
     def unlike(self, unrest: FloatArray) -> FloatArray:
-        """How unlike regions are in what lasts, by what each does alone for minutes and hours; 1 as expected."""
+        """How unlike regions are in what lasts, by what each does alone for minutes and hours; 1 as usual."""
         return np.hypot(unrest, LEAST_UNLIKE) * math.hypot(1.0, self.own_k / UNLIKE_K)
 
 

@@ -33,8 +33,8 @@ AIR_DRIFT_K_PER_H = 1.5
 LEVEL_SD_K = 15.0
 PAST_MINUTES: FloatArray = np.array([0.0, 4.0, 12.0, 36.0, 108.0, 300.0])
 """Bounds of the bins of time before the first minute in which the net flux was one unknown number each."""
-NORMAL_UP = 0.95
-NORMAL_UP_SD = 0.15
+LEAST_UP_SD, UP_SHARE = 0.15, 0.6
+"""Standard deviation of a normal's vertical component: at least, and as a share of a horizontal one's."""
 DIRECT_SD = 0.07
 """Relative, of direct light that is a reading less an assumed share of diffuse light."""
 ALBEDO_SD = 0.0625
@@ -82,7 +82,7 @@ def prior_mean(
     mean[layout.shared("brightening")] = settings.prior.brightening_share
     mean[layout.shared("wind")] = settings.prior.wind_w_m2_k_per_m_s
     for target in range(layout.targets):
-        mean[layout.normal(target)] = settings.scale * NORMAL_UP * layout.facing[target][2]
+        mean[layout.normal(target)] = settings.scale * upwards(settings.prior)[0] * layout.facing[target][2]
     return mean
 
 
@@ -100,6 +100,12 @@ def prior_sds(settings: EstimatorSettings, logged: Logged) -> dict[str, float]:
         "longwave": prior.longwave_sd_w_m2,
         "air": float(np.hypot(air_sd_k, logged.camera_sd_k)),
     }
+
+
+def upwards(prior: Prior) -> tuple[float, float]:
+    """Prior mean and standard deviation of the vertical component of a normal, whose length is 1."""
+    horizontal = prior.normal_horizontal_sd
+    return float(np.sqrt(max(1.0 - 2.0 * horizontal**2, 0.1))), max(LEAST_UP_SD, UP_SHARE * horizontal)
 
 
 def gain_sd(settings: EstimatorSettings) -> float:
@@ -127,7 +133,7 @@ def prior_covariance(
         vertical = layout.facing[target][2]
         # a known azimuth does not make a bed flatter: its one component is as long as two otherwise are
         horizontal = prior.normal_horizontal_sd * np.sqrt(4 - vertical.size)
-        sds = np.where(vertical > 0.0, NORMAL_UP_SD, horizontal)
+        sds = np.where(vertical > 0.0, upwards(prior)[1], horizontal)
         variance[:, layout.normal(target)] = sds**2
         lasting = unlike * prior.own_exchange * hypotheses.exchange
         variance[:, layout.own_exchange(target)] = lasting**2

@@ -59,7 +59,7 @@ def test_update_is_the_gain_times_the_innovation(random, missing):
 
 
 def test_a_measurement_that_contradicts_all_others_moves_its_own_place_only(random):
-    """Of three readings of one number one jumps by a hundred deviations: the number is the other two's mean."""
+    """Of three readings of one number one jumps by a hundred deviations: the number is the others' mean."""
     places = np.array([1, 2, 3])
     bank = KalmanBank(np.zeros((BANK, 4)), np.tile(np.diag([1.0, 1e-4, 1e-4, 1e-4]), (BANK, 1, 1)))
     rows = np.tile(np.column_stack([np.ones(3), np.eye(3)]), (BANK, 1, 1))

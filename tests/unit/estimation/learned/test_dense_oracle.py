@@ -138,8 +138,8 @@ class Dense:
         for target, axes in enumerate(layout.facing):
             up = axes[2] > 0.0
             horizontal = prior.normal_horizontal_sd * np.sqrt(2.0 if axes.shape[1] == 2 else 1.0)
-            sd = np.where(up, constants.NORMAL_UP_SD, horizontal)
-            self.block(f"normal{target}", np.where(up, constants.NORMAL_UP, 0.0), np.diag(sd**2))
+            sd = np.where(up, 0.15, horizontal)
+            self.block(f"normal{target}", np.where(up, np.sqrt(1.0 - 2.0 * 0.25**2), 0.0), np.diag(sd**2))
         drawn = self.filters.hypotheses
         unlike = np.hypot(drawn.unrest[0], 0.25) * np.hypot(1.0, NOISE.own_k / 0.1)
         for target in range(layout.targets):
