@@ -60,6 +60,8 @@ class MinuteInputs:
         Perez' circumsolar share less Hay and Davies', and the share of his horizon band. [-]
     air_k, air_stale_h
         Air temperature, logged or guessed; for how long it has not been logged. [K], [h]
+    air_returns
+        Whether it is logged from this minute on.
     wind_change
         Wind speed over that of the first minute, 0 where it is not logged. [m/s]
     shaded, sunlit
@@ -86,6 +88,7 @@ class MinuteInputs:
     brightening: float
     horizon: float
     air_stale_h: float
+    air_returns: bool
     wind_change: float
 
     def between(self, later: MinuteInputs, share: float) -> MinuteInputs:
@@ -94,7 +97,7 @@ class MinuteInputs:
         for name in self.__slots__:
             one, other = getattr(self, name), getattr(later, name)
             values[name] = (
-                one if name in ("measured", "shaded", "is_edge") else (1.0 - share) * one + share * other
+                one if name in ("measured", "shaded", "is_edge", "air_returns") else (1.0 - share) * one + share * other
             )
         values["measured"] = np.zeros_like(self.measured)
         values["direct_change"] = abs(later.direct - self.direct)
@@ -221,6 +224,7 @@ def minute_inputs(
         brightening=around_sun - circumsolar,
         horizon=band,
         air_stale_h=stale_h,
+        air_returns=before is not None and before.air_stale_h > 0.0 and stale_h == 0.0,
         wind_change=_wind_change(history, row),
     )
 

@@ -103,6 +103,8 @@ class SurfaceModel:
             variance[:, place] = sd**2 * (1.0 - self._decay[place] ** 2)
         for place, passing in self.passing(minute).items():
             variance[:, place] = passing
+        if minute.air_returns:  # what was wrong with the guess is no error of the thermometer
+            variance[:, self.layout.shared("air")] = self.settings.prior.air_unlogged_sd_k**2
         if minute.air_stale_h > 0.0:
             drive = self.layout.shared("air_change_drive")
             change = SMOOTHED * AIR_CHANGE_K * self.hypotheses.unrest
