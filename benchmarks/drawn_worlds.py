@@ -108,7 +108,7 @@ def drawn_world(
         Start in mean solar time of the zone, from midnight; length of the session. [h], [min]
     """
     random = np.random.default_rng(seed)
-    slopes = BEDS_SOUTH if beds == SOUTH else _random_beds(random)
+    slopes = BEDS_SOUTH if beds == SOUTH else random_beds(random)
     field = _field(seed, as_configured=as_configured, measured_ground=measured_ground)
     drift_sd_k_per_h = 0.0 if as_configured else DRIFT_SD_K_PER_H
     errors = BedErrors(offset_sd_k * random.standard_normal(3), drift_sd_k_per_h * random.standard_normal(3))
@@ -122,11 +122,12 @@ def drawn_world(
         slab=CONFIGURED_SLAB,
         offset_sd_k=offset_sd_k,
         noise_k=NOISE_K,
+        site=model.site,
     )
     return World(measured, _with_known(outline) if known_bed else outline, settings, field, errors)
 
 
-def _random_beds(random: np.random.Generator) -> tuple[Bed, ...]:
+def random_beds(random: np.random.Generator) -> tuple[Bed, ...]:
     return tuple((float(random.uniform(3.0, 30.0)), float(random.uniform(0.0, 360.0))) for _ in range(3))
 
 
@@ -148,7 +149,7 @@ def _model(
     day: str, outline: tuple[Region, ...], field: DrawnField, shade_test: bool
 ) -> tuple[SceneModel, int]:
     """The beds on that day, and local noon."""
-    site, sky, noon_ns = _day(day)
+    site, sky, noon_ns = day_of(day)
     ground, *facets = (
         field.bed(Facet(name, (), tilt, azimuth))
         for name, tilt, azimuth in (
@@ -172,7 +173,7 @@ def _model(
     return model, noon_ns
 
 
-def _day(day: str) -> tuple[Site, Sky, int]:
+def day_of(day: str) -> tuple[Site, Sky, int]:
     """Site, sky and local noon, to the hour of the mean sun, of a day."""
     if day == AUGUST:
         return PAPER_SITE, ClearSky(), _noon_ns(PAPER_SITE, PAPER_DAY_NS)

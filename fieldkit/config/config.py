@@ -174,6 +174,7 @@ class Config:
             slab=Slab(**slab),
             prior=self.tables.prior,
             body=self.tables.site.body,
+            site=self.site,
             camera_path=self._camera_path(),
             **asdict(self.tables.estimator),
         )

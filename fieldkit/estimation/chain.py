@@ -27,6 +27,8 @@ from fieldkit.estimation.learned.inputs import (
 )
 from fieldkit.estimation.learned.layout import Indices, Layout
 from fieldkit.estimation.learned.learner import Learner
+from fieldkit.estimation.learned.misfit import MOST_MISFIT, Surprise, cause, misfit, surprise
+from fieldkit.estimation.learned.prior_state import prior_sds
 from fieldkit.estimation.learned.readout import KnownSlope, Moments, known_slope, learnt_parameters, moments
 from fieldkit.estimation.methods import kelvin_per_degree
 from fieldkit.estimation.region_temperatures import remove_offsets
@@ -48,6 +50,8 @@ ONE_KNOWN = "one region of known slope"
 AIR_LOGGED_SD_K = 0.5
 LONGWAVE_MEASURED_SD_W_M2 = 10.0
 DEPTH_MEASURED_SD = 0.1
+GRAZING = 0.02
+"""Cosine of the angle of incidence below which light is no measurement."""
 FAILED = "the estimate failed numerically; it starts anew with the next minute"
 
 
@@ -291,6 +295,11 @@ class _Group:
             chi_square=_mean_square(_errors(learner)[1][:, self._layout.references + index]),
             kelvin_per_degree=_kelvin_per_degree(learner, tilt, azimuth),
         )
+        if not self._has_seen_the_sun(learner, found.best):
+            reason = "the sun has not reached it: what is known of it comes from skylight alone"
+            return replace(filled, state=SlopeState.SHADED, reason=reason)
+        if why := self._contradiction(learner, index):
+            return replace(filled, state=SlopeState.NO_INTERSECTION, reason=why)
         return self._judged(filled, found, index)
 
     def _judged(self, filled: SlopeEstimate, found: KnownSlope, index: int) -> SlopeEstimate:
@@ -315,6 +324,8 @@ class _Group:
         if high >= limit:
             reason = f"anything from {low:.1f}° up to the limit of {limit:g}° fits ({sure})"
             return replace(filled, state=SlopeState.UNCERTAIN, reason=reason)
+        if doubt := self._doubt():
+            return replace(filled, state=SlopeState.UNCERTAIN, reason=doubt)
         if is_too_wide(filled.tilt_deg, low, high):
             advice = self._advice(index, 0.5 * (high - low))
             reason = f"anything from {low:.1f}° to {high:.1f}° fits ({sure}); {advice}"
@@ -322,6 +333,28 @@ class _Group:
         if found.region.vertical:
             return replace(filled, state=SlopeState.FLAT, reason=f"flat within {high:.1f}°")
         return replace(filled, state=SlopeState.OK)
+
+    @staticmethod
+    def _has_seen_the_sun(learner: Learner, best: FloatArray) -> bool:
+        lit = [one for one in learner.minutes if one.sun[2] > 0.0]
+        return not lit or any(one.sun @ best > GRAZING for one in lit)
+
+    def _contradiction(self, learner: Learner, index: int) -> str:
+        """Why no slope of a target explains the minutes; "" if one does."""
+        found = misfit(_errors(learner)[1])[[0, self._layout.references + index]].max()
+        if found <= MOST_MISFIT:
+            return ""
+        question = cause(learner.minutes, 0, self._surprise(learner))
+        return f"no slope explains the minutes (misfit {found:.1f}, at most {MOST_MISFIT:g}): {question}"
+
+    def _doubt(self) -> str:
+        """What was learnt that nothing usual explains; "" if there is nothing."""
+        learner = self._learner
+        unusual = None if learner is None else self._surprise(learner)
+        return f"{unusual}: {cause(learner.minutes, 0, unusual)}" if learner and unusual else ""
+
+    def _surprise(self, learner: Learner) -> Surprise | None:
+        return surprise(self._moments, self._settings, prior_sds(self._settings, learner.logged))
 
     def _advice(self, index: int, half_deg: float) -> str:
         """The measurement that would narrow a tilt most, known to `half_deg`."""

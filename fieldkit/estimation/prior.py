@@ -47,8 +47,10 @@ class Prior:
         [W m-2 K-1], [-]
     slow_gust_sd
         Relative, of the wind's slow changes over 60 min. [-]
-    common_flux_sd_w_m2, bed_flux_sd_w_m2
-        Of fluxes the model has no term for: shared by all regions over 40 min, of one bed over 60 min. [W/m2]
+    common_flux_sd_w_m2
+        Of fluxes the model has no term for, shared by all regions over 40 min. [W/m2]
+    own_slow_exchange
+        Relative, of a bed's own exchange against that of the others, over 60 min. [-]
     unrest_log_sd
         Of the logarithm of a factor on the three before, which the data adapt. [-]
     past_flux_sd_w_m2, bed_past_flux_sd_w_m2
@@ -82,6 +84,17 @@ class Prior:
         0.5, "circumsolar diffuse light: 0 isotropic, 1 Hay and Davies", ge=0, le=1
     )
     circumsolar_sd: float = key(0.4, "of circumsolar_share", gt=0)
+    brightening_share: float = key(
+        0.3, "diffuse light around sun and horizon: 0 Hay and Davies, 1 Perez", ge=0, le=1
+    )
+    brightening_sd: float = key(0.4, "of brightening_share", gt=0)
+    own_gain_sd: float = key(0.035, "relative, of one bed's absorbed light against the others'", gt=0)
+    own_exchange: float = key(
+        0.04, "relative, lasting heat exchange of one bed; more where beds are seen to differ", gt=0
+    )
+    own_inertia_sd: float = key(0.14, "relative, of one bed's thermal inertia against the others'", gt=0)
+    wind_w_m2_k_per_m_s: float = key(1.8, "heat exchange by the logged wind: measured ground", gt=0)
+    wind_sd_w_m2_k_per_m_s: float = key(1.0, "of wind_w_m2_k_per_m_s", gt=0)
     longwave_sd_w_m2: float = key(
         30.0, "of longwave that is not measured (Flerchinger et al. 2009: 20 to 30)", gt=0
     )
@@ -102,7 +115,9 @@ class Prior:
     gust_log_sd: float = key(1.0, "of the logarithm of gust_sd_w_m2_k", gt=0)
     slow_gust_sd: float = key(0.06, "relative, slow changes of the heat exchange over 60 min", gt=0)
     common_flux_sd_w_m2: float = key(3.0, "unmodelled flux into all regions, over 40 min", gt=0)
-    bed_flux_sd_w_m2: float = key(1.5, "unmodelled flux into one bed, over 60 min", gt=0)
+    own_slow_exchange: float = key(
+        0.06, "relative, heat exchange of one bed against the others, over 60 min", gt=0
+    )
     unrest_log_sd: float = key(
         0.8, "of the logarithm of a factor on the three before, adapted to the data", gt=0
     )
@@ -114,6 +129,7 @@ class Prior:
     beam_change_share: float = key(
         0.1, "error of direct light while it changes, as a share of the change", gt=0
     )
+    camera_noise_k: float = key(0.1, "noise of the camera that all regions share, of a minute's mean", gt=0)
     camera_offset_sd_k: float = key(1.0, "error of the camera that all regions share", gt=0)
     probe_sd_k: float = key(0.5, "of a contact probe as the temperature of the bed's surface", gt=0)
 

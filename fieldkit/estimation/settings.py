@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from fieldkit.estimation.estimator_keys import EstimatorKeys
 from fieldkit.estimation.prior import Prior
+from fieldkit.model.site import Site
 from fieldkit.physics.energy_balance import SurfaceParameters
 from fieldkit.physics.horizon import Horizon
 from fieldkit.physics.irradiance import IrradianceModel
@@ -53,6 +54,8 @@ class EstimatorSettings(EstimatorKeys):
         Physical priors of the learned model.
     body
         The world of the site, by its name in `fieldkit.physics.bodies`.
+    site
+        Where the regions lie, for the usual air of the place where none is logged; None if it is not known.
     camera_path
         The camera's pose over time, by which regions on the ground are followed; None if it is not known.
     """
@@ -75,6 +78,7 @@ class EstimatorSettings(EstimatorKeys):
     capacity_sd: float = 0.10
     prior: Prior = field(default_factory=Prior)
     body: str = "earth"
+    site: Site | None = None
     camera_path: CameraPath | None = None
 
     @property

@@ -44,6 +44,21 @@ _DIRECT = np.array(
     ]
 )
 
+# The same paper, tables 1 and 6: F11, F12, F13, F21, F22, F23 by bin of sky clearness.
+_BRIGHTENING = np.array(
+    [
+        [-0.008, 0.588, -0.062, -0.060, 0.072, -0.022],
+        [0.130, 0.683, -0.151, -0.019, 0.066, -0.029],
+        [0.330, 0.487, -0.221, 0.055, -0.064, -0.026],
+        [0.568, 0.187, -0.295, 0.109, -0.152, -0.014],
+        [0.873, -0.392, -0.362, 0.226, -0.462, 0.001],
+        [1.132, -1.237, -0.412, 0.288, -0.823, 0.056],
+        [1.060, -1.600, -0.359, 0.264, -1.127, 0.131],
+        [0.678, -0.327, -0.250, 0.156, -1.377, 0.251],
+    ]
+)
+_LOWEST_PEREZ_COS = 0.0872  # 5 degrees of elevation
+
 
 def extraterrestrial(time_ns: ArrayLike, body: Body = EARTH) -> FloatArray:
     """Irradiance of a plane facing the sun outside the atmosphere: by day of year, elsewhere by distance.
@@ -360,6 +375,56 @@ def hay_davies_diffuse(
     beam_ratio = np.maximum(cos_incidence, 0.0) / np.maximum(cos_zenith, _LOWEST_COS_ZENITH)
     seen = circumsolar * beam_ratio + (1.0 - circumsolar) * sky_view(cos_tilt)
     return np.asarray(np.multiply(dhi_w_m2, seen))
+
+
+def perez_brightening(
+    dhi_w_m2: ArrayLike, dni_w_m2: ArrayLike, extraterrestrial_w_m2: ArrayLike, cos_zenith: ArrayLike
+) -> tuple[FloatArray, FloatArray]:
+    """Shares of the diffuse light that come from around the sun and from the horizon.
+
+    Parameters
+    ----------
+    dhi_w_m2, dni_w_m2
+        Diffuse horizontal and direct normal irradiance, shapes that broadcast. [W/m2]
+    extraterrestrial_w_m2
+        See `extraterrestrial`. [W/m2]
+    cos_zenith
+        Cosine of the sun's zenith angle. [-]
+
+    Returns
+    -------
+    F1, at least 0, and F2, negative where the zenith is brighter; on a facet of tilt b they give
+    ``DHI ((1 - F1) (1 + cos b) / 2 + F1 a / b' + F2 sin b)``, with a / b' as in `perez_diffuse`. [-]
+
+    References
+    ----------
+    .. [1] R. Perez et al., "Modeling daylight availability and irradiance components from direct and
+       global irradiance", Solar Energy 44, 271-289, 1990, eqs. (1), (9) and tables 1 and 6.
+    """
+    cosine = np.clip(np.asarray(cos_zenith, np.float64), 0.0, 1.0)
+    zenith, sky = np.arccos(cosine), np.maximum(np.asarray(dhi_w_m2, np.float64), 1e-3)
+    cube = 1.041 * zenith**3
+    clearness = ((sky + np.asarray(dni_w_m2)) / sky + cube) / (1.0 + cube)
+    brightness = sky * air_mass(cosine) / np.asarray(extraterrestrial_w_m2)
+    f11, f12, f13, f21, f22, f23 = np.moveaxis(_BRIGHTENING[np.digitize(clearness, _CLEARNESS_EDGES)], -1, 0)
+    around_sun = np.maximum(f11 + f12 * brightness + f13 * zenith, 0.0)
+    return np.asarray(around_sun), np.asarray(f21 + f22 * brightness + f23 * zenith)
+
+
+def perez_diffuse(
+    dhi_w_m2: ArrayLike,
+    dni_w_m2: ArrayLike,
+    extraterrestrial_w_m2: ArrayLike,
+    cos_incidence: ArrayLike,
+    cos_zenith: ArrayLike,
+    cos_tilt: ArrayLike,
+) -> FloatArray:
+    """Diffuse irradiance on a facet by `perez_brightening`; arguments as of `hay_davies_diffuse`, [W/m2]."""
+    around_sun, horizon = perez_brightening(dhi_w_m2, dni_w_m2, extraterrestrial_w_m2, cos_zenith)
+    beam_ratio = np.maximum(cos_incidence, 0.0) / np.maximum(cos_zenith, _LOWEST_PEREZ_COS)
+    sine = np.sqrt(np.clip(1.0 - np.square(cos_tilt), 0.0, 1.0))
+    seen = (1.0 - around_sun) * sky_view(cos_tilt) + around_sun * beam_ratio + horizon * sine
+    return np.asarray(np.maximum(np.multiply(dhi_w_m2, seen), 0.0))
 
 
 def ground_reflected(ghi_w_m2: ArrayLike, ground_albedo: ArrayLike, cos_tilt: ArrayLike) -> FloatArray:

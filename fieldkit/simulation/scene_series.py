@@ -353,7 +353,7 @@ def surface_temperatures(
     absorbed
         Absorbed radiation, shape (k, m). [W/m2]
     exchange
-        Coefficient of heat exchange with the air, shape (m,). [W m-2 K-1]
+        Coefficient of heat exchange with the air, shape (m,), or (k, m) of each facet. [W m-2 K-1]
     air_k
         Air temperature, shape (m,). [K]
 
@@ -361,10 +361,11 @@ def surface_temperatures(
     -------
     Shape (k, m). [K]
     """
-    start, step_s = _in_balance(facets, absorbed, exchange, air_k), np.round(np.diff(time_s), 6)
+    exchanges = np.broadcast_to(exchange, absorbed.shape)
+    start, step_s = _in_balance(facets, absorbed, exchanges, air_k), np.round(np.diff(time_s), 6)
     rows = [
-        surface_series(facet.stack, begin, step_s, own, exchange, air_k, facet.emissivity_broadband)
-        for facet, begin, own in zip(facets, start.tolist(), absorbed, strict=True)
+        surface_series(facet.stack, begin, step_s, own, exchanged, air_k, facet.emissivity_broadband)
+        for facet, begin, own, exchanged in zip(facets, start.tolist(), absorbed, exchanges, strict=True)
     ]
     return np.array(rows).reshape(absorbed.shape)
 
@@ -374,7 +375,7 @@ def _in_balance(
 ) -> FloatArray:
     """Surface temperatures (k,) of facets that store no heat, at the first time."""
     grey = np.array([facet.emissivity_broadband for facet in facets])
-    return balance_temperature(absorbed[:, 0] + exchange[0] * air_k[0], exchange[0], grey)
+    return balance_temperature(absorbed[:, 0] + exchange[:, 0] * air_k[0], exchange[:, 0], grey)
 
 
 def _of_one_material(
@@ -383,7 +384,7 @@ def _of_one_material(
     """Surface temperatures of thousands of surfaces of a facet's material, stepped together."""
     step = SlabStep.of([facet.stack], float(time_s[1] - time_s[0]))
     surface = np.empty_like(absorbed)
-    surface[:, 0] = _in_balance([facet], absorbed, exchange, air_k)
+    surface[:, 0] = _in_balance([facet], absorbed, np.broadcast_to(exchange, absorbed.shape), air_k)
     layer = np.tile(surface[:, :1], (1, step.response.shape[1]))
     for row in range(1, time_s.size):
         supplied = absorbed[:, row], exchange[row], air_k[row]

@@ -17,9 +17,13 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fieldkit.physics.facet import FloatArray
 
+JUMP_SDS = 4.5
+JUMP_PROBABILITY = 0.01
+"""Of a measurement: a shadow of ten seconds, a step of the shutter."""
 LOG_TWO_PI = float(np.log(2.0 * np.pi))
 
 
@@ -76,19 +80,49 @@ class KalmanBank:
         diagonal = np.arange(decay.size)
         self.covariance[:, diagonal, diagonal] += noise
 
-    def update(self, design: Affine, measured: FloatArray, variance: float) -> Innovation:
-        """Correct the states by measurements (m,) with independent noise, R = variance I; NaN is skipped."""
+    def update(
+        self,
+        design: Affine,
+        measured: FloatArray,
+        variance: FloatArray,
+        jumps: NDArray[np.int64] | None = None,
+    ) -> Innovation:
+        """Correct the states by measurements (m,) with independent noise (p, m), R's diagonal.
+
+        NaN is skipped. A measurement that contradicts all others and what came before is a jump of the state
+        in its place of `jumps` (m,), where they are given.
+        """
         seen, difference = np.isfinite(measured), measured - design.at(self.mean)
-        rows, count = design.rows[:, seen], int(seen.sum())
+        rows, error, count = design.rows[:, seen], difference[:, seen], int(seen.sum())
         shared = rows @ self.covariance
-        root = np.linalg.cholesky(shared @ rows.transpose(0, 2, 1) + variance * np.eye(count))
+        spread = shared @ rows.transpose(0, 2, 1) + variance[:, seen, np.newaxis] * np.eye(count)
+        added = np.zeros_like(error) if jumps is None else _jump_variance(spread, error)
+        if jumps is not None and added.any():
+            places = jumps[seen]
+            self.covariance[:, places, places] += added
+            shared = rows @ self.covariance
+            spread = shared @ rows.transpose(0, 2, 1) + variance[:, seen, np.newaxis] * np.eye(count)
+        root = np.linalg.cholesky(spread)
         # K S K' as a square of one matrix, L^-1 H P with S = L L': P stays symmetric and positive
         whitening = np.linalg.inv(root)
         half_gain = whitening @ shared
-        white = np.matmul(whitening, difference[:, seen, np.newaxis])[..., 0]
+        white = np.matmul(whitening, error[..., np.newaxis])[..., 0]
         self.mean = self.mean + np.einsum("pmn,pm->pn", half_gain, white)
         self.covariance -= half_gain.transpose(0, 2, 1) @ half_gain
         log_size = np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1) + 0.5 * count * LOG_TWO_PI
         standardised = np.full_like(difference, np.nan)
         standardised[:, seen] = white
-        return Innovation(difference, standardised, -0.5 * (white**2).sum(axis=1) - log_size)
+        chance = np.log(JUMP_PROBABILITY) * (added > 0.0).sum(axis=1)
+        return Innovation(difference, standardised, chance - 0.5 * (white**2).sum(axis=1) - log_size)
+
+
+def _jump_variance(spread: FloatArray, error: FloatArray) -> FloatArray:
+    """Squares (p, m) of what one measurement is off from what all others say, 0 where that may be chance."""
+    if error.shape[1] < 2:
+        return np.zeros_like(error)
+    inverse = np.linalg.inv(spread)
+    alone = np.matmul(inverse, error[..., np.newaxis])[..., 0]
+    information = np.diagonal(inverse, axis1=1, axis2=2)
+    sizes = np.abs(alone) / np.sqrt(information)
+    worst = np.arange(error.shape[1]) == np.argmax(sizes, axis=1)[:, np.newaxis]
+    return np.where(worst & (sizes > JUMP_SDS), (alone / information) ** 2, 0.0)

@@ -6,6 +6,7 @@ unknown change. Minutes without any bin are bridged by straight lines.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -18,14 +19,22 @@ from fieldkit.estimation.region_temperatures import difference_covariance_k2
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.site import Region
 from fieldkit.physics.bodies import BODIES
+from fieldkit.physics.climate import usual_air_k
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
-from fieldkit.physics.daylight import air_under_clear_sky, clear_sky_longwave, extraterrestrial
+from fieldkit.physics.daylight import (
+    air_under_clear_sky,
+    clear_sky_longwave,
+    extraterrestrial,
+    perez_brightening,
+)
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.horizon import MINUTE_EDGE_DEG, sunlit_share
 
 UNKNOWN_CHANGE = 5.0
 """Change of the light of a minute without a reading, as a share of the last one."""
 BRIDGED_MINUTES = 120
+AIR_HOLDS_MIN = 10.0
+"""How long an air temperature is taken to be as it was last logged."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,8 +56,14 @@ class MinuteInputs:
         ground by a facet that sees nothing else. [W/m2], [-]
     longwave_down, longwave_ground
         From the sky and from the ground. [W/m2]
-    air_k
-        Air temperature, logged or guessed. [K]
+    brightening, horizon
+        Perez' circumsolar share less Hay and Davies', and the share of his horizon band. [-]
+    air_k, air_stale_h
+        Air temperature, logged or guessed; for how long it has not been logged. [K], [h]
+    air_returns
+        Whether it is logged from this minute on.
+    wind_change
+        Wind speed over that of the first minute, 0 where it is not logged. [m/s]
     shaded, sunlit
         Share of a minute that a region is under a board; share of the sun that its horizon leaves visible.
     is_edge
@@ -70,6 +85,11 @@ class MinuteInputs:
     shaded: FloatArray
     sunlit: FloatArray
     is_edge: NDArray[np.bool_]
+    brightening: float
+    horizon: float
+    air_stale_h: float
+    air_returns: bool
+    wind_change: float
 
     def between(self, later: MinuteInputs, share: float) -> MinuteInputs:
         """Inputs of a minute without a bin, `share` of the way to a later one."""
@@ -77,7 +97,7 @@ class MinuteInputs:
         for name in self.__slots__:
             one, other = getattr(self, name), getattr(later, name)
             values[name] = (
-                one if name in ("measured", "shaded", "is_edge") else (1.0 - share) * one + share * other
+                one if name in ("measured", "shaded", "is_edge", "air_returns") else (1.0 - share) * one + share * other
             )
         values["measured"] = np.zeros_like(self.measured)
         values["direct_change"] = abs(later.direct - self.direct)
@@ -88,6 +108,7 @@ class MinuteInputs:
 class Logged:
     """Quantities measured in a chain's first minute, by which priors are chosen.
 
+    `longwave_per_k` is the longwave that a warmer air means where neither was measured. [W m-2 K-1]
     `camera_k` and `camera_sd_k` are the camera's error that all regions share, as contact probes in the
     regions show it, and its standard deviation. `emissivities_k2` is the covariance of the differences to the
     first region from uncertain emissivities (regions - 1, regions - 1). [K], [K2]
@@ -95,6 +116,7 @@ class Logged:
 
     air: bool
     longwave: bool
+    longwave_per_k: float
     diffuse: bool
     camera_k: float
     camera_sd_k: float
@@ -114,6 +136,7 @@ def logged(
     return Logged(
         bool(np.isfinite(history.air_k[row])),
         bool(np.isfinite(history.longwave_down_w_m2[row])),
+        _longwave_per_k(history, row, settings),
         bool(np.isfinite(history.dhi_w_m2[row])),
         float(weight * known.mean() / information) if known.size else 0.0,
         float(information**-0.5),
@@ -123,6 +146,15 @@ def logged(
             settings,
         ),
     )
+
+
+def _longwave_per_k(history: History, row: int, settings: EstimatorSettings) -> float:
+    """Longwave that a warmer air means where neither was measured, W m-2 K-1: of a clear sky on the Earth."""
+    either = np.isfinite([history.air_k[row], history.longwave_down_w_m2[row]]).any()
+    if either or not BODIES[settings.body].has_air_of_earth:
+        return 0.0
+    air_k = air_unlogged_k(math.nan, settings, int(history.time_ns[row]))
+    return 6.0 * float(clear_sky_longwave(air_k)) / air_k
 
 
 def can_start(history: History, row: int, layout: Layout) -> bool:
@@ -158,13 +190,20 @@ def minute_inputs(
     is_shaded, is_moved = shade(history, layout)[row]
     visible = sunlit(history.sun[row], layout)
     is_edge = is_moved | ((visible > 0.0) & (visible < 1.0))
-    logged_k = _logged_air_k(history, row)
+    logged_k, stale_h = _logged_air_k(history, row, start, settings)
     longwave = float(history.longwave_down_w_m2[row])
-    longwave = longwave if np.isfinite(longwave) else sky_longwave(logged_k, settings)
+    air_k = (
+        logged_k if np.isfinite(logged_k) else air_unlogged_k(longwave, settings, int(history.time_ns[row]))
+    )
+    longwave = longwave if np.isfinite(longwave) else sky_longwave(air_k, settings)
     grey = surface.emissivity_broadband
     # the ground around, which the regions see, is taken to be as warm as the references
     ground_k = kelvin[: layout.references].mean()
     top = float(extraterrestrial(history.time_ns[row], BODIES[settings.body]))
+    circumsolar = float(np.clip(direct / top, 0.0, 1.0)) if settings.sky == "hay-davies" else 0.0
+    around_sun, band = circumsolar, 0.0
+    if settings.sky == "hay-davies" and BODIES[settings.body].has_air_of_earth and cos_zenith > 0.0:
+        around_sun, band = map(float, perez_brightening(diffuse, direct, top, cos_zenith))
     return MinuteInputs(
         hours=float(history.minute[row] - start) / 60.0,
         sun=history.sun[row].copy(),  # a view would keep the whole history
@@ -174,15 +213,26 @@ def minute_inputs(
         direct=absorptance * direct,
         direct_change=change,
         diffuse=absorptance * diffuse,
-        circumsolar=float(np.clip(direct / top, 0.0, 1.0)) if settings.sky == "hay-davies" else 0.0,
+        circumsolar=circumsolar,
         reflected=absorptance * settings.ground_albedo * (direct * cos_zenith + diffuse),
         longwave_down=longwave,
         longwave_ground=float(grey * STEFAN_BOLTZMANN * ground_k**4 + (1.0 - grey) * longwave),
-        air_k=logged_k if np.isfinite(logged_k) else air_of_sky(longwave, settings),
+        air_k=air_k,
         shaded=np.where(is_moved, 0.5, is_shaded.astype(np.float64)),
         sunlit=visible,
         is_edge=is_edge,
+        brightening=around_sun - circumsolar,
+        horizon=band,
+        air_stale_h=stale_h,
+        air_returns=before is not None and before.air_stale_h > 0.0 and stale_h == 0.0,
+        wind_change=_wind_change(history, row),
     )
+
+
+def _wind_change(history: History, row: int) -> float:
+    """The last logged wind speed over the first, 0 without any."""
+    known = np.flatnonzero(np.isfinite(history.wind_m_s[: row + 1]))
+    return float(history.wind_m_s[known[-1]] - history.wind_m_s[known[0]]) if known.size else 0.0
 
 
 def shade(history: History, layout: Layout) -> NDArray[np.bool_]:
@@ -225,14 +275,25 @@ def _light(
     return direct, share * direct * cos_zenith if np.isnan(diffuse) else max(diffuse, 0.0), True
 
 
-def _logged_air_k(history: History, row: int) -> float:
-    """The last logged air temperature, as it was: smoothing would part it from the sun that warms it."""
+def _logged_air_k(history: History, row: int, start: int, settings: EstimatorSettings) -> tuple[float, float]:
+    """The last logged air temperature, as it was, and for how long it has been stale, h; NaN without any.
+
+    Smoothing would part it from the sun that warms it. A stale one changes as the air usually does by then.
+    """
     known = np.flatnonzero(np.isfinite(history.air_k[: row + 1]))
-    return float(history.air_k[known[-1]]) if known.size else float("nan")
+    if not known.size:
+        return math.nan, float(history.minute[row] - start) / 60.0
+    last = int(known[-1])
+    stale_h = max(float(history.minute[row] - history.minute[last]) - AIR_HOLDS_MIN, 0.0) / 60.0
+    logged_k = float(history.air_k[last])
+    if stale_h > 0.0 and settings.site is not None and BODIES[settings.body].has_air_of_earth:
+        then_k, now_k = usual_air_k(history.time_ns[[last, row]], settings.site).tolist()
+        logged_k += now_k - then_k
+    return logged_k, stale_h
 
 
 def sky_longwave(air_k: float, settings: EstimatorSettings) -> float:
-    """Longwave where it is not measured, W/m2: of the Earth's clear sky over logged air, or as configured.
+    """Longwave where it is not measured, W/m2: of the Earth's clear sky over the air, or as configured.
 
     One fixed number is 100 W/m2 too much over a high plateau in winter.
     """
@@ -241,7 +302,16 @@ def sky_longwave(air_k: float, settings: EstimatorSettings) -> float:
     return settings.longwave_down_w_m2
 
 
-def air_of_sky(longwave_w_m2: float, settings: EstimatorSettings) -> float:
-    """Air temperature where it is not logged, K: on the Earth by the longwave, elsewhere the body's."""
+def air_unlogged_k(longwave_w_m2: float, settings: EstimatorSettings, time_ns: int) -> float:
+    """Air temperature where it is not logged, K.
+
+    On the Earth that under a sky of the longwave (NaN where not measured), else the usual one of place, date
+    and hour; elsewhere the body's.
+    """
     body = BODIES[settings.body]
-    return float(air_under_clear_sky(longwave_w_m2)) if body.has_air_of_earth else body.air_temperature_k
+    if not body.has_air_of_earth:
+        return body.air_temperature_k
+    if np.isfinite(longwave_w_m2) or settings.site is None:
+        known = np.isfinite(longwave_w_m2)
+        return float(air_under_clear_sky(longwave_w_m2 if known else settings.longwave_down_w_m2))
+    return float(usual_air_k(time_ns, settings.site))

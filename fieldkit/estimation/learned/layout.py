@@ -1,8 +1,8 @@
 """Places of the state vector.
 
 For each region the stores of its layer; then what is shared and varies (gusts, a common flux, air, beam,
-board), a flux of each bed; then what is constant: gain, diffuse light, circumsolar share, longwave, air,
-the beds' normals times the gain, offsets and drifts.
+board), slow exchange of each bed's own; then what is constant: gain, diffuse light and its shape, longwave,
+air, wind, the beds' normals times the gain, offsets, drifts; last what each region does alone within minutes.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ SHARED = (
     *("gust", "longer_gust", "longest_gust", "slow_gust", "common_flux", "air_change"),
     *("beam", "moment", "edge", "board", "camera"),
     *("slow_gust_drive", "common_flux_drive", "air_change_drive"),
-    *("gain", "diffuse", "circumsolar", "longwave", "air"),
+    *("gain", "diffuse", "circumsolar", "brightening", "longwave", "air", "air_drift", "wind"),
 )
 
 
@@ -96,17 +96,17 @@ class Layout:
     def _shared(self) -> dict[str, int]:
         return {name: place for place, name in enumerate(SHARED, start=self.regions * STORES)}
 
-    def bed_flux(self, target: int) -> int:
-        """Place of a target's own flux."""
+    def slow_exchange(self, target: int) -> int:
+        """Place of a target's own slow exchange."""
         return self.regions * STORES + len(SHARED) + target
 
-    def bed_flux_drive(self, target: int) -> int:
-        """Place of what drives a target's own flux."""
-        return self.bed_flux(self.targets) + target
+    def slow_exchange_drive(self, target: int) -> int:
+        """Place of what drives a target's own slow exchange."""
+        return self.slow_exchange(self.targets) + target
 
     def normal(self, target: int) -> slice:
         """Places of a target's normal times the gain, in the axes of `facing`."""
-        first = self.bed_flux_drive(self.targets) + sum(axes.shape[1] for axes in self.facing[:target])
+        first = self.slow_exchange_drive(self.targets) + sum(axes.shape[1] for axes in self.facing[:target])
         return slice(first, first + self.facing[target].shape[1])
 
     def offset(self, region: int) -> int:
@@ -117,16 +117,34 @@ class Layout:
         """Place of the drift of any region but the first reference."""
         return self.offset(region) + self.regions - 1
 
+    def own(self, region: int) -> int:
+        """Place of what a region's temperature does alone within minutes."""
+        return self.drift(self.regions) + region
+
+    def quickness(self, target: int) -> int:
+        """Place of how much more a target warms by the same flux, as a share."""
+        return self.own(self.regions) + target
+
+    def own_exchange(self, target: int) -> int:
+        """Place of a target's lasting exchange over that of the references."""
+        return self.quickness(self.targets) + target
+
+    @cached_property
+    def own_places(self) -> Indices:
+        """Places of what each region's temperature does alone (regions,)."""
+        return self.own(0) + np.arange(self.regions)
+
     @property
     def smooth(self) -> dict[int, int]:
         """Places of processes without jumps, each with the place of what drives it."""
         shared = {self.shared(name): self.shared(f"{name}_drive") for name in SMOOTH}
-        return shared | {self.bed_flux(target): self.bed_flux_drive(target) for target in range(self.targets)}
+        own = {self.slow_exchange(one): self.slow_exchange_drive(one) for one in range(self.targets)}
+        return shared | own
 
     @property
     def size(self) -> int:
         """Number of places."""
-        return self.drift(self.regions - 1) + 1
+        return self.own_exchange(self.targets)
 
 
 def _facing(region: Region, is_azimuth_known: bool) -> FloatArray:

@@ -6,6 +6,7 @@ takes the same minutes takes the same steps.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,7 @@ from fieldkit.estimation.learned.filters import Filters
 from fieldkit.estimation.learned.hypotheses import Proposal, effective, hypotheses, normalised
 from fieldkit.estimation.learned.inputs import Logged, MinuteInputs, bridge
 from fieldkit.estimation.learned.layout import Layout
+from fieldkit.estimation.learned.noise import noise_of
 from fieldkit.estimation.learned.normals import UnitNormals, places_of_normals, unit_normals
 from fieldkit.estimation.normal import Misfit, solve
 from fieldkit.estimation.settings import EstimatorSettings
@@ -26,7 +28,7 @@ FEWEST = 10.0
 """Effective hypotheses below which all are drawn anew."""
 LONGER = 1.2
 """Length of the chain over that at the last draw from which a new draw may be due."""
-FIRST_ROUNDS, ROUNDS = 3, 2
+FIRST_ROUNDS, ROUNDS, MOST_ROUNDS = 3, 2, 10
 STEPS, STEPS_AFTER_DRAW = 4, 15
 FAR = 40.0
 """Misfit over the best branch from which another one is not pursued."""
@@ -87,6 +89,11 @@ class Learner:
         return self._innovations
 
     @property
+    def minutes(self) -> Sequence[MinuteInputs]:
+        """All minutes taken, with those that were bridged."""
+        return self._minutes
+
+    @property
     def last(self) -> MinuteInputs:
         """The last minute taken."""
         return self._minutes[-1]
@@ -114,8 +121,10 @@ class Learner:
         self._draw_anew(FIRST_ROUNDS)
 
     def _draw_anew(self, rounds: int) -> None:
-        """Hypotheses where those that count are, some rounds over."""
-        for _ in range(rounds):
+        """Hypotheses where those that count are, some rounds over, and more while few of them count."""
+        for done in range(MOST_ROUNDS):
+            if done >= rounds and effective(self.posterior.log_weights) >= FEWEST:
+                break
             self._around = self.posterior.state
             self._draw(Proposal.fitted(self._points, self.posterior.log_weights))
             self.posterior = self._posterior(STEPS_AFTER_DRAW)
@@ -136,7 +145,13 @@ class Learner:
         self._points = proposal.draw()
         drawn = hypotheses(self._points, self.settings)
         self._filters = Filters(
-            self.layout, drawn, self.settings, self._minutes[0], self.logged, self._around
+            self.layout,
+            drawn,
+            self.settings,
+            self._minutes[0],
+            self.logged,
+            self._around,
+            noise_of(self._minutes, self.settings.noise_k),
         )
         self._innovations = [self._filters.step(minute) for minute in self._minutes]
         self._starts = self._directions()

@@ -1,8 +1,9 @@
 """From a filter's normals times the gain to unit normals: all beds and the gain together.
 
 A filter knows the vectors ``gain * normal`` as a joint normal distribution in which lengths are free. Lengths
-must all equal the gain: a bed whose vector the sun's path pins down gives the gain, so every other bed's too.
-The most probable unit normals are found by damped Gauss-Newton steps for all hypotheses at once; around them
+must all equal the gain, up to what each bed absorbs more or less than the reference: a bed whose vector the
+sun's path pins down gives the gain, so nearly every other bed's too. The most probable unit normals are found
+by damped Gauss-Newton steps for all hypotheses at once; around them
 the distribution is taken to be normal in the plane that touches the sphere (Laplace).
 """
 
@@ -40,13 +41,13 @@ class UnitNormals:
     tangents
         For each target (p, k, k - 1): directions in which it may turn.
     covariance
-        Of gain and turns, in the order of the targets, (p, q, q). [rad2]
+        Of gain, turns in the order of the targets, and the targets' own gains, (p, q, q). [rad2]
     log_evidence
         Logarithm of the probability of unit normals given what the filter knows, (p,).
     pull
         Gain and normals less the filter's means, in units of information (p, m).
     jacobian
-        Of gain and normals by gain and turns (p, m, q), in units of information.
+        Of gain and normals by gain, turns and own gains (p, m, q), in units of information.
     """
 
     gain: FloatArray
@@ -65,46 +66,62 @@ class UnitNormals:
 
 @dataclass(frozen=True, slots=True)
 class _Fit:
-    """Gain and unit normals with what a step from them needs."""
+    """Gain, unit normals and the targets' own gains (p, targets), with what a step from them needs."""
 
     gain: FloatArray
     units: list[FloatArray]
+    own: FloatArray
     tangents: list[FloatArray]
     jacobian: FloatArray
     residual: FloatArray
     misfit: FloatArray
 
     @classmethod
-    def at(cls, mean: FloatArray, information: FloatArray, gain: FloatArray, units: list[FloatArray]) -> _Fit:
-        residual = mean - np.column_stack([gain, *(gain[:, np.newaxis] * unit for unit in units)])
+    def at(
+        cls,
+        mean: FloatArray,
+        information: FloatArray,
+        gain: FloatArray,
+        units: list[FloatArray],
+        own: FloatArray,
+    ) -> _Fit:
+        each = gain[:, np.newaxis] * (1.0 + own)
+        scaled = [each[:, [target]] * unit for target, unit in enumerate(units)]
+        residual = mean - np.column_stack([gain, *scaled, own])
         tangents = [tangent_basis(unit) for unit in units]
-        jacobian = np.zeros((*mean.shape, 1 + sum(one.shape[2] for one in tangents)))
+        turns = sum(one.shape[2] for one in tangents)
+        jacobian = np.zeros((*mean.shape, 1 + turns + len(units)))
         jacobian[:, 0, 0] = 1.0
         row, column = 1, 1
-        for unit, tangent in zip(units, tangents, strict=True):
+        for target, (unit, tangent) in enumerate(zip(units, tangents, strict=True)):
             rows, columns = slice(row, row + unit.shape[1]), slice(column, column + tangent.shape[2])
-            jacobian[:, rows, 0] = unit
-            jacobian[:, rows, columns] = gain[:, np.newaxis, np.newaxis] * tangent
+            jacobian[:, rows, 0] = (1.0 + own[:, [target]]) * unit
+            jacobian[:, rows, columns] = each[:, [target], np.newaxis] * tangent
+            jacobian[:, rows, 1 + turns + target] = gain[:, np.newaxis] * unit
             row, column = rows.stop, columns.stop
+        jacobian[:, row:, 1 + turns :] = np.eye(len(units))
         weighted = np.matmul(information, residual[..., np.newaxis])[..., 0]
-        return cls(gain, units, tangents, jacobian, residual, (residual * weighted).sum(axis=1))
+        return cls(gain, units, own, tangents, jacobian, residual, (residual * weighted).sum(axis=1))
 
-    def stepped(self, step: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
-        """Gain and unit normals after a step of gain and turns (p, q)."""
+    def stepped(self, step: FloatArray) -> tuple[FloatArray, list[FloatArray], FloatArray]:
+        """Gain, unit normals and own gains after a step of gain, turns and own gains (p, q)."""
         units, column = [], 1
         for unit, tangent in zip(self.units, self.tangents, strict=True):
             columns = slice(column, column + tangent.shape[2])
             moved = unit + np.matmul(tangent, step[:, columns, np.newaxis])[..., 0]
             units.append(moved / np.linalg.norm(moved, axis=1, keepdims=True))
             column = columns.stop
-        return np.maximum(self.gain + step[:, 0], LEAST_GAIN), units
+        return np.maximum(self.gain + step[:, 0], LEAST_GAIN), units, self.own + step[:, column:]
 
 
 def unit_normals(filters: Filters, starts: tuple[FloatArray, ...], steps: int) -> UnitNormals:
     """Most probable unit normals near the starts, one (k,) or (p, k) for each target, in at most `steps`."""
-    mean, information = _known(filters)
+    known, free = _known(filters)
+    # beds that are unlike in what passes are unlike in what stays
+    own_sd = filters.model.settings.prior.own_gain_sd * filters.noise.unlike(filters.hypotheses.unrest)
+    mean, information = _with_own_gains(known, free, len(starts), own_sd)
     units = [np.broadcast_to(start, (len(mean), start.shape[-1])).copy() for start in starts]
-    fit = _Fit.at(mean, information, np.maximum(mean[:, 0], LEAST_GAIN), units)
+    fit = _Fit.at(mean, information, np.maximum(mean[:, 0], LEAST_GAIN), units, mean[:, known.shape[1] :])
     damping = np.full(len(mean), 1e-6)
     for _ in range(steps):
         step = _step(fit, information, damping)
@@ -117,7 +134,7 @@ def unit_normals(filters: Filters, starts: tuple[FloatArray, ...], steps: int) -
     weighted = np.matmul(information, fit.jacobian)
     curvature = np.matmul(fit.jacobian.transpose(0, 2, 1), weighted)
     # the area of a sphere grows with its radius, the gain
-    area = np.log(fit.gain) * (curvature.shape[1] - 1)
+    area = np.log(fit.gain) * sum(tangent.shape[2] for tangent in fit.tangents)
     # Laplace: the Gaussian over gain and turns alone, against that over free vectors
     volume = np.linalg.slogdet(information)[1] - np.linalg.slogdet(curvature)[1]
     return UnitNormals(
@@ -126,9 +143,20 @@ def unit_normals(filters: Filters, starts: tuple[FloatArray, ...], steps: int) -
         tuple(fit.tangents),
         np.linalg.inv(curvature),
         0.5 * (volume - fit.misfit) + area,
-        -np.matmul(information, fit.residual[..., np.newaxis])[..., 0],
-        weighted,
+        -np.matmul(free, fit.residual[:, : known.shape[1], np.newaxis])[..., 0],
+        weighted[:, : known.shape[1]],
     )
+
+
+def _with_own_gains(
+    mean: FloatArray, information: FloatArray, targets: int, sd: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """The same numbers, followed by the own gains of the targets around zero."""
+    count, size = mean.shape
+    whole = np.zeros((count, size + targets, size + targets))
+    whole[:, :size, :size] = information
+    whole[:, range(size, size + targets), range(size, size + targets)] = sd[:, np.newaxis] ** -2
+    return np.column_stack([mean, np.zeros((count, targets))]), whole
 
 
 def places_of_normals(layout: Layout) -> list[int]:
@@ -163,7 +191,8 @@ def _either(
     """The trial where it is better."""
     chosen = better[:, np.newaxis]
     units = [np.where(chosen, new, old) for new, old in zip(trial.units, fit.units, strict=True)]
-    return _Fit.at(mean, information, np.where(better, trial.gain, fit.gain), units)
+    gain, own = np.where(better, trial.gain, fit.gain), np.where(chosen, trial.own, fit.own)
+    return _Fit.at(mean, information, gain, units, own)
 
 
 def tangent_basis(unit: FloatArray) -> FloatArray:

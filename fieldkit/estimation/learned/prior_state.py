@@ -11,6 +11,7 @@ import numpy as np
 from fieldkit.estimation.learned.hypotheses import Hypotheses
 from fieldkit.estimation.learned.inputs import Logged, MinuteInputs
 from fieldkit.estimation.learned.layout import GUSTS, Layout
+from fieldkit.estimation.learned.noise import OWN_MINUTES, Noise
 from fieldkit.estimation.prior import Prior
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.physics.facet import FloatArray
@@ -27,21 +28,21 @@ SMOOTHED = float(np.sqrt(2.0))
 AIR_CHANGE_K = 1.5
 """Change of an air temperature that is not logged, over `AIR_MINUTES`."""
 AIR_NOISE_K = 0.1
+AIR_DRIFT_K_PER_H = 1.5
+"""Change of an air temperature that is not logged any more, or never was, besides what is usual."""
 LEVEL_SD_K = 15.0
 PAST_MINUTES: FloatArray = np.array([0.0, 4.0, 12.0, 36.0, 108.0, 300.0])
 """Bounds of the bins of time before the first minute in which the net flux was one unknown number each."""
-NORMAL_UP = 0.95
-NORMAL_UP_SD = 0.15
+LEAST_UP_SD, UP_SHARE = 0.15, 0.6
+"""Standard deviation of a normal's vertical component: at least, and as a share of a horizontal one's."""
 DIRECT_SD = 0.07
 """Relative, of direct light that is a reading less an assumed share of diffuse light."""
 ALBEDO_SD = 0.0625
 """Relative, of the absorptance of sand whose albedo is 0.20 within 0.05."""
-GUESSED = 2.0
-"""Factor on the uncertainty of longwave where neither it nor the air was measured."""
 
 
 def processes(
-    layout: Layout, prior: Prior, hypotheses: Hypotheses, logged: Logged
+    layout: Layout, prior: Prior, hypotheses: Hypotheses, logged: Logged, noise: Noise
 ) -> dict[int, tuple[FloatArray, float]]:
     """Standard deviation (p,) and time constant in minutes of what relaxes and is driven by chance, by place.
 
@@ -60,7 +61,10 @@ def processes(
     for name, share, minutes in zip(GUSTS, GUST_SHARES, GUST_MINUTES, strict=True):
         found[layout.shared(name)] = (share * hypotheses.gust, float(minutes))
     for target in range(layout.targets):
-        found[layout.bed_flux_drive(target)] = (unrest * prior.bed_flux_sd_w_m2, SLOW_MINUTES)
+        spread = unrest * prior.own_slow_exchange * hypotheses.exchange
+        found[layout.slow_exchange_drive(target)] = (spread, SLOW_MINUTES)
+    for region in range(layout.regions):
+        found[layout.own(region)] = (np.full(hypotheses.exchange.size, noise.own_k), OWN_MINUTES)
     return found
 
 
@@ -75,8 +79,10 @@ def prior_mean(
     # to a camera that reads high the air would be warmer by as much
     mean[layout.shared("air")] = logged.camera_k
     mean[layout.shared("circumsolar")] = settings.prior.circumsolar_share
+    mean[layout.shared("brightening")] = settings.prior.brightening_share
+    mean[layout.shared("wind")] = settings.prior.wind_w_m2_k_per_m_s
     for target in range(layout.targets):
-        mean[layout.normal(target)] = settings.scale * NORMAL_UP * layout.facing[target][2]
+        mean[layout.normal(target)] = settings.scale * upwards(settings.prior)[0] * layout.facing[target][2]
     return mean
 
 
@@ -84,14 +90,22 @@ def prior_sds(settings: EstimatorSettings, logged: Logged) -> dict[str, float]:
     """Prior standard deviations of the constants that all regions share, by name."""
     prior = settings.prior
     air_sd_k = prior.air_sd_k if logged.air else prior.air_unlogged_sd_k
-    is_guessed = not (logged.longwave or logged.air)
     return {
         "gain": float(np.hypot(gain_sd(settings), 0.0 if logged.diffuse else DIRECT_SD)),
         "diffuse": prior.diffuse_sd if logged.diffuse else prior.diffuse_unmeasured_sd,
         "circumsolar": prior.circumsolar_sd,
-        "longwave": prior.longwave_sd_w_m2 * (GUESSED if is_guessed else 1.0),
+        "brightening": prior.brightening_sd,
+        "air_drift": AIR_DRIFT_K_PER_H,
+        "wind": prior.wind_sd_w_m2_k_per_m_s,
+        "longwave": prior.longwave_sd_w_m2,
         "air": float(np.hypot(air_sd_k, logged.camera_sd_k)),
     }
+
+
+def upwards(prior: Prior) -> tuple[float, float]:
+    """Prior mean and standard deviation of the vertical component of a normal, whose length is 1."""
+    horizontal = prior.normal_horizontal_sd
+    return float(np.sqrt(max(1.0 - 2.0 * horizontal**2, 0.1))), max(LEAST_UP_SD, UP_SHARE * horizontal)
 
 
 def gain_sd(settings: EstimatorSettings) -> float:
@@ -101,19 +115,29 @@ def gain_sd(settings: EstimatorSettings) -> float:
 
 
 def prior_covariance(
-    layout: Layout, settings: EstimatorSettings, hypotheses: Hypotheses, logged: Logged
+    layout: Layout,
+    settings: EstimatorSettings,
+    hypotheses: Hypotheses,
+    logged: Logged,
+    noise: Noise,
 ) -> FloatArray:
     """Prior covariance (p, n, n); stores by past fluxes and an unknown level."""
     prior = settings.prior
     variance = np.zeros((hypotheses.exchange.size, layout.size))
+    unlike = noise.unlike(hypotheses.unrest)
     for name, sd in prior_sds(settings, logged).items():
         variance[:, layout.shared(name)] = sd**2
-    for place, (spread, _) in processes(layout, prior, hypotheses, logged).items():
+    for place, (spread, _) in processes(layout, prior, hypotheses, logged, noise).items():
         variance[:, place] = spread**2
     for target in range(layout.targets):
         vertical = layout.facing[target][2]
-        sds = np.where(vertical > 0.0, NORMAL_UP_SD, prior.normal_horizontal_sd)
+        # a known azimuth does not make a bed flatter: its one component is as long as two otherwise are
+        horizontal = prior.normal_horizontal_sd * np.sqrt(4 - vertical.size)
+        sds = np.where(vertical > 0.0, upwards(prior)[1], horizontal)
         variance[:, layout.normal(target)] = sds**2
+        lasting = unlike * prior.own_exchange * hypotheses.exchange
+        variance[:, layout.own_exchange(target)] = lasting**2
+        variance[:, layout.quickness(target)] = (unlike * prior.own_inertia_sd) ** 2
     for region in range(1, layout.regions):
         variance[:, layout.offset(region)] = settings.offset_sd_k**2
         variance[:, layout.drift(region)] = settings.drift_sd_k_per_h**2
@@ -121,6 +145,10 @@ def prior_covariance(
     covariance[:, range(layout.size), range(layout.size)] = variance
     offsets = slice(layout.offset(1), layout.offset(layout.regions - 1) + 1)
     covariance[:, offsets, offsets] += logged.emissivities_k2
+    air, longwave = layout.shared("air"), layout.shared("longwave")
+    together = logged.longwave_per_k * variance[:, air]  # a sky is as warm as its air
+    covariance[:, longwave, longwave] += logged.longwave_per_k * together
+    covariance[:, air, longwave] = covariance[:, longwave, air] = together
     # started as if it had long run: a process that follows its drive has half the drive's variance
     for place, drive in layout.smooth.items():
         covariance[:, place, place] = variance[:, drive] / 2.0

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from scipy.special import ndtri
@@ -211,22 +210,41 @@ def _by_tilt(learner: Learner) -> tuple[FloatArray, FloatArray]:
     return steps, tilts
 
 
+def prior_places(settings: EstimatorSettings, sds: dict[str, float]) -> dict[str, tuple[float, float]]:
+    """Prior mean and standard deviation of what is in `Moments`, of `LOGARITHMS` of the logarithm."""
+    prior, slab = settings.prior, settings.slab
+    return {
+        "gain": (settings.scale, sds["gain"]),
+        "exchange": (float(np.log(prior.exchange_w_m2_k)), prior.exchange_log_sd),
+        "thermal_inertia": (float(np.log(slab.thermal_inertia)), prior.inertia_log_sd),
+        "gusts": (float(np.log(prior.gust_sd_w_m2_k)), prior.gust_log_sd),
+        "diffuse": (0.0, sds["diffuse"]),
+        "circumsolar": (prior.circumsolar_share, sds["circumsolar"]),
+        "longwave": (0.0, sds["longwave"]),
+        "air": (0.0, sds["air"]),
+    }
+
+
 def learnt_parameters(learner: Learner, found: Moments) -> tuple[LearntParameter, ...]:
     """The shared parameters as learnt, with their priors."""
-    settings, prior, slab = learner.settings, learner.settings.prior, learner.settings.slab
-    straight = partial(_learnt, settings, found)
-    logarithmic = partial(_learnt, settings, found, of=np.exp)
-    sds = prior_sds(settings, learner.logged)
+    settings, logged = learner.settings, learner.logged
+    places = prior_places(settings, prior_sds(settings, logged))
+    places["air"] = (logged.camera_k, places["air"][1])
+
+    def of(name: str, unit: str) -> LearntParameter:
+        made = np.exp if name in LOGARITHMS else float
+        return _learnt(settings, found, name, unit, *places[name], of=made)
+
     return (
-        straight("gain", "", settings.scale, sds["gain"]),
-        logarithmic("exchange", "W m⁻² K⁻¹", np.log(prior.exchange_w_m2_k), prior.exchange_log_sd),
-        logarithmic("thermal_inertia", "J m⁻² K⁻¹ s⁻½", np.log(slab.thermal_inertia), prior.inertia_log_sd),
+        of("gain", ""),
+        of("exchange", "W m⁻² K⁻¹"),
+        of("thermal_inertia", "J m⁻² K⁻¹ s⁻½"),
         _depth(settings, found),
-        logarithmic("gusts", "W m⁻² K⁻¹", np.log(prior.gust_sd_w_m2_k), prior.gust_log_sd),
-        straight("diffuse", "", 0.0, sds["diffuse"]),
-        straight("circumsolar", "", prior.circumsolar_share, sds["circumsolar"]),
-        straight("longwave", "W/m²", 0.0, sds["longwave"]),
-        straight("air", "K", learner.logged.camera_k, sds["air"]),
+        of("gusts", "W m⁻² K⁻¹"),
+        of("diffuse", ""),
+        of("circumsolar", ""),
+        of("longwave", "W/m²"),
+        of("air", "K"),
     )
 
 

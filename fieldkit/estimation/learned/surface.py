@@ -10,14 +10,17 @@ diffuse light and normal), the product is taken to first order around a given st
 from __future__ import annotations
 
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
+from scipy.special import ndtr
 
 from fieldkit.estimation.learned.bank import Affine, Transition
 from fieldkit.estimation.learned.hypotheses import Hypotheses
 from fieldkit.estimation.learned.inputs import Logged, MinuteInputs
 from fieldkit.estimation.learned.layout import GUSTS, Layout
-from fieldkit.estimation.learned.prior_state import processes
+from fieldkit.estimation.learned.noise import Noise
+from fieldkit.estimation.learned.prior_state import AIR_CHANGE_K, SMOOTHED, processes
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.facet import FloatArray
@@ -42,6 +45,21 @@ BOARD_SD_W_M2 = 60.0
 HIDDEN = 0.7
 """Share of the sky that a board hides."""
 LOWEST_SUN = 0.05
+_ROOT_TWO_PI = float(np.sqrt(2.0 * np.pi))
+_LEAST_SD = 1e-4
+
+
+class Light(NamedTuple):
+    """The sun on regions (p, regions), of a cosine times the gain that is known to within an sd.
+
+    `share` is the probability that the sun stands above the surface, `mean` and `sd` those of the lit cosine,
+    whose part without the linear one is `left`.
+    """
+
+    share: FloatArray
+    mean: FloatArray
+    left: FloatArray
+    sd: FloatArray
 
 
 class SurfaceModel:
@@ -54,6 +72,7 @@ class SurfaceModel:
         settings: EstimatorSettings,
         logged: Logged,
         around: FloatArray,
+        noise: Noise,
     ) -> None:
         self.layout = layout
         self.hypotheses = hypotheses
@@ -61,7 +80,7 @@ class SurfaceModel:
         modes = layer_modes(hypotheses.inertia, hypotheses.depth_m, settings.slab.heat_capacity_j_m3_k)
         self._weights = np.column_stack([np.ones_like(modes.resistance), modes.weights])
         self._quick = (modes.resistance + self._weights @ MEAN_FILL)[:, np.newaxis]
-        self._processes = processes(layout, settings.prior, hypotheses, logged)
+        self._processes = processes(layout, settings.prior, hypotheses, logged, noise)
         self._normals = self._views()
         self._around = _possible(layout, around)
 
@@ -84,6 +103,12 @@ class SurfaceModel:
             variance[:, place] = sd**2 * (1.0 - self._decay[place] ** 2)
         for place, passing in self.passing(minute).items():
             variance[:, place] = passing
+        if minute.air_returns:  # what was wrong with the guess is no error of the thermometer
+            variance[:, self.layout.shared("air")] = self.settings.prior.air_unlogged_sd_k**2
+        if minute.air_stale_h > 0.0:
+            drive = self.layout.shared("air_change_drive")
+            change = SMOOTHED * AIR_CHANGE_K * self.hypotheses.unrest
+            variance[:, drive] = change**2 * (1.0 - self._decay[drive] ** 2)
         return variance
 
     def passing(self, minute: MinuteInputs) -> dict[int, float]:
@@ -94,7 +119,7 @@ class SurfaceModel:
             "moment": MOMENT_SHARE * change,
             "edge": EDGE_SHARE * minute.direct,
             # a shutter or the housing's warmth moves all regions together
-            "camera": self.settings.noise_k,
+            "camera": prior.camera_noise_k,
             "board": 0.0 if minute.shaded.any() else BOARD_SD_W_M2,
         }
         return {self.layout.shared(name): sd**2 for name, sd in sds.items()}
@@ -131,17 +156,45 @@ class SurfaceModel:
         """Temperatures of the regions as the camera shows them."""
         layout, rows = self.layout, temperature.rows.copy()
         rows[:, :, layout.shared("camera")] += 1.0
+        for region in range(layout.regions):
+            rows[:, region, layout.own(region)] += 1.0
         for region in range(1, layout.regions):
             rows[:, region, layout.offset(region)] += 1.0
             rows[:, region, layout.drift(region)] += minute.hours
         return Affine(rows, temperature.constant)
 
-    def equations(self, minute: MinuteInputs, mean: FloatArray, taken_k: FloatArray) -> tuple[Affine, Affine]:
+    def light(self, minute: MinuteInputs, mean: FloatArray, covariance: FloatArray) -> Light:
+        """The sun on each region, by what each filter knows of its normal: max(0, x) of a normal x.
+
+        Near grazing light is no linear function of the normal; the best line has the slope P(x > 0), as in
+        statistical linearization (A. Gelb, Applied Optimal Estimation, MIT Press, 1974, section 6.2).
+        """
+        towards = self._normals @ minute.sun
+        about = mean @ towards.T
+        variance = np.sum((towards @ covariance) * towards, axis=2)
+        sd = np.sqrt(np.maximum(variance, _LEAST_SD**2))
+        ratio = np.clip(about / sd, -30.0, 30.0)
+        share, bell = ndtr(ratio), np.exp(-0.5 * ratio**2) / _ROOT_TWO_PI
+        lit = about * share + sd * bell
+        second = (about**2 + sd**2) * share + about * sd * bell
+        left = second - lit**2 - share**2 * sd**2
+        return Light(share, lit, lit - share * about, np.sqrt(np.maximum(left, 0.0)))
+
+    def grazing_k2(
+        self, minute: MinuteInputs, light: Light, mean: FloatArray, taken_k: FloatArray
+    ) -> FloatArray:
+        """Variance (p, regions) of a minute's temperatures from light that no line follows, K2."""
+        warmed = self._quick / (1.0 + self._quick * self._steepness(minute, mean, taken_k))
+        return np.asarray((warmed * minute.direct * _beam(minute) * light.sd) ** 2)
+
+    def equations(
+        self, minute: MinuteInputs, light: Light, mean: FloatArray, taken_k: FloatArray
+    ) -> tuple[Affine, Affine]:
         """Mean temperature and net flux of each region in a minute, at states near `mean` (p, n).
 
         `taken_k` (p, regions) are temperatures to begin with.
         """
-        sources = self._sources(minute)
+        sources = self._sources(minute, light)
         # first at the last prediction, then at this one, which knows of a cloud, and unlike the measurement
         # nothing of its noise
         for _ in range(2):
@@ -154,7 +207,7 @@ class SurfaceModel:
     ) -> tuple[Affine, Affine]:
         """Mean temperature and net flux; the flux is taken at `taken_k` and corrected to first order."""
         flux = self._flux(minute, sources, taken_k)
-        steepness, quick = self._steepness(mean, taken_k), self._quick
+        steepness, quick = self._steepness(minute, mean, taken_k), self._quick
         # the flux q - L (T - T0) warms the surface at once by T = R q + stores: solved for T
         damping = 1.0 / (1.0 + quick * steepness)
         rows = quick[..., np.newaxis] * flux.rows
@@ -163,6 +216,10 @@ class SurfaceModel:
         rows[:, :, moment] = quick * flux.rows[:, :, beam]
         for region in range(self.layout.regions):
             rows[:, region, self.layout.stores(region)] += self._weights * MEAN
+        for target in range(self.layout.targets):
+            region = self.layout.references + target
+            warmed = taken_k[:, region] - mean[:, self.layout.stores(region).start]
+            rows[:, region, self.layout.quickness(target)] += warmed
         rows *= damping[..., np.newaxis]
         constant = damping * quick * (flux.constant + steepness * taken_k)
         lost = Affine(steepness[..., np.newaxis] * rows, steepness * (constant - taken_k))
@@ -171,20 +228,31 @@ class SurfaceModel:
     def _flux(self, minute: MinuteInputs, sources: Affine, taken_k: FloatArray) -> Affine:
         """Net flux of each region at temperatures `taken_k` (p, regions)."""
         place = self.layout.shared
-        rows = np.tile(sources.rows, (len(taken_k), 1, 1))
+        rows = sources.rows.copy()
         over_air, exchange = taken_k - minute.air_k, self.hypotheses.exchange[:, np.newaxis]
         for name in (*GUSTS, "slow_gust"):
             rows[:, :, place(name)] -= over_air
+        rows[:, :, place("air_drift")] += exchange * minute.air_stale_h
+        rows[:, :, place("wind")] -= over_air * minute.wind_change
+        for target in range(self.layout.targets):
+            region = self.layout.references + target
+            for own in (self.layout.slow_exchange(target), self.layout.own_exchange(target)):
+                rows[:, region, own] -= over_air[:, region]
         for name in ("air", "air_change"):
             rows[:, :, place(name)] += exchange
         emitted = self.settings.surface.emissivity_broadband * STEFAN_BOLTZMANN * taken_k**4
         return Affine(rows, sources.constant - emitted - exchange * over_air)
 
-    def _steepness(self, mean: FloatArray, taken_k: FloatArray) -> FloatArray:
+    def _steepness(self, minute: MinuteInputs, mean: FloatArray, taken_k: FloatArray) -> FloatArray:
         """Loss of heat per kelvin (p, regions), W m-2 K-1."""
-        gusts = sum(mean[:, self.layout.shared(name)] for name in (*GUSTS, "slow_gust"))
+        layout = self.layout
+        gusts = sum(mean[:, layout.shared(name)] for name in (*GUSTS, "slow_gust"))
+        common = self.hypotheses.exchange + gusts + minute.wind_change * mean[:, layout.shared("wind")]
+        own = np.zeros_like(taken_k)
+        for first in (layout.slow_exchange(0), layout.own_exchange(0)):
+            own[:, layout.references :] += mean[:, first : first + layout.targets]
         radiated = 4.0 * self.settings.surface.emissivity_broadband * STEFAN_BOLTZMANN * taken_k**3
-        return np.asarray(radiated + np.maximum(self.hypotheses.exchange + gusts, 0.0)[:, np.newaxis])
+        return np.asarray(radiated + np.maximum(common[:, np.newaxis] + own, 0.0))
 
     def _views(self) -> FloatArray:
         """Rows (regions, n, 3) that give each region's normal times the gain."""
@@ -196,19 +264,19 @@ class SurfaceModel:
             normals[layout.references + target, layout.normal(target)] = axes.T
         return normals
 
-    def _sources(self, minute: MinuteInputs) -> Affine:
-        """Fluxes into each region that are the same under all hypotheses: rows (regions, n).
+    def _sources(self, minute: MinuteInputs, light: Light) -> Affine:
+        """Fluxes into each region that do not depend on its temperature: rows (p, regions, n).
 
         Absorbed sunlight, longwave and fluxes without a cause.
         """
         layout, place, now = self.layout, self.layout.shared, self._around
         view, shaded, upwards = layout.sky_views, minute.shaded, self._normals[..., 2]
-        lit, sky = minute.sunlit * (1.0 - shaded), 1.0 - HIDDEN * shaded
-        towards = self._normals @ minute.sun
-        towards_now, upwards_now = towards @ now, upwards @ now
-        beam = lit * (towards_now > 0.0) * (minute.sun[2] > 0.0)
-        height = max(minute.sun[2], LOWEST_SUN)
-        share = now[place("circumsolar")] * minute.circumsolar
+        sky, upwards_now = 1.0 - HIDDEN * shaded, upwards @ now
+        beam, height = _beam(minute), max(minute.sun[2], LOWEST_SUN)
+        share = (
+            now[place("circumsolar")] * minute.circumsolar + now[place("brightening")] * minute.brightening
+        )
+        band = now[place("brightening")] * minute.horizon
         diffuse = sky * minute.diffuse * (1.0 + now[place("diffuse")])
         dome = view * diffuse * (1.0 - share) / 2.0
         # the ground around a region is in the same shadow of the horizon
@@ -219,34 +287,54 @@ class SurfaceModel:
         down = view * minute.longwave_down + (1.0 - view) * minute.longwave_ground
         # longwave does not scale with the gain, but the state holds normals times the gain
         tilted = grey * (down - minute.longwave_ground) / 2.0 / now[place("gain")]
-        rows = ((minute.direct + diffuse * share / height) * beam)[:, np.newaxis] * towards
-        rows += (dome - reflected + tilted)[:, np.newaxis] * upwards
+        level = (dome - reflected + tilted)[:, np.newaxis] * upwards
+        level += (view * diffuse * band)[:, np.newaxis] * self._sideways
         # the sky's and the ground's halves (1 + n_z) / 2 and (1 - n_z) / 2, both times the gain
-        rows[:, place("gain")] += dome + reflected
-        constant = grey * (down + minute.longwave_ground) / 2.0
+        level[:, place("gain")] += dome + reflected
+        level[:, place("common_flux")] += 1.0
+        level[:, place("longwave")] += grey * view
+        level[:, place("board")] += shaded
+        strength = (minute.direct + diffuse * share / height) * beam
+        rows = level + (strength * light.share)[..., np.newaxis] * (self._normals @ minute.sun)
+        constant = grey * (down + minute.longwave_ground) / 2.0 + strength * light.left
         # products of two unknowns, to first order around what was known at the last draw
-        around, above = beam * towards_now / height, view * (now[place("gain")] + upwards_now) / 2.0
+        around, above = beam * light.mean / height, view * (now[place("gain")] + upwards_now) / 2.0
+        aside = view * (self._sideways @ now)
         by_name = {
-            "diffuse": sky * minute.diffuse * (share * around + (1.0 - share) * above),
+            "diffuse": sky * minute.diffuse * (share * around + (1.0 - share) * above + band * aside),
             "circumsolar": diffuse * minute.circumsolar * (around - above),
+            "brightening": diffuse * (minute.brightening * (around - above) + minute.horizon * aside),
         }
         for name, slope in by_name.items():
-            rows[:, place(name)] += slope
-            constant -= slope * now[place(name)]
-        rows[:, place("beam")] += beam * np.maximum(towards_now, 0.0)
-        rows[:, place("edge")] += minute.is_edge * np.maximum(towards_now, 0.0)
-        rows[:, place("common_flux")] += 1.0
-        rows[:, place("longwave")] += grey * view
-        rows[:, place("board")] += shaded
-        for target in range(layout.targets):
-            rows[layout.references + target, layout.bed_flux(target)] += 1.0
+            rows[:, :, place(name)] += slope
+            constant = constant - slope * now[place(name)]
+        rows[:, :, place("beam")] += beam * light.mean
+        rows[:, :, place("edge")] += minute.is_edge * light.mean
         return Affine(rows, constant)
+
+    @cached_property
+    def _sideways(self) -> FloatArray:
+        """Rows (regions, n) of the sine of each region's tilt times the gain, along its present azimuth."""
+        flat = self._normals[..., :2]
+        towards = flat.transpose(0, 2, 1) @ self._around
+        length = np.maximum(np.linalg.norm(towards, axis=1, keepdims=True), 1e-9)
+        return np.asarray(np.einsum("rnk,rk->rn", flat, towards / length))
+
+
+def _beam(minute: MinuteInputs) -> FloatArray:
+    """Share of the direct light that reaches the regions if they face the sun (regions,)."""
+    return np.asarray(minute.sunlit * (1.0 - minute.shaded) * (minute.sun[2] > 0.0))
 
 
 def _possible(layout: Layout, state: FloatArray) -> FloatArray:
     """A state whose gain and skylight can be."""
     possible = state.copy()
-    limits = {"gain": (0.5, 2.0), "circumsolar": (0.0, 1.0), "diffuse": (-0.5, 1.0)}
+    limits = {
+        "gain": (0.5, 2.0),
+        "circumsolar": (0.0, 1.0),
+        "brightening": (0.0, 1.0),
+        "diffuse": (-0.5, 1.0),
+    }
     for name, (low, high) in limits.items():
         place = layout.shared(name)
         possible[place] = min(max(possible[place], low), high)

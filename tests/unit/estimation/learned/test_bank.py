@@ -42,7 +42,7 @@ def test_update_is_the_gain_times_the_innovation(random, missing):
     measured = random.standard_normal(READINGS)
     measured[missing] = np.nan
     mean, covariance, seen = bank.mean.copy(), bank.covariance.copy(), np.isfinite(measured)
-    found = bank.update(design, measured, variance)
+    found = bank.update(design, measured, np.full((BANK, READINGS), variance))
     for i in range(BANK):
         H, P = design.rows[i][seen], covariance[i]
         S = H @ P @ H.T + variance * np.eye(seen.sum())
@@ -56,3 +56,15 @@ def test_update_is_the_gain_times_the_innovation(random, missing):
         whitened = found.standardised[i][seen]
         distance = (measured[seen] - predicted) @ np.linalg.solve(S, measured[seen] - predicted)
         assert whitened @ whitened == pytest.approx(distance, rel=1e-12)
+
+
+def test_a_measurement_that_contradicts_all_others_moves_its_own_place_only(random):
+    """Of three readings of one number one jumps by a hundred deviations: the number is the others' mean."""
+    places = np.array([1, 2, 3])
+    bank = KalmanBank(np.zeros((BANK, 4)), np.tile(np.diag([1.0, 1e-4, 1e-4, 1e-4]), (BANK, 1, 1)))
+    rows = np.tile(np.column_stack([np.ones(3), np.eye(3)]), (BANK, 1, 1))
+    measured = np.array([0.50, 0.52, 1.5])
+    found = bank.update(Affine(rows, np.zeros((BANK, 3))), measured, np.full((BANK, 3), 1e-6), places)
+    np.testing.assert_allclose(bank.mean[:, 0], 0.51, atol=0.01)
+    np.testing.assert_allclose(bank.mean[:, 3], 0.99, atol=0.02)
+    assert (found.log_likelihood > -20.0).all()  # about -5000 without the jump

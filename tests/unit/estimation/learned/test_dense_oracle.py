@@ -20,6 +20,7 @@ from fieldkit.estimation.learned.filters import Filters
 from fieldkit.estimation.learned.hypotheses import Hypotheses
 from fieldkit.estimation.learned.inputs import Logged, minute_inputs
 from fieldkit.estimation.learned.layout import GUSTS, Layout
+from fieldkit.estimation.learned.noise import Noise
 from fieldkit.estimation.learned.prior_state import prior_sds
 from fieldkit.model.samples import Quality
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
@@ -30,7 +31,8 @@ from tests.harness.drawn import drawn_world
 MINUTES = 30
 BOARD = slice(12, 16)
 DRAWN = Hypotheses(*(np.array([one]) for one in (17.0, 640.0, 0.04, 1.4, 1.2)))
-SHARED_CONSTANTS = ("gain", "diffuse", "circumsolar", "longwave", "air")
+SHARED_CONSTANTS = ("gain", "diffuse", "circumsolar", "brightening", "longwave", "air", "air_drift", "wind")
+NOISE = Noise(0.04, 0.08)
 
 
 class FrozenModel(surface.SurfaceModel):
@@ -41,10 +43,22 @@ class FrozenModel(surface.SurfaceModel):
     def _linearised(self, minute, sources, mean, taken_k):
         return super()._linearised(minute, sources, self.fixed[np.newaxis], minute.temperature_k[np.newaxis])
 
+    def light(self, minute, mean, covariance):
+        return super().light(minute, self.fixed[np.newaxis], np.zeros((1, self.fixed.size, self.fixed.size)))
+
     def flux(self, minute, region):
         """Net flux of a region as a row (n,) and a constant, at its measured temperature."""
-        flux = self._flux(minute, self._sources(minute), minute.temperature_k[np.newaxis])
+        flux = self._flux(
+            minute, self._sources(minute, self.light(minute, None, None)), minute.temperature_k[np.newaxis]
+        )
         return flux.rows[0, region], flux.constant[0, region]
+
+
+class LinearFilters(Filters):
+    """Takes no measurement for a jump, which no linear system can say."""
+
+    def update(self, design, measured, variance, jumps=None):
+        return super().update(design, measured, variance)
 
 
 def response(modes, time_s):
@@ -88,7 +102,7 @@ def following(sd, time_min, minutes):
 
 def known(has_air, settings):
     """Longwave and diffuse light are measured, no probes."""
-    return Logged(has_air, True, True, 0.0, settings.prior.camera_offset_sd_k, np.zeros(()))
+    return Logged(has_air, True, 0.0, True, 0.0, settings.prior.camera_offset_sd_k, np.zeros(()))
 
 
 class Dense:
@@ -112,14 +126,26 @@ class Dense:
 
     def _constants(self, has_air):
         layout, settings, prior = self.layout, self.settings, self.settings.prior
-        means = {"gain": settings.scale, "circumsolar": prior.circumsolar_share}
+        means = {
+            "gain": settings.scale,
+            "circumsolar": prior.circumsolar_share,
+            "brightening": prior.brightening_share,
+            "wind": prior.wind_w_m2_k_per_m_s,
+        }
         for name, sd in prior_sds(settings, known(has_air, settings)).items():
             self.block(name, means.get(name, 0.0), sd**2)
         self.block("board", 0.0, surface.BOARD_SD_W_M2**2)
         for target, axes in enumerate(layout.facing):
             up = axes[2] > 0.0
-            sd = np.where(up, constants.NORMAL_UP_SD, prior.normal_horizontal_sd)
-            self.block(f"normal{target}", np.where(up, constants.NORMAL_UP, 0.0), np.diag(sd**2))
+            horizontal = prior.normal_horizontal_sd * np.sqrt(2.0 if axes.shape[1] == 2 else 1.0)
+            sd = np.where(up, 0.15, horizontal)
+            self.block(f"normal{target}", np.where(up, np.sqrt(1.0 - 2.0 * 0.25**2), 0.0), np.diag(sd**2))
+        drawn = self.filters.hypotheses
+        unlike = np.hypot(drawn.unrest[0], 0.25) * np.hypot(1.0, NOISE.own_k / 0.1)
+        for target in range(layout.targets):
+            lasting = unlike * prior.own_exchange * drawn.exchange[0]
+            self.block(f"own_exchange{target}", 0.0, lasting**2)
+            self.block(f"quickness{target}", 0.0, (unlike * prior.own_inertia_sd) ** 2)
         for region in range(layout.regions):
             first_k = self.minutes[0].temperature_k[region]
             self.block(f"level{region}", first_k, constants.LEVEL_SD_K**2)
@@ -144,14 +170,17 @@ class Dense:
             "air_change": (air_k, constants.AIR_MINUTES),
         }
         for target in range(self.layout.targets):
-            slow[f"bed_flux{target}"] = (prior.bed_flux_sd_w_m2, constants.SLOW_MINUTES)
+            own = prior.own_slow_exchange * drawn.exchange[0]
+            slow[f"slow_exchange{target}"] = (own, constants.SLOW_MINUTES)
         for name, (sd, minutes) in slow.items():
             self.block(name, 0.0, following(unrest * sd, minutes, n))
+        for region in range(self.layout.regions):
+            self.block(f"own{region}", 0.0, relaxing(NOISE.own_k, 4.0, n))
         change = np.array([minute.direct_change for minute in self.minutes])
         direct = np.array([minute.direct for minute in self.minutes])
         self.block("beam", 0.0, np.diag((prior.beam_change_share * change) ** 2))
         self.block("moment", 0.0, np.diag((surface.MOMENT_SHARE * change) ** 2))
-        self.block("camera", 0.0, self.settings.noise_k**2 * np.eye(n))
+        self.block("camera", 0.0, prior.camera_noise_k**2 * np.eye(n))
         self.block("edge", 0.0, np.diag((surface.EDGE_SHARE * direct) ** 2))
 
     def _places(self, minute):
@@ -162,7 +191,8 @@ class Dense:
         for name in (*GUSTS, "slow_gust", "common_flux", "air_change", "beam", "edge"):
             yield layout.shared(name), self.blocks[name].start + minute
         for target in range(layout.targets):
-            yield layout.bed_flux(target), self.blocks[f"bed_flux{target}"].start + minute
+            yield layout.slow_exchange(target), self.blocks[f"slow_exchange{target}"].start + minute
+            yield layout.own_exchange(target), self.blocks[f"own_exchange{target}"].start
             normal, block = layout.normal(target), self.blocks[f"normal{target}"]
             yield from zip(range(normal.start, normal.stop), range(block.start, block.stop), strict=True)
 
@@ -186,7 +216,9 @@ class Dense:
         taken_k = np.array([minute.temperature_k[region] for minute in self.minutes])
         emissivity = self.settings.surface.emissivity_broadband
         steepness = 4.0 * emissivity * STEFAN_BOLTZMANN * taken_k**3
-        losses = np.diag(steepness + drawn.exchange[0])
+        per_m_s = self.filters.model.fixed[self.layout.shared("wind")]
+        by_wind = per_m_s * np.array([minute.wind_change for minute in self.minutes])
+        losses = np.diag(steepness + drawn.exchange[0] + by_wind)
         free = conducted @ rows
         free[:, self.blocks[f"level{region}"]] += 1.0
         ends = 60.0 * constants.PAST_MINUTES
@@ -197,6 +229,9 @@ class Dense:
         moment, beam = self.blocks["moment"].start, self.blocks["beam"].start
         each = np.arange(n)
         free[each, moment + each] += kernel[0] * rows[each, beam + each]
+        if region >= self.layout.references:
+            level_k = self.filters.model.fixed[self.layout.stores(region).start]
+            free[:, self.blocks[f"quickness{region - self.layout.references}"].start] += taken_k - level_k
         # T = free + R (c - L (T - taken))
         known = conducted @ (constant + losses @ taken_k)
         both = np.linalg.solve(np.eye(n) + conducted @ losses, np.column_stack([free, known]))
@@ -210,6 +245,8 @@ class Dense:
             if region:
                 rows[:, self.blocks[f"offset{region}"].start] += 1.0
                 rows[:, self.blocks[f"drift{region}"].start] += [minute.hours for minute in self.minutes]
+            own = self.blocks[f"own{region}"].start
+            rows[np.arange(self.count), own + np.arange(self.count)] += 1.0
             camera = self.blocks["camera"].start
             rows[np.arange(self.count), camera + np.arange(self.count)] += 1.0
             read = np.array([minute.measured[region] for minute in self.minutes])
@@ -222,7 +259,7 @@ class Dense:
         for block, one in zip(self.blocks.values(), self.covariances, strict=True):
             covariance[block, block] = one
         shared = design @ covariance
-        spread = shared @ design.T + self.settings.noise_k**2 * np.eye(residual.size)
+        spread = shared @ design.T + NOISE.white_k**2 * np.eye(residual.size)
         solved = np.linalg.solve(spread, np.column_stack([residual, shared]))
         log_likelihood = -0.5 * (residual @ solved[:, 0] + np.linalg.slogdet(2.0 * np.pi * spread)[1])
         return mean + shared.T @ solved[:, 0], covariance - shared.T @ solved[:, 1:], log_likelihood
@@ -246,11 +283,11 @@ def window(seed, day, azimuth, has_air):
         before = minutes[-1] if minutes else None
         minutes.append(minute_inputs(history, row, layout, settings, before, int(history.minute[0])))
     has = known(has_air, settings)
-    filters = Filters(layout, DRAWN, settings, minutes[0], has)
+    filters = LinearFilters(layout, DRAWN, settings, minutes[0], has, noise=NOISE)
     around = filters.mean[0].copy()
     for target, axes in enumerate(layout.facing):  # leaning towards the sun, so that all terms count
         around[layout.normal(target)] -= 0.1 * axes[1]
-    filters.model = FrozenModel(layout, DRAWN, settings, has, around)
+    filters.model = FrozenModel(layout, DRAWN, settings, has, around, NOISE)
     filters.model.fixed = around
     return filters, minutes, settings
 

@@ -1,0 +1,288 @@
+"""Harsh worlds, drawn by a seed: beds that are not alike, another sky, a camera and an air log with errors.
+
+Everything that the estimator has no exact term for, at the sizes of `Harm`; each alone is a row too. The
+surfaces are those of `fieldkit.simulation.scene_series`, with a heat exchange of each bed's own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from benchmarks.drawn_worlds import (
+    BEDS_SOUTH,
+    CONFIGURED_SLAB,
+    DRIFT_SD_K_PER_H,
+    GUESSED,
+    LEAD_MIN,
+    SESSION_MIN,
+    SOUTH,
+    BedErrors,
+    World,
+    day_of,
+    random_beds,
+)
+from benchmarks.estimation_outdoors import NOISE_K, regions
+from fieldkit.estimation.bins import History
+from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.site import Site
+from fieldkit.model.units import MINUTE_NS, SECOND_NS
+from fieldkit.physics import daylight
+from fieldkit.physics.bodies import body_of
+from fieldkit.physics.facet import FloatArray, cos_incidence, normal
+from fieldkit.physics.sun import sun_vectors
+from fieldkit.simulation import Facet, Sky
+from fieldkit.simulation.drawn_field import DrawnField, Range, drawn_field, with_stack
+from fieldkit.simulation.scene_series import (
+    STEP_S,
+    FacetRadiation,
+    longwave_leaving_ground,
+    surface_temperatures,
+)
+from fieldkit.simulation.sky import SkyState
+
+PER_MINUTE = round(60.0 / STEP_S)
+FAST_MIN, SLOW_MIN = 4.0, 120.0
+SHUTTER_MIN = 4
+WARM_UP_MIN = 20.0
+HAY_DAVIES, PEREZ, ISOTROPIC = "hay-davies", "perez", "isotropic"
+
+
+@dataclass(frozen=True, slots=True)
+class Harm:
+    """Sizes of what differs from the estimator's world.
+
+    Attributes
+    ----------
+    exchange_fast, exchange_slow
+        Exchange of each bed over the common one, standard deviations over `FAST_MIN` and `SLOW_MIN`. [-]
+    albedo_sd, emissivity_sd
+        Of each bed against the common ones. [-]
+    inertia_sd, depth_sd
+        Of each bed's thermal inertia and depth, of the logarithm. [-]
+    per_wind
+        Range of the exchange's change with the wind. [W m-2 K-1 per m/s]
+    gusts
+        Whether the wind has gusts.
+    skies
+        Distributions of diffuse light, of which one is drawn.
+    shutter_k, common_k, warm_up_k, vignetting_k
+        Steps of each region every `SHUTTER_MIN`, noise of all regions by the minute, drift of each as the
+        housing warms up, and a wave over an hour. [K]
+    air_noise_k, air_sun_k
+        Of the logged air temperature: noise, and most of what 1000 W/m2 warms it. [K]
+    shadows_per_h
+        Shadows of a person over one bed, 10 to 40 s long, that nobody marks.
+    """
+
+    exchange_fast: float = 0.03
+    exchange_slow: float = 0.05
+    albedo_sd: float = 0.02
+    emissivity_sd: float = 0.01
+    inertia_sd: float = 0.10
+    depth_sd: float = 0.15
+    per_wind: Range = (1.0, 4.0)
+    gusts: bool = True
+    skies: tuple[str, ...] = (ISOTROPIC, HAY_DAVIES, PEREZ)
+    shutter_k: float = 0.05
+    common_k: float = 0.1
+    warm_up_k: float = 0.25
+    vignetting_k: float = 0.0
+    air_noise_k: float = 0.1
+    air_sun_k: float = 1.0
+    shadows_per_h: float = 1.0
+
+
+HARSH = Harm()
+HARMLESS = Harm(0, 0, 0, 0, 0, 0, (1.5, 1.5), False, (HAY_DAVIES,), 0, 0, 0, 0, 0, 0, 0)
+"""The kind of `drawn_world`: to it one mechanism is added at a time."""
+
+
+class _Light(NamedTuple):
+    """Sky of each bed over time, the sun, and what else the radiation on a facet needs."""
+
+    skies: tuple[SkyState, ...]
+    sun: FloatArray
+    top_w_m2: FloatArray
+    shape: str
+    circumsolar_share: float
+
+
+def harsh_world(
+    seed: int,
+    day: str,
+    beds: str = SOUTH,
+    *,
+    harm: Harm = HARSH,
+    minutes: int = SESSION_MIN,
+) -> World:
+    """One world: as `benchmarks.drawn_worlds.drawn_world`, with harm."""
+    random = np.random.default_rng(seed)
+    slopes = BEDS_SOUTH if beds == SOUTH else random_beds(random)
+    field = drawn_field(seed, replace(GUESSED, per_wind=harm.per_wind))
+    field = field if harm.gusts else replace(field, gusts=None)
+    outline = regions(slopes)
+    own = np.random.default_rng([seed, 11])
+    facets = [_own(field, Facet(one.name, (), one.tilt_deg, one.azimuth_deg), harm, own) for one in outline]
+    site, sky, noon_ns = day_of(day)
+    true = _history(site, sky, noon_ns - LEAD_MIN * MINUTE_NS, minutes, facets, field, harm, own)
+    drifts = DRIFT_SD_K_PER_H * random.standard_normal(len(facets) - 1)
+    errors = BedErrors(0.25 * random.standard_normal(len(facets) - 1), drifts)
+    settings = EstimatorSettings(
+        azimuth="known" if beds == SOUTH else "free",
+        slab=CONFIGURED_SLAB,
+        offset_sd_k=0.25,
+        noise_k=NOISE_K,
+        site=site,
+    )
+    return World(_measured(true, field, errors, harm, own), outline, settings, field, errors)
+
+
+def _own(field: DrawnField, facet: Facet, harm: Harm, random: np.random.Generator) -> Facet:
+    """A bed with sand of its own."""
+    top, *below = field.bed(facet).stack
+    albedo, grey, inertia, depth = random.standard_normal(4)
+    top = replace(
+        top,
+        depth_m=top.depth_m * float(np.exp(harm.depth_sd * depth)),
+        conductivity_w_m_k=top.conductivity_w_m_k * float(np.exp(2.0 * harm.inertia_sd * inertia)),
+    )
+    return replace(
+        with_stack(facet, (top, *below)),
+        albedo=facet.albedo + field.albedo_error + harm.albedo_sd * float(albedo),
+        emissivity_broadband=min(facet.emissivity_broadband + harm.emissivity_sd * float(grey), 1.0),
+    )
+
+
+def _history(
+    site: Site,
+    sky: Sky,
+    begin_ns: int,
+    minutes: int,
+    facets: list[Facet],
+    field: DrawnField,
+    harm: Harm,
+    random: np.random.Generator,
+) -> History:
+    """True minutes of the session, which the beds have been warming up to for `LEAD_MIN`."""
+    steps = PER_MINUTE * (LEAD_MIN + minutes) + 1
+    time_s = np.arange(steps, dtype=np.float64) * STEP_S
+    time_ns = begin_ns + np.round(time_s * SECOND_NS).astype(np.int64)
+    sun = sun_vectors(time_ns, site, refraction=True)
+    state = field.sky(sky).sky_state(time_ns, sun[:, 2], site)
+    top = daylight.extraterrestrial(time_ns, body_of(site))
+    shape = harm.skies[random.integers(len(harm.skies))]
+    light = _Light(
+        _under_people(state, len(facets), harm, random),
+        sun,
+        np.asarray(top),
+        shape,
+        0.0 if shape == ISOTROPIC else 1.0 if shape == PEREZ else field.circumsolar_share,
+    )
+    own_share = 1.0 + _own_exchange(len(facets), steps, harm, random)
+    exchange = field.exchange.at(state.wind_m_s) * own_share
+    surface = _surfaces(facets, field, light, time_s, exchange)
+    minute_ns = begin_ns + np.arange(LEAD_MIN + minutes) * MINUTE_NS + MINUTE_NS // 2
+    whole = History(
+        minute=minute_ns // MINUTE_NS,
+        time_ns=minute_ns,
+        sun=sun_vectors(minute_ns, site),
+        temperature_k=_by_minute(surface).T,
+        dni_w_m2=_by_minute(state.dni_w_m2),
+        dhi_w_m2=_by_minute(state.dhi_w_m2),
+        longwave_down_w_m2=_by_minute(state.longwave_down_w_m2),
+        flags=np.zeros(minute_ns.size, np.int64),
+        region_flags=np.zeros((minute_ns.size, len(facets)), np.int64),
+        air_k=_by_minute(state.air_temperature_k),
+        wind_m_s=_by_minute(state.wind_m_s),
+    )
+    return whole.since(LEAD_MIN)
+
+
+def _by_minute(values: FloatArray) -> FloatArray:
+    """Means over minutes of values (..., steps)."""
+    middle = 0.5 * (values[..., 1:] + values[..., :-1])
+    return np.asarray(middle.reshape(*values.shape[:-1], -1, PER_MINUTE).mean(axis=-1))
+
+
+def _under_people(sky: SkyState, beds: int, harm: Harm, random: np.random.Generator) -> tuple[SkyState, ...]:
+    """The sky over each bed, with a person's shadow now and then."""
+    lit = np.ones((beds, sky.dni_w_m2.size))
+    for _ in range(random.poisson(harm.shadows_per_h * sky.dni_w_m2.size * STEP_S / 3600.0)):
+        first = random.integers(sky.dni_w_m2.size)
+        lit[random.integers(beds), first : first + random.integers(1, 5)] = 0.0
+    return tuple(replace(sky, dni_w_m2=sky.dni_w_m2 * one) for one in lit)
+
+
+def _own_exchange(beds: int, steps: int, harm: Harm, random: np.random.Generator) -> FloatArray:
+    """Exchange of beds over the common one, less 1 (beds, steps)."""
+    fast = _wandering(beds, steps, FAST_MIN, random)
+    return harm.exchange_fast * fast + harm.exchange_slow * _wandering(beds, steps, SLOW_MIN, random)
+
+
+def _wandering(beds: int, steps: int, minutes: float, random: np.random.Generator) -> FloatArray:
+    """Ornstein-Uhlenbeck processes of unit variance (beds, steps)."""
+    kept = np.exp(-STEP_S / (60.0 * minutes))
+    pushes = random.standard_normal((beds, steps))
+    found = np.empty_like(pushes)
+    found[:, 0] = pushes[:, 0]
+    for step in range(1, steps):
+        found[:, step] = kept * found[:, step - 1] + np.sqrt(1.0 - kept**2) * pushes[:, step]
+    return found
+
+
+def _surfaces(
+    facets: list[Facet], field: DrawnField, light: _Light, time_s: FloatArray, exchange: FloatArray
+) -> FloatArray:
+    """Surface temperatures (beds, steps); the ground around is a flat bed's sand."""
+    ground, air_k = field.bed(Facet("ground", ())), light.skies[0].air_temperature_k
+    level = _absorbed(ground, ground, light.skies[0], light, np.zeros_like(time_s))
+    ground_k = surface_temperatures([ground], time_s, level[np.newaxis], exchange.mean(axis=0), air_k)[0]
+    upwards = longwave_leaving_ground(ground_k, ground, light.skies[0])
+    absorbed = [
+        _absorbed(facet, ground, sky, light, upwards) for facet, sky in zip(facets, light.skies, strict=True)
+    ]
+    return surface_temperatures(facets, time_s, np.array(absorbed), exchange, air_k)
+
+
+def _absorbed(
+    facet: Facet, ground: Facet, sky: SkyState, light: _Light, upwards_w_m2: FloatArray
+) -> FloatArray:
+    radiation = FacetRadiation(sky, light.sun, light.top_w_m2, ground.albedo, light.circumsolar_share)
+    absorbed = radiation.absorbed_w_m2(facet, upwards_w_m2)
+    if light.shape != PEREZ:
+        return absorbed
+    up = normal(facet.tilt_deg, facet.azimuth_deg)
+    towards = cos_incidence(up, light.sun)
+    others = (sky.dhi_w_m2, sky.dni_w_m2, light.top_w_m2, towards, light.sun[:, 2], up[2])
+    instead = daylight.perez_diffuse(*others) - daylight.hay_davies_diffuse(*others)
+    return absorbed + (1.0 - facet.albedo) * instead
+
+
+def _measured(
+    true: History, field: DrawnField, errors: BedErrors, harm: Harm, random: np.random.Generator
+) -> History:
+    """What the instruments read of the true minutes."""
+    minutes, beds = true.temperature_k.shape
+    hours = np.arange(minutes)[:, np.newaxis] / 60.0
+    kelvin = true.temperature_k + NOISE_K * random.standard_normal((minutes, beds))
+    kelvin[:, 1:] += errors.offsets_k + errors.drifts_k_per_h * hours
+    kelvin += harm.common_k * random.standard_normal((minutes, 1))
+    kelvin += harm.warm_up_k * random.standard_normal(beds) * (1.0 - np.exp(-60.0 * hours / WARM_UP_MIN))
+    steps = harm.shutter_k * random.standard_normal((minutes // SHUTTER_MIN + 1, beds))
+    kelvin += np.repeat(steps, SHUTTER_MIN, axis=0)[:minutes]
+    kelvin += harm.vignetting_k * np.sin(2.0 * np.pi * (hours + random.random(beds)))
+    in_the_sun = harm.air_sun_k * random.random() * true.dni_w_m2 / 1000.0
+    return replace(
+        true,
+        temperature_k=kelvin,
+        dni_w_m2=field.light_factor * true.dni_w_m2,
+        dhi_w_m2=field.light_factor * true.dhi_w_m2,
+        longwave_down_w_m2=true.longwave_down_w_m2 + field.longwave_error_w_m2,
+        air_k=true.air_k
+        + field.air_error_k
+        + in_the_sun
+        + harm.air_noise_k * random.standard_normal(minutes),
+    )

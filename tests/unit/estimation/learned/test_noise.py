@@ -1,0 +1,37 @@
+"""What regions do alone is found in their minutes: white noise, and what passes one region for minutes."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from fieldkit.estimation.learned.noise import OWN_K, noise_of
+
+
+def minutes(white_k, own_k, gusts_k=1.0, count=3000, regions=4, seed=1):
+    """Regions under common gusts of 10 min with noise and an Ornstein-Uhlenbeck process of 4 min each."""
+    random = np.random.default_rng(seed)
+
+    def wandering(time, columns):
+        kept = np.exp(-1.0 / time)
+        found = np.zeros((count, columns))
+        for i in range(1, count):
+            found[i] = kept * found[i - 1] + np.sqrt(1.0 - kept**2) * random.standard_normal(columns)
+        return found
+
+    kelvin = 300.0 + gusts_k * wandering(10.0, 1) + own_k * wandering(4.0, regions)
+    kelvin += white_k * random.standard_normal(kelvin.shape)
+    seen = np.ones(regions, np.bool_)
+    return [SimpleNamespace(temperature_k=one, measured=seen) for one in kelvin]
+
+
+@pytest.mark.parametrize(("white_k", "own_k"), [(0.05, 0.2), (0.02, 0.1), (0.05, 0.0)])
+def test_both_deviations_are_found_under_gusts_that_all_share(white_k, own_k):
+    found = noise_of(minutes(white_k, own_k), 0.1)
+    assert found.white_k == pytest.approx(white_k, abs=0.01)
+    assert found.own_k == pytest.approx(own_k, abs=0.025)
+
+
+def test_a_few_minutes_say_little_and_noise_is_never_more_than_configured():
+    assert noise_of(minutes(0.01, 0.0, count=5), 0.05) == (0.05, OWN_K)
+    assert noise_of(minutes(0.3, 0.0), 0.05).white_k == 0.05
