@@ -13,7 +13,7 @@ from __future__ import annotations
 import os
 import pickle
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
 from multiprocessing import get_context
@@ -43,6 +43,11 @@ BOARDS = "with the shade test, clear, south, known"
 TEN_HOURS, THREE_HOURS, LAST = 600, 180, 20
 
 
+def without_wind(history: History) -> History:
+    """The same minutes, from a field without an anemometer."""
+    return replace(history, wind_m_s=np.full(len(history), np.nan))
+
+
 @dataclass(frozen=True, slots=True)
 class Cell:
     """The estimate after some minutes of a session, and the goals for its mean error, degrees."""
@@ -54,13 +59,18 @@ class Cell:
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """Sessions of one kind: the options of `drawn_world`, and whether air temperature is logged."""
+    """Sessions of one kind: the options of what draws their worlds, and whether air temperature is logged.
+
+    `measured` changes what the instruments give, such as a log that stops.
+    """
 
     name: str
     cells: tuple[Cell, ...]
     world: dict[str, Any]
     air: bool = True
     with_others: bool = True
+    draw: Callable[..., World] = drawn_world
+    measured: Callable[[History], History] = without_wind
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,8 +151,8 @@ def missing() -> Iterator[Result]:
 
 def outcome(scenario: Scenario, seed: int) -> Outcome:
     """Run the models through one world."""
-    world = drawn_world(seed, **scenario.world)
-    history = world.history.until(max(cell.minutes for cell in scenario.cells))
+    world = scenario.draw(seed, **scenario.world)
+    history = scenario.measured(world.history.until(max(cell.minutes for cell in scenario.cells)))
     if not scenario.air:
         history = replace(history, air_k=np.full(len(history), np.nan))
     settings = replace(world.settings, model="learned")

@@ -66,7 +66,7 @@ class Session(SessionReader):
     Slopes of every region, of every pixel, and those of the recording itself:
 
     >>> session.estimate()["b15"]
-    <b15: tilt 15.7° (11.2 to 23.5), azimuth 179°, uncertain>
+    <b15: tilt 14.8° (9.2 to 25.2), azimuth 180°, uncertain>
     >>> session.slope_map("all")
     <MappedSession 20160101T190001Z-noon: 20 min, 100% uncertain>
     >>> session.estimates()[-1].region, len(session.minutes()), len(session.learnt())

@@ -346,7 +346,7 @@ def slope_map(
     >>> slopes
     <MappedSession 20160101T190001Z-noon: 20 min, 100% uncertain>
     >>> [(bed.region, round(bed.tilt_deg)) for bed in slopes.by_region()]
-    [('flat', 1), ('b05', 5), ('b15', 15), ('b25', 26)]
+    [('flat', 2), ('b05', 5), ('b15', 15), ('b25', 24)]
     """
     with reading(session) as opened:
         return _mapped(opened, window, tuple(settings_from(settings)), present)

@@ -47,16 +47,16 @@ class Sweep:
     --------
     >>> sweep = campaign.sweep({"albedo": [0.20, 0.25]})
     >>> sweep.best
-    {'surface.albedo': '0.25'}
+    {'surface.albedo': '0.2'}
     >>> sweep.to_frame()[["surface.albedo", "region", "median_tilt_deg"]].round(1).head(3)
        surface.albedo region  median_tilt_deg
-    0             0.2    b05              5.0
-    1             0.2    b15             15.7
-    2             0.2    b25             26.5
+    0             0.2    b05              4.9
+    1             0.2    b15             14.9
+    2             0.2    b25             24.6
     >>> [path.name for path in sweep.write(campaign.directory / "results" / "albedo")]
     ['albedo.csv', 'albedo.parquet', 'albedo.json']
     >>> sweep.ranking_document()["best"]
-    {'surface.albedo': '0.25'}
+    {'surface.albedo': '0.2'}
     """
 
     grid: Grid

@@ -97,7 +97,9 @@ class MinuteInputs:
         for name in self.__slots__:
             one, other = getattr(self, name), getattr(later, name)
             values[name] = (
-                one if name in ("measured", "shaded", "is_edge", "air_returns") else (1.0 - share) * one + share * other
+                one
+                if name in ("measured", "shaded", "is_edge", "air_returns")
+                else (1.0 - share) * one + share * other
             )
         values["measured"] = np.zeros_like(self.measured)
         values["direct_change"] = abs(later.direct - self.direct)

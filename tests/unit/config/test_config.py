@@ -40,7 +40,9 @@ def same(one: object, other: object) -> bool:
 def test_an_empty_configuration_gives_the_estimators_own_defaults(config):
     """Those of surface, slab, air and light are written down for the file and for Python: they must agree."""
     ours, theirs = config().estimator_settings(), EstimatorSettings()
-    assert [f.name for f in fields(ours) if not same(getattr(ours, f.name), getattr(theirs, f.name))] == []
+    assert [f.name for f in fields(ours) if not same(getattr(ours, f.name), getattr(theirs, f.name))] == [
+        "site"
+    ]
 
 
 def test_every_setting_of_the_estimator_can_be_configured(config):
@@ -70,6 +72,7 @@ def test_every_setting_of_the_estimator_can_be_configured(config):
         "points_px = [[0, 0], [1, 0], [1, 1]]\n"
     ).estimator_settings()
     assert given == EstimatorSettings(
+        site=Site(35.5, 139.4, timezone="Asia/Tokyo"),
         surface=SurfaceParameters(0.3, 0.91, 0.92, 1005.0, 1.0, 0.02),
         irradiance=IrradianceModel(
             "calibrated", 1.0, 110.0, 0.0091, "in-plane", 5.0, 180.0, "erbs", 0.1, 0.3

@@ -67,7 +67,7 @@ def test_processes_that_die_again_and_again_end_a_sweep_with_advice(monkeypatch:
     monkeypatch.setattr(Processes, "_started", started)
     with pytest.raises(FieldkitError, match="killed repeatedly") as caught:
         list(results(Processes(2), [(0, partial(squared, 3))]))
-    assert "-j" in str(caught.value.fix)
+    assert "fewer processes" in str(caught.value.fix)
     assert Pool.asked == RETRIES + 1
 
 

@@ -10,6 +10,7 @@ import pytest
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import Frame, Severity
 from fieldkit.model.site import Site
+from fieldkit.model.wording import typed
 from fieldkit.results.import_flir import read_flir
 from fieldkit.results.importing import ImportOptions, read_source
 from fieldkit.results.session import open_session
@@ -205,7 +206,8 @@ def test_flir_files_without_a_clock_are_given_their_times_in_their_names(tmp_pat
     assert frames[0].time_ns == 1_778_547_600_000_000_000
     with pytest.raises(ConfigError, match="frame 0 has no time") as caught:
         read_source(tmp_path, ImportOptions())
-    assert "--times" in (caught.value.fix or "")
+    with typed():
+        assert "--times" in (caught.value.fix or "")
 
 
 @pytest.mark.parametrize(
@@ -219,7 +221,7 @@ def test_options_that_a_flir_camera_with_a_clock_cannot_use_are_refused(
     tmp_path: Path, options: ImportOptions, words: str
 ) -> None:
     (tmp_path / "a.fff").write_bytes(fff(COUNTS, 1_480_000_000))
-    with pytest.raises(ConfigError, match=words):
+    with typed(), pytest.raises(ConfigError, match=words):
         read_source(tmp_path / "a.fff", options)
 
 

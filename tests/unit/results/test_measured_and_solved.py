@@ -10,6 +10,7 @@ from fieldkit.estimation.estimator import Estimator
 from fieldkit.estimation.prior import Prior
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.errors import SessionError
+from fieldkit.model.site import Site
 from fieldkit.physics.energy_balance import SurfaceParameters
 from fieldkit.physics.irradiance import IrradianceModel
 from fieldkit.physics.slab import Slab
@@ -20,6 +21,7 @@ from fieldkit.sessions.reader import open_session
 
 OTHER = {
     "surface": SurfaceParameters(0.25, 0.85, 0.93, 900.0, 1.1, 0.012),
+    "site": Site(-33.9, 151.2, 40.0),
     "light_stream": "lux",
     "measures": {"sun": "ghi"},
     "probes": {"b15": ("thermometer:T2", "thermometer:3")},

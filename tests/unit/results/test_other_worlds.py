@@ -9,7 +9,7 @@ from fieldkit.calibrate.clock import clock
 from fieldkit.config import load_config
 from fieldkit.config.template import SIMULATED
 from fieldkit.config.validation import ConfigMistakesError
-from fieldkit.estimation.learned.inputs import air_of_sky, sky_longwave
+from fieldkit.estimation.learned.inputs import air_unlogged_k, sky_longwave
 from fieldkit.ground.terrain_products import suns_of_day
 from fieldkit.model.clock import utc_ns
 from fieldkit.model.errors import ConfigError
@@ -94,7 +94,7 @@ def test_a_channel_of_air_gives_another_world_no_longwave_of_the_earth(tmp_path,
     """Swinbank's law made 130 W/m2 of 250 K: 26.4 degrees where 24.8 is right."""
     settings = campaign(tmp_path, site={**JEZERO, "body": body}).config.estimator_settings()
     assert sky_longwave(250.0, settings) == longwave
-    assert air_of_sky(longwave, settings) == air_k
+    assert air_unlogged_k(longwave, settings, 0) == air_k
 
 
 @pytest.mark.parametrize("hours", [0, 100, 400])
