@@ -18,7 +18,7 @@ def celsius(site, date):
 @pytest.mark.parametrize(
     ("name", "latitude", "longitude", "elevation", "date", "expected_c"),
     [
-        # mean of daily maximum and 9 h temperature of the month, Bureau of Meteorology, stations 066062, 014015
+        # monthly means at 9 and 15 h, Bureau of Meteorology, stations 066062 and 014015
         ("Sydney in June", -33.86, 151.20, 39.0, "2024-06-15", 15.0),
         ("Darwin in January", -12.42, 130.89, 30.0, "2024-01-15", 30.0),
         # monthly normals 1991-2020 near noon, Japan Meteorological Agency, Tokyo (47662)
