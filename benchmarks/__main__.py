@@ -17,7 +17,16 @@ from benchmarks.result import Result, Sides, declared
 from benchmarks.sides import BUSY_STEAL, Steal
 
 LEAST_WIDTH = 150
-HELPERS = {"__main__", "drawn_worlds", "harsh_worlds", "mjpeg_page", "replayed", "result", "session_data", "sides"}
+HELPERS = {
+    "__main__",
+    "drawn_worlds",
+    "harsh_worlds",
+    "mjpeg_page",
+    "replayed",
+    "result",
+    "session_data",
+    "sides",
+}
 
 
 def modules() -> list[str]:

@@ -114,8 +114,15 @@ def residual_rows(learnt: Learnt) -> list[tuple[str, ...]]:
 
 
 def correlated(learnt: Learnt) -> dict[str, float]:
-    """The autocorrelations by region that show something missed by the model."""
-    return {name: value for name, value in learnt.autocorrelation.items() if abs(value) >= CORRELATED}
+    """The autocorrelations by region that show something missed by the model, and regions too narrow.
+
+    Errors that are correlated and small at once are covered by what is stated: only their product says more.
+    """
+    return {
+        name: value
+        for name, value in learnt.autocorrelation.items()
+        if abs(value) >= CORRELATED and learnt.misfit(name) > 1.0
+    }
 
 
 def judgement(learnt: Learnt) -> str:
