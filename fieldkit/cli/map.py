@@ -98,12 +98,13 @@ def command(
     """
     from fieldkit.config.pose import read_pose
     from fieldkit.ground.terrain_products import Products
-    from fieldkit.results.slope_map import map_sessions, slope_map
+    from fieldkit.results.slope_map import ENDINGS, default_base, map_sessions, slope_map, variant
 
     wanted = None
     if products is not None:
         wanted = Products([name.strip() for name in products.split(",")], limit_deg, drive_deg)
     camera = read_pose(pose) if pose is not None else None
+    base = partial(default_base, window=window, overrides=settings)
     paths = find_sessions(ctx, sessions) if sessions else [latest_session(ctx, None)]
     if len(paths) > 1:
         if follow:
@@ -111,16 +112,17 @@ def command(
         workers = batch.workers(kind, address, jobs)
         make_all = partial(map_sessions, window=window, settings=settings, present=present, workers=workers)
         write_all = partial(make_all, wanted=wanted, pose=camera, cell_m=cell_m, notify=common.say)
-        _map_many(_bases(paths, out), write_all, out)
+        _map_many(_bases(paths, out, base, variant(window, settings)), write_all, out)
         return
     make = partial(slope_map, paths[0], window, settings=settings, present=present)
 
     def write(found: MappedSession, base: Path) -> list[Path]:
         return found.write(base, wanted, pose=camera, cell_m=cell_m, notify=common.say)
 
+    name = base(paths[0]) if out is None else batch.base_of(out, ENDINGS)
     if follow:
-        _follow(paths[0], lambda: _map(paths[0], out, make, write, common.print_json_line))
-    _map(paths[0], out, make, write, common.print_json_line if follow else common.print_json)
+        _follow(paths[0], lambda: _map(paths[0], name, make, write, common.print_json_line))
+    _map(paths[0], name, make, write, common.print_json_line if follow else common.print_json)
 
 
 def _follow(path: Path, map_now: Callable[[], None]) -> None:
@@ -137,12 +139,11 @@ def _follow(path: Path, map_now: Callable[[], None]) -> None:
 
 def _map(
     path: Path,
-    out: Path | None,
+    base: Path,
     make: Callable[[], MappedSession],
     write: Callable[[MappedSession, Path], list[Path]],
     print_json: Callable[[Mapping[str, Any]], None],
 ) -> None:
-    base = _base(out, path)
     found = make()
     for note in found.notes:
         common.say(note)
@@ -192,15 +193,13 @@ def _say_earlier(base: Path, files: Sequence[Path]) -> None:
         common.say(f"of an earlier map, not of this one: {', '.join(map(str, earlier))}")
 
 
-def _base(out: Path | None, session: Path) -> Path:
-    from fieldkit.results.slope_map import ENDINGS, default_base
-
-    return default_base(session) if out is None else batch.base_of(out, ENDINGS)
-
-
-def _bases(paths: Sequence[Path], out: Path | None) -> dict[Path, Path]:
+def _bases(
+    paths: Sequence[Path], out: Path | None, base: Callable[[Path], Path], ending: str
+) -> dict[Path, Path]:
     """The base of each session's files; a session named twice counts once."""
-    bases = {path: _base(out and out / f"{path.stem}-slope-map", path) for path in dict.fromkeys(paths)}
+    bases = {
+        path: out / f"{path.stem}-slope-map{ending}" if out else base(path) for path in dict.fromkeys(paths)
+    }
     if len(set(bases.values())) < len(bases):
         raise click.UsageError("two sessions of one name would be written into one file: map them one by one")
     return bases

@@ -66,6 +66,6 @@ class Learnt:
     chi_square: float = float("nan")
 
     def misfit(self, region: str) -> float:
-        """How much too small stated variances are: ``c (1 + r) / (1 - r)`` of mean square c, correlation r."""
+        """How much too small stated variances are: ``c (1 + r) / (1 - r)``, mean square c, correlation r."""
         correlation = min(max(self.autocorrelation.get(region, 0.0), 0.0), 0.95)
         return self.chi_square * (1.0 + correlation) / (1.0 - correlation)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import platform
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -104,13 +105,14 @@ class MappedRegion:
 class MappedSession:
     """A slope map and what it was made of: the minutes `start_ns`..`end_ns`, how many, and their flags.
 
-    `overrides` are the ``KEY=VALUE`` given over the configuration.
+    `overrides` are the ``KEY=VALUE`` given over the configuration, `window` the one asked for.
     `smeared_px` is by how much the frame's content lay elsewhere from minute to minute; frames are not moved.
     `damaged` counts the camera's frames in them that do not match their checksum; they were excluded.
     """
 
     path: Path
     overrides: tuple[str, ...]
+    window: Window
     slopes: SlopeMap
     bounds: PixelBounds
     likelihood: PixelPosterior
@@ -259,7 +261,7 @@ class MappedSession:
         StorageError, NoAnswerError, ConfigError
             If a file cannot be written, a product not be made, or a pose that is given does not fit.
         """
-        base = default_base(self.path) if base is None else Path(base)
+        base = default_base(self.path, self.window, self.overrides) if base is None else Path(base)
         view = self._configured_view(cell_m, notify) if pose is None else self.on_ground(pose, cell_m)
         if wanted is None and view is not None:
             wanted = Products(("slope", "heading"))
@@ -392,12 +394,23 @@ def map_sessions(
     return {path: made[path] for path in bases if path in made}, failures
 
 
-def default_base(session: Path) -> Path:
-    """``results/NAME/slope-map`` of the campaign, or ``NAME-slope-map`` beside a session elsewhere."""
-    parent = session.resolve().parent
+def default_base(session: Path, window: Window = None, overrides: Sequence[str] = ()) -> Path:
+    """``results/NAME/slope-map`` of the campaign, or ``NAME-slope-map`` beside a session elsewhere.
+
+    A window and settings that are not the configured ones are in the name: one map is not taken for another.
+    """
+    parent, name = session.resolve().parent, "slope-map" + variant(window, overrides)
     if parent.name == "recordings":
-        return parent.parent / "results" / session.stem / "slope-map"
-    return parent / f"{session.stem}-slope-map"
+        return parent.parent / "results" / session.stem / name
+    return parent / f"{session.stem}-{name}"
+
+
+def variant(window: Window, overrides: Sequence[str] = ()) -> str:
+    """End of the name of a map by its window and settings, "" for the configured ones."""
+    parts = [] if window is None else [window if isinstance(window, str) else f"{window / 60.0:g}m"]
+    given = [one.partition("=") for one in sorted(overrides)]
+    parts += [f"{key.rpartition('.')[2]}-{value}" for key, _, value in given]
+    return "".join("-" + re.sub(r"[^\w.-]+", "_", part) for part in parts)
 
 
 def earlier_files(base: Path, written: Sequence[Path]) -> list[Path]:
@@ -432,6 +445,7 @@ def _mapped(
     return MappedSession(
         path=session.path,
         overrides=settings,
+        window=window,
         slopes=slopes,
         bounds=bounds,
         likelihood=likelihood,
