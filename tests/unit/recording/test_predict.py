@@ -1,5 +1,7 @@
 """Predicted temperatures, held against the energy balance of the paper's eq. (1), written out here."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import brentq
@@ -29,9 +31,9 @@ def constant(middle_ns, dni=0.0, **others):
     return Weather(middle_ns + HOUR_NS * np.arange(-1, 2), *columns, SITE)
 
 
-def balanced_k(shortwave, exchange=EXCHANGE):
-    """Eq. (1) with albedo 0.2 and emissivity 0.9: absorbed light and longwave leave as eqs. (4) and (5)."""
-    gained = 0.8 * shortwave + 0.9 * LONGWAVE
+def balanced_k(shortwave, exchange=EXCHANGE, longwave=LONGWAVE, albedo=0.2):
+    """Eq. (1) with emissivity 0.9: absorbed light and longwave leave as eqs. (4) and (5)."""
+    gained = (1 - albedo) * shortwave + 0.9 * longwave
     return brentq(lambda t: gained - 0.9 * SIGMA * t**4 - exchange * (t - AIR), 200.0, 400.0, xtol=1e-10)
 
 
@@ -49,6 +51,17 @@ def test_a_thin_facet_follows_the_sun_and_is_hotter_facing_it():
     assert found.surface_k[1:, 0] == pytest.approx(expected[1:], abs=2e-3)
     flat, south, north = found.surface_k[60]
     assert north < flat < south
+
+
+def test_a_wall_in_its_own_shade_is_lit_and_warmed_by_the_ground():
+    """Half of what a wall sees is level ground of albedo 0.5, half of it sky without diffuse light."""
+    settings = replace(FOIL, ground_albedo=0.5)
+    found = fieldkit.predict([(90, 0)], constant(NOON_NS, 900.0), settings=settings)
+    ghi = 900.0 * sun_vectors(found.time_ns, SITE, refraction=True)[60, 2]
+    ground_k = balanced_k(ghi, albedo=0.5)
+    from_ground = 0.9 * SIGMA * ground_k**4 + 0.1 * LONGWAVE
+    expected = balanced_k(0.5 * ghi / 2, longwave=(LONGWAVE + from_ground) / 2)
+    assert found.surface_k[60, 0] == pytest.approx(expected, abs=2e-3)
 
 
 def test_the_exchange_is_a_number_or_follows_the_wind():
