@@ -27,6 +27,7 @@ if _TYPE_CHECKING:
     from fieldkit.recording.in_progress import stop as stop
     from fieldkit.recording.plan import PlanOptions as PlanOptions
     from fieldkit.recording.plan import plan as plan
+    from fieldkit.recording.predict import predict as predict
     from fieldkit.recording.preview import live as live
     from fieldkit.recording.record import record as record
     from fieldkit.recording.replay import replay as replay
@@ -62,6 +63,7 @@ _HOMES = {
     "fieldkit.recording.doctor": ("doctor",),
     "fieldkit.recording.in_progress": ("mark", "status", "stop"),
     "fieldkit.recording.plan": ("PlanOptions", "plan"),
+    "fieldkit.recording.predict": ("predict",),
     "fieldkit.recording.preview": ("live",),
     "fieldkit.recording.record": ("record",),
     "fieldkit.recording.replay": ("replay",),

@@ -24,7 +24,7 @@ import re
 import warnings
 import zlib
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -81,12 +81,28 @@ _BSRN_START = re.compile(rb"\*[UC]0001")
 _NEAR_DEG = 0.1
 
 
+def _nothing() -> FloatArray:
+    return np.zeros(0)
+
+
 @dataclass(frozen=True, slots=True)
 class Weather:
     """Measured weather at one station; every array has shape (n,), NaN where not measured.
 
+    The last three are not needed for temperatures of surfaces, and empty where they are not given.
+
     `time_ns` is the middle of each averaging interval, UTC nanoseconds since 1970. Direct normal, diffuse
     horizontal and global horizontal irradiance and both longwave fluxes are in W/m², pressure in Pa.
+
+    Examples
+    --------
+    >>> import numpy as np, fieldkit.weather
+    >>> hours = np.datetime64("2026-06-21T10", "ns").astype(int) + 3_600_000_000_000 * np.arange(5)
+    >>> dni, dhi, longwave, air, wind = (np.full(5, value) for value in (850.0, 90.0, 320.0, 293.0, 2.0))
+    >>> site = fieldkit.Site(47.87, 11.73, 680.0)
+    >>> given = fieldkit.weather.Weather(hours, dni, dhi, longwave, air, wind, site)
+    >>> fieldkit.predict([(30, 180)], given).surface_k[-1].round(1).tolist()
+    [320.3]
     """
 
     time_ns: NDArray[np.int64]
@@ -95,11 +111,11 @@ class Weather:
     longwave_down_w_m2: FloatArray
     air_temperature_k: FloatArray
     wind_m_s: FloatArray
-    pressure_pa: FloatArray
-    ghi_w_m2: FloatArray
-    longwave_up_w_m2: FloatArray
     site: Site
-    source: str
+    source: str = "given weather"
+    pressure_pa: FloatArray = field(default_factory=_nothing)
+    ghi_w_m2: FloatArray = field(default_factory=_nothing)
+    longwave_up_w_m2: FloatArray = field(default_factory=_nothing)
     notes: tuple[str, ...] = ()
     """Parts of the file that were not used, and why."""
 

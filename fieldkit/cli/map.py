@@ -98,7 +98,7 @@ def command(
     """
     from fieldkit.config.pose import read_pose
     from fieldkit.ground.terrain_products import Products
-    from fieldkit.results.slope_map import ENDINGS, default_base, map_sessions, slope_map, variant
+    from fieldkit.results.slope_map import ENDINGS, default_base, map_sessions, slope_map
 
     wanted = None
     if products is not None:
@@ -112,7 +112,7 @@ def command(
         workers = batch.workers(kind, address, jobs)
         make_all = partial(map_sessions, window=window, settings=settings, present=present, workers=workers)
         write_all = partial(make_all, wanted=wanted, pose=camera, cell_m=cell_m, notify=common.say)
-        _map_many(_bases(paths, out, base, variant(window, settings)), write_all, out)
+        _map_many(_bases(paths, out, base), write_all, out)
         return
     make = partial(slope_map, paths[0], window, settings=settings, present=present)
 
@@ -193,13 +193,9 @@ def _say_earlier(base: Path, files: Sequence[Path]) -> None:
         common.say(f"of an earlier map, not of this one: {', '.join(map(str, earlier))}")
 
 
-def _bases(
-    paths: Sequence[Path], out: Path | None, base: Callable[[Path], Path], ending: str
-) -> dict[Path, Path]:
+def _bases(paths: Sequence[Path], out: Path | None, base: Callable[[Path], Path]) -> dict[Path, Path]:
     """The base of each session's files; a session named twice counts once."""
-    bases = {
-        path: out / f"{path.stem}-slope-map{ending}" if out else base(path) for path in dict.fromkeys(paths)
-    }
+    bases = {path: out / f"{path.stem}-slope-map" if out else base(path) for path in dict.fromkeys(paths)}
     if len(set(bases.values())) < len(bases):
         raise click.UsageError("two sessions of one name would be written into one file: map them one by one")
     return bases

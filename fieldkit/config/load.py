@@ -25,6 +25,7 @@ from fieldkit.config.files import read_text
 from fieldkit.config.horizon import with_horizons
 from fieldkit.config.references import resolve
 from fieldkit.config.secret_texts import secrets_in
+from fieldkit.config.surface_kind import KIND, forget_defaults_of_kind
 from fieldkit.config.toml_schema import Tables
 from fieldkit.config.validation import (
     UNKNOWN_KEY,
@@ -86,16 +87,14 @@ def config_from_text(text: str, path: Path, *, settings: Sequence[str] = ()) -> 
     for key in document.drop_unknown():
         log.warning("%s: the configuration's %s is unknown to this version and ignored", path.name, key)
     document.take_secrets()
-    for origin, keys, value in _from_settings(settings):
-        document.put(origin, keys, value)
+    document.set(settings)
     return _checked(*document.check(path), fix=f"correct the settings given with --set for {path.name}")
 
 
 def changed_config(config: Config, settings: Sequence[str]) -> Config:
     """A configuration with ``KEY=VALUE`` over it, as a sweep needs many; raises as `load_config`."""
     document = _Document(config.tables.model_dump(by_alias=True, exclude_none=True))
-    for origin, keys, value in _from_settings(settings):
-        document.put(origin, keys, value)
+    document.set(settings)
     return _checked(
         *document.check(config.path), fix=f"correct the settings given with --set for {config.path.name}"
     )
@@ -149,6 +148,14 @@ class _Document:
                 raise ConfigError(f"{_key_of(origin)}: {key} is not a table", fix="write table.key=value")
         table[keys[-1]] = value
         self.origins[tuple(keys)] = origin
+
+    def set(self, settings: Sequence[str]) -> None:
+        """Put ``KEY=VALUE`` over a document that states every value."""
+        given = list(_from_settings(settings))
+        if any(keys == KIND for _, keys, _ in given):
+            forget_defaults_of_kind(self.values)
+        for one in given:
+            self.put(*one)
 
     def drop_unknown(self) -> Iterator[str]:
         """Remove unknown keys; yields their names."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from fieldkit.config.surface_kind import with_defaults
 from fieldkit.physics.bodies import BODIES, EARTH, Body
 from fieldkit.physics.dust import dusty_sky
 
@@ -22,12 +23,10 @@ def with_defaults_of_world(document: Mapping[str, Any]) -> Mapping[str, Any]:
     body = BODIES.get(site.get("body", "earth")) if isinstance(site, Mapping) else None
     if body is None or body is EARTH:
         return document
-    filled = dict(document)
-    for name, defaults in _defaults(body).items():
-        table = document.get(name, {})
-        if isinstance(table, Mapping) and (name != "simulation" or name in document):
-            filled[name] = {**defaults, **table}
-    return filled
+    defaults = _defaults(body)
+    return with_defaults(
+        document, {name: defaults[name] for name in defaults if name != "simulation" or name in document}
+    )
 
 
 def _defaults(body: Body) -> dict[str, dict[str, Any]]:

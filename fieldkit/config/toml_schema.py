@@ -14,9 +14,11 @@ from pydantic import AfterValidator, AwareDatetime, BaseModel, ConfigDict, Field
 from pydantic.json_schema import SkipJsonSchema
 
 from fieldkit.config.other_worlds import with_defaults_of_world
+from fieldkit.config.surface_kind import with_defaults_of_kind
 from fieldkit.config.toml_lines import KeyPath
 from fieldkit.estimation.estimator_keys import EstimatorKeys
 from fieldkit.estimation.prior import Prior
+from fieldkit.estimation.surface_kinds import SAND, Kind
 from fieldkit.model.alarm import Condition
 from fieldkit.model.limits import shown
 from fieldkit.model.radiation import Component
@@ -221,6 +223,10 @@ class IrradianceTable(Table):
 class SurfaceTable(Table):
     """The surface of the regions."""
 
+    kind: Kind = Field(
+        default=SAND,
+        description="gives the defaults of exchange, albedo, slab and tilt that differ from those of sand",
+    )
     albedo: float = Field(default=0.20, ge=0, lt=1, description=f"A of the balance {TABLE_1}")
     emissivity: float = Field(
         default=0.90, gt=0, le=1, description='in the camera\'s band, 8-14 um; or "@name" of a calibration'
@@ -510,8 +516,10 @@ class Tables(Table):
 
     @model_validator(mode="before")
     @classmethod
-    def _defaults_of_world(cls, document: Any) -> Any:
-        return with_defaults_of_world(document) if isinstance(document, Mapping) else document
+    def _defaults_of_world_and_kind(cls, document: Any) -> Any:
+        if not isinstance(document, Mapping):
+            return document
+        return with_defaults_of_kind(with_defaults_of_world(document))
 
 
 # What each key accepts, in words: the template, the error messages and the reference page read it from here.

@@ -18,6 +18,7 @@ from pydantic_core import ErrorDetails
 from fieldkit.config.toml_lines import KeyPath
 from fieldkit.config.toml_schema import expected, known_keys, node_at
 from fieldkit.drivers import registry
+from fieldkit.estimation.surface_kinds import SAND
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import Region, RegionKind
 
@@ -232,6 +233,9 @@ def _other_world(document: Mapping[str, Any]) -> Iterator[Mistake]:
     if simulation.get("weather", "clear") != "clear":
         message = f"measured weather belongs to the Earth; set it to clear on {body}"
         yield Mistake(("simulation", "weather"), message)
+    if _table(document, "surface").get("kind", SAND) != SAND:
+        message = f"kinds of surface are the Earth's; on {body} set [surface], [slab] and [prior]"
+        yield Mistake(("surface", "kind"), message)
     if simulation.get("drawn"):
         yield Mistake(("simulation", "drawn"), f"drawn fields have the air of the Earth; omit it on {body}")
     irradiance = _table(document, "irradiance")

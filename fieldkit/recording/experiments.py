@@ -27,9 +27,9 @@ from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.irradiance import direct_normal, shares_on_plane
 from fieldkit.recording.field_history import field_history
+from fieldkit.recording.predict import expected_field
 from fieldkit.results.executors import THIS_PROCESS, Workers, results
 from fieldkit.simulation.boards import Board, boards_in_turn
-from fieldkit.simulation.facets import Facet
 from fieldkit.simulation.gusts import Gusts, GustySky
 from fieldkit.simulation.scene_series import Exchange, SceneModel
 from fieldkit.simulation.sky import ClearSky
@@ -321,30 +321,10 @@ def _regions(session: PlannedSession, known: int | None = None) -> tuple[Region,
 
 def _model(session: PlannedSession, boards: tuple[Board, ...] = ()) -> SceneModel:
     """The field that the settings expect."""
-    settings = session.settings
-    beds = tuple(_bed(region, settings) for region in _regions(session))
-    ground = replace(beds[0], tilt_deg=0.0, albedo=settings.ground_albedo)
+    settings, facets = session.settings, (*session.references, *session.facets)
     exchange = Exchange(settings.prior.exchange_w_m2_k - PER_WIND * session.sky.wind_m_s, PER_WIND)
-    sky = GustySky(session.sky, Gusts(SEED))
-    circumsolar = settings.prior.circumsolar_share
-    return SceneModel(
-        session.site, sky, beds, ground, exchange, (), 1.0, circumsolar_share=circumsolar, boards=boards
-    )
-
-
-def _bed(region: Region, settings: EstimatorSettings) -> Facet:
-    surface, slab = settings.surface, settings.slab
-    return Facet(
-        region.name,
-        region.vertices,
-        region.tilt_deg,
-        region.azimuth_deg,
-        albedo=surface.albedo,
-        emissivity=surface.emissivity,
-        emissivity_broadband=surface.emissivity_broadband,
-        depth_m=slab.depth_m,
-        conductivity_w_m_k=slab.conductivity_w_m_k,
-        heat_capacity_j_m3_k=slab.heat_capacity_j_m3_k,
+    return expected_field(
+        session.site, GustySky(session.sky, Gusts(SEED)), facets, settings, exchange, boards
     )
 
 

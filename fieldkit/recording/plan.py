@@ -336,6 +336,7 @@ def plan(
             settings,
             surface=estimator.surface,
             azimuth_known=estimator.azimuth == "known",
+            tilt_limit_deg=estimator.tilt_limit_deg,
         )
     sun = sun_vectors(time_ns, site)
     light = _dni(sun, time_ns, site, options)

@@ -44,17 +44,18 @@ def sun(
     (26.9, 17.1)
     """
     given = [at] if isinstance(at, datetime | str) else at
-    return sun_rows(as_site(site), [_moment(one) for one in given], facets)
+    return sun_rows(as_site(site), [moment(one) for one in given], facets)
 
 
-def _moment(at: datetime | str) -> datetime:
+def moment(at: datetime | str) -> datetime:
+    """A time with its zone, also from ISO 8601; raises `ConfigError`."""
     try:
-        moment = datetime.fromisoformat(at) if isinstance(at, str) else at
+        found = datetime.fromisoformat(at) if isinstance(at, str) else at
     except ValueError as error:
         raise ConfigError(f"{at!r} is not a time", fix="write it as 2017-08-30T12:00+09:00") from error
-    if moment.tzinfo is None:
+    if found.tzinfo is None:
         raise ConfigError(f"{at!r} has no zone", fix="add its offset from UTC: 2017-08-30T12:00+09:00")
-    return moment
+    return found
 
 
 def sun_rows(

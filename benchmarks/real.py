@@ -1,0 +1,370 @@
+"""Slopes from temperatures and light that others measured, whose true planes are known.
+
+Read from a `shared` folder beside the project where there is one. Settings follow from the kind of surface
+alone and are the same for every day of a set; the days are chosen by the weather, never by the result.
+A day without a slope is refused: it counts in neither error nor coverage, and every row says how many.
+
+* `pv`: back of a photovoltaic module, 40 degrees to the south. A level module beside it is predicted from the
+  weather (`fieldkit.predict`); days are clear where satellite and clear sky agree within 5 %.
+* `twin`, `glob`: pyranometers in known planes on sunny days (sunshine as WMO-No. 8 defines it in half of
+  the rows or more), as if they were surfaces: one watt per square metre warms by one
+  kelvin, nothing is emitted or stored. What is left is the way from irradiance to the normal.
+* `flat`: a radiometer over level ground, against level ground predicted from its weather.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import fieldkit
+from benchmarks.estimation_learned import SUNSHINE_W_M2
+from benchmarks.result import Result
+from fieldkit.config import config_from_text
+from fieldkit.estimation.bins import History
+from fieldkit.estimation.chain import SlopeChain
+from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.estimation.surface_kinds import Kind
+from fieldkit.estimation.table import TemperatureTable, slopes_of_table
+from fieldkit.model.site import Region, RegionKind, Site
+from fieldkit.model.slope import CERTAIN, SOLVED, SlopeEstimate
+from fieldkit.model.units import CELSIUS_ZERO_K, MINUTE_NS, SECOND_NS
+from fieldkit.physics.constants import STEFAN_BOLTZMANN
+from fieldkit.physics.daylight import clear_sky_longwave
+from fieldkit.physics.facet import FloatArray, angle_between_deg, normal
+from fieldkit.physics.irradiance import IrradianceModel, direct_normal
+from fieldkit.physics.slab import Slab, surface_series
+from fieldkit.physics.sun import sun_vectors
+from fieldkit.weather import Weather
+
+SHARED = Path(__file__).parents[1].parent / "shared" / "data"
+DAY_NS = 86_400 * SECOND_NS
+DAY_S = 86_400.0
+ROUNDING_DEG = 0.05
+"""Of the ends of a region at the limits of the tilt, level and vertical."""
+
+PV_SITE = Site(39.7406, -105.1775, 1829.0)
+PV_K = 0.0194
+"""Kelvin of a level module above the air per W/m2, as it was found afterwards: the explaining row has it."""
+TWIN_SITE = Site(47.874, 11.728, 680.0)
+TWIN_PLANES = {"south": 180.0, "east": 90.0, "west": 270.0, "north": 0.0}
+TWIN_GOALS = {"south": "<= 2", "east": "<= 9", "west": "<= 9", "north": ""}
+GLOB_SITE = Site(78.9227, 11.9273, 10.0)
+GLOB_PLANES = {"N": 0, "NE": 45, "E": 90, "SE": 135, "S": 180, "SW": 225, "W": 270, "NW": 315}
+MOST_ALBEDO = 0.95
+LIGHT_K = 200.0
+"""A dark pyranometer as a temperature."""
+Columns = dict[str, FloatArray]
+Truth = tuple[float, float]
+
+
+def run() -> list[Result]:
+    return [*_pv(), *_twin(), *_glob(), *_flat()]
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """Estimates of some days with the true tilt and azimuth of each; goals in degrees and per cent."""
+
+    name: str
+    found: Sequence[tuple[SlopeEstimate, Truth]]
+    goal_deg: str = ""
+    goal_covered: str = ""
+
+    def rows(self) -> Iterator[Result]:
+        """Median error of the normal and share of covered tilts, of the estimates that are not refused."""
+        solved = [(one, truth) for one, truth in self.found if one.state in SOLVED]
+        errors = [float(angle_between_deg(_normal(one), normal(*truth))) for one, truth in solved]
+        inside = [100.0 * _covers(one, truth[0]) for one, truth in solved]
+        note = (
+            f"{self._refused()}; median tilt {_average(np.median, [one.tilt_deg for one, _ in solved]):.1f}"
+        )
+        median = _average(np.median, errors)
+        yield Result(f"{self.name}: error of the normal, median", median, "deg", self.goal_deg, note)
+        covered = _average(np.mean, inside)
+        yield Result("  tilt inside its 90 % region", covered, "%", self.goal_covered, self._refused())
+
+    def _refused(self) -> str:
+        """How many estimates there are, how many are refused and why, and how many are called uncertain."""
+        states = [one.state for one, _ in self.found]
+        refused = [state.name.lower() for state in states if state not in SOLVED]
+        reasons = ", ".join(f"{refused.count(name)} {name}" for name in sorted(set(refused)))
+        uncertain = sum(state in SOLVED and state not in CERTAIN for state in states)
+        words = f"refused {len(refused)}{f' ({reasons})' if reasons else ''}"
+        return f"{len(states)} estimates, {words}, {uncertain} uncertain or not resolved"
+
+
+def _average(average: Callable[[Sequence[float]], Any], values: Sequence[float]) -> float:
+    """The average, NaN of no value."""
+    return float(average(values)) if values else np.nan
+
+
+def _normal(one: SlopeEstimate) -> FloatArray:
+    return normal(one.tilt_deg, one.azimuth_deg if np.isfinite(one.azimuth_deg) else 0.0)
+
+
+def _covers(one: SlopeEstimate, tilt_deg: float) -> bool:
+    return one.tilt_low_deg - ROUNDING_DEG <= tilt_deg <= one.tilt_high_deg + ROUNDING_DEG
+
+
+def settings_of(kind: Kind, **changes: object) -> EstimatorSettings:
+    """The full model of a kind of surface, over whole days."""
+    text = f'[site]\nlatitude_deg = 0\nlongitude_deg = 0\n[surface]\nkind = "{kind}"\n'
+    found = config_from_text(text, Path("benchmark.toml")).estimator_settings()
+    return replace(found, model="full", window_s=DAY_S, site=None, **changes)  # type: ignore[arg-type]
+
+
+def of_light(**changes: object) -> EstimatorSettings:
+    """Settings by which irradiance in W/m2 is a temperature in kelvin: offsets and noise of 5 W/m2."""
+    found = settings_of("plate", noise_k=5.0, offset_sd_k=5.0, **changes)
+    surface = replace(
+        found.surface,
+        albedo=0.0,
+        emissivity_broadband=1e-9,
+        exchange_m_s=1.0 / (found.surface.heat_capacity_j_kg_k * found.surface.air_density_kg_m3),
+    )
+    return replace(
+        found,
+        surface=surface,
+        slab=Slab(1e-6, 0.25, 1.0),
+        tilt_limit_deg=90.0,
+        scale_sd=EstimatorSettings().scale_sd,
+        exchange_sd=0.0,
+        limits={"surface_temperature": (0.0, 3000.0)},
+    )
+
+
+def _columns(path: Path) -> Columns:
+    """Numbers by column, NaN where empty; times as UTC nanoseconds by the name of their column."""
+    with path.open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    times = [name for name in rows[0] if name.startswith("time")]
+    found = {
+        name: np.array([float(row[name] or "nan") for row in rows]) for name in rows[0] if name not in times
+    }
+    for name in times:
+        text = [row[name][:19].replace(" ", "T") for row in rows]
+        found[name] = np.array(text, "datetime64[ns]").astype(np.int64)
+    return found
+
+
+def _missing(name: str, path: Path) -> Result:
+    return Result(name, float("nan"), "deg", "", f"skipped: no {path.name} in {path.parent}")
+
+
+def _days(table: TemperatureTable, longitude_deg: float) -> Iterator[TemperatureTable]:
+    """A table for each solar day."""
+    day = (table.time_ns + round(longitude_deg / 360.0 * DAY_NS)) // DAY_NS
+    for one in np.unique(day):
+        yield _rows(table, day == one)
+
+
+def _rows(table: TemperatureTable, chosen: NDArray[np.bool_]) -> TemperatureTable:
+    names = ("irradiance_w_m2", "diffuse_w_m2", "air_k", "ghi_w_m2", "longwave_w_m2")
+    columns = {name: value[chosen] for name in names if (value := getattr(table, name)) is not None}
+    targets = {name: value[chosen] for name, value in table.targets_k.items()}
+    return TemperatureTable(table.time_ns[chosen], table.reference_k[chosen], targets, **columns)
+
+
+def _found(
+    days: Iterable[TemperatureTable], site: Site, settings: EstimatorSettings, truths: dict[str, Truth]
+) -> list[tuple[SlopeEstimate, Truth]]:
+    return [(one, truths[one.region]) for day in days for one in slopes_of_table(day, site, settings)]
+
+
+def _pv() -> Iterator[Result]:
+    path = SHARED / "real" / "pv-module-2016-jul-sep.csv"
+    if not path.exists():
+        yield _missing("photovoltaic module", path)
+        return
+    columns, settings, truth = _columns(path), settings_of("plate"), {"module": (40.0, 180.0)}
+    days = [day for day in _days(_module(columns), PV_SITE.longitude_deg) if _is_clear(day, columns)]
+    beside = [_with_level_module(day, columns, settings) for day in days]
+    found = _found(beside, PV_SITE, settings, truth)
+    yield from Case(f"module of 40°, {len(days)} clear days", found, goal_covered=">= 85").rows()
+    known = [_with_module_of(PV_K, day, columns) for day in days]
+    found = _found(known, PV_SITE, _with_gain(PV_K, settings), truth)
+    yield from Case(f"  the same, {PV_K} K m²/W above the air from hindsight", found).rows()
+
+
+def _with_gain(kelvin_m2_w: float, settings: EstimatorSettings) -> EstimatorSettings:
+    """Settings whose exchange warms a surface by so much."""
+    surface = settings.surface
+    radiated = 4.0 * surface.emissivity_broadband * STEFAN_BOLTZMANN * 300.0**3
+    exchange = (1.0 - surface.albedo) / kelvin_m2_w - radiated
+    per_m_s = surface.heat_capacity_j_kg_k * surface.air_density_kg_m3
+    return replace(settings, surface=replace(surface, exchange_m_s=exchange / per_m_s))
+
+
+def _with_module_of(kelvin_m2_w: float, day: TemperatureTable, columns: Columns) -> TemperatureTable:
+    air_k, ghi = _of(day, columns, "air_c") + CELSIUS_ZERO_K, _of(day, columns, "ghi")
+    return replace(day, reference_k=air_k + kelvin_m2_w * ghi)
+
+
+def _module(columns: Columns) -> TemperatureTable:
+    module_k = columns["module_c"] + CELSIUS_ZERO_K
+    return TemperatureTable(
+        columns["time_utc"].astype(np.int64),
+        np.full_like(module_k, np.nan),
+        {"module": module_k},
+        irradiance_w_m2=columns["dni_clear"],
+        diffuse_w_m2=columns["dhi_clear"],
+        air_k=columns["air_c"] + CELSIUS_ZERO_K,
+    )
+
+
+def _of(day: TemperatureTable, columns: Columns, name: str) -> FloatArray:
+    return columns[name][np.isin(columns["time_utc"], day.time_ns)]
+
+
+def _is_clear(day: TemperatureTable, columns: Columns) -> bool:
+    ghi, clear = (_of(day, columns, name) for name in ("ghi", "ghi_clear"))
+    sunny = clear > 50.0
+    return bool(sunny.any() and np.mean(np.abs(ghi[sunny] / clear[sunny] - 1.0)) < 0.05)
+
+
+def _with_level_module(
+    day: TemperatureTable, columns: Columns, settings: EstimatorSettings
+) -> TemperatureTable:
+    """The day with the temperature of a level module as its kind would have it under the day's weather."""
+    air_k = _of(day, columns, "air_c") + CELSIUS_ZERO_K
+    light = (day.irradiance_w_m2, day.diffuse_w_m2)
+    still = np.zeros_like(air_k)
+    weather = Weather(day.time_ns, *light, clear_sky_longwave(air_k), air_k, still, PV_SITE)  # type: ignore[arg-type]
+    level = fieldkit.predict([(0.0, 180.0)], weather, settings=settings)
+    return replace(day, reference_k=np.interp(day.time_ns, level.time_ns, level.surface_k[:, 0]))
+
+
+def _twin() -> Iterator[Result]:
+    path = SHARED / "real" / "twinhouse-o5-2013-aug-sep.csv"
+    if not path.exists():
+        yield _missing("vertical pyranometers", path)
+        return
+    columns = _columns(path)
+    time_ns = columns["time_cet"].astype(np.int64) - 65 * MINUTE_NS  # the end of ten minutes, UTC+1
+    ghi, dhi = columns["ghi_w_m2"], columns["dhi_w_m2"]
+    planes = {name: columns[f"{name}_vertical_w_m2"] for name in TWIN_PLANES}
+    table = _pyranometers(time_ns, TWIN_SITE, ghi, planes, dhi)
+    truths = {name: (90.0, azimuth) for name, azimuth in TWIN_PLANES.items()}
+    for sky in ("hay-davies", "isotropic"):
+        days = [day for day in _days(table, TWIN_SITE.longitude_deg) if _is_sunny(day, TWIN_SITE)]
+        found = _found(days, TWIN_SITE, of_light(sky=sky), truths)
+        for name, goal in TWIN_GOALS.items():
+            mine = [one for one in found if one[0].region == name]
+            yield from Case(f"vertical pyranometer facing {name}, {sky} sky", mine, goal).rows()
+
+
+def _glob() -> Iterator[Result]:
+    path = SHARED / "real" / "glob-2025-apr-may-odd-days.csv"
+    if not path.exists():
+        yield _missing("pyranometers of 45°", path)
+        return
+    columns = _columns(path)
+    time_ns, ghi = columns["time_utc"].astype(np.int64), columns["GHI"]
+    planes = {f"{name}_45": columns[f"{name}_45"] for name in GLOB_PLANES}
+    days = [
+        day for day in _days(_pyranometers(time_ns, GLOB_SITE, ghi, planes), 0.0) if _is_sunny(day, GLOB_SITE)
+    ]
+    albedo = min(float(np.nansum(columns["GHI_ground"]) / np.nansum(ghi)), MOST_ALBEDO)
+    truths = {f"{name}_45": (45.0, float(azimuth)) for name, azimuth in GLOB_PLANES.items()}
+    for sky in ("hay-davies", "isotropic"):
+        settings = of_light(sky=sky, ground_albedo=albedo)
+        found = _found(days, GLOB_SITE, settings, truths)
+        yield from Case(f"pyranometers of 45° at 79° N, {sky} sky", found, "<= 7", ">= 80").rows()
+
+
+def _pyranometers(
+    time_ns: NDArray[np.int64], site: Site, ghi: FloatArray, planes: Columns, dhi: FloatArray | None = None
+) -> TemperatureTable:
+    """Pyranometers as surfaces beside a level one; without diffuse light it is that of Erbs et al. (1982)."""
+    sun = sun_vectors(time_ns, site)
+    model = IrradianceModel(kind="pyranometer", diffuse="erbs")
+    dni = direct_normal(model, ghi, sun, time_ns, np.full_like(ghi, np.nan) if dhi is None else dhi)
+    diffuse = np.maximum(ghi - dni * np.maximum(sun[:, 2], 0.0), 0.0)
+    targets = {name: LIGHT_K + value for name, value in planes.items()}
+    return TemperatureTable(
+        time_ns, LIGHT_K + ghi, targets, irradiance_w_m2=dni, diffuse_w_m2=diffuse if dhi is None else dhi
+    )
+
+
+def _is_sunny(day: TemperatureTable, site: Site) -> bool:
+    """Sunshine in half of the rows with the sun high enough."""
+    high = sun_vectors(day.time_ns, site)[:, 2] > np.sin(np.radians(EstimatorSettings().low_sun_deg))
+    light = day.irradiance_w_m2[high] if day.irradiance_w_m2 is not None else np.zeros(0)
+    return bool(light.size and np.mean(light > SUNSHINE_W_M2) >= 0.5)
+
+
+GROUNDS = {
+    "real/flat-bp-rad.csv": ("ground_c", "sun_azimuth_ccw_from_south_deg"),
+    "ground/cinder-2022.csv": ("ground_radiometer_c", "sun_azimuth_cw_from_south_deg"),
+    "ground/clay-2024.csv": ("ground_radiometer_c", "sun_azimuth_cw_from_south_deg"),
+}
+"""Records of level ground, their temperature and azimuth of the sun, which runs anticlockwise in all."""
+
+
+def _flat() -> Iterator[Result]:
+    paths = [SHARED / name for name in GROUNDS if (SHARED / name).exists()]
+    if not paths:
+        yield _missing("level ground", SHARED / "real" / "flat-bp-rad.csv")
+        return
+    settings = settings_of("soil")
+    found = [
+        (SlopeChain(LEVEL, settings).at(day).slopes[0], (0.0, 0.0))
+        for path in paths
+        for day in _ground_days(path, settings)
+    ]
+    yield from Case(f"level ground, {len(paths)} sites", found).rows()
+
+
+LEVEL = (
+    Region("level", RegionKind.REFERENCE, ((0.0, 0.0),), 0.0, 0.0),
+    Region("ground", RegionKind.TARGET, ((0.0, 0.0),)),
+)
+
+
+def _ground_days(path: Path, settings: EstimatorSettings) -> Iterator[History]:
+    """The sunny hours of each day, beside level ground as its kind would be under the measured weather.
+
+    The record has no dates: the sun is its own, and its light above the atmosphere that of an equinox.
+    """
+    ground, azimuth = GROUNDS[str(path.relative_to(SHARED))]
+    columns = _columns(path)
+    count = columns[ground].size
+    sun = normal(columns["sun_zenith_apparent_deg"], 180.0 - columns[azimuth])
+    ghi = columns["shortwave_down_w_m2"]
+    dhi = columns["diffuse_share"] * ghi
+    up = sun[:, 2] > np.sin(np.radians(settings.low_sun_deg))
+    dni = np.where(up, (ghi - dhi) / np.where(up, sun[:, 2], 1.0), 0.0)
+    air_k = columns["air_c"] + CELSIUS_ZERO_K
+    minute = np.datetime64("2022-03-21", "m").astype(np.int64) + np.arange(count)
+    history = History(
+        minute=minute,
+        time_ns=minute * MINUTE_NS,
+        sun=sun,
+        temperature_k=np.column_stack([_level_k(columns, settings, air_k), columns[ground] + CELSIUS_ZERO_K]),
+        dni_w_m2=dni,
+        dhi_w_m2=dhi,
+        longwave_down_w_m2=columns["longwave_down_w_m2"],
+        flags=np.zeros(count, np.int64),
+        region_flags=np.zeros((count, 2), np.int64),
+        air_k=air_k,
+        wind_m_s=columns["wind_m_s"],
+    )
+    ends = np.flatnonzero(up & ~np.append(up[1:], False)) + 1
+    yield from (history.until(int(end)) for end in ends)
+
+
+def _level_k(columns: Columns, settings: EstimatorSettings, air_k: FloatArray) -> FloatArray:
+    surface = settings.surface
+    absorbed = (1.0 - surface.albedo) * columns["shortwave_down_w_m2"]
+    absorbed = absorbed + surface.emissivity_broadband * columns["longwave_down_w_m2"]
+    exchange = np.full_like(air_k, settings.prior.exchange_w_m2_k)
+    return surface_series(
+        settings.slab, float(air_k[0]), 60.0, absorbed, exchange, air_k, surface.emissivity_broadband
+    )

@@ -1,0 +1,127 @@
+"""Predicted temperatures of facets under given weather: the field that plans and benchmarks are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from datetime import datetime
+
+from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.clock import utc_ns
+from fieldkit.model.errors import ConfigError
+from fieldkit.model.site import Site
+from fieldkit.model.units import MINUTE_NS
+from fieldkit.results.sun_angles import moment
+from fieldkit.simulation.boards import Board
+from fieldkit.simulation.facets import Facet
+from fieldkit.simulation.field_minutes import FieldMinutes, field_minutes
+from fieldkit.simulation.scene_series import Exchange, SceneModel
+from fieldkit.simulation.sky import MeasuredSky, Sky
+from fieldkit.weather import Weather
+
+
+def predict(
+    facets: Sequence[tuple[float, float]],
+    weather: Weather,
+    *,
+    start: datetime | str | None = None,
+    minutes: int | None = None,
+    settings: EstimatorSettings | None = None,
+    exchange: Exchange | float | None = None,
+) -> FieldMinutes:
+    """Surface temperatures of facets under given weather, by the minute: the forward model of plans.
+
+    Sun, diffuse and reflected light, longwave of sky and ground, exchange with the air, and conduction into
+    the layer. A facet starts in balance with the first minute, its whole layer at that temperature: begin
+    some hours before the minutes that matter.
+
+    Parameters
+    ----------
+    facets
+        Tilt and azimuth of each, (k, 2). [degrees]
+    weather
+        Sky and air, also of your own arrays; linear between its times.
+    start
+        Begin, with its zone or as ISO 8601; by default with the weather.
+    minutes
+        How many; by default to the end of the weather.
+    settings
+        Surface, slab, priors and the ground's albedo, such as ``campaign.config.estimator_settings()``; by
+        default those of dry sand.
+    exchange
+        With the air: a number [W m-2 K-1] or an `Exchange` by wind; by default the median of the prior.
+
+    Returns
+    -------
+    FieldMinutes
+        Times (n,) in the middle of each minute, temperatures (n, k) in kelvin, and the weather's means (n,).
+        `fieldkit.recording.field_history.history_of` makes of it what estimators take.
+
+    Raises
+    ------
+    ConfigError
+        If there is no facet, or the weather lacks a quantity or is of another day.
+
+    Examples
+    --------
+    >>> import fieldkit.weather
+    >>> day = fieldkit.weather.packaged()
+    >>> found = fieldkit.predict([(0, 180), (15, 180)], day, start="2016-01-01T09:00-07:00", minutes=240)
+    >>> found.surface_k[-1].round(1).tolist()
+    [285.5, 294.8]
+    """
+    if not facets:
+        raise ConfigError("there is no facet to predict", fix="give pairs of tilt and azimuth")
+    used = settings or EstimatorSettings()
+    first_ns, last_ns = (int(weather.time_ns[end]) for end in (0, -1))
+    start_ns = utc_ns(moment(start)) if start else first_ns
+    start_ns = -(-start_ns // MINUTE_NS) * MINUTE_NS
+    found = used.prior.exchange_w_m2_k if exchange is None else exchange
+    by_wind = found if isinstance(found, Exchange) else Exchange(found, 0.0)
+    model = expected_field(weather.site, MeasuredSky(weather), facets, used, by_wind)
+    return field_minutes(model, start_ns, minutes or max((last_ns - start_ns) // MINUTE_NS, 1))
+
+
+def expected_field(
+    site: Site,
+    sky: Sky,
+    facets: Sequence[tuple[float, float]],
+    settings: EstimatorSettings,
+    exchange: Exchange,
+    boards: tuple[Board, ...] = (),
+) -> SceneModel:
+    """The field that the settings expect: beds ``region 1`` ... of their material, around them level ground.
+
+    Parameters
+    ----------
+    site, sky
+        Place, light and air.
+    facets
+        Tilt and azimuth of each bed. [degrees]
+    settings
+        Surface, slab, the ground's albedo and the circumsolar share.
+    exchange
+        With the air, by wind.
+    boards
+        What lies over single beds.
+    """
+    beds = tuple(_bed(f"region {number}", *facet, settings) for number, facet in enumerate(facets, start=1))
+    ground = replace(beds[0], tilt_deg=0.0, albedo=settings.ground_albedo)
+    share = settings.prior.circumsolar_share
+    return SceneModel(site, sky, beds, ground, exchange, (), 1.0, circumsolar_share=share, boards=boards)
+
+
+def _bed(name: str, tilt_deg: float, azimuth_deg: float, settings: EstimatorSettings) -> Facet:
+    surface, slab = settings.surface, settings.slab
+    return Facet(
+        name,
+        (),
+        tilt_deg,
+        azimuth_deg,
+        albedo=surface.albedo,
+        emissivity=surface.emissivity,
+        emissivity_broadband=surface.emissivity_broadband,
+        depth_m=slab.depth_m,
+        conductivity_w_m_k=slab.conductivity_w_m_k,
+        heat_capacity_j_m3_k=slab.heat_capacity_j_m3_k,
+    )
