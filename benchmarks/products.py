@@ -57,7 +57,8 @@ def mapped(frames_k: Sequence[FloatArray], rays: NDArray[Any]) -> MappedSession:
     slopes, bounds = with_bounds(solved, likelihood, SETTINGS)
     whole = Region("beds", RegionKind.TARGET, ((0.0, 0.0), (cols, 0.0), (cols, rows), (0.0, rows)))
     return MappedSession(
-        path=Path("benchmark.h5"), overrides=(), slopes=slopes, bounds=bounds, likelihood=likelihood,
+        path=Path("benchmark.h5"), overrides=(), window=None, slopes=slopes, bounds=bounds,
+        likelihood=likelihood,
         camera=camera(*LARGE), site=SITE, regions=(whole,), settings=SETTINGS, model="full",
         irradiance_model="", start_ns=START_NS, end_ns=START_NS + MINUTES * MINUTE_NS,
         minutes=MINUTES, flags=Quality(0), inertia=INERTIA,

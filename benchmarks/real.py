@@ -366,5 +366,5 @@ def _level_k(columns: Columns, settings: EstimatorSettings, air_k: FloatArray) -
     absorbed = absorbed + surface.emissivity_broadband * columns["longwave_down_w_m2"]
     exchange = np.full_like(air_k, settings.prior.exchange_w_m2_k)
     return surface_series(
-        settings.slab, float(air_k[0]), 60.0, absorbed, exchange, air_k, surface.emissivity_broadband
+        (settings.slab,), float(air_k[0]), 60.0, absorbed, exchange, air_k, surface.emissivity_broadband
     )
