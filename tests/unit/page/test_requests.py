@@ -31,6 +31,10 @@ GOOD: list[dict[str, Any]] = [
     {"do": "remove_region", "name": "b15", "confirm": True},
     {"do": "skyline", "points": [[1, 20], [30, 2.5]]},
     {"do": "suggest_regions", "session": None},
+    {"do": "slopes", "session": "20160101T190001Z-noon"},
+    {"do": "marks", "session": None},
+    {"do": "take_back", "mark": 2},
+    {"do": "edit_mark", "mark": 1, "text": "b15 shaded", "kind": "shade", "at": "12:14"},
     {"do": "link", "role": "view"},
 ]
 json_values = st.recursive(
@@ -71,6 +75,9 @@ def test_every_kind_of_request_is_tried_here():
         {"do": "add_region", "region": {**REGION, "vertices": [[1, 2], [3, 4]]}},
         {"do": "add_region", "region": {**REGION, "vertices": [[1, 2], [3, 4], [5, float("inf")]]}},
         {"do": "add_region", "region": {**REGION, "vertices": [[1, 2, 3]] * 4}},
+        {"do": "take_back", "mark": 0},
+        {"do": "edit_mark", "mark": "first"},
+        {"do": "slopes"},
         {"do": "format"},
         {"mode": "jpeg"},
     ],

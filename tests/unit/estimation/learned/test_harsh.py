@@ -1,7 +1,7 @@
 """Worlds that the model does not contain: regions hold, and errors are a fraction of what they were.
 
-Before beds could differ, air be unknown and shadows pass, errors were 4 to 8 degrees; `benchmarks.estimation_harsh`
-has every row with many worlds.
+Before beds could differ, air be unknown and shadows pass, errors were 4 to 8 degrees; every row is
+in `benchmarks.estimation_harsh`.
 """
 
 from dataclasses import replace

@@ -1,0 +1,13 @@
+"""What commands say is worded for the command line, also where a test looks at the error itself."""
+
+from collections.abc import Iterator
+
+import pytest
+
+from fieldkit.model.wording import typed
+
+
+@pytest.fixture(autouse=True)
+def in_a_terminal() -> Iterator[None]:
+    with typed():
+        yield
