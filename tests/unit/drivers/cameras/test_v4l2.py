@@ -17,6 +17,7 @@ from fieldkit.drivers.identity import UsbIdentity
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
+from fieldkit.model.wording import typed
 
 SLOT = 65536
 WIDTH, HEIGHT = 160, 122
@@ -330,5 +331,6 @@ def test_a_camera_that_shares_an_identity_and_gives_no_temperatures_is_refused_b
     settings = DeviceSettings("ir", driver.name, identity=usb.as_text())
     with pytest.raises(DeviceNotFoundError, match=named) as caught:
         driver().open(settings, HostClock())
-    assert "fieldkit import" in caught.value.fix
+    with typed():
+        assert "fieldkit import" in caught.value.fix
     assert not kernel.streaming
