@@ -277,7 +277,7 @@ def test_a_mark_that_no_room_is_left_for_is_not_sealed_away(campaign: Path) -> N
         patch.setattr(SessionWriter, "put", takes_no_mark)
         with pytest.raises(StorageError, match="last marks could not be stored") as failed:
             PreparedRecording(config, tools, path, duration_s=20.0).run([Noting(path)])
-    assert "fieldkit recover" in (failed.value.fix or "")
+    assert "recover(" in (failed.value.fix or "")
     fieldkit("recover", path)
     with open_session(path) as session:
         assert [one.text for one in session.events() if one.kind is EventKind.MARK] == ["first"]

@@ -132,7 +132,7 @@ def test_log_is_not_put_beside_a_session_whose_journal_holds_more(tmp_path: Path
     with open_session(tmp_path / "a.h5") as session:
         with pytest.raises(SessionError, match="is interrupted") as refused:
             merge(session, ImportedRecording((log,), [sample(log, 0)]), tmp_path / "b.h5", "log.csv")
-        assert "fieldkit recover" in (refused.value.fix or "")
+        assert "recover(" in (refused.value.fix or "")
     assert not (tmp_path / "b.h5").exists()
 
 
