@@ -45,7 +45,9 @@ class Noise(NamedTuple):
 
 def noise_of(minutes: Sequence[MinuteInputs], configured_k: float) -> Noise:
     """Noise of a region's minutes in a row; the white part is never more than `configured_k`."""
-    kelvin = np.array([np.where(one.measured, one.temperature_k, np.nan) for one in minutes])
+    # a board over one region is no noise of it
+    alone = [one.measured & (one.shaded == 0.0) for one in minutes]
+    kelvin = np.where(alone, [one.temperature_k for one in minutes], np.nan)
     if len(kelvin) <= 2 * FAR + 1 or kelvin.shape[1] < 2:
         return Noise(configured_k, OWN_K)
     near, far = (_alone(kelvin, lag) for lag in (NEAR, FAR))
@@ -65,7 +67,7 @@ def _shape(lag: int) -> float:
 def _alone(kelvin: FloatArray, lag: int) -> float:
     """Variance of second differences of one region that the mean of the others does not explain, K2."""
     bent = kelvin[2 * lag :] - 2.0 * kelvin[lag:-lag] + kelvin[: -2 * lag]
-    bent = bent[np.isfinite(bent).all(axis=1)]
+    bent = bent[np.isfinite(bent).all(axis=1)]  # all regions, or there is nothing to compare with
     if not len(bent):
         return 0.0
     regions = bent.shape[1]

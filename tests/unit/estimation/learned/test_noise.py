@@ -22,7 +22,7 @@ def minutes(white_k, own_k, gusts_k=1.0, count=3000, regions=4, seed=1):
     kelvin = 300.0 + gusts_k * wandering(10.0, 1) + own_k * wandering(4.0, regions)
     kelvin += white_k * random.standard_normal(kelvin.shape)
     seen = np.ones(regions, np.bool_)
-    return [SimpleNamespace(temperature_k=one, measured=seen) for one in kelvin]
+    return [SimpleNamespace(temperature_k=one, measured=seen, shaded=0.0 * one) for one in kelvin]
 
 
 @pytest.mark.parametrize(("white_k", "own_k"), [(0.05, 0.2), (0.02, 0.1), (0.05, 0.0)])
