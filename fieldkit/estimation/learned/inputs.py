@@ -307,13 +307,13 @@ def sky_longwave(air_k: float, settings: EstimatorSettings) -> float:
 def air_unlogged_k(longwave_w_m2: float, settings: EstimatorSettings, time_ns: int) -> float:
     """Air temperature where it is not logged, K.
 
-    On the Earth that under a sky of the longwave (NaN where not measured), else the usual one of place, date
-    and hour; elsewhere the body's.
+    On the Earth the usual one of place, date and hour, without a site that under a clear sky of the longwave
+    (NaN where not measured): winter skies over high plateaus make that 10 K too cold. Elsewhere the body's.
     """
     body = BODIES[settings.body]
     if not body.has_air_of_earth:
         return body.air_temperature_k
-    if np.isfinite(longwave_w_m2) or settings.site is None:
+    if settings.site is None:
         known = np.isfinite(longwave_w_m2)
         return float(air_under_clear_sky(longwave_w_m2 if known else settings.longwave_down_w_m2))
     return float(usual_air_k(time_ns, settings.site))

@@ -10,6 +10,7 @@ import pytest
 from fieldkit.model.clock import ClockCheck
 from fieldkit.model.samples import Quality
 from fieldkit.model.units import SECOND_NS
+from fieldkit.model.wording import typed
 from fieldkit.sessions.check import check
 from fieldkit.sessions.clock_correction import apply_time_map, propose_time_map
 from fieldkit.sessions.reader import open_session
@@ -119,7 +120,8 @@ def advice(path: Path) -> list[str]:
 def test_clock_stepped_before_the_first_comparison_is_corrected_too(tmp_path: Path) -> None:
     path = stepped_by(tmp_path / "a.h5", 3600, 3600, 3600)
     assert "stepped by +3600.000 s" in said(path, "clock")
-    assert advice(path) == [f"fieldkit check --apply {path}"]
+    with typed():
+        assert advice(path) == [f"fieldkit check --apply {path}"]
     assert set(added_s(path)) == {3600.0}
 
 
