@@ -67,7 +67,7 @@ def test_whole_experiment(printed_by: Printed, folder: Path) -> None:
     files = {path.name for path in (folder / "sandslope").rglob("*lesson*") if path.is_file()}
     assert {"20160101T190001Z-lesson.h5", "20160101T190001Z-lesson.html"} <= files
     assert "20160101T190001Z-lesson-slopes.csv" in files
-    assert (folder / "sandslope/results/20160101T190001Z-lesson/slope-map.nc").is_file()
+    assert (folder / "sandslope/results/20160101T190001Z-lesson/slope-map-all.nc").is_file()
 
 
 def test_instruments(printed_by: Printed, folder: Path) -> None:
@@ -103,7 +103,7 @@ def test_slope_maps(printed_by: Printed, folder: Path) -> None:
         assert median == pytest.approx(true_deg, abs=1.0)
     (change,) = numbers(r"with an albedo of 0\.30: (\S+) degrees", printed)
     assert change > 0.0  # less light absorbed, so the same warmth needs a steeper slope
-    assert len(list(folder.glob("field/results/*/slope-map.png"))) == 1
+    assert len(list(folder.glob("field/results/*/slope-map-all.png"))) == 1
 
 
 def test_calibrate_emissivity(printed_by: Printed, folder: Path) -> None:
