@@ -336,8 +336,10 @@ class _Group:
 
     @staticmethod
     def _has_seen_the_sun(learner: Learner, best: FloatArray) -> bool:
-        lit = [one for one in learner.minutes if one.sun[2] > 0.0]
-        return not lit or any(one.sun @ best > GRAZING for one in lit)
+        """True if the sun stood before a surface with this normal in any minute, and in a night alone."""
+        if any(one.sun[2] > 0.0 and one.sun @ best > GRAZING for one in learner.minutes):
+            return True
+        return not any(one.sun[2] > 0.0 for one in learner.minutes)
 
     def _contradiction(self, learner: Learner, index: int) -> str:
         """Why no slope of a target explains the minutes; "" if one does."""

@@ -28,6 +28,13 @@ class Prior:
         share of the global (between clear and hazy sky the share changes by half). [-]
     circumsolar_share, circumsolar_sd
         Share of Hay and Davies' circumsolar part in the diffuse light: 0 isotropic, 1 as they give it. [-]
+    brightening_share, brightening_sd
+        Share of what Perez' sky has around sun and horizon beyond Hay and Davies': 0 none, 1 all. [-]
+    own_gain_sd, own_exchange, own_inertia_sd
+        Relative, of one bed against the others for the whole session: absorbed light, heat exchange, thermal
+        inertia; scaled by how unlike the minutes show the beds to be. [-]
+    wind_w_m2_k_per_m_s, wind_sd_w_m2_k_per_m_s
+        Heat exchange by the logged wind. [W m-2 K-1 per m/s]
     longwave_sd_w_m2
         Of longwave that is stated, not measured: formulas from air temperature and humidity scatter by 20 to
         30 W/m2 under all skies (Flerchinger et al. 2009, doi:10.1029/2008WR007394). [W/m2]
@@ -59,6 +66,8 @@ class Prior:
         Of each horizontal component of a bed's normal: tilts of up to 25 degrees are ordinary. [-]
     beam_change_share
         Of the direct light of a minute in which it changes, as a share of the change. [-]
+    camera_noise_k
+        Noise of a minute's mean that all regions share. [K]
     camera_offset_sd_k
         Of the camera's error that all regions share. [K]
     probe_sd_k

@@ -255,8 +255,7 @@ def perez_efficacy(
     cosine = np.asarray(cos_zenith, np.float64)
     cosine = np.where(cosine > 0.05, cosine, np.nan)
     zenith, sky = np.arccos(cosine), np.maximum(dhi_w_m2, 1.0)
-    cube = 1.041 * zenith**3
-    clearness = ((sky + np.asarray(dni_w_m2)) / sky + cube) / (1.0 + cube)
+    clearness = _clearness(sky, dni_w_m2, zenith)
     brightness = sky / cosine / np.asarray(extraterrestrial_w_m2)
     bins: NDArray[np.intp] = np.digitize(clearness, _CLEARNESS_EDGES)
     a, b, c, d = _GLOBAL[:, bins]
@@ -264,6 +263,12 @@ def perez_efficacy(
     a, b, c, d = _DIRECT[:, bins]
     of_direct = a + b * precipitable_water_cm + c * np.exp(5.73 * zenith - 5.0) + d * brightness
     return np.asarray(of_global), np.asarray(np.maximum(of_direct, 0.0))
+
+
+def _clearness(sky_w_m2: FloatArray, dni_w_m2: ArrayLike, zenith: FloatArray) -> FloatArray:
+    """Perez' sky clearness, eq. (1) of the same paper; the zenith angle in radians."""
+    cube = 1.041 * zenith**3
+    return np.asarray(((sky_w_m2 + np.asarray(dni_w_m2)) / sky_w_m2 + cube) / (1.0 + cube))
 
 
 def sky_view(cos_tilt: ArrayLike) -> FloatArray:
@@ -403,8 +408,7 @@ def perez_brightening(
     """
     cosine = np.clip(np.asarray(cos_zenith, np.float64), 0.0, 1.0)
     zenith, sky = np.arccos(cosine), np.maximum(np.asarray(dhi_w_m2, np.float64), 1e-3)
-    cube = 1.041 * zenith**3
-    clearness = ((sky + np.asarray(dni_w_m2)) / sky + cube) / (1.0 + cube)
+    clearness = _clearness(sky, dni_w_m2, zenith)
     brightness = sky * air_mass(cosine) / np.asarray(extraterrestrial_w_m2)
     f11, f12, f13, f21, f22, f23 = np.moveaxis(_BRIGHTENING[np.digitize(clearness, _CLEARNESS_EDGES)], -1, 0)
     around_sun = np.maximum(f11 + f12 * brightness + f13 * zenith, 0.0)

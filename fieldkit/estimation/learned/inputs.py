@@ -63,7 +63,7 @@ class MinuteInputs:
     air_returns
         Whether it is logged from this minute on.
     wind_change
-        Wind speed over that of the first minute, 0 where it is not logged. [m/s]
+        Wind speed over the first one logged, 0 where none is. [m/s]
     shaded, sunlit
         Share of a minute that a region is under a board; share of the sun that its horizon leaves visible.
     is_edge

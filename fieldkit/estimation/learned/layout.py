@@ -121,13 +121,13 @@ class Layout:
         """Place of what a region's temperature does alone within minutes."""
         return self.drift(self.regions) + region
 
-    def quickness(self, target: int) -> int:
+    def own_response(self, target: int) -> int:
         """Place of how much more a target warms by the same flux, as a share."""
         return self.own(self.regions) + target
 
     def own_exchange(self, target: int) -> int:
         """Place of a target's lasting exchange over that of the references."""
-        return self.quickness(self.targets) + target
+        return self.own_response(self.targets) + target
 
     @cached_property
     def own_places(self) -> Indices:

@@ -45,7 +45,7 @@ class Surprise:
 
 
 def misfit(standardised: FloatArray) -> FloatArray:
-    """How much too small stated variances are, by prediction errors (n, regions) of unit one.
+    """How much too small stated variances are, by standardised prediction errors (n, regions).
 
     One number for each region; NaN is skipped; 1 for a region with fewer than ten.
     """

@@ -137,7 +137,7 @@ def prior_covariance(
         variance[:, layout.normal(target)] = sds**2
         lasting = unlike * prior.own_exchange * hypotheses.exchange
         variance[:, layout.own_exchange(target)] = lasting**2
-        variance[:, layout.quickness(target)] = (unlike * prior.own_inertia_sd) ** 2
+        variance[:, layout.own_response(target)] = (unlike * prior.own_inertia_sd) ** 2
     for region in range(1, layout.regions):
         variance[:, layout.offset(region)] = settings.offset_sd_k**2
         variance[:, layout.drift(region)] = settings.drift_sd_k_per_h**2

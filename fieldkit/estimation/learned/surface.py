@@ -219,7 +219,7 @@ class SurfaceModel:
         for target in range(self.layout.targets):
             region = self.layout.references + target
             warmed = taken_k[:, region] - mean[:, self.layout.stores(region).start]
-            rows[:, region, self.layout.quickness(target)] += warmed
+            rows[:, region, self.layout.own_response(target)] += warmed
         rows *= damping[..., np.newaxis]
         constant = damping * quick * (flux.constant + steepness * taken_k)
         lost = Affine(steepness[..., np.newaxis] * rows, steepness * (constant - taken_k))

@@ -8,6 +8,7 @@ from fieldkit.physics.daylight import (
     clear_sky,
     diffuse_fraction_erbs,
     extraterrestrial,
+    perez_diffuse,
     perez_efficacy,
 )
 
@@ -117,3 +118,19 @@ def test_night_is_dark():
     direct, diffuse = clear_sky([-0.1, -1.0], NOON)
     assert not direct.any()
     assert not diffuse.any()
+
+
+def test_perez_on_facets_agrees_with_pvlib():
+    """All bins of clearness, suns from 6 degrees on, tilts up to 90 degrees; the coefficients of 1990."""
+    irradiance = pytest.importorskip("pvlib.irradiance", reason="pvlib comes with the [lab] extra")
+    atmosphere = pytest.importorskip("pvlib.atmosphere", reason="pvlib comes with the [lab] extra")
+    random = np.random.default_rng(1)
+    zenith, azimuth = random.uniform(5.0, 84.0, 2000), random.uniform(0.0, 360.0, 2000)
+    dhi, dni, tilt = (random.uniform(*limits, 2000) for limits in ((20, 400), (0, 1000), (0, 90)))
+    mass = atmosphere.get_relative_airmass(zenith, "kastenyoung1989")
+    expected = irradiance.perez(
+        tilt, 180.0, dhi, dni, 1366.0, zenith, azimuth, mass, model="allsitescomposite1990"
+    )
+    towards = irradiance.aoi_projection(tilt, 180.0, zenith, azimuth)
+    cosines = np.cos(np.radians(zenith)), np.cos(np.radians(tilt))
+    np.testing.assert_allclose(perez_diffuse(dhi, dni, 1366.0, towards, *cosines), expected, atol=1e-9)

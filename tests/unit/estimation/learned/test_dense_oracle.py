@@ -145,7 +145,7 @@ class Dense:
         for target in range(layout.targets):
             lasting = unlike * prior.own_exchange * drawn.exchange[0]
             self.block(f"own_exchange{target}", 0.0, lasting**2)
-            self.block(f"quickness{target}", 0.0, (unlike * prior.own_inertia_sd) ** 2)
+            self.block(f"own_response{target}", 0.0, (unlike * prior.own_inertia_sd) ** 2)
         for region in range(layout.regions):
             first_k = self.minutes[0].temperature_k[region]
             self.block(f"level{region}", first_k, constants.LEVEL_SD_K**2)
@@ -231,7 +231,7 @@ class Dense:
         free[each, moment + each] += kernel[0] * rows[each, beam + each]
         if region >= self.layout.references:
             level_k = self.filters.model.fixed[self.layout.stores(region).start]
-            free[:, self.blocks[f"quickness{region - self.layout.references}"].start] += taken_k - level_k
+            free[:, self.blocks[f"own_response{region - self.layout.references}"].start] += taken_k - level_k
         # T = free + R (c - L (T - taken))
         known = conducted @ (constant + losses @ taken_k)
         both = np.linalg.solve(np.eye(n) + conducted @ losses, np.column_stack([free, known]))

@@ -53,20 +53,6 @@ def test_warming_in_the_night_is_told_from_a_windy_day(world):
     assert all("while the sun is down" in one.reason for one in found)
 
 
-def test_a_bed_that_never_sees_the_sun_says_so(world):
-    """A bed of 44 degrees to the north under a sun of 32 degrees; it is in its own shade all day."""
-    history = world.history
-    sun_at = history.sun.copy()
-    steep = replace(world.settings, azimuth="known", tilt_limit_deg=89.0)
-    regions = [replace(one, azimuth_deg=0.0) if one.name == "bed2" else one for one in world.regions]
-    dark = history.temperature_k.copy()
-    dark[:, 3] = history.air_k + 1.0
-    chain = SlopeChain(tuple(regions), replace(steep, model="learned"))
-    found = chain.at_once(replace(history, temperature_k=dark, sun=sun_at)).slopes[2]
-    assert found.state is not SlopeState.OK
-    assert found.reason
-
-
 def test_misfit_of_correlated_errors_is_the_variance_of_their_mean():
     """AR(1) with r = 0.5 and unit variance: the mean of n varies as if there were n / 3 of them."""
     random = np.random.default_rng(1)

@@ -199,3 +199,24 @@ def test_what_a_reading_would_bring_is_what_it_brings():
     for target in range(3):
         promised = before.sd_if_known(f"tilt{target}", "longwave", sd)
         assert after.sd(f"tilt{target}") == pytest.approx(promised, rel=0.03)
+
+
+@pytest.mark.parametrize("height_deg", [2.0, 20.0, 60.0])
+def test_light_near_grazing_is_the_best_line_through_what_may_be_lit(height_deg):
+    """Against a million draws: mean, slope of the regression, and what it leaves of max(0, x)."""
+    filters = filtered("free", minutes=2)
+    height = np.radians(height_deg)
+    sun = np.array([0.0, np.cos(height), np.sin(height)])  # from the north, low over the bed
+    drawn = world(2, CLEAR, minutes=2)
+    _, made = inputs(drawn, drawn.regions[:2], replace(drawn.settings, azimuth="free"))
+    found = filters.model.light(replace(made[0], sun=sun), filters.mean, filters.covariance)
+    place, random = filters.layout.normal(0), np.random.default_rng(1)
+    mean, spread = filters.mean[0, place] @ sun, sun @ filters.covariance[0, place, place] @ sun
+    x = mean + np.sqrt(spread) * random.standard_normal(1_000_000)
+    lit = np.maximum(x, 0.0)
+    slope = np.cov(x, lit)[0, 1] / np.var(x)
+    left = np.std(lit - slope * x)
+    assert found.mean[0, 1] == pytest.approx(lit.mean(), abs=2e-3)
+    assert found.share[0, 1] == pytest.approx(slope, abs=5e-3)
+    assert found.left[0, 1] == pytest.approx(lit.mean() - slope * mean, abs=2e-3)
+    assert found.sd[0, 1] == pytest.approx(left, abs=2e-3)
