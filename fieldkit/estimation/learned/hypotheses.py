@@ -5,7 +5,8 @@ are left: exchange, thermal inertia, depth and the strengths of gusts and of
 slow changes. They are drawn from their prior on a
 Sobol sequence, which covers it more evenly than chance would, and weighed by the probability of the data
 (importance sampling). As minutes add up, few hypotheses keep the weight; then all are drawn anew from a
-distribution fitted to the weighted ones, a part of them always from the prior, so that none is lost.
+normal distribution fitted to the posterior density where they lie, a part of them always from the prior, so
+that none is lost.
 
 The sequence is a fixed table: equal minutes give equal hypotheses.
 """
@@ -26,13 +27,19 @@ MOST_SDS = 5.0
 """Farthest from the prior's centre; beyond, fluxes of any size explain anything and numbers overflow."""
 FROM_PRIOR = 0.15
 """Share of the proposal that is the prior."""
-WIDER = 1.4
-"""Width of the proposal over that of the weighted hypotheses."""
+WIDER = 1.2
+"""Width of the proposal over that of the fitted distribution."""
 DEEP_M = (0.08, 0.40)
 DEPTH_QUANTILES = (0.1587, 0.8413)
 """Between these lie two standard deviations of a normal distribution."""
-LEAST_EFFECTIVE = 12.0
-"""Hypotheses that a fitted distribution rests on at least; weights are tempered until it does."""
+LEAST_EFFECTIVE = 30.0
+"""Hypotheses that a fitted distribution rests on at least, of 21 coefficients; weights are tempered until it
+does."""
+CURVATURES = (0.3, 400.0)
+"""Of the fitted density, least and most, over those of the tempered hypotheses' distribution."""
+FARTHEST = 2.5
+"""Farthest that its centre lies from theirs, in their standard deviations."""
+_PAIRS = np.triu_indices(UNKNOWNS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,15 +72,25 @@ class Proposal:
         return cls(np.zeros(UNKNOWNS), np.eye(UNKNOWNS))
 
     @classmethod
-    def fitted(cls, points: FloatArray, log_weights: FloatArray) -> Proposal:
-        """Fitted to weighted points (p, 5)."""
-        weights = tempered(log_weights)
+    def fitted(cls, points: FloatArray, log_density: FloatArray) -> Proposal:
+        """Fitted to the logarithm of the posterior density at points (p, 5), (p,) up to a constant.
+
+        Its second-order polynomial by least squares, where the density is high: the mean and covariance of
+        few points say less than the density that is known at each of them.
+        """
+        weights = tempered(log_density)
         centre = weights @ points
         away = points - centre
         covariance = (weights[:, np.newaxis] * away).T @ away
         # a few heavy points may lie in a plane
-        covariance += 0.02**2 * np.eye(UNKNOWNS)
-        return cls(centre, np.asarray(WIDER * np.linalg.cholesky(covariance), np.float64))
+        root = np.linalg.cholesky(covariance + 0.02**2 * np.eye(UNKNOWNS))
+        slope, curvature = _polynomial(np.linalg.solve(root, away.T).T, log_density, weights)
+        sizes, axes = np.linalg.eigh(curvature)
+        sizes = np.clip(sizes, *CURVATURES)
+        step = axes @ (slope @ axes / sizes)
+        step *= min(1.0, FARTHEST / max(float(np.linalg.norm(step)), 1e-9))
+        narrowed = root @ axes / np.sqrt(sizes)
+        return cls(centre + root @ step, np.asarray(WIDER * np.linalg.cholesky(narrowed @ narrowed.T)))
 
     def draw(self) -> FloatArray:
         """Points (64, 5)."""
@@ -84,13 +101,28 @@ class Proposal:
         points[::every] = standard[::every]
         return np.asarray(np.clip(points, -MOST_SDS, MOST_SDS))
 
-    def log_weight(self, points: FloatArray) -> FloatArray:
-        """Logarithm of prior over proposal at points (p, 5), (p,)."""
+    def log_density(self, points: FloatArray) -> FloatArray:
+        """Logarithm of the density at points (p, 5), (p,) up to that of a standard normal at its centre."""
         inside = np.linalg.solve(self.root, (points - self.centre).T)
         fitted = -0.5 * (inside**2).sum(axis=0) - np.log(np.diagonal(self.root)).sum()
-        prior = -0.5 * (points**2).sum(axis=1)
         share = 1.0 / round(1.0 / FROM_PRIOR)
-        return np.asarray(prior - np.logaddexp(np.log(1.0 - share) + fitted, np.log(share) + prior))
+        return np.asarray(np.logaddexp(np.log(1.0 - share) + fitted, np.log(share) + log_prior(points)))
+
+
+def log_prior(points: FloatArray) -> FloatArray:
+    """Logarithm of the prior's density at points (p, 5), (p,) up to its value at the centre."""
+    return np.asarray(-0.5 * (points**2).sum(axis=1))
+
+
+def _polynomial(points: FloatArray, values: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Slope (5,) and curvature (5, 5) at the origin of ``s'x - x'Cx/2``, fitted to weighted values (p,)."""
+    one, other = _PAIRS
+    terms = np.column_stack([np.ones(len(points)), points, points[:, one] * points[:, other]])
+    by = np.sqrt(weights)
+    found = np.linalg.lstsq(by[:, np.newaxis] * terms, by * values, rcond=None)[0]
+    curvature = np.zeros((UNKNOWNS, UNKNOWNS))
+    curvature[_PAIRS] = -found[1 + UNKNOWNS :]
+    return found[1 : 1 + UNKNOWNS], curvature + curvature.T
 
 
 def effective(log_weights: FloatArray) -> float:

@@ -13,7 +13,13 @@ import numpy as np
 
 from fieldkit.estimation.learned.bank import Innovation
 from fieldkit.estimation.learned.filters import Filters
-from fieldkit.estimation.learned.hypotheses import Proposal, effective, hypotheses, normalised
+from fieldkit.estimation.learned.hypotheses import (
+    Proposal,
+    effective,
+    hypotheses,
+    log_prior,
+    normalised,
+)
 from fieldkit.estimation.learned.inputs import Logged, MinuteInputs, bridge
 from fieldkit.estimation.learned.layout import Layout
 from fieldkit.estimation.learned.noise import noise_of
@@ -29,6 +35,8 @@ FEWEST = 10.0
 LONGER = 1.2
 """Length of the chain over that at the last draw from which a new draw may be due."""
 FIRST_ROUNDS, ROUNDS, MOST_ROUNDS = 3, 2, 10
+REMEMBERED = 3
+"""Rounds whose hypotheses show where the next are to be drawn."""
 STEPS, STEPS_AFTER_DRAW = 4, 15
 FAR = 40.0
 """Misfit over the best branch from which another one is not pursued."""
@@ -122,11 +130,15 @@ class Learner:
 
     def _draw_anew(self, rounds: int) -> None:
         """Hypotheses where those that count are, some rounds over, and more while few of them count."""
+        known: list[tuple[FloatArray, FloatArray]] = []
         for done in range(MOST_ROUNDS):
             if done >= rounds and effective(self.posterior.log_weights) >= FEWEST:
                 break
             self._around = self.posterior.state
-            self._draw(Proposal.fitted(self._points, self.posterior.log_weights))
+            log_density = self.posterior.log_weights + self._proposal.log_density(self._points)
+            known = [*known, (self._points, log_density)][-REMEMBERED:]
+            points, log_densities = (np.concatenate(one) for one in zip(*known, strict=True))
+            self._draw(Proposal.fitted(points, log_densities))
             self.posterior = self._posterior(STEPS_AFTER_DRAW)
         self._judged = len(self._minutes)
 
@@ -176,9 +188,8 @@ class Learner:
         ]
         # a finite penalty: where every hypothesis is too steep, weights must still add up to one
         too_steep = np.max(tilts, axis=0) > self.settings.tilt_limit_deg + 5.0
-        weights = (
-            self._filters.log_likelihood + normals.log_evidence + self._proposal.log_weight(self._points)
-        )
+        over_proposal = log_prior(self._points) - self._proposal.log_density(self._points)
+        weights = self._filters.log_likelihood + normals.log_evidence + over_proposal
         return normals, weights - np.where(too_steep, FAR, 0.0)
 
     def _directions(self) -> tuple[FloatArray, ...]:
