@@ -22,7 +22,7 @@ iers.conf.auto_download = False
 SITE = Site(35.558675, 139.395232, 9.0)
 START_S = 1_504_051_200  # 2017-08-30T00:00Z
 DAY_S = 86_400
-GRID = "the day's grid, computed anew in each round"
+GRID = "the day's series, computed anew in each round"
 OVER_ASTROPY = Row("astropy", "86 400 sun vectors, astropy over ours", ">= 150", included=GRID)
 OVER_SPA = Row("spa-day", "86 400 sun vectors, pvlib's SPA over ours", ">= 7", included=GRID)
 LARGEST = Row("difference", "largest difference from astropy in a day", "<= 0.01", "arcsec")
@@ -43,7 +43,7 @@ def run() -> list[Result]:
 
 def _ours(unix_s: np.ndarray[tuple[int], np.dtype[np.int64]]) -> FloatArray:
     """As for a day that was not asked for before."""
-    sun._spline_of_day.cache_clear()
+    sun._series_of_day.cache_clear()
     return sun.sun_vectors(unix_s * 10**9, SITE)
 
 

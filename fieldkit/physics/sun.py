@@ -5,8 +5,8 @@ than everything else a command does at its start. UT1 and polar motion come from
 along (IERS, finals2000A), so no network is needed. Before its first and after its last day the values there
 are held, which costs far less than 0.01 degrees.
 
-Positions are computed on a 300 s grid and the *unit vector* is interpolated by a cubic
-spline (angles would wrap at north and break at the zenith). Geometric positions are the
+Positions are computed at some thirty instants of a UTC day and the *unit vector* is interpolated by a
+Chebyshev series (angles would wrap at north and break at the zenith). Geometric positions are the
 default, as in the paper's Table 2; with `refraction` it is the apparent sun, which lights
 a surface. Nothing here knows about facets or irradiance.
 """
@@ -16,11 +16,12 @@ from __future__ import annotations
 import warnings
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import erfa  # type: ignore[import-untyped]
 import numpy as np
 from astropy_iers_data import IERS_A_FILE  # type: ignore[import-untyped]
+from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 
 from fieldkit.model.site import Site
@@ -28,9 +29,6 @@ from fieldkit.model.units import DAY_NS, DAY_S
 from fieldkit.physics.bodies import body_of
 from fieldkit.physics.facet import FloatArray, tilt_azimuth
 from fieldkit.physics.time_scales import EPOCH_JD, MJD_0_JD
-
-if TYPE_CHECKING:
-    from scipy.interpolate import CubicSpline
 
 COLUMNS = {"mjd": (7, 15), "x_arcsec": (18, 27), "y_arcsec": (37, 46), "ut1_utc_s": (58, 68)}
 """First and last character of each column, by the file's description (readme.finals2000A)."""
@@ -70,8 +68,8 @@ def earth_rotation() -> EarthRotation:
     )
 
 
-GRID_S = 300
-PADDING_NODES = 2
+DEGREE = 28
+"""Of the series over a day: the sun turns once, and what is left of that is below 1e-12."""
 
 
 def sun_vectors(time_ns: ArrayLike, site: Site, *, refraction: bool = False) -> FloatArray:
@@ -97,7 +95,7 @@ def sun_vectors(time_ns: ArrayLike, site: Site, *, refraction: bool = False) -> 
     for day in np.unique(days):
         chosen = days == day
         seconds = (flat[chosen] - day * DAY_NS) * 1e-9
-        vectors[chosen] = _spline_of_day(int(day), site)(seconds)
+        vectors[chosen] = chebyshev.chebval(2.0 * seconds / DAY_S - 1.0, _series_of_day(int(day), site)).T
     vectors /= np.sqrt(np.einsum("ij,ij->i", vectors, vectors))[:, np.newaxis]
     if refraction and body_of(site).refracts:
         vectors = refract(vectors, site.elevation_m)
@@ -249,9 +247,10 @@ def _observer(unix_s: NDArray[np.float64], site: Site) -> NDArray[np.void]:
 
 
 @lru_cache(maxsize=512)
-def _spline_of_day(day: int, site: Site) -> CubicSpline:
-    """Spline of the sun vector over UTC day `day` since 1970, by seconds of the day."""
-    from scipy.interpolate import CubicSpline
-
-    seconds = np.arange(-PADDING_NODES * GRID_S, DAY_S + PADDING_NODES * GRID_S + 1, GRID_S, dtype=np.float64)
-    return CubicSpline(seconds, exact_vectors(day * DAY_S + seconds, site))
+def _series_of_day(day: int, site: Site) -> FloatArray:
+    """Chebyshev coefficients (n, 3) of the sun vector over UTC day `day` since 1970, its ends at -1 and 1."""
+    return np.asarray(
+        chebyshev.chebinterpolate(
+            lambda place: exact_vectors((day + 0.5 * (place + 1.0)) * DAY_S, site), DEGREE
+        )
+    )

@@ -13,9 +13,12 @@ import re
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
 
 NUMBER = re.compile(r"(?<![\w.,])[(±<>]*[+\-−]?\d+(?: \d{3}(?!\d))*(?:\.\d+)?")
 AROUND_NUMBERS = re.compile(r"(?:[\s±)°%/–]|given|min|K|W/m²)*")
@@ -174,6 +177,8 @@ def render(template: str, **content: object) -> str:
 @functools.cache
 def environment() -> Environment:
     """The templates: escaped by default, and a variable that is missing is an error."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined  # every recording imports this file
+
     made = Environment(
         loader=PackageLoader("fieldkit.views"),
         autoescape=True,
