@@ -249,8 +249,6 @@ def _observer(unix_s: NDArray[np.float64], site: Site) -> NDArray[np.void]:
 @lru_cache(maxsize=512)
 def _series_of_day(day: int, site: Site) -> FloatArray:
     """Chebyshev coefficients (n, 3) of the sun vector over UTC day `day` since 1970, its ends at -1 and 1."""
-    return np.asarray(
-        chebyshev.chebinterpolate(
-            lambda place: exact_vectors((day + 0.5 * (place + 1.0)) * DAY_S, site), DEGREE
-        )
-    )
+    places = chebyshev.chebpts1(DEGREE + 1)
+    exact = exact_vectors((day + 0.5 * (places + 1.0)) * DAY_S, site)
+    return np.asarray(chebyshev.chebfit(places, exact, DEGREE))
