@@ -147,6 +147,7 @@ def test_without_an_origin_only_a_program_with_a_key_is_served(page: Served, ung
     cookie = page.cookie()
     assert refused(lambda: page.opened(None, Cookie=cookie)) == 403
     assert refused(lambda: page.opened(None, Authorization="Bearer wrong")) == 403
+    assert refused(lambda: page.opened(None, Cookie=cookie, Authorization="Bearer wrong")) == 403
     session = cookie.partition("=")[2]
     with page.opened(None, Authorization=f"Bearer {session}") as program:
         assert program.next("hello")["role"] == "control"
