@@ -194,6 +194,21 @@ def xdf_chunk(tag: int, content: bytes, stream: int | None = None) -> bytes:
     return b"\4" + struct.pack("<I", len(body)) + body
 
 
+def xdf_samples(
+    stamps: Sequence[float | None], rows: Sequence[Sequence[float]], form: str = "double64"
+) -> bytes:
+    """Content of a chunk of samples; of a stamp None the format deduces it."""
+    kind = {"double64": "d", "float32": "f", "int16": "h"}.get(form, "")
+    samples = b"\4" + struct.pack("<I", len(stamps))
+    for stamp, row in zip(stamps, rows, strict=True):
+        samples += b"\0" if stamp is None else b"\10" + struct.pack("<d", stamp)
+        samples += b"".join(
+            struct.pack(f"<{kind}", value) if kind else bytes([1, len(value)]) + value.encode()
+            for value in row
+        )
+    return samples
+
+
 def xdf_stream(
     number: int, name: str, channels: Sequence[tuple[str, str]], stamps: Sequence[float | None],
     rows: Sequence[Sequence[float]], offsets: Sequence[tuple[float, float]] = (), form: str = "double64",
@@ -208,14 +223,7 @@ def xdf_stream(
         f"<channel_count>{len(channels)}</channel_count><nominal_srate>1</nominal_srate>"
         f"<channel_format>{form}</channel_format><desc><channels>{described}</channels></desc></info>"
     )
-    kind = {"double64": "d", "float32": "f", "int16": "h"}.get(form, "")
-    samples = b"\4" + struct.pack("<I", len(stamps))
-    for stamp, row in zip(stamps, rows, strict=True):
-        samples += b"\0" if stamp is None else b"\10" + struct.pack("<d", stamp)
-        samples += b"".join(
-            struct.pack(f"<{kind}", value) if kind else bytes([1, len(value)]) + value.encode()
-            for value in row
-        )
+    samples = xdf_samples(stamps, rows, form)
     measured = (xdf_chunk(4, struct.pack("<dd", *one), number) for one in offsets)
     footer = f"<?xml version='1.0'?><info><sample_count>{len(stamps)}</sample_count></info>"
     return b"".join((
