@@ -179,6 +179,14 @@ class Watched:
         """Tap a camera pixel."""
         self.page.touchscreen.tap(*self.place(x, y))
 
+    def tab_to(self, selector: str, *, backwards: bool = False) -> None:
+        """Press Tab until an element has the focus."""
+        for _ in range(80):
+            if self.page.evaluate("(selector) => document.activeElement.matches(selector)", selector):
+                return
+            self.page.keyboard.press("Shift+Tab" if backwards else "Tab")
+        raise AssertionError(f"{selector} cannot be reached by Tab")
+
     def violations(self) -> list[str]:
         """What axe finds against the guidelines for accessibility, AAA contrast among them."""
         if not self.page.evaluate("typeof axe !== 'undefined'"):
