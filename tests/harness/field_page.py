@@ -83,7 +83,7 @@ class Served:
         self.process = subprocess.Popen([*words, *chosen], stderr=subprocess.PIPE, text=True)
         assert self.process.stderr is not None
         printed = "".join(itertools.takewhile(lambda line: "Ctrl-C" not in line, self.process.stderr))
-        assert f"control  {self.address}#" in printed
+        assert f"control  {self.address}#" in printed, printed
 
     @property
     def address(self) -> str:
