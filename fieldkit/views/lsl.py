@@ -45,7 +45,7 @@ class LslOutlets:
                 "record.lsl needs pylsl, and liblsl, which its packages for ARM lack",
                 fix="pip install 'fieldkit[lsl]', conda install -c conda-forge liblsl, or record.lsl = false",
             ) from error
-        self._source, self._begin_ns, self._begin_s = source, utc_ns, pylsl.local_clock()
+        self._source, self._begin_ns, self._begin_s = source, utc_ns, float(pylsl.local_clock())
         self._meters = {one.name: one for one in streams if not one.is_camera and one.quantity != "position"}
         self._outlets: dict[str, StreamOutlet] = {}
         self._outlet("events", "Markers", (("event", ""),))
