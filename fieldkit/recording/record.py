@@ -225,7 +225,11 @@ class PreparedRecording:
             return []
         names = [region.name for region in self.config.regions]
         source, now_ns = self.config.directory.name, self.instruments.utc_ns()
-        return [LslOutlets(source, self.instruments.streams, names, now_ns)]
+        try:
+            return [LslOutlets(source, self.instruments.streams, names, now_ns)]
+        except RuntimeError as error:  # such as no free port
+            log.warning("nothing is sent to the Lab Streaming Layer: %s", error)
+            return []
 
     def _followed(self, end_ns: int | None, title: str) -> list[View]:
         """Views by which other programs follow the recording, as far as they can be opened."""

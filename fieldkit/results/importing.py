@@ -52,7 +52,7 @@ class ImportOptions:
     Parameters
     ----------
     name : str, optional
-        Name of the stream; ``camera``, ``station`` or ``logger`` by default.
+        Name of the stream; ``camera``, ``station`` or ``logger`` by default, in XDF its own.
     title : str
         Title of the session; the source's name by default.
     site : Site, optional

@@ -6,6 +6,8 @@ What they send is written as LabRecorder would, in XDF with the header that LSL 
 from __future__ import annotations
 
 import os
+import socket
+import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -123,6 +125,26 @@ def test_readings_slopes_and_events_arrive_and_come_back_as_xdf(lsl: ModuleType,
         assert imported["lux"].readings().values.tolist() == stored.values[-len(came) :].tolist()
         kelvin = imported["region-b15"].readings().values.ravel()
         np.testing.assert_allclose(kelvin, [values[0] for _, values in minutes])
+
+
+def test_outlets_that_cannot_be_made_leave_the_recording_alone(tmp_path: Path) -> None:
+    """Ports as liblsl's documentation of lsl_api.cfg has them: all of a range of one are taken."""
+    create_campaign(tmp_path / "field", SIMULATED)
+    with socket.socket() as taken, socket.socket(socket.AF_INET6) as also_taken:
+        taken.bind(("0.0.0.0", 0))
+        port = taken.getsockname()[1]
+        also_taken.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
+        also_taken.bind(("::", port))
+        ports = f"[ports]\nBasePort = {port}\nPortRange = 1\nAllowRandomPorts = 0\n"
+        (tmp_path / "lsl_api.cfg").write_text(ports + ON_LOOPBACK)
+        done = subprocess.run(
+            [sys.executable, "-m", "fieldkit", "record", "-C", tmp_path / "field", "--for", "1m", "--set",
+             "simulation.speed=max", "--set", "record.lsl=true"],
+            env={**os.environ, "LSLAPICFG": str(tmp_path / "lsl_api.cfg")}, capture_output=True, text=True,
+        )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "nothing is sent to the Lab Streaming Layer" in done.stderr
+    assert list((tmp_path / "field/recordings").glob("*.h5"))
 
 
 def test_without_the_library_the_recording_does_not_begin(
