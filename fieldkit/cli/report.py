@@ -12,6 +12,7 @@ from fieldkit.cli import common
 from fieldkit.cli.failure import explain
 from fieldkit.cli.session_paths import find_sessions, latest_session
 from fieldkit.model.errors import SessionError
+from fieldkit.palettes import NAMES
 
 if TYPE_CHECKING:
     from fieldkit.results.report import Report
@@ -27,6 +28,9 @@ if TYPE_CHECKING:
     help="FILE.html, FILE.pdf with the HTML beside it, or FILE.png, one image for a slide "
     "[default: HTML in the reports folder].",
 )
+@click.option(
+    "--palette", type=click.Choice(NAMES), help="Colours of the frames in FILE.png. [default: inferno]"
+)
 @click.option("--open", "show", is_flag=True, help="Open it in the browser.")
 @common.present_option
 @common.set_option
@@ -35,6 +39,7 @@ def command(
     ctx: click.Context,
     sessions: tuple[Path, ...],
     out: Path | None,
+    palette: str | None,
     show: bool,
     present: bool,
     settings: tuple[str, ...],
@@ -50,9 +55,8 @@ def command(
 
     sessions, settings, as_now = recalled(sessions, settings)
     paths = find_sessions(ctx, sessions) if sessions else [latest_session(ctx, None)]
-    made = report(
-        paths, out, ReportOptions(settings=settings, present=present or as_now), notify=common.say_warning
-    )
+    chosen = ReportOptions(settings=settings, present=present or as_now, palette=palette)
+    made = report(paths, out, chosen, notify=common.say_warning)
     _print(made)
     if show:
         webbrowser.open(made.path.resolve().as_uri())

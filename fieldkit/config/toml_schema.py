@@ -270,7 +270,7 @@ class SlabTable(Table):
 
 
 class RecordTable(Table):
-    """Choice of the frames that are kept."""
+    """Choice of the frames that are kept; who may follow."""
 
     sampling: Literal["all", "bursts"] = Field(
         default="bursts", description="all frames, or a burst every every_s seconds"
@@ -279,6 +279,10 @@ class RecordTable(Table):
     burst_frames: int = Field(default=3, ge=1, le=1000, description="frames in a burst")
     shutter_before_burst: bool = Field(
         default=True, description="run the shutter correction before each burst"
+    )
+    lsl: bool = Field(
+        default=False,
+        description="send meters, regions and events to the Lab Streaming Layer; needs fieldkit[lsl]",
     )
 
 

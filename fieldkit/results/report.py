@@ -14,6 +14,7 @@ from markupsafe import Markup
 
 from fieldkit.model.errors import ConfigError, FieldkitError, StorageError
 from fieldkit.model.samples import is_usable
+from fieldkit.palettes import INFERNO
 from fieldkit.results.budgets import budgets_of
 from fieldkit.results.minutes import SessionMinutes
 from fieldkit.results.provenance import command_line
@@ -70,7 +71,8 @@ class ReportOptions:
 
     `sd` is the standard deviation of absolute errors: the paper's eq. (9) as printed, or the usual
     one. `settings` are other values for keys of the configuration, such as ``{"albedo": 0.25}``; `present`
-    takes the campaign's ``fieldkit.toml`` and regions as they are now.
+    takes the campaign's ``fieldkit.toml`` and regions as they are now. `palette` gives the frames of an image
+    their colours, of `fieldkit.palettes.NAMES`; inferno by default.
 
     Examples
     --------
@@ -82,6 +84,7 @@ class ReportOptions:
     sd: SdKind = "paper"
     settings: Settings = ()
     present: bool = False
+    palette: str | None = None
 
 
 DEFAULTS = ReportOptions()
@@ -137,6 +140,8 @@ def report(
     failures: dict[Path, FieldkitError] = {}
     if len(paths) > 1 and page is not None and page.suffix == ".png":
         raise ConfigError("an image is of one session", fix="name one session, or -o FILE.html")
+    if options.palette is not None and (target is None or target.suffix != ".png"):
+        raise ConfigError("--palette is for an image", fix="-o FILE.png, or omit --palette")
     if len(paths) == 1:
         written = _report_session(paths[0], page, options, notify)
     else:
@@ -158,7 +163,7 @@ def _report_session(
         notify_damage(session, notify, known.measured.damaged)
         if out.suffix == ".png":
             given: dict[str, Any] = {"settings": options.settings, "present": options.present}
-            image = image_of(session, known, notify, **given)
+            image = image_of(session, known, notify, **given, palette=options.palette or INFERNO)
             with _writing(out):
                 out.write_bytes(image)
             return out

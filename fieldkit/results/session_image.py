@@ -9,10 +9,12 @@ import numpy as np
 
 from fieldkit.model.errors import ConfigError, FieldkitError
 from fieldkit.model.samples import is_usable
+from fieldkit.palettes import INFERNO
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.results.minutes import SessionMinutes
 from fieldkit.results.slope_map import slope_map
 from fieldkit.results.sources import Settings
+from fieldkit.sessions.formats.images_out import require_palette
 from fieldkit.views import formatting, frame_image, plotting
 from fieldkit.views.session_image import ShownFrame, session_image
 
@@ -29,14 +31,16 @@ def image_of(
     *,
     settings: Settings = (),
     present: bool = False,
+    palette: str = INFERNO,
 ) -> bytes:
-    """A PNG file of a session whose minutes are known.
+    """A PNG file of a session whose minutes are known, its frames in the colours of a palette.
 
-    Raises `ConfigError` without matplotlib or without a usable frame; a map that cannot be made is reported
-    to `notify` and left out.
+    Raises `ConfigError` without matplotlib, such a palette or a usable frame; a map that cannot be made is
+    reported to `notify` and left out.
     """
     if not plotting.available():
         raise ConfigError("an image needs matplotlib", fix="pip install 'fieldkit[lab]'")
+    require_palette(palette)
     frames = list(_frames(session, known))
     if not frames:
         raise ConfigError(f"{session.path} has no usable frame", fix=f"fieldkit check {session.path}")
@@ -49,7 +53,8 @@ def image_of(
     day, until = formatting.local_time(start, site), formatting.clock_time(end, site)
     subtitle = f"{day:%Y-%m-%d %H:%M} to {until} {formatting.zone_name(end, site)}   {formatting.place(site)}"
     estimates = list(known.estimates().final.values())
-    return session_image(session.path.stem, subtitle, frames, known.schedule.latest, mapped, estimates)
+    regions = known.schedule.latest
+    return session_image(session.path.stem, subtitle, frames, regions, mapped, estimates, palette)
 
 
 def _frames(session: SessionReader, known: SessionMinutes) -> Iterator[ShownFrame]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from fieldkit.model.site import Region
 from fieldkit.model.slope import SlopeEstimate
-from fieldkit.palettes import Colours
+from fieldkit.palettes import INFERNO, Colours
 from fieldkit.views import formatting, frame_image, plotting, slope_map_image
 from fieldkit.views.frame_image import FloatArray
 
@@ -41,8 +41,9 @@ def session_image(
     regions: Sequence[Region],
     slopes: SlopeMap | None,
     estimates: Sequence[SlopeEstimate],
+    palette: str = INFERNO,
 ) -> bytes:
-    """A PNG file; without `slopes` the table has their place. Needs matplotlib."""
+    """A PNG file, its frames in a palette; without `slopes` the table has their place. Needs matplotlib."""
     from matplotlib.figure import Figure
 
     scale = frame_image.scale_of(np.stack([one.values for one in frames]), frames[0].unit)
@@ -52,7 +53,7 @@ def session_image(
         figure.suptitle(f"{title}\n{subtitle}   {colours}", fontsize=16)
         above, below = figure.subfigures(2, 1, squeeze=False, height_ratios=(1.0, 1.2))[:, 0]
         for axes, one in zip(above.subplots(1, len(frames), squeeze=False)[0], frames, strict=True):
-            _image(axes, frame_image.colours(one.values, scale), regions, one.words)
+            _image(axes, frame_image.colours(one.values, scale, palette), regions, one.words)
         left, right = below.subplots(1, 2)
         if slopes is not None:
             full_deg = slope_map_image.full_colour_deg(slopes.tilt_deg)

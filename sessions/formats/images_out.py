@@ -219,11 +219,16 @@ def _frames(
             yield sample
 
 
+def require_palette(name: str) -> None:
+    """Raise `ConfigError` for a palette that does not exist."""
+    if name not in NAMES:
+        raise ConfigError(f"there is no palette {name!r}", fix=f"one of {', '.join(NAMES)}")
+
+
 def _drawn(
     session: SessionReader, info: StreamInfo, palette: str, **chosen: Unpack[Chosen]
 ) -> Iterator[tuple[Frame, Image]]:
-    if palette not in NAMES:
-        raise ConfigError(f"there is no palette {palette!r}", fix=f"one of {', '.join(NAMES)}")
+    require_palette(palette)
     colours = bgr(palette)
     low, high = _range(session, info)
     unit = " C" if has_temperatures(info) else ""

@@ -102,22 +102,33 @@ def read_log(path: Path, name: str, options: LogOptions = AS_WRITTEN) -> Importe
     table = read_table(
         path, options.encoding, time_names=options.columns.time, time_format=options.time_format
     )
-    channels, about_columns = _channels(path, table, options)
+    channels, about_columns = channels_of(path, table, options)
     _refuse_marks(path, table, channels)
     rows, about_times = _timed_rows(path, table, options)
+    return recording_of(path.name, name, channels, rows, options, [*about_times, *about_columns])
+
+
+def recording_of(
+    what: str,
+    name: str,
+    channels: Sequence[Channel],
+    rows: Sequence[TimedRow],
+    options: LogOptions,
+    notes: Notes,
+) -> ImportedRecording:
+    """The recording of `read_log`, of a table whose columns and times are known; `what` has the rows."""
     streams = _streams(name, channels, options.measures, usual_rate_hz([row.time_ns for row in rows]))
     readings = list(chain.from_iterable(_readings(one, rows) for one in streams))
     readings.sort(key=lambda reading: reading.time_ns)
     applied = f", clock offset {options.offset_ns / 1e9:+g} s applied" if options.offset_ns else ""
-    notes = (
-        (Severity.INFO, f"{path.name}: {len(rows)} rows{applied}"),
-        *about_times,
-        *about_columns,
+    all_notes = (
+        (Severity.INFO, f"{what}: {len(rows)} rows{applied}"),
+        *notes,
         *_on_measures(channels, options.measures),
         *_on_cells(rows, channels),
         *chain.from_iterable(_on_stream(one, rows) for one in streams),
     )
-    return ImportedRecording(tuple(one.info for one in streams), readings, notes)
+    return ImportedRecording(tuple(one.info for one in streams), readings, all_notes)
 
 
 # --- rows and their times
@@ -177,7 +188,7 @@ def _on_zone(path: Path, table: Table, given: tzinfo | None, times: Times) -> No
 # --- columns and what they measure
 
 
-class _Channel(NamedTuple):
+class Channel(NamedTuple):
     """A column that is read: its place and label, what its numbers mean, whether they are averages.
 
     `unit_at` is the column with the unit of each row, -1 where the header or an option gives the unit.
@@ -197,7 +208,7 @@ class _Channel(NamedTuple):
         return (_number(_cell(cells, self.place)) + meaning.add) / meaning.by
 
 
-def _channels(path: Path, table: Table, options: LogOptions) -> tuple[list[_Channel], Notes]:
+def channels_of(path: Path, table: Table, options: LogOptions) -> tuple[list[Channel], Notes]:
     """The columns that are read, and notes on the others."""
     if options.unit and known_unit(options.unit) is None:
         raise ConfigError(f"{options.unit!r} is not a known unit", fix=f"--unit of {KNOWN}")
@@ -210,9 +221,9 @@ def _channels(path: Path, table: Table, options: LogOptions) -> tuple[list[_Chan
     return channels, [(Severity.WARNING, note)] if other else []
 
 
-def _all_channels(path: Path, table: Table, unit: str) -> tuple[list[_Channel], Notes]:
+def _all_channels(path: Path, table: Table, unit: str) -> tuple[list[Channel], Notes]:
     """Every column whose unit is known, by the table or for lack of one there by the option."""
-    read: list[_Channel] = []
+    read: list[Channel] = []
     stated: list[str] = []
     given: list[str] = []
     other: list[Column] = []
@@ -250,7 +261,7 @@ def _with_process(columns: Sequence[Column]) -> str:
     return ", ".join(f"{column.head} ({column.process})" for column in columns)
 
 
-def _asked(path: Path, table: Table, place: int, options: LogOptions) -> _Channel:
+def _asked(path: Path, table: Table, place: int, options: LogOptions) -> Channel:
     """A column asked for by name; raises `ConfigError` where it contradicts an option."""
     column, given = table.columns[place], known_unit(options.unit)
     written, stated = _stated(path, table, place)
@@ -274,9 +285,9 @@ def _asked(path: Path, table: Table, place: int, options: LogOptions) -> _Channe
     return _channel(table, place, meaning)
 
 
-def _channel(table: Table, place: int, meaning: Unit) -> _Channel:
+def _channel(table: Table, place: int, meaning: Unit) -> Channel:
     column = table.columns[place]
-    return _Channel(place, column.label, meaning, column.process in AVERAGED, column.unit_at)
+    return Channel(place, column.label, meaning, column.process in AVERAGED, column.unit_at)
 
 
 def _free(table: Table) -> list[int]:
@@ -313,12 +324,12 @@ class _Stream(NamedTuple):
     """A stream and the columns of its channels."""
 
     info: StreamInfo
-    channels: list[_Channel]
+    channels: list[Channel]
 
 
-def _streams(name: str, channels: Sequence[_Channel], measures: str, rate_hz: float) -> list[_Stream]:
+def _streams(name: str, channels: Sequence[Channel], measures: str, rate_hz: float) -> list[_Stream]:
     """A stream for each quantity, and one of its own for averages beside samples of it."""
-    groups: dict[tuple[str, bool], list[_Channel]] = {}
+    groups: dict[tuple[str, bool], list[Channel]] = {}
     for one in channels:
         groups.setdefault((one.meaning.quantity, one.is_average), []).append(one)
     streams = []
@@ -329,7 +340,7 @@ def _streams(name: str, channels: Sequence[_Channel], measures: str, rate_hz: fl
     return streams
 
 
-def _info(name: str, channels: Sequence[_Channel], measures: str, rate_hz: float) -> StreamInfo:
+def _info(name: str, channels: Sequence[Channel], measures: str, rate_hz: float) -> StreamInfo:
     labels, first = tuple(one.label for one in channels), channels[0].meaning
     stated = named(labels) or ("",) * len(labels)
     components = tuple(one or measures for one in stated) if first.unit == UNIT else ()
@@ -378,13 +389,13 @@ def _on_option(option: str, given: str, applied: Sequence[str], stated: Sequence
     return [(severity, f"{option} {given} applies to {', '.join(applied) or 'no column'}{kept}")]
 
 
-def _on_measures(channels: Sequence[_Channel], measures: str) -> Notes:
+def _on_measures(channels: Sequence[Channel], measures: str) -> Notes:
     labels = [one.label for one in channels if one.meaning.unit == UNIT]
     stated = [label for label in labels if named((label,))]
     return _on_option("--measures", measures, [one for one in labels if one not in stated], stated)
 
 
-def _on_cells(rows: Sequence[TimedRow], channels: Sequence[_Channel]) -> Notes:
+def _on_cells(rows: Sequence[TimedRow], channels: Sequence[Channel]) -> Notes:
     """Number of cells that are not numbers at all, or have a unit that is not known."""
     cells = [(cell, one, row) for row in rows for one in channels if (cell := _cell(row.cells, one.place))]
     words = [cell for cell, _, _ in cells if math.isnan(_number(cell)) and cell.lower() != "nan"]
@@ -424,7 +435,7 @@ def _on_stream(stream: _Stream, rows: Sequence[TimedRow]) -> Notes:
 # --- cells
 
 
-def _refuse_marks(path: Path, table: Table, channels: Sequence[_Channel]) -> None:
+def _refuse_marks(path: Path, table: Table, channels: Sequence[Channel]) -> None:
     cells = [
         (_cell(row.cells, one.place), table.columns[one.place].head) for row in table.rows for one in channels
     ]

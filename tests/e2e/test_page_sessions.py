@@ -108,6 +108,7 @@ def browser() -> Iterator[Browser]:
 def phone(browser: Browser, page: Served) -> Iterator[Watched]:
     """The list of sessions on a phone."""
     watched = opened(browser, f"{page.origin}/#{page.page.keys.new_link('control')}", PHONE)
+    watched.page.locator("#start").wait_for()  # connected
     watched.page.locator("#list-sessions").tap()
     watched.page.locator("#session-list li").nth(2).wait_for()
     yield watched
@@ -156,6 +157,66 @@ def test_marks_are_edited_and_taken_back_by_touch(phone: Watched) -> None:
     page.get_by_role("button", name="Save mark").click()
     page.locator("#mark-list li", has_text="a gust").wait_for()
     page.locator("#marks-dialog .cancel").click()
+
+
+def test_the_keyboard_alone_searches_compares_corrects_and_chooses(browser: Browser, page: Served) -> None:
+    watched = opened(browser, f"{page.origin}/#{page.page.keys.new_link('control')}", LAPTOP)
+    watched.page.locator("#start").wait_for()  # connected
+    keys, shown = watched.page.keyboard, watched.page.locator("#session-list li:visible")
+    watched.tab_to("#list-sessions")
+    keys.press("Enter")
+    shown.nth(2).wait_for()
+    watched.tab_to("#session-search input")
+    keys.type("no such session")
+    watched.page.locator("#no-match", has_text="No session has these words").wait_for()
+    keys.press("Control+a")
+    keys.type("three beds")
+    assert shown.count() == 1
+    keys.press("Control+a")
+    keys.press("Delete")
+    _compare_two(watched)
+    _correct_a_mark(watched)
+    for choice, stored in (("palette", "ironbow"), ("unit", "°F")):
+        watched.tab_to(f"#{choice}")
+        keys.press("ArrowDown")
+        assert watched.page.evaluate(f"localStorage.getItem('{choice}')") == stored
+    assert (watched.foreign, watched.errors) == ([], [])
+    watched.page.context.close()
+
+
+def _compare_two(watched: Watched) -> None:
+    keys = watched.page.keyboard
+    for place in (1, 2):
+        watched.tab_to(f"#session-list li:nth-child({place}) [type=checkbox]")
+        keys.press("Space")
+    keys.press("Tab")  # it is beside the last choice
+    assert watched.page.evaluate("document.activeElement.id") == "compare"
+    keys.press("Enter")
+    watched.page.locator("#compare-slopes tr").first.wait_for()
+    watched.tab_to("#compare-dialog .wide-table")  # which scrolls by arrow keys
+    keys.press("Escape")
+    watched.page.locator("#compare-dialog").wait_for(state="hidden")
+
+
+def _correct_a_mark(watched: Watched) -> None:
+    keys, marks = watched.page.keyboard, watched.page.locator("#mark-list li")
+    item = watched.page.locator("#session-list li", has_text="three beds")
+    heading = item.locator("h3").get_attribute("id")
+    watched.tab_to(f"#session-list button[aria-describedby={heading}]:nth-last-of-type(2)", backwards=True)
+    keys.press("Enter")
+    watched.tab_to("#mark-list li:last-child button:last-child")
+    keys.press("Enter")
+    watched.page.locator("#mark-list .gone button:focus").wait_for()  # Count again, where Take back was
+    keys.press("Enter")
+    watched.page.locator("#mark-list li:last-child:not(.gone) button:focus").wait_for()  # Edit
+    keys.press("Enter")
+    watched.tab_to("#mark-dialog [name=text]")
+    keys.press("Control+a")
+    keys.type("haze")
+    keys.press("Enter")
+    marks.filter(has_text="haze").wait_for()
+    keys.press("Escape")
+    watched.page.locator("#marks-dialog").wait_for(state="hidden")
 
 
 def test_temperatures_in_fahrenheit_are_display_alone(phone: Watched) -> None:

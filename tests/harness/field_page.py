@@ -83,7 +83,7 @@ class Served:
         self.process = subprocess.Popen([*words, *chosen], stderr=subprocess.PIPE, text=True)
         assert self.process.stderr is not None
         printed = "".join(itertools.takewhile(lambda line: "Ctrl-C" not in line, self.process.stderr))
-        assert f"control  {self.address}#" in printed
+        assert f"control  {self.address}#" in printed, printed
 
     @property
     def address(self) -> str:
@@ -178,6 +178,14 @@ class Watched:
     def tap(self, x: float, y: float) -> None:
         """Tap a camera pixel."""
         self.page.touchscreen.tap(*self.place(x, y))
+
+    def tab_to(self, selector: str, *, backwards: bool = False) -> None:
+        """Press Tab until an element has the focus."""
+        for _ in range(80):
+            if self.page.evaluate("(selector) => document.activeElement.matches(selector)", selector):
+                return
+            self.page.keyboard.press("Shift+Tab" if backwards else "Tab")
+        raise AssertionError(f"{selector} cannot be reached by Tab")
 
     def violations(self) -> list[str]:
         """What axe finds against the guidelines for accessibility, AAA contrast among them."""

@@ -17,9 +17,29 @@ FLAT = ((22, 79), (62, 100))
 B15 = ((32, 31), (62, 50))
 B25 = ((97, 31), (127, 50))
 """Opposite corners of rectangles on three beds of the simulated field."""
-SETTINGS = ("simulation.speed=60", 'simulation.faults=["moved"]')
+SPEED = 60.0
+SETTINGS = (f"simulation.speed={SPEED:g}", 'simulation.faults=["moved"]')
 FAULT = re.compile("camera")
+TOUCH_S, KEY_S = 1.35 + 2 * 1.1, 0.28
+"""Decide, point, and for a drag point again; press a key, on average. Card, Moran and Newell, The
+keystroke-level model for user performance time with interactive systems, CACM 23 (1980) 396."""
+COUNT_STEPS = """() => {
+    window.steps = {touches: 0, keys: 0};
+    addEventListener("pointerdown", () => steps.touches++, true);
+    addEventListener("input", (event) => {
+        if (event.target.type === "radio") return;
+        steps.touches++;  // of the field that is filled in
+        steps.keys += event.target.value.length;
+    }, true);
+}"""
 Shoot = Callable[[str, Watched], None]
+
+
+def user_s(watched: Watched) -> float:
+    """Seconds that a person needs for the steps since `COUNT_STEPS`, however fast the machine."""
+    steps = watched.page.evaluate("steps")
+    print(steps)
+    return float(steps["touches"] * TOUCH_S + steps["keys"] * KEY_S)
 
 
 def empty_campaign(folder: Path) -> Path:

@@ -41,6 +41,7 @@ function compareChoice(session, heading) {
   const choose = ({ target }) => {
     if (target.checked) compared.chosen.set(session.id, session);
     else compared.chosen.delete(session.id);
+    target.parentElement.after($("compare")); // where the finger is
     showCompare();
   };
   return el("label", { class: "check" }, el("input", { type: "checkbox", "aria-describedby": heading, onchange: choose }), "Compare");
@@ -48,6 +49,7 @@ function compareChoice(session, heading) {
 
 function forgetChosen() {
   compared.chosen.clear();
+  $("session-list").after($("compare"));
   showCompare();
 }
 

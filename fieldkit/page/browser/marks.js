@@ -21,7 +21,9 @@ async function listMarks() {
   const answer = await ofMarks({ do: "marks" }), found = JSON.stringify(answer.data);
   if (!answer.ok || found === marks.shown) return answer;
   marks.shown = found;
-  $("mark-list").replaceChildren(...(answer.data.length ? answer.data.map(markItem) : [el("li", {}, "No marks yet.")]));
+  const list = $("mark-list"), touched = [...list.children].findIndex((item) => item.contains(document.activeElement));
+  list.replaceChildren(...(answer.data.length ? answer.data.map(markItem) : [el("li", {}, "No marks yet.")]));
+  list.children[touched]?.querySelector("button")?.focus(); // it was replaced
   return answer;
 }
 

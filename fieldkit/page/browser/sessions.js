@@ -43,6 +43,7 @@ function searchSessions() {
     const text = item.textContent.toLowerCase();
     item.hidden = !words.every((word) => text.includes(word));
   }
+  say($("no-match"), [...$("session-list").children].every((item) => item.hidden) ? "No session has these words." : "");
 }
 
 $("list-sessions").onclick = listSessions;

@@ -77,17 +77,22 @@ def test_report_goes_to_the_campaigns_reports(campaign, session):
 
 
 def test_one_image_for_a_slide_has_frames_map_and_slopes(session, tmp_path):
-    found = fieldkit("report", session, "-o", tmp_path / "day.png")
+    found = fieldkit("report", session, "-o", tmp_path / "day.png", "--palette", "white-hot")
     assert found.exit_code == 0, found.output
     image = cv2.imread(str(tmp_path / "day.png"))
     assert image.shape == (1080, 1920, 3)
     colours = [len(np.unique(part.reshape(-1, 3), axis=0)) for part in np.split(image[100:520], 3, axis=1)]
     assert min(colours) > 50  # a frame in each third
+    assert np.ptp(image[100:520], axis=2).max() == 0  # white hot is grey
     assert len(np.unique(image[580:, :900].reshape(-1, 3), axis=0)) > 50  # the map
+    assert np.ptp(image[580:, :900], axis=2).max() > 50  # whose hue is azimuth
     assert (image[580:, 960:].min(axis=2) < 100).mean() > 0.005  # letters
     refused = fieldkit("report", session, session, "-o", tmp_path / "two.png")
     assert refused.exit_code == 3
     assert "an image is of one session" in refused.stderr
+    refused = fieldkit("report", session, "-o", tmp_path / "day.html", "--palette", "white-hot")
+    assert refused.exit_code == 3
+    assert "--palette is for an image" in refused.stderr
 
 
 def test_report_of_a_session_elsewhere_lies_beside_it(session, tmp_path):
