@@ -147,13 +147,13 @@ def _joined(parts: Sequence[Components]) -> Components:
 
 
 def _sun(utc: str, site: Site) -> FloatArray:
-    return sun_vectors(_times(utc, 0), site)[0]
+    return np.asarray(sun_vectors(_times(utc, 0), site)[0])
 
 
 def _times(utc: str, minutes: int) -> NDArray[np.int64]:
     """Minutes before a time and it itself, UTC nanoseconds since 1970."""
     last = int(np.datetime64(utc, "ns").astype(np.int64))
-    return last + MINUTE_NS * np.arange(-minutes, 1)
+    return np.asarray(last + MINUTE_NS * np.arange(-minutes, 1), np.int64)
 
 
 def ridges(path: Path, settings: EstimatorSettings) -> Iterator[Result]:
