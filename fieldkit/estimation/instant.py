@@ -1,9 +1,9 @@
-"""What one instant says of a slope: its component along the sun.
+"""What one instant gives of a slope: its component along the sun.
 
 One minute measures one cosine, that between normal and sun, while a slope has two components. Of a normal
 that leans by `p` (a sine) across the sun's azimuth and by the tilt `t` within it, a design vector `u` of
 zenith angle Z has ``n . u = |u| sqrt(1 - p**2) cos(Z - t)``. So `t` is known but for the lean, which makes a
-surface look turned away from the sun whatever its side. The likelihood region covers noise, the stated
+surface seem turned away from the sun whatever its side. The likelihood region covers noise, the stated
 systematic uncertainties and leans as the prior of slopes has them.
 """
 
