@@ -22,6 +22,7 @@ HELPERS = {
     "drawn_worlds",
     "harsh_worlds",
     "mjpeg_page",
+    "one_image",
     "replayed",
     "result",
     "session_data",

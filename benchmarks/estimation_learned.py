@@ -197,12 +197,17 @@ def _against(one: SlopeEstimate, truth: Region, settings: EstimatorSettings) -> 
 # --- all worlds
 
 
-def outcomes(asked: Sequence[Scenario]) -> Iterator[tuple[Scenario, list[Outcome]]]:
-    """Every scenario with the outcomes of its worlds, two processes of one thread each at least."""
+def processes() -> ProcessPoolExecutor:
+    """A process for each processor, of one thread each."""
     # read by the arithmetic libraries when a process imports them
     os.environ.update({"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"})
+    return ProcessPoolExecutor(os.cpu_count(), mp_context=get_context("spawn"))
+
+
+def outcomes(asked: Sequence[Scenario]) -> Iterator[tuple[Scenario, list[Outcome]]]:
+    """Every scenario with the outcomes of its worlds."""
     seeds = range(FIRST_SEED, FIRST_SEED + WORLDS)
-    with ProcessPoolExecutor(os.cpu_count(), mp_context=get_context("spawn")) as pool:
+    with processes() as pool:
         waiting = [(one, [pool.submit(outcome, one, seed) for seed in seeds]) for one in asked]
         for scenario, futures in waiting:
             yield scenario, [future.result() for future in futures]

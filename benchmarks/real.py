@@ -10,6 +10,7 @@ A day without a slope is refused: it counts in neither error nor coverage, and e
   the rows or more), as if they were surfaces: one watt per square metre warms by one
   kelvin, nothing is emitted or stored. What is left is the way from irradiance to the normal.
 * `flat`: a radiometer over level ground, against level ground predicted from its weather.
+* `landsat`, `zeelim`: thermal images over surface models (`benchmarks.one_image`).
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from numpy.typing import NDArray
 
 import fieldkit
 from benchmarks.estimation_learned import SUNSHINE_W_M2
+from benchmarks.one_image import desert, ridges
 from benchmarks.result import Result
 from fieldkit.config import config_from_text
 from fieldkit.estimation.bins import History
@@ -65,7 +67,7 @@ Truth = tuple[float, float]
 
 
 def run() -> list[Result]:
-    return [*_pv(), *_twin(), *_glob(), *_flat()]
+    return [*_pv(), *_twin(), *_glob(), *_flat(), *_images()]
 
 
 @dataclass(frozen=True, slots=True)
@@ -368,3 +370,14 @@ def _level_k(columns: Columns, settings: EstimatorSettings, air_k: FloatArray) -
     return surface_series(
         (settings.slab,), float(air_k[0]), 60.0, absorbed, exchange, air_k, surface.emissivity_broadband
     )
+
+
+def _images() -> Iterator[Result]:
+    """One image each; the kind of ground is all that is known of it beforehand."""
+    scenes = (
+        ("ridges from Landsat", "landsat-west-half.npz", ridges, settings_of("forest")),
+        ("desert from a drone", "zeelim-1516-tiles123-0.6m.npz", desert, settings_of("soil")),
+    )
+    for name, file, rows, settings in scenes:
+        path = SHARED / "real" / file
+        yield from rows(path, settings) if path.exists() else [_missing(name, path)]

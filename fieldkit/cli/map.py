@@ -78,7 +78,8 @@ def command(
 
     NAME.png shows azimuth as hue and tilt as saturation, shaded like a relief; NAME.nc (netCDF) has the
     arrays with state and likelihood region of every pixel. With --follow both are replaced as a whole, so an
-    image viewer or a browser may keep them open; the recording is not disturbed. Of several sessions
+    image viewer or a browser may keep them open; the recording is not disturbed. A single minute gives the
+    slope along the sun alone, the product rdir. Of several sessions
     slope-maps.html shows the maps beside each other, colours and pixels of one scale.
 
     \b
@@ -210,6 +211,10 @@ def _print_map(found: MappedSession, files: Sequence[Path]) -> None:
     from fieldkit.model.confidence import percent
     from fieldkit.views.formatting import number
 
+    if found.along_sun is not None:
+        towards = f"tilt towards {number(found.along_sun.azimuth_deg)} °"
+        regions = [(one.region, number(one.along_sun_deg, 1), one.pixels) for one in found.by_region()]
+        common.print_table(("region", towards, "pixels"), regions)
     rows = [
         (
             one.region, number(one.tilt_deg, 1), number(one.azimuth_deg, 0),
@@ -219,9 +224,10 @@ def _print_map(found: MappedSession, files: Sequence[Path]) -> None:
         for one in found.by_region()
     ]  # fmt: skip
     of_one = f"{percent(found.bounds.confidence)} of one °"
-    common.print_table(
-        ("region", "tilt °", "azimuth °", "half of pixels °", of_one, "pixels", "states"), rows
-    )
+    if found.along_sun is None:
+        common.print_table(
+            ("region", "tilt °", "azimuth °", "half of pixels °", of_one, "pixels", "states"), rows
+        )
     for file in files:
         click.echo(file)
 

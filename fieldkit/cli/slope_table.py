@@ -31,6 +31,10 @@ def print_learnt(learnt: Learnt | None) -> None:
 
 def explain_slopes(estimates: Iterable[SlopeEstimate]) -> None:
     """Print once, under the tables, what their ± include and what they do not."""
+    estimates = tuple(estimates)
+    for one in estimates:
+        if math.isfinite(one.along_sun_deg):
+            common.say(f"{one.region}: {one.reason}")
     found = [one for one in estimates if math.isfinite(one.tilt_deg)]
     sure = formatting.confidence(found)
     if found:

@@ -124,7 +124,9 @@ def least_squares_rows(
     steepness, storage_flux = _heat_loss_per_kelvin(target_k, settings), np.zeros_like(target_k)
     systematics = _offset_drift_exchange(history, first, over_k, steepness, settings)
     kernel = np.zeros(1)
-    if settings.model == "full":
+    # one minute alone shows nothing of the stored heat
+    stores_heat = settings.model == "full" and len(history) > 1
+    if stores_heat:
         storage_flux = conducted(history.minute, over_k, settings.slab)
         systematics += [
             conducted(history.minute, over_k, s) - storage_flux for s in _perturbed_slabs(settings)
@@ -133,7 +135,7 @@ def least_squares_rows(
     for shifted in shifted_k:
         other_k, other_reference_k = shifted[:, columns.targets], shifted[:, columns.references[references]]
         shift = _heat_difference(other_k, other_reference_k, settings) - heat
-        if settings.model == "full":
+        if stores_heat:
             further_k = other_k - np.mean(other_reference_k, axis=1, keepdims=True)
             shift += conducted(history.minute, further_k, settings.slab) - storage_flux
         systematics.append(shift)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.estimation.bins import History, RegionColumns
+from fieldkit.estimation.instant import with_along_sun
 from fieldkit.estimation.learned.budget import BudgetTerm, slope_budget
 from fieldkit.estimation.learned.inputs import (
     BRIDGED_MINUTES,
@@ -89,12 +90,15 @@ class SlopeChain:
         """Slopes at the last minute; the history must begin with the minutes given before."""
         minute, history = int(history.minute[-1]) if len(history) else 0, history.in_place()
         found = self._learned(history) if self._settings.model == "learned" else None
+        active = self.schedule.at(minute)
+        regions = [self.schedule.columns[column] for column in active]
         if found is None:
-            active = self.schedule.at(minute)
-            regions = [self.schedule.columns[column] for column in active]
             model = "full" if self._settings.model == "learned" else self._settings.model
             found = Estimated(slopes(history.only(active), regions, replace(self._settings, model=model)))
         explained = [self._with_reason(one, minute) for one in found.slopes]
+        if any(one.state is SlopeState.TOO_FEW for one in explained):
+            of_active = history.only(active)
+            explained = [with_along_sun(one, of_active, regions, self._settings) for one in explained]
         if (history.flags & int(Quality.MOVED)).any() and not np.isfinite(history.temperature_k).any():
             explained = [replace(one, reason=LOST) for one in found.slopes]
         return replace(found, slopes=tuple(explained))

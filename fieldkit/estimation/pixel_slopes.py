@@ -20,6 +20,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldkit.estimation.instant import AlongSun, along_sun, instant_scale_sd
 from fieldkit.estimation.normal import LOWEST_COS_INCIDENCE
 from fieldkit.estimation.pixel_posterior import PixelPosterior
 from fieldkit.estimation.settings import PAPER_SCALE_SD, EstimatorSettings
@@ -152,6 +153,15 @@ class MapSums:
         values, vectors = np.linalg.eigh(self._H)
         vectors[:, 0] *= np.copysign(1.0, vectors[2, 0])
         return values[::-1], vectors[:, ::-1].T
+
+    def along_sun(self, reference_normal: FloatArray, settings: EstimatorSettings) -> AlongSun:
+        """The component of every pixel's slope along the mean sun, (rows, cols): all that one frame gives."""
+        values, axes = self.sun_axes()
+        sun = axes[0] * np.copysign(1.0, axes[0, 2])
+        cosine = (sun @ self._b / values[0]).reshape(self.shape)
+        scaled = instant_scale_sd(settings) * (cosine - reference_normal @ sun)
+        unscaled = np.hypot(values[0] ** -0.5, settings.offset_sd_k * self.per_kelvin)
+        return along_sun(sun, cosine, np.hypot(scaled, unscaled), settings)
 
     def pull(self, direction: FloatArray, pixels: NDArray[np.bool_]) -> FloatArray:
         """Half the gradient of the misfit of these pixels against a direction (3,), at the origin."""

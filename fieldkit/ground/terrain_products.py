@@ -15,8 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldkit.estimation.instant import AlongSun
 from fieldkit.estimation.pixel_posterior import TAIL, Measure, PixelPosterior
 from fieldkit.estimation.pixel_slopes import SlopeMap
+from fieldkit.model.confidence import interval_sds
 from fieldkit.model.errors import ConfigError, NoAnswerError
 from fieldkit.model.learnt import LearntParameter
 from fieldkit.model.site import Region, Site
@@ -128,6 +130,17 @@ def layers(
     if "inertia" in wanted.names:
         made.append(_inertia(slopes, regions, inertia))
     return made
+
+
+def layer_along_sun(found: AlongSun, confidence: float) -> Layer:
+    """The `rdir` of one frame, away from the sun; NaN where a second slope beyond the sun fits as well."""
+    sd_deg = (found.high_deg - found.low_deg) / (2.0 * interval_sds(confidence))
+    values, sd = (
+        np.where(found.resolved, one, np.nan).astype(np.float32) for one in (found.tilt_deg, sd_deg)
+    )
+    away_deg = (found.azimuth_deg + 180.0) % 360.0
+    name = f"slope along {away_deg:.0f} degrees, away from the sun, positive uphill"
+    return Layer("rdir", name, "degree", values, sd)
 
 
 def _kinds(wanted: Products, suns: FloatArray) -> Iterator[_Kind]:

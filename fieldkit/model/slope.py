@@ -164,6 +164,14 @@ class SlopeEstimate:
         heading="confidence",
         unknown=CONFIDENCE,
     )
+    along_sun_deg: float = _number("tilt towards the sun's azimuth, where too few minutes give no more")
+    along_sun_low_deg: float = _number(
+        "lower end of the likelihood region of the tilt towards the sun", pair="along_sun_region_deg"
+    )
+    along_sun_high_deg: float = _number(
+        "upper end of the likelihood region of the tilt towards the sun", pair="along_sun_region_deg"
+    )
+    sun_azimuth_deg: float = _number("azimuth that `along_sun_deg` is the tilt towards")
 
     def __repr__(self) -> str:
         tilt = f"tilt {self.tilt_deg:.1f}° ({self.tilt_low_deg:.1f} to {self.tilt_high_deg:.1f})"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
@@ -190,8 +191,8 @@ def session_document(path: Path, estimates: Estimates) -> dict[str, Any]:
 
 
 def require_slope(slopes: Iterable[SlopeEstimate]) -> None:
-    """Raise `NoAnswerError` with the reasons if none of the estimates has a slope."""
+    """Raise `NoAnswerError` with the reasons if none of the estimates has a slope or a component of it."""
     slopes = tuple(slopes)
-    if not any(one.state in WITH_SLOPE for one in slopes):
+    if not any(one.state in WITH_SLOPE or math.isfinite(one.along_sun_deg) for one in slopes):
         reasons = {one.reason or one.state.name.lower() for one in slopes} or {"no targets"}
         raise NoAnswerError(f"no slope could be estimated: {', '.join(sorted(reasons))}")

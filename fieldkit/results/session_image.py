@@ -45,7 +45,8 @@ def image_of(
     if not frames:
         raise ConfigError(f"{session.path} has no usable frame", fix=f"fieldkit check {session.path}")
     try:
-        mapped = slope_map(session, settings=settings, present=present).slopes
+        found = slope_map(session, settings=settings, present=present)
+        mapped = None if found.along_sun is not None else found.slopes
     except FieldkitError as error:
         notify(f"the image has no map: {error.message}")
         mapped = None

@@ -26,13 +26,14 @@ from fieldkit.estimation.balance import absorbed_light, conducted, smoothed_kern
 from fieldkit.estimation.bins import History, RegionColumns
 from fieldkit.estimation.disturbances import MOVED_PX
 from fieldkit.estimation.estimator_keys import Model
+from fieldkit.estimation.instant import AlongSun
 from fieldkit.estimation.instruments import Instruments
 from fieldkit.estimation.learned.as_settings import learnt_settings
 from fieldkit.estimation.pixel_posterior import PixelPosterior
 from fieldkit.estimation.pixel_slopes import MapSums, PixelBounds, SlopeMap, posterior, with_bounds
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.ground.on_ground import GroundView, ground_view, write_on_ground
-from fieldkit.ground.terrain_products import LAYERS, Layer, Products, layers
+from fieldkit.ground.terrain_products import LAYERS, Layer, Products, layer_along_sun, layers
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.durations import as_seconds
 from fieldkit.model.errors import ConfigError, FieldkitError, IntegrityError, NoAnswerError, StorageError
@@ -72,8 +73,12 @@ SURFACE_MODELS: Mapping[Model, str] = {
     "learned": "full with learnt parameters, unit-norm",
 }
 LEAST_MINUTES = 3
+"""Below these a map is of the last of them alone, and of the component along the sun."""
 BEFORE_MINUTES = 120
 """Minutes before the window whose warmth the sand remembers."""
+ONE_MINUTE = (
+    "one minute gives the component of slopes along the sun alone; another hour of the day gives the rest"
+)
 ENDINGS = (".png", ".nc")
 ON_GROUND = (".tif", ".ply", ".mcap")
 
@@ -88,7 +93,7 @@ class MappedRegion:
     """A region of a map: median tilt, quartiles, azimuth of the mean normal, shares of the states.
 
     `tilt_region_deg` are the medians over the pixels of the ends of their likelihood regions; angles in
-    degrees.
+    degrees. `along_sun_deg` is the median of a map of one minute.
     """
 
     region: str
@@ -99,6 +104,7 @@ class MappedRegion:
     tilt_region_deg: tuple[float, float]
     pixels: int
     states: dict[str, float]
+    along_sun_deg: float = math.nan
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,6 +138,8 @@ class MappedSession:
     """Thermal inertia that the learned model found, shared by all regions."""
     pose: CameraPose | None = None
     """Pose of the camera, if it was configured."""
+    along_sun: AlongSun | None = None
+    """The component along the sun, where one minute gives no more; then no pixel has a slope."""
 
     @property
     def states(self) -> dict[str, float]:
@@ -149,6 +157,7 @@ class MappedSession:
         holds = {
             "the map leaves the azimuth free: only regions have a known one": self.settings.azimuth
             == "known",
+            ONE_MINUTE: self.along_sun is not None,
             "the frame moved within the window: edges are smeared; choose another --window": self.has_moved,
         }
         return [note for note, applies in holds.items() if applies]
@@ -204,6 +213,10 @@ class MappedSession:
 
     def products(self, wanted: Products) -> list[Layer]:
         """Products of the map. Raises `NoAnswerError` for one that cannot be made of it."""
+        if self.along_sun is not None:
+            if set(wanted.names) != {"rdir"}:
+                raise NoAnswerError(f"{self.path.name}: {ONE_MINUTE}", fix="choose another --window")
+            return [layer_along_sun(self.along_sun, self.bounds.confidence)]
         return layers(
             wanted,
             self.slopes,
@@ -263,6 +276,8 @@ class MappedSession:
         """
         base = default_base(self.path, self.window, self.overrides) if base is None else Path(base)
         view = self._configured_view(cell_m, notify) if pose is None else self.on_ground(pose, cell_m)
+        if self.along_sun is not None and wanted is None:
+            wanted = Products(("rdir",), drive_deg=self.along_sun.azimuth_deg + 180.0)
         if wanted is None and view is not None:
             wanted = Products(("slope", "heading"))
         made = self.products(wanted) if wanted is not None else []
@@ -282,7 +297,8 @@ class MappedSession:
 
     def _write_frame(self, base: Path, made: Sequence[Layer]) -> list[Path]:
         files = [base.with_name(base.name + ending) for ending in ENDINGS]
-        images = {base.with_name(f"{base.name}-{layer.name}.png"): layer for layer in made}
+        layers_beside = made if self.along_sun is None else ()  # of one minute the map is the layer
+        images = {base.with_name(f"{base.name}-{layer.name}.png"): layer for layer in layers_beside}
         try:
             base.parent.mkdir(parents=True, exist_ok=True)
             # as a whole: a viewer may have the previous one open
@@ -339,8 +355,8 @@ def slope_map(
     SessionError, ConfigError
         If the session cannot be read, or a setting is wrong.
     NoAnswerError
-        If there is no reference region, no camera of known temperatures, or fewer than three minutes
-        of frames under steady sun.
+        If there is no reference region, no camera of known temperatures, or no minute of frames under steady
+        sun. Fewer than three give the component along the sun alone (`MappedSession.along_sun`).
 
     Examples
     --------
@@ -432,28 +448,32 @@ def _mapped(
         raise NoAnswerError(f"{session.path} has no {missing}, so it has no slope map")
     history, estimates = known.history, known.estimates()
     chosen = _window(known, estimates, window)
-    if len(chosen) < LEAST_MINUTES:
+    if not len(chosen):
         raise NoAnswerError(
-            f"{session.path}: {len(chosen)} minutes have frames, reference, sun and steady irradiance; "
-            f"a map needs {LEAST_MINUTES}",
+            f"{session.path}: no minute has frames, reference, sun and steady irradiance",
             fix="run fieldkit check for what is missing; --window all uses the whole session",
         )
-    used = _settings(known, estimates.learnt.final)
+    is_instant = len(chosen) < LEAST_MINUTES
+    chosen = chosen[-1:] if is_instant else chosen
+    used = _settings(known, None if is_instant else estimates.learnt.final)
     explained = _explained(known.regions, estimates, (camera.shape[0], camera.shape[1]))
-    slopes, bounds, likelihood = _solved(session, camera, known.regions, history, used, chosen, explained)
+    sums, reference_normal = _sums(session, camera, known.regions, history, used, chosen)
+    slopes = sums.solve(explained)
+    likelihood = posterior(slopes, sums, reference_normal, used)
+    slopes, bounds = with_bounds(slopes, likelihood, used)
     first, last = history.minute[chosen[[0, -1]]].tolist()
     return MappedSession(
         path=session.path,
         overrides=settings,
         window=window,
-        slopes=slopes,
+        slopes=_within_regions(slopes, known.regions),
         bounds=bounds,
         likelihood=likelihood,
         camera=camera,
         site=known.site,
         regions=known.regions,
         settings=used,
-        model=known.settings.model,
+        model=used.model if is_instant else known.settings.model,
         irradiance_model=instruments.label,
         start_ns=first * MINUTE_NS,
         end_ns=(last + 1) * MINUTE_NS,
@@ -463,6 +483,7 @@ def _mapped(
         damaged=known.measured.damaged.get(camera.name, 0),
         inertia=_inertia(known.settings, estimates.learnt.final),
         pose=config.pose,
+        along_sun=sums.along_sun(reference_normal, used) if is_instant else None,
     )
 
 
@@ -521,15 +542,15 @@ def _is_useful(history: History, field: RegionColumns) -> NDArray[np.bool_]:
     return np.asarray(np.isfinite(history.dni_w_m2) & has_reference & ~is_excluded)
 
 
-def _solved(
+def _sums(
     session: SessionReader,
     camera: StreamInfo,
     regions: tuple[Region, ...],
     history: History,
     settings: EstimatorSettings,
     chosen: NDArray[np.int64],
-    explained: NDArray[np.bool_],
-) -> tuple[SlopeMap, PixelBounds, PixelPosterior]:
+) -> tuple[MapSums, FloatArray]:
+    """Sums over the chosen minutes, and the mean normal of the references."""
     field, shape = RegionColumns(regions), (camera.shape[0], camera.shape[1])
     sums = MapSums(shape, settings.surface, settings.noise_k, settings.tilt_limit_deg)
     emissivity, offset_k = _of_pixels(regions, shape, settings)
@@ -553,10 +574,7 @@ def _solved(
     else:
         reference_k = history.temperature_k[:, field.references[seen]].mean(axis=1)
         _add_full(sums, surface_k, history, reference_k, chosen, reference_normal, settings)
-    slopes = sums.solve(explained)
-    likelihood = posterior(slopes, sums, reference_normal, settings)
-    slopes, bounds = with_bounds(slopes, likelihood, settings)
-    return _within_regions(slopes, regions), bounds, likelihood
+    return sums, reference_normal
 
 
 def _add_full(
@@ -568,22 +586,26 @@ def _add_full(
     reference_normal: FloatArray,
     settings: EstimatorSettings,
 ) -> None:
-    """Add the chosen minutes by the full model, whose stored heat also depends on the minutes before."""
+    """Add the chosen minutes by the full model, whose stored heat also depends on the minutes before.
+
+    Of a single one it is left to the uncertainty, as for regions.
+    """
     first, last = history.minute[chosen[[0, -1]]].tolist()
     is_near = (history.minute >= first - BEFORE_MINUTES) & (history.minute <= last)
-    rows = np.flatnonzero(is_near & np.isfinite(reference_k))
+    rows = chosen if chosen.size == 1 else np.flatnonzero(is_near & np.isfinite(reference_k))
     known, base_k = history.at(rows), reference_k[rows]
     over_k = np.array(
         [(surface_k(int(minute)) - base).ravel() for minute, base in zip(known.minute, base_k, strict=True)],
         np.float32,
     )
-    stored = np.concatenate(
-        [conducted(known.minute, piece, settings.slab) for piece in _pieces(over_k)], axis=1
-    )
+    stored, kernel = np.zeros_like(over_k, np.float64), np.zeros(1)
+    if chosen.size > 1:
+        kernel = smoothed_kernel(settings.slab)
+        pieces = [conducted(known.minute, piece, settings.slab) for piece in _pieces(over_k)]
+        stored = np.concatenate(pieces, axis=1)
     beam, vertical = absorbed_light(known, base_k, settings)
     design = known.sun + (vertical / beam)[:, np.newaxis] * VERTICAL
     light = beam * settings.scale / (1.0 - settings.surface.albedo)
-    kernel = smoothed_kernel(settings.slab)
     for row in np.flatnonzero(np.isin(rows, chosen)).tolist():
         loss = float(irradiance_per_kelvin(base_k[row], settings.surface))
         loss *= 1.0 - settings.surface.albedo
@@ -651,13 +673,15 @@ def _mapped_region(found: MappedSession, region: Region) -> MappedRegion:
     slopes = found.slopes
     inside = region.mask((slopes.state.shape[0], slopes.state.shape[1]))
     known = inside & np.isfinite(slopes.tilt_deg)
-    low, middle, high, azimuth, least, most = (math.nan,) * 6
+    low, middle, high, azimuth, least, most, along_sun = (math.nan,) * 7
     if known.any():
         low, middle, high = (float(q) for q in np.percentile(slopes.tilt_deg[known], (25, 50, 75)))
         normals = normal(slopes.tilt_deg[known], slopes.azimuth_deg[known])
         azimuth = float(tilt_azimuth(normals.mean(axis=0))[1])
         bounds = (found.bounds.tilt_low_deg, found.bounds.tilt_high_deg)
         least, most = (float(np.median(bound[known])) for bound in bounds)
+    if found.along_sun is not None and (resolved := inside & found.along_sun.resolved).any():
+        along_sun = float(np.median(found.along_sun.tilt_deg[resolved]))
     shares = _shares(slopes.state[inside])
     return MappedRegion(
         region=region.name,
@@ -668,6 +692,7 @@ def _mapped_region(found: MappedSession, region: Region) -> MappedRegion:
         tilt_region_deg=(least, most),
         pixels=int(inside.sum()),
         states=shares,
+        along_sun_deg=along_sun,
     )
 
 
@@ -679,6 +704,8 @@ def _shares(states: NDArray[np.uint8]) -> dict[str, float]:
 
 def map_png(found: MappedSession, width: int = 960, full_deg: float = 0.0) -> bytes:
     """A map as a PNG file close to `width` pixels wide; `full_deg` in full colour, by default its own."""
+    if found.along_sun is not None:
+        return _layer_image(found, layer_along_sun(found.along_sun, found.bounds.confidence))
     about = found.path.stem, _caption(found)
     return slope_map_image.png(
         found.slopes, found.bounds, found.regions, *about, width=width, full_deg=full_deg

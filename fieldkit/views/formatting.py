@@ -112,6 +112,8 @@ def state(estimate: SlopeEstimate, *, second: bool = True) -> str:
     if estimate.state is SlopeState.FLAT:
         return f"flat within {number(estimate.tilt_high_deg, 1)}°"
     words = _STATES.get(estimate.state) or estimate.state.name.lower()  # a state from a newer version
+    if math.isfinite(estimate.along_sun_deg):
+        return f"{number(estimate.along_sun_deg, 1)}° along the sun only"
     other = second_branch(estimate) if second else ""
     return f"{words}, or {other}" if other else words
 

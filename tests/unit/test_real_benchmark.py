@@ -1,13 +1,15 @@
 """Slopes from measured data: the way from irradiance to a normal, and what a run says of others' planes."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from benchmarks import real
+from benchmarks import one_image, real
 from fieldkit.estimation.table import TemperatureTable, slopes_of_table
 from fieldkit.model.slope import SlopeEstimate, SlopeState
+from fieldkit.physics.energy_balance import surface_temperature
 from fieldkit.physics.facet import angle_between_deg, normal
 from fieldkit.physics.sun import sun_vectors
 from tests.shared_data import shared
@@ -58,7 +60,7 @@ def test_refused_days_count_in_neither_error_nor_coverage_and_are_named():
 def test_without_the_data_one_row_each_says_what_is_missing(tmp_path, monkeypatch):
     monkeypatch.setattr(real, "SHARED", tmp_path)
     rows = real.run()
-    assert len(rows) == 4
+    assert len(rows) == 6
     assert all(math.isnan(row.value) and row.note.startswith("skipped: no ") for row in rows)
 
 
@@ -70,3 +72,33 @@ def test_vertical_pyranometers_are_found_within_the_goals_under_an_isotropic_sky
     for side in ("east", "west"):
         name = f"vertical pyranometer facing {side}, isotropic sky: error of the normal, median"
         assert found[name] <= 9.0
+
+
+def test_a_hill_under_the_papers_balance_is_mapped_from_another_one():
+    """Temperatures by the paper's eq. (7): one hill's gain and level give the next one's slopes."""
+    settings, sun = real.settings_of("forest"), normal(60.0, 160.0)
+
+    def hill(seed: int) -> one_image.Scene:
+        random = np.random.default_rng(seed)
+        y, x = np.mgrid[:40, :40]
+        waves = zip(*random.uniform(-0.2, 0.2, (2, 3)), random.uniform(0.0, 6.0, 3), strict=True)
+        height_m = 20.0 * sum(np.sin(a * x + b * y + phase) for a, b, phase in waves)
+        scene = one_image.Scene.of(np.zeros((40, 40)), height_m, 30.0, 1)
+        lit = 800.0 * scene.normals @ sun
+        kelvin = surface_temperature(lit, 300.0, 280.0, settings.surface) - 0.005 * scene.height_m
+        return replace(scene, kelvin=kelvin + 0.1 * random.standard_normal(kelvin.shape))
+
+    found = one_image.Components.of([hill(1)], hill(2), sun, settings)
+    assert found.guess_deg() > 4.0
+    assert found.error_deg() < 1.2
+    assert found.covered().value >= 85.0
+    assert found.with_prior().error_deg() < 1.5
+
+
+def test_leafless_ridges_are_measured_and_leaves_refused():
+    path = shared("data/real/landsat-west-half.npz")
+    rows = {row.name: row for row in one_image.ridges(path, real.settings_of("forest"))}
+    assert abs(rows["  predicted warming by slope less measured"].value) <= 15.0
+    assert rows["  component along the sun, and its spread of slopes"].value <= 2.8
+    assert rows["ridges in july: NDVI, median"].note.startswith("refused")
+    assert sum("component along" in name for name in rows) == 2

@@ -168,10 +168,33 @@ def test_beds_steeper_than_the_limit_have_no_slope(session, tmp_path):
 def test_window_chooses_the_minutes(session, tmp_path):
     whole = json.loads(fieldkit("map", session, "-o", tmp_path / "a", "--window", "all", "--json").stdout)
     assert whole["minutes"] == 25
-    short = fieldkit("map", session, "-o", tmp_path / "b", "--window", "1m")
-    assert short.exit_code == 8
-    assert "2 minutes" in short.output
-    assert not (tmp_path / "b.png").exists()
+    short = json.loads(fieldkit("map", session, "-o", tmp_path / "b", "--window", "5m", "--json").stdout)
+    assert short["minutes"] == 6
+
+
+def test_one_minute_maps_the_component_along_the_sun(session, tmp_path):
+    """Beds of 5 and 15 degrees towards the sun; one of 25 may as well lie beyond it."""
+    base = tmp_path / "one"
+    done = fieldkit("map", session, "-o", base, "--window", "1m", "--json")
+    assert "the component of slopes along the sun alone" in done.stderr
+    document = json.loads(done.stdout)
+    assert (document["minutes"], document["states"]) == (1, {"too_few": 1.0})
+    found = [of_region(document, name)["along_sun_deg"] for name in ("flat", "b05", "b15", "b25")]
+    assert found[:3] == pytest.approx([0.0, 5.0, 15.0], abs=3.0)
+    assert found[3] is None
+    with h5py.File(f"{base}.nc") as file:
+        assert np.isnan(file["tilt_deg"][:]).all()
+        along, sd = file["rdir"][:], file["rdir_sd"][:]
+        assert "away from the sun" in file["rdir"].attrs["long_name"].decode()
+    inside = np.isfinite(along)
+    assert inside.mean() > 0.9
+    assert (sd[inside] > 0.2).all()
+    assert sorted(Path(file).name for file in document["files"]) == ["one.nc", "one.png"]
+    shown = fieldkit("map", session, "-o", base, "--window", "1m").stdout
+    assert re.search(r"region +tilt towards 18\d °", shown)
+    refused = fieldkit("map", session, "-o", base, "--window", "1m", "--products", "slope")
+    assert refused.exit_code == 8
+    assert "another hour of the day" in refused.stderr
 
 
 def test_known_offset_of_a_region_is_taken_from_its_brightness(monkeypatch):
@@ -179,9 +202,6 @@ def test_known_offset_of_a_region_is_taken_from_its_brightness(monkeypatch):
     flat = Region("flat", RegionKind.REFERENCE, ((0, 0), (1, 0), (0, 1)))
     pictures = []
     monkeypatch.setattr(slope_map.MapSums, "add", lambda self, kelvin, *_: pictures.append(kelvin))
-    monkeypatch.setattr(slope_map, "posterior", lambda *_: None)
-    monkeypatch.setattr(slope_map, "with_bounds", lambda *_: (np.zeros(0), None))
-    monkeypatch.setattr(slope_map, "_within_regions", lambda slopes, regions: slopes)
     seen = float(brightness_temperature_k(318.15, 0.85, 233.15)) + 1.0
     monkeypatch.setattr(slope_map, "mean_of_minute_k", lambda *_: np.full((4, 4), seen))
     settings = EstimatorSettings(model="paper", offsets_k={"b": 1.0})
@@ -189,7 +209,7 @@ def test_known_offset_of_a_region_is_taken_from_its_brightness(monkeypatch):
     minute = MinuteBin(0, 0, np.array([0.0, 0.0, 1.0]), beds, beds, beds, np.ones(2, np.int64), 1, 800.0)
     history = History.of([replace(minute, region_flags=(Quality.GOOD, Quality.GOOD))])
     camera = SimpleNamespace(shape=(4, 4))
-    slope_map._solved(None, camera, (flat, bed), history, settings, np.array([0]), np.zeros((4, 4), np.bool_))
+    slope_map._sums(None, camera, (flat, bed), history, settings, np.array([0]))
     assert pictures[0] == pytest.approx(318.15, abs=1e-3)
 
 

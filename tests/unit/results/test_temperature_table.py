@@ -9,8 +9,9 @@ from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import Site
 from fieldkit.model.slope import SlopeState
 from fieldkit.physics.irradiance import IrradianceModel
-from fieldkit.results.estimate import estimate_table
+from fieldkit.results.estimate import estimate_table, require_slope
 from fieldkit.results.temperature_table import read_table
+from fieldkit.views import formatting
 
 
 def slopes_of(path, site, settings, **more):
@@ -261,3 +262,14 @@ def test_a_hot_plate_is_possible_where_the_limits_say_so(table):
     settings = ["limits.surface_temperature_c=[-50, 250]"]
     estimate_table(table(hot), SITE, settings=settings, notify=told.append)
     assert len(told) == 1
+
+
+def test_one_row_gives_the_component_along_the_sun(table):
+    """The golden 15:00: 10 degrees to the south, sun at 251.59 (SPA), so atan(tan 10 cos 71.59) = 3.19."""
+    one = "\n".join([CASE_1.splitlines()[0], CASE_1.splitlines()[-1]])
+    (bed,) = estimate_table(table(one), SITE, settings=["estimator.model=paper"])
+    assert (bed.state, bed.n_bins) == (SlopeState.TOO_FEW, 1)
+    assert bed.along_sun_low_deg < 3.19 < bed.along_sun_high_deg
+    assert bed.along_sun_deg == pytest.approx(3.19, abs=1.0)
+    require_slope([bed])
+    assert formatting.state(bed) == f"{bed.along_sun_deg:.1f}° along the sun only"
