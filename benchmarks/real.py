@@ -57,6 +57,7 @@ TWIN_PLANES = {"south": 180.0, "east": 90.0, "west": 270.0, "north": 0.0}
 TWIN_GOALS = {"south": "<= 2", "east": "<= 9", "west": "<= 9", "north": ""}
 GLOB_SITE = Site(78.9227, 11.9273, 10.0)
 GLOB_PLANES = {"N": 0, "NE": 45, "E": 90, "SE": 135, "S": 180, "SW": 225, "W": 270, "NW": 315}
+OF_GHI = IrradianceModel(kind="pyranometer", diffuse="erbs")
 MOST_ALBEDO = 0.95
 LIGHT_K = 200.0
 """A dark pyranometer as a temperature."""
@@ -132,6 +133,7 @@ def of_light(**changes: object) -> EstimatorSettings:
     return replace(
         found,
         surface=surface,
+        irradiance=OF_GHI,
         slab=Slab(1e-6, 0.25, 1.0),
         tilt_limit_deg=90.0,
         scale_sd=EstimatorSettings().scale_sd,
@@ -250,7 +252,7 @@ def _twin() -> Iterator[Result]:
     time_ns = columns["time_cet"].astype(np.int64) - 65 * MINUTE_NS  # the end of ten minutes, UTC+1
     ghi, dhi = columns["ghi_w_m2"], columns["dhi_w_m2"]
     planes = {name: columns[f"{name}_vertical_w_m2"] for name in TWIN_PLANES}
-    table = _pyranometers(time_ns, TWIN_SITE, ghi, planes, dhi)
+    table = _pyranometers(time_ns, ghi, planes, dhi)
     truths = {name: (90.0, azimuth) for name, azimuth in TWIN_PLANES.items()}
     for sky in ("hay-davies", "isotropic"):
         days = [day for day in _days(table, TWIN_SITE.longitude_deg) if _is_sunny(day, TWIN_SITE)]
@@ -269,7 +271,9 @@ def _glob() -> Iterator[Result]:
     time_ns, ghi = columns["time_utc"].astype(np.int64), columns["GHI"]
     planes = {f"{name}_45": columns[f"{name}_45"] for name in GLOB_PLANES}
     days = [
-        day for day in _days(_pyranometers(time_ns, GLOB_SITE, ghi, planes), 0.0) if _is_sunny(day, GLOB_SITE)
+        day
+        for day in _days(_pyranometers(time_ns, ghi, planes, np.full_like(ghi, np.nan)), 0.0)
+        if _is_sunny(day, GLOB_SITE)
     ]
     albedo = min(float(np.nansum(columns["GHI_ground"]) / np.nansum(ghi)), MOST_ALBEDO)
     truths = {f"{name}_45": (45.0, float(azimuth)) for name, azimuth in GLOB_PLANES.items()}
@@ -280,23 +284,19 @@ def _glob() -> Iterator[Result]:
 
 
 def _pyranometers(
-    time_ns: NDArray[np.int64], site: Site, ghi: FloatArray, planes: Columns, dhi: FloatArray | None = None
+    time_ns: NDArray[np.int64], ghi: FloatArray, planes: Columns, dhi: FloatArray
 ) -> TemperatureTable:
     """Pyranometers as surfaces beside a level one; without diffuse light it is that of Erbs et al. (1982)."""
-    sun = sun_vectors(time_ns, site)
-    model = IrradianceModel(kind="pyranometer", diffuse="erbs")
-    dni = direct_normal(model, ghi, sun, time_ns, np.full_like(ghi, np.nan) if dhi is None else dhi)
-    diffuse = np.maximum(ghi - dni * np.maximum(sun[:, 2], 0.0), 0.0)
     targets = {name: LIGHT_K + value for name, value in planes.items()}
-    return TemperatureTable(
-        time_ns, LIGHT_K + ghi, targets, irradiance_w_m2=dni, diffuse_w_m2=diffuse if dhi is None else dhi
-    )
+    return TemperatureTable(time_ns, LIGHT_K + ghi, targets, ghi_w_m2=ghi, diffuse_w_m2=dhi)
 
 
 def _is_sunny(day: TemperatureTable, site: Site) -> bool:
     """Sunshine in half of the rows with the sun high enough."""
-    high = sun_vectors(day.time_ns, site)[:, 2] > np.sin(np.radians(EstimatorSettings().low_sun_deg))
-    light = day.irradiance_w_m2[high] if day.irradiance_w_m2 is not None else np.zeros(0)
+    sun = sun_vectors(day.time_ns, site)
+    high = sun[:, 2] > np.sin(np.radians(EstimatorSettings().low_sun_deg))
+    ghi, dhi = (np.asarray(column) for column in (day.ghi_w_m2, day.diffuse_w_m2))
+    light = direct_normal(OF_GHI, ghi, sun, day.time_ns, dhi)[high]
     return bool(light.size and np.mean(light > SUNSHINE_W_M2) >= 0.5)
 
 

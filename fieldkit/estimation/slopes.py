@@ -25,14 +25,16 @@ from numpy.typing import NDArray
 
 from fieldkit.estimation.balance import Rows, least_squares_rows
 from fieldkit.estimation.bins import History, RegionColumns
+from fieldkit.estimation.learned.budget import BudgetTerm
 from fieldkit.estimation.methods import Solution, kelvin_per_degree, solutions, sunlit
 from fieldkit.estimation.normal import Misfit, choose, cramer_rao, solve, tangents
 from fieldkit.estimation.region_temperatures import remove_offsets, shifted_temperatures
+from fieldkit.estimation.row_budget import row_budget
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region
 from fieldkit.model.slope import SOLVED, SlopeEstimate, SlopeState
-from fieldkit.physics.facet import FloatArray, tilt_azimuth
+from fieldkit.physics.facet import FloatArray, normal, tilt_azimuth
 from fieldkit.physics.horizon import MINUTE_EDGE_DEG, sunlit_share
 
 DISTURBED_WEIGHT = 0.01
@@ -74,6 +76,14 @@ def slopes(
         _held_shaded(history, columns, index, settings) if one.flags & Quality.SHADED else one
         for index, one in enumerate(estimates)
     )
+
+
+def budgets(
+    history: History, regions: Sequence[Region], settings: EstimatorSettings
+) -> dict[str, tuple[BudgetTerm, ...]]:
+    """Uncertainty budget of every target that has a slope at the last minute, by the full model."""
+    columns = RegionColumns(tuple(regions))
+    return Window(history, len(history), columns, settings).budgets()
 
 
 def _held_clouded(
@@ -163,6 +173,22 @@ class Window:
             nothing = (SlopeState.TOO_FEW, SlopeState.NO_DATA)
             found |= {index: one for index, one in later if one.state not in nothing}
         return list(found.values())
+
+    def budgets(self) -> dict[str, tuple[BudgetTerm, ...]]:
+        """The uncertainty budget of each target with a slope, by its name."""
+        found = self.estimates(range(self.columns.targets.size))
+        return {
+            one.region: row_budget(
+                self.rows,
+                index,
+                self._weights[:, index],
+                normal(one.tilt_deg, one.azimuth_deg),
+                self.past,
+                self.settings,
+            )
+            for index, one in enumerate(found)
+            if self.rows is not None and math.isfinite(one.tilt_deg)
+        }
 
     def _blank(self, index: int) -> tuple[SlopeEstimate, bool]:
         """The estimate of a target without a slope, and whether it can be solved."""
