@@ -244,7 +244,7 @@ def _heat_loss_per_kelvin(temperature_k: FloatArray, settings: EstimatorSettings
 
 
 @dataclass(frozen=True, slots=True)
-class _Light:
+class MinuteLight:
     """Light of each minute (n,): direct normal and diffuse horizontal in W/m2, NaN without sun.
 
     `cos_zenith` is that of the sun, `circumsolar` the share of diffuse light around it after Hay and Davies,
@@ -258,7 +258,8 @@ class _Light:
     sky_share: float
 
     @classmethod
-    def of(cls, history: History, settings: EstimatorSettings) -> _Light:
+    def of(cls, history: History, settings: EstimatorSettings) -> MinuteLight:
+        """The light of minute bins; diffuse light that was not measured is a share of the global."""
         cos_zenith = np.where(history.sun[:, 2] > 0.0, history.sun[:, 2], np.nan)
         beam = np.where(history.dni_w_m2 > 0.0, history.dni_w_m2, np.nan)
         clearness = beam / extraterrestrial(history.time_ns, BODIES[settings.body])
@@ -272,6 +273,7 @@ class _Light:
 
     @property
     def ghi(self) -> FloatArray:
+        """Global horizontal irradiance, W/m2."""
         return self.beam * self.cos_zenith + self.diffuse
 
 
@@ -279,7 +281,7 @@ def absorbed_light(
     history: History, reference_k: FloatArray, settings: EstimatorSettings
 ) -> tuple[FloatArray, FloatArray]:
     """Absorbed light along the sun vector (n,) and along the vertical (n,), W/m2; NaN without sun."""
-    surface, light = settings.surface, _Light.of(history, settings)
+    surface, light = settings.surface, MinuteLight.of(history, settings)
     absorptance = 1.0 - surface.albedo
     if settings.model == "paper":
         return absorptance * light.beam, np.zeros_like(light.beam)
@@ -304,7 +306,7 @@ def light_uncertainties(history: History, settings: EstimatorSettings) -> FloatA
     """
     if settings.model == "paper":
         return np.zeros((0, len(history), 4))
-    light = _Light.of(history, settings)
+    light = MinuteLight.of(history, settings)
     top = extraterrestrial(history.time_ns, BODIES[settings.body])
     around_sun, horizon = perez_brightening(light.diffuse, light.beam, top, light.cos_zenith)
     circumsolar_sd, brightening_sd, diffuse_sd, albedo_sd = light_sds(history, settings)

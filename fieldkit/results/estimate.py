@@ -126,7 +126,8 @@ def estimate_table(
     config = config_from_text(f"{text}elevation_m = {site.elevation_m}\n", path, settings=settings)
     if config.tables.estimator.azimuth == "known":
         raise ConfigError(f"{path}: a table has no known azimuths", fix="omit estimator.azimuth")
-    table, settings_used = read_table(path), config.estimator_settings()
+    settings_used = config.estimator_settings()
+    table = read_table(path, needs_reference=settings_used.reference == "region")
     for excess in possible(table, config.site, settings_used)[1]:
         notify(f"{path}: {excess.words(f'line {table.lines[excess.first]}')}; not used")
     return slopes_of_table(table, config.site, settings_used, reference_slope_deg=reference_slope_deg)
