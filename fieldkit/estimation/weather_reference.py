@@ -25,8 +25,10 @@ from fieldkit.physics.slab import surface_series
 NAME = "level surface by the weather"
 
 
-INPUTS = ("level gain", "level exchange", "longwave", "air")
+INPUTS = ("level gain", "level exchange", "longwave", "air", "level inertia", "level model")
 """What is uncertain of the level surface."""
+MODEL_SD_K = 1.83
+"""Root mean square that the paper found between its model of sand and measured temperatures (Fig. 12)."""
 EXACT: FloatArray = np.zeros(len(INPUTS))
 
 
@@ -69,24 +71,28 @@ def level_k(history: History, settings: EstimatorSettings, shifts: FloatArray = 
     settings
         Surface, layer and priors of its kind.
     shifts
-        By how many standard uncertainties each of `INPUTS` is off, (4,).
+        By how many standard uncertainties each of `INPUTS` is off, (6,).
     """
     if not np.isfinite(history.air_k).any():
         return np.full(len(history), np.nan)
     surface, prior, emissivity = settings.surface, settings.prior, settings.surface.emissivity_broadband
-    gain, exchange, longwave, air = shifts * (prior.gain_sd, prior.exchange_log_sd, 1.0, prior.air_sd_k)
+    sds = (prior.gain_sd, prior.exchange_log_sd, prior.longwave_sd_w_m2, prior.air_sd_k)
+    gain, exchange, longwave, air, inertia, model = shifts * (*sds, prior.inertia_log_sd, MODEL_SD_K)
+    # inertia is the root of conductivity times heat capacity
+    conductivity = settings.slab.conductivity_w_m_k * math.exp(2.0 * inertia)
+    slab = replace(settings.slab, conductivity_w_m_k=conductivity)
     air_k = _every_minute(history, history.air_k) + air
     if (is_measured := np.isfinite(history.longwave_down_w_m2)).any():
         down = _every_minute(history, np.where(is_measured, history.longwave_down_w_m2, np.nan))
     else:
-        down = clear_sky_longwave(air_k) + longwave * prior.longwave_sd_w_m2
+        down = clear_sky_longwave(air_k) + longwave
     absorbed = (
         (1.0 + gain) * (1.0 - surface.albedo) * _every_minute(history, _global_light(history, settings))
     )
     exchanged = np.full_like(air_k, surface.exchange_w_m2_k * math.exp(exchange))
     supplied = absorbed + emissivity * down
-    kelvin = surface_series((settings.slab,), air_k[0], MINUTE_S, supplied, exchanged, air_k, emissivity)
-    return kelvin[history.minute - history.minute[0]]
+    kelvin = surface_series((slab,), air_k[0], MINUTE_S, supplied, exchanged, air_k, emissivity)
+    return np.asarray(kelvin[history.minute - history.minute[0]] + model)
 
 
 def _global_light(history: History, settings: EstimatorSettings) -> FloatArray:
