@@ -78,7 +78,7 @@ def estimate(
     --------
     >>> estimates = fieldkit.estimate(session, model="full", albedo=0.25)
     >>> estimates["b15"]
-    <b15: tilt 15.8° (11.2 to 22.0), azimuth 181°, uncertain>
+    <b15: tilt 15.8° (10.6 to 31.1), azimuth 180°, uncertain>
     >>> estimates.to_frame()[["region", "tilt_deg", "state"]].round(1).tail(3)
                               region  tilt_deg      state
     time
