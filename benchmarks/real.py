@@ -4,12 +4,13 @@ Read from a `shared` folder beside the project where there is one. Settings foll
 alone and are the same for every day of a set; the days are chosen by the weather, never by the result.
 A day without a slope is refused: it counts in neither error nor coverage, and every row says how many.
 
-* `pv`: back of a photovoltaic module, 40 degrees to the south. A level module beside it is predicted from the
-  weather (`fieldkit.predict`); days are clear where satellite and clear sky agree within 5 %.
+* `pv`: back of a photovoltaic module, 40 degrees to the south, against a level one by the weather
+  (``estimator.reference = "weather"``); days are clear where satellite and clear sky agree within 5 %.
 * `twin`, `glob`: pyranometers in known planes on sunny days (sunshine as WMO-No. 8 defines it in half of
   the rows or more), as if they were surfaces: one watt per square metre warms by one
   kelvin, nothing is emitted or stored. What is left is the way from irradiance to the normal.
-* `flat`: a radiometer over level ground, against level ground predicted from its weather.
+* `wall`: the surface of the Twin Houses' west wall on the same days, against a level one by the weather.
+* `flat`: a radiometer over level ground, against level ground by its weather: the null test.
 * `landsat`, `zeelim`: thermal images over surface models (`benchmarks.one_image`).
 """
 
@@ -24,7 +25,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-import fieldkit
 from benchmarks.estimation_learned import SUNSHINE_W_M2
 from benchmarks.one_image import desert, ridges
 from benchmarks.result import Result
@@ -38,12 +38,10 @@ from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.slope import CERTAIN, SOLVED, SlopeEstimate
 from fieldkit.model.units import CELSIUS_ZERO_K, MINUTE_NS, SECOND_NS
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
-from fieldkit.physics.daylight import clear_sky_longwave
 from fieldkit.physics.facet import FloatArray, angle_between_deg, normal
 from fieldkit.physics.irradiance import IrradianceModel, direct_normal
-from fieldkit.physics.slab import Slab, surface_series
+from fieldkit.physics.slab import Slab
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.weather import Weather
 
 SHARED = Path(__file__).parents[1].parent / "shared" / "data"
 DAY_NS = 86_400 * SECOND_NS
@@ -59,6 +57,7 @@ TWIN_PLANES = {"south": 180.0, "east": 90.0, "west": 270.0, "north": 0.0}
 TWIN_GOALS = {"south": "<= 2", "east": "<= 9", "west": "<= 9", "north": ""}
 GLOB_SITE = Site(78.9227, 11.9273, 10.0)
 GLOB_PLANES = {"N": 0, "NE": 45, "E": 90, "SE": 135, "S": 180, "SW": 225, "W": 270, "NW": 315}
+OF_GHI = IrradianceModel(kind="pyranometer", diffuse="erbs")
 MOST_ALBEDO = 0.95
 LIGHT_K = 200.0
 """A dark pyranometer as a temperature."""
@@ -67,7 +66,7 @@ Truth = tuple[float, float]
 
 
 def run() -> list[Result]:
-    return [*_pv(), *_twin(), *_glob(), *_flat(), *_images()]
+    return [*_pv(), *_twin(), *_wall(), *_glob(), *_flat(), *_images()]
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,6 +133,7 @@ def of_light(**changes: object) -> EstimatorSettings:
     return replace(
         found,
         surface=surface,
+        irradiance=OF_GHI,
         slab=Slab(1e-6, 0.25, 1.0),
         tilt_limit_deg=90.0,
         scale_sd=EstimatorSettings().scale_sd,
@@ -168,7 +168,7 @@ def _days(table: TemperatureTable, longitude_deg: float) -> Iterator[Temperature
 
 
 def _rows(table: TemperatureTable, chosen: NDArray[np.bool_]) -> TemperatureTable:
-    names = ("irradiance_w_m2", "diffuse_w_m2", "air_k", "ghi_w_m2", "longwave_w_m2")
+    names = ("irradiance_w_m2", "diffuse_w_m2", "air_k", "ghi_w_m2", "longwave_w_m2", "wind_m_s")
     columns = {name: value[chosen] for name in names if (value := getattr(table, name)) is not None}
     targets = {name: value[chosen] for name, value in table.targets_k.items()}
     return TemperatureTable(table.time_ns[chosen], table.reference_k[chosen], targets, **columns)
@@ -187,8 +187,7 @@ def _pv() -> Iterator[Result]:
         return
     columns, settings, truth = _columns(path), settings_of("plate"), {"module": (40.0, 180.0)}
     days = [day for day in _days(_module(columns), PV_SITE.longitude_deg) if _is_clear(day, columns)]
-    beside = [_with_level_module(day, columns, settings) for day in days]
-    found = _found(beside, PV_SITE, settings, truth)
+    found = _found(days, PV_SITE, replace(settings, reference="weather"), truth)
     yield from Case(f"module of 40°, {len(days)} clear days", found, goal_covered=">= 85").rows()
     known = [_with_module_of(PV_K, day, columns) for day in days]
     found = _found(known, PV_SITE, _with_gain(PV_K, settings), truth)
@@ -231,18 +230,6 @@ def _is_clear(day: TemperatureTable, columns: Columns) -> bool:
     return bool(sunny.any() and np.mean(np.abs(ghi[sunny] / clear[sunny] - 1.0)) < 0.05)
 
 
-def _with_level_module(
-    day: TemperatureTable, columns: Columns, settings: EstimatorSettings
-) -> TemperatureTable:
-    """The day with the temperature of a level module as its kind would have it under the day's weather."""
-    air_k = _of(day, columns, "air_c") + CELSIUS_ZERO_K
-    light = (day.irradiance_w_m2, day.diffuse_w_m2)
-    still = np.zeros_like(air_k)
-    weather = Weather(day.time_ns, *light, clear_sky_longwave(air_k), air_k, still, PV_SITE)  # type: ignore[arg-type]
-    level = fieldkit.predict([(0.0, 180.0)], weather, settings=settings)
-    return replace(day, reference_k=np.interp(day.time_ns, level.time_ns, level.surface_k[:, 0]))
-
-
 def _twin() -> Iterator[Result]:
     path = SHARED / "real" / "twinhouse-o5-2013-aug-sep.csv"
     if not path.exists():
@@ -252,7 +239,7 @@ def _twin() -> Iterator[Result]:
     time_ns = columns["time_cet"].astype(np.int64) - 65 * MINUTE_NS  # the end of ten minutes, UTC+1
     ghi, dhi = columns["ghi_w_m2"], columns["dhi_w_m2"]
     planes = {name: columns[f"{name}_vertical_w_m2"] for name in TWIN_PLANES}
-    table = _pyranometers(time_ns, TWIN_SITE, ghi, planes, dhi)
+    table = _pyranometers(time_ns, ghi, planes, dhi)
     truths = {name: (90.0, azimuth) for name, azimuth in TWIN_PLANES.items()}
     for sky in ("hay-davies", "isotropic"):
         days = [day for day in _days(table, TWIN_SITE.longitude_deg) if _is_sunny(day, TWIN_SITE)]
@@ -260,6 +247,33 @@ def _twin() -> Iterator[Result]:
         for name, goal in TWIN_GOALS.items():
             mine = [one for one in found if one[0].region == name]
             yield from Case(f"vertical pyranometer facing {name}, {sky} sky", mine, goal).rows()
+
+
+def _wall() -> Iterator[Result]:
+    path = SHARED / "real" / "twinhouse-o5-2013-aug-sep.csv"
+    if not path.exists():
+        yield _missing("west wall", path)
+        return
+    columns = _columns(path)
+    table = TemperatureTable(
+        columns["time_cet"].astype(np.int64) - 65 * MINUTE_NS,
+        np.full_like(columns["air_c"], np.nan),
+        {"west wall": columns["west_wall_outside_c"] + CELSIUS_ZERO_K},
+        ghi_w_m2=columns["ghi_w_m2"],
+        diffuse_w_m2=columns["dhi_w_m2"],
+        longwave_w_m2=columns["longwave_down_w_m2"],
+        air_k=columns["air_c"] + CELSIUS_ZERO_K,
+        wind_m_s=columns["wind_m_s"],
+    )
+    days = [day for day in _days(table, TWIN_SITE.longitude_deg) if _is_sunny(day, TWIN_SITE)]
+    settings = settings_of("wall", reference="weather", irradiance=OF_GHI)
+    found = _found(days, TWIN_SITE, settings, {"west wall": (90.0, 270.0)})
+    yield from Case("west wall's surface", found, goal_covered=">= 80").rows()
+    known = [one for one, _ in found if one.state in SOLVED and "north–south" not in one.reason]
+    off = [abs((one.azimuth_deg - 90.0) % 360.0 - 180.0) for one in known]
+    undetermined = sum("north–south" in one.reason for one, _ in found)
+    note = f"{undetermined} with north–south undetermined"
+    yield Result("  error of its azimuth, median", _average(np.median, off), "deg", "<= 10", note)
 
 
 def _glob() -> Iterator[Result]:
@@ -271,7 +285,9 @@ def _glob() -> Iterator[Result]:
     time_ns, ghi = columns["time_utc"].astype(np.int64), columns["GHI"]
     planes = {f"{name}_45": columns[f"{name}_45"] for name in GLOB_PLANES}
     days = [
-        day for day in _days(_pyranometers(time_ns, GLOB_SITE, ghi, planes), 0.0) if _is_sunny(day, GLOB_SITE)
+        day
+        for day in _days(_pyranometers(time_ns, ghi, planes, np.full_like(ghi, np.nan)), 0.0)
+        if _is_sunny(day, GLOB_SITE)
     ]
     albedo = min(float(np.nansum(columns["GHI_ground"]) / np.nansum(ghi)), MOST_ALBEDO)
     truths = {f"{name}_45": (45.0, float(azimuth)) for name, azimuth in GLOB_PLANES.items()}
@@ -282,23 +298,19 @@ def _glob() -> Iterator[Result]:
 
 
 def _pyranometers(
-    time_ns: NDArray[np.int64], site: Site, ghi: FloatArray, planes: Columns, dhi: FloatArray | None = None
+    time_ns: NDArray[np.int64], ghi: FloatArray, planes: Columns, dhi: FloatArray
 ) -> TemperatureTable:
     """Pyranometers as surfaces beside a level one; without diffuse light it is that of Erbs et al. (1982)."""
-    sun = sun_vectors(time_ns, site)
-    model = IrradianceModel(kind="pyranometer", diffuse="erbs")
-    dni = direct_normal(model, ghi, sun, time_ns, np.full_like(ghi, np.nan) if dhi is None else dhi)
-    diffuse = np.maximum(ghi - dni * np.maximum(sun[:, 2], 0.0), 0.0)
     targets = {name: LIGHT_K + value for name, value in planes.items()}
-    return TemperatureTable(
-        time_ns, LIGHT_K + ghi, targets, irradiance_w_m2=dni, diffuse_w_m2=diffuse if dhi is None else dhi
-    )
+    return TemperatureTable(time_ns, LIGHT_K + ghi, targets, ghi_w_m2=ghi, diffuse_w_m2=dhi)
 
 
 def _is_sunny(day: TemperatureTable, site: Site) -> bool:
     """Sunshine in half of the rows with the sun high enough."""
-    high = sun_vectors(day.time_ns, site)[:, 2] > np.sin(np.radians(EstimatorSettings().low_sun_deg))
-    light = day.irradiance_w_m2[high] if day.irradiance_w_m2 is not None else np.zeros(0)
+    sun = sun_vectors(day.time_ns, site)
+    high = sun[:, 2] > np.sin(np.radians(EstimatorSettings().low_sun_deg))
+    ghi, dhi = (np.asarray(column) for column in (day.ghi_w_m2, day.diffuse_w_m2))
+    light = direct_normal(OF_GHI, ghi, sun, day.time_ns, dhi)[high]
     return bool(light.size and np.mean(light > SUNSHINE_W_M2) >= 0.5)
 
 
@@ -315,23 +327,24 @@ def _flat() -> Iterator[Result]:
     if not paths:
         yield _missing("level ground", SHARED / "real" / "flat-bp-rad.csv")
         return
-    settings = settings_of("soil")
+    settings = settings_of("soil", reference="weather")
     found = [
-        (SlopeChain(LEVEL, settings).at(day).slopes[0], (0.0, 0.0))
+        (SlopeChain([GROUND], settings).at(day).slopes[0], (0.0, 0.0))
         for path in paths
         for day in _ground_days(path, settings)
     ]
     yield from Case(f"level ground, {len(paths)} sites", found).rows()
+    held = sum(one.state in SOLVED and _covers(one, 0.0) for one, _ in found)
+    yield Result(f"  null test: days of {len(found)} that hold 0°", float(held), "", ">= 5")
 
 
-LEVEL = (
-    Region("level", RegionKind.REFERENCE, ((0.0, 0.0),), 0.0, 0.0),
-    Region("ground", RegionKind.TARGET, ((0.0, 0.0),)),
-)
+LEAST_SUNNY_MINUTES = 360
+"""Of a day with the sun high enough."""
+GROUND = Region("ground", RegionKind.TARGET, ((0.0, 0.0),))
 
 
 def _ground_days(path: Path, settings: EstimatorSettings) -> Iterator[History]:
-    """The sunny hours of each day, beside level ground as its kind would be under the measured weather.
+    """The minutes up to the end of each day's sunny hours.
 
     The record has no dates: the sun is its own, and its light above the atmosphere that of an equinox.
     """
@@ -343,33 +356,22 @@ def _ground_days(path: Path, settings: EstimatorSettings) -> Iterator[History]:
     dhi = columns["diffuse_share"] * ghi
     up = sun[:, 2] > np.sin(np.radians(settings.low_sun_deg))
     dni = np.where(up, (ghi - dhi) / np.where(up, sun[:, 2], 1.0), 0.0)
-    air_k = columns["air_c"] + CELSIUS_ZERO_K
     minute = np.datetime64("2022-03-21", "m").astype(np.int64) + np.arange(count)
     history = History(
         minute=minute,
         time_ns=minute * MINUTE_NS,
         sun=sun,
-        temperature_k=np.column_stack([_level_k(columns, settings, air_k), columns[ground] + CELSIUS_ZERO_K]),
+        temperature_k=columns[ground][:, np.newaxis] + CELSIUS_ZERO_K,
         dni_w_m2=dni,
         dhi_w_m2=dhi,
         longwave_down_w_m2=columns["longwave_down_w_m2"],
         flags=np.zeros(count, np.int64),
-        region_flags=np.zeros((count, 2), np.int64),
-        air_k=air_k,
+        region_flags=np.zeros((count, 1), np.int64),
+        air_k=columns["air_c"] + CELSIUS_ZERO_K,
         wind_m_s=columns["wind_m_s"],
     )
-    ends = np.flatnonzero(up & ~np.append(up[1:], False)) + 1
-    yield from (history.until(int(end)) for end in ends)
-
-
-def _level_k(columns: Columns, settings: EstimatorSettings, air_k: FloatArray) -> FloatArray:
-    surface = settings.surface
-    absorbed = (1.0 - surface.albedo) * columns["shortwave_down_w_m2"]
-    absorbed = absorbed + surface.emissivity_broadband * columns["longwave_down_w_m2"]
-    exchange = np.full_like(air_k, settings.prior.exchange_w_m2_k)
-    return surface_series(
-        (settings.slab,), float(air_k[0]), 60.0, absorbed, exchange, air_k, surface.emissivity_broadband
-    )
+    edges = np.flatnonzero(np.diff(up, prepend=False, append=False)).reshape(-1, 2)
+    yield from (history.until(int(end)) for first, end in edges if end - first >= LEAST_SUNNY_MINUTES)
 
 
 def _images() -> Iterator[Result]:

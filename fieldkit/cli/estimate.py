@@ -65,7 +65,8 @@ def command(
 
     A single table FILE.csv with --site works as well: columns time (ISO 8601 with its zone), reference_k,
     one NAME_k for each target (or _c), irradiance_w_m2 (direct normal), ghi_w_m2 (global horizontal) or
-    illuminance_lx; air_k (or _c), wind_m_s and flags if any. One row gives the component along the sun.
+    illuminance_lx; air_k (or _c), wind_m_s and flags if any. One row gives the component along the sun. With
+    --set estimator.reference=weather reference_k is not needed.
 
     With -o all of them go into one table, BASE.csv (and BASE.parquet with fieldkit[lab]), and BASE.json
     records what made it: code, parameters, checksums of the sessions, command line.

@@ -281,7 +281,8 @@ def _shared_probes(document: Mapping[str, Any]) -> Iterator[Mistake]:
 
 def _reference(document: Mapping[str, Any]) -> Iterator[Mistake]:
     regions = _regions(document)
-    if regions and not any(region.get("kind") == "reference" for _, region in regions):
+    is_needed = _table(document, "estimator").get("reference") != "weather"
+    if is_needed and regions and not any(region.get("kind") == "reference" for _, region in regions):
         yield Mistake(("region",), 'no reference among the regions; give the flat one kind = "reference"')
 
 

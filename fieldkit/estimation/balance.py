@@ -18,6 +18,7 @@ Temperatures in kelvin, heat fluxes in W/m2, minute bins in rows, regions in col
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -29,7 +30,11 @@ from fieldkit.estimation.bins import History, RegionColumns
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.physics.bodies import BODIES
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
-from fieldkit.physics.daylight import extraterrestrial
+from fieldkit.physics.daylight import (
+    diffuse_fraction_of_beam,
+    extraterrestrial,
+    perez_brightening,
+)
 from fieldkit.physics.facet import VERTICAL, FloatArray
 from fieldkit.physics.slab import Slab, conducted_flux
 
@@ -37,6 +42,10 @@ MINUTE_S = 60.0
 SMOOTHED_MINUTES = 5
 UNSTEADY = 0.1
 """Relative change of DNI from minute to minute that doubles the variance of a row."""
+GROUND_ALBEDO_SD = 0.10
+"""Of an assumed albedo: bare ground lies evenly between 0.05 and 0.40 (Oke 1987, table 1.1)."""
+LIGHT = ("circumsolar", "brightening", "diffuse", "ground albedo")
+"""Uncertain properties of the light, for the full model."""
 # least-squares parabola through five minutes: row i gives the smoothed value at the i-th of them
 _PARABOLAS = np.vander(np.arange(SMOOTHED_MINUTES) - SMOOTHED_MINUTES // 2, 3).astype(np.float64)
 _SMOOTHER: FloatArray = _PARABOLAS @ np.linalg.pinv(_PARABOLAS)
@@ -70,6 +79,9 @@ class Rows:
     shade
         Largest y of a facet that faces away from the sun, of any tilt, under any sky from an even one
         to that of Hay and Davies, (n,). [-]
+    light
+        Change of the design for one standard uncertainty of each property of the light, (q, n, 4): along
+        east, north and up, and per sine of the tilt; for the full model `LIGHT`, else none. [-]
     """
 
     design: FloatArray
@@ -81,6 +93,28 @@ class Rows:
     reference: FloatArray
     sun: FloatArray
     shade: FloatArray
+    light: FloatArray
+
+    def light_near(self, slopes: FloatArray) -> FloatArray:
+        """Light's change as `light` for each target, but with the sine of its slope, (q, 4, m, n).
+
+        A slope's effect is linear in ``(normal - reference, 1)`` then.
+        """
+        light = np.nan_to_num(np.moveaxis(self.light, 2, 1))[:, :, np.newaxis]
+        sine = np.hypot(*slopes.T[:2]) - np.hypot(*self.reference[:2])
+        size = np.stack([*np.ones((3, sine.size)), sine])
+        return np.asarray(light * size[..., np.newaxis])
+
+    def light_effects(self, slopes: FloatArray) -> FloatArray:
+        """Change of `y` for one standard uncertainty of each property of the light, (q, m, n).
+
+        Parameters
+        ----------
+        slopes
+            Of the targets, unit normals (m, 3): a level one receives what a level reference does.
+        """
+        away = np.stack([*(slopes - self.reference).T, np.ones(len(slopes))])
+        return np.asarray(np.sum(self.light_near(slopes) * away[..., np.newaxis], axis=1))
 
 
 def least_squares_rows(
@@ -155,6 +189,7 @@ def least_squares_rows(
         reference=reference,
         sun=history.sun[window],
         shade=shade[window],
+        light=(light_uncertainties(history, settings) / scale)[:, window],
     )
 
 
@@ -210,33 +245,104 @@ def _heat_loss_per_kelvin(temperature_k: FloatArray, settings: EstimatorSettings
     return np.asarray(emitted + surface.exchange_w_m2_k)
 
 
+@dataclass(frozen=True, slots=True)
+class MinuteLight:
+    """Light of each minute (n,): direct normal and diffuse horizontal in W/m2, NaN without sun.
+
+    `cos_zenith` is that of the sun, `circumsolar` the share of diffuse light around it after Hay and Davies,
+    of which the configured sky has `sky_share`.
+    """
+
+    beam: FloatArray
+    diffuse: FloatArray
+    cos_zenith: FloatArray
+    circumsolar: FloatArray
+    sky_share: float
+
+    @classmethod
+    def of(cls, history: History, settings: EstimatorSettings) -> MinuteLight:
+        """The light of minute bins; diffuse light that was not measured is a share of the global."""
+        cos_zenith = np.where(history.sun[:, 2] > 0.0, history.sun[:, 2], np.nan)
+        beam = np.where(history.dni_w_m2 > 0.0, history.dni_w_m2, np.nan)
+        clearness = beam / extraterrestrial(history.time_ns, BODIES[settings.body])
+        share = np.full_like(beam, settings.diffuse_fraction)
+        if settings.irradiance.diffuse == "erbs":
+            share = diffuse_fraction_of_beam(clearness)
+        assumed = share / (1.0 - share) * beam * cos_zenith
+        diffuse = np.where(np.isnan(history.dhi_w_m2), assumed, history.dhi_w_m2)
+        sky_share = 1.0 if settings.sky == "hay-davies" else 0.0
+        return cls(beam, diffuse, cos_zenith, np.clip(clearness, 0.0, 1.0), sky_share)
+
+    @property
+    def ghi(self) -> FloatArray:
+        """Global horizontal irradiance, W/m2."""
+        return self.beam * self.cos_zenith + self.diffuse
+
+
 def absorbed_light(
     history: History, reference_k: FloatArray, settings: EstimatorSettings
 ) -> tuple[FloatArray, FloatArray]:
     """Absorbed light along the sun vector (n,) and along the vertical (n,), W/m2; NaN without sun."""
-    surface = settings.surface
-    cos_zenith = np.where(history.sun[:, 2] > 0.0, history.sun[:, 2], np.nan)
-    beam = np.where(history.dni_w_m2 > 0.0, history.dni_w_m2, np.nan)
+    surface, light = settings.surface, MinuteLight.of(history, settings)
     absorptance = 1.0 - surface.albedo
     if settings.model == "paper":
-        return absorptance * beam, np.zeros_like(beam)
-    assumed = settings.diffuse_fraction / (1.0 - settings.diffuse_fraction) * beam * cos_zenith
-    diffuse = np.where(np.isnan(history.dhi_w_m2), assumed, history.dhi_w_m2)
-    global_light = beam * cos_zenith + diffuse
-    circumsolar = np.zeros_like(beam)
-    if settings.sky == "hay-davies":
-        circumsolar = np.clip(beam / extraterrestrial(history.time_ns, BODIES[settings.body]), 0.0, 1.0)
+        return absorptance * light.beam, np.zeros_like(light.beam)
+    circumsolar = light.sky_share * light.circumsolar
     measured = history.longwave_down_w_m2
     longwave = np.where(np.isnan(measured), settings.longwave_down_w_m2, measured)
     emissivity = surface.emissivity_broadband
     # the ground around is taken to be as warm as the reference
     ground_longwave = emissivity * STEFAN_BOLTZMANN * reference_k**4 + (1.0 - emissivity) * longwave
     # of the view factors (1 + n_z) / 2 and (1 - n_z) / 2 only n_z differs from the reference
-    light = absorptance * (diffuse * (1.0 - circumsolar) - settings.ground_albedo * global_light) / 2.0
+    level = absorptance * (light.diffuse * (1.0 - circumsolar) - settings.ground_albedo * light.ghi) / 2.0
     return (
-        absorptance * (beam + diffuse * circumsolar / cos_zenith),
-        light - emissivity * (ground_longwave - longwave) / 2.0,
+        absorptance * (light.beam + light.diffuse * circumsolar / light.cos_zenith),
+        level - emissivity * (ground_longwave - longwave) / 2.0,
     )
+
+
+def light_uncertainties(history: History, settings: EstimatorSettings) -> FloatArray:
+    """Change of absorbed light for one standard uncertainty of each of `LIGHT`, (q, n, 4), W/m2.
+
+    As `Rows.light`. The paper's model has none: its scale includes what it omits.
+    """
+    if settings.model == "paper":
+        return np.zeros((0, len(history), 4))
+    light = MinuteLight.of(history, settings)
+    top = extraterrestrial(history.time_ns, BODIES[settings.body])
+    around_sun, horizon = perez_brightening(light.diffuse, light.beam, top, light.cos_zenith)
+    circumsolar_sd, brightening_sd, diffuse_sd, albedo_sd = light_sds(history, settings)
+    sun, even = history.sun / light.cos_zenith[:, np.newaxis], VERTICAL / 2.0
+    uneven = sun - even
+    more_sky = even + (light.sky_share * light.circumsolar)[:, np.newaxis] * uneven
+    # direct light that is the rest of the global decreases by as much
+    rest = settings.ground_albedo * even if settings.irradiance.is_direct else sun
+    changes = [
+        _change(circumsolar_sd * light.diffuse * light.circumsolar, uneven),
+        _change(brightening_sd * light.diffuse * (around_sun - light.circumsolar), uneven)
+        + _change(brightening_sd * light.diffuse * horizon, 0.0 * uneven, 1.0),
+        _change(diffuse_sd * light.diffuse, more_sky - rest),
+        _change(-albedo_sd * light.ghi, even),
+    ]
+    return np.asarray((1.0 - settings.surface.albedo) * np.stack(changes))
+
+
+def light_sds(history: History, settings: EstimatorSettings) -> tuple[float, float, float, float]:
+    """Standard uncertainties of `LIGHT`: the sky's by the prior and its distance from the configured one."""
+    prior, circumsolar = settings.prior, 1.0 if settings.sky == "hay-davies" else 0.0
+    is_measured = bool(np.isfinite(history.dhi_w_m2).any())
+    return (
+        math.hypot(prior.circumsolar_sd, circumsolar - prior.circumsolar_share),
+        math.hypot(prior.brightening_sd, prior.brightening_share),
+        prior.diffuse_sd if is_measured else prior.diffuse_unmeasured_sd,
+        GROUND_ALBEDO_SD,
+    )
+
+
+def _change(w_m2: FloatArray, direction: FloatArray, sine: float = 0.0) -> FloatArray:
+    """Light (n,) along a direction (n, 3) or (3,) and per sine of the tilt, (n, 4)."""
+    along = np.broadcast_to(direction, (w_m2.size, 3))
+    return np.asarray(w_m2[:, np.newaxis] * np.column_stack([along, np.full(w_m2.size, sine)]))
 
 
 def _trend(values: FloatArray, first: int) -> FloatArray:

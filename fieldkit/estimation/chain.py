@@ -89,7 +89,8 @@ class SlopeChain:
     def at(self, history: History) -> Estimated:
         """Slopes at the last minute; the history must begin with the minutes given before."""
         minute, history = int(history.minute[-1]) if len(history) else 0, history.in_place()
-        found = self._learned(history) if self._settings.model == "learned" else None
+        learns = self._settings.model == "learned" and self._settings.reference == "region"
+        found = self._learned(history) if learns else None
         active = self.schedule.at(minute)
         regions = [self.schedule.columns[column] for column in active]
         if found is None:

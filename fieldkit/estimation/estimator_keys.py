@@ -44,6 +44,11 @@ class EstimatorKeys:
         "learned: finds sand, air and sky from the data; paper: eq. (6), direct light only; "
         "full: with diffuse light, longwave and stored heat as configured",
     )
+    reference: Literal["region", "weather"] = key(
+        "region",
+        "weather: an experiment, a level surface computed from light and air, with paper and full; "
+        "region: those of known slope",
+    )
     window_s: Seconds | Literal["weather"] = key(
         "weather",
         'length of the window, for paper and full; "weather": as long as one slope explains the '

@@ -13,8 +13,9 @@ to the mean sun, and the rotation about the mean sun.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,12 +60,6 @@ class Grid:
             around + (self.height[..., np.newaxis] * self.axes[:, np.newaxis, :, 2])[:, :, np.newaxis]
         )
 
-    def linear(self, b: FloatArray) -> FloatArray:
-        """``n . b`` (m, k, l) for vectors (m, 3)."""
-        along = _dot(self.ring, b[:, np.newaxis])
-        up = self.height * _dot(self.axes[:, :, 2], b)[:, np.newaxis]
-        return _products((self.level, along), (up, np.ones_like(along)))
-
     def quadratic(self, H: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
         """``n'Hn - 2 b'n + c`` (m, k, l), for matrices (m, 3, 3), vectors (m, 3) and numbers (m,)."""
         ring, pole, height, level = self.ring, self.axes[:, :, 2], self.height, self.level
@@ -94,59 +89,73 @@ OnGrid = Callable[[Grid], FloatArray]
 """Misfits (m, k, l) of the normals of a grid."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class ProfileMisfit:
-    """Misfit of normals with the scale profiled out, whose standard uncertainty is `scale_sd`.
+    """Misfit of normals with the scale and what is uncertain of the light profiled out.
 
-    `misfit`, of one slope or many, already includes the additive effects (`with_systematics`); `reference`
-    (3,) is the normal that differences refer to.
+    The effects of these are linear in ``(n - reference, 1)`` and so depend on the slope. `gram`, of one slope
+    or many, sums the weighted products of the rows' columns (..., 4 + 4 q, 4 + 4 q), the additive effects
+    already profiled out: design (3), cosine, then the four of each property of the light. `reference` (3,) is
+    the normal that differences refer to, `scale_sd` the standard uncertainty of the scale.
     """
 
-    misfit: Misfit
+    gram: FloatArray
     reference: FloatArray
     scale_sd: float
 
+    @classmethod
+    def of(cls, misfit: Misfit, reference: FloatArray, scale_sd: float) -> ProfileMisfit:
+        """With a light that is certain; `misfit` already includes the additive effects."""
+        b, c = misfit.b[..., np.newaxis], np.asarray(misfit.c)[..., np.newaxis, np.newaxis]
+        H = np.broadcast_to(misfit.H, (*b.shape[:-1], 3))
+        return cls(np.block([[H, b], [np.swapaxes(b, -1, -2), c]]), reference, scale_sd)
+
     def __call__(self, normals: FloatArray) -> FloatArray:
-        """Misfit of normals (..., 3) at the best scale for each, with the penalty of that scale."""
-        if self.scale_sd <= 0.0:
-            return self.misfit(normals)
-        away = normals - self.reference
-        turned = (away[..., np.newaxis, :] @ self.misfit.H)[..., 0, :]
-        weight = 1.0 / self.scale_sd**2
-        gradient = np.sum(away * self._pull, axis=-1) + weight
-        return self._at_best_scale(np.sum(turned * away, axis=-1), gradient, self.misfit(self.reference))
+        """Misfit of normals (..., 3) at the best scale and light for each, with their penalties."""
+        return self._profiled(lambda form: form(normals))
 
     def on_grid(self, grid: Grid) -> FloatArray:
         """The same of the normals of a grid, for many slopes."""
-        H, b, c = self.misfit.H, self.misfit.b, self.misfit.c
-        if self.scale_sd <= 0.0:
-            return grid.quadratic(H, b, c)
-        weight, towards = 1.0 / self.scale_sd**2, self.reference @ H
-        curvature = grid.quadratic(H, towards, towards @ self.reference)
-        gradient = grid.linear(self._pull) + (weight - self._pull @ self.reference)[:, np.newaxis, np.newaxis]
-        at_reference = self.misfit(self.reference)[:, np.newaxis, np.newaxis]
-        return self._at_best_scale(curvature, gradient, at_reference)
+        return self._profiled(lambda form: grid.quadratic(form.H, form.b, form.c))
 
-    @property
-    def _pull(self) -> FloatArray:
-        return np.asarray(self.misfit.b - self.reference @ self.misfit.H)
+    def _profiled(self, value: Callable[[Misfit], FloatArray]) -> FloatArray:
+        """Products of the residual (0) and the effects (1 ...), each of which is eliminated in turn."""
+        products = {place: value(form) for place, form in self._forms.items()}
+        for effect in range(len(self._columns) - 1, 0, -1):
+            price = products[effect, effect] + 1.0  # in units of its own uncertainty
+            for one, other in products:
+                if one <= other < effect:
+                    shared = products[one, effect] * products[other, effect]
+                    products[one, other] = products[one, other] - shared / price
+        return np.asarray(products[0, 0])
 
-    def _at_best_scale(
-        self, curvature: FloatArray, gradient: FloatArray, at_reference: FloatArray
-    ) -> FloatArray:
-        # least over k of q(reference) - 2 k away.pull + k**2 away'H away + (k - 1)**2 / sd**2
-        weight = 1.0 / self.scale_sd**2
-        return np.asarray(at_reference + weight - gradient**2 / (curvature + weight))
+    @cached_property
+    def _forms(self) -> dict[tuple[int, int], Misfit]:
+        """Products of residual and effects, as quadratic forms of the normal."""
+        columns = self._columns
+        return {
+            (one, other): self._form(columns[one].T @ self.gram @ columns[other])
+            for one in range(len(columns))
+            for other in range(one, len(columns))
+        }
 
-    def linearised(self, at: FloatArray) -> FloatArray:
-        """Information matrix (..., 3, 3) near one normal of each slope (..., 3), after the scale's part."""
-        if self.scale_sd <= 0.0:
-            return self.misfit.H
-        away = at - self.reference
-        spread = np.asarray((away[..., np.newaxis, :] @ self.misfit.H)[..., 0, :])
-        curvature = np.sum(away * spread, axis=-1) + 1.0 / self.scale_sd**2
-        part = spread[..., :, np.newaxis] * spread[..., np.newaxis, :]
-        return np.asarray(self.misfit.H - part / curvature[..., np.newaxis, np.newaxis])
+    @cached_property
+    def _columns(self) -> list[FloatArray]:
+        """Residual and effects, by ``(n - reference, 1)``, as combinations (4 + 4 q, 4) of the columns."""
+        light = np.split(np.eye(self.gram.shape[-1]), self.gram.shape[-1] // 4, axis=1)
+        residual, scale = light[0].copy(), self.scale_sd * light[0]
+        residual[:3, 3] = -self.reference
+        residual[:3, :3] *= -1.0
+        scale[3, 3] = 0.0
+        return [residual, *([scale] if self.scale_sd > 0.0 else []), *light[1:]]
+
+    def _form(self, product: FloatArray) -> Misfit:
+        """The quadratic form of (n - reference, 1), (..., 4, 4), as one of n."""
+        product = (product + np.swapaxes(product, -1, -2)) / 2.0
+        H, b, c = product[..., :3, :3], product[..., :3, 3], product[..., 3, 3]
+        pulled = H @ self.reference
+        whole = c + (pulled - 2.0 * b) @ self.reference
+        return Misfit(H, pulled - b, whole, np.ones(whole.shape, np.int64))
 
 
 def with_systematics(
@@ -157,7 +166,7 @@ def with_systematics(
     Parameters
     ----------
     design
-        Design vectors, shape (n, 3). [-]
+        Design vectors, shape (n, 3), or (m, n, 3) for m slopes with their own. [-]
     y
         Measured cosines of incidence, (n,), or (m, n) for m slopes. [-]
     weights
@@ -165,12 +174,17 @@ def with_systematics(
     systematics
         Change of `y` for one standard uncertainty of each effect, (p, ...); zeros change nothing. [-]
     """
-    table = np.stack([*np.broadcast_arrays(*design.T, y), *systematics], axis=-1)
-    gram = np.swapaxes(table * weights[..., np.newaxis], -1, -2) @ table
-    priors = np.eye(len(systematics))  # every effect is in units of its own uncertainty
-    inner, outer = gram[..., 4:, 4:] + priors, gram[..., 4:, :4]
-    gram = gram[..., :4, :4] - gram[..., :4, 4:] @ np.linalg.solve(inner, outer)
+    gram = profiled_gram([*np.moveaxis(design, -1, 0), y], weights, systematics)
     return Misfit(gram[..., :3, :3], gram[..., :3, 3], gram[..., 3, 3], np.count_nonzero(weights, axis=-1))
+
+
+def profiled_gram(columns: Sequence[FloatArray], weights: FloatArray, systematics: FloatArray) -> FloatArray:
+    """Weighted products of columns, (..., k, k), with additive effects profiled out as above."""
+    table = np.stack([*np.broadcast_arrays(*columns), *systematics], axis=-1)
+    gram, count = np.swapaxes(table * weights[..., np.newaxis], -1, -2) @ table, len(columns)
+    priors = np.eye(len(systematics))  # every effect is in units of its own uncertainty
+    inner, outer = gram[..., count:, count:] + priors, gram[..., count:, :count]
+    return np.asarray(gram[..., :count, :count] - gram[..., :count, count:] @ np.linalg.solve(inner, outer))
 
 
 @dataclass(frozen=True, slots=True)
@@ -316,7 +330,14 @@ def regions(
     owner = np.concatenate([slope, np.arange(len(best))])
     order = np.argsort(owner, kind="stable")
     every = np.concatenate([normals, best])[order]
-    return project(every, np.searchsorted(owner[order], np.arange(len(best))), best, is_flat, tilt_limit_deg)
+    starts = np.searchsorted(owner[order], np.arange(len(best)))
+    projected = project(every, starts, best, is_flat, tilt_limit_deg)
+    # a region that goes on beyond the limit ends there, not at the last cell before
+    beyond = np.isin(np.arange(len(best)), slope[tilt_azimuth(normals)[0] > tilt_limit_deg])
+    return [
+        replace(one, tilt_high_deg=tilt_limit_deg) if cut and np.isfinite(one.tilt_high_deg) else one
+        for one, cut in zip(projected, beyond, strict=True)
+    ]
 
 
 def _near(vertical: FloatArray, best: FloatArray, normals: FloatArray) -> bool:

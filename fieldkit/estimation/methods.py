@@ -28,6 +28,7 @@ from fieldkit.estimation.likelihood import (
     LikelihoodRegion,
     ProfileMisfit,
     posterior,
+    profiled_gram,
     regions,
     regions_known_azimuth,
     with_systematics,
@@ -37,13 +38,15 @@ from fieldkit.estimation.settings import PAPER_SCALE_SD, EstimatorSettings
 from fieldkit.model.confidence import misfit_drop, percent
 from fieldkit.model.site import Region
 from fieldkit.model.slope import SlopeState, is_too_wide
-from fieldkit.physics.facet import FloatArray, normal, tilt_azimuth
+from fieldkit.physics.facet import FloatArray, angle_between_deg, normal, tilt_azimuth
 
 ALARM_PROBABILITY = 0.01
 """Probability that chi-square rejects a good window."""
 MIN_DIFFERENCES = 8
 SHADE_SIGMAS = 2.0
 SHADE_ROUNDS = 10
+SETTLED_DEG = 0.01
+"""Move of a slope in a round below which what is uncertain of the light on it no longer changes."""
 NOWHERE = LikelihoodRegion(*(float("nan"),) * 4, vertical=False)
 
 
@@ -96,7 +99,8 @@ def solutions(
         if places.size:
             along = azimuths[places] if is_known[places[0]] else None
             columns = np.asarray(indices)[places]
-            problem = _Problem(rows, columns, weights[places], along, settings)
+            level = np.broadcast_to(rows.reference, (places.size, 3))
+            problem = _Problem(rows, columns, weights[places], along, settings, level)
             found |= dict(zip(places.tolist(), _solved(problem), strict=True))
     return [found[place] for place in range(len(beds))]
 
@@ -113,15 +117,15 @@ def _of_sunlit_rows(problem: _Problem) -> tuple[_Problem, _Fit, NDArray[np.bool_
     Whether a row is in the facet's own shade depends on its slope, which depends on the rows: they are chosen
     anew until the choice stands. If fewer than an estimate needs remain, all are kept.
     """
-    given, fit = problem.weights, _least_squares(problem)
+    given, fit = problem, _least_squares(problem)
     for _ in range(SHADE_ROUNDS):
-        lit = (given > 0.0) & (fit.best @ problem.rows.sun.T >= LOWEST_COS_INCIDENCE)
+        lit = given.used & (fit.best @ problem.rows.sun.T >= LOWEST_COS_INCIDENCE)
         is_enough = lit.sum(axis=1) >= problem.fewest
-        weights = np.where(is_enough[:, np.newaxis] & ~lit, 0.0, given)
-        stands = is_enough & (weights == problem.weights).all(axis=1)
-        if (weights == problem.weights).all():
+        lit = np.where(is_enough[:, np.newaxis], lit, given.used)
+        stands = is_enough & (lit == problem.used).all(axis=1)
+        if (lit == problem.used).all() and problem.is_of(fit.best):
             break
-        problem = replace(problem, weights=weights)
+        problem = given.of(fit.best, lit)
         fit = _least_squares(problem)
     return problem, fit, stands
 
@@ -175,12 +179,29 @@ class _Problem:
     weights: FloatArray
     azimuth_deg: FloatArray | None
     settings: EstimatorSettings
+    slopes: FloatArray
+
+    def of(self, slopes: FloatArray, lit: NDArray[np.bool_]) -> _Problem:
+        """The rows that are lit, as certain as the light on these slopes is."""
+        passing = np.sum(self.rows.light_effects(slopes) ** 2, axis=0)
+        weights = np.where(lit, self.weights / (1.0 + self.weights * passing), 0.0)
+        return replace(self, weights=weights, slopes=slopes)
+
+    def is_of(self, slopes: FloatArray) -> bool:
+        """True if these slopes are those that the light falls on, or if it is certain."""
+        return not self.rows.light.size or bool(angle_between_deg(slopes, self.slopes).max() < SETTLED_DEG)
 
     def only(self, place: int) -> _Problem:
         """One of the targets."""
         one = slice(place, place + 1)
         azimuth = None if self.azimuth_deg is None else self.azimuth_deg[one]
-        return replace(self, indices=self.indices[one], weights=self.weights[one], azimuth_deg=azimuth)
+        return replace(
+            self,
+            indices=self.indices[one],
+            weights=self.weights[one],
+            azimuth_deg=azimuth,
+            slopes=self.slopes[one],
+        )
 
     @cached_property
     def used(self) -> NDArray[np.bool_]:
@@ -199,18 +220,35 @@ class _Problem:
 
     @cached_property
     def misfit(self) -> Misfit:
-        """Noise alone."""
+        """Noise alone, with what passes of the light's uncertainty."""
         return Misfit.of_rows(self.design, self.y, self.weights)
 
     @cached_property
     def profile_misfit(self) -> ProfileMisfit:
         """Noise and the stated systematic uncertainties."""
         settings = self.settings
-        systematics = np.where(self.used, np.swapaxes(self.rows.systematics, 1, 2)[:, self.indices], 0.0)
-        summed = with_systematics(self.design, self.y, self.weights, systematics)
         neglected = PAPER_SCALE_SD if settings.model == "paper" else 0.0
         scale_sd = math.hypot(settings.scale_sd, settings.factor_sd, neglected)
-        return ProfileMisfit(summed, self.rows.reference, scale_sd)
+        light = self.rows.light_near(self.slopes)
+        columns = [*self.design.T, self.y, *light.reshape(-1, *self.y.shape)]
+        return ProfileMisfit(
+            profiled_gram(columns, self.weights, self.systematics), self.rows.reference, scale_sd
+        )
+
+    @cached_property
+    def systematics(self) -> FloatArray:
+        """Effects that do not depend on the slope, (p, m, n)."""
+        return np.where(self.used, np.swapaxes(self.rows.systematics, 1, 2)[:, self.indices], 0.0)
+
+    def information(self, best: FloatArray) -> FloatArray:
+        """Information (m, 3, 3) about normals near the best ones, after the part of every uncertainty."""
+        away = self.profile_misfit.scale_sd * (best - self.rows.reference) @ self.design.T
+        every = [self.systematics, self.light_effects(best), away[np.newaxis]]
+        return with_systematics(self.design, self.y, self.weights, np.concatenate(every)).H
+
+    def light_effects(self, slopes: FloatArray) -> FloatArray:
+        """What is uncertain of the light on slopes (m, 3), (q, m, n)."""
+        return np.where(self.used, self.rows.light_effects(slopes), 0.0)
 
     @cached_property
     def freedom(self) -> NDArray[np.int64]:
@@ -236,7 +274,7 @@ class _Fit:
     other: FloatArray
     misfit: FloatArray
     other_misfit: FloatArray
-    steeper_misfit: FloatArray  # of the better branch if both exceed the limit; else that of best
+    steeper: FloatArray  # the better branch if both exceed the limit; else best
 
 
 def _least_squares(problem: _Problem) -> _Fit:
@@ -244,10 +282,10 @@ def _least_squares(problem: _Problem) -> _Fit:
     if problem.azimuth_deg is not None:
         return _along_azimuth(misfit, problem.azimuth_deg, limit, problem.drop)
     branches = solve(misfit)
-    choice = choose(misfit, branches, limit)
+    choice = choose(misfit, branches, limit, at_limit=bool(problem.rows.light.size))
     is_single = np.isnan(choice.other).any(axis=1)
-    least = np.minimum(branches.first_misfit, choice.misfit)
-    steeper = np.where(is_single, least, choice.misfit)
+    is_steeper = is_single & (branches.first_misfit < choice.misfit)
+    steeper = np.where(is_steeper[:, np.newaxis], branches.first, choice.best)
     return _Fit(choice.best, choice.other, choice.misfit, choice.other_misfit, steeper)
 
 
@@ -260,7 +298,7 @@ def _along_azimuth(misfit: Misfit, azimuth_deg: FloatArray, limit: float, drop: 
     swapped = swap[:, np.newaxis]
     best, second = np.where(swapped, second, best), np.where(swapped, best, second)
     value, second_value = np.where(swap, second_value, value), np.where(swap, value, second_value)
-    return _Fit(best, second, value, second_value, value)
+    return _Fit(best, second, value, second_value, best)
 
 
 def _scored(problem: _Problem) -> tuple[FloatArray | None, str]:
@@ -306,10 +344,12 @@ def _judged(problem: _Problem, fit: _Fit, best: FloatArray) -> list[Solution]:
     inflation = np.where(chi_square > alarm, chi_square, 1.0)
     widened = replace(problem, weights=problem.weights / inflation[:, np.newaxis])
     profiled = widened.profile_misfit
-    noise_alone = ProfileMisfit(widened.misfit, profiled.reference, 0.0)
-    noise, whole = _regions(problem, noise_alone, best), _regions(problem, profiled, best)
+    noise_alone = ProfileMisfit.of(widened.misfit, profiled.reference, 0.0)
+    noise = _regions(problem, noise_alone, widened.misfit.H, best)
+    whole = _regions(problem, profiled, widened.information(best), best)
     is_second = fit.other_misfit - fit.misfit < problem.drop * inflation
-    is_too_steep = fit.misfit - fit.steeper_misfit > problem.drop
+    likelihood = profiled if problem.rows.light.size else problem.misfit
+    is_too_steep = likelihood(fit.best) - likelihood(fit.steeper) > problem.drop
     limit = problem.settings.tilt_limit_deg
     found = []
     for place, normal_ in enumerate(best):
@@ -365,11 +405,13 @@ def _misfit_reason(problem: _Problem, place: int, chi_square: float) -> str:
     return f"the minutes agree on no slope (chi-square {chi_square:.1f}): cloud, shade, wind or a drift"
 
 
-def _regions(problem: _Problem, misfit: ProfileMisfit, best: FloatArray) -> list[LikelihoodRegion]:
+def _regions(
+    problem: _Problem, misfit: ProfileMisfit, information: FloatArray, best: FloatArray
+) -> list[LikelihoodRegion]:
     limit = problem.settings.tilt_limit_deg
     if problem.azimuth_deg is not None:
         return regions_known_azimuth(misfit, problem.azimuth_deg, best, problem.drop, limit)
-    return regions(misfit, misfit.linearised(best), best, problem.drop, limit)
+    return regions(misfit, information, best, problem.drop, limit)
 
 
 def noise_ratio(residuals: ArrayLike) -> float:

@@ -230,7 +230,7 @@ class Choice:
     other_misfit: FloatArray
 
 
-def choose(misfit: Misfit, branches: Branches, tilt_limit_deg: float) -> Choice:
+def choose(misfit: Misfit, branches: Branches, tilt_limit_deg: float, *, at_limit: bool = False) -> Choice:
     """The preferred branch, given that the tilt does not exceed the limit.
 
     Within 20 minutes both branches often fit equally well. Then the prior decides, uniform in tilt and
@@ -246,6 +246,8 @@ def choose(misfit: Misfit, branches: Branches, tilt_limit_deg: float) -> Choice:
         Its minima, by `solve`.
     tilt_limit_deg
         Largest tilt, in (0, 90]. [degrees]
+    at_limit
+        Whether the limit stands for a branch beyond it also where the other branch is flatter.
     """
     normals = np.stack([branches.first, branches.second])
     misfits = np.stack([branches.first_misfit, branches.second_misfit])
@@ -260,9 +262,11 @@ def choose(misfit: Misfit, branches: Branches, tilt_limit_deg: float) -> Choice:
     misfit_best, misfit_other = np.where(swap, misfits[::-1], misfits)
     is_single = branches.merged | ~allowed.all(axis=0)
     other = np.where(is_single[..., np.newaxis], np.nan, other)
-    steep = ~allowed.any(axis=0) & np.isfinite(misfits[0])
+    steep = ~(allowed.all(axis=0) if at_limit else allowed.any(axis=0)) & np.isfinite(misfits[0])
     if np.any(steep):
         edge, edge_misfit = _on_limit(misfit, tilt_limit_deg, steep)
+        at_edge = edge_misfit + 2.0 * np.log(np.sin(np.radians(tilt_limit_deg)))
+        steep &= at_edge < penalised.min(axis=0)
         best = np.where(steep[..., np.newaxis], edge, best)
         misfit_best = np.where(steep, edge_misfit, misfit_best)
     return Choice(best, misfit_best, other, np.where(is_single, np.nan, misfit_other))

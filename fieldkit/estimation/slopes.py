@@ -25,14 +25,17 @@ from numpy.typing import NDArray
 
 from fieldkit.estimation.balance import Rows, least_squares_rows
 from fieldkit.estimation.bins import History, RegionColumns
+from fieldkit.estimation.learned.budget import BudgetTerm
 from fieldkit.estimation.methods import Solution, kelvin_per_degree, solutions, sunlit
 from fieldkit.estimation.normal import Misfit, choose, cramer_rao, solve, tangents
 from fieldkit.estimation.region_temperatures import remove_offsets, shifted_temperatures
+from fieldkit.estimation.row_budget import north_south_deg, row_budget
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.estimation.weather_reference import beside_level, shifted_levels
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region
 from fieldkit.model.slope import SOLVED, SlopeEstimate, SlopeState
-from fieldkit.physics.facet import FloatArray, tilt_azimuth
+from fieldkit.physics.facet import FloatArray, normal, tilt_azimuth
 from fieldkit.physics.horizon import MINUTE_EDGE_DEG, sunlit_share
 
 DISTURBED_WEIGHT = 0.01
@@ -63,6 +66,8 @@ def slopes(
     settings
         Window, model, method, noise and systematic uncertainties.
     """
+    if settings.reference == "weather":
+        history, regions = beside_level(history, regions, settings)
     columns = RegionColumns(tuple(regions))
     clouded = (history.flags & Quality.CLOUD) != 0
     last = len(history)
@@ -74,6 +79,15 @@ def slopes(
         _held_shaded(history, columns, index, settings) if one.flags & Quality.SHADED else one
         for index, one in enumerate(estimates)
     )
+
+
+def budgets(
+    history: History, regions: Sequence[Region], settings: EstimatorSettings
+) -> dict[str, tuple[BudgetTerm, ...]]:
+    """Uncertainty budget of every target that has a slope at the last minute, by the full model."""
+    if settings.reference == "weather":
+        history, regions = beside_level(history, regions, settings)
+    return Window(history, len(history), RegionColumns(tuple(regions)), settings).budgets()
 
 
 def _held_clouded(
@@ -139,7 +153,9 @@ class Window:
         self.rows: Rows | None = None
         if last and columns.references.size and columns.targets.size:
             corrected = remove_offsets(self.past, columns.regions, settings)
-            shifted = shifted_temperatures(corrected.temperature_k, columns.regions, settings)
+            shifted = [*shifted_temperatures(corrected.temperature_k, columns.regions, settings)]
+            if settings.reference == "weather":
+                shifted += shifted_levels(corrected, settings)
             self.rows = least_squares_rows(corrected, self.first, columns, settings, shifted)
 
     def estimates(self, indices: Sequence[int]) -> list[SlopeEstimate]:
@@ -156,6 +172,8 @@ class Window:
         ):
             column = self.columns.targets[index]
             found[index] = _filled(found[index], one, self.rows, index, self._known_azimuth(column))
+            if self.settings.reference == "weather" and one.best is not None:
+                found[index] = self._with_gain(found[index], index, one.best)
             if not one.explained:
                 unexplained.append(index)
         if unexplained and self.shorter is not None:
@@ -163,6 +181,33 @@ class Window:
             nothing = (SlopeState.TOO_FEW, SlopeState.NO_DATA)
             found |= {index: one for index, one in later if one.state not in nothing}
         return list(found.values())
+
+    def _with_gain(self, estimate: SlopeEstimate, index: int, best: FloatArray) -> SlopeEstimate:
+        """`UNCERTAIN` where the gain of the level surface alone decides the tilt along the meridian."""
+        if estimate.state not in (SlopeState.OK, SlopeState.FLAT, SlopeState.UNCERTAIN) or self.rows is None:
+            return estimate
+        inputs = (self.rows, index, self._weights[:, index], best, self.past, self.settings)
+        moved, left = north_south_deg(*inputs)
+        if moved <= left:
+            return estimate
+        reason = f"north–south undetermined: the gain of such a surface moves it by ±{moved:.0f}°"
+        return replace(estimate, state=SlopeState.UNCERTAIN, reason=reason)
+
+    def budgets(self) -> dict[str, tuple[BudgetTerm, ...]]:
+        """The uncertainty budget of each target with a slope, by its name."""
+        found = self.estimates(range(self.columns.targets.size))
+        return {
+            one.region: row_budget(
+                self.rows,
+                index,
+                self._weights[:, index],
+                normal(one.tilt_deg, one.azimuth_deg),
+                self.past,
+                self.settings,
+            )
+            for index, one in enumerate(found)
+            if self.rows is not None and math.isfinite(one.tilt_deg)
+        }
 
     def _blank(self, index: int) -> tuple[SlopeEstimate, bool]:
         """The estimate of a target without a slope, and whether it can be solved."""
@@ -272,7 +317,7 @@ class Window:
             )
         for what, is_known in (
             ("no frames of this region", self._seen[column]),
-            ("no frames of the reference", self._seen[self.columns.references].any()),
+            (self._no_reference, self._seen[self.columns.references].any()),
             ("no irradiance", self._has_light),
         ):
             if not is_known:
@@ -283,6 +328,11 @@ class Window:
         if self._shaded[-1, index]:
             return SlopeState.SHADED, _shade_reason(self.past, column)
         return None
+
+    @property
+    def _no_reference(self) -> str:
+        is_measured = self.settings.reference == "region"
+        return "no frames of the reference" if is_measured else "no air temperature for its reference"
 
     @cached_property
     def _seen(self) -> NDArray[np.bool_]:

@@ -23,7 +23,7 @@ from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.slope import SlopeEstimate
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.facet import FloatArray
-from fieldkit.physics.irradiance import direct_normal
+from fieldkit.physics.irradiance import IrradianceModel, direct_normal
 from fieldkit.physics.sun import sun_vectors
 
 
@@ -88,6 +88,7 @@ def slopes_of_table(
         Region(name, RegionKind.TARGET, none, azimuth_deg=known.get(name, float("nan")))
         for name in table.targets_k
     ]
+    settings = replace(settings, irradiance=_light_model(table, settings.irradiance))
     history = _history(possible(table, site, settings)[0], site, settings)
     sunlit = np.flatnonzero(history.sun[:, 2] >= np.sin(np.radians(settings.low_sun_deg)))
     day = history.until(int(sunlit[-1]) + 1) if sunlit.size else history
@@ -161,21 +162,27 @@ def _history(table: TemperatureTable, site: Site, settings: EstimatorSettings) -
     )
 
 
-def _direct(table: TemperatureTable, sun: FloatArray, settings: EstimatorSettings) -> FloatArray:
-    """Direct normal irradiance (n,), from the column that needs the fewest assumptions."""
+def _light_model(table: TemperatureTable, model: IrradianceModel) -> IrradianceModel:
+    """The model of the column from which direct light needs the fewest assumptions."""
     if table.irradiance_w_m2 is not None:
-        return table.irradiance_w_m2
+        return IrradianceModel(kind="file")
     if table.ghi_w_m2 is not None:
-        model = pyranometer(replace(settings.irradiance, mounting="horizontal"), "ghi_w_m2 is global light")
-        diffuse = _or(table.diffuse_w_m2, np.full(table.time_ns.size, np.nan))
-        return direct_normal(model, table.ghi_w_m2, sun, table.time_ns, diffuse)
-    lux = _or(table.illuminance_lx, np.full(table.time_ns.size, np.nan))
-    if settings.irradiance.is_direct:
+        return pyranometer(replace(model, mounting="horizontal"), "ghi_w_m2 is global light")
+    if model.is_direct:
         raise ConfigError(
-            f'irradiance.model = "{settings.irradiance.kind}" takes direct light, but the table has lux',
+            f'irradiance.model = "{model.kind}" takes direct light, but the table has lux',
             fix="omit irradiance.model, or give a column irradiance_w_m2 (direct normal)",
         )
-    return direct_normal(settings.irradiance, lux, sun, table.time_ns)
+    return model
+
+
+def _direct(table: TemperatureTable, sun: FloatArray, settings: EstimatorSettings) -> FloatArray:
+    """Direct normal irradiance (n,)."""
+    nothing = np.full(table.time_ns.size, np.nan)
+    columns = (table.irradiance_w_m2, table.ghi_w_m2, table.illuminance_lx)
+    reading = next((column for column in columns if column is not None), nothing)
+    diffuse = _or(table.diffuse_w_m2, nothing)
+    return direct_normal(settings.irradiance, reading, sun, table.time_ns, diffuse)
 
 
 def _or(column: FloatArray | None, otherwise: FloatArray) -> FloatArray:

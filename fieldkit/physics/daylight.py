@@ -223,6 +223,24 @@ def diffuse_fraction_erbs(clearness: ArrayLike) -> FloatArray:
     return np.where(k <= 0.22, 1.0 - 0.09 * k, np.where(k <= 0.80, middle, 0.165) + 0.0 * k)
 
 
+def diffuse_fraction_of_beam(transmission: ArrayLike) -> FloatArray:
+    """Diffuse share of global horizontal irradiance from the direct light, by the same correlation.
+
+    Parameters
+    ----------
+    transmission
+        Direct normal over extraterrestrial irradiance, any shape, up to 0.83: clearer skies are taken as
+        that. [-]
+
+    Returns
+    -------
+    Same shape, 0.165 to 1. [-]
+    """
+    clearness = np.linspace(0.0, 1.0, 1001)
+    beam = clearness * (1.0 - diffuse_fraction_erbs(clearness))  # grows with the clearness
+    return diffuse_fraction_erbs(np.interp(np.asarray(transmission, np.float64), beam, clearness))
+
+
 def perez_efficacy(
     dni_w_m2: ArrayLike,
     dhi_w_m2: ArrayLike,

@@ -130,7 +130,7 @@ class EstimatedSessions:
         return _below({name: learnt.columns() for name, learnt in found.items() if len(learnt)})
 
     def budget_columns(self) -> dict[str, list[Any]]:
-        """The same of the uncertainty budgets of the final slopes; empty with other models."""
+        """The same of the uncertainty budgets of the final slopes; empty with the paper's model."""
         names = session_names(self.sources)
         found = {names[one.path]: budgets_of(run_of(one, self.settings)) for one in self.sources}
         return _below({name: budget_columns(budgets) for name, budgets in found.items() if budgets})

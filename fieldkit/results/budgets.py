@@ -1,4 +1,4 @@
-"""The uncertainty budgets of a session's slopes by the learned model, found again in the cache."""
+"""The uncertainty budgets of a session's slopes, by the learned or full model, found again in the cache."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from fieldkit.estimation import slopes
 from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.learned.budget import BudgetTerm
 from fieldkit.results.cache import Cache, digest
@@ -20,32 +21,35 @@ Budgets = Mapping[str, tuple[BudgetTerm, ...]]
 
 
 def budgets_of(run: Run, session: SessionReader | None = None) -> Budgets:
-    """Budget of each target at the end of a session; empty with other models than the learned.
+    """Budget of each target at the end of a session; empty with the model of the paper.
 
     All minutes are taken at once, seconds for three hours; `session` is the open file, if there is one.
     Raises `SessionError`.
     """
-    if run.settings.model != "learned":
+    if run.settings.model == "paper":
         return {}
     cache, key = Cache() if run.source.checksum else None, digest("budgets", run.key)
     known = cache.load(key) if cache else None
     if known is not None:
         stored = json.loads(known["budgets"].tolist()[0])
         return {name: tuple(build(BudgetTerm, term) for term in terms) for name, terms in stored.items()}
-    found = _learnt_at_once(run, session)
+    found = _found(run, session)
     if cache:
         texts = json.dumps({name: [asdict(term) for term in terms] for name, terms in found.items()})
         cache.store(key, {"budgets": np.array([texts], np.bytes_)})
     return found
 
 
-def _learnt_at_once(run: Run, session: SessionReader | None) -> Budgets:
+def _found(run: Run, session: SessionReader | None) -> Budgets:
     history, schedule = measured_in(run, session).history, run.source.regions
     if not len(history):
         return {}
     last = int(history.minute[-1])
-    chain = SlopeChain(schedule.regions_at(last), run.settings)
-    chain.at_once(history.only(schedule.at(last)))
+    history, regions = history.only(schedule.at(last)), schedule.regions_at(last)
+    if run.settings.model == "full":
+        return slopes.budgets(history, regions, run.settings)
+    chain = SlopeChain(regions, run.settings)
+    chain.at_once(history)
     return chain.budgets()
 
 

@@ -79,7 +79,7 @@ def estimate(
     --------
     >>> estimates = fieldkit.estimate(session, model="full", albedo=0.25)
     >>> estimates["b15"]
-    <b15: tilt 15.8° (11.2 to 22.0), azimuth 181°, uncertain>
+    <b15: tilt 15.8° (10.6 to 31.1), azimuth 180°, uncertain>
     >>> estimates.to_frame()[["region", "tilt_deg", "state"]].round(1).tail(3)
                               region  tilt_deg      state
     time
@@ -127,7 +127,8 @@ def estimate_table(
     config = config_from_text(f"{text}elevation_m = {site.elevation_m}\n", path, settings=settings)
     if config.tables.estimator.azimuth == "known":
         raise ConfigError(f"{path}: a table has no known azimuths", fix="omit estimator.azimuth")
-    table, settings_used = read_table(path), config.estimator_settings()
+    settings_used = config.estimator_settings()
+    table = read_table(path, needs_reference=settings_used.reference == "region")
     for excess in possible(table, config.site, settings_used)[1]:
         notify(f"{path}: {excess.words(f'line {table.lines[excess.first]}')}; not used")
     return slopes_of_table(table, config.site, settings_used, reference_slope_deg=reference_slope_deg)

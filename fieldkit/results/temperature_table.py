@@ -26,8 +26,8 @@ LIGHT_COLUMNS = ("irradiance_w_m2", "ghi_w_m2", "illuminance_lx")
 OTHER_COLUMNS = (*LIGHT_COLUMNS, "diffuse_w_m2", "longwave_w_m2", "wind_m_s")
 
 
-def read_table(path: Path) -> TemperatureTable:
-    """Read and check a table; rows are put in order of time."""
+def read_table(path: Path, *, needs_reference: bool = True) -> TemperatureTable:
+    """Read and check a table; rows are put in order of time. Without a reference its temperature is NaN."""
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             reader = csv.DictReader(file, skipinitialspace=True)
@@ -36,7 +36,7 @@ def read_table(path: Path) -> TemperatureTable:
             rows = list(_filled(path, reader))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise ConfigError(f"{path}: cannot be read as a table: {error}") from error
-    temperatures = _temperature_columns(path, names)
+    temperatures = _temperature_columns(path, names, needs_reference)
     if not rows:
         raise ConfigError(f"{path}: the table has no rows", fix="give one row per measurement")
     times = np.array([_time_ns(path, line, row) for line, row in rows], np.int64)
@@ -48,7 +48,8 @@ def read_table(path: Path) -> TemperatureTable:
     flags = np.zeros(0, np.int64)
     if "flags" in names:
         flags = np.nan_to_num(_column(path, rows, "flags")).astype(np.int64)[order]
-    reference, air_k = kelvin.pop("reference"), kelvin.pop("air", None)
+    reference = kelvin.pop("reference", np.full(times.size, np.nan))
+    air_k = kelvin.pop("air", None)
     lines = np.array([line for line, _ in rows], np.int64)[order]
     return TemperatureTable(times[order], reference, kelvin, **others, air_k=air_k, flags=flags, lines=lines)
 
@@ -68,7 +69,7 @@ def _filled(path: Path, reader: csv.DictReader[str]) -> Iterator[tuple[int, Row]
         yield reader.line_num, row
 
 
-def _temperature_columns(path: Path, names: list[str]) -> dict[str, tuple[str, float]]:
+def _temperature_columns(path: Path, names: list[str], needs_reference: bool) -> dict[str, tuple[str, float]]:
     """Column and its zero in kelvin by region; all missing columns are reported at once."""
     found = {
         name[:-2]: (name, 0.0 if name.endswith("_k") else CELSIUS_ZERO_K)
@@ -79,7 +80,7 @@ def _temperature_columns(path: Path, names: list[str]) -> dict[str, tuple[str, f
         what
         for what, there in (
             ("time", "time" in names),
-            ("reference_k (or reference_c)", "reference" in found),
+            ("reference_k (or reference_c)", "reference" in found or not needs_reference),
             ("one NAME_k (or NAME_c) per target", found.keys() - {"reference", "air"}),
             ("irradiance_w_m2, ghi_w_m2 or illuminance_lx", set(LIGHT_COLUMNS) & set(names)),
         )

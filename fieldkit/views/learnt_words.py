@@ -13,6 +13,7 @@ NAMES = {
     "exchange": "exchange with the air",
     "diffuse": "diffuse light",
     "circumsolar": "circumsolar share",
+    "brightening": "light around sun and horizon",
     "air": "air temperature",
 }
 """Names of parameters in tables; others are shown as they are."""

@@ -95,7 +95,7 @@ def test_doubts_never_raise_the_misfit(latitude, day, tilt, azimuth, seed):
     y, weights = noisy(sun, normal(tilt, azimuth), seed), np.full(len(sun), 1 / SIGMA**2)
     plain = Misfit.of_rows(sun, y, weights)
     doubts = 0.01 * random.standard_normal((2, len(sun)))
-    doubtful = ProfileMisfit(with_systematics(sun, y, weights, doubts), VERTICAL, 0.1)
+    doubtful = ProfileMisfit.of(with_systematics(sun, y, weights, doubts), VERTICAL, 0.1)
     tried = normal(random.uniform(0, 45, 20), random.uniform(0, 360, 20))
     assert (doubtful(tried) <= plain(tried) * (1 + 1e-9) + 1e-6).all()
 

@@ -60,14 +60,15 @@ def test_refused_days_count_in_neither_error_nor_coverage_and_are_named():
 def test_without_the_data_one_row_each_says_what_is_missing(tmp_path, monkeypatch):
     monkeypatch.setattr(real, "SHARED", tmp_path)
     rows = real.run()
-    assert len(rows) == 6
+    assert len(rows) == 7
     assert all(math.isnan(row.value) and row.note.startswith("skipped: no ") for row in rows)
 
 
-def test_vertical_pyranometers_are_found_within_the_goals_under_an_isotropic_sky():
+def test_vertical_pyranometers_are_within_their_regions_and_under_an_isotropic_sky_within_the_goals():
     shared("data/real/twinhouse-o5-2013-aug-sep.csv")
     rows = list(real._twin())
     assert len(rows) == 2 * 2 * len(real.TWIN_PLANES)
+    assert min(row.value for row in rows if "inside" in row.name and not math.isnan(row.value)) >= 85.0
     found = {row.name: row.value for row in rows}
     for side in ("east", "west"):
         name = f"vertical pyranometer facing {side}, isotropic sky: error of the normal, median"
@@ -102,3 +103,11 @@ def test_leafless_ridges_are_measured_and_leaves_refused():
     assert rows["  component along the sun, and its spread of slopes"].value <= 2.8
     assert rows["ridges in july: NDVI, median"].note.startswith("refused")
     assert sum("component along" in name for name in rows) == 2
+
+
+def test_a_module_and_a_wall_are_within_their_regions_beside_a_level_surface_by_the_weather():
+    shared("data/real/twinhouse-o5-2013-aug-sep.csv")
+    for rows in (list(real._wall()), list(real._pv())):
+        assert rows[1].value >= 85.0
+        assert "refused 14" not in rows[0].note
+        assert "refused 20" not in rows[0].note

@@ -19,7 +19,7 @@ from fieldkit.estimation.learned.prior_state import prior_sds
 from fieldkit.estimation.learned.readout import LOGARITHMS, STATES, Moments
 
 REST = "noise, drift and passing fluxes"
-UNITS: Mapping[str, str] = {"longwave": "W/m²", "air": "K", "offset": "K", REST: "°"}
+UNITS: Mapping[str, str] = {"longwave": "W/m²", "air": "K", "offset": "K", "drift": "K/h", REST: "°"}
 LEARNT_SHARE = 0.5
 """Posterior over prior standard deviation below which the session's own minutes determine an input."""
 

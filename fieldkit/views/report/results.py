@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fieldkit.estimation.balance import GROUND_ALBEDO_SD
 from fieldkit.estimation.settings import PAPER_SCALE_SD, EstimatorSettings
 from fieldkit.estimation.statistics import (
     SdKind,
@@ -88,6 +89,7 @@ def likelihood_words(settings: EstimatorSettings) -> str:
             "a conductivity of the sand": settings.conductivity_sd,
             "its heat capacity": settings.capacity_sd,
         }
+        parts.append(f"a ground's albedo of ±{GROUND_ALBEDO_SD:.2f}, the shape of the sky, its diffuse light")
     parts += [f"{name} good to {sd:.0%}" for name, sd in relative_sds.items() if sd > 0]
     if settings.model == "paper":
         parts.append(f"and {PAPER_SCALE_SD:.0%} of scale for what the paper's model omits")

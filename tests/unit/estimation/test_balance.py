@@ -10,9 +10,11 @@ import pytest
 from fieldkit.estimation import balance
 from fieldkit.estimation.balance import Rows, least_squares_rows
 from fieldkit.estimation.bins import History, RegionColumns
+from fieldkit.estimation.prior import Prior
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.units import MINUTE_NS
+from fieldkit.physics.daylight import extraterrestrial
 from fieldkit.physics.facet import normal
 from fieldkit.physics.slab import Slab
 
@@ -93,3 +95,36 @@ def test_a_row_is_the_papers_eq_6_over_its_light(history, model, scale):
     expected = lost / (ABSORBED * scale) + np.cos(np.radians(40.0))
     assert found.y == pytest.approx(np.full((MINUTES, 1), expected), rel=1e-9)
     assert found.per_kelvin == pytest.approx(np.full((MINUTES, 1), STEEPNESS / (ABSORBED * scale)), rel=1e-9)
+
+
+def test_uncertain_light_is_what_another_sky_and_ground_would_send_after_pvlib(history):
+    """Of a plane less a level one: even sky to Hay and Davies', theirs to Perez', more albedo."""
+    pvlib = pytest.importorskip("pvlib")
+    diffuse, tilt, azimuth = 90.0, 35.0, 120.0
+    used = replace(history, dhi_w_m2=np.full(MINUTES, diffuse))
+    changes = dict(
+        zip(balance.LIGHT, made(used, model="full").light_effects(normal(tilt, [azimuth])), strict=True)
+    )
+    top = extraterrestrial(history.time_ns)
+    ghi = DIRECT_W_M2 * np.cos(np.radians(40.0)) + diffuse
+    prior, light = Prior(), (40.0, 180.0, DIRECT_W_M2, ghi, diffuse, top)
+
+    def over_level(sky: str, albedo: float = 0.2) -> np.ndarray:
+        on = [
+            pvlib.irradiance.get_total_irradiance(
+                one, azimuth, *light, albedo=albedo, model=sky, airmass=None
+            )
+            for one in (tilt, 0.0)
+        ]
+        return np.asarray(on[0]["poa_global"] - on[1]["poa_global"])
+
+    beam = DIRECT_W_M2 + diffuse * (DIRECT_W_M2 / top) / np.cos(np.radians(40.0))
+    expected = {
+        "circumsolar": (over_level("haydavies") - over_level("isotropic"))
+        * np.hypot(0.5, prior.circumsolar_sd),
+        "brightening": (over_level("perez") - over_level("haydavies"))
+        * np.hypot(prior.brightening_share, prior.brightening_sd),
+        "ground albedo": over_level("haydavies", 0.3) - over_level("haydavies"),
+    }
+    for name, w_m2 in expected.items():
+        assert changes[name][0] * beam == pytest.approx(w_m2, rel=0.01), name

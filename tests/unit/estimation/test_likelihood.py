@@ -7,6 +7,7 @@ from fieldkit.estimation.likelihood import (
     ProfileMisfit,
     patches,
     posterior,
+    profiled_gram,
     regions,
     regions_known_azimuth,
     with_systematics,
@@ -29,7 +30,7 @@ def window(start: str, minutes: int) -> np.ndarray:
 def of_one(misfit: Misfit) -> ProfileMisfit:
     """The misfit of a single slope, noise alone, as that of many."""
     H, b, c = misfit.H[np.newaxis], misfit.b[np.newaxis], np.array([misfit.c])
-    return ProfileMisfit(Misfit(H, b, c, np.array([misfit.count])), VERTICAL, 0.0)
+    return ProfileMisfit.of(Misfit(H, b, c, np.array([misfit.count])), VERTICAL, 0.0)
 
 
 def region(misfit: Misfit, best: np.ndarray, drop: float, limit_deg: float) -> LikelihoodRegion:
@@ -94,7 +95,7 @@ def test_misfits_of_a_grid_are_those_of_its_normals():
     axes = np.linalg.qr(random.standard_normal((2, 3, 3)))[0]
     grid = Grid(axes, random.uniform(-1.0, 1.0, (2, 5)), random.uniform(-np.pi, np.pi, (2, 7)))
     for scale_sd in (0.0, 0.1):
-        profiled = ProfileMisfit(summed, normal(3.0, 40.0), scale_sd)
+        profiled = ProfileMisfit.of(summed, normal(3.0, 40.0), scale_sd)
         expected = [[profiled(grid.normals()[:, k, i]) for i in range(7)] for k in range(5)]
         np.testing.assert_allclose(profiled.on_grid(grid), np.moveaxis(expected, 2, 0), rtol=1e-9)
 
@@ -121,7 +122,7 @@ def test_doubtful_scale_equals_the_best_scale_at_its_price():
     sun, truth = window("2017-08-30T00:00", 60), normal(15.0, 200.0)
     y = 1.1 * (sun @ (truth - VERTICAL)) + sun[:, 2]
     misfit = Misfit.of_rows(sun, y, 4e4)
-    profiled = ProfileMisfit(misfit, VERTICAL, 0.1)
+    profiled = ProfileMisfit.of(misfit, VERTICAL, 0.1)
     # a scale of 1.1 explains everything at the price of one standard deviation; a little less is cheaper
     scales = np.linspace(1.0, 1.2, 20_001)
     strength = 4e4 * np.sum((sun @ (truth - VERTICAL)) ** 2)
@@ -129,9 +130,29 @@ def test_doubtful_scale_equals_the_best_scale_at_its_price():
     assert float(profiled(truth)) == pytest.approx(by_hand, rel=1e-4)
     assert float(profiled(truth)) < 1.0
     assert float(misfit(truth)) > 5.0
-    assert float(ProfileMisfit(misfit, VERTICAL, 0.0)(truth)) == pytest.approx(float(misfit(truth)))
-    information = profiled.linearised(truth)
-    assert np.linalg.eigvalsh(misfit.H - information)[0] > -1e-6
+    assert float(ProfileMisfit.of(misfit, VERTICAL, 0.0)(truth)) == pytest.approx(float(misfit(truth)))
+
+
+@pytest.mark.parametrize("scale_sd", [0.0, 0.1])
+def test_uncertain_light_equals_fitting_it_with_its_price(scale_sd):
+    """Against numpy's least squares with a row for each prior, at slopes anywhere and on a grid."""
+    random = np.random.default_rng(5)
+    rays, truth, reference = window("2017-08-30T03:00", 50), normal(14.0, 70.0), normal(2.0, 10.0)
+    weights, own = random.uniform(1e3, 4e3, 50), random.uniform(-0.02, 0.02, (2, 50))
+    light = random.uniform(-0.1, 0.1, (3, 4, 50))
+    y = rays @ truth + 0.02 * random.standard_normal(50)
+    gram = profiled_gram([*rays.T, y, *light.reshape(-1, 50)], weights, own)
+    found = ProfileMisfit(gram, reference, scale_sd)
+    for candidate in (truth, normal(35.0, 200.0), reference):
+        away = np.append(candidate - reference, 1.0)
+        effects = [scale_sd * rays @ away[:3], *(away @ one for one in light), *own]
+        left = np.append((y - rays @ candidate) * np.sqrt(weights), np.zeros(len(effects)))
+        table = np.vstack([np.sqrt(weights)[:, np.newaxis] * np.transpose(effects), np.eye(len(effects))])
+        fit = np.linalg.lstsq(table, left)[0]
+        assert float(found(candidate)) == pytest.approx(np.sum((left - table @ fit) ** 2), rel=1e-8)
+    grid = Grid(np.eye(3)[np.newaxis], np.array([[0.9]]), np.array([[0.4]]))
+    many = ProfileMisfit(gram[np.newaxis], reference, scale_sd)
+    assert many.on_grid(grid).item() == pytest.approx(found(grid.normals()[0, 0, 0]), rel=1e-8)
 
 
 def test_known_azimuth_region_is_the_stretch_around_the_answer():
@@ -189,7 +210,7 @@ def test_a_doubtful_scale_is_a_gaussian_of_its_standard_deviation():
     for tilt, azimuth in ((15.0, 100.0), (20.0, 90.0), (8.0, 130.0)):
         bed = normal(tilt, azimuth)
         tried = misfit(VERTICAL + kappas[:, np.newaxis] * (bed - VERTICAL)) + ((kappas - 1.0) / 0.08) ** 2
-        found = ProfileMisfit(misfit, VERTICAL, 0.08)(bed[np.newaxis])
+        found = ProfileMisfit.of(misfit, VERTICAL, 0.08)(bed[np.newaxis])
         assert float(found[0]) == pytest.approx(float(tried.min()), rel=1e-6)
 
 

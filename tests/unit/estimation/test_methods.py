@@ -78,7 +78,18 @@ def test_minutes_that_no_slope_agrees_to_be_sunlit_in_give_no_slope():
         axis=-1,
     )
     y, sigma, level = np.array([[0.1], [0.3], [1.0]]), np.full((3, 1), 0.01), np.array([0.0, 0.0, 1.0])
-    rows = Rows(sun, y, sigma, np.ones((3, 1)), np.ones(3), np.zeros((1, 3, 1)), level, sun, np.zeros(3))
+    rows = Rows(
+        sun,
+        y,
+        sigma,
+        np.ones((3, 1)),
+        np.ones(3),
+        np.zeros((1, 3, 1)),
+        level,
+        sun,
+        np.zeros(3),
+        np.zeros((0, 3, 4)),
+    )
     settings = EstimatorSettings(model="paper", tilt_limit_deg=90.0)
     (found,) = solutions(rows, [0], sigma.T**-2, [Region("b", RegionKind.TARGET, ((0.0, 0.0),))], settings)
     assert found.state is SlopeState.NO_INTERSECTION

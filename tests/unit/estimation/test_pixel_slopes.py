@@ -242,7 +242,7 @@ def test_bounds_are_those_of_a_region_with_the_same_misfit(tilt: float, azimuth:
     )
     misfit = Misfit.of_rows(sun, (sun @ best)[np.newaxis], weights[np.newaxis])
     drop = misfit_drop(0.90, 2) * max(1.0, float(slopes.chi_square[0, 0]))
-    (exact,) = regions(ProfileMisfit(misfit, VERTICAL, 0.0), misfit.H, best[np.newaxis], drop, 45.0)
+    (exact,) = regions(ProfileMisfit.of(misfit, VERTICAL, 0.0), misfit.H, best[np.newaxis], drop, 45.0)
     found = [float(one[0, 0]) for one in (bounds.tilt_low_deg, bounds.tilt_high_deg)]
     width = exact.tilt_high_deg - exact.tilt_low_deg
     assert found == pytest.approx([exact.tilt_low_deg, exact.tilt_high_deg], abs=0.15 * width + 0.02)

@@ -7,6 +7,7 @@ from fieldkit.physics.daylight import (
     air_mass,
     clear_sky,
     diffuse_fraction_erbs,
+    diffuse_fraction_of_beam,
     extraterrestrial,
     perez_diffuse,
     perez_efficacy,
@@ -17,6 +18,12 @@ def test_erbs_at_the_joints_of_the_correlation():
     # Erbs, Klein and Duffie 1982, eq. (1): 1 - 0.09 k; polynomial; 0.165
     found = diffuse_fraction_erbs([0.0, 0.22, 0.5, 0.80001, 1.1])
     np.testing.assert_allclose(found, [1.0, 0.9802, 0.6592, 0.165, 0.165], atol=5e-4)
+
+
+def test_erbs_share_is_found_from_the_direct_light_that_it_leaves():
+    clearness = np.array([0.1, 0.35, 0.6, 0.75, 0.9])
+    share = diffuse_fraction_erbs(clearness)
+    assert diffuse_fraction_of_beam(clearness * (1.0 - share)) == pytest.approx(share, abs=2e-3)
 
 
 def test_erbs_agrees_with_pvlib():

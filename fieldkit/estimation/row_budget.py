@@ -1,0 +1,117 @@
+"""The uncertainty budget of a slope by the full model, from its rows, as the GUM tabulates it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from fieldkit.estimation.balance import LIGHT, Rows, light_sds
+from fieldkit.estimation.bins import History
+from fieldkit.estimation.learned.budget import BudgetTerm, budget_of
+from fieldkit.estimation.learned.readout import Moments
+from fieldkit.estimation.normal import tangents
+from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.estimation.weather_reference import INPUTS
+from fieldkit.physics.facet import FloatArray
+
+GAIN = ("gain", "exchange", "level gain", "level exchange")
+"""Inputs that decide how many kelvin a watt per square metre causes."""
+
+
+def row_budget(
+    rows: Rows,
+    target: int,
+    weights: FloatArray,
+    slope: FloatArray,
+    history: History,
+    settings: EstimatorSettings,
+) -> tuple[BudgetTerm, ...]:
+    """Budget of a tilt to first order about the slope that was found, the largest share first.
+
+    Parameters
+    ----------
+    rows
+        Of the full model.
+    target
+        The target's column in `rows`.
+    weights
+        Inverse variances, (n,); zero excludes a row. [-]
+    slope
+        Unit normal, (3,). [-]
+    history, settings
+        The minutes, and standard uncertainties before the data, and whether azimuths are known.
+    """
+    sds = _input_sds(rows, history, settings)
+    names, covariance = _covariance(rows, target, weights, slope, sds, settings)
+    return budget_of(Moments(names, np.zeros(len(names)), covariance), "tilt", "offset", sds)
+
+
+def north_south_deg(
+    rows: Rows,
+    target: int,
+    weights: FloatArray,
+    slope: FloatArray,
+    history: History,
+    settings: EstimatorSettings,
+) -> tuple[float, float]:
+    """How far the gain moves a slope to north or south, and all else: standard deviations in degrees.
+
+    Gain is kelvin per watt: absorbed light and heat exchange, of the target and of its reference; parameters
+    as of `row_budget`.
+    """
+    sds = dict(_input_sds(rows, history, settings))
+    towards = np.array([along[1] for along in tangents(slope)])
+    variances = []
+    for known in ((), GAIN):
+        certain = {name: 0.0 if name in known else sd for name, sd in sds.items()}
+        names, covariance = _covariance(rows, target, weights, slope, certain, settings)
+        count = len(names) - len(sds)
+        variances.append(float(towards[:count] @ covariance[:count, :count] @ towards[:count]))
+    moved = max(variances[0] - variances[1], 0.0)
+    return math.sqrt(moved), math.sqrt(variances[1])
+
+
+def _covariance(
+    rows: Rows,
+    target: int,
+    weights: FloatArray,
+    slope: FloatArray,
+    sds: Mapping[str, float],
+    settings: EstimatorSettings,
+) -> tuple[tuple[str, ...], FloatArray]:
+    """Names and joint covariance after the data: of tilt, direction unless known, and all inputs."""
+    used = weights > 0.0
+    effects = [
+        rows.design @ (slope - rows.reference) * sds["gain"],
+        *rows.light_effects(slope[np.newaxis])[:, 0],
+        *rows.systematics[:, :, target],
+    ]
+    angles = tangents(slope)[: 1 if settings.azimuth == "known" else 2]
+    is_open = [sd > 0.0 for sd in sds.values()]
+    columns = np.stack([*(rows.design @ np.radians(one) for one in angles), *effects])[:, used]
+    columns[len(angles) :] *= np.array(is_open)[:, np.newaxis]
+    information = columns * weights[used] @ columns.T
+    information += np.diag([*np.zeros(len(angles)), *np.ones(len(effects))])
+    units = np.array([*np.ones(len(angles)), *sds.values()])
+    names = ("tilt", "direction")[: len(angles)] + tuple(sds)
+    return names, np.linalg.inv(information) * np.outer(units, units)
+
+
+def _input_sds(rows: Rows, history: History, settings: EstimatorSettings) -> Mapping[str, float]:
+    """Standard uncertainty of each input before the data, in the order of scale, `LIGHT` and systematics."""
+    known = {
+        "gain": math.hypot(settings.scale_sd, settings.factor_sd),
+        **(dict(zip(LIGHT, light_sds(history, settings), strict=True)) if rows.light.size else {}),
+        "offset": settings.offset_sd_k,
+        "drift": settings.drift_sd_k_per_h,
+        "exchange": settings.exchange_sd,
+    }
+    if settings.model == "full":
+        known |= {"conductivity": settings.conductivity_sd, "heat capacity": settings.capacity_sd}
+    # these are known by their effect alone
+    levels = INPUTS if settings.reference == "weather" else ()
+    emissivities = 1 + len(rows.light) + len(rows.systematics) - len(known) - len(levels)
+    others = [*(f"emissivity {number}" for number in range(1, emissivities + 1)), *levels]
+    return known | dict.fromkeys(others, 1.0)
