@@ -1,9 +1,8 @@
 """Slope maps: tilt and azimuth of every pixel, from mean frames of the minutes that the estimator trusts.
 
 The estimator goes over the session first, so a minute has the same sun, irradiance, reference and flags
-for a pixel as for a region; then the frames of the window's minutes are read once more. Cloudy minutes,
-which barely affect a region's estimate, are excluded. With the learned model pixels are solved by the full
-model with the parameters learnt from the regions.
+for a pixel as for a region; then the frames of the window's minutes are read once more and solved by
+`fieldkit.estimation.minute_maps`. Cloudy minutes, which barely affect a region's estimate, are excluded.
 """
 
 from __future__ import annotations
@@ -11,7 +10,7 @@ from __future__ import annotations
 import math
 import platform
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -22,14 +21,13 @@ from numpy.typing import NDArray
 
 import fieldkit
 from fieldkit.disk import replacing
-from fieldkit.estimation.balance import absorbed_light, conducted, smoothed_kernel
 from fieldkit.estimation.bins import History, RegionColumns
 from fieldkit.estimation.disturbances import MOVED_PX
 from fieldkit.estimation.estimator_keys import Model
 from fieldkit.estimation.instruments import Instruments
-from fieldkit.estimation.learned.as_settings import learnt_settings
+from fieldkit.estimation.minute_maps import MinuteMap, SurfaceK
 from fieldkit.estimation.pixel_posterior import PixelPosterior
-from fieldkit.estimation.pixel_slopes import MapSums, PixelBounds, SlopeMap, posterior, with_bounds
+from fieldkit.estimation.pixel_slopes import PixelBounds, SlopeMap
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.ground.on_ground import GroundView, ground_view, write_on_ground
 from fieldkit.ground.terrain_products import LAYERS, Layer, Products, layers
@@ -42,8 +40,7 @@ from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.slope import CERTAIN, WITH_SLOPE, SlopeState, final_estimates
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.camera_laws import frame_k
-from fieldkit.physics.energy_balance import irradiance_per_kelvin
-from fieldkit.physics.facet import VERTICAL, FloatArray, normal, tilt_azimuth
+from fieldkit.physics.facet import FloatArray, normal, tilt_azimuth
 from fieldkit.physics.horizon import MINUTE_EDGE_DEG, sunlit_share
 from fieldkit.physics.radiance import surface_temperature_k
 from fieldkit.results.batch import Failures, Progress, no_progress
@@ -69,11 +66,9 @@ EXCLUDED = Quality.CLOUD | Quality.LOW_SUN
 SURFACE_MODELS: Mapping[Model, str] = {
     "paper": "paper, eq. (6), unit-norm",
     "full": "full, unit-norm",
-    "learned": "full with learnt parameters, unit-norm",
+    "learned": "learned, unit-norm",
 }
 LEAST_MINUTES = 3
-BEFORE_MINUTES = 120
-"""Minutes before the window whose warmth the sand remembers."""
 ENDINGS = (".png", ".nc")
 ON_GROUND = (".tif", ".ply", ".mcap")
 
@@ -438,21 +433,34 @@ def _mapped(
             f"a map needs {LEAST_MINUTES}",
             fix="run fieldkit check for what is missing; --window all uses the whole session",
         )
-    used = _settings(known, estimates.learnt.final)
-    explained = _explained(known.regions, estimates, (camera.shape[0], camera.shape[1]))
-    slopes, bounds, likelihood = _solved(session, camera, known.regions, history, used, chosen, explained)
+    found = final_estimates(estimates, known.regions)
+    minute_map = MinuteMap(
+        history,
+        known.regions,
+        chosen,
+        (camera.shape[0], camera.shape[1]),
+        known.settings,
+        {
+            one.region: normal(one.tilt_deg, one.azimuth_deg)
+            for one in found.values()
+            if one.state in WITH_SLOPE
+        },
+        estimates.learnt.final,
+    )
+    surface_k = _surface_of_minute(session, camera, known.regions, known.settings)
+    slopes, bounds, likelihood = minute_map.solved(surface_k)
     first, last = history.minute[chosen[[0, -1]]].tolist()
     return MappedSession(
         path=session.path,
         overrides=settings,
         window=window,
-        slopes=slopes,
+        slopes=_within_regions(slopes, known.regions),
         bounds=bounds,
         likelihood=likelihood,
         camera=camera,
         site=known.site,
         regions=known.regions,
-        settings=used,
+        settings=_as_learnt(known.settings, estimates.learnt.final),
         model=known.settings.model,
         irradiance_model=instruments.label,
         start_ns=first * MINUTE_NS,
@@ -466,15 +474,15 @@ def _mapped(
     )
 
 
-def _settings(known: SessionMinutes, learnt: Learnt | None) -> EstimatorSettings:
-    """Settings of the map: the configured ones, or the full model with what the session taught."""
-    settings, air_k = known.settings, known.history.air_k
-    if settings.model != "learned":
+def _as_learnt(settings: EstimatorSettings, learnt: Learnt | None) -> EstimatorSettings:
+    """The settings with the gain and the exchange of all minutes that the learned model found."""
+    if settings.model != "learned" or learnt is None:
         return settings
-    if learnt is None:
-        return replace(settings, model="full")
-    mean_air_k = float(np.nanmean(air_k)) if np.isfinite(air_k).any() else math.nan
-    return learnt_settings(settings, learnt, mean_air_k)
+    found = {one.name: one for one in learnt.parameters}
+    surface, gain = settings.surface, found["gain"]
+    exchange_m_s = found["exchange"].value / (surface.heat_capacity_j_kg_k * surface.air_density_kg_m3)
+    surface = replace(surface, exchange_m_s=exchange_m_s)
+    return replace(settings, surface=surface, scale=gain.value, scale_sd=gain.sd)
 
 
 def _inertia(settings: EstimatorSettings, learnt: Learnt | None) -> LearntParameter | None:
@@ -521,92 +529,18 @@ def _is_useful(history: History, field: RegionColumns) -> NDArray[np.bool_]:
     return np.asarray(np.isfinite(history.dni_w_m2) & has_reference & ~is_excluded)
 
 
-def _solved(
-    session: SessionReader,
-    camera: StreamInfo,
-    regions: tuple[Region, ...],
-    history: History,
-    settings: EstimatorSettings,
-    chosen: NDArray[np.int64],
-    explained: NDArray[np.bool_],
-) -> tuple[SlopeMap, PixelBounds, PixelPosterior]:
-    field, shape = RegionColumns(regions), (camera.shape[0], camera.shape[1])
-    sums = MapSums(shape, settings.surface, settings.noise_k, settings.tilt_limit_deg)
-    emissivity, offset_k = _of_pixels(regions, shape, settings)
+def _surface_of_minute(
+    session: SessionReader, camera: StreamInfo, regions: Sequence[Region], settings: EstimatorSettings
+) -> SurfaceK:
+    """Surface temperatures by minute, from mean brightness temperatures."""
+    emissivity, offset_k = _of_pixels(regions, (camera.shape[0], camera.shape[1]), settings)
 
     def surface_k(minute: int) -> FloatArray:
         # the offset is of brightness temperature, and a kelvin of it is more than one of the grey surface
         brightness = mean_of_minute_k(session, camera, minute)
         return surface_temperature_k(brightness - offset_k, emissivity, settings.reflected_temperature_k)
 
-    # as for regions: a reference without any temperature is excluded, the others are averaged
-    table = history.temperature_k[np.ix_(chosen, field.references)]
-    seen = np.isfinite(table).any(axis=0)
-    reference_normal = field.reference_normals[seen].mean(axis=0)
-    if settings.model == "paper":
-        for row, references_k in zip(chosen.tolist(), table[:, seen], strict=True):
-            reference_k = float(np.mean(references_k))
-            if np.isfinite(reference_k):
-                dni_w_m2 = history.dni_w_m2[row] * settings.scale
-                kelvin = surface_k(int(history.minute[row]))
-                sums.add(kelvin, reference_k, history.sun[row], dni_w_m2, reference_normal)
-    else:
-        reference_k = history.temperature_k[:, field.references[seen]].mean(axis=1)
-        _add_full(sums, surface_k, history, reference_k, chosen, reference_normal, settings)
-    slopes = sums.solve(explained)
-    likelihood = posterior(slopes, sums, reference_normal, settings)
-    slopes, bounds = with_bounds(slopes, likelihood, settings)
-    return _within_regions(slopes, regions), bounds, likelihood
-
-
-def _add_full(
-    sums: MapSums,
-    surface_k: Callable[[int], FloatArray],
-    history: History,
-    reference_k: FloatArray,
-    chosen: NDArray[np.int64],
-    reference_normal: FloatArray,
-    settings: EstimatorSettings,
-) -> None:
-    """Add the chosen minutes by the full model, whose stored heat also depends on the minutes before."""
-    first, last = history.minute[chosen[[0, -1]]].tolist()
-    is_near = (history.minute >= first - BEFORE_MINUTES) & (history.minute <= last)
-    rows = np.flatnonzero(is_near & np.isfinite(reference_k))
-    known, base_k = history.at(rows), reference_k[rows]
-    over_k = np.array(
-        [(surface_k(int(minute)) - base).ravel() for minute, base in zip(known.minute, base_k, strict=True)],
-        np.float32,
-    )
-    stored = np.concatenate(
-        [conducted(known.minute, piece, settings.slab) for piece in _pieces(over_k)], axis=1
-    )
-    beam, vertical = absorbed_light(known, base_k, settings)
-    design = known.sun + (vertical / beam)[:, np.newaxis] * VERTICAL
-    light = beam * settings.scale / (1.0 - settings.surface.albedo)
-    kernel = smoothed_kernel(settings.slab)
-    for row in np.flatnonzero(np.isin(rows, chosen)).tolist():
-        loss = float(irradiance_per_kelvin(base_k[row], settings.surface))
-        loss *= 1.0 - settings.surface.albedo
-        gain = float(np.sqrt((loss + kernel[0]) ** 2 + np.sum(kernel[1:] ** 2))) / loss
-        kelvin = (over_k[row] + base_k[row]).reshape(sums.shape).astype(np.float64)
-        sums.add(kelvin, base_k[row], design[row], light[row], reference_normal, stored[row], gain)
-
-
-def _pieces(columns: NDArray[np.float32]) -> Iterator[FloatArray]:
-    """A few thousand columns at a time: the transforms need several times their memory."""
-    for begin in range(0, columns.shape[1], 4096):
-        yield columns[:, begin : begin + 4096].astype(np.float64)
-
-
-def _explained(regions: Sequence[Region], estimates: Estimates, shape: tuple[int, int]) -> NDArray[np.bool_]:
-    """Pixels of the references and of the targets of which the regions' own estimate has a slope."""
-    final = final_estimates(estimates, regions)
-    found = {name for name, one in final.items() if one.state in WITH_SLOPE}
-    explained = np.zeros(shape, np.bool_)
-    for region in regions:
-        if region.kind is RegionKind.REFERENCE or region.name in found:
-            explained |= region.mask(shape)
-    return explained
+    return surface_k
 
 
 def _within_regions(slopes: SlopeMap, regions: Sequence[Region]) -> SlopeMap:

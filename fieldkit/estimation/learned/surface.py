@@ -9,10 +9,12 @@ diffuse light and normal), the product is taken to first order around a given st
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import toeplitz
 from scipy.special import ndtr
 
 from fieldkit.estimation.learned.bank import Affine, Transition
@@ -179,6 +181,23 @@ class SurfaceModel:
         second = (about**2 + sd**2) * share + about * sd * bell
         left = second - lit**2 - share**2 * sd**2
         return Light(share, lit, lit - share * about, np.sqrt(np.maximum(left, 0.0)))
+
+    def by_normal(self, minute: MinuteInputs) -> FloatArray:
+        """Light and longwave (3,) that a lit target, nowhere shaded, absorbs by its normal times the gain."""
+        ones = np.ones((1, self.layout.regions))
+        open_ = replace(minute, shaded=0.0 * ones[0], sunlit=ones[0])
+        light = Light(ones, 0.0 * ones, 0.0 * ones, 0.0 * ones)
+        return self._sources(open_, light).rows[0, self.layout.references, self.layout.normal(0)]
+
+    def warming(self, minutes: int) -> tuple[FloatArray, FloatArray]:
+        """Warming of a layer, of the first hypothesis, over minutes.
+
+        By 1 W/m2 in each minute, (minutes, minutes), and by the stores before the first, (minutes, STORES).
+        """
+        ages = np.arange(minutes)[:, np.newaxis]
+        fading = self._weights[0] * MEAN * FADE**ages
+        later = np.append(self._quick[0, 0], fading[:-1] @ FILL)
+        return np.asarray(toeplitz(later, np.zeros(minutes))), np.asarray(fading)
 
     def grazing_k2(
         self, minute: MinuteInputs, light: Light, mean: FloatArray, taken_k: FloatArray
