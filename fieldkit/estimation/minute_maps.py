@@ -102,25 +102,31 @@ class MinuteMap:
 
     def _add_paper(self, sums: MapSums, surface_k: SurfaceK) -> None:
         history, reference_k = self.history, self._reference_k
-        for row in self.chosen.tolist():
-            if np.isfinite(reference_k[row]):
-                dni_w_m2 = history.dni_w_m2[row] * self.settings.scale
-                kelvin = surface_k(int(history.minute[row]))
-                sums.add(kelvin, reference_k[row], history.sun[row], dni_w_m2, self._reference_normal)
+        for row in self.rows.tolist():
+            dni_w_m2 = history.dni_w_m2[row] * self.settings.scale
+            kelvin = surface_k(int(history.minute[row]))
+            sums.add(kelvin, reference_k[row], history.sun[row], dni_w_m2, self._reference_normal)
 
-    def _remembered(self, surface_k: SurfaceK) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-        """Rows of the minutes and those before, and all their pixels' temperatures over the reference."""
-        history, base_k = self.history, self._reference_k
-        first, last = history.minute[self.chosen[[0, -1]]].tolist()
-        is_near = (history.minute >= first - BEFORE_MINUTES) & (history.minute <= last)
-        rows = np.flatnonzero(is_near & np.isfinite(base_k))
-        over_k = [(surface_k(int(history.minute[row])) - base_k[row]).ravel() for row in rows.tolist()]
-        return rows, np.array(over_k, np.float32)
+    @property
+    def rows(self) -> NDArray[np.int64]:
+        """Rows of the minutes whose frames are needed: those with a reference, and for heat those before."""
+        minute, is_known = self.history.minute, np.isfinite(self._reference_k)
+        if self.settings.model == "paper":
+            return self.chosen[is_known[self.chosen]]
+        first, last = minute[self.chosen[[0, -1]]]
+        return np.flatnonzero((minute >= first - BEFORE_MINUTES) & (minute <= last) & is_known)
+
+    def _over_k(self, surface_k: SurfaceK) -> NDArray[np.float32]:
+        """Temperatures of all pixels over the reference (rows, pixels)."""
+        minute, base_k = self.history.minute, self._reference_k
+        return np.array(
+            [(surface_k(int(minute[row])) - base_k[row]).ravel() for row in self.rows.tolist()], np.float32
+        )
 
     def _add_full(self, sums: MapSums, surface_k: SurfaceK) -> None:
         """Add the minutes by the full model, whose stored heat also depends on the minutes before."""
         settings = replace(self.settings, model="full")
-        rows, over_k = self._remembered(surface_k)
+        rows, over_k = self.rows, self._over_k(surface_k)
         known, base_k = self.history.at(rows), self._reference_k[rows]
         stored = np.concatenate(
             [conducted(known.minute, piece, settings.slab) for piece in _pieces(over_k)], axis=1
@@ -139,7 +145,7 @@ class MinuteMap:
 
     def _add_learned(self, sums: MapSums, surface_k: SurfaceK, learnt: Learnt) -> EstimatorSettings:
         """Add the minutes by the learned model; the settings with the uncertainties that rows leave out."""
-        rows, over_k = self._remembered(surface_k)
+        rows, over_k = self.rows, self._over_k(surface_k)
         history = self.history.at(rows)
         measured = np.flatnonzero(np.isfinite(history.temperature_k).any(axis=0))
         regions = [self.regions[column] for column in measured]

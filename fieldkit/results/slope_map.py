@@ -13,6 +13,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -309,6 +310,7 @@ def slope_map(
     *,
     settings: Settings = (),
     present: bool = False,
+    on_progress: Progress = no_progress,
 ) -> MappedSession:
     """Estimate tilt and azimuth of every pixel of a session.
 
@@ -323,6 +325,8 @@ def slope_map(
         Other values for keys of ``fieldkit.toml``: ``{"albedo": 0.25}``, or ``KEY=VALUE``.
     present
         Use the campaign's ``fieldkit.toml`` and regions as they are now.
+    on_progress
+        Called with the frames read so far and their number.
 
     Returns
     -------
@@ -346,7 +350,7 @@ def slope_map(
     [('flat', 2), ('b05', 5), ('b15', 15), ('b25', 24)]
     """
     with reading(session) as opened:
-        return _mapped(opened, window, tuple(settings_from(settings)), present)
+        return _mapped(opened, window, tuple(settings_from(settings)), present, on_progress)
 
 
 def map_sessions(
@@ -416,7 +420,7 @@ def earlier_files(base: Path, written: Sequence[Path]) -> list[Path]:
 
 
 def _mapped(
-    session: SessionReader, window: Window, settings: tuple[str, ...], present: bool
+    session: SessionReader, window: Window, settings: tuple[str, ...], present: bool, on_progress: Progress
 ) -> MappedSession:
     config = config_for(session, settings, present=present)
     known = SessionMinutes(session, config, present=present)
@@ -448,7 +452,13 @@ def _mapped(
         estimates.learnt.final,
     )
     surface_k = _surface_of_minute(session, camera, known.regions, known.settings)
-    slopes, bounds, likelihood = minute_map.solved(surface_k)
+    total, done = len(minute_map.rows), count(1)
+
+    def counted_k(minute: int) -> FloatArray:
+        on_progress(next(done), total)
+        return surface_k(minute)
+
+    slopes, bounds, likelihood = minute_map.solved(counted_k)
     first, last = history.minute[chosen[[0, -1]]].tolist()
     return MappedSession(
         path=session.path,

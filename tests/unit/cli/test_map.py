@@ -192,6 +192,14 @@ def test_pixels_by_the_learnt_parameters_agree_with_the_full_model_of_their_regi
         assert file.attrs["surface_model"].decode() == "learned, unit-norm"
 
 
+def test_every_frame_that_is_read_is_reported(session):
+    seen = []
+    found = slope_map.slope_map(session, "all", on_progress=lambda *one: seen.append(one))
+    assert [done for done, _ in seen] == list(range(1, len(seen) + 1))
+    assert {total for _, total in seen} == {len(seen)}
+    assert len(seen) >= found.minutes
+
+
 def test_files_go_to_the_campaigns_results(session):
     done = fieldkit("map", session)
     folder = session.parent.parent / "results" / session.stem
@@ -381,13 +389,13 @@ def test_several_sessions_are_mapped_as_each_alone_from_python_too(session, tmp_
     for name in ("a", "b"):
         shutil.copy(session, folder / f"{name}.h5")
     (folder / "pose.toml").write_text(POSE)
-    (maps / "b-slope-map-rdir.png").write_bytes(b"older")
+    (maps / "b-slope-map-pose-pose.toml-rdir.png").write_bytes(b"older")
     words = ("map", folder, "-j", 1, "-o", maps, "--set", "camera.pose=pose.toml")
     done = fieldkit(*words)
     assert done.exit_code == 0, done.output
     assert "the grid of EPSG:32613 is corrected" in done.output
     said = done.stderr.replace("\n", " ")
-    assert f"of an earlier map, not of this one: {maps / 'b-slope-map-rdir.png'}" in said
+    assert f"of an earlier map, not of this one: {maps / 'b-slope-map-pose-pose.toml-rdir.png'}" in said
     wrong = fieldkit(*words[:2], "-j", 2, *words[4:-1], "camera.pose=none.toml")
     assert wrong.exit_code == 3
     assert "cannot read" in wrong.stderr  # by the workers, whose error arrives whole
@@ -398,7 +406,7 @@ def test_several_sessions_are_mapped_as_each_alone_from_python_too(session, tmp_
     written = found.write(tmp_path / "python")
     assert [path.suffix for path in written] == [".png", ".nc", ".png", ".png", ".tif", ".ply", ".mcap"]
     bands = []
-    for path in (maps / "a-slope-map.tif", tmp_path / "alone.tif", tmp_path / "python.tif"):
+    for path in (maps / "a-slope-map-pose-pose.toml.tif", tmp_path / "alone.tif", tmp_path / "python.tif"):
         with rasterio.open(path) as file:
             bands.append((file.descriptions, file.transform, file.read()))
     for names, transform, values in bands[1:]:
