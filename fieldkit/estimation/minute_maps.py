@@ -64,7 +64,7 @@ class MinuteMap:
         settings = self.settings
         if settings.model == "paper":
             self._add_paper(sums, surface_k)
-        elif settings.model == "learned" and self.learnt is not None:
+        elif settings.model == "learned" and self.learnt is not None and self._alike:
             settings = self._add_learned(sums, surface_k, self.learnt)
         else:
             self._add_full(sums, surface_k)
@@ -90,6 +90,16 @@ class MinuteMap:
         """References with any temperature, as for regions: the others are averaged."""
         table = self.history.temperature_k[np.ix_(self.chosen, self._columns.references)]
         return np.asarray(np.isfinite(table).any(axis=0))
+
+    @property
+    def _alike(self) -> list[int]:
+        """Columns of targets with any temperature whose surface is that of the references, as pixels' is."""
+        kelvin = self.history.temperature_k[self.rows]
+        return [
+            column
+            for column in self._columns.targets.tolist()
+            if self.regions[column].name not in self.settings.kinds and np.isfinite(kelvin[:, column]).any()
+        ]
 
     @property
     def _reference_k(self) -> FloatArray:
@@ -147,10 +157,10 @@ class MinuteMap:
         """Add the minutes by the learned model; the settings with the uncertainties that rows leave out."""
         rows, over_k = self.rows, self._over_k(surface_k)
         history = self.history.at(rows)
-        measured = np.flatnonzero(np.isfinite(history.temperature_k).any(axis=0))
-        regions = [self.regions[column] for column in measured]
+        columns = np.array([*self._columns.references[self._seen], *self._alike], np.int64)
+        regions = [self.regions[column] for column in columns]
         chosen = np.isin(rows, self.chosen)
-        made = pixel_rows(history.only(measured), regions, chosen, self.normals, self.settings, learnt)
+        made = pixel_rows(history.only(columns), regions, chosen, self.normals, self.settings, learnt)
         sums.add_rows(made.design, made.towards_sun, lambda piece: made.values(over_k[:, piece]))
         # offsets and drifts are in the rows, pixel by pixel
         return replace(

@@ -145,6 +145,9 @@ class MappedSession:
         holds = {
             "the map leaves the azimuth free: only regions have a known one": self.settings.azimuth
             == "known",
+            f"no pixels of regions of another kind of surface: {', '.join(self.settings.kinds)}": bool(
+                self.settings.kinds
+            ),
             "the frame moved within the window: edges are smeared; choose another --window": self.has_moved,
         }
         return [note for note, applies in holds.items() if applies]
@@ -570,7 +573,9 @@ def _of_pixels(
     emissivity, offset_k = np.full(shape, settings.surface.emissivity), np.zeros(shape)
     for region in regions:
         inside = region.mask(shape)
-        offset_k[inside] = settings.offsets_k.get(region.name, 0.0)
+        # pixels are compared with the reference's surface
+        unknown = region.name in settings.kinds
+        offset_k[inside] = math.nan if unknown else settings.offsets_k.get(region.name, 0.0)
         if np.isfinite(region.emissivity):
             emissivity[inside] = region.emissivity
     return emissivity, offset_k
