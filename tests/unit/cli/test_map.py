@@ -412,3 +412,11 @@ def test_several_sessions_are_mapped_as_each_alone_from_python_too(session, tmp_
     for names, transform, values in bands[1:]:
         assert (names, transform) == bands[0][:2]
         np.testing.assert_array_equal(values, bands[0][2])
+
+
+def test_pixels_of_a_region_of_another_kind_are_left_out_and_said(session):
+    found = slope_map.slope_map(session, "all", settings=["region.b15.surface_kind=rock"])
+    states = {one.region: one.states for one in found.by_region()}
+    assert states["b15"] == {"no_data": 1.0}
+    assert "no_data" not in states["b05"]
+    assert "no pixels of regions of another kind of surface: b15" in found.notes
