@@ -131,34 +131,40 @@ class _Pair:
         settings = replace(settings, azimuth="free")
         self._history, self._columns, self._settings = history, columns, settings
         self._chosen, self._normals = chosen, normals
-        layout = Layout.of(columns, columns.targets, settings)
-        self._layout, self._learnt = layout, {one.name: one.value for one in learnt.parameters}
-        self._gain_sd = next(one.sd / one.value for one in learnt.parameters if one.name == "gain")
-        minutes = _minutes(history, layout, settings)
-        known = logged(history, 0, layout, columns.regions, settings)
-        noise = noise_of(minutes, settings.noise_k)
-        drawn = Hypotheses(
-            exchange=np.array([self._learnt["exchange"]]),
-            inertia=np.array([self._learnt["thermal_inertia"]]),
-            depth_m=np.array([self._learnt["depth"] / 100.0]),
-            gust=np.array([self._learnt["gusts"]]),
-            unrest=np.ones(1),
-        )
+        self._learnt = {one.name: one for one in learnt.parameters}
+        self._layout = Layout.of(columns, columns.targets, settings)
+        self._minutes = _minutes(history, self._layout, settings)
+        self._frames: NDArray[np.int64] = history.minute - history.minute[0]
+        steps = np.arange(len(self._minutes), dtype=np.float64)
+        self._apart: FloatArray = np.abs(np.subtract.outer(steps, steps))
+        self._take_model()
+        own = _relaxing(self._apart, *_of(self._processes[self._layout.own(0)]))
+        self._noise: FloatArray = settings.noise_k**2 * np.eye(len(steps)) + own
+        self._find_jumps()
+
+    def _take_model(self) -> None:
+        """The filters' model and priors with what was learnt as the one hypothesis."""
+        layout, settings, minutes = self._layout, self._settings, self._minutes
+        known = logged(self._history, 0, layout, self._columns.regions, settings)
+        noise, drawn = noise_of(minutes, settings.noise_k), self._hypothesis()
         around = prior_mean(layout, settings, minutes[0], known)
         for name in ("gain", "diffuse", "circumsolar"):
-            around[layout.shared(name)] = self._learnt[name]
+            around[layout.shared(name)] = self._learnt[name].value
         self._surface = SurfaceModel(layout, drawn, settings, known, around, noise)
         self._processes = processes(layout, settings.prior, drawn, known, noise)
-        self._prior = prior_covariance(layout, settings, drawn, known, noise)[0]
+        self._prior: FloatArray = prior_covariance(layout, settings, drawn, known, noise)[0]
         self._own_gain_sd = float(settings.prior.own_gain_sd * noise.unlike(drawn.unrest)[0])
-        self._minutes = minutes
-        self._frames: NDArray[np.int64] = history.minute - history.minute[0]
         self._warming, self._fading = self._surface.warming(len(minutes))
-        steps = np.arange(len(minutes), dtype=np.float64)
-        self._apart: FloatArray = np.abs(np.subtract.outer(steps, steps))
-        own = _relaxing(self._apart, *_of(self._processes[layout.own(0)]))
-        self._noise: FloatArray = settings.noise_k**2 * np.eye(len(minutes)) + own
-        self._find_jumps()
+
+    def _hypothesis(self) -> Hypotheses:
+        found = {name: np.array([one.value]) for name, one in self._learnt.items()}
+        return Hypotheses(
+            exchange=found["exchange"],
+            inertia=found["thermal_inertia"],
+            depth_m=found["depth"] / 100.0,
+            gust=found["gusts"],
+            unrest=np.ones(1),
+        )
 
     def rows(self) -> PixelRows:
         """The rows of a pixel, by the exchange that the targets show."""
@@ -169,7 +175,7 @@ class _Pair:
         whitening = _whitening(self._alone(self._typical_over_k) + effect @ unknown @ effect.T, at)
         between = _interpolation(self._frames, len(self._minutes))
         design = whitening @ self._design[at]
-        seen = np.eye(len(self._frames))[chosen]
+        seen, gain = np.eye(len(self._frames))[chosen], self._learnt["gain"]
         by_loss = whitening @ (self._warming[at] @ between)
         towards = self._history.sun[chosen].mean(axis=0)
         return PixelRows(
@@ -181,7 +187,7 @@ class _Pair:
             by_loss=by_loss.astype(np.float32),
             constant=(design @ self._reference_normal + whitening @ reference[at]).astype(np.float32),
             towards_sun=towards / np.linalg.norm(towards),
-            scale_sd=float(np.hypot(self._gain_sd, self._own_gain_sd)),
+            scale_sd=float(np.hypot(gain.sd / gain.value, self._own_gain_sd)),
         )
 
     # --- what the targets show of the exchange and of the reference
@@ -253,7 +259,7 @@ class _Pair:
     def _exchange(self) -> FloatArray:
         """Exchange (m,) before the targets show that of each minute: the learnt one, and by the wind."""
         by_wind = self._settings.prior.wind_w_m2_k_per_m_s * self._wind_change
-        return np.asarray(np.maximum(self._learnt["exchange"] + by_wind, LEAST_EXCHANGE))
+        return np.asarray(np.maximum(self._learnt["exchange"].value + by_wind, LEAST_EXCHANGE))
 
     @property
     def _wind_change(self) -> FloatArray:
@@ -290,7 +296,7 @@ class _Pair:
     def _design(self) -> FloatArray:
         """Warming (m, 3) by the components of a unit normal."""
         absorbed = np.array([self._surface.by_normal(minute) for minute in self._minutes])
-        return np.asarray(self._learnt["gain"] * self._warming @ absorbed)
+        return np.asarray(self._learnt["gain"].value * self._warming @ absorbed)
 
     def _loss(self, over_k: FloatArray) -> FloatArray:
         emissivity, kelvin = self._settings.surface.emissivity_broadband, self._reference_k + over_k
