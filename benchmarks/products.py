@@ -1,25 +1,33 @@
-"""Terrain products of a map, against the slope alone: from mean frames to layers."""
+"""Maps: terrain products against the slope alone, and pixels of beds against the slopes of these."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.drawn_worlds import CLEAR, RANDOM, SOUTH, World
+from benchmarks.estimation_learned import without_wind
 from benchmarks.estimation_speed import PAPER, SITE, START_NS
+from benchmarks.harsh_worlds import harsh_world
 from benchmarks.result import Result, Row
 from benchmarks.session_data import LARGE, camera
 from benchmarks.sides import share
-from fieldkit.estimation.pixel_slopes import MapSums, posterior, with_bounds
+from fieldkit.estimation.chain import SlopeChain
+from fieldkit.estimation.estimator_keys import Model
+from fieldkit.estimation.minute_maps import MinuteMap
+from fieldkit.estimation.pixel_slopes import MapSums, PixelBounds, SlopeMap, posterior, with_bounds
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.ground.terrain_products import NAMES, Products
 from fieldkit.model.learnt import LearntParameter
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region, RegionKind
+from fieldkit.model.slope import WITH_SLOPE, SlopeEstimate, SlopeState
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.energy_balance import surface_temperature
 from fieldkit.physics.facet import VERTICAL, FloatArray, normal
@@ -27,6 +35,11 @@ from fieldkit.physics.sun import sun_vectors
 from fieldkit.results.slope_map import MappedSession
 
 MINUTES, NOISE_K, ROUNDS = 20, 0.05, 5
+PIXELS = 20
+"""Of each bed of a drawn world."""
+FIRST_WORLD, WORLDS = 6000, 8
+MODELS: tuple[Model, ...] = ("learned", "full")
+REFUSED = (SlopeState.NO_INTERSECTION, SlopeState.SHADED)
 SETTINGS = EstimatorSettings(model="full", noise_k=NOISE_K)
 INERTIA = LearntParameter(
     name="thermal_inertia",
@@ -65,8 +78,69 @@ def mapped(frames_k: Sequence[FloatArray], rays: NDArray[Any]) -> MappedSession:
     )  # fmt: skip
 
 
+class WorldMap(NamedTuple):
+    """Slopes of the pixels of a world, a row for each region, and the estimates of its targets."""
+
+    slopes: SlopeMap
+    bounds: PixelBounds
+    regions: tuple[SlopeEstimate, ...]
+
+
+def mapped_world(world: World, model: Model = "learned") -> WorldMap:
+    """The map of a drawn world: pixels as noisy as a minute, and on average as warm as their region."""
+    history, shape = without_wind(world.history), (len(world.regions), PIXELS)
+    found = SlopeChain(world.regions, replace(world.settings, model="learned")).at_once(history)
+    noise_k = NOISE_K * np.random.default_rng(5).standard_normal((len(history), *shape))
+    noise_k -= noise_k.mean(axis=-1, keepdims=True)
+    frames_k = history.temperature_k[..., np.newaxis] + noise_k
+    by_minute = dict(zip(history.minute.tolist(), frames_k, strict=True))
+    outlines = [((0.0, y), (PIXELS - 1.0, y), (PIXELS - 1.0, y), (0.0, y)) for y in range(shape[0])]
+    asked = MinuteMap(
+        history,
+        tuple(replace(one, vertices=at) for one, at in zip(world.regions, outlines, strict=True)),
+        np.arange(len(history)),
+        shape,
+        replace(world.settings, model=model),
+        {
+            one.region: normal(one.tilt_deg, one.azimuth_deg)
+            for one in found.slopes
+            if one.state in WITH_SLOPE
+        },
+        found.learnt,
+    )
+    slopes, bounds, *_ = asked.solved(by_minute.__getitem__)
+    return WorldMap(slopes, bounds, found.slopes)
+
+
+def of_beds() -> list[Result]:
+    """Pixels of beds with a slope, in harsh worlds: how many are refused, and how far off the bed's."""
+    kinds = [(RANDOM, 180), (SOUTH, 60)] * (WORLDS // 2)
+    worlds = [
+        harsh_world(FIRST_WORLD + number, CLEAR, beds, minutes=minutes)
+        for number, (beds, minutes) in enumerate(kinds)
+    ]
+    learned, full = (_judged([mapped_world(world, model) for world in worlds]) for model in MODELS)
+    note = f"{WORLDS} harsh worlds; with one exchange for all minutes, as configured (full): {full[0]:.0f} %"
+    return [
+        Result("pixels of beds with a slope that are refused", learned[0], "%", "0", note),
+        Result("  their median tilt off the bed's", learned[1], "°", "reported", f"full: {full[1]:.1f}°"),
+    ]
+
+
+def _judged(maps: Sequence[WorldMap]) -> tuple[float, float]:
+    """Share of refused pixels in percent, and the median of how far the tilts are off those of their beds."""
+    beds = [
+        (one.slopes.state[row], one.slopes.tilt_deg[row] - bed.tilt_deg)
+        for one in maps
+        for row, bed in enumerate(one.regions, start=1)
+        if bed.state in WITH_SLOPE
+    ]
+    states, off_deg = (np.concatenate(columns) for columns in zip(*beds, strict=True))
+    return 100.0 * float(np.isin(states, REFUSED).mean()), float(np.nanmedian(np.abs(off_deg)))
+
+
 def run() -> list[Result]:
-    """One row; half a minute."""
+    """All rows; two minutes."""
     random = np.random.default_rng(1)
     shape = LARGE[0]
     facets = normal(random.uniform(0.0, 30.0, shape), random.uniform(0.0, 360.0, shape))
@@ -83,4 +157,4 @@ def run() -> list[Result]:
         mapped(frames_k, rays).products(wanted)
         return time.process_time() - began
 
-    return [share(ALL, [(seconds(every), seconds(Products(("slope",)))) for _ in range(ROUNDS)])]
+    return [*of_beds(), share(ALL, [(seconds(every), seconds(Products(("slope",)))) for _ in range(ROUNDS)])]

@@ -79,8 +79,8 @@ def command(
     NAME.png shows azimuth as hue and tilt as saturation, shaded like a relief; NAME.nc (netCDF) has the
     arrays with state and likelihood region of every pixel. With --follow both are replaced as a whole, so an
     image viewer or a browser may keep them open; the recording is not disturbed. A single minute gives the
-    slope along the sun alone, the product rdir. Of several sessions
-    slope-maps.html shows the maps beside each other, colours and pixels of one scale.
+    slope along the sun alone, the product rdir. Of several sessions slope-maps.html shows the maps beside
+    each other, colours and pixels of one scale. Window and settings are in the names.
 
     \b
     Products, NaN where there is no slope; all but ptilt with their standard uncertainty:
@@ -99,7 +99,7 @@ def command(
     """
     from fieldkit.config.pose import read_pose
     from fieldkit.ground.terrain_products import Products
-    from fieldkit.results.slope_map import ENDINGS, default_base, map_sessions, slope_map
+    from fieldkit.results.slope_map import ENDINGS, default_base, map_sessions, slope_map, variant
 
     wanted = None
     if products is not None:
@@ -113,7 +113,8 @@ def command(
         workers = batch.workers(kind, address, jobs)
         make_all = partial(map_sessions, window=window, settings=settings, present=present, workers=workers)
         write_all = partial(make_all, wanted=wanted, pose=camera, cell_m=cell_m, notify=common.say)
-        _map_many(_bases(paths, out, base), write_all, out)
+        of_map = variant(window, settings)
+        _map_many(_bases(paths, out, base, of_map), write_all, out, of_map)
         return
     make = partial(slope_map, paths[0], window, settings=settings, present=present)
 
@@ -141,14 +142,15 @@ def _follow(path: Path, map_now: Callable[[], None]) -> None:
 def _map(
     path: Path,
     base: Path,
-    make: Callable[[], MappedSession],
+    make: Callable[..., MappedSession],
     write: Callable[[MappedSession, Path], list[Path]],
     print_json: Callable[[Mapping[str, Any]], None],
 ) -> None:
-    found = make()
+    with batch.progress_bar("mapping") as on_progress:
+        found = make(on_progress=on_progress)
+        files = write(found, base)
     for note in found.notes:
         common.say(note)
-    files = write(found, base)
     _say_earlier(base, files)
     if common.options().json:
         print_json(_document(path, found, files))
@@ -159,7 +161,7 @@ def _map(
 
 
 def _map_many(
-    bases: Mapping[Path, Path], make: Callable[..., tuple[Maps, Failures]], out: Path | None
+    bases: Mapping[Path, Path], make: Callable[..., tuple[Maps, Failures]], out: Path | None, of_map: str
 ) -> None:
     """Map each session, and all of them on one page."""
     from fieldkit.results.maps_page import write_maps_page
@@ -174,7 +176,7 @@ def _map_many(
     page = None
     if made:
         folder = out or results_folder(next(iter(bases)))
-        page = write_maps_page([found for found, _ in made.values()], folder / "slope-maps.html")
+        page = write_maps_page([found for found, _ in made.values()], folder / f"slope-maps{of_map}.html")
     if common.options().json:
         common.print_json({"sessions": [_document(path, *one) for path, one in made.items()], "page": page})
     else:
@@ -194,9 +196,12 @@ def _say_earlier(base: Path, files: Sequence[Path]) -> None:
         common.say(f"of an earlier map, not of this one: {', '.join(map(str, earlier))}")
 
 
-def _bases(paths: Sequence[Path], out: Path | None, base: Callable[[Path], Path]) -> dict[Path, Path]:
-    """The base of each session's files; a session named twice counts once."""
-    bases = {path: out / f"{path.stem}-slope-map" if out else base(path) for path in dict.fromkeys(paths)}
+def _bases(
+    paths: Sequence[Path], out: Path | None, base: Callable[[Path], Path], of_map: str
+) -> dict[Path, Path]:
+    """The base of each session's files, in a folder by window and settings; one named twice counts once."""
+    each = dict.fromkeys(paths)
+    bases = {path: out / f"{path.stem}-slope-map{of_map}" if out else base(path) for path in each}
     if len(set(bases.values())) < len(bases):
         raise click.UsageError("two sessions of one name would be written into one file: map them one by one")
     return bases

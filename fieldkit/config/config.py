@@ -159,6 +159,11 @@ class Config:
             light_stream=self.tables.irradiance.stream,
             measures=self.tables.irradiance.measures,
             limits=self.limits,
+            kinds={
+                region.name: region.surface_kind
+                for region in self.tables.region
+                if region.surface_kind not in (None, self.tables.surface.kind)
+            },
             probes={region.name: tuple(region.probes) for region in self.tables.region if region.probes},
             horizon=tuple(self.tables.site.horizon),
             horizons={region.name: tuple(region.horizon) for region in self.tables.region if region.horizon},

@@ -446,6 +446,11 @@ class RegionTable(Table):
     emissivity_sd: float = Field(
         default=0.0, ge=0, lt=1, description="standard uncertainty of emissivity; a record brings its own"
     )
+    surface_kind: Kind | None = Field(
+        examples=["rock"],
+        default=None,
+        description="its kind of surface, where it differs from surface.kind; a target's, for learned",
+    )
     offset_k: float = Field(
         default=0.0,
         ge=-10,

@@ -236,6 +236,10 @@ def _other_world(document: Mapping[str, Any]) -> Iterator[Mistake]:
     if _table(document, "surface").get("kind", SAND) != SAND:
         message = f"kinds of surface are the Earth's; on {body} set [surface], [slab] and [prior]"
         yield Mistake(("surface", "kind"), message)
+    for path, region in _regions(document):
+        if "surface_kind" in region:
+            message = f"kinds of surface are the Earth's; omit it on {body}"
+            yield Mistake((*path, "surface_kind"), message)
     if simulation.get("drawn"):
         yield Mistake(("simulation", "drawn"), f"drawn fields have the air of the Earth; omit it on {body}")
     irradiance = _table(document, "irradiance")
@@ -284,6 +288,10 @@ def _reference(document: Mapping[str, Any]) -> Iterator[Mistake]:
     is_needed = _table(document, "estimator").get("reference") != "weather"
     if is_needed and regions and not any(region.get("kind") == "reference" for _, region in regions):
         yield Mistake(("region",), 'no reference among the regions; give the flat one kind = "reference"')
+    for path, region in regions:
+        if region.get("kind") == "reference" and "surface_kind" in region:
+            message = "a reference's kind of surface is surface.kind; omit it here"
+            yield Mistake((*path, "surface_kind"), message)
 
 
 def _outside_the_frame(document: Mapping[str, Any]) -> Iterator[Mistake]:

@@ -298,7 +298,7 @@ class _Group:
             azimuth_low_deg=found.region.azimuth_low_deg,
             azimuth_high_deg=found.region.azimuth_high_deg,
             chi_square=_mean_square(_errors(learner)[1][:, self._layout.references + index]),
-            kelvin_per_degree=_kelvin_per_degree(learner, tilt, azimuth),
+            kelvin_per_degree=_kelvin_per_degree(learner, index, tilt, azimuth),
         )
         if not self._has_seen_the_sun(learner, found.best):
             reason = "the sun has not reached it: what is known of it comes from skylight alone"
@@ -424,16 +424,18 @@ def _mean_square(values: FloatArray) -> float:
     return float(np.nanmean(values**2)) if np.isfinite(values).any() else math.nan
 
 
-def _kelvin_per_degree(learner: Learner, tilt_deg: float, azimuth_deg: float) -> float:
-    """Change of a bed's temperature per degree of tilt in balance, NaN without sun."""
+def _kelvin_per_degree(learner: Learner, target: int, tilt_deg: float, azimuth_deg: float) -> float:
+    """Change of a target's temperature per degree of tilt in balance, NaN without sun."""
     minute, posterior = learner.last, learner.posterior
     weights = posterior.weights
-    light = float(weights @ posterior.normals.gain) * minute.direct
+    unlike = learner.layout.unlike_of(target)
+    light = float(weights @ posterior.normals.gain) * minute.direct * unlike.light
     if light <= 0.0 or minute.sun[2] <= 0.0:
         return math.nan
     grey = learner.settings.surface.emissivity_broadband
     kelvin = float(minute.temperature_k.mean())
-    loss = float(weights @ posterior.filters.hypotheses.exchange) + 4.0 * grey * STEFAN_BOLTZMANN * kelvin**3
+    exchange = float(weights @ posterior.filters.hypotheses.exchange) * unlike.exchange
+    loss = exchange + 4.0 * grey * STEFAN_BOLTZMANN * kelvin**3
     return kelvin_per_degree(tilt_deg, azimuth_deg, minute.sun, loss / light)
 
 

@@ -13,7 +13,7 @@ azimuth are found along its edge; where the edge leaves the unit disc, both bran
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import cv2
@@ -85,7 +85,7 @@ class MapSums:
         self._limit_cosine = np.float32(np.cos(np.radians(tilt_limit_deg)))
         pixels = shape[0] * shape[1]
         self._H, self._b, self._c = np.zeros((3, 3)), np.zeros((3, pixels)), np.zeros(pixels)
-        self._weight_per_kelvin = 0.0
+        self._weight_per_kelvin, self._towards_sun = 0.0, np.zeros(3)
         # in pieces that fit the processor's cache: the loops are bound by memory
         self._pieces = [slice(at, min(at + PIECE, pixels)) for at in range(0, pixels, PIECE)]
 
@@ -136,8 +136,31 @@ class MapSums:
             y *= weight
             self._c[piece] += y
         self._H += weight * np.outer(sun, sun)
+        self._towards_sun += weight * sun
         self._weight_per_kelvin += weight * steepness / dni_w_m2
         self.count += 1
+
+    def add_rows(
+        self, design: FloatArray, sun: FloatArray, values: Callable[[slice], NDArray[np.float32]]
+    ) -> None:
+        """Add rows ``design n = value`` of unit variance.
+
+        Parameters
+        ----------
+        design
+            The same for all pixels, shape (k, 3). [-]
+        sun
+            Mean vector towards the sun (3,). [-]
+        values
+            Those of some pixels, shape (k, pixels); NaN makes a pixel unknown. [-]
+        """
+        for piece in self._pieces:
+            y = values(piece)
+            self._b[:, piece] += design.T.astype(np.float32) @ y
+            self._c[piece] += np.einsum("kp,kp->p", y, y)
+        self._H += design.T @ design
+        self._towards_sun += len(design) * sun
+        self.count += len(design)
 
     @property
     def per_kelvin(self) -> float:
@@ -170,8 +193,8 @@ class MapSums:
     def solve(self, explained: NDArray[np.bool_] | None = None) -> SlopeMap:
         """The map of all frames so far; the state is `TOO_FEW` with fewer than three.
 
-        `explained` are pixels (rows, cols) of regions of which a slope was found: their misfit is that of the
-        region's gusts, so it widens their bounds and does not refuse them.
+        `explained` are pixels (rows, cols) of regions of which a slope was found: neither a misfit refuses
+        them, which widens their bounds instead, nor a slope beyond the limit, which their bounds may reach.
         """
         refused = np.ones(self._c.size, np.bool_) if explained is None else ~explained.ravel()
         planes = np.full((4, self._c.size), np.nan, np.float32)
@@ -200,6 +223,7 @@ class MapSums:
     ) -> None:
         y1, y2, pull, left = self._resolved(piece, values, vectors)
         m, e2, e1 = vectors.T.astype(np.float32)
+        sun = (self._towards_sun / np.linalg.norm(self._towards_sun)).astype(np.float32)
         lowest, middle, highest = values.astype(np.float32)
         x1 = np.clip(y1, -1.0, 1.0)
         room = np.sqrt(1.0 - x1 * x1)
@@ -223,16 +247,16 @@ class MapSums:
         _arc_cosine(chosen, tilt)
         for component, part in ((north, m[1]), (east, m[0])):
             component += part * across
+        is_dark = east * sun[0] + north * sun[1] + chosen * sun[2] < LOWEST_COS_INCIDENCE
         # accurate to 0.01 degree, and forty times as fast as numpy's
         azimuth[:] = cv2.phase(north, east, angleInDegrees=True).ravel()
         pinned = highest * (y1 - x1) ** 2 + middle * (y2 - x2) ** 2
         np.maximum(left, 0.0, out=left)
         np.divide(np.add(left, pinned, out=left), self._freedom, out=chi_square)
-        self._set_states(chosen, other, chi_square, gain, is_alone, state)
+        self._set_states(chosen, other, chi_square, gain, is_alone, refused, state)
         misfits = refused & (chi_square > _alarm(self._freedom))
         _raise_state(state, misfits, SlopeState.NO_INTERSECTION)
-        # the first axis is the sun's mean direction, so along it lies the mean cosine
-        _raise_state(state, (y1 if e1[2] > 0.0 else -y1) < LOWEST_COS_INCIDENCE, SlopeState.SHADED)
+        _raise_state(state, is_dark, SlopeState.SHADED)
         _raise_state(state, np.isnan(y1), SlopeState.NO_DATA)
         _arc_cosine(other, second)
         second += _NAN_UNLESS_NOT_RESOLVED.take(state)
@@ -258,6 +282,7 @@ class MapSums:
         chi_square: NDArray[np.float32],
         gain: NDArray[np.float32],
         is_alone: NDArray[np.bool_],
+        refused: NDArray[np.bool_],
         state: NDArray[np.uint8],
     ) -> None:
         """States of lit pixels; `gain` is the misfit of the other branch less the chosen one's."""
@@ -266,7 +291,7 @@ class MapSums:
         np.multiply(~is_alone & (gain < significant), np.uint8(SlopeState.NOT_RESOLVED), out=state)
         limit = self._limit_cosine
         too_steep = (chosen < limit) | ((other < limit) & (gain < -significant))
-        _raise_state(state, too_steep, SlopeState.NO_INTERSECTION)
+        _raise_state(state, refused & too_steep, SlopeState.NO_INTERSECTION)
 
 
 def _raise_state(state: NDArray[np.uint8], where: NDArray[np.bool_], value: SlopeState) -> None:
@@ -370,17 +395,30 @@ def with_bounds(
     )
     bounds = (
         np.where(is_vertical, 0.0, low),
-        np.maximum(np.minimum(high, settings.tilt_limit_deg), tilt),
+        np.minimum(np.maximum(high, tilt), np.maximum(settings.tilt_limit_deg, low)),
         azimuth + np.where(is_vertical, -180.0, left),
         azimuth + np.where(is_vertical, 180.0, right),
     )
     planes = np.full((4, *known.shape), np.nan, np.float32)
     planes[:, known] = bounds
+    slopes = _within_limit(slopes, planes, settings.tilt_limit_deg)
     flat = np.zeros(known.shape, np.bool_)
     flat[known] = is_vertical
     return _with_states(slopes, planes, flat), PixelBounds(
         planes[0], planes[1], planes[2], planes[3], settings.confidence
     )
+
+
+def _within_limit(slopes: SlopeMap, bounds: NDArray[np.float32], limit_deg: float) -> SlopeMap:
+    """Pixels beyond the tilt limit: on it where their bounds reach it, else, with their bounds, NaN."""
+    state, tilt, azimuth = slopes.state.copy(), slopes.tilt_deg.copy(), slopes.azimuth_deg.copy()
+    is_beyond = tilt > limit_deg
+    state[is_beyond] = SlopeState.UNCERTAIN
+    tilt[is_beyond] = limit_deg
+    refused = bounds[0] > limit_deg
+    state[refused] = SlopeState.NO_INTERSECTION
+    tilt[refused] = azimuth[refused] = bounds[:, refused] = np.nan
+    return replace(slopes, state=state, tilt_deg=tilt, azimuth_deg=azimuth)
 
 
 def _covariance(at: FloatArray, values: FloatArray, inflation: FloatArray) -> FloatArray:

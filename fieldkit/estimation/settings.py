@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from fieldkit.estimation.estimator_keys import EstimatorKeys
 from fieldkit.estimation.prior import Prior
+from fieldkit.estimation.surface_kinds import KINDS, Kind, Unlike
 from fieldkit.model.site import Site
 from fieldkit.physics.energy_balance import SurfaceParameters
 from fieldkit.physics.horizon import Horizon
@@ -35,6 +36,8 @@ class EstimatorSettings(EstimatorKeys):
         Components of radiation by stream, where the streams do not declare them (`fieldkit.model.radiation`).
     limits
         Rows of the table of limits that differ (`fieldkit.model.limits.rows_of`).
+    kinds
+        Kind of surface of each region that has another one than the references, by its name; learned only.
     probes
         Contact thermometers in each region, by its name: ``STREAM:CHANNEL``, the channel by name or number.
     horizon, horizons
@@ -65,6 +68,7 @@ class EstimatorSettings(EstimatorKeys):
     light_stream: str = ""
     measures: Mapping[str, str] = field(default_factory=dict)
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    kinds: Mapping[str, Kind] = field(default_factory=dict)
     probes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     horizon: Horizon = ()
     horizons: Mapping[str, Horizon] = field(default_factory=dict)
@@ -85,6 +89,13 @@ class EstimatorSettings(EstimatorKeys):
     def fixed_window_s(self) -> float | None:
         """Length of the window of ``paper`` and ``full`` in s; None where it is as long as one slope fits."""
         return None if isinstance(self.window_s, str) else self.window_s
+
+    def unlike(self, region: str) -> Unlike:
+        """The surface of a region by its name against that of the references."""
+        kind, prior = self.kinds.get(region), self.prior
+        if kind is None:
+            return Unlike(normal_horizontal_sd=prior.normal_horizontal_sd)
+        return Unlike.of(KINDS[kind], prior.exchange_w_m2_k, self.slab, self.surface.albedo)
 
     def horizon_of(self, region: str) -> Horizon:
         """The horizon of a region by its name: its own, else the site's."""

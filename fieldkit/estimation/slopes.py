@@ -309,6 +309,8 @@ class Window:
     def _unsolvable(self, index: int, n_bins: int) -> tuple[SlopeState, str] | None:
         """State and reason where no slope can be estimated at all, else None."""
         column = self.columns.targets[index]
+        if self.columns.regions[column].name in self.settings.kinds:
+            return SlopeState.NO_DATA, "a surface_kind of its own needs the model learned"
         if not self._high_sun[-1]:
             elevation = math.degrees(math.asin(self.past.sun[-1, 2]))
             return (

@@ -10,6 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+from fieldkit.physics.slab import Slab
+
 Kind = Literal["sand", "soil", "rock", "plate", "wall", "snow", "vegetation", "forest"]
 SAND: Kind = "sand"
 STEEP_SD = 0.42
@@ -80,6 +82,45 @@ class SurfaceKind:
             "estimator": estimator,
             "prior": {name: getattr(self, name) for name in priors.split()},
         }
+
+
+@dataclass(frozen=True, slots=True)
+class Unlike:
+    """A region's surface against that of the references: ratios of medians, and what it may differ beyond.
+
+    Attributes
+    ----------
+    exchange, inertia, depth, light
+        Of its heat exchange, thermal inertia, depth of the layer and absorptance. [-]
+    exchange_sd, inertia_sd, gain_sd
+        Standard deviations of its own, relative. [-]
+    normal_horizontal_sd
+        Of each horizontal component of its normal. [-]
+    """
+
+    exchange: float = 1.0
+    inertia: float = 1.0
+    depth: float = 1.0
+    light: float = 1.0
+    exchange_sd: float = 0.0
+    inertia_sd: float = 0.0
+    gain_sd: float = 0.0
+    normal_horizontal_sd: float = 0.25
+
+    @classmethod
+    def of(cls, kind: SurfaceKind, exchange_w_m2_k: float, slab: Slab, albedo: float) -> Unlike:
+        """A kind against the configured surface of the references."""
+        own = Slab(kind.depth_m, kind.conductivity_w_m_k, kind.heat_capacity_j_m3_k)
+        return cls(
+            exchange=kind.exchange_w_m2_k / exchange_w_m2_k,
+            inertia=own.thermal_inertia / slab.thermal_inertia,
+            depth=kind.depth_m / slab.depth_m,
+            light=(1.0 - kind.albedo) / (1.0 - albedo),
+            exchange_sd=kind.exchange_log_sd,
+            inertia_sd=kind.inertia_log_sd,
+            gain_sd=kind.gain_sd,
+            normal_horizontal_sd=kind.normal_horizontal_sd,
+        )
 
 
 # Oke (1987), Boundary Layer Climates, 2nd edition: tables 1.1 (albedo), 2.1 (soils, snow), 7.4 (building

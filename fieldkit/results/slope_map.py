@@ -1,9 +1,8 @@
 """Slope maps: tilt and azimuth of every pixel, from mean frames of the minutes that the estimator trusts.
 
 The estimator goes over the session first, so a minute has the same sun, irradiance, reference and flags
-for a pixel as for a region; then the frames of the window's minutes are read once more. Cloudy minutes,
-which barely affect a region's estimate, are excluded. With the learned model pixels are solved by the full
-model with the parameters learnt from the regions.
+for a pixel as for a region; then the frames of the window's minutes are read once more and solved by
+`fieldkit.estimation.minute_maps`. Cloudy minutes, which barely affect a region's estimate, are excluded.
 """
 
 from __future__ import annotations
@@ -11,9 +10,10 @@ from __future__ import annotations
 import math
 import platform
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,15 +22,14 @@ from numpy.typing import NDArray
 
 import fieldkit
 from fieldkit.disk import replacing
-from fieldkit.estimation.balance import absorbed_light, conducted, smoothed_kernel
 from fieldkit.estimation.bins import History, RegionColumns
 from fieldkit.estimation.disturbances import MOVED_PX
 from fieldkit.estimation.estimator_keys import Model
 from fieldkit.estimation.instant import AlongSun
 from fieldkit.estimation.instruments import Instruments
-from fieldkit.estimation.learned.as_settings import learnt_settings
+from fieldkit.estimation.minute_maps import MinuteMap, SurfaceK
 from fieldkit.estimation.pixel_posterior import PixelPosterior
-from fieldkit.estimation.pixel_slopes import MapSums, PixelBounds, SlopeMap, posterior, with_bounds
+from fieldkit.estimation.pixel_slopes import PixelBounds, SlopeMap
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.ground.on_ground import GroundView, ground_view, write_on_ground
 from fieldkit.ground.terrain_products import LAYERS, Layer, Products, layer_along_sun, layers
@@ -43,8 +42,7 @@ from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.slope import CERTAIN, WITH_SLOPE, SlopeState, final_estimates
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.camera_laws import frame_k
-from fieldkit.physics.energy_balance import irradiance_per_kelvin
-from fieldkit.physics.facet import VERTICAL, FloatArray, normal, tilt_azimuth
+from fieldkit.physics.facet import FloatArray, normal, tilt_azimuth
 from fieldkit.physics.horizon import MINUTE_EDGE_DEG, sunlit_share
 from fieldkit.physics.radiance import surface_temperature_k
 from fieldkit.results.batch import Failures, Progress, no_progress
@@ -70,12 +68,10 @@ EXCLUDED = Quality.CLOUD | Quality.LOW_SUN
 SURFACE_MODELS: Mapping[Model, str] = {
     "paper": "paper, eq. (6), unit-norm",
     "full": "full, unit-norm",
-    "learned": "full with learnt parameters, unit-norm",
+    "learned": "learned, unit-norm",
 }
 LEAST_MINUTES = 3
 """Below these a map is of the last of them alone, and of the component along the sun."""
-BEFORE_MINUTES = 120
-"""Minutes before the window whose warmth the sand remembers."""
 ONE_MINUTE = (
     "one minute gives the component of slopes along the sun alone; another hour of the day gives the rest"
 )
@@ -158,6 +154,9 @@ class MappedSession:
             "the map leaves the azimuth free: only regions have a known one": self.settings.azimuth
             == "known",
             ONE_MINUTE: self.along_sun is not None,
+            f"no pixels of regions of another kind of surface: {', '.join(self.settings.kinds)}": bool(
+                self.settings.kinds
+            ),
             "the frame moved within the window: edges are smeared; choose another --window": self.has_moved,
         }
         return [note for note, applies in holds.items() if applies]
@@ -330,6 +329,7 @@ def slope_map(
     *,
     settings: Settings = (),
     present: bool = False,
+    on_progress: Progress = no_progress,
 ) -> MappedSession:
     """Estimate tilt and azimuth of every pixel of a session.
 
@@ -344,6 +344,8 @@ def slope_map(
         Other values for keys of ``fieldkit.toml``: ``{"albedo": 0.25}``, or ``KEY=VALUE``.
     present
         Use the campaign's ``fieldkit.toml`` and regions as they are now.
+    on_progress
+        Called with the frames read so far and their number.
 
     Returns
     -------
@@ -367,7 +369,7 @@ def slope_map(
     [('flat', 2), ('b05', 5), ('b15', 15), ('b25', 24)]
     """
     with reading(session) as opened:
-        return _mapped(opened, window, tuple(settings_from(settings)), present)
+        return _mapped(opened, window, tuple(settings_from(settings)), present, on_progress)
 
 
 def map_sessions(
@@ -437,7 +439,7 @@ def earlier_files(base: Path, written: Sequence[Path]) -> list[Path]:
 
 
 def _mapped(
-    session: SessionReader, window: Window, settings: tuple[str, ...], present: bool
+    session: SessionReader, window: Window, settings: tuple[str, ...], present: bool, on_progress: Progress
 ) -> MappedSession:
     config = config_for(session, settings, present=present)
     known = SessionMinutes(session, config, present=present)
@@ -455,12 +457,29 @@ def _mapped(
         )
     is_instant = len(chosen) < LEAST_MINUTES
     chosen = chosen[-1:] if is_instant else chosen
-    used = _settings(known, None if is_instant else estimates.learnt.final)
-    explained = _explained(known.regions, estimates, (camera.shape[0], camera.shape[1]))
-    sums, reference_normal = _sums(session, camera, known.regions, history, used, chosen)
-    slopes = sums.solve(explained)
-    likelihood = posterior(slopes, sums, reference_normal, used)
-    slopes, bounds = with_bounds(slopes, likelihood, used)
+    learnt = None if is_instant else estimates.learnt.final
+    found = final_estimates(estimates, known.regions)
+    minute_map = MinuteMap(
+        history,
+        known.regions,
+        chosen,
+        (camera.shape[0], camera.shape[1]),
+        known.settings,
+        {
+            one.region: normal(one.tilt_deg, one.azimuth_deg)
+            for one in found.values()
+            if one.state in WITH_SLOPE
+        },
+        learnt,
+    )
+    surface_k = _surface_of_minute(session, camera, known.regions, known.settings)
+    total, done = len(minute_map.rows), count(1)
+
+    def counted_k(minute: int) -> FloatArray:
+        on_progress(next(done), total)
+        return surface_k(minute)
+
+    slopes, bounds, likelihood, along_sun = minute_map.solved(counted_k)
     first, last = history.minute[chosen[[0, -1]]].tolist()
     return MappedSession(
         path=session.path,
@@ -472,8 +491,8 @@ def _mapped(
         camera=camera,
         site=known.site,
         regions=known.regions,
-        settings=used,
-        model=used.model if is_instant else known.settings.model,
+        settings=_as_learnt(known.settings, learnt),
+        model="full" if is_instant and known.settings.model == "learned" else known.settings.model,
         irradiance_model=instruments.label,
         start_ns=first * MINUTE_NS,
         end_ns=(last + 1) * MINUTE_NS,
@@ -483,19 +502,19 @@ def _mapped(
         damaged=known.measured.damaged.get(camera.name, 0),
         inertia=_inertia(known.settings, estimates.learnt.final),
         pose=config.pose,
-        along_sun=sums.along_sun(reference_normal, used) if is_instant else None,
+        along_sun=along_sun,
     )
 
 
-def _settings(known: SessionMinutes, learnt: Learnt | None) -> EstimatorSettings:
-    """Settings of the map: the configured ones, or the full model with what the session taught."""
-    settings, air_k = known.settings, known.history.air_k
-    if settings.model != "learned":
+def _as_learnt(settings: EstimatorSettings, learnt: Learnt | None) -> EstimatorSettings:
+    """The settings with the gain and the exchange of all minutes that the learned model found."""
+    if settings.model != "learned" or learnt is None:
         return settings
-    if learnt is None:
-        return replace(settings, model="full")
-    mean_air_k = float(np.nanmean(air_k)) if np.isfinite(air_k).any() else math.nan
-    return learnt_settings(settings, learnt, mean_air_k)
+    found = {one.name: one for one in learnt.parameters}
+    surface, gain = settings.surface, found["gain"]
+    exchange_m_s = found["exchange"].value / (surface.heat_capacity_j_kg_k * surface.air_density_kg_m3)
+    surface = replace(surface, exchange_m_s=exchange_m_s)
+    return replace(settings, surface=surface, scale=gain.value, scale_sd=gain.sd)
 
 
 def _inertia(settings: EstimatorSettings, learnt: Learnt | None) -> LearntParameter | None:
@@ -542,93 +561,18 @@ def _is_useful(history: History, field: RegionColumns) -> NDArray[np.bool_]:
     return np.asarray(np.isfinite(history.dni_w_m2) & has_reference & ~is_excluded)
 
 
-def _sums(
-    session: SessionReader,
-    camera: StreamInfo,
-    regions: tuple[Region, ...],
-    history: History,
-    settings: EstimatorSettings,
-    chosen: NDArray[np.int64],
-) -> tuple[MapSums, FloatArray]:
-    """Sums over the chosen minutes, and the mean normal of the references."""
-    field, shape = RegionColumns(regions), (camera.shape[0], camera.shape[1])
-    sums = MapSums(shape, settings.surface, settings.noise_k, settings.tilt_limit_deg)
-    emissivity, offset_k = _of_pixels(regions, shape, settings)
+def _surface_of_minute(
+    session: SessionReader, camera: StreamInfo, regions: Sequence[Region], settings: EstimatorSettings
+) -> SurfaceK:
+    """Surface temperatures by minute, from mean brightness temperatures."""
+    emissivity, offset_k = _of_pixels(regions, (camera.shape[0], camera.shape[1]), settings)
 
     def surface_k(minute: int) -> FloatArray:
         # the offset is of brightness temperature, and a kelvin of it is more than one of the grey surface
         brightness = mean_of_minute_k(session, camera, minute)
         return surface_temperature_k(brightness - offset_k, emissivity, settings.reflected_temperature_k)
 
-    # as for regions: a reference without any temperature is excluded, the others are averaged
-    table = history.temperature_k[np.ix_(chosen, field.references)]
-    seen = np.isfinite(table).any(axis=0)
-    reference_normal = field.reference_normals[seen].mean(axis=0)
-    if settings.model == "paper":
-        for row, references_k in zip(chosen.tolist(), table[:, seen], strict=True):
-            reference_k = float(np.mean(references_k))
-            if np.isfinite(reference_k):
-                dni_w_m2 = history.dni_w_m2[row] * settings.scale
-                kelvin = surface_k(int(history.minute[row]))
-                sums.add(kelvin, reference_k, history.sun[row], dni_w_m2, reference_normal)
-    else:
-        reference_k = history.temperature_k[:, field.references[seen]].mean(axis=1)
-        _add_full(sums, surface_k, history, reference_k, chosen, reference_normal, settings)
-    return sums, reference_normal
-
-
-def _add_full(
-    sums: MapSums,
-    surface_k: Callable[[int], FloatArray],
-    history: History,
-    reference_k: FloatArray,
-    chosen: NDArray[np.int64],
-    reference_normal: FloatArray,
-    settings: EstimatorSettings,
-) -> None:
-    """Add the chosen minutes by the full model, whose stored heat also depends on the minutes before.
-
-    Of a single one it is left to the uncertainty, as for regions.
-    """
-    first, last = history.minute[chosen[[0, -1]]].tolist()
-    is_near = (history.minute >= first - BEFORE_MINUTES) & (history.minute <= last)
-    rows = chosen if chosen.size == 1 else np.flatnonzero(is_near & np.isfinite(reference_k))
-    known, base_k = history.at(rows), reference_k[rows]
-    over_k = np.array(
-        [(surface_k(int(minute)) - base).ravel() for minute, base in zip(known.minute, base_k, strict=True)],
-        np.float32,
-    )
-    stored, kernel = np.zeros_like(over_k, np.float64), np.zeros(1)
-    if chosen.size > 1:
-        kernel = smoothed_kernel(settings.slab)
-        pieces = [conducted(known.minute, piece, settings.slab) for piece in _pieces(over_k)]
-        stored = np.concatenate(pieces, axis=1)
-    beam, vertical = absorbed_light(known, base_k, settings)
-    design = known.sun + (vertical / beam)[:, np.newaxis] * VERTICAL
-    light = beam * settings.scale / (1.0 - settings.surface.albedo)
-    for row in np.flatnonzero(np.isin(rows, chosen)).tolist():
-        loss = float(irradiance_per_kelvin(base_k[row], settings.surface))
-        loss *= 1.0 - settings.surface.albedo
-        gain = float(np.sqrt((loss + kernel[0]) ** 2 + np.sum(kernel[1:] ** 2))) / loss
-        kelvin = (over_k[row] + base_k[row]).reshape(sums.shape).astype(np.float64)
-        sums.add(kelvin, base_k[row], design[row], light[row], reference_normal, stored[row], gain)
-
-
-def _pieces(columns: NDArray[np.float32]) -> Iterator[FloatArray]:
-    """A few thousand columns at a time: the transforms need several times their memory."""
-    for begin in range(0, columns.shape[1], 4096):
-        yield columns[:, begin : begin + 4096].astype(np.float64)
-
-
-def _explained(regions: Sequence[Region], estimates: Estimates, shape: tuple[int, int]) -> NDArray[np.bool_]:
-    """Pixels of the references and of the targets of which the regions' own estimate has a slope."""
-    final = final_estimates(estimates, regions)
-    found = {name for name, one in final.items() if one.state in WITH_SLOPE}
-    explained = np.zeros(shape, np.bool_)
-    for region in regions:
-        if region.kind is RegionKind.REFERENCE or region.name in found:
-            explained |= region.mask(shape)
-    return explained
+    return surface_k
 
 
 def _within_regions(slopes: SlopeMap, regions: Sequence[Region]) -> SlopeMap:
@@ -648,7 +592,9 @@ def _of_pixels(
     emissivity, offset_k = np.full(shape, settings.surface.emissivity), np.zeros(shape)
     for region in regions:
         inside = region.mask(shape)
-        offset_k[inside] = settings.offsets_k.get(region.name, 0.0)
+        # pixels are compared with the reference's surface
+        unknown = region.name in settings.kinds
+        offset_k[inside] = math.nan if unknown else settings.offsets_k.get(region.name, 0.0)
         if np.isfinite(region.emissivity):
             emissivity[inside] = region.emissivity
     return emissivity, offset_k

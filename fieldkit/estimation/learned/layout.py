@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from fieldkit.estimation.bins import RegionColumns
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.estimation.surface_kinds import Unlike
 from fieldkit.model.site import Region
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.horizon import Horizon, sky_view_factor
@@ -46,14 +47,15 @@ class Layout:
         Normals of the references (r, 3).
     facing
         For each target (3, k) whose columns span its normal: three axes, or with a known azimuth two.
-    horizons
-        Of each region.
+    horizons, unlike
+        Of each region; its surface against that of the references.
     """
 
     columns: Indices
     known: FloatArray
     facing: tuple[FloatArray, ...]
     horizons: tuple[Horizon, ...]
+    unlike: tuple[Unlike, ...]
 
     @classmethod
     def of(cls, columns: RegionColumns, targets: Indices, settings: EstimatorSettings) -> Layout:
@@ -61,13 +63,29 @@ class Layout:
         chosen = np.concatenate([columns.references, targets])
         is_known = settings.azimuth == "known"
         facing = tuple(_facing(columns.regions[column], is_known) for column in targets)
-        horizons = tuple(settings.horizon_of(columns.regions[column].name) for column in chosen)
-        return cls(chosen, columns.reference_normals, facing, horizons)
+        names = [columns.regions[column].name for column in chosen]
+        horizons = tuple(settings.horizon_of(name) for name in names)
+        unlike = tuple(settings.unlike(name) for name in names)
+        return cls(chosen, columns.reference_normals, facing, horizons, unlike)
 
     @cached_property
     def sky_views(self) -> FloatArray:
         """Share of the sky that each region's horizon leaves (regions,)."""
         return np.array([sky_view_factor(horizon) for horizon in self.horizons])
+
+    @cached_property
+    def exchanges(self) -> FloatArray:
+        """Heat exchange of each region over that of the references (regions,)."""
+        return np.array([one.exchange for one in self.unlike])
+
+    @cached_property
+    def absorbs(self) -> FloatArray:
+        """Light that each region absorbs over that of the references (regions,)."""
+        return np.array([one.light for one in self.unlike])
+
+    def unlike_of(self, target: int) -> Unlike:
+        """A target's surface against that of the references."""
+        return self.unlike[self.references + target]
 
     @property
     def references(self) -> int:

@@ -119,6 +119,8 @@ def unit_normals(filters: Filters, starts: tuple[FloatArray, ...], steps: int) -
     known, free = _known(filters)
     # beds that are unlike in what passes are unlike in what stays
     own_sd = filters.model.settings.prior.own_gain_sd * filters.noise.unlike(filters.hypotheses.unrest)
+    kinds_sd = [filters.layout.unlike_of(target).gain_sd for target in range(len(starts))]
+    own_sd = np.hypot(own_sd[:, np.newaxis], kinds_sd)
     mean, information = _with_own_gains(known, free, len(starts), own_sd)
     units = [np.broadcast_to(start, (len(mean), start.shape[-1])).copy() for start in starts]
     fit = _Fit.at(mean, information, np.maximum(mean[:, 0], LEAST_GAIN), units, mean[:, known.shape[1] :])
@@ -155,7 +157,7 @@ def _with_own_gains(
     count, size = mean.shape
     whole = np.zeros((count, size + targets, size + targets))
     whole[:, :size, :size] = information
-    whole[:, range(size, size + targets), range(size, size + targets)] = sd[:, np.newaxis] ** -2
+    whole[:, range(size, size + targets), range(size, size + targets)] = sd**-2
     return np.column_stack([mean, np.zeros((count, targets))]), whole
 
 

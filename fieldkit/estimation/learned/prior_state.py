@@ -61,7 +61,7 @@ def processes(
     for name, share, minutes in zip(GUSTS, GUST_SHARES, GUST_MINUTES, strict=True):
         found[layout.shared(name)] = (share * hypotheses.gust, float(minutes))
     for target in range(layout.targets):
-        spread = unrest * prior.own_slow_exchange * hypotheses.exchange
+        spread = unrest * prior.own_slow_exchange * hypotheses.exchange * layout.unlike_of(target).exchange
         found[layout.slow_exchange_drive(target)] = (spread, SLOW_MINUTES)
     for region in range(layout.regions):
         found[layout.own(region)] = (np.full(hypotheses.exchange.size, noise.own_k), OWN_MINUTES)
@@ -82,7 +82,8 @@ def prior_mean(
     mean[layout.shared("brightening")] = settings.prior.brightening_share
     mean[layout.shared("wind")] = settings.prior.wind_w_m2_k_per_m_s
     for target in range(layout.targets):
-        mean[layout.normal(target)] = settings.scale * upwards(settings.prior)[0] * layout.facing[target][2]
+        up, _ = upwards(layout.unlike_of(target).normal_horizontal_sd)
+        mean[layout.normal(target)] = settings.scale * up * layout.facing[target][2]
     return mean
 
 
@@ -102,9 +103,8 @@ def prior_sds(settings: EstimatorSettings, logged: Logged) -> dict[str, float]:
     }
 
 
-def upwards(prior: Prior) -> tuple[float, float]:
-    """Prior mean and standard deviation of the vertical component of a normal, whose length is 1."""
-    horizontal = prior.normal_horizontal_sd
+def upwards(horizontal: float) -> tuple[float, float]:
+    """Prior mean and standard deviation of the vertical component of a unit normal, by a horizontal one's."""
     return float(np.sqrt(max(1.0 - 2.0 * horizontal**2, 0.1))), max(LEAST_UP_SD, UP_SHARE * horizontal)
 
 
@@ -130,14 +130,14 @@ def prior_covariance(
     for place, (spread, _) in processes(layout, prior, hypotheses, logged, noise).items():
         variance[:, place] = spread**2
     for target in range(layout.targets):
-        vertical = layout.facing[target][2]
+        vertical, own = layout.facing[target][2], layout.unlike_of(target)
         # a known azimuth does not make a bed flatter: its one component is as long as two otherwise are
-        horizontal = prior.normal_horizontal_sd * np.sqrt(4 - vertical.size)
-        sds = np.where(vertical > 0.0, upwards(prior)[1], horizontal)
+        horizontal = own.normal_horizontal_sd * np.sqrt(4 - vertical.size)
+        sds = np.where(vertical > 0.0, upwards(own.normal_horizontal_sd)[1], horizontal)
         variance[:, layout.normal(target)] = sds**2
-        lasting = unlike * prior.own_exchange * hypotheses.exchange
+        lasting = np.hypot(unlike * prior.own_exchange, own.exchange_sd) * hypotheses.exchange * own.exchange
         variance[:, layout.own_exchange(target)] = lasting**2
-        variance[:, layout.own_response(target)] = (unlike * prior.own_inertia_sd) ** 2
+        variance[:, layout.own_response(target)] = (unlike * prior.own_inertia_sd) ** 2 + own.inertia_sd**2
     for region in range(1, layout.regions):
         variance[:, layout.offset(region)] = settings.offset_sd_k**2
         variance[:, layout.drift(region)] = settings.drift_sd_k_per_h**2
@@ -155,10 +155,10 @@ def prior_covariance(
         covariance[:, place, drive] = covariance[:, drive, place] = variance[:, drive] / 2.0
     past = _past_fills()
     shared = (past * prior.past_flux_sd_w_m2**2) @ past.T
-    own = (past * prior.bed_past_flux_sd_w_m2**2) @ past.T
+    alone = (past * prior.bed_past_flux_sd_w_m2**2) @ past.T
     for one in range(layout.regions):
         for other in range(layout.regions):
-            covariance[:, layout.stores(one), layout.stores(other)] = shared + (one == other) * own
+            covariance[:, layout.stores(one), layout.stores(other)] = shared + (one == other) * alone
         level = layout.stores(one).start
         covariance[:, level, level] += LEVEL_SD_K**2
     return covariance

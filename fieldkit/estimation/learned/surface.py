@@ -9,10 +9,12 @@ diffuse light and normal), the product is taken to first order around a given st
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import toeplitz
 from scipy.special import ndtr
 
 from fieldkit.estimation.learned.bank import Affine, Transition
@@ -22,6 +24,7 @@ from fieldkit.estimation.learned.layout import GUSTS, Layout
 from fieldkit.estimation.learned.noise import Noise
 from fieldkit.estimation.learned.prior_state import AIR_CHANGE_K, SMOOTHED, processes
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.estimation.surface_kinds import Unlike
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.layer_modes import RATES_PER_S, layer_modes
@@ -77,12 +80,21 @@ class SurfaceModel:
         self.layout = layout
         self.hypotheses = hypotheses
         self.settings = settings
-        modes = layer_modes(hypotheses.inertia, hypotheses.depth_m, settings.slab.heat_capacity_j_m3_k)
-        self._weights = np.column_stack([np.ones_like(modes.resistance), modes.weights])
-        self._quick = (modes.resistance + self._weights @ MEAN_FILL)[:, np.newaxis]
+        layers = {one: self._layer(one) for one in dict.fromkeys(layout.unlike)}
+        self._quick, self._weights = (
+            np.stack([layers[one][part] for one in layout.unlike], axis=1) for part in (0, 1)
+        )
+        self._exchange = hypotheses.exchange[:, np.newaxis] * layout.exchanges
         self._processes = processes(layout, settings.prior, hypotheses, logged, noise)
         self._normals = self._views()
         self._around = _possible(layout, around)
+
+    def _layer(self, unlike: Unlike) -> tuple[FloatArray, FloatArray]:
+        """Warming within a minute by its own flux (p,), and by level and stores (p, STORES)."""
+        drawn, capacity = self.hypotheses, self.settings.slab.heat_capacity_j_m3_k
+        modes = layer_modes(drawn.inertia * unlike.inertia, drawn.depth_m * unlike.depth, capacity)
+        weights = np.column_stack([np.ones_like(modes.resistance), modes.weights])
+        return modes.resistance + weights @ MEAN_FILL, weights
 
     # --- from one minute to the next
 
@@ -180,12 +192,30 @@ class SurfaceModel:
         left = second - lit**2 - share**2 * sd**2
         return Light(share, lit, lit - share * about, np.sqrt(np.maximum(left, 0.0)))
 
+    def by_normal(self, minute: MinuteInputs) -> FloatArray:
+        """Light and longwave (3,) that a lit target, nowhere shaded, absorbs by its normal times the gain."""
+        ones = np.ones((1, self.layout.regions))
+        open_ = replace(minute, shaded=0.0 * ones[0], sunlit=ones[0])
+        light = Light(ones, 0.0 * ones, 0.0 * ones, 0.0 * ones)
+        return self._sources(open_, light).rows[0, self.layout.references, self.layout.normal(0)]
+
+    def warming(self, minutes: int) -> tuple[FloatArray, FloatArray]:
+        """Warming of the first region's layer, by the first hypothesis, over minutes.
+
+        By 1 W/m2 in each minute, (minutes, minutes), and by the stores before the first, (minutes, STORES).
+        """
+        ages = np.arange(minutes)[:, np.newaxis]
+        fading = self._weights[0, 0] * MEAN * FADE**ages
+        later = np.append(self._quick[0, 0], fading[:-1] @ FILL)
+        return np.asarray(toeplitz(later, np.zeros(minutes))), np.asarray(fading)
+
     def grazing_k2(
         self, minute: MinuteInputs, light: Light, mean: FloatArray, taken_k: FloatArray
     ) -> FloatArray:
         """Variance (p, regions) of a minute's temperatures from light that no line follows, K2."""
         warmed = self._quick / (1.0 + self._quick * self._steepness(minute, mean, taken_k))
-        return np.asarray((warmed * minute.direct * _beam(minute) * light.sd) ** 2)
+        direct = minute.direct * self.layout.absorbs * _beam(minute)
+        return np.asarray((warmed * direct * light.sd) ** 2)
 
     def equations(
         self, minute: MinuteInputs, light: Light, mean: FloatArray, taken_k: FloatArray
@@ -215,7 +245,7 @@ class SurfaceModel:
         # a mean that came too early or late is of the surface alone: the ground takes up the right flux
         rows[:, :, moment] = quick * flux.rows[:, :, beam]
         for region in range(self.layout.regions):
-            rows[:, region, self.layout.stores(region)] += self._weights * MEAN
+            rows[:, region, self.layout.stores(region)] += self._weights[:, region] * MEAN
         for target in range(self.layout.targets):
             region = self.layout.references + target
             warmed = taken_k[:, region] - mean[:, self.layout.stores(region).start]
@@ -229,11 +259,12 @@ class SurfaceModel:
         """Net flux of each region at temperatures `taken_k` (p, regions)."""
         place = self.layout.shared
         rows = sources.rows.copy()
-        over_air, exchange = taken_k - minute.air_k, self.hypotheses.exchange[:, np.newaxis]
+        over_air, exchange = taken_k - minute.air_k, self._exchange
+        by_wind = over_air * self.layout.exchanges
         for name in (*GUSTS, "slow_gust"):
-            rows[:, :, place(name)] -= over_air
+            rows[:, :, place(name)] -= by_wind
         rows[:, :, place("air_drift")] += exchange * minute.air_stale_h
-        rows[:, :, place("wind")] -= over_air * minute.wind_change
+        rows[:, :, place("wind")] -= by_wind * minute.wind_change
         for target in range(self.layout.targets):
             region = self.layout.references + target
             for own in (self.layout.slow_exchange(target), self.layout.own_exchange(target)):
@@ -252,7 +283,7 @@ class SurfaceModel:
         for first in (layout.slow_exchange(0), layout.own_exchange(0)):
             own[:, layout.references :] += mean[:, first : first + layout.targets]
         radiated = 4.0 * self.settings.surface.emissivity_broadband * STEFAN_BOLTZMANN * taken_k**3
-        return np.asarray(radiated + np.maximum(common[:, np.newaxis] + own, 0.0))
+        return np.asarray(radiated + np.maximum(common[:, np.newaxis] * layout.exchanges + own, 0.0))
 
     def _views(self) -> FloatArray:
         """Rows (regions, n, 3) that give each region's normal times the gain."""
@@ -271,7 +302,8 @@ class SurfaceModel:
         """
         layout, place, now = self.layout, self.layout.shared, self._around
         view, shaded, upwards = layout.sky_views, minute.shaded, self._normals[..., 2]
-        sky, upwards_now = 1.0 - HIDDEN * shaded, upwards @ now
+        # what of the sky reaches a region, as light that it absorbs
+        sky, upwards_now = layout.absorbs * (1.0 - HIDDEN * shaded), upwards @ now
         beam, height = _beam(minute), max(minute.sun[2], LOWEST_SUN)
         share = (
             now[place("circumsolar")] * minute.circumsolar + now[place("brightening")] * minute.brightening
@@ -294,7 +326,7 @@ class SurfaceModel:
         level[:, place("common_flux")] += 1.0
         level[:, place("longwave")] += grey * view
         level[:, place("board")] += shaded
-        strength = (minute.direct + diffuse * share / height) * beam
+        strength = (layout.absorbs * minute.direct + diffuse * share / height) * beam
         rows = level + (strength * light.share)[..., np.newaxis] * (self._normals @ minute.sun)
         constant = grey * (down + minute.longwave_ground) / 2.0 + strength * light.left
         # products of two unknowns, to first order around what was known at the last draw
@@ -308,8 +340,8 @@ class SurfaceModel:
         for name, slope in by_name.items():
             rows[:, :, place(name)] += slope
             constant = constant - slope * now[place(name)]
-        rows[:, :, place("beam")] += beam * light.mean
-        rows[:, :, place("edge")] += minute.is_edge * light.mean
+        rows[:, :, place("beam")] += layout.absorbs * beam * light.mean
+        rows[:, :, place("edge")] += layout.absorbs * minute.is_edge * light.mean
         return Affine(rows, constant)
 
     @cached_property

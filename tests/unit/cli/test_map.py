@@ -6,7 +6,6 @@ import base64
 import json
 import re
 import shutil
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -17,9 +16,7 @@ import pytest
 from click.testing import CliRunner
 
 from fieldkit.cli import main
-from fieldkit.estimation.bins import History, MinuteBin
 from fieldkit.estimation.settings import EstimatorSettings
-from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SlopeState
 from fieldkit.physics.facet import angle_between_deg, normal
@@ -200,17 +197,11 @@ def test_one_minute_maps_the_component_along_the_sun(session, tmp_path):
 def test_known_offset_of_a_region_is_taken_from_its_brightness(monkeypatch):
     bed = Region("b", RegionKind.TARGET, ((0, 0), (4, 0), (4, 4), (0, 4)), emissivity=0.85)
     flat = Region("flat", RegionKind.REFERENCE, ((0, 0), (1, 0), (0, 1)))
-    pictures = []
-    monkeypatch.setattr(slope_map.MapSums, "add", lambda self, kelvin, *_: pictures.append(kelvin))
     seen = float(brightness_temperature_k(318.15, 0.85, 233.15)) + 1.0
     monkeypatch.setattr(slope_map, "mean_of_minute_k", lambda *_: np.full((4, 4), seen))
     settings = EstimatorSettings(model="paper", offsets_k={"b": 1.0})
-    beds = np.full(2, 318.0)
-    minute = MinuteBin(0, 0, np.array([0.0, 0.0, 1.0]), beds, beds, beds, np.ones(2, np.int64), 1, 800.0)
-    history = History.of([replace(minute, region_flags=(Quality.GOOD, Quality.GOOD))])
-    camera = SimpleNamespace(shape=(4, 4))
-    slope_map._sums(None, camera, (flat, bed), history, settings, np.array([0]))
-    assert pictures[0] == pytest.approx(318.15, abs=1e-3)
+    surface_k = slope_map._surface_of_minute(None, SimpleNamespace(shape=(4, 4)), (flat, bed), settings)
+    assert surface_k(0) == pytest.approx(318.15, abs=1e-3)
 
 
 def test_pixels_by_the_learnt_parameters_agree_with_the_full_model_of_their_region(session, tmp_path):
@@ -221,7 +212,15 @@ def test_pixels_by_the_learnt_parameters_agree_with_the_full_model_of_their_regi
     low, high = bed["tilt_region_deg"]
     assert low < 15.0 < high
     with h5py.File(tmp_path / "x.nc") as file:
-        assert file.attrs["surface_model"].decode() == "full with learnt parameters, unit-norm"
+        assert file.attrs["surface_model"].decode() == "learned, unit-norm"
+
+
+def test_every_frame_that_is_read_is_reported(session):
+    seen = []
+    found = slope_map.slope_map(session, "all", on_progress=lambda *one: seen.append(one))
+    assert [done for done, _ in seen] == list(range(1, len(seen) + 1))
+    assert {total for _, total in seen} == {len(seen)}
+    assert len(seen) >= found.minutes
 
 
 def test_files_go_to_the_campaigns_results(session):
@@ -413,13 +412,13 @@ def test_several_sessions_are_mapped_as_each_alone_from_python_too(session, tmp_
     for name in ("a", "b"):
         shutil.copy(session, folder / f"{name}.h5")
     (folder / "pose.toml").write_text(POSE)
-    (maps / "b-slope-map-rdir.png").write_bytes(b"older")
+    (maps / "b-slope-map-pose-pose.toml-rdir.png").write_bytes(b"older")
     words = ("map", folder, "-j", 1, "-o", maps, "--set", "camera.pose=pose.toml")
     done = fieldkit(*words)
     assert done.exit_code == 0, done.output
     assert "the grid of EPSG:32613 is corrected" in done.output
     said = done.stderr.replace("\n", " ")
-    assert f"of an earlier map, not of this one: {maps / 'b-slope-map-rdir.png'}" in said
+    assert f"of an earlier map, not of this one: {maps / 'b-slope-map-pose-pose.toml-rdir.png'}" in said
     wrong = fieldkit(*words[:2], "-j", 2, *words[4:-1], "camera.pose=none.toml")
     assert wrong.exit_code == 3
     assert "cannot read" in wrong.stderr  # by the workers, whose error arrives whole
@@ -430,9 +429,19 @@ def test_several_sessions_are_mapped_as_each_alone_from_python_too(session, tmp_
     written = found.write(tmp_path / "python")
     assert [path.suffix for path in written] == [".png", ".nc", ".png", ".png", ".tif", ".ply", ".mcap"]
     bands = []
-    for path in (maps / "a-slope-map.tif", tmp_path / "alone.tif", tmp_path / "python.tif"):
+    for path in (maps / "a-slope-map-pose-pose.toml.tif", tmp_path / "alone.tif", tmp_path / "python.tif"):
         with rasterio.open(path) as file:
             bands.append((file.descriptions, file.transform, file.read()))
     for names, transform, values in bands[1:]:
         assert (names, transform) == bands[0][:2]
         np.testing.assert_array_equal(values, bands[0][2])
+
+
+def test_pixels_of_a_region_of_another_kind_are_left_out(monkeypatch):
+    """They would be compared with the surface of the reference."""
+    rocks = Region("rocks", RegionKind.TARGET, ((0, 0), (1, 0), (1, 3), (0, 3)))
+    bed = Region("bed", RegionKind.TARGET, ((2, 0), (3, 0), (3, 3), (2, 3)))
+    monkeypatch.setattr(slope_map, "mean_of_minute_k", lambda *_: np.full((4, 4), 290.0))
+    settings = EstimatorSettings(kinds={"rocks": "rock"})
+    surface_k = slope_map._surface_of_minute(None, SimpleNamespace(shape=(4, 4)), (rocks, bed), settings)
+    np.testing.assert_array_equal(np.isnan(surface_k(0)), rocks.mask((4, 4)))

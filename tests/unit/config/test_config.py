@@ -70,8 +70,10 @@ def test_every_setting_of_the_estimator_can_be_configured(config):
         'emissivity = 0.93\nemissivity_sd = 0.03\nprobes = ["thermometer:T1", "logger:2"]\n'
         "horizon = [[0, 5], [90, 12.5]]\n"
         "points_px = [[0, 0], [1, 0], [1, 1]]\n"
+        '[[region]]\nname = "rocks"\nsurface_kind = "rock"\npoints_px = [[4, 0], [5, 0], [5, 1]]\n'
     ).estimator_settings()
     assert given == EstimatorSettings(
+        kinds={"rocks": "rock"},
         site=Site(35.5, 139.4, timezone="Asia/Tokyo"),
         surface=SurfaceParameters(0.3, 0.91, 0.92, 1005.0, 1.0, 0.02),
         irradiance=IrradianceModel(

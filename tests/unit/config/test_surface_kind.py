@@ -1,5 +1,6 @@
 """A kind of surface: what it changes, what wins over it, and what is refused."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import get_args
 
@@ -11,6 +12,7 @@ from fieldkit.config import ConfigMistakesError, changed_config, config_from_tex
 from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.surface_kinds import KINDS, Kind
 from fieldkit.model.site import Region, RegionKind
+from fieldkit.model.slope import CERTAIN, WITH_SLOPE, SlopeState
 from fieldkit.recording.field_history import history_of
 from fieldkit.weather import packaged
 
@@ -102,6 +104,67 @@ def test_kinds_belong_to_the_earth():
         config_from_text(mars + '[surface]\nkind = "rock"\n', HERE)
     stored = config_from_text(mars, HERE)
     assert config_from_text(stored.to_toml(), HERE).tables == stored.tables
+
+
+REGIONS = """[[region]]
+name = "flat"
+kind = "reference"
+points_px = [[0, 0], [9, 0], [9, 9]]
+[[region]]
+name = "rocks"
+points_px = [[20, 0], [29, 0], [29, 9]]
+surface_kind = "{}"
+"""
+
+
+def test_a_region_has_a_kind_of_its_own_and_a_session_keeps_it():
+    one = config(REGIONS.format("rock"))
+    assert one.estimator_settings().kinds == {"rocks": "rock"}
+    assert config_from_text(one.to_toml(), HERE).estimator_settings().kinds == {"rocks": "rock"}
+    assert config(REGIONS.format("sand")).estimator_settings().kinds == {}
+    with pytest.raises(ConfigMistakesError, match=r'got \'rok\', expected one of "sand", .*"forest"'):
+        config(REGIONS.format("rok"))
+
+
+def test_a_reference_has_the_kind_of_the_surface():
+    text = REGIONS.format("rock").replace('"reference"', '"reference"\nsurface_kind = "rock"')
+    with pytest.raises(ConfigMistakesError, match=r"a reference's kind of surface is surface.kind"):
+        config(text)
+
+
+def two_kinds():
+    """Level sand, sand of 15 degrees and a plate of 40 under one measured sky and one wind; the regions."""
+    day, plate = packaged(), config('[surface]\nkind = "plate"\n').estimator_settings()
+    when = {"start": "2016-01-01T09:00-07:00", "minutes": 150}
+    sand = config().estimator_settings()
+    of_sand = fieldkit.predict([(0, 0), (15, 180)], day, settings=sand, exchange=13.0, **when)
+    of_plate = fieldkit.predict([(40, 180)], day, settings=plate, exchange=26.0, **when)
+    history, other = (history_of(field, day.site).since(60) for field in (of_sand, of_plate))
+    kelvin = np.column_stack([history.temperature_k, other.temperature_k])
+    flags = np.zeros(kelvin.shape, np.int64)
+    history = replace(
+        history, temperature_k=kelvin, region_flags=flags, probe_k=np.full(kelvin.shape, np.nan)
+    )
+    outline = ((0.0, 0.0),)
+    names = {"level": RegionKind.REFERENCE, "bed": RegionKind.TARGET, "plate": RegionKind.TARGET}
+    regions = [Region(name, kind, outline) for name, kind in names.items()]
+    return history, regions, replace(sand, tilt_limit_deg=90.0)
+
+
+def test_a_plate_beside_sand_is_found_by_its_kind_alone():
+    history, regions, settings = two_kinds()
+    with_kind = replace(settings, kinds={"plate": "plate"})
+    bed, plate = SlopeChain(regions, with_kind).at_once(history).slopes
+    assert plate.state in WITH_SLOPE
+    assert plate.tilt_low_deg < 40.0 < plate.tilt_high_deg
+    assert bed.tilt_low_deg < 15.0 < bed.tilt_high_deg
+    without = SlopeChain(regions, settings).at_once(history).slopes[1]
+    assert without.state not in CERTAIN
+    assert not without.tilt_low_deg < 40.0 < without.tilt_high_deg
+    by_full = SlopeChain(regions, replace(with_kind, model="full")).at(history).slopes
+    assert by_full[0].state is not SlopeState.NO_DATA
+    assert by_full[1].state is SlopeState.NO_DATA
+    assert "needs the model learned" in by_full[1].reason
 
 
 def test_a_plate_of_40_degrees_reads_near_40():

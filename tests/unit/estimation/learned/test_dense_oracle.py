@@ -22,6 +22,7 @@ from fieldkit.estimation.learned.inputs import Logged, minute_inputs
 from fieldkit.estimation.learned.layout import GUSTS, Layout
 from fieldkit.estimation.learned.noise import Noise
 from fieldkit.estimation.learned.prior_state import prior_sds
+from fieldkit.estimation.surface_kinds import KINDS
 from fieldkit.model.samples import Quality
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.facet import tilt_azimuth
@@ -117,6 +118,32 @@ class Dense:
         self._constants(has_air)
         self._changing(has_air)
 
+    def own(self, region):
+        """The kind of a region's surface; that of the references has no spread of its own."""
+        kind = self.settings.kinds.get(f"bed{region - self.layout.references}")
+        if kind is not None:
+            return KINDS[kind]
+        alike = {"exchange_log_sd": 0.0, "inertia_log_sd": 0.0}
+        return replace(KINDS["sand"], exchange_w_m2_k=self.settings.prior.exchange_w_m2_k, **alike)
+
+    def exchange(self, region):
+        """Of a region: as much over that of the references as its kind's over the prior's."""
+        ratio = self.own(region).exchange_w_m2_k / self.settings.prior.exchange_w_m2_k
+        return ratio * self.filters.hypotheses.exchange[0]
+
+    def modes(self, region):
+        """Of a region's layer."""
+        drawn, slab, own = self.filters.hypotheses, self.settings.slab, self.own(region)
+        inertia = np.sqrt(own.conductivity_w_m_k * own.heat_capacity_j_m3_k)
+        depth = own.depth_m
+        if f"bed{region - self.layout.references}" not in self.settings.kinds:
+            inertia, depth = slab.thermal_inertia, slab.depth_m
+        return layer_modes(
+            drawn.inertia * inertia / slab.thermal_inertia,
+            drawn.depth_m * depth / slab.depth_m,
+            slab.heat_capacity_j_m3_k,
+        )
+
     def block(self, name, mean, covariance):
         covariance = np.atleast_2d(covariance)
         self.blocks[name] = slice(self.size, self.size + len(covariance))
@@ -136,16 +163,20 @@ class Dense:
             self.block(name, means.get(name, 0.0), sd**2)
         self.block("board", 0.0, surface.BOARD_SD_W_M2**2)
         for target, axes in enumerate(layout.facing):
-            up = axes[2] > 0.0
-            horizontal = prior.normal_horizontal_sd * np.sqrt(2.0 if axes.shape[1] == 2 else 1.0)
+            up, own = axes[2] > 0.0, self.own(layout.references + target)
+            horizontal = own.normal_horizontal_sd * np.sqrt(2.0 if axes.shape[1] == 2 else 1.0)
             sd = np.where(up, 0.15, horizontal)
             self.block(f"normal{target}", np.where(up, np.sqrt(1.0 - 2.0 * 0.25**2), 0.0), np.diag(sd**2))
         drawn = self.filters.hypotheses
         unlike = np.hypot(drawn.unrest[0], 0.25) * np.hypot(1.0, NOISE.own_k / 0.1)
         for target in range(layout.targets):
-            lasting = unlike * prior.own_exchange * drawn.exchange[0]
-            self.block(f"own_exchange{target}", 0.0, lasting**2)
-            self.block(f"own_response{target}", 0.0, (unlike * prior.own_inertia_sd) ** 2)
+            own = self.own(layout.references + target)
+            lasting = np.hypot(unlike * prior.own_exchange, own.exchange_log_sd)
+            self.block(
+                f"own_exchange{target}", 0.0, (lasting * self.exchange(layout.references + target)) ** 2
+            )
+            response = np.hypot(unlike * prior.own_inertia_sd, own.inertia_log_sd)
+            self.block(f"own_response{target}", 0.0, response**2)
         for region in range(layout.regions):
             first_k = self.minutes[0].temperature_k[region]
             self.block(f"level{region}", first_k, constants.LEVEL_SD_K**2)
@@ -170,7 +201,7 @@ class Dense:
             "air_change": (air_k, constants.AIR_MINUTES),
         }
         for target in range(self.layout.targets):
-            own = prior.own_slow_exchange * drawn.exchange[0]
+            own = prior.own_slow_exchange * self.exchange(self.layout.references + target)
             slow[f"slow_exchange{target}"] = (own, constants.SLOW_MINUTES)
         for name, (sd, minutes) in slow.items():
             self.block(name, 0.0, following(unrest * sd, minutes, n))
@@ -208,7 +239,7 @@ class Dense:
     def temperatures(self, region):
         """Mean temperature of each minute by the unknowns, (minutes, unknowns) and (minutes,)."""
         n, drawn = self.count, self.filters.hypotheses
-        modes = layer_modes(drawn.inertia, drawn.depth_m, self.settings.slab.heat_capacity_j_m3_k)
+        modes = self.modes(region)
         kernel = by_minute(modes, 0.0, 60.0, n)
         # the resistance acts at once: its share in the minute after is nothing
         conducted = sum(np.diag(np.full(n - lag, kernel[lag]), -lag) for lag in range(n))
@@ -218,7 +249,7 @@ class Dense:
         steepness = 4.0 * emissivity * STEFAN_BOLTZMANN * taken_k**3
         per_m_s = self.filters.model.fixed[self.layout.shared("wind")]
         by_wind = per_m_s * np.array([minute.wind_change for minute in self.minutes])
-        losses = np.diag(steepness + drawn.exchange[0] + by_wind)
+        losses = np.diag(steepness + self.exchange(region) * (1.0 + by_wind / drawn.exchange[0]))
         free = conducted @ rows
         free[:, self.blocks[f"level{region}"]] += 1.0
         ends = 60.0 * constants.PAST_MINUTES
@@ -265,7 +296,7 @@ class Dense:
         return mean + shared.T @ solved[:, 0], covariance - shared.T @ solved[:, 1:], log_likelihood
 
 
-def window(seed, day, azimuth, has_air):
+def window(seed, day, azimuth, has_air, kinds=None):
     """Minutes of two beds and the reference with a board over one and frames missing; layout, settings."""
     world = drawn_world(seed, day, minutes=MINUTES)
     regions = world.regions[:3]
@@ -275,7 +306,7 @@ def window(seed, day, azimuth, has_air):
     kelvin = history.temperature_k.copy()
     kelvin[20:23, 1] = np.nan
     history = replace(history, region_flags=flags, temperature_k=kelvin)
-    settings = replace(world.settings, azimuth=azimuth, model="learned")
+    settings = replace(world.settings, azimuth=azimuth, model="learned", kinds=kinds or {})
     columns = RegionColumns(regions)
     layout = Layout.of(columns, columns.targets, settings)
     minutes = []
@@ -293,16 +324,18 @@ def window(seed, day, azimuth, has_air):
 
 
 @pytest.mark.parametrize(
-    ("seed", "day", "azimuth", "has_air"),
+    ("seed", "day", "azimuth", "has_air", "kinds"),
     [
-        (1, CLEAR, "known", True),
-        (2, CLEAR, "free", False),
-        (3, BROKEN_CLOUD, "known", False),
-        (4, BROKEN_CLOUD, "free", True),
+        (1, CLEAR, "known", True, {}),
+        (2, CLEAR, "free", False, {}),
+        (3, BROKEN_CLOUD, "known", False, {}),
+        (4, BROKEN_CLOUD, "free", True, {}),
+        (5, CLEAR, "free", True, {"bed1": "vegetation"}),
+        (6, CLEAR, "known", False, {"bed0": "rock", "bed1": "snow"}),
     ],
 )
-def test_filter_is_the_dense_solution(seed, day, azimuth, has_air):
-    filters, minutes, settings = window(seed, day, azimuth, has_air)
+def test_filter_is_the_dense_solution(seed, day, azimuth, has_air, kinds):
+    filters, minutes, settings = window(seed, day, azimuth, has_air, kinds)
     dense = Dense(filters, minutes, settings, has_air)
     mean, covariance, log_likelihood = dense.solved()
     for minute in minutes:

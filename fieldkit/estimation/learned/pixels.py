@@ -1,0 +1,377 @@
+"""Pixels by the learned model: each is one more target, of which the regions have taught all but the slope.
+
+A pixel's temperature less the reference's is over the minutes, with what is common to all surfaces gone::
+
+    dT = R (gain V (n - n_ref) - F) - r + e
+
+R: warming of the layer by a flux, V: light and longwave by a normal, F: heat that the pixel loses more, by
+the exchange of each minute; r: what the reference's temperature is off; e: noise and everything that a region
+may do alone, with the covariance that the filters give it (`prior_state`). The targets of known slope show
+exchange and r; with e whitened, the rows of all pixels share one design (generalised least squares; C. E.
+Rasmussen and C. K. I. Williams, Gaussian Processes for Machine Learning, MIT Press, 2006, section 2.7).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag, solve_triangular
+
+from fieldkit.estimation.bins import History, RegionColumns
+from fieldkit.estimation.learned.bank import JUMP_SDS
+from fieldkit.estimation.learned.hypotheses import Hypotheses
+from fieldkit.estimation.learned.inputs import MinuteInputs, bridge, logged, minute_inputs
+from fieldkit.estimation.learned.layout import GUSTS, Layout
+from fieldkit.estimation.learned.noise import OWN_MINUTES, noise_of
+from fieldkit.estimation.learned.prior_state import prior_covariance, prior_mean, processes
+from fieldkit.estimation.learned.surface import SurfaceModel
+from fieldkit.estimation.region_temperatures import remove_offsets
+from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.learnt import Learnt
+from fieldkit.model.site import Region
+from fieldkit.physics.constants import STEFAN_BOLTZMANN
+from fieldkit.physics.facet import FloatArray
+
+Single = NDArray[np.float32]
+JUMP_K = 10.0
+"""Of the temperature in a jump: what it was then is no evidence any more."""
+LEAST_GUST = 1e-3
+"""Independent change of the exchange from minute to minute, which keeps its covariance invertible."""
+LEAST_EXCHANGE = 1.0
+"""However little wind there is. [W m-2 K-1]"""
+
+
+@dataclass(frozen=True, slots=True)
+class PixelRows:
+    """Rows of unit variance of k minutes, ``design n = by_temperature dT + by_loss F + constant``.
+
+    Attributes
+    ----------
+    reference_k, exchange_w_m2_k
+        Of each frame: mean of the references, heat exchange with the air, shape (n,). [K], [W m-2 K-1]
+    emissivity
+        Broadband. [-]
+    design
+        By the unit normal, shape (k, 3). [-]
+    by_temperature, by_loss
+        By temperature and heat loss over the reference, shape (k, n). [1/K], [m2/W]
+    constant
+        Of each row, shape (k,). [-]
+    towards_sun
+        Mean unit vector to the sun, shape (3,). [-]
+    scale_sd
+        Relative uncertainty of the light that one pixel absorbs. [-]
+    """
+
+    reference_k: FloatArray
+    exchange_w_m2_k: FloatArray
+    emissivity: float
+    design: FloatArray
+    by_temperature: Single
+    by_loss: Single
+    constant: Single
+    towards_sun: FloatArray
+    scale_sd: float
+
+    def values(self, over_k: Single) -> Single:
+        """``design n`` of pixels (k, pixels), by their temperatures over the reference's (n, pixels)."""
+        level = self.reference_k[:, np.newaxis].astype(np.float32)
+        kelvin = level + over_k
+        # a difference of fourth powers, without that of two large numbers
+        emitted = over_k * (level + kelvin) * (level * level + kelvin * kelvin)
+        loss = np.float32(self.emissivity * STEFAN_BOLTZMANN) * emitted
+        loss += self.exchange_w_m2_k[:, np.newaxis].astype(np.float32) * over_k
+        return self.by_temperature @ over_k + self.by_loss @ loss + self.constant[:, np.newaxis]
+
+
+def pixel_rows(
+    history: History,
+    regions: Sequence[Region],
+    chosen: NDArray[np.bool_],
+    normals: Mapping[str, FloatArray],
+    settings: EstimatorSettings,
+    learnt: Learnt,
+) -> PixelRows:
+    """Rows of the pixels of a frame.
+
+    Parameters
+    ----------
+    history
+        Minutes with a frame and a reference, those before the map's included: warmth is remembered.
+    regions
+        Its columns: at least one reference and one target.
+    chosen
+        Which of them the map is made of, (n,).
+    normals
+        Unit normals of the targets with a slope, by name: they show the exchange of each minute.
+    settings, learnt
+        What was configured, and what the session taught.
+    """
+    corrected = remove_offsets(history, regions, settings)
+    return _Pair(corrected, RegionColumns(tuple(regions)), chosen, normals, settings, learnt).rows()
+
+
+class _Pair:
+    """A target and the reference over m minutes without a gap, of which n have a frame."""
+
+    def __init__(
+        self,
+        history: History,
+        columns: RegionColumns,
+        chosen: NDArray[np.bool_],
+        normals: Mapping[str, FloatArray],
+        settings: EstimatorSettings,
+        learnt: Learnt,
+    ) -> None:
+        # azimuths of regions are not those of pixels
+        settings = replace(settings, azimuth="free")
+        self._history, self._columns, self._settings = history, columns, settings
+        self._chosen, self._normals = chosen, normals
+        self._learnt = {one.name: one for one in learnt.parameters}
+        self._layout = Layout.of(columns, columns.targets, settings)
+        self._minutes = _minutes(history, self._layout, settings)
+        self._frames: NDArray[np.int64] = history.minute - history.minute[0]
+        steps = np.arange(len(self._minutes), dtype=np.float64)
+        self._apart: FloatArray = np.abs(np.subtract.outer(steps, steps))
+        self._take_model()
+        own = _relaxing(self._apart, *_of(self._processes[self._layout.own(0)]))
+        self._noise: FloatArray = settings.noise_k**2 * np.eye(len(steps)) + own
+        self._find_jumps()
+
+    def _take_model(self) -> None:
+        """The filters' model and priors with what was learnt as the one hypothesis."""
+        layout, settings, minutes = self._layout, self._settings, self._minutes
+        known = logged(self._history, 0, layout, self._columns.regions, settings)
+        noise, drawn = noise_of(minutes, settings.noise_k), self._hypothesis()
+        around = prior_mean(layout, settings, minutes[0], known)
+        for name in ("gain", "diffuse", "circumsolar"):
+            around[layout.shared(name)] = self._learnt[name].value
+        self._surface = SurfaceModel(layout, drawn, settings, known, around, noise)
+        self._processes = processes(layout, settings.prior, drawn, known, noise)
+        self._prior: FloatArray = prior_covariance(layout, settings, drawn, known, noise)[0]
+        self._own_gain_sd = float(settings.prior.own_gain_sd * noise.unlike(drawn.unrest)[0])
+        self._warming, self._fading = self._surface.warming(len(minutes))
+
+    def _hypothesis(self) -> Hypotheses:
+        found = {name: np.array([one.value]) for name, one in self._learnt.items()}
+        return Hypotheses(
+            exchange=found["exchange"],
+            inertia=found["thermal_inertia"],
+            depth_m=found["depth"] / 100.0,
+            gust=found["gusts"],
+            unrest=np.ones(1),
+        )
+
+    def rows(self) -> PixelRows:
+        """The rows of a pixel, by the exchange that the targets show."""
+        shared, unknown = self._shared
+        change, reference = np.split(shared, 2)
+        chosen, settings, at = self._chosen, self._settings, self._frames[self._chosen]
+        effect = self._effect(self._typical_over_k)
+        whitening = _whitening(self._alone(self._typical_over_k) + effect @ unknown @ effect.T, at)
+        between = _interpolation(self._frames, len(self._minutes))
+        design = whitening @ self._design[at]
+        seen, gain = np.eye(len(self._frames))[chosen], self._learnt["gain"]
+        by_loss = whitening @ (self._warming[at] @ between)
+        towards = self._history.sun[chosen].mean(axis=0)
+        return PixelRows(
+            reference_k=self._reference_k[self._frames],
+            exchange_w_m2_k=(self._exchange + change)[self._frames],
+            emissivity=settings.surface.emissivity_broadband,
+            design=design,
+            by_temperature=(whitening @ seen).astype(np.float32),
+            by_loss=by_loss.astype(np.float32),
+            constant=(design @ self._reference_normal + whitening @ reference[at]).astype(np.float32),
+            towards_sun=towards / np.linalg.norm(towards),
+            scale_sd=float(np.hypot(gain.sd / gain.value, self._own_gain_sd)),
+        )
+
+    # --- what the targets show of the exchange and of the reference
+
+    @cached_property
+    def _shared(self) -> tuple[FloatArray, FloatArray]:
+        """What all pixels share: mean (2 m,) and covariance (2 m, 2 m), by the targets of known slope.
+
+        First the exchange of each minute over that of all, then what the reference's temperature, with the
+        heat lost by it, is off. Gaussian smoothing: the amplitudes are those that the session taught.
+        """
+        information = np.linalg.inv(self._shared_prior)
+        towards = np.zeros(len(information))
+        for over_k, left, at in self._targets:
+            whitening = _whitening(self._alone(over_k), at)
+            effect = whitening @ self._effect(over_k)[at]
+            information += effect.T @ effect
+            towards += effect.T @ (whitening @ left[at])
+        covariance = np.linalg.inv(information)
+        return covariance @ towards, covariance
+
+    @property
+    def _shared_prior(self) -> FloatArray:
+        """Covariance (2 m, 2 m) of what is shared before the targets show it."""
+        return np.asarray(block_diag(self._gusts, self._passing))
+
+    def _effect(self, over_k: FloatArray) -> FloatArray:
+        """What is left of a target's temperature by what is shared (m, 2 m)."""
+        return -np.hstack([self._warming * over_k, np.eye(len(over_k))])
+
+    def _find_jumps(self) -> None:
+        """Add noise where a target or the reference left its prediction: a shadow, as the filters take it."""
+        for over_k, left, at in self._targets:
+            effect = self._effect(over_k)
+            scatter = self._alone(over_k) + effect @ self._shared_prior @ effect.T
+            errors = _whitening(scatter, at) @ left[at]
+            for jump in at[np.abs(errors) > JUMP_SDS].tolist():
+                fades = np.exp(-self._apart[jump] / OWN_MINUTES) * (np.arange(len(left)) >= jump)
+                self._noise += JUMP_K**2 * np.outer(fades, fades)
+
+    @cached_property
+    def _targets(self) -> list[tuple[FloatArray, FloatArray, NDArray[np.int64]]]:
+        """Of targets of known slope: temperature over the reference (m,), what is left of it, and when."""
+        made = []
+        for place in range(self._layout.references, self._layout.regions):
+            column = self._layout.columns[place]
+            slope = self._normals.get(self._columns.regions[column].name)
+            if slope is None:
+                continue
+            over_k = self._temperature_k[:, place] - self._reference_k
+            by_light = self._design @ (slope - self._reference_normal)
+            left = over_k + self._warming @ self._loss(over_k) - by_light
+            measured = self._chosen & np.isfinite(self._history.temperature_k[:, column])
+            made.append((over_k, left, self._frames[measured]))
+        return made
+
+    @cached_property
+    def _gusts(self) -> FloatArray:
+        """Prior covariance (m, m) of what the exchange of all surfaces does over the minutes."""
+        layout, by_place = self._layout, self._processes
+        wind_sd = self._settings.prior.wind_sd_w_m2_k_per_m_s
+        found = wind_sd**2 * np.outer(self._wind_change, self._wind_change)
+        for name in GUSTS:
+            found += _relaxing(self._apart, *_of(by_place[layout.shared(name)]))
+        found += _following(self._apart, *_of(by_place[layout.shared("slow_gust_drive")]))
+        return np.asarray(found + LEAST_GUST**2 * np.eye(len(found)))
+
+    @cached_property
+    def _exchange(self) -> FloatArray:
+        """Exchange (m,) before the targets show that of each minute: the learnt one, and by the wind."""
+        by_wind = self._settings.prior.wind_w_m2_k_per_m_s * self._wind_change
+        return np.asarray(np.maximum(self._learnt["exchange"].value + by_wind, LEAST_EXCHANGE))
+
+    @property
+    def _wind_change(self) -> FloatArray:
+        return np.array([one.wind_change for one in self._minutes])
+
+    # --- a target against the reference
+
+    @cached_property
+    def _temperature_k(self) -> FloatArray:
+        """Temperatures of the regions (m, regions), straight between those measured."""
+        kelvin = self._history.temperature_k[:, self._layout.columns]
+        steps, known = np.arange(len(self._minutes)), np.isfinite(kelvin).T
+        bridged = [
+            np.interp(steps, self._frames[is_], column[is_])
+            for is_, column in zip(known, kelvin.T, strict=True)
+        ]
+        return np.column_stack(bridged)
+
+    @property
+    def _reference_k(self) -> FloatArray:
+        return np.asarray(self._temperature_k[:, : self._layout.references].mean(axis=1))
+
+    @property
+    def _reference_normal(self) -> FloatArray:
+        return np.asarray(self._layout.known.mean(axis=0))
+
+    @property
+    def _typical_over_k(self) -> FloatArray:
+        """Temperature over the reference (m,) for which the scatter of pixels is that of the targets."""
+        over_k = self._temperature_k[:, self._layout.references :] - self._reference_k[:, np.newaxis]
+        return np.asarray(np.sqrt((over_k**2).mean(axis=1)))
+
+    @cached_property
+    def _design(self) -> FloatArray:
+        """Warming (m, 3) by the components of a unit normal."""
+        absorbed = np.array([self._surface.by_normal(minute) for minute in self._minutes])
+        return np.asarray(self._learnt["gain"].value * self._warming @ absorbed)
+
+    def _loss(self, over_k: FloatArray) -> FloatArray:
+        emissivity, kelvin = self._settings.surface.emissivity_broadband, self._reference_k + over_k
+        emitted = emissivity * STEFAN_BOLTZMANN * (kelvin**4 - self._reference_k**4)
+        return np.asarray(emitted + self._exchange * over_k)
+
+    # --- its scatter
+
+    def _alone(self, over_k: FloatArray) -> FloatArray:
+        """Covariance (m, m) of ``dT + R F`` by what a target does alone, so much over the reference."""
+        layout, target, kelvin = self._layout, self._layout.references, self._reference_k + over_k
+        hours = np.array([one.hours for one in self._minutes])
+        offset, drift = (self._prior[place, place] for place in (layout.offset(target), layout.drift(target)))
+        read = self._lost @ (offset + drift * np.outer(hours, hours)) @ self._lost.T
+        over_air = kelvin - np.array([one.air_k for one in self._minutes])
+        flux = self._own_exchange * np.outer(over_air, over_air)
+        place, warmed = layout.own_response(0), kelvin - kelvin[0]
+        response = self._prior[place, place] * np.outer(warmed, warmed)
+        return np.asarray(self._passing + read + self._warming @ flux @ self._warming.T + response)
+
+    @property
+    def _passing(self) -> FloatArray:
+        """Covariance (m, m) of any region's noise, own deviations and warmth from before, K2."""
+        here, there = self._layout.stores(0), self._layout.stores(self._layout.regions - 1)
+        before = self._prior[here, here] - self._prior[here, there]
+        return np.asarray(self._lost @ self._noise @ self._lost.T + self._fading @ before @ self._fading.T)
+
+    @cached_property
+    def _lost(self) -> FloatArray:
+        """Matrix (m, m) from a deviation of temperature to that with the heat lost by it."""
+        emissivity = self._settings.surface.emissivity_broadband
+        steepness = 4.0 * emissivity * STEFAN_BOLTZMANN * self._reference_k**3 + self._exchange
+        return np.asarray(np.eye(len(steepness)) + self._warming * steepness)
+
+    @cached_property
+    def _own_exchange(self) -> FloatArray:
+        """Covariance (m, m) of a target's own exchange, (W m-2 K-1)2."""
+        layout = self._layout
+        lasting = layout.own_exchange(0)
+        slow = _following(self._apart, *_of(self._processes[layout.slow_exchange_drive(0)]))
+        return np.asarray(slow + self._prior[lasting, lasting])
+
+
+def _minutes(history: History, layout: Layout, settings: EstimatorSettings) -> list[MinuteInputs]:
+    """Inputs of all minutes from the first to the last."""
+    start = int(history.minute[0])
+    made = [minute_inputs(history, 0, layout, settings, None, start)]
+    for row in range(1, len(history)):
+        later = minute_inputs(history, row, layout, settings, made[-1], start)
+        made.extend((*bridge(made[-1], later), later))
+    return made
+
+
+def _whitening(covariance: FloatArray, at: NDArray[np.int64]) -> FloatArray:
+    """Matrix (k, k) that makes what scatters so at these places independent and of unit variance."""
+    root = np.linalg.cholesky(covariance[np.ix_(at, at)])
+    return np.asarray(solve_triangular(root, np.eye(len(root)), lower=True))
+
+
+def _interpolation(places: NDArray[np.int64], size: int) -> FloatArray:
+    """Matrix (size, n) from values at n places to those of all, straight in between."""
+    steps = np.arange(size)
+    return np.column_stack([np.interp(steps, places, one) for one in np.eye(places.size)])
+
+
+def _of(process: tuple[FloatArray, float]) -> tuple[float, float]:
+    sd, minutes = process
+    return float(sd[0]), minutes
+
+
+def _relaxing(apart: FloatArray, sd: float, minutes: float) -> FloatArray:
+    """Covariance of an Ornstein-Uhlenbeck process over times apart."""
+    return np.asarray(sd**2 * np.exp(-apart / minutes))
+
+
+def _following(apart: FloatArray, sd: float, minutes: float) -> FloatArray:
+    """Covariance of what follows such a process with the same time constant: Matern's of order 3/2."""
+    return np.asarray(sd**2 / 2.0 * (1.0 + apart / minutes) * np.exp(-apart / minutes))
