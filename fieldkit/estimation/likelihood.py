@@ -166,7 +166,7 @@ def with_systematics(
     Parameters
     ----------
     design
-        Design vectors, shape (n, 3), or (m, n, 3) for m slopes with their own. [-]
+        Design vectors, shape (n, 3). [-]
     y
         Measured cosines of incidence, (n,), or (m, n) for m slopes. [-]
     weights
@@ -174,7 +174,7 @@ def with_systematics(
     systematics
         Change of `y` for one standard uncertainty of each effect, (p, ...); zeros change nothing. [-]
     """
-    gram = profiled_gram([*np.moveaxis(design, -1, 0), y], weights, systematics)
+    gram = profiled_gram([*design.T, y], weights, systematics)
     return Misfit(gram[..., :3, :3], gram[..., :3, 3], gram[..., 3, 3], np.count_nonzero(weights, axis=-1))
 
 

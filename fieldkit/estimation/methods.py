@@ -172,7 +172,10 @@ def _by_other_method(problem: _Problem) -> Solution:
 
 @dataclass(frozen=True)
 class _Problem:
-    """Rows of m targets, their weights (m, n), the azimuths (m,) where they are known, and the settings."""
+    """Rows of m targets, their weights (m, n), the azimuths (m,) where they are known, and the settings.
+
+    `slopes` (m, 3) are those that the light falls on: what is uncertain of it depends on them.
+    """
 
     rows: Rows
     indices: NDArray[np.int64]

@@ -253,8 +253,7 @@ def choose(misfit: Misfit, branches: Branches, tilt_limit_deg: float, *, at_limi
     misfits = np.stack([branches.first_misfit, branches.second_misfit])
     tilts = tilt_azimuth(normals)[0]
     allowed = tilts <= tilt_limit_deg + _ROUNDING_DEG
-    # -2 log of the prior per solid angle; below 0.1 degrees it would win against any data
-    penalised = misfits + 2.0 * np.log(np.sin(np.radians(np.clip(tilts, 0.1, 90.0))))
+    penalised = misfits + _price(tilts)
     penalised = np.where(allowed, penalised, np.inf)
     swap = penalised[1] < penalised[0]
     swapped = swap[..., np.newaxis]
@@ -265,11 +264,15 @@ def choose(misfit: Misfit, branches: Branches, tilt_limit_deg: float, *, at_limi
     steep = ~(allowed.all(axis=0) if at_limit else allowed.any(axis=0)) & np.isfinite(misfits[0])
     if np.any(steep):
         edge, edge_misfit = _on_limit(misfit, tilt_limit_deg, steep)
-        at_edge = edge_misfit + 2.0 * np.log(np.sin(np.radians(tilt_limit_deg)))
-        steep &= at_edge < penalised.min(axis=0)
+        steep &= edge_misfit + _price(tilt_limit_deg) < penalised.min(axis=0)
         best = np.where(steep[..., np.newaxis], edge, best)
         misfit_best = np.where(steep, edge_misfit, misfit_best)
     return Choice(best, misfit_best, other, np.where(is_single, np.nan, misfit_other))
+
+
+def _price(tilt_deg: ArrayLike) -> FloatArray:
+    """-2 log of the prior per solid angle; below 0.1 degrees it would win against any data."""
+    return np.asarray(2.0 * np.log(np.sin(np.radians(np.clip(tilt_deg, 0.1, 90.0)))))
 
 
 def _on_limit(

@@ -93,7 +93,8 @@ def _covariance(
     columns = np.stack([*(rows.design @ np.radians(one) for one in angles), *effects])[:, used]
     columns[len(angles) :] *= np.array(is_open)[:, np.newaxis]
     information = columns * weights[used] @ columns.T
-    information += np.diag([*np.zeros(len(angles)), *np.ones(len(effects))])
+    # few rows may leave an angle open: a prior so wide that it never counts keeps the matrix regular
+    information += np.diag([*np.full(len(angles), 1e-9), *np.ones(len(effects))])
     units = np.array([*np.ones(len(angles)), *sds.values()])
     names = ("tilt", "direction")[: len(angles)] + tuple(sds)
     return names, np.linalg.inv(information) * np.outer(units, units)
