@@ -42,12 +42,13 @@ GUESSED = Spread(
 """As a careful experimenter would guess a field: dry even sand, parameters within a third or a half."""
 DRIFT_SD_K_PER_H = 0.1
 SOUTH, RANDOM = "south", "random"
-CLEAR, BROKEN_CLOUD, AUGUST = "clear", "broken", "august"
+CLEAR, BROKEN_CLOUD, AUGUST, JUNE = "clear", "broken", "august", "june"
 NOON_H, LEAD_MIN, SESSION_MIN = 12.0, 180, 180
 BOARD_MIN, FIRST_BOARD_MIN, BETWEEN_BOARDS_MIN = 5, 10, 15
 
 PAPER_SITE = Site(35.558675, 139.395232, 9.0, "Asia/Tokyo")
 PAPER_DAY_NS = int(np.datetime64("2017-08-30", "ns").astype(np.int64))
+SOLSTICE_NS = int(np.datetime64("2017-06-21", "ns").astype(np.int64))
 DAY_NS = 1440 * MINUTE_NS
 
 
@@ -82,6 +83,7 @@ def drawn_world(
     measured_ground: bool = False,
     start_h: float = NOON_H,
     minutes: int = SESSION_MIN,
+    visit: int = 0,
 ) -> World:
     """One world: a flat reference and three beds, which have been warming for three hours at the start.
 
@@ -90,8 +92,8 @@ def drawn_world(
     seed
         Of everything drawn.
     day
-        ``"clear"`` or ``"broken"`` at Alamosa, ``"august"`` by formula at the paper's site, or the path of a
-        station's file.
+        ``"clear"`` or ``"broken"`` at Alamosa, ``"august"`` or ``"june"`` by formula at the paper's site, or
+        the path of a station's file.
     beds
         ``"south"`` for 5, 15 and 25 degrees to the south, ``"random"`` for 3 to 30 degrees to any side.
     as_configured
@@ -106,11 +108,14 @@ def drawn_world(
         A field with more physics than the estimator has: gusts, damp beds, own albedo and emissivity.
     start_h, minutes
         Start in mean solar time of the zone, from midnight; length of the session. [h], [min]
+    visit
+        Number of the session in that field: the camera's offsets and noise are others in each.
     """
     random = np.random.default_rng(seed)
     slopes = BEDS_SOUTH if beds == SOUTH else random_beds(random)
     field = _field(seed, as_configured=as_configured, measured_ground=measured_ground)
     drift_sd_k_per_h = 0.0 if as_configured else DRIFT_SD_K_PER_H
+    random = np.random.default_rng((seed, visit)) if visit else random
     errors = BedErrors(offset_sd_k * random.standard_normal(3), drift_sd_k_per_h * random.standard_normal(3))
     outline = regions(slopes)
     model, noon_ns = _model(day, outline, field, shade_test)
@@ -175,8 +180,8 @@ def _model(
 
 def day_of(day: str) -> tuple[Site, Sky, int]:
     """Site, sky and local noon, to the hour of the mean sun, of a day."""
-    if day == AUGUST:
-        return PAPER_SITE, ClearSky(), _noon_ns(PAPER_SITE, PAPER_DAY_NS)
+    if day in (AUGUST, JUNE):
+        return PAPER_SITE, ClearSky(), _noon_ns(PAPER_SITE, PAPER_DAY_NS if day == AUGUST else SOLSTICE_NS)
     weather = packaged() if day == CLEAR else read_station_file(BROKEN if day == BROKEN_CLOUD else Path(day))
     middle_ns = int(weather.time_ns[len(weather.time_ns) // 2])
     return weather.site, MeasuredSky(weather), _noon_ns(weather.site, middle_ns // DAY_NS * DAY_NS)

@@ -6,6 +6,8 @@ A day without a slope is refused: it counts in neither error nor coverage, and e
 
 * `pv`: back of a photovoltaic module, 40 degrees to the south, against a level one by the weather
   (``estimator.reference = "weather"``); days are clear where satellite and clear sky agree within 5 %.
+  Single days by the full model; three that span six weeks as one estimate by the learned one, against a level
+  module that is predicted (`fieldkit.predict`).
 * `twin`, `glob`: pyranometers in known planes on sunny days (sunshine as WMO-No. 8 defines it in half of
   the rows or more), as if they were surfaces: one watt per square metre warms by one
   kelvin, nothing is emitted or stored. What is left is the way from irradiance to the normal.
@@ -25,6 +27,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+import fieldkit
 from benchmarks.estimation_learned import SUNSHINE_W_M2
 from benchmarks.one_image import desert, ridges
 from benchmarks.result import Result
@@ -33,15 +36,18 @@ from fieldkit.estimation.bins import History
 from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.surface_kinds import Kind
-from fieldkit.estimation.table import TemperatureTable, slopes_of_table
+from fieldkit.estimation.table import TemperatureTable, as_part, slopes_of_table
+from fieldkit.estimation.together import slopes_together
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.slope import CERTAIN, SOLVED, SlopeEstimate
 from fieldkit.model.units import CELSIUS_ZERO_K, MINUTE_NS, SECOND_NS
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
+from fieldkit.physics.daylight import clear_sky_longwave
 from fieldkit.physics.facet import FloatArray, angle_between_deg, normal
 from fieldkit.physics.irradiance import IrradianceModel, direct_normal
 from fieldkit.physics.slab import Slab
 from fieldkit.physics.sun import sun_vectors
+from fieldkit.weather import Weather
 
 SHARED = Path(__file__).parents[1].parent / "shared" / "data"
 DAY_NS = 86_400 * SECOND_NS
@@ -50,6 +56,8 @@ ROUNDING_DEG = 0.05
 """Of the ends of a region at the limits of the tilt, level and vertical."""
 
 PV_SITE = Site(39.7406, -105.1775, 1829.0)
+EQUINOX_NEAR_NS = int(np.datetime64("2016-08-22", "ns").astype(np.int64))
+"""From here on the sun of a day runs so nearly in a plane that tilt and gain are hardly parted."""
 PV_K = 0.0194
 """Kelvin of a level module above the air per W/m2, as it was found afterwards: the explaining row has it."""
 TWIN_SITE = Site(47.874, 11.728, 680.0)
@@ -192,6 +200,60 @@ def _pv() -> Iterator[Result]:
     known = [_with_module_of(PV_K, day, columns) for day in days]
     found = _found(known, PV_SITE, _with_gain(PV_K, settings), truth)
     yield from Case(f"  the same, {PV_K} K m²/W above the air from hindsight", found).rows()
+    beside = [_with_level_module(day, columns, settings) for day in days]
+    yield from _pv_together(beside, settings, truth["module"])
+
+
+def _pv_together(
+    days: Sequence[TemperatureTable], settings: EstimatorSettings, truth: Truth
+) -> Iterator[Result]:
+    """Three days as one estimate: with one declination of the sun, tilt and gain cannot be parted."""
+    joined = replace(settings, model="learned")
+    found = {
+        int(three[-1].time_ns[-1]): (_together(three, joined), truth)
+        for three in triples([_sunlit(day, joined) for day in days])
+    }
+    early = [one for end_ns, one in found.items() if end_ns < EQUINOX_NEAR_NS]
+    late = [one for end_ns, one in found.items() if end_ns >= EQUINOX_NEAR_NS]
+    name = "three clear days that span six weeks, one estimate, the last before 22 August"
+    yield from Case(name, early, "<= 7", ">= 80").rows()
+    name = "  the same, the last from 22 August on"
+    yield from Case(name, late).rows()
+    undetermined = [100.0 * (one.state not in CERTAIN) for one, _ in late]
+    yield Result(f"{name}: refused or uncertain", _average(np.mean, undetermined), "%", "100")
+
+
+def triples(days: Sequence[TemperatureTable]) -> Iterator[tuple[TemperatureTable, ...]]:
+    """For each last day the day nearest six weeks before it, not below five, and the one nearest half-way."""
+    ends_ns = np.array([day.time_ns[-1] for day in days])
+    for last, end_ns in enumerate(ends_ns):
+        first = int(np.argmin(np.abs(end_ns - 42 * DAY_NS - ends_ns)))
+        if end_ns - ends_ns[first] >= 35 * DAY_NS:
+            middle = int(np.argmin(np.abs(ends_ns - (ends_ns[first] + end_ns) // 2)))
+            yield days[first], days[middle], days[last]
+
+
+def _sunlit(day: TemperatureTable, settings: EstimatorSettings) -> TemperatureTable:
+    low = np.sin(np.radians(settings.low_sun_deg))
+    return _rows(day, sun_vectors(day.time_ns, PV_SITE)[:, 2] >= low)
+
+
+def _together(tables: Iterable[TemperatureTable], settings: EstimatorSettings) -> SlopeEstimate:
+    """The slope of the only target of tables."""
+    parts = [as_part(str(number), table, PV_SITE, settings) for number, table in enumerate(tables)]
+    return slopes_together(parts).estimated.slopes[0]
+
+
+def _with_level_module(
+    day: TemperatureTable, columns: Columns, settings: EstimatorSettings
+) -> TemperatureTable:
+    """The day with the temperature of a level module as its kind would have it under the day's weather."""
+    air_k = _of(day, columns, "air_c") + CELSIUS_ZERO_K
+    light = (day.irradiance_w_m2, day.diffuse_w_m2)
+    still = np.zeros_like(air_k)
+    weather = Weather(day.time_ns, *light, clear_sky_longwave(air_k), air_k, still, PV_SITE)  # type: ignore[arg-type]
+    level = fieldkit.predict([(0.0, 180.0)], weather, settings=settings)
+    return replace(day, reference_k=np.interp(day.time_ns, level.time_ns, level.surface_k[:, 0]))
 
 
 def _with_gain(kelvin_m2_w: float, settings: EstimatorSettings) -> EstimatorSettings:

@@ -45,6 +45,7 @@ if _TYPE_CHECKING:
     from fieldkit.results.session import open_session as open_session
     from fieldkit.results.slope_map import slope_map as slope_map
     from fieldkit.results.sun_angles import sun as sun
+    from fieldkit.results.together import estimate_together as estimate_together
 
 __version__ = "0.2.0"
 
@@ -73,6 +74,7 @@ _HOMES = {
     "fieldkit.recording.suggesting": ("suggest_regions",),
     "fieldkit.results.slope_map": ("slope_map",),
     "fieldkit.results.sun_angles": ("sun",),
+    "fieldkit.results.together": ("estimate_together",),
 }
 """Where each public name is defined; the module is imported when the name is first used."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,6 +29,9 @@ if TYPE_CHECKING:
     metavar="BASE",
     help="Write every minute's slopes to BASE.csv.",
 )
+@click.option(
+    "--together", is_flag=True, help="One slope of each region for all SESSIONS, which are of one place."
+)
 @common.present_option
 @common.workers_options
 @click.option("--site", type=SITE, help="Where a table was measured.")
@@ -52,6 +56,7 @@ def command(
     ctx: click.Context,
     sessions: tuple[Path, ...],
     out: Path | None,
+    together: bool,
     present: bool,
     jobs: int | None,
     kind: str,
@@ -63,24 +68,33 @@ def command(
 ) -> None:
     """Estimate the slopes of recorded SESSIONS or folders of them, as configured or with --set.
 
-    A single table FILE.csv with --site works as well: columns time (ISO 8601 with its zone), reference_k,
-    one NAME_k for each target (or _c), irradiance_w_m2 (direct normal), ghi_w_m2 (global horizontal) or
-    illuminance_lx; air_k (or _c), wind_m_s and flags if any. One row gives the component along the sun. With
-    --set estimator.reference=weather reference_k is not needed.
+    --together joins sessions of one place, such as a field on several days: slopes, absorbed light and
+    thermal inertia are those of all; weather and the camera's offsets begin anew in each. It needs the
+    learned model.
+
+    A single table FILE.csv with --site works as well, and several with --together: columns time (ISO 8601
+    with its zone), reference_k, one NAME_k for each target (or _c), irradiance_w_m2 (direct normal), ghi_w_m2
+    (global horizontal) or illuminance_lx; air_k (or _c), wind_m_s and flags if any. One row gives the
+    component along the sun. With --set estimator.reference=weather reference_k is not needed.
 
     With -o all of them go into one table, BASE.csv (and BASE.parquet with fieldkit[lab]), and BASE.json
     records what made it: code, parameters, checksums of the sessions, command line.
     """
-    if len(sessions) == 1 and sessions[0].suffix.lower() == ".csv":
+    if all(path.suffix.lower() == ".csv" for path in sessions) and (together or len(sessions) == 1):
         if out is not None:
             raise click.UsageError("-o is for sessions; the slopes of a table are printed: --json > FILE")
         if present or without_marks or jobs is not None or address is not None:
             raise click.UsageError(
                 "--campaign, --without-mark and workers are for sessions; a table takes --site and --set"
             )
-        _estimate_table(sessions[0], site, reference, settings)
+        _estimate_tables(sessions, site, reference, settings)
         return
     paths = find_sessions(ctx, sessions)
+    if together:
+        if jobs is not None or address is not None:
+            raise click.UsageError("sessions are joined in this process: omit -j and --address")
+        _estimate_together(paths, out, settings, {"present": present, "without_marks": without_marks})
+        return
     workers, chosen = batch.workers(kind, address, jobs), {"present": present, "without_marks": without_marks}
     _estimate_sessions(paths, out, workers, settings, chosen)
 
@@ -102,18 +116,56 @@ def _estimate_sessions(
     require_slope([one for of_session in found.estimates.values() for one in of_session.final.values()])
 
 
-def _estimate_table(
-    path: Path, site: Site | None, reference: tuple[float, float], settings: Sequence[str]
+def _estimate_together(
+    paths: Sequence[Path], out: Path | None, settings: Sequence[str], chosen: dict[str, Any]
 ) -> None:
-    from fieldkit.results.estimate import as_document, estimate_table, require_slope
+    from fieldkit.results.estimate import require_slope, slopes_document
+    from fieldkit.results.together import estimate_together
+
+    base = None if out is None else batch.base_of(out)
+    with batch.progress_bar(f"estimating {len(paths)} sessions together") as on_progress:
+        found = estimate_together(
+            paths, settings, **chosen, notify=common.say_warning, on_progress=on_progress
+        )
+    if base is not None:
+        common.say(f"wrote {', '.join(map(str, found.write(base)))}")
+    if common.options().json:
+        common.print_json({"together": list(map(str, found.sessions)), **slopes_document(found)})
+    else:
+        print_slopes(found.final, found.regions)
+        print_learnt(found.learnt.final)
+        explain_slopes(found.final.values())
+        named = shlex.join(map(str, paths))
+        common.say(
+            f"next: fieldkit report {named}"
+            if base
+            else f"next: fieldkit estimate {named} --together -o BASE"
+        )
+    require_slope(found.final.values())
+
+
+def _estimate_tables(
+    paths: Sequence[Path], site: Site | None, reference: tuple[float, float], settings: Sequence[str]
+) -> None:
+    from fieldkit.results.estimate import (
+        as_document,
+        estimate_table,
+        estimate_tables_together,
+        require_slope,
+    )
 
     if site is None:
         raise click.UsageError("a table needs --site LAT,LON,ALT: where it was measured")
-    slopes = estimate_table(
-        path, site, settings=settings, reference_slope_deg=reference, notify=common.say_warning
-    )
+    chosen: dict[str, Any] = {
+        "settings": settings, "reference_slope_deg": reference, "notify": common.say_warning,
+    }  # fmt: skip
+    if len(paths) == 1:
+        slopes = estimate_table(paths[0], site, **chosen)
+    else:
+        slopes = estimate_tables_together(paths, site, **chosen)
     if common.options().json:
-        common.print_json({"table": str(path), "slopes": [as_document(one) for one in slopes]})
+        named = {"table": str(paths[0])} if len(paths) == 1 else {"together": list(map(str, paths))}
+        common.print_json({**named, "slopes": [as_document(one) for one in slopes]})
     else:
         targets = [Region(one.region, RegionKind.TARGET, ()) for one in slopes]
         print_slopes({one.region: one for one in slopes}, targets)
@@ -122,10 +174,13 @@ def _estimate_table(
 
 
 def _print(found: EstimatedSessions) -> None:
-    from fieldkit.results.estimate import session_document
+    from fieldkit.results.estimate import slopes_document
 
     if common.options().json:
-        documents = [session_document(found.paths[name], slopes) for name, slopes in found.estimates.items()]
+        documents = [
+            {"session": str(found.paths[name]), **slopes_document(slopes)}
+            for name, slopes in found.estimates.items()
+        ]
         common.print_json(documents[0] if len(documents) == 1 else {"sessions": documents})
         return
     for name, estimates in found.estimates.items():

@@ -518,6 +518,18 @@ class History:
         kept = [(*cell, places[one]) for *cell, one in self.shade_ledger.tolist() if one in places]
         return replace(self, **chosen, shade_ledger=np.array(kept, np.int64).reshape(-1, 3))
 
+    def spread(self, places: Sequence[int], regions: int) -> History:
+        """The same with its columns at some places among `regions`; the others are without frames."""
+        by_region = {
+            name: np.full((len(self), regions), empty, getattr(self, name).dtype)
+            for name, empty in (("temperature_k", np.nan), ("probe_k", np.nan), ("region_flags", 0))
+        }
+        for name, values in by_region.items():
+            values[:, list(places)] = getattr(self, name)
+        ledger = self.shade_ledger.copy()
+        ledger[:, 2] = np.array(places, np.int64)[ledger[:, 2]]
+        return replace(self, **by_region, shade_ledger=ledger)
+
     def is_shaded(self) -> NDArray[np.bool_]:
         """Regions that alone are in the shade (n, regions), as known at the last minute."""
         shaded: NDArray[np.bool_] = (self.region_flags & int(Quality.SHADED)) != 0
@@ -534,3 +546,9 @@ class History:
         if not has_moved.any():
             return self
         return replace(self, temperature_k=np.where(has_moved[:, np.newaxis], np.nan, self.temperature_k))
+
+
+def joined(parts: Sequence[History]) -> History:
+    """Histories of the same columns as one, in the order given."""
+    arrays = [part.arrays() for part in parts]
+    return History(**{name: np.concatenate([one[name] for one in arrays]) for name in arrays[0]})

@@ -14,17 +14,11 @@ import numpy as np
 from scipy.special import ndtri
 
 from fieldkit.estimation.learned.hypotheses import UNKNOWNS, hypotheses
-from fieldkit.estimation.learned.prior_state import gain_sd
+from fieldkit.estimation.learned.prior_state import DAY_TO_DAY, gain_sd
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.confidence import interval_sds
 from fieldkit.model.learnt import Learnt, LearntParameter
 
-DAY_TO_DAY: Mapping[str, float] = {"gain": 0.03, "thermal_inertia": 0.08, "depth": 0.06}
-"""Relative changes from one day to the next, as standard deviations.
-
-The light meter's response to another sun and to dust; the air's moisture in dry sand; raking and settling of
-some 2 mm in 3 cm.
-"""
 LEAST_LEARNT = 0.02
 """Information of a session over that of its prior, below which it taught nothing."""
 _DEPTH = 2

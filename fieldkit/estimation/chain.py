@@ -10,11 +10,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.estimation.bins import History, RegionColumns
+from fieldkit.estimation.bins import History, RegionColumns, joined
 from fieldkit.estimation.instant import with_along_sun
 from fieldkit.estimation.learned.budget import BudgetTerm, slope_budget
 from fieldkit.estimation.learned.inputs import (
@@ -22,12 +23,13 @@ from fieldkit.estimation.learned.inputs import (
     MinuteInputs,
     bridge,
     can_start,
+    first_row,
     logged,
     minute_inputs,
     shade,
 )
 from fieldkit.estimation.learned.layout import Indices, Layout
-from fieldkit.estimation.learned.learner import Learner
+from fieldkit.estimation.learned.learner import Learner, Recorded
 from fieldkit.estimation.learned.misfit import MOST_MISFIT, Surprise, cause, misfit, surprise
 from fieldkit.estimation.learned.prior_state import prior_sds
 from fieldkit.estimation.learned.readout import KnownSlope, Moments, known_slope, learnt_parameters, moments
@@ -109,9 +111,23 @@ class SlopeChain:
 
         Widths differ by a tenth from those of minutes taken one by one, which draw other hypotheses.
         """
-        corrected = remove_offsets(history, self.schedule.columns, self._settings)
+        return self._at_once(history, [max(_after_gaps(history), default=0)])
+
+    def together(self, sessions: Sequence[History]) -> Estimated:
+        """Slopes of the targets at the last minute of sessions with the same columns, in order of time.
+
+        What lasts (slopes, gain, inertia, what is unlike in a bed) is learned from all of them; what belongs
+        to a session, or to what follows a gap of hours in it, begins anew. A region that a session does not
+        have is without temperatures there.
+        """
+        history = joined(sessions)
+        ends = np.cumsum([len(one) for one in sessions])[:-1]
+        return self._at_once(history, sorted({0, *ends.tolist(), *_after_gaps(history)}))
+
+    def _at_once(self, history: History, starts: Sequence[int]) -> Estimated:
+        corrected = remove_offsets(history.in_place(), self.schedule.columns, self._settings)
         for group in self._groups:
-            group.take_at_once(corrected)
+            group.take_at_once(corrected, starts)
         self._taken = len(history)
         return self.at(history)
 
@@ -161,6 +177,12 @@ class SlopeChain:
         if schedule.is_redrawn(column):
             return replace(estimate, reason=f"{estimate.reason}; redrawn: begun anew")
         return estimate
+
+
+def _after_gaps(history: History) -> list[int]:
+    """Rows that follow a gap too long to be bridged."""
+    gaps: list[int] = (np.flatnonzero(np.diff(history.minute) > BRIDGED_MINUTES) + 1).tolist()
+    return gaps
 
 
 LOST = "the regions were lost in all frames: the camera moved too far, or its trajectory has no pose then"
@@ -215,20 +237,30 @@ class _Group:
         else:
             # shade that is known only now lay over minutes that were taken without it
             if not np.array_equal(shade(history, self._layout)[self._first : -1], self._shade):
-                learner.reshade(self._inputs(history, row))
-            learner.add(self._input(history, row, learner.last))
+                learner.reshade(self._inputs(history, self._first, row))
+            learner.add(self._input(history, row, learner.last, self._first))
         self._read(history)
 
-    def take_at_once(self, history: History) -> None:
-        """Take a whole history in which all regions hold, from its last long gap on."""
+    def take_at_once(self, history: History, starts: Sequence[int]) -> None:
+        """Take a whole history in which all regions hold, as sessions that begin in the rows `starts`."""
         history = history.only(self._places)
-        gaps = np.flatnonzero(np.diff(history.minute) > BRIDGED_MINUTES)
-        for row in range(int(gaps[-1]) + 1 if gaps.size else 0, len(history)):
-            if self._learner is None:
-                self._start(history, row)
-        if self._learner is not None:
-            self._learner.learn_at_once(self._inputs(history, len(history)))
-        self._read(history)
+        sessions: list[Recorded] = []
+        for first, end in pairwise([*starts, len(history)]):
+            session = history.at(slice(first, end))
+            row = first_row(session, self._layout)
+            if row is None:
+                continue
+            if not sessions:
+                self._first = first + row
+            known = logged(session, row, self._layout, self._columns.regions, self._settings)
+            sessions.append(Recorded(known, self._inputs(session, row, len(session))))
+        try:
+            if sessions:
+                self._learner = Learner(self._layout, self._settings, sessions)
+                self._learner.draw_for_all()
+            self._read(history)
+        except np.linalg.LinAlgError:  # other regions go on
+            self._learner, self._has_failed = None, True
 
     def _read(self, history: History) -> None:
         """Slopes and moments of what is learned by now."""
@@ -241,17 +273,18 @@ class _Group:
         if can_start(history, row, self._layout):
             self._first = row
             known = logged(history, row, self._layout, self._columns.regions, self._settings)
-            self._learner = Learner(self._layout, self._settings, self._input(history, row, None), known)
+            begun = Recorded(known, [self._input(history, row, None, row)])
+            self._learner = Learner(self._layout, self._settings, [begun])
 
-    def _input(self, history: History, row: int, before: MinuteInputs | None) -> MinuteInputs:
-        start = int(history.minute[self._first])
+    def _input(self, history: History, row: int, before: MinuteInputs | None, first: int) -> MinuteInputs:
+        start = int(history.minute[first])
         return minute_inputs(history, row, self._layout, self._settings, before, start)
 
-    def _inputs(self, history: History, end: int) -> list[MinuteInputs]:
-        """All minutes of this chain before a row anew."""
-        made = [self._input(history, self._first, None)]
-        for row in range(self._first + 1, end):
-            later = self._input(history, row, made[-1])
+    def _inputs(self, history: History, first: int, end: int) -> list[MinuteInputs]:
+        """All minutes of rows from `first` to before `end`, anew."""
+        made = [self._input(history, first, None, first)]
+        for row in range(first + 1, end):
+            later = self._input(history, row, made[-1], first)
             made.extend((*bridge(made[-1], later), later))
         return made
 
@@ -434,7 +467,7 @@ def _kelvin_per_degree(learner: Learner, target: int, tilt_deg: float, azimuth_d
         return math.nan
     grey = learner.settings.surface.emissivity_broadband
     kelvin = float(minute.temperature_k.mean())
-    exchange = float(weights @ posterior.filters.hypotheses.exchange) * unlike.exchange
+    exchange = float(weights @ posterior.filters.exchange) * unlike.exchange
     loss = exchange + 4.0 * grey * STEFAN_BOLTZMANN * kelvin**3
     return kelvin_per_degree(tilt_deg, azimuth_deg, minute.sun, loss / light)
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from fieldkit.estimation.bins import History
 from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.instruments import pyranometer
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.estimation.together import Part
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.limits import Excess, bounds_by_name, excesses
 from fieldkit.model.samples import is_usable
@@ -82,17 +84,33 @@ def slopes_of_table(
     ConfigError
         If the columns of sunlight do not fit the irradiance model.
     """
+    return slopes_of_part(as_part("", table, site, settings, reference_slope_deg, azimuths_deg or {}))
+
+
+def slopes_of_part(part: Part) -> tuple[SlopeEstimate, ...]:
+    """Slopes at the last minute of a table alone."""
+    return SlopeChain(part.regions, part.settings).at(part.history).slopes
+
+
+def as_part(
+    name: str,
+    table: TemperatureTable,
+    site: Site,
+    settings: EstimatorSettings,
+    reference_slope_deg: tuple[float, float] = (0.0, 0.0),
+    azimuths_deg: Mapping[str, float] = MappingProxyType({}),
+) -> Part:
+    """The minute bins of a table and its regions, for `slopes_together` of tables; as `slopes_of_table`."""
     none = ((0.0, 0.0),)
-    known = azimuths_deg or {}
     regions = [Region("reference", RegionKind.REFERENCE, none, *reference_slope_deg)] + [
-        Region(name, RegionKind.TARGET, none, azimuth_deg=known.get(name, float("nan")))
-        for name in table.targets_k
+        Region(target, RegionKind.TARGET, none, azimuth_deg=azimuths_deg.get(target, float("nan")))
+        for target in table.targets_k
     ]
     settings = replace(settings, irradiance=_light_model(table, settings.irradiance))
     history = _history(possible(table, site, settings)[0], site, settings)
     sunlit = np.flatnonzero(history.sun[:, 2] >= np.sin(np.radians(settings.low_sun_deg)))
     day = history.until(int(sunlit[-1]) + 1) if sunlit.size else history
-    return SlopeChain(regions, replace(settings, min_minutes=3)).at(day).slopes
+    return Part(name, site, tuple(regions), day, replace(settings, min_minutes=3))
 
 
 _LIMITS = {

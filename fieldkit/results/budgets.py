@@ -12,7 +12,7 @@ import numpy as np
 from fieldkit.estimation import slopes
 from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.learned.budget import BudgetTerm
-from fieldkit.results.cache import Cache, digest
+from fieldkit.results.cache import Arrays, Cache, digest
 from fieldkit.results.minutes import Run, measured_in
 from fieldkit.sessions.json_forms import build
 from fieldkit.sessions.reader import SessionReader
@@ -31,13 +31,23 @@ def budgets_of(run: Run, session: SessionReader | None = None) -> Budgets:
     cache, key = Cache() if run.source.checksum else None, digest("budgets", run.key)
     known = cache.load(key) if cache else None
     if known is not None:
-        stored = json.loads(known["budgets"].tolist()[0])
-        return {name: tuple(build(BudgetTerm, term) for term in terms) for name, terms in stored.items()}
+        return unpacked_budgets(known)
     found = _found(run, session)
     if cache:
-        texts = json.dumps({name: [asdict(term) for term in terms] for name, terms in found.items()})
-        cache.store(key, {"budgets": np.array([texts], np.bytes_)})
+        cache.store(key, packed_budgets(found))
     return found
+
+
+def packed_budgets(found: Budgets) -> Arrays:
+    """Budgets as arrays for the cache, every number exact."""
+    texts = json.dumps({name: [asdict(term) for term in terms] for name, terms in found.items()})
+    return {"budgets": np.array([texts], np.bytes_)}
+
+
+def unpacked_budgets(arrays: Arrays) -> Budgets:
+    """Budgets of which `packed_budgets` made arrays."""
+    stored = json.loads(arrays["budgets"].tolist()[0])
+    return {name: tuple(build(BudgetTerm, term) for term in terms) for name, terms in stored.items()}
 
 
 def _found(run: Run, session: SessionReader | None) -> Budgets:

@@ -11,7 +11,8 @@ from typing import Any
 from fieldkit.config import Config, config_from_text
 from fieldkit.estimation.estimator import Estimator, Minute
 from fieldkit.estimation.estimator_keys import Model
-from fieldkit.estimation.table import possible, slopes_of_table
+from fieldkit.estimation.table import as_part, possible, slopes_of_part
+from fieldkit.estimation.together import Part, slopes_together
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, NoAnswerError
 from fieldkit.model.site import Region, Site
@@ -122,7 +123,32 @@ def estimate_table(
     ConfigError
         If the file is not such a table, or a setting is wrong.
     """
-    path = Path(path)
+    return slopes_of_part(_table_part(Path(path), site, settings, reference_slope_deg, notify))
+
+
+def estimate_tables_together(
+    paths: Sequence[str | Path],
+    site: Site,
+    *,
+    settings: Sequence[str] = (),
+    reference_slope_deg: tuple[float, float] = (0.0, 0.0),
+    notify: Callable[[str], None] = log_warning,
+) -> tuple[SlopeEstimate, ...]:
+    """Estimate one slope of each target from several tables of one place, as `estimate_together`.
+
+    Parameters, errors and warnings are those of `estimate_table`; `ConfigError` also for tables that overlap.
+    """
+    parts = [_table_part(Path(path), site, settings, reference_slope_deg, notify) for path in paths]
+    return slopes_together(parts).estimated.slopes
+
+
+def _table_part(
+    path: Path,
+    site: Site,
+    settings: Sequence[str],
+    reference_slope_deg: tuple[float, float],
+    notify: Callable[[str], None],
+) -> Part:
     text = f"[site]\nlatitude_deg = {site.latitude_deg}\nlongitude_deg = {site.longitude_deg}\n"
     config = config_from_text(f"{text}elevation_m = {site.elevation_m}\n", path, settings=settings)
     if config.tables.estimator.azimuth == "known":
@@ -131,7 +157,7 @@ def estimate_table(
     table = read_table(path, needs_reference=settings_used.reference == "region")
     for excess in possible(table, config.site, settings_used)[1]:
         notify(f"{path}: {excess.words(f'line {table.lines[excess.first]}')}; not used")
-    return slopes_of_table(table, config.site, settings_used, reference_slope_deg=reference_slope_deg)
+    return as_part(str(path), table, config.site, settings_used, reference_slope_deg)
 
 
 def estimator_for(
@@ -179,12 +205,11 @@ def as_document(estimate: SlopeEstimate, region: Region | None = None) -> dict[s
     return document
 
 
-def session_document(path: Path, estimates: Estimates) -> dict[str, Any]:
-    """The final estimates of a session for ``--json``."""
+def slopes_document(estimates: Estimates) -> dict[str, Any]:
+    """The final estimates for ``--json``, without the session they are of."""
     regions = {region.name: region for region in estimates.regions}
     slopes = [as_document(one, regions[name]) for name, one in estimates.final.items()]
     return {
-        "session": str(path),
         "minutes": estimates.minutes,
         "slopes": slopes,
         "learnt": learnt_document(estimates.learnt.final),

@@ -24,7 +24,7 @@ from fieldkit.config import Config, changed_config
 from fieldkit.disk import sha256
 from fieldkit.estimation.binner import Binner, Closed
 from fieldkit.estimation.bins import History
-from fieldkit.estimation.chain import slope_series
+from fieldkit.estimation.chain import Estimated, slope_series
 from fieldkit.estimation.estimator import Estimator, Minute, measured_minute
 from fieldkit.estimation.estimator_keys import Model
 from fieldkit.estimation.settings import EstimatorSettings
@@ -206,6 +206,13 @@ def solve(history: History, regions: Regions, settings: EstimatorSettings) -> Es
     return _as_estimates(history, RegionSchedule.of(regions), [one.slopes for one in series], learnt)
 
 
+def final_estimates_of(history: History, regions: Regions, estimated: Estimated) -> Estimates:
+    """The slopes at the last minute of a history alone."""
+    last = history.since(len(history) - 1)
+    learnt = {int(last.time_ns[0]): estimated.learnt} if estimated.learnt else {}
+    return _as_estimates(last, RegionSchedule.of(regions), [estimated.slopes], learnt)
+
+
 def _as_estimates(
     history: History,
     schedule: RegionSchedule,
@@ -225,17 +232,24 @@ def _as_estimates(
 def _known_slopes(run: Run) -> Estimates | None:
     cache = _cache(run)
     entry = None if cache is None else cache.load(run.key)
-    if entry is None:
-        return None
-    texts = tuple(str(text) for text in entry["texts"])
-    return Estimates(entry["rows"], texts, run.source.regions.latest, LearntSeries.unpacked(entry))
+    return None if entry is None else unpacked_slopes(entry, run.source.regions.latest)
 
 
 def _keep_slopes(run: Run, made: Estimates) -> Estimates:
     if (cache := _cache(run)) is not None:
-        texts = np.array(made.texts, np.str_)
-        cache.store(run.key, {"rows": made.rows, "texts": texts, **made.learnt.packed()})
+        cache.store(run.key, packed_slopes(made))
     return made
+
+
+def packed_slopes(made: Estimates) -> Arrays:
+    """Slopes as arrays for the cache, without the regions."""
+    return {"rows": made.rows, "texts": np.array(made.texts, np.str_), **made.learnt.packed()}
+
+
+def unpacked_slopes(arrays: Arrays, regions: tuple[Region, ...]) -> Estimates:
+    """Slopes of which `packed_slopes` made arrays."""
+    texts = tuple(str(text) for text in arrays["texts"])
+    return Estimates(arrays["rows"], texts, regions, LearntSeries.unpacked(arrays))
 
 
 def keep_recorded(path: Path, estimator: Estimator) -> None:

@@ -37,6 +37,7 @@ LONG = {
     "first-five-minutes",
     "import-recordings",
     "terrain-products",
+    "two-experiments",
 }
 
 

@@ -9,17 +9,20 @@ from fieldkit.estimation.learned.hypotheses import Hypotheses
 from fieldkit.estimation.learned.inputs import Logged, MinuteInputs
 from fieldkit.estimation.learned.layout import Layout
 from fieldkit.estimation.learned.noise import OWN_K, Noise
-from fieldkit.estimation.learned.prior_state import prior_covariance, prior_mean
+from fieldkit.estimation.learned.prior_state import DAY_TO_DAY, prior_covariance, prior_mean
 from fieldkit.estimation.learned.surface import SurfaceModel
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.physics.facet import FloatArray
+
+LEAST_EXCHANGE = 0.5
+"""Of still air over level ground at night; a session's own exchange is a normal number, without a bound."""
 
 
 class Filters(KalmanBank):
     """The bank that follows a surface minute by minute; `log_likelihood` (p,) of all that was measured.
 
     Products of two unknowns are linear only near some state (n,): `around`, else the prior's. `noise` is what
-    each region does alone.
+    each region does alone. `ends` are the means (p, n) with which sessions before this one ended.
     """
 
     def __init__(
@@ -34,17 +37,55 @@ class Filters(KalmanBank):
     ) -> None:
         self.layout = layout
         self.hypotheses = hypotheses
-        self.noise = noise or Noise(settings.noise_k, OWN_K)
+        self.ends: list[FloatArray] = []
+        self.log_likelihood: FloatArray = np.zeros(hypotheses.exchange.size)
+        self._settings = settings
+        self._begin(first, logged, around, noise)
+
+    @property
+    def exchange(self) -> FloatArray:
+        """Heat exchange of the present session (p,), W m-2 K-1."""
+        further = self.mean[:, self.layout.shared("session_exchange")]
+        return np.maximum(self.hypotheses.exchange + further, LEAST_EXCHANGE)
+
+    def begin_session(
+        self,
+        first: MinuteInputs,
+        logged: Logged,
+        around: FloatArray | None = None,
+        noise: Noise | None = None,
+    ) -> None:
+        """Begin a further session: what lasts is known as before, everything else as before any data."""
+        self.ends.append(self.mean)
+        lasting = self.layout.lasting
+        # the light meter's response to another sun, and dust: gain, and normals times the gain
+        scaled = self.layout.gain_and_normals
+        self.covariance[:, scaled[:, np.newaxis], scaled] += DAY_TO_DAY["gain"] ** 2 * (
+            self.mean[:, scaled, np.newaxis] * self.mean[:, np.newaxis, scaled]
+        )
+        mean, covariance = self.mean[:, lasting], self.covariance[:, lasting[:, np.newaxis], lasting]
+        self._begin(first, logged, around, noise)
+        self.mean[:, lasting] = mean
+        self.covariance[:, lasting[:, np.newaxis], lasting] = covariance
+        exchange = self.layout.shared("session_exchange")
+        spread = self._settings.prior.exchange_log_sd * self.hypotheses.exchange
+        self.covariance[:, exchange, exchange] = spread**2
+
+    def _begin(
+        self, first: MinuteInputs, logged: Logged, around: FloatArray | None, noise: Noise | None
+    ) -> None:
+        """The state before any data."""
+        layout, hypotheses, settings = self.layout, self.hypotheses, self._settings
+        self.noise: Noise = noise or Noise(settings.noise_k, OWN_K)
         mean = prior_mean(layout, settings, first, logged)
         covariance = prior_covariance(layout, settings, hypotheses, logged, self.noise)
-        super().__init__(np.tile(mean, (len(covariance), 1)), covariance)
-        self.log_likelihood: FloatArray = np.zeros(len(covariance))
+        self.mean, self.covariance = np.tile(mean, (len(covariance), 1)), covariance
         self.model: SurfaceModel = SurfaceModel(
             layout, hypotheses, settings, logged, mean if around is None else around, self.noise
         )
         for place, variance in self.model.passing(first).items():
             self.covariance[:, place, place] = variance
-        self._taken_k = np.tile(first.temperature_k, (len(covariance), 1))
+        self._taken_k: FloatArray = np.tile(first.temperature_k, (len(covariance), 1))
         self._flux: Affine | None = None
 
     def step(self, minute: MinuteInputs) -> Innovation:

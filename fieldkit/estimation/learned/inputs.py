@@ -33,6 +33,7 @@ from fieldkit.physics.horizon import MINUTE_EDGE_DEG, sunlit_share
 UNKNOWN_CHANGE = 5.0
 """Change of the light of a minute without a reading, as a share of the last one."""
 BRIDGED_MINUTES = 120
+EVERY_REGION = slice(None)
 AIR_HOLDS_MIN = 10.0
 """How long an air temperature is taken to be as it was last logged."""
 
@@ -143,7 +144,7 @@ def logged(
         float(weight * known.mean() / information) if known.size else 0.0,
         float(information**-0.5),
         difference_covariance_k2(
-            history.temperature_k[row, layout.columns],
+            _begin_k(history.temperature_k[row, layout.columns], layout),
             [regions[column] for column in layout.columns],
             settings,
         ),
@@ -159,11 +160,21 @@ def _longwave_per_k(history: History, row: int, settings: EstimatorSettings) -> 
     return 6.0 * float(clear_sky_longwave(air_k)) / air_k
 
 
-def can_start(history: History, row: int, layout: Layout) -> bool:
-    """True if a row has all regions, and light unless the sun is down."""
+def can_start(
+    history: History, row: int, layout: Layout, wanted: NDArray[np.bool_] | slice = EVERY_REGION
+) -> bool:
+    """True if a row has all wanted regions, and light unless the sun is down."""
     is_lit = history.sun[row, 2] > 0.0
-    kelvin = history.temperature_k[row, layout.columns]
+    kelvin = history.temperature_k[row, layout.columns][wanted]
     return bool(np.isfinite(kelvin).all() and (not is_lit or np.isfinite(history.dni_w_m2[row])))
+
+
+def first_row(history: History, layout: Layout) -> int | None:
+    """The first row in which all references can be compared with all targets that the history has at all."""
+    wanted = np.asarray(np.isfinite(history.temperature_k[:, layout.columns]).any(axis=0))
+    wanted[: layout.references] = True
+    rows = range(len(history)) if wanted[layout.references :].any() else ()
+    return next((row for row in rows if can_start(history, row, layout, wanted)), None)
 
 
 def minute_inputs(
@@ -178,8 +189,10 @@ def minute_inputs(
     surface = settings.surface
     kelvin = history.temperature_k[row, layout.columns]
     measured = np.isfinite(kelvin)
-    if before is not None:
-        kelvin = np.where(measured, kelvin, before.temperature_k)
+    if not measured.all():
+        kelvin = np.where(
+            measured, kelvin, _begin_k(kelvin, layout) if before is None else before.temperature_k
+        )
     cos_zenith = max(float(history.sun[row, 2]), 0.0)
     direct, diffuse, is_known = _light(history, row, cos_zenith, settings)
     absorptance = 1.0 - surface.albedo
@@ -229,6 +242,11 @@ def minute_inputs(
         air_returns=before is not None and before.air_stale_h > 0.0 and stale_h == 0.0,
         wind_change=_wind_change(history, row),
     )
+
+
+def _begin_k(kelvin: FloatArray, layout: Layout) -> FloatArray:
+    """Temperatures to begin with: a region that is not measured is taken to be as warm as the references."""
+    return np.where(np.isfinite(kelvin), kelvin, kelvin[: layout.references].mean())
 
 
 def _wind_change(history: History, row: int) -> float:

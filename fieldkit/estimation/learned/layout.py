@@ -2,7 +2,8 @@
 
 For each region the stores of its layer; then what is shared and varies (gusts, a common flux, air, beam,
 board), slow exchange of each bed's own; then what is constant: gain, diffuse light and its shape, longwave,
-air, wind, the beds' normals times the gain, offsets, drifts; last what each region does alone within minutes.
+air, wind, a further session's exchange, the beds' normals times the gain, offsets, drifts; last what each
+region does alone within minutes.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ SHARED = (
     *("beam", "moment", "edge", "board", "camera"),
     *("slow_gust_drive", "common_flux_drive", "air_change_drive"),
     *("gain", "diffuse", "circumsolar", "brightening", "longwave", "air", "air_drift", "wind"),
+    "session_exchange",
 )
 
 
@@ -151,6 +153,21 @@ class Layout:
     def own_places(self) -> Indices:
         """Places of what each region's temperature does alone (regions,)."""
         return self.own(0) + np.arange(self.regions)
+
+    @cached_property
+    def gain_and_normals(self) -> Indices:
+        """Places of the gain and of all normals times the gain."""
+        normals = range(self.normal(0).start, self.normal(self.targets - 1).stop)
+        return np.array([self.shared("gain"), *normals], np.int64)
+
+    @cached_property
+    def lasting(self) -> Indices:
+        """Places of what one session leaves to the next: constants of the ground and of each bed.
+
+        How much more one bed gives off than another depends on where the wind comes from.
+        """
+        own = range(self.own_response(0), self.own_response(self.targets))
+        return np.array([self.shared("wind"), *self.gain_and_normals, *own], np.int64)
 
     @property
     def smooth(self) -> dict[int, int]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from fieldkit.estimation.learned.hypotheses import (
 from fieldkit.estimation.learned.inputs import Logged, MinuteInputs, bridge
 from fieldkit.estimation.learned.layout import Layout
 from fieldkit.estimation.learned.noise import noise_of
-from fieldkit.estimation.learned.normals import UnitNormals, places_of_normals, unit_normals
+from fieldkit.estimation.learned.normals import UnitNormals, unit_normals
 from fieldkit.estimation.normal import Misfit, solve
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.physics.facet import FloatArray, tilt_azimuth
@@ -71,23 +72,31 @@ class Posterior:
     @property
     def state(self) -> FloatArray:
         """Mean state (n,) over the hypotheses, with unit normals."""
-        constrained = places_of_normals(self.filters.layout)
+        constrained = self.filters.layout.gain_and_normals
         shift = np.matmul(self.filters.covariance[:, :, constrained], self.normals.pull[..., np.newaxis])
         return np.asarray(self.weights @ (self.filters.mean + shift[..., 0]))
+
+
+class Recorded(NamedTuple):
+    """A session: what it logs, and its minutes with those that were bridged."""
+
+    logged: Logged
+    minutes: list[MinuteInputs]
 
 
 class Learner:
     """Learns from minutes about the regions of a layout."""
 
-    def __init__(
-        self, layout: Layout, settings: EstimatorSettings, first: MinuteInputs, logged: Logged
-    ) -> None:
+    def __init__(self, layout: Layout, settings: EstimatorSettings, sessions: list[Recorded]) -> None:
         self.layout = layout
         self.settings = settings
-        self.logged = logged
-        self._minutes = [first]
+        self._take(sessions)
+
+    def _take(self, sessions: list[Recorded]) -> None:
+        """Take all these minutes under hypotheses drawn from the prior."""
+        self._sessions = sessions
         self._judged = 0
-        self._around: FloatArray | None = None
+        self._around: list[FloatArray | None] = [None] * len(sessions)
         self._draw(Proposal.prior())
         self.posterior: Posterior = self._posterior(STEPS_AFTER_DRAW)
 
@@ -99,17 +108,22 @@ class Learner:
     @property
     def minutes(self) -> Sequence[MinuteInputs]:
         """All minutes taken, with those that were bridged."""
-        return self._minutes
+        return [minute for one in self._sessions for minute in one.minutes]
 
     @property
     def last(self) -> MinuteInputs:
         """The last minute taken."""
-        return self._minutes[-1]
+        return self._sessions[-1].minutes[-1]
+
+    @property
+    def logged(self) -> Logged:
+        """What the last session logs."""
+        return self._sessions[-1].logged
 
     def add(self, minute: MinuteInputs) -> None:
         """Take one more minute, bridging those that are missing before it."""
         for one in (*bridge(self.last, minute), minute):
-            self._minutes.append(one)
+            self._sessions[-1].minutes.append(one)
             self._innovations.append(self._filters.step(one))
         self.posterior = self._posterior(STEPS)
         if self._is_due():
@@ -117,15 +131,11 @@ class Learner:
 
     def reshade(self, minutes: list[MinuteInputs]) -> None:
         """Take the same minutes again, of which some turned out to be shaded, or not."""
-        self._minutes = minutes
         # what was drawn and judged under the wrong shade counts no longer
-        self._judged, self._around = 0, None
-        self._draw(Proposal.prior())
-        self.posterior = self._posterior(STEPS_AFTER_DRAW)
+        self._take([Recorded(self.logged, minutes)])
 
-    def learn_at_once(self, minutes: list[MinuteInputs]) -> None:
-        """Take all these minutes at once: the hypotheses are drawn for all of them, not as they add up."""
-        self.reshade(minutes)
+    def draw_for_all(self) -> None:
+        """Draw the hypotheses for all minutes at once, not as they add up."""
         self._draw_anew(FIRST_ROUNDS)
 
     def _draw_anew(self, rounds: int) -> None:
@@ -134,16 +144,24 @@ class Learner:
         for done in range(MOST_ROUNDS):
             if done >= rounds and effective(self.posterior.log_weights) >= FEWEST:
                 break
-            self._around = self.posterior.state
+            self._around = self._centres()
             log_density = self.posterior.log_weights + self._proposal.log_density(self._points)
             known = [*known, (self._points, log_density)][-REMEMBERED:]
             points, log_densities = (np.concatenate(one) for one in zip(*known, strict=True))
             self._draw(Proposal.fitted(points, log_densities))
             self.posterior = self._posterior(STEPS_AFTER_DRAW)
-        self._judged = len(self._minutes)
+        self._judged = len(self.minutes)
+
+    def _centres(self) -> list[FloatArray | None]:
+        """The state at the end of each session, with what lasts as it is known by now."""
+        now, lasting = self.posterior.state, self.layout.lasting
+        ends = [self.posterior.weights @ mean for mean in self._filters.ends]
+        for one in ends:
+            one[lasting] = now[lasting]
+        return [*ends, now]
 
     def _is_due(self) -> bool:
-        count = len(self._minutes)
+        count = len(self.minutes)
         if count < FIRST_DRAW:
             return False
         if self._judged == 0 or count >= 2 * self._judged:
@@ -155,17 +173,17 @@ class Learner:
         """New hypotheses, taken through all minutes so far."""
         self._proposal = proposal
         self._points = proposal.draw()
+        begun = [
+            (one.minutes[0], one.logged, around, noise_of(one.minutes, self.settings.noise_k))
+            for one, around in zip(self._sessions, self._around, strict=True)
+        ]
         drawn = hypotheses(self._points, self.settings)
-        self._filters = Filters(
-            self.layout,
-            drawn,
-            self.settings,
-            self._minutes[0],
-            self.logged,
-            self._around,
-            noise_of(self._minutes, self.settings.noise_k),
-        )
-        self._innovations = [self._filters.step(minute) for minute in self._minutes]
+        self._filters = Filters(self.layout, drawn, self.settings, *begun[0])
+        self._innovations: list[Innovation] = []
+        for number, one in enumerate(self._sessions):
+            if number:
+                self._filters.begin_session(*begun[number])
+            self._innovations += [self._filters.step(minute) for minute in one.minutes]
         self._starts = self._directions()
 
     def _posterior(self, steps: int) -> Posterior:

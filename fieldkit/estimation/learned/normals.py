@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.estimation.learned.filters import Filters
-from fieldkit.estimation.learned.layout import Layout
 from fieldkit.physics.facet import FloatArray
 
 LONGEST = 0.25
@@ -161,18 +160,9 @@ def _with_own_gains(
     return np.column_stack([mean, np.zeros((count, targets))]), whole
 
 
-def places_of_normals(layout: Layout) -> list[int]:
-    """Gain and normals in the state."""
-    places = [layout.shared("gain")]
-    for target in range(layout.targets):
-        normal = layout.normal(target)
-        places.extend(range(normal.start, normal.stop))
-    return places
-
-
 def _known(filters: Filters) -> tuple[FloatArray, FloatArray]:
     """The filter's mean (p, m) and information (p, m, m) of gain and normals."""
-    places = places_of_normals(filters.layout)
+    places = filters.layout.gain_and_normals
     information = np.linalg.inv(filters.covariance[:, places][:, :, places])
     return filters.mean[:, places], 0.5 * (information + information.transpose(0, 2, 1))
 

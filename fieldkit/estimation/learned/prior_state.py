@@ -6,6 +6,8 @@ what unknown fluxes of the hours before have left in them.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from fieldkit.estimation.learned.hypotheses import Hypotheses
@@ -39,6 +41,13 @@ DIRECT_SD = 0.07
 """Relative, of direct light that is a reading less an assumed share of diffuse light."""
 ALBEDO_SD = 0.0625
 """Relative, of the absorptance of sand whose albedo is 0.20 within 0.05."""
+
+DAY_TO_DAY: Mapping[str, float] = {"gain": 0.03, "thermal_inertia": 0.08, "depth": 0.06}
+"""Relative changes from one day to the next, as standard deviations.
+
+The light meter's response to another sun and to dust; the air's moisture in dry sand; raking and settling of
+some 2 mm in 3 cm.
+"""
 
 
 def processes(

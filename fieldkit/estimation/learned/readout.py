@@ -16,7 +16,7 @@ from scipy.special import ndtri
 from fieldkit.estimation.learned.even_points import even_points
 from fieldkit.estimation.learned.hypotheses import depths_m
 from fieldkit.estimation.learned.learner import Learner, Posterior, mass
-from fieldkit.estimation.learned.normals import UnitNormals, places_of_normals, tangent_basis
+from fieldkit.estimation.learned.normals import UnitNormals, tangent_basis
 from fieldkit.estimation.learned.prior_state import prior_sds
 from fieldkit.estimation.likelihood import LikelihoodRegion, project
 from fieldkit.estimation.settings import EstimatorSettings
@@ -154,8 +154,8 @@ def moments(learner: Learner) -> Moments:
     """Joint mean and covariance of gain, tilts, what else is shared, and logarithms of the hypotheses."""
     posterior, layout = learner.posterior, learner.layout
     means, covariances = _within(posterior, learner)
-    drawn = posterior.filters.hypotheses
-    logs = np.log(np.column_stack([drawn.exchange, drawn.inertia, drawn.depth_m, drawn.gust]))
+    drawn, exchange = posterior.filters.hypotheses, posterior.filters.exchange
+    logs = np.log(np.column_stack([exchange, drawn.inertia, drawn.depth_m, drawn.gust]))
     means = np.column_stack([means, logs])
     weights = posterior.weights
     mean = weights @ means
@@ -163,6 +163,9 @@ def moments(learner: Learner) -> Moments:
     covariance = (weights[:, np.newaxis] * away).T @ away
     inner = covariances.shape[1]
     covariance[:inner, :inner] += np.tensordot(weights, covariances, axes=1)
+    further = layout.shared("session_exchange")
+    own = posterior.filters.covariance[:, further, further] / exchange**2
+    covariance[inner, inner] += weights @ own  # of the first of LOGARITHMS
     tilts = tuple(f"tilt{target}" for target in range(layout.targets))
     offsets = tuple(f"offset{target}" for target in range(layout.targets))
     return Moments(("gain", *tilts, *STATES, *offsets, *LOGARITHMS), mean, covariance)
@@ -173,7 +176,7 @@ def _within(posterior: Posterior, learner: Learner) -> tuple[FloatArray, FloatAr
     layout, normals, filters = learner.layout, posterior.normals, posterior.filters
     others = [layout.shared(name) for name in STATES]
     others += [layout.offset(layout.references + target) for target in range(layout.targets)]
-    constrained = places_of_normals(layout)
+    constrained = layout.gain_and_normals
     shared = filters.covariance[:, others][:, :, constrained]
     steps, tilts = _by_tilt(learner)
     turned = np.matmul(steps, np.matmul(normals.covariance, steps.transpose(0, 2, 1)))

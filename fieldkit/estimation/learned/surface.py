@@ -258,19 +258,19 @@ class SurfaceModel:
     def _flux(self, minute: MinuteInputs, sources: Affine, taken_k: FloatArray) -> Affine:
         """Net flux of each region at temperatures `taken_k` (p, regions)."""
         place = self.layout.shared
-        rows = sources.rows.copy()
+        rows, further = sources.rows.copy(), self._around[place("session_exchange")] * self.layout.exchanges
         over_air, exchange = taken_k - minute.air_k, self._exchange
         by_wind = over_air * self.layout.exchanges
-        for name in (*GUSTS, "slow_gust"):
+        for name in (*GUSTS, "slow_gust", "session_exchange"):
             rows[:, :, place(name)] -= by_wind
-        rows[:, :, place("air_drift")] += exchange * minute.air_stale_h
+        rows[:, :, place("air_drift")] += (exchange + further) * minute.air_stale_h
         rows[:, :, place("wind")] -= by_wind * minute.wind_change
         for target in range(self.layout.targets):
             region = self.layout.references + target
             for own in (self.layout.slow_exchange(target), self.layout.own_exchange(target)):
                 rows[:, region, own] -= over_air[:, region]
         for name in ("air", "air_change"):
-            rows[:, :, place(name)] += exchange
+            rows[:, :, place(name)] += exchange + further
         emitted = self.settings.surface.emissivity_broadband * STEFAN_BOLTZMANN * taken_k**4
         return Affine(rows, sources.constant - emitted - exchange * over_air)
 
@@ -278,7 +278,10 @@ class SurfaceModel:
         """Loss of heat per kelvin (p, regions), W m-2 K-1."""
         layout = self.layout
         gusts = sum(mean[:, layout.shared(name)] for name in (*GUSTS, "slow_gust"))
-        common = self.hypotheses.exchange + gusts + minute.wind_change * mean[:, layout.shared("wind")]
+        session = mean[:, layout.shared("session_exchange")]
+        common = (
+            self.hypotheses.exchange + session + gusts + minute.wind_change * mean[:, layout.shared("wind")]
+        )
         own = np.zeros_like(taken_k)
         for first in (layout.slow_exchange(0), layout.own_exchange(0)):
             own[:, layout.references :] += mean[:, first : first + layout.targets]

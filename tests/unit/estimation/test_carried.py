@@ -3,7 +3,8 @@ from dataclasses import replace
 
 import pytest
 
-from fieldkit.estimation.carried import DAY_TO_DAY, carried, keys
+from fieldkit.estimation.carried import carried, keys
+from fieldkit.estimation.learned.prior_state import DAY_TO_DAY
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.learnt import Learnt, LearntParameter
 from fieldkit.physics.slab import Slab

@@ -1,9 +1,10 @@
-"""The filters against one dense system: all minutes, stores and noises of a short window solved at once.
+"""The filters against one dense system: all minutes, stores and noises of short windows solved at once.
 
 The dense solution knows neither stores nor recursion. Temperatures are convolutions of net fluxes with the
 layer's response, processes are their covariances over the minutes, and the whole is one call of
 `np.linalg.solve` (Rasmussen and Williams, Gaussian Processes for Machine Learning, 2006, eqs. 2.25 and 2.30).
-Products of unknowns are taken to first order around the same fixed state on both sides.
+Products of unknowns are taken to first order around the same fixed state on both sides. Two windows with a
+gap between them share what lasts, as blocks that appear in both.
 """
 
 from dataclasses import replace
@@ -32,8 +33,12 @@ from tests.harness.drawn import drawn_world
 MINUTES = 30
 BOARD = slice(12, 16)
 DRAWN = Hypotheses(*(np.array([one]) for one in (17.0, 640.0, 0.04, 1.4, 1.2)))
-SHARED_CONSTANTS = ("gain", "diffuse", "circumsolar", "brightening", "longwave", "air", "air_drift", "wind")
+LASTING = ("gain", "wind")
+OF_SESSION = ("diffuse", "circumsolar", "brightening", "longwave", "air", "air_drift")
 NOISE = Noise(0.04, 0.08)
+LATER_NOISE = Noise(0.06, 0.05)
+LATER_EXCHANGE = 2.0
+"""Around which a later session's exchange over the first one's is taken, W m-2 K-1."""
 
 
 class FrozenModel(surface.SurfaceModel):
@@ -57,6 +62,16 @@ class FrozenModel(surface.SurfaceModel):
 
 class LinearFilters(Filters):
     """Takes no measurement for a jump, which no linear system can say."""
+
+    def _begin(self, first, logged, around, noise):
+        super()._begin(first, logged, around, noise)
+        fixed = self.mean[0].copy()
+        for target, axes in enumerate(self.layout.facing):  # leaning to the sun, so that all terms count
+            fixed[self.layout.normal(target)] -= 0.1 * axes[1]
+        if self.ends:
+            fixed[self.layout.shared("session_exchange")] = LATER_EXCHANGE
+        self.model = FrozenModel(self.layout, DRAWN, self._settings, logged, fixed, noise)
+        self.model.fixed = fixed
 
     def update(self, design, measured, variance, jumps=None):
         return super().update(design, measured, variance)
@@ -101,48 +116,50 @@ def following(sd, time_min, minutes):
     return path @ joint @ path.T
 
 
+def unlike(noise):
+    """How unlike regions are in what lasts, by the hypothesis and what each does alone."""
+    return np.hypot(DRAWN.unrest[0], 0.25) * np.hypot(1.0, noise.own_k / 0.1)
+
+
 def known(has_air, settings):
     """Longwave and diffuse light are measured, no probes."""
     return Logged(has_air, True, 0.0, True, 0.0, settings.prior.camera_offset_sd_k, np.zeros(()))
 
 
-class Dense:
-    """Unknowns as named blocks with a prior, their effect on fluxes, temperatures and readings."""
+def own_kind(settings, layout, region):
+    """The kind of a region's surface; that of the references has no spread of its own."""
+    kind = settings.kinds.get(f"bed{region - layout.references}")
+    if kind is not None:
+        return KINDS[kind]
+    alike = {"exchange_log_sd": 0.0, "inertia_log_sd": 0.0}
+    return replace(KINDS["sand"], exchange_w_m2_k=settings.prior.exchange_w_m2_k, **alike)
 
-    def __init__(self, filters, minutes, settings, has_air):
-        self.filters, self.minutes, self.settings = filters, minutes, settings
-        self.layout, self.count = filters.layout, len(minutes)
-        self.blocks = {}
-        self.size = 0
+
+def own_exchange(settings, layout, region):
+    """Of a region: as much over that of the references as its kind's over the prior's."""
+    own = own_kind(settings, layout, region).exchange_w_m2_k
+    return own / settings.prior.exchange_w_m2_k * DRAWN.exchange[0]
+
+
+def own_modes(settings, layout, region):
+    """Of a region's layer."""
+    slab, own = settings.slab, own_kind(settings, layout, region)
+    inertia, depth = np.sqrt(own.conductivity_w_m_k * own.heat_capacity_j_m3_k), own.depth_m
+    if f"bed{region - layout.references}" not in settings.kinds:
+        inertia, depth = slab.thermal_inertia, slab.depth_m
+    return layer_modes(
+        DRAWN.inertia * inertia / slab.thermal_inertia,
+        DRAWN.depth_m * depth / slab.depth_m,
+        slab.heat_capacity_j_m3_k,
+    )
+
+
+class Unknowns:
+    """Named blocks of unknowns with a prior."""
+
+    def __init__(self):
+        self.blocks, self.size = {}, 0
         self.means, self.covariances = [], []
-        self._constants(has_air)
-        self._changing(has_air)
-
-    def own(self, region):
-        """The kind of a region's surface; that of the references has no spread of its own."""
-        kind = self.settings.kinds.get(f"bed{region - self.layout.references}")
-        if kind is not None:
-            return KINDS[kind]
-        alike = {"exchange_log_sd": 0.0, "inertia_log_sd": 0.0}
-        return replace(KINDS["sand"], exchange_w_m2_k=self.settings.prior.exchange_w_m2_k, **alike)
-
-    def exchange(self, region):
-        """Of a region: as much over that of the references as its kind's over the prior's."""
-        ratio = self.own(region).exchange_w_m2_k / self.settings.prior.exchange_w_m2_k
-        return ratio * self.filters.hypotheses.exchange[0]
-
-    def modes(self, region):
-        """Of a region's layer."""
-        drawn, slab, own = self.filters.hypotheses, self.settings.slab, self.own(region)
-        inertia = np.sqrt(own.conductivity_w_m_k * own.heat_capacity_j_m3_k)
-        depth = own.depth_m
-        if f"bed{region - self.layout.references}" not in self.settings.kinds:
-            inertia, depth = slab.thermal_inertia, slab.depth_m
-        return layer_modes(
-            drawn.inertia * inertia / slab.thermal_inertia,
-            drawn.depth_m * depth / slab.depth_m,
-            slab.heat_capacity_j_m3_k,
-        )
 
     def block(self, name, mean, covariance):
         covariance = np.atleast_2d(covariance)
@@ -151,32 +168,55 @@ class Dense:
         self.means.append(np.broadcast_to(mean, len(covariance)))
         self.covariances.append(covariance)
 
-    def _constants(self, has_air):
-        layout, settings, prior = self.layout, self.settings, self.settings.prior
-        means = {
-            "gain": settings.scale,
-            "circumsolar": prior.circumsolar_share,
-            "brightening": prior.brightening_share,
-            "wind": prior.wind_w_m2_k_per_m_s,
-        }
-        for name, sd in prior_sds(settings, known(has_air, settings)).items():
-            self.block(name, means.get(name, 0.0), sd**2)
-        self.block("board", 0.0, surface.BOARD_SD_W_M2**2)
+    def lasting(self, layout, settings, has_air):
+        """Blocks of what all sessions share."""
+        prior = settings.prior
+        means = {"gain": settings.scale, "wind": prior.wind_w_m2_k_per_m_s}
+        sds = prior_sds(settings, known(has_air, settings))
+        for name in LASTING:
+            self.block(name, means[name], sds[name] ** 2)
         for target, axes in enumerate(layout.facing):
-            up, own = axes[2] > 0.0, self.own(layout.references + target)
+            up, own = axes[2] > 0.0, own_kind(settings, layout, layout.references + target)
             horizontal = own.normal_horizontal_sd * np.sqrt(2.0 if axes.shape[1] == 2 else 1.0)
             sd = np.where(up, 0.15, horizontal)
             self.block(f"normal{target}", np.where(up, np.sqrt(1.0 - 2.0 * 0.25**2), 0.0), np.diag(sd**2))
-        drawn = self.filters.hypotheses
-        unlike = np.hypot(drawn.unrest[0], 0.25) * np.hypot(1.0, NOISE.own_k / 0.1)
-        for target in range(layout.targets):
-            own = self.own(layout.references + target)
-            lasting = np.hypot(unlike * prior.own_exchange, own.exchange_log_sd)
-            self.block(
-                f"own_exchange{target}", 0.0, (lasting * self.exchange(layout.references + target)) ** 2
-            )
-            response = np.hypot(unlike * prior.own_inertia_sd, own.inertia_log_sd)
+            response = np.hypot(unlike(NOISE) * prior.own_inertia_sd, own.inertia_log_sd)
             self.block(f"own_response{target}", 0.0, response**2)
+
+
+class Dense:
+    """One session: its own blocks among the unknowns, their effect on fluxes, temperatures and readings.
+
+    `ended` is the state (n,) at the end of the session before, along which the gain changes.
+    """
+
+    def __init__(self, unknowns, model, noise, minutes, settings, has_air, ended=None):
+        self.unknowns, self.model, self.noise = unknowns, model, noise
+        self.minutes, self.settings, self.ended = minutes, settings, ended
+        self.layout, self.count = model.layout, len(minutes)
+        self._constants(has_air)
+        self._changing(has_air)
+        self.blocks = dict(unknowns.blocks)
+
+    def block(self, *about):
+        self.unknowns.block(*about)
+
+    def _constants(self, has_air):
+        layout, settings, prior = self.layout, self.settings, self.settings.prior
+        means = {"circumsolar": prior.circumsolar_share, "brightening": prior.brightening_share}
+        sds = prior_sds(settings, known(has_air, settings))
+        for name in OF_SESSION:
+            self.block(name, means.get(name, 0.0), sds[name] ** 2)
+        later = 0.0 if self.ended is None else 1.0
+        exchange = prior.exchange_log_sd * DRAWN.exchange[0]
+        self.block("session_exchange", 0.0, later * exchange**2)
+        self.block("gain_change", 0.0, later * 0.03**2)
+        self.block("board", 0.0, surface.BOARD_SD_W_M2**2)
+        for target in range(layout.targets):
+            own = own_kind(settings, layout, layout.references + target)
+            share = np.hypot(unlike(self.noise) * prior.own_exchange, own.exchange_log_sd)
+            lasting = share * own_exchange(settings, layout, layout.references + target)
+            self.block(f"own_exchange{target}", 0.0, lasting**2)
         for region in range(layout.regions):
             first_k = self.minutes[0].temperature_k[region]
             self.block(f"level{region}", first_k, constants.LEVEL_SD_K**2)
@@ -188,7 +228,7 @@ class Dense:
         self.block("past", 0.0, prior.past_flux_sd_w_m2**2 * np.eye(past))
 
     def _changing(self, has_air):
-        prior, n, drawn = self.settings.prior, self.count, self.filters.hypotheses
+        prior, n, drawn = self.settings.prior, self.count, DRAWN
         gust, unrest = drawn.gust[0], np.sqrt(2.0) * drawn.unrest[0]
         strengths = constants.GUST_MINUTES ** (1.0 / 3.0)
         for name, minutes, share in zip(GUSTS, constants.GUST_MINUTES, strengths, strict=True):
@@ -201,12 +241,13 @@ class Dense:
             "air_change": (air_k, constants.AIR_MINUTES),
         }
         for target in range(self.layout.targets):
-            own = prior.own_slow_exchange * self.exchange(self.layout.references + target)
+            region = self.layout.references + target
+            own = prior.own_slow_exchange * own_exchange(self.settings, self.layout, region)
             slow[f"slow_exchange{target}"] = (own, constants.SLOW_MINUTES)
         for name, (sd, minutes) in slow.items():
             self.block(name, 0.0, following(unrest * sd, minutes, n))
         for region in range(self.layout.regions):
-            self.block(f"own{region}", 0.0, relaxing(NOISE.own_k, 4.0, n))
+            self.block(f"own{region}", 0.0, relaxing(self.noise.own_k, 4.0, n))
         change = np.array([minute.direct_change for minute in self.minutes])
         direct = np.array([minute.direct for minute in self.minutes])
         self.block("beam", 0.0, np.diag((prior.beam_change_share * change) ** 2))
@@ -217,7 +258,7 @@ class Dense:
     def _places(self, minute):
         """Which unknown stands at which place of the filter's state, as pairs."""
         layout = self.layout
-        for name in (*SHARED_CONSTANTS, "board"):
+        for name in (*LASTING, *OF_SESSION, "session_exchange", "board"):
             yield layout.shared(name), self.blocks[name].start
         for name in (*GUSTS, "slow_gust", "common_flux", "air_change", "beam", "edge"):
             yield layout.shared(name), self.blocks[name].start + minute
@@ -229,17 +270,20 @@ class Dense:
 
     def _without_losses(self, region):
         """Net flux (minutes, unknowns) and (minutes,) at the measured temperature."""
-        rows, constant = np.zeros((self.count, self.size)), np.zeros(self.count)
+        rows, constant = np.zeros((self.count, self.unknowns.size)), np.zeros(self.count)
         for number, minute in enumerate(self.minutes):
-            flux, constant[number] = self.filters.model.flux(minute, region)
+            flux, constant[number] = self.model.flux(minute, region)
             for place, unknown in self._places(number):
                 rows[number, unknown] = flux[place]
+            if self.ended is not None:
+                scaled = self.layout.gain_and_normals
+                rows[number, self.blocks["gain_change"].start] = flux[scaled] @ self.ended[scaled]
         return rows, constant
 
     def temperatures(self, region):
         """Mean temperature of each minute by the unknowns, (minutes, unknowns) and (minutes,)."""
-        n, drawn = self.count, self.filters.hypotheses
-        modes = self.modes(region)
+        n, fixed, about = self.count, self.model.fixed, (self.settings, self.layout, region)
+        modes = own_modes(*about)
         kernel = by_minute(modes, 0.0, 60.0, n)
         # the resistance acts at once: its share in the minute after is nothing
         conducted = sum(np.diag(np.full(n - lag, kernel[lag]), -lag) for lag in range(n))
@@ -247,9 +291,9 @@ class Dense:
         taken_k = np.array([minute.temperature_k[region] for minute in self.minutes])
         emissivity = self.settings.surface.emissivity_broadband
         steepness = 4.0 * emissivity * STEFAN_BOLTZMANN * taken_k**3
-        per_m_s = self.filters.model.fixed[self.layout.shared("wind")]
-        by_wind = per_m_s * np.array([minute.wind_change for minute in self.minutes])
-        losses = np.diag(steepness + self.exchange(region) * (1.0 + by_wind / drawn.exchange[0]))
+        by_wind = fixed[self.layout.shared("wind")] * np.array([one.wind_change for one in self.minutes])
+        further = fixed[self.layout.shared("session_exchange")] + by_wind
+        losses = np.diag(steepness + own_exchange(*about) * (1.0 + further / DRAWN.exchange[0]))
         free = conducted @ rows
         free[:, self.blocks[f"level{region}"]] += 1.0
         ends = 60.0 * constants.PAST_MINUTES
@@ -261,15 +305,15 @@ class Dense:
         each = np.arange(n)
         free[each, moment + each] += kernel[0] * rows[each, beam + each]
         if region >= self.layout.references:
-            level_k = self.filters.model.fixed[self.layout.stores(region).start]
+            level_k = fixed[self.layout.stores(region).start]
             free[:, self.blocks[f"own_response{region - self.layout.references}"].start] += taken_k - level_k
         # T = free + R (c - L (T - taken))
         known = conducted @ (constant + losses @ taken_k)
         both = np.linalg.solve(np.eye(n) + conducted @ losses, np.column_stack([free, known]))
         return both[:, :-1], both[:, -1]
 
-    def solved(self):
-        """Posterior mean (unknowns,), covariance, and log-likelihood of all readings."""
+    def readings(self):
+        """Design (m, unknowns), readings (m,) less their constants, and their white variances (m,)."""
         design, residual = [], []
         for region in range(self.layout.regions):
             rows, constant = self.temperatures(region)
@@ -284,21 +328,33 @@ class Dense:
             kelvin = np.array([minute.temperature_k[region] for minute in self.minutes])
             design.append(rows[read])
             residual.append((kelvin - constant)[read])
-        design, mean = np.concatenate(design), np.concatenate(self.means)
-        residual = np.concatenate(residual) - design @ mean
-        covariance = np.zeros((self.size, self.size))
-        for block, one in zip(self.blocks.values(), self.covariances, strict=True):
-            covariance[block, block] = one
-        shared = design @ covariance
-        spread = shared @ design.T + NOISE.white_k**2 * np.eye(residual.size)
-        solved = np.linalg.solve(spread, np.column_stack([residual, shared]))
-        log_likelihood = -0.5 * (residual @ solved[:, 0] + np.linalg.slogdet(2.0 * np.pi * spread)[1])
-        return mean + shared.T @ solved[:, 0], covariance - shared.T @ solved[:, 1:], log_likelihood
+        variance = np.full(sum(map(len, residual)), self.noise.white_k**2)
+        return np.concatenate(design), np.concatenate(residual), variance
 
 
-def window(seed, day, azimuth, has_air, kinds=None):
+def solved(unknowns, sessions):
+    """Posterior mean (unknowns,), covariance, and log-likelihood of all readings of the sessions."""
+    parts = [session.readings() for session in sessions]
+    design = np.concatenate(
+        [np.pad(rows, ((0, 0), (0, unknowns.size - rows.shape[1]))) for rows, *_ in parts]
+    )
+    mean = np.concatenate(unknowns.means)
+    residual = np.concatenate([values for _, values, _ in parts]) - design @ mean
+    covariance = np.zeros((unknowns.size, unknowns.size))
+    start = 0
+    for one in unknowns.covariances:
+        block = slice(start, start := start + len(one))
+        covariance[block, block] = one
+    shared = design @ covariance
+    spread = shared @ design.T + np.diag(np.concatenate([variance for *_, variance in parts]))
+    solution = np.linalg.solve(spread, np.column_stack([residual, shared]))
+    log_likelihood = -0.5 * (residual @ solution[:, 0] + np.linalg.slogdet(2.0 * np.pi * spread)[1])
+    return mean + shared.T @ solution[:, 0], covariance - shared.T @ solution[:, 1:], log_likelihood
+
+
+def window(seed, day, azimuth, start_h=12.0, kinds=None):
     """Minutes of two beds and the reference with a board over one and frames missing; layout, settings."""
-    world = drawn_world(seed, day, minutes=MINUTES)
+    world = drawn_world(seed, day, minutes=MINUTES, start_h=start_h)
     regions = world.regions[:3]
     history = world.history
     flags = np.zeros((MINUTES, 4), np.int64)
@@ -313,14 +369,38 @@ def window(seed, day, azimuth, has_air, kinds=None):
     for row in range(MINUTES):
         before = minutes[-1] if minutes else None
         minutes.append(minute_inputs(history, row, layout, settings, before, int(history.minute[0])))
-    has = known(has_air, settings)
-    filters = LinearFilters(layout, DRAWN, settings, minutes[0], has, noise=NOISE)
-    around = filters.mean[0].copy()
-    for target, axes in enumerate(layout.facing):  # leaning towards the sun, so that all terms count
-        around[layout.normal(target)] -= 0.1 * axes[1]
-    filters.model = FrozenModel(layout, DRAWN, settings, has, around, NOISE)
-    filters.model.fixed = around
-    return filters, minutes, settings
+    return layout, minutes, settings
+
+
+def agree(filters, lasting, of_session, mean, covariance):
+    """The filter's state is the dense solution, whose blocks of what lasts and of the session are given."""
+    layout = filters.layout
+
+    def scaled(name, place):
+        """By the unknowns: the block of a normal or the gain with the change of the gain since."""
+        rows = np.zeros((place.stop - place.start, mean.size))
+        rows[:, lasting[name]] = np.eye(len(rows))
+        rows[:, of_session["gain_change"].start] = filters.ends[-1][0, place] if filters.ends else 0.0
+        return rows
+
+    gain = slice(layout.shared("gain"), layout.shared("gain") + 1)
+    expected, variance = (
+        scaled("gain", gain) @ mean,
+        scaled("gain", gain) @ covariance @ scaled("gain", gain).T,
+    )
+    assert filters.mean[0, gain] == pytest.approx(expected, abs=1e-5 * np.sqrt(variance[0, 0]))
+    assert filters.covariance[0, gain, gain] == pytest.approx(variance, rel=1e-5)
+    for target, axes in enumerate(layout.facing):
+        place, along = layout.normal(target), scaled(f"normal{target}", layout.normal(target))
+        found, expected = (tilt_azimuth(axes @ one) for one in (filters.mean[0, place], along @ mean))
+        assert found[0] == pytest.approx(expected[0], abs=1e-6)
+        spread, wanted = filters.covariance[0, place, place], along @ covariance @ along.T
+        np.testing.assert_allclose(spread, wanted, rtol=1e-5, atol=1e-6 * np.trace(wanted))
+    for name in ("wind", *OF_SESSION, *(("session_exchange",) if filters.ends else ())):
+        place, block = layout.shared(name), {**lasting, **of_session}[name].start
+        sd = np.sqrt(covariance[block, block])
+        assert filters.mean[0, place] == pytest.approx(mean[block], abs=1e-5 * sd)
+        assert np.sqrt(filters.covariance[0, place, place]) == pytest.approx(sd, rel=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -335,21 +415,37 @@ def window(seed, day, azimuth, has_air, kinds=None):
     ],
 )
 def test_filter_is_the_dense_solution(seed, day, azimuth, has_air, kinds):
-    filters, minutes, settings = window(seed, day, azimuth, has_air, kinds)
-    dense = Dense(filters, minutes, settings, has_air)
-    mean, covariance, log_likelihood = dense.solved()
+    layout, minutes, settings = window(seed, day, azimuth, kinds=kinds)
+    filters = LinearFilters(layout, DRAWN, settings, minutes[0], known(has_air, settings), noise=NOISE)
+    unknowns = Unknowns()
+    unknowns.lasting(layout, settings, has_air)
+    dense = Dense(unknowns, filters.model, NOISE, minutes, settings, has_air)
+    mean, covariance, log_likelihood = solved(unknowns, [dense])
     for minute in minutes:
         filters.step(minute)
     assert filters.log_likelihood[0] == pytest.approx(log_likelihood, rel=1e-6)
-    layout = filters.layout
-    for target, axes in enumerate(layout.facing):
-        place, block = layout.normal(target), dense.blocks[f"normal{target}"]
-        found, expected = (tilt_azimuth(axes @ one) for one in (filters.mean[0, place], mean[block]))
-        assert found[0] == pytest.approx(expected[0], abs=1e-6)
-        spread, wanted = filters.covariance[0, place, place], covariance[block, block]
-        np.testing.assert_allclose(spread, wanted, rtol=1e-5, atol=1e-6 * np.trace(wanted))
-    for name in SHARED_CONSTANTS:
-        place, block = layout.shared(name), dense.blocks[name].start
-        sd = np.sqrt(covariance[block, block])
-        assert filters.mean[0, place] == pytest.approx(mean[block], abs=1e-5 * sd)
-        assert np.sqrt(filters.covariance[0, place, place]) == pytest.approx(sd, rel=1e-5)
+    agree(filters, dense.blocks, dense.blocks, mean, covariance)
+
+
+@pytest.mark.parametrize(
+    ("seed", "azimuth", "has_air", "kinds"),
+    [(1, "known", (True, False), {}), (2, "free", (False, True), {"bed1": "rock"})],
+)
+def test_two_sessions_are_the_dense_solution_of_both(seed, azimuth, has_air, kinds):
+    """A morning and an afternoon of one field, with other instruments and another noise."""
+    layout, morning, settings = window(seed, CLEAR, azimuth, start_h=9.5, kinds=kinds)
+    _, afternoon, _ = window(seed, CLEAR, azimuth, start_h=14.0)
+    unknowns = Unknowns()
+    unknowns.lasting(layout, settings, has_air[0])
+    filters = LinearFilters(layout, DRAWN, settings, morning[0], known(has_air[0], settings), noise=NOISE)
+    first = Dense(unknowns, filters.model, NOISE, morning, settings, has_air[0])
+    for minute in morning:
+        filters.step(minute)
+    filters.begin_session(afternoon[0], known(has_air[1], settings), noise=LATER_NOISE)
+    ended = filters.ends[0][0]
+    second = Dense(unknowns, filters.model, LATER_NOISE, afternoon, settings, has_air[1], ended)
+    for minute in afternoon:
+        filters.step(minute)
+    mean, covariance, log_likelihood = solved(unknowns, [first, second])
+    assert filters.log_likelihood[0] == pytest.approx(log_likelihood, rel=1e-6)
+    agree(filters, first.blocks, second.blocks, mean, covariance)

@@ -13,8 +13,8 @@ from fieldkit.estimation.learned.filters import Filters
 from fieldkit.estimation.learned.hypotheses import Hypotheses
 from fieldkit.estimation.learned.inputs import Logged, minute_inputs
 from fieldkit.estimation.learned.layout import Layout
-from fieldkit.estimation.learned.learner import Learner
-from fieldkit.estimation.learned.normals import places_of_normals, unit_normals
+from fieldkit.estimation.learned.learner import Learner, Recorded
+from fieldkit.estimation.learned.normals import unit_normals
 from fieldkit.estimation.learned.readout import Moments, learnt_parameters, moments
 from fieldkit.physics.facet import angle_between_deg, normal
 from tests.harness.drawn import drawn_world
@@ -77,7 +77,7 @@ def test_unit_normals_are_the_mean_and_evidence_of_the_normal_distribution_on_th
     filters = filtered(azimuth)
     filters.mean *= 1.5  # a gain so far from 1 that the area counts
     filters.covariance *= 1.5**2
-    layout, places = filters.layout, places_of_normals(filters.layout)
+    layout, places = filters.layout, filters.layout.gain_and_normals
     mean, covariance = filters.mean[0, places], filters.covariance[0][np.ix_(places, places)]
     start = filters.mean[:, layout.normal(0)]
     found = unit_normals(filters, (start / np.linalg.norm(start, axis=1, keepdims=True),), 40)
@@ -124,7 +124,7 @@ def learner(minutes, settings=None, drawn=None):
     drawn = drawn or world(2, CLEAR, minutes=30)
     settings = settings or drawn.settings
     layout, made = inputs(drawn, drawn.regions, settings)
-    learnt = Learner(layout, settings, made[0], LOGGED)
+    learnt = Learner(layout, settings, [Recorded(LOGGED, made[:1])])
     for minute in made[1:minutes]:
         learnt.add(minute)
     return learnt

@@ -1,0 +1,168 @@
+"""Sessions of one place as one estimate: the slopes that explain all of their minutes.
+
+Regions are the same places where they have the same name; where a camera stood, and so their outlines, may
+differ. What must not differ is what the estimate assumes to be one thing: the place, the references, the
+settings. It is checked here, for sessions and for tables alike.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass
+from datetime import UTC, datetime
+from itertools import pairwise
+from typing import Any
+
+from fieldkit.estimation.bins import History
+from fieldkit.estimation.chain import Estimated, SlopeChain
+from fieldkit.estimation.learned.budget import BudgetTerm
+from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.errors import ConfigError
+from fieldkit.model.site import Region, RegionKind, Site
+
+MOST_APART_M = 100.0
+"""Between the sites of one place: twice what coordinates rounded to 0.001 degrees are off."""
+EARTH_RADIUS_M = 6_371_000.0
+OF_A_SESSION = frozenset(
+    ("irradiance", "light_stream", "measures", "limits", "probes", "factor_sd", "site", "camera_path")
+)
+"""Settings that minute bins were made with, or that belong to a day: they may differ."""
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A session or table by its name in messages; `regions` are the columns of its history."""
+
+    name: str
+    site: Site
+    regions: tuple[Region, ...]
+    history: History
+    settings: EstimatorSettings
+
+
+@dataclass(frozen=True, slots=True)
+class Together:
+    """Slopes of all targets of the parts after the last minute, and their uncertainty budgets by name."""
+
+    regions: tuple[Region, ...]
+    history: History
+    estimated: Estimated
+    budgets: Mapping[str, tuple[BudgetTerm, ...]]
+
+
+def slopes_together(parts: Sequence[Part]) -> Together:
+    """Slopes of parts of one place, by the learned model, in order of time.
+
+    Slopes, gain, thermal inertia and what is unlike in a bed are learned from all parts; exchange, sky, air,
+    temperatures in depth and the camera's offsets begin anew in each. A region that a part does not have is
+    not measured there. Settings are those of the last part.
+
+    Raises
+    ------
+    ConfigError
+        If the parts are not of one place (more than `MOST_APART_M` apart, other references), overlap in
+        time, or differ in their settings.
+    """
+    parts = sorted((_with_minutes(part) for part in parts), key=lambda part: int(part.history.time_ns[0]))
+    for before, after in pairwise(parts):
+        _require_later(before, after)
+    last = parts[-1]
+    if last.settings.model != "learned":
+        raise ConfigError(
+            f"{last.name}: only the learned model estimates sessions together",
+            fix="add --set estimator.model=learned",
+        )
+    for part in parts[:-1]:
+        _require_same_place(part, last)
+        _require_same_settings(part, last)
+    regions = tuple({one.name: one for part in parts for one in part.regions}.values())
+    places = {region.name: place for place, region in enumerate(regions)}
+    histories = [
+        part.history.spread([places[one.name] for one in part.regions], len(regions)) for part in parts
+    ]
+    chain = SlopeChain(regions, last.settings)
+    return Together(regions, histories[-1], chain.together(histories), chain.budgets())
+
+
+def _with_minutes(part: Part) -> Part:
+    if not len(part.history):
+        raise ConfigError(f"{part.name} has no minutes", fix="omit it")
+    return part
+
+
+def _require_later(before: Part, after: Part) -> None:
+    end_ns, begin_ns = int(before.history.time_ns[-1]), int(after.history.time_ns[0])
+    if begin_ns <= end_ns:
+        raise ConfigError(
+            f"{after.name} begins at {_utc(begin_ns)}, before {before.name} ends at {_utc(end_ns)}",
+            fix="omit one of them: each minute counts once",
+        )
+
+
+def _utc(time_ns: int) -> str:
+    return f"{datetime.fromtimestamp(time_ns / 1e9, UTC):%Y-%m-%d %H:%M} UTC"
+
+
+def _require_same_place(part: Part, other: Part) -> None:
+    apart_m = _apart_m(part.site, other.site)
+    if part.site.body != other.site.body or apart_m > MOST_APART_M:
+        raise ConfigError(
+            f"{part.name} and {other.name} are {apart_m:.0f} m apart; one place is within {MOST_APART_M:g} m",
+            fix="estimate them one by one, or correct a wrong site with --set site.latitude_deg=...",
+        )
+    if (mine := _references(part)) != (others := _references(other)):
+        raise ConfigError(
+            f"other references: {part.name} has {_words(mine)}, {other.name} {_words(others)}",
+            fix="state the same names, tilts and azimuths for both: fieldkit roi, then --campaign",
+        )
+    kinds = {one.name: one for one in other.regions}
+    for one in part.regions:
+        same = kinds.get(one.name, one)
+        if one.kind is not same.kind or abs(one.azimuth_deg - same.azimuth_deg) > 1e-6:
+            raise ConfigError(
+                f"{one.name} is not the same region in {part.name} and {other.name}: azimuth "
+                f"{one.azimuth_deg:g}° and {same.azimuth_deg:g}°",
+                fix="regions of one name must be one place: rename one of them with fieldkit roi",
+            )
+
+
+def _apart_m(one: Site, other: Site) -> float:
+    """Along the surface, exact enough within kilometres. [m]."""
+    north = math.radians(other.latitude_deg - one.latitude_deg)
+    around = (other.longitude_deg - one.longitude_deg + 180.0) % 360.0 - 180.0
+    east = math.radians(around) * math.cos(math.radians(one.latitude_deg))
+    return EARTH_RADIUS_M * math.hypot(north, east)
+
+
+def _references(part: Part) -> dict[str, tuple[float, float]]:
+    """Tilt and azimuth of each reference; without one it is level, and a level one has no azimuth."""
+    found = {}
+    for one in part.regions:
+        if one.kind is RegionKind.REFERENCE:
+            tilt = 0.0 if math.isnan(one.tilt_deg) else one.tilt_deg
+            found[one.name] = tilt, one.azimuth_deg if tilt else 0.0
+    return found
+
+
+def _words(references: Mapping[str, tuple[float, float]]) -> str:
+    said = [f"{name} ({tilt:g}°, {azimuth:g}°)" for name, (tilt, azimuth) in sorted(references.items())]
+    return ", ".join(said) or "none"
+
+
+def _require_same_settings(part: Part, other: Part) -> None:
+    if names := list(_differing("estimator", part.settings, other.settings)):
+        raise ConfigError(
+            f"{part.name} and {other.name} differ in {', '.join(names)}",
+            fix=f"give one value for both: --set {names[0]}=..., or --campaign for those of the campaign",
+        )
+
+
+def _differing(table: str, one: Any, other: Any) -> Iterator[str]:
+    """Keys whose values differ."""
+    for name in (field.name for field in fields(one) if field.name not in OF_A_SESSION):
+        mine, others = getattr(one, name), getattr(other, name)
+        if is_dataclass(mine):
+            yield from _differing(name, mine, others)
+        elif mine != others:
+            yield f"{table}.{name}"
