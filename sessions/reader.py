@@ -261,18 +261,25 @@ class SessionReader:
 
     def count(self, stream: str) -> int:
         """Number of samples of a stream that are stored."""
-        return len(self._reader(stream))
+        return len(self.stream(stream))
 
     def stream(self, name: str) -> StreamReader:
         """The stored rows of a stream, column by column; raises `SessionError` if there is none."""
-        return self._reader(name)
+        self.require_open()
+        if name not in self._readers:
+            near = get_close_matches(name, self._readers, n=1)
+            hint = f"; did you mean {near[0]!r}?" if near else ""
+            raise SessionError(
+                f"{self.path} has no stream {name!r}{hint}", fix=f"it has {', '.join(self._readers)}"
+            )
+        return self._readers[name]
 
     def samples(self, *streams: str, recorded: bool = False) -> Iterator[Sample]:
         """The samples of the streams named (all if none is), by monotonic time, a block of frames at a time.
 
         Their `time_ns` is corrected by the active time map, unless `recorded` asks for it as stored.
         """
-        readers = [self._reader(name) for name in streams or self.streams]
+        readers = [self.stream(name) for name in streams or self.streams]
         parts = (_with_merge_time(reader.samples(recorded=recorded)) for reader in readers)
         return (sample for _, sample in heapq.merge(*parts, key=itemgetter(0)))
 
@@ -290,36 +297,26 @@ class SessionReader:
         self.require_open()
         return [reader for reader in self._readers.values() if len(reader)]
 
-    def _reader(self, name: str) -> StreamReader:
-        self.require_open()
-        if name not in self._readers:
-            near = get_close_matches(name, self._readers, n=1)
-            hint = f"; did you mean {near[0]!r}?" if near else ""
-            raise SessionError(
-                f"{self.path} has no stream {name!r}{hint}", fix=f"it has {', '.join(self._readers)}"
-            )
-        return self._readers[name]
-
     # --- samples as arrays and tables
 
     def times_ns(self, stream: str) -> NDArray[np.int64]:
         """UTC of a stream's samples, corrected by the active time map."""
-        return self._reader(stream).time_ns()
+        return self.stream(stream).time_ns()
 
     def flags(self, stream: str) -> NDArray[np.uint32]:
         """`Quality` of a stream's samples, each compared with its checksum, which reads all that it holds."""
-        return self._reader(stream).flags()
+        return self.stream(stream).flags()
 
     def readings(self, meter: str, *, recorded: bool = False) -> Readings:
         """The readings of a meter as arrays, at corrected times, or with `recorded` at those stored."""
-        return self._reader(meter).readings(recorded=recorded)
+        return self.stream(meter).readings(recorded=recorded)
 
     def raw(self, camera: str) -> h5py.Dataset:
         """The counts of a camera as stored, (n, rows, cols) uint16, read where they are sliced.
 
         They are compared with no checksum: `flags` has the frames that do not match theirs.
         """
-        return self._reader(camera).counts
+        return self.stream(camera).counts
 
     @property
     def damaged(self) -> dict[str, int]:
@@ -338,7 +335,7 @@ class SessionReader:
             sealed = self.integrity()["columns_crc32"][list(self.streams).index(stream)]
         except SessionError:
             return False
-        return bool(sealed) and int(sealed) == self._reader(stream).columns_crc32()
+        return bool(sealed) and int(sealed) == self.stream(stream).columns_crc32()
 
     # --- tables: everything but samples
 

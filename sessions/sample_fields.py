@@ -58,8 +58,9 @@ SAMPLE_FIELDS = (
 )  # fmt: skip
 """In the order in which they enter a sample's checksum.
 
-One that is added later goes into it as high flags do: behind the others and only where it is known, so that
-samples of earlier formats keep theirs.
+One that is added later goes into it as high flags do: behind the others and only where it is known, in
+`with_stamps` and `with_stored`, so that samples of earlier formats keep theirs. It makes the stamps of the
+journal longer too: recordings that an earlier version left interrupted are to be recovered before.
 """
 
 ATTRIBUTES = tuple(one.attribute for one in SAMPLE_FIELDS)

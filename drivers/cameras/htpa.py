@@ -77,19 +77,19 @@ class UdpSource(StreamSource):
             raise DeviceNotFoundError(f"no way to {self.port}: {error}", fix=_ADVICE) from error
         self._socket.setblocking(False)
 
-    def ask(self, question: bytes, reply: bytes) -> str:
+    def ask(self, request: bytes, reply: bytes) -> str:
         """The text that begins with `reply`; raises `DeviceNotFoundError` if none comes in `REPLY_S`."""
-        self.send(question)
+        self.send(request)
         deadline_ns = self._clock.mono_ns() + int(REPLY_S * 1e9)
         while (left_ns := deadline_ns - self._clock.mono_ns()) > 0:
-            heard = self._datagram(left_ns / 1e9)
-            if heard.startswith(b"Device already bound"):
+            datagram = self._datagram(left_ns / 1e9)
+            if datagram.startswith(b"Device already bound"):
                 raise DeviceAccessError(
                     f"the camera at {self.port} is bound to another computer",
                     fix="end its program there, or switch the board off and on",
                 )
-            if heard.startswith(reply):
-                return heard.decode("latin-1")
+            if datagram.startswith(reply):
+                return datagram.decode("latin-1")
         raise DeviceNotFoundError(f"no HTPA board replies at {self.port}", fix=_ADVICE)
 
     def send(self, command: bytes) -> None:
@@ -109,10 +109,10 @@ class UdpSource(StreamSource):
         """A frame of two datagrams; of one without the other `decode` finds the length wrong."""
         deadline_ns = self._clock.mono_ns() + int(timeout_s * 1e9)
         while (left_ns := deadline_ns - self._clock.mono_ns()) > 0:
-            heard = self._datagram(left_ns / 1e9)
-            first, self._first = self._first, heard if len(heard) == FIRST else b""
-            if len(heard) == SECOND or (first and heard):
-                return Buffer(first + heard, self._clock.mono_ns())
+            datagram = self._datagram(left_ns / 1e9)
+            first, self._first = self._first, datagram if len(datagram) == FIRST else b""
+            if len(datagram) == SECOND or (first and datagram):
+                return Buffer(first + datagram, self._clock.mono_ns())
             self._first = self._first or first
         return None
 

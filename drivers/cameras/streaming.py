@@ -23,15 +23,15 @@ class StreamSource(ABC):
     def __init__(self, port: str, clock: Clock) -> None:
         self.port = port
         self._clock = clock
-        self._heard_ns = clock.mono_ns()
+        self._last_received_ns = clock.mono_ns()
 
     def read(self, timeout_s: float) -> Buffer | None:
         """The next frame, or None; raises `DeviceLostError` after `SILENT_S` without any."""
         buffer = self._receive(timeout_s)
         now_ns = self._clock.mono_ns()
         if buffer is not None:
-            self._heard_ns = now_ns
-        elif now_ns - self._heard_ns > SILENT_S * 1e9:
+            self._last_received_ns = now_ns
+        elif now_ns - self._last_received_ns > SILENT_S * 1e9:
             raise DeviceLostError(
                 f"the camera at {self.port} has sent nothing for {SILENT_S:g} s",
                 fix="check its power and its connection; it is opened again by itself",

@@ -27,8 +27,8 @@ def save_and_print(calibration: Calibration, used_by: str = "") -> None:
     click.echo(calibration.summary)
     if record.budget:
         print_budget(record.budget, record.unit)
-    for remark in record.remarks:
-        click.echo(f"note: {remark}")
+    for note in record.remarks:
+        click.echo(f"note: {note}")
     common.say(f"saved {path}     used by: {used_by or calibration.used_by}")
 
 

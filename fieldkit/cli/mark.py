@@ -78,7 +78,7 @@ def command(
 
 
 def _add(ctx: click.Context, text: str, kind: str, at: str, end: str | None, longest: str | None) -> None:
-    from fieldkit.recording.mark_times import mark_of
+    from fieldkit.recording.new_mark import mark_of
     from fieldkit.recording.requests import sent
     from fieldkit.recording.running import unresponsive_recorder
 

@@ -362,8 +362,8 @@ class _Group:
         if high >= limit:
             reason = f"anything from {low:.1f}° up to the limit of {limit:g}° fits ({sure})"
             return replace(filled, state=SlopeState.UNCERTAIN, reason=reason)
-        if doubt := self._doubt():
-            return replace(filled, state=SlopeState.UNCERTAIN, reason=doubt)
+        if unusual := self._unusual():
+            return replace(filled, state=SlopeState.UNCERTAIN, reason=unusual)
         if is_too_wide(filled.tilt_deg, low, high):
             advice = self._advice(index, 0.5 * (high - low))
             reason = f"anything from {low:.1f}° to {high:.1f}° fits ({sure}); {advice}"
@@ -387,7 +387,7 @@ class _Group:
         question = cause(learner.minutes, 0, self._surprise(learner))
         return f"no slope explains the minutes (misfit {found:.1f}, at most {MOST_MISFIT:g}): {question}"
 
-    def _doubt(self) -> str:
+    def _unusual(self) -> str:
         """What was learnt that nothing usual explains; "" if there is nothing."""
         learner = self._learner
         unusual = None if learner is None else self._surprise(learner)

@@ -31,7 +31,7 @@ from fieldkit.page.sessions import PastSessions, identifier
 from fieldkit.page.viewer import Viewer
 from fieldkit.recording import regions as campaign_regions
 from fieldkit.recording.mark_corrections import keep
-from fieldkit.recording.mark_times import mark_of
+from fieldkit.recording.new_mark import mark_of
 from fieldkit.recording.redrawing import change_regions
 from fieldkit.recording.requests import Acknowledgement, SentRequest, Shutter, sent
 from fieldkit.recording.running import (

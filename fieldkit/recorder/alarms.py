@@ -126,7 +126,7 @@ class AlarmEngine:
         self._flags: dict[str, Quality] = {}
         self._minutes = _MinuteConditions(self._settings)
         self._garbled: dict[str, deque[int]] = {}
-        self._mono_minus_utc, self._newest_ns, self._number = 0, -(2**62), 0
+        self._mono_minus_utc, self._latest_ns, self._number = 0, -(2**62), 0
         self._started = False
 
     @property
@@ -146,7 +146,7 @@ class AlarmEngine:
         self._mono_minus_utc = item.mono_ns - item.time_ns
         if isinstance(item, Health):
             return self._events(self._tick(item))
-        self._newest_ns = max(self._newest_ns, item.time_ns)
+        self._latest_ns = max(self._latest_ns, item.time_ns)
         self._wait(item.time_ns, 1, item.stream, item.quality & _WATCHED_FLAGS)
         return []
 
@@ -271,7 +271,7 @@ class AlarmEngine:
 
     def _minute(self, minute: Minute) -> Iterator[tuple[Alarm, Phase, int]]:
         end_ns = minute.time_ns - minute.time_ns % MINUTE_NS + MINUTE_NS
-        if end_ns > self._newest_ns:  # cut short by the end of the recording
+        if end_ns > self._latest_ns:  # cut short by the end of the recording
             return
         for found in self._minutes.update(minute):
             watch = self._watch(found.condition, found.subject)

@@ -212,13 +212,13 @@ def _need_systemd() -> None:
         )
 
 
-def _need_rights(system: bool, verb: str) -> None:
+def _need_rights(system: bool, command: str) -> None:
     _need_systemd()
     is_root = os.geteuid() == 0
     if system and not is_root:
         raise RefusedError(
-            f"only root may {verb} a system service",
-            fix=f"sudo $(command -v fieldkit) service {verb} --system; or without --system as this user",
+            f"only root may {command} a system service",
+            fix=f"sudo $(command -v fieldkit) service {command} --system; or without --system as this user",
         )
     if is_root and not system:
         raise RefusedError(

@@ -1,4 +1,4 @@
-"""Reports: sessions estimated and written as one HTML file, or printed to PDF."""
+"""Reports: sessions estimated and written as one HTML file, printed to PDF, or one image for a slide."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from markupsafe import Markup
@@ -15,10 +15,11 @@ from markupsafe import Markup
 from fieldkit.model.errors import ConfigError, FieldkitError, StorageError
 from fieldkit.model.samples import is_usable
 from fieldkit.palettes import INFERNO
+from fieldkit.physics.sun import sun_vectors
 from fieldkit.results.budgets import budgets_of
 from fieldkit.results.minutes import SessionMinutes
 from fieldkit.results.provenance import command_line
-from fieldkit.results.session_image import image_of
+from fieldkit.results.slope_map import slope_map
 from fieldkit.results.sources import (
     SessionOrFile,
     Settings,
@@ -27,12 +28,15 @@ from fieldkit.results.sources import (
     notify_damage,
     path_of,
 )
+from fieldkit.sessions.formats.images_out import require_palette
 from fieldkit.sessions.reader import SessionReader, open_session
+from fieldkit.views import formatting, frame_image, plotting
 from fieldkit.views.report import Part, write_campaign_report, write_report
 from fieldkit.views.report.assessment import assess
 from fieldkit.views.report.pdf import require_weasyprint, write_pdf
 from fieldkit.views.report.recording import is_simulated
 from fieldkit.views.report.series import series
+from fieldkit.views.session_image import ShownFrame, session_image
 
 if TYPE_CHECKING:
     from fieldkit.estimation.estimator import Minute
@@ -162,8 +166,7 @@ def _report_session(
         known = SessionMinutes(session, config, present=options.present)
         notify_damage(session, notify, known.measured.damaged)
         if out.suffix == ".png":
-            given: dict[str, Any] = {"settings": options.settings, "present": options.present}
-            image = image_of(session, known, notify, **given, palette=options.palette or INFERNO)
+            image = _image(session, known, options, notify)
             with _writing(out):
                 out.write_bytes(image)
             return out
@@ -251,3 +254,56 @@ def middle_frame(session: SessionReader) -> Frame | None:
 def by_other_models(known: SessionMinutes) -> dict[str, list[Minute]]:
     """The same minutes with slopes by the other `COMPARED` models."""
     return {model: known.minutes(model) for model in COMPARED if model != known.settings.model}
+
+
+# One image of a session for a slide
+
+
+def _image(
+    session: SessionReader, known: SessionMinutes, options: ReportOptions, notify: Callable[[str], None]
+) -> bytes:
+    """A PNG file of a session whose minutes are known.
+
+    Raises `ConfigError` without matplotlib, such a palette or a usable frame; a map that cannot be made is
+    reported to `notify` and left out.
+    """
+    if not plotting.available():
+        raise ConfigError("an image needs matplotlib", fix="pip install 'fieldkit[lab]'")
+    palette = options.palette or INFERNO
+    require_palette(palette)
+    frames = list(_shown(session, known))
+    if not frames:
+        raise ConfigError(f"{session.path} has no usable frame", fix=f"fieldkit check {session.path}")
+    try:
+        found = slope_map(session, settings=options.settings, present=options.present)
+        mapped = None if found.along_sun is not None else found.slopes
+    except FieldkitError as error:
+        notify(f"the image has no map: {error.message}")
+        mapped = None
+    site, start, end = known.site, session.start_ns, session.end_ns
+    day, until = formatting.local_time(start, site), formatting.clock_time(end, site)
+    subtitle = f"{day:%Y-%m-%d %H:%M} to {until} {formatting.zone_name(end, site)}   {formatting.place(site)}"
+    estimates = list(known.estimates().final.values())
+    regions = known.schedule.latest
+    return session_image(session.path.stem, subtitle, frames, regions, mapped, estimates, palette)
+
+
+def _shown(session: SessionReader, known: SessionMinutes) -> Iterator[ShownFrame]:
+    """The first usable frame, the one nearest to the highest sun, the last."""
+    camera = next((info for info in session.streams.values() if info.is_camera), None)
+    if camera is None:
+        return
+    reader = session.stream(camera.name)
+    usable = np.flatnonzero(is_usable(reader.flags()))
+    if not usable.size:
+        return
+    times = session.times_ns(camera.name)[usable]
+    highest = int(np.argmax(sun_vectors(times, known.site)[:, 2]))
+    rows = {"first": usable[0], "highest sun": usable[highest], "last": usable[-1]}
+    by_row = {
+        int(row): name for name, row in reversed(rows.items())
+    }  # one that is two of them is the earlier
+    for row in sorted(by_row):
+        frame = reader.frame(row)
+        words = f"{by_row[row]}, {formatting.clock_time(frame.time_ns, known.site)}"
+        yield ShownFrame(words, frame_image.values(frame, camera), frame_image.unit(camera))

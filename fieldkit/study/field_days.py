@@ -118,7 +118,7 @@ def recorded_day(path: Path, label: str) -> FieldDay:
     """
     part = report_part(path)
     columns, surface = part.columns, part.settings.surface
-    known = [bed for bed in columns.beds if np.isfinite(bed.region.tilt_deg)]
+    known = [bed for bed in columns.targets if np.isfinite(bed.region.tilt_deg)]
     names = {bed.region.name: _bed_name(label, bed.region) for bed in known}
     modelled = {names[bed.region.name]: modelled_temperature(columns, bed, surface) for bed in known}
     measured = {names[bed.region.name]: columns.temperature_k[bed.region.name] for bed in known}
@@ -188,7 +188,7 @@ def _errors(columns: Series, label: str, site: Site) -> dict[str, list[ErrorSpan
         _bed_name(label, bed.region): errors_over_time(
             columns.of_day_ns(site), bed.estimated_tilt_deg, bed.region.tilt_deg
         )
-        for bed in columns.beds
+        for bed in columns.targets
         if np.isfinite(bed.region.tilt_deg)
     }
 

@@ -124,16 +124,16 @@ class WorldStudy:
     def _at(self, noise_k: float) -> list[str]:
         shown = [window for window in self.windows if window.noise_k == noise_k]
         first = min(shown, key=_soonest)
-        said = (
+        of_world = (
             f"{length(first.minutes)} windows on {self.site.body.title()}, {noise_k:g} K, best start "
             f"{first.hour:g} h: 90 % of the normals within {first.normal_p90_deg:.1f}° "
             f"(calling every slope flat: {GUESS_DEG:g}°): {first.verdict}"
         )
         good = [window for window in shown if window.verdict == "good"]
         if not good:
-            return [said, f"no window tried brings {GOOD_DEG:g}° at {noise_k:g} K"]
+            return [of_world, f"no window tried brings {GOOD_DEG:g}° at {noise_k:g} K"]
         best = min(good, key=_soonest)
-        return [said, f"{GOOD_DEG:g}° at {noise_k:g} K takes {length(best.minutes)} from {best.hour:g} h"]
+        return [of_world, f"{GOOD_DEG:g}° at {noise_k:g} K takes {length(best.minutes)} from {best.hour:g} h"]
 
     @property
     def document(self) -> dict[str, Any]:

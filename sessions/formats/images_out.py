@@ -33,7 +33,7 @@ _WIDTH, _BAR = 640, 36
 _ROOM = "make room, or name another folder: -o DIR"
 _TABLES = "export --to csv, for what it has"
 _BLACK, _WHITE = (0, 0, 0), (255, 255, 255)  # white on black shows on any colour
-_PICTURES_PER_S = 25.0
+_FRAMES_PER_S = 25.0
 ALWAYS = (-math.inf, math.inf)
 Image = NDArray[np.uint8]
 log: logging.Logger = logging.getLogger(__name__)
@@ -137,7 +137,7 @@ def export_video(
     for image in _at_speed(_drawn(session, info, palette, **chosen), speed):
         if film is None:
             code = cv2.VideoWriter.fourcc(*"vp09")
-            film = cv2.VideoWriter(str(path), code, _PICTURES_PER_S, (image.shape[1], image.shape[0]))
+            film = cv2.VideoWriter(str(path), code, _FRAMES_PER_S, (image.shape[1], image.shape[0]))
             if not film.isOpened():
                 raise StorageError(f"cannot write {path}", fix="export --to png, and make a film of them")
         film.write(image)
@@ -154,7 +154,7 @@ def _at_speed(drawn: Iterable[tuple[Frame, Image]], speed: float) -> Iterator[Im
         first_ns = first_ns or frame.time_ns
         due = shown + 1
         if math.isfinite(speed):
-            due = round((frame.time_ns - first_ns) / SECOND_NS / speed * _PICTURES_PER_S)
+            due = round((frame.time_ns - first_ns) / SECOND_NS / speed * _FRAMES_PER_S)
         if before is not None:
             yield from repeat(before, due - shown)
             shown = max(shown, due)

@@ -143,9 +143,9 @@ def _best_stream(
     for info in streams:
         own = (one for one in readings if one.stream == info.name)
         log = _time_series(_points(own, bounds_of(info)), start_ns)
-        for name, curve in _all_series(session, info.quantity, start_ns):
+        for name, series in _all_series(session, info.quantity, start_ns):
             try:
-                found.append((name, best_offset(log, curve)))
+                found.append((name, best_offset(log, series)))
             except NoAnswerError as error:
                 refused = f"{name}: {error.message}"
     if not found:
@@ -341,14 +341,14 @@ def _fit(x: FloatArray, y: FloatArray, least: int) -> float:
     return max(correlation, 0.0) ** 2
 
 
-def _binned(curve: TimeSeries, step: float) -> tuple[FloatArray, FloatArray]:
+def _binned(series: TimeSeries, step: float) -> tuple[FloatArray, FloatArray]:
     """Middles and means of bins of `step` seconds, NaN where nothing was measured."""
-    place = np.floor((curve.time_s - curve.time_s[0]) / step).astype(np.int64)
+    place = np.floor((series.time_s - series.time_s[0]) / step).astype(np.int64)
     counts = np.bincount(place)
     with np.errstate(invalid="ignore"):
-        means = np.bincount(place, curve.value) / counts
-    middles = np.bincount(place, curve.time_s) / np.maximum(counts, 1)
-    return np.where(counts > 0, middles, curve.time_s[0] + (np.arange(counts.size) + 0.5) * step), means
+        means = np.bincount(place, series.value) / counts
+    middles = np.bincount(place, series.time_s) / np.maximum(counts, 1)
+    return np.where(counts > 0, middles, series.time_s[0] + (np.arange(counts.size) + 0.5) * step), means
 
 
 def _shifted(log: TimeSeries, grid: FloatArray, offset: float, step: float) -> FloatArray:

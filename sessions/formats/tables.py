@@ -201,10 +201,10 @@ def _first_time(
 ) -> tuple[int, int]:
     """The column of the date or time, and the first row that has one; else the first and the second."""
     named = _place_of_name(rows, names[0]) if names else None
-    for looks_right in (is_dated, lambda cell: is_time(cell, time_format), is_unix):
-        place = _place_where(rows[:_SAMPLE], looks_right) if named is None else named
+    for is_of_kind in (is_dated, lambda cell: is_time(cell, time_format), is_unix):
+        place = _place_where(rows[:_SAMPLE], is_of_kind) if named is None else named
         for number, row in enumerate(rows):
-            if place is not None and len(row.cells) > 1 and looks_right(cell_of(row.cells, place)):
+            if place is not None and len(row.cells) > 1 and is_of_kind(cell_of(row.cells, place)):
                 return place, number
     if named is None and time_format is None:
         _refuse_without_dates(path, rows)
@@ -216,12 +216,12 @@ def _place_of_name(rows: Sequence[Row], name: str) -> int | None:
     return next((place for place, cell in heads if name in (cell, split_head(cell)[0])), None)
 
 
-def _place_where(rows: Sequence[Row], looks_right: Callable[[str], bool]) -> int | None:
+def _place_where(rows: Sequence[Row], is_of_kind: Callable[[str], bool]) -> int | None:
     """The first column of those whose cells look right in the most rows, a constant one last."""
     found: dict[int, list[str]] = {}
     for row in rows:
         for place, cell in enumerate(row.cells):
-            if looks_right(cell):
+            if is_of_kind(cell):
                 found.setdefault(place, []).append(cell)
     most = max(map(len, found.values()), default=0)
     usual = [place for place, cells in found.items() if 2 * len(cells) > most]

@@ -40,20 +40,22 @@ def assess(columns: Series, events: Sequence[Event], state: str) -> Assessment:
     return Assessment(_headline(columns), (*_slope_warnings(columns), *_recording_warnings(events, state)))
 
 
-def bed_error(bed: TargetSeries) -> float:
-    """Mean absolute tilt error of a bed over its estimates, degrees; NaN if the tilt was not given."""
-    return mean_absolute_error(bed.estimated_tilt_deg, np.full(bed.tilt_deg.shape, bed.region.tilt_deg))
+def target_error(target: TargetSeries) -> float:
+    """Mean absolute tilt error of a target over its estimates, degrees; NaN if the tilt was not given."""
+    return mean_absolute_error(
+        target.estimated_tilt_deg, np.full(target.tilt_deg.shape, target.region.tilt_deg)
+    )
 
 
 def mean_error(columns: Series) -> float:
-    """Mean over the beds of their mean absolute tilt error, degrees; NaN where none is known."""
-    errors = [error for error in map(bed_error, columns.beds) if np.isfinite(error)]
+    """Mean over the targets of their mean absolute tilt error, degrees; NaN where none is known."""
+    errors = [error for error in map(target_error, columns.targets) if np.isfinite(error)]
     return float(np.mean(errors)) if errors else float("nan")
 
 
 def truths_held(columns: Series) -> str:
     """Share of the final likelihood regions that hold the given tilt, in words; empty if none was given."""
-    finals = [(bed.final_estimate, bed.region.tilt_deg) for bed in columns.beds]
+    finals = [(target.final_estimate, target.region.tilt_deg) for target in columns.targets]
     known = [(one, truth) for one, truth in finals if one and truth == truth]
     held = sum(one.tilt_low_deg <= truth <= one.tilt_high_deg for one, truth in known)
     sure = formatting.confidence(one for one, _ in known)
@@ -61,18 +63,18 @@ def truths_held(columns: Series) -> str:
 
 
 def _headline(columns: Series) -> str:
-    estimated = [bed for bed in columns.beds if bed.final_estimate is not None]
-    certain = [bed for bed in estimated if bed.final_estimate and is_certain(bed.final_estimate)]
-    if not columns.beds:
+    estimated = [target for target in columns.targets if target.final_estimate is not None]
+    certain = [target for target in estimated if target.final_estimate and is_certain(target.final_estimate)]
+    if not columns.targets:
         return "No target regions are drawn: nothing was estimated."
     if not estimated:
-        return f"No slope was found on any of {len(columns.beds)} targets."
-    off = {bed.region.name: error for bed in estimated if np.isfinite(error := _final_error(bed))}
-    if certain and len(off) == len(columns.beds) and all(map(_is_held, estimated)):
-        found = _all_held([bed.final_estimate for bed in estimated if bed.final_estimate])
+        return f"No slope was found on any of {len(columns.targets)} targets."
+    off = {target.region.name: error for target in estimated if np.isfinite(error := _final_error(target))}
+    if certain and len(off) == len(columns.targets) and all(map(_is_held, estimated)):
+        found = _all_held([target.final_estimate for target in estimated if target.final_estimate])
     else:
-        found = _found(len(certain), len(columns.beds))
-        if uncertain := [bed for bed in estimated if bed not in certain]:
+        found = _found(len(certain), len(columns.targets))
+        if uncertain := [target for target in estimated if target not in certain]:
             found += f" Uncertain: {', '.join(map(_with_second_branch, uncertain))}."
         found = f"{found} {truths_held(columns)}".strip()
     if not off:
@@ -81,14 +83,18 @@ def _headline(columns: Series) -> str:
     return f"{found} The largest error has {worst}: {off[worst]:.1f}°."
 
 
-def _final_error(bed: TargetSeries) -> float:
+def _final_error(target: TargetSeries) -> float:
     """Absolute difference of the final tilt to the given one, degrees; NaN if it was not given."""
-    return abs(bed.final_estimate.tilt_deg - bed.region.tilt_deg) if bed.final_estimate else float("nan")
+    return (
+        abs(target.final_estimate.tilt_deg - target.region.tilt_deg)
+        if target.final_estimate
+        else float("nan")
+    )
 
 
-def _is_held(bed: TargetSeries) -> bool:
+def _is_held(target: TargetSeries) -> bool:
     """True if the given tilt lies within the region of the final estimate, which a single slope fits."""
-    final, truth = bed.final_estimate, bed.region.tilt_deg
+    final, truth = target.final_estimate, target.region.tilt_deg
     is_single = final is not None and final.state is not SlopeState.NOT_RESOLVED
     return bool(is_single and final and final.tilt_low_deg <= truth <= final.tilt_high_deg)
 
@@ -111,11 +117,11 @@ def _found(certain: int, total: int) -> str:
     return f"Slopes were found on {_of(certain, total)}."
 
 
-def _with_second_branch(bed: TargetSeries) -> str:
-    final = bed.final_estimate
+def _with_second_branch(target: TargetSeries) -> str:
+    final = target.final_estimate
     assert final is not None
     second = formatting.second_branch(final)
-    return f"{bed.region.name} {formatting.tilt(final)}°" + (f" or {second}" if second else "")
+    return f"{target.region.name} {formatting.tilt(final)}°" + (f" or {second}" if second else "")
 
 
 def _of(some: int, total: int) -> str:
@@ -126,11 +132,11 @@ def _of(some: int, total: int) -> str:
 
 def _slope_warnings(columns: Series) -> list[str]:
     warnings = []
-    for bed in columns.beds:
-        last = bed.last
+    for target in columns.targets:
+        last = target.last
         if last is not None and last.state not in CERTAIN:
             reasons = (f" {word[0].upper()}{word[1:]}." for word in last.reason.split("; ") if word)
-            warnings.append(f"{bed.region.name} ended as: {formatting.state(last)}.{''.join(reasons)}")
+            warnings.append(f"{target.region.name} ended as: {formatting.state(last)}.{''.join(reasons)}")
     minutes = int(columns.cloudy.sum())
     if minutes:
         warnings.append(f"Clouds or changing light in {minutes} of {columns.time_ns.size} minutes.")

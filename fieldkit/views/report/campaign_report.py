@@ -1,4 +1,4 @@
-"""The report of several sessions together: errors by bed and day, the paper's Figs. 12 and 13 over all."""
+"""The report of several sessions together: errors by target and day, the paper's Figs. 12 and 13 over all."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def write_campaign_report(
         simulated=sum(part.simulated for part in parts),
         warnings=[(part.path.stem, part.warnings) for part in parts if part.warnings],
         slopes=_slope_figures(parts) if plotting.available() else None,
-        beds=_beds(parts, sd),
+        targets=_targets(parts, sd),
         comparison=_paper_figures(parts, sd) if plotting.available() else None,
         budget=_error_budget(parts),
         sessions=Table(("session", "SHA-256"), [(part.path.name, code(sha256(part.path))) for part in parts]),
@@ -74,30 +74,30 @@ def write_campaign_report(
 
 
 def _headline(parts: Sequence[Part]) -> str:
-    beds = [bed for part in parts for bed in part.columns.beds]
-    estimated = np.concatenate([np.empty(0), *(bed.estimated_tilt_deg for bed in beds)])
-    truth = np.concatenate([np.empty(0), *(_truth(bed) for bed in beds)])
+    targets = [target for part in parts for target in part.columns.targets]
+    estimated = np.concatenate([np.empty(0), *(target.estimated_tilt_deg for target in targets)])
+    truth = np.concatenate([np.empty(0), *(_truth(target) for target in targets)])
     mean = mean_absolute_error(estimated, truth)
     if not np.isfinite(mean):
         return "No slope of a region of known tilt was found in these sessions."
     count = int(np.isfinite(estimated - truth).sum())
     found = f"Mean absolute tilt error {mean:.1f}° over {count} estimates of all regions and sessions"
-    uncertain = sum(bed.uncertain for bed in beds)
+    uncertain = sum(target.uncertain for target in targets)
     return f"{found}, of which {uncertain} are uncertain: {formatting.uncertain_means(_confidence(parts))}."
 
 
 def _confidence(parts: Sequence[Part]) -> str:
     """Confidence of the final estimates in words; "likelihood" where there are none."""
-    finals = (bed.final_estimate for part in parts for bed in part.columns.beds)
+    finals = (target.final_estimate for part in parts for target in part.columns.targets)
     return formatting.confidence(one for one in finals if one) or "likelihood"
 
 
-def _truth(bed: TargetSeries) -> FloatArray:
-    return np.full(bed.tilt_deg.shape, bed.region.tilt_deg)
+def _truth(target: TargetSeries) -> FloatArray:
+    return np.full(target.tilt_deg.shape, target.region.tilt_deg)
 
 
-def _beds(parts: Sequence[Part], sd: SdKind) -> Table:
-    rows = [_row(part, bed, sd) for part in parts for bed in part.columns.beds]
+def _targets(parts: Sequence[Part], sd: SdKind) -> Table:
+    rows = [_row(part, target, sd) for part in parts for target in part.columns.targets]
     sure = _confidence(parts)
     caption = (
         f"Tilt: the final one ± the larger half of its {sure} region. MAE and SD: over the n minutes with an "
@@ -119,20 +119,20 @@ def _beds(parts: Sequence[Part], sd: SdKind) -> Table:
     return Table(columns, rows, caption)
 
 
-def _row(part: Part, bed: TargetSeries, sd: SdKind) -> list[object]:
-    mae = mean_absolute_error(bed.estimated_tilt_deg, _truth(bed))
-    scatter = sd_of_absolute_error(bed.estimated_tilt_deg, _truth(bed), sd)
-    modelled = modelled_temperature(part.columns, bed, part.settings.surface)
-    rmse = root_mean_square_error(part.columns.temperature_k[bed.region.name], modelled)
+def _row(part: Part, target: TargetSeries, sd: SdKind) -> list[object]:
+    mae = mean_absolute_error(target.estimated_tilt_deg, _truth(target))
+    scatter = sd_of_absolute_error(target.estimated_tilt_deg, _truth(target), sd)
+    modelled = modelled_temperature(part.columns, target, part.settings.surface)
+    rmse = root_mean_square_error(part.columns.temperature_k[target.region.name], modelled)
     return [
         part.day,
         part.path.stem,
-        strong(bed.region.name),
-        formatting.tilt(bed.final_estimate) if bed.final_estimate else formatting.UNKNOWN,
-        formatting.given_slope(bed.region),
+        strong(target.region.name),
+        formatting.tilt(target.final_estimate) if target.final_estimate else formatting.UNKNOWN,
+        formatting.given_slope(target.region),
         f"{mae:.1f} ± {scatter:.2f}" if np.isfinite(mae) else formatting.UNKNOWN,
-        int(np.isfinite(bed.estimated_tilt_deg).sum()),
-        bed.uncertain,
+        int(np.isfinite(target.estimated_tilt_deg).sum()),
+        target.uncertain,
         formatting.number(rmse, 2),
         int(part.columns.cloudy.sum()),
     ]
@@ -141,16 +141,18 @@ def _row(part: Part, bed: TargetSeries, sd: SdKind) -> list[object]:
 def _slope_figures(parts: Sequence[Part]) -> list[Figure]:
     """The final tilts of all sessions; none where no slope was found."""
     tilts = [
-        FinalTilt(part.path.stem, bed.region.name, one.tilt_deg, one.tilt_low_deg, one.tilt_high_deg, given)
+        FinalTilt(
+            part.path.stem, target.region.name, one.tilt_deg, one.tilt_low_deg, one.tilt_high_deg, given
+        )
         for part in parts
-        for bed in part.columns.beds
-        for one, given in [(bed.final_estimate, bed.region.tilt_deg)]
+        for target in part.columns.targets
+        for one, given in [(target.final_estimate, target.region.tilt_deg)]
         if one
     ]
     if not tilts:
         return []
-    words = "; ".join(f"{one.session} {one.bed} {one.tilt_deg:.1f}°" for one in tilts)
-    beds = list(dict.fromkeys(one.bed for one in tilts))
+    words = "; ".join(f"{one.session} {one.target} {one.tilt_deg:.1f}°" for one in tilts)
+    targets = list(dict.fromkeys(one.target for one in tilts))
     return [
         Figure(
             session_figures.final_tilts(tilts),
@@ -158,7 +160,7 @@ def _slope_figures(parts: Sequence[Part]) -> list[Figure]:
             "lines: the given tilts.",
             f"Final tilts: {words}.",
             wide=True,
-            parts=beds,
+            parts=targets,
         )
     ]
 
@@ -190,14 +192,16 @@ def _paper_figures(parts: Sequence[Part], sd: SdKind) -> list[Figure]:
 
 
 def _errors_by_tilt(parts: Sequence[Part], sd: SdKind) -> dict[str, list[ErrorSpan]]:
-    """Errors per interval of the local day for each given tilt, all days and beds of it together."""
+    """Errors per interval of the local day for each given tilt, all days and targets of it together."""
     times: dict[float, list[NDArray[np.int64]]] = {}
     wrong: dict[float, list[FloatArray]] = {}
     for part in parts:
-        for bed in part.columns.beds:
-            if np.isfinite(bed.region.tilt_deg):
-                times.setdefault(bed.region.tilt_deg, []).append(part.columns.of_day_ns(part.site))
-                wrong.setdefault(bed.region.tilt_deg, []).append(bed.estimated_tilt_deg - bed.region.tilt_deg)
+        for target in part.columns.targets:
+            if np.isfinite(target.region.tilt_deg):
+                times.setdefault(target.region.tilt_deg, []).append(part.columns.of_day_ns(part.site))
+                wrong.setdefault(target.region.tilt_deg, []).append(
+                    target.estimated_tilt_deg - target.region.tilt_deg
+                )
     return {
         f"{tilt:g}°": errors_over_time(
             np.concatenate(times[tilt]), np.concatenate(wrong[tilt]), 0.0, span_s=SPAN_S, kind=sd
@@ -210,10 +214,10 @@ def _error_budget(parts: Sequence[Part]) -> Table | None:
     """Cost of each cause for regions of each given tilt, all days together."""
     found: dict[float, list[ErrorBudget]] = {}
     for part in parts:
-        for bed in part.columns.beds:
-            if np.isfinite(bed.region.tilt_deg):
-                of_bed = budget(part.columns, bed, part.settings)
-                found.setdefault(bed.region.tilt_deg, []).append(of_bed)
+        for target in part.columns.targets:
+            if np.isfinite(target.region.tilt_deg):
+                of_target = budget(part.columns, target, part.settings)
+                found.setdefault(target.region.tilt_deg, []).append(of_target)
     if not found:
         return None
     by_tilt = [pooled(f"{tilt:g}°", found[tilt]) for tilt in sorted(found)]
@@ -229,14 +233,14 @@ def _zone(part: Part) -> str:
 
 
 def _temperatures(parts: Sequence[Part]) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
-    """Measured and modelled surface temperature by day, kelvin, beds one after the other."""
+    """Measured and modelled surface temperature by day, kelvin, targets one after the other."""
     measured: dict[str, list[FloatArray]] = {}
     modelled: dict[str, list[FloatArray]] = {}
     for part in parts:
-        for bed in part.columns.beds:
-            by_model = modelled_temperature(part.columns, bed, part.settings.surface)
+        for target in part.columns.targets:
+            by_model = modelled_temperature(part.columns, target, part.settings.surface)
             if np.isfinite(by_model).any():
-                measured.setdefault(part.day, []).append(part.columns.temperature_k[bed.region.name])
+                measured.setdefault(part.day, []).append(part.columns.temperature_k[target.region.name])
                 modelled.setdefault(part.day, []).append(by_model)
     return (
         {day: np.concatenate(pieces) for day, pieces in measured.items()},

@@ -1,6 +1,6 @@
 """The error budget: how many degrees of tilt each cause may cost, from the session's own numbers.
 
-The paper's eq. (6) contains direct irradiance and the exchange with air and sky that all beds share.
+The paper's eq. (6) contains direct irradiance and the exchange with air and sky that all targets share.
 What it omits is computed here term by term with the functions of the full model, and
 each term is converted to degrees of tilt by the change of direct irradiance with tilt.
 """
@@ -69,10 +69,10 @@ class BudgetSection:
 
 
 def error_budget(data: ReportData) -> BudgetSection | None:
-    """The section of a session; None without beds or without irradiance."""
-    if not data.columns.beds or not np.isfinite(data.columns.irradiance_w_m2).any():
+    """The section of a session; None without targets or without irradiance."""
+    if not data.columns.targets or not np.isfinite(data.columns.irradiance_w_m2).any():
         return None
-    budgets = [budget(data.columns, bed, data.settings) for bed in data.columns.beds]
+    budgets = [budget(data.columns, target, data.settings) for target in data.columns.targets]
     contributions = Table(
         ("cause", *(one.name for one in budgets)),
         cause_rows(budgets),
@@ -108,7 +108,7 @@ def _slope_table(region: str, terms: Sequence[BudgetTerm]) -> Table:
 
 
 def model_table(data: ReportData) -> Table:
-    """The final slope of each bed by each model, with its error, and whether regions hold the given tilt."""
+    """The final slope of each target by each model, its error, and whether regions hold the given tilt."""
     used = data.settings.model
     by_model = {model: data.columns if model == used else data.others.get(model) for model in get_args(Model)}
     rows = [
@@ -116,27 +116,29 @@ def model_table(data: ReportData) -> Table:
         for model, columns in by_model.items()
         if columns is not None
     ]
-    names = (bed.region.name for bed in data.columns.beds)
+    names = (target.region.name for target in data.columns.targets)
     return Table(("model", *names, "mean error °", "truth within"), rows, f"{MODELS} In bold: used above.")
 
 
 def _model_row(name: object, columns: Series) -> list[object]:
-    held = [_holds_truth(bed) for bed in columns.beds if np.isfinite(bed.region.tilt_deg)]
+    held = [_holds_truth(target) for target in columns.targets if np.isfinite(target.region.tilt_deg)]
     minutes = np.concatenate(held) if held else np.empty(0)
     share = f"{minutes.mean():.0%}" if minutes.size else formatting.UNKNOWN
-    tilts = (formatting.tilt(bed.final_estimate) if bed.final_estimate else "–" for bed in columns.beds)
+    tilts = (
+        formatting.tilt(target.final_estimate) if target.final_estimate else "–" for target in columns.targets
+    )
     return [name, *tilts, formatting.number(mean_error(columns), 1), share]
 
 
-def _holds_truth(bed: TargetSeries) -> NDArray[np.bool_]:
+def _holds_truth(target: TargetSeries) -> NDArray[np.bool_]:
     """Of the minutes with an estimate, whether the likelihood region holds the given tilt."""
-    truth = bed.region.tilt_deg
-    held = (bed.tilt_low_deg <= truth) & (truth <= bed.tilt_high_deg)
-    return np.asarray(held[bed.is_estimate])
+    truth = target.region.tilt_deg
+    held = (target.tilt_low_deg <= truth) & (truth <= target.tilt_high_deg)
+    return np.asarray(held[target.is_estimate])
 
 
 def cause_rows(budgets: Sequence[ErrorBudget]) -> list[list[object]]:
-    """Rows of the table: a cause, and what it costs each bed."""
+    """Rows of the table: a cause, and what it costs each target."""
     terms: list[tuple[str, Callable[[ErrorBudget], float]]] = [
         ("omitted: diffuse light", lambda b: b.diffuse_w_m2),
         ("omitted: light reflected by the ground", lambda b: b.reflected_w_m2),
@@ -212,12 +214,12 @@ def _advice(budgets: Sequence[ErrorBudget]) -> list[str]:
 
 @dataclass(frozen=True, slots=True)
 class ErrorBudget:
-    """Medians over the session for one bed.
+    """Medians over the session for one target.
 
     The four terms are what the paper's model attributes to direct irradiance although it is not, in W/m2 of
-    eq. (6); with positive terms the bed seems to face the sun more than it does.
-    `w_m2_per_degree` is the change of direct irradiance on the bed with its tilt; `noise_deg` half
-    the width of the likelihood region. `emissivity_k` is the standard uncertainty of bed minus reference
+    eq. (6); with positive terms the target seems to face the sun more than it does.
+    `w_m2_per_degree` is the change of direct irradiance on the target with its tilt; `noise_deg` half
+    the width of the likelihood region. `emissivity_k` is the standard uncertainty of target minus reference
     by calibrated emissivities, `factor_sd` the relative one of a calibrated light meter.
     """
 
@@ -243,7 +245,7 @@ class ErrorBudget:
         return term_w_m2 / self.w_m2_per_degree
 
     def of_offset(self, offset_k: float) -> float:
-        """Bias of the tilt by a constant temperature offset between bed and reference, in degrees."""
+        """Bias of the tilt by a constant temperature offset between target and reference, in degrees."""
         return offset_k / self.kelvin_per_degree
 
     def of_scale(self, relative: float) -> float:
@@ -251,14 +253,14 @@ class ErrorBudget:
         return relative * self.tilt_deg
 
 
-def budget(columns: Series, bed: TargetSeries, settings: EstimatorSettings) -> ErrorBudget:
-    """Error budget of one bed at its given slope, or at its estimated slope if none was given.
+def budget(columns: Series, target: TargetSeries, settings: EstimatorSettings) -> ErrorBudget:
+    """Error budget of one target at its given slope, or at its estimated slope if none was given.
 
     Parameters
     ----------
     columns : Series
         The minutes of the session.
-    bed : TargetSeries
+    target : TargetSeries
         The target region.
     settings : EstimatorSettings
         Settings of the estimate; its full-model parameters give the omitted terms.
@@ -268,13 +270,13 @@ def budget(columns: Series, bed: TargetSeries, settings: EstimatorSettings) -> E
     ErrorBudget
         Medians over the session. [W/m2, K per degree, degrees]
     """
-    tilt, azimuth = _slope(bed)
+    tilt, azimuth = _slope(target)
     cos_tilt = float(np.cos(np.radians(tilt)))
     in_sun = columns.irradiance_w_m2 > 0
     light = np.where(in_sun, columns.irradiance_w_m2, np.nan)
     assumed = settings.diffuse_fraction / (1 - settings.diffuse_fraction) * light * columns.cos_zenith
     diffuse = np.where(np.isnan(columns.diffuse_w_m2), assumed, columns.diffuse_w_m2)
-    on_bed = daylight.hay_davies_diffuse(
+    on_target = daylight.hay_davies_diffuse(
         diffuse,
         light,
         daylight.extraterrestrial(columns.time_ns, BODIES[settings.body]),
@@ -287,16 +289,18 @@ def budget(columns: Series, bed: TargetSeries, settings: EstimatorSettings) -> E
     )
     absorbing = 1.0 - settings.surface.albedo
     return ErrorBudget(
-        name=bed.region.name,
-        diffuse_w_m2=_median(on_bed - diffuse),
+        name=target.region.name,
+        diffuse_w_m2=_median(on_target - diffuse),
         reflected_w_m2=_median(reflected),
         longwave_w_m2=_median(_longwave(columns, cos_tilt, settings)) / absorbing,
-        storage_w_m2=_median(-_stored(columns, bed, settings)) / absorbing,
+        storage_w_m2=_median(-_stored(columns, target, settings)) / absorbing,
         w_m2_per_degree=_median(light * _per_degree(columns, tilt, azimuth)),
-        kelvin_per_degree=_median(bed.kelvin_per_degree),
-        noise_deg=_median(np.where(bed.is_estimate, (bed.tilt_high_deg - bed.tilt_low_deg) / 2, np.nan)),
+        kelvin_per_degree=_median(target.kelvin_per_degree),
+        noise_deg=_median(
+            np.where(target.is_estimate, (target.tilt_high_deg - target.tilt_low_deg) / 2, np.nan)
+        ),
         tilt_deg=tilt,
-        emissivity_k=_median(_of_emissivity(columns, bed, settings)),
+        emissivity_k=_median(_of_emissivity(columns, target, settings)),
         factor_sd=settings.factor_sd,
     )
 
@@ -309,9 +313,9 @@ def pooled(name: str, budgets: Sequence[ErrorBudget]) -> ErrorBudget:
     )
 
 
-def _slope(bed: TargetSeries) -> tuple[float, float]:
-    given = (bed.region.tilt_deg, bed.region.azimuth_deg)
-    estimated = (_median(bed.estimated_tilt_deg), _median(bed.azimuth_deg))
+def _slope(target: TargetSeries) -> tuple[float, float]:
+    given = (target.region.tilt_deg, target.region.azimuth_deg)
+    estimated = (_median(target.estimated_tilt_deg), _median(target.azimuth_deg))
     return given if np.isfinite(given).all() else estimated
 
 
@@ -323,24 +327,24 @@ def _per_degree(columns: Series, tilt_deg: float, azimuth_deg: float) -> FloatAr
 
 
 def _longwave(columns: Series, cos_tilt: float, settings: EstimatorSettings) -> FloatArray:
-    """Absorbed longwave that the bed receives from the surrounding ground instead of the sky, W/m2."""
+    """Absorbed longwave that the target receives from the surrounding ground instead of the sky, W/m2."""
     measured, emissivity = columns.longwave_w_m2, settings.surface.emissivity_broadband
     down = np.where(np.isnan(measured), settings.longwave_down_w_m2, measured)
     ground = emitted_longwave(columns.reference_k, emissivity) + (1.0 - emissivity) * down
     return emissivity * (daylight.longwave_on_facet(down, ground, cos_tilt) - down)
 
 
-def _of_emissivity(columns: Series, bed: TargetSeries, settings: EstimatorSettings) -> FloatArray:
-    """Standard uncertainty of bed minus reference by their emissivities, kelvin."""
+def _of_emissivity(columns: Series, target: TargetSeries, settings: EstimatorSettings) -> FloatArray:
+    """Standard uncertainty of target minus reference by their emissivities, kelvin."""
     if not columns.references:
         return np.zeros(columns.time_ns.size)
-    seen = columns.temperature_k[bed.region.name], columns.reference_k
-    return difference_k(*seen, bed.region, columns.references[0], settings)
+    seen = columns.temperature_k[target.region.name], columns.reference_k
+    return difference_k(*seen, target.region, columns.references[0], settings)
 
 
-def _stored(columns: Series, bed: TargetSeries, settings: EstimatorSettings) -> FloatArray:
-    """Storage heat flux of the bed minus that of the reference, W/m2."""
-    difference = columns.temperature_k[bed.region.name] - columns.reference_k
+def _stored(columns: Series, target: TargetSeries, settings: EstimatorSettings) -> FloatArray:
+    """Storage heat flux of the target minus that of the reference, W/m2."""
+    difference = columns.temperature_k[target.region.name] - columns.reference_k
     known = np.isfinite(difference)
     flux = np.full(difference.shape, np.nan)
     if known.sum() > 1:

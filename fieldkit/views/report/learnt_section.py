@@ -4,12 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from fieldkit.views import learnt_words
+import numpy as np
+
+from fieldkit.model.learnt import Learnt, LearntParameter
+from fieldkit.model.site import Site
+from fieldkit.views import learnt_words, plotting
 from fieldkit.views.html import Figure, Table, bar
-from fieldkit.views.report import learnt_figures
 from fieldkit.views.report.readings import readings
 from fieldkit.views.report.report_data import ReportData
+from fieldkit.views.report.series import Series
+from fieldkit.views.report.session_figures import over_time
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+PRIOR_COLOUR = "#D0D0D0"
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,13 +52,13 @@ def _figures(data: ReportData) -> Iterator[Figure]:
     sure = learnt_words.confidence(learnt)
     words = "; ".join(f"{one.name} {learnt_words.found(one)}" for one in learnt.parameters)
     yield Figure(
-        learnt_figures.prior_and_posterior(learnt),
+        _prior_and_posterior(learnt),
         f"Each parameter on the scale of its prior: grey the {sure} interval before the data, blue after "
         "them, with the medians. A blue bar as long as the grey one: the data added nothing.",
         f"Parameters before and after the data: {words}.",
     )
     if learnt_words.main(learnt):
-        drawn = learnt_figures.over_time(data.columns, data.site)
+        drawn = _over_time(data.columns, data.site)
         yield Figure(
             drawn.svg,
             f"What was known by each minute, with {sure} intervals; grey: the prior.",
@@ -59,3 +70,64 @@ def _figures(data: ReportData) -> Iterator[Figure]:
 def _learnt_at(data: ReportData, minute: int) -> Iterator[str]:
     for one in learnt_words.main(learnt) if (learnt := data.columns.learnt[minute]) else ():
         yield f"{learnt_words.short(one)}: {learnt_words.found(one)}"
+
+
+# Prior against posterior, and learning over the session
+
+
+def _prior_and_posterior(learnt: Learnt) -> str:
+    """Each parameter's interval after the data, on the scale of its prior's."""
+    figure, (axes,) = plotting.panels(1, 1.1 + 0.38 * len(learnt.parameters))
+    for row, parameter in enumerate(learnt.parameters):
+        _interval(axes, row, parameter)
+    names = [learnt_words.SHORT.get(one.name, one.name) for one in learnt.parameters]
+    axes.set_yticks(range(len(names)), names)
+    axes.invert_yaxis()
+    axes.grid(visible=False, axis="y")
+    axes.set_axisbelow(True)
+    axes.set_xticks([-1.0, 0.0, 1.0], ["low", "median", "high"])
+    axes.set_xlabel(f"{learnt_words.confidence(learnt)} interval of the prior")
+    return plotting.svg(figure)
+
+
+def _over_time(columns: Series, site: Site) -> plotting.OverTime:
+    """The main parameters by minute with their intervals, a panel each; `columns` must have some."""
+    final = columns.final_learnt
+    names = [one.name for one in learnt_words.main(final)] if final else []
+    figure, panels = plotting.panels(len(names), 0.6 + 1.1 * len(names))
+    for index, (axes, name) in enumerate(zip(panels, names, strict=True)):
+        _learning(axes, columns, name, plotting.colour(index))
+    return over_time(figure, panels, columns, site, legend=False)
+
+
+def _interval(axes: Axes, row: int, parameter: LearntParameter) -> None:
+    """The prior's interval as a wide grey bar, the posterior's as a narrow one with its median."""
+    low, value, high = (
+        _on_prior(parameter, number) for number in (parameter.low, parameter.value, parameter.high)
+    )
+    axes.barh(row, 2.0, left=-1.0, height=0.62, color=PRIOR_COLOUR)
+    axes.barh(row, high - low, left=low, height=0.26, color=plotting.colour(0))
+    axes.plot(value, row, marker="|", markersize=13, markeredgewidth=2.2, color="black")
+
+
+def _on_prior(parameter: LearntParameter, number: float) -> float:
+    """A number where the prior's median is 0 and the ends of its interval are -1 and 1."""
+    away = number - parameter.prior
+    half = parameter.prior_high - parameter.prior if away > 0 else parameter.prior - parameter.prior_low
+    return away / half if half > 0 else 0.0
+
+
+def _learning(axes: Axes, columns: Series, name: str, colour: str) -> None:
+    found = [
+        next((one for one in learnt.parameters if one.name == name), None) if learnt else None
+        for learnt in columns.learnt
+    ]
+    low, value, high = (
+        np.array([np.nan if one is None else getattr(one, key) for one in found], np.float64)
+        for key in ("low", "value", "high")
+    )
+    days, last = plotting.days(columns.time_ns), next(one for one in reversed(found) if one is not None)
+    axes.axhspan(last.prior_low, last.prior_high, color=PRIOR_COLOUR, alpha=0.5, linewidth=0)
+    axes.fill_between(days, low, high, color=colour, alpha=0.35, linewidth=0)
+    axes.plot(days, value, color=colour, linewidth=1.6)
+    axes.set_ylabel(learnt_words.short(last))

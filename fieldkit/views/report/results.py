@@ -1,4 +1,4 @@
-"""The results of a report: slopes of the beds, their figures over time, and the paper's Figs. 12 and 13."""
+"""The results of a report: slopes of the targets, figures over time, and the paper's Figs. 12 and 13."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ SPAN_S = 1200.0
 
 
 def slopes(data: ReportData) -> Table:
-    """Each bed with its final slope and the slope that was given."""
+    """Each target with its final slope and the slope that was given."""
     caption = f"±: the larger half of the {percent(data.settings.confidence)} region."
     columns = ("region", "tilt °", "azimuth °", "given", "state")
-    return Table(columns, list(map(_slope_row, data.columns.beds)), caption)
+    return Table(columns, list(map(_slope_row, data.columns.targets)), caption)
 
 
 def accuracy(data: ReportData) -> Table:
-    """Each bed with the parts of its uncertainty, and its error against the given slope."""
+    """Each target with the parts of its uncertainty, and its error against the given slope."""
     columns = {
         "region": "",
         "noise": "Noise: what noise alone contributes to the ± of the tilt.",
@@ -50,7 +50,7 @@ def accuracy(data: ReportData) -> Table:
         f"an estimate; slopes held over a cloud are excluded. SD {sd_words(data.sd)}.",
         "n": "",
     }
-    rows = [_accuracy_row(bed, data.sd) for bed in data.columns.beds]
+    rows = [_accuracy_row(target, data.sd) for target in data.columns.targets]
     sure = percent(data.settings.confidence)
     known = [any(row[index] != formatting.UNKNOWN for row in rows) for index in range(len(columns))]
     caption = (
@@ -103,31 +103,31 @@ def sd_words(sd: SdKind) -> str:
     return "the ordinary standard deviation of the absolute error"
 
 
-def _slope_row(bed: TargetSeries) -> list[object]:
-    final = bed.final_estimate
+def _slope_row(target: TargetSeries) -> list[object]:
+    final = target.final_estimate
     return [
-        strong(bed.region.name),
+        strong(target.region.name),
         formatting.tilt(final) if final else formatting.UNKNOWN,
         formatting.azimuth(final) if final else formatting.UNKNOWN,
-        formatting.given_slope(bed.region),
-        _state(final, bed.last),
+        formatting.given_slope(target.region),
+        _state(final, target.last),
     ]
 
 
-def _accuracy_row(bed: TargetSeries, sd_kind: SdKind) -> list[object]:
-    final = bed.final_estimate
-    truth = np.full(bed.tilt_deg.shape, bed.region.tilt_deg)
-    mae = mean_absolute_error(bed.estimated_tilt_deg, truth)
-    sd = sd_of_absolute_error(bed.estimated_tilt_deg, truth, sd_kind)
-    error = final.tilt_deg - bed.region.tilt_deg if final else float("nan")
+def _accuracy_row(target: TargetSeries, sd_kind: SdKind) -> list[object]:
+    final = target.final_estimate
+    truth = np.full(target.tilt_deg.shape, target.region.tilt_deg)
+    mae = mean_absolute_error(target.estimated_tilt_deg, truth)
+    sd = sd_of_absolute_error(target.estimated_tilt_deg, truth, sd_kind)
+    error = final.tilt_deg - target.region.tilt_deg if final else float("nan")
     return [
-        strong(bed.region.name),
+        strong(target.region.name),
         formatting.noise(final) if final else formatting.UNKNOWN,
         (final and formatting.second_branch(final)) or formatting.UNKNOWN,
         formatting.slope_number(final, "kelvin_per_degree") if final else formatting.UNKNOWN,
         f"{error:+.1f}" if np.isfinite(error) else formatting.UNKNOWN,
         f"{mae:.1f} ± {sd:.2f}" if np.isfinite(mae) else formatting.UNKNOWN,
-        int(np.isfinite(bed.estimated_tilt_deg).sum()),
+        int(np.isfinite(target.estimated_tilt_deg).sum()),
     ]
 
 
@@ -144,7 +144,7 @@ def _state(final: SlopeEstimate | None, last: SlopeEstimate | None) -> str:
 
 
 def slope_figures(data: ReportData) -> Iterator[Figure]:
-    """The tilts of the beds over the session; nothing where no slope was found."""
+    """The tilts of the targets over the session; nothing where no slope was found."""
     columns, sure = data.columns, percent(data.settings.confidence)
     if _has_slopes(columns):
         drawn = session_figures.tilts(columns, data.site)
@@ -159,9 +159,9 @@ def slope_figures(data: ReportData) -> Iterator[Figure]:
 
 
 def _tilts_at(columns: Series, minute: int) -> Iterator[str]:
-    for bed in columns.beds:
-        if estimate := bed.estimates[minute]:
-            yield f"{bed.region.name} {formatting.tilt(estimate)}°, {formatting.state(estimate)}"
+    for target in columns.targets:
+        if estimate := target.estimates[minute]:
+            yield f"{target.region.name} {formatting.tilt(estimate)}°, {formatting.state(estimate)}"
 
 
 def time_figures(data: ReportData) -> Iterator[Figure]:
@@ -201,9 +201,9 @@ def time_figures(data: ReportData) -> Iterator[Figure]:
 
 
 def _azimuths_at(columns: Series, minute: int) -> Iterator[str]:
-    for bed in columns.beds:
-        if estimate := bed.estimates[minute]:
-            yield f"{bed.region.name} {formatting.azimuth(estimate)}°"
+    for target in columns.targets:
+        if estimate := target.estimates[minute]:
+            yield f"{target.region.name} {formatting.azimuth(estimate)}°"
 
 
 def _measured(data: ReportData) -> Mapping[str, FloatArray]:
@@ -238,7 +238,7 @@ def _irradiance_at(columns: Series, minute: int) -> Iterable[str]:
 
 
 def _has_slopes(columns: Series) -> bool:
-    return any(np.isfinite(bed.tilt_deg).any() for bed in columns.beds)
+    return any(np.isfinite(target.tilt_deg).any() for target in columns.targets)
 
 
 def _clouds(columns: Series) -> str:
@@ -246,7 +246,7 @@ def _clouds(columns: Series) -> str:
 
 
 def _final_tilts(columns: Series) -> str:
-    ends = [(bed.region.name, bed.final_estimate) for bed in columns.beds]
+    ends = [(target.region.name, target.final_estimate) for target in columns.targets]
     return " ".join(f"{name} ends at {formatting.tilt(final)}°." for name, final in ends if final)
 
 
@@ -262,13 +262,14 @@ class PaperComparison:
 
 
 def paper_comparison(data: ReportData) -> PaperComparison | None:
-    """The paper's evaluation applied to this session; None if no bed's slope was given."""
+    """The paper's evaluation applied to this session; None if no target's slope was given."""
     columns = data.columns
     by_model = {
-        bed.region.name: modelled_temperature(columns, bed, data.settings.surface) for bed in columns.beds
+        target.region.name: modelled_temperature(columns, target, data.settings.surface)
+        for target in columns.targets
     }
     modelled = {name: kelvin for name, kelvin in by_model.items() if np.isfinite(kelvin).any()}
-    if not modelled and not any(np.isfinite(bed.region.tilt_deg) for bed in columns.beds):
+    if not modelled and not any(np.isfinite(target.region.tilt_deg) for target in columns.targets):
         return None
     rmse_k = temperature_rmse_k(columns, modelled)
     summary = (
@@ -279,7 +280,7 @@ def paper_comparison(data: ReportData) -> PaperComparison | None:
 
 
 def temperature_rmse_k(columns: Series, modelled_k: Mapping[str, FloatArray]) -> float:
-    """RMSE over all beds and minutes of measured against modelled surface temperature, kelvin."""
+    """RMSE over all targets and minutes of measured against modelled surface temperature, kelvin."""
     if not modelled_k:
         return float("nan")
     measured = np.concatenate([columns.temperature_k[name] for name in modelled_k])
@@ -299,15 +300,15 @@ def _paper_figures(data: ReportData, modelled: Mapping[str, FloatArray], rmse_k:
             parts=list(modelled),
         )
     errors = {
-        bed.region.name: errors_over_time(
+        target.region.name: errors_over_time(
             columns.of_day_ns(data.site),
-            bed.estimated_tilt_deg,
-            bed.region.tilt_deg,
+            target.estimated_tilt_deg,
+            target.region.tilt_deg,
             span_s=SPAN_S,
             kind=data.sd,
         )
-        for bed in columns.beds
-        if np.isfinite(bed.region.tilt_deg)
+        for target in columns.targets
+        if np.isfinite(target.region.tilt_deg)
     }
     if any(errors.values()):
         yield Figure(

@@ -83,7 +83,7 @@ class Series:
     flags: NDArray[np.int64]
     temperature_k: Mapping[str, FloatArray]
     contact_k: FloatArray  # (n, channels)
-    beds: tuple[TargetSeries, ...]
+    targets: tuple[TargetSeries, ...]
     regions: tuple[Region, ...]
     learnt: tuple[Learnt | None, ...]  # what the data had taught by each minute, with the learned model
 
@@ -149,13 +149,13 @@ def series(minutes: Sequence[Minute], regions: Sequence[Region]) -> Series:
             for region in regions
         },
         contact_k=contact,
-        beds=tuple(_bed(region, ordered) for region in regions if region.kind is RegionKind.TARGET),
+        targets=tuple(_target(region, ordered) for region in regions if region.kind is RegionKind.TARGET),
         regions=tuple(regions),
         learnt=tuple(minute.learnt for minute in ordered),
     )
 
 
-def _bed(region: Region, minutes: Sequence[Minute]) -> TargetSeries:
+def _target(region: Region, minutes: Sequence[Minute]) -> TargetSeries:
     found = tuple(
         next((estimate for estimate in minute.estimates if estimate.region == region.name), None)
         for minute in minutes
@@ -178,10 +178,10 @@ def _bed(region: Region, minutes: Sequence[Minute]) -> TargetSeries:
     )
 
 
-def modelled_temperature(columns: Series, bed: TargetSeries, parameters: SurfaceParameters) -> FloatArray:
-    """Surface temperature of a bed of known slope by eq. (7) of the paper.
+def modelled_temperature(columns: Series, target: TargetSeries, parameters: SurfaceParameters) -> FloatArray:
+    """Surface temperature of a target of known slope by eq. (7) of the paper.
 
-    Air temperature and the sky's longwave are not measured. Both enter eq. (7) in the same way for all beds,
+    Air temperature and the sky's longwave are not measured. Both enter eq. (7) alike for all targets,
     so the reference stands in for them: at every minute the air temperature is the one that balances the
     reference at its measured temperature.
 
@@ -189,7 +189,7 @@ def modelled_temperature(columns: Series, bed: TargetSeries, parameters: Surface
     ----------
     columns : Series
         The minutes of the session, with a reference region.
-    bed : TargetSeries
+    target : TargetSeries
         The target region.
     parameters : SurfaceParameters
         Parameters of the energy balance.
@@ -199,9 +199,9 @@ def modelled_temperature(columns: Series, bed: TargetSeries, parameters: Surface
     numpy.ndarray
         Surface temperature, shape (n,); NaN if the slope is unknown or there is no reference. [K]
     """
-    if not np.isfinite([bed.region.tilt_deg, bed.region.azimuth_deg]).all():
+    if not np.isfinite([target.region.tilt_deg, target.region.azimuth_deg]).all():
         return np.full(columns.time_ns.size, np.nan)
-    direct = columns.direct_on(bed.region.tilt_deg, bed.region.azimuth_deg)
+    direct = columns.direct_on(target.region.tilt_deg, target.region.azimuth_deg)
     return surface_temperature(direct, 0.0, _air_of_reference(columns, parameters), parameters)
 
 

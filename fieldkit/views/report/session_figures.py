@@ -66,50 +66,50 @@ def irradiance(columns: Series, site: Site) -> plotting.OverTime:
 
 
 def tilts(columns: Series, site: Site) -> plotting.OverTime:
-    """Tilt of each bed with its likelihood region, the given tilt dashed; a panel per bed."""
-    figure, panels = plotting.panels(len(columns.beds), 0.6 + 1.2 * len(columns.beds), plotting.WIDE_IN)
-    for index, (axes, bed) in enumerate(zip(panels, columns.beds, strict=True)):
+    """Tilt of each target with its likelihood region, the given tilt dashed; a panel per target."""
+    figure, panels = plotting.panels(len(columns.targets), 0.6 + 1.2 * len(columns.targets), plotting.WIDE_IN)
+    for index, (axes, target) in enumerate(zip(panels, columns.targets, strict=True)):
         _band(
             axes,
             columns,
-            bed.tilt_deg,
-            bed.tilt_low_deg,
-            bed.tilt_high_deg,
+            target.tilt_deg,
+            target.tilt_low_deg,
+            target.tilt_high_deg,
             plotting.colour(index),
         )
-        _unreliable(axes, columns, bed, bed.tilt_deg)
-        if np.isfinite(bed.region.tilt_deg):
-            axes.axhline(bed.region.tilt_deg, color="black", linestyle=(0, (5, 3)), linewidth=1.2)
-        axes.set_ylabel(f"{bed.region.name} tilt, °")
+        _unreliable(axes, columns, target, target.tilt_deg)
+        if np.isfinite(target.region.tilt_deg):
+            axes.axhline(target.region.tilt_deg, color="black", linestyle=(0, (5, 3)), linewidth=1.2)
+        axes.set_ylabel(f"{target.region.name} tilt, °")
     return over_time(figure, panels, columns, site, legend=False)
 
 
 def azimuths(columns: Series, site: Site) -> plotting.OverTime:
-    """Azimuth of each bed with its likelihood region, unwound about the given or median azimuth."""
-    figure, panels = plotting.panels(len(columns.beds), 0.6 + 1.2 * len(columns.beds), plotting.WIDE_IN)
-    for index, (axes, bed) in enumerate(zip(panels, columns.beds, strict=True)):
-        centre = _centre_of(bed)
-        middle = centre + _turned(bed.azimuth_deg - centre)
-        low = middle - (bed.azimuth_deg - bed.azimuth_low_deg) % 360.0
-        high = middle + (bed.azimuth_high_deg - bed.azimuth_deg) % 360.0
+    """Azimuth of each target with its likelihood region, unwound about the given or median azimuth."""
+    figure, panels = plotting.panels(len(columns.targets), 0.6 + 1.2 * len(columns.targets), plotting.WIDE_IN)
+    for index, (axes, target) in enumerate(zip(panels, columns.targets, strict=True)):
+        centre = _centre_of(target)
+        middle = centre + _turned(target.azimuth_deg - centre)
+        low = middle - (target.azimuth_deg - target.azimuth_low_deg) % 360.0
+        high = middle + (target.azimuth_high_deg - target.azimuth_deg) % 360.0
         _band(axes, columns, middle, low, high, plotting.colour(index))
-        _unreliable(axes, columns, bed, middle)
-        if np.isfinite(bed.region.azimuth_deg):
-            axes.axhline(bed.region.azimuth_deg, color="black", linestyle=(0, (5, 3)), linewidth=1.2)
+        _unreliable(axes, columns, target, middle)
+        if np.isfinite(target.region.azimuth_deg):
+            axes.axhline(target.region.azimuth_deg, color="black", linestyle=(0, (5, 3)), linewidth=1.2)
         half = _half_range(np.concatenate([low, high]) - centre)
         axes.set_ylim(centre - half, centre + half)
         axes.set_yticks([centre - half, centre - half / 2, centre, centre + half / 2, centre + half])
         axes.yaxis.set_major_formatter(lambda value, _position: f"{value % 360:.0f}")
-        axes.set_ylabel(f"{bed.region.name} azim., °")
+        axes.set_ylabel(f"{target.region.name} azim., °")
     return over_time(figure, panels, columns, site, legend=False)
 
 
 @dataclass(frozen=True, slots=True)
 class FinalTilt:
-    """The final tilt of a bed in a session, with its likelihood region and the given tilt, degrees."""
+    """The final tilt of a target in a session, with its likelihood region and the given tilt, degrees."""
 
     session: str
-    bed: str
+    target: str
     tilt_deg: float
     low_deg: float
     high_deg: float
@@ -120,17 +120,17 @@ def final_tilts(tilts: Sequence[FinalTilt]) -> str:
     """Final tilts of several sessions side by side, as SVG text."""
     figure, (axes,) = plotting.panels(1, 3.0, plotting.WIDE_IN)
     sessions = list(dict.fromkeys(one.session for one in tilts))
-    beds = list(dict.fromkeys(one.bed for one in tilts))
-    for index, bed in enumerate(beds):
-        of_bed = [one for one in tilts if one.bed == bed]
-        aside = 0.6 * ((index + 0.5) / len(beds) - 0.5)  # bars beside each other
-        at = np.array([sessions.index(one.session) for one in of_bed]) + aside
+    targets = list(dict.fromkeys(one.target for one in tilts))
+    for index, target in enumerate(targets):
+        of_target = [one for one in tilts if one.target == target]
+        aside = 0.6 * ((index + 0.5) / len(targets) - 0.5)  # bars beside each other
+        at = np.array([sessions.index(one.session) for one in of_target]) + aside
         middle, low, high, given = np.transpose(
-            [(one.tilt_deg, one.low_deg, one.high_deg, one.given_deg) for one in of_bed]
+            [(one.tilt_deg, one.low_deg, one.high_deg, one.given_deg) for one in of_target]
         )
         bars = axes.errorbar(
             at, middle, yerr=[middle - low, high - middle], linestyle="none", capsize=3,
-            marker=plotting.marker(index), color=plotting.colour(index), label=bed,
+            marker=plotting.marker(index), color=plotting.colour(index), label=target,
         )  # fmt: skip
         truths = axes.hlines(given, at - 0.1, at + 0.1, color="black", linewidth=1.8, zorder=3)
         plotting.mark_part(index, [*bars.get_children(), truths])
@@ -159,9 +159,9 @@ def _band(
     axes.plot(days, middle, color=colour, linewidth=1.6)
 
 
-def _unreliable(axes: Axes, columns: Series, bed: TargetSeries, values: FloatArray) -> None:
+def _unreliable(axes: Axes, columns: Series, target: TargetSeries, values: FloatArray) -> None:
     """Mark unreliable minutes: crosses where there is a value, ticks at the foot where there is none."""
-    unreliable = np.array([e is not None and e.state not in SOLVED for e in bed.estimates], np.bool_)
+    unreliable = np.array([e is not None and e.state not in SOLVED for e in target.estimates], np.bool_)
     days, known = plotting.days(columns.time_ns), np.isfinite(values)
     crosses, ticks = days[unreliable & known], days[unreliable & ~known]
     axes.plot(crosses, values[unreliable & known], linestyle="none", marker="x", markersize=5, color="black")
@@ -208,10 +208,10 @@ def _local_axis(axes: Axes, site: Site, time_ns: Sequence[int]) -> None:
         axes.set_xlabel(f"local time ({formatting.zone_name(min(time_ns), site)})")
 
 
-def _centre_of(bed: TargetSeries) -> float:
-    if np.isfinite(bed.region.azimuth_deg):
-        return float(bed.region.azimuth_deg)
-    known = bed.azimuth_deg[np.isfinite(bed.azimuth_deg)]
+def _centre_of(target: TargetSeries) -> float:
+    if np.isfinite(target.region.azimuth_deg):
+        return float(target.region.azimuth_deg)
+    known = target.azimuth_deg[np.isfinite(target.azimuth_deg)]
     radians = np.radians(known)
     return (
         float(np.degrees(np.arctan2(np.sin(radians).sum(), np.cos(radians).sum()))) if known.size else 180.0

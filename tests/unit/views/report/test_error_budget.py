@@ -74,7 +74,7 @@ def test_the_terms_add_up_to_what_eq_6_gets_wrong(make_minute, tilt_deg, azimuth
     bed = Region("bed", RegionKind.TARGET, CORNERS, tilt_deg, azimuth_deg)
     minutes = [minute_of(make_minute, bed, NOON_NS + step * 60_000_000_000) for step in range(3)]
     columns = series(minutes, (FLAT, bed))
-    found = budget(columns, columns.beds[0], SETTINGS)
+    found = budget(columns, columns.targets[0], SETTINGS)
 
     middle = minutes[1]
     alpha, beta = EMISSIVITY * SIGMA / (1 - ALBEDO), EXCHANGE / (1 - ALBEDO)
@@ -88,7 +88,7 @@ def test_a_flat_bed_leaves_nothing_out(make_minute):
     bed = Region("bed", RegionKind.TARGET, CORNERS, 0.0, 180.0)
     minutes = [minute_of(make_minute, bed, NOON_NS + step * 60_000_000_000) for step in range(2)]
     columns = series(minutes, (FLAT, bed))
-    assert budget(columns, columns.beds[0], SETTINGS).omitted_w_m2 == pytest.approx(0.0, abs=1e-6)
+    assert budget(columns, columns.targets[0], SETTINGS).omitted_w_m2 == pytest.approx(0.0, abs=1e-6)
 
 
 def test_measured_sky_takes_the_place_of_the_assumed_one(make_minute):
@@ -99,7 +99,7 @@ def test_measured_sky_takes_the_place_of_the_assumed_one(make_minute):
     warm_sky = ground / EMISSIVITY  # emitted and reflected together are what comes down
     measured = [replace(assumed[0], dhi_w_m2=0.0, longwave_down_w_m2=warm_sky)]
     before, after = (
-        budget(columns, columns.beds[0], SETTINGS)
+        budget(columns, columns.targets[0], SETTINGS)
         for columns in (series(minutes, (FLAT, bed)) for minutes in (assumed, measured))
     )
     assert before.diffuse_w_m2 > 1.0
@@ -113,7 +113,7 @@ def test_w_m2_per_degree_is_the_papers_geometry(make_minute):
     bed = Region("bed", RegionKind.TARGET, CORNERS, 15.0, 180.0)
     minutes = [replace(minute_of(make_minute, bed, NOON_NS), dni_w_m2=800.0)]
     columns = series(minutes, (FLAT, bed))
-    assert budget(columns, columns.beds[0], SETTINGS).w_m2_per_degree == pytest.approx(9.6, abs=0.05)
+    assert budget(columns, columns.targets[0], SETTINGS).w_m2_per_degree == pytest.approx(9.6, abs=0.05)
 
 
 def test_a_bed_that_warms_faster_than_the_reference_looks_less_turned_to_the_sun(make_minute):
@@ -127,7 +127,7 @@ def test_a_bed_that_warms_faster_than_the_reference_looks_less_turned_to_the_sun
     ]
     columns = series(minutes, (FLAT, bed))
     thin = Slab(depth_m=0.01)  # follows within minutes: flux is heat capacity times warming
-    found = budget(columns, columns.beds[0], replace(SETTINGS, slab=thin))
+    found = budget(columns, columns.targets[0], replace(SETTINGS, slab=thin))
     expected = -1.3e6 * 0.01 * 0.02 / 60 / (1 - ALBEDO)
     assert found.storage_w_m2 == pytest.approx(expected, rel=0.02)
 
@@ -135,7 +135,7 @@ def test_a_bed_that_warms_faster_than_the_reference_looks_less_turned_to_the_sun
 def test_offset_scale_and_noise_in_degrees(make_minute):
     bed = Region("bed", RegionKind.TARGET, CORNERS, 15.0, 180.0)
     columns = series([minute_of(make_minute, bed, NOON_NS)], (FLAT, bed))
-    found = budget(columns, columns.beds[0], SETTINGS)
+    found = budget(columns, columns.targets[0], SETTINGS)
     assert found.of_offset(0.35) == pytest.approx(1.0)
     assert found.of_scale(0.1) == pytest.approx(1.5)
     assert found.noise_deg == pytest.approx(1.25)
@@ -147,7 +147,7 @@ def test_what_calibrations_leave_uncertain_has_rows_of_its_own_in_degrees(make_m
     minute = minute_of(make_minute, bed, NOON_NS)
     columns = series([minute], (FLAT, bed))
     settings = replace(SETTINGS, emissivity_sd=0.02, factor_sd=0.03)
-    found = budget(columns, columns.beds[0], settings)
+    found = budget(columns, columns.targets[0], settings)
     warm, base = (minute.temperature_k[name] for name in ("bed", "flat"))
     seen = [
         surface_temperature_k(brightness_temperature_k(kelvin, 0.90, 233.15), 0.92, 233.15)
@@ -160,5 +160,5 @@ def test_what_calibrations_leave_uncertain_has_rows_of_its_own_in_degrees(make_m
     assert rows["emissivity as calibrated"] == f"±{degrees:.1f}° ({found.emissivity_k:.2f} K)"
     assert rows["light meter as calibrated"].endswith("° (3.0%)")
     assert float(rows["light meter as calibrated"][1:4]) == pytest.approx(0.45, abs=0.051)
-    plain = cause_rows([budget(columns, columns.beds[0], SETTINGS)])
+    plain = cause_rows([budget(columns, columns.targets[0], SETTINGS)])
     assert not any("calibrated" in str(row[0]) for row in plain)

@@ -98,9 +98,11 @@ def test_report_tells_what_where_when_and_how_good(written):
 
 def test_results_in_the_papers_world_are_right(written, minutes, regions, settings):
     columns = series(minutes, regions)
-    for bed in columns.beds:
+    for bed in columns.targets:
         assert bed.final_estimate.tilt_deg == pytest.approx(bed.region.tilt_deg, abs=0.15)  # counts of 0.01 K
-    modelled = {bed.region.name: modelled_temperature(columns, bed, settings.surface) for bed in columns.beds}
+    modelled = {
+        bed.region.name: modelled_temperature(columns, bed, settings.surface) for bed in columns.targets
+    }
     assert temperature_rmse_k(columns, modelled) < 0.02
     assert "RMSE 0.0" in Page(written()).text
 

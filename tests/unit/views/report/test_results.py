@@ -17,7 +17,7 @@ def cell(regions):
     """A cell of the first bed's row in either table; the bed was given as 15 degrees."""
 
     def of(minutes, name: str, sd: str = "usual") -> object:
-        bed = series(minutes, regions).beds[0]
+        bed = series(minutes, regions).targets[0]
         assert bed.region.tilt_deg == 15.0
         if name in SLOPES:
             return results._slope_row(bed)[SLOPES[name]]

@@ -44,19 +44,19 @@ def hours(make_minute):
 
 def test_eq_7_with_the_reference_standing_in_for_air_and_sky_gives_the_golden_temperatures(hours):
     columns = series(hours, (FLAT, B10))
-    modelled = modelled_temperature(columns, columns.beds[0], SurfaceParameters())
+    modelled = modelled_temperature(columns, columns.targets[0], SurfaceParameters())
     assert modelled == pytest.approx(MEASURED_K, abs=2e-4)  # 0.003 degrees of sun
 
 
 def test_a_bed_of_unknown_slope_has_no_modelled_temperature(hours):
     unknown = Region("b10", RegionKind.TARGET, CORNERS)
     columns = series(hours, (FLAT, unknown))
-    assert np.isnan(modelled_temperature(columns, columns.beds[0], SurfaceParameters())).all()
+    assert np.isnan(modelled_temperature(columns, columns.targets[0], SurfaceParameters())).all()
 
 
 def test_without_a_reference_there_is_no_modelled_temperature(hours):
     columns = series(hours, (B10,))
-    assert np.isnan(modelled_temperature(columns, columns.beds[0], SurfaceParameters())).all()
+    assert np.isnan(modelled_temperature(columns, columns.targets[0], SurfaceParameters())).all()
 
 
 def test_sun_vector_is_that_of_the_angles(hours):
@@ -68,13 +68,13 @@ def test_sun_vector_is_that_of_the_angles(hours):
 def test_minutes_come_out_in_order_of_time(make_minute, regions):
     columns = series([make_minute(2, tilt_deg=12.0), make_minute(0, tilt_deg=10.0)], regions)
     assert np.all(np.diff(columns.time_ns) > 0)
-    assert columns.beds[0].tilt_deg == pytest.approx([10.0, 12.0])
+    assert columns.targets[0].tilt_deg == pytest.approx([10.0, 12.0])
 
 
 def test_held_slopes_are_shown_but_count_for_no_error(make_minute, regions):
     minutes = [make_minute(0), make_minute(1, state=SlopeState.HELD_CLOUD, flags=Quality.CLOUD)]
     columns = series(minutes, regions)
-    bed = columns.beds[0]
+    bed = columns.targets[0]
     assert bed.tilt_deg == pytest.approx([15.5, 15.5])
     assert np.isnan(bed.estimated_tilt_deg).tolist() == [False, True]
     assert bed.final_estimate.state is SlopeState.HELD_CLOUD
@@ -83,8 +83,8 @@ def test_held_slopes_are_shown_but_count_for_no_error(make_minute, regions):
 
 def test_a_region_without_an_estimate_is_nan(make_minute, regions):
     columns = series([make_minute(0, estimates=())], regions)
-    assert np.isnan(columns.beds[0].tilt_deg).all()
-    assert columns.beds[0].last is None
+    assert np.isnan(columns.targets[0].tilt_deg).all()
+    assert columns.targets[0].last is None
 
 
 def test_no_minutes_give_empty_columns(regions):
