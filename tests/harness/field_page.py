@@ -22,6 +22,7 @@ import pytest
 
 from fieldkit.page.keys import Keys
 from fieldkit.page.viewer import Role
+from tests.harness.waiting import wait_until as wait_until
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, BrowserContext, Page, Route
@@ -217,11 +218,3 @@ def another(context: BrowserContext, link: str) -> Watched:
     context.route("**/*", only_own)
     watched.page.goto(link)
     return watched
-
-
-def wait_until(is_true: Any, what: str, seconds: float = PATIENCE_S) -> None:
-    """Wait until a function returns something true."""
-    deadline = time.monotonic() + seconds
-    while not is_true():
-        assert time.monotonic() < deadline, what
-        time.sleep(0.05)

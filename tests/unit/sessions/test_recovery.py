@@ -14,7 +14,7 @@ import pytest
 
 from fieldkit.model.errors import StorageError
 from fieldkit.model.samples import Event, EventKind, Quality, Severity
-from fieldkit.sessions import salvage
+from fieldkit.sessions import salvage, session_file
 from fieldkit.sessions.clock_correction import apply_time_map
 from fieldkit.sessions.journal_reader import JournalReader
 from fieldkit.sessions.lock import journal_path
@@ -44,9 +44,7 @@ def recorded(path: Path, frames: int, *, sealed: bool) -> None:
     if sealed:
         writer.close()
     else:
-        writer._stop()
-        writer._file_thread.close()
-        writer._session_lock.release()
+        writer.abandon(at_once=False)
 
 
 def rewritten(part: Path, change: Callable[[int, bytes], bytes]) -> None:
@@ -259,16 +257,16 @@ def test_new_file_of_another_session_of_that_name_is_not_used(tmp_path: Path) ->
     assert recover(path).counts["camera"] == 20
 
 
-def test_events_that_a_torn_journal_lost_come_from_the_file_once_and_in_order(tmp_path: Path) -> None:
+def test_events_that_a_torn_journal_lost_come_from_the_file_once_and_in_order(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = tmp_path / "a.h5"
+    monkeypatch.setattr(session_file, "FLUSH_EVERY_S", 0.0)  # all that is taken is in the file
     writer = SessionWriter(path, HEADER, CountedClock())
     for n in range(200):
         writer.event(Event(EventKind.MARK, n, START_NS + n, f"mark {n} {'about the wind ' * 12}"))
         writer.append(sample(HEADER.streams[0], n))
-    writer._file_thread.stop()
-    writer._file_thread.join()  # all of it is in the file
-    writer._file_thread.file.flush(everything=True)
-    writer.abandon()
+    writer.abandon(at_once=False)
     log = journal_path(path) / "000001.log"
     data = bytearray(log.read_bytes())
     third = len(data) // 3
