@@ -65,7 +65,7 @@ Truth = tuple[float, float]
 
 
 def run() -> list[Result]:
-    return [*_pv(), *_twin(), *_glob(), *_flat()]
+    return [*_pv(), *twin(), *_glob(), *_flat()]
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,7 +241,8 @@ def _with_level_module(
     return replace(day, reference_k=np.interp(day.time_ns, level.time_ns, level.surface_k[:, 0]))
 
 
-def _twin() -> Iterator[Result]:
+def twin() -> Iterator[Result]:
+    """Rows of the vertical pyranometers of the twin house, under either sky."""
     path = SHARED / "real" / "twinhouse-o5-2013-aug-sep.csv"
     if not path.exists():
         yield _missing("vertical pyranometers", path)

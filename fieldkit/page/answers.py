@@ -134,7 +134,9 @@ class Answers:
             report = f"/session/{identifier(path)}/report"
             sealed = {"session": path.stem, "report_url": report}
             return answer(request.id, f"sealed {path.stem}", data=sealed)
-        session = self.conductor.start(request.name, end_options(request), allow_missing=request.allow_missing)
+        session = self.conductor.start(
+            request.name, end_options(request), allow_missing=request.allow_missing
+        )
         return answer(request.id, f"recording {session.stem}", data={"session": session.stem})
 
     def _log_silence(self, silent: UnresponsiveRecorder) -> None:

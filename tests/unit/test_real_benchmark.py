@@ -64,7 +64,7 @@ def test_without_the_data_one_row_each_says_what_is_missing(tmp_path, monkeypatc
 
 def test_vertical_pyranometers_are_found_within_the_goals_under_an_isotropic_sky():
     shared("data/real/twinhouse-o5-2013-aug-sep.csv")
-    rows = list(real._twin())
+    rows = list(real.twin())
     assert len(rows) == 2 * 2 * len(real.TWIN_PLANES)
     found = {row.name: row.value for row in rows}
     for side in ("east", "west"):

@@ -104,7 +104,8 @@ def test_the_clock_counts_how_long_the_computer_slept() -> None:
 
 def test_time_asleep_is_what_the_monotonic_clock_lacks(monkeypatch: pytest.MonkeyPatch) -> None:
     clocks = {time.CLOCK_BOOTTIME: 9_000, time.CLOCK_MONOTONIC: 2_000}
-    monkeypatch.setattr(time, "clock_gettime_ns", clocks.__getitem__)  # a test does not put a computer to sleep
+    # a test does not put a computer to sleep
+    monkeypatch.setattr(time, "clock_gettime_ns", clocks.__getitem__)
     assert HostClock().check().suspended_ns == 7_000
 
 

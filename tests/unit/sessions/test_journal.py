@@ -274,7 +274,8 @@ def test_parts_stay_until_the_file_has_their_records(tmp_path: Path, monkeypatch
     with JournalReader(journal.folder) as reader:
         (row,) = reader.since(after_first, after_first + 1)
     assert all(part.exists() for part in parts)  # the file has nothing yet
-    thread.offer(after_first, row.sample(HEADER.streams[0]), row.crc32)  # those before it come from the journal
+    # those before it come from the journal
+    thread.offer(after_first, row.sample(HEADER.streams[0]), row.crc32)
     wait_until(lambda: not parts[0].exists(), "the first part stays")
     thread.stop(at_once=True)
     thread.join()

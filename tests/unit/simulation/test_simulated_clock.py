@@ -200,6 +200,7 @@ def test_thread_that_does_not_take_part_may_sleep_too(clock):
     looker = threading.Thread(target=lambda: clock.sleep(50.5), name="looker", daemon=True)
     with clock.taking_part():
         looker.start()
+        # nothing public shows that a thread waits; a thread that was only started might wait too late
         while not any(waiter.thread == "looker" for waiter in tuple(clock._waiters.values())):
             time.sleep(0.001)
         crew.joined = threading.Barrier(2)

@@ -32,9 +32,9 @@ class Watched:
         )
         self.seen = b""
         self._changed = threading.Condition()
-        self._thread = threading.Thread(target=self._read, daemon=True)
+        self.reader = threading.Thread(target=self._read, daemon=True)
         if read:
-            self._thread.start()
+            self.reader.start()
 
     def _read(self) -> None:
         while True:
@@ -52,8 +52,8 @@ class Watched:
 
     def close(self) -> None:
         self.file.close()
-        if self._thread.ident:
-            self._thread.join(ENOUGH_S)
+        if self.reader.ident:
+            self.reader.join(ENOUGH_S)
         os.close(self.master)
 
 
@@ -100,7 +100,7 @@ def test_show_returns_although_nobody_reads_the_terminal(screen_of, frame, monke
     shower.join(ENOUGH_S)
     assert not shower.is_alive()
     view.close()  # returns too
-    watched._thread.start()
+    watched.reader.start()
     watched.wait_for(LEAVE_SCREEN)
     watched.close()
 
