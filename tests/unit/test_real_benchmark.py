@@ -56,7 +56,7 @@ def test_refused_days_count_in_neither_error_nor_coverage_and_are_named():
 
 
 def test_without_the_data_one_row_each_says_what_is_missing(tmp_path, monkeypatch):
-    monkeypatch.setattr(real, "SHARED", tmp_path)
+    monkeypatch.setattr(real, "SHARED", tmp_path)  # the folder may be there
     rows = real.run()
     assert len(rows) == 4
     assert all(math.isnan(row.value) and row.note.startswith("skipped: no ") for row in rows)

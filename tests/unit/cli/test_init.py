@@ -9,6 +9,7 @@ from click.testing import CliRunner
 from fieldkit.cli import demo, main
 from fieldkit.config import load_config
 from fieldkit.model.site import RegionKind, Site
+from tests.harness.connected import plugged_in
 
 
 @pytest.fixture
@@ -71,9 +72,8 @@ def test_what_to_do_next_works_where_one_stands(init, tmp_path):
     ("typed", "following"), [(b"n\n", "fieldkit devices --add"), (b"y\n", "fieldkit doctor")]
 )
 def test_on_a_terminal_it_offers_to_add_what_is_connected(monkeypatch, tmp_path, capsys, typed, following):
-    monkeypatch.setattr("fieldkit.drivers.registry.names", list)
-    for name in ("cameras", "serial_ports"):
-        monkeypatch.setattr(f"fieldkit.drivers.discovery.{name}", list)
+    monkeypatch.setattr("fieldkit.drivers.registry.names", list)  # no driver looks for its own
+    plugged_in(monkeypatch)
     near, far = pty.openpty()
     with os.fdopen(far) as terminal, monkeypatch.context() as patch:
         patch.setattr("sys.stdin", terminal)

@@ -136,7 +136,7 @@ class Clinging(Lutron):
 
 
 def test_driver_that_does_not_tell_a_pulled_cable_is_caught(wire, monkeypatch):
-    monkeypatch.setattr(conformance, "HAND_S", 0.3)
+    monkeypatch.setattr(conformance, "HAND_S", 0.3)  # no hand pulls this cable
     wire.talk(LUX)
     settings = DeviceSettings("t", "lutron", port=wire.path)
     found = levels(check_driver(Clinging(), HostClock(), settings, wire))

@@ -82,6 +82,7 @@ def test_an_instrument_describes_itself():
 
 def test_a_found_device_is_opened_by_identity(monkeypatch):
     wanted = []
+    # which settings a driver is opened with; opening real ones is test_conformance's
     monkeypatch.setattr(
         instrument.registry, "open_device", lambda settings, clock: wanted.append(settings) or camera()
     )

@@ -14,6 +14,7 @@ from fieldkit.drivers.ports import Line, SerialPort, Stamped, open_failure, open
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceAccessError, DeviceLostError, DeviceNotFoundError
+from tests.harness.connected import plugged_in
 
 RECORD = bytes.fromhex("02 34 31 31 35 30 30 30 30 30 39 38 37 36 30 0D")
 BYTE_NS = 1_041_666  # ten bits at 9600 baud
@@ -58,7 +59,7 @@ def test_second_of_two_records_in_one_chunk_is_one_record_later(wire, port):
 
 
 def test_more_than_one_read_takes_comes_out_whole(wire, port, monkeypatch):
-    monkeypatch.setattr(ports, "CHUNK_BYTES", 448)
+    monkeypatch.setattr(ports, "CHUNK_BYTES", 448)  # a pseudo-terminal holds no more than one whole chunk
     wire.say(RECORD[5:] + 45 * RECORD)
     assert all(port.read(LAYOUT, 2.0).raw == RECORD for _ in range(45))
     assert (port.framer.rejected, port.framer.left) == (1, b"")
@@ -137,13 +138,14 @@ def test_port_can_be_opened_again_after_it_was_closed(wire, port):
 
 def test_missing_port_lists_what_is_there(monkeypatch):
     meter = UsbIdentity(0x0403, 0x6001, "A1", "1-1", "FTDI adapter")
-    monkeypatch.setattr(ports, "serial_ports", lambda: [("/dev/ttyUSB7", meter)])
+    plugged_in(monkeypatch, serial_ports=[("/dev/ttyUSB7", meter)])
     with pytest.raises(DeviceNotFoundError, match="0403:6001:A1 at /dev/ttyUSB7"):
         SerialPort("/dev/ttyUSB-none", Line(), HostClock())
 
 
 @pytest.mark.parametrize(("group", "joins"), [("dialout", True), ("root", False)])
 def test_permission_says_what_to_type_and_never_to_join_root(tmp_path, monkeypatch, group, joins):
+    # a group that owns the folder and is called so would have to be made by root
     monkeypatch.setattr(identity.grp, "getgrgid", lambda number: SimpleNamespace(gr_name=group))
     failure = open_failure(str(tmp_path), OSError(errno.EACCES, "denied"))
     assert isinstance(failure, DeviceAccessError)
@@ -168,7 +170,7 @@ def test_identity_finds_the_port_whatever_its_number(monkeypatch, wire):
         ("/dev/ttyUSB0", UsbIdentity(0x0403, 0x6001, "B2")),
         (wire.path, UsbIdentity(0x0403, 0x6001, "A1")),
     ]
-    monkeypatch.setattr(ports, "serial_ports", lambda: present)
+    plugged_in(monkeypatch, serial_ports=present)
     port = open_port(settings(identity="0403:6001:A1"), Line(), HostClock())
     assert port.path == wire.path
     port.close()
@@ -176,7 +178,7 @@ def test_identity_finds_the_port_whatever_its_number(monkeypatch, wire):
 
 def test_other_instrument_at_the_configured_port_is_refused(monkeypatch, wire):
     real = os.path.realpath(wire.path)
-    monkeypatch.setattr(ports, "serial_ports", lambda: [(real, UsbIdentity(0x10C4, 0xEA60, "X"))])
+    plugged_in(monkeypatch, serial_ports=[(real, UsbIdentity(0x10C4, 0xEA60, "X"))])
     with pytest.raises(DeviceNotFoundError, match="is 10c4:ea60:X, not 0403:6001"):
         open_port(settings(port=wire.path, identity="0403:6001"), Line(), HostClock())
 
@@ -184,7 +186,7 @@ def test_other_instrument_at_the_configured_port_is_refused(monkeypatch, wire):
 @pytest.mark.parametrize("count", [0, 2])
 def test_without_port_and_identity_only_a_single_port_is_taken(monkeypatch, count):
     present = [(f"/dev/ttyUSB{n}", UsbIdentity(0x0403, 0x6001, f"S{n}")) for n in range(count)]
-    monkeypatch.setattr(ports, "serial_ports", lambda: present)
+    plugged_in(monkeypatch, serial_ports=present)
     with pytest.raises(DeviceNotFoundError, match=r"no serial ports|2 serial ports"):
         open_port(settings(), Line(), HostClock())
 
@@ -221,7 +223,7 @@ class SysFs:
 
 @pytest.fixture
 def sysfs(tmp_path, monkeypatch):
-    monkeypatch.setattr(ports, "SYSFS", tmp_path / "sys")
+    monkeypatch.setattr(ports, "SYSFS", tmp_path / "sys")  # only the kernel writes its own
     return SysFs(tmp_path / "sys")
 
 

@@ -20,8 +20,9 @@ class Silent(asyncio.Protocol):
 
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    # uvicorn's own answers would end connections too; the page's tests have both together
     monkeypatch.setattr(protocol, "H11Protocol", Silent)
-    monkeypatch.setattr(protocol, "HEADERS_WITHIN_S", 0.2)
+    monkeypatch.setattr(protocol, "HEADERS_WITHIN_S", 0.2)  # a shorter wait
 
 
 async def is_closed_after(*parts: bytes) -> bool:
@@ -71,7 +72,7 @@ def test_of_too_many_connections_of_an_address_the_oldest_that_waits_is_closed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(protocol, "HEADERS_WITHIN_S", 60.0)
-    monkeypatch.setattr(protocol, "MOST_OF_ONE", 3)
+    monkeypatch.setattr(protocol, "MOST_OF_ONE", 3)  # four are opened one after the other
 
     async def closed() -> list[bool]:
         connections: set[CarefulProtocol] = set()

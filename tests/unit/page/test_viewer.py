@@ -56,7 +56,7 @@ def test_a_browser_that_reads_nothing_is_disconnected():
 
 
 def test_a_browser_that_takes_nothing_for_long_is_disconnected(monkeypatch):
-    monkeypatch.setattr(viewers, "SEND_WITHIN_S", 0.05)
+    monkeypatch.setattr(viewers, "SEND_WITHIN_S", 0.05)  # a shorter wait
 
     async def run() -> None:
         browser, viewer = Slow(), Viewer("view")
@@ -69,7 +69,7 @@ def test_a_browser_that_takes_nothing_for_long_is_disconnected(monkeypatch):
 
 def test_requests_are_counted_and_the_count_recovers(monkeypatch):
     now = [100.0]
-    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    monkeypatch.setattr("time.monotonic", lambda: now[0])  # at the exact ends of a second
     viewer = Viewer("view")
     for _ in range(viewers.BURST):
         viewer.count_request()

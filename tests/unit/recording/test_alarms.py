@@ -144,7 +144,7 @@ def test_an_estimator_that_fails_is_an_alarm(tmp_path, monkeypatch):
         raise ZeroDivisionError("no light at all")
 
     with monkeypatch.context() as patched:
-        patched.setattr(Estimator, "collect", fail)
+        patched.setattr(Estimator, "collect", fail)  # only a mistake of ours does
         done = recorded(tmp_path / "field", 3)
     live = alarms_of(done.path)
     assert [event.data["alarm"] for event in live] == ["estimator"]
@@ -155,7 +155,7 @@ def test_alarms_that_fail_do_not_end_the_recording(tmp_path, monkeypatch):
     def fail(self: object, item: object) -> None:
         raise ZeroDivisionError("no alarm at all")
 
-    monkeypatch.setattr("fieldkit.recorder.alarms.AlarmEngine.update", fail)
+    monkeypatch.setattr("fieldkit.recorder.alarms.AlarmEngine.update", fail)  # only a mistake of ours does
     done = recorded(tmp_path / "field", 3)
     with open_session(done.path) as session:
         assert session.state == "sealed"
@@ -236,7 +236,7 @@ class Dripping(BaseHTTPRequestHandler):
 
 
 def test_a_server_that_answers_in_drips_is_an_event_and_the_next_alarm_is_sent(monkeypatch):
-    monkeypatch.setattr(alarm_outputs, "HUNG_AFTER_S", 1.0)
+    monkeypatch.setattr(alarm_outputs, "HUNG_AFTER_S", 1.0)  # a shorter wait
     with ThreadingHTTPServer(("127.0.0.1", 0), Dripping) as server:
         server.posted, server.ended = [], threading.Event()
         threading.Thread(target=server.serve_forever, daemon=True).start()

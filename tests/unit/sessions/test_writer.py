@@ -231,6 +231,7 @@ def test_recording_goes_on_when_the_file_fails(tmp_path: Path, monkeypatch: pyte
             raise OSError(5, "Input/output error")
         return flush(self, everything=everything)
 
+    # this file alone, and not the journal beside it on the same disk
     monkeypatch.setattr(SessionFile, "flush", failing)
     clock, path = CountedClock(), tmp_path / "a.h5"
     writer = SessionWriter(path, HEADER, clock)
@@ -253,7 +254,7 @@ def test_session_of_which_something_is_lost_is_not_sealed(
 ) -> None:
     """The file side fails, and five rows of the journal are damaged: only recovery says what is missing."""
     put, path, clock = SessionFile.put, tmp_path / "a.h5", CountedClock()
-    monkeypatch.setattr(SessionFile, "put", failing_at(40, put))
+    monkeypatch.setattr(SessionFile, "put", failing_at(40, put))  # the file alone, as above
     writer = SessionWriter(path, HEADER, clock)
     fill(writer, 80, clock)
     wait_until(partial(goes_on_without_its_file, path), "the file does not fail")
