@@ -47,7 +47,7 @@ class Wire:
         try:
             while self.far >= 0 and self.said is data:
                 os.write(self.far, data)
-                time.sleep(0.01)
+                time.sleep(0.01)  # an instrument's own rate
         except OSError:
             return
 

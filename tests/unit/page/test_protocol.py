@@ -34,7 +34,7 @@ async def is_closed_after(*parts: bytes) -> bool:
         reader, writer = await asyncio.open_connection(*server.sockets[0].getsockname())
         for part in parts:
             writer.write(part)
-            await asyncio.sleep(0.02)
+            await asyncio.sleep(0.02)  # so that the server reads one part after the other
         try:
             await asyncio.wait_for(reader.read(), 1.0)
         except TimeoutError:
@@ -83,7 +83,7 @@ def test_of_too_many_connections_of_an_address_the_oldest_that_waits_is_closed(
             for part in (START + END, START, START, START):  # the first one is complete
                 streams.append(await asyncio.open_connection(*server.sockets[0].getsockname()))
                 streams[-1][1].write(part)
-                await asyncio.sleep(0.05)
+                await asyncio.sleep(0.05)  # so that the server takes one after the other
             found = [reader.at_eof() or reader.exception() is not None for reader, _ in streams]
             for _, writer in streams:
                 writer.close()
