@@ -80,7 +80,7 @@ def test_a_run_prints_what_it_includes_both_sides_the_range_and_a_busy_machine(m
 
 
 def test_json_has_the_rows_by_module(monkeypatch, capsys):
-    monkeypatch.setattr(cli, "ROUNDS", 1)
+    monkeypatch.setattr(cli, "ROUNDS", 1)  # a shorter run
     monkeypatch.setattr(cli, "EAGER", cli.BARE)  # which takes seconds
     main(["cli", "--json"])
     rows = json.loads(capsys.readouterr().out)["cli"]

@@ -83,6 +83,7 @@ def instruments(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Non
     for name, found in (("cameras", []), ("serial_ports", [adapter])):
         monkeypatch.setattr(f"fieldkit.drivers.discovery.{name}", lambda found=found: found)
     monkeypatch.setattr("fieldkit.drivers.ports.serial_ports", lambda: [("light-meter", adapter[1])])
+    # drivers of others that are installed here
     monkeypatch.setattr("fieldkit.drivers.registry.load_all", lambda: ([], []))
     near, far = pty.openpty()
     tty.setraw(near)

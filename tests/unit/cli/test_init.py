@@ -77,7 +77,7 @@ def test_on_a_terminal_it_offers_to_add_what_is_connected(monkeypatch, tmp_path,
     plugged_in(monkeypatch)
     near, far = pty.openpty()
     with os.fdopen(far) as terminal, monkeypatch.context() as patch:
-        patch.setattr("sys.stdin", terminal)
+        patch.setattr("sys.stdin", terminal)  # click's runner has none
         os.write(near, typed)
         main(["init", str(tmp_path / "here")], standalone_mode=False)
     os.close(near)

@@ -65,7 +65,7 @@ def systemd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(service, "SYSTEM_UNITS", tmp_path / "system")
     monkeypatch.setattr(service, "PACKAGED_UNITS", tmp_path / "none")
     monkeypatch.setattr(service, "LINGERING", tmp_path / "linger")
-    monkeypatch.setattr(os, "geteuid", lambda: 12345)
+    monkeypatch.setattr(os, "geteuid", lambda: 12345)  # the tests may run as root
     return folder
 
 
@@ -158,7 +158,7 @@ def test_without_rights(campaign, systemd, words, message):
 
 
 def test_sudo_by_mistake(campaign, systemd, monkeypatch, tmp_path):
-    monkeypatch.setattr(os, "geteuid", lambda: 0)
+    monkeypatch.setattr(os, "geteuid", lambda: 0)  # the tests may not run as root
     done = run("install", "-C", campaign)
     assert done.exit_code == 9
     assert "without sudo, or add --system" in done.stderr
@@ -166,7 +166,7 @@ def test_sudo_by_mistake(campaign, systemd, monkeypatch, tmp_path):
 
 
 def test_a_system_service_runs_as_the_folders_owner(campaign, systemd, monkeypatch, tmp_path):
-    monkeypatch.setattr(os, "geteuid", lambda: 0)
+    monkeypatch.setattr(os, "geteuid", lambda: 0)  # the tests may not run as root
     done = run("install", "-C", campaign, "--system")
     assert done.exit_code == 0, done.output
     assert f"\nUser={pwd.getpwuid(os.getuid()).pw_name}\n" in (tmp_path / "system" / NAME).read_text()
@@ -207,7 +207,7 @@ def test_status_shows_the_unit_of_a_package_and_remove_leaves_it(systemd, tmp_pa
     assert [(one["unit"], one["campaign"]) for one in shown] == [
         (str(packaged / NAME), "/var/lib/fieldkit/campaign")
     ]
-    monkeypatch.setattr(os, "geteuid", lambda: 0)
+    monkeypatch.setattr(os, "geteuid", lambda: 0)  # the tests may not run as root
     done = run("remove", "--system")
     assert done.exit_code == 9
     assert "sudo systemctl disable --now" in done.stderr

@@ -54,7 +54,7 @@ def sample_package(tmp_path, monkeypatch):
     (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: 1.0\n")
     lines = (f"{name} = {target}" for name, target in project["entry-points"]["fieldkit.drivers"].items())
     (info / "entry_points.txt").write_text("[fieldkit.drivers]\n" + "\n".join(lines) + "\n")
-    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
+    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])  # as a package that pip installed
     importlib.invalidate_caches()
     yield
     sys.modules.pop("sample_lux", None)

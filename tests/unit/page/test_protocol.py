@@ -71,7 +71,7 @@ def test_a_request_that_does_not_become_complete_ends_its_connection(
 def test_of_too_many_connections_of_an_address_the_oldest_that_waits_is_closed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(protocol, "HEADERS_WITHIN_S", 60.0)
+    monkeypatch.setattr(protocol, "HEADERS_WITHIN_S", 60.0)  # none is too late here
     monkeypatch.setattr(protocol, "MOST_OF_ONE", 3)  # four are opened one after the other
 
     async def closed() -> list[bool]:

@@ -99,7 +99,7 @@ def test_on_a_terminal_it_is_asked_for(plug, file, monkeypatch, capsys):
     plug("A7").talk(LUX)
     near, far = pty.openpty()
     with os.fdopen(far) as terminal, monkeypatch.context() as patch:
-        patch.setattr("sys.stdin", terminal)
+        patch.setattr("sys.stdin", terminal)  # click's runner has none
         os.write(near, b"lutrn\nlutron\n")
         assert not main(["devices", "--add", "-C", str(file.parent)], standalone_mode=False)
     os.close(near)

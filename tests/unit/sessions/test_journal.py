@@ -298,7 +298,7 @@ def test_a_disk_that_does_not_confirm_is_told_and_the_part_is_asked_for_again(
         if len(asked) == 1:
             raise OSError(5, "Input/output error")
 
-    monkeypatch.setattr(journal_module, "SYNC_EVERY_S", 0.01)
+    monkeypatch.setattr(journal_module, "SYNC_EVERY_S", 0.01)  # a shorter wait
     monkeypatch.setattr(journal_module, "sync_data", refuse_once)  # no disk here fails when it is asked to
     thread = SyncThread(journal, told.append)
     thread.start()
@@ -317,7 +317,7 @@ def test_a_disk_that_does_not_confirm_is_told_and_the_part_is_asked_for_again(
 def test_journal_that_is_deleted_is_reported_at_once_and_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(journal_module, "SYNC_EVERY_S", 0.01)
+    monkeypatch.setattr(journal_module, "SYNC_EVERY_S", 0.01)  # a shorter wait
     journal = filled(tmp_path / "journal", 6, part_bytes=10**9)
     told: list[str] = []
     thread = SyncThread(journal, told.append)
