@@ -74,7 +74,7 @@ Truth = tuple[float, float]
 
 
 def run() -> list[Result]:
-    return [*_pv(), *_twin(), *_wall(), *_glob(), *_flat(), *_images()]
+    return [*_pv(), *twin(), *_wall(), *_glob(), *_flat(), *_images()]
 
 
 @dataclass(frozen=True, slots=True)
@@ -292,7 +292,8 @@ def _is_clear(day: TemperatureTable, columns: Columns) -> bool:
     return bool(sunny.any() and np.mean(np.abs(ghi[sunny] / clear[sunny] - 1.0)) < 0.05)
 
 
-def _twin() -> Iterator[Result]:
+def twin() -> Iterator[Result]:
+    """Rows of the vertical pyranometers of the twin house, under either sky."""
     path = SHARED / "real" / "twinhouse-o5-2013-aug-sep.csv"
     if not path.exists():
         yield _missing("vertical pyranometers", path)

@@ -370,12 +370,8 @@ def open_port(
     kinds: Sequence[tuple[int, int]] = (),
     dtr: bool = True,
 ) -> SerialPort:
-    """The port that `settings` names, by path or identity; with neither, the only matching one.
-
-    `kinds` are the (vendor, product) pairs that a meter's own adapter may have. Raises
-    `DeviceNotFoundError` with what is connected instead.
-    """
-    return SerialPort(_find_path(settings, kinds), line, clock, dtr=dtr)
+    """The port at `port_path`, opened."""
+    return SerialPort(port_path(settings, kinds), line, clock, dtr=dtr)
 
 
 def serial_ports() -> list[tuple[str, UsbIdentity]]:
@@ -400,7 +396,12 @@ def find_ports(
     ]
 
 
-def _find_path(settings: DeviceSettings, kinds: Sequence[tuple[int, int]]) -> str:
+def port_path(settings: DeviceSettings, kinds: Sequence[tuple[int, int]] = ()) -> str:
+    """Path of the port that `settings` names, by path or identity; with neither, of the only matching one.
+
+    `kinds` are the (vendor, product) pairs that a meter's own adapter may have. Raises
+    `DeviceNotFoundError` with what is connected instead.
+    """
     ports = serial_ports()
     if settings.port:
         _refuse_another(settings, ports)

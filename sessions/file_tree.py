@@ -61,7 +61,7 @@ def _tree(file: h5py.File, identity: SessionIdentity) -> None:
     _config(file, header)
     _integrity(file, header)
     _time_map(file)
-    _digests(file)
+    put_digests(file)
 
 
 def _root_attributes(file: h5py.File, identity: SessionIdentity) -> None:
@@ -249,7 +249,7 @@ def _integrity(file: h5py.File, header: SessionHeader) -> None:
     set_attributes(verified, {"long_name": "1: every sample was compared with the journal when sealing"})
 
 
-def _digests(file: h5py.File) -> None:
+def put_digests(file: h5py.File) -> None:
     """Room for the digests of all objects, these two included; last, when everything else is there."""
     group = file["integrity"]
     paths = [*object_paths(file), "integrity/object", "integrity/object_sha256"]

@@ -75,10 +75,10 @@ class Journal:
     journal, everything before is.
     """
 
-    def __init__(self, folder: Path, identity: SessionIdentity, part_bytes: int = PART_BYTES) -> None:
+    def __init__(self, folder: Path, identity: SessionIdentity) -> None:
         self.folder = folder
         self._full_bytes = 0
-        self.part_bytes = part_bytes
+        self.part_bytes: int = PART_BYTES
         self.number: int = 1
         """The number of the part that takes the records now."""
         self.written: tuple[int, ...] = (0,) * (len(identity.header.streams) + 1)

@@ -211,14 +211,14 @@ class SessionWriter:
                 remove_journal(self._folder)
         return self._report
 
-    def abandon(self) -> None:
-        """Stop at once and leave the session interrupted, for `fieldkit recover`; a sealed one is left alone.
+    def abandon(self, *, at_once: bool = True) -> None:
+        """Stop and leave the session interrupted, for `fieldkit recover`; a sealed one is left alone.
 
-        Also what becomes of a session when its process ends without closing it: a thread inside the
-        HDF5 library would keep the process from ending.
+        At once, or when the file has caught up with the journal. Also what becomes of a session when its
+        process ends without closing it: a thread inside the HDF5 library would keep the process from ending.
         """
         if self._report is None:
-            self._stop(at_once=True)
+            self._stop(at_once=at_once)
             self._file_thread.close()
             self._session_lock.release()
 

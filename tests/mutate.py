@@ -16,11 +16,11 @@ import argparse
 import hashlib
 import json
 import os
+import select
 import shutil
 import signal
 import sys
 import tempfile
-import time
 import tomllib
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -176,15 +176,13 @@ class Copy:
 
 def _exit_code(child: int) -> int:
     """Wait for a child, but not for ever; 1 if it had to be waited for too long or died."""
-    deadline = time.monotonic() + LONGEST_S
-    while time.monotonic() < deadline:
-        ended, status = os.waitpid(child, os.WNOHANG)
-        if ended:
-            return os.waitstatus_to_exitcode(status) if os.WIFEXITED(status) else 1
-        time.sleep(0.02)
-    os.kill(child, signal.SIGKILL)
-    os.waitpid(child, 0)
-    return 1
+    end = os.pidfd_open(child)
+    ended, _, _ = select.select([end], [], [], LONGEST_S)
+    os.close(end)
+    if not ended:
+        os.kill(child, signal.SIGKILL)
+    _, status = os.waitpid(child, 0)
+    return os.waitstatus_to_exitcode(status) if os.WIFEXITED(status) else 1
 
 
 def trial(room: str) -> dict[Mutation, bool]:

@@ -134,7 +134,9 @@ class Answers:
             report = f"/session/{identifier(path)}/report"
             sealed = {"session": path.stem, "report_url": report}
             return answer(request.id, f"sealed {path.stem}", data=sealed)
-        session = self.conductor.start(request.name, _end(request), allow_missing=request.allow_missing)
+        session = self.conductor.start(
+            request.name, end_options(request), allow_missing=request.allow_missing
+        )
         return answer(request.id, f"recording {session.stem}", data={"session": session.stem})
 
     def _log_silence(self, silent: UnresponsiveRecorder) -> None:
@@ -325,7 +327,8 @@ def _correction(path: Path, request: requests.TakeBack | requests.EditMark) -> M
         return edited(session, request.mark, request.text, label=request.kind, at=request.at)
 
 
-def _end(request: requests.Start) -> list[str]:
+def end_options(request: requests.Start) -> list[str]:
+    """The option of ``fieldkit record`` for the end that was asked for, as typed; raises `ConfigError`."""
     if request.duration:
         parse_duration(request.duration)
         return [f"--for={request.duration}"]

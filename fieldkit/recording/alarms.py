@@ -38,7 +38,7 @@ UNKNOWN_INTERVAL_S = 5.0
 
 def alarm_watch(config: Config, streams: Sequence[StreamInfo]) -> AlarmWatch:
     """The alarms of a recording; raises `ConfigError` if an output cannot be set up."""
-    outputs = AlarmOutputs(tuple(_outputs(config)), least_sent(config))
+    outputs = AlarmOutputs(tuple(outputs_of(config)), least_sent(config))
     return AlarmWatch(AlarmEngine(alarm_settings(config, streams)), outputs, _sensors(config, streams))
 
 
@@ -96,7 +96,8 @@ def _interval_s(config: Config, info: StreamInfo) -> float:
     return 1.0 / info.rate_hz if info.rate_hz > 0 else UNKNOWN_INTERVAL_S
 
 
-def _outputs(config: Config) -> Iterator[AlarmOutput]:
+def outputs_of(config: Config) -> Iterator[AlarmOutput]:
+    """Where alarms go; raises `ConfigError` for a file that holds no secret of its kind."""
     table = config.alarms
     if table.command:
         yield CommandOutput(tuple(table.command))

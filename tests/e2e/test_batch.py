@@ -8,13 +8,14 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import pytest
 
 from tests.harness.two_sessions import copy_of_both
+from tests.harness.waiting import wait_until
 
 GRID = (
     "--set", "surface.albedo=0.15:0.35:0.04", "--set", "surface.emissivity=0.88,0.90",
@@ -65,16 +66,9 @@ def said(log: Path, pattern: str) -> str:
         found = re.search(pattern, log.read_text())
         return found is not None
 
-    until(there)
+    wait_until(there, f"no {pattern}", PATIENCE_S)
     assert found is not None
     return found.group(1)
-
-
-def until(true: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not true():
-        assert time.monotonic() < deadline, "it did not come to that"
-        time.sleep(0.01)
 
 
 @contextmanager
@@ -87,7 +81,7 @@ def sweep_held_still(recordings: Path, cache: Path, *options: object) -> Iterato
         text=True,
         env={**os.environ, "XDG_CACHE_HOME": str(cache)},
     )
-    until(lambda: entries(cache) > 4 or sweep.poll() is not None)
+    wait_until(lambda: entries(cache) > 4 or sweep.poll() is not None, "no runs are done", PATIENCE_S)
     sweep.send_signal(signal.SIGSTOP)
     assert sweep.poll() is None, sweep.communicate()
     assert entries(cache) < ENTRIES
@@ -223,7 +217,8 @@ def test_workers_end_with_a_sweep_that_is_killed(recordings, tmp_path):
         sweep.send_signal(signal.SIGKILL)
     assert len(workers) == 2
     try:
-        until(lambda: not any(Path(f"/proc/{worker}").exists() for worker in workers))
+        processes = [Path(f"/proc/{worker}") for worker in workers]
+        wait_until(lambda: not any(map(Path.exists, processes)), "workers live on", PATIENCE_S)
     finally:
         for worker in workers:
             with suppress(ProcessLookupError):

@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 from tests.harness.recording import PATIENCE_S, Counters, record_until_killed, started
+from tests.harness.waiting import wait_until
 
 PROGRAM = [sys.executable, "-m", "fieldkit"]
 FOLLOW = "from fieldkit.cli.show import command; import sys; command.main(sys.argv[1:])"
@@ -42,10 +42,8 @@ def test_map_follows_a_recording_and_leaves_it_alone(tmp_path: Path) -> None:
     words = [*PROGRAM, "record", "-C", tmp_path, "--for", "3h", "-q", "--set", "simulation.speed=20"]
     maps: list[int] = []
     with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as recorder:
-        deadline = time.monotonic() + PATIENCE_S
-        while not list((tmp_path / "recordings").glob("*.journal")):
-            assert time.monotonic() < deadline, "the recording did not begin"
-            time.sleep(0.05)
+        recordings = tmp_path / "recordings"
+        wait_until(lambda: list(recordings.glob("*.journal")), "the recording did not begin", PATIENCE_S)
         words = [*PROGRAM, "map", "-C", str(tmp_path), "--follow", "--json"]
         with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as follower:
             assert follower.stdout is not None

@@ -60,7 +60,7 @@ def retained(port: int) -> dict[str, str]:
     count, deadline = -1, time.monotonic() + 60.0
     while len(found) != count and time.monotonic() < deadline:  # until no more come
         count = len(found)
-        time.sleep(0.5)
+        time.sleep(0.5)  # a broker does not say which of what it keeps is the last
     client.disconnect()
     client.loop_stop()
     return found

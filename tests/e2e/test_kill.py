@@ -60,7 +60,7 @@ def check_complete(path: Path, stored: dict[str, int]) -> None:
 def killed_recording(tmp_path: Path, delay_s: float, *, frames: int = 10_000, stage: int = 1) -> Path:
     path, counters = tmp_path / "field.h5", tmp_path / "counters"
     process = started(record_until_killed, path, counters, frames, RATE_HZ, counters=counters, stage=stage)
-    time.sleep(delay_s)
+    time.sleep(delay_s)  # the moment of the kill is what is tried
     kill(process)
     return path
 
@@ -104,7 +104,7 @@ def test_recovery_killed_at_any_moment_can_be_run_again(tmp_path: Path, trial: i
     stored = stored_counts(tmp_path / "counters")
     again = tmp_path / "again"
     process = started(recover_until_killed, path, again, counters=again, stage=1)
-    time.sleep(random.Random(trial).uniform(0.0, 0.25))
+    time.sleep(random.Random(trial).uniform(0.0, 0.25))  # likewise
     kill(process)
     assert recover(path).lost_samples == 0
     check_complete(path, stored)
@@ -132,7 +132,7 @@ def test_correcting_the_times_killed_at_any_moment_leaves_the_session_sealed(
     fill(writer, 40, clock)
     writer.close()
     process = started(apply_until_killed, path, counters, counters=counters, stage=1)
-    time.sleep(random.Random(trial).uniform(0.0, 0.1))
+    time.sleep(random.Random(trial).uniform(0.0, 0.1))  # likewise
     kill(process)
     with open_session(path) as session:
         assert session.state == "sealed"

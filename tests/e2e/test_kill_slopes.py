@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +17,7 @@ from fieldkit.sessions.journal_reader import JournalReader
 from fieldkit.sessions.lock import journal_path
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.records import MinuteRecord
+from tests.harness.waiting import wait_until
 
 FIELDKIT = (sys.executable, "-m", "fieldkit")
 RECORD = ("record", "--for", "3h", "--set", "simulation.speed=max", "-q")
@@ -53,13 +53,12 @@ def killed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[SlopeEs
 
 
 def wait_for_minutes(recordings: Path) -> Path:
-    deadline = time.monotonic() + LIMIT_S
-    while time.monotonic() < deadline:
-        for journal in recordings.glob("*.journal"):
-            if len(stored_estimates(journal)) >= 3 * MINUTES:
-                return journal
-        time.sleep(0.25)
-    raise AssertionError(f"no {MINUTES} minutes were recorded in {LIMIT_S:.0f} s")
+    def enough() -> list[Path]:
+        journals = recordings.glob("*.journal")
+        return [journal for journal in journals if len(stored_estimates(journal)) >= 3 * MINUTES]
+
+    wait_until(enough, f"no {MINUTES} minutes were recorded in {LIMIT_S:.0f} s", LIMIT_S, every_s=0.25)
+    return enough()[0]
 
 
 def assert_equal(ones: list[SlopeEstimate], others: list[SlopeEstimate]) -> None:

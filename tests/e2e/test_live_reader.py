@@ -35,7 +35,7 @@ def read_along(path: Path, counters: Path, result: Path) -> None:
     with open_session(path) as session:
         assert session.state == "recording"
         while is_locked(journal_path(path)):
-            time.sleep(0.1)
+            time.sleep(0.1)  # at its own pace, as a reader that nobody wakes
             session.refresh()
             looks += 1
             for name in STREAMS:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -13,6 +12,7 @@ import pytest
 from fieldkit.recording.campaign import init_campaign
 from fieldkit.recording.running import session_in_progress
 from fieldkit.sessions.reader import open_session
+from tests.harness.waiting import wait_until
 
 PROJECT = Path(__file__).parents[2]
 RECORD = ("record", "--quiet", "--name", "day", "--set", "simulation.speed=max", "--for")
@@ -49,11 +49,9 @@ def test_of_two_recorders_started_together_one_is_refused(campaign: Path) -> Non
 
 def test_a_killed_recorder_does_not_keep_the_next_from_beginning_under_the_same_name(campaign: Path) -> None:
     first = fieldkit(campaign, *RECORD, "3h", "--set", "simulation.speed=1")
-    deadline = time.monotonic() + 60
-    while session_in_progress(campaign / "recordings") is None:
-        assert time.monotonic() < deadline
-        assert first.poll() is None
-        time.sleep(0.05)
+    recordings = campaign / "recordings"
+    wait_until(lambda: session_in_progress(recordings) or first.poll() is not None, "it does not begin")
+    assert first.poll() is None
     first.kill()
     outcome(first)
     code, errors = outcome(fieldkit(campaign, *RECORD, "30s"))

@@ -162,7 +162,7 @@ def receiver() -> Iterator[str]:
                 ahead = datetime.now(UTC) + timedelta(seconds=27.5)
                 place = {"class": "TPV", "mode": 3, "lat": 37.7, "lon": -105.92, "alt": 2317.0}
                 connection.sendall(json.dumps({**place, "time": ahead.isoformat()}).encode() + b"\n")
-                time.sleep(0.2)
+                time.sleep(0.2)  # five fixes a second, as receivers send them
 
     with socket.create_server(("127.0.0.1", 0)) as server:
         threading.Thread(target=serve, daemon=True).start()

@@ -11,7 +11,7 @@ import subprocess
 import sys
 import time
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,17 +26,11 @@ from fieldkit.page.sessions import identifier
 from fieldkit.recording.running import session_in_progress
 from fieldkit.sessions.reader import open_session
 from tests.harness.page import HOST, PATIENCE_S, Answer, Browser, Served, campaign, lost_nothing, served
+from tests.harness.waiting import wait_until
 
 PROGRAM = [sys.executable, "-m", "fieldkit"]
 ALL_FRAMES = "record.sampling=all"
 PATIENT_S = 90.0
-
-
-def until(done: Callable[[], object], what: str, patience_s: float = PATIENT_S) -> None:
-    deadline = time.monotonic() + patience_s
-    while not done():
-        assert time.monotonic() < deadline, what
-        time.sleep(0.05)
 
 
 @dataclass
@@ -139,10 +133,11 @@ def test_a_day_at_the_beds(tmp_path: Path) -> None:
 
 
 def the_report(page: Served, url: str, cookie: str) -> Answer:
-    deadline = time.monotonic() + PATIENT_S
-    while (answer := page.ask("GET", url, Cookie=cookie)).status == 202:
-        assert time.monotonic() < deadline
-        time.sleep(0.5)
+    def made() -> bool:
+        return page.ask("GET", url, Cookie=cookie).status != 202
+
+    wait_until(made, "the report is not made", PATIENT_S, every_s=0.5)
+    answer = page.ask("GET", url, Cookie=cookie)
     assert answer.status == 200, answer
     return answer
 
@@ -184,7 +179,7 @@ def test_requests_reach_the_recording_and_its_events_answer(tmp_path: Path) -> N
         answer = browser.request(do="shutter")
         assert (answer["ok"], "shutter" in answer["text"].lower()) == (True, True), answer
         assert browser.request(do="mark", text="wind")["ok"]
-        until(lambda: browser.request(do="marks")["data"], "the mark is not stored")
+        wait_until(lambda: browser.request(do="marks")["data"], "the mark is not stored")
         answer = browser.request(do="take_back", mark=1)
         assert (answer["ok"], "taken back: wind" in answer["text"]) == (True, True), answer
         answer = browser.request(do="acknowledge", alarm="disk")
@@ -229,7 +224,7 @@ def test_a_page_that_is_killed_leaves_its_recording_alone(tmp_path: Path) -> Non
         page.process.wait(PATIENCE_S)
     with started(folder) as again, again.browser() as browser:
         browser.next("state", phase="recording")  # which goes on, and is followed
-        until(lambda: session_in_progress(folder / "recordings") is None, "the recording did not end")
+        wait_until(lambda: session_in_progress(folder / "recordings") is None, "the recording did not end")
     lost_nothing(folder, 18)
 
 
@@ -266,7 +261,7 @@ def storm(folder: Path, seconds: int, connections: int) -> None:
         assert path.with_name(f"{path.name}.journal").exists(), "the recording ended before the storm"
         assert browser.picture()
         assert page.kilobytes - before < 10_000
-        until(
+        wait_until(
             lambda: session_in_progress(folder / "recordings") is None,
             "the recording did not end",
             seconds + PATIENT_S,

@@ -10,8 +10,7 @@ import signal
 import socket
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 
@@ -19,17 +18,11 @@ import pytest
 
 from fieldkit.recording.running import session_in_progress
 from tests.harness.page import campaign, lost_nothing
+from tests.harness.waiting import wait_until
 
 ADDRESS, PORT = "127.0.0.77", 8765
 """Another address of this computer, so that no other page has its port."""
 PATIENT_S = 60.0
-
-
-def until(done: Callable[[], object], what: str) -> None:
-    deadline = time.monotonic() + PATIENT_S
-    while not done():
-        assert time.monotonic() < deadline, what
-        time.sleep(0.05)
 
 
 @contextmanager
@@ -63,7 +56,7 @@ def test_the_page_is_reached_by_its_link_and_ends_with_the_recording(tmp_path: P
     with recording(folder, f"--page={ADDRESS}", "--for", "12s") as process:
         address, _, key = link(process).partition("#")
         assert address == f"http://{ADDRESS}:{PORT}/"
-        until(listens, "the page does not listen")
+        wait_until(listens, "the page does not listen")
         answer = ask(key)
         assert answer == 200
         assert process.wait(PATIENT_S) == 0
@@ -83,7 +76,7 @@ def test_a_page_that_dies_or_hangs_costs_the_recording_nothing(tmp_path: Path, n
     folder = campaign(tmp_path / "field")
     with recording(folder, f"--page={ADDRESS}", "--for", "15s") as process:
         link(process)
-        until(listens, "the page does not listen")
+        wait_until(listens, "the page does not listen")
         (page,) = children(process.pid)
         os.kill(page, number)
         assert session_in_progress(folder / "recordings") is not None

@@ -165,7 +165,7 @@ def test_an_estimator_that_raises_does_not_end_the_recording(campaign: Path) -> 
         return original(self, sample)  # type: ignore[arg-type]
 
     with pytest.MonkeyPatch.context() as patch, open_instruments(config, duration_s=600.0) as tools:
-        patch.setattr(Estimator, "collect", fails_later)
+        patch.setattr(Estimator, "collect", fails_later)  # only a mistake of ours does
         summary = PreparedRecording(config, tools, path, duration_s=600.0).run().summary
     with open_session(path) as session:
         kinds = [event.kind for event in session.events()]
@@ -218,7 +218,7 @@ def test_pictures_left_out_just_before_the_end_are_told(campaign: Path) -> None:
         original(self, sample)
 
     with pytest.MonkeyPatch.context() as patch, open_instruments(config, duration_s=30.0) as tools:
-        patch.setattr(SessionWriter, "append", fails_once)
+        patch.setattr(SessionWriter, "append", fails_once)  # a disk has room again at no known sample
         PreparedRecording(config, tools, path, duration_s=30.0).run()
     with open_session(path) as session:
         (told,) = [event.text for event in session.events() if event.kind is EventKind.DISK]
@@ -249,6 +249,7 @@ def test_a_session_that_ended_early_says_so_and_keeps_the_marks_of_its_last_seco
         event(self, happened)
 
     with pytest.MonkeyPatch.context() as patch, open_instruments(config, duration_s=600.0) as tools:
+        # full for all but the end: a real disk has other writers
         patch.setattr(SessionWriter, "append", takes_no_sample)
         patch.setattr(SessionWriter, "event", takes_no_event)
         summary = PreparedRecording(config, tools, path, duration_s=600.0).run().summary
@@ -274,7 +275,7 @@ def test_a_mark_that_no_room_is_left_for_is_not_sealed_away(campaign: Path) -> N
         put(self, entry)
 
     with pytest.MonkeyPatch.context() as patch, open_instruments(config, duration_s=20.0) as tools:
-        patch.setattr(SessionWriter, "put", takes_no_mark)
+        patch.setattr(SessionWriter, "put", takes_no_mark)  # full after the last sample
         with pytest.raises(StorageError, match="last marks could not be stored") as failed:
             PreparedRecording(config, tools, path, duration_s=20.0).run([Noting(path)])
     assert "recover(" in (failed.value.fix or "")
@@ -323,7 +324,7 @@ def test_samples_that_are_not_as_declared_cost_only_themselves(
         return reading
 
     with pytest.MonkeyPatch.context() as patch, open_instruments(config, duration_s=30.0) as tools:
-        patch.setattr(Meter, "read", read)
+        patch.setattr(Meter, "read", read)  # a driver that breaks its declaration: none of ours does
         summary = PreparedRecording(config, tools, path, duration_s=30.0).run().summary
     with open_session(path) as session:
         assert session.state == "sealed"

@@ -37,28 +37,30 @@ def hurry() -> None:
     session_file.FLUSH_EVERY_S = 0.01
     session_file.SYNC_EVERY_S = 0.05
     session_file.JOURNAL_BYTES = 40_000  # parts are deleted as soon as may be
-    Journal.__init__.__defaults__ = (30_000,)  # type: ignore[attr-defined]
+    journal.PART_BYTES = 30_000
 
 
-def record(path: Path, marks: int | None = None, pause_s: float = 0.004) -> int:
+def mark_syncs(marks: int) -> None:
+    """Write how many samples each sync has covered once it is over, whatever the journal itself notes."""
+    confirm = Journal.confirm
+
+    def marked(self: Journal, written: tuple[int, ...]) -> None:
+        os.pwrite(marks, struct.pack("<q", sum(written[:-1])), 0)
+        confirm(self, written)
+
+    Journal.confirm = marked  # type: ignore[method-assign]
+
+
+def record(path: Path, pause_s: float = 0.004) -> int:
     """Record `FRAMES` frames and a reading with each fifth; returns how many samples were stored."""
     session = SessionWriter(path, HEADER, CountedClock())
     stored = 0
-    if marks is not None:
-        sync = session._syncer._sync
-
-        def marked() -> None:
-            covered = stored
-            sync()
-            os.pwrite(marks, struct.pack("<q", covered), 0)
-
-        session._syncer._sync = marked  # type: ignore[method-assign]
     try:
         for seq in range(FRAMES):
             for info in HEADER.streams[:2] if seq % 5 == 0 else HEADER.streams[:1]:
                 session.append(sample(info, seq if info.is_camera else seq // 5))
                 stored += 1
-            time.sleep(pause_s)
+            time.sleep(pause_s)  # syncs, flushes and samples take turns, as in a field
     except StorageError:
         with contextlib.suppress(StorageError):
             session.close()
@@ -108,8 +110,8 @@ def main() -> None:
     what, folder = sys.argv[1], Path(sys.argv[2])
     if what == "record":
         folder.mkdir(exist_ok=True)
-        marks = os.open(folder / MARKS, os.O_RDWR | os.O_CREAT)
-        print(record(folder / "field.h5", marks))
+        mark_syncs(os.open(folder / MARKS, os.O_RDWR | os.O_CREAT))
+        print(record(folder / "field.h5"))
     else:
         fail(folder, int(sys.argv[3]), int(sys.argv[4]), [int(word) for word in sys.argv[5:]])
 

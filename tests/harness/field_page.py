@@ -10,7 +10,6 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -22,6 +21,7 @@ import pytest
 
 from fieldkit.page.keys import Keys
 from fieldkit.page.viewer import Role
+from tests.harness.waiting import wait_until as wait_until
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, BrowserContext, Page, Route
@@ -225,11 +225,3 @@ def another(context: BrowserContext, link: str) -> Watched:
     context.route("**/*", only_own)
     watched.page.goto(link)
     return watched
-
-
-def wait_until(is_true: Any, what: str, seconds: float = PATIENCE_S) -> None:
-    """Wait until a function returns something true."""
-    deadline = time.monotonic() + seconds
-    while not is_true():
-        assert time.monotonic() < deadline, what
-        time.sleep(0.05)

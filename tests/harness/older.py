@@ -9,11 +9,10 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from fieldkit.sessions.file_tree import LIBVER, _digests, attach, labels, put_scale
+from fieldkit.sessions.file_tree import LIBVER, attach, labels, put_digests, put_scale
 from fieldkit.sessions.guarded_file import write_in_place
 from fieldkit.sessions.layout import entry_columns
 from fieldkit.sessions.reader import open_session
-from fieldkit.sessions.seal import _digests as _digests_now
 
 _SINCE_1_1 = ("integrity/object_sha256", "integrity/object", "integrity/columns_crc32", "time_map/crc32")
 _SINCE_1_2 = ("learnt",)
@@ -40,9 +39,11 @@ def as_version_1_2(path: Path) -> None:
 def _as_version(path: Path, version: str, without: Sequence[str]) -> None:
     with h5py.File(path, "r+", libver=LIBVER, track_order=True) as file:
         _take_out(file, (*without, "integrity/object", "integrity/object_sha256"), version)
-        _digests(file)
+        put_digests(file)
     _seal_tables(path)
-    write_in_place(path, {"integrity/object_sha256": _digests_now(path)})
+    with open_session(path) as session:
+        digests = [session.object_digest(name) for name in session.sealed_objects()]
+    write_in_place(path, {"integrity/object_sha256": digests})
 
 
 def _take_out(file: h5py.File, names: Sequence[str], version: str) -> None:

@@ -24,6 +24,7 @@ from fieldkit.page.viewer import Role
 from fieldkit.recording.campaign import init_campaign
 from fieldkit.results.check import check
 from fieldkit.sessions.reader import open_session
+from tests.harness.waiting import wait_until
 
 HOST = "127.0.0.1"
 PATIENCE_S = 90.0
@@ -157,11 +158,8 @@ def served(
         running = server(page)
         thread = threading.Thread(target=running.run, kwargs={"sockets": [listener]}, daemon=True)
         thread.start()
-        deadline = time.monotonic() + PATIENCE_S
-        while not running.started:
-            assert thread.is_alive()
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
+        wait_until(lambda: running.started or not thread.is_alive(), "the page does not start", PATIENCE_S)
+        assert thread.is_alive()
         try:
             yield Served(page, number)
         finally:

@@ -172,7 +172,7 @@ def record_until_killed(path: Path, counters: Path, frames: int, rate_hz: float)
                 now = clock.mono_ns()
                 writer.append(sample(info, own, now, clock.to_utc_ns(now)))
                 counted[number] = own + 1
-        time.sleep(max(0.0, began + seq / rate_hz - time.monotonic()))
+        time.sleep(max(0.0, began + seq / rate_hz - time.monotonic()))  # the camera's rate
     counted.stage = 2
     writer.close()
     counted.stage = 3
@@ -207,7 +207,7 @@ def started(target: object, *arguments: object, counters: Path, stage: int) -> B
     while Counters(counters).stage < stage:
         assert time.monotonic() < deadline, "the recording process did not get going"
         assert process.is_alive() or Counters(counters).stage >= stage, "the recording process ended at once"
-        time.sleep(0.0005)
+        time.sleep(0.0005)  # no longer: the moment of the kill is counted from here
     return process
 
 

@@ -71,7 +71,7 @@ def camera(tmp_path: Path) -> Iterator[Callable[..., None]]:
             description.write_text(change(_description(words)))
             words += ["-g", str(description)]
         running.append(subprocess.Popen(words, stdout=subprocess.DEVNULL))
-        time.sleep(0.5)
+        time.sleep(0.5)  # it says nothing when it listens, and to ask it is to be its only client
 
     yield start
     _stop(running)
@@ -91,7 +91,7 @@ def _description(words: list[str]) -> str:
     size = ctypes.c_size_t()
     with subprocess.Popen(words, stdout=subprocess.DEVNULL) as plain:
         try:
-            time.sleep(0.5)
+            time.sleep(0.5)  # as in `camera`
             camera = ctypes.c_void_p(aravis.arv_camera_new(ADDRESS.encode(), None))
             device = ctypes.c_void_p(aravis.arv_camera_get_device(camera))
             text = aravis.arv_device_get_genicam_xml(device, ctypes.byref(size))

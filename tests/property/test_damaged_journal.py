@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import random
 import shutil
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -13,13 +12,14 @@ from pathlib import Path
 import pytest
 
 from fieldkit.model.samples import Event, EventKind
-from fieldkit.sessions import session_file
+from fieldkit.sessions import journal, session_file
 from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.lock import journal_path
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.recovery import recover
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.recording import CountedClock, header, same, sample
+from tests.harness.waiting import wait_until
 
 FLIPPED, ZEROED, CUT, DELETED, SWAPPED, BIT = "flipped", "zeroed", "cut", "deleted", "swapped", "bit"
 HOW = (FLIPPED, ZEROED, CUT, DELETED, SWAPPED, BIT)
@@ -74,8 +74,9 @@ class Recorded:
 def interrupted(folder: Path, shape: tuple[int, int], frames: int, part_bytes: int) -> Recorded:
     """A recording whose process ended, everything of it on the disk."""
     head = header(shape)
-    writer = SessionWriter(folder / "a.h5", head, CountedClock())
-    writer._journal.part_bytes = part_bytes
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(journal, "PART_BYTES", part_bytes)  # a full part takes 256 MB
+        writer = SessionWriter(folder / "a.h5", head, CountedClock())
     for seq in range(frames):
         for info in head.streams[:2]:
             writer.append(sample(info, seq))
@@ -90,20 +91,15 @@ def long_interrupted(folder: Path) -> Recorded:
     """A recording whose first parts have gone; their frames are only in the session file."""
     head = header((24, 32))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(session_file, "JOURNAL_BYTES", 60_000)
+        patch.setattr(journal, "PART_BYTES", 30_000)  # a full part takes 256 MB
+        patch.setattr(session_file, "JOURNAL_BYTES", 60_000)  # after 750 MB parts go
         writer = SessionWriter(folder / "a.h5", head, CountedClock())
-        writer._journal.part_bytes = 30_000
         for seq in range(120):
             for info in head.streams[:2]:
                 writer.append(sample(info, seq))
-        deadline = time.monotonic() + 60
-        while writer._journal.full_parts and writer._journal.part_path(1).exists():
-            assert time.monotonic() < deadline
-            time.sleep(0.05)
-        assert not writer._journal.part_path(1).exists()
-        writer._file_thread.stop()
-        writer._file_thread.join()
-        writer.abandon()
+        first = journal_path(folder / "a.h5") / "000001.log"
+        wait_until(lambda: not first.exists(), "the first part stays")
+        writer.abandon(at_once=False)
     (folder / "a.h5.journal" / "reserve").unlink()
     return Recorded(folder, head, 120, needs_file=True)
 

@@ -72,7 +72,7 @@ def test_both_sides_take_turns_by_the_clock_that_is_asked_for():
 
 def test_a_run_prints_what_it_includes_both_sides_the_range_and_a_busy_machine(monkeypatch, capsys):
     busy = replace(times_as_fast(cli.OVER_CLICK, [(0.05, 0.06)]), steal=0.31)
-    monkeypatch.setattr(cli, "run", lambda: [busy])
+    monkeypatch.setattr(cli, "run", lambda: [busy])  # nothing makes a computer busy by so much
     main(["cli"])
     printed = " ".join(capsys.readouterr().out.replace("│", " ").split())
     for words in ("<= 1.3", "in 1 rounds", "31 %: busy machine", "CPU of a fresh", "not measured here"):
@@ -80,7 +80,7 @@ def test_a_run_prints_what_it_includes_both_sides_the_range_and_a_busy_machine(m
 
 
 def test_json_has_the_rows_by_module(monkeypatch, capsys):
-    monkeypatch.setattr(cli, "ROUNDS", 1)
+    monkeypatch.setattr(cli, "ROUNDS", 1)  # a shorter run
     monkeypatch.setattr(cli, "EAGER", cli.BARE)  # which takes seconds
     main(["cli", "--json"])
     rows = json.loads(capsys.readouterr().out)["cli"]

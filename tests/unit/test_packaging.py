@@ -132,6 +132,7 @@ def test_version_says_where_an_installation_came_from(records, said, tmp_path, m
         (tmp_path / name).write_text(text)
     stamp = tmp_path / "commit.txt"
     stamp.write_text("0123456789ab\n")
+    # tests/wheel.py installs for real, but from a file alone
     monkeypatch.setattr(origin, "STAMP", stamp)
     installed = importlib.metadata.PathDistribution(tmp_path)
     monkeypatch.setattr(importlib.metadata, "distribution", lambda name: installed)

@@ -58,7 +58,7 @@ def test_refused_days_count_in_neither_error_nor_coverage_and_are_named():
 
 
 def test_without_the_data_one_row_each_says_what_is_missing(tmp_path, monkeypatch):
-    monkeypatch.setattr(real, "SHARED", tmp_path)
+    monkeypatch.setattr(real, "SHARED", tmp_path)  # the folder may be there
     rows = real.run()
     assert len(rows) == 7
     assert all(math.isnan(row.value) and row.note.startswith("skipped: no ") for row in rows)
@@ -66,7 +66,7 @@ def test_without_the_data_one_row_each_says_what_is_missing(tmp_path, monkeypatc
 
 def test_vertical_pyranometers_are_within_their_regions_and_under_an_isotropic_sky_within_the_goals():
     shared("data/real/twinhouse-o5-2013-aug-sep.csv")
-    rows = list(real._twin())
+    rows = list(real.twin())
     assert len(rows) == 2 * 2 * len(real.TWIN_PLANES)
     assert min(row.value for row in rows if "inside" in row.name and not math.isnan(row.value)) >= 85.0
     found = {row.name: row.value for row in rows}

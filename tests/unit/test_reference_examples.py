@@ -79,9 +79,11 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def instruments(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """A serial adapter that is found, and a port `light-meter` on which a Lutron shows 638 lx in its tens."""
     adapter = ("/dev/ttyUSB0", UsbIdentity(0x10C4, 0xEA60, "A7", "1-2", "CP2102"))
+    # what the pages show is connected, whatever is connected to this computer; only a kernel makes its nodes
     for name, found in (("cameras", []), ("serial_ports", [adapter])):
         monkeypatch.setattr(f"fieldkit.drivers.discovery.{name}", lambda found=found: found)
     monkeypatch.setattr("fieldkit.drivers.ports.serial_ports", lambda: [("light-meter", adapter[1])])
+    # drivers of others that are installed here
     monkeypatch.setattr("fieldkit.drivers.registry.load_all", lambda: ([], []))
     near, far = pty.openpty()
     tty.setraw(near)

@@ -52,7 +52,7 @@ class Recording:
         deadline = time.monotonic() + timeout_s
         look = time.monotonic() + 2.0
         while not done():
-            time.sleep(every_s)
+            time.sleep(every_s)  # the guest answers what it is asked and sends nothing by itself
             if time.monotonic() > look:
                 look += 2.0
                 ended = self.job.poll()

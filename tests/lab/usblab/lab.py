@@ -61,7 +61,7 @@ class Job:
         while time.monotonic() < deadline:
             if (ended := self.poll()) is not None:
                 return ended
-            time.sleep(0.1)
+            time.sleep(0.1)  # asked over the guest's channel, which is not to be full of it
         self.signal(signal.SIGABRT)
         raise TimeoutError(f"not done after {timeout_s} s: {self.wait(10)}")
 

@@ -81,6 +81,7 @@ def test_a_session_without_a_frame_teaches_nothing(
             found, history=replace(found.history, temperature_k=found.history.temperature_k * np.nan)
         )
 
+    # no camera records a whole day without one valid temperature
     monkeypatch.setattr("fieldkit.results.minutes.measured_in", dark)
     with pytest.raises(CalibrationError, match="nothing was learnt: no frames of the reference yet"):
         fieldkit.calibrate.surface(sessions[0], settings=LEARNED)

@@ -1,14 +1,14 @@
 import json
 import os
 import pty
-import sys
 
 import pytest
 from click.testing import CliRunner
 
-from fieldkit.cli import demo, main
+from fieldkit.cli import main
 from fieldkit.config import load_config
 from fieldkit.model.site import RegionKind, Site
+from tests.harness.connected import plugged_in
 
 
 @pytest.fixture
@@ -55,10 +55,12 @@ def test_a_folder_is_meant_from_the_one_that_was_named(init, tmp_path):
     assert (tmp_path / "below" / "fieldkit.toml").exists()
 
 
-def test_the_demo_too_makes_its_campaign_below_the_folder_that_was_named(tmp_path, monkeypatch):
-    monkeypatch.setattr(demo, "_introduce", lambda *_: sys.exit())  # the experiment itself matters not here
-    assert CliRunner().invoke(main, ["demo", "-C", str(tmp_path), "--out", "here"]).exit_code == 0
-    assert (tmp_path / "here" / "fieldkit.toml").exists()
+def test_the_demos_campaign_too_is_below_the_folder_that_was_named(tmp_path):
+    (tmp_path / "here").mkdir()
+    (tmp_path / "here" / "fieldkit.toml").write_text("schema = no number")
+    done = CliRunner().invoke(main, ["demo", "-C", str(tmp_path), "--out", "here"])
+    assert done.exit_code == 3
+    assert str(tmp_path / "here" / "fieldkit.toml") in done.stderr
 
 
 def test_what_to_do_next_works_where_one_stands(init, tmp_path):
@@ -71,12 +73,11 @@ def test_what_to_do_next_works_where_one_stands(init, tmp_path):
     ("typed", "following"), [(b"n\n", "fieldkit devices --add"), (b"y\n", "fieldkit doctor")]
 )
 def test_on_a_terminal_it_offers_to_add_what_is_connected(monkeypatch, tmp_path, capsys, typed, following):
-    monkeypatch.setattr("fieldkit.drivers.registry.names", list)
-    for name in ("cameras", "serial_ports"):
-        monkeypatch.setattr(f"fieldkit.drivers.discovery.{name}", list)
+    monkeypatch.setattr("fieldkit.drivers.registry.names", list)  # no driver looks for its own
+    plugged_in(monkeypatch)
     near, far = pty.openpty()
     with os.fdopen(far) as terminal, monkeypatch.context() as patch:
-        patch.setattr("sys.stdin", terminal)
+        patch.setattr("sys.stdin", terminal)  # click's runner has none
         os.write(near, typed)
         main(["init", str(tmp_path / "here")], standalone_mode=False)
     os.close(near)

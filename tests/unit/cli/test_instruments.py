@@ -10,6 +10,7 @@ from fieldkit.calibration.calibration_record import CalibrationRecord, save
 from fieldkit.cli import main
 from fieldkit.drivers import discovery
 from fieldkit.drivers.identity import UsbIdentity
+from tests.harness.connected import plugged_in
 
 LUX = "02 34 31 31 35 30 30 30 30 30 39 38 37 36 30 0D"
 SMP = "01 04 10 00 01 00 01 00 01 20 F5 20 C7 00 03 01 39 00 79 48 A8"
@@ -128,13 +129,7 @@ def test_mistakes_are_explained(words, code, message):
 def plugged(monkeypatch):
     camera = ("/dev/video0", UsbIdentity(0x0408, 0x5362, "", "1-5", "Webcam"))
     adapter = ("/dev/ttyUSB0", UsbIdentity(0x10C4, 0xEA60, "A7", "1-2", "CP2102"))
-    for module, name, found in (
-        ("discovery", "cameras", [camera]),
-        ("discovery", "serial_ports", [adapter]),
-        ("ports", "serial_ports", [adapter]),
-        ("cameras.source", "cameras", [camera]),
-    ):
-        monkeypatch.setattr(f"fieldkit.drivers.{module}.{name}", lambda found=found: found)
+    plugged_in(monkeypatch, cameras=[camera], serial_ports=[adapter])
 
 
 def test_devices_lists_everything_with_its_identity(plugged):
@@ -154,6 +149,7 @@ def test_devices_tells_of_a_driver_that_cannot_be_loaded(monkeypatch):
 
 
 def test_doctor_says_what_is_missing_and_how_to_mend_it(plugged, monkeypatch, tmp_path):
+    # root may open every node
     monkeypatch.setattr(discovery.os.path, "exists", lambda path: True)
     monkeypatch.setattr(discovery.os, "access", lambda path, mode: "tty" not in str(path))
     answer = run("doctor", "--json", "-C", str(tmp_path))
@@ -239,6 +235,7 @@ def test_selftest_passes_our_drivers_and_exits_accordingly(monkeypatch):
     answer = run("selftest", "lutron", "--json")
     assert answer.exit_code == 0
     assert json.loads(answer.stdout)["passed"] is True
+    # no driver of ours fails
     monkeypatch.setattr("fieldkit.drivers.meters.lutron.Lutron.find", lambda self: 1 / 0)
     answer = run("selftest", "lutron")
     assert answer.exit_code == 4

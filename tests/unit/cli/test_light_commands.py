@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 
 import pytest
 
@@ -16,6 +15,7 @@ from fieldkit.recording.status import status_reply, stored_status
 from fieldkit.recording.status_request import recorder_status, status_path
 from fieldkit.views import unix_socket
 from tests.harness.seldom import SET_SELDOM
+from tests.harness.waiting import wait_until
 
 HEAVY = {
     *("numpy", "scipy", "h5py", "astropy", "erfa", "cv2", "pandas", "matplotlib"),
@@ -57,10 +57,15 @@ def begun(folder):
     process = subprocess.Popen(
         [*command, "record", "-C", str(folder), "--quiet", "--set", "simulation.speed=30", *SET_SELDOM]
     )
-    while (session := session_in_progress(folder / "recordings")) is None or not recorder_status(session):
+    recordings = folder / "recordings"
+
+    def answers() -> bool:
         assert process.poll() is None
-        time.sleep(0.1)
-    return process, session
+        session = session_in_progress(recordings)
+        return session is not None and bool(recorder_status(session))
+
+    wait_until(answers, "the recorder does not answer", every_s=0.1)
+    return process, session_in_progress(recordings)
 
 
 @pytest.fixture(autouse=True)
@@ -136,8 +141,7 @@ def test_the_shutter_is_asked_for_without_heavy_libraries(recording):
 
 def test_the_status_has_the_latest_slopes_without_heavy_libraries(recording):
     folder, session, _ = recording
-    while not recorder_status(session)["document"]["slopes"]:
-        time.sleep(0.1)
+    wait_until(lambda: recorder_status(session)["document"]["slopes"], "no minute is over", every_s=0.1)
     code, printed, heavy = run("status", "-C", str(folder), "--json")
     assert (code, heavy) == (0, set()), printed
     slopes = json.loads(printed)["slopes"]

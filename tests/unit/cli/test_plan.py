@@ -120,6 +120,7 @@ def test_august_says_the_steep_bed_is_weak_after_two():
 def test_a_campaign_is_planned_with_its_azimuths_references_and_instruments(tmp_path, monkeypatch):
     sessions = []
     predict = planning.predicted
+    # the sessions that would be predicted, which nothing prints
     monkeypatch.setattr(
         planning, "predicted", lambda runs, *rest: sessions.append(runs[0].session) or predict(runs, *rest)
     )
@@ -155,6 +156,7 @@ def test_the_chart_marks_weakness_on_both_sides_of_zero(tmp_path, monkeypatch):
     # a steep bed in August: a steeper facet turns away from the sun, so a degree is worth less than nothing
     drawn = []
     svg = plotting.svg
+    # a band is measured on the axes, not in the drawn file
     monkeypatch.setattr(plotting, "svg", lambda figure: drawn.append(figure) or svg(figure))
     run(*AUGUST, "--facet", "35,180", "--out", str(tmp_path / "plan.html"))
     (band,) = drawn[0].axes[0].patches

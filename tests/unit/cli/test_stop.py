@@ -6,7 +6,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from datetime import datetime
 from zoneinfo import ZoneInfo
 
@@ -16,6 +15,7 @@ from click.testing import CliRunner
 from fieldkit.cli import main
 from fieldkit.recording.running import unresponsive_recorder
 from fieldkit.sessions.lock import journal_path, owner
+from tests.harness.waiting import wait_until
 
 RECORDING = """
 import os, signal, sys, time
@@ -89,8 +89,7 @@ def stopped(recording):
     path = recording("close")
     pid = owner(journal_path(path))
     os.kill(pid, signal.SIGSTOP)
-    while not unresponsive_recorder(path):  # the kernel stops it when it runs next
-        time.sleep(0.01)
+    wait_until(lambda: unresponsive_recorder(path), "it runs on")  # the kernel stops it when it runs next
     return path, pid
 
 

@@ -123,7 +123,7 @@ def test_field_figures_of_a_recorded_session(tmp_path):
     from fieldkit.cli import main
 
     made = CliRunner().invoke(
-        main, ["demo", "--fast", "--out", str(tmp_path / "demo")], catch_exceptions=False
+        main, ["demo", "--fast", "-C", str(tmp_path), "--out", "demo"], catch_exceptions=False
     )
     assert made.exit_code == 0
     (session,) = (tmp_path / "demo" / "recordings").glob("*.h5")

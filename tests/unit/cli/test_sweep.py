@@ -221,6 +221,7 @@ def test_a_sweep_that_was_stopped_goes_on(recordings, tmp_path, monkeypatch):
             raise KeyboardInterrupt
         return real(*arguments)
 
+    # a real Ctrl-C comes after no known number of runs
     monkeypatch.setattr("fieldkit.results.minutes.solve", stopped_after_five)
     found = fieldkit("sweep", recordings, *GRID, *PAPER, "-j", 1, "-o", tmp_path / "r")
     assert found.exit_code == 130

@@ -82,7 +82,7 @@ def test_a_folder_that_takes_no_file_is_told(file, monkeypatch):
     def refuse(*_: object) -> None:
         raise OSError(30, "Read-only file system")
 
-    monkeypatch.setattr("os.replace", refuse)
+    monkeypatch.setattr("os.replace", refuse)  # root may write into any folder
     with pytest.raises(StorageError, match="Read-only file system"):
         add_region(file, BED)
     assert file.read_text() == TEXT

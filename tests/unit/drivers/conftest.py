@@ -47,7 +47,7 @@ class Wire:
         try:
             while self.far >= 0 and self.said is data:
                 os.write(self.far, data)
-                time.sleep(0.01)
+                time.sleep(0.01)  # an instrument's own rate
         except OSError:
             return
 
@@ -96,11 +96,19 @@ def wire(tmp_path):
 
 
 @pytest.fixture
+def impatient(monkeypatch):
+    """Silence is an error after a tenth of a second, not after the seconds a real meter may need."""
+    monkeypatch.setattr("fieldkit.drivers.meters.meter.REPLY_TIMEOUT_S", 0.1)
+    monkeypatch.setattr("fieldkit.drivers.meters.meter.FIRST_RECORD_S", 0.1)
+
+
+@pytest.fixture
 def usb_bus(monkeypatch):
     """Plugs instruments of `tests.harness.usb_bus` into this computer."""
 
     def plug(*instruments):
         bus = Bus(*instruments)
+        # below pyusb there is only the computer's own bus
         monkeypatch.setattr("usb.backend.libusb1.get_backend", lambda *given, **more: bus)
         return bus
 

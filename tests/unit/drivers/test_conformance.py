@@ -54,7 +54,7 @@ def sample_package(tmp_path, monkeypatch):
     (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: 1.0\n")
     lines = (f"{name} = {target}" for name, target in project["entry-points"]["fieldkit.drivers"].items())
     (info / "entry_points.txt").write_text("[fieldkit.drivers]\n" + "\n".join(lines) + "\n")
-    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
+    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])  # as a package that pip installed
     importlib.invalidate_caches()
     yield
     sys.modules.pop("sample_lux", None)
@@ -104,8 +104,13 @@ class Overdue(Lutron):
 
     def open(self, settings, clock):
         device = super().open(settings, clock)
-        device._columns = {"1": 0, "2": 1}
-        device._units = ("lx", "lx")
+        read = device.read
+
+        def doubled(timeout_s):
+            found = read(timeout_s)
+            return found and found._replace(values=found.values * 2)
+
+        device.read = doubled
         return device
 
 
@@ -131,7 +136,7 @@ class Clinging(Lutron):
 
 
 def test_driver_that_does_not_tell_a_pulled_cable_is_caught(wire, monkeypatch):
-    monkeypatch.setattr(conformance, "HAND_S", 0.3)
+    monkeypatch.setattr(conformance, "HAND_S", 0.3)  # no hand pulls this cable
     wire.talk(LUX)
     settings = DeviceSettings("t", "lutron", port=wire.path)
     found = levels(check_driver(Clinging(), HostClock(), settings, wire))

@@ -3,14 +3,14 @@
 import pytest
 
 from fieldkit.drivers import discovery
+from tests.harness.connected import plugged_in
 
 
 @pytest.fixture
 def sysfs(tmp_path, monkeypatch):
     """Plugs (socket, vendor, product) in; nothing of this computer is seen."""
-    monkeypatch.setattr(discovery, "cameras", list)
-    monkeypatch.setattr(discovery, "serial_ports", list)
-    monkeypatch.setattr(discovery.os.path, "exists", lambda path: True)
+    plugged_in(monkeypatch)
+    monkeypatch.setattr(discovery.os.path, "exists", lambda path: True)  # nodes that only a kernel makes
 
     def plug(socket, vendor, product):
         folder = tmp_path / "bus/usb/devices" / socket
@@ -27,7 +27,7 @@ def sysfs(tmp_path, monkeypatch):
 @pytest.mark.parametrize("kind", [("3474", "45a2"), ("1a86", "e008")])
 @pytest.mark.parametrize(("allowed", "level"), [(True, "ok"), (False, "fail")])
 def test_instruments_with_nothing_but_the_raw_node_are_looked_at(sysfs, monkeypatch, kind, allowed, level):
-    monkeypatch.setattr(discovery.os, "access", lambda path, mode: allowed)
+    monkeypatch.setattr(discovery.os, "access", lambda path, mode: allowed)  # root may open every node
     (found,) = [
         fact
         for fact in discovery.check_instruments(sysfs("1-2", *kind))

@@ -82,10 +82,12 @@ def test_an_instrument_describes_itself():
 
 def test_a_found_device_is_opened_by_identity(monkeypatch):
     wanted = []
+    # which settings a driver is opened with; opening real ones is test_conformance's
     monkeypatch.setattr(
         instrument.registry, "open_device", lambda settings, clock: wanted.append(settings) or camera()
     )
     found = ConnectedDevice("1e4e:0100", "/dev/video0", "PureThermal", ("purethermal",))
+    # what is connected to this computer does not count
     monkeypatch.setattr(instrument, "find_devices", lambda: [found])
     open_device(found, clock=HostClock())
     open_device()
@@ -97,6 +99,7 @@ def test_a_device_that_two_drivers_recognise_needs_a_choice(monkeypatch):
     adapter = ConnectedDevice("10c4:ea60", "/dev/ttyUSB0", "CP2102", ("lutron", "pce-174"), "any adapter")
     with pytest.raises(ConfigError, match="choose a driver"):
         open_device(adapter)
+    # what is connected to this computer does not count
     monkeypatch.setattr(instrument, "find_devices", lambda: [adapter])
     with pytest.raises(DeviceNotFoundError, match="found: none"):
         open_device()

@@ -2,6 +2,7 @@ import errno
 import os
 import subprocess
 import sys
+import time
 from types import SimpleNamespace
 
 import pytest
@@ -13,6 +14,7 @@ from fieldkit.drivers.ports import Line, SerialPort, Stamped, open_failure, open
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceAccessError, DeviceLostError, DeviceNotFoundError
+from tests.harness.connected import plugged_in
 
 RECORD = bytes.fromhex("02 34 31 31 35 30 30 30 30 30 39 38 37 36 30 0D")
 BYTE_NS = 1_041_666  # ten bits at 9600 baud
@@ -33,10 +35,10 @@ def test_wire_time_of_lines_is_that_of_their_bits():
 
 
 def test_stamp_is_the_arrival_less_the_wire_time_of_what_came_with_the_first_byte(wire, port):
-    before = port._clock.mono_ns()
+    before = time.monotonic_ns()
     wire.say(RECORD)
     found = port.read(LAYOUT, 2.0)
-    after = port._clock.mono_ns()
+    after = time.monotonic_ns()
     assert found.raw == RECORD
     assert Stamped(*found) == found  # every field is there
     assert before - 16 * BYTE_NS <= found.mono_ns <= after - 16 * BYTE_NS
@@ -45,7 +47,7 @@ def test_stamp_is_the_arrival_less_the_wire_time_of_what_came_with_the_first_byt
 def test_stamp_belongs_to_the_chunk_of_the_first_byte(wire, port):
     wire.say(RECORD[:1])
     assert port.read(LAYOUT, 0.05) is None
-    first_ns = port._clock.mono_ns()
+    first_ns = time.monotonic_ns()
     wire.say(RECORD[1:])
     assert port.read(LAYOUT, 2.0).mono_ns <= first_ns - BYTE_NS
 
@@ -57,7 +59,7 @@ def test_second_of_two_records_in_one_chunk_is_one_record_later(wire, port):
 
 
 def test_more_than_one_read_takes_comes_out_whole(wire, port, monkeypatch):
-    monkeypatch.setattr(ports, "CHUNK_BYTES", 448)
+    monkeypatch.setattr(ports, "CHUNK_BYTES", 448)  # a pseudo-terminal holds no more than one whole chunk
     wire.say(RECORD[5:] + 45 * RECORD)
     assert all(port.read(LAYOUT, 2.0).raw == RECORD for _ in range(45))
     assert (port.framer.rejected, port.framer.left) == (1, b"")
@@ -136,13 +138,14 @@ def test_port_can_be_opened_again_after_it_was_closed(wire, port):
 
 def test_missing_port_lists_what_is_there(monkeypatch):
     meter = UsbIdentity(0x0403, 0x6001, "A1", "1-1", "FTDI adapter")
-    monkeypatch.setattr(ports, "serial_ports", lambda: [("/dev/ttyUSB7", meter)])
+    plugged_in(monkeypatch, serial_ports=[("/dev/ttyUSB7", meter)])
     with pytest.raises(DeviceNotFoundError, match="0403:6001:A1 at /dev/ttyUSB7"):
         SerialPort("/dev/ttyUSB-none", Line(), HostClock())
 
 
 @pytest.mark.parametrize(("group", "joins"), [("dialout", True), ("root", False)])
 def test_permission_says_what_to_type_and_never_to_join_root(tmp_path, monkeypatch, group, joins):
+    # a group that owns the folder and is called so would have to be made by root
     monkeypatch.setattr(identity.grp, "getgrgid", lambda number: SimpleNamespace(gr_name=group))
     failure = open_failure(str(tmp_path), OSError(errno.EACCES, "denied"))
     assert isinstance(failure, DeviceAccessError)
@@ -167,7 +170,7 @@ def test_identity_finds_the_port_whatever_its_number(monkeypatch, wire):
         ("/dev/ttyUSB0", UsbIdentity(0x0403, 0x6001, "B2")),
         (wire.path, UsbIdentity(0x0403, 0x6001, "A1")),
     ]
-    monkeypatch.setattr(ports, "serial_ports", lambda: present)
+    plugged_in(monkeypatch, serial_ports=present)
     port = open_port(settings(identity="0403:6001:A1"), Line(), HostClock())
     assert port.path == wire.path
     port.close()
@@ -175,7 +178,7 @@ def test_identity_finds_the_port_whatever_its_number(monkeypatch, wire):
 
 def test_other_instrument_at_the_configured_port_is_refused(monkeypatch, wire):
     real = os.path.realpath(wire.path)
-    monkeypatch.setattr(ports, "serial_ports", lambda: [(real, UsbIdentity(0x10C4, 0xEA60, "X"))])
+    plugged_in(monkeypatch, serial_ports=[(real, UsbIdentity(0x10C4, 0xEA60, "X"))])
     with pytest.raises(DeviceNotFoundError, match="is 10c4:ea60:X, not 0403:6001"):
         open_port(settings(port=wire.path, identity="0403:6001"), Line(), HostClock())
 
@@ -183,7 +186,7 @@ def test_other_instrument_at_the_configured_port_is_refused(monkeypatch, wire):
 @pytest.mark.parametrize("count", [0, 2])
 def test_without_port_and_identity_only_a_single_port_is_taken(monkeypatch, count):
     present = [(f"/dev/ttyUSB{n}", UsbIdentity(0x0403, 0x6001, f"S{n}")) for n in range(count)]
-    monkeypatch.setattr(ports, "serial_ports", lambda: present)
+    plugged_in(monkeypatch, serial_ports=present)
     with pytest.raises(DeviceNotFoundError, match=r"no serial ports|2 serial ports"):
         open_port(settings(), Line(), HostClock())
 
@@ -220,7 +223,7 @@ class SysFs:
 
 @pytest.fixture
 def sysfs(tmp_path, monkeypatch):
-    monkeypatch.setattr(ports, "SYSFS", tmp_path / "sys")
+    monkeypatch.setattr(ports, "SYSFS", tmp_path / "sys")  # only the kernel writes its own
     return SysFs(tmp_path / "sys")
 
 
@@ -269,11 +272,11 @@ def two_ports(sysfs):
 
 def test_the_identity_of_a_port_finds_it_when_the_numbers_were_swapped(two_ports):
     wanted = settings(identity="0403:6010:FT1-if01")
-    assert ports._find_path(wanted, ()) == "/dev/ttyUSB1"
+    assert ports.port_path(wanted) == "/dev/ttyUSB1"
     two_ports.renumber("ttyUSB0", "ttyUSB1")
-    assert ports._find_path(wanted, ()) == "/dev/ttyUSB0"
+    assert ports.port_path(wanted) == "/dev/ttyUSB0"
     with pytest.raises(DeviceNotFoundError, match="is 0403:6010:FT1-if00, not 0403:6010:FT1-if01"):
-        ports._find_path(settings(identity="0403:6010:FT1-if01", port="/dev/ttyUSB1"), ())
+        ports.port_path(settings(identity="0403:6010:FT1-if01", port="/dev/ttyUSB1"))
 
 
 @pytest.mark.parametrize("identity", ["0403:6010", "0403:6010:FT1", "1-1.2"])
@@ -282,7 +285,7 @@ def test_an_identity_that_two_ports_of_an_adapter_share_is_refused_with_the_choi
     two_ports, identity, port
 ):
     with pytest.raises(DeviceNotFoundError) as caught:
-        ports._find_path(settings(identity=identity, port=port), ())
+        ports.port_path(settings(identity=identity, port=port))
     for choice in ("0403:6010:FT1-if00 at /dev/ttyUSB0", "0403:6010:FT1-if01 at /dev/ttyUSB1"):
         assert choice in caught.value.message
 
@@ -290,11 +293,11 @@ def test_an_identity_that_two_ports_of_an_adapter_share_is_refused_with_the_choi
 @pytest.mark.parametrize("identity", ["0403:6001", "0403:6001:A1", "1-1", "0403:6001:A1-if00"])
 def test_identities_of_adapters_with_one_port_keep_working(sysfs, identity):
     sysfs.plug("ttyUSB0", "1-1", "0403:6001", "00", "A1")
-    assert ports._find_path(settings(identity=identity), ()) == "/dev/ttyUSB0"
-    assert ports._find_path(settings(identity=identity, port="/dev/ttyUSB0"), ()) == "/dev/ttyUSB0"
+    assert ports.port_path(settings(identity=identity)) == "/dev/ttyUSB0"
+    assert ports.port_path(settings(identity=identity, port="/dev/ttyUSB0")) == "/dev/ttyUSB0"
 
 
 def test_look_alikes_with_one_port_each_may_still_be_named_by_port(sysfs):
     for number in range(2):
         sysfs.plug(f"ttyUSB{number}", f"1-{number + 1}", "10c4:ea60", "00")
-    assert ports._find_path(settings(identity="10c4:ea60", port="/dev/ttyUSB1"), ()) == "/dev/ttyUSB1"
+    assert ports.port_path(settings(identity="10c4:ea60", port="/dev/ttyUSB1")) == "/dev/ttyUSB1"

@@ -20,7 +20,7 @@ def install(folder, package, name, module="json:JSONDecoder"):
 
 @pytest.fixture
 def site_packages(tmp_path, monkeypatch):
-    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
+    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])  # as packages that pip installed
     importlib.invalidate_caches()
     return tmp_path
 

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fieldkit.estimation import balance
 from fieldkit.estimation.balance import Rows, least_squares_rows
 from fieldkit.estimation.bins import History, RegionColumns
 from fieldkit.estimation.prior import Prior
@@ -53,14 +52,15 @@ def test_noise_is_that_of_the_target_and_of_the_mean_of_the_references(history, 
     assert made(history, references).sigma == pytest.approx(np.full((MINUTES, 1), expected), rel=1e-9)
 
 
-def test_light_that_changes_by_a_tenth_in_a_minute_doubles_the_variance():
-    light = np.full(20, 800.0)
-    light[10:] = 880.0
-    found = balance._unsteadiness(light)
-    assert found[5] == 1.0
+def test_light_that_changes_by_a_tenth_in_a_minute_doubles_the_variance(history):
+    light = np.full(MINUTES, DIRECT_W_M2)
+    light[10:] = 1.1 * DIRECT_W_M2
+    steady = made(history).sigma[0, 0]
+    found = made(replace(history, dni_w_m2=light)).sigma[:, 0] * light / DIRECT_W_M2 / steady
+    assert found[5] == pytest.approx(1.0)
     assert found[9] ** 2 == pytest.approx(2.0)
-    assert found[10] ** 2 == pytest.approx(1.0 + (80.0 / 880.0 / 0.1) ** 2)
-    assert found[11] == 1.0
+    assert found[10] ** 2 == pytest.approx(1.0 + (0.1 / 1.1 / 0.1) ** 2)
+    assert found[11] == pytest.approx(1.0)
 
 
 def test_an_offset_and_a_drift_in_kelvin_per_hour_are_systematic_effects_in_every_row(history):
@@ -102,9 +102,7 @@ def test_uncertain_light_is_what_another_sky_and_ground_would_send_after_pvlib(h
     pvlib = pytest.importorskip("pvlib")
     diffuse, tilt, azimuth = 90.0, 35.0, 120.0
     used = replace(history, dhi_w_m2=np.full(MINUTES, diffuse))
-    changes = dict(
-        zip(balance.LIGHT, made(used, model="full").light_effects(normal(tilt, [azimuth])), strict=True)
-    )
+    changes = dict(zip(LIGHT, made(used, model="full").light_effects(normal(tilt, [azimuth])), strict=True))
     top = extraterrestrial(history.time_ns)
     ghi = DIRECT_W_M2 * np.cos(np.radians(40.0)) + diffuse
     prior, light = Prior(), (40.0, 180.0, DIRECT_W_M2, ghi, diffuse, top)

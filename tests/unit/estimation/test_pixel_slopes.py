@@ -191,7 +191,7 @@ MORNING = int(np.datetime64("2017-08-30T00:30", "ns").astype(np.int64))
 
 @pytest.fixture(autouse=True)
 def _the_papers_model_is_whole(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The scene of these tests is made by the paper's model: nothing is missing from it."""
+    """The scene of these tests is made by the paper's model: nothing is missing, which no setting can say."""
     monkeypatch.setattr("fieldkit.estimation.pixel_slopes.PAPER_SCALE_SD", 0.0)
 
 

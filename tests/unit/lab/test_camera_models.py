@@ -93,7 +93,7 @@ def test_purethermal_plays_a_real_recording_unchanged(lepton):
     data = gzip.decompress((folder / name).read_bytes())
     start = 12 + struct.unpack_from("<I", data, 8)[0] + 24
     counts = np.frombuffer(data, "<u2", 120 * 160, start).reshape(120, 160)
-    lepton._kelvin = lambda _: counts / 100
+    lepton.kelvin = lambda _: counts / 100
     picture = np.frombuffer(lepton.picture(0.0), "<u2").reshape(122, 160)[:120]
     assert picture[60, 80] == expected["raw_60_80"]
     assert (picture.min(), picture.max()) == (expected["raw_min"], expected["raw_max"])

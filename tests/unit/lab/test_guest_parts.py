@@ -88,6 +88,7 @@ def test_a_missing_program_is_named_with_what_to_type():
 def test_hardware_virtualisation_is_tried_where_it_may_be_used_and_emulation_after_it(
     monkeypatch, usable, asked, tried
 ):
+    # this computer is only one of the three
     monkeypatch.setattr(machine.os, "access", lambda path, mode: usable and path == "/dev/kvm")
     monkeypatch.setenv("USBLAB_ACCEL", asked)
     assert [acceleration.split(",")[0] for acceleration, *_ in machine.accelerations()] == tried

@@ -23,7 +23,7 @@ def _not_required(monkeypatch):
 
 
 def test_the_first_attempt_without_a_loss_counts(monkeypatch):
-    monkeypatch.setattr(losses.os, "getloadavg", lambda: (0.0, 0.0, 0.0))
+    monkeypatch.setattr(losses.os, "getloadavg", lambda: (0.0, 0.0, 0.0))  # an idle computer
     attempts = iter([("first", 2), ("second", 0), ("third", 0)])
     assert first_without_loss(lambda: next(attempts)) == "second"
     with pytest.raises(AssertionError):
@@ -34,6 +34,7 @@ def test_the_first_attempt_without_a_loss_counts(monkeypatch):
 def test_a_loss_without_processor_time_accuses_nobody_unless_the_lab_is_required(
     monkeypatch, load, idle_share
 ):
+    # an idle and a busy computer of two cores
     monkeypatch.setattr(losses.os, "getloadavg", lambda: (load, load, load))
     monkeypatch.setattr(losses.os, "cpu_count", lambda: 2)
     nothing_lost(0, idle_share)

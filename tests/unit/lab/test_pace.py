@@ -39,7 +39,7 @@ def played(kind, seconds, stalls, monkeypatch):
     """A stream of so many seconds; the guest takes nothing within `stalls`, pairs of begin and end."""
     make, rate_hz, packets, interval_s, target = CAMERAS[kind]
     now = 0.0
-    monkeypatch.setattr(pace.time, "monotonic", lambda: now)
+    monkeypatch.setattr(pace.time, "monotonic", lambda: now)  # stalls at exact times
     paced, queue = pace.IsoPace(make(), 10), Queue(target)
     waiting, sent, due_s = 0, 0, 1.0 / rate_hz
     for step in range(round(seconds / interval_s)):
@@ -77,7 +77,7 @@ def test_a_guest_that_gets_no_processor_for_a_while_again_and_again_loses_nothin
 
 def test_what_was_not_sent_in_time_is_not_made_up_for(monkeypatch):
     now = 0.0
-    monkeypatch.setattr(pace.time, "monotonic", lambda: now)
+    monkeypatch.setattr(pace.time, "monotonic", lambda: now)  # stalls at exact times
     paced = pace.IsoPace(PureThermal(lambda _: np.zeros((120, 160))), 10)
     assert paced.owed(0.010) == 10
     assert paced.owed(0.300) == 10

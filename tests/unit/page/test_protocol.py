@@ -20,8 +20,9 @@ class Silent(asyncio.Protocol):
 
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    # uvicorn's own answers would end connections too; the page's tests have both together
     monkeypatch.setattr(protocol, "H11Protocol", Silent)
-    monkeypatch.setattr(protocol, "HEADERS_WITHIN_S", 0.2)
+    monkeypatch.setattr(protocol, "HEADERS_WITHIN_S", 0.2)  # a shorter wait
 
 
 async def is_closed_after(*parts: bytes) -> bool:
@@ -33,7 +34,7 @@ async def is_closed_after(*parts: bytes) -> bool:
         reader, writer = await asyncio.open_connection(*server.sockets[0].getsockname())
         for part in parts:
             writer.write(part)
-            await asyncio.sleep(0.02)
+            await asyncio.sleep(0.02)  # so that the server reads one part after the other
         try:
             await asyncio.wait_for(reader.read(), 1.0)
         except TimeoutError:
@@ -70,8 +71,8 @@ def test_a_request_that_does_not_become_complete_ends_its_connection(
 def test_of_too_many_connections_of_an_address_the_oldest_that_waits_is_closed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(protocol, "HEADERS_WITHIN_S", 60.0)
-    monkeypatch.setattr(protocol, "MOST_OF_ONE", 3)
+    monkeypatch.setattr(protocol, "HEADERS_WITHIN_S", 60.0)  # none is too late here
+    monkeypatch.setattr(protocol, "MOST_OF_ONE", 3)  # four are opened one after the other
 
     async def closed() -> list[bool]:
         connections: set[CarefulProtocol] = set()
@@ -82,7 +83,7 @@ def test_of_too_many_connections_of_an_address_the_oldest_that_waits_is_closed(
             for part in (START + END, START, START, START):  # the first one is complete
                 streams.append(await asyncio.open_connection(*server.sockets[0].getsockname()))
                 streams[-1][1].write(part)
-                await asyncio.sleep(0.05)
+                await asyncio.sleep(0.05)  # so that the server takes one after the other
             found = [reader.at_eof() or reader.exception() is not None for reader, _ in streams]
             for _, writer in streams:
                 writer.close()

@@ -14,17 +14,19 @@ class Slow:
     """A browser that takes what it is sent once it is ready."""
 
     def __init__(self) -> None:
-        self.ready, self.taken = asyncio.Event(), []
+        self.ready, self.came, self.taken = asyncio.Event(), asyncio.Event(), []
 
     async def take(self, message: str | bytes) -> None:
         await self.ready.wait()
         self.taken.append(message)
+        self.came.set()
 
 
 async def until_taken(browser: Slow, last: str | bytes) -> None:
     async with asyncio.timeout(5):
         while last not in browser.taken:
-            await asyncio.sleep(0.001)
+            await browser.came.wait()
+            browser.came.clear()
 
 
 def test_a_slow_browser_misses_pictures_but_no_text():
@@ -32,7 +34,7 @@ def test_a_slow_browser_misses_pictures_but_no_text():
         browser, viewer = Slow(), Viewer("view")
         sending = asyncio.create_task(viewer.send(browser.take, browser.take))
         viewer.text("first")
-        await asyncio.sleep(0)
+        await asyncio.sleep(0)  # the sender begins with it
         for number in range(100):
             viewer.picture(b"%d" % number)
         viewer.text("second")
@@ -56,7 +58,7 @@ def test_a_browser_that_reads_nothing_is_disconnected():
 
 
 def test_a_browser_that_takes_nothing_for_long_is_disconnected(monkeypatch):
-    monkeypatch.setattr(viewers, "SEND_WITHIN_S", 0.05)
+    monkeypatch.setattr(viewers, "SEND_WITHIN_S", 0.05)  # a shorter wait
 
     async def run() -> None:
         browser, viewer = Slow(), Viewer("view")
@@ -69,7 +71,7 @@ def test_a_browser_that_takes_nothing_for_long_is_disconnected(monkeypatch):
 
 def test_requests_are_counted_and_the_count_recovers(monkeypatch):
     now = [100.0]
-    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    monkeypatch.setattr("time.monotonic", lambda: now[0])  # at the exact ends of a second
     viewer = Viewer("view")
     for _ in range(viewers.BURST):
         viewer.count_request()

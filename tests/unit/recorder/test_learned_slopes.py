@@ -54,7 +54,7 @@ def cut_off(folder: Path) -> Path:
         return genuine(self, sample)  # type: ignore[arg-type]
 
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(Estimator, "collect", collect)
+        patched.setattr(Estimator, "collect", collect)  # after the same sample each time, as no signal comes
         path = recorded(folder, "cut")
     assert CliRunner().invoke(main, ["recover", str(path)]).exit_code == 0
     return path

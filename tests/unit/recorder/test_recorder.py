@@ -91,6 +91,7 @@ def test_an_estimator_that_fails_is_left_out_once_and_the_recording_goes_on(
         failures.append(1)
         raise ZeroDivisionError("no light at all")
 
+    # only a mistake of ours raises this
     monkeypatch.setattr(part, method, after(at, fail, getattr(part, method)))
     done = record(campaign)
     assert done.exit_code == 0, done.output
@@ -108,7 +109,7 @@ def test_an_estimator_that_fails_at_the_very_end_does_not_keep_the_session_from_
     def fail(self: Estimator) -> None:
         raise ValueError("nothing to divide by")
 
-    monkeypatch.setattr(Estimator, "collect_rest", fail)
+    monkeypatch.setattr(Estimator, "collect_rest", fail)  # only a mistake of ours does
     assert record(campaign).exit_code == 0
     counts, events = stored(the_session(campaign))
     assert is_whole(counts)
@@ -122,6 +123,7 @@ def test_what_the_data_taught_is_stored_with_the_slopes(
 ) -> None:
     found = learnt()
     genuine = Estimator.minute
+    # the learned model takes a day of minutes to learn all of this
     monkeypatch.setattr(
         Estimator, "minute", lambda self, closed: replace(genuine(self, closed), learnt=found)
     )
@@ -148,6 +150,7 @@ def test_a_second_ctrl_c_leaves_a_journal_that_gives_everything_back(
     def interrupt() -> None:
         raise KeyboardInterrupt
 
+    # a second Ctrl-C that comes while the estimator works, which a signal cannot be timed to
     monkeypatch.setattr(Estimator, "collect", after(100, interrupt, Estimator.collect))
     done = record(campaign)
     assert done.exit_code != 0
@@ -277,6 +280,7 @@ def test_estimates_that_are_late_are_an_event_and_so_is_their_return(
     campaign: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of a first minute that takes half a second where a fifth of one is late; the others come as they do."""
+    # a slow computer, without its minutes of waiting; simulated time does not wait for it
     monkeypatch.setattr("fieldkit.recorder.health.LATE_S", 0.2)
     monkeypatch.setattr("fieldkit.recorder.sample_queue.SampleQueue.settled", lambda self, timeout_s: True)
     genuine, held = Estimator.minute, threading.Event()
@@ -305,7 +309,7 @@ def test_a_view_that_fails_is_told_and_left_out(campaign: Path, monkeypatch: pyt
         if isinstance(item, Health) and len(shown) > 20:
             raise OSError("the terminal is gone")
 
-    monkeypatch.setattr(PlainView, "show", show)
+    monkeypatch.setattr(PlainView, "show", show)  # the runner's output is a buffer, which takes everything
     assert record(campaign).exit_code == 0
     counts, events = stored(the_session(campaign))
     assert is_whole(counts)
@@ -319,6 +323,7 @@ def test_what_is_noted_last_and_what_the_estimator_notices_is_in_the_session(
 ) -> None:
     last = Event(EventKind.MARK, 1, 1, "packing up")
     genuine = RequestReader.close
+    # sent between the last look at the inbox and its end, a moment that nothing outside can hit
     monkeypatch.setattr(RequestReader, "close", lambda self: [last, *genuine(self)])
     done = record(campaign, "--set", "simulation.faults=['cloud']", "--json")
     assert done.exit_code == 0, done.output

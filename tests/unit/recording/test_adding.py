@@ -16,6 +16,7 @@ from fieldkit.drivers.meters.modbus import pack_request
 from fieldkit.model.errors import ConfigError
 from fieldkit.recording.adding import add_devices
 from fieldkit.recording.doctor import doctor
+from tests.harness.connected import plugged_in
 from tests.unit.drivers.conftest import Wire
 
 LUX = bytes.fromhex("02 34 31 31 35 30 30 30 30 30 39 38 37 36 30 0D")
@@ -27,9 +28,7 @@ OF_NO_TYPE = bytes.fromhex("01 84 02 C2 C1")
 def plug(tmp_path, monkeypatch):
     """Connects serial adapters called by their serial number; their far ends."""
     wires, present = [], []
-    for module in ("discovery", "ports"):
-        monkeypatch.setattr(f"fieldkit.drivers.{module}.serial_ports", lambda: list(present))
-    monkeypatch.setattr("fieldkit.drivers.discovery.cameras", list)
+    plugged_in(monkeypatch, serial_ports=present)
 
     def connect(serial):
         wires.append(Wire(tmp_path / serial))
@@ -100,7 +99,7 @@ def test_on_a_terminal_it_is_asked_for(plug, file, monkeypatch, capsys):
     plug("A7").talk(LUX)
     near, far = pty.openpty()
     with os.fdopen(far) as terminal, monkeypatch.context() as patch:
-        patch.setattr("sys.stdin", terminal)
+        patch.setattr("sys.stdin", terminal)  # click's runner has none
         os.write(near, b"lutrn\nlutron\n")
         assert not main(["devices", "--add", "-C", str(file.parent)], standalone_mode=False)
     os.close(near)

@@ -23,12 +23,13 @@ from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import Event, EventKind, Severity
 from fieldkit.recorder import alarm_outputs
 from fieldkit.recorder.alarm_outputs import AlarmOutput, AlarmOutputs, NtfyOutput
-from fieldkit.recorder.recorder import Recorder
-from fieldkit.recording.alarms import _outputs, alarm_settings
+from fieldkit.recording.alarms import alarm_settings, outputs_of
 from fieldkit.recording.campaign import create_campaign
 from fieldkit.recording.record import RecordedSession, prepare
 from fieldkit.recording.replay import replay
+from fieldkit.recording.requests import Acknowledgement, sent
 from fieldkit.sessions.reader import open_session
+from fieldkit.sessions.writer import SessionWriter
 from tests.harness.seldom import SELDOM
 
 FAST = [
@@ -143,7 +144,7 @@ def test_an_estimator_that_fails_is_an_alarm(tmp_path, monkeypatch):
         raise ZeroDivisionError("no light at all")
 
     with monkeypatch.context() as patched:
-        patched.setattr(Estimator, "collect", fail)
+        patched.setattr(Estimator, "collect", fail)  # only a mistake of ours does
         done = recorded(tmp_path / "field", 3)
     live = alarms_of(done.path)
     assert [event.data["alarm"] for event in live] == ["estimator"]
@@ -154,7 +155,7 @@ def test_alarms_that_fail_do_not_end_the_recording(tmp_path, monkeypatch):
     def fail(self: object, item: object) -> None:
         raise ZeroDivisionError("no alarm at all")
 
-    monkeypatch.setattr("fieldkit.recorder.alarms.AlarmEngine.update", fail)
+    monkeypatch.setattr("fieldkit.recorder.alarms.AlarmEngine.update", fail)  # only a mistake of ours does
     done = recorded(tmp_path / "field", 3)
     with open_session(done.path) as session:
         assert session.state == "sealed"
@@ -164,16 +165,15 @@ def test_alarms_that_fail_do_not_end_the_recording(tmp_path, monkeypatch):
 
 
 def test_an_acknowledgement_is_stored_and_replayed(tmp_path, monkeypatch):
-    genuine = Recorder._keep_event
+    genuine = SessionWriter.event
 
-    def acknowledging(self: Recorder, event: Event) -> None:
+    def acknowledging(self: SessionWriter, event: Event) -> None:
         genuine(self, event)
         if phase_of(event) is Phase.RAISED:
-            data = {"acknowledge": event.data["alarm"]}
-            now = self.clock.mono_ns()
-            self._carry_out([Event(EventKind.MARK, now, self.clock.to_utc_ns(now), "seen", data=data)])
+            sent(self.path.parent, Acknowledgement(event.data["alarm"]))
 
-    monkeypatch.setattr(Recorder, "_keep_event", acknowledging)
+    # only here does simulated time wait for who acknowledges
+    monkeypatch.setattr(SessionWriter, "event", acknowledging)
     done = recorded(tmp_path / "field", 8, 'simulation.faults=["cable"]')
     live = alarms_of(done.path)
     assert [phase_of(event) for event in live] == [Phase.RAISED, Phase.ACKNOWLEDGED, Phase.CLEARED]
@@ -236,7 +236,7 @@ class Dripping(BaseHTTPRequestHandler):
 
 
 def test_a_server_that_answers_in_drips_is_an_event_and_the_next_alarm_is_sent(monkeypatch):
-    monkeypatch.setattr(alarm_outputs, "HUNG_AFTER_S", 1.0)
+    monkeypatch.setattr(alarm_outputs, "HUNG_AFTER_S", 1.0)  # a shorter wait
     with ThreadingHTTPServer(("127.0.0.1", 0), Dripping) as server:
         server.posted, server.ended = [], threading.Event()
         threading.Thread(target=server.serve_forever, daemon=True).start()
@@ -268,7 +268,7 @@ def with_secrets(folder: Path, **files: str | None) -> list[AlarmOutput]:
     settings = [f"alarms.{key}={key}.txt" for key in files]
     if "mqtt_password_file" in files:
         settings.append("alarms.mqtt=mqtt://me@127.0.0.1:1/sand")
-    return list(_outputs(load_config(folder / FILE_NAME, settings=settings)))
+    return list(outputs_of(load_config(folder / FILE_NAME, settings=settings)))
 
 
 @pytest.mark.parametrize(

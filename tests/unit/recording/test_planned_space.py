@@ -33,10 +33,8 @@ def test_bursts_of_a_small_camera_with_meters_take_no_more_than_planned(tmp_path
             writer.append(sample(info, second))
         health = tuple(StreamHealth(name, second, 0, 0) for name in STREAMS)
         writer.health(Health(second, second, health, 10**11, 10**9, 1.5, 2.5, 3.5))
-    writer._stop()
-    writer._file_thread.finish(0)
+    writer.abandon(at_once=False)
     grown, counted = on_disk(path) - empty, writer.bytes_written - counted
-    writer.abandon()
     planned = SECONDS * bytes_per_second(streams, Sampling(every_s=60.0))
     assert planned / 2 < grown < planned
     assert abs(grown - counted) < 4096 * 5  # whole blocks

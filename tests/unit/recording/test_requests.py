@@ -154,7 +154,7 @@ def hiccup(monkeypatch):
             raise OSError("stale file handle")
 
         with monkeypatch.context() as patch:
-            patch.setattr("pathlib.Path.stat", fails)
+            patch.setattr("pathlib.Path.stat", fails)  # as a share of a network does for a moment
             yield
 
     return hiccup
@@ -186,7 +186,7 @@ def test_a_mark_that_cannot_be_removed_is_taken_once(folder, clock, monkeypatch)
     def refused(*_):
         raise PermissionError
 
-    monkeypatch.setattr("pathlib.Path.unlink", refused)
+    monkeypatch.setattr("pathlib.Path.unlink", refused)  # root may remove any file
     marks = RequestReader(folder, clock)
     assert [event.text for event in (*marks(), *marks())] == ["dropped with sudo"]
 

@@ -82,6 +82,9 @@ def fresh_version():
     code_version.cache_clear()
 
 
+# --- other libraries, another machine, other code: a real one of each would be an installation of its own
+
+
 @pytest.mark.parametrize("package", ["numpy", "scipy", "astropy", "h5py"])
 def test_results_of_other_libraries_are_not_found(monkeypatch, fresh_version, package):
     before, genuine = fresh_version(), cache_module.metadata.version

@@ -118,6 +118,7 @@ def test_what_the_data_taught_comes_with_the_slopes_and_from_the_cache(sessions,
         found = {int(time_ns): learnt(minute) for minute, time_ns in enumerate(history.time_ns)}
         return replace(genuine(history, regions, settings), learnt=LearntSeries(found))
 
+    # the learned model takes a day of minutes to learn all of this
     monkeypatch.setattr(minutes_service, "solve", with_learnt)
     for _ in ("made", "cached"):
         slopes = estimate(sessions[0], albedo=0.31)

@@ -32,6 +32,7 @@ def never_read(monkeypatch):
     def unexpected(*_: object) -> None:
         raise AssertionError("the session was read again")
 
+    # a file that cannot be read would have another checksum, and so no cached minutes
     return lambda: monkeypatch.setattr(minutes_service, "measure", unexpected)
 
 

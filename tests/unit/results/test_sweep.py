@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from fieldkit.config import config_from_text
+from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.region_schedule import RegionSchedule
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SlopeEstimate, SlopeState
+from fieldkit.results.minutes import Outcome, Run
 from fieldkit.results.session_estimates import Estimates
-from fieldkit.results.sweep import _region_row, ranked, read_grid
+from fieldkit.results.sources import Source
+from fieldkit.results.sweep import SweepTable, ranked, read_grid
 
 
 def test_a_range_holds_both_ends_in_decimals_as_one_would_write_them():
@@ -170,7 +177,13 @@ def line(region: Region, *found: tuple[SlopeState, float]) -> dict[str, float]:
         for minute, (state, tilt) in enumerate(found)
     ]
     rows = Estimates.of(estimates, {"temperature_k": 300.0, "irradiance_w_m2": 800.0}, (region,))
-    return _region_row(region, rows.of_region(region))
+    path = Path("day.h5")
+    table = SweepTable(read_grid([]), {path: "day"})
+    config = config_from_text("[site]\nlatitude_deg = 0\nlongitude_deg = 0\n", Path("fieldkit.toml"))
+    source = Source(path, "", "", config, RegionSchedule.of((region,)))
+    run = Run(source, config.site, EstimatorSettings())
+    table.add(Outcome(run, rows))
+    return {name: values[0] for name, values in table.columns().items()}
 
 
 def test_errors_are_of_the_minutes_with_an_answer() -> None:

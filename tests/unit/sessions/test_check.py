@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 import pytest
 
+from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import SessionError
 from fieldkit.model.samples import Event, EventKind, Quality, Severity
 from fieldkit.model.site import Site
@@ -26,13 +27,17 @@ STEP_NS = 111_111_111
 
 
 def recorded(
-    path: Path, times_ns: list[int], flags: dict[int, Quality] | None = None, **more: object
+    path: Path,
+    times_ns: list[int],
+    flags: dict[int, Quality] | None = None,
+    camera: StreamInfo = CAMERA,
+    **more: object,
 ) -> Path:
     """A session of one camera with frames at these monotonic times, and what `more` says."""
     clock = CountedClock()
-    writer = SessionWriter(path, HEADER, clock)
+    writer = SessionWriter(path, replace(HEADER, streams=(camera, *HEADER.streams[1:])), clock)
     for seq, mono in enumerate(times_ns):
-        frame = sample(CAMERA, seq, mono, clock.to_utc_ns(mono))
+        frame = sample(camera, seq, mono, clock.to_utc_ns(mono))
         writer.append(frame._replace(quality=(flags or {}).get(seq, Quality.GOOD)))
     for event in more.get("events", ()):  # type: ignore[attr-defined]
         writer.event(event)
@@ -50,12 +55,9 @@ def test_steady_camera_has_nothing_against_it(tmp_path: Path) -> None:
     assert "compared with the journal" in said(path, "state", "ok")
 
 
-def test_camera_that_corrects_for_emissivity_is_found(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_camera_that_corrects_for_emissivity_is_found(tmp_path: Path) -> None:
     corrects = replace(CAMERA, settings={"emissivity": 0.98})
-    monkeypatch.setattr(f"{__name__}.HEADER", replace(HEADER, streams=(corrects, *HEADER.streams[1:])))
-    path = recorded(tmp_path / "a.h5", STEADY)
+    path = recorded(tmp_path / "a.h5", STEADY, camera=corrects)
     assert "corrected for an emissivity of 0.98" in said(path, "camera")
 
 

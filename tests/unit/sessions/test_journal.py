@@ -28,6 +28,7 @@ from fieldkit.sessions.records import (
 from fieldkit.sessions.session_file import FileThread
 from tests.harness.learnt import learnt
 from tests.harness.recording import START_NS, header, same, sample
+from tests.harness.waiting import wait_until
 from tests.unit.sessions.test_log import full_disk
 
 HEADER = header((24, 32))
@@ -56,7 +57,8 @@ def test_entry_that_makes_no_sense_is_named() -> None:
 
 def filled(folder: Path, frames: int, part_bytes: int) -> Journal:
     folder.mkdir()
-    journal = Journal(folder, IDENTITY, part_bytes)
+    journal = Journal(folder, IDENTITY)
+    journal.part_bytes = part_bytes
     for seq in range(frames):
         journal.append(sample(HEADER.streams[0], seq))
         if seq % 5 == 0:
@@ -258,18 +260,27 @@ def test_full_disk_is_a_storage_error_and_earlier_rows_stay(tmp_path: Path) -> N
 
 
 def test_parts_stay_until_the_file_has_their_records(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(session_file, "JOURNAL_BYTES", 1)
+    monkeypatch.setattr(session_file, "JOURNAL_BYTES", 1)  # after 750 MB parts go
+    monkeypatch.setattr(session_file, "FLUSH_EVERY_S", 0.0)
     journal = filled(tmp_path / "journal", 40, part_bytes=15_000)
     parts = [part for part, _ in journal.full_parts]
     assert len(parts) > 2
     thread = FileThread(tmp_path / "a.h5", journal, IDENTITY, lambda error: None)
-    thread._shorten_journal()
+    there_at_sync: list[list[bool]] = []
+    # what is on the disk when is not seen from outside without cutting the power
+    monkeypatch.setattr(thread.file, "sync", lambda: there_at_sync.append([part.exists() for part in parts]))
+    thread.start()
+    after_first = journal.full_parts[0][1]
+    with JournalReader(journal.folder) as reader:
+        (row,) = reader.since(after_first, after_first + 1)
     assert all(part.exists() for part in parts)  # the file has nothing yet
-    thread._catch_up(journal.full_parts[0][1])
-    there_at_sync: list[bool] = []
-    monkeypatch.setattr(thread.file, "sync", lambda: there_at_sync.append(parts[0].exists()))
-    thread._shorten_journal()
-    assert there_at_sync == [True]  # the file is on the disk before the part is gone
+    # those before it come from the journal
+    thread.offer(after_first, row.sample(HEADER.streams[0]), row.crc32)
+    wait_until(lambda: not parts[0].exists(), "the first part stays")
+    thread.stop(at_once=True)
+    thread.join()
+    assert thread.error is None
+    assert there_at_sync[:1] == [[True] * len(parts)]  # the file is on the disk before the part is gone
     assert [part.exists() for part in parts] == [False] + [True] * (len(parts) - 1)
     thread.close()
     journal.close()
@@ -280,51 +291,42 @@ def test_a_disk_that_does_not_confirm_is_told_and_the_part_is_asked_for_again(
 ) -> None:
     journal = filled(tmp_path / "journal", 6, part_bytes=10**9)
     told: list[str] = []
-    asked: list[Path] = []
+    asked: list[tuple[Path, int]] = []
 
-    def refuse(path: Path) -> None:
-        asked.append(path)
-        raise OSError(5, "Input/output error")
+    def refuse_once(path: Path) -> None:
+        asked.append((path, (journal.folder / "confirmed.log").stat().st_size))
+        if len(asked) == 1:
+            raise OSError(5, "Input/output error")
 
+    monkeypatch.setattr(journal_module, "SYNC_EVERY_S", 0.01)  # a shorter wait
+    monkeypatch.setattr(journal_module, "sync_data", refuse_once)  # no disk here fails when it is asked to
     thread = SyncThread(journal, told.append)
-    monkeypatch.setattr(journal_module, "sync_data", refuse)
-    thread._sync()
+    thread.start()
+    wait_until(lambda: len(asked) > 1, "the part is not asked for again")
+    thread.stop()
     assert len(told) == 1
     assert "did not confirm the last second" in told[0]
     assert "Input/output error" in told[0]
-    monkeypatch.setattr(journal_module, "sync_data", asked.append)
-    thread._sync()
-    assert asked == [journal.part_path(1)] * 2
+    assert {path for path, _ in asked} == {journal.part_path(1)}
+    (_, before), (_, after) = asked[:2]
+    assert before == after  # what was not confirmed was not counted
+    assert (journal.folder / "confirmed.log").stat().st_size > after
     journal.close()
 
 
-def test_journal_that_is_deleted_is_reported_at_once_and_once(tmp_path: Path) -> None:
+def test_journal_that_is_deleted_is_reported_at_once_and_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(journal_module, "SYNC_EVERY_S", 0.01)  # a shorter wait
     journal = filled(tmp_path / "journal", 6, part_bytes=10**9)
     told: list[str] = []
     thread = SyncThread(journal, told.append)
-    thread._sync()
+    thread.start()
+    wait_until(lambda: thread.took_ms > 0.0, "nothing is synced")
     assert told == []
     shutil.rmtree(journal.folder)
-    thread._sync()
-    thread._sync()
+    wait_until(lambda: told, "it is not reported")
+    thread.stop()  # after one more sync
     assert len(told) == 1
     assert "was deleted while recording" in told[0]
-    journal.close()
-
-
-def test_what_the_disk_did_not_confirm_is_not_counted(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def refuse(path: Path) -> None:
-        raise OSError(5, "Input/output error")
-
-    journal = filled(tmp_path / "journal", 6, part_bytes=10**9)
-    size = (journal.folder / "confirmed.log").stat().st_size
-    thread = SyncThread(journal, lambda text: None)
-    monkeypatch.setattr(journal_module, "sync_data", refuse)
-    thread._sync()
-    assert (journal.folder / "confirmed.log").stat().st_size == size
-    monkeypatch.undo()
-    thread._sync()
-    assert (journal.folder / "confirmed.log").stat().st_size > size
     journal.close()

@@ -435,6 +435,7 @@ def test_session_is_still_being_recorded_while_it_is_sealed(
         seen.extend(one.level for one in check(path) if one.what == "state")
         return seal(path, *rest)
 
+    # the moment between complete and sealed is too short to be hit from outside
     monkeypatch.setattr("fieldkit.sessions.writer.seal", watched)
     clock = CountedClock()
     writer = SessionWriter(tmp_path / "a.h5", header((24, 32)), clock)

@@ -14,7 +14,7 @@ import pytest
 
 from fieldkit.model.errors import StorageError
 from fieldkit.model.samples import Event, EventKind, Quality, Severity
-from fieldkit.sessions import salvage
+from fieldkit.sessions import session_file
 from fieldkit.sessions.clock_correction import apply_time_map
 from fieldkit.sessions.journal_reader import JournalReader
 from fieldkit.sessions.lock import journal_path
@@ -44,9 +44,7 @@ def recorded(path: Path, frames: int, *, sealed: bool) -> None:
     if sealed:
         writer.close()
     else:
-        writer._stop()
-        writer._file_thread.close()
-        writer._session_lock.release()
+        writer.abandon(at_once=False)
 
 
 def rewritten(part: Path, change: Callable[[int, bytes], bytes]) -> None:
@@ -144,6 +142,7 @@ def test_whole_blocks_are_taken_as_they_are(tmp_path: Path, monkeypatch: pytest.
     recorded(path, 95, sealed=False)
     unpacked: list[int] = []
     put = SessionFile.put
+    # whether blocks were unpacked shows in the time alone
     monkeypatch.setattr(SessionFile, "put", lambda self, *record: (unpacked.append(1), put(self, *record))[1])
     report = recover(path)
     assert report.lost_samples == 0
@@ -205,7 +204,7 @@ def test_session_on_a_card_that_knows_no_links_is_recovered(
     path = tmp_path / "a.h5"
     recorded(path, 20, sealed=False)
     crashed = path.read_bytes()
-    monkeypatch.setattr(os, "link", no_links)
+    monkeypatch.setattr(os, "link", no_links)  # as on FAT
     with monkeypatch.context() as killed:
         killed.setattr(os, "replace", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
         with pytest.raises(KeyboardInterrupt):
@@ -220,6 +219,7 @@ def test_session_on_a_card_that_knows_no_links_is_recovered(
 
 
 def killed_before_its_place_is_taken(path: Path) -> None:
+    """Ended right before that step, which a signal would rarely hit; tests/e2e/test_kill.py ends anywhere."""
     with pytest.MonkeyPatch.context() as killed:
         killed.setattr(os, "replace", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
         with pytest.raises(KeyboardInterrupt):
@@ -259,16 +259,16 @@ def test_new_file_of_another_session_of_that_name_is_not_used(tmp_path: Path) ->
     assert recover(path).counts["camera"] == 20
 
 
-def test_events_that_a_torn_journal_lost_come_from_the_file_once_and_in_order(tmp_path: Path) -> None:
+def test_events_that_a_torn_journal_lost_come_from_the_file_once_and_in_order(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = tmp_path / "a.h5"
+    monkeypatch.setattr(session_file, "FLUSH_EVERY_S", 0.0)  # all that is taken is in the file
     writer = SessionWriter(path, HEADER, CountedClock())
     for n in range(200):
         writer.event(Event(EventKind.MARK, n, START_NS + n, f"mark {n} {'about the wind ' * 12}"))
         writer.append(sample(HEADER.streams[0], n))
-    writer._file_thread.stop()
-    writer._file_thread.join()  # all of it is in the file
-    writer._file_thread.file.flush(everything=True)
-    writer.abandon()
+    writer.abandon(at_once=False)
     log = journal_path(path) / "000001.log"
     data = bytearray(log.read_bytes())
     third = len(data) // 3
@@ -317,6 +317,7 @@ def test_full_disk_leaves_the_crashed_file_where_it_is(
 ) -> None:
     path = tmp_path / "a.h5"
     recorded(path, 20, sealed=False)
+    # where links are full while data still fits; tests/e2e/test_failing_disk.py has real failures
     monkeypatch.setattr(os, "link", lambda *_: (_ for _ in ()).throw(OSError(errno.ENOSPC, "No space left")))
     with pytest.raises(StorageError, match="No space left"):
         recover(path)
@@ -328,6 +329,7 @@ def test_full_disk_keeps_no_part_of_a_new_file(tmp_path: Path, monkeypatch: pyte
     path = tmp_path / "a.h5"
     recorded(path, 20, sealed=False)
     full = OSError(errno.ENOSPC, "No space left")
+    # at the end of the new file; tests/e2e/test_failing_disk.py has real failures
     monkeypatch.setattr(SessionFile, "finish", lambda *_: (_ for _ in ()).throw(full))
     with pytest.raises(StorageError, match="No space left"):
         recover(path)
@@ -375,6 +377,7 @@ def test_recovery_of_a_finished_session_writes_nothing(
     path = tmp_path / "a.h5"
     shutil.copy(sealed, path)
     read_only = OSError(errno.EROFS, "Read-only file system")
+    # root may write into any folder
     monkeypatch.setattr(Path, "mkdir", lambda *_, **__: (_ for _ in ()).throw(read_only))
     assert recover(path).was_complete
     assert [item.name for item in tmp_path.iterdir()] == ["a.h5"]
@@ -388,10 +391,9 @@ def test_recovery_where_nothing_can_be_written_is_a_storage_error(tmp_path: Path
         recover(path)
 
 
-def test_chunks_are_where_the_journal_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_chunks_are_where_the_journal_says(tmp_path: Path) -> None:
     path = tmp_path / "a.h5"
     recorded(path, 95, sealed=False)
-    monkeypatch.setattr(salvage, "_index", lambda dataset: pytest.fail("not needed"))
     data = bytearray(path.read_bytes())
     data[:4096] = bytes(4096)  # the file's own index is out of reach
     path.write_bytes(data)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import shutil
-import threading
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import h5py
@@ -17,15 +17,15 @@ from fieldkit.model.samples import Event, EventKind, Health, Quality, Severity, 
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.recording.recordings import is_interrupted
+from fieldkit.sessions import journal, session_file
 from fieldkit.sessions import seal as seal_module
-from fieldkit.sessions import session_file
-from fieldkit.sessions.journal import Journal
 from fieldkit.sessions.lock import journal_path
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.recovery import recover
 from fieldkit.sessions.session_file import SessionFile
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.recording import CountedClock, fill, header, same, sample
+from tests.harness.waiting import wait_until
 
 HEADER = header((24, 32))
 
@@ -200,8 +200,8 @@ def test_what_was_not_handed_over_is_read_back_from_the_journal(
 def test_long_journal_is_shortened_and_nothing_is_lost(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(Journal.__init__, "__defaults__", (20_000,))
-    monkeypatch.setattr(session_file, "JOURNAL_BYTES", 60_000)
+    monkeypatch.setattr(journal, "PART_BYTES", 20_000)  # a full part takes 256 MB
+    monkeypatch.setattr(session_file, "JOURNAL_BYTES", 60_000)  # after 750 MB parts go
     monkeypatch.setattr(session_file, "FLUSH_EVERY_S", 0.0)
     clock = CountedClock()
     path = tmp_path / "a.h5"
@@ -213,12 +213,9 @@ def test_long_journal_is_shortened_and_nothing_is_lost(
     path = tmp_path / "killed.h5"
     writer = SessionWriter(path, HEADER, clock)
     appended = fill(writer, 300, clock)
-    idle = threading.Event()
-    while writer._journal.full_parts and writer._journal.full_parts[0][1] < 250 and not idle.wait(0.01):
-        pass
+    first = journal_path(path) / "000001.log"
+    wait_until(lambda: not first.exists(), "the first part stays")
     writer.abandon()
-    parts = sorted(item.name for item in (tmp_path / "killed.h5.journal").glob("*.log"))
-    assert "000001.log" not in parts
     report = recover(path)
     assert report.lost_samples == 0
     appended_and_read(path, appended)
@@ -234,19 +231,19 @@ def test_recording_goes_on_when_the_file_fails(tmp_path: Path, monkeypatch: pyte
             raise OSError(5, "Input/output error")
         return flush(self, everything=everything)
 
+    # this file alone, and not the journal beside it on the same disk
     monkeypatch.setattr(SessionFile, "flush", failing)
-    clock = CountedClock()
-    writer = SessionWriter(tmp_path / "a.h5", HEADER, clock)
+    clock, path = CountedClock(), tmp_path / "a.h5"
+    writer = SessionWriter(path, HEADER, clock)
     appended = fill(writer, 60, clock)
-    while writer._file_thread.error is None:
-        threading.Event().wait(0.005)
+    wait_until(partial(goes_on_without_its_file, path), "the file does not fail")
     appended += [sample(HEADER.streams[0], 60, clock.mono_ns())]
     appended[-1] = appended[-1]._replace(time_ns=clock.to_utc_ns(appended[-1].mono_ns))
     writer.append(appended[-1])
     report = writer.close()
     assert report.counts["camera"] == 61
-    appended_and_read(tmp_path / "a.h5", appended)
-    with open_session(tmp_path / "a.h5") as session:
+    appended_and_read(path, appended)
+    with open_session(path) as session:
         assert session.state == "sealed"
         assert any("recording goes on in the journal" in event.text for event in session.events())
     assert [item.name for item in tmp_path.iterdir()] == ["a.h5"]
@@ -257,11 +254,10 @@ def test_session_of_which_something_is_lost_is_not_sealed(
 ) -> None:
     """The file side fails, and five rows of the journal are damaged: only recovery says what is missing."""
     put, path, clock = SessionFile.put, tmp_path / "a.h5", CountedClock()
-    monkeypatch.setattr(SessionFile, "put", failing_at(40, put))
+    monkeypatch.setattr(SessionFile, "put", failing_at(40, put))  # the file alone, as above
     writer = SessionWriter(path, HEADER, clock)
     fill(writer, 80, clock)
-    while writer._file_thread.error is None:
-        threading.Event().wait(0.005)
+    wait_until(partial(goes_on_without_its_file, path), "the file does not fail")
     monkeypatch.setattr(SessionFile, "put", put)
     part = journal_path(path) / "000001.log"
     data = bytearray(part.read_bytes())
@@ -274,6 +270,10 @@ def test_session_of_which_something_is_lost_is_not_sealed(
     assert sorted(item.name for item in tmp_path.iterdir()) == ["a.h5", "a.h5.journal"]
     (run,) = recover(path).lost
     assert (run.stream, run.first, run.last) == ("camera", 75, 79)
+
+
+def goes_on_without_its_file(path: Path) -> bool:
+    return b"recording goes on in the journal" in (journal_path(path) / "000001.log").read_bytes()
 
 
 def failing_at(number: int, put: Callable[..., object]) -> Callable[..., object]:
@@ -329,12 +329,14 @@ def test_a_file_that_lacks_the_journals_last_sample_is_not_sealed(tmp_path: Path
             seal_module.seal(tmp_path / "a.h5", {**crcs, name: [*crcs[name], 1]}, 1)
 
 
-def test_journal_deleted_while_recording_is_reported_and_the_session_interrupted(tmp_path: Path) -> None:
+def test_journal_deleted_while_recording_is_reported_and_the_session_interrupted(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     clock, path = CountedClock(), tmp_path / "a.h5"
     writer = SessionWriter(path, HEADER, clock)
     appended = fill(writer, 30, clock)
     shutil.rmtree(journal_path(path))
-    writer._syncer._sync()  # as each second
+    wait_until(lambda: "was deleted while recording" in caplog.text, "no sync has noticed")
     with pytest.raises(StorageError, match="its journal was deleted while it was recorded") as caught:
         writer.close()
     assert "recover(" in (caught.value.fix or "")
@@ -355,9 +357,7 @@ def test_bytes_written_are_those_on_the_disk(tmp_path: Path) -> None:
     empty = writer.bytes_written
     for seq in range(2000):
         writer.append(sample(head.streams[0], seq))
-    writer._stop()
-    writer._file_thread.finish(0)
+    writer.abandon(at_once=False)
     files = [tmp_path / "a.h5", *journal_path(tmp_path / "a.h5").glob("*.log")]
     assert writer.bytes_written == sum(file.stat().st_size for file in files)
     assert writer.bytes_written - empty < 2000 * 400  # what is planned for before a recording
-    writer.abandon()

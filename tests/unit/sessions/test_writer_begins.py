@@ -69,6 +69,7 @@ def test_session_sealed_since_one_looked_is_left_alone(
         SessionWriter(path, HEADER, CountedClock()).close()
         return there
 
+    # the other one comes and goes between two looks, which two processes hardly ever do
     monkeypatch.setattr(Path, "exists", look)
     with pytest.raises(RefusedError, match="exists already"):
         SessionWriter(path, HEADER, CountedClock())
@@ -83,6 +84,7 @@ def test_start_that_fails_leaves_nothing_open_and_nothing_behind(
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
+    # once the journal is made there was room: only the file is refused
     monkeypatch.setattr(session_file, "SessionFile", full)
     for number in range(3):
         with pytest.raises(StorageError, match="No space left"):

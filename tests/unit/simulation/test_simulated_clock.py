@@ -91,7 +91,7 @@ def instrument(clock, answer_after_ns=30_000_000):
 
 def test_time_stands_while_nobody_waits(clock):
     before = clock.mono_ns()
-    time.sleep(0.01)
+    time.sleep(0.01)  # real time passes alone
     assert clock.mono_ns() == before == START_MONO_NS
 
 
@@ -136,7 +136,7 @@ def test_threads_with_one_deadline_wake_one_after_the_other_by_name(clock):
     def work(name):
         clock.sleep(1.0)
         log.append(f"{name} wakes")
-        time.sleep(0.002)
+        time.sleep(0.002)  # long enough for another to begin, were it awake
         log.append(f"{name} waits")
 
     for name in "cabd":
@@ -150,7 +150,7 @@ def test_time_stands_while_somebody_who_takes_part_is_at_work(clock):
 
     def at_work():
         before = clock.mono_ns()
-        time.sleep(0.05)
+        time.sleep(0.05)  # work: real time passes alone
         seen.append(clock.mono_ns() - before)
 
     crew.hire("sleeper", lambda: clock.sleep(1e6))
@@ -165,7 +165,7 @@ def test_taking_part_may_be_nested(clock):
     def nested():
         with clock.taking_part():
             clock.sleep(1.0)
-        time.sleep(0.02)
+        time.sleep(0.02)  # long enough for the other to wake, were it let
         assert not woken.is_set(), "time went on although the outer part is not over"
         clock.sleep(5.0)
 
@@ -200,6 +200,7 @@ def test_thread_that_does_not_take_part_may_sleep_too(clock):
     looker = threading.Thread(target=lambda: clock.sleep(50.5), name="looker", daemon=True)
     with clock.taking_part():
         looker.start()
+        # nothing public shows that a thread waits; a thread that was only started might wait too late
         while not any(waiter.thread == "looker" for waiter in tuple(clock._waiters.values())):
             time.sleep(0.001)
         crew.joined = threading.Barrier(2)
@@ -218,7 +219,7 @@ def test_time_stands_while_somebody_is_busy(clock):
     seen = []
 
     def finish():
-        time.sleep(0.05)
+        time.sleep(0.05)  # work: real time passes alone
         seen.append(clock.mono_ns())
         busy.clear()
 
@@ -312,7 +313,7 @@ def test_close_wakes_everybody_and_lets_loops_end(clock):
                 clock.sleep(1.0)
             ends.append(clock.mono_ns())
 
-    clock.hold_until(lambda timeout_s: bool(time.sleep(timeout_s)))
+    clock.hold_until(lambda timeout_s: bool(time.sleep(timeout_s)))  # as its contract asks, and never done
     threads = [threading.Thread(target=loop, daemon=True) for _ in range(2)]
     for thread in threads:
         thread.start()

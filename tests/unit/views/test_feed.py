@@ -19,6 +19,7 @@ from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.views.feed import LENGTHS, Feed, FeedReader, FeedStart, decoded, encoded
 from fieldkit.views.latest import Latest
 from fieldkit.views.trend import Trend
+from tests.harness.waiting import wait_until
 
 SITE = Site(37.7, -105.92, 2317.0, "America/Denver")
 REGIONS = (Region("flat", RegionKind.REFERENCE, ((0.0, 0.0), (9.0, 0.0), (9.0, 9.0)), 0.0, 0.0),)
@@ -138,11 +139,7 @@ def test_readers_come_and_go(feed, path):
         next(iter(reader.items()))
         reader.close()
         feed.show(frame(number))
-    deadline = time.monotonic() + 10
-    while threading.active_count() > before:
-        assert time.monotonic() < deadline
-        feed.show(frame(0))
-        time.sleep(0.01)
+    wait_until(lambda: feed.show(frame(0)) or threading.active_count() <= before, "their threads stay")
 
 
 def test_a_reader_can_be_ended_by_another_thread(feed, path):

@@ -1,14 +1,16 @@
 from __future__ import annotations
 
+import io
 import math
 from dataclasses import replace
 
 import pytest
+from rich.console import Console
 
 from fieldkit.model.alarm import Alarm, Phase
 from fieldkit.model.samples import Event, EventKind, Health, Reading, Severity, StreamHealth
 from fieldkit.views.latest import Latest
-from fieldkit.views.screen import _region_cells
+from fieldkit.views.screen import THEMES, regions_table
 
 SECOND_NS = 10**9
 
@@ -103,6 +105,8 @@ def test_time_never_runs_backwards(latest):
 
 def test_a_regions_cells_are_temperature_spread_tilt_azimuth_and_state(latest, make_minute):
     latest.update(make_minute(0))
-    bed = next(region for region in latest.regions if region.name == "b15")
-    cells = [str(cell) for cell in _region_cells(latest, bed)]
-    assert cells[:5] == ["36.85", "0.20", "15.5 ±2.0", "178 ±12", "0.33"]  # 310 K, spread 0.2 K
+    console = Console(file=io.StringIO(), width=120, theme=THEMES["dark"])
+    console.print(regions_table(latest, 120, 20))
+    line = next(line for line in console.file.getvalue().splitlines() if line.startswith("b15"))
+    # 310 K, spread 0.2 K
+    assert line.split()[1:8] == ["36.85", "0.20", "15.5", "±2.0", "178", "±12", "0.33"]

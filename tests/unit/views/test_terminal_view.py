@@ -32,9 +32,9 @@ class Watched:
         )
         self.seen = b""
         self._changed = threading.Condition()
-        self._thread = threading.Thread(target=self._read, daemon=True)
+        self.reader = threading.Thread(target=self._read, daemon=True)
         if read:
-            self._thread.start()
+            self.reader.start()
 
     def _read(self) -> None:
         while True:
@@ -52,8 +52,8 @@ class Watched:
 
     def close(self) -> None:
         self.file.close()
-        if self._thread.ident:
-            self._thread.join(ENOUGH_S)
+        if self.reader.ident:
+            self.reader.join(ENOUGH_S)
         os.close(self.master)
 
 
@@ -92,7 +92,7 @@ def test_alarms_ring_the_bell(screen_of, frame):
 
 
 def test_show_returns_although_nobody_reads_the_terminal(screen_of, frame, monkeypatch):
-    monkeypatch.setattr(terminal_view_module, "CLOSE_WITHIN_S", 0.1)
+    monkeypatch.setattr(terminal_view_module, "CLOSE_WITHIN_S", 0.1)  # a shorter wait
     watched = Watched(read=False)  # a pseudo-terminal holds a few kilobytes, a screen is more
     view = screen_of(watched.console)
     shower = threading.Thread(target=lambda: [view.show(frame) for _ in range(2000)], daemon=True)
@@ -100,7 +100,7 @@ def test_show_returns_although_nobody_reads_the_terminal(screen_of, frame, monke
     shower.join(ENOUGH_S)
     assert not shower.is_alive()
     view.close()  # returns too
-    watched._thread.start()
+    watched.reader.start()
     watched.wait_for(LEAVE_SCREEN)
     watched.close()
 
@@ -109,7 +109,7 @@ def test_a_failed_drawing_is_told_and_hurts_nobody(screen_of, frame, monkeypatch
     def fail(*_: object) -> None:
         raise ZeroDivisionError("no colours left")
 
-    monkeypatch.setattr(terminal_view_module, "screen", fail)
+    monkeypatch.setattr(terminal_view_module, "screen", fail)  # only a mistake of ours does
     watched = Watched()
     view = screen_of(watched.console)
     view.show(frame)

@@ -148,7 +148,7 @@ class Guest:
                 return channel
             except (FileNotFoundError, ConnectionRefusedError):
                 channel.close()
-                time.sleep(0.05)
+                time.sleep(0.05)  # QEMU makes the socket without a sign
         raise GuestError(f"QEMU opened no {path.name}")
 
     def _line(self, timeout_s: float) -> bytes:

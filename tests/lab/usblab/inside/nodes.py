@@ -46,7 +46,7 @@ def _until(reached: Callable[[], bool], otherwise: str) -> None:
     while not (reached() and _settled()):
         if time.monotonic() - begun > PATIENCE_S:
             raise TimeoutError(f"{otherwise} after {PATIENCE_S} s")
-        time.sleep(0.02)
+        time.sleep(0.02)  # for nodes that nothing was asked of udev for yet
 
 
 def _settled() -> bool:

@@ -101,7 +101,7 @@ class PureThermal(UvcCamera):
         self, kelvin: Kelvin, serial_number: str = "8007000b-5113-3037-3231", endpoint: Endpoint = ISOCHRONOUS
     ) -> None:
         super().__init__(shape(serial_number, endpoint))
-        self._kelvin = kelvin
+        self.kelvin = kelvin
         self._time_s = 0.0
         self._ffc_time_s = float("-inf")
         self._number = 0
@@ -124,7 +124,7 @@ class PureThermal(UvcCamera):
         self._time_s = time_s
         self._number += 1
         if self._held is None or self.ffc_state != FFC_RUNNING:  # the picture stands still behind the shutter
-            self._held = self._counts(self._kelvin(time_s))
+            self._held = self._counts(self.kelvin(time_s))
         if self.format != Y16_FORMAT:
             return (
                 luma(self._held.astype(np.float64))

@@ -109,6 +109,7 @@ class Serial:
 @pytest.fixture
 def serial(monkeypatch):
     serial = Serial()
+    # a pseudo-terminal has no USB identity by which a camera finds its serial side
     monkeypatch.setattr(boson, "serial_side", lambda *_: serial)
     return serial
 
@@ -137,6 +138,7 @@ def test_low_gain_needs_its_scale_told(reel, serial, monkeypatch):
 
 
 def test_silent_commands_do_not_cost_the_frames(reel, wire, monkeypatch):
+    # as in `serial`, but the real side, with nothing at its end
     monkeypatch.setattr(boson, "serial_side", lambda *_: BosonSerial(wire.path, HostClock()))
     camera = opened(reel(frame(), frame(seed=1)), kelvin_per_count=0.01)
     assert "does not reply" in camera.info.settings["commands"]

@@ -57,7 +57,7 @@ def opened(monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[OpenCvSource,
     def begin(frames: int, sizes: tuple[tuple[int, int], ...] = SIZES) -> tuple[OpenCvSource, Capture]:
         clock = SimulatedClock(0)
         capture = Capture(clock, frames)
-        monkeypatch.setattr(cv2, "VideoCapture", lambda: capture)
+        monkeypatch.setattr(cv2, "VideoCapture", lambda: capture)  # OpenCV opens only a kernel's camera
         return OpenCvSource("/dev/video2", "Y16 ", sizes, clock), capture
 
     return begin

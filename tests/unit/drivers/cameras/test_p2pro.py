@@ -147,6 +147,7 @@ USB = UsbIdentity(0x0BDA, 0x5830, "", "1-2")
 
 
 def connected(far, monkeypatch, **options):
+    # the camera's commands go by vendor requests; which device they go to is found by pyusb
     monkeypatch.setattr(p2pro, "usb_instruments", lambda kinds: [(far, USB)])
     return p2pro.connect(
         USB, HostClock(), p2pro.requested_settings(DeviceSettings("ir", "p2pro", options=options))

@@ -6,6 +6,7 @@ from fieldkit.drivers.identity import UsbIdentity
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceNotFoundError
+from tests.harness.connected import plugged_in
 
 WANTED = CameraFormat(((0x1E4E, 0x0100),), "Y16 ", ((160, 122),))
 
@@ -68,8 +69,8 @@ def present(monkeypatch):
         ("/dev/video2", UsbIdentity(0x1E4E, 0x0100, "ABC", "1-2", "PureThermal (fw:v1.3.0)")),
     ]
     opened = []
-    monkeypatch.setattr(source, "cameras", lambda: plugged)
-    monkeypatch.setattr(source, "V4l2Source", lambda path, *_: opened.append(path))
+    plugged_in(monkeypatch, cameras=plugged)
+    monkeypatch.setattr(source, "V4l2Source", lambda path, *_: opened.append(path))  # no such node is there
     return opened
 
 
@@ -89,7 +90,7 @@ def test_other_camera_is_an_error_never_a_fallback(present, identity):
 
 
 def test_with_nothing_plugged_in_the_advice_is_to_plug_it_in(monkeypatch):
-    monkeypatch.setattr(source, "cameras", list)
+    plugged_in(monkeypatch)
     with pytest.raises(DeviceNotFoundError, match="no USB camera is connected") as caught:
         open_source(DeviceSettings("ir", "purethermal"), WANTED, HostClock())
     assert "plug it in" in caught.value.fix

@@ -18,6 +18,7 @@ from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
 from fieldkit.model.wording import typed
+from tests.harness.connected import plugged_in
 
 SLOT = 65536
 WIDTH, HEIGHT = 160, 122
@@ -109,6 +110,7 @@ REQUESTS = (
 @pytest.fixture
 def kernel(tmp_path, monkeypatch):
     kernel = Kernel(tmp_path / "video0")
+    # a virtual camera needs a module of the kernel: in tests/lab a guest has one
     monkeypatch.setattr(v4l2.fcntl, "ioctl", kernel.ioctl)
     return kernel
 
@@ -152,7 +154,7 @@ def test_frames_that_the_kernel_finishes_out_of_order_come_in_the_order_they_wer
 
 
 def test_a_frame_that_is_lost_holds_the_next_ones_up_for_a_moment_only(kernel, source, monkeypatch):
-    monkeypatch.setattr(v4l2, "OVERTAKEN_NS", 50_000_000)
+    monkeypatch.setattr(v4l2, "OVERTAKEN_NS", 50_000_000)  # a shorter wait
     deliver_now(kernel, 0, 2, 3)
     assert [source.read(1.0).sequence for _ in range(3)] == [0, 2, 3]
 
@@ -233,6 +235,7 @@ def test_refused_start_is_explained(kernel, code, error, text):
 def test_missing_node_and_missing_permission_are_told_apart(monkeypatch):
     with pytest.raises(DeviceNotFoundError):
         V4l2Source("/dev/video-none", "Y16 ", ((1, 1),), HostClock())
+    # root may open every node
     monkeypatch.setattr(
         v4l2.os, "open", lambda *_: (_ for _ in ()).throw(PermissionError(errno.EACCES, "no"))
     )
@@ -327,7 +330,7 @@ def test_a_camera_that_shares_an_identity_and_gives_no_temperatures_is_refused_b
 ):
     kernel.sizes = sizes
     usb = UsbIdentity(*kind, path="1-2", title="USB Camera")
-    monkeypatch.setattr("fieldkit.drivers.cameras.source.cameras", lambda: [(str(kernel.path), usb)])
+    plugged_in(monkeypatch, cameras=[(str(kernel.path), usb)])
     settings = DeviceSettings("ir", driver.name, identity=usb.as_text())
     with pytest.raises(DeviceNotFoundError, match=named) as caught:
         driver().open(settings, HostClock())

@@ -119,8 +119,8 @@ def test_sibling_of_another_record_is_named(wire):
     assert caught.value.fix == 'driver = "center-303"'
 
 
-def test_silent_thermometer_says_what_to_do(wire, monkeypatch):
-    monkeypatch.setattr("fieldkit.drivers.meters.meter.REPLY_TIMEOUT_S", 0.05)
+@pytest.mark.usefixtures("impatient")
+def test_silent_thermometer_says_what_to_do(wire):
     with pytest.raises(DeviceTimeoutError, match="nothing received"):
         Center309().open(settings(wire), HostClock())
 

@@ -94,8 +94,8 @@ def test_unknown_status_is_named():
     assert "no status of a meter: '0850'" in parse(signed(b"00100850+98765            \x03")).reason
 
 
-def test_silent_meter_says_what_to_do(wire, monkeypatch):
-    monkeypatch.setattr("fieldkit.drivers.meters.meter.REPLY_TIMEOUT_S", 0.05)
+@pytest.mark.usefixtures("impatient")
+def test_silent_meter_says_what_to_do(wire):
     with pytest.raises(DeviceTimeoutError, match="no reply to the PC mode command"):
         KonicaMinolta().open(settings(wire), HurriedClock())
 

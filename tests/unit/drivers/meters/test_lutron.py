@@ -4,7 +4,6 @@ import pytest
 
 from fieldkit.drivers import registry
 from fieldkit.drivers.decoding import Record, Rejected
-from fieldkit.drivers.meters import meter
 from fieldkit.drivers.meters.lutron import Lutron, parse
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import Device, DeviceSettings
@@ -80,15 +79,15 @@ def test_record_of_another_quantity_is_rejected(opened):
     assert device.rejected >= 1
 
 
-def test_silent_meter_says_what_to_do(wire, monkeypatch):
-    monkeypatch.setattr(meter, "FIRST_RECORD_S", 0.05)
+@pytest.mark.usefixtures("impatient")
+def test_silent_meter_says_what_to_do(wire):
     with pytest.raises(DeviceTimeoutError, match="nothing received") as caught:
         Lutron().open(settings(wire), HostClock())
     assert "DTR" in caught.value.fix
 
 
-def test_other_meter_on_the_line_is_a_decode_error_with_its_bytes(wire, monkeypatch):
-    monkeypatch.setattr(meter, "FIRST_RECORD_S", 0.1)
+@pytest.mark.usefixtures("impatient")
+def test_other_meter_on_the_line_is_a_decode_error_with_its_bytes(wire):
     wire.talk(b"T1= 23.5 C\r\n")
     with pytest.raises(DecodeError, match="none of them a record") as caught:
         Lutron().open(settings(wire), HostClock())

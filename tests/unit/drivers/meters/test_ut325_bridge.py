@@ -7,7 +7,6 @@ up to seven characters after F0 plus their number; one sent to it begins with th
 import pytest
 
 from fieldkit.drivers.conformance import check_driver
-from fieldkit.drivers.meters import meter
 from fieldkit.drivers.meters.ut325 import Ut325
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
@@ -107,8 +106,8 @@ def test_bridge_without_permission_says_what_to_type(bridge):
     assert "doctor --udev" in caught.value.fix
 
 
+@pytest.mark.usefixtures("impatient")
 def test_silent_meter_is_a_timeout(bridge, monkeypatch):
-    monkeypatch.setattr(meter, "FIRST_RECORD_S", 0.05)
     monkeypatch.setattr(Ch9325, "pending", lambda self, endpoint: b"")
     with pytest.raises(DeviceTimeoutError, match="nothing received"):
         opened()

@@ -17,6 +17,7 @@ from fieldkit.physics.sun import sun_vectors
 from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter
+from fieldkit.views import plotting
 
 SECOND_NS = 10**9
 ANCHOR_NS = 1_512_961_200 * SECOND_NS  # 11 Dec 2017, 12:00 JST
@@ -134,3 +135,9 @@ def minutes(session, settings):
     estimator = Estimator(session.site, session.regions, tuple(session.streams.values()), settings)
     closed = [minute for sample in session.samples() for minute in estimator.add(sample)]
     return [*closed, *estimator.finish()]
+
+
+@pytest.fixture
+def without_matplotlib(monkeypatch):
+    """As where it is not installed, which takes an environment of its own."""
+    monkeypatch.setattr(plotting, "available", lambda: False)

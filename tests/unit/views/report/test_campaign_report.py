@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import pytest
 
-from fieldkit.views import plotting
 from fieldkit.views.report import Part, write_campaign_report
 from fieldkit.views.report.error_budget import ErrorBudget, pooled
 from fieldkit.views.report.series import series
@@ -64,8 +63,8 @@ def test_a_session_that_was_simulated_and_its_warnings_are_named(tmp_path, parts
     assert 'class="verdict doubt"' in text
 
 
-def test_without_matplotlib_the_table_stays(written, monkeypatch):
-    monkeypatch.setattr(plotting, "available", lambda: False)
+@pytest.mark.usefixtures("without_matplotlib")
+def test_without_matplotlib_the_table_stays(written):
     text = written()
     assert "pip install" in text
     assert "2.0 ± 0.32" in text

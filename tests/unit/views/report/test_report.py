@@ -12,7 +12,6 @@ import pytest
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.samples import Event, EventKind
 from fieldkit.model.slope import SlopeState
-from fieldkit.views import plotting
 from fieldkit.views.report import write_report
 from fieldkit.views.report.assessment import assess
 from fieldkit.views.report.results import temperature_rmse_k
@@ -139,8 +138,8 @@ def test_sd_is_the_one_asked_for(written, make_minute, sd, said):
     assert ("the ordinary standard deviation" in text) == (sd == "usual")
 
 
-def test_without_matplotlib_tables_stay_and_it_says_what_to_install(written, monkeypatch):
-    monkeypatch.setattr(plotting, "available", lambda: False)
+@pytest.mark.usefixtures("without_matplotlib")
+def test_without_matplotlib_tables_stay_and_it_says_what_to_install(written):
     page = Page(written())
     assert "pip install 'fieldkit[lab]'" in page.text
     assert page.alternatives == []
@@ -276,7 +275,8 @@ def test_default_settings_are_accepted(written):
 
 def test_a_simulated_session_is_called_simulated(written, session, monkeypatch):
     assert "Simulated." not in Page(written()).text
-    monkeypatch.setattr(type(session), "config_toml", '[lux]\nport = "simulated"\n')
+    simulated = '[lux]\nport = "simulated"\n'
+    monkeypatch.setattr(type(session), "config_toml", simulated)  # the session is the whole package's
     assert "Simulated." in Page(written()).text
 
 

@@ -7,21 +7,26 @@ import pytest
 from fieldkit.model.samples import Quality
 from fieldkit.model.slope import SlopeState
 from fieldkit.views.report import results
+from fieldkit.views.report.report_data import ReportData
 from fieldkit.views.report.series import series
 
-SLOPES, ACCURACY = {"tilt": 1, "given": 3, "state": 4}, {"error": 4, "mae": 5, "n": 6}
+SLOPES = {"tilt": "tilt °", "given": "given", "state": "state"}
+ACCURACY = {"error": "last error °", "mae": "mean |error| ± SD °", "n": "n"}
 
 
 @pytest.fixture
-def cell(regions):
-    """A cell of the first bed's row in either table; the bed was given as 15 degrees."""
+def cell(site, regions, settings):
+    """A cell of the first bed (given: 15 degrees) in either table; None if its column is not shown."""
 
     def of(minutes, name: str, sd: str = "usual") -> object:
-        bed = series(minutes, regions).targets[0]
-        assert bed.region.tilt_deg == 15.0
-        if name in SLOPES:
-            return results._slope_row(bed)[SLOPES[name]]
-        return results._accuracy_row(bed, sd)[ACCURACY[name]]
+        columns = series(minutes, regions)
+        assert columns.targets[0].region.tilt_deg == 15.0
+        data = ReportData(
+            session=None, site=site, regions=regions, columns=columns, settings=settings, sd=sd, events=(),
+            frame=None, others={}, command_line="", config_toml="", can_draw=False,
+        )  # fmt: skip
+        table = results.slopes(data) if name in SLOPES else results.accuracy(data)
+        return dict(zip(table.columns, table.rows[0], strict=True)).get({**SLOPES, **ACCURACY}[name])
 
     return of
 
@@ -39,8 +44,8 @@ def test_slopes_held_over_a_cloud_count_for_nothing(make_minute, cell):
     assert cell(minutes, "mae", sd="paper") == "2.0 ± 0.71"  # eq. (9): n outside the root
 
 
-def test_a_bed_without_an_estimate_has_dashes(make_minute, cell):
+def test_a_bed_without_an_estimate_has_a_dash_and_no_error(make_minute, cell):
     empty = [make_minute(0, estimates=())]
-    assert [cell(empty, name) for name in ("tilt", "error", "mae")] == ["–", "–", "–"]
+    assert [cell(empty, name) for name in ("tilt", "error", "mae")] == ["–", None, None]
     assert cell(empty, "n") == 0
     assert cell(empty, "state") == "no estimate"
