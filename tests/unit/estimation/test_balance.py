@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fieldkit.estimation.balance import Rows, least_squares_rows
+from fieldkit.estimation.balance import LIGHT, Rows, least_squares_rows
 from fieldkit.estimation.bins import History, RegionColumns
 from fieldkit.estimation.prior import Prior
 from fieldkit.estimation.settings import EstimatorSettings
