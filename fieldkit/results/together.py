@@ -41,6 +41,12 @@ class JoinedEstimates(Estimates):
     """The final slopes of sessions estimated together, a row for each target, and what they came from.
 
     `budgets` are the uncertainty budgets by region; `chosen` how sessions and settings were chosen.
+
+    >>> joined = fieldkit.estimate_together([june, august])                          # doctest: +SKIP
+    >>> joined["b15"], joined.sessions                                               # doctest: +SKIP
+    >>> joined.columns(), joined.to_frame(), joined.to_xarray()                      # doctest: +SKIP
+    >>> joined.of_region(b15), joined.plot()                                         # doctest: +SKIP
+    >>> joined.write(Path("results/both"))                                           # doctest: +SKIP
     """
 
     runs: tuple[Run, ...] = ()

@@ -30,6 +30,8 @@ OTHER = {
     "irradiance": IrradianceModel(par_fraction=0.5, diffuse="none"),
     "method": "posterior",
     "model": "full",
+    "reference": "weather",
+    "kinds": {"b15": "rock"},
     "window_s": 480.0,
     "azimuth": "known",
     "tilt_limit_deg": 12.0,
@@ -92,9 +94,10 @@ def test_slopes_from_kept_minutes_are_the_estimators(recording, name):
         "ground_albedo",
         "longwave_down_w_m2",
         "diffuse_fraction",
+        "reference",
     ):
         settings = replace(settings, model="full")
-    if name == "prior":
+    if name in ("prior", "kinds"):
         settings = replace(settings, model="learned")
     estimator = Estimator(site, regions, streams, settings)
     minutes = [minute for sample in samples for minute in estimator.add(sample)] + estimator.finish()
