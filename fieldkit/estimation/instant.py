@@ -123,8 +123,8 @@ def with_along_sun(
         return one
     tilt, low, high = (float(value) for value in (found.tilt_deg, found.low_deg, found.high_deg))
     reason = (
-        f"only the component along the sun is known: {tilt:.1f}° ({low:.1f}° to {high:.1f}°) "
-        f"towards {found.azimuth_deg:.0f}°; another hour of the day gives the rest"
+        f"only the component along the sun: {tilt:.1f}° ({low:.1f}° to {high:.1f}°) "
+        f"towards {found.azimuth_deg:.0f}°; another hour gives the rest"
     )
     return replace(
         one,

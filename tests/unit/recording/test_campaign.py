@@ -84,7 +84,7 @@ def test_a_dataset_has_time_and_region(campaign):
 def test_estimates_come_back_whole(campaign):
     one = next(iter(campaign.sessions[0].estimate()))
     assert one.region == "b05"
-    assert one.reason.startswith("1 of 5 minutes so far; only the component along the sun is known: ")
+    assert one.reason.startswith("1 of 5 minutes so far; only the component along the sun: ")
     assert math.isnan(one.tilt_deg)
 
 
