@@ -100,7 +100,8 @@ def test_slope_maps(printed_by: Printed, folder: Path) -> None:
     for name, true_deg in {"low": 5.0, "steep": 15.0, "flat": 0.0}.items():
         median, low, high = numbers(rf"{name}: median (\S+) degrees, 90 % region (\S+) to (\S+)", printed)
         assert low <= true_deg <= high
-        assert median == pytest.approx(true_deg, abs=1.0)
+        # a tilt has no sign: of level ground the median is the length of what scatters to all sides
+        assert median == pytest.approx(true_deg, abs=1.0 if true_deg else 2.0)
     (change,) = numbers(r"with an albedo of 0\.30: (\S+) degrees", printed)
     assert change > 0.0  # less light absorbed, so the same warmth needs a steeper slope
     assert len(list(folder.glob("field/results/*/slope-map-all.png"))) == 1
