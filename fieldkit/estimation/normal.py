@@ -247,7 +247,7 @@ def choose(misfit: Misfit, branches: Branches, tilt_limit_deg: float, *, at_limi
     tilt_limit_deg
         Largest tilt, in (0, 90]. [degrees]
     at_limit
-        Whether the limit stands for a branch beyond it also where the other branch is flatter.
+        The limit stands for a branch beyond it also where the other branch is flatter.
     """
     normals = np.stack([branches.first, branches.second])
     misfits = np.stack([branches.first_misfit, branches.second_misfit])

@@ -52,7 +52,7 @@ def test_it_is_estimated_as_it_was_while_recording(earlier: Path) -> None:
             other.time_ns // 1000,
         )
         numbers = [(one.tilt_deg, one.tilt_high_deg), (other.tilt_deg, other.tilt_high_deg)]
-        # other by up to 1.4e-8 degrees since: the sun's spline of then was right to 0.0001 arcseconds
+        # other by up to 1.4e-8 degrees since: the sun's spline of then was right to 0.001 arcseconds
         assert numbers[0] == pytest.approx(numbers[1], abs=1e-7, nan_ok=True)
 
 
