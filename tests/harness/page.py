@@ -8,7 +8,7 @@ import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -108,6 +108,7 @@ class Browser:
     socket: ClientConnection
     opened: ExitStack
     number: int = 0
+    unread: list[dict[str, Any]] = field(default_factory=list)
 
     def __enter__(self) -> Browser:
         return self
@@ -123,17 +124,24 @@ class Browser:
         """Send a request; its answer."""
         self.number += 1
         self.socket.send(json.dumps({**what, "id": self.number}))
-        return self.next("answer", id=self.number)
+        messages, ahead = self._messages(), list[dict[str, Any]]()
+        while not _is(message := next(messages), "answer", {"id": self.number}):
+            ahead.append(message)
+        self.unread = ahead  # what a request changes may be told before its answer
+        return message
 
     def next(self, kind: str, **wanted: Any) -> dict[str, Any]:
-        """The next message of a type with these values."""
+        """The next message of a type with these values, among those since the last request."""
+        return next(message for message in self._messages() if _is(message, kind, wanted))
+
+    def _messages(self) -> Iterator[dict[str, Any]]:
         deadline = time.monotonic() + PATIENCE_S
         while True:
+            while self.unread:
+                yield self.unread.pop(0)
             message = self.socket.recv(timeout=max(0.0, deadline - time.monotonic()))
             if isinstance(message, str):
-                document = json.loads(message)
-                if document["type"] == kind and all(document[key] == value for key, value in wanted.items()):
-                    return dict(document)
+                yield json.loads(message)
 
     def picture(self) -> tuple[dict[str, Any], bytes]:
         """Header and body of the next picture."""
@@ -143,6 +151,10 @@ class Browser:
             if isinstance(message, bytes):
                 size = int.from_bytes(message[:2], "little")
                 return json.loads(message[2 : 2 + size]), message[2 + size :]
+
+
+def _is(message: dict[str, Any], kind: str, wanted: dict[str, Any]) -> bool:
+    return message["type"] == kind and all(message[key] == value for key, value in wanted.items())
 
 
 @contextmanager
