@@ -55,12 +55,16 @@ RESERVE_BYTES = 64_000_000
 class SessionWriter:
     """One session being recorded; `append` and its like may be called from any thread.
 
+    It begins now, or at `start_mono_ns` with samples that were taken before.
+
     Raises `RefusedError` where the session exists already, `ConfigError` where it has too many
     regions, `StorageError` where the disk does not take what it is given: that record is then not
     stored, all before it are.
     """
 
-    def __init__(self, path: Path, header: SessionHeader, clock: Clock) -> None:
+    def __init__(
+        self, path: Path, header: SessionHeader, clock: Clock, start_mono_ns: int | None = None
+    ) -> None:
         check_new(header)
         self.path = path
         self.header = header
@@ -72,14 +76,14 @@ class SessionWriter:
         self._lock = threading.Lock()
         self._report: SealReport | None = None
         self._folder = journal_path(path)
-        self._open()
+        self._open(clock.mono_ns() if start_mono_ns is None else start_mono_ns)
         atexit.register(self.abandon)
         clock.hold_until(self._file_thread.caught_up)
         for region in header.regions:
             self.region(region, self._identity.start_ns)
 
-    def _open(self) -> None:
-        start, anchor = self._clock.to_utc_ns(self._clock.mono_ns()), self._clock.to_utc_ns(0)
+    def _open(self, start_mono_ns: int) -> None:
+        start, anchor = self._clock.to_utc_ns(start_mono_ns), self._clock.to_utc_ns(0)
         self._identity = SessionIdentity(str(uuid.uuid4()), start, anchor, self.header)
         with contextlib.ExitStack() as undo:
             try:

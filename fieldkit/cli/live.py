@@ -30,12 +30,17 @@ def command(
     theme: Literal["dark", "paper"],
     settings: tuple[str, ...],
 ) -> None:
-    """Show the current frame and readings without recording; Ctrl-C ends it."""
+    """Show the current frame and readings without recording; Ctrl-C or a recording that begins ends it."""
+    from fieldkit.recording.last_samples import LastSamples
     from fieldkit.recording.opening import open_instruments
     from fieldkit.recording.preview import LivePreview, missing_instruments, write_png
+    from fieldkit.recording.running import previewing
 
     config = common.campaign(ctx, settings)
-    with open_instruments(config, duration_s=duration_s, allow_missing=True) as instruments:
+    with (
+        previewing(config.recordings) as recorder_waits,
+        open_instruments(config, duration_s=duration_s, allow_missing=True) as instruments,
+    ):
         if missing := missing_instruments(config, instruments):
             common.say(f"not plugged in: {', '.join(missing)}")
         if png is not None:
@@ -44,10 +49,14 @@ def command(
             _report_enlargement(instruments)
             return
         views = terminal_views(config, instruments, "live, not recorded", duration_s, theme)
+        views.append(LastSamples(config, instruments))
         try:
-            LivePreview(config, instruments, views).run(duration_s)
+            LivePreview(config, instruments, views).run(duration_s, recorder_waits)
         except KeyboardInterrupt:
             common.say("nothing was recorded; to record: fieldkit record")
+            return
+    if recorder_waits():
+        common.say("a recording begins: fieldkit status  |  fieldkit page")
 
 
 def _report_enlargement(instruments: Instruments) -> None:

@@ -40,6 +40,13 @@ if TYPE_CHECKING:
     metavar="TIME",
     help="Time of day to stop, such as 15:05, in the site's zone.",
 )
+@click.option(
+    "--include-last",
+    "include_last_s",
+    type=DURATION,
+    metavar="TIME",
+    help="Begin with what fieldkit live or the field page has shown last, such as 2m, as far as it has it.",
+)
 @click.option("--detach", is_flag=True, help="Record in the background, beyond the end of this terminal.")
 @click.option("--allow-missing", is_flag=True, help="Record without instruments that are not plugged in.")
 @click.option(
@@ -55,6 +62,7 @@ def command(
     duration_s: float | None,
     at: time | None,
     until: time | None,
+    include_last_s: float | None,
     detach: bool,
     allow_missing: bool,
     page_address: str | None,
@@ -66,12 +74,15 @@ def command(
 
     if duration_s is not None and until is not None:
         raise click.UsageError("give --for or --until, not both")
+    if include_last_s is not None and at is not None:
+        raise click.UsageError("--at may be as much earlier, without --include-last")
     config = common.campaign(ctx, settings)
     report_interrupted(sessions_in(config.recordings))
     if detach and page_address is not None:
         raise click.UsageError("--page ends with this terminal; fieldkit page shows a detached recording")
     if detach:
-        ends = [f"--for={duration_s}s"] if duration_s is not None else []
+        spans = (("for", duration_s), ("include-last", include_last_s))
+        ends = [f"--{word}={seconds}s" for word, seconds in spans if seconds is not None]
         times = [f"--{word}={one:%H:%M}" for word, one in (("at", at), ("until", until)) if one is not None]
         missing = ["--allow-missing"] if allow_missing else []
         changed = [word for setting in settings for word in ("--set", setting)]
@@ -83,6 +94,7 @@ def command(
         duration_s=duration_s,
         at=at,
         until=until,
+        include_last_s=include_last_s,
         allow_missing=allow_missing,
         notify=common.say_warning,
     ) as prepared:

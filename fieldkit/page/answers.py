@@ -135,7 +135,7 @@ class Answers:
             sealed = {"session": path.stem, "report_url": report}
             return answer(request.id, f"sealed {path.stem}", data=sealed)
         session = self.conductor.start(
-            request.name, end_options(request), allow_missing=request.allow_missing
+            request.name, time_options(request), allow_missing=request.allow_missing
         )
         return answer(request.id, f"recording {session.stem}", data={"session": session.stem})
 
@@ -327,15 +327,19 @@ def _correction(path: Path, request: requests.TakeBack | requests.EditMark) -> M
         return edited(session, request.mark, request.text, label=request.kind, at=request.at)
 
 
-def end_options(request: requests.Start) -> list[str]:
-    """The option of ``fieldkit record`` for the end that was asked for, as typed; raises `ConfigError`."""
+def time_options(request: requests.Start) -> list[str]:
+    """Options of ``fieldkit record`` for the begin and end asked for, as typed; raises `ConfigError`."""
+    options = []
+    if request.include_last:
+        parse_duration(request.include_last)
+        options.append(f"--include-last={request.include_last}")
     if request.duration:
         parse_duration(request.duration)
-        return [f"--for={request.duration}"]
+        options.append(f"--for={request.duration}")
     if request.until:
         parse_time_of_day(request.until)
-        return [f"--until={request.until}"]
-    return []
+        options.append(f"--until={request.until}")
+    return options
 
 
 def _region(drawn: requests.DrawnRegion) -> Region:

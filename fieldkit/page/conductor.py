@@ -14,13 +14,22 @@ from contextlib import suppress
 from pathlib import Path
 
 from fieldkit.config import Config, load_config
-from fieldkit.model.errors import ConfigError, DeviceError, FieldkitError, RefusedError, message_of
+from fieldkit.model.errors import (
+    ConfigError,
+    DeviceError,
+    FieldkitError,
+    RefusedError,
+    StorageError,
+    message_of,
+)
 from fieldkit.model.samples import Event, EventKind
 from fieldkit.page.hub import Hub, Item
-from fieldkit.recording.background import LOOK_EVERY_S, BackgroundRecording
+from fieldkit.recording.background import BackgroundRecording
+from fieldkit.recording.last_samples import LastSamples
 from fieldkit.recording.opening import open_instruments
 from fieldkit.recording.preview import LivePreview, missing_instruments
 from fieldkit.recording.running import (
+    LOOK_EVERY_S,
     is_recorder_present,
     previewing,
     session_in_progress,
@@ -99,14 +108,14 @@ class Conductor:
 
     # --- a recording
 
-    def start(self, name: str, end: Sequence[str], *, allow_missing: bool) -> Path:
-        """Start ``fieldkit record`` and wait until it records; its session. `end` are options for its end.
+    def start(self, name: str, times: Sequence[str], *, allow_missing: bool) -> Path:
+        """Start ``fieldkit record`` with options for its `times`, and wait until it records; its session.
 
         Raises `RefusedError` if something is recorded already, or with what the recorder said.
         """
         if self._is_starting() or is_recorder_present(self.config.recordings):
             raise RefusedError("this campaign is being recorded already", fix="stop that recording first")
-        options = [f"--name={name}", *end, *(["--allow-missing"] if allow_missing else [])]
+        options = [f"--name={name}", *times, *(["--allow-missing"] if allow_missing else [])]
         self._forget_child()
         self._child = BackgroundRecording(self.config.directory, [*options, *self._set_options()])
         session = self._child.await_start(self.config.recordings)
@@ -182,7 +191,7 @@ class Conductor:
         try:
             self.config = load_config(self.config.path, settings=self.settings)
             with (
-                previewing(self.config.recordings),
+                previewing(self.config.recordings) as recorder_waits,
                 open_instruments(self.config, allow_missing=True) as instruments,
             ):
                 missing = missing_instruments(self.config, instruments)
@@ -190,32 +199,17 @@ class Conductor:
                 self.hub.begin(Latest(self.config.site, self.config.regions, instruments.streams))
                 phase = "preview" if instruments.devices else "no-instruments"
                 self.hub.become(phase=phase, session=None, problem=problem)
-                self._preview = LivePreview(self.config, instruments, [self.hub])
-                self._preview.run(None, self._is_over())
-        except (ConfigError, DeviceError, RefusedError, OSError) as error:
+                self._preview = LivePreview(
+                    self.config, instruments, [self.hub, LastSamples(self.config, instruments)]
+                )
+                self._preview.run(None, lambda: self._ending.is_set() or recorder_waits())
+        except (ConfigError, DeviceError, RefusedError, StorageError, OSError) as error:
             words = _words(error) if isinstance(error, FieldkitError) else message_of(error)
             self.hub.become(phase="no-instruments", session=None, problem=words)
             self._ending.wait(TRY_AGAIN_S)
         finally:
             self._preview = None
 
-    def _is_over(self) -> _Throttled:
-        return _Throttled(lambda: self._ending.is_set() or is_recorder_present(self.config.recordings))
-
 
 def _words(error: FieldkitError) -> str:
     return f"{error.message}; {error.fix}" if error.fix else error.message
-
-
-class _Throttled:
-    """A question that is asked ten times a second at most, and stays answered once the answer is yes."""
-
-    def __init__(self, question: object) -> None:
-        self._question, self._next, self._answer = question, 0.0, False
-
-    def __call__(self) -> bool:
-        now = time.monotonic()
-        if not self._answer and now >= self._next and callable(self._question):
-            self._next = now + LOOK_EVERY_S
-            self._answer = bool(self._question())
-        return self._answer

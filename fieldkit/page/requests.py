@@ -156,12 +156,16 @@ class EditMark(_Request):
 
 
 class Start(_Request):
-    """Start a recording, for a `duration` such as ``3h`` or `until` a time of day ``HH:MM``."""
+    """Start a recording, for a `duration` such as ``3h`` or `until` a time of day ``HH:MM``.
+
+    It begins now, or `include_last` earlier with what the preview still has.
+    """
 
     do: Literal["start"]
     name: Annotated[Text, Field(max_length=80)] = ""
     duration: Word | None = None
     until: Word | None = None
+    include_last: Word | None = None
     allow_missing: bool = False
 
     @model_validator(mode="after")

@@ -78,7 +78,8 @@ class Recorder:
 
     `reopen(name)` reopens a device by its identity; `free_bytes` returns the disk's free space; `requests`
     yields what was asked for since its last call, `last_requests` what is left at the end. `end_ns` is
-    monotonic; `stopping` may be set before the recorder exists. Call `run` once.
+    monotonic; `stopping` may be set before the recorder exists. `earlier` are samples from before the
+    start, in order, that the session begins with. Call `run` once.
     """
 
     devices: Sequence[Device]
@@ -95,6 +96,7 @@ class Recorder:
     disk_reserve_bytes: int = 64_000_000
     alarms: AlarmWatch = field(default_factory=AlarmWatch)
     stopping: threading.Event = field(default_factory=threading.Event)
+    earlier: Iterable[Sample] = ()
 
     def __post_init__(self) -> None:
         self._queue = SampleQueue({device.info.name: queue_limit(device.info) for device in self.devices})
@@ -125,6 +127,7 @@ class Recorder:
         self.clock.hold_until(self._queue.settled)
         try:
             self._start_readers()
+            self._keep_earlier()
             while self._is_active():
                 self._take(self._queue.get(0.1))
             self._stop_readers()
@@ -200,6 +203,13 @@ class Recorder:
             self._report(EventKind.DISK, text, Severity.ERROR)
 
     # --- items: the session first
+
+    def _keep_earlier(self) -> None:
+        """Store what was measured before the start; the queue keeps what comes meanwhile."""
+        for sample in self.earlier:
+            self._keep_sample(sample)
+        if count := self._counts.total():
+            self._report(EventKind.START, f"{count} samples of the preview before are included")
 
     def _take(self, item: Item | None) -> None:
         if item is not None:

@@ -12,10 +12,9 @@ from pathlib import Path
 from typing import IO
 
 from fieldkit.model.errors import RefusedError
-from fieldkit.recording.running import session_in_progress, waiting_recorder
+from fieldkit.recording.running import LOOK_EVERY_S, session_in_progress, waiting_recorder
 from fieldkit.sessions.lock import journal_path, owner
 
-LOOK_EVERY_S = 0.1
 STARTS_WITHIN_S = 60.0
 
 

@@ -41,9 +41,15 @@ class Instruments:
 
 @contextmanager
 def open_instruments(
-    config: Config, *, duration_s: float | None = None, allow_missing: bool = False
+    config: Config,
+    *,
+    duration_s: float | None = None,
+    allow_missing: bool = False,
+    simulated_from_ns: int | None = None,
 ) -> Iterator[Instruments]:
     """The campaign's instruments, real or simulated, opened together and closed at the end.
+
+    `simulated_from_ns` is where the clock of a simulated field goes on that was open before.
 
     Raises `DeviceError` with everything that would not open, `ConfigError` for none at all.
     """
@@ -59,7 +65,7 @@ def open_instruments(
         return
     from fieldkit.recording.simulated_scene import simulated_field
 
-    with simulated_field(config, duration_s or OPEN_END_S) as (clock, field):
+    with simulated_field(config, duration_s or OPEN_END_S, simulated_from_ns) as (clock, field):
         plugged = [field.plug(settings) for settings in config.devices]
         with _opened(plugged, clock, lambda: field.disk_free_bytes(free_here()), allow_missing) as opened:
             yield opened

@@ -21,8 +21,10 @@ from fieldkit.model.samples import Event, Frame, Health, Sample, StreamHealth, i
 from fieldkit.recorder import EstimatorThread, SampleQueue, Sampling, View
 from fieldkit.recorder.device_reader import DeviceReader
 from fieldkit.recorder.estimator_thread import LONGEST_WAIT_S
+from fieldkit.recording.last_samples import LastSamples
 from fieldkit.recording.opening import Instruments, open_instruments
 from fieldkit.recording.record import MinuteView, config_of
+from fieldkit.recording.running import previewing
 from fieldkit.views import frame_image
 
 if TYPE_CHECKING:
@@ -43,7 +45,9 @@ def live(
 ) -> None:
     """Read a campaign's instruments and show samples and slopes, without recording.
 
-    Instruments that are not plugged in are skipped. Raises `ConfigError`, `DeviceError`.
+    Instruments that are not plugged in are skipped. Ends when a recording of the campaign begins, which may
+    include what was shown last (``record(include_last="2m")``). Raises `ConfigError`, `DeviceError`, and
+    `RefusedError` while a recording or another preview has the instruments.
 
     Parameters
     ----------
@@ -65,8 +69,12 @@ def live(
     """
     config, duration_s = config_of(campaign), None if duration is None else as_seconds(duration)
     shown = [*views, *([MinuteView(on_minute)] if on_minute else [])]
-    with open_instruments(config, duration_s=duration_s, allow_missing=True) as instruments:
-        LivePreview(config, instruments, shown).run(duration_s)
+    with (
+        previewing(config.recordings) as recorder_waits,
+        open_instruments(config, duration_s=duration_s, allow_missing=True) as instruments,
+    ):
+        shown.append(LastSamples(config, instruments))
+        LivePreview(config, instruments, shown).run(duration_s, recorder_waits)
 
 
 def current_frame(campaign: Campaign | Config | str | Path = ".") -> Frame:

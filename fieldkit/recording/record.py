@@ -25,6 +25,7 @@ from fieldkit.model.units import SECOND_NS
 from fieldkit.recorder import Recorder, Summary, View
 from fieldkit.recorder.recorder import Shown
 from fieldkit.recording.alarms import alarm_watch
+from fieldkit.recording.last_samples import Included, ask_for_last_samples, left_samples
 from fieldkit.recording.opening import Instruments, open_instruments
 from fieldkit.recording.preflight import Notify, disk_reserve_bytes, log, preflight, sampling_of
 from fieldkit.recording.recordings import session_path
@@ -53,6 +54,7 @@ def record(
     *,
     duration: str | float | None = None,
     name: str = "",
+    include_last: str | float | None = None,
     allow_missing: bool = False,
     on_minute: Callable[[Minute], None] | None = None,
     notify: Notify = log.warning,
@@ -74,6 +76,9 @@ def record(
         When to stop: ``"20m"``, ``"2h30"``, or a number of seconds. Without it, until interrupted.
     name
         Part of the file's name.
+    include_last
+        Begin with what a preview of this campaign (`live`, the field page) has shown last, such as
+        ``"2m"``, as far as it still has it.
     allow_missing
         Record without instruments that are not plugged in.
     on_minute
@@ -104,6 +109,7 @@ def record(
         config,
         name=name,
         duration_s=None if duration is None else as_seconds(duration),
+        include_last_s=None if include_last is None else as_seconds(include_last),
         allow_missing=allow_missing,
         notify=notify,
     )
@@ -155,6 +161,7 @@ class PreparedRecording:
     name: str = ""
     duration_s: float | None = None
     begins_ns: int | None = None
+    included: Included | None = None
 
     def begins_in_s(self) -> float:
         """Seconds until the time at which the recording is to begin; 0 without one, or once it has come."""
@@ -185,7 +192,8 @@ class PreparedRecording:
         alarms, outlets = alarm_watch(config, instruments.streams), self._outlets()
         start_ns = instruments.clock.mono_ns()
         header = header_of(config, self.name, instruments.streams, command_line)
-        writer = SessionWriter(self.path, header, instruments.clock)
+        included = self.included or Included(start_ns, iter(()))
+        writer = SessionWriter(self.path, header, instruments.clock, included.start_ns)
         camera = next((info for info in instruments.streams if info.is_camera), None)
         redrawing = Redrawing(config.regions, camera.shape if camera else None, config.site)
         requests = RequestReader(inbox(self.path), instruments.clock, redrawing)
@@ -207,6 +215,7 @@ class PreparedRecording:
                 disk_reserve_bytes=disk_reserve_bytes(config),
                 alarms=alarms,
                 stopping=stopping or threading.Event(),
+                earlier=included.samples,
             ).run()
         finally:
             writer.abandon()  # no effect after sealing; otherwise the journal is kept for recovery
@@ -254,29 +263,43 @@ def prepare(
     duration_s: float | None = None,
     at: time | None = None,
     until: time | None = None,
+    include_last_s: float | None = None,
     allow_missing: bool = False,
     notify: Notify = log.warning,
 ) -> Iterator[PreparedRecording]:
     """Open a campaign's instruments, check that recording can start, and choose the session's path.
 
     `at` and `until` are times of day at the site, at which the recording is to begin and to end; `until`
-    replaces `duration_s`. Raises as `record`.
+    replaces `duration_s`. `include_last_s` is how far back the samples of a preview that ends now become the
+    recording's first; `notify` receives it if there are none. Raises as `record`.
     """
     with ExitStack() as opened:
+        if include_last_s is not None:
+            ask_for_last_samples(config.recordings)
         opened.enter_context(only_recorder(config.recordings))
         await_preview_end(config.recordings)
+        left = opened.enter_context(left_samples(config.recordings))
         scene_s = None if at else duration_s  # a simulated field goes on while its recorder waits
         instruments = opened.enter_context(
-            open_instruments(config, duration_s=scene_s, allow_missing=allow_missing)
+            open_instruments(
+                config,
+                duration_s=scene_s,
+                allow_missing=allow_missing,
+                simulated_from_ns=left.end_ns if left else None,
+            )
         )
         now_ns, utc_ns = instruments.clock.mono_ns(), instruments.utc_ns()
         wait_ns = 0 if at is None else ns_until(at, config.site, utc_ns)
         if until is not None:
             duration_s = ns_until(until, config.site, utc_ns + wait_ns) / SECOND_NS
         preflight(config, instruments, duration_s, notify)
-        path = session_path(config, name, utc_ns + wait_ns)
+        included = left.included(instruments, include_last_s, notify) if left and include_last_s else None
+        if include_last_s and included is None:
+            notify("no preview of this campaign was running: the recording begins now")
+        start_ns = now_ns + wait_ns if included is None else included.start_ns
+        path = session_path(config, name, instruments.clock.to_utc_ns(start_ns))
         begins_ns = None if at is None else now_ns + wait_ns
-        yield PreparedRecording(config, instruments, path, name, duration_s, begins_ns)
+        yield PreparedRecording(config, instruments, path, name, duration_s, begins_ns, included)
 
 
 def config_of(campaign: Campaign | Config | str | Path) -> Config:

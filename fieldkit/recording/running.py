@@ -31,6 +31,7 @@ PREVIEW_LOCK_NAME = ".preview"
 WAITING_NAME = ".waiting"
 """File in ``recordings/`` that a recorder holds locked until the time at which it is to begin."""
 PREVIEW_ENDS_WITHIN_S = 10.0
+LOOK_EVERY_S = 0.1
 STOPPING_NAME = "stopping"
 """File in the journal of a session whose recorder was asked to stop."""
 SILENT_AFTER_S = 5.0
@@ -85,19 +86,24 @@ def only_recorder(recordings: Path) -> Iterator[None]:
     """
     _refuse_second(recordings)  # a recorder of an earlier version holds only its session's lock
     try:
-        recordings.mkdir(parents=True, exist_ok=True)
-        lock = SessionLock(recordings, LOCK_NAME)
+        lock = _lock_in(recordings, LOCK_NAME)
     except RefusedError as error:
         _refuse_second(recordings)  # by the name of its session, once it has one
         raise _already_recorded(error.message) from error
-    except OSError as error:
-        raise StorageError(
-            f"cannot record into {recordings}: {error.strerror}", fix="choose a folder that can be written"
-        ) from error
     try:
         yield
     finally:
         lock.release()
+
+
+def _lock_in(recordings: Path, name: str) -> SessionLock:
+    try:
+        recordings.mkdir(parents=True, exist_ok=True)
+        return SessionLock(recordings, name)
+    except OSError as error:
+        raise StorageError(
+            f"cannot record into {recordings}: {error.strerror}", fix="choose a folder that can be written"
+        ) from error
 
 
 def is_recorder_present(recordings: Path) -> bool:
@@ -106,17 +112,31 @@ def is_recorder_present(recordings: Path) -> bool:
 
 
 @contextmanager
-def previewing(recordings: Path) -> Iterator[None]:
-    """Hold the instruments for a preview that ends as soon as a recorder is present.
+def previewing(recordings: Path) -> Iterator[Callable[[], bool]]:
+    """Hold the instruments for a preview, which is to end once what is yielded is true: a recorder waits.
 
-    Raises `RefusedError` while another preview holds them, `OSError` if the folder cannot be written.
+    Raises `RefusedError` while a recorder or another preview holds them, `StorageError` if the folder cannot
+    be written.
     """
-    recordings.mkdir(parents=True, exist_ok=True)
-    lock = SessionLock(recordings, PREVIEW_LOCK_NAME)
+    _refuse_second(recordings)
+    lock = _lock_in(recordings, PREVIEW_LOCK_NAME)
     try:
-        yield
+        yield _RecorderWaits(recordings)
     finally:
         lock.release()
+
+
+class _RecorderWaits:
+    """Whether a recorder is present; it is looked for ten times a second, however often one asks."""
+
+    def __init__(self, recordings: Path) -> None:
+        self._recordings, self._next_s, self._found = recordings, 0.0, False
+
+    def __call__(self) -> bool:
+        if not self._found and time.monotonic() >= self._next_s:
+            self._next_s = time.monotonic() + LOOK_EVERY_S
+            self._found = is_recorder_present(self._recordings)
+        return self._found
 
 
 def await_preview_end(recordings: Path) -> None:

@@ -31,7 +31,7 @@ from fieldkit.simulation.facets import FRAME_SHAPE, GROUND
 from fieldkit.simulation.motion import Motion
 from fieldkit.simulation.scene import ALAMOSA_NOON_NS, BEDS
 from fieldkit.simulation.scene_series import Exchange
-from fieldkit.simulation.simulated_clock import SimulatedClock
+from fieldkit.simulation.simulated_clock import START_MONO_NS, SimulatedClock
 from fieldkit.simulation.terrain import Terrain
 from fieldkit.weather import Weather, packaged, read_station_file
 
@@ -46,12 +46,18 @@ BED_OVER_REGION = 1.18
 
 
 @contextmanager
-def simulated_field(config: Config, duration_s: float) -> Iterator[tuple[SimulatedClock, SimulatedField]]:
-    """The clock and the instruments of the configured scene, closed at the end."""
-    scene = scene_of(config, duration_s)
+def simulated_field(
+    config: Config, duration_s: float, from_ns: int | None = None
+) -> Iterator[tuple[SimulatedClock, SimulatedField]]:
+    """The clock and the instruments of the configured scene, closed at the end.
+
+    `from_ns` is the monotonic time at which the scene is entered, by default its start.
+    """
+    elapsed_ns = 0 if from_ns is None else from_ns - START_MONO_NS
+    scene = scene_of(config, duration_s + elapsed_ns / SECOND_NS)
     simulation = config.tables.simulation
     speed = 1.0 if simulation is None else simulation.speed
-    clock = SimulatedClock(scene.start_ns, math.inf if speed == "max" else speed)
+    clock = SimulatedClock(scene.start_ns, math.inf if speed == "max" else speed, elapsed_ns)
     with clock, SimulatedField(scene, clock) as field:
         yield clock, field
 

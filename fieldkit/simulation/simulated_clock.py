@@ -72,14 +72,16 @@ class SimulatedClock:
         UTC at the start, nanoseconds since 1970.
     speed
         Seconds of the scene per real second; infinite: as fast as the work allows.
+    elapsed_ns
+        How far the scene is already.
     """
 
     is_real = False
 
-    def __init__(self, start_utc_ns: int, speed: float = math.inf) -> None:
+    def __init__(self, start_utc_ns: int, speed: float = math.inf, elapsed_ns: int = 0) -> None:
         if not speed > 0:
             raise ValueError(f"speed must be positive, not {speed}")
-        self._now = START_MONO_NS
+        self._now = START_MONO_NS + elapsed_ns
         self._utc_minus_mono_ns = start_utc_ns - START_MONO_NS
         self._system_step_ns = 0
         self._speed = speed

@@ -550,7 +550,7 @@ def test_a_wrong_end_of_a_recording_is_answered_in_words(
 def test_a_long_duration_reaches_the_recorder_as_it_was_typed() -> None:
     start = requests.parse('{"do": "start", "duration": "300h"}')
     assert isinstance(start, requests.Start)
-    assert answers.end_options(start) == ["--for=300h"]
+    assert answers.time_options(start) == ["--for=300h"]
 
 
 def test_an_alarm_that_is_not_there_cannot_be_acknowledged(page: Served) -> None:

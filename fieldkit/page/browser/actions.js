@@ -46,8 +46,8 @@ function ask(id, whatOf, then = () => {}) {
 }
 
 function startRequest(field) {
-  const ends = field.ends.value;
-  return { do: "start", name: field.name.value.trim(), ...(ends === "stop" ? {} : { [ends]: field[ends].value.trim() }) };
+  const ends = field.ends.value, include_last = field.begins.value || null;
+  return { do: "start", name: field.name.value.trim(), include_last, ...(ends === "stop" ? {} : { [ends]: field[ends].value.trim() }) };
 }
 
 function markRequest(field) {
