@@ -247,7 +247,7 @@ def choose(misfit: Misfit, branches: Branches, tilt_limit_deg: float, *, at_limi
     tilt_limit_deg
         Largest tilt, in (0, 90]. [degrees]
     at_limit
-        The limit stands for a branch beyond it also where the other branch is flatter.
+        The limit stands for a branch beyond it also where the other branch is flatter, which stays the other.
     """
     normals = np.stack([branches.first, branches.second])
     misfits = np.stack([branches.first_misfit, branches.second_misfit])
@@ -265,6 +265,10 @@ def choose(misfit: Misfit, branches: Branches, tilt_limit_deg: float, *, at_limi
     if np.any(steep):
         edge, edge_misfit = _on_limit(misfit, tilt_limit_deg, steep)
         steep &= edge_misfit + _price(tilt_limit_deg) < penalised.min(axis=0)
+        has_flatter = steep & allowed.any(axis=0)
+        other = np.where(has_flatter[..., np.newaxis], best, other)
+        misfit_other = np.where(has_flatter, misfit_best, misfit_other)
+        is_single &= ~has_flatter
         best = np.where(steep[..., np.newaxis], edge, best)
         misfit_best = np.where(steep, edge_misfit, misfit_best)
     return Choice(best, misfit_best, other, np.where(is_single, np.nan, misfit_other))

@@ -223,6 +223,22 @@ def test_a_steeper_slope_is_preferred_only_for_a_clearly_better_fit(advantage, p
     assert float(tilt_azimuth(found.other)[0]) == pytest.approx(other)
 
 
+def test_where_the_limit_stands_for_a_steeper_branch_the_flatter_one_stays_the_other():
+    sun = window("2017-08-30T03:00", 91)
+    misfit = Misfit.of_rows(sun, sun @ normal(35.0, 180.0), 1 / 0.001**2)
+    both = solve(misfit)
+    flatter, steeper = sorted(tilt_azimuth(np.stack([both.first, both.second]))[0])
+    limit = steeper - 0.2
+    found = choose(misfit, both, limit, at_limit=True)
+    alone = choose(misfit, both, limit)
+    assert tilt_of(alone) == pytest.approx(flatter)
+    assert np.isnan(alone.other).all()
+    assert tilt_of(found) == pytest.approx(limit)
+    assert found.misfit < found.other_misfit
+    assert float(tilt_azimuth(found.other)[0]) == pytest.approx(flatter)
+    assert found.other_misfit == pytest.approx(misfit(found.other))
+
+
 def test_a_slope_beyond_the_limit_is_not_believed_however_well_it_fits():
     found = chosen((50.0, 0.0), (20.0, 30.0))
     assert tilt_of(found) == pytest.approx(20.0)

@@ -137,7 +137,9 @@ def test_the_page_starts_with_what_it_has_shown(campaign):
 def test_without_a_preview_the_recording_begins_now_and_says_so(campaign):
     notes = []
     settings = {"duration": "5s", "include_last": "2m", "notify": notes.append}
-    session = fieldkit.record(load_config(campaign.config.path, settings=["simulation.speed=max"]), **settings)
+    session = fieldkit.record(
+        load_config(campaign.config.path, settings=["simulation.speed=max"]), **settings
+    )
     assert notes == ["no preview of this campaign was running: the recording begins now"]
     assert session.count("lux") > 3
 
