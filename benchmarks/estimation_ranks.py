@@ -100,7 +100,7 @@ def ranks(worlds: int) -> Ranks:
         done = as_completed([pool.submit(world_ranks, seed) for seed in seeds])
         shown = track(done, "worlds", total=worlds, console=Console(stderr=True))
         found = [one.result() for one in shown]
-    names = sorted({name for one in found for name in one})
+    names = sorted({name for one in found for name in one}, key=lambda name: (" of " not in name, name))
     by_name = {name: np.array([one[name] for one in found if name in one]) for name in names}
     return {name: np.sort(values[np.isfinite(values)]) for name, values in by_name.items()}
 
