@@ -29,7 +29,7 @@ from fieldkit.estimation.learned.budget import BudgetTerm
 from fieldkit.estimation.methods import Solution, kelvin_per_degree, solutions, sunlit
 from fieldkit.estimation.normal import Misfit, choose, cramer_rao, solve, tangents
 from fieldkit.estimation.region_temperatures import remove_offsets, shifted_temperatures
-from fieldkit.estimation.row_budget import north_south_deg, row_budget
+from fieldkit.estimation.row_budget import RowBudget
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.weather_reference import beside_level, shifted_levels
 from fieldkit.model.samples import Quality
@@ -186,8 +186,7 @@ class Window:
         """`UNCERTAIN` where the gain of the level surface alone decides the tilt along the meridian."""
         if estimate.state not in (SlopeState.OK, SlopeState.FLAT, SlopeState.UNCERTAIN) or self.rows is None:
             return estimate
-        inputs = (self.rows, index, self._weights[:, index], best, self.past, self.settings)
-        moved, left = north_south_deg(*inputs)
+        moved, left = self._budget(self.rows, index, best).north_south_deg()
         if moved <= left:
             return estimate
         reason = f"north–south undetermined: the gain of such a surface moves it by ±{moved:.0f}°"
@@ -197,17 +196,13 @@ class Window:
         """The uncertainty budget of each target with a slope, by its name."""
         found = self.estimates(range(self.columns.targets.size))
         return {
-            one.region: row_budget(
-                self.rows,
-                index,
-                self._weights[:, index],
-                normal(one.tilt_deg, one.azimuth_deg),
-                self.past,
-                self.settings,
-            )
+            one.region: self._budget(self.rows, index, normal(one.tilt_deg, one.azimuth_deg)).terms()
             for index, one in enumerate(found)
             if self.rows is not None and math.isfinite(one.tilt_deg)
         }
+
+    def _budget(self, rows: Rows, index: int, slope: FloatArray) -> RowBudget:
+        return RowBudget(rows, index, self._weights[:, index], slope, self.past, self.settings)
 
     def _blank(self, index: int) -> tuple[SlopeEstimate, bool]:
         """The estimate of a target without a slope, and whether it can be solved."""
