@@ -36,14 +36,9 @@ class Binner:
     """Collects samples into minute bins.
 
     The first camera stream with a known temperature scale is used; DNI comes from measured direct irradiance,
-    else from global irradiance, else from the illuminance meter (`Instruments`). Samples of other streams are
-    skipped. `irradiance_model` describes in words how DNI is derived. Regions that change hold in whole
-    minutes; every outline has a column of its own.
-
-    Raises
-    ------
-    ConfigError
-        If the only light is from a stream of unknown component.
+    else from global irradiance, else from the illuminance meter (`Instruments`), as `irradiance_model` says
+    in words. Samples of other streams are skipped. Regions that change hold in whole minutes; every outline
+    has a column of its own. Raises `ConfigError` if the only light is from a stream of unknown component.
     """
 
     def __init__(

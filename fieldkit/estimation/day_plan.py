@@ -179,22 +179,10 @@ def plan_day(
     settings: PlanSettings,
     step_min: int = 30,
 ) -> DayPlan:
-    """Plan of one day for some facets.
+    """Plan of one day for some facets, tilt and azimuth of each in degrees.
 
-    Parameters
-    ----------
-    facets
-        Tilt and azimuth of each. [degrees]
-    time_ns
-        UTC times of the day's minutes, (n,), equally spaced. [ns]
-    sun
-        Unit vectors towards the sun, (n, 3). [-]
-    dni_w_m2
-        Direct normal irradiance, (n,). [W/m2]
-    settings
-        Assumptions.
-    step_min
-        Rows are the multiples of this with the sun up. [min]
+    `time_ns` (n,), UTC, are the day's minutes, equally spaced, `sun` (n, 3) unit vectors towards the sun
+    then, `dni_w_m2` (n,) direct normal irradiance. Rows are the multiples of `step_min` with the sun up.
     """
     normals = _normals(facets)
     elevation = _elevation_deg(sun)
@@ -270,14 +258,7 @@ def expected_temperature(
 ) -> FloatArray:
     """Surface temperature under a clear sky by the paper's eq. (7), shape (f, n), kelvin.
 
-    Parameters
-    ----------
-    normals, sun
-        Unit normals (f, 3) and unit vectors towards the sun (n, 3). [-]
-    dni_w_m2
-        Direct normal irradiance, (n,). [W/m2]
-    settings
-        Surface, air and sky.
+    Of unit normals (f, 3) under suns (n, 3) of direct normal irradiance (n,).
     """
     longwave = settings.sky_emissivity * STEFAN_BOLTZMANN * settings.air_k**4
     light = direct_irradiance(dni_w_m2, cos_incidence(normals, sun))
@@ -293,16 +274,7 @@ def sensitivity(
 ) -> Sensitivity:
     """Change of light and temperature per degree of tilt: the paper's eq. (2), and eqs. (2) and (6) together.
 
-    Parameters
-    ----------
-    normals, sun
-        Unit normals (f, 3) and unit vectors towards the sun (n, 3). [-]
-    dni_w_m2
-        Direct normal irradiance, (n,). [W/m2]
-    temperature_k
-        Surface temperatures, broadcast with (f, n). [K]
-    surface
-        Parameters of the energy balance.
+    Arguments as of `expected_temperature`, and surface temperatures that broadcast with (f, n).
     """
     steeper, _ = tangents(normals)
     lit = cos_incidence(normals, sun) > 0.0
@@ -315,18 +287,10 @@ def sensitivity(
 def cosine_noise(
     dni_w_m2: ArrayLike, temperature_k: ArrayLike, noise_k: float, surface: SurfaceParameters
 ) -> FloatArray:
-    """Standard deviation of one minute's measured cosine of incidence.
+    """Standard deviation of one minute's measured cosine of incidence; infinite without sun.
 
-    ``sqrt(2) D sigma_T / S``: both regions have the noise of a mean. Infinite without sun.
-
-    Parameters
-    ----------
-    dni_w_m2, temperature_k
-        Direct normal irradiance and surface temperature, any shapes that broadcast. [W/m2], [K]
-    noise_k
-        Standard deviation of one region's minute mean. [K]
-    surface
-        Parameters of the energy balance.
+    ``sqrt(2) D sigma_T / S``: both regions have the noise `noise_k` of a mean. Irradiance and temperature
+    have any shapes that broadcast.
     """
     direct = np.asarray(dni_w_m2, np.float64)
     noise = np.sqrt(2.0) * noise_k * irradiance_per_kelvin(temperature_k, surface)
@@ -336,14 +300,9 @@ def cosine_noise(
 def bound(normals: FloatArray, sun: FloatArray, sigma: ArrayLike) -> Bound:
     """Cramer-Rao bound of the slopes of facets from some minutes.
 
-    Minutes in which a facet is self-shaded give no information about it; at least three are needed.
-
-    Parameters
-    ----------
-    normals, sun
-        Unit normals (f, 3) and unit vectors towards the sun (n, 3). [-]
-    sigma
-        Standard deviation of the measured cosines, (n,) or (f, n); infinite excludes a minute. [-]
+    Unit normals (f, 3), unit vectors towards the sun (n, 3); `sigma` of the measured cosines, (n,) or (f, n),
+    is infinite to exclude a minute. Minutes in which a facet is self-shaded give no information about it; at
+    least three are needed.
     """
     lit = cos_incidence(normals, sun) > LOWEST_COS_INCIDENCE
     weights = np.where(lit, 1.0 / np.square(sigma), 0.0)

@@ -88,12 +88,8 @@ class Instruments:
 
     `model` is the irradiance model of the stream that DNI is derived from (`light_source`), not necessarily
     the light meter's; `label` describes it in words. `unknown` are streams that may measure sunlight, but do
-    not declare what they measure; `absent` are the streams of configured probes that are not there.
-
-    Raises
-    ------
-    ConfigError
-        If for that reason there is no sunlight, or if the configuration contradicts the streams.
+    not declare what they measure; `absent` are the streams of configured probes that are not there. Raises
+    `ConfigError` if for that reason there is no sunlight, or if the configuration contradicts the streams.
     """
 
     def __init__(self, streams: Sequence[StreamInfo], settings: EstimatorSettings) -> None:
@@ -325,10 +321,7 @@ def _model_of(source: Source | None, model: IrradianceModel) -> IrradianceModel:
 def pyranometer(model: IrradianceModel, what: str) -> IrradianceModel:
     """The model for global irradiance in W/m2 on the same plane; `what` is measured, for the error.
 
-    Raises
-    ------
-    ConfigError
-        If the model does not remove diffuse light.
+    Raises `ConfigError` if the model does not remove diffuse light.
     """
     if model.diffuse == "none":
         raise ConfigError(

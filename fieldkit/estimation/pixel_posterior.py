@@ -88,18 +88,11 @@ class PixelPosterior:
     def deviations(
         self, measures: Mapping[str, Measure], *, cyclic: frozenset[str] = frozenset()
     ) -> dict[str, NDArray[np.float32]]:
-        """Standard uncertainties of numbers that follow from the normal.
+        """Standard uncertainties of numbers that follow from the normal, by name, (rows, cols); NaN without a
+        slope.
 
-        Parameters
-        ----------
-        measures
-            The numbers, by name.
-        cyclic
-            Names of angles in degrees that begin anew after a turn.
-
-        Returns
-        -------
-        By name, root mean square deviations from the mapped value, shape (rows, cols); NaN without a slope.
+        Root mean square deviations from the mapped value; angles in degrees named in `cyclic` begin anew
+        after a turn.
         """
         best = (self.at @ self.axes).astype(np.float32)
         found = {name: np.full(len(best), np.nan, np.float32) for name in measures}
@@ -112,17 +105,10 @@ class PixelPosterior:
         return {name: self._on_map(values) for name, values in found.items()}
 
     def risk(self, limit_deg: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Probability that a pixel is steeper than a limit, and its conditional value at risk.
+        """P(tilt > limit) of each pixel, and the mean of the steepest tenth of the tilts that fit, in
+        degrees.
 
-        Parameters
-        ----------
-        limit_deg
-            Tilt from horizontal. [degrees]
-
-        Returns
-        -------
-        P(tilt > limit) in [0, 1], and the mean of the steepest tenth of the tilts that fit, shape
-        (rows, cols) each; NaN without a slope. [-], [degrees]
+        Shape (rows, cols) each, NaN without a slope. The mean is the conditional value at risk.
         """
         steeper, worst = (np.full(len(self.at), np.nan, np.float32) for _ in range(2))
         for pixels, normals, weights in self.pieces():

@@ -54,20 +54,9 @@ class SlopeMap:
 
 
 class MapSums:
-    """Running sums of a slope map over the frames of a window.
+    """Running sums of a slope map over the frames (rows, cols) of a window.
 
-    Parameters
-    ----------
-    shape
-        Rows and columns of a frame.
-    surface
-        Parameters of the energy balance.
-    noise_k
-        Standard deviation of one pixel. [K]
-    tilt_limit_deg
-        Largest tilt considered. [degrees]
-    confidence
-        Of the region within which a second slope fits as well.
+    `noise_k` is the standard deviation of one pixel, `tilt_limit_deg` the largest tilt considered.
     """
 
     def __init__(
@@ -99,20 +88,12 @@ class MapSums:
         stored_w_m2: FloatArray | None = None,
         noise_gain: float = 1.0,
     ) -> None:
-        """Add one frame.
+        """Add one frame of surface temperatures (rows, cols); NaN makes a pixel unknown.
 
-        Parameters
-        ----------
-        temperature_k
-            Surface temperatures, shape (rows, cols); NaN makes a pixel unknown. [K]
-        reference_k, reference_normal
-            Temperature of the reference and its unit normal (3,). [K], [-]
-        sun, dni_w_m2
-            Unit vector towards the sun (3,) and direct normal irradiance then, > 0; with the full model the
-            design vector and the beam with circumsolar light (`balance`). [-], [W/m2]
-        stored_w_m2, noise_gain
-            Heat flux into the layer of a pixel less that of the reference, (rows, cols); how much more noise
-            a pixel's heat has with it. [W/m2], [-]
+        `reference_normal` is the reference's unit normal (3,), `sun` the unit vector towards the sun (3,),
+        `dni_w_m2` > 0; with the full model the design vector and the beam with circumsolar light (`balance`).
+        `stored_w_m2` (rows, cols) is the heat flux into the layer of a pixel less that of the reference,
+        `noise_gain` how much more noise a pixel's heat has with it.
         """
         steepness = float(irradiance_per_kelvin(reference_k, self._surface))
         weight = (dni_w_m2 / (np.sqrt(2.0) * steepness * self._noise_k * noise_gain)) ** 2
@@ -143,16 +124,10 @@ class MapSums:
     def add_rows(
         self, design: FloatArray, sun: FloatArray, values: Callable[[slice], NDArray[np.float32]]
     ) -> None:
-        """Add rows ``design n = value`` of unit variance.
+        """Add rows ``design n = value`` of unit variance, with a design (k, 3) that all pixels share.
 
-        Parameters
-        ----------
-        design
-            The same for all pixels, shape (k, 3). [-]
-        sun
-            Mean vector towards the sun (3,). [-]
-        values
-            Those of some pixels, shape (k, pixels); NaN makes a pixel unknown. [-]
+        `sun` (3,) is the mean vector towards the sun; `values` gives those (k, pixels) of a slice of the
+        pixels, NaN to make one unknown.
         """
         for piece in self._pieces:
             y = values(piece)

@@ -46,25 +46,13 @@ def scale_from_known_bed(
 
     Measured ``y - reference . u`` is kappa times ``(bed - reference) . u``. The regressor is geometry, not a
     temperature, so noise does not bias kappa low as in a regression on measured differences. Systematic
-    effects are fitted with a standard normal prior, kappa with a prior about 1. Rows with NaN are excluded,
-    and those in which region or reference is self-shaded and only shows ``n . s < 0``.
+    effects are fitted with a standard normal prior, kappa with a prior about 1 of `prior_sd`. Rows with NaN
+    are excluded, and those in which region or reference is self-shaded and only shows ``n . s < 0``.
 
-    Parameters
-    ----------
-    design, y, sigma
-        Design vectors (n, 3), measured cosines (n,) and their standard deviations (n,), as of `Rows`. [-]
-    reference, bed
-        Unit normals of reference and known region, (3,). [-]
-    systematics
-        Change of y for one standard uncertainty of each effect on this region, such as its own offset, (p,
-        n). [-]
-    prior_sd
-        Standard uncertainty of kappa about 1 before the measurement. [-]
-
-    Raises
-    ------
-    CalibrationError
-        If the region's slope is too close to the reference's to determine the scale.
+    `design` (n, 3), `y` and `sigma` (n,) are as of `Rows`, `reference` and `bed` unit normals (3,);
+    `systematics` (p, n) are changes of y for one standard uncertainty of each effect on this region, such as
+    its own offset. Raises `CalibrationError` if the region's slope is too close to the reference's to
+    determine the scale.
     """
     columns = np.vstack([design @ (bed - reference), *(() if systematics is None else systematics)]) / sigma
     measured = (y - design @ reference) / sigma
@@ -99,21 +87,10 @@ class Offsets:
 
 
 def offsets_from_uniform(temperature_k: FloatArray, reference_k: FloatArray) -> Offsets:
-    """Offsets of regions against the reference while all of them have the same temperature.
+    """Offsets of regions (n, m) against the reference (n,) in minutes in which all have the same temperature.
 
-    The standard error allows for correlation of neighbouring minutes (lag one).
-
-    Parameters
-    ----------
-    temperature_k
-        Minute means of the regions, shape (n, m); NaN where missing. [K]
-    reference_k
-        Minute means of the reference, (n,). [K]
-
-    Raises
-    ------
-    CalibrationError
-        With fewer than three minutes of any region.
+    NaN where missing. The standard error allows for correlation of neighbouring minutes (lag one). Raises
+    `CalibrationError` with fewer than three minutes of any region.
     """
     difference = temperature_k - reference_k[:, np.newaxis]
     count = np.isfinite(difference).sum(axis=0)
@@ -159,23 +136,10 @@ def identify(
 ) -> ExchangeFit:
     """Fit alpha and beta to known differences of sunlight, by total least squares in the temperatures.
 
-    Parameters
-    ----------
-    temperature_k, reference_k
-        Temperatures (k,) of known regions and of the reference in the same minutes. [K]
-    sunlight_w_m2
-        ``S (bed - reference) . s`` of these minutes (k,), from the known slopes. [W/m2]
-    noise_k
-        Standard deviation of each temperature. [K]
-    prior
-        Expected alpha and beta. [W m-2 K-4], [W m-2 K-1]
-    prior_share_sd
-        Standard uncertainty of the expected radiative share of D. [-]
-
-    Raises
-    ------
-    CalibrationError
-        If the differences of sunlight do not exceed the noise.
+    `temperature_k` and `reference_k` (k,) are of known regions and of the reference in the same minutes, with
+    noise of `noise_k` each; `sunlight_w_m2` (k,) is ``S (bed - reference) . s`` from the known slopes.
+    `prior` are the expected alpha and beta, `prior_share_sd` is the standard uncertainty of the expected
+    radiative share of D. Raises `CalibrationError` if the differences of sunlight do not exceed the noise.
     """
     middle = float(np.mean(reference_k))
     cube = 4.0 * middle**3

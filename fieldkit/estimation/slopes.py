@@ -55,16 +55,9 @@ SIGMAS = 4.0
 def slopes(
     history: History, regions: Sequence[Region], settings: EstimatorSettings
 ) -> tuple[SlopeEstimate, ...]:
-    """Slope of every target at the last minute bin of the history, in the order of the regions.
+    """Slope of every target at the last minute bin of a history, in the order of the regions, its columns.
 
-    Parameters
-    ----------
-    history
-        Minute bins from the start of the session (the full model needs those before the window).
-    regions
-        References and targets, in the order of the history's columns.
-    settings
-        Window, model, method, noise and systematic uncertainties.
+    The bins begin with the session: the full model needs those before the window.
     """
     if settings.reference == "weather":
         history, regions = beside_level(history, regions, settings)
@@ -417,22 +410,11 @@ def _angles(found: FloatArray, known_azimuth: float) -> tuple[float, float]:
 def drifts_k(
     rows: Rows, weights: FloatArray, minutes: NDArray[np.int64], tilt_limit_deg: float
 ) -> FloatArray:
-    """Deviation of each target alone from its own prediction in the last 20 minutes.
+    """Deviation (m,) of each target alone from its own prediction in the last 20 minutes, K.
 
-    Parameters
-    ----------
-    rows
-        Least-squares rows of the window, (n, m).
-    weights
-        Inverse variances, (n, m); zero excludes a row. [-]
-    minutes
-        Minutes since 1970 of the rows, (n,), increasing. [min]
-    tilt_limit_deg
-        Largest tilt. [degrees]
-
-    Returns
-    -------
-    Deviation (m,); 0 where it is not significant, and for all targets with too few rows. [K]
+    Of the least-squares rows (n, m) of a window with inverse variances `weights` (n, m), zero to exclude one,
+    at increasing minutes since 1970 (n,). 0 where it is not significant, and for all targets with too few
+    rows.
     """
     age = minutes[-1] - minutes
     lately = age < RECENT_MINUTES

@@ -58,16 +58,9 @@ def slope_budget(learner: Learner, found: Moments, target: int) -> tuple[BudgetT
 
 
 def budget_of(found: Moments, tilt: str, offset: str, priors: Mapping[str, float]) -> tuple[BudgetTerm, ...]:
-    """Budget of the quantity `tilt` by the inputs of `priors`, of which ``offset`` is that named `offset`.
+    """Budget of the tilt named `tilt` by the inputs of `priors`, of which ``offset`` is that named `offset`.
 
-    Parameters
-    ----------
-    found
-        Joint moments after the data.
-    tilt, offset
-        Names of the tilt and of its offset in `found`.
-    priors
-        Standard deviation of each input before the data.
+    `found` are the joint moments after the data, `priors` standard deviations before.
     """
     inputs = {name: found.names.index(offset if name == "offset" else name) for name in priors}
     places, row = list(inputs.values()), found.names.index(tilt)

@@ -20,16 +20,9 @@ _BITS = 30
 def even_points(table: str) -> FloatArray:
     """Points (count, dimensions) within [0, 1), any first power of two of them evenly spread.
 
-    Parameters
-    ----------
-    table
-        ``"sobol-5"``: 64 points of ``scipy.stats.qmc.Sobol(5, rng=numpy.random.default_rng(20170830))``;
-        ``"sobol-2"``: 32 of ``Sobol(2, rng=default_rng(1))``.
-
-    References
-    ----------
-    S. Joe and F. Y. Kuo, "Constructing Sobol sequences with better two-dimensional projections", SIAM Journal
-    on Scientific Computing 30, 2008.
+    ``"sobol-5"`` are 64 points of ``scipy.stats.qmc.Sobol(5, rng=numpy.random.default_rng(20170830))``,
+    ``"sobol-2"`` 32 of ``Sobol(2, rng=default_rng(1))``. S. Joe and F. Y. Kuo, "Constructing Sobol sequences
+    with better two-dimensional projections", SIAM Journal on Scientific Computing 30, 2008.
     """
     text = (resources.files("fieldkit") / "data" / f"{table}.csv").read_text(encoding="ascii")
     return np.loadtxt(io.StringIO(text), delimiter=",") / 2.0**_BITS

@@ -98,18 +98,10 @@ def pixel_rows(
 ) -> PixelRows:
     """Rows of the pixels of a frame.
 
-    Parameters
-    ----------
-    history
-        Minutes with a frame and a reference, those before the map's included: warmth is remembered.
-    regions
-        Its columns: at least one reference and one target.
-    chosen
-        Which of them the map is made of, (n,).
-    normals
-        Unit normals of the targets with a slope, by name: they show the exchange of each minute.
-    settings, learnt
-        What was configured, and what the session taught.
+    `history` holds minutes with a frame and a reference, those before the map's included, as warmth is
+    remembered; its columns `regions` have at least one reference and one target. `chosen` (n,) are the
+    minutes of the map, `normals` unit normals of the targets with a slope, by name: they show the exchange of
+    each minute.
     """
     corrected = remove_offsets(history, regions, settings)
     return _Pair(corrected, RegionColumns(tuple(regions)), chosen, normals, settings, learnt).rows()
