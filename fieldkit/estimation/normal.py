@@ -154,7 +154,7 @@ def _polish(lam: FloatArray, beta: FloatArray, x: FloatArray) -> FloatArray:
 
 
 def _newton_step(lam: FloatArray, beta: FloatArray, x: FloatArray) -> FloatArray:
-    along, across = _tangent_basis(x)
+    along, across = tangent_pair(x)
     slope = lam * x - beta
     g1, g2 = np.sum(along * slope, axis=0), np.sum(across * slope, axis=0)
     # a great circle curves away from its tangent, which takes x . slope off both curvatures
@@ -173,7 +173,7 @@ def _newton_step(lam: FloatArray, beta: FloatArray, x: FloatArray) -> FloatArray
     return np.asarray(shorten * (s1 * along + s2 * across))
 
 
-def _tangent_basis(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+def tangent_pair(x: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Two unit vectors square to x (3, ...) and to each other, without a singular direction.
 
     T. Duff et al., "Building an orthonormal basis, revisited", JCGT 6(1), 2017.

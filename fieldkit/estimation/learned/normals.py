@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.estimation.learned.filters import Filters
+from fieldkit.estimation.normal import tangent_pair
 from fieldkit.physics.facet import FloatArray
 
 LONGEST = 0.25
@@ -191,11 +192,4 @@ def tangent_basis(unit: FloatArray) -> FloatArray:
     """Orthonormal directions square to unit vectors (p, k), as (p, k, k - 1); k is 2 or 3."""
     if unit.shape[1] == 2:
         return np.stack([unit[:, 1], -unit[:, 0]], axis=1)[..., np.newaxis]
-    # T. Duff et al., "Building an orthonormal basis, revisited", JCGT 6(1), 2017
-    x, y, z = unit.T
-    sign = np.copysign(1.0, z)
-    a = -1.0 / (sign + z)
-    b = x * y * a
-    first = np.stack([1.0 + sign * x**2 * a, sign * b, -sign * x], axis=1)
-    second = np.stack([b, sign + y**2 * a, -y], axis=1)
-    return np.stack([first, second], axis=2)
+    return np.stack([one.T for one in tangent_pair(unit.T)], axis=2)
