@@ -226,9 +226,10 @@ class DisturbanceMonitor:
         return _estimator_event(at_ns, text, severity, drift=name, phase="begin" if begins else "end")
 
     def _test_event(self, test: ShadeTest, at_ns: tuple[int, int]) -> Event:
-        name, text = self._schedule.columns[test.column].name, f"{test.minutes:.0f} min"
-        ends = {"begin_ns": test.begin_ns, "end_ns": test.end_ns}
-        return _estimator_event(at_ns, f"shade test of {name}, {text}", shade_test=name, **ends)
+        name = self._schedule.columns[test.column].name
+        text = f"shade test of {name}, {test.minutes:.0f} min"
+        begin_ns, end_ns = test.begin_ns, test.end_ns
+        return _estimator_event(at_ns, text, shade_test=name, begin_ns=begin_ns, end_ns=end_ns)
 
     def _frames(self, entry: MinuteBin, minute: OpenBin, events: list[Event]) -> MinuteBin:
         if minute.last_frame is None:

@@ -12,18 +12,9 @@ from fieldkit.model.confidence import CONFIDENCE, interval_sds
 class LearntParameter:
     """One parameter of surface, air or sky: the prior, and what the data made of it.
 
-    Attributes
-    ----------
-    name, unit
-        Such as ``thermal_inertia`` and its unit as printed; "" for a ratio.
-    prior, prior_low, prior_high
-        Median and interval before the data, in `unit`.
-    value, low, high
-        Median and interval given the data, in `unit`.
-    share_of_prior
-        Posterior over prior standard deviation, in [0, 1]: 1 where the data said nothing.
-    confidence
-        Probability that the intervals hold the truth.
+    `name` is such as ``thermal_inertia``, `unit` as printed, "" for a ratio; the prior and `value` are
+    medians with intervals that hold the truth with a probability of `confidence`. `share_of_prior` is
+    posterior over prior standard deviation, in [0, 1]: 1 where the data said nothing.
     """
 
     name: str

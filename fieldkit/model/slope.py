@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldkit.model.confidence import CONFIDENCE
-from fieldkit.model.numbered import NumberedEnum
-from fieldkit.model.samples import Quality
+from fieldkit.model.samples import NumberedEnum, Quality
 from fieldkit.model.site import Region, RegionKind
 
 NAN = float("nan")
@@ -52,13 +51,7 @@ CERTAIN_SHARE = 0.2
 
 
 def is_too_wide(tilt_deg: ArrayLike, low_deg: ArrayLike, high_deg: ArrayLike) -> NDArray[np.bool_]:
-    """True if a tilt with these bounds of its likelihood region is uncertain; true if a bound is NaN.
-
-    Parameters
-    ----------
-    tilt_deg, low_deg, high_deg
-        Tilt and its bounds, any shapes that broadcast. [degrees]
-    """
+    """True if a tilt with these bounds of its likelihood region is uncertain; true if a bound is NaN."""
     width = np.subtract(high_deg, low_deg)
     return ~np.asarray(width <= np.maximum(CERTAIN_WITHIN_DEG, np.multiply(CERTAIN_SHARE, tilt_deg)))
 
