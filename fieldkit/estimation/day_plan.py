@@ -32,7 +32,7 @@ WEAK_K_PER_DEG = 1.0 / 30.0
 """Below this a tenth of a kelvin between two facets is more than three degrees of tilt."""
 FLAT_DEG = 3.0
 """The azimuth of a flatter facet is not worth estimating."""
-LONGEST_MIN = 360
+FINE_DEG, LONGEST_MIN = 10.0, 360
 TABLE_1 = SurfaceParameters()
 
 
@@ -118,8 +118,8 @@ class DayPlan:
         window = self.sensitivity.temperature_k[:, first : first + self.settings.window_min + 1]
         return np.asarray(np.abs(window.mean(axis=1)) * self.settings.bias_deg)
 
-    def minutes_for_azimuth(self, azimuth_deg: float = 10.0) -> int | None:
-        """Shortest window around the best one that bounds the azimuth of every tilted facet, or None."""
+    def minutes_for_azimuth(self) -> int | None:
+        """Shortest window around the best that bounds all tilted facets' azimuths (`FINE_DEG`), or None."""
         sines = np.sin(np.radians([tilt for tilt, _ in self.facets]))
         tilted = sines > np.sin(np.radians(FLAT_DEG))
         if self.best_row is None or not tilted.any():
@@ -129,7 +129,7 @@ class DayPlan:
         for minutes in range(10, LONGEST_MIN + 1, 10):
             window = slice(max(0, middle - minutes // 2), middle + minutes // 2 + 1)
             found = bound(normals, self.sun[window], usable[:, window])
-            if np.all(found.direction_deg / sines[tilted] <= azimuth_deg):
+            if np.all(found.direction_deg / sines[tilted] <= FINE_DEG):
                 return minutes
         return None
 
@@ -246,11 +246,6 @@ class Bound:
     known_azimuth_deg: FloatArray
     mirror_tilt_deg: FloatArray
     mirror_azimuth_deg: FloatArray
-
-    @property
-    def normal_deg(self) -> FloatArray:
-        """Root mean square angle between the estimated normal and the true one."""
-        return np.hypot(self.tilt_deg, self.direction_deg)
 
 
 def expected_temperature(

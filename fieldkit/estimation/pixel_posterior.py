@@ -40,20 +40,10 @@ TAIL = 0.1
 class PixelPosterior:
     """Likelihood of the normals of a map, in the axes of the sun's motion.
 
-    Attributes
-    ----------
-    known
-        Which pixels have a slope, (rows, cols), m in all.
-    at
-        Their normals along the mean sun, along its motion and across both, shape (m, 3). [-]
-    covariance
-        Of the first two, shape (m, 2, 2). [-]
-    second
-        Likelihood of the branch on the other side over that of the chosen one, shape (m,). [-]
-    axes
-        Those axes as rows, shape (3, 3). [-]
-    tilt_limit_deg
-        Largest tilt considered. [degrees]
+    `known` (rows, cols) are the pixels with a slope, m in all. `at` (m, 3) are their normals along the mean
+    sun, along its motion and across both, the rows of `axes` (3, 3); `covariance` (m, 2, 2) is of the first
+    two. `second` (m,) is the likelihood of the branch on the other side over that of the chosen one,
+    `tilt_limit_deg` the largest tilt considered.
     """
 
     known: NDArray[np.bool_]

@@ -358,15 +358,8 @@ def with_bounds(
     drop = misfit_drop(settings.confidence, 2)
     own, other, touches = _along_edge(tilt, azimuth, at, covariance, axes, drop)
     is_vertical = _contains(axes[:2, 2] - at[:, :2], covariance, drop) & ((at[:, 2] > 0.0) | touches)
-    low, high = own.tilts
-    low = np.where(touches, np.minimum(low, other.tilts[0]), low)
-    high = np.where(touches, np.maximum(high, other.tilts[1]), high)
-    left = np.where(
-        touches, np.minimum(own.azimuth_shifts[0], other.azimuth_shifts[0]), own.azimuth_shifts[0]
-    )
-    right = np.where(
-        touches, np.maximum(own.azimuth_shifts[1], other.azimuth_shifts[1]), own.azimuth_shifts[1]
-    )
+    low, high = _where_they_touch(touches, own.tilts, other.tilts)
+    left, right = _where_they_touch(touches, own.azimuth_shifts, other.azimuth_shifts)
     bounds = (
         np.where(is_vertical, 0.0, low),
         np.minimum(np.maximum(high, tilt), np.maximum(settings.tilt_limit_deg, low)),
@@ -381,6 +374,12 @@ def with_bounds(
     return _with_states(slopes, planes, flat), PixelBounds(
         planes[0], planes[1], planes[2], planes[3], settings.confidence
     )
+
+
+def _where_they_touch(touches: NDArray[np.bool_], own: FloatArray, other: FloatArray) -> Iterator[FloatArray]:
+    """Least and greatest values, of both branches where one region joins them."""
+    for extreme, one, beyond in zip((np.minimum, np.maximum), own, other, strict=True):
+        yield np.where(touches, extreme(one, beyond), one)
 
 
 def _within_limit(slopes: SlopeMap, bounds: NDArray[np.float32], limit_deg: float) -> SlopeMap:

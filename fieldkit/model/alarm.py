@@ -30,14 +30,8 @@ _INFO, _WARNING, _ERROR = Severity.INFO, Severity.WARNING, Severity.ERROR
 class Condition(enum.StrEnum):
     """Condition of an alarm; the values are the names in ``fieldkit.toml`` and in session files.
 
-    Attributes
-    ----------
-    rule
-        Of a campaign that configures none.
-    meaning
-        When the alarm is raised, in the words of the documentation.
-    by_minute
-        Whether it is judged minute by minute, the others every second.
+    `rule` is that of a campaign that configures none, `meaning` says when the alarm is raised, in the words
+    of the documentation; `by_minute` are judged minute by minute, the others every second.
     """
 
     rule: Rule

@@ -36,19 +36,12 @@ class LearntParameter:
 
 @dataclass(frozen=True, slots=True)
 class Learnt:
-    """Everything learnt up to one minute.
+    """Everything learnt up to one minute: the parameters that all regions share, in a fixed order, and
+    residuals.
 
-    Attributes
-    ----------
-    parameters
-        Shared by all regions, in a fixed order.
-    residual_k
-        Root mean square of each region's one-minute-ahead prediction errors. [K]
-    autocorrelation
-        Of each region's standardised prediction errors, from one minute to the next; near 0 where the model
-        explains the data. [-]
-    chi_square
-        Mean square of all standardised prediction errors; near 1 where the stated noise holds. [-]
+    `residual_k` is the root mean square of each region's one-minute-ahead prediction errors. Of the
+    standardised ones `autocorrelation` is from one minute to the next, near 0 where the model explains the
+    data, `chi_square` the mean square of all, near 1 where the stated noise holds.
     """
 
     parameters: tuple[LearntParameter, ...]

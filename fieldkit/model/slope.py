@@ -60,20 +60,11 @@ def is_too_wide(tilt_deg: ArrayLike, low_deg: ArrayLike, high_deg: ArrayLike) ->
 class SlopeField:
     """One number of a slope, as every table, file and document has it.
 
-    Attributes
-    ----------
-    key
-        Field of `SlopeEstimate`, column of the session file and of the tables of all minutes.
-    unit, description
-        The unit as in CF conventions, "1" for a ratio; what the number is.
-    heading
-        Column of exported tables, with the unit.
-    pair
-        Key of ``--json`` under which the ends of a range stand as a list; "" for a key of its own.
-    short, digits
-        Heading and decimals in tables for people; "" where these have no such column.
-    unknown
-        The value where nothing is known, and in sessions that are older than the column.
+    `key` is the field of `SlopeEstimate`, column of the session file and of the tables of all minutes; `unit`
+    as in CF conventions, "1" for a ratio; `heading` the column of exported tables, with the unit. `pair` is
+    the key of ``--json`` under which the ends of a range stand as a list, `short` the heading in tables for
+    people, with `digits` decimals: "" for none. `unknown` is the value where nothing is known, and in
+    sessions that are older than the column.
     """
 
     key: str

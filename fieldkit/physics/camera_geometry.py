@@ -37,25 +37,12 @@ class Grid:
 class Camera:
     """A pinhole camera, with the distortion of its lens.
 
-    Attributes
-    ----------
-    position_m
-        East, north, up. [m]
-    yaw_deg, pitch_deg, roll_deg
-        Azimuth of the optical axis from north, clockwise; its elevation, negative downwards; turn of the
-        camera about it, clockwise as the camera sees. [degrees]
-    hfov_deg
-        Horizontal field of view, from edge to edge of the outermost pixels. [degrees]
-    shape
-        Rows and columns.
-    distortion
-        k1, k2, p1, p2, k3 in OpenCV's order; none for a lens without. [-]
-    grid_scale
-        Metres on the grid of east and north per metre on the ground. [-]
-
-    References
-    ----------
-    D. C. Brown, "Close-range camera calibration", Photogrammetric Engineering 37, 1971.
+    `position_m` is east, north, up. `yaw_deg` is the azimuth of the optical axis from north, clockwise,
+    `pitch_deg` its elevation, negative downwards, `roll_deg` the turn of the camera about it, clockwise as
+    the camera sees. `hfov_deg` is the horizontal field of view, from edge to edge of the outermost pixels,
+    `shape` are rows and columns. `distortion` is k1, k2, p1, p2, k3 in OpenCV's order, none for a lens
+    without (D. C. Brown, "Close-range camera calibration", Photogrammetric Engineering 37, 1971);
+    `grid_scale` are metres on the grid of east and north per metre on the ground.
     """
 
     position_m: tuple[float, float, float]

@@ -52,8 +52,7 @@ def _found(run: Run, session: SessionReader | None) -> Budgets:
     history, schedule = measured_in(run, session).history, run.source.regions
     if not len(history):
         return {}
-    last = int(history.minute[-1])
-    history, regions = history.only(schedule.at(last)), schedule.regions_at(last)
+    history, regions = history.at_last(schedule)
     if run.settings.model == "full":
         return slopes.budgets(history, regions, run.settings)
     chain = SlopeChain(regions, run.settings)

@@ -310,17 +310,12 @@ class SessionMinutes:
     @property
     def regions(self) -> tuple[Region, ...]:
         """The regions that hold in the last minute."""
-        return self.schedule.regions_at(self._last_minute)
+        return self.measured.history.at_last(self.schedule)[1]
 
     @property
     def history(self) -> History:
         """The bins of `regions`."""
-        return self.measured.history.only(self.schedule.at(self._last_minute))
-
-    @property
-    def _last_minute(self) -> int:
-        minutes = self.measured.history.minute
-        return int(minutes[-1]) if minutes.size else 0
+        return self.measured.history.at_last(self.schedule)[0]
 
     def estimates(self, model: Model | None = None) -> Estimates:
         """The slopes by a model, that of the settings unless given."""

@@ -166,6 +166,5 @@ def _part(run: Run, notify: Callable[[str], None]) -> Part:
     path, measured, schedule = run.source.path, measured_in(run), run.source.regions
     if damaged := sum(measured.damaged.values()):
         notify(f"{path}: {damaged} damaged samples are excluded; fieldkit check lists them")
-    last = int(measured.history.minute[-1]) if len(measured.history) else 0
-    history = measured.history.only(schedule.at(last))
-    return Part(str(path), run.site, schedule.regions_at(last), history, run.settings)
+    history, regions = measured.history.at_last(schedule)
+    return Part(str(path), run.site, regions, history, run.settings)

@@ -30,24 +30,13 @@ would differ between processors."""
 
 @dataclass(frozen=True, slots=True)
 class UnitNormals:
-    """Unit normals for each of p hypotheses.
+    """Unit normals for each of p hypotheses, with the gain (p,).
 
-    Attributes
-    ----------
-    gain
-        (p,).
-    units
-        For each target its unit vector in the axes of the layout (p, k).
-    tangents
-        For each target (p, k, k - 1): directions in which it may turn.
-    covariance
-        Of gain, turns in the order of the targets, and the targets' own gains, (p, q, q). [rad2]
-    log_evidence
-        Logarithm of the probability of unit normals given what the filter knows, (p,).
-    pull
-        Gain and normals less the filter's means, in units of information (p, m).
-    jacobian
-        Of gain and normals by gain, turns and own gains (p, m, q), in units of information.
+    `units` are each target's unit vectors in the axes of the layout (p, k), `tangents` the directions in
+    which they may turn (p, k, k - 1). `covariance` (p, q, q), rad2, is of gain, turns in the order of the
+    targets, and the targets' own gains; `log_evidence` (p,) the logarithm of the probability of unit normals
+    given what the filter knows. In units of information `pull` (p, m) is gain and normals less the filter's
+    means, `jacobian` (p, m, q) that of gain and normals by gain, turns and own gains.
     """
 
     gain: FloatArray

@@ -49,22 +49,10 @@ LEAST_EXCHANGE = 1.0
 class PixelRows:
     """Rows of unit variance of k minutes, ``design n = by_temperature dT + by_loss F + constant``.
 
-    Attributes
-    ----------
-    reference_k, exchange_w_m2_k
-        Of each frame: mean of the references, heat exchange with the air, shape (n,). [K], [W m-2 K-1]
-    emissivity
-        Broadband. [-]
-    design
-        By the unit normal, shape (k, 3). [-]
-    by_temperature, by_loss
-        By temperature and heat loss over the reference, shape (k, n). [1/K], [m2/W]
-    constant
-        Of each row, shape (k,). [-]
-    towards_sun
-        Mean unit vector to the sun, shape (3,). [-]
-    scale_sd
-        Relative uncertainty of the light that one pixel absorbs. [-]
+    `reference_k` and `exchange_w_m2_k` (n,) are of each frame: mean of the references, heat exchange with the
+    air; `emissivity` is broadband. The rows are by the unit normal, `design` (k, 3), by temperature and heat
+    loss over the reference, (k, n), and `constant` (k,). `towards_sun` (3,) is the mean unit vector to the
+    sun, `scale_sd` the relative uncertainty of the light that one pixel absorbs.
     """
 
     reference_k: FloatArray
