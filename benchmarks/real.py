@@ -36,7 +36,7 @@ from fieldkit.estimation.bins import History
 from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.surface_kinds import Kind
-from fieldkit.estimation.table import TemperatureTable, as_part, slopes_of_table
+from fieldkit.estimation.table import TemperatureTable, as_part, slopes_of_part
 from fieldkit.estimation.together import slopes_together
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.slope import CERTAIN, SOLVED, SlopeEstimate
@@ -185,7 +185,8 @@ def _rows(table: TemperatureTable, chosen: NDArray[np.bool_]) -> TemperatureTabl
 def _found(
     days: Iterable[TemperatureTable], site: Site, settings: EstimatorSettings, truths: dict[str, Truth]
 ) -> list[tuple[SlopeEstimate, Truth]]:
-    return [(one, truths[one.region]) for day in days for one in slopes_of_table(day, site, settings)]
+    parts = (as_part("", day, site, settings) for day in days)
+    return [(one, truths[one.region]) for part in parts for one in slopes_of_part(part)]
 
 
 def _pv() -> Iterator[Result]:

@@ -20,7 +20,7 @@ from fieldkit.model.clock import Clock
 from fieldkit.model.device import Buffer, DeviceSettings, FrameSource, StreamInfo
 from fieldkit.model.errors import DecodeError, DeviceError, DeviceTimeoutError
 from fieldkit.model.samples import NO_COUNTER, Frame, Quality
-from fieldkit.physics.camera_laws import temperature_k
+from fieldkit.physics.camera_laws import law_named
 
 # --- one buffer: what its bytes alone give
 
@@ -155,7 +155,7 @@ def kelvin(frame: DecodedFrame) -> NDArray[np.float32]:
     OpenCV converts and scales in one pass where numpy needs two, but only for a given largest value.
     """
     if frame.law != "linear":
-        return temperature_k(frame.law, frame.counts, frame.metadata_rows, {})
+        return law_named(frame.law)(frame.counts, frame.metadata_rows, {})
     hottest_k = frame.extremes[1] * frame.scale
     made = cv2.normalize(frame.counts, _NEW, hottest_k, 0.0, cv2.NORM_INF, cv2.CV_32F)
     image = cast("NDArray[np.float32]", made)

@@ -16,8 +16,8 @@ from fieldkit.config import Config
 from fieldkit.estimation.bins import History
 from fieldkit.estimation.carried import Carried, carried, keys
 from fieldkit.estimation.chain import SlopeChain
-from fieldkit.estimation.known_slopes import with_known
 from fieldkit.estimation.learned.prior_state import DAY_TO_DAY
+from fieldkit.estimation.scale import with_known
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.errors import CalibrationError
 from fieldkit.model.learnt import Learnt

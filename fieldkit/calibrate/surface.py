@@ -19,10 +19,9 @@ from fieldkit.calibration.surface_scale import BedScale, PooledScale, pool
 from fieldkit.estimation import balance
 from fieldkit.estimation.balance import Rows
 from fieldkit.estimation.bins import History, RegionColumns
-from fieldkit.estimation.known_slopes import KnownSlope, known_slopes
 from fieldkit.estimation.normal import LOWEST_COS_INCIDENCE
 from fieldkit.estimation.region_temperatures import remove_offsets
-from fieldkit.estimation.scale import ExchangeFit, identify, scale_from_known_bed
+from fieldkit.estimation.scale import ExchangeFit, KnownSlope, identify, known_slopes, scale_from_known_bed
 from fieldkit.model.errors import CalibrationError
 from fieldkit.model.samples import Quality
 from fieldkit.physics.facet import FloatArray

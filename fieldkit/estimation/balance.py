@@ -106,12 +106,10 @@ class Rows:
         return np.asarray(light * size[..., np.newaxis])
 
     def light_effects(self, slopes: FloatArray) -> FloatArray:
-        """Change of `y` for one standard uncertainty of each property of the light, (q, m, n).
+        """Change of `y` for one standard uncertainty of each property of the light, (q, m, n), on unit
+        normals (m, 3).
 
-        Parameters
-        ----------
-        slopes
-            Of the targets, unit normals (m, 3): a level one receives what a level reference does.
+        A level target receives what a level reference does.
         """
         away = np.stack([*(slopes - self.reference).T, np.ones(len(slopes))])
         return np.asarray(np.sum(self.light_near(slopes) * away[..., np.newaxis], axis=1))
@@ -126,21 +124,10 @@ def least_squares_rows(
 ) -> Rows:
     """Rows of the minute bins from index `first` of the history on.
 
-    Parameters
-    ----------
-    history
-        Minute bins from the start of the session: conduction depends on what was before the window.
-    first
-        Index of the window's first minute bin.
-    columns
-        References and targets. References that were never measured are excluded; several are averaged.
-    settings
-        Surface, model and noise.
-    shifted_k
-        For each uncertain emissivity the temperatures (n, regions) one standard uncertainty further. [K]
+    The history begins with the session: conduction depends on what was before the window. References that
+    were never measured are excluded; several are averaged. `shifted_k` are, for each uncertain emissivity,
+    the temperatures (n, regions) one standard uncertainty further.
 
-    References
-    ----------
     Watanabe et al., "A Terrain Slope Estimation Scheme using Infrared Camera for Planetary Exploration
     Rovers", eq. (6); for the full model see the module's equation.
     """
@@ -375,20 +362,11 @@ def _perturbed_slabs(settings: EstimatorSettings) -> list[Slab]:
 
 
 def conducted(minutes: NDArray[np.int64], difference_k: FloatArray, slab: Slab) -> FloatArray:
-    """Heat flux into the layer of a target less that into the layer of the reference.
+    """Heat flux into the layer of a target less that into the same layer of the reference, W/m2.
 
-    Parameters
-    ----------
-    minutes
-        Minutes since 1970 (n,), increasing; gaps are bridged by straight lines. [min]
-    difference_k
-        Surface temperature over the reference's (n, m); NaN where unknown. [K]
-    slab
-        The layer, the same under all regions.
-
-    Returns
-    -------
-    Shape of `difference_k`; NaN where that is, and for columns with fewer than five values. [W/m2]
+    `minutes` (n,) since 1970 increase; gaps are bridged by straight lines. `difference_k` (n, m) are surface
+    temperatures over the reference's. Its shape; NaN where that is, and for columns with fewer than five
+    values.
     """
     steps = np.arange(minutes[0], minutes[-1] + 1)
     is_known = np.isfinite(difference_k)

@@ -36,14 +36,9 @@ class Binner:
     """Collects samples into minute bins.
 
     The first camera stream with a known temperature scale is used; DNI comes from measured direct irradiance,
-    else from global irradiance, else from the illuminance meter (`Instruments`). Samples of other streams are
-    skipped. `irradiance_model` describes in words how DNI is derived. Regions that change hold in whole
-    minutes; every outline has a column of its own.
-
-    Raises
-    ------
-    ConfigError
-        If the only light is from a stream of unknown component.
+    else from global irradiance, else from the illuminance meter (`Instruments`), as `irradiance_model` says
+    in words. Samples of other streams are skipped. Regions that change hold in whole minutes; every outline
+    has a column of its own. Raises `ConfigError` if the only light is from a stream of unknown component.
     """
 
     def __init__(
@@ -151,11 +146,11 @@ class Binner:
     def _bin(self, minute: OpenBin, light: MinuteIrradiance) -> MinuteBin:
         regions = self.schedule.columns
         count = len(regions)
-        temperature, spread, jitter, probe = np.full((4, count), np.nan)
+        temperature, spread, probe = np.full((3, count), np.nan)
         pixels = np.zeros(count, np.int64)
         if (camera := self._camera(minute.columns)) is not None:
             means = camera.means(minute.frame_sums)
-            for values, found in zip((temperature, spread, jitter), means, strict=True):
+            for values, found in zip((temperature, spread), means, strict=True):
                 values[minute.columns] = found
             pixels[minute.columns] = camera.mean_pixels(minute.frame_sums)
         held = [regions[column] for column in minute.columns]
@@ -170,7 +165,6 @@ class Binner:
             sun=sun,
             temperature_k=temperature,
             spread_k=spread,
-            jitter_k=jitter,
             pixels=pixels,
             frames=minute.frame_sums.frames,
             dni_w_m2=mean_of(light.dni_w_m2),

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from fieldkit.estimation.following import GroundFollower, RegionFollower
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.limits import bounds_of
+from fieldkit.model.region_schedule import RegionSchedule
 from fieldkit.model.samples import Frame, Quality, Reading, is_usable
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.units import MINUTE_NS
@@ -48,9 +49,8 @@ class MinuteBin:
         Mean UTC time of the frames used, or the middle of the minute. [ns]
     sun
         Unit vector towards the sun at `time_ns`, (3,), east, north, up. [-]
-    temperature_k, spread_k, jitter_k
-        Surface temperature; its standard deviation over the pixels; that of its mean from frame to frame (NaN
-        for one frame). [K]
+    temperature_k, spread_k
+        Surface temperature; its standard deviation over the pixels. [K]
     pixels, frames
         Pixels of each region, and frames used.
     dni_w_m2, dhi_w_m2, longwave_down_w_m2
@@ -78,7 +78,6 @@ class MinuteBin:
     sun: FloatArray
     temperature_k: FloatArray
     spread_k: FloatArray
-    jitter_k: FloatArray
     pixels: NDArray[np.int64]
     frames: int
     dni_w_m2: float
@@ -99,26 +98,10 @@ class MinuteBin:
         """UTC nanoseconds at which the minute begins."""
         return self.minute * MINUTE_NS
 
-    def only(self, columns: NDArray[np.int64]) -> MinuteBin:
-        """The bin of some regions, given as columns; those that it was made before are without frames."""
-        places = {int(column): place for place, column in enumerate(columns)}
-        return replace(
-            self,
-            temperature_k=_chosen(self.temperature_k, columns),
-            spread_k=_chosen(self.spread_k, columns),
-            jitter_k=_chosen(self.jitter_k, columns),
-            pixels=np.array([self.pixels[i] if i < self.pixels.size else 0 for i in columns], np.int64),
-            region_flags=tuple(
-                self.region_flags[i] if i < len(self.region_flags) else Quality.GOOD for i in columns
-            ),
-            probe_k=_chosen(self.probe_k, columns) if self.probe_k.size else self.probe_k,
-            reflagged=tuple((minute, places[one]) for minute, one in self.reflagged if one in places),
-        )
 
-
-def _chosen(values: FloatArray, columns: NDArray[np.int64]) -> FloatArray:
-    """Values of some columns, NaN for those beyond the last."""
-    return np.array([values[i] if i < values.size else np.nan for i in columns], np.float64)
+def padded(values: NDArray[Any], columns: int, fill: float = math.nan) -> NDArray[Any]:
+    """Values of a bin in so many columns, of which it was made before the last were drawn."""
+    return np.append(values, np.full(columns - values.size, fill, values.dtype))
 
 
 class Sums(NamedTuple):
@@ -197,10 +180,6 @@ def _pixels_of(region: Region, shape: tuple[int, int]) -> NDArray[np.intp]:
     return np.asarray((rows + box[0].start) * shape[1] + cols + box[1].start, np.intp)
 
 
-MEAN_UNIT = 2**32
-"""Means of frames are summed as whole numbers of counts over this: their order does not matter."""
-
-
 @dataclass(slots=True)
 class RegionSums:
     """Whole-number sums over the frames of one bin.
@@ -215,11 +194,9 @@ class RegionSums:
     samples: list[int] = field(init=False)
     totals: list[int] = field(init=False)
     squares: list[int] = field(init=False)
-    means: list[int] = field(init=False)
-    means_squared: list[int] = field(init=False)
 
     def __post_init__(self) -> None:
-        for name in ("seen", "samples", "totals", "squares", "means", "means_squared"):
+        for name in ("seen", "samples", "totals", "squares"):
             setattr(self, name, [0] * self.regions)
 
     def add(self, sums: Sums, offset_ns: int) -> None:
@@ -227,15 +204,10 @@ class RegionSums:
         self.frames += 1
         self.offset_ns += offset_ns
         for index, (total, square, pixels) in enumerate(zip(*sums, strict=True)):
-            if not pixels:
-                continue
-            mean = total * MEAN_UNIT // pixels
-            self.seen[index] += 1
+            self.seen[index] += pixels > 0
             self.samples[index] += pixels
             self.totals[index] += total
             self.squares[index] += square
-            self.means[index] += mean
-            self.means_squared[index] += mean * mean
 
 
 class CameraStream:
@@ -282,19 +254,16 @@ class CameraStream:
         seen, samples = np.array(sums.seen, np.int64), np.array(sums.samples, np.int64)
         return np.where(seen > 0, samples // np.maximum(seen, 1), self.outline.pixels)
 
-    def means(self, sums: RegionSums) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Surface temperature, spread over pixels and jitter over frames of each region, kelvin."""
-        mean, spread, jitter = np.full((3, sums.regions), np.nan)
+    def means(self, sums: RegionSums) -> tuple[FloatArray, FloatArray]:
+        """Surface temperature of each region, and its spread over pixels, kelvin."""
+        mean, spread = np.full((2, sums.regions), np.nan)
         for index in np.flatnonzero(sums.samples) if np.isfinite(self._scale) else ():
             total, n = sums.totals[index], sums.samples[index]
             mean[index] = total / n
             # integer numerators: no cancellation in the variance of large counts
             spread[index] = np.sqrt((n * sums.squares[index] - total * total) / (n * n))
-            if (frames := sums.seen[index]) > 1:
-                scatter = frames * sums.means_squared[index] - sums.means[index] ** 2
-                jitter[index] = np.sqrt(scatter / (frames * (frames - 1))) / MEAN_UNIT
         kelvin = surface_temperature_k(mean * self._scale + self._offset, self._emissivity, self._reflected_k)
-        return kelvin, spread * abs(self._scale), jitter * abs(self._scale)
+        return kelvin, spread * abs(self._scale)
 
 
 class Follower:
@@ -468,22 +437,20 @@ class History:
     def of(cls, bins: Sequence[MinuteBin]) -> History:
         """Stack bins in order of time; a region that was drawn later is without frames before."""
         regions = max((b.temperature_k.size for b in bins), default=0)
-        if any(b.temperature_k.size < regions for b in bins):
-            bins = [b.only(np.arange(regions)) for b in bins]
         by_minute: dict[str, NDArray[Any]] = {
             name: np.array([getattr(b, name) for b in bins], kind)
             for kind, names in ((np.int64, _WHOLE), (np.float64, _REAL))
             for name in names
         }
         entries = [(b.minute, *cell) for b in bins for cell in b.reflagged]
-        probes = [b.probe_k if b.probe_k.size else np.full(regions, np.nan) for b in bins]
+        flags = [padded(np.array(b.region_flags, np.int64), regions, 0) for b in bins]
         shape = (len(bins), regions)
         return cls(
             **by_minute,
             sun=np.array([b.sun for b in bins], np.float64).reshape(-1, 3),
-            temperature_k=np.array([b.temperature_k for b in bins], np.float64).reshape(shape),
-            region_flags=np.array([b.region_flags for b in bins], np.int64).reshape(shape),
-            probe_k=np.array(probes, np.float64).reshape(shape),
+            temperature_k=np.array([padded(b.temperature_k, regions) for b in bins], float).reshape(shape),
+            region_flags=np.array(flags, np.int64).reshape(shape),
+            probe_k=np.array([padded(b.probe_k, regions) for b in bins], float).reshape(shape),
             shade_ledger=np.array(entries, np.int64).reshape(-1, 3),
         )
 
@@ -517,6 +484,11 @@ class History:
         places = {int(column): place for place, column in enumerate(columns)}
         kept = [(*cell, places[one]) for *cell, one in self.shade_ledger.tolist() if one in places]
         return replace(self, **chosen, shade_ledger=np.array(kept, np.int64).reshape(-1, 3))
+
+    def at_last(self, schedule: RegionSchedule) -> tuple[History, tuple[Region, ...]]:
+        """The bins of the regions that hold in the last minute, and these."""
+        last = int(self.minute[-1]) if len(self) else 0
+        return self.only(schedule.at(last)), schedule.regions_at(last)
 
     def spread(self, places: Sequence[int], regions: int) -> History:
         """The same with its columns at some places among `regions`; the others are without frames."""

@@ -38,15 +38,10 @@ def carried(
 ) -> dict[str, Carried]:
     """Priors for a further session of the same sand, from those recorded, by parameter.
 
-    The parameter of each session is that of the campaign and a change from day to day. What a session adds
-    is its posterior without its prior, so that a prior is not counted once for each session.
-
-    Parameters
-    ----------
-    settings
-        Of the further session: its priors without the others.
-    sessions
-        Settings with which each was learnt from, and what was learnt at its end.
+    The parameter of each session is that of the campaign and a change from day to day. What a session adds is
+    its posterior without its prior, so that a prior is not counted once for each session. `settings` are of
+    the further session, without the others; `sessions` are settings with which each was learnt from, and what
+    was learnt at its end.
     """
     start = _priors(settings)
     precision = {name: one.log_sd**-2 for name, one in start.items()}

@@ -384,14 +384,14 @@ class _Group:
         found = misfit(_errors(learner)[1])[[0, self._layout.references + index]].max()
         if found <= MOST_MISFIT:
             return ""
-        question = cause(learner.minutes, 0, self._surprise(learner))
+        question = cause(learner.minutes, self._surprise(learner))
         return f"no slope explains the minutes (misfit {found:.1f}, at most {MOST_MISFIT:g}): {question}"
 
     def _unusual(self) -> str:
         """What was learnt that nothing usual explains; "" if there is nothing."""
         learner = self._learner
         unusual = None if learner is None else self._surprise(learner)
-        return f"{unusual}: {cause(learner.minutes, 0, unusual)}" if learner and unusual else ""
+        return f"{unusual}: {cause(learner.minutes, unusual)}" if learner and unusual else ""
 
     def _surprise(self, learner: Learner) -> Surprise | None:
         return surprise(self._moments, self._settings, prior_sds(self._settings, learner.logged))

@@ -43,14 +43,7 @@ class ContourWinners:
 class RadiationTable:
     """Radiation differences (times, cells) of the paper's section 3, W/m2, ready for scoring.
 
-    Parameters
-    ----------
-    cells
-        Normals of the grid, shape (cells, 3). [-]
-    design
-        Sun vectors times DNI, (times, 3). [W/m2]
-    reference
-        The reference's normal, (3,). [-]
+    Of the grid's normals (cells, 3), sun vectors times DNI (times, 3) and the reference's normal (3,).
     """
 
     def __init__(self, cells: FloatArray, design: FloatArray, reference: FloatArray) -> None:
@@ -73,12 +66,8 @@ class RadiationTable:
     def scores(self, difference_w_m2: FloatArray, tolerance_w_m2: float | FloatArray) -> NDArray[np.int64]:
         """Contour score (cells,) of every cell for one slope: the paper's Fig. 8.
 
-        Parameters
-        ----------
-        difference_w_m2
-            Measured differences, shape (times,); NaN scores nowhere. [W/m2]
-        tolerance_w_m2
-            Half width of the contours, one for all or (times,). [W/m2]
+        Measured differences (times,) that are NaN score nowhere; the tolerance, half the width of the
+        contours, is one for all or (times,).
         """
         # row by row: the table of a day's minute bins would fill a small computer's memory
         score = np.zeros(len(self.cells), np.int64)

@@ -32,7 +32,7 @@ WEAK_K_PER_DEG = 1.0 / 30.0
 """Below this a tenth of a kelvin between two facets is more than three degrees of tilt."""
 FLAT_DEG = 3.0
 """The azimuth of a flatter facet is not worth estimating."""
-LONGEST_MIN = 360
+FINE_DEG, LONGEST_MIN = 10.0, 360
 TABLE_1 = SurfaceParameters()
 
 
@@ -118,8 +118,8 @@ class DayPlan:
         window = self.sensitivity.temperature_k[:, first : first + self.settings.window_min + 1]
         return np.asarray(np.abs(window.mean(axis=1)) * self.settings.bias_deg)
 
-    def minutes_for_azimuth(self, azimuth_deg: float = 10.0) -> int | None:
-        """Shortest window around the best one that bounds the azimuth of every tilted facet, or None."""
+    def minutes_for_azimuth(self) -> int | None:
+        """Shortest window around the best that bounds all tilted facets' azimuths (`FINE_DEG`), or None."""
         sines = np.sin(np.radians([tilt for tilt, _ in self.facets]))
         tilted = sines > np.sin(np.radians(FLAT_DEG))
         if self.best_row is None or not tilted.any():
@@ -129,7 +129,7 @@ class DayPlan:
         for minutes in range(10, LONGEST_MIN + 1, 10):
             window = slice(max(0, middle - minutes // 2), middle + minutes // 2 + 1)
             found = bound(normals, self.sun[window], usable[:, window])
-            if np.all(found.direction_deg / sines[tilted] <= azimuth_deg):
+            if np.all(found.direction_deg / sines[tilted] <= FINE_DEG):
                 return minutes
         return None
 
@@ -179,22 +179,10 @@ def plan_day(
     settings: PlanSettings,
     step_min: int = 30,
 ) -> DayPlan:
-    """Plan of one day for some facets.
+    """Plan of one day for some facets, tilt and azimuth of each in degrees.
 
-    Parameters
-    ----------
-    facets
-        Tilt and azimuth of each. [degrees]
-    time_ns
-        UTC times of the day's minutes, (n,), equally spaced. [ns]
-    sun
-        Unit vectors towards the sun, (n, 3). [-]
-    dni_w_m2
-        Direct normal irradiance, (n,). [W/m2]
-    settings
-        Assumptions.
-    step_min
-        Rows are the multiples of this with the sun up. [min]
+    `time_ns` (n,), UTC, are the day's minutes, equally spaced, `sun` (n, 3) unit vectors towards the sun
+    then, `dni_w_m2` (n,) direct normal irradiance. Rows are the multiples of `step_min` with the sun up.
     """
     normals = _normals(facets)
     elevation = _elevation_deg(sun)
@@ -259,25 +247,13 @@ class Bound:
     mirror_tilt_deg: FloatArray
     mirror_azimuth_deg: FloatArray
 
-    @property
-    def normal_deg(self) -> FloatArray:
-        """Root mean square angle between the estimated normal and the true one."""
-        return np.hypot(self.tilt_deg, self.direction_deg)
-
 
 def expected_temperature(
     normals: FloatArray, sun: FloatArray, dni_w_m2: ArrayLike, settings: PlanSettings
 ) -> FloatArray:
     """Surface temperature under a clear sky by the paper's eq. (7), shape (f, n), kelvin.
 
-    Parameters
-    ----------
-    normals, sun
-        Unit normals (f, 3) and unit vectors towards the sun (n, 3). [-]
-    dni_w_m2
-        Direct normal irradiance, (n,). [W/m2]
-    settings
-        Surface, air and sky.
+    Of unit normals (f, 3) under suns (n, 3) of direct normal irradiance (n,).
     """
     longwave = settings.sky_emissivity * STEFAN_BOLTZMANN * settings.air_k**4
     light = direct_irradiance(dni_w_m2, cos_incidence(normals, sun))
@@ -293,16 +269,7 @@ def sensitivity(
 ) -> Sensitivity:
     """Change of light and temperature per degree of tilt: the paper's eq. (2), and eqs. (2) and (6) together.
 
-    Parameters
-    ----------
-    normals, sun
-        Unit normals (f, 3) and unit vectors towards the sun (n, 3). [-]
-    dni_w_m2
-        Direct normal irradiance, (n,). [W/m2]
-    temperature_k
-        Surface temperatures, broadcast with (f, n). [K]
-    surface
-        Parameters of the energy balance.
+    Arguments as of `expected_temperature`, and surface temperatures that broadcast with (f, n).
     """
     steeper, _ = tangents(normals)
     lit = cos_incidence(normals, sun) > 0.0
@@ -315,18 +282,10 @@ def sensitivity(
 def cosine_noise(
     dni_w_m2: ArrayLike, temperature_k: ArrayLike, noise_k: float, surface: SurfaceParameters
 ) -> FloatArray:
-    """Standard deviation of one minute's measured cosine of incidence.
+    """Standard deviation of one minute's measured cosine of incidence; infinite without sun.
 
-    ``sqrt(2) D sigma_T / S``: both regions have the noise of a mean. Infinite without sun.
-
-    Parameters
-    ----------
-    dni_w_m2, temperature_k
-        Direct normal irradiance and surface temperature, any shapes that broadcast. [W/m2], [K]
-    noise_k
-        Standard deviation of one region's minute mean. [K]
-    surface
-        Parameters of the energy balance.
+    ``sqrt(2) D sigma_T / S``: both regions have the noise `noise_k` of a mean. Irradiance and temperature
+    have any shapes that broadcast.
     """
     direct = np.asarray(dni_w_m2, np.float64)
     noise = np.sqrt(2.0) * noise_k * irradiance_per_kelvin(temperature_k, surface)
@@ -336,14 +295,9 @@ def cosine_noise(
 def bound(normals: FloatArray, sun: FloatArray, sigma: ArrayLike) -> Bound:
     """Cramer-Rao bound of the slopes of facets from some minutes.
 
-    Minutes in which a facet is self-shaded give no information about it; at least three are needed.
-
-    Parameters
-    ----------
-    normals, sun
-        Unit normals (f, 3) and unit vectors towards the sun (n, 3). [-]
-    sigma
-        Standard deviation of the measured cosines, (n,) or (f, n); infinite excludes a minute. [-]
+    Unit normals (f, 3), unit vectors towards the sun (n, 3); `sigma` of the measured cosines, (n,) or (f, n),
+    is infinite to exclude a minute. Minutes in which a facet is self-shaded give no information about it; at
+    least three are needed.
     """
     lit = cos_incidence(normals, sun) > LOWEST_COS_INCIDENCE
     weights = np.where(lit, 1.0 / np.square(sigma), 0.0)

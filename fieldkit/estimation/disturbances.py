@@ -190,8 +190,9 @@ class DisturbanceMonitor:
     def _shade_event(self, column: int, is_shaded: bool, at_ns: tuple[int, int]) -> Event:
         name = self._schedule.columns[column].name
         text = f"{name} is {'shaded' if is_shaded else 'sunlit again'}"
-        data = {"shaded": name, "phase": "begin" if is_shaded else "end"}
-        return Event(EventKind.ESTIMATOR, *at_ns, text, severity=Severity.WARNING, data=data)
+        return _estimator_event(
+            at_ns, text, Severity.WARNING, shaded=name, phase="begin" if is_shaded else "end"
+        )
 
     def _uncooled(self, minute: int, marked: list[ShadeTest], at_ns: tuple[int, int]) -> Iterator[Event]:
         """Events for shade tests, marked in the minute before, that cool nothing in a whole minute."""
@@ -200,8 +201,7 @@ class DisturbanceMonitor:
             if self._tests.cooling_k(minute, column) < UNCOOLED_K:
                 name = self._schedule.columns[column].name
                 text = f"{name} does not cool in its shade test: check the board, or take the mark back"
-                data = {"uncooled": name}
-                yield Event(EventKind.ESTIMATOR, *at_ns, text, severity=Severity.WARNING, data=data)
+                yield _estimator_event(at_ns, text, Severity.WARNING, uncooled=name)
 
     def _drifts(self, entry: MinuteBin, reference_k: float, at_ns: tuple[int, int]) -> list[Event]:
         """Events for targets that begin or end to be warmer than their trend: the opposite of a shade."""
@@ -223,13 +223,13 @@ class DisturbanceMonitor:
         name = self._schedule.columns[column].name
         text = f"{name} {'became warmer than its trend' if begins else 'follows its trend again'}"
         severity = Severity.WARNING if begins else Severity.INFO
-        data = {"drift": name, "phase": "begin" if begins else "end"}
-        return Event(EventKind.ESTIMATOR, *at_ns, text, severity=severity, data=data)
+        return _estimator_event(at_ns, text, severity, drift=name, phase="begin" if begins else "end")
 
     def _test_event(self, test: ShadeTest, at_ns: tuple[int, int]) -> Event:
         name = self._schedule.columns[test.column].name
-        data = {"shade_test": name, "begin_ns": test.begin_ns, "end_ns": test.end_ns}
-        return Event(EventKind.ESTIMATOR, *at_ns, f"shade test of {name}, {test.minutes:.0f} min", data=data)
+        text = f"shade test of {name}, {test.minutes:.0f} min"
+        begin_ns, end_ns = test.begin_ns, test.end_ns
+        return _estimator_event(at_ns, text, shade_test=name, begin_ns=begin_ns, end_ns=end_ns)
 
     def _frames(self, entry: MinuteBin, minute: OpenBin, events: list[Event]) -> MinuteBin:
         if minute.last_frame is None:
@@ -251,10 +251,10 @@ class DisturbanceMonitor:
             name = self._schedule.columns[column].name
             if column in self._outside:
                 text = f"{name} left the frame and is lost"
-                yield _moved(minute, text, Severity.WARNING, {"phase": "lost", "region": name})
+                yield _moved(minute, text, Severity.WARNING, phase="lost", region=name)
             elif column in minute.columns:
                 text = f"{name} is in the frame again"
-                yield _moved(minute, text, Severity.INFO, {"phase": "back", "region": name})
+                yield _moved(minute, text, Severity.INFO, phase="back", region=name)
 
     def _movement(self, minute: OpenBin) -> Iterator[Event]:
         """Events where regions are lost, are found again, or followed by `MOVED_PX` more."""
@@ -262,17 +262,21 @@ class DisturbanceMonitor:
         was_lost, self._is_lost = self._is_lost, bool(minute.loss)
         if minute.loss and not was_lost:
             text = f"{minute.loss}: regions are lost, such minutes enter no slope"
-            yield _moved(minute, text, Severity.WARNING, {"phase": "lost"})
+            yield _moved(minute, text, Severity.WARNING, phase="lost")
         if minute.loss or not (was_lost or minute.shift_px > self._shift_px + MOVED_PX):
             return
         self._shift_px = max(minute.shift_px, self._shift_px)
         text = f"the camera moved: regions corrected by {minute.shift_px:.1f} px"
-        yield _moved(
-            minute, text, Severity.INFO, {"phase": "corrected", "shift_px": round(minute.shift_px, 2)}
-        )
+        yield _moved(minute, text, Severity.INFO, phase="corrected", shift_px=round(minute.shift_px, 2))
 
 
-def _moved(minute: OpenBin, text: str, severity: Severity, data: dict[str, Any]) -> Event:
+def _estimator_event(
+    at_ns: tuple[int, int], text: str, severity: Severity = Severity.INFO, **data: Any
+) -> Event:
+    return Event(EventKind.ESTIMATOR, *at_ns, text, severity=severity, data=data)
+
+
+def _moved(minute: OpenBin, text: str, severity: Severity, **data: Any) -> Event:
     return Event(EventKind.MOVED, *end_of(minute), text, severity=severity, data=data)
 
 
@@ -290,7 +294,7 @@ def _jump_event(jump: Jump, minute: OpenBin, clouded: bool) -> Event:
     text = (
         f"{change}, and so does the light" if clouded else f"{change} in steady light: wind, shade or a drift"
     )
-    return Event(EventKind.ESTIMATOR, *end_of(minute), text)
+    return _estimator_event(end_of(minute), text)
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 
 from fieldkit.estimation.binner import Binner, Closed
-from fieldkit.estimation.bins import History, MinuteBin
+from fieldkit.estimation.bins import History, MinuteBin, padded
 from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.device import StreamInfo
@@ -87,7 +87,8 @@ class Estimator:
         self.site = site
         self.settings: EstimatorSettings = settings or EstimatorSettings()
         self._binner = Binner(site, regions, streams, self.settings)
-        self._bins: list[MinuteBin] = []
+        self.bins: list[MinuteBin] = []
+        """All that closed so far."""
         self.minutes: list[Minute] = []
         """All that were estimated so far."""
         self._chain = SlopeChain(regions, self.settings)
@@ -100,11 +101,7 @@ class Estimator:
     @property
     def regions(self) -> tuple[Region, ...]:
         """The regions that hold in the last minute closed, at first those that hold from the beginning."""
-        return self.schedule.regions_at(self._minute_now)
-
-    @property
-    def _minute_now(self) -> int:
-        return self._bins[-1].minute if self._bins else 0
+        return self.schedule.regions_at(self.bins[-1].minute if self.bins else 0)
 
     @property
     def irradiance_model(self) -> str:
@@ -112,17 +109,9 @@ class Estimator:
         return self._binner.irradiance_model
 
     @property
-    def bins(self) -> tuple[MinuteBin, ...]:
-        """All bins closed so far, of `regions`."""
-        columns = self.schedule.at(self._minute_now)
-        if self.schedule.is_constant:
-            return tuple(self._bins)
-        return tuple(one.only(columns) for one in self._bins)
-
-    @property
     def history(self) -> History:
         """All bins closed so far, of every outline in `schedule`."""
-        return History.of(self._bins)
+        return History.of(self.bins)
 
     def add(self, sample: Sample | Event | RegionRecord) -> list[Minute]:
         """Take one sample, mark or change of regions; returns the minutes it closed, usually none."""
@@ -145,7 +134,7 @@ class Estimator:
 
     def minute(self, closed: Closed) -> Minute:
         """Slopes at the end of a bin; every bin is to be given once, in order."""
-        self._bins.append(closed[0])
+        self.bins.append(closed[0])
         self._chain.schedule = self.schedule
         estimated = self._chain.at(self.history)
         measured = measured_minute(closed, self.schedule, self.irradiance_model)
@@ -157,14 +146,15 @@ def measured_minute(closed: Closed, schedule: RegionSchedule, irradiance_model: 
     """A minute without its slopes."""
     entry, events = closed
     zenith, azimuth = (float(angle) for angle in tilt_azimuth(entry.sun))
-    held = entry if schedule.is_constant else entry.only(schedule.at(entry.minute))
-    names = [region.name for region in schedule.regions_at(entry.minute)]
+    columns, count = schedule.at(entry.minute), len(schedule.columns)
+    names = [schedule.columns[column].name for column in columns]
+    kelvin, spread = (padded(one, count)[columns].tolist() for one in (entry.temperature_k, entry.spread_k))
     return Minute(
         time_ns=entry.time_ns,
         estimates=(),
-        temperature_k=dict(zip(names, held.temperature_k.tolist(), strict=True)),
-        spread_k=dict(zip(names, held.spread_k.tolist(), strict=True)),
-        pixels=dict(zip(names, held.pixels.tolist(), strict=True)),
+        temperature_k=dict(zip(names, kelvin, strict=True)),
+        spread_k=dict(zip(names, spread, strict=True)),
+        pixels=dict(zip(names, padded(entry.pixels, count, 0)[columns].tolist(), strict=True)),
         illuminance_lx=entry.illuminance_lx,
         dni_w_m2=entry.dni_w_m2,
         irradiance_model=irradiance_model,

@@ -51,16 +51,10 @@ class AlongSun:
 def along_sun(
     design: FloatArray, cosine: FloatArray, cosine_sd: FloatArray, settings: EstimatorSettings
 ) -> AlongSun:
-    """Components of slopes along the sun.
+    """Components of slopes along the sun, from one design vector (3,) (`balance`).
 
-    Parameters
-    ----------
-    design
-        Design vector of the instant (`balance`), shape (3,). [-]
-    cosine, cosine_sd
-        Measured cosines ``n . design`` and their standard uncertainties, shape (...). [-]
-    settings
-        Tilt limit, confidence, and the prior of slopes.
+    `cosine` and `cosine_sd`, shape (...), are measured cosines ``n . design`` and their standard
+    uncertainties; `settings` give tilt limit, confidence and the prior of slopes.
     """
     zenith, azimuth = (float(angle) for angle in tilt_azimuth(design))
     sds, limit = interval_sds(settings.confidence), settings.tilt_limit_deg
@@ -99,15 +93,8 @@ def with_along_sun(
 ) -> SlopeEstimate:
     """An estimate that has too few minutes, with what the last of them gives: the component along the sun.
 
-    Parameters
-    ----------
-    one
-        The estimate of a target; it is returned as it is in another state, where its azimuth is known, and
-        where no minute has steady sun and frames.
-    history, regions
-        Minute bins and the regions of its columns.
-    settings
-        As of `slopes`; the model ``learned`` counts as ``full``.
+    It is returned as it is in another state, where its azimuth is known, and where no minute has steady sun
+    and frames. Arguments as of `slopes`; the model ``learned`` counts as ``full``.
     """
     if one.state is not SlopeState.TOO_FEW:
         return one

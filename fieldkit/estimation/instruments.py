@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from fieldkit.estimation.bins import OpenBin
 from fieldkit.estimation.settings import EstimatorSettings
-from fieldkit.estimation.spikes import without_spikes
 from fieldkit.model.air import AIR_TEMPERATURE, CELSIUS_UNITS, of_air
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError
@@ -28,6 +27,13 @@ SUNLIGHT = ("dni", "ghi", "gti", "illuminance")
 SLOW_HZ = 1.0 / 120.0
 OVERDUE = 1.5
 """Number of its own intervals after which a mean of more than a minute has expired."""
+LEAST_READINGS = 6
+"""In a minute: with fewer, a cloud may pass between one reading and the next."""
+FACTOR = 8.0
+"""Distance from the neighbours, over that of these and of other readings from each other."""
+
+LEAST_K, LEAST_SHARE = 1.0, 0.05
+"""Deviation that is always kept: less in one reading of a minute cannot move a slope by 0.1 degrees."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,12 +94,8 @@ class Instruments:
 
     `model` is the irradiance model of the stream that DNI is derived from (`light_source`), not necessarily
     the light meter's; `label` describes it in words. `unknown` are streams that may measure sunlight, but do
-    not declare what they measure; `absent` are the streams of configured probes that are not there.
-
-    Raises
-    ------
-    ConfigError
-        If for that reason there is no sunlight, or if the configuration contradicts the streams.
+    not declare what they measure; `absent` are the streams of configured probes that are not there. Raises
+    `ConfigError` if for that reason there is no sunlight, or if the configuration contradicts the streams.
     """
 
     def __init__(self, streams: Sequence[StreamInfo], settings: EstimatorSettings) -> None:
@@ -191,6 +193,29 @@ class Instruments:
     def contact_k(self, minute: OpenBin) -> tuple[float, ...]:
         """Mean of each channel of all contact thermometers, kelvin."""
         return tuple(mean_of(one.values(minute)) + one.zero for one in self._contacts)
+
+
+def without_spikes(values: FloatArray, *, is_temperature: bool) -> FloatArray:
+    """The readings of a minute in order of time (n,), NaN where one contradicts both neighbours.
+
+    A second line of defence behind `fieldkit.model.limits`: a value that can be, such as 1600 W/m2 once in a
+    clear hour, may still not have been measured. Two neighbours that agree with each other and not with the
+    reading between them show it. Clouds, shade and gusts last longer than one reading, or make the neighbours
+    disagree as well, so they stay. Readings without a value have no place in the order. Fewer than
+    `LEAST_READINGS` are returned as they are.
+    """
+    known = np.flatnonzero(np.isfinite(values))
+    if known.size < LEAST_READINGS:
+        return values
+    v = values[known]
+    before = np.concatenate([v[2:3], v[:-1]])  # at the ends of the minute, the two on the other side
+    after = np.concatenate([v[1:], v[-3:-2]])
+    apart = np.minimum(np.abs(v - before), np.abs(v - after))
+    least = LEAST_K if is_temperature else LEAST_SHARE * np.median(np.abs(v))
+    agreement = np.maximum(np.abs(before - after), np.median(np.abs(np.diff(v))))
+    cleaned = values.copy()
+    cleaned[known[apart > np.maximum(FACTOR * agreement, least)]] = np.nan
+    return cleaned
 
 
 def mean_of(values: NDArray[np.float64]) -> float:
@@ -325,10 +350,7 @@ def _model_of(source: Source | None, model: IrradianceModel) -> IrradianceModel:
 def pyranometer(model: IrradianceModel, what: str) -> IrradianceModel:
     """The model for global irradiance in W/m2 on the same plane; `what` is measured, for the error.
 
-    Raises
-    ------
-    ConfigError
-        If the model does not remove diffuse light.
+    Raises `ConfigError` if the model does not remove diffuse light.
     """
     if model.diffuse == "none":
         raise ConfigError(

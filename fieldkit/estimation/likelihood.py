@@ -163,16 +163,9 @@ def with_systematics(
 ) -> Misfit:
     """Misfit with additive systematic effects profiled out, each with a standard normal prior.
 
-    Parameters
-    ----------
-    design
-        Design vectors, shape (n, 3). [-]
-    y
-        Measured cosines of incidence, (n,), or (m, n) for m slopes. [-]
-    weights
-        Inverse variances of `y`, of its shape; zero excludes a row. [-]
-    systematics
-        Change of `y` for one standard uncertainty of each effect, (p, ...); zeros change nothing. [-]
+    Of design vectors (n, 3), measured cosines `y`, (n,) or (m, n) for m slopes, their inverse variances
+    `weights`, zero to exclude a row, and the change of `y` for one standard uncertainty of each effect, (p,
+    ...).
     """
     gram = profiled_gram([*design.T, y], weights, systematics)
     return Misfit(gram[..., :3, :3], gram[..., :3, 3], gram[..., 3, 3], np.count_nonzero(weights, axis=-1))
@@ -257,21 +250,11 @@ def patches(
     heights: int = 17,
     turns: int = 81,
 ) -> Patches:
-    """Grids over the connected regions ``q <= bound`` around `best`, of many slopes at once.
+    """Grids over the connected regions ``q <= bound`` around `best` (m, 3), of many slopes at once.
 
-    Parameters
-    ----------
-    misfit
-        Misfits of the normals of a grid.
-    information
-        Information matrices (m, 3, 3): set the axes and the first size only; a grid grows until the region
-        lies inside, then shrinks to it.
-    best
-        Unit normals of least misfit, (m, 3).
-    bound, drop
-        Misfits that bound the regions (m,), and how far above the least these are: a chi-square quantile.
-    heights, turns
-        Cells of a grid along its two axes.
+    `information` (m, 3, 3) sets the axes and the first size only; a grid grows until the region lies inside,
+    then shrinks to it. The bounds (m,) are misfits, `drop` above the least: a chi-square quantile. `heights`
+    and `turns` are the cells of a grid along its two axes.
     """
     # the pole is what is known best, the mean sun: a thin region lies along a circle about it
     values, vectors = np.linalg.eigh(information)
@@ -310,14 +293,7 @@ def regions(
 ) -> list[LikelihoodRegion]:
     """Projections of the likelihood regions around `best` on tilt and azimuth, within the tilt limit.
 
-    Parameters
-    ----------
-    misfit
-        Of m slopes.
-    information, best, drop
-        As of `patches`.
-    tilt_limit_deg
-        Largest tilt. [degrees]
+    The misfit is of m slopes; `information`, `best` and `drop` are as of `patches`.
     """
     bound = misfit(best) + drop
     found = patches(misfit.on_grid, information, best, bound, drop)
@@ -353,16 +329,10 @@ def project(
     flat: NDArray[np.bool_],
     tilt_limit_deg: float,
 ) -> list[LikelihoodRegion]:
-    """Ranges of tilt and azimuth of regions, cut at the tilt limit.
+    """Ranges of tilt and azimuth of m regions, cut at the tilt limit.
 
-    Parameters
-    ----------
-    normals, starts
-        Normals (k, 3), one region's after the other's, and where each region's begin (m,).
-    best, flat
-        Best normals (m, 3); whether a region contains the vertical (m,).
-    tilt_limit_deg
-        Largest tilt. [degrees]
+    `normals` (k, 3) are one region's after the other's, each beginning at its one of `starts` (m,), around
+    the best ones (m, 3); `flat` (m,): the region contains the vertical.
     """
     tilts, azimuths = tilt_azimuth(normals)
     centre = tilt_azimuth(best)[1]
@@ -431,24 +401,12 @@ class Posterior:
 def posterior(design: FloatArray, y: FloatArray, weights: FloatArray, tilt_limit_deg: float) -> Posterior:
     """Posterior mean of a slope where some minute bins are outliers: Student-t residuals.
 
-    The prior is uniform in tilt and azimuth up to the tilt limit: gentle slopes are more common than steep
-    ones, per solid angle as 1 / sin(tilt). One grid covers each branch; the plane of the sun's motion divides
-    the sphere between them. The mean is of the branch with more probability: between two branches lies no
-    slope that fits.
+    `design` (n, 3) and the measured cosines `y` (n,) are finite, the inverse variances `weights` (n,)
+    positive. The prior is uniform in tilt and azimuth up to the tilt limit: gentle slopes are more common
+    than steep ones, per solid angle as 1 / sin(tilt). One grid covers each branch; the plane of the sun's
+    motion divides the sphere between them. The mean is of the branch with more probability: between two
+    branches lies no slope that fits.
 
-    Parameters
-    ----------
-    design
-        Design vectors, shape (n, 3). [-]
-    y
-        Measured cosines of incidence, (n,), finite. [-]
-    weights
-        Inverse variances of `y`, (n,), all positive. [-]
-    tilt_limit_deg
-        Largest tilt of the prior. [degrees]
-
-    References
-    ----------
     K. Lange, R. Little and J. Taylor, "Robust statistical modeling using the t distribution", Journal of the
     American Statistical Association 84, 1989.
     """

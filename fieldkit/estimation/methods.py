@@ -76,21 +76,11 @@ def solutions(
     beds: Sequence[Region],
     settings: EstimatorSettings,
 ) -> list[Solution]:
-    """Slopes of targets from their rows.
+    """Slopes of m targets, the columns `indices` of the rows, each one of `beds`.
 
-    Parameters
-    ----------
-    rows
-        Least-squares rows of all targets.
-    indices
-        The targets' columns in `rows`, m of them.
-    weights
-        Inverse variances, shape (m, n); zero excludes a row. At least three rows of each target (two with a
-        known azimuth).
-    beds
-        The targets, for their azimuths where `settings.azimuth` is ``known``.
-    settings
-        Method, tilt limit, noise and systematic uncertainties.
+    Inverse variances `weights` (m, n) exclude a row by zero and leave at least three rows of each target (two
+    with a known azimuth, that of its bed). `settings` give method, tilt limit, noise and systematic
+    uncertainties.
     """
     azimuths = np.array([bed.azimuth_deg for bed in beds], np.float64)
     is_known = np.isfinite(azimuths) & (settings.azimuth == "known")
@@ -420,17 +410,8 @@ def _regions(
 def noise_ratio(residuals: ArrayLike) -> float:
     """Ratio of the observed noise variance to the stated one, from second differences of residuals.
 
-    ``mean (r[k-1] - 2 r[k] + r[k+1])**2 / 6``
-
-    Parameters
-    ----------
-    residuals
-        Standardised residuals in order of time, shape (n,). [-]
-
-    Returns
-    -------
-    The ratio; 1.0 with fewer than ten residuals, and where it does not exceed 1 by more than chance explains
-    (95 %). [-]
+    ``mean (r[k-1] - 2 r[k] + r[k+1])**2 / 6`` of standardised residuals in order of time (n,); 1.0 with fewer
+    than ten, and where it does not exceed 1 by more than chance explains (95 %).
     """
     values = np.asarray(residuals, np.float64)
     bends = np.diff(values, 2)
@@ -451,16 +432,10 @@ def chi_square_limit(freedom: int) -> float:
 def kelvin_per_degree(
     tilt_deg: float, azimuth_deg: float, direction: FloatArray, y_per_kelvin: float
 ) -> float:
-    """Change of surface temperature per degree of tilt, K per degree.
+    """Change of surface temperature per degree of tilt at a slope, K per degree.
 
-    Parameters
-    ----------
-    tilt_deg, azimuth_deg
-        The slope. [degrees]
-    direction
-        Design vector of the minute bin, shape (3,). [-]
-    y_per_kelvin
-        Change of the measured cosine per kelvin (`Rows.per_kelvin`). [1/K]
+    By the design vector of a minute bin (3,) and the change of its measured cosine per kelvin
+    (`Rows.per_kelvin`).
     """
     steeper = normal(tilt_deg + 90.0, azimuth_deg)  # the unit vector along growing tilt
     return float(np.radians(1.0) * (steeper @ direction) / y_per_kelvin)

@@ -33,22 +33,12 @@ Mapped = tuple[SlopeMap, PixelBounds, PixelPosterior, AlongSun | None]
 
 @dataclass(frozen=True)
 class MinuteMap:
-    """A map of some minutes of a session.
+    """A map of some minutes of a session, of a frame of `shape` (rows, cols).
 
-    Attributes
-    ----------
-    history, regions
-        Minute bins, and the regions that are their columns.
-    chosen
-        Rows of the minutes that the map is made of: at least three, or one for the component along the sun.
-    shape
-        Rows and columns of a frame.
-    settings
-        As of the regions.
-    normals
-        Unit normals of the targets that have a slope, by name.
-    learnt
-        What the session taught the learned model; without it pixels are solved by the model full.
+    `history` are minute bins, whose columns are the `regions`; `chosen` are rows of the minutes that the map
+    is made of: at least three, or one for the component along the sun. `settings` are as of the regions,
+    `normals` unit normals of the targets that have a slope, by name. `learnt` is what the session taught the
+    learned model; without it pixels are solved by the model full.
     """
 
     history: History

@@ -44,16 +44,9 @@ class Misfit:
 
     @classmethod
     def of_rows(cls, design: ArrayLike, y: ArrayLike, weights: ArrayLike = 1.0) -> Misfit:
-        """Sum rows.
+        """Sum rows: design vectors (n, 3), and measured cosines of incidence, (n,) or (m, n) for m slopes.
 
-        Parameters
-        ----------
-        design
-            Design vectors, shape (n, 3). [-]
-        y
-            Measured cosines of incidence, (n,) or (m, n) for m slopes; NaN excludes a row. [-]
-        weights
-            Inverse variances, broadcast with `y`; zero excludes a row. [-]
+        NaN excludes a row, and so does a weight of zero: inverse variances that broadcast with `y`.
         """
         u, y = np.asarray(design, np.float64), np.asarray(y, np.float64)
         w = np.asarray(weights, np.float64)
@@ -97,14 +90,10 @@ class Branches:
 
 
 def solve(misfit: Misfit) -> Branches:
-    """Both unit normals of locally least misfit.
+    """Both unit normals of locally least misfit; NaN where H or b is NaN or no row was summed.
 
     Starts in closed form, ``c1 e1 + c2 e2 +- sqrt(1 - c1**2 - c2**2) m`` in the eigenvectors of H, then
     Newton steps on the sphere. Exact without noise.
-
-    Returns
-    -------
-    Branches; NaN where H or b is NaN or no row was summed.
     """
     known = np.isfinite(misfit.b).all(axis=-1) & (misfit.count > 0)
     # unknown slopes are solved as level ones and set to NaN at the end
@@ -165,7 +154,7 @@ def _polish(lam: FloatArray, beta: FloatArray, x: FloatArray) -> FloatArray:
 
 
 def _newton_step(lam: FloatArray, beta: FloatArray, x: FloatArray) -> FloatArray:
-    along, across = _tangent_basis(x)
+    along, across = tangent_pair(x)
     slope = lam * x - beta
     g1, g2 = np.sum(along * slope, axis=0), np.sum(across * slope, axis=0)
     # a great circle curves away from its tangent, which takes x . slope off both curvatures
@@ -184,7 +173,7 @@ def _newton_step(lam: FloatArray, beta: FloatArray, x: FloatArray) -> FloatArray
     return np.asarray(shorten * (s1 * along + s2 * across))
 
 
-def _tangent_basis(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+def tangent_pair(x: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Two unit vectors square to x (3, ...) and to each other, without a singular direction.
 
     T. Duff et al., "Building an orthonormal basis, revisited", JCGT 6(1), 2017.
@@ -231,23 +220,13 @@ class Choice:
 
 
 def choose(misfit: Misfit, branches: Branches, tilt_limit_deg: float, *, at_limit: bool = False) -> Choice:
-    """The preferred branch, given that the tilt does not exceed the limit.
+    """The preferred one of a misfit's branches (`solve`), given that the tilt does not exceed the limit.
 
     Within 20 minutes both branches often fit equally well. Then the prior decides, uniform in tilt and
-    azimuth up to the limit: per solid angle it falls as 1 / sin(tilt), so of two equal fits the flatter one
-    is preferred. Where both branches are steeper than the limit, the normal of least misfit on the limit is
-    taken: its misfit shows whether the limit is the reason.
-
-    Parameters
-    ----------
-    misfit
-        Misfit of one or many slopes.
-    branches
-        Its minima, by `solve`.
-    tilt_limit_deg
-        Largest tilt, in (0, 90]. [degrees]
-    at_limit
-        The limit stands for a branch beyond it also where the other branch is flatter, which stays the other.
+    azimuth up to the limit, in (0, 90]: per solid angle it falls as 1 / sin(tilt), so of two equal fits the
+    flatter one is preferred. Where both branches are steeper than the limit, with `at_limit` where either is,
+    the normal of least misfit on the limit is taken: its misfit shows whether the limit is the reason. A
+    flatter branch that gives way to it stays the other.
     """
     normals = np.stack([branches.first, branches.second])
     misfits = np.stack([branches.first_misfit, branches.second_misfit])
@@ -298,16 +277,11 @@ def _on_limit(
 def solve_known_azimuth(
     misfit: Misfit, azimuth_deg: ArrayLike, tilt_limit_deg: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Tilts of least misfit, each along one azimuth: the best, and the other local minimum or NaN; degrees.
+    """Tilts of least misfit of m slopes, each along its azimuth: the best, and the other local minimum or
+    NaN.
 
-    Parameters
-    ----------
-    misfit
-        Misfit of m slopes.
-    azimuth_deg
-        Azimuths of the normals (m,), from north, clockwise. [degrees]
-    tilt_limit_deg
-        Largest tilt; an end of the range counts as a minimum where the misfit falls towards it. [degrees]
+    Angles in degrees, azimuths (m,) from north, clockwise. An end of the range up to the tilt limit counts as
+    a minimum where the misfit falls towards it.
     """
     azimuth = np.radians(azimuth_deg)
     level = np.zeros_like(azimuth)
@@ -351,17 +325,10 @@ def _polish_tilts(H: FloatArray, b: FloatArray, tilts: FloatArray, limit: float)
 
 
 def mirror(normals: ArrayLike, H: FloatArray) -> FloatArray:
-    """Mirror images ``n - 2 (n . m) m`` of normals in the plane of the sun's motion, (..., 3).
+    """Mirror images ``n - 2 (n . m) m`` of unit normals (..., 3) in the plane of the sun's motion.
 
-    `m`, the eigenvector of H with the smallest eigenvalue, is the direction in which the sun never stood; a
-    mirror image fits nearly as well as the slope itself.
-
-    Parameters
-    ----------
-    normals
-        Unit normals, shape (..., 3). [-]
-    H
-        Information matrix, (..., 3, 3). [-]
+    `m`, the eigenvector of the information matrix H (..., 3, 3) with the smallest eigenvalue, is the
+    direction in which the sun never stood; a mirror image fits nearly as well as the slope itself.
     """
     n = np.asarray(normals, np.float64)
     across = np.linalg.eigh(H)[1][..., :, 0]
@@ -380,24 +347,12 @@ def tangents(normals: ArrayLike) -> tuple[FloatArray, FloatArray]:
 
 
 def cramer_rao(H: FloatArray, normals: ArrayLike) -> FloatArray:
-    """Cramer-Rao bound: the smallest covariance of an unbiased estimate.
+    """Cramer-Rao bound of unit normals (..., 3): the smallest covariance of an unbiased estimate, rad2.
 
-    Needs only sun, irradiance and noise, so it can be computed before the day. Too small near the fold.
-
-    Parameters
-    ----------
-    H
-        Information matrix, shape (..., 3, 3). [-]
-    normals
-        Unit normals, (..., 3). [-]
-
-    Returns
-    -------
-    Covariance (..., 2, 2) of tilt and of direction on the ground (azimuth times the sine of tilt). [rad2]
-
-    References
-    ----------
-    S. Kay, "Fundamentals of statistical signal processing: estimation theory", 1993, ch. 3.
+    (..., 2, 2) of tilt and of direction on the ground (azimuth times the sine of tilt), by the information
+    matrix H (..., 3, 3). Needs only sun, irradiance and noise, so it can be computed before the day. Too
+    small near the fold. S. Kay, "Fundamentals of statistical signal processing: estimation theory", 1993, ch.
+    3.
     """
     basis = np.stack(tangents(normals), axis=-1)
     return np.asarray(np.linalg.inv(np.swapaxes(basis, -1, -2) @ H @ basis))

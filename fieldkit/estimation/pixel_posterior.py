@@ -40,20 +40,10 @@ TAIL = 0.1
 class PixelPosterior:
     """Likelihood of the normals of a map, in the axes of the sun's motion.
 
-    Attributes
-    ----------
-    known
-        Which pixels have a slope, (rows, cols), m in all.
-    at
-        Their normals along the mean sun, along its motion and across both, shape (m, 3). [-]
-    covariance
-        Of the first two, shape (m, 2, 2). [-]
-    second
-        Likelihood of the branch on the other side over that of the chosen one, shape (m,). [-]
-    axes
-        Those axes as rows, shape (3, 3). [-]
-    tilt_limit_deg
-        Largest tilt considered. [degrees]
+    `known` (rows, cols) are the pixels with a slope, m in all. `at` (m, 3) are their normals along the mean
+    sun, along its motion and across both, the rows of `axes` (3, 3); `covariance` (m, 2, 2) is of the first
+    two. `second` (m,) is the likelihood of the branch on the other side over that of the chosen one,
+    `tilt_limit_deg` the largest tilt considered.
     """
 
     known: NDArray[np.bool_]
@@ -88,18 +78,11 @@ class PixelPosterior:
     def deviations(
         self, measures: Mapping[str, Measure], *, cyclic: frozenset[str] = frozenset()
     ) -> dict[str, NDArray[np.float32]]:
-        """Standard uncertainties of numbers that follow from the normal.
+        """Standard uncertainties of numbers that follow from the normal, by name, (rows, cols); NaN without a
+        slope.
 
-        Parameters
-        ----------
-        measures
-            The numbers, by name.
-        cyclic
-            Names of angles in degrees that begin anew after a turn.
-
-        Returns
-        -------
-        By name, root mean square deviations from the mapped value, shape (rows, cols); NaN without a slope.
+        Root mean square deviations from the mapped value; angles in degrees named in `cyclic` begin anew
+        after a turn.
         """
         best = (self.at @ self.axes).astype(np.float32)
         found = {name: np.full(len(best), np.nan, np.float32) for name in measures}
@@ -112,17 +95,10 @@ class PixelPosterior:
         return {name: self._on_map(values) for name, values in found.items()}
 
     def risk(self, limit_deg: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Probability that a pixel is steeper than a limit, and its conditional value at risk.
+        """P(tilt > limit) of each pixel, and the mean of the steepest tenth of the tilts that fit, in
+        degrees.
 
-        Parameters
-        ----------
-        limit_deg
-            Tilt from horizontal. [degrees]
-
-        Returns
-        -------
-        P(tilt > limit) in [0, 1], and the mean of the steepest tenth of the tilts that fit, shape
-        (rows, cols) each; NaN without a slope. [-], [degrees]
+        Shape (rows, cols) each, NaN without a slope. The mean is the conditional value at risk.
         """
         steeper, worst = (np.full(len(self.at), np.nan, np.float32) for _ in range(2))
         for pixels, normals, weights in self.pieces():

@@ -54,20 +54,9 @@ class SlopeMap:
 
 
 class MapSums:
-    """Running sums of a slope map over the frames of a window.
+    """Running sums of a slope map over the frames (rows, cols) of a window.
 
-    Parameters
-    ----------
-    shape
-        Rows and columns of a frame.
-    surface
-        Parameters of the energy balance.
-    noise_k
-        Standard deviation of one pixel. [K]
-    tilt_limit_deg
-        Largest tilt considered. [degrees]
-    confidence
-        Of the region within which a second slope fits as well.
+    `noise_k` is the standard deviation of one pixel, `tilt_limit_deg` the largest tilt considered.
     """
 
     def __init__(
@@ -76,12 +65,11 @@ class MapSums:
         surface: SurfaceParameters,
         noise_k: float,
         tilt_limit_deg: float = 45.0,
-        confidence: float = CONFIDENCE,
     ) -> None:
         self.shape = shape
         self.count: int = 0
         self._surface, self._noise_k = surface, noise_k
-        self._drop = misfit_drop(confidence, 2)
+        self._drop = misfit_drop(CONFIDENCE, 2)
         self._limit_cosine = np.float32(np.cos(np.radians(tilt_limit_deg)))
         pixels = shape[0] * shape[1]
         self._H, self._b, self._c = np.zeros((3, 3)), np.zeros((3, pixels)), np.zeros(pixels)
@@ -99,20 +87,12 @@ class MapSums:
         stored_w_m2: FloatArray | None = None,
         noise_gain: float = 1.0,
     ) -> None:
-        """Add one frame.
+        """Add one frame of surface temperatures (rows, cols); NaN makes a pixel unknown.
 
-        Parameters
-        ----------
-        temperature_k
-            Surface temperatures, shape (rows, cols); NaN makes a pixel unknown. [K]
-        reference_k, reference_normal
-            Temperature of the reference and its unit normal (3,). [K], [-]
-        sun, dni_w_m2
-            Unit vector towards the sun (3,) and direct normal irradiance then, > 0; with the full model the
-            design vector and the beam with circumsolar light (`balance`). [-], [W/m2]
-        stored_w_m2, noise_gain
-            Heat flux into the layer of a pixel less that of the reference, (rows, cols); how much more noise
-            a pixel's heat has with it. [W/m2], [-]
+        `reference_normal` is the reference's unit normal (3,), `sun` the unit vector towards the sun (3,),
+        `dni_w_m2` > 0; with the full model the design vector and the beam with circumsolar light (`balance`).
+        `stored_w_m2` (rows, cols) is the heat flux into the layer of a pixel less that of the reference,
+        `noise_gain` how much more noise a pixel's heat has with it.
         """
         steepness = float(irradiance_per_kelvin(reference_k, self._surface))
         weight = (dni_w_m2 / (np.sqrt(2.0) * steepness * self._noise_k * noise_gain)) ** 2
@@ -143,16 +123,10 @@ class MapSums:
     def add_rows(
         self, design: FloatArray, sun: FloatArray, values: Callable[[slice], NDArray[np.float32]]
     ) -> None:
-        """Add rows ``design n = value`` of unit variance.
+        """Add rows ``design n = value`` of unit variance, with a design (k, 3) that all pixels share.
 
-        Parameters
-        ----------
-        design
-            The same for all pixels, shape (k, 3). [-]
-        sun
-            Mean vector towards the sun (3,). [-]
-        values
-            Those of some pixels, shape (k, pixels); NaN makes a pixel unknown. [-]
+        `sun` (3,) is the mean vector towards the sun; `values` gives those (k, pixels) of a slice of the
+        pixels, NaN to make one unknown.
         """
         for piece in self._pieces:
             y = values(piece)
@@ -384,15 +358,8 @@ def with_bounds(
     drop = misfit_drop(settings.confidence, 2)
     own, other, touches = _along_edge(tilt, azimuth, at, covariance, axes, drop)
     is_vertical = _contains(axes[:2, 2] - at[:, :2], covariance, drop) & ((at[:, 2] > 0.0) | touches)
-    low, high = own.tilts
-    low = np.where(touches, np.minimum(low, other.tilts[0]), low)
-    high = np.where(touches, np.maximum(high, other.tilts[1]), high)
-    left = np.where(
-        touches, np.minimum(own.azimuth_shifts[0], other.azimuth_shifts[0]), own.azimuth_shifts[0]
-    )
-    right = np.where(
-        touches, np.maximum(own.azimuth_shifts[1], other.azimuth_shifts[1]), own.azimuth_shifts[1]
-    )
+    low, high = _where_they_touch(touches, own.tilts, other.tilts)
+    left, right = _where_they_touch(touches, own.azimuth_shifts, other.azimuth_shifts)
     bounds = (
         np.where(is_vertical, 0.0, low),
         np.minimum(np.maximum(high, tilt), np.maximum(settings.tilt_limit_deg, low)),
@@ -407,6 +374,12 @@ def with_bounds(
     return _with_states(slopes, planes, flat), PixelBounds(
         planes[0], planes[1], planes[2], planes[3], settings.confidence
     )
+
+
+def _where_they_touch(touches: NDArray[np.bool_], own: FloatArray, other: FloatArray) -> Iterator[FloatArray]:
+    """Least and greatest values, of both branches where one region joins them."""
+    for extreme, one, beyond in zip((np.minimum, np.maximum), own, other, strict=True):
+        yield np.where(touches, extreme(one, beyond), one)
 
 
 def _within_limit(slopes: SlopeMap, bounds: NDArray[np.float32], limit_deg: float) -> SlopeMap:

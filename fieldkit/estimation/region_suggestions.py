@@ -40,16 +40,9 @@ _Image = NDArray[np.float32]
 class FoundBed:
     """An area that looks like a bed.
 
-    Attributes
-    ----------
-    vertices
-        Its four corners (x, y), inset from its edges. [pixel]
-    pixels
-        Number of pixels inside.
-    contrast_k
-        How much it differs from its surroundings where it differs least. [K]
-    spread_k
-        Standard deviation inside. [K]
+    `vertices` are its four corners (x, y) in pixels, inset from its edges, `pixels` the number inside;
+    `contrast_k` is how much it differs from its surroundings where it differs least, `spread_k` the standard
+    deviation inside.
     """
 
     vertices: tuple[tuple[float, float], ...]
@@ -68,17 +61,8 @@ def find_beds(frame: FrameK) -> list[FoundBed]:
 
     Areas are the connected parts in which the temperature changes little from pixel to pixel, at every limit
     of "little": those are kept that nearly fill a quadrilateral and differ from their surroundings all along
-    its four sides.
-
-    Parameters
-    ----------
-    frame
-        Brightness temperatures, shape (rows, cols); unknown ones are NaN. [K]
-
-    Raises
-    ------
-    NoAnswerError
-        There is none; the message states what is missing.
+    its four sides. Brightness temperatures (rows, cols) are NaN where unknown. Raises `NoAnswerError` where
+    there is none; the message states what is missing.
     """
     if not np.isfinite(frame).any():
         raise NoAnswerError("the frame has no known temperature", fix=FIX)

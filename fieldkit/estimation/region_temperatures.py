@@ -42,16 +42,10 @@ def remove_offsets(history: History, regions: Sequence[Region], settings: Estima
 def shifted_temperatures(
     temperature_k: FloatArray, regions: Sequence[Region], settings: EstimatorSettings
 ) -> Iterator[FloatArray]:
-    """Temperatures with one emissivity a standard uncertainty higher, for each emissivity that has one.
+    """Temperatures (n, regions) with one emissivity a standard uncertainty higher, for each that has one.
 
-    Parameters
-    ----------
-    temperature_k
-        Surface temperatures, shape (n, regions); every result has the same shape. [K]
-    regions
-        The columns.
-    settings
-        Emissivities and their standard uncertainties.
+    Those of surfaces, with their emissivities and the uncertainties of these by the settings; `regions` are
+    the columns.
     """
     own = [column for column, region in enumerate(regions) if not math.isnan(region.emissivity)]
     common = [column for column in range(len(regions)) if column not in own]
@@ -74,14 +68,10 @@ def shifted_temperatures(
 def difference_covariance_k2(
     temperature_k: FloatArray, regions: Sequence[Region], settings: EstimatorSettings
 ) -> FloatArray:
-    """Covariance (n - 1, n - 1) of the differences to the first of n regions from the emissivities.
+    """Covariance (n - 1, n - 1) of the differences to the first of n regions in a minute from the
+    emissivities.
 
-    Parameters
-    ----------
-    temperature_k
-        Surface temperatures of one minute, shape (n,). [K]
-    regions, settings
-        As for `shifted_temperatures`.
+    Surface temperatures (n,); the other arguments are as for `shifted_temperatures`.
     """
     one_minute = temperature_k[np.newaxis]
     shifts = [(shifted - one_minute)[0] for shifted in shifted_temperatures(one_minute, regions, settings)]

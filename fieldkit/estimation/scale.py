@@ -9,17 +9,76 @@ data do not determine it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from fieldkit.estimation.normal import LOWEST_COS_INCIDENCE
-from fieldkit.model.errors import CalibrationError
-from fieldkit.physics.facet import FloatArray
+from fieldkit.model.errors import CalibrationError, ConfigError
+from fieldkit.model.region_schedule import Regions, RegionSchedule
+from fieldkit.model.site import Region, RegionKind
+from fieldkit.physics.facet import FloatArray, normal
 
+LEAST_TILT_DEG = 3.0
+"""Flatter regions hardly differ from the reference, whatever kappa is."""
 LEAST_SIGNAL = 5.0
 """Least signal of a known region that determines the scale, in standard deviations."""
+
+
+@dataclass(frozen=True, slots=True)
+class KnownSlope:
+    """A target region of known slope: its column among the targets, tilt and azimuth in degrees."""
+
+    column: int
+    tilt_deg: float
+    azimuth_deg: float
+
+    def normal(self, steeper_deg: float = 0.0) -> FloatArray:
+        """Unit normal (3,), of a slope that is `steeper_deg` steeper."""
+        return normal(self.tilt_deg + steeper_deg, self.azimuth_deg)
+
+
+def known_slopes(regions: Sequence[Region], beds: Sequence[str], path: Path) -> dict[str, KnownSlope]:
+    """Target regions of known slope by name, or those of `beds`.
+
+    Raises `ConfigError` if a region of `beds` is not one of them.
+    """
+    targets = [region for region in regions if region.kind is RegionKind.TARGET]
+    known = {
+        region.name: KnownSlope(column, region.tilt_deg, region.azimuth_deg)
+        for column, region in enumerate(targets)
+        if np.isfinite(region.azimuth_deg) and region.tilt_deg >= LEAST_TILT_DEG
+    }
+    for bed in beds:
+        if bed not in known:
+            raise ConfigError(
+                f"{path}: region {bed} has no known slope",
+                fix=f"known are {', '.join(known) or 'none'}; give tilt_deg",
+            )
+    return {name: slope for name, slope in known.items() if not beds or name in beds}
+
+
+def with_known(regions: Regions, beds: Collection[str], steeper_deg: float = 0.0) -> RegionSchedule:
+    """Regions to learn from: targets of `beds` as references, all of them steeper by `steeper_deg`.
+
+    The flattest stays a target if no other is left: it would tell least as a reference.
+    """
+    schedule = RegionSchedule.of(regions)
+    targets = [region for region in schedule.latest if region.kind is RegionKind.TARGET]
+    known = sorted((one for one in targets if one.name in beds), key=lambda region: region.tilt_deg)
+    if len(known) == len(targets):
+        known = known[1:]
+    names = {region.name for region in known}
+    columns = (
+        replace(region, kind=RegionKind.REFERENCE, tilt_deg=region.tilt_deg + steeper_deg)
+        if region.name in names
+        else region
+        for region in schedule.columns
+    )
+    return replace(schedule, columns=tuple(columns))
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,25 +105,13 @@ def scale_from_known_bed(
 
     Measured ``y - reference . u`` is kappa times ``(bed - reference) . u``. The regressor is geometry, not a
     temperature, so noise does not bias kappa low as in a regression on measured differences. Systematic
-    effects are fitted with a standard normal prior, kappa with a prior about 1. Rows with NaN are excluded,
-    and those in which region or reference is self-shaded and only shows ``n . s < 0``.
+    effects are fitted with a standard normal prior, kappa with a prior about 1 of `prior_sd`. Rows with NaN
+    are excluded, and those in which region or reference is self-shaded and only shows ``n . s < 0``.
 
-    Parameters
-    ----------
-    design, y, sigma
-        Design vectors (n, 3), measured cosines (n,) and their standard deviations (n,), as of `Rows`. [-]
-    reference, bed
-        Unit normals of reference and known region, (3,). [-]
-    systematics
-        Change of y for one standard uncertainty of each effect on this region, such as its own offset, (p,
-        n). [-]
-    prior_sd
-        Standard uncertainty of kappa about 1 before the measurement. [-]
-
-    Raises
-    ------
-    CalibrationError
-        If the region's slope is too close to the reference's to determine the scale.
+    `design` (n, 3), `y` and `sigma` (n,) are as of `Rows`, `reference` and `bed` unit normals (3,);
+    `systematics` (p, n) are changes of y for one standard uncertainty of each effect on this region, such as
+    its own offset. Raises `CalibrationError` if the region's slope is too close to the reference's to
+    determine the scale.
     """
     columns = np.vstack([design @ (bed - reference), *(() if systematics is None else systematics)]) / sigma
     measured = (y - design @ reference) / sigma
@@ -99,21 +146,10 @@ class Offsets:
 
 
 def offsets_from_uniform(temperature_k: FloatArray, reference_k: FloatArray) -> Offsets:
-    """Offsets of regions against the reference while all of them have the same temperature.
+    """Offsets of regions (n, m) against the reference (n,) in minutes in which all have the same temperature.
 
-    The standard error allows for correlation of neighbouring minutes (lag one).
-
-    Parameters
-    ----------
-    temperature_k
-        Minute means of the regions, shape (n, m); NaN where missing. [K]
-    reference_k
-        Minute means of the reference, (n,). [K]
-
-    Raises
-    ------
-    CalibrationError
-        With fewer than three minutes of any region.
+    NaN where missing. The standard error allows for correlation of neighbouring minutes (lag one). Raises
+    `CalibrationError` with fewer than three minutes of any region.
     """
     difference = temperature_k - reference_k[:, np.newaxis]
     count = np.isfinite(difference).sum(axis=0)
@@ -159,23 +195,10 @@ def identify(
 ) -> ExchangeFit:
     """Fit alpha and beta to known differences of sunlight, by total least squares in the temperatures.
 
-    Parameters
-    ----------
-    temperature_k, reference_k
-        Temperatures (k,) of known regions and of the reference in the same minutes. [K]
-    sunlight_w_m2
-        ``S (bed - reference) . s`` of these minutes (k,), from the known slopes. [W/m2]
-    noise_k
-        Standard deviation of each temperature. [K]
-    prior
-        Expected alpha and beta. [W m-2 K-4], [W m-2 K-1]
-    prior_share_sd
-        Standard uncertainty of the expected radiative share of D. [-]
-
-    Raises
-    ------
-    CalibrationError
-        If the differences of sunlight do not exceed the noise.
+    `temperature_k` and `reference_k` (k,) are of known regions and of the reference in the same minutes, with
+    noise of `noise_k` each; `sunlight_w_m2` (k,) is ``S (bed - reference) . s`` from the known slopes.
+    `prior` are the expected alpha and beta, `prior_share_sd` is the standard uncertainty of the expected
+    radiative share of D. Raises `CalibrationError` if the differences of sunlight do not exceed the noise.
     """
     middle = float(np.mean(reference_k))
     cube = 4.0 * middle**3

@@ -29,7 +29,7 @@ from fieldkit.estimation.learned.budget import BudgetTerm
 from fieldkit.estimation.methods import Solution, kelvin_per_degree, solutions, sunlit
 from fieldkit.estimation.normal import Misfit, choose, cramer_rao, solve, tangents
 from fieldkit.estimation.region_temperatures import remove_offsets, shifted_temperatures
-from fieldkit.estimation.row_budget import north_south_deg, row_budget
+from fieldkit.estimation.row_budget import RowBudget
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.weather_reference import beside_level, shifted_levels
 from fieldkit.model.samples import Quality
@@ -55,16 +55,9 @@ SIGMAS = 4.0
 def slopes(
     history: History, regions: Sequence[Region], settings: EstimatorSettings
 ) -> tuple[SlopeEstimate, ...]:
-    """Slope of every target at the last minute bin of the history, in the order of the regions.
+    """Slope of every target at the last minute bin of a history, in the order of the regions, its columns.
 
-    Parameters
-    ----------
-    history
-        Minute bins from the start of the session (the full model needs those before the window).
-    regions
-        References and targets, in the order of the history's columns.
-    settings
-        Window, model, method, noise and systematic uncertainties.
+    The bins begin with the session: the full model needs those before the window.
     """
     if settings.reference == "weather":
         history, regions = beside_level(history, regions, settings)
@@ -186,8 +179,7 @@ class Window:
         """`UNCERTAIN` where the gain of the level surface alone decides the tilt along the meridian."""
         if estimate.state not in (SlopeState.OK, SlopeState.FLAT, SlopeState.UNCERTAIN) or self.rows is None:
             return estimate
-        inputs = (self.rows, index, self._weights[:, index], best, self.past, self.settings)
-        moved, left = north_south_deg(*inputs)
+        moved, left = self._budget(self.rows, index, best).north_south_deg()
         if moved <= left:
             return estimate
         reason = f"north–south undetermined: the gain of such a surface moves it by ±{moved:.0f}°"
@@ -197,17 +189,13 @@ class Window:
         """The uncertainty budget of each target with a slope, by its name."""
         found = self.estimates(range(self.columns.targets.size))
         return {
-            one.region: row_budget(
-                self.rows,
-                index,
-                self._weights[:, index],
-                normal(one.tilt_deg, one.azimuth_deg),
-                self.past,
-                self.settings,
-            )
+            one.region: self._budget(self.rows, index, normal(one.tilt_deg, one.azimuth_deg)).terms()
             for index, one in enumerate(found)
             if self.rows is not None and math.isfinite(one.tilt_deg)
         }
+
+    def _budget(self, rows: Rows, index: int, slope: FloatArray) -> RowBudget:
+        return RowBudget(rows, index, self._weights[:, index], slope, self.past, self.settings)
 
     def _blank(self, index: int) -> tuple[SlopeEstimate, bool]:
         """The estimate of a target without a slope, and whether it can be solved."""
@@ -422,22 +410,11 @@ def _angles(found: FloatArray, known_azimuth: float) -> tuple[float, float]:
 def drifts_k(
     rows: Rows, weights: FloatArray, minutes: NDArray[np.int64], tilt_limit_deg: float
 ) -> FloatArray:
-    """Deviation of each target alone from its own prediction in the last 20 minutes.
+    """Deviation (m,) of each target alone from its own prediction in the last 20 minutes, K.
 
-    Parameters
-    ----------
-    rows
-        Least-squares rows of the window, (n, m).
-    weights
-        Inverse variances, (n, m); zero excludes a row. [-]
-    minutes
-        Minutes since 1970 of the rows, (n,), increasing. [min]
-    tilt_limit_deg
-        Largest tilt. [degrees]
-
-    Returns
-    -------
-    Deviation (m,); 0 where it is not significant, and for all targets with too few rows. [K]
+    Of the least-squares rows (n, m) of a window with inverse variances `weights` (n, m), zero to exclude one,
+    at increasing minutes since 1970 (n,). 0 where it is not significant, and for all targets with too few
+    rows.
     """
     age = minutes[-1] - minutes
     lately = age < RECENT_MINUTES

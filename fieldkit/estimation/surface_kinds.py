@@ -23,22 +23,11 @@ _AIR_J_M3_K = 1210.0  # heat capacity of the default air
 class SurfaceKind:
     """Medians and standard deviations of a kind; ``_log_sd`` of the logarithm, the fields as in ``[prior]``.
 
-    Attributes
-    ----------
-    exchange_w_m2_k, exchange_log_sd
-        Heat exchange with the air. [W m-2 K-1], [-]
-    wind_w_m2_k_per_m_s, wind_sd_w_m2_k_per_m_s
-        Its change by logged wind. [W m-2 K-1 per m/s]
-    albedo, gain_sd
-        Albedo; relative standard deviation of absorbed light, its own and that of a light meter. [-]
-    conductivity_w_m_k, heat_capacity_j_m3_k, inertia_log_sd
-        Of the layer under the surface. [W m-1 K-1], [J m-3 K-1], [-]
-    depth_m, depth_log_sd, deep_share
-        Its depth, and the probability that heat reaches no bottom. [m], [-], [-]
-    normal_horizontal_sd
-        Of each horizontal component of a normal. [-]
-    exchange_m_s, exchange_sd, scale_sd
-        The same for the models paper and full; by default those above.
+    `wind_w_m2_k_per_m_s` is the change of the heat exchange with the air by logged wind; `gain_sd` the
+    relative standard deviation of absorbed light, its own and that of a light meter. Conductivity, heat
+    capacity, inertia and depth are of the layer under the surface, `deep_share` is the probability that heat
+    reaches no bottom. `normal_horizontal_sd` is of each horizontal component of a normal. `exchange_m_s`,
+    `exchange_sd` and `scale_sd` are the same for the models paper and full; by default those above.
     """
 
     exchange_w_m2_k: float
@@ -88,14 +77,9 @@ class SurfaceKind:
 class Unlike:
     """A region's surface against that of the references: ratios of medians, and what it may differ beyond.
 
-    Attributes
-    ----------
-    exchange, inertia, depth, light
-        Of its heat exchange, thermal inertia, depth of the layer and absorptance. [-]
-    exchange_sd, inertia_sd, gain_sd
-        Standard deviations of its own, relative. [-]
-    normal_horizontal_sd
-        Of each horizontal component of its normal. [-]
+    `exchange`, `inertia`, `depth` and `light` are ratios of heat exchange, thermal inertia, depth of the
+    layer and absorptance; `exchange_sd`, `inertia_sd` and `gain_sd` relative standard deviations of its own,
+    `normal_horizontal_sd` that of each horizontal component of its normal.
     """
 
     exchange: float = 1.0

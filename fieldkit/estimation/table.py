@@ -53,42 +53,8 @@ class TemperatureTable:
     lines: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
 
 
-def slopes_of_table(
-    table: TemperatureTable,
-    site: Site,
-    settings: EstimatorSettings,
-    *,
-    reference_slope_deg: tuple[float, float] = (0.0, 0.0),
-    azimuths_deg: Mapping[str, float] | None = None,
-) -> tuple[SlopeEstimate, ...]:
-    """Slope of every target over the whole table, or over the settings' window at its end.
-
-    A table that runs into the night ends with its last minute of sun. Three bins are enough: a table of a few
-    hours may well have hourly rows.
-
-    Parameters
-    ----------
-    table
-        Columns in order of time.
-    site
-        Where: for the sun's position.
-    settings
-        Window, model, method and uncertainties.
-    reference_slope_deg
-        Tilt and azimuth of the reference. [degrees]
-    azimuths_deg
-        Azimuths of targets, for ``settings.azimuth == "known"``. [degrees]
-
-    Raises
-    ------
-    ConfigError
-        If the columns of sunlight do not fit the irradiance model.
-    """
-    return slopes_of_part(as_part("", table, site, settings, reference_slope_deg, azimuths_deg or {}))
-
-
 def slopes_of_part(part: Part) -> tuple[SlopeEstimate, ...]:
-    """Slopes at the last minute of a table alone."""
+    """Slope of every target over a whole table, or over the settings' window at its end."""
     return SlopeChain(part.regions, part.settings).at(part.history).slopes
 
 
@@ -100,7 +66,12 @@ def as_part(
     reference_slope_deg: tuple[float, float] = (0.0, 0.0),
     azimuths_deg: Mapping[str, float] = MappingProxyType({}),
 ) -> Part:
-    """The minute bins of a table and its regions, for `slopes_together` of tables; as `slopes_of_table`."""
+    """The minute bins of a table, up to its last minute of sun, and its regions.
+
+    Three bins are enough for a slope: a table of a few hours may well have hourly rows. Tilt and azimuth of
+    the reference, and azimuths of targets for ``settings.azimuth == "known"``, are in degrees. Raises
+    `ConfigError` if the columns of sunlight do not fit the irradiance model.
+    """
     none = ((0.0, 0.0),)
     regions = [Region("reference", RegionKind.REFERENCE, none, *reference_slope_deg)] + [
         Region(target, RegionKind.TARGET, none, azimuth_deg=azimuths_deg.get(target, float("nan")))

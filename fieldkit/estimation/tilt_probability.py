@@ -11,23 +11,12 @@ from fieldkit.model.slope import WITH_SLOPE, SlopeEstimate
 
 
 def tilt_probability(estimate: SlopeEstimate, limit_deg: float) -> float:
-    """Probability that a surface is steeper than a limit.
+    """Probability that a surface is steeper than a limit; NaN without a slope or without its region.
 
     The tilt is taken as normally distributed to either side of its estimate, with the standard deviation to
     which the likelihood region corresponds: of one angle where the azimuth was given, else of two. Where a
     second slope fits, its probability is not known, so both count the same, the second with the uncertainty
     of the first.
-
-    Parameters
-    ----------
-    estimate
-        A slope with its likelihood region.
-    limit_deg
-        Tilt from horizontal. [degrees]
-
-    Returns
-    -------
-    Probability, NaN without a slope or without its region. [-]
     """
     low, tilt, high = estimate.tilt_low_deg, estimate.tilt_deg, estimate.tilt_high_deg
     if estimate.state not in WITH_SLOPE or not math.isfinite(low + tilt + high):

@@ -56,13 +56,8 @@ def slopes_together(parts: Sequence[Part]) -> Together:
 
     Slopes, gain, thermal inertia and what is unlike in a bed are learned from all parts; exchange, sky, air,
     temperatures in depth and the camera's offsets begin anew in each. A region that a part does not have is
-    not measured there. Settings are those of the last part.
-
-    Raises
-    ------
-    ConfigError
-        If the parts are not of one place (more than `MOST_APART_M` apart, other references), overlap in
-        time, or differ in their settings.
+    not measured there. Settings are those of the last part. Raises `ConfigError` if the parts are not of one
+    place (more than `MOST_APART_M` apart, other references), overlap in time, or differ in their settings.
     """
     parts = sorted((_with_minutes(part) for part in parts), key=lambda part: int(part.history.time_ns[0]))
     for before, after in pairwise(parts):

@@ -61,17 +61,10 @@ def shifted_levels(history: History, settings: EstimatorSettings) -> Iterator[Fl
 def level_k(history: History, settings: EstimatorSettings, shifts: FloatArray = EXACT) -> FloatArray:
     """Temperature of the level surface in each minute bin (n,), K; NaN without any air temperature.
 
-    It begins at the temperature of the air: give it some hours before those that matter.
-
-    Parameters
-    ----------
-    history
-        Light, longwave and air; linear between minutes that have them. Longwave that was not measured is that
-        of a clear sky.
-    settings
-        Surface, layer and priors of its kind.
-    shifts
-        By how many standard uncertainties each of `INPUTS` is off, (6,).
+    It begins at the temperature of the air: give it some hours before those that matter. Light, longwave and
+    air are linear between minutes that have them; longwave that was not measured is that of a clear sky.
+    `settings` hold surface, layer and priors of its kind, `shifts` (6,) by how many standard uncertainties
+    each of `INPUTS` is off.
     """
     if not np.isfinite(history.air_k).any():
         return np.full(len(history), np.nan)

@@ -91,24 +91,11 @@ class GroundView:
 
 
 def ground_view(pose: Pose, shape: tuple[int, int], cell_m: float | None = None) -> GroundView:
-    """Trace a camera's pixels to the ground.
+    """Trace the pixels of frames of `shape` (rows, cols), by a camera's pose with its ground, to that ground.
 
-    Parameters
-    ----------
-    pose
-        Pose of the camera, with its ground.
-    shape
-        Rows and columns of a frame.
-    cell_m
-        Side of a cell; the median distance between neighbouring pixels on the ground by default. [m]
-
-    Raises
-    ------
-    ConfigError
-        If the reference system is unknown, not in metres or stretched, the DEM does not fit it, or a cell is
-        too small.
-    NoAnswerError
-        If no pixel meets the ground within range.
+    `cell_m` is the side of a cell in metres; the median distance between neighbouring pixels on the ground by
+    default. Raises `ConfigError` if the reference system is unknown, not in metres or stretched, the DEM does
+    not fit it, or a cell is too small, `NoAnswerError` if no pixel meets the ground within range.
     """
     table = pose.table
     crs = geotiff.projected_crs(table.crs)
@@ -129,23 +116,11 @@ def ground_view(pose: Pose, shape: tuple[int, int], cell_m: float | None = None)
 def on_frame(
     pose: CameraPose, shape: tuple[int, int], points_m: Sequence[tuple[float, float]], time_ns: int
 ) -> list[tuple[float, float]]:
-    """Pixels of points of the ground at a time, to a tenth of a pixel.
+    """Pixels of points of the ground (east and north in the pose's reference system), to a tenth of a pixel.
 
-    Parameters
-    ----------
-    pose
-        Pose of the camera, with its ground.
-    shape
-        Rows and columns of a frame.
-    points_m
-        East and north in the pose's reference system. [m]
-    time_ns
-        UTC nanoseconds since 1970, which only matter to a pose along a trajectory.
-
-    Raises
-    ------
-    ConfigError
-        If the reference system or the DEM is wrong, or the camera does not see one of the points.
+    In a frame of `shape` (rows, cols), at UTC nanoseconds since 1970, which only matter to a pose along a
+    trajectory. Raises `ConfigError` if the reference system or the DEM is wrong, or the camera does not see
+    one of the points.
     """
     ground = Ground(pose, shape)
     pose.at(time_ns)
@@ -185,21 +160,10 @@ def _cells(points: FloatArray, pose: PoseTable, dem: Heights | None, cell_m: flo
 def write_on_ground(
     base: Path, view: GroundView, layers: Sequence[Layer], slopes: SlopeMap, time_ns: int
 ) -> list[Path]:
-    """Write layers on the ground: ``BASE.tif``, ``BASE.ply`` and ``BASE.mcap``; the files.
+    """Write layers of the frame on the ground: ``BASE.tif``, ``BASE.ply`` and ``BASE.mcap``; the files.
 
-    Each holds the layers, their uncertainties and the state; grids also the relief. Raises
-    `StorageError`.
-
-    Parameters
-    ----------
-    base
-        The files without their endings.
-    view
-        What the camera sees of the ground.
-    layers, slopes
-        Of the frame.
-    time_ns
-        Time that the layers are of, UTC nanoseconds since 1970.
+    Each holds the layers, their uncertainties and the state at a time, UTC nanoseconds since 1970; grids also
+    the relief. Raises `StorageError`.
     """
     planes = [(layer.name, layer.units, layer.values) for layer in layers]
     planes += [(f"{one.name}_sd", one.units, one.sd) for one in layers if one.sd is not None]

@@ -37,21 +37,11 @@ TABLE_SIZE = 201
 
 @dataclass(frozen=True, slots=True)
 class Products:
-    """Products to make of a map.
+    """Products to make of a map, by `names` of `NAMES`.
 
-    Parameters
-    ----------
-    names
-        Of `NAMES`.
-    limit_deg
-        Tilt whose exceedance `ptilt` is the probability of, in (0, 90). [degrees]
-    drive_deg
-        Direction of a drive, which `rdir` is the slope along, from north, clockwise. [degrees]
-
-    Raises
-    ------
-    ConfigError
-        If a name is unknown, or an angle that a product needs is missing or out of range.
+    `limit_deg`, in (0, 90), is the tilt whose exceedance `ptilt` is the probability of; `drive_deg` the
+    direction of a drive, which `rdir` is the slope along, from north, clockwise. Raises `ConfigError` if a
+    name is unknown, or an angle that a product needs is missing or out of range.
     """
 
     names: Sequence[str]
@@ -111,18 +101,11 @@ def layers(
     regions: Sequence[Region],
     inertia: LearntParameter | None,
 ) -> list[Layer]:
-    """The layers of products, in the order of `NAMES`. Raises `NoAnswerError` for one that cannot be made.
+    """The layers of products, in the order of `NAMES`, of a slope map and what its data say of each pixel.
 
-    Parameters
-    ----------
-    wanted
-        What to make.
-    slopes, likelihood
-        The slope map, and what its data say of each pixel.
-    site, time_ns
-        Where and on which day the sun shines; UTC nanoseconds since 1970.
-    regions, inertia
-        Regions of one material and its thermal inertia, None where no model found it.
+    The sun shines at the site on the day of `time_ns`, UTC nanoseconds since 1970; `regions` are of one
+    material with this thermal `inertia`, None where no model found it. Raises `NoAnswerError` for one that
+    cannot be made.
     """
     made = _of_normals(slopes, likelihood, list(_kinds(wanted, suns_of_day(site, time_ns))))
     if "ptilt" in wanted.names:

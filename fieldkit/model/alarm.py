@@ -30,14 +30,8 @@ _INFO, _WARNING, _ERROR = Severity.INFO, Severity.WARNING, Severity.ERROR
 class Condition(enum.StrEnum):
     """Condition of an alarm; the values are the names in ``fieldkit.toml`` and in session files.
 
-    Attributes
-    ----------
-    rule
-        Of a campaign that configures none.
-    meaning
-        When the alarm is raised, in the words of the documentation.
-    by_minute
-        Whether it is judged minute by minute, the others every second.
+    `rule` is that of a campaign that configures none, `meaning` says when the alarm is raised, in the words
+    of the documentation; `by_minute` are judged minute by minute, the others every second.
     """
 
     rule: Rule
@@ -134,7 +128,7 @@ class Alarm:
         """Names the alarm among those present: ``lost:camera``."""
         return f"{self.condition}:{self.subject}" if self.subject else self.condition
 
-    def event(self, phase: Phase, mono_ns: int, time_ns: int, stream: str = "") -> Event:
+    def event(self, phase: Phase, mono_ns: int, time_ns: int) -> Event:
         """The event that reports a phase of this alarm."""
         data = {
             "alarm": self.id,
@@ -146,9 +140,8 @@ class Alarm:
             "text": self.text,
         }
         severity = self.severity if phase is Phase.RAISED else Severity.INFO
-        return Event(
-            EventKind.ALARM, mono_ns, time_ns, f"{_WORDS[phase]}: {self.text}", stream, severity, data
-        )
+        text = f"{_WORDS[phase]}: {self.text}"
+        return Event(EventKind.ALARM, mono_ns, time_ns, text, severity=severity, data=data)
 
 
 def phase_of(event: Event) -> Phase | None:

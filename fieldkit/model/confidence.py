@@ -24,16 +24,10 @@ def interval_sds(confidence: float) -> float:
 
 @cache
 def misfit_drop(confidence: float, angles: int) -> float:
-    """Misfit above the least that bounds a likelihood region.
+    """Misfit above the least that bounds a likelihood region, by its probability in (0, 1).
 
-    The chi-square quantile with as many degrees of freedom as angles are estimated.
-
-    Parameters
-    ----------
-    confidence
-        Probability in (0, 1). [-]
-    angles
-        2 for tilt and azimuth, 1 for the tilt along a known azimuth.
+    The chi-square quantile with as many degrees of freedom as angles are estimated: 2 for tilt and azimuth, 1
+    for the tilt along a known azimuth.
     """
     drop = -2.0 * math.log1p(-confidence) if angles == 2 else _sds(confidence) ** 2
     return round(drop, _DECIMALS)

@@ -12,18 +12,9 @@ from fieldkit.model.confidence import CONFIDENCE, interval_sds
 class LearntParameter:
     """One parameter of surface, air or sky: the prior, and what the data made of it.
 
-    Attributes
-    ----------
-    name, unit
-        Such as ``thermal_inertia`` and its unit as printed; "" for a ratio.
-    prior, prior_low, prior_high
-        Median and interval before the data, in `unit`.
-    value, low, high
-        Median and interval given the data, in `unit`.
-    share_of_prior
-        Posterior over prior standard deviation, in [0, 1]: 1 where the data said nothing.
-    confidence
-        Probability that the intervals hold the truth.
+    `name` is such as ``thermal_inertia``, `unit` as printed, "" for a ratio; the prior and `value` are
+    medians with intervals that hold the truth with a probability of `confidence`. `share_of_prior` is
+    posterior over prior standard deviation, in [0, 1]: 1 where the data said nothing.
     """
 
     name: str
@@ -45,19 +36,12 @@ class LearntParameter:
 
 @dataclass(frozen=True, slots=True)
 class Learnt:
-    """Everything learnt up to one minute.
+    """Everything learnt up to one minute: the parameters that all regions share, in a fixed order, and
+    residuals.
 
-    Attributes
-    ----------
-    parameters
-        Shared by all regions, in a fixed order.
-    residual_k
-        Root mean square of each region's one-minute-ahead prediction errors. [K]
-    autocorrelation
-        Of each region's standardised prediction errors, from one minute to the next; near 0 where the model
-        explains the data. [-]
-    chi_square
-        Mean square of all standardised prediction errors; near 1 where the stated noise holds. [-]
+    `residual_k` is the root mean square of each region's one-minute-ahead prediction errors. Of the
+    standardised ones `autocorrelation` is from one minute to the next, near 0 where the model explains the
+    data, `chi_square` the mean square of all, near 1 where the stated noise holds.
     """
 
     parameters: tuple[LearntParameter, ...]

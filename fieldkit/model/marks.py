@@ -95,9 +95,9 @@ def _as_made(mark: Event) -> Event:
     return replace(mark, data={name: one for name, one in mark.data.items() if name != "corrects"})
 
 
-def corrected(events: Collection[Event], without: Collection[int] = ()) -> list[Event]:
-    """A session's events with every mark as corrected last, without those taken back or in `without`."""
-    now = {number: mark for number, mark in marks_now(events).items() if number not in without}
+def corrected(events: Collection[Event]) -> list[Event]:
+    """A session's events with every mark as corrected last, without those taken back."""
+    now = marks_now(events)
     places = {id(mark): now.get(number) for number, mark in marks_made(events).items()}
     found = (places.get(id(one), one) for one in events if "corrects" not in one.data)
     return [one for one in found if one is not None]

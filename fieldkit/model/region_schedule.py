@@ -20,12 +20,8 @@ _ALWAYS, _NEVER = -(2**62), 2**62
 class RegionSchedule:
     """Outlines as columns that are only ever appended: a region that is redrawn gets a new column.
 
-    Attributes
-    ----------
-    columns
-        Every outline, in the order they were drawn.
-    since, until
-        Minutes since 1970 UTC in which each holds, ``since <= minute < until``.
+    `columns` are in the order they were drawn, each holds in minutes since 1970 UTC ``since <= minute <
+    until``.
     """
 
     columns: tuple[Region, ...]

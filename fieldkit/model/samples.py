@@ -10,9 +10,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple, overload
-
-from fieldkit.model.numbered import NumberedEnum
+from typing import TYPE_CHECKING, Any, NamedTuple, Self, overload
 
 if TYPE_CHECKING:
     import numpy as np
@@ -91,6 +89,22 @@ def is_damaged(flags: int | NDArray[np.integer[Any]]) -> bool | NDArray[np.bool_
 def is_showable(flags: int) -> bool:
     """True if a frame may serve to find regions: also one at the end of its scale, or without a scale."""
     return (flags & _UNSHOWABLE_BITS) == 0
+
+
+class NumberedEnum(enum.IntEnum):
+    """An enumeration, stored by its numbers, that also represents members added by a newer version.
+
+    A number without a name keeps its number and is named ``UNKNOWN_<number>``, so that files of a newer
+    version can be read, shown and copied.
+    """
+
+    @classmethod
+    def _missing_(cls, value: object) -> Self | None:
+        if not isinstance(value, int) or not 0 <= value <= 255:  # one byte in the file
+            return None
+        member = int.__new__(cls, value)
+        member._name_, member._value_ = f"UNKNOWN_{value}", value
+        return member
 
 
 class Severity(NumberedEnum):

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.model.errors import ConfigError
-from fieldkit.model.numbered import NumberedEnum
+from fieldkit.model.samples import NumberedEnum
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldkit.model.confidence import CONFIDENCE
-from fieldkit.model.numbered import NumberedEnum
-from fieldkit.model.samples import Quality
+from fieldkit.model.samples import NumberedEnum, Quality
 from fieldkit.model.site import Region, RegionKind
 
 NAN = float("nan")
@@ -52,13 +51,7 @@ CERTAIN_SHARE = 0.2
 
 
 def is_too_wide(tilt_deg: ArrayLike, low_deg: ArrayLike, high_deg: ArrayLike) -> NDArray[np.bool_]:
-    """True if a tilt with these bounds of its likelihood region is uncertain; true if a bound is NaN.
-
-    Parameters
-    ----------
-    tilt_deg, low_deg, high_deg
-        Tilt and its bounds, any shapes that broadcast. [degrees]
-    """
+    """True if a tilt with these bounds of its likelihood region is uncertain; true if a bound is NaN."""
     width = np.subtract(high_deg, low_deg)
     return ~np.asarray(width <= np.maximum(CERTAIN_WITHIN_DEG, np.multiply(CERTAIN_SHARE, tilt_deg)))
 
@@ -67,20 +60,11 @@ def is_too_wide(tilt_deg: ArrayLike, low_deg: ArrayLike, high_deg: ArrayLike) ->
 class SlopeField:
     """One number of a slope, as every table, file and document has it.
 
-    Attributes
-    ----------
-    key
-        Field of `SlopeEstimate`, column of the session file and of the tables of all minutes.
-    unit, description
-        The unit as in CF conventions, "1" for a ratio; what the number is.
-    heading
-        Column of exported tables, with the unit.
-    pair
-        Key of ``--json`` under which the ends of a range stand as a list; "" for a key of its own.
-    short, digits
-        Heading and decimals in tables for people; "" where these have no such column.
-    unknown
-        The value where nothing is known, and in sessions that are older than the column.
+    `key` is the field of `SlopeEstimate`, column of the session file and of the tables of all minutes; `unit`
+    as in CF conventions, "1" for a ratio; `heading` the column of exported tables, with the unit. `pair` is
+    the key of ``--json`` under which the ends of a range stand as a list, `short` the heading in tables for
+    people, with `digits` decimals: "" for none. `unknown` is the value where nothing is known, and in
+    sessions that are older than the column.
     """
 
     key: str

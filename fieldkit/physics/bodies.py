@@ -12,9 +12,8 @@ from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import Site
 from fieldkit.physics.energy_balance import SurfaceParameters
 from fieldkit.physics.facet import FloatArray
-from fieldkit.physics.mars_sun import SOL_S, mars_sun
-from fieldkit.physics.moon_sun import moon_subsolar
 from fieldkit.physics.regolith import Regolith
+from fieldkit.physics.subsolar import SOL_S, mars_sun, moon_subsolar
 
 Subsolar = Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray]]
 """Declination, subsolar longitude east and distance of the sun (degrees, degrees, au) at UTC seconds (n,)."""

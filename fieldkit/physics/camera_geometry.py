@@ -22,12 +22,8 @@ _UNDISTORTING_STEPS = 50
 class Grid:
     """The grid of a projected reference system at a place.
 
-    Attributes
-    ----------
-    true_north_deg
-        Direction of true north, clockwise from the grid's own: less the convergence. [degrees]
-    scale
-        Metres on the grid per metre on the ground. [-]
+    `true_north_deg` is the direction of true north, clockwise from the grid's own: less the convergence.
+    `scale` are metres on the grid per metre on the ground.
     """
 
     true_north_deg: float = 0.0
@@ -41,25 +37,12 @@ class Grid:
 class Camera:
     """A pinhole camera, with the distortion of its lens.
 
-    Attributes
-    ----------
-    position_m
-        East, north, up. [m]
-    yaw_deg, pitch_deg, roll_deg
-        Azimuth of the optical axis from north, clockwise; its elevation, negative downwards; turn of the
-        camera about it, clockwise as the camera sees. [degrees]
-    hfov_deg
-        Horizontal field of view, from edge to edge of the outermost pixels. [degrees]
-    shape
-        Rows and columns.
-    distortion
-        k1, k2, p1, p2, k3 in OpenCV's order; none for a lens without. [-]
-    grid_scale
-        Metres on the grid of east and north per metre on the ground. [-]
-
-    References
-    ----------
-    D. C. Brown, "Close-range camera calibration", Photogrammetric Engineering 37, 1971.
+    `position_m` is east, north, up. `yaw_deg` is the azimuth of the optical axis from north, clockwise,
+    `pitch_deg` its elevation, negative downwards, `roll_deg` the turn of the camera about it, clockwise as
+    the camera sees. `hfov_deg` is the horizontal field of view, from edge to edge of the outermost pixels,
+    `shape` are rows and columns. `distortion` is k1, k2, p1, p2, k3 in OpenCV's order, none for a lens
+    without (D. C. Brown, "Close-range camera calibration", Photogrammetric Engineering 37, 1971);
+    `grid_scale` are metres on the grid of east and north per metre on the ground.
     """
 
     position_m: tuple[float, float, float]
@@ -106,19 +89,9 @@ def ground_points(camera: Camera, distances_m: FloatArray) -> FloatArray:
 
 
 def project(camera: Camera, points_m: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Pixels of points.
+    """Pixels x and y of points (east, north, up), (..., 3), and their distances from the camera in metres.
 
-    Parameters
-    ----------
-    camera
-        The camera.
-    points_m
-        East, north, up, shape (..., 3). [m]
-
-    Returns
-    -------
-    x and y, shape (...) each, NaN behind the camera and where the lens model folds back [pixels]; distance
-    from the camera [m].
+    Shape (...) each; x and y are NaN behind the camera and where the lens model folds back.
     """
     away = np.asarray(points_m, np.float64) - camera.position_m
     away = away / (camera.grid_scale, camera.grid_scale, 1.0)
@@ -228,22 +201,11 @@ def distances_to_plane_m(camera: Camera, height_m: float) -> FloatArray:
 
 
 def distances_to_ground_m(camera: Camera, ground: Heights, range_m: float) -> FloatArray:
-    """Distance along each pixel's ray to where it first meets the ground.
+    """Distance along each pixel's ray to where it first meets the ground within a range, (rows, cols), else
+    NaN.
 
-    Steps of half a cell, then twelve halvings: a ridge narrower than half a cell may be missed.
-
-    Parameters
-    ----------
-    camera
-        The camera.
-    ground
-        Heights; the camera may stand outside.
-    range_m
-        Largest distance considered. [m]
-
-    Returns
-    -------
-    Shape (rows, cols); NaN where a ray meets nothing. [m]
+    The camera may stand outside the heights. Steps of half a cell, then twelve halvings: a ridge narrower
+    than half a cell may be missed.
     """
     lines = rays(camera).reshape(-1, 3)
     found = np.full(len(lines), np.nan)
@@ -278,22 +240,10 @@ def _halved(camera: Camera, ground: Heights, lines: FloatArray, away_m: float, s
 def seen_by(
     camera: Camera, points_m: FloatArray, distances_m: FloatArray, slack_m: float
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.bool_]]:
-    """The pixel that sees each point, and whether it does.
+    """Row and column, (...) each, of the pixel that sees each point (..., 3), and whether it does; else 0.
 
-    Parameters
-    ----------
-    camera
-        The camera.
-    points_m
-        East, north, up, shape (..., 3). [m]
-    distances_m
-        Of the ground along each pixel's ray, shape (rows, cols): what is farther is hidden. [m]
-    slack_m
-        How much farther still counts as seen: about the size of a cell. [m]
-
-    Returns
-    -------
-    Row, column and whether it is seen, shape (...) each; row and column are 0 where it is not.
+    `distances_m` (rows, cols) are of the ground along each pixel's ray: what is farther is hidden, but for
+    `slack_m`, about the size of a cell.
     """
     x, y, away = project(camera, points_m)
     rows, cols = camera.shape
@@ -305,22 +255,10 @@ def seen_by(
 
 
 def is_hidden(ground: Heights, eye_m: ArrayLike, points_m: FloatArray, slack_m: float) -> NDArray[np.bool_]:
-    """True if nearer ground hides points from an eye.
+    """Whether nearer ground hides points (n, 3) from an eye (3,), in metres east, north, up; shape (n,).
 
-    In steps of half a cell; the last `slack_m` before a point, its own ground, hide nothing.
-
-    Parameters
-    ----------
-    ground
-        Heights between eye and points; unknown ground hides nothing.
-    eye_m, points_m
-        East, north, up, shapes (3,) and (n, 3). [m]
-    slack_m
-        About the size of a cell. [m]
-
-    Returns
-    -------
-    Shape (n,).
+    In steps of half a cell. Unknown ground hides nothing, nor do the last `slack_m` before a point, its own
+    ground: about the size of a cell.
     """
     eye, found = np.asarray(eye_m, np.float64), np.zeros(len(points_m), np.bool_)
     for place, line in enumerate(points_m - eye):

@@ -1,6 +1,6 @@
 """From camera counts to brightness temperature, for cameras whose law is more than a factor.
 
-A stream names its law (`StreamInfo.law`); `temperature_k` looks it up in `LAWS`. A law takes the counts, the
+A stream names its law (`StreamInfo.law`), which is in `LAWS`. A law takes the counts, the
 metadata rows of the same frame and the stream's settings, and returns kelvin for emissivity 1 in single
 precision. Look-up tables are cached by their parameters. ``linear`` is counts x scale + offset.
 """
@@ -28,43 +28,11 @@ HT301_COUNTS = 0x3FFF
 """The highest count: fourteen of the sixteen bits."""
 
 
-def temperature_k(
-    law: str,
-    counts: Counts,
-    metadata_rows: Counts,
-    settings: Mapping[str, Any],
-    scale: float = 1.0,
-    offset: float = 0.0,
-) -> Kelvin:
-    """Brightness temperature of counts by a named law.
-
-    Parameters
-    ----------
-    law
-        ``linear`` or a key of `LAWS`.
-    counts
-        Raw counts of a frame, any shape.
-    metadata_rows
-        Rows that the camera sent with the frame, shape (rows, cols).
-    settings
-        Settings of the stream, with the constants of the law.
-    scale, offset
-        Of the linear law. [K per count, K]
-
-    Returns
-    -------
-    Shape of `counts`; NaN where the law has no solution. [K]
-
-    Raises
-    ------
-    ValueError
-        If the law is unknown.
-    """
-    if law == "linear":
-        return linear(counts, scale, offset)
-    if law not in LAWS:
-        raise ValueError(f"unknown camera law {law!r}; known laws: linear, {', '.join(LAWS)}")
-    return LAWS[law](counts, metadata_rows, settings)
+def law_named(name: str) -> Law:
+    """A key of `LAWS` as what it is; raises `ValueError` if the law is unknown."""
+    if name not in LAWS:
+        raise ValueError(f"unknown camera law {name!r}; known laws: linear, {', '.join(LAWS)}")
+    return LAWS[name]
 
 
 def has_temperatures(info: StreamInfo) -> bool:
@@ -108,20 +76,8 @@ def needs_metadata_rows(info: StreamInfo) -> bool:
 
 
 def frames_k(info: StreamInfo, counts: Counts, metadata_rows: Counts) -> NDArray[np.float64]:
-    """Brightness temperature of several frames; see `frame_k`.
-
-    Parameters
-    ----------
-    info
-        The stream.
-    counts
-        Raw counts, shape (n, ...).
-    metadata_rows
-        Shape (n, rows, cols).
-
-    Returns
-    -------
-    Shape of `counts`. [K]
+    """Brightness temperature of several frames, counts (n, ...) with metadata rows (n, rows, cols); see
+    `frame_k`.
     """
     if not needs_metadata_rows(info):
         return frame_k(info, counts, metadata_rows[:0])
@@ -132,21 +88,7 @@ def frames_k(info: StreamInfo, counts: Counts, metadata_rows: Counts) -> NDArray
 def linear(
     counts: Counts, scale: float, offset: float = 0.0, dtype: type[np.floating[Any]] = np.float32
 ) -> NDArray[Any]:
-    """Counts x scale + offset.
-
-    Parameters
-    ----------
-    counts
-        Raw counts, any shape.
-    scale, offset
-        [K per count, K]
-    dtype
-        Precision of the result; single precision is good to 3e-5 K.
-
-    Returns
-    -------
-    Shape of `counts`. [K]
-    """
+    """Counts x scale + offset, of any shape; in kelvin; single precision is good to 3e-5 K."""
     kelvin = counts.astype(dtype)  # then in place: half the time of multiplying mixed types
     kelvin *= scale
     if offset:
@@ -179,21 +121,9 @@ def ht301_area(width: int) -> int:
 
 
 def ht301_parameters(metadata_rows: Counts) -> Ht301Parameters:
-    """Parse the parameters of a frame from its metadata rows.
+    """Parse the parameters of a frame from the four rows below the image, shape (4, width).
 
-    Parameters
-    ----------
-    metadata_rows
-        The four rows below the image, shape (4, width).
-
-    Returns
-    -------
-    The parameters of `ht301_curve`.
-
-    Raises
-    ------
-    ValueError
-        If the width is none of 640, 384, 256, 240 or there are fewer than four rows.
+    Raises `ValueError` if the width is none of 640, 384, 256, 240 or there are fewer than four rows.
     """
     rows, width = metadata_rows.shape
     if width not in _HT301_FPA or rows < 4:
@@ -213,22 +143,12 @@ def ht301_fpa_c(width: int, fpa_raw: int) -> float:
 
 @lru_cache(maxsize=4)
 def ht301_curve(parameters: Ht301Parameters) -> tuple[float, float, float]:
-    """Coefficients (a, b, c) of ``T = sqrt(a x + b) + c`` for counts x.
+    """Coefficients (a, b, c) of ``T = sqrt(a x + b) + c`` for counts x, T in kelvin.
 
-    Parameters
-    ----------
-    parameters
-        Of one frame.
-
-    Returns
-    -------
-    a, b, c for T in kelvin; not finite where the metadata rows are implausible.
-
-    Notes
-    -----
-    The published form is ``T0 = sqrt(((x - off) g + s) / c1 + q) - p`` with ``p = c2 / 2 c1``, ``q = p^2``,
-    ``s = c1 ts^2 + c2 ts``, ``g = c3 tf^2 + c4 tf + c5``, in °C. Two public programs for the -20 to 120 °C
-    range agree on it. The upper range of the camera is disputed and not covered.
+    They are not finite where the metadata rows are implausible. The published form is ``T0 = sqrt(((x - off)
+    g + s) / c1 + q) - p`` with ``p = c2 / 2 c1``, ``q = p^2``, ``s = c1 ts^2 + c2 ts``, ``g = c3 tf^2 + c4 tf
+    + c5``, in °C. Two public programs for the -20 to 120 °C range agree on it. The upper range of the camera
+    is disputed and not covered.
     """
     t_fpa, t_shutter = ht301_fpa_c(parameters.width, parameters.fpa_raw), parameters.shutter_c
     offset = parameters.cal_00 - (170 if parameters.width == 256 else max(0, int(390 - 7.05 * t_fpa)))
@@ -241,25 +161,10 @@ def ht301_curve(parameters: Ht301Parameters) -> tuple[float, float, float]:
 
 
 def ht301(counts: Counts, metadata_rows: Counts, settings: Mapping[str, Any]) -> Kelvin:
-    """Law of the HT-301, T3S, T2S+ and T2L; its parameters come with every frame.
+    """Law of the HT-301, T3S, T2S+ and T2L; its parameters come with every frame, in metadata rows (4,
+    width), K.
 
-    Parameters
-    ----------
-    counts
-        Raw counts, any shape.
-    metadata_rows
-        The four rows below the image, shape (4, width).
-    settings
-        Not used.
-
-    Returns
-    -------
-    Shape of `counts`. [K]
-
-    Raises
-    ------
-    ValueError
-        If the metadata rows are not those of this family.
+    Raises `ValueError` if the metadata rows are not those of this family.
     """
     a, b, c = ht301_curve(ht301_parameters(metadata_rows))
     with np.errstate(all="ignore"):
@@ -299,34 +204,12 @@ class Planck:
 
 
 def planck_counts(temperature_k: float, constants: Planck) -> float:
-    """Counts of a black body, ``S = R1 / (R2 (exp(B/T) - F)) - O``.
-
-    Parameters
-    ----------
-    temperature_k
-        Temperature of the black body. [K]
-    constants
-        Constants of the camera.
-
-    Returns
-    -------
-    Counts, not rounded.
-    """
+    """Counts of a black body, ``S = R1 / (R2 (exp(B/T) - F)) - O``, not rounded."""
     return constants.r1 / (constants.r2 * (math.exp(constants.b / temperature_k) - constants.f)) - constants.o
 
 
 def path_transmission(constants: Planck) -> float:
-    """Transmission of one half of the path; the window, if any, is in its middle.
-
-    Parameters
-    ----------
-    constants
-        Distance, air temperature and humidity of the path, and the camera's atmospheric constants.
-
-    Returns
-    -------
-    Transmission, 1 at no distance. [-]
-    """
+    """Transmission of one half of the path, 1 at no distance; the window, if any, is in its middle."""
     air_c = constants.air_k - CELSIUS_ZERO_K
     water = constants.humidity * math.exp(
         1.5587 + 0.06939 * air_c - 0.00027816 * air_c**2 + 6.8455e-7 * air_c**3
@@ -352,17 +235,7 @@ def _object_counts(constants: Planck) -> tuple[float, float]:
 
 @lru_cache(maxsize=4)
 def planck_table(constants: Planck) -> Kelvin:
-    """Brightness temperature of all 65536 counts, ``T = B / ln(R1 / (R2 (S + O)) + F)``.
-
-    Parameters
-    ----------
-    constants
-        Constants of the camera and of the path.
-
-    Returns
-    -------
-    Shape (65536,); NaN where there is no solution. [K]
-    """
+    """Kelvin of all 65536 counts, ``T = B / ln(R1 / (R2 (S + O)) + F)``; NaN without a solution."""
     gain, offset = _object_counts(constants)
     with np.errstate(all="ignore"):
         counts = np.arange(0x10000) * gain + offset
@@ -373,40 +246,14 @@ def planck_table(constants: Planck) -> Kelvin:
 
 
 def planck(counts: Counts, metadata_rows: Counts, settings: Mapping[str, Any]) -> Kelvin:
-    """Law of FLIR files.
-
-    Parameters
-    ----------
-    counts
-        Raw counts, any shape.
-    metadata_rows
-        Not used.
-    settings
-        Fields of `Planck` by name.
-
-    Returns
-    -------
-    Shape of `counts`. [K]
-    """
+    """Law of FLIR files; `settings` holds the fields of `Planck` by name."""
     names = {one.name for one in fields(Planck)}
     constants = Planck(**{key: float(value) for key, value in settings.items() if key in names})
     return planck_k(counts, constants)
 
 
 def planck_k(counts: NDArray[np.uint16], constants: Planck) -> Kelvin:
-    """Brightness temperature by the constants of a FLIR file.
-
-    Parameters
-    ----------
-    counts
-        Raw counts, any shape.
-    constants
-        Constants of the camera and of the path.
-
-    Returns
-    -------
-    Shape of `counts`; NaN where there is no solution. [K]
-    """
+    """Kelvin of counts of any shape by the constants of a FLIR file; NaN without a solution."""
     import cv2  # numpy's take needs five times as long
 
     if counts.size == 0:

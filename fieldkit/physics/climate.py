@@ -18,24 +18,12 @@ _DAY_NS = 86_400 * 10**9
 
 
 def usual_air_k(time_ns: ArrayLike, site: Site) -> FloatArray:
-    """Air temperature by latitude, height, date and hour on the Earth, good to some 8 K.
+    """Air temperature by latitude, height, date and hour on the Earth, good to some 8 K; at times of any
+    shape.
 
-    Parameters
-    ----------
-    time_ns
-        UTC nanoseconds since 1970, any shape.
-    site
-        Where.
-
-    Returns
-    -------
-    Same shape. [K]
-
-    References
-    ----------
-    .. [1] G. R. North and J. A. Coakley, "Differences between seasonal and mean annual energy balance model
-       calculations of climate and climate sensitivity", J. Atmos. Sci. 36, 1189-1204, 1979: zonal means and
-       their season as Legendre polynomials of the sine of the latitude.
+    G. R. North and J. A. Coakley, "Differences between seasonal and mean annual energy balance model
+    calculations of climate and climate sensitivity", J. Atmos. Sci. 36, 1189-1204, 1979: zonal means and
+    their season as Legendre polynomials of the sine of the latitude.
     """
     sine = np.sin(np.radians(site.latitude_deg))
     days = np.asarray(time_ns, np.int64) / _DAY_NS

@@ -170,24 +170,11 @@ def clear_day(
     turbidity: float,
     dust: float | None = None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Direct normal and diffuse horizontal irradiance of a clear day on the site's body.
+    """Direct normal and diffuse horizontal irradiance of a clear day on the site's body, as `clear_sky`,
+    W/m2.
 
-    Parameters
-    ----------
-    cos_zenith
-        Cosine of the sun's zenith angle, shape (n,). [-]
-    time_ns
-        UTC nanoseconds since 1970, shape (n,).
-    site
-        Where.
-    turbidity
-        Linke turbidity of the Earth's air; see `clear_sky`. [-]
-    dust
-        Optical depth of dust elsewhere; None for the body's clear season. See `dusty_sky`. [-]
-
-    Returns
-    -------
-    DNI and DHI, shape (n,) each; zero with the sun below the horizon. [W/m2]
+    `turbidity` is Linke's of the Earth's air; `dust` the optical depth of dust elsewhere (`dusty_sky`), None
+    for the body's clear season.
     """
     body = body_of(site)
     if body.has_air_of_earth:
@@ -226,15 +213,8 @@ def diffuse_fraction_erbs(clearness: ArrayLike) -> FloatArray:
 def diffuse_fraction_of_beam(transmission: ArrayLike) -> FloatArray:
     """Diffuse share of global horizontal irradiance from the direct light, by the same correlation.
 
-    Parameters
-    ----------
-    transmission
-        Direct normal over extraterrestrial irradiance, any shape, up to 0.83: clearer skies are taken as
-        that. [-]
-
-    Returns
-    -------
-    Same shape, 0.165 to 1. [-]
+    `transmission`, of any shape, is direct normal over extraterrestrial irradiance, up to 0.83: clearer skies
+    are taken as that.
     """
     clearness = np.linspace(0.0, 1.0, 1001)
     beam = clearness * (1.0 - diffuse_fraction_erbs(clearness))  # grows with the clearness
@@ -290,50 +270,20 @@ def _clearness(sky_w_m2: FloatArray, dni_w_m2: ArrayLike, zenith: FloatArray) ->
 
 
 def sky_view(cos_tilt: ArrayLike) -> FloatArray:
-    """Fraction of a facet's hemisphere that is sky, (1 + cos b) / 2.
-
-    Parameters
-    ----------
-    cos_tilt
-        Cosine of the facet's tilt from horizontal, any shape. [-]
-
-    Returns
-    -------
-    Same shape, 0 to 1. [-]
-    """
+    """Fraction of a facet's hemisphere that is sky, (1 + cos b) / 2, by the cosine of its tilt, any shape."""
     return np.asarray(0.5 * (1.0 + np.asarray(cos_tilt, dtype=np.float64)))
 
 
 def ground_view(cos_tilt: ArrayLike) -> FloatArray:
-    """Fraction of a facet's hemisphere that is flat ground, (1 - cos b) / 2.
-
-    Parameters
-    ----------
-    cos_tilt
-        Cosine of the facet's tilt from horizontal, any shape. [-]
-
-    Returns
-    -------
-    Same shape, 0 to 1. [-]
-    """
+    """Fraction of a facet's hemisphere that is flat ground, (1 - cos b) / 2, by the cosine of its tilt."""
     return np.asarray(0.5 * (1.0 - np.asarray(cos_tilt, dtype=np.float64)))
 
 
 def clear_sky_longwave(air_temperature_k: ArrayLike) -> FloatArray:
-    """Downward longwave of a cloudless sky on the Earth from the air temperature near the ground.
+    """Downward longwave of a cloudless sky on the Earth, ``5.31e-13 T**6``, from the air near the ground,
+    W/m2.
 
-    Parameters
-    ----------
-    air_temperature_k
-        Air temperature, any shape. [K]
-
-    Returns
-    -------
-    Same shape, ``5.31e-13 T**6``. [W/m2]
-
-    References
-    ----------
-    .. [1] W. C. Swinbank, "Long-wave radiation from clear skies", Q. J. R. Meteorol. Soc. 89, 339-348, 1963.
+    W. C. Swinbank, "Long-wave radiation from clear skies", Q. J. R. Meteorol. Soc. 89, 339-348, 1963.
     """
     return np.asarray(_SWINBANK * np.asarray(air_temperature_k, np.float64) ** 6)
 
@@ -344,19 +294,7 @@ def air_under_clear_sky(longwave_down_w_m2: ArrayLike) -> FloatArray:
 
 
 def isotropic_diffuse(dhi_w_m2: ArrayLike, cos_tilt: ArrayLike) -> FloatArray:
-    """Diffuse irradiance on a facet under a sky of uniform radiance.
-
-    Parameters
-    ----------
-    dhi_w_m2
-        Diffuse horizontal irradiance. [W/m2]
-    cos_tilt
-        Cosine of the facet's tilt from horizontal. [-]
-
-    Returns
-    -------
-    Shape of the arguments, broadcast. [W/m2]
-    """
+    """Diffuse irradiance on a facet under a sky of uniform radiance, W/m2."""
     return np.asarray(np.multiply(dhi_w_m2, sky_view(cos_tilt)))
 
 
@@ -405,24 +343,9 @@ def perez_brightening(
 ) -> tuple[FloatArray, FloatArray]:
     """Shares of the diffuse light that come from around the sun and from the horizon.
 
-    Parameters
-    ----------
-    dhi_w_m2, dni_w_m2
-        Diffuse horizontal and direct normal irradiance, shapes that broadcast. [W/m2]
-    extraterrestrial_w_m2
-        See `extraterrestrial`. [W/m2]
-    cos_zenith
-        Cosine of the sun's zenith angle. [-]
-
-    Returns
-    -------
-    F1, at least 0, and F2, negative where the zenith is brighter; on a facet of tilt b they give
-    ``DHI ((1 - F1) (1 + cos b) / 2 + F1 a / b' + F2 sin b)``, with a / b' as in `perez_diffuse`. [-]
-
-    References
-    ----------
-    .. [1] R. Perez et al., "Modeling daylight availability and irradiance components from direct and
-       global irradiance", Solar Energy 44, 271-289, 1990, eqs. (1), (9) and tables 1 and 6.
+    F1, at least 0, and F2, negative where the zenith is brighter; on a facet of tilt b they give ``DHI ((1 -
+    F1) (1 + cos b) / 2 + F1 a / b' + F2 sin b)``, with a / b' as in `perez_diffuse`. Arguments as of
+    `perez_efficacy`, and its source: eqs. (1), (9) and tables 1 and 6.
     """
     cosine = np.clip(np.asarray(cos_zenith, np.float64), 0.0, 1.0)
     zenith, sky = np.arccos(cosine), np.maximum(np.asarray(dhi_w_m2, np.float64), 1e-3)
@@ -450,41 +373,13 @@ def perez_diffuse(
 
 
 def ground_reflected(ghi_w_m2: ArrayLike, ground_albedo: ArrayLike, cos_tilt: ArrayLike) -> FloatArray:
-    """Sunlight reflected from flat ground onto a facet.
-
-    Parameters
-    ----------
-    ghi_w_m2
-        Global horizontal irradiance. [W/m2]
-    ground_albedo
-        Albedo of the ground, in [0, 1]. [-]
-    cos_tilt
-        Cosine of the facet's tilt from horizontal. [-]
-
-    Returns
-    -------
-    Shape of the arguments, broadcast. [W/m2]
-    """
+    """Sunlight reflected from flat ground, of an albedo in [0, 1], onto a facet, W/m2."""
     return np.asarray(np.multiply(ghi_w_m2, ground_albedo) * ground_view(cos_tilt))
 
 
 def longwave_on_facet(
     longwave_down_w_m2: ArrayLike, longwave_ground_w_m2: ArrayLike, cos_tilt: ArrayLike
 ) -> FloatArray:
-    """Longwave irradiance on a facet from its shares of sky and flat ground.
-
-    Parameters
-    ----------
-    longwave_down_w_m2
-        Longwave irradiance of the sky on a horizontal surface. [W/m2]
-    longwave_ground_w_m2
-        Longwave exitance of the ground. [W/m2]
-    cos_tilt
-        Cosine of the facet's tilt from horizontal. [-]
-
-    Returns
-    -------
-    Shape of the arguments, broadcast. [W/m2]
-    """
+    """Longwave irradiance on a facet from its shares of sky and flat ground, W/m2."""
     from_sky = np.multiply(longwave_down_w_m2, sky_view(cos_tilt))
     return np.asarray(from_sky + np.multiply(longwave_ground_w_m2, ground_view(cos_tilt)))

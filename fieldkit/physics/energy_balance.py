@@ -88,108 +88,42 @@ def balance(
 
 
 def direct_irradiance(dni_w_m2: ArrayLike, cos_incidence: ArrayLike) -> FloatArray:
-    """Eq. (2): direct irradiance on a facet, S cos(theta).
-
-    Parameters
-    ----------
-    dni_w_m2
-        Direct normal irradiance S. [W/m2]
-    cos_incidence
-        Cosine between sun and facet normal. [-]
-
-    Returns
-    -------
-    Shape of the arguments, broadcast; zero on a facet that faces away from the sun. [W/m2]
-    """
+    """Eq. (2): direct irradiance on a facet, S cos(theta); zero on one that faces away from the sun, W/m2."""
     return np.asarray(np.multiply(dni_w_m2, np.maximum(cos_incidence, 0.0)))
 
 
 def reflected_shortwave(shortwave_down_w_m2: ArrayLike, albedo: ArrayLike) -> FloatArray:
-    """Eq. (3): reflected sunlight, A S_w.
-
-    Parameters
-    ----------
-    shortwave_down_w_m2
-        Irradiance S_w on the facet. [W/m2]
-    albedo
-        Albedo A, in [0, 1). [-]
-
-    Returns
-    -------
-    Shape of the arguments, broadcast. [W/m2]
-    """
+    """Eq. (3): sunlight that an albedo A in [0, 1) reflects, A S_w, W/m2."""
     return np.asarray(np.multiply(albedo, shortwave_down_w_m2))
 
 
 def emitted_longwave(temperature_k: ArrayLike, emissivity: ArrayLike) -> FloatArray:
-    """Eq. (4): longwave exitance, epsilon sigma T^4.
-
-    Parameters
-    ----------
-    temperature_k
-        Surface temperature. [K]
-    emissivity
-        Broadband emissivity, in (0, 1]. [-]
-
-    Returns
-    -------
-    Shape of the arguments, broadcast. [W/m2]
-    """
+    """Eq. (4): longwave exitance by a broadband emissivity in (0, 1], epsilon sigma T^4, W/m2."""
     return np.asarray(np.multiply(emissivity, STEFAN_BOLTZMANN * np.asarray(temperature_k, np.float64) ** 4))
 
 
 def sensible_heat(
     temperature_k: ArrayLike, air_temperature_k: ArrayLike, parameters: SurfaceParameters
 ) -> FloatArray:
-    """Eq. (5): sensible heat flux into the air, C_p rho C_H U (T - T_a).
-
-    Parameters
-    ----------
-    temperature_k, air_temperature_k
-        Temperatures of surface and air. [K]
-    parameters
-        Properties of surface and air; C_p in J/(kg K).
-
-    Returns
-    -------
-    Shape of the arguments, broadcast. [W/m2]
-    """
+    """Eq. (5): sensible heat flux into the air, C_p rho C_H U (T - T_a), W/m2."""
     return np.asarray(parameters.exchange_w_m2_k * np.subtract(temperature_k, air_temperature_k))
 
 
 def irradiance_difference(
     temperature_k: ArrayLike, reference_k: ArrayLike, parameters: SurfaceParameters
 ) -> FloatArray:
-    """Eq. (6): direct irradiance of the target less that of the reference, from their temperatures.
+    """Eq. (6): direct irradiance of the target less that of the reference, from their temperatures, W/m2.
 
-    Parameters
-    ----------
-    temperature_k, reference_k
-        Surface temperatures of target and reference region. [K]
-    parameters
-        Properties that both surfaces share.
-
-    Returns
-    -------
-    Shape of the arguments, broadcast. [W/m2]
+    `parameters` are those that both surfaces share.
     """
     target, reference = np.asarray(temperature_k, np.float64), np.asarray(reference_k, np.float64)
     return np.asarray(parameters.alpha * (target**4 - reference**4) + parameters.beta * (target - reference))
 
 
 def irradiance_per_kelvin(temperature_k: ArrayLike, parameters: SurfaceParameters) -> FloatArray:
-    """Derivative of eq. (6) by the target's temperature, D = 4 alpha T^3 + beta.
+    """Derivative of eq. (6) by the target's temperature, D = 4 alpha T^3 + beta, W m-2 K-1.
 
-    Parameters
-    ----------
-    temperature_k
-        Surface temperature of the target. [K]
-    parameters
-        Properties of the surface.
-
-    Returns
-    -------
-    Shape of `temperature_k`; about 30 for dry sand in the sun. [W m-2 K-1]
+    About 30 for dry sand in the sun.
     """
     return np.asarray(4.0 * parameters.alpha * np.asarray(temperature_k, np.float64) ** 3 + parameters.beta)
 

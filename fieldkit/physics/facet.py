@@ -16,33 +16,15 @@ VERTICAL.setflags(write=False)
 
 
 def normal(tilt_deg: ArrayLike, azimuth_deg: ArrayLike) -> FloatArray:
-    """Unit normals of facets.
-
-    Parameters
-    ----------
-    tilt_deg, azimuth_deg
-        Tilt and azimuth, shapes that broadcast to (...). [degrees]
-
-    Returns
-    -------
-    East, north, up, shape (..., 3). [-]
-    """
+    """Unit normals (east, north, up), (..., 3), of facets by tilt and azimuth that broadcast to (...)."""
     tilt, azimuth = np.broadcast_arrays(np.radians(tilt_deg), np.radians(azimuth_deg))
     horizontal = np.sin(tilt)
     return np.stack([horizontal * np.sin(azimuth), horizontal * np.cos(azimuth), np.cos(tilt)], axis=-1)
 
 
 def tilt_azimuth(normals: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Tilt and azimuth of vectors.
-
-    Parameters
-    ----------
-    normals
-        Vectors of any length, shape (..., 3).
-
-    Returns
-    -------
-    Tilt in [0, 180] and azimuth in [0, 360), shape (...) each; a vertical vector gets azimuth 0. [degrees]
+    """Tilt in [0, 180] and azimuth in [0, 360) of vectors (..., 3) of any length; a vertical one gets azimuth
+    0.
     """
     vectors = np.asarray(normals, dtype=np.float64)
     east, north, up = vectors[..., 0], vectors[..., 1], vectors[..., 2]
@@ -71,19 +53,8 @@ def cos_incidence(normals: ArrayLike, sun: ArrayLike) -> FloatArray:
 
 
 def angle_between_deg(a: ArrayLike, b: ArrayLike) -> FloatArray:
-    """Angle between unit vectors.
+    """Angle in [0, 180] between unit vectors, shapes (..., 3) that broadcast.
 
-    Parameters
-    ----------
-    a, b
-        Unit vectors, shapes (..., 3) that broadcast.
-
-    Returns
-    -------
-    Shape (...), in [0, 180]. [degrees]
-
-    Notes
-    -----
     Kahan's half-angle form is exact also for nearly equal and nearly opposite vectors, where an arc cosine
     loses half its digits.
     """
@@ -95,18 +66,9 @@ def angle_between_deg(a: ArrayLike, b: ArrayLike) -> FloatArray:
 
 
 def incidence_deg(normals: ArrayLike, sun: ArrayLike) -> FloatArray:
-    """Incidence angle of the sun on facets, the paper's theta of eq. (2) and Table 2.
+    """Incidence angle of the sun on facets, the paper's theta of eq. (2) and Table 2, in [0, 180].
 
-    Parameters
-    ----------
-    normals
-        Unit normals of facets, shape (..., 3).
-    sun
-        Unit vectors to the sun, shape (n, 3) or (3,).
-
-    Returns
-    -------
-    Shape (..., n), or (...) for one sun vector, in [0, 180]. [degrees]
+    Shapes as of `cos_incidence`.
     """
     facets, rays = np.asarray(normals, dtype=np.float64), np.asarray(sun, dtype=np.float64)
     if rays.ndim == 1:

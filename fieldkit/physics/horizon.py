@@ -25,19 +25,7 @@ _STEP_WIDTH_DEG = 0.005
 
 
 def horizon_elevation(horizon: Horizon, azimuth_deg: ArrayLike) -> FloatArray:
-    """Elevation of a horizon, linear between its points and periodic in azimuth.
-
-    Parameters
-    ----------
-    horizon
-        Pairs of azimuth and elevation; level without any. [degrees]
-    azimuth_deg
-        Any shape. [degrees]
-
-    Returns
-    -------
-    Shape of `azimuth_deg`. [degrees]
-    """
+    """Elevation of a horizon at azimuths of any shape, linear between its points; 0 without any."""
     azimuth = np.asarray(azimuth_deg, np.float64)
     if not len(horizon):
         return np.zeros_like(azimuth)
@@ -46,21 +34,10 @@ def horizon_elevation(horizon: Horizon, azimuth_deg: ArrayLike) -> FloatArray:
 
 
 def sunlit_share(horizon: Horizon, sun: ArrayLike, within_deg: float = SUN_RADIUS_DEG) -> FloatArray:
-    """Share of the sun that a horizon leaves visible.
+    """Share of a disc around the sun's centre that a horizon leaves visible, 0 to 1.
 
-    Parameters
-    ----------
-    horizon
-        Pairs of azimuth and elevation; without any the whole sun is visible, even below a level horizon.
-        [degrees]
-    sun
-        Unit vectors to the sun's centre (east, north, up), shape (..., 3).
-    within_deg
-        Radius of the disc. [degrees]
-
-    Returns
-    -------
-    Shape (...), 0 to 1. [-]
+    By unit vectors to the sun (east, north, up), shape (..., 3), and the disc's radius. Without a horizon's
+    pairs the whole sun is visible, even below a level horizon.
     """
     zenith, azimuth = (np.asarray(one) for one in tilt_azimuth(np.asarray(sun, np.float64)))
     if not len(horizon):
@@ -72,22 +49,13 @@ def sunlit_share(horizon: Horizon, sun: ArrayLike, within_deg: float = SUN_RADIU
 
 
 def horizon_of_neighbours(bed_m: ArrayLike, others_m: Sequence[ArrayLike]) -> Horizon:
-    """Elevation of plane beds above a bed, seen from the part of it where they are highest.
+    """Elevation of plane beds above a bed, by azimuth, seen from the part of it where they are highest; else
+    0.
 
-    Exact at every degree and on both sides of each corner, where the outline may step. The differences of
-    points of two convex outlines fill the hull of their corners' differences, and what is steepest at an
-    azimuth lies on an edge of it. An outline that is not convex counts as its hull.
-
-    Parameters
-    ----------
-    bed_m
-        Corners of the bed (east, north, up), shape (n, 3). [m]
-    others_m
-        Corners of the others, shape (k, 3) each, none of which overlaps the bed in plan. [m]
-
-    Returns
-    -------
-    Pairs in order of azimuth; level, 0, where nothing stands above the bed. [degrees]
+    Corners (n, 3) are east, north, up in metres; none of the others overlaps the bed in plan. Exact at every
+    degree and on both sides of each corner, where the outline may step. The differences of points of two
+    convex outlines fill the hull of their corners' differences, and what is steepest at an azimuth lies on an
+    edge of it. An outline that is not convex counts as its hull.
     """
     bed = np.asarray(bed_m, np.float64)
     apart = [np.subtract(other, bed[:, np.newaxis]).reshape(-1, 3) for other in others_m]
@@ -126,19 +94,9 @@ def higher_horizon(one: Horizon, other: Horizon) -> Horizon:
 def sky_view_factor(horizon: Horizon) -> float:
     """Share of an even sky's light on level ground that a horizon leaves, the mean of cos² of its elevation.
 
-    Parameters
-    ----------
-    horizon
-        Pairs of azimuth and elevation; what is below level hides nothing. [degrees]
-
-    Returns
-    -------
-    0 to 1. [-]
-
-    References
-    ----------
-    .. [1] J. Dozier and J. Frew, "Rapid calculation of terrain parameters for radiation modeling from digital
-       elevation data", IEEE Trans. Geosci. Remote Sens. 28, 963-969, 1990, eq. (7b).
+    What is below level hides nothing. J. Dozier and J. Frew, "Rapid calculation of terrain parameters for
+    radiation modeling from digital elevation data", IEEE Trans. Geosci. Remote Sens. 28, 963-969, 1990, eq.
+    (7b).
     """
     azimuths = (np.arange(_AZIMUTHS) + 0.5) * 360.0 / _AZIMUTHS
     elevations = np.maximum(horizon_elevation(horizon, azimuths), 0.0)

@@ -37,19 +37,9 @@ class LayerModes:
 
 
 def layer_modes(inertia: ArrayLike, depth_m: ArrayLike, heat_capacity_j_m3_k: float) -> LayerModes:
-    """Modes of layers.
+    """Modes of layers (p,) by thermal inertia, J m-2 K-1 s-1/2, depth of the insulating sheet and heat
+    capacity.
 
-    Parameters
-    ----------
-    inertia
-        Thermal inertia (p,). [J m-2 K-1 s-1/2]
-    depth_m
-        Depth of the insulating sheet (p,). [m]
-    heat_capacity_j_m3_k
-        Heat capacity of the sand. [J m-3 K-1]
-
-    Notes
-    -----
     Least squares of the relative error of `surface_warming`; the largest is 1.1 % for inertias of 300 to 900
     and depths from 1.5 cm on.
     """

@@ -37,16 +37,9 @@ def band_radiance(temperature_k: ArrayLike) -> FloatArray:
 
 
 def band_temperature(radiance_w_m2: ArrayLike) -> FloatArray:
-    """Temperature of a black surface of a given band exitance; inverse of `band_radiance`.
+    """Temperature of a black surface of a given band exitance, any shape: the inverse of `band_radiance`, K.
 
-    Parameters
-    ----------
-    radiance_w_m2
-        Exitance within 8-14 micrometres, any shape. [W/m2]
-
-    Returns
-    -------
-    Same shape; NaN outside the exitances of 100-800 K. [K]
+    NaN outside the exitances of 100-800 K.
     """
     temperatures, radiances = _table()
     return np.interp(np.asarray(radiance_w_m2, np.float64), radiances, temperatures, np.nan, np.nan)
@@ -85,25 +78,9 @@ def surface_temperature_k(
 def brightness_temperature_k(
     temperature_k: ArrayLike, emissivity: ArrayLike, reflected_k: ArrayLike
 ) -> FloatArray:
-    """Brightness temperature that a camera reports of a grey surface; inverse of `surface_temperature_k`.
+    """Brightness temperature that a camera reports of a grey surface: the inverse of `surface_temperature_k`.
 
-    Parameters
-    ----------
-    temperature_k
-        Temperature of the surface, any shape. [K]
-    emissivity
-        Of the camera's band, in (0, 1], broadcastable. [-]
-    reflected_k
-        Band temperature of what the surface reflects. [K]
-
-    Returns
-    -------
-    Same shape. [K]
-
-    Raises
-    ------
-    ValueError
-        If an emissivity lies outside (0, 1].
+    Emissivity, reflection, shapes and errors as there. [K]
     """
     grey = _checked(emissivity)
     return band_temperature(grey * band_radiance(temperature_k) + (1.0 - grey) * band_radiance(reflected_k))
@@ -112,27 +89,10 @@ def brightness_temperature_k(
 def kelvin_per_emissivity(
     temperature_k: ArrayLike, emissivity: ArrayLike, reflected_k: ArrayLike
 ) -> FloatArray:
-    """Change of the computed surface temperature per unit of the emissivity assumed.
+    """Change of the computed surface temperature per unit of the emissivity assumed, K.
 
     ``(M(T_reflected) - M(T)) / (e M'(T))``: negative where the surface is warmer than what it reflects.
-
-    Parameters
-    ----------
-    temperature_k
-        Temperature of the surface, any shape. [K]
-    emissivity
-        Of the camera's band, in (0, 1], broadcastable. [-]
-    reflected_k
-        Band temperature of what the surface reflects. [K]
-
-    Returns
-    -------
-    Same shape. [K]
-
-    Raises
-    ------
-    ValueError
-        If an emissivity lies outside (0, 1].
+    Emissivity, reflection, shapes and errors as of `surface_temperature_k`.
     """
     kelvin = np.asarray(temperature_k, np.float64)
     steepness = band_radiance(kelvin + 0.5) - band_radiance(kelvin - 0.5)

@@ -104,29 +104,12 @@ class SlabStep:
         air_temperature_k: ArrayLike,
         emissivity: ArrayLike,
     ) -> FloatArray:
-        """Node temperatures after the step.
+        """Node temperatures after the step, shape of those before it: (k, n), or (m, n) for m beds on a
+        single stack.
 
-        Parameters
-        ----------
-        temperature_k
-            Node temperatures before it, shape (k, n); (m, n) for m beds on a single stack. [K]
-        absorbed_w_m2
-            Sunlight and longwave that the surface absorbs, scalar or (k,). [W/m2]
-        exchange_w_m2_k
-            Coefficient of heat exchange with the air, scalar or (k,). [W m-2 K-1]
-        air_temperature_k
-            Air temperature, scalar or (k,). [K]
-        emissivity
-            Broadband emissivity, scalar or (k,), in (0, 1]. [-]
-
-        Returns
-        -------
-        Shape of `temperature_k`. [K]
-
-        Notes
-        -----
-        The surface ends at ``a + r q`` when q flows in. With ``q = absorbed - e sigma T^4 - h (T - T_a)`` one
-        Newton search of a scalar is exact.
+        The surface absorbs light and longwave, exchanges heat with the air and emits with an emissivity in
+        (0, 1]: each a scalar or (k,), units as of `surface_series`. It ends at ``a + r q`` when q flows in.
+        With ``q = absorbed - e sigma T^4 - h (T - T_a)`` one Newton search of a scalar is exact.
         """
         coasting = np.matmul(self.coasting, temperature_k[:, :, np.newaxis])[:, :, 0]
         alone, stiffness = coasting[:, 0], 1.0 / self.response[:, 0]
@@ -238,27 +221,12 @@ def conducted_flux(slab: Slab, surface_k: ArrayLike, step_s: float) -> FloatArra
 
 
 def heat_of_step(slab: Slab, time_s: ArrayLike) -> FloatArray:
-    """Heat absorbed by a layer since its surface warmed by one kelvin at time 0.
+    """Heat absorbed by a layer since its surface warmed by one kelvin, at times of any shape from then, J m-2
+    K-1.
 
-    Parameters
-    ----------
-    slab
-        The layer.
-    time_s
-        Time since the step, at least 0, any shape. [s]
-
-    Returns
-    -------
-    Same shape. [J m-2 K-1]
-
-    Notes
-    -----
     As into an infinitely deep layer until the bottom matters, then the Fourier series of the layer; they
-    agree to 1e-15 where they meet.
-
-    References
-    ----------
-    .. [1] H. S. Carslaw and J. C. Jaeger, Conduction of Heat in Solids, 2nd ed., Oxford, 1959, 2.5 and 3.4.
+    agree to 1e-15 where they meet. H. S. Carslaw and J. C. Jaeger, Conduction of Heat in Solids, 2nd ed.,
+    Oxford, 1959, 2.5 and 3.4.
     """
     time = np.asarray(time_s, np.float64)
     whole = slab.heat_capacity_j_m3_k * slab.depth_m

@@ -28,7 +28,7 @@ from fieldkit.model.site import Site
 from fieldkit.model.units import DAY_NS, DAY_S
 from fieldkit.physics.bodies import body_of
 from fieldkit.physics.facet import FloatArray, tilt_azimuth
-from fieldkit.physics.time_scales import EPOCH_JD, MJD_0_JD
+from fieldkit.physics.subsolar import EPOCH_JD, MJD_0_JD
 
 COLUMNS = {"mjd": (7, 15), "x_arcsec": (18, 27), "y_arcsec": (37, 46), "ut1_utc_s": (58, 68)}
 """First and last character of each column, by the file's description (readme.finals2000A)."""
@@ -103,21 +103,7 @@ def sun_vectors(time_ns: ArrayLike, site: Site, *, refraction: bool = False) -> 
 
 
 def sun_angles(time_ns: ArrayLike, site: Site, *, refraction: bool = False) -> tuple[FloatArray, FloatArray]:
-    """Zenith angle and azimuth of the sun.
-
-    Parameters
-    ----------
-    time_ns
-        UTC nanoseconds since 1970, any shape.
-    site
-        Where the observer is.
-    refraction
-        Apparent instead of geometric position; see `refract`.
-
-    Returns
-    -------
-    Zenith angle in [0, 180] and azimuth in [0, 360), same shape each. [degrees]
-    """
+    """Zenith angle in [0, 180] and azimuth in [0, 360) of the sun at times of any shape, as `sun_vectors`."""
     return tilt_azimuth(sun_vectors(time_ns, site, refraction=refraction))
 
 
@@ -152,26 +138,13 @@ def refract(vectors: FloatArray, elevation_m: float = 0.0) -> FloatArray:
 
 
 def exact_vectors(unix_s: NDArray[np.float64], site: Site) -> FloatArray:
-    """Geometric unit vectors to the sun straight from the ephemeris.
+    """Geometric unit vectors (n, 3) to the sun straight from the ephemeris, at UTC seconds since 1970 (n,).
 
-    About a second for 10 000 times on the Earth; `sun_vectors` interpolates and is tested against it.
+    About a second for 10 000 times on the Earth; `sun_vectors` interpolates and is tested against it. Within
+    0.0001 arcseconds of astropy on the Earth, 0.01 degrees elsewhere (`fieldkit.physics.bodies`).
 
-    Parameters
-    ----------
-    unix_s
-        UTC seconds since 1970, shape (n,). [s]
-    site
-        Where the observer is.
-
-    Returns
-    -------
-    East, north, up, shape (n, 3). Within 0.0001 arcseconds of astropy on the Earth, 0.01 degrees
-    elsewhere. [-]
-
-    References
-    ----------
-    .. [1] IAU SOFA Board, "SOFA Astrometry Tools", 2023: astrometry for an observed place; ``epv00``,
-       IAU 2006/2000A precession and nutation. For other bodies see `fieldkit.physics.bodies`.
+    IAU SOFA Board, "SOFA Astrometry Tools", 2023: astrometry for an observed place; ``epv00``, IAU 2006/2000A
+    precession and nutation.
     """
     subsolar = body_of(site).subsolar
     return _over_earth(unix_s, site) if subsolar is None else _over_point(site, *subsolar(unix_s)[:2])
@@ -180,16 +153,7 @@ def exact_vectors(unix_s: NDArray[np.float64], site: Site) -> FloatArray:
 def solar_time_h(time_ns: ArrayLike, site: Site) -> FloatArray:
     """Local true solar time: the sun's hour angle in 24ths of the body's day, 12 when it stands highest.
 
-    Parameters
-    ----------
-    time_ns
-        UTC nanoseconds since 1970, any shape.
-    site
-        Where the observer is.
-
-    Returns
-    -------
-    Same shape, in [0, 24). [h]
+    At UTC nanoseconds since 1970, any shape; in [0, 24). [h]
     """
     sun = sun_vectors(time_ns, site)
     latitude = np.radians(site.latitude_deg)

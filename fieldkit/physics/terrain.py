@@ -15,18 +15,11 @@ from fieldkit.physics.facet import FloatArray
 
 
 def climb_deg(normals: ArrayLike, azimuth_deg: ArrayLike) -> FloatArray:
-    """Slope along a direction, such as that of a drive.
+    """Slope along a direction, such as that of a drive, of unit normals (..., 3); positive where the way
+    climbs.
 
-    Parameters
-    ----------
-    normals
-        Unit normals, shape (..., 3). [-]
-    azimuth_deg
-        Direction from north, clockwise, shape that broadcasts to (...). [degrees]
-
-    Returns
-    -------
-    Shape (...), in [-90, 90] for surfaces that face up; positive where the way climbs. [degrees]
+    `azimuth_deg` is from north, clockwise, and broadcasts to (...). In [-90, 90] for surfaces that face up.
+    [degrees]
     """
     n, along = np.asarray(normals), np.radians(azimuth_deg)
     downhill = n[..., 0] * np.sin(along) + n[..., 1] * np.cos(along)
@@ -34,35 +27,16 @@ def climb_deg(normals: ArrayLike, azimuth_deg: ArrayLike) -> FloatArray:
 
 
 def northerly_tilt_deg(normals: ArrayLike) -> FloatArray:
-    """Tilt of surfaces towards north: the angle of the normal from the zenith in the meridian plane.
-
-    Parameters
-    ----------
-    normals
-        Unit normals, shape (..., 3). [-]
-
-    Returns
-    -------
-    Shape (...), positive where the surface faces north. [degrees]
-    """
+    """Tilt towards north: the angle of normals (..., 3) from the zenith in the meridian plane, degrees."""
     return climb_deg(normals, 180.0)
 
 
 def sunlit_cosine(normals: ArrayLike, suns: ArrayLike) -> FloatArray:
-    """Mean cosine of incidence, zero while a surface or the horizontal faces away from the sun.
+    """Mean cosine of incidence (...), zero while a surface or the horizontal faces away from the sun, in [0,
+    1].
 
-    Times the direct normal irradiance, constant over the time, it is the mean direct irradiance.
-
-    Parameters
-    ----------
-    normals
-        Unit normals, shape (..., 3). [-]
-    suns
-        Unit vectors to the sun at even steps of time, shape (n, 3). [-]
-
-    Returns
-    -------
-    Shape (...), in [0, 1]. [-]
+    Of unit normals (..., 3) and unit vectors to the sun at even steps of time (n, 3). Times the direct normal
+    irradiance, constant over the time, it is the mean direct irradiance.
     """
     rays = np.asarray(suns, np.float64)
     total = np.zeros(np.shape(normals)[:-1])

@@ -50,18 +50,10 @@ class Trajectory:
 
 @dataclass(frozen=True, slots=True)
 class CameraPath:
-    """A camera along a trajectory.
+    """A camera along a trajectory, whose quaternions are against true north.
 
-    Attributes
-    ----------
-    trajectory
-        Its poses; quaternions against true north.
-    hfov_deg, distortion
-        As of a `Camera`.
-    true_north_deg
-        Direction of true north on the grid of the positions, clockwise from the grid's own. [degrees]
-    grid_scale
-        As of a `Camera`.
+    `true_north_deg` is the direction of true north on the grid of the positions, clockwise from the grid's
+    own; `hfov_deg`, `distortion` and `grid_scale` are as of a `Camera`.
     """
 
     trajectory: Trajectory
@@ -81,24 +73,11 @@ class CameraPath:
 
 
 def homography_over_level(one: Camera, other: Camera, height_m: float) -> FloatArray:
-    """Map from one camera's frame of level ground to that of another.
+    """Map (3, 3), of x, y, 1 in pixels, from one camera's frame of level ground at a height to that of
+    another.
 
-    The lens's distortion is not taken into account.
-
-    Parameters
-    ----------
-    one, other
-        Cameras above the ground.
-    height_m
-        Of the ground. [m]
-
-    Returns
-    -------
-    Shape (3, 3), of x, y, 1 in pixels.
-
-    References
-    ----------
-    R. Hartley, A. Zisserman, "Multiple View Geometry in Computer Vision", 2003, eq. (13.2).
+    The lens's distortion is not taken into account. R. Hartley, A. Zisserman, "Multiple View Geometry in
+    Computer Vision", 2003, eq. (13.2).
     """
     above_m = one.position_m[2] - height_m
     moved_m = np.subtract(one.position_m, other.position_m) / (one.grid_scale, one.grid_scale, 1.0)

@@ -12,7 +12,7 @@ import numpy as np
 from fieldkit.estimation import slopes
 from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.learned.budget import BudgetTerm
-from fieldkit.results.cache import Arrays, Cache, digest
+from fieldkit.results.cache import Arrays, digest
 from fieldkit.results.minutes import Run, measured_in
 from fieldkit.sessions.json_forms import build
 from fieldkit.sessions.reader import SessionReader
@@ -28,13 +28,11 @@ def budgets_of(run: Run, session: SessionReader | None = None) -> Budgets:
     """
     if run.settings.model == "paper":
         return {}
-    cache, key = Cache() if run.source.checksum else None, digest("budgets", run.key)
-    known = cache.load(key) if cache else None
-    if known is not None:
+    key = digest("budgets", run.key)
+    if (known := run.cache.load(key)) is not None:
         return unpacked_budgets(known)
     found = _found(run, session)
-    if cache:
-        cache.store(key, packed_budgets(found))
+    run.cache.store(key, packed_budgets(found))
     return found
 
 
@@ -54,8 +52,7 @@ def _found(run: Run, session: SessionReader | None) -> Budgets:
     history, schedule = measured_in(run, session).history, run.source.regions
     if not len(history):
         return {}
-    last = int(history.minute[-1])
-    history, regions = history.only(schedule.at(last)), schedule.regions_at(last)
+    history, regions = history.at_last(schedule)
     if run.settings.model == "full":
         return slopes.budgets(history, regions, run.settings)
     chain = SlopeChain(regions, run.settings)

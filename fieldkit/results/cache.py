@@ -11,7 +11,7 @@ import hashlib
 import io
 import logging
 import platform
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -40,13 +40,19 @@ _log = logging.getLogger(__name__)
 
 
 class Cache:
-    """A folder of entries, each one set of arrays under the digest of what it was made of."""
+    """A folder of entries, each one set of arrays under the digest of what it was made of.
 
-    def __init__(self, folder: Path | None = None) -> None:
+    It stays empty where no checksum vouches for a session: it is its journal alone, or goes on.
+    """
+
+    def __init__(self, folder: Path | None = None, *, checksums: Sequence[str] = ()) -> None:
         self.folder: Path = folder or platformdirs.user_cache_path("fieldkit") / "estimates"
+        self._is_used = all(checksums)
 
     def load(self, key: str) -> Arrays | None:
         """The arrays stored under a key; None if there are none or they are damaged."""
+        if not self._is_used:
+            return None
         try:
             entry = self._path(key).read_bytes()
         except OSError:
@@ -63,6 +69,8 @@ class Cache:
 
     def store(self, key: str, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Store arrays; if the write fails, the next run takes longer and nothing else happens."""
+        if not self._is_used:
+            return
         packed = io.BytesIO()
         np.savez(packed, **arrays)  # type: ignore[arg-type]  # names of arrays are not its options
         path = self._path(key)

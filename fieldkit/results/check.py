@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from fieldkit.ground.horizon_check import horizon_findings
 from fieldkit.model.errors import RefusedError, message_of
 from fieldkit.model.finding import Finding, worst
@@ -117,15 +119,10 @@ def _key(estimate: SlopeEstimate) -> tuple[int, str]:
 
 
 def _is_same(stored: SlopeEstimate, other: SlopeEstimate | None) -> bool:
-    return (
-        other is not None
-        and _is_close(stored.tilt_deg, other.tilt_deg)
-        and _is_close(stored.azimuth_deg, other.azimuth_deg)
-    )
-
-
-def _is_close(one: float, other: float) -> bool:
-    return abs(one - other) <= SAME_DEG or (one != one and other != other)
+    if other is None:
+        return False
+    before, now = ((one.tilt_deg, one.azimuth_deg) for one in (stored, other))
+    return np.allclose(before, now, rtol=0.0, atol=SAME_DEG, equal_nan=True)
 
 
 def correct_clock(path: str | Path) -> tuple[TimeStep, ...]:

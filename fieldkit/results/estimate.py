@@ -105,23 +105,10 @@ def estimate_table(
 ) -> tuple[SlopeEstimate, ...]:
     """Estimate the slopes of all targets of a table of temperatures, over all of it unless a window is set.
 
-    Parameters
-    ----------
-    path
-        A CSV file with the columns of `fieldkit.results.temperature_table`.
-    site
-        Where it was measured.
-    settings
-        ``KEY=VALUE`` over the default configuration.
-    reference_slope_deg
-        Tilt and azimuth of the reference. [degrees]
-    notify
-        Receives a warning for each column with values that cannot be and are not used.
-
-    Raises
-    ------
-    ConfigError
-        If the file is not such a table, or a setting is wrong.
+    `path` is a CSV file with the columns of `fieldkit.results.temperature_table`, measured at `site`;
+    `settings` are ``KEY=VALUE`` over the default configuration, `reference_slope_deg` tilt and azimuth of the
+    reference. `notify` receives a warning for each column with values that cannot be and are not used. Raises
+    `ConfigError` if the file is not such a table, or a setting is wrong.
     """
     return slopes_of_part(_table_part(Path(path), site, settings, reference_slope_deg, notify))
 

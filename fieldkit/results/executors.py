@@ -10,7 +10,7 @@ import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from queue import SimpleQueue
 from typing import Any, TypeVar
@@ -83,15 +83,11 @@ class Workers:
     jobs: int | None = None
     address: str | None = None
 
-    @contextmanager
-    def executor(self, runs: int) -> Iterator[Executor]:
+    def executor(self, runs: int) -> AbstractContextManager[Executor]:
         """The executor for so many runs; no more processes than runs."""
         if self.address is not None:
-            with dask(self.address) as executor:
-                yield executor
-            return
-        with local(max(1, min(self.jobs or cores(), runs))) as executor:
-            yield executor
+            return dask(self.address)
+        return local(max(1, min(self.jobs or cores(), runs)))
 
 
 THIS_PROCESS: Workers = Workers(1)

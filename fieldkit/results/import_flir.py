@@ -63,30 +63,12 @@ def read_flir(
     source: Path, name: str, *, times: Path | None = None, time_format: str | None = None,
     zone: tzinfo | None = None, offset_ns: int = 0,
 ) -> ImportedRecording:  # fmt: skip
-    """Read a file or folder as a camera stream, in order of time; counts and constants as stored.
+    """Read a file, or a folder of them, as a camera stream in order of time; counts and constants as stored.
 
-    Each file is read twice, first for its times, and up to its first damaged frame.
-
-    Parameters
-    ----------
-    source : Path
-        A file, or a folder of them.
-    name : str
-        Name of the stream.
-    times, time_format, zone
-        The times of the frames, as `given_times_ns` reads them; by default those of the camera's clock.
-    offset_ns : int
-        To add to the times. [ns]
-
-    Returns
-    -------
-    ImportedRecording
-        One camera stream.
-
-    Raises
-    ------
-    ConfigError
-        There is no complete frame, a frame has no time, or size or constants change.
+    Each file is read twice, first for its times, and up to its first damaged frame. `times`, `time_format`
+    and `zone` give the times of the frames as `given_times_ns` reads them, by default they are those of the
+    camera's clock; `offset_ns` is added to them. Raises `ConfigError` if there is no complete frame, a frame
+    has no time, or size or constants change.
     """
     first, files, skipped = _scanned(source)
     counts = {file.path: len(file.time_ns) for file in files}

@@ -57,6 +57,11 @@ class Run:
     number: int = 0
     streams: tuple[str, ...] = ()
 
+    @property
+    def cache(self) -> Cache:
+        """Where its minutes and slopes are found again."""
+        return Cache(checksums=[self.source.checksum])
+
     @cached_property
     def bins_key(self) -> str:
         """Digest of everything that its minutes without slopes depend on."""
@@ -97,11 +102,6 @@ def bin_settings(settings: EstimatorSettings) -> EstimatorSettings:
         camera_path=settings.camera_path,
         limits=settings.limits,
     )
-
-
-def _cache(run: Run) -> Cache | None:
-    """The cache, or None where no checksum vouches for the session: it is its journal alone, or goes on."""
-    return Cache() if run.source.checksum else None
 
 
 # --- what was measured
@@ -185,14 +185,12 @@ def measured_in(run: Run, session: SessionReader | None = None) -> Measured:
 
 
 def _known_minutes(run: Run) -> Measured | None:
-    cache = _cache(run)
-    entry = None if cache is None else cache.load(run.bins_key)
+    entry = run.cache.load(run.bins_key)
     return None if entry is None else Measured.of(entry)
 
 
 def _keep_minutes(run: Run, found: Measured) -> Measured:
-    if (cache := _cache(run)) is not None:
-        cache.store(run.bins_key, found.arrays())
+    run.cache.store(run.bins_key, found.arrays())
     return found
 
 
@@ -230,14 +228,12 @@ def _as_estimates(
 
 
 def _known_slopes(run: Run) -> Estimates | None:
-    cache = _cache(run)
-    entry = None if cache is None else cache.load(run.key)
+    entry = run.cache.load(run.key)
     return None if entry is None else unpacked_slopes(entry, run.source.regions.latest)
 
 
 def _keep_slopes(run: Run, made: Estimates) -> Estimates:
-    if (cache := _cache(run)) is not None:
-        cache.store(run.key, packed_slopes(made))
+    run.cache.store(run.key, packed_slopes(made))
     return made
 
 
@@ -314,17 +310,12 @@ class SessionMinutes:
     @property
     def regions(self) -> tuple[Region, ...]:
         """The regions that hold in the last minute."""
-        return self.schedule.regions_at(self._last_minute)
+        return self.measured.history.at_last(self.schedule)[1]
 
     @property
     def history(self) -> History:
         """The bins of `regions`."""
-        return self.measured.history.only(self.schedule.at(self._last_minute))
-
-    @property
-    def _last_minute(self) -> int:
-        minutes = self.measured.history.minute
-        return int(minutes[-1]) if minutes.size else 0
+        return self.measured.history.at_last(self.schedule)[0]
 
     def estimates(self, model: Model | None = None) -> Estimates:
         """The slopes by a model, that of the settings unless given."""

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from fieldkit.estimation.carried import carried, keys
-from fieldkit.estimation.known_slopes import known_slopes, with_known
+from fieldkit.estimation.scale import known_slopes, with_known
 from fieldkit.model.errors import ConfigError
 from fieldkit.results.batch import Estimate
 from fieldkit.results.minutes import Run

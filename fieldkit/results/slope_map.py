@@ -75,6 +75,12 @@ LEAST_MINUTES = 3
 ONE_MINUTE = (
     "one minute gives the component of slopes along the sun alone; another hour of the day gives the rest"
 )
+SURFACE_ATTRIBUTES = ("albedo", "emissivity", "emissivity_broadband", "exchange_w_m2_k")
+SETTINGS_ATTRIBUTES = (
+    *("scale", "noise_k", "scale_sd", "offset_sd_k", "drift_sd_k_per_h", "tilt_limit_deg", "confidence"),
+    "reflected_temperature_k",
+)
+"""Settings that the file of a map states."""
 ENDINGS = (".png", ".nc")
 ON_GROUND = (".tif", ".ply", ".mcap")
 
@@ -252,26 +258,14 @@ class MappedSession:
     ) -> list[Path]:
         """Write the map as image ``BASE.png`` and arrays ``BASE.nc``; the files.
 
-        Products are added to the arrays; each has an image ``BASE-NAME.png``. With a pose, given or
-        configured, they (or slope and heading) are also written on the ground: ``BASE.tif``, ``BASE.ply``,
-        ``BASE.mcap``.
+        `base` is in the campaign's results by default, or beside a session elsewhere. Products that are
+        `wanted` are added to the arrays; each has an image ``BASE-NAME.png``. With a pose, given or
+        configured, they (or slope and heading) are also written on the ground, in cells of `cell_m`:
+        ``BASE.tif``, ``BASE.ply``, ``BASE.mcap``. `notify` receives how the grid is corrected, or why a
+        configured pose does not put the map on it.
 
-        Parameters
-        ----------
-        base
-            The files without their endings; in the campaign's results by default, or beside a session
-            elsewhere.
-        wanted
-            Products to make.
-        pose, cell_m
-            Where the camera stood, by default as configured, and the side of a cell. [m]
-        notify
-            Told how the ground's grid is corrected, or why a configured pose does not put the map on it.
-
-        Raises
-        ------
-        StorageError, NoAnswerError, ConfigError
-            If a file cannot be written, a product not be made, or a pose that is given does not fit.
+        Raises `StorageError` if a file cannot be written, `NoAnswerError` if a product cannot be made,
+        `ConfigError` if a pose that is given does not fit.
         """
         base = default_base(self.path, self.window, self.overrides) if base is None else Path(base)
         view = self._configured_view(cell_m, notify) if pose is None else self.on_ground(pose, cell_m)
@@ -674,7 +668,6 @@ def _caption(found: MappedSession) -> str:
 
 
 def _provenance(found: MappedSession, session: SessionReader) -> dict[str, Any]:
-    surface = found.settings.surface
     references = [region.name for region in found.regions if region.kind is RegionKind.REFERENCE]
     return {
         "Conventions": "CF-1.11",
@@ -695,16 +688,6 @@ def _provenance(found: MappedSession, session: SessionReader) -> dict[str, Any]:
         "surface_model": SURFACE_MODELS[found.model],
         "irradiance_model": found.irradiance_model,
         "reference_regions": " ".join(references),
-        "albedo": surface.albedo,
-        "emissivity": surface.emissivity,
-        "emissivity_broadband": surface.emissivity_broadband,
-        "exchange_w_m2_k": surface.exchange_w_m2_k,
-        "scale": found.settings.scale,
-        "noise_k": found.settings.noise_k,
-        "scale_sd": found.settings.scale_sd,
-        "offset_sd_k": found.settings.offset_sd_k,
-        "drift_sd_k_per_h": found.settings.drift_sd_k_per_h,
-        "tilt_limit_deg": found.settings.tilt_limit_deg,
-        "confidence": found.settings.confidence,
-        "reflected_temperature_k": found.settings.reflected_temperature_k,
+        **{name: getattr(found.settings.surface, name) for name in SURFACE_ATTRIBUTES},
+        **{name: getattr(found.settings, name) for name in SETTINGS_ATTRIBUTES},
     }

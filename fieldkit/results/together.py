@@ -148,17 +148,16 @@ def estimate_together(
 
 def _joined(runs: Sequence[Run], parts: Sequence[Part]) -> tuple[Estimates, Budgets]:
     """The slopes by all parts and their budgets, from the cache or else solved."""
-    cache = Cache() if all(run.source.checksum for run in runs) else None
+    cache = Cache(checksums=[run.source.checksum for run in runs])
     key = digest("together", *(run.key for run in runs))
-    if cache is not None and (entry := cache.load(key)) is not None:
+    if (entry := cache.load(key)) is not None:
         regions = tuple(build(Region, one) for one in json.loads(entry["regions"].tolist()[0]))
         return unpacked_slopes(entry, regions), unpacked_budgets(entry)
     found = slopes_together(parts)
     made = final_estimates_of(found.history, found.regions, found.estimated)
-    if cache is not None:
-        regions_text = json.dumps([asdict(one) for one in found.regions])
-        arrays = {"regions": np.array([regions_text], np.bytes_)}
-        cache.store(key, {**arrays, **packed_slopes(made), **packed_budgets(found.budgets)})
+    regions_text = json.dumps([asdict(one) for one in found.regions])
+    arrays = {"regions": np.array([regions_text], np.bytes_)}
+    cache.store(key, {**arrays, **packed_slopes(made), **packed_budgets(found.budgets)})
     return made, found.budgets
 
 
@@ -167,6 +166,5 @@ def _part(run: Run, notify: Callable[[str], None]) -> Part:
     path, measured, schedule = run.source.path, measured_in(run), run.source.regions
     if damaged := sum(measured.damaged.values()):
         notify(f"{path}: {damaged} damaged samples are excluded; fieldkit check lists them")
-    last = int(measured.history.minute[-1]) if len(measured.history) else 0
-    history = measured.history.only(schedule.at(last))
-    return Part(str(path), run.site, schedule.regions_at(last), history, run.settings)
+    history, regions = measured.history.at_last(schedule)
+    return Part(str(path), run.site, regions, history, run.settings)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks import one_image, real
-from fieldkit.estimation.table import TemperatureTable, slopes_of_table
+from fieldkit.estimation.table import TemperatureTable, as_part, slopes_of_part
 from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.physics.energy_balance import surface_temperature
 from fieldkit.physics.facet import angle_between_deg, normal
@@ -31,7 +31,7 @@ def test_a_pyranometer_in_a_known_plane_gives_that_plane():
     light = {"irradiance_w_m2": np.full(49, DNI), "diffuse_w_m2": np.full(49, DHI)}
     table = TemperatureTable(time_ns, real.LIGHT_K + ghi, {"plane": real.LIGHT_K + plane}, **light)
     settings = real.of_light(sky="isotropic", ground_albedo=ALBEDO)
-    (found,) = slopes_of_table(table, real.TWIN_SITE, settings)
+    (found,) = slopes_of_part(as_part("", table, real.TWIN_SITE, settings))
     away_deg = angle_between_deg(normal(found.tilt_deg, found.azimuth_deg), normal(tilt, azimuth))
     assert away_deg < 0.05
 

@@ -16,7 +16,7 @@ import numpy as np
 from fieldkit.estimation.learned.hypotheses import DEPTH_QUANTILES, depths_m
 from fieldkit.estimation.learned.learner import Learner
 from fieldkit.estimation.learned.prior_state import prior_sds
-from fieldkit.estimation.learned.readout import LOGARITHMS, STATES, Moments
+from fieldkit.estimation.learned.readout import LOGARITHMS, STATES, Moments, prior_places
 
 REST = "noise, drift and passing fluxes"
 UNITS: Mapping[str, str] = {"longwave": "W/m²", "air": "K", "offset": "K", "drift": "K/h", REST: "°"}
@@ -28,20 +28,11 @@ LEARNT_SHARE = 0.5
 class BudgetTerm:
     """One input of a slope.
 
-    Attributes
-    ----------
-    name, unit
-        What is uncertain, such as ``longwave`` in W/m2; "" for a ratio, a relative uncertainty for exchange,
-        inertia, depth and gusts.
-    kind
-        Type of evaluation (JCGM 100:2008, 0.7): A where the session's minutes at least halve the prior's
-        standard uncertainty, B where it rests on the prior.
-    uncertainty
-        Standard uncertainty after the data, in `unit`.
-    sensitivity
-        Change of the tilt with the input. [degrees per unit]
-    share
-        Of the variance of the tilt. [-]
+    `name` is what is uncertain, such as ``longwave``, with its `uncertainty` after the data in `unit`, W/m2;
+    "" for a ratio, a relative uncertainty for exchange, inertia, depth and gusts. `kind` is the type of
+    evaluation (JCGM 100:2008, 0.7): A where the session's minutes at least halve the prior's standard
+    uncertainty, B where it rests on the prior. `sensitivity` is the change of the tilt in degrees with the
+    input, `share` that of the variance of the tilt.
     """
 
     name: str
@@ -58,16 +49,9 @@ def slope_budget(learner: Learner, found: Moments, target: int) -> tuple[BudgetT
 
 
 def budget_of(found: Moments, tilt: str, offset: str, priors: Mapping[str, float]) -> tuple[BudgetTerm, ...]:
-    """Budget of the quantity `tilt` by the inputs of `priors`, of which ``offset`` is that named `offset`.
+    """Budget of the tilt named `tilt` by the inputs of `priors`, of which ``offset`` is that named `offset`.
 
-    Parameters
-    ----------
-    found
-        Joint moments after the data.
-    tilt, offset
-        Names of the tilt and of its offset in `found`.
-    priors
-        Standard deviation of each input before the data.
+    `found` are the joint moments after the data, `priors` standard deviations before.
     """
     inputs = {name: found.names.index(offset if name == "offset" else name) for name in priors}
     places, row = list(inputs.values()), found.names.index(tilt)
@@ -88,12 +72,8 @@ def budget_of(found: Moments, tilt: str, offset: str, priors: Mapping[str, float
 
 def _priors(learner: Learner) -> dict[str, float]:
     """Standard deviations of all inputs before the data; of `LOGARITHMS` relative."""
-    settings, prior = learner.settings, learner.settings.prior
-    known = prior_sds(settings, learner.logged)
+    settings = learner.settings
     low, high = np.log(depths_m(np.array(DEPTH_QUANTILES), settings))
-    logarithms = (prior.exchange_log_sd, prior.inertia_log_sd, float(high - low) / 2.0, prior.gust_log_sd)
-    return {
-        **{name: known[name] for name in ("gain", *STATES)},
-        "offset": settings.offset_sd_k,
-        **dict(zip(LOGARITHMS, logarithms, strict=True)),
-    }
+    sds = {name: sd for name, (_, sd) in prior_places(settings, prior_sds(settings, learner.logged)).items()}
+    sds |= {"offset": settings.offset_sd_k, "depth": float(high - low) / 2.0}
+    return {name: sds[name] for name in ("gain", *STATES, "offset", *LOGARITHMS)}

@@ -13,12 +13,13 @@ The sequence is a fixed table: equal minutes give equal hypotheses.
 
 from __future__ import annotations
 
+import io
 from dataclasses import dataclass
+from importlib import resources
 
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from fieldkit.estimation.learned.even_points import even_points
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.physics.facet import FloatArray
 
@@ -40,6 +41,8 @@ CURVATURES = (0.3, 400.0)
 FARTHEST = 2.5
 """Farthest that its centre lies from theirs, in their standard deviations."""
 _PAIRS = np.triu_indices(UNKNOWNS)
+_BITS = 30
+"""The points are whole multiples of two to the power of minus this."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,3 +169,17 @@ def depths_m(share: FloatArray, settings: EstimatorSettings) -> FloatArray:
     deep = np.clip(np.log(depths / DEEP_M[0]) / np.log(DEEP_M[1] / DEEP_M[0]), 0.0, 1.0)
     below = (1.0 - prior.deep_share) * body + prior.deep_share * deep
     return np.asarray(np.exp(np.interp(share, below, np.log(depths))))
+
+
+def even_points(table: str) -> FloatArray:
+    """Points (count, dimensions) within [0, 1), any first power of two of them evenly spread.
+
+    They are the same numbers in every run. `scipy.stats.qmc` makes them, and takes half a second to import,
+    as long as everything else that an estimate needs.
+
+    ``"sobol-5"`` are 64 points of ``scipy.stats.qmc.Sobol(5, rng=numpy.random.default_rng(20170830))``,
+    ``"sobol-2"`` 32 of ``Sobol(2, rng=default_rng(1))``. S. Joe and F. Y. Kuo, "Constructing Sobol sequences
+    with better two-dimensional projections", SIAM Journal on Scientific Computing 30, 2008.
+    """
+    text = (resources.files("fieldkit") / "data" / f"{table}.csv").read_text(encoding="ascii")
+    return np.loadtxt(io.StringIO(text), delimiter=",") / 2.0**_BITS

@@ -41,16 +41,9 @@ SHARED = (
 class Layout:
     """Places in the state of regions: references first, then targets.
 
-    Attributes
-    ----------
-    columns
-        Column of the history of each region.
-    known
-        Normals of the references (r, 3).
-    facing
-        For each target (3, k) whose columns span its normal: three axes, or with a known azimuth two.
-    horizons, unlike
-        Of each region; its surface against that of the references.
+    `columns` are their columns of the history, `known` (r, 3) normals of the references. `facing` has for
+    each target (3, k), whose columns span its normal: three axes, or with a known azimuth two. `horizons` and
+    `unlike` are of each region; the latter is its surface against that of the references.
     """
 
     columns: Indices

@@ -45,18 +45,10 @@ FAR = 40.0
 
 @dataclass(frozen=True, slots=True)
 class Posterior:
-    """Posterior distribution after a minute.
+    """Posterior distribution after a minute: filters with the hypotheses (p,), and their weights.
 
-    Attributes
-    ----------
-    filters
-        With the hypotheses (p,).
-    log_weights
-        Logarithms of the hypotheses' weights (p,), up to a constant.
-    normals
-        With every target in its preferred branch.
-    others
-        By target with a second branch: normals with that target alone in it, and the log-weights then.
+    `log_weights` (p,) hold up to a constant, `normals` with every target in its preferred branch. `others`
+    has by target with a second branch the normals with that target alone in it, and the log-weights then.
     """
 
     filters: Filters

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.estimation.learned.filters import Filters
+from fieldkit.estimation.normal import tangent_pair
 from fieldkit.physics.facet import FloatArray
 
 LONGEST = 0.25
@@ -29,24 +30,13 @@ would differ between processors."""
 
 @dataclass(frozen=True, slots=True)
 class UnitNormals:
-    """Unit normals for each of p hypotheses.
+    """Unit normals for each of p hypotheses, with the gain (p,).
 
-    Attributes
-    ----------
-    gain
-        (p,).
-    units
-        For each target its unit vector in the axes of the layout (p, k).
-    tangents
-        For each target (p, k, k - 1): directions in which it may turn.
-    covariance
-        Of gain, turns in the order of the targets, and the targets' own gains, (p, q, q). [rad2]
-    log_evidence
-        Logarithm of the probability of unit normals given what the filter knows, (p,).
-    pull
-        Gain and normals less the filter's means, in units of information (p, m).
-    jacobian
-        Of gain and normals by gain, turns and own gains (p, m, q), in units of information.
+    `units` are each target's unit vectors in the axes of the layout (p, k), `tangents` the directions in
+    which they may turn (p, k, k - 1). `covariance` (p, q, q), rad2, is of gain, turns in the order of the
+    targets, and the targets' own gains; `log_evidence` (p,) the logarithm of the probability of unit normals
+    given what the filter knows. In units of information `pull` (p, m) is gain and normals less the filter's
+    means, `jacobian` (p, m, q) that of gain and normals by gain, turns and own gains.
     """
 
     gain: FloatArray
@@ -191,11 +181,4 @@ def tangent_basis(unit: FloatArray) -> FloatArray:
     """Orthonormal directions square to unit vectors (p, k), as (p, k, k - 1); k is 2 or 3."""
     if unit.shape[1] == 2:
         return np.stack([unit[:, 1], -unit[:, 0]], axis=1)[..., np.newaxis]
-    # T. Duff et al., "Building an orthonormal basis, revisited", JCGT 6(1), 2017
-    x, y, z = unit.T
-    sign = np.copysign(1.0, z)
-    a = -1.0 / (sign + z)
-    b = x * y * a
-    first = np.stack([1.0 + sign * x**2 * a, sign * b, -sign * x], axis=1)
-    second = np.stack([b, sign + y**2 * a, -y], axis=1)
-    return np.stack([first, second], axis=2)
+    return np.stack([one.T for one in tangent_pair(unit.T)], axis=2)

@@ -49,22 +49,10 @@ LEAST_EXCHANGE = 1.0
 class PixelRows:
     """Rows of unit variance of k minutes, ``design n = by_temperature dT + by_loss F + constant``.
 
-    Attributes
-    ----------
-    reference_k, exchange_w_m2_k
-        Of each frame: mean of the references, heat exchange with the air, shape (n,). [K], [W m-2 K-1]
-    emissivity
-        Broadband. [-]
-    design
-        By the unit normal, shape (k, 3). [-]
-    by_temperature, by_loss
-        By temperature and heat loss over the reference, shape (k, n). [1/K], [m2/W]
-    constant
-        Of each row, shape (k,). [-]
-    towards_sun
-        Mean unit vector to the sun, shape (3,). [-]
-    scale_sd
-        Relative uncertainty of the light that one pixel absorbs. [-]
+    `reference_k` and `exchange_w_m2_k` (n,) are of each frame: mean of the references, heat exchange with the
+    air; `emissivity` is broadband. The rows are by the unit normal, `design` (k, 3), by temperature and heat
+    loss over the reference, (k, n), and `constant` (k,). `towards_sun` (3,) is the mean unit vector to the
+    sun, `scale_sd` the relative uncertainty of the light that one pixel absorbs.
     """
 
     reference_k: FloatArray
@@ -98,18 +86,10 @@ def pixel_rows(
 ) -> PixelRows:
     """Rows of the pixels of a frame.
 
-    Parameters
-    ----------
-    history
-        Minutes with a frame and a reference, those before the map's included: warmth is remembered.
-    regions
-        Its columns: at least one reference and one target.
-    chosen
-        Which of them the map is made of, (n,).
-    normals
-        Unit normals of the targets with a slope, by name: they show the exchange of each minute.
-    settings, learnt
-        What was configured, and what the session taught.
+    `history` holds minutes with a frame and a reference, those before the map's included, as warmth is
+    remembered; its columns `regions` have at least one reference and one target. `chosen` (n,) are the
+    minutes of the map, `normals` unit normals of the targets with a slope, by name: they show the exchange of
+    each minute.
     """
     corrected = remove_offsets(history, regions, settings)
     return _Pair(corrected, RegionColumns(tuple(regions)), chosen, normals, settings, learnt).rows()

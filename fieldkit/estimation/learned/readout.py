@@ -13,8 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import ndtri
 
-from fieldkit.estimation.learned.even_points import even_points
-from fieldkit.estimation.learned.hypotheses import depths_m
+from fieldkit.estimation.learned.hypotheses import depths_m, even_points
 from fieldkit.estimation.learned.learner import Learner, Posterior, mass
 from fieldkit.estimation.learned.normals import UnitNormals, tangent_basis
 from fieldkit.estimation.learned.prior_state import prior_sds

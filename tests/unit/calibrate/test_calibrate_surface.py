@@ -5,7 +5,7 @@ import pytest
 
 from fieldkit.calibrate.surface import identified
 from fieldkit.estimation.bins import History
-from fieldkit.estimation.known_slopes import KnownSlope
+from fieldkit.estimation.scale import KnownSlope
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.physics.energy_balance import SurfaceParameters, irradiance_per_kelvin, surface_temperature

@@ -11,7 +11,7 @@ import pytest
 
 import fieldkit
 from fieldkit.config import load_config
-from fieldkit.estimation.known_slopes import with_known
+from fieldkit.estimation.scale import with_known
 from fieldkit.model.errors import CalibrationError, ConfigError
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.results.minutes import Measured, Outcome, Run, measured_in, run_of

@@ -12,7 +12,7 @@ from fieldkit.estimation.bins import History, RegionColumns
 from fieldkit.estimation.learned.budget import REST
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.slopes import budgets, slopes
-from fieldkit.estimation.table import TemperatureTable, slopes_of_table
+from fieldkit.estimation.table import TemperatureTable, as_part, slopes_of_part
 from fieldkit.model.confidence import misfit_drop
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region, RegionKind, Site
@@ -175,7 +175,7 @@ def normals_by_day(site, day, azimuths, tilt_deg, sky):
         noise = 3.0 * random.standard_normal(time_ns.size)
         planes[str(facing)] = np.nan_to_num(on_plane["poa_global"]) + noise + WATTS_AT_0_K
     table = TemperatureTable(time_ns, ghi + WATTS_AT_0_K, planes, irradiance_w_m2=dni, diffuse_w_m2=dhi)
-    return errors_of(slopes_of_table(table, site, PLANES), tilt_deg, azimuths)
+    return errors_of(slopes_of_part(as_part("", table, site, PLANES)), tilt_deg, azimuths)
 
 
 def errors_of(found, tilt_deg, azimuths):
@@ -221,7 +221,7 @@ def test_measured_light_on_a_west_and_an_east_wall_gives_their_normals():
         table = TemperatureTable(
             time_ns[of_day], ghi + WATTS_AT_0_K, walls, irradiance_w_m2=dni[of_day], diffuse_w_m2=dhi
         )
-        found = slopes_of_table(table, site, PLANES)
+        found = slopes_of_part(as_part("", table, site, PLANES))
         errors.append(errors_of(found, 90.0, (90.0, 270.0)))
         held += [one.tilt_low_deg <= 90.0 <= one.tilt_high_deg for one in found if one.state in SOLVED]
     # 87 and 18 while rows in their own shade were used, 22 and 14 while the light was certain

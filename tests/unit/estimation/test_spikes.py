@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fieldkit.estimation.spikes import LEAST_READINGS, without_spikes
+from fieldkit.estimation.instruments import LEAST_READINGS, without_spikes
 
 RNG = np.random.default_rng(3)
 

@@ -12,8 +12,7 @@ from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import Site
 from fieldkit.physics.bodies import BODIES, MARS, MOON, body_of
 from fieldkit.physics.facet import tilt_azimuth
-from fieldkit.physics.mars_sun import mars_sun
-from fieldkit.physics.moon_sun import moon_subsolar
+from fieldkit.physics.subsolar import mars_sun, moon_subsolar
 from fieldkit.physics.sun import exact_vectors, solar_time_h, sun_angles, sun_vectors
 
 LAST_DIGIT = 1.0e-5

@@ -10,13 +10,14 @@ from fieldkit.physics.camera_laws import (
     frame_k,
     frames_k,
     has_temperatures,
+    ht301,
     ht301_fpa_c,
     ht301_parameters,
+    law_named,
     linear,
     path_transmission,
     planck_counts,
     planck_table,
-    temperature_k,
 )
 
 E60 = Planck(r1=16528.178, b=1427.5, f=1.0, o=-1307.0, r2=0.012258549)
@@ -27,7 +28,7 @@ def test_linear_law_is_scale_and_offset():
     counts = np.array([[0, 29515, 65535]], np.uint16)
     assert linear(counts, 0.01)[0] == pytest.approx([0.0, 295.15, 655.35], abs=3e-5)
     assert linear(counts, 0.04, 10.0)[0] == pytest.approx([10.0, 1190.6, 2631.4], abs=3e-4)
-    assert temperature_k("linear", counts, counts[:0], {}, 0.01).dtype == np.float32
+    assert linear(counts, 0.01).dtype == np.float32
 
 
 def stream(law: str, scale: float = 1.0, settings: dict | None = None, rows: tuple[int, int] = (0, 0)):
@@ -65,15 +66,14 @@ def test_each_frame_of_the_ht301_has_its_own_scale():
         words[1], words[area], words[area + 1] = 8617, 5000, round((shutter_c + 273.15) * 10)
         words[area + 3 : area + 13] = np.array([0.01, 8.0, 0.0, 0.0, 0.6], "<f4").view("<u2")
     first, second = frames_k(stream("ht301", rows=(4, 256)), counts, rows)
-    alone = temperature_k("ht301", counts[1], rows[1], {})
+    alone = ht301(counts[1], rows[1], {})
     assert second == pytest.approx(alone, abs=0)
     assert (second - first).mean() == pytest.approx(1.0, abs=0.1)
 
 
 def test_unknown_law_is_named():
-    counts = np.zeros((1, 1), np.uint16)
     with pytest.raises(ValueError, match="unknown camera law 'cubic'; known laws: linear, ht301, planck"):
-        temperature_k("cubic", counts, counts, {})
+        law_named("cubic")
     assert set(LAWS) == {"ht301", "planck"}
 
 
@@ -148,7 +148,7 @@ def test_ht301_law_by_the_published_formula(fpa_raw, count):
     words = rows.ravel()
     words[1], words[3 * 384], words[3 * 384 + 1] = fpa_raw, 3500, round(10 * (29.6 + 273.15))
     words[3 * 384 + 3 : 3 * 384 + 13] = np.array([c1, c2, c3, c4, c5], "<f4").view("<u2")
-    found = temperature_k("ht301", np.full((1, 1), count, np.uint16), rows, {})[0, 0]
+    found = ht301(np.full((1, 1), count, np.uint16), rows, {})[0, 0]
     c1, c2, c3, c4, c5 = (float(np.float32(one)) for one in (c1, c2, c3, c4, c5))
     t_fpa, t_shutter = 20.0 - (fpa_raw - 7800.0) / 36.0, round(10 * (29.6 + 273.15)) / 10 - 273.15
     off = 3500 - max(0, int(390.0 - 7.05 * t_fpa))  # the maker's library: the correction ends at nothing

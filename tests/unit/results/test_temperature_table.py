@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fieldkit.estimation.settings import EstimatorSettings
-from fieldkit.estimation.table import slopes_of_table
+from fieldkit.estimation.table import as_part, slopes_of_part
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import Site
 from fieldkit.model.slope import SlopeState
@@ -15,7 +15,7 @@ from fieldkit.views import formatting
 
 
 def slopes_of(path, site, settings, **more):
-    return slopes_of_table(read_table(path), site, settings, **more)
+    return slopes_of_part(as_part("", read_table(path), site, settings, **more))
 
 
 SITE = Site(35.558675, 139.395232, 9.0)

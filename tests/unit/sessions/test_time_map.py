@@ -18,9 +18,8 @@ from fieldkit.model.errors import SessionError, StorageError
 from fieldkit.model.samples import Event, EventKind, Frame, Health
 from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.results.export import export
-from fieldkit.results.session import Session
+from fieldkit.results.session import Session, Stream
 from fieldkit.results.session import open_session as open_whole
-from fieldkit.results.stream import Stream
 from fieldkit.sessions.check import check
 from fieldkit.sessions.clock_correction import apply_time_map
 from fieldkit.sessions.finished_file import changing_path

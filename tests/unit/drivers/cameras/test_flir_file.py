@@ -8,7 +8,7 @@ import pytest
 from fieldkit.drivers.cameras import flir_file
 from fieldkit.drivers.cameras.flir_file import frame_length, frames
 from fieldkit.model.errors import DecodeError
-from fieldkit.physics.camera_laws import temperature_k
+from fieldkit.physics.camera_laws import planck
 from tests.shared_data import shared
 
 NAMES = ("frame_000000.fff", "frame_000000_le.fff")
@@ -77,7 +77,7 @@ def test_stream_settings_give_brightness_temperature_without_the_cameras_emissiv
     (frame,) = frames(data)
     settings = flir_file.settings(frame)
     assert settings["camera_emissivity"] == frame.constants.emissivity
-    brightness = temperature_k("planck", frame.counts, frame.counts[:0], settings)
+    brightness = planck(frame.counts, frame.counts[:0], settings)
     warmer = frame.temperature_k() > frame.constants.reflected_k
     assert (brightness[warmer] < frame.temperature_k()[warmer]).all()
 

@@ -9,7 +9,7 @@ from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DecodeError, DeviceError
 from fieldkit.model.samples import Quality
-from fieldkit.physics.camera_laws import temperature_k
+from fieldkit.physics.camera_laws import law_named
 
 COEFFICIENTS = (0.001, 1.0, 0.0, 1e-4, 0.018)
 
@@ -36,7 +36,7 @@ def opened(source, **options):
 
 
 def kelvin(frame):
-    return temperature_k(frame.law, frame.counts, frame.metadata_rows, {})
+    return law_named(frame.law)(frame.counts, frame.metadata_rows, {})
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import qmc
 
-from fieldkit.estimation.learned.even_points import even_points
+from fieldkit.estimation.learned.hypotheses import even_points
 
 
 @pytest.mark.parametrize(

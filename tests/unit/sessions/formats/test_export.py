@@ -20,7 +20,7 @@ from fieldkit.model.errors import ConfigError, SessionError
 from fieldkit.model.samples import Event, EventKind, Frame, Reading
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.palettes import palette
-from fieldkit.physics.camera_laws import temperature_k
+from fieldkit.physics.camera_laws import ht301
 from fieldkit.pixel_axes import BELOW_PX, LEFT_PX
 from fieldkit.results.export import export
 from fieldkit.results.session import open_session
@@ -296,7 +296,7 @@ def test_frames_of_the_ht301_have_kelvin_in_every_reader(tmp_path: Path) -> None
     writer.close()
     with open_session(tmp_path / "a.h5") as session:
         frames = list(session.samples())
-        expected = [temperature_k("ht301", one.counts, one.metadata_rows, {}).mean() for one in frames]
+        expected = [ht301(one.counts, one.metadata_rows, {}).mean() for one in frames]
         series, kelvin = session.region_series(), session.kelvin()
         paths = export_tiffs(session, tmp_path)[:-1]
     assert 280.0 < min(expected) < max(expected) < 310.0
