@@ -6,9 +6,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from types import MappingProxyType, TracebackType
 
-from fieldkit.drivers.simulated.lepton import LATENCY_S, SimulatedLepton
+from fieldkit.drivers.simulated.lepton import LATENCY_S, SimulatedLepton, SimulatedTCam
 from fieldkit.drivers.simulated.meters import SimulatedCenter309, SimulatedLutron, SimulatedMeter
-from fieldkit.drivers.simulated.network_camera import SimulatedTCam
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.fault_kind import FaultKind
