@@ -190,10 +190,9 @@ _ARRIVES_S = 1.0
 class PseudoTerminal:
     """A pseudo-terminal, opened at once; closing it is pulling the plug. Raises `DeviceAccessError`.
 
-    The driver opens `path` with pyserial like any serial port. Bytes pass through the kernel's terminal driver
-    and arrive a little later in real time, so `send` waits until they are there: simulated time must not
-    advance while bytes are in transit. Baud rates have no effect: an instrument sends a record when its last
-    byte would have left a real wire.
+    The driver opens `path` with pyserial like any serial port. Bytes arrive a little later in real time, so
+    `send` waits until they are there: simulated time must not advance while bytes are in transit. Baud rates
+    have no effect: an instrument sends a record when its last byte would have left a real wire.
     """
 
     def __init__(self, clock: SimulatedClock) -> None:
