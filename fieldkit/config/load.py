@@ -21,11 +21,11 @@ from pydantic import ValidationError
 
 from fieldkit.config import toml_lines
 from fieldkit.config.config import Config
+from fieldkit.config.defaults import KIND, forget_defaults_of_kind
 from fieldkit.config.files import read_text
 from fieldkit.config.horizon import with_horizons
 from fieldkit.config.references import resolve
 from fieldkit.config.secret_texts import secrets_in
-from fieldkit.config.surface_kind import KIND, forget_defaults_of_kind
 from fieldkit.config.toml_schema import Tables
 from fieldkit.config.validation import (
     UNKNOWN_KEY,

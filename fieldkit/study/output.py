@@ -19,8 +19,8 @@ from fieldkit.results.sun_angles import sun_rows
 from fieldkit.study.estimators import Conditions, summarise
 from fieldkit.study.field_days import FieldDay
 from fieldkit.study.runs import PAPER_SITE, Run, StudyOptions, conditions
-from fieldkit.views import paper_figures, plotting
-from fieldkit.views.paper_figures import errors_over_local_time, measured_against_modelled
+from fieldkit.views import plotting, study_figures
+from fieldkit.views.study_figures import errors_over_local_time, measured_against_modelled
 from fieldkit.views.study_page import page
 
 EXAMPLE = (10.0, 180.0)
@@ -113,9 +113,9 @@ def figures(options: StudyOptions, runs: Sequence[Run], days: Sequence[FieldDay]
     for method in options.estimators:
         mine = [run for run in runs if run.method == method]
         errors = {f"{run.start:%H:%M}": run.outcome.tilt_error_deg for run in mine}
-        drawn[f"figure-09-{method}"] = paper_figures.cumulative(errors)
+        drawn[f"figure-09-{method}"] = study_figures.cumulative(errors)
         turned = {f"{run.start:%H:%M}": run.outcome.by_direction() for run in mine}
-        drawn[f"figure-10-{method}"] = paper_figures.directions(turned)
+        drawn[f"figure-10-{method}"] = study_figures.directions(turned)
     return drawn | _of_the_field(days)
 
 
@@ -138,11 +138,11 @@ def _of_the_method(options: StudyOptions) -> dict[str, str]:
     clouded = [*measured[:-1], 0.8 * measured[-1] - 20.0]
     grid = (tilts, azimuths)
     return {
-        "figure-05": paper_figures.radiation_table(first, *grid),
-        "figure-06": paper_figures.contour_on_table(first, *grid, measured[0]),
-        "figure-07": paper_figures.contours(tables, *grid, measured, EXAMPLE),
-        "figure-08": paper_figures.scores(np.asarray(scores), *grid),
-        "figure-14": paper_figures.contours(tables, *grid, clouded, None),
+        "figure-05": study_figures.radiation_table(first, *grid),
+        "figure-06": study_figures.contour_on_table(first, *grid, measured[0]),
+        "figure-07": study_figures.contours(tables, *grid, measured, EXAMPLE),
+        "figure-08": study_figures.scores(np.asarray(scores), *grid),
+        "figure-14": study_figures.contours(tables, *grid, clouded, None),
     }
 
 

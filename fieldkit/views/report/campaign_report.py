@@ -20,7 +20,7 @@ from fieldkit.estimation.statistics import (
     sd_of_absolute_error,
 )
 from fieldkit.model.site import Site
-from fieldkit.views import formatting, paper_figures, plotting
+from fieldkit.views import formatting, plotting, study_figures
 from fieldkit.views.html import Figure, Table, code, render, strong
 from fieldkit.views.report import session_figures
 from fieldkit.views.report.error_budget import READING, ErrorBudget, budget, cause_rows, pooled
@@ -65,7 +65,7 @@ def write_campaign_report(
         warnings=[(part.path.stem, part.warnings) for part in parts if part.warnings],
         slopes=_slope_figures(parts) if plotting.available() else None,
         targets=_targets(parts, sd),
-        comparison=_paper_figures(parts, sd) if plotting.available() else None,
+        comparison=_study_figures(parts, sd) if plotting.available() else None,
         budget=_error_budget(parts),
         sessions=Table(("session", "SHA-256"), [(part.path.name, code(sha256(part.path))) for part in parts]),
         provenance=_provenance(command_line),
@@ -165,7 +165,7 @@ def _slope_figures(parts: Sequence[Part]) -> list[Figure]:
     ]
 
 
-def _paper_figures(parts: Sequence[Part], sd: SdKind) -> list[Figure]:
+def _study_figures(parts: Sequence[Part], sd: SdKind) -> list[Figure]:
     drawn = []
     measured, modelled = _temperatures(parts)
     if measured:
@@ -173,7 +173,7 @@ def _paper_figures(parts: Sequence[Part], sd: SdKind) -> list[Figure]:
         rmse = root_mean_square_error(*everything)
         drawn.append(
             Figure(
-                paper_figures.measured_against_modelled(measured, modelled, rmse),
+                study_figures.measured_against_modelled(measured, modelled, rmse),
                 f"As the paper's Fig. 12, a colour for each day. RMSE {rmse:.2f} K (the paper: 1.83 K).",
                 f"Measured against modelled surface temperature of all days, RMSE {rmse:.2f} kelvin.",
             )
@@ -182,7 +182,7 @@ def _paper_figures(parts: Sequence[Part], sd: SdKind) -> list[Figure]:
     if any(errors.values()):
         drawn.append(
             Figure(
-                paper_figures.errors_over_local_time(errors, _zone(parts[0])),
+                study_figures.errors_over_local_time(errors, _zone(parts[0])),
                 "As the paper's Fig. 13: absolute tilt error over local time, a line for each given tilt, "
                 f"means over {SPAN_S / 60:.0f} min of all days. Bars: one SD, {sd_words(sd)}.",
                 "Absolute tilt error of each given tilt against local time.",

@@ -20,12 +20,11 @@ from fieldkit.estimation.statistics import (
 from fieldkit.model.air import is_air_temperature
 from fieldkit.model.confidence import percent
 from fieldkit.model.slope import SlopeEstimate
-from fieldkit.views import formatting, paper_figures
+from fieldkit.views import formatting, study_figures
 from fieldkit.views.html import Figure, Table, strong
 from fieldkit.views.report import session_figures
-from fieldkit.views.report.readings import readings
 from fieldkit.views.report.report_data import ReportData
-from fieldkit.views.report.series import FloatArray, Series, TargetSeries, modelled_temperature
+from fieldkit.views.report.series import FloatArray, Series, TargetSeries, modelled_temperature, readings
 
 SPAN_S = 1200.0
 """Length of the means in Fig. 13."""
@@ -276,7 +275,7 @@ def paper_comparison(data: ReportData) -> PaperComparison | None:
         f"Measured against modelled surface temperature: RMSE {formatting.number(rmse_k, 2)} K over "
         f"{len(modelled)} regions (the paper reports 1.83 K for its own)."
     )
-    return PaperComparison(summary, data.drawn(lambda data: _paper_figures(data, modelled, rmse_k)))
+    return PaperComparison(summary, data.drawn(lambda data: _study_figures(data, modelled, rmse_k)))
 
 
 def temperature_rmse_k(columns: Series, modelled_k: Mapping[str, FloatArray]) -> float:
@@ -287,12 +286,12 @@ def temperature_rmse_k(columns: Series, modelled_k: Mapping[str, FloatArray]) ->
     return root_mean_square_error(measured, np.concatenate(list(modelled_k.values())))
 
 
-def _paper_figures(data: ReportData, modelled: Mapping[str, FloatArray], rmse_k: float) -> Iterator[Figure]:
+def _study_figures(data: ReportData, modelled: Mapping[str, FloatArray], rmse_k: float) -> Iterator[Figure]:
     columns = data.columns
     if modelled:
         measured = {name: columns.temperature_k[name] for name in modelled}
         yield Figure(
-            paper_figures.measured_against_modelled(measured, modelled, rmse_k),
+            study_figures.measured_against_modelled(measured, modelled, rmse_k),
             f"As the paper's Fig. 12: measured surface temperature against eq. (7) with this session's "
             f"parameters. RMSE {rmse_k:.2f} K. Air temperature and longwave are not measured; the reference "
             "stands in for them through eq. (7), so it is not among the points.",
@@ -312,7 +311,7 @@ def _paper_figures(data: ReportData, modelled: Mapping[str, FloatArray], rmse_k:
     }
     if any(errors.values()):
         yield Figure(
-            paper_figures.errors_over_local_time(errors, data.zone),
+            study_figures.errors_over_local_time(errors, data.zone),
             f"As the paper's Fig. 13: absolute tilt error over local time, means over {SPAN_S / 60:.0f} min. "
             f"Bars: one SD, {sd_words(data.sd)}.",
             "Absolute tilt error of each region against local time.",

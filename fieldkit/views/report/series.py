@@ -5,7 +5,8 @@ Pure: minutes in, arrays over minutes out, NaN where nothing is known.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -24,9 +25,12 @@ from fieldkit.physics.energy_balance import (
 )
 from fieldkit.physics.facet import cos_incidence, normal
 from fieldkit.views import formatting
+from fieldkit.views.html import Reading
+from fieldkit.views.plotting import OverTime
 
 if TYPE_CHECKING:
     from fieldkit.estimation.estimator import Minute
+
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -217,3 +221,27 @@ def _air_of_reference(columns: Series, parameters: SurfaceParameters) -> FloatAr
         )
         found.append(measured + lost / parameters.exchange_w_m2_k)
     return np.asarray(np.mean(found, axis=0)) if found else np.full(columns.time_ns.size, np.nan)
+
+
+# --- the values of a figure, minute by minute, for who points at it
+
+
+MOST = 200
+"""Readings of a figure: three hours minute by minute; longer sessions show every second minute, or third."""
+
+
+def readings(
+    drawn: OverTime, columns: Series, site: Site, values: Callable[[int], Iterable[str]]
+) -> list[Reading]:
+    """The readings of a figure; `values` gives the lines of words for a minute's index."""
+    step = math.ceil(columns.time_ns.size / MOST)
+    middle = 100.0 * drawn.share_of_width[::step]
+    width = float(np.min(np.diff(middle), initial=2.0))
+    return [
+        Reading(
+            round(left - width / 2, 2),
+            round(width, 2),
+            "\n".join([formatting.clock_time(int(columns.time_ns[minute]), site), *values(minute)]),
+        )
+        for left, minute in zip(middle.tolist(), range(0, columns.time_ns.size, step), strict=True)
+    ]
