@@ -164,23 +164,23 @@ def transmission(distance_m: float, air_k: float, humidity: float) -> float:
     return path_transmission(path)
 
 
-def without_air(brightness_k: ArrayLike, transmitted: float, air_k: float, band: Band = FLAT) -> FloatArray:
-    """Remove the effect of the air between surface and camera.
+def own_part_k(seen_k: ArrayLike, share: float, rest_k: ArrayLike, band: Band = FLAT) -> FloatArray:
+    """Temperature of a surface that is a part of what is seen: through air, or under a tape that reflects.
 
     Parameters
     ----------
-    brightness_k
+    seen_k
         Brightness temperature at the camera, any shape. [K]
-    transmitted
-        See `transmission`. [-]
-    air_k
-        Air temperature along the path. [K]
+    share
+        Share of the surface's own signal: `transmission` of the air, emissivity of the tape, in (0, 1]. [-]
+    rest_k
+        Temperature of the rest: of the air along the path, of what the tape reflects; same shape or one. [K]
     band
         Band of the camera.
 
     Returns
     -------
-    Brightness temperature at the surface, same shape. [K]
+    Same shape. [K]
     """
-    seen = band.signal(brightness_k) - (1.0 - transmitted) * band.signal(air_k)
-    return band.temperature(seen / transmitted)
+    own = band.signal(seen_k) - (1.0 - share) * band.signal(rest_k)
+    return band.temperature(own / share)

@@ -23,12 +23,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
-from fieldkit.calibration.band import FLAT, Band
+from fieldkit.calibration.band import FLAT, Band, own_part_k
 from fieldkit.calibration.line import Line, Points, fit_line
 from fieldkit.calibration.uncertainty import (
     COVERAGE_FACTOR,
+    Budgeted,
     Contribution,
-    combined_uncertainty,
     effective_freedom,
     largest,
 )
@@ -116,7 +116,7 @@ DEFAULT_SHARED_UNCERTAINTIES = SharedUncertainties()
 
 
 @dataclass(frozen=True, slots=True)
-class Emissivity:
+class Emissivity(Budgeted):
     """An emissivity with its uncertainty budget.
 
     `reflected_k` is a result when it was left free, else the mean of the values given. `freedom` are the
@@ -132,16 +132,6 @@ class Emissivity:
     span_k: float
     budget: tuple[Contribution, ...]
     remarks: tuple[str, ...] = ()
-
-    @property
-    def standard_uncertainty(self) -> float:
-        """Standard uncertainty, all contributions together."""
-        return combined_uncertainty(self.budget)
-
-    @property
-    def expanded(self) -> float:
-        """Expanded uncertainty, k = 2."""
-        return COVERAGE_FACTOR * self.standard_uncertainty
 
     @property
     def largest(self) -> Contribution:
@@ -174,28 +164,6 @@ def single_pair(apparent_k: float, contact_k: float, reflected_k: float, band: B
     """
     mirror = band.signal(reflected_k)
     return float((band.signal(apparent_k) - mirror) / (band.signal(contact_k) - mirror))
-
-
-def tape_temperature_k(
-    apparent_k: FloatArray, tape_emissivity: float, reflected_k: FloatArray, band: Band = FLAT
-) -> FloatArray:
-    """Surface temperature under a tape or paint of known emissivity, in place of a thermometer.
-
-    Parameters
-    ----------
-    apparent_k, reflected_k
-        Brightness and reflected temperature, shape (n,). [K]
-    tape_emissivity
-        Emissivity of the tape in the band, in (0, 1]. [-]
-    band
-        Band of the camera.
-
-    Returns
-    -------
-    Shape (n,). [K]
-    """
-    own = band.signal(apparent_k) - (1.0 - tape_emissivity) * band.signal(reflected_k)
-    return band.temperature(own / tape_emissivity)
 
 
 def fit_emissivity(
@@ -307,7 +275,7 @@ def _shared_effects(
         mirror, contact = pairs.reflected_k + reflected_k, pairs.contact_k + probe_k
         if tape is not None:  # the same camera views the tape, which reflects the same
             seen = tape * band.signal(pairs.contact_k) + (1.0 - tape) * band.signal(pairs.reflected_k)
-            contact = tape_temperature_k(band.temperature(seen) + camera_k, tape, mirror, band)
+            contact = own_part_k(band.temperature(seen) + camera_k, tape, mirror, band)
         given = replace(pairs, apparent_k=pairs.apparent_k + camera_k, contact_k=contact, reflected_k=mirror)
         return _line(given, reflected, band).slope - value
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.calibration.line import Points, fit_line
-from fieldkit.calibration.uncertainty import COVERAGE_FACTOR, Contribution, combined_uncertainty
+from fieldkit.calibration.uncertainty import Budgeted, Contribution
 from fieldkit.model.errors import CalibrationError
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.irradiance import IrradianceModel, direct_normal, shares_on_plane
@@ -28,7 +28,7 @@ MAX_INTERCEPT = 0.05
 
 
 @dataclass(frozen=True, slots=True)
-class LightFactor:
+class LightFactor(Budgeted):
     """W/m2 per unit of the reading, with its budget; `scatter` is relative, `minutes` were used."""
 
     value: float
@@ -36,16 +36,6 @@ class LightFactor:
     scatter: float
     minutes: int
     remarks: tuple[str, ...] = ()
-
-    @property
-    def standard_uncertainty(self) -> float:
-        """Standard uncertainty, all contributions together."""
-        return combined_uncertainty(self.budget)
-
-    @property
-    def expanded(self) -> float:
-        """Expanded uncertainty, k = 2."""
-        return COVERAGE_FACTOR * self.standard_uncertainty
 
 
 def on_plane(

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fieldkit.calibration.uncertainty import COVERAGE_FACTOR, Contribution, combined_uncertainty
+from fieldkit.calibration.uncertainty import Budgeted, Contribution
 from fieldkit.model.errors import CalibrationError
 
 MIN_KAPPA, MAX_KAPPA = 0.3, 3.0
@@ -30,22 +30,12 @@ class BedScale:
 
 
 @dataclass(frozen=True, slots=True)
-class PooledScale:
+class PooledScale(Budgeted):
     """kappa of all beds with its budget."""
 
     kappa: float
     budget: tuple[Contribution, ...]
     freedom: int
-
-    @property
-    def standard_uncertainty(self) -> float:
-        """Standard uncertainty, all contributions together."""
-        return combined_uncertainty(self.budget)
-
-    @property
-    def expanded(self) -> float:
-        """Expanded uncertainty, k = 2."""
-        return COVERAGE_FACTOR * self.standard_uncertainty
 
 
 def pool(beds: Mapping[str, BedScale], tilt_sd_deg: float) -> PooledScale:

@@ -41,6 +41,23 @@ def combined_uncertainty(budget: Sequence[Contribution]) -> float:
     return math.hypot(*(line.effect for line in budget))
 
 
+class Budgeted:
+    """A result with an uncertainty `budget`."""
+
+    __slots__ = ()
+    budget: tuple[Contribution, ...]
+
+    @property
+    def standard_uncertainty(self) -> float:
+        """Standard uncertainty, all contributions together."""
+        return combined_uncertainty(self.budget)
+
+    @property
+    def expanded(self) -> float:
+        """Expanded uncertainty, k = 2."""
+        return COVERAGE_FACTOR * self.standard_uncertainty
+
+
 def students_factor(freedom: int) -> float:
     """Factor for a standard deviation of few residuals, so that k = 2 covers 95 %.
 

@@ -211,10 +211,9 @@ class _Document:
 
 def _on_ground(values: dict[str, Any], path: Path) -> list[Mistake]:
     """Complete the pose and the regions on its ground; what that needs is imported only if they are there."""
-    camera, regions = values.get("camera"), values.get("region")
+    camera = values.get("camera")
     has_pose = isinstance(camera, dict) and "pose" in camera
-    given = [region for region in regions if isinstance(region, dict)] if isinstance(regions, list) else []
-    if not has_pose and not any(region.get("points_m") for region in given):
+    if not has_pose and not any(region.get("points_m") for _, region in toml_lines.regions_in(values)):
         return []
     from fieldkit.config.ground import with_regions
     from fieldkit.config.pose import with_pose
