@@ -124,9 +124,7 @@ def _model_row(name: object, columns: Series) -> list[object]:
     held = [_holds_truth(target) for target in columns.targets if np.isfinite(target.region.tilt_deg)]
     minutes = np.concatenate(held) if held else np.empty(0)
     share = f"{minutes.mean():.0%}" if minutes.size else formatting.UNKNOWN
-    tilts = (
-        formatting.tilt(target.final_estimate) if target.final_estimate else "–" for target in columns.targets
-    )
+    tilts = (target.final_words for target in columns.targets)
     return [name, *tilts, formatting.number(mean_error(columns), 1), share]
 
 

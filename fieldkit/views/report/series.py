@@ -13,6 +13,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldkit.estimation.statistics import (
+    SdKind,
+    mean_absolute_error,
+    root_mean_square_error,
+    sd_of_absolute_error,
+)
 from fieldkit.model.learnt import Learnt
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region, RegionKind, Site
@@ -35,6 +41,11 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
+_OF_ESTIMATES = (
+    *("tilt_deg", "tilt_low_deg", "tilt_high_deg"),
+    *("azimuth_deg", "azimuth_low_deg", "azimuth_high_deg", "kelvin_per_degree"),
+)
+
 
 @dataclass(frozen=True)
 class TargetSeries:
@@ -55,6 +66,22 @@ class TargetSeries:
     def estimated_tilt_deg(self) -> FloatArray:
         """Tilt where it was worked out at that minute, NaN elsewhere (also where one is held)."""
         return np.where(self.is_estimate, self.tilt_deg, np.nan)
+
+    @property
+    def mean_error_deg(self) -> float:
+        """Mean absolute tilt error over the estimates; NaN if the tilt was not given."""
+        return mean_absolute_error(self.estimated_tilt_deg, self.region.tilt_deg)
+
+    def error_words(self, sd: SdKind) -> str:
+        """The mean absolute tilt error and its scatter, degrees."""
+        scatter = sd_of_absolute_error(self.estimated_tilt_deg, self.region.tilt_deg, sd)
+        mean = self.mean_error_deg
+        return f"{mean:.1f} ± {scatter:.2f}" if np.isfinite(mean) else formatting.UNKNOWN
+
+    @property
+    def final_words(self) -> str:
+        """The final tilt with its likelihood region."""
+        return formatting.tilt(self.final_estimate) if self.final_estimate else formatting.UNKNOWN
 
     @property
     def uncertain(self) -> int:
@@ -165,21 +192,20 @@ def _target(region: Region, minutes: Sequence[Minute]) -> TargetSeries:
         for minute in minutes
     )
 
-    def column(name: str) -> FloatArray:
-        return np.array([np.nan if e is None else getattr(e, name) for e in found], np.float64)
+    columns = {
+        name: np.array([np.nan if e is None else getattr(e, name) for e in found], np.float64)
+        for name in _OF_ESTIMATES
+    }
+    is_estimate = np.array([e is not None and e.state in SOLVED for e in found], np.bool_)
+    return TargetSeries(region, found, is_estimate=is_estimate, **columns)
 
-    return TargetSeries(
-        region,
-        found,
-        tilt_deg=column("tilt_deg"),
-        tilt_low_deg=column("tilt_low_deg"),
-        tilt_high_deg=column("tilt_high_deg"),
-        azimuth_deg=column("azimuth_deg"),
-        azimuth_low_deg=column("azimuth_low_deg"),
-        azimuth_high_deg=column("azimuth_high_deg"),
-        kelvin_per_degree=column("kelvin_per_degree"),
-        is_estimate=np.array([e is not None and e.state in SOLVED for e in found], np.bool_),
-    )
+
+def temperature_rmse_k(measured_k: Mapping[str, FloatArray], modelled_k: Mapping[str, FloatArray]) -> float:
+    """RMSE over all regions and minutes of measured against modelled surface temperature, kelvin."""
+    if not modelled_k:
+        return float("nan")
+    measured = np.concatenate([measured_k[name] for name in modelled_k])
+    return root_mean_square_error(measured, np.concatenate(list(modelled_k.values())))
 
 
 def modelled_temperature(columns: Series, target: TargetSeries, parameters: SurfaceParameters) -> FloatArray:
