@@ -147,20 +147,7 @@ class Emissivity(Budgeted):
 def single_pair(apparent_k: float, contact_k: float, reflected_k: float, band: Band = FLAT) -> float:
     """Emissivity from one pair, ``(M(T_app) - M(T_refl)) / (M(T_c) - M(T_refl))``, without an uncertainty.
 
-    Parameters
-    ----------
-    apparent_k
-        Brightness temperature. [K]
-    contact_k
-        Surface temperature. [K]
-    reflected_k
-        Reflected temperature, other than that of the surface. [K]
-    band
-        Band of the camera.
-
-    Returns
-    -------
-    Emissivity in the band. [-]
+    Of the brightness and the contact temperature of a surface other than what it reflects, all in kelvin.
     """
     mirror = band.signal(reflected_k)
     return float((band.signal(apparent_k) - mirror) / (band.signal(contact_k) - mirror))
@@ -438,20 +425,8 @@ def mirrored_temperature_k(
 ) -> FloatArray:
     """Band temperature of what a foil reflects, without the foil's own emission (ISO 18434-1, annex A).
 
-    Parameters
-    ----------
-    foil_k
-        Brightness temperature of the foil at emissivity 1, shape (n,). [K]
-    surface_k
-        Temperature of the foil itself, shape (n,). [K]
-    foil_emissivity
-        Emissivity of the foil in the band, in [0, 1). [-]
-    band
-        Band of the camera.
-
-    Returns
-    -------
-    Shape (n,). [K]
+    From the foil's brightness temperature at emissivity 1 and its own temperature, (n,) each in kelvin, and
+    its emissivity in the band, in [0, 1). Shape (n,), kelvin.
     """
     own = foil_emissivity * band.signal(surface_k)
     return band.temperature((band.signal(foil_k) - own) / (1.0 - foil_emissivity))

@@ -39,25 +39,10 @@ class PooledScale(Budgeted):
 
 
 def pool(beds: Mapping[str, BedScale], tilt_sd_deg: float) -> PooledScale:
-    """Weighted mean of the beds' scales.
+    """Weighted mean of the beds' scales, with its budget; the inclinometer is uncertain by `tilt_sd_deg`.
 
-    Weights allow for noise and for the inclinometer, whose error is independent from bed to bed.
-
-    Parameters
-    ----------
-    beds
-        Scale of each bed, by name.
-    tilt_sd_deg
-        Standard uncertainty of the inclinometer. [degrees]
-
-    Returns
-    -------
-    The pooled scale with its budget.
-
-    Raises
-    ------
-    CalibrationError
-        Without a bed, for a scale outside 0.3 to 3, or if the beds disagree by more than 0.25.
+    Weights allow for noise and for the inclinometer, whose error is independent from bed to bed. Raises
+    `CalibrationError` without a bed, for a scale outside 0.3 to 3, or if the beds disagree by more than 0.25.
     """
     if not beds:
         raise CalibrationError(

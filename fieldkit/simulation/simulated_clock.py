@@ -64,14 +64,9 @@ class _Waiter:
 
 
 class SimulatedClock:
-    """Scene time for all threads; satisfies `fieldkit.model.clock.Clock`.
+    """Scene time for all threads from a UTC start on; satisfies `fieldkit.model.clock.Clock`.
 
-    Parameters
-    ----------
-    start_utc_ns
-        UTC at the start, nanoseconds since 1970.
-    speed
-        Seconds of the scene per real second; infinite: as fast as the work allows.
+    `speed` is seconds of the scene per real second; infinite: as fast as the work allows.
     """
 
     is_real = False

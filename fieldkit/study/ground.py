@@ -80,16 +80,10 @@ class GroundScore:
 
 @dataclass(frozen=True)
 class GroundFit:
-    """The model fitted to the minutes in `chosen` (n,); the others are held out.
+    """The model fitted to the minutes in `chosen` (n,), the first or second half; the others are held out.
 
-    Attributes
-    ----------
-    fitted
-        "first half" or "second half".
-    values, covariance
-        Of `PARAMETERS`, (5,) and (5, 5).
-    modelled_k, half_width_k
-        Of every minute, (n,): temperature and half the prediction interval. [K]
+    `values` and `covariance` are those of `PARAMETERS`, (5,) and (5, 5); `modelled_k` and `half_width_k` (n,)
+    are every minute's temperature and half its prediction interval, kelvin.
     """
 
     ground: MeasuredGround
@@ -146,19 +140,10 @@ class GroundFit:
 
 
 def ground_fits(path: Path, on_step: Callable[[str], None] = lambda _: None) -> list[GroundFit]:
-    """Fit the first half of a record, then the second; each is tried on the other.
+    """Fit the first half of a record (`read_measured_ground`), then the second; each is tried on the other.
 
-    Parameters
-    ----------
-    path
-        See `read_measured_ground`.
-    on_step
-        Receives a few words after each of `steps` parts of the work.
-
-    Raises
-    ------
-    ConfigError
-        If the file is not such a record.
+    `on_step` receives a few words after each of `steps` parts of the work. Raises `ConfigError` if the file
+    is not such a record.
     """
     ground = read_measured_ground(path)
     first = np.arange(ground.surface_k.size) < ground.surface_k.size // 2
@@ -201,18 +186,9 @@ def fit(
 
 
 def surface_k(ground: MeasuredGround, values: FloatArray) -> FloatArray:
-    """Modelled temperature as the radiometer shows it.
+    """Modelled temperature as the radiometer shows it, every minute (n,), kelvin.
 
-    Parameters
-    ----------
-    ground
-        The record; its `surface_k` is not used.
-    values
-        Of `PARAMETERS`, (5,).
-
-    Returns
-    -------
-    Every minute, (n,). [K]
+    `values` are those of `PARAMETERS`, (5,); the record's own `surface_k` is not used.
     """
     still, per_wind, inertia, albedo_error, response_min = np.asarray(values).tolist()
     reflected = ground.shortwave_up_w_m2 + albedo_error * ground.shortwave_down_w_m2
@@ -313,23 +289,12 @@ class MeasuredGround:
 
 
 def read_measured_ground(path: Path) -> MeasuredGround:
-    """Read a table of measured ground.
+    """Read a table of measured ground; the sun is up in rows with a zenith angle below 90 degrees.
 
-    Parameters
-    ----------
-    path
-        CSV with one row a minute and the columns minute, ground_radiometer_c, air_c, wind_m_s,
-        shortwave_down_w_m2, shortwave_up_w_m2, longwave_down_w_m2 and sun_zenith_apparent_deg; others are
-        ignored.
-
-    Returns
-    -------
-    The record; the sun is up in rows with a zenith angle below 90 degrees.
-
-    Raises
-    ------
-    ConfigError
-        If a column is missing, a cell is not a number, minutes are missing, or there is less than a day.
+    CSV with one row a minute and the columns minute, ground_radiometer_c, air_c, wind_m_s,
+    shortwave_down_w_m2, shortwave_up_w_m2, longwave_down_w_m2 and sun_zenith_apparent_deg; others are
+    ignored. Raises `ConfigError` if a column is missing, a cell is not a number, minutes are missing, or
+    there is less than a day.
     """
     try:
         with path.open(newline="", encoding="utf-8") as file:

@@ -186,27 +186,12 @@ def write_maps(
     risk: str | None = None,
     frame_id: str = "map",
 ) -> None:
-    """Write layers as ``/grid_map``, and one of them as ``/occupancy_grid``. Raises `OSError`.
+    """Write layers as ``/grid_map``, and one of them as ``/occupancy_grid``.
 
-    Parameters
-    ----------
-    path
-        The file.
-    layers
-        Values on the cells of the ground by name, rows from north to south; NaN is unknown.
-    ground
-        Cells and their heights, which become the layer ``elevation``.
-    time_ns
-        Stamp of the messages, UTC nanoseconds since 1970.
-    risk
-        Name of a layer in [0, 1] for the occupancy grid.
-    frame_id
-        Frame of the messages: its origin is that of the reference system.
-
-    Raises
-    ------
-    ConfigError
-        If the package that writes ROS 2 messages is not installed.
+    `layers` are values on the cells of the ground by name, rows from north to south, NaN unknown; its heights
+    become the layer ``elevation``, and `risk` names the layer in [0, 1] for the occupancy grid. The origin of
+    the frame `frame_id` is that of the reference system. Raises `OSError`, and `ConfigError` if the package
+    that writes ROS 2 messages is not installed.
     """
     head = header(time_ns, frame_id)
     heights = {"elevation": ground.heights_m.astype(np.float32)}

@@ -254,28 +254,12 @@ GIVE_TIMES = '--times stamps.csv (file name, time), or --time-format "%Y%m%dT%H%
 def given_times_ns(
     frames: Mapping[Path, int], times: Path | None, time_format: str | None, zone: tzinfo | None
 ) -> dict[Path, list[int]] | None:
-    """The times of the frames of each file by a table or by its name; None where neither is to be used.
+    """UTC of each file's frames, in their order, by a table or by its name; None where neither is to be used.
 
-    Parameters
-    ----------
-    frames : mapping
-        Number of frames in each file.
-    times : Path, optional
-        Table of file name and time, a line per frame, with a header line or without.
-    time_format : str, optional
-        Format of the times in the file names without their ending, as for strptime.
-    zone : tzinfo, optional
-        Zone of times without an offset.
-
-    Returns
-    -------
-    dict or None
-        Of each file, the times of its frames in their order. [ns, UTC]
-
-    Raises
-    ------
-    ConfigError
-        Both are given, a zone without them, or they do not give each frame its time.
+    `frames` has the number in each file, `times` is a table of file name and time with a line per frame;
+    `time_format` is that of the times in the file names without their ending, as for strptime, `zone` that of
+    times without an offset. Raises `ConfigError` if both are given, a zone without them, or they do not give
+    each frame its time.
     """
     if times is not None and time_format is not None:
         raise ConfigError("give the times of the frames in one way only", fix=GIVE_TIMES)

@@ -254,19 +254,7 @@ class ErrorBudget:
 def budget(columns: Series, target: TargetSeries, settings: EstimatorSettings) -> ErrorBudget:
     """Error budget of one target at its given slope, or at its estimated slope if none was given.
 
-    Parameters
-    ----------
-    columns : Series
-        The minutes of the session.
-    target : TargetSeries
-        The target region.
-    settings : EstimatorSettings
-        Settings of the estimate; its full-model parameters give the omitted terms.
-
-    Returns
-    -------
-    ErrorBudget
-        Medians over the session. [W/m2, K per degree, degrees]
+    Medians over the session; the omitted terms follow from the settings' full-model parameters.
     """
     tilt, azimuth = _slope(target)
     cos_tilt = float(np.cos(np.radians(tilt)))

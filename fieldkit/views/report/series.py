@@ -209,25 +209,11 @@ def temperature_rmse_k(measured_k: Mapping[str, FloatArray], modelled_k: Mapping
 
 
 def modelled_temperature(columns: Series, target: TargetSeries, parameters: SurfaceParameters) -> FloatArray:
-    """Surface temperature of a target of known slope by eq. (7) of the paper.
+    """Surface temperature (n,) of a target of known slope by eq. (7) of the paper, kelvin.
 
-    Air temperature and the sky's longwave are not measured. Both enter eq. (7) alike for all targets,
-    so the reference stands in for them: at every minute the air temperature is the one that balances the
-    reference at its measured temperature.
-
-    Parameters
-    ----------
-    columns : Series
-        The minutes of the session, with a reference region.
-    target : TargetSeries
-        The target region.
-    parameters : SurfaceParameters
-        Parameters of the energy balance.
-
-    Returns
-    -------
-    numpy.ndarray
-        Surface temperature, shape (n,); NaN if the slope is unknown or there is no reference. [K]
+    Air temperature and the sky's longwave are not measured. Both enter eq. (7) alike for all targets, so the
+    reference stands in for them: at every minute the air temperature is the one that balances the reference
+    at its measured temperature. NaN if the slope is unknown or there is no reference.
     """
     if not np.isfinite([target.region.tilt_deg, target.region.azimuth_deg]).all():
         return np.full(columns.time_ns.size, np.nan)
