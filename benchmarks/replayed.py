@@ -18,7 +18,6 @@ from contextlib import contextmanager
 
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import Buffer
-from fieldkit.model.errors import DeviceError
 from fieldkit.model.units import SECOND_NS
 
 
@@ -57,14 +56,6 @@ class PreparedCamera:
     def skip_until(self, mono_ns: int) -> None:
         """Let frames go by."""
         self._clock.sleep((mono_ns - self._clock.mono_ns()) / SECOND_NS)
-
-    def get_control(self, unit: int, selector: int, length: int) -> bytes:
-        """It has none."""
-        raise DeviceError("no controls")
-
-    def set_control(self, unit: int, selector: int, data: bytes) -> None:
-        """It has none."""
-        raise DeviceError("no controls")
 
     def close(self) -> None:
         """Nothing is held."""

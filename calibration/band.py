@@ -117,70 +117,31 @@ class ResponseBand:
 def before_camera_settings(
     reported_k: ArrayLike, emissivity: float, reflected_k: float, band: Band = FLAT
 ) -> FloatArray:
-    """Undo an emissivity that the camera has already applied.
+    """Brightness temperature of what a camera reports, without the settings it has applied, kelvin.
 
-    Parameters
-    ----------
-    reported_k
-        Temperature that the camera reports, any shape. [K]
-    emissivity
-        Emissivity set in the camera, in (0, 1]. [-]
-    reflected_k
-        Reflected temperature set in the camera. [K]
-    band
-        Band of the camera.
-
-    Returns
-    -------
-    Brightness temperature, same shape. [K]
+    Any shape; the settings are an emissivity in (0, 1] and a reflected temperature in kelvin.
     """
     seen = emissivity * band.signal(reported_k) + (1.0 - emissivity) * band.signal(reflected_k)
     return band.temperature(seen)
 
 
 def transmission(distance_m: float, air_k: float, humidity: float) -> float:
-    """Transmission of the band through air.
+    """Transmission of the band through `distance_m` of air at `air_k` and a relative humidity from 0 to 1.
 
-    Parameters
-    ----------
-    distance_m
-        Length of the path. [m]
-    air_k
-        Air temperature along the path. [K]
-    humidity
-        Relative humidity, 0 to 1. [-]
-
-    Returns
-    -------
-    1 at no distance. [-]
-
-    References
-    ----------
-    .. [1] W. Minkina and S. Dudzik, Infrared Thermography: Errors and Uncertainties, Wiley, 2009; the law
-       of FLIR cameras.
+    The law of FLIR cameras: W. Minkina and S. Dudzik, Infrared Thermography: Errors and Uncertainties, Wiley,
+    2009.
     """
     # the law is written for half of a path with a window in its middle
     path = Planck(1.0, 1.0, 1.0, 0.0, distance_m=2.0 * distance_m, air_k=air_k, humidity=humidity)
     return path_transmission(path)
 
 
-def without_air(brightness_k: ArrayLike, transmitted: float, air_k: float, band: Band = FLAT) -> FloatArray:
-    """Remove the effect of the air between surface and camera.
+def own_part_k(seen_k: ArrayLike, share: float, rest_k: ArrayLike, band: Band = FLAT) -> FloatArray:
+    """Temperature of a surface that is a part of what is seen: through air, or under a tape that reflects.
 
-    Parameters
-    ----------
-    brightness_k
-        Brightness temperature at the camera, any shape. [K]
-    transmitted
-        See `transmission`. [-]
-    air_k
-        Air temperature along the path. [K]
-    band
-        Band of the camera.
-
-    Returns
-    -------
-    Brightness temperature at the surface, same shape. [K]
+    `seen_k` are brightness temperatures at the camera, any shape; `share`, in (0, 1], is that of the
+    surface's own signal: `transmission` of the air, emissivity of the tape; `rest_k` is the temperature of
+    the rest: of the air along the path, of what the tape reflects. Same shape, kelvin.
     """
-    seen = band.signal(brightness_k) - (1.0 - transmitted) * band.signal(air_k)
-    return band.temperature(seen / transmitted)
+    own = band.signal(seen_k) - (1.0 - share) * band.signal(rest_k)
+    return band.temperature(own / share)

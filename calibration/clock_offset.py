@@ -71,26 +71,12 @@ class ClockOffset:
 def offset_from_times(
     own_ns: NDArray[np.int64], true_ns: NDArray[np.int64], reading_sd_s: float, source: str
 ) -> ClockOffset:
-    """Offset against another clock read at the same moments.
+    """Median offset, with its budget, against another clock read at the same moments.
 
-    Parameters
-    ----------
-    own_ns, true_ns
-        Times by the recording computer and by the other clock, shape (n,). [ns]
-    reading_sd_s
-        Standard uncertainty of one pair's simultaneity: half a second by hand, 0.3 s for a receiver's
-        sentences; common to all pairs. [s]
-    source
-        The other clock, for messages.
-
-    Returns
-    -------
-    Median offset with its budget.
-
-    Raises
-    ------
-    CalibrationError
-        Without a pair, if the clocks differ by changing amounts, or after a GPS week rollover.
+    `own_ns` and `true_ns` are times (n,) by the recording computer and by the other clock, `source` its name
+    for messages. `reading_sd_s` is the standard uncertainty of one pair's simultaneity, common to all: half a
+    second by hand, 0.3 s for a receiver's sentences. Raises `CalibrationError` without a pair, if the clocks
+    differ by changing amounts, or after a GPS week rollover.
     """
     if own_ns.size == 0:
         raise CalibrationError("no pair of readings of both clocks", fix="read the other clock once")
@@ -117,25 +103,9 @@ def offset_from_times(
 def offset_from_sun(time_ns: NDArray[np.int64], illuminance_lx: FloatArray, site: Site) -> ClockOffset:
     """Offset at which a horizontal light meter, read over an hour or more, fits the sun's elevation.
 
-    Only readings with the sun above 8.6 degrees count, and those darker than the rest (clouds) are excluded.
-
-    Parameters
-    ----------
-    time_ns
-        Recorded times, shape (n,). [ns]
-    illuminance_lx
-        Readings, shape (n,). [lx]
-    site
-        Where the meter lies.
-
-    Returns
-    -------
-    Offset with its budget.
-
-    Raises
-    ------
-    CalibrationError
-        If illuminance does not determine the time.
+    Of readings (n,) in lx at recorded times (n,), only those with the sun above 8.6 degrees count, and those
+    darker than the rest (clouds) are excluded. Raises `CalibrationError` if illuminance does not determine
+    the time.
     """
     known = np.isfinite(illuminance_lx) & (illuminance_lx > DARK_LX)
     light = _ClearSkyFit(time_ns[known], np.log(illuminance_lx[known]), site)

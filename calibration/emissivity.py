@@ -23,12 +23,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
-from fieldkit.calibration.band import FLAT, Band
+from fieldkit.calibration.band import FLAT, Band, own_part_k
 from fieldkit.calibration.line import Line, Points, fit_line
 from fieldkit.calibration.uncertainty import (
     COVERAGE_FACTOR,
+    Budgeted,
     Contribution,
-    combined_uncertainty,
     effective_freedom,
     largest,
 )
@@ -116,7 +116,7 @@ DEFAULT_SHARED_UNCERTAINTIES = SharedUncertainties()
 
 
 @dataclass(frozen=True, slots=True)
-class Emissivity:
+class Emissivity(Budgeted):
     """An emissivity with its uncertainty budget.
 
     `reflected_k` is a result when it was left free, else the mean of the values given. `freedom` are the
@@ -134,16 +134,6 @@ class Emissivity:
     remarks: tuple[str, ...] = ()
 
     @property
-    def standard_uncertainty(self) -> float:
-        """Standard uncertainty, all contributions together."""
-        return combined_uncertainty(self.budget)
-
-    @property
-    def expanded(self) -> float:
-        """Expanded uncertainty, k = 2."""
-        return COVERAGE_FACTOR * self.standard_uncertainty
-
-    @property
     def largest(self) -> Contribution:
         """The contribution with the largest effect."""
         return largest(self.budget)
@@ -157,45 +147,10 @@ class Emissivity:
 def single_pair(apparent_k: float, contact_k: float, reflected_k: float, band: Band = FLAT) -> float:
     """Emissivity from one pair, ``(M(T_app) - M(T_refl)) / (M(T_c) - M(T_refl))``, without an uncertainty.
 
-    Parameters
-    ----------
-    apparent_k
-        Brightness temperature. [K]
-    contact_k
-        Surface temperature. [K]
-    reflected_k
-        Reflected temperature, other than that of the surface. [K]
-    band
-        Band of the camera.
-
-    Returns
-    -------
-    Emissivity in the band. [-]
+    Of the brightness and the contact temperature of a surface other than what it reflects, all in kelvin.
     """
     mirror = band.signal(reflected_k)
     return float((band.signal(apparent_k) - mirror) / (band.signal(contact_k) - mirror))
-
-
-def tape_temperature_k(
-    apparent_k: FloatArray, tape_emissivity: float, reflected_k: FloatArray, band: Band = FLAT
-) -> FloatArray:
-    """Surface temperature under a tape or paint of known emissivity, in place of a thermometer.
-
-    Parameters
-    ----------
-    apparent_k, reflected_k
-        Brightness and reflected temperature, shape (n,). [K]
-    tape_emissivity
-        Emissivity of the tape in the band, in (0, 1]. [-]
-    band
-        Band of the camera.
-
-    Returns
-    -------
-    Shape (n,). [K]
-    """
-    own = band.signal(apparent_k) - (1.0 - tape_emissivity) * band.signal(reflected_k)
-    return band.temperature(own / tape_emissivity)
 
 
 def fit_emissivity(
@@ -307,7 +262,7 @@ def _shared_effects(
         mirror, contact = pairs.reflected_k + reflected_k, pairs.contact_k + probe_k
         if tape is not None:  # the same camera views the tape, which reflects the same
             seen = tape * band.signal(pairs.contact_k) + (1.0 - tape) * band.signal(pairs.reflected_k)
-            contact = tape_temperature_k(band.temperature(seen) + camera_k, tape, mirror, band)
+            contact = own_part_k(band.temperature(seen) + camera_k, tape, mirror, band)
         given = replace(pairs, apparent_k=pairs.apparent_k + camera_k, contact_k=contact, reflected_k=mirror)
         return _line(given, reflected, band).slope - value
 
@@ -470,20 +425,8 @@ def mirrored_temperature_k(
 ) -> FloatArray:
     """Band temperature of what a foil reflects, without the foil's own emission (ISO 18434-1, annex A).
 
-    Parameters
-    ----------
-    foil_k
-        Brightness temperature of the foil at emissivity 1, shape (n,). [K]
-    surface_k
-        Temperature of the foil itself, shape (n,). [K]
-    foil_emissivity
-        Emissivity of the foil in the band, in [0, 1). [-]
-    band
-        Band of the camera.
-
-    Returns
-    -------
-    Shape (n,). [K]
+    From the foil's brightness temperature at emissivity 1 and its own temperature, (n,) each in kelvin, and
+    its emissivity in the band, in [0, 1). Shape (n,), kelvin.
     """
     own = foil_emissivity * band.signal(surface_k)
     return band.temperature((band.signal(foil_k) - own) / (1.0 - foil_emissivity))

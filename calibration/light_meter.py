@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.calibration.line import Points, fit_line
-from fieldkit.calibration.uncertainty import COVERAGE_FACTOR, Contribution, combined_uncertainty
+from fieldkit.calibration.uncertainty import Budgeted, Contribution
 from fieldkit.model.errors import CalibrationError
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.irradiance import IrradianceModel, direct_normal, shares_on_plane
@@ -28,7 +28,7 @@ MAX_INTERCEPT = 0.05
 
 
 @dataclass(frozen=True, slots=True)
-class LightFactor:
+class LightFactor(Budgeted):
     """W/m2 per unit of the reading, with its budget; `scatter` is relative, `minutes` were used."""
 
     value: float
@@ -36,16 +36,6 @@ class LightFactor:
     scatter: float
     minutes: int
     remarks: tuple[str, ...] = ()
-
-    @property
-    def standard_uncertainty(self) -> float:
-        """Standard uncertainty, all contributions together."""
-        return combined_uncertainty(self.budget)
-
-    @property
-    def expanded(self) -> float:
-        """Expanded uncertainty, k = 2."""
-        return COVERAGE_FACTOR * self.standard_uncertainty
 
 
 def on_plane(
@@ -55,24 +45,10 @@ def on_plane(
     sun: FloatArray,
     time_ns: NDArray[np.int64],
 ) -> FloatArray:
-    """Irradiance on the meter's plane from a measured beam.
+    """Irradiance on the meter's plane from a measured beam, W/m2, shape (n,); NaN where the sun is too low.
 
-    Parameters
-    ----------
-    model
-        Mounting and diffuse model of the meter.
-    dni_w_m2
-        Measured direct normal irradiance, shape (n,). [W/m2]
-    dhi_w_m2
-        Measured diffuse horizontal irradiance, shape (n,); without it the model's share is used. [W/m2]
-    sun
-        Unit vectors to the sun, shape (n, 3).
-    time_ns
-        UTC nanoseconds since 1970, shape (n,).
-
-    Returns
-    -------
-    Shape (n,); NaN where the sun is too low. [W/m2]
+    `model` has mounting and diffuse share of the meter, `sun` the unit vectors (n, 3) at UTC nanoseconds
+    (n,); without measured diffuse horizontal irradiance the model's share is used.
     """
     if dhi_w_m2 is not None:
         per_beam, per_sky = shares_on_plane(model, sun)
@@ -92,28 +68,13 @@ def light_factor(
     cosine_sd: float = 0.015,
     diffuse_sd: float = 0.0,
 ) -> LightFactor:
-    """Factor through the origin from minutes of both instruments.
+    """Factor through the origin from minutes of both instruments, with its budget.
 
-    Minutes in which either changes by more than 5 %, or a cloud shades one of them, are excluded.
-
-    Parameters
-    ----------
-    reading
-        Readings of the meter, shape (n,).
-    plane_w_m2
-        Irradiance on its plane by the reference, shape (n,). [W/m2]
-    reference_sd, cosine_sd, diffuse_sd
-        Relative standard uncertainties that all minutes share: reference instrument, cosine error and level,
-        diffuse share. [-]
-
-    Returns
-    -------
-    Factor with its budget.
-
-    Raises
-    ------
-    CalibrationError
-        With fewer than ten steady minutes, or if no single factor fits the two instruments.
+    `reading` are the meter's (n,), `plane_w_m2` the irradiance on its plane by the reference (n,). Minutes in
+    which either changes by more than 5 %, or a cloud shades one of them, are excluded. The other arguments
+    are relative standard uncertainties that all minutes share: of the reference, of cosine error and level,
+    of the diffuse share. Raises `CalibrationError` with fewer than ten steady minutes, or if no single factor
+    fits the two instruments.
     """
     kept = np.isfinite(reading) & np.isfinite(plane_w_m2) & (reading > 0.0) & (plane_w_m2 > 20.0)
     kept &= _steady(reading) & _steady(plane_w_m2)

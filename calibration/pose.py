@@ -25,16 +25,9 @@ QUANTITIES = ("east_m", "north_m", "height_m", "yaw_deg", "pitch_deg", "roll_deg
 
 @dataclass(frozen=True, slots=True)
 class PoseFit:
-    """A camera's pose.
+    """A camera's pose, with standard uncertainties by the names of `QUANTITIES` (0 of a given field of view).
 
-    Attributes
-    ----------
-    camera
-        The camera.
-    sd
-        Standard uncertainties by the names of `QUANTITIES`, 0 of a given field of view.
-    residuals_px
-        Distance of each mark from where the pose sees its point, shape (n,). [pixels]
+    `residuals_px` (n,) are the distances of each mark from where the pose sees its point.
     """
 
     camera: Camera

@@ -105,18 +105,9 @@ def pairs_of(
 
 
 def drift_k_min(time_ns: Times, value_k: FloatArray) -> float:
-    """Drift by a straight line.
+    """Drift in K/min by a straight line through temperatures (n,), NaN where unknown.
 
-    Parameters
-    ----------
-    time_ns
-        UTC nanoseconds since 1970, shape (n,).
-    value_k
-        Temperatures, shape (n,), NaN where unknown. [K]
-
-    Returns
-    -------
-    NaN for fewer than three values. [K/min]
+    At UTC nanoseconds (n,); NaN for fewer than three values.
     """
     known = np.isfinite(value_k)
     if known.sum() < 3:
@@ -137,18 +128,10 @@ def refuse_shifted_clocks(readings: Readings) -> None:
 
 
 def best_lag_s(readings: Readings) -> float | None:
-    """Time shift of the probe that fits the camera best.
+    """Seconds to add to the probe's times so that it fits the camera best.
 
-    Shifts of up to 30 minutes either way are tried, or a third of the time span.
-
-    Parameters
-    ----------
-    readings
-        Of camera and probe.
-
-    Returns
-    -------
-    Seconds to add to the probe's times; 0 where no shift is twice as good, None if undetermined. [s]
+    Shifts of up to 30 minutes either way are tried, or a third of the time span. 0 where no shift is twice as
+    good, None if undetermined.
     """
     seen = readings.apparent_k[np.isfinite(readings.apparent_k)]
     if seen.size == 0 or np.ptp(seen) < MIN_VARIATION_K:

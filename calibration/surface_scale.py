@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fieldkit.calibration.uncertainty import COVERAGE_FACTOR, Contribution, combined_uncertainty
+from fieldkit.calibration.uncertainty import Budgeted, Contribution
 from fieldkit.model.errors import CalibrationError
 
 MIN_KAPPA, MAX_KAPPA = 0.3, 3.0
@@ -30,44 +30,19 @@ class BedScale:
 
 
 @dataclass(frozen=True, slots=True)
-class PooledScale:
+class PooledScale(Budgeted):
     """kappa of all beds with its budget."""
 
     kappa: float
     budget: tuple[Contribution, ...]
     freedom: int
 
-    @property
-    def standard_uncertainty(self) -> float:
-        """Standard uncertainty, all contributions together."""
-        return combined_uncertainty(self.budget)
-
-    @property
-    def expanded(self) -> float:
-        """Expanded uncertainty, k = 2."""
-        return COVERAGE_FACTOR * self.standard_uncertainty
-
 
 def pool(beds: Mapping[str, BedScale], tilt_sd_deg: float) -> PooledScale:
-    """Weighted mean of the beds' scales.
+    """Weighted mean of the beds' scales, with its budget; the inclinometer is uncertain by `tilt_sd_deg`.
 
-    Weights allow for noise and for the inclinometer, whose error is independent from bed to bed.
-
-    Parameters
-    ----------
-    beds
-        Scale of each bed, by name.
-    tilt_sd_deg
-        Standard uncertainty of the inclinometer. [degrees]
-
-    Returns
-    -------
-    The pooled scale with its budget.
-
-    Raises
-    ------
-    CalibrationError
-        Without a bed, for a scale outside 0.3 to 3, or if the beds disagree by more than 0.25.
+    Weights allow for noise and for the inclinometer, whose error is independent from bed to bed. Raises
+    `CalibrationError` without a bed, for a scale outside 0.3 to 3, or if the beds disagree by more than 0.25.
     """
     if not beds:
         raise CalibrationError(

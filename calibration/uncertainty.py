@@ -27,35 +27,32 @@ class Contribution:
 
 
 def combined_uncertainty(budget: Sequence[Contribution]) -> float:
-    """Combined standard uncertainty: root sum of squares of independent effects.
-
-    Parameters
-    ----------
-    budget
-        Contributions.
-
-    Returns
-    -------
-    In the unit of the result.
-    """
+    """Combined standard uncertainty: root sum of squares of independent effects, in their unit."""
     return math.hypot(*(line.effect for line in budget))
 
 
+class Budgeted:
+    """A result with an uncertainty `budget`."""
+
+    __slots__ = ()
+    budget: tuple[Contribution, ...]
+
+    @property
+    def standard_uncertainty(self) -> float:
+        """Standard uncertainty, all contributions together."""
+        return combined_uncertainty(self.budget)
+
+    @property
+    def expanded(self) -> float:
+        """Expanded uncertainty, k = 2."""
+        return COVERAGE_FACTOR * self.standard_uncertainty
+
+
 def students_factor(freedom: int) -> float:
-    """Factor for a standard deviation of few residuals, so that k = 2 covers 95 %.
+    """Factor for a standard deviation of few residuals, so that k = 2 covers 95 %: 7.0 for 1, 1.3 for 5.
 
-    Parameters
-    ----------
-    freedom
-        Degrees of freedom, at least 1.
-
-    Returns
-    -------
-    Student's t for the probability within two standard deviations, over two: 7.0 for 1, 1.3 for 5. [-]
-
-    References
-    ----------
-    .. [1] JCGM 100:2008, Guide to the expression of uncertainty in measurement, G.3 and table G.2.
+    Student's t at `freedom` degrees of freedom, at least 1, for the probability within two standard
+    deviations, over two (JCGM 100:2008, G.3 and table G.2).
     """
     from scipy.special import ndtr, stdtrit  # slow to import, and every configuration imports this file
 
@@ -68,22 +65,10 @@ def largest(budget: Sequence[Contribution]) -> Contribution:
 
 
 def effective_freedom(budget: Sequence[Contribution], freedom: int) -> float:
-    """Effective degrees of freedom after Welch and Satterthwaite.
+    """Effective degrees of freedom after Welch and Satterthwaite (JCGM 100:2008, G.4.1).
 
-    Parameters
-    ----------
-    budget
-        Contributions; those of kind B are taken as exactly known.
-    freedom
-        Degrees of freedom of the contributions of kind A together.
-
-    Returns
-    -------
+    `freedom` is that of the contributions of kind A together; those of kind B are taken as exactly known.
     Infinite without a contribution of kind A.
-
-    References
-    ----------
-    .. [1] JCGM 100:2008, Guide to the expression of uncertainty in measurement, G.4.1.
     """
     scatter = combined_uncertainty([line for line in budget if line.kind == "A"])
     return math.inf if scatter == 0.0 else freedom * (combined_uncertainty(budget) / scatter) ** 4

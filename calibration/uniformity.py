@@ -55,23 +55,11 @@ class Uniformity:
 def uniformity(
     before: TargetView, after: TargetView | None = None, *, target_sd_k: float = 0.05
 ) -> Uniformity:
-    """Offsets from one view, or the mean of two, with half their change as a bound for the time between.
+    """Offsets by region, with budgets and drifts, from one view of the target or the mean of two.
 
-    Parameters
-    ----------
-    before, after
-        Views of the target.
-    target_sd_k
-        Standard uncertainty of the target's own uniformity. [K]
-
-    Returns
-    -------
-    Offsets by region, with budgets and drifts.
-
-    Raises
-    ------
-    CalibrationError
-        If the regions cannot have viewed one uniform target.
+    Half the change between two views is a bound for the time between; `target_sd_k` is the standard
+    uncertainty of the target's own uniformity. Raises `CalibrationError` if the regions cannot have viewed
+    one uniform target.
     """
     views = [before] if after is None else sorted((before, after), key=lambda view: view.time_ns)
     _refuse_no_target(views)

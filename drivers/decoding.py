@@ -112,6 +112,16 @@ class Decodes(Protocol):
         """Explain `data`; never raises for any bytes."""
 
 
+class RecordDriver:
+    """What the drivers of instruments share whose records have a `layout`."""
+
+    layout: Layout
+
+    def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
+        """Explain bytes; see `Decodes`."""
+        return decode_records(data, self.layout)
+
+
 def skip_to(start: bytes, data: bytes) -> int:
     """Number of bytes to drop so that the rest begins with (a part of) `start`, at least one."""
     found = data.find(start, 1)
@@ -137,6 +147,11 @@ def decode_records(data: bytes, layout: Layout) -> Decoded:
             _note_rejected(rejected, parsed, position)
         position += parsed.length
     return Decoded(tuple(values), tuple(rejected), len(data) - position, tuple(notes))
+
+
+def text_of(raw: bytes) -> str:
+    """The ASCII text of a field, which a zero may end."""
+    return raw.split(b"\0")[0].decode("ascii", "replace").strip()
 
 
 def _note_rejected(rejected: list[Rejected], part: Rejected, position: int) -> None:

@@ -78,6 +78,10 @@ class UsbIdentity:
         return f"{self.path if others and self.path else kind}{port}"
 
 
+NO_USB = UsbIdentity(0, 0)
+"""Of an instrument that is none of USB's."""
+
+
 def identity_fix(name: str, present: Sequence[object]) -> str:
     """Next step when the instrument called `name` is not found among those `present`."""
     if not present:

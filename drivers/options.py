@@ -28,9 +28,9 @@ def number(
     """The option `key` as a number, `within` two ends if given; raises `ConfigError`."""
     value = settings.options.get(key, default)
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise _wrong(settings, key, value, "a number")
+        raise wrong(settings, key, value, "a number")
     if within and key in settings.options and not within[0] <= value <= within[1]:
-        raise _wrong(settings, key, value, f"a number from {within[0]:g} to {within[1]:g}")
+        raise wrong(settings, key, value, f"a number from {within[0]:g} to {within[1]:g}")
     return float(value)
 
 
@@ -38,7 +38,7 @@ def flag(settings: DeviceSettings, key: str, default: bool) -> bool:
     """The option `key` as true or false; raises `ConfigError`."""
     value = settings.options.get(key, default)
     if not isinstance(value, bool):
-        raise _wrong(settings, key, value, "true or false")
+        raise wrong(settings, key, value, "true or false")
     return value
 
 
@@ -47,7 +47,7 @@ def text(settings: DeviceSettings, key: str, default: str, choices: Sequence[str
     value = settings.options.get(key, default)
     if not isinstance(value, str) or (choices and value not in choices):
         named = ", ".join(filter(None, choices))
-        raise _wrong(settings, key, value, f"one of {named}" if choices else "text")
+        raise wrong(settings, key, value, f"one of {named}" if choices else "text")
     return value
 
 
@@ -55,7 +55,7 @@ def labels(settings: DeviceSettings, default: Sequence[str]) -> tuple[str, ...]:
     """The names given to a meter's channels (option `labels`), in its own order."""
     value = settings.options.get("labels", tuple(default))
     if not isinstance(value, list | tuple) or not value or not all(isinstance(name, str) for name in value):
-        raise _wrong(settings, "labels", value, 'a list of names such as ["reference", "b05"]')
+        raise wrong(settings, "labels", value, 'a list of names such as ["reference", "b05"]')
     return tuple(value)
 
 
@@ -69,5 +69,6 @@ def kelvin_per_count(settings: DeviceSettings) -> float:
     return number(settings, "kelvin_per_count", math.nan)
 
 
-def _wrong(settings: DeviceSettings, key: str, value: Any, expected: str) -> ConfigError:
+def wrong(settings: DeviceSettings, key: str, value: Any, expected: str) -> ConfigError:
+    """The error of an option that is not as expected."""
     return ConfigError(f"{settings.name}: {key} = {value!r} is not {expected}", fix=f"give {expected}")

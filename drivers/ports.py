@@ -25,7 +25,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
-from fieldkit.drivers.decoding import Channel, Layout, Record
+from fieldkit.drivers.decoding import Channel, Layout, Record, RecordDriver
 from fieldkit.drivers.identity import (
     SYSFS,
     UDEV_FIX,
@@ -394,6 +394,22 @@ def find_ports(
         for path, identity in ports
         if not kinds or (identity.vendor, identity.product) in kinds
     ]
+
+
+class SerialDriver(RecordDriver):
+    """What the drivers of instruments at serial ports share: any adapter is a candidate, or those of `kinds`.
+
+    `caveat` says what decides.
+    """
+
+    name: str
+    title: str
+    kinds: Sequence[tuple[int, int]] = ()
+    caveat: str
+
+    def find(self) -> list[DiscoveredDevice]:
+        """Serial adapters that the instrument may have."""
+        return find_ports(self.name, self.title, self.kinds, self.caveat)
 
 
 def port_path(settings: DeviceSettings, kinds: Sequence[tuple[int, int]] = ()) -> str:

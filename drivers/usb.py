@@ -79,6 +79,16 @@ def usb_errors(where: str) -> Iterator[None]:
         ) from error
 
 
+def read_until(unit: Any, endpoint: int, size: int, timeout_ms: int) -> bytes:
+    """Bytes of an endpoint, empty if none come within the time; raises `OSError`."""
+    try:
+        return bytes(unit.read(endpoint, size, timeout_ms))
+    except OSError as error:
+        if error.errno == errno.ETIMEDOUT:
+            return b""
+        raise
+
+
 def _identity(unit: Any) -> UsbIdentity:
     socket = "-".join([str(unit.bus), ".".join(str(port) for port in unit.port_numbers or ())])
     return UsbIdentity(

@@ -18,8 +18,7 @@ from functools import cached_property
 from itertools import compress
 from operator import itemgetter
 from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self, TypeVar
+from typing import Any, Self, TypeVar
 
 import h5py
 import numpy as np
@@ -69,10 +68,6 @@ from fieldkit.sessions.stored import (
 from fieldkit.sessions.stream_reader import Readings, StreamReader
 from fieldkit.sessions.superblock import CHECK_PATH, MendedFile, is_clean
 from fieldkit.sessions.time_map import StoredTimes, TimeStep, check_rows, mapped_event
-
-if TYPE_CHECKING:
-    pass
-
 
 _MAX_HEADER_BYTES = 16_000_000
 
@@ -161,9 +156,7 @@ class SessionReader:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def __contains__(self, stream: object) -> bool:

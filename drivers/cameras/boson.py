@@ -25,13 +25,13 @@ from typing import Any, NamedTuple
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera
 from fieldkit.drivers.cameras.camera import DecodedFrame, decode_frames, extremes, pixel_view, quality_flags
-from fieldkit.drivers.cameras.source import CameraFormat, find_cameras, open_source
-from fieldkit.drivers.decoding import Decoded, Layout, Parsed, Record, Rejected
+from fieldkit.drivers.cameras.source import CameraDriver, CameraFormat, open_source
+from fieldkit.drivers.decoding import Decoded, Layout, Parsed, Record, Rejected, text_of
 from fieldkit.drivers.identity import UsbIdentity
 from fieldkit.drivers.options import decoding_settings, kelvin_per_count
 from fieldkit.drivers.ports import Line, SerialPort, serial_ports
 from fieldkit.model.clock import Clock
-from fieldkit.model.device import DeviceSettings, DiscoveredDevice
+from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceError, DeviceTimeoutError
 from fieldkit.model.samples import Quality
 from fieldkit.model.units import CELSIUS_ZERO_K, SECOND_NS
@@ -149,7 +149,7 @@ class BosonSerial:
     def facts(self) -> dict[str, str]:
         """Serial number, part number, gain and FFC mode as read back."""
         gain, mode = self.number(GAIN), self.number(FFC_MODE)
-        part = self.request(PART_NUMBER).split(b"\0")[0].decode("ascii", "replace").strip()
+        part = text_of(self.request(PART_NUMBER))
         return {
             "serial_number": str(self.number(SERIAL_NUMBER)),
             "model": part,
@@ -184,7 +184,7 @@ def decode(data: bytes, scale: float = math.nan) -> DecodedFrame | Rejected:
     )
 
 
-class Boson:
+class Boson(CameraDriver):
     """Driver of the Boson family.
 
     Options: those of every camera, `radiometric` (true: request TLinear) and `kelvin_per_count` for
@@ -193,12 +193,8 @@ class Boson:
 
     name = "boson"
     title = "FLIR Boson"
-    quantity = "brightness_temperature"
     options: tuple[str, ...] = (*camera.OPTIONS, "radiometric", "kelvin_per_count")
-
-    def find(self) -> list[DiscoveredDevice]:
-        """Connected Bosons."""
-        return find_cameras(self.name, self.title, WANTED)
+    wanted = WANTED
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes of one or more frames; option `kelvin_per_count` (0.01 for TLinear)."""

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldkit.drivers.decoding import text_of
 from fieldkit.model.errors import DecodeError
 from fieldkit.physics.camera_laws import Planck, path_transmission, planck_k
 
@@ -234,8 +235,8 @@ def _with_information(counts: NDArray[np.uint16], record: bytes) -> FlirFrame:
     return FlirFrame(
         counts,
         constants,
-        model=_text(record[0xD4:0xF4]),
-        serial_number=_text(record[0x104:0x114]),
+        model=text_of(record[0xD4:0xF4]),
+        serial_number=text_of(record[0x104:0x114]),
         time_ns=(seconds * 1000 + milliseconds % 1000) * 1_000_000 if seconds else 0,
         rate_hz=float(struct.unpack_from(f"{order}H", record, 0x464)[0]) if len(record) >= 0x466 else 0.0,
     )
@@ -269,10 +270,6 @@ def _transmits(constants: Planck) -> bool:
         return 0 < path_transmission(constants) < 2
     except OverflowError:
         return False
-
-
-def _text(raw: bytes) -> str:
-    return raw.split(b"\0")[0].decode("ascii", "replace").strip()
 
 
 def settings(frame: FlirFrame) -> dict[str, Any]:

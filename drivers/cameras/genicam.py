@@ -19,13 +19,12 @@ from typing import Any
 
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera
-from fieldkit.drivers.cameras.source import OpenedSource
+from fieldkit.drivers.cameras.source import CameraDriver, OpenedSource
 from fieldkit.drivers.cameras.streaming import StreamSource
 from fieldkit.drivers.cameras.y16 import Y16, decoder
 from fieldkit.drivers.decoding import Decoded
-from fieldkit.drivers.identity import UsbIdentity
 from fieldkit.model.clock import Clock
-from fieldkit.model.device import Buffer, DeviceSettings, DiscoveredDevice
+from fieldkit.model.device import Buffer, DeviceSettings
 from fieldkit.model.errors import ConfigError, DeviceAccessError, DeviceError, DeviceNotFoundError
 from fieldkit.model.units import SECOND_NS
 
@@ -123,7 +122,7 @@ def passed(before: int, after: int) -> int:
     return after - before if after > before else after - before + BLOCK_IDS
 
 
-class Genicam:
+class Genicam(CameraDriver):
     """Driver of GenICam cameras; `port` is the camera's address.
 
     Options: those of every camera, `resolution` (``10mK`` or ``100mK``, of FLIR's A-series), `width` and
@@ -132,15 +131,10 @@ class Genicam:
 
     name = "genicam"
     title = "GenICam camera (GigE Vision, USB3 Vision)"
-    quantity = "brightness_temperature"
     options: tuple[str, ...] = (
         *(one for one in camera.OPTIONS if one != "backend"),
         *("resolution", "width", "height", "kelvin_per_count", "kelvin_offset"),
     )
-
-    def find(self) -> list[DiscoveredDevice]:
-        """Nothing: the network is not searched."""
-        return []
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes; options `width`, `height`, `kelvin_per_count`, `kelvin_offset`."""
@@ -164,7 +158,7 @@ class Genicam:
         scaled = DeviceSettings(settings.name, self.name, options={**settings.options, **per_count})
         read = decoder(scaled, width, height)
         first = camera.first_frame(source, read, settings.name, clock)
-        opened = OpenedSource(source, UsbIdentity(0, 0), settings.identity)
+        opened = OpenedSource(source, settings.identity)
         rate_hz = facts.pop("rate_hz")
         info = camera.describe(settings, opened, first, facts, vendor=facts.pop("vendor"), rate_hz=rate_hz)
         return camera.ThermalCamera(info, source, read, clock)

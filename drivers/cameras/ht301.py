@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Any, Protocol, cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,20 +24,14 @@ from numpy.typing import NDArray
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera
 from fieldkit.drivers.cameras.camera import PLAUSIBLE_K, DecodedFrame, decode_frames, extremes, pixel_view
-from fieldkit.drivers.cameras.source import CameraFormat, find_cameras, open_source
-from fieldkit.drivers.decoding import Decoded, Rejected
+from fieldkit.drivers.cameras.source import CameraDriver, CameraFormat, cannot_command, open_source
+from fieldkit.drivers.decoding import Decoded, Rejected, text_of
 from fieldkit.model.clock import Clock
-from fieldkit.model.device import DeviceSettings, DiscoveredDevice, FrameSource
+from fieldkit.model.device import DeviceSettings, FrameSource
 from fieldkit.model.errors import DeviceError
 from fieldkit.model.samples import Quality
 from fieldkit.model.units import CELSIUS_ZERO_K
-from fieldkit.physics.camera_laws import (
-    HT301_COUNTS,
-    ht301_area,
-    ht301_curve,
-    ht301_fpa_c,
-    ht301_parameters,
-)
+from fieldkit.physics.camera_laws import HT301_COUNTS, ht301_area, ht301_curve, ht301_fpa_c, ht301_parameters
 
 ROWS = 4
 WANTED = CameraFormat(((0x1514, 0x0001),), "YUYV", ((384, 292), (256, 196), (240, 184), (640, 516)))
@@ -48,13 +42,6 @@ SETTLES_S = 0.3  # the camera ignores commands right after the stream begins
 RATE_HZ = 25.0
 _USER_BLOCK = 127
 _USER = ("camera_correction", "camera_reflected_c", "camera_air_c", "camera_humidity", "camera_emissivity")
-
-
-class ZoomSource(FrameSource, Protocol):
-    """A source that can write the absolute zoom control."""
-
-    def set_zoom(self, value: int) -> None:
-        """Write it; raises `DeviceError`."""
 
 
 def decode(data: bytes, law: str = "ht301") -> DecodedFrame | Rejected:
@@ -87,11 +74,11 @@ def user_block(rows: NDArray[np.uint16]) -> dict[str, Any]:
     texts = {
         name: area[place : place + 8].tobytes() for name, place in (("firmware", 24), ("serial_number", 32))
     }
-    facts = {name: text.split(b"\0")[0].decode("ascii", "replace").strip() for name, text in texts.items()}
+    facts = {name: text_of(text) for name, text in texts.items()}
     return {**facts, **dict(zip(_USER, block, strict=True)), "camera_distance_m": int(area[_USER_BLOCK + 10])}
 
 
-class Ht301:
+class Ht301(CameraDriver):
     """Driver of the metadata-rows family.
 
     Options: those of every camera, and `range` (``normal`` or ``high``).
@@ -99,12 +86,8 @@ class Ht301:
 
     name = "ht301"
     title = "HT-301 / T3S / T2L"
-    quantity = "brightness_temperature"
     options: tuple[str, ...] = (*camera.OPTIONS, "range")
-
-    def find(self) -> list[DiscoveredDevice]:
-        """Connected HT-301 cameras; the other models go by changing ids."""
-        return find_cameras(self.name, self.title, WANTED)
+    wanted = WANTED
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes of one or more frames; see `fieldkit.drivers.decoding.Decodes`."""
@@ -114,9 +97,9 @@ class Ht301:
         """Open the camera and switch it to temperatures."""
         chosen = options.text(settings, "range", "normal", tuple(RANGES))
         opened = open_source(settings, WANTED, clock)
-        command = zoom_of(opened.source)
-        clock.sleep(SETTLES_S)
         try:
+            command = _zoom_of(opened.source)
+            clock.sleep(SETTLES_S)
             command(RANGES[chosen])
             command(TEMPERATURES)
         except DeviceError:
@@ -132,9 +115,8 @@ class Ht301:
         return camera.ThermalCamera(info, opened.source, read, clock, partial(command, CALIBRATE))
 
 
-def zoom_of(source: FrameSource) -> Callable[[int], None]:
-    """The source's way of writing the zoom; raises `DeviceError` (and closes it) if it has none."""
+def _zoom_of(source: FrameSource) -> Callable[[int], None]:
+    """The source's way of writing the absolute zoom; raises `DeviceError` if it has none."""
     if not hasattr(source, "set_zoom"):
-        source.close()
-        raise DeviceError(f"{source.backend} cannot command this camera", fix='backend = "v4l2"')
-    return cast(ZoomSource, source).set_zoom
+        raise cannot_command(source)
+    return cast("Callable[[int], None]", source.set_zoom)

@@ -20,13 +20,12 @@ from typing import Any
 
 from fieldkit.drivers.cameras import camera
 from fieldkit.drivers.cameras.camera import DecodedFrame, decode_frames, extremes, pixel_view, quality_flags
-from fieldkit.drivers.cameras.source import OpenedSource
+from fieldkit.drivers.cameras.source import CameraDriver, OpenedSource
 from fieldkit.drivers.cameras.streaming import StreamSource
 from fieldkit.drivers.connections import address_of
 from fieldkit.drivers.decoding import Decoded, Rejected
-from fieldkit.drivers.identity import UsbIdentity
 from fieldkit.model.clock import Clock
-from fieldkit.model.device import Buffer, DeviceSettings, DiscoveredDevice
+from fieldkit.model.device import Buffer, DeviceSettings
 from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
 
 PORT = 30444
@@ -134,17 +133,12 @@ class UdpSource(StreamSource):
 _ADVICE = "switch the board on and join its network, or give its address: port = host"
 
 
-class Htpa:
+class Htpa(CameraDriver):
     """Driver of the HTPA32x32d; `port` is the board's address, options are those of every camera."""
 
     name = "htpa"
     title = "Heimann HTPA32x32d"
-    quantity = "brightness_temperature"
     options: tuple[str, ...] = camera.OPTIONS
-
-    def find(self) -> list[DiscoveredDevice]:
-        """Nothing: the network is not searched."""
-        return []
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes of one or more frames; see `fieldkit.drivers.decoding.Decodes`."""
@@ -161,7 +155,7 @@ class Htpa:
             source.close()
             raise
         first = camera.first_frame(source, decode, settings.name, clock)
-        opened = OpenedSource(source, UsbIdentity(0, 0), settings.identity)
+        opened = OpenedSource(source, settings.identity)
         info = camera.describe(settings, opened, first, facts, vendor="Heimann Sensor")
         return camera.ThermalCamera(info, source, decode, clock)
 

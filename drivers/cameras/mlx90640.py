@@ -15,8 +15,6 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
@@ -25,11 +23,10 @@ from fieldkit.drivers.cameras import camera
 from fieldkit.drivers.cameras.camera import DecodedFrame, extremes, quality_flags, summary
 from fieldkit.drivers.cameras.source import OpenedSource
 from fieldkit.drivers.cameras.streaming import PortSource
-from fieldkit.drivers.decoding import Decoded, Layout, Parsed, Record, Rejected, decode_records, skip_to
-from fieldkit.drivers.identity import UsbIdentity
-from fieldkit.drivers.ports import Line, SerialPort, find_ports, open_port
+from fieldkit.drivers.decoding import Layout, Parsed, Record, Rejected, skip_to
+from fieldkit.drivers.ports import Line, SerialDriver, SerialPort, open_port
 from fieldkit.model.clock import Clock
-from fieldkit.model.device import DeviceSettings, DiscoveredDevice
+from fieldkit.model.device import DeviceSettings
 from fieldkit.model.units import CELSIUS_ZERO_K
 
 SHAPES = {768: (24, 32), 192: (12, 16)}
@@ -135,7 +132,7 @@ def _of_text(buffer: bytes) -> Parsed:
 LAYOUT = Layout(parse, LONGEST)
 
 
-class Mlx90640:
+class Mlx90640(SerialDriver):
     """Driver of MLX9064x on serial boards.
 
     Options: those of every camera, `baud` (115200), and for the GY-MCU90640 `rate_hz` (0.5, 1, 2, 4, 8)
@@ -146,14 +143,8 @@ class Mlx90640:
     title = "MLX90640 on a serial board"
     quantity = "brightness_temperature"
     options: tuple[str, ...] = (*camera.OPTIONS, "baud", "rate_hz", "emissivity")
-
-    def find(self) -> list[DiscoveredDevice]:
-        """Serial ports; only the bytes decide, so each is a candidate."""
-        return find_ports(self.name, self.title, (), "any adapter: only its bytes decide")
-
-    def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
-        """Explain bytes; see `fieldkit.drivers.decoding.Decodes`."""
-        return decode_records(data, LAYOUT)
+    layout = LAYOUT
+    caveat = "any adapter: only its bytes decide"
 
     def open(self, settings: DeviceSettings, clock: Clock) -> camera.ThermalCamera:
         """Open the port, set what the options request, and wait for a frame."""
@@ -164,7 +155,7 @@ class Mlx90640:
         facts = {"model": "MLX9064x", **_emissivity(port, clock)}
         source = PortSource(port, LAYOUT, clock)
         first = camera.first_frame(source, decode, settings.name, clock)
-        opened = OpenedSource(source, UsbIdentity(0, 0), settings.identity or port.identity)
+        opened = OpenedSource(source, settings.identity or port.identity)
         rate_hz = options.number(settings, "rate_hz", 0.0)
         info = camera.describe(settings, opened, first, facts, vendor="Melexis", rate_hz=rate_hz)
         return camera.ThermalCamera(info, source, decode, clock)

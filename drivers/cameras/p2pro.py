@@ -32,12 +32,12 @@ from numpy.typing import NDArray
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera
 from fieldkit.drivers.cameras.camera import DecodedFrame, decode_frames, extremes, pixel_view, quality_flags
-from fieldkit.drivers.cameras.source import CameraFormat, find_cameras, open_source
-from fieldkit.drivers.decoding import Decoded, Rejected
+from fieldkit.drivers.cameras.source import CameraDriver, CameraFormat, open_source
+from fieldkit.drivers.decoding import Decoded, Rejected, text_of
 from fieldkit.drivers.identity import UsbIdentity, permission_fix
 from fieldkit.drivers.usb import usb_errors, usb_instruments
 from fieldkit.model.clock import Clock
-from fieldkit.model.device import DeviceSettings, DiscoveredDevice
+from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceTimeoutError
 from fieldkit.model.samples import Quality
 
@@ -197,9 +197,7 @@ def _apply(commands: Commands, setting: CameraSetting) -> None:
 
 def _facts(commands: Commands) -> dict[str, Any]:
     texts = {key: commands.information(*item) for key, item in ITEMS.items()}
-    facts: dict[str, Any] = {
-        key: raw.split(b"\0")[0].decode("ascii", "replace").strip() for key, raw in texts.items()
-    }
+    facts: dict[str, Any] = {key: text_of(raw) for key, raw in texts.items()}
     gain = commands.get(PROPERTIES, GAIN)
     facts["gain"] = GAINS[gain] if gain < len(GAINS) else f"unknown ({gain})"
     facts.update({key: commands.get(PROPERTIES, item) for key, item in READ_BACK.items()})
@@ -247,7 +245,7 @@ def _is_grey(row: NDArray[np.uint16]) -> bool:
     return GREY[0] <= coldest <= hottest <= GREY[1]
 
 
-class P2Pro:
+class P2Pro(CameraDriver):
     """Driver of the InfiRay 256x192 family.
 
     Options: those of every camera, and what is set in the camera and read back when opening: `gain` (``high``
@@ -256,13 +254,9 @@ class P2Pro:
 
     name = "p2pro"
     title = "InfiRay P2 Pro / Topdon TC001"
-    quantity = "brightness_temperature"
     options: tuple[str, ...] = (*camera.OPTIONS, "gain", "emissivity", "distance_m", "auto_shutter")
-
-    def find(self) -> list[DiscoveredDevice]:
-        """Cameras with the chip maker's ids; the frame size decides when opening."""
-        caveat = "webcams share this id; only the frame size 256x384 decides"
-        return find_cameras(self.name, self.title, WANTED, caveat)
+    wanted = WANTED
+    caveat = "webcams share this id; only the frame size 256x384 decides"
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes of one or more frames; see `fieldkit.drivers.decoding.Decodes`."""

@@ -19,18 +19,18 @@ import struct
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.drivers.cameras import camera
 from fieldkit.drivers.cameras.camera import DecodedFrame, decode_frames, extremes, pixel_view, quality_flags
-from fieldkit.drivers.cameras.source import CameraFormat, find_cameras, open_source
-from fieldkit.drivers.decoding import Decoded, Rejected
+from fieldkit.drivers.cameras.source import CameraDriver, CameraFormat, cannot_command, open_source
+from fieldkit.drivers.decoding import Decoded, Rejected, text_of
 from fieldkit.drivers.options import decoding_settings, kelvin_per_count
 from fieldkit.model.clock import Clock
-from fieldkit.model.device import DeviceSettings, DiscoveredDevice, FrameSource
+from fieldkit.model.device import DeviceSettings, FrameSource
 from fieldkit.model.errors import DeviceError
 
 WANTED = CameraFormat(((0x1E4E, 0x0100),), "Y16 ", ((160, 122), (80, 63), (160, 120), (80, 60)))
@@ -100,7 +100,7 @@ def _sizes() -> str:
     return " or ".join(str(size) for size in sorted(SHAPES))
 
 
-class PureThermal:
+class PureThermal(CameraDriver):
     """Driver of PureThermal boards with a Lepton.
 
     Options: those of every camera, and `kelvin_per_count` (0.01 or 0.1) for boards that neither send
@@ -109,12 +109,8 @@ class PureThermal:
 
     name = "purethermal"
     title = "PureThermal with FLIR Lepton"
-    quantity = "brightness_temperature"
     options: tuple[str, ...] = (*camera.OPTIONS, "kelvin_per_count")
-
-    def find(self) -> list[DiscoveredDevice]:
-        """Connected PureThermal boards."""
-        return find_cameras(self.name, self.title, WANTED)
+    wanted = WANTED
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes of one or more frames; see `fieldkit.drivers.decoding.Decodes`."""
@@ -139,8 +135,8 @@ class PureThermal:
 
 def _facts(source: FrameSource, first: DecodedFrame) -> dict[str, Any]:
     """A board's report of itself, by its first frame and its extension units."""
-    facts: dict[str, Any] = {"model": _ask_text(source, *PART_NUMBER, 32) or "Lepton"}
-    facts["serial_number"] = _ask_serial(source)
+    facts: dict[str, Any] = {"model": text_of(_ask(source, PART_NUMBER, 32)) or "Lepton"}
+    facts["serial_number"] = str(int.from_bytes(_ask(source, SERIAL, 8), "little") or "")
     if math.isnan(first.fpa_temperature_k):
         return facts | {"scale_from": "extension unit or configuration"}
     facts |= {"scale_from": "telemetry", "gain": first.gain}
@@ -149,31 +145,40 @@ def _facts(source: FrameSource, first: DecodedFrame) -> dict[str, Any]:
     return facts
 
 
+@runtime_checkable
+class ExtensionUnits(Protocol):
+    """A source that reaches the extension units of a UVC camera; raises `DeviceError` where there is none."""
+
+    def get_control(self, unit: int, selector: int, length: int) -> bytes:
+        """Read a control."""
+
+    def set_control(self, unit: int, selector: int, data: bytes) -> None:
+        """Write a control."""
+
+
+def _units(source: FrameSource) -> ExtensionUnits:
+    if not isinstance(source, ExtensionUnits):
+        raise cannot_command(source)
+    return source
+
+
 def run_shutter(source: FrameSource) -> None:
     """Run a flat-field correction; raises `DeviceError` where the source has no controls."""
-    source.set_control(*RUN_FFC, b"\x01")
+    _units(source).set_control(*RUN_FFC, b"\x01")
 
 
 def ask_scale(source: FrameSource) -> float:
     """K per count by the extension unit, NaN if TLinear is off or there is no reply."""
-    try:
-        linear = int.from_bytes(source.get_control(*TLINEAR, 4), "little")
-        resolution = int.from_bytes(source.get_control(*TLINEAR_RESOLUTION, 4), "little")
-    except DeviceError:
+    replies = [_ask(source, control, 4) for control in (TLINEAR, TLINEAR_RESOLUTION)]
+    if not all(replies):
         return math.nan
+    linear, resolution = (int.from_bytes(reply, "little") for reply in replies)
     return RESOLUTION_K.get((linear, resolution), math.nan)
 
 
-def _ask_text(source: FrameSource, unit: int, selector: int, length: int) -> str:
+def _ask(source: FrameSource, control: tuple[int, int], length: int) -> bytes:
+    """The value of a control, empty without a reply."""
     try:
-        reply = source.get_control(unit, selector, length)
+        return _units(source).get_control(*control, length)
     except DeviceError:
-        return ""
-    return reply.split(b"\0")[0].decode("ascii", "replace").strip()
-
-
-def _ask_serial(source: FrameSource) -> str:
-    try:
-        return str(int.from_bytes(source.get_control(*SERIAL, 8), "little") or "")
-    except DeviceError:
-        return ""
+        return b""

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras.v4l2 import V4l2Source
-from fieldkit.drivers.identity import SYSFS, UsbIdentity, identity_fix, usb_parent
+from fieldkit.drivers.identity import NO_USB, SYSFS, UsbIdentity, identity_fix, usb_parent
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import Buffer, DeviceSettings, DiscoveredDevice, FrameSource
 from fieldkit.model.errors import DeviceError, DeviceLostError, DeviceNotFoundError
@@ -70,14 +70,6 @@ class OpenCvSource:
             fix="plug it back in; it is opened again by identity",
         )
 
-    def get_control(self, unit: int, selector: int, length: int) -> bytes:
-        """Not possible this way."""
-        raise DeviceError("OpenCV cannot reach the camera's extension units", fix='backend = "v4l2"')
-
-    def set_control(self, unit: int, selector: int, data: bytes) -> None:
-        """Not possible this way."""
-        raise DeviceError("OpenCV cannot reach the camera's extension units", fix='backend = "v4l2"')
-
     def set_zoom(self, value: int) -> None:
         """Write the absolute zoom, which some cameras take as a command."""
         if not self._capture.set(self._zoom, float(value)):
@@ -127,13 +119,32 @@ class CameraFormat:
     otherwise: str = ""
 
 
+class CameraDriver:
+    """What the drivers of cameras share; a family without a `wanted` format is not looked for."""
+
+    name: str
+    title: str
+    quantity = "brightness_temperature"
+    wanted: CameraFormat = CameraFormat((), "", ())
+    caveat = ""
+
+    def find(self) -> list[DiscoveredDevice]:
+        """Connected cameras of the family."""
+        return find_cameras(self.name, self.title, self.wanted, self.caveat)
+
+
+def cannot_command(source: FrameSource) -> DeviceError:
+    """The error of a source that has no way to send this camera its commands."""
+    return DeviceError(f"{source.backend} cannot command this camera", fix='backend = "v4l2"')
+
+
 @dataclass(frozen=True, slots=True)
 class OpenedSource:
     """A source and its identity."""
 
     source: FrameSource
-    usb: UsbIdentity
     identity: str
+    usb: UsbIdentity = NO_USB
 
 
 WITHOUT_TEMPERATURES = {
@@ -172,7 +183,7 @@ def open_source(settings: DeviceSettings, wanted: CameraFormat, clock: Clock) ->
     Option `backend`: ``v4l2``, ``opencv``, or ``auto`` (V4L2 on Linux, OpenCV elsewhere).
     """
     if settings.source is not None:
-        return OpenedSource(settings.source, UsbIdentity(0, 0), settings.identity)
+        return OpenedSource(settings.source, settings.identity)
     backend = options.text(settings, "backend", "auto", ("auto", "v4l2", "opencv"))
     present = cameras()
     path, usb = _pick(settings, wanted, present)
@@ -182,7 +193,7 @@ def open_source(settings: DeviceSettings, wanted: CameraFormat, clock: Clock) ->
     reader = V4l2Source if direct else OpenCvSource
     identity = usb.as_text([other for _, other in present]) if usb.vendor else settings.identity
     try:
-        return OpenedSource(reader(path, wanted.fourcc, wanted.sizes, clock), usb, identity)
+        return OpenedSource(reader(path, wanted.fourcc, wanted.sizes, clock), identity, usb)
     except DeviceNotFoundError as error:
         if not wanted.otherwise or (usb.vendor, usb.product) not in wanted.kinds:
             raise
@@ -197,9 +208,7 @@ def _pick(
         fitting = [(path, usb) for path, usb in present if usb.matches(settings.identity)]
     elif settings.port:
         real = os.path.realpath(settings.port)
-        fitting = [(path, usb) for path, usb in present if path == real] or [
-            (settings.port, UsbIdentity(0, 0))
-        ]
+        fitting = [(path, usb) for path, usb in present if path == real] or [(settings.port, NO_USB)]
     else:
         fitting = [(path, usb) for path, usb in present if (usb.vendor, usb.product) in wanted.kinds]
     if len(fitting) == 1:

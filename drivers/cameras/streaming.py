@@ -43,14 +43,6 @@ class StreamSource(ABC):
         while (left_ns := mono_ns - self._clock.mono_ns()) > 0:
             self.read(left_ns / 1e9)
 
-    def get_control(self, unit: int, selector: int, length: int) -> bytes:
-        """Not a UVC camera."""
-        raise DeviceError("this camera has no extension units")
-
-    def set_control(self, unit: int, selector: int, data: bytes) -> None:
-        """Not a UVC camera."""
-        raise DeviceError("this camera has no extension units")
-
     @abstractmethod
     def _receive(self, timeout_s: float) -> Buffer | None:
         """The next frame, damaged or not, or None."""

@@ -16,10 +16,10 @@ from typing import Any
 
 from fieldkit.drivers.cameras import camera, p2pro
 from fieldkit.drivers.cameras.camera import DecodedFrame, decode_frames, extremes, pixel_view
-from fieldkit.drivers.cameras.source import CameraFormat, find_cameras, open_source
+from fieldkit.drivers.cameras.source import CameraDriver, CameraFormat, open_source
 from fieldkit.drivers.decoding import Decoded, Rejected
 from fieldkit.model.clock import Clock
-from fieldkit.model.device import DeviceSettings, DiscoveredDevice
+from fieldkit.model.device import DeviceSettings
 
 WIDTH, HEIGHT = 256, 192
 FRAME = (484, 512)
@@ -44,18 +44,14 @@ def decode(data: bytes) -> DecodedFrame | Rejected:
     return DecodedFrame(counts, found, rows, SCALE, quality=p2pro.flags(counts, found, SCALE))
 
 
-class Tc002c:
+class Tc002c(CameraDriver):
     """Driver of the Topdon TC002C Duo; options are those of every camera."""
 
     name = "tc002c"
     title = "Topdon TC002C Duo"
-    quantity = "brightness_temperature"
     options: tuple[str, ...] = camera.OPTIONS
-
-    def find(self) -> list[DiscoveredDevice]:
-        """Cameras with Hikvision's id; the frame size decides when opening."""
-        caveat = "HIKMICRO modules without temperatures share this id; only the frame size 512x484 decides"
-        return find_cameras(self.name, self.title, WANTED, caveat)
+    wanted = WANTED
+    caveat = "HIKMICRO modules without temperatures share this id; only the frame size 512x484 decides"
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes of one or more frames; see `fieldkit.drivers.decoding.Decodes`."""

@@ -19,14 +19,13 @@ from typing import Any
 
 from fieldkit.drivers.cameras import camera, purethermal
 from fieldkit.drivers.cameras.camera import DecodedFrame, summary
-from fieldkit.drivers.cameras.source import OpenedSource
+from fieldkit.drivers.cameras.source import CameraDriver, OpenedSource
 from fieldkit.drivers.cameras.streaming import PortSource
 from fieldkit.drivers.connections import SocketPort, address_of
-from fieldkit.drivers.decoding import Decoded, Layout, Parsed, Record, Rejected, decode_records, skip_to
-from fieldkit.drivers.identity import UsbIdentity
+from fieldkit.drivers.decoding import Layout, Parsed, Record, RecordDriver, Rejected, skip_to
 from fieldkit.drivers.ports import Port
 from fieldkit.model.clock import Clock
-from fieldkit.model.device import DeviceSettings, DiscoveredDevice, FrameSource
+from fieldkit.model.device import DeviceSettings, FrameSource
 
 PORT = 5001
 START, END = b"\x02", b"\x03"
@@ -92,27 +91,19 @@ def parse(buffer: bytes) -> Parsed:
 LAYOUT = Layout(parse, LONGEST)
 
 
-class TCam:
+class TCam(CameraDriver, RecordDriver):
     """Driver of tCam cameras; `port` is the camera's address, options are those of every camera."""
 
     name = "tcam"
     title = "tCam with FLIR Lepton"
-    quantity = "brightness_temperature"
     options: tuple[str, ...] = camera.OPTIONS
-
-    def find(self) -> list[DiscoveredDevice]:
-        """Nothing: the network is not searched."""
-        return []
-
-    def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
-        """Explain bytes of one or more packets; see `fieldkit.drivers.decoding.Decodes`."""
-        return decode_records(data, LAYOUT)
+    layout = LAYOUT
 
     def open(self, settings: DeviceSettings, clock: Clock) -> camera.ThermalCamera:
         """Connect, switch AGC off, and let the camera stream as fast as it can."""
         source, facts, run_shutter = _simulated(settings.source) or _connected(settings, clock)
         first = camera.first_frame(source, decode, settings.name, clock)
-        opened = OpenedSource(source, UsbIdentity(0, 0), settings.identity)
+        opened = OpenedSource(source, settings.identity)
         info = camera.describe(
             settings, opened, first, facts, vendor="danjulio / FLIR", rate_hz=purethermal.RATE_HZ
         )

@@ -14,7 +14,6 @@ zeros, u16 reply length, 2 zeros, CRC-16 CCITT (start 0). Its status: 1 busy, 2 
 from __future__ import annotations
 
 import binascii
-import errno
 import struct
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -22,10 +21,16 @@ from typing import Any, NamedTuple
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera, p2pro
 from fieldkit.drivers.cameras.camera import DecodedFrame, decode_frames, extremes, pixel_view
-from fieldkit.drivers.cameras.source import CameraFormat, OpenedSource, cameras, find_cameras, open_source
-from fieldkit.drivers.decoding import Decoded, Rejected
-from fieldkit.drivers.identity import UsbIdentity
-from fieldkit.drivers.usb import find_usb, pick_usb, usb_errors
+from fieldkit.drivers.cameras.source import (
+    CameraDriver,
+    CameraFormat,
+    OpenedSource,
+    cameras,
+    find_cameras,
+    open_source,
+)
+from fieldkit.drivers.decoding import Decoded, Rejected, text_of
+from fieldkit.drivers.usb import find_usb, pick_usb, read_until, usb_errors
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import Buffer, DeviceSettings, DiscoveredDevice
 from fieldkit.model.errors import DeviceError
@@ -143,17 +148,9 @@ class BulkSource:
         while self._clock.mono_ns() < mono_ns:
             self.read((mono_ns - self._clock.mono_ns()) / 1e9)
 
-    def get_control(self, unit: int, selector: int, length: int) -> bytes:
-        """Not a UVC camera."""
-        raise DeviceError("this camera has no extension units")
-
-    def set_control(self, unit: int, selector: int, data: bytes) -> None:
-        """Not a UVC camera."""
-        raise DeviceError("this camera has no extension units")
-
     def text(self, register: int) -> str:
         """A register of 64 characters."""
-        return self._request(READ, register, 64).split(b"\0")[0].decode("ascii", "replace").strip()
+        return text_of(self._request(READ, register, 64))
 
     def gain(self) -> str:
         """``high``, or ``low``, which is for scenes above 150 °C alone."""
@@ -191,18 +188,7 @@ class BulkSource:
 
     def _chunk(self, timeout_ms: int) -> bytes:
         with usb_errors(self.port):
-            try:
-                return bytes(self._unit.read(ENDPOINT, CHUNK, max(int(timeout_ms), 1)))
-            except OSError as error:
-                if error.errno == errno.ETIMEDOUT:
-                    return b""
-                raise
-
-
-def identity_of(source: Any) -> UsbIdentity:
-    """Identity of a source; empty for a simulated one."""
-    found = getattr(source, "usb", None)
-    return found if isinstance(found, UsbIdentity) else UsbIdentity(0, 0)
+            return read_until(self._unit, ENDPOINT, CHUNK, max(timeout_ms, 1))
 
 
 WANTED = CameraFormat(((0x3474, 0x4281),), "YUYV", ((256, 386),))
@@ -237,7 +223,7 @@ def decode(data: bytes) -> DecodedFrame | Rejected:
     )
 
 
-class ThermalMaster:
+class ThermalMaster(CameraDriver):
     """Driver of the Thermal Master family.
 
     Options: those of every camera, and `model` (``p2``, ``bulk`` for P1, P3 and TS2, or ``auto``).
@@ -245,7 +231,6 @@ class ThermalMaster:
 
     name = "thermal-master"
     title = "Thermal Master P1, P2, P3"
-    quantity = "brightness_temperature"
     options: tuple[str, ...] = (*camera.OPTIONS, "model")
 
     def find(self) -> list[DiscoveredDevice]:
@@ -261,7 +246,7 @@ class ThermalMaster:
         model = options.text(settings, "model", "auto", MODELS)
         if settings.source is None and (model == "bulk" or (model == "auto" and not _has_video(settings))):
             source = BulkSource(settings, clock)
-            opened = OpenedSource(source, identity_of(source), settings.identity or source.usb.as_text())
+            opened = OpenedSource(source, settings.identity or source.usb.as_text(), source.usb)
             return self._start(settings, clock, opened, source)
         return self._start(settings, clock, open_source(settings, WANTED, clock), None)
 

@@ -20,11 +20,11 @@ from fieldkit.drivers.cameras.camera import (
     pixel_view,
     quality_flags,
 )
-from fieldkit.drivers.cameras.source import CameraFormat, cameras, open_source
+from fieldkit.drivers.cameras.source import CameraDriver, CameraFormat, cameras, open_source
 from fieldkit.drivers.decoding import Decoded, Rejected
 from fieldkit.drivers.options import decoding_settings, kelvin_per_count
 from fieldkit.model.clock import Clock
-from fieldkit.model.device import DeviceSettings, DiscoveredDevice
+from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import ConfigError
 
 SIZES = (
@@ -64,7 +64,7 @@ def decoder(settings: DeviceSettings, width: int, height: int) -> Decode:
     return partial(decode, width=width, height=height, scale=kelvin_per_count(settings), offset=offset)
 
 
-class Y16:
+class Y16(CameraDriver):
     """Driver of any other camera with Y16.
 
     Options: those of every camera, `width` and `height` (else the first usual size the camera
@@ -82,10 +82,6 @@ class Y16:
         "kelvin_offset",
         "rate_hz",
     )
-
-    def find(self) -> list[DiscoveredDevice]:
-        """Nothing: every camera could be one, and a family's own driver does more."""
-        return []
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes; options `width`, `height`, `kelvin_per_count`, `kelvin_offset`."""

@@ -68,9 +68,9 @@ from fieldkit.drivers.decoding import (
 )
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.options import decoding_settings
-from fieldkit.drivers.ports import Line, SerialPort, find_ports, open_port
+from fieldkit.drivers.ports import Line, SerialDriver, SerialPort, open_port
 from fieldkit.model.clock import Clock
-from fieldkit.model.device import DeviceSettings, DiscoveredDevice
+from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceNotFoundError
 from fieldkit.model.samples import Quality
 
@@ -91,6 +91,7 @@ _STATES = ((0x40, "low_battery"), (0x10, "relative"), (0x08, "difference"), (0x0
 _COUNTS = struct.Struct(">4h")
 _ALL_MEASURE = (False,) * 4
 _EXTREMES = {0x00: "", 0x02: "maximum", 0x04: "minimum", 0x06: "max_min_background"}
+BY_REPLY = "any adapter: only the meter's reply decides"
 _HINT = "switch the thermometer on and check its cable; it replies only while no menu is open"
 
 
@@ -162,7 +163,7 @@ LAYOUT = Layout(parse, LENGTH)
 MODEL = Layout(parse_model, 4)
 
 
-class Center309:
+class Center309(SerialDriver):
     """Driver of the four-channel thermometers with the 45-byte record.
 
     Options: `labels` (names of T1..T4) and those of every meter.
@@ -172,14 +173,8 @@ class Center309:
     title = "Center 304/309, K204, HH309 thermometer"
     quantity = "temperature"
     options: tuple[str, ...] = meter.OPTIONS
-
-    def find(self) -> list[DiscoveredDevice]:
-        """Serial adapters; only the reply to ``K`` decides, so each is a candidate."""
-        return find_ports(self.name, self.title, (), "any adapter: only the meter's reply decides")
-
-    def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
-        """Explain bytes; see `fieldkit.drivers.decoding.Decodes`."""
-        return decode_records(data, LAYOUT)
+    layout = LAYOUT
+    caveat = BY_REPLY
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
         """Open the port, request the model, and wait for one record."""
@@ -293,7 +288,7 @@ TWO_PROBE_LAYOUT, ONE_PROBE_LAYOUT = (
 )
 
 
-class Center303:
+class Center303(SerialDriver):
     """Driver of the one- and two-channel thermometers with the 8-byte record.
 
     Options: `labels` (names of T1, T2), `model` (of a meter that does not report it) and those of every
@@ -304,10 +299,7 @@ class Center303:
     title = "Center 300-303, HH303, KEW301, TC0301 thermometer"
     quantity = "temperature"
     options: tuple[str, ...] = (*meter.OPTIONS, "model")
-
-    def find(self) -> list[DiscoveredDevice]:
-        """Serial adapters; only the reply to ``K`` decides, so each is a candidate."""
-        return find_ports(self.name, self.title, (), "any adapter: only the meter's reply decides")
+    caveat = BY_REPLY
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes; option `model` for a 300 or 302. See `fieldkit.drivers.decoding.Decodes`."""

@@ -9,14 +9,13 @@ from __future__ import annotations
 import json
 import math
 import socket
-from collections.abc import Mapping
 from dataclasses import replace
 from datetime import datetime
 from typing import Any
 
 from fieldkit.drivers import options
 from fieldkit.drivers.connections import SocketPort, address_of
-from fieldkit.drivers.decoding import Decoded, Layout, Parsed, Record, Rejected, Value, decode_records
+from fieldkit.drivers.decoding import Layout, Parsed, Record, RecordDriver, Rejected, Value
 from fieldkit.drivers.meters import meter
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, DiscoveredDevice
@@ -84,13 +83,14 @@ def _time_ns(text: Any) -> int:
 LAYOUT = Layout(parse, LONGEST)
 
 
-class Gpsd:
+class Gpsd(RecordDriver):
     """Driver of gpsd; `port` is ``host:port`` (localhost:2947), options are those of every meter."""
 
     name = "gpsd"
     title = "gpsd (position, time, clock error)"
     quantity = "position"
     options: tuple[str, ...] = meter.OPTIONS
+    layout = LAYOUT
 
     def find(self) -> list[DiscoveredDevice]:
         """A gpsd on this computer."""
@@ -99,10 +99,6 @@ class Gpsd:
             if probe.connect_ex(("127.0.0.1", PORT)):
                 return []
         return [DiscoveredDevice(self.name, "", f"localhost:{PORT}", self.title)]
-
-    def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
-        """Explain bytes; see `fieldkit.drivers.decoding.Decodes`."""
-        return decode_records(data, LAYOUT)
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
         """Connect, start watching, and wait for the first report."""

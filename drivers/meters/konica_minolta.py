@@ -16,26 +16,15 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
 from functools import reduce
 from operator import xor
-from typing import Any
 
 from fieldkit.drivers import options
-from fieldkit.drivers.decoding import (
-    Decoded,
-    Layout,
-    Parsed,
-    Record,
-    Rejected,
-    Value,
-    decode_records,
-    skip_to,
-)
+from fieldkit.drivers.decoding import Layout, Parsed, Record, Rejected, Value, skip_to
 from fieldkit.drivers.meters import meter
-from fieldkit.drivers.ports import Line, Port, find_ports, open_port
+from fieldkit.drivers.ports import Line, Port, SerialDriver, open_port
 from fieldkit.model.clock import Clock
-from fieldkit.model.device import DeviceSettings, DiscoveredDevice
+from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceError, DeviceTimeoutError
 from fieldkit.model.samples import Quality
 
@@ -176,7 +165,7 @@ def _number(field: re.Match[bytes]) -> float:
 LAYOUT = Layout(parse, LONG)
 
 
-class KonicaMinolta:
+class KonicaMinolta(SerialDriver):
     """Driver of the illuminance meters T-10(A) and CL-200(A).
 
     Options: `model` (``t-10`` or ``cl-200``), `head` (0-29), and those of every meter.
@@ -186,14 +175,9 @@ class KonicaMinolta:
     title = "Konica Minolta T-10(A), CL-200(A)"
     quantity = "illuminance"
     options: tuple[str, ...] = (*meter.OPTIONS, "model", "head")
-
-    def find(self) -> list[DiscoveredDevice]:
-        """FTDI adapters; the meter's own has a common identity, so each is only a candidate."""
-        return find_ports(self.name, self.title, KINDS, "a common adapter: only the meter's reply decides")
-
-    def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
-        """Explain bytes; see `fieldkit.drivers.decoding.Decodes`."""
-        return decode_records(data, LAYOUT)
+    layout = LAYOUT
+    kinds = KINDS
+    caveat = "a common adapter: only the meter's reply decides"
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
         """Open the port and put the meter into its PC mode."""

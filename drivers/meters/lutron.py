@@ -26,25 +26,15 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from fieldkit.drivers import options
-from fieldkit.drivers.decoding import (
-    Channel,
-    Decoded,
-    Layout,
-    Parsed,
-    Record,
-    Rejected,
-    decode_records,
-    skip_to,
-)
+from fieldkit.drivers.decoding import Channel, Layout, Parsed, Record, Rejected, skip_to
 from fieldkit.drivers.meters import meter
-from fieldkit.drivers.ports import Line, find_ports, open_port
+from fieldkit.drivers.ports import Line, SerialDriver, open_port
 from fieldkit.model.clock import Clock
-from fieldkit.model.device import DeviceSettings, DiscoveredDevice
+from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DecodeError
 from fieldkit.model.samples import Quality
 
@@ -100,7 +90,7 @@ def _head(start: bytes) -> Head | None:
 LAYOUT = Layout(parse, LENGTH)
 
 
-class Lutron:
+class Lutron(SerialDriver):
     """Driver of meters with the 16-character stream.
 
     Options: `labels` (one name per display) and those of every meter.
@@ -110,14 +100,8 @@ class Lutron:
     title = "Lutron / Extech 16-character stream"
     quantity = "illuminance"
     options: tuple[str, ...] = meter.OPTIONS
-
-    def find(self) -> list[DiscoveredDevice]:
-        """Serial adapters; the stream does not name its sender, so each is only a candidate."""
-        return find_ports(self.name, self.title, (), "any adapter: only its stream decides")
-
-    def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
-        """Explain bytes; see `fieldkit.drivers.decoding.Decodes`."""
-        return decode_records(data, LAYOUT)
+    layout = LAYOUT
+    caveat = "any adapter: only its stream decides"
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
         """Open the port and wait for the first record, which shows what the meter measures."""

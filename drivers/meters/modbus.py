@@ -20,9 +20,9 @@ from fieldkit.drivers import options
 from fieldkit.drivers.decoding import Decoded, Layout, Parsed, Record, Rejected, Value, decode_records
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.meters.meter import STREAM_UNITS
-from fieldkit.drivers.ports import Line, Port, find_ports, open_port
+from fieldkit.drivers.ports import Line, Port, SerialDriver, open_port
 from fieldkit.model.clock import Clock
-from fieldkit.model.device import DeviceSettings, DiscoveredDevice
+from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import ConfigError, message_of
 from fieldkit.model.radiation import COMPONENTS
 from fieldkit.model.samples import Quality
@@ -370,7 +370,7 @@ def layout(register_map: RegisterMap | None) -> Layout:
     return Layout(partial(parse, register_map=register_map), LONGEST)
 
 
-class Modbus:
+class Modbus(SerialDriver):
     """Driver of Modbus RTU instruments.
 
     Options: `map` (a packaged map or a TOML file), `unit` (the instrument's number, 1), `baud` and `parity`
@@ -382,10 +382,7 @@ class Modbus:
     quantity = "irradiance"
     options: tuple[str, ...] = (*meter.OPTIONS, "map", "unit", "baud", "parity")
     needs: Mapping[str, Sequence[str]] = {"map": packaged()}
-
-    def find(self) -> list[DiscoveredDevice]:
-        """Serial adapters; an RS-485 adapter does not show what is connected to it."""
-        return find_ports(self.name, self.title, (), f"any adapter; needs map = {' | '.join(packaged())}")
+    caveat = f"any adapter; needs map = {' | '.join(packaged())}"
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes; see `fieldkit.drivers.decoding.Decodes`. Option `map`; without it raw registers."""

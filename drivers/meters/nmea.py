@@ -20,9 +20,9 @@ from typing import Any
 from fieldkit.drivers import options
 from fieldkit.drivers.decoding import Decoded, Layout, Parsed, Record, Rejected, Value, decode_records
 from fieldkit.drivers.meters import meter
-from fieldkit.drivers.ports import Line, find_ports, open_port
+from fieldkit.drivers.ports import Line, SerialDriver, open_port
 from fieldkit.model.clock import Clock
-from fieldkit.model.device import DeviceSettings, DiscoveredDevice
+from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import Quality
 
@@ -138,17 +138,14 @@ def _quality(known: bool) -> Quality:
 LAYOUT = Layout(parse, LONGEST)
 
 
-class Nmea:
+class Nmea(SerialDriver):
     """Driver of NMEA receivers; options: `baud` (9600) and those of every meter."""
 
     name = "nmea"
     title = "NMEA 0183 receiver (position, time)"
     quantity = "position"
     options: tuple[str, ...] = (*meter.OPTIONS, "baud")
-
-    def find(self) -> list[DiscoveredDevice]:
-        """Serial ports; only the sentences decide, so each is a candidate."""
-        return find_ports(self.name, self.title, (), "any adapter: only its sentences decide")
+    caveat = "any adapter: only its sentences decide"
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes; see `fieldkit.drivers.decoding.Decodes`. The last sentence needs no line end."""

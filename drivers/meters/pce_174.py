@@ -24,24 +24,13 @@ the end of the largest range is flagged.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any
 
 from fieldkit.drivers import options
-from fieldkit.drivers.decoding import (
-    Decoded,
-    Layout,
-    Parsed,
-    Record,
-    Rejected,
-    Value,
-    decode_records,
-    skip_to,
-)
+from fieldkit.drivers.decoding import Layout, Parsed, Record, Rejected, Value, skip_to
 from fieldkit.drivers.meters import meter
-from fieldkit.drivers.ports import Line, find_ports, open_port
+from fieldkit.drivers.ports import Line, SerialDriver, open_port
 from fieldkit.model.clock import Clock
-from fieldkit.model.device import DeviceSettings, DiscoveredDevice
+from fieldkit.model.device import DeviceSettings
 from fieldkit.model.samples import Quality
 
 LENGTH = 18
@@ -91,21 +80,16 @@ def _value(buffer: bytes) -> Value:
 LAYOUT = Layout(parse, LENGTH)
 
 
-class Pce174:
+class Pce174(SerialDriver):
     """Driver of the PCE-174 and the HD450; options are those of every meter."""
 
     name = "pce-174"
     title = "PCE-174, Extech HD450 light meter"
     quantity = "illuminance"
     options: tuple[str, ...] = meter.OPTIONS
-
-    def find(self) -> list[DiscoveredDevice]:
-        """CP210x adapters; the meter's own has a common identity, so each is only a candidate."""
-        return find_ports(self.name, self.title, KINDS, "a common adapter: only the meter's reply decides")
-
-    def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
-        """Explain bytes; see `fieldkit.drivers.decoding.Decodes`."""
-        return decode_records(data, LAYOUT)
+    layout = LAYOUT
+    kinds = KINDS
+    caveat = "a common adapter: only the meter's reply decides"
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
         """Open the port and wait for one record."""

@@ -36,10 +36,10 @@ from fieldkit.drivers.meters import meter
 from fieldkit.drivers.meters.board_sensors import SENSORS, Sensor
 from fieldkit.drivers.meters.meter import STREAM_UNITS
 from fieldkit.drivers.options import decoding_settings
-from fieldkit.drivers.ports import Line, Port, find_ports, open_port
+from fieldkit.drivers.ports import Line, Port, SerialDriver, open_port
 from fieldkit.model.clock import Clock
-from fieldkit.model.device import DeviceSettings, DiscoveredDevice
-from fieldkit.model.errors import ConfigError, DecodeError
+from fieldkit.model.device import DeviceSettings
+from fieldkit.model.errors import DecodeError
 from fieldkit.model.radiation import UNIT, named
 from fieldkit.model.samples import NO_COUNTER, Quality
 
@@ -339,7 +339,7 @@ def header(notes: Sequence[str]) -> tuple[str, ...]:
     return tuple(found[-1].split(",")) if found else ()
 
 
-class Text:
+class Text(SerialDriver):
     """Driver of boards that print lines.
 
     Options: `columns`, `no_value`, `baud` (115200), `unit` (what a line without units means), `sensor` (whose
@@ -351,11 +351,8 @@ class Text:
     title = "lines of text from a microcontroller board"
     quantity = "temperature"
     options: tuple[str, ...] = (*meter.OPTIONS, "columns", "no_value", "baud", "unit", "sensor")
+    caveat = "any adapter: only its lines decide"
     needs: Mapping[str, Sequence[str]] = {"unit": ("C", "F", "K", "lx", "klx", "W/m2", "m/s")}
-
-    def find(self) -> list[DiscoveredDevice]:
-        """Serial ports; only the lines decide, so each is a candidate."""
-        return find_ports(self.name, self.title, (), "any adapter: only its lines decide")
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes; see `fieldkit.drivers.decoding.Decodes`. The header may stand anywhere in them."""
@@ -432,15 +429,9 @@ def _completed(settings: DeviceSettings) -> DeviceSettings:
 def _grammar(settings: DeviceSettings) -> Grammar:
     columns, no_value = settings.options.get("columns", ()), settings.options.get("no_value", ())
     if not isinstance(columns, list | tuple) or not all(isinstance(name, str) for name in columns):
-        raise _wrong(settings, "columns", 'a list of names such as ["ms", "temp_c"]')
+        raise options.wrong(settings, "columns", columns, 'a list of names such as ["ms", "temp_c"]')
     if not isinstance(no_value, list | tuple) or not all(isinstance(one, int | float) for one in no_value):
-        raise _wrong(settings, "no_value", "a list of numbers such as [-127, 85]")
+        raise options.wrong(settings, "no_value", no_value, "a list of numbers such as [-127, 85]")
     unit = options.text(settings, "unit", "")
     sensor = SENSORS.get(options.text(settings, "sensor", ""))
     return Grammar(tuple(columns), _unit(unit), tuple(float(one) for one in no_value), sensor)
-
-
-def _wrong(settings: DeviceSettings, key: str, expected: str) -> ConfigError:
-    return ConfigError(
-        f"{settings.name}: {key} = {settings.options[key]!r} is not {expected}", fix=f"give {expected}"
-    )

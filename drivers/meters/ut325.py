@@ -20,17 +20,14 @@ F0 plus the number of characters in it; one sent to it begins with that number a
 
 from __future__ import annotations
 
-import errno
 import math
 import re
-from collections.abc import Mapping
-from typing import Any
 
 from fieldkit.drivers import options
-from fieldkit.drivers.decoding import Decoded, Layout, Parsed, Record, Rejected, Value, decode_records
+from fieldkit.drivers.decoding import Layout, Parsed, Record, RecordDriver, Rejected, Value
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.ports import Framer, Line, Stamped
-from fieldkit.drivers.usb import find_usb, pick_usb, usb_errors
+from fieldkit.drivers.usb import find_usb, pick_usb, read_until, usb_errors
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, DiscoveredDevice
 from fieldkit.model.samples import Quality
@@ -117,12 +114,7 @@ class HidBridge:
     def _report(self) -> bytes:
         """The next report, empty if none comes for a while."""
         with usb_errors(self.path):
-            try:
-                return bytes(self._unit.read(0x82, 8, _READ_MS))
-            except OSError as error:
-                if error.errno == errno.ETIMEDOUT:
-                    return b""
-                raise
+            return read_until(self._unit, 0x82, 8, _READ_MS)
 
 
 def characters(report: bytes) -> bytes:
@@ -130,21 +122,18 @@ def characters(report: bytes) -> bytes:
     return report[1 : 1 + (report[0] & 0x0F)] if report and report[0] & 0xF0 == 0xF0 else b""
 
 
-class Ut325:
+class Ut325(RecordDriver):
     """Driver of the UT325; options: `labels` (names of T1, T2) and those of every meter."""
 
     name = "ut325"
     title = "UNI-T UT325 thermometer"
     quantity = "temperature"
     options: tuple[str, ...] = meter.OPTIONS
+    layout = LAYOUT
 
     def find(self) -> list[DiscoveredDevice]:
         """CH9325 bridges; other UNI-T meters have the same, so each is only a candidate."""
         return find_usb(self.name, self.title, KINDS, "other UNI-T meters use the same bridge")
-
-    def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
-        """Explain bytes; see `fieldkit.drivers.decoding.Decodes`."""
-        return decode_records(data, LAYOUT)
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
         """Open the bridge, start the live stream and wait for its first record."""

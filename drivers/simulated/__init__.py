@@ -1,6 +1,6 @@
 """The far ends of simulated cables: instruments that look at a scene, read by the real drivers.
 
-`field` connects them, `lepton` is the camera's source of buffers, `meters` reply on a `pseudo_terminal`. To
+`field` connects them, `lepton` is the cameras' source of buffers, `meters` reply on pseudo-terminals. To
 simulate another instrument, write its far end and add it to a table of `field`.
 """
 

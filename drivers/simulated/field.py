@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from types import MappingProxyType, TracebackType
+from types import MappingProxyType
 
-from fieldkit.drivers.simulated.lepton import LATENCY_S, SimulatedLepton
+from fieldkit.drivers.simulated.lepton import LATENCY_S, SimulatedLepton, SimulatedTCam
 from fieldkit.drivers.simulated.meters import SimulatedCenter309, SimulatedLutron, SimulatedMeter
-from fieldkit.drivers.simulated.network_camera import SimulatedTCam
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.fault_kind import FaultKind
@@ -75,7 +74,5 @@ class SimulatedField:
     def __enter__(self) -> SimulatedField:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()

@@ -8,11 +8,13 @@ the driver, in the other direction: word numbers count through both rows below a
 
 from __future__ import annotations
 
+import base64
 import enum
+import json
 import struct
 from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -340,3 +342,23 @@ class SimulatedLepton:
 
     def _uptime_ms(self, mono_ns: int) -> int:
         return int((mono_ns - self._on_ns) * (1.0 + _CLOCK_TOO_FAST)) // 1_000_000
+
+
+_PIXELS, _TELEMETRY = 38_400, 480  # bytes: 160x120 words, and three rows of 80
+
+
+class SimulatedTCam(SimulatedLepton):
+    """A tCam-Mini with a Lepton 3.5, by the maker's description; sends frames as packets of JSON."""
+
+    def read(self, timeout_s: float) -> Buffer | None:
+        """The next packet when its last byte is here, or None; see `FrameSource`."""
+        found = super().read(timeout_s)
+        return replace(found, data=image_packet(found.data)) if found else None
+
+
+def image_packet(frame: bytes) -> bytes:
+    """The packet of a Lepton's frame with telemetry, pixels first."""
+    parts = {"radiometric": frame[:_PIXELS], "telemetry": frame[_PIXELS : _PIXELS + _TELEMETRY]}
+    metadata = {"metadata": {"Camera": "tCam-Mini-0000", "Model": 2, "Version": "3.1"}}
+    image = metadata | {name: base64.b64encode(part).decode() for name, part in parts.items()}
+    return b"\x02" + json.dumps(image).encode() + b"\x03"

@@ -18,6 +18,7 @@ from fieldkit.config import Config
 from fieldkit.model.clock import utc_ns
 from fieldkit.model.errors import CalibrationError, ConfigError
 from fieldkit.model.samples import NO_COUNTER, Quality, Reading, Sample, is_usable
+from fieldkit.model.units import DAY_S
 from fieldkit.physics.bodies import EARTH, body_of
 from fieldkit.results.sources import SessionOrFile, config_for, log_warning, notify_damage, reading
 from fieldkit.sessions.clock_correction import apply_time_map
@@ -29,7 +30,6 @@ BY_HAND_S = 0.5
 """Standard uncertainty of pressing a key at a given moment."""
 RECEIVER_S = 0.4
 """Standard uncertainty of a GPS receiver's sentences, which arrive up to 0.7 s late."""
-DAY_S = 86_400.0
 NOTHING_TO_DO = "nothing, the offset is within its uncertainty"
 LARGEST_ZONE_S = 14 * 3600.0
 """No two time zones differ by more from UTC; beyond that, one of the dates is wrong."""

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.ndimage import map_coordinates
 
+from fieldkit.calibrate.inputs import read_columns, write_lines
 from fieldkit.config import Config
 from fieldkit.config.edit import change_region, set_key
-from fieldkit.config.files import read_text
 from fieldkit.config.horizon import COLUMNS
 from fieldkit.config.pose import Pose, load_pose
-from fieldkit.disk import replacing
 from fieldkit.model.clock import utc_ns
-from fieldkit.model.errors import ConfigError, StorageError
+from fieldkit.model.errors import ConfigError
 from fieldkit.physics.camera_geometry import Grid, horizon_of_ground, rays
 from fieldkit.physics.facet import tilt_azimuth
 from fieldkit.physics.horizon import Horizon, higher_horizon, horizon_of_neighbours
@@ -79,17 +77,17 @@ def horizon_from_skyline(
     >>> fieldkit.calibrate.write_horizon("horizon.csv", found)
     """
     seen_by = load_pose(Path(pose), utc_ns(at or datetime.now(UTC)))
-    return horizon_of_pixels(_skyline(Path(points)), seen_by, shape, str(points))
+    return horizon_of_pixels(read_columns(Path(points), ("x_px", "y_px")), seen_by, shape, str(points))
 
 
 def horizon_of_pixels(
-    pixels: Sequence[tuple[float, float]], pose: Pose, shape: tuple[int, int], source: str = "skyline"
+    pixels: ArrayLike, pose: Pose, shape: tuple[int, int], source: str = "skyline"
 ) -> Horizon:
     """The horizon by pixels (x, y) on the skyline of a frame (rows, cols), from the camera's place.
 
     Level left and right of them. Raises `ConfigError`, which names their source.
     """
-    table = np.array(pixels).reshape(-1, 2)
+    table = np.asarray(pixels, np.float64).reshape(-1, 2)
     inside = (table >= -0.5).all() and (table < np.array(shape[::-1]) - 0.5).all()
     if len(table) < 2 or not inside:
         raise ConfigError(
@@ -178,20 +176,4 @@ def write_horizon(path: str | Path, horizon: Horizon) -> None:
     >>> fieldkit.calibrate.write_horizon("horizon.csv", [(80.0, 0.0), (90.0, 14.0), (100.0, 0.0)])
     """
     lines = [",".join(COLUMNS), *(f"{azimuth:g},{elevation:g}" for azimuth, elevation in horizon)]
-    try:
-        with replacing(Path(path), synced=False) as file:
-            file.write_text("\n".join([*lines, ""]), encoding="utf-8")
-    except OSError as error:
-        raise StorageError(f"cannot write {path}: {error.strerror or error}") from error
-
-
-def _skyline(points: Path) -> list[tuple[float, float]]:
-    """Pixels x, y."""
-    rows = list(csv.DictReader(io.StringIO(read_text(points))))
-    try:
-        return [(float(row["x_px"]), float(row["y_px"])) for row in rows]
-    except (KeyError, TypeError, ValueError) as error:
-        raise ConfigError(
-            f"{points}: not a table of numbers with the columns x_px, y_px ({error})",
-            fix="begin the file with x_px,y_px",
-        ) from error
+    write_lines(Path(path), lines)

@@ -1,7 +1,9 @@
-"""Inputs of calibrations from a session: its streams, regions, minute means, and its place in a record."""
+"""Inputs of calibrations: of a session streams, regions, minute means and its place in a record; files."""
 
 from __future__ import annotations
 
+import csv
+import io
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -10,15 +12,37 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.calibration.calibration_record import Source
-from fieldkit.disk import sha256
+from fieldkit.config.files import read_text
+from fieldkit.disk import replacing, sha256
 from fieldkit.model.device import StreamInfo
-from fieldkit.model.errors import ConfigError
+from fieldkit.model.errors import ConfigError, StorageError
 from fieldkit.model.site import Region
 from fieldkit.sessions import analysis
 from fieldkit.sessions.reader import SessionReader
 
 Times = NDArray[np.int64]
 FloatArray = NDArray[np.float64]
+
+
+def read_columns(path: Path, names: Sequence[str]) -> FloatArray:
+    """The columns of these names of a CSV file of numbers, shape (rows, names); raises `ConfigError`."""
+    rows = list(csv.DictReader(io.StringIO(read_text(path))))
+    try:
+        return np.array([[float(row[name]) for name in names] for row in rows]).reshape(-1, len(names))
+    except (KeyError, TypeError, ValueError) as error:
+        raise ConfigError(
+            f"{path}: not a table of numbers with the columns {', '.join(names)} ({error})",
+            fix=f"begin the file with {','.join(names)}",
+        ) from error
+
+
+def write_lines(path: Path, lines: Sequence[str]) -> None:
+    """Replace a file by these lines; raises `StorageError`."""
+    try:
+        with replacing(path, synced=False) as file:
+            file.write_text("\n".join([*lines, ""]), encoding="utf-8")
+    except OSError as error:
+        raise StorageError(f"cannot write {path}: {error.strerror or error}") from error
 
 
 def end_of(session: SessionReader) -> datetime:

@@ -21,14 +21,13 @@ from fieldkit.calibration.band import (
     CameraBand,
     ResponseBand,
     before_camera_settings,
+    own_part_k,
     transmission,
-    without_air,
 )
 from fieldkit.calibration.emissivity import (
     is_saturated,
     mirrored_temperature_k,
     refuse_saturated,
-    tape_temperature_k,
 )
 from fieldkit.calibration.foil import FOIL_EMISSIVITY, FOIL_EMISSIVITY_SD
 from fieldkit.calibration.steady_pairs import Readings
@@ -341,7 +340,7 @@ class ReadingCollector:
             else mirrored_temperature_k(foil, apparent, setup.foil_emissivity, setup.band)
         )
         if setup.tape is not None:
-            contact = tape_temperature_k(tape, setup.tape_emissivity, reflected, setup.band)
+            contact = own_part_k(tape, setup.tape_emissivity, reflected, setup.band)
             return Readings(times, apparent, reflected, times, contact)
         probe_ns = np.array([time_ns for time_ns, _ in self._probes], np.int64)
         return Readings(times, apparent, reflected, probe_ns, self.probes_k()[:, setup.channel])
@@ -377,5 +376,5 @@ class ReadingCollector:
             )
         if setup.distance_m > 0.0:
             through = transmission(setup.distance_m, setup.air_k, setup.humidity)
-            surface_k = without_air(surface_k, through, setup.air_k, setup.band)
+            surface_k = own_part_k(surface_k, through, setup.air_k, setup.band)
         return surface_k

@@ -2,19 +2,12 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
+from fieldkit.calibrate.inputs import read_columns, write_lines
 from fieldkit.calibration.pose import QUANTITIES, PoseFit, fit_pose
-from fieldkit.config.files import read_text
-from fieldkit.disk import replacing
-from fieldkit.model.errors import ConfigError, StorageError
 from fieldkit.physics.camera_geometry import Grid
-from fieldkit.physics.facet import FloatArray
 from fieldkit.sessions.formats import geotiff
 
 COLUMNS = ("x_px", "y_px", "east_m", "north_m", "height_m")
@@ -46,11 +39,7 @@ class PoseCalibration:
             lines.append(f"distortion = {list(self.fit.camera.distortion)}")
         lines.append(f"range_m = {range_m}")
         lines.append(f"ground_m = {ground_m}" if dem is None else f"dem = '{dem}'")
-        try:
-            with replacing(path, synced=False) as file:
-                file.write_text("\n".join([*lines, ""]), encoding="utf-8")
-        except OSError as error:
-            raise StorageError(f"cannot write {path}: {error.strerror or error}") from error
+        write_lines(path, lines)
 
 
 def pose(
@@ -98,21 +87,10 @@ def pose(
      'hfov_deg': 50}
     """
     system = geotiff.projected_crs(crs)
-    table = _read(points)
+    table = read_columns(points, COLUMNS)
     grid = geotiff.grid_at(system, *table[:, 2:4].mean(axis=0)) if len(table) else Grid()
     fit = fit_pose(
         table[:, :2], table[:, 2:], shape, hfov_deg=hfov_deg, mark_sd_px=mark_sd_px, distortion=distortion,
         grid_scale=grid.scale,
     )  # fmt: skip
     return PoseCalibration(fit, crs, grid)
-
-
-def _read(points: Path) -> FloatArray:
-    rows = list(csv.DictReader(io.StringIO(read_text(points))))
-    try:
-        return np.array([[float(row[name]) for name in COLUMNS] for row in rows]).reshape(-1, len(COLUMNS))
-    except (KeyError, TypeError, ValueError) as error:
-        raise ConfigError(
-            f"{points}: not a table of numbers with the columns {', '.join(COLUMNS)} ({error})",
-            fix=f"begin the file with {','.join(COLUMNS)}",
-        ) from error

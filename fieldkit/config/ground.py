@@ -6,7 +6,7 @@ is seen first; both are kept, so that a session shows its regions without the DE
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -18,6 +18,7 @@ from pydantic import ValidationError
 
 from fieldkit.config.pose import CameraPose
 from fieldkit.config.references import campaign_folder
+from fieldkit.config.toml_lines import regions_in
 from fieldkit.config.toml_schema import PoseTable
 from fieldkit.config.validation import Mistake
 from fieldkit.model.errors import ConfigError
@@ -123,7 +124,7 @@ def camera_path(pose: CameraPose) -> CameraPath:
 
 def with_regions(values: dict[str, Any], path: Path) -> list[Mistake]:
     """Complete the regions that are given on the ground; returns the mistakes."""
-    regions = [(("region", index, "points_m"), region) for index, region in _incomplete(values)]
+    regions = [((*at, "points_m"), region) for at, region in regions_in(values) if _is_incomplete(region)]
     if not regions:
         return []
     ground = _ground(values, path)
@@ -148,13 +149,10 @@ def _complete(region: dict[str, Any], ground: Ground) -> None:
         region["points_px"] = [list(corner) for corner in seen]
 
 
-def _incomplete(values: dict[str, Any]) -> Iterator[tuple[int, dict[str, Any]]]:
-    """Regions on the ground without heights or pixels, with their place."""
-    regions = values.get("region")
-    for index, region in enumerate(regions if isinstance(regions, list) else ()):
-        points = region.get("points_m") if isinstance(region, dict) else None
-        if points and not ("points_px" in region and all(_is_point(one, (3,)) for one in points)):
-            yield index, region
+def _is_incomplete(region: dict[str, Any]) -> bool:
+    """True if a region on the ground has no heights or pixels yet."""
+    points = region.get("points_m")
+    return bool(points) and not ("points_px" in region and all(_is_point(one, (3,)) for one in points))
 
 
 def _is_point(point: Any, sizes: tuple[int, ...] = (2, 3)) -> bool:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from fieldkit.config.references import campaign_folder
-from fieldkit.config.toml_lines import KeyPath
+from fieldkit.config.toml_lines import KeyPath, regions_in
 from fieldkit.config.validation import Mistake
 from fieldkit.model.errors import ConfigError
 
@@ -56,7 +56,4 @@ def with_horizons(values: dict[str, Any], path: Path) -> list[Mistake]:
 def _tables(values: dict[str, Any]) -> Iterator[tuple[KeyPath, dict[str, Any]]]:
     if isinstance(site := values.get("site"), dict):
         yield ("site",), site
-    regions = values.get("region")
-    for index, region in enumerate(regions if isinstance(regions, list) else ()):
-        if isinstance(region, dict):
-            yield ("region", index), region
+    yield from regions_in(values)

@@ -21,11 +21,11 @@ from pydantic import ValidationError
 
 from fieldkit.config import toml_lines
 from fieldkit.config.config import Config
+from fieldkit.config.defaults import KIND, forget_defaults_of_kind
 from fieldkit.config.files import read_text
 from fieldkit.config.horizon import with_horizons
 from fieldkit.config.references import resolve
 from fieldkit.config.secret_texts import secrets_in
-from fieldkit.config.surface_kind import KIND, forget_defaults_of_kind
 from fieldkit.config.toml_schema import Tables
 from fieldkit.config.validation import (
     UNKNOWN_KEY,
@@ -211,10 +211,9 @@ class _Document:
 
 def _on_ground(values: dict[str, Any], path: Path) -> list[Mistake]:
     """Complete the pose and the regions on its ground; what that needs is imported only if they are there."""
-    camera, regions = values.get("camera"), values.get("region")
+    camera = values.get("camera")
     has_pose = isinstance(camera, dict) and "pose" in camera
-    given = [region for region in regions if isinstance(region, dict)] if isinstance(regions, list) else []
-    if not has_pose and not any(region.get("points_m") for region in given):
+    if not has_pose and not any(region.get("points_m") for _, region in toml_lines.regions_in(values)):
         return []
     from fieldkit.config.ground import with_regions
     from fieldkit.config.pose import with_pose

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 from fieldkit.calibration.calibration_record import FOLDER, CalibrationRecord, as_document, find
 from fieldkit.config.files import FILE_NAME
-from fieldkit.config.toml_lines import KeyPath
+from fieldkit.config.toml_lines import KeyPath, regions_in
 from fieldkit.config.validation import Mistake
 from fieldkit.model.errors import ConfigError
 
@@ -118,14 +118,12 @@ def _brought(record: Mapping[str, Any], key: _Key) -> dict[KeyPath, float]:
 def _places(values: Mapping[str, Any]) -> Iterator[tuple[KeyPath, _Key]]:
     """Every key that takes references."""
     yield from KEYS.items()
-    regions = values.get("region")
-    for index, region in enumerate(regions if isinstance(regions, list) else ()):
-        if isinstance(region, dict):
-            for name, key in REGION_KEYS.items():
-                ((table, sd),) = key.brings
-                place = (table, index, sd) if table == "region" else (table, sd)
-                part = str(region.get("name", "")) if key.kind == "uniformity" else ""
-                yield ("region", index, name), key._replace(brings=(place,), part=part)
+    for path, region in regions_in(values):
+        for name, key in REGION_KEYS.items():
+            ((table, sd),) = key.brings
+            place = (*path, sd) if table == "region" else (table, sd)
+            part = str(region.get("name", "")) if key.kind == "uniformity" else ""
+            yield (*path, name), key._replace(brings=(place,), part=part)
 
 
 def _typed(carried: Any) -> list[str]:

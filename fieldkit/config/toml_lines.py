@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import io
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 KeyPath = tuple[str | int, ...]
@@ -30,6 +30,13 @@ def key_lines(text: str) -> dict[KeyPath, int]:
         else:
             _note(tomllib.loads(statement), table, number, lines)
     return lines
+
+
+def regions_in(document: Mapping[str, Any]) -> list[tuple[KeyPath, dict[str, Any]]]:
+    """The tables of regions of a plain document with their places, malformed ones left out."""
+    regions = document.get("region")
+    listed = enumerate(regions if isinstance(regions, list) else ())
+    return [(("region", index), region) for index, region in listed if isinstance(region, dict)]
 
 
 def toml_lines(text: str) -> list[str]:

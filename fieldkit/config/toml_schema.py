@@ -13,8 +13,7 @@ from typing import Annotated, Any, ClassVar, Literal, get_args
 from pydantic import AfterValidator, AwareDatetime, BaseModel, ConfigDict, Field, model_validator
 from pydantic.json_schema import SkipJsonSchema
 
-from fieldkit.config.other_worlds import with_defaults_of_world
-from fieldkit.config.surface_kind import with_defaults_of_kind
+from fieldkit.config.defaults import with_defaults_of_kind, with_defaults_of_world
 from fieldkit.config.toml_lines import KeyPath
 from fieldkit.estimation.estimator_keys import EstimatorKeys
 from fieldkit.estimation.prior import Prior

@@ -15,7 +15,7 @@ from typing import Any
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from fieldkit.config.toml_lines import KeyPath
+from fieldkit.config.toml_lines import KeyPath, regions_in
 from fieldkit.config.toml_schema import expected, known_keys, node_at
 from fieldkit.drivers import registry
 from fieldkit.estimation.surface_kinds import SAND
@@ -194,7 +194,7 @@ def unknown_drivers(document: Mapping[str, Any]) -> Iterator[Mistake]:
 
 def crossed_outlines(document: Mapping[str, Any]) -> Iterator[Mistake]:
     """Regions whose outline crosses itself: allowed in an old session, not in a new one."""
-    for path, region in _regions(document):
+    for path, region in regions_in(document):
         corners = outline(region.get("points_px"))
         if corners and Region("", RegionKind.TARGET, tuple(corners)).crosses_itself:
             message = "the outline crosses itself; list the corners in order around the region"
@@ -236,7 +236,7 @@ def _other_world(document: Mapping[str, Any]) -> Iterator[Mistake]:
     if _table(document, "surface").get("kind", SAND) != SAND:
         message = f"kinds of surface are the Earth's; on {body} set [surface], [slab] and [prior]"
         yield Mistake(("surface", "kind"), message)
-    for path, region in _regions(document):
+    for path, region in regions_in(document):
         if "surface_kind" in region:
             message = f"kinds of surface are the Earth's; omit it on {body}"
             yield Mistake((*path, "surface_kind"), message)
@@ -262,7 +262,7 @@ def _device_names(document: Mapping[str, Any]) -> Iterator[Mistake]:
 
 def _region_names(document: Mapping[str, Any]) -> Iterator[Mistake]:
     seen: dict[str, str] = {}
-    for path, region in _regions(document):
+    for path, region in regions_in(document):
         name = region.get("name")
         if not isinstance(name, str):
             continue
@@ -274,7 +274,7 @@ def _region_names(document: Mapping[str, Any]) -> Iterator[Mistake]:
 def _shared_probes(document: Mapping[str, Any]) -> Iterator[Mistake]:
     """A probe lies in one region only."""
     regions: dict[str, str] = {}
-    for path, region in _regions(document):
+    for path, region in regions_in(document):
         probes = region.get("probes")
         for probe in probes if isinstance(probes, list) else ():
             if isinstance(probe, str) and probe in regions:
@@ -284,7 +284,7 @@ def _shared_probes(document: Mapping[str, Any]) -> Iterator[Mistake]:
 
 
 def _reference(document: Mapping[str, Any]) -> Iterator[Mistake]:
-    regions = _regions(document)
+    regions = regions_in(document)
     is_needed = _table(document, "estimator").get("reference") != "weather"
     if is_needed and regions and not any(region.get("kind") == "reference" for _, region in regions):
         yield Mistake(("region",), 'no reference among the regions; give the flat one kind = "reference"')
@@ -299,7 +299,7 @@ def _outside_the_frame(document: Mapping[str, Any]) -> Iterator[Mistake]:
     width, height = camera.get("width_px"), camera.get("height_px")
     if not isinstance(width, int) or not isinstance(height, int):
         return
-    for path, region in _regions(document):
+    for path, region in regions_in(document):
         for x, y in outline(region.get("points_px")) or ():
             if not (0 <= x <= width - 1 and 0 <= y <= height - 1):
                 where = f"corner ({x:g}, {y:g}) is outside the frame of {width} x {height} pixels"
@@ -331,7 +331,7 @@ def _incomplete_pairs(document: Mapping[str, Any]) -> Iterator[Mistake]:
     camera = _table(document, "camera")
     if ("width_px" in camera) != ("height_px" in camera):
         yield Mistake(("camera",), "width_px and height_px belong together")
-    for path, region in _regions(document):
+    for path, region in regions_in(document):
         tilt, is_reference = region.get("tilt_deg"), region.get("kind") == "reference"
         if is_reference and isinstance(tilt, int | float) and tilt > 0 and "azimuth_deg" not in region:
             yield Mistake((*path, "tilt_deg"), "a tilted reference also needs azimuth_deg")
@@ -340,10 +340,3 @@ def _incomplete_pairs(document: Mapping[str, Any]) -> Iterator[Mistake]:
 def _table(document: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     table = document.get(name)
     return table if isinstance(table, dict) else {}
-
-
-def _regions(document: Mapping[str, Any]) -> list[tuple[KeyPath, Mapping[str, Any]]]:
-    regions = document.get("region")
-    if not isinstance(regions, list):
-        return []
-    return [(("region", index), region) for index, region in enumerate(regions) if isinstance(region, dict)]

@@ -32,7 +32,7 @@ from fieldkit.physics.camera_geometry import (
 )
 from fieldkit.physics.facet import FloatArray, normal
 from fieldkit.physics.heights import heights_from_normals
-from fieldkit.sessions.formats import geotiff, ply, ros2_maps
+from fieldkit.sessions.formats import geotiff, ply, ros2
 
 if TYPE_CHECKING:
     from rasterio.crs import CRS
@@ -180,9 +180,7 @@ def write_on_ground(
         with replacing(points := base.with_name(f"{base.name}.ply"), synced=False) as file:
             ply.write_points(file, _columns(view, planes), f"crs {view.crs}")
         with replacing(maps := base.with_name(f"{base.name}.mcap"), synced=False) as file:
-            ros2_maps.write_maps(
-                file, {name: values for name, _, values in on_cells}, ground, time_ns, risk=risk
-            )
+            ros2.write_maps(file, {name: values for name, _, values in on_cells}, ground, time_ns, risk=risk)
     except OSError as error:
         raise StorageError(
             f"cannot write {base}: {error.strerror or error}", fix="name another place with -o"

@@ -114,12 +114,6 @@ class FrameSource(Protocol):
     def skip_until(self, mono_ns: int) -> None:
         """Skip frames until a monotonic time, keeping the stream alive."""
 
-    def get_control(self, unit: int, selector: int, length: int) -> bytes:
-        """Read a control of a UVC extension unit; raises `DeviceError` if there is none."""
-
-    def set_control(self, unit: int, selector: int, data: bytes) -> None:
-        """Write a control of a UVC extension unit; raises `DeviceError` if there is none."""
-
     def close(self) -> None:
         """Release the camera; a second call does nothing."""
 

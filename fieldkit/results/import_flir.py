@@ -20,9 +20,8 @@ from fieldkit.drivers.cameras.flir_file import FlirFrame
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, DecodeError
 from fieldkit.model.samples import Frame, Severity
-from fieldkit.sessions.formats.frame_times import GIVE_TIMES, given_times_ns
 from fieldkit.sessions.formats.imported import ImportedRecording, flag_bunched, usual_rate_hz
-from fieldkit.sessions.formats.times import plausible_ns
+from fieldkit.sessions.formats.times import GIVE_TIMES, given_times_ns, plausible_ns
 
 SUFFIXES = (".fff", ".seq", ".jpg", ".jpeg")
 _COPY = "copy it from the camera again; a truncated file cannot be read"

@@ -9,7 +9,7 @@ from fieldkit.model.mark_times import parse_when, reject_impossible, reject_unkn
 from fieldkit.model.marks import SHADE_TEST_S, Mark, When, mark_event, marks_made, numbers_named, shade_test
 from fieldkit.model.samples import Event
 from fieldkit.model.site import known_zone
-from fieldkit.sessions.later_events import add_later_events
+from fieldkit.sessions.finished_file import add_later_events
 from fieldkit.sessions.reader import SessionReader
 from fieldkit.sessions.time_map import mapped_event, recorded_event
 

@@ -31,9 +31,9 @@ from fieldkit.results.sources import (
 from fieldkit.sessions.formats.images_out import require_palette
 from fieldkit.sessions.reader import SessionReader, open_session
 from fieldkit.views import formatting, frame_image, plotting
+from fieldkit.views.html import require_weasyprint, write_pdf
 from fieldkit.views.report import Part, write_campaign_report, write_report
 from fieldkit.views.report.assessment import assess
-from fieldkit.views.report.pdf import require_weasyprint, write_pdf
 from fieldkit.views.report.recording import is_simulated
 from fieldkit.views.report.series import series
 from fieldkit.views.session_image import ShownFrame, session_image

@@ -55,7 +55,7 @@ from fieldkit.results.session_estimates import Estimates
 from fieldkit.results.sources import SessionOrFile, Settings, config_for, log_warning, reading, settings_from
 from fieldkit.sessions.file_tree import iso_utc
 from fieldkit.sessions.reader import SessionReader, open_session
-from fieldkit.views import formatting, layer_image, plots, slope_map_image
+from fieldkit.views import formatting, plots, slope_map_image
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -655,7 +655,7 @@ def map_png(found: MappedSession, width: int = 960, full_deg: float = 0.0) -> by
 def _layer_image(found: MappedSession, layer: Layer) -> bytes:
     planes = (layer.values,) if layer.sd is None else (layer.values, layer.sd)
     title, caption = f"{found.path.stem}: {layer.long_name}", _caption(found)
-    return layer_image.png(
+    return slope_map_image.layer_png(
         planes, found.slopes.state, title, caption, units=layer.units, is_cyclic=layer.is_cyclic
     )
 

@@ -71,16 +71,9 @@ GROUND = Facet("ground", (), albedo=0.19, depth_m=0.30)
 
 
 def pixel_shares(facets: Sequence[Facet]) -> NDArray[np.float32]:
-    """Fraction of each pixel that shows each facet.
+    """Share of each pixel that shows each of k facets, (k + 1, pixels), the ground last; columns add up to 1.
 
-    Parameters
-    ----------
-    facets
-        k facets; each covers those before it.
-
-    Returns
-    -------
-    Shape (k + 1, pixels), the ground last; edges are blurred as by a lens, and each column adds up to 1. [-]
+    Each facet covers those before it; edges are blurred as by a lens.
     """
     seen = np.zeros((len(facets) + 1, *FRAME_SHAPE))
     seen[-1] = 1.0

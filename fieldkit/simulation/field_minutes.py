@@ -31,17 +31,7 @@ class FieldMinutes:
 
 
 def field_minutes(model: SceneModel, start_ns: int, minutes: int) -> FieldMinutes:
-    """The first minutes of a scene.
-
-    Parameters
-    ----------
-    model
-        Beds under a sky.
-    start_ns
-        Start, UTC nanoseconds since 1970, at a whole minute; the sand begins to store heat then.
-    minutes
-        How many.
-    """
+    """The first minutes of a scene that starts at a whole minute, UTC; the sand begins to store heat then."""
     series = model.series(start_ns, minutes * 60.0)
     edges_s = np.arange(0.0, 60.0 * minutes + 1.0, 60.0)
     below = np.cumsum(0.5 * (series.rows[:, 1:] + series.rows[:, :-1]) * np.diff(series.time_s), axis=1)

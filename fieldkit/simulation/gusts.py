@@ -17,23 +17,11 @@ _EDGES_HZ = np.geomspace(1e-5, 0.05, 257)
 
 
 def von_karman(frequency_hz: FloatArray, time_scale_s: float) -> FloatArray:
-    """Spectrum of a wind component along the wind, one-sided, of unit variance.
+    """Spectrum of a wind component along the wind, one-sided, of unit variance, 1/Hz.
 
-    Parameters
-    ----------
-    frequency_hz
-        Frequency f, above 0, any shape. [Hz]
-    time_scale_s
-        Integral time scale, the length scale L over the mean wind U. [s]
-
-    Returns
-    -------
-    Same shape. [1/Hz]
-
-    References
-    ----------
-    .. [1] T. von Karman, "Progress in the statistical theory of turbulence", PNAS 34, 530-539, 1948; in this
-       form ESDU 85020: f S / sigma² = 4 x / (1 + 70.8 x²)^(5/6), x = f L / U.
+    At frequencies f above 0, any shape; the time scale is the length scale L over the mean wind U. T. von
+    Karman, "Progress in the statistical theory of turbulence", PNAS 34, 530-539, 1948; in this form ESDU
+    85020: f S / sigma² = 4 x / (1 + 70.8 x²)^(5/6), x = f L / U.
     """
     return np.asarray(4.0 * time_scale_s / (1.0 + 70.8 * (frequency_hz * time_scale_s) ** 2) ** (5.0 / 6.0))
 

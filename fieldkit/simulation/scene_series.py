@@ -120,19 +120,7 @@ class SceneModel:
     boards: tuple[Board, ...] = ()
 
     def series(self, origin_ns: int, length_s: float) -> SceneSeries:
-        """All time series of a scene.
-
-        Parameters
-        ----------
-        origin_ns
-            Start, UTC nanoseconds since 1970.
-        length_s
-            Length. [s]
-
-        Returns
-        -------
-        Series at steps of `STEP_S`, denser after each step of the light.
-        """
+        """All time series of a scene in steps of `STEP_S`, denser after each step of the light."""
         steps = [transmission.time_s for transmission in self.transmissions]
         edges = [np.array([board.begin_s, board.end_s]) for board in self.boards]
         time_s = fine_times(0.0, length_s, np.concatenate([np.empty(0), *steps, *edges]))
@@ -146,17 +134,7 @@ class SceneModel:
         return SceneSeries(origin_ns, time_s, np.vstack([*scalars, lux, surface, brightness, contact]))
 
     def terrain_series(self, terrain: Terrain, origin_ns: int, length_s: float) -> TerrainSeries:
-        """Temperatures of terrain of the ground's material, lit and shaded by its own relief.
-
-        Parameters
-        ----------
-        terrain
-            Slope and horizon of every pixel.
-        origin_ns
-            Start, UTC nanoseconds since 1970.
-        length_s
-            Length. [s]
-        """
+        """Temperatures of terrain of the ground's material, lit and shaded by its own relief."""
         time_s = np.arange(0.0, length_s + TERRAIN_STEP_S, TERRAIN_STEP_S)
         radiation = self._radiation(origin_ns, time_s)
         level_k, longwave_up = self._ground(time_s, radiation)
@@ -245,19 +223,7 @@ def _brightness_k(
 
 
 def fine_times(begin_s: float, end_s: float, breaks_s: FloatArray) -> FloatArray:
-    """Times every `STEP_S`, denser after each step of the light.
-
-    Parameters
-    ----------
-    begin_s, end_s
-        Range. [s]
-    breaks_s
-        Times at which the light changes suddenly, shape (n,). [s]
-
-    Returns
-    -------
-    Shape (m,), increasing, within the range. [s]
-    """
+    """Times (m,) from begin to end every `STEP_S`, denser after each step of the light (n,), in seconds."""
     regular = np.arange(begin_s, end_s + STEP_S, STEP_S)
     after = (breaks_s[:, np.newaxis] + _AFTER_BREAK_S).ravel()
     times = np.unique(np.round(np.concatenate([regular, after]), 6))
@@ -275,19 +241,7 @@ class FacetRadiation:
     circumsolar_share: float = 1.0
 
     def absorbed_w_m2(self, facet: Facet, ground_longwave_w_m2: FloatArray) -> FloatArray:
-        """Radiation absorbed by a facet, shortwave and longwave.
-
-        Parameters
-        ----------
-        facet
-            The facet.
-        ground_longwave_w_m2
-            Longwave exitance of the ground, shape (m,). [W/m2]
-
-        Returns
-        -------
-        Shape (m,). [W/m2]
-        """
+        """Short- and longwave (m,) that a facet absorbs, W/m2, given the ground's longwave exitance (m,)."""
         up = normal(facet.tilt_deg, facet.azimuth_deg)
         lit, view = sunlit_share(facet.horizon, self.sun), sky_view_factor(facet.horizon)
         return self.absorbed_by_w_m2(facet, up, lit, np.asarray(view), ground_longwave_w_m2)
@@ -300,22 +254,10 @@ class FacetRadiation:
         view: FloatArray,
         ground_longwave_w_m2: FloatArray,
     ) -> FloatArray:
-        """Radiation absorbed by surfaces of a facet's material.
+        """Radiation (..., m) absorbed by surfaces of a facet's material with unit normals (..., 3), W/m2.
 
-        Parameters
-        ----------
-        facet
-            The material.
-        normals
-            Unit normals, shape (..., 3). [-]
-        lit, view
-            Shares of the sun, (..., m), and of the sky, (..., 1) or a scalar, that the horizon leaves. [-]
-        ground_longwave_w_m2
-            Longwave exitance of the ground, shape (m,). [W/m2]
-
-        Returns
-        -------
-        Shape (..., m). [W/m2]
+        `lit` and `view` are the shares of the sun, (..., m), and of the sky, (..., 1) or a scalar, that the
+        horizon leaves; the ground's longwave exitance is (m,).
         """
         cos_i, cos_z, cos_tilt = cos_incidence(normals, self.sun), self.sun[:, 2], normals[..., 2:]
         dni, dhi = np.where(cos_z > 0.0, self.sky.dni_w_m2, 0.0), self.sky.dhi_w_m2
@@ -340,26 +282,10 @@ class FacetRadiation:
 def surface_temperatures(
     facets: Sequence[Facet], time_s: FloatArray, absorbed: FloatArray, exchange: FloatArray, air_k: FloatArray
 ) -> FloatArray:
-    """Surface temperatures of facets from the radiation they absorb.
+    """Surface temperatures (k, m) of k facets from the radiation (k, m) they absorb at times (m,).
 
-    Each starts in balance with the first time, its whole layer at that temperature.
-
-    Parameters
-    ----------
-    facets
-        k facets.
-    time_s
-        Times, shape (m,). [s]
-    absorbed
-        Absorbed radiation, shape (k, m). [W/m2]
-    exchange
-        Coefficient of heat exchange with the air, shape (m,), or (k, m) of each facet. [W m-2 K-1]
-    air_k
-        Air temperature, shape (m,). [K]
-
-    Returns
-    -------
-    Shape (k, m). [K]
+    Kelvin, W/m2 and seconds. Each starts in balance with the first time, its whole layer at that temperature.
+    The coefficient `exchange` with the air of `air_k` (m,) is (m,), or (k, m) of each facet, in W m-2 K-1.
     """
     exchanges = np.broadcast_to(exchange, absorbed.shape)
     start, step_s = _in_balance(facets, absorbed, exchanges, air_k), np.round(np.diff(time_s), 6)
@@ -400,20 +326,9 @@ def longwave_leaving_ground(surface_k: FloatArray, ground: Facet, sky: SkyState)
 
 
 def lagged(value: FloatArray, time_s: FloatArray, response_s: float) -> FloatArray:
-    """Response of a first-order sensor to values that are linear between times.
+    """Response of a first-order sensor to values (k, m) that are linear between times (m,); same shape.
 
-    Parameters
-    ----------
-    value
-        Shape (k, m).
-    time_s
-        Times, shape (m,). [s]
-    response_s
-        Time constant of the sensor, above 0. [s]
-
-    Returns
-    -------
-    Shape (k, m), in the unit of `value`; the sensor starts at the first value.
+    `response_s` is its time constant, above 0; the sensor starts at the first value.
     """
     sensed = np.empty_like(value)
     sensed[:, 0] = value[:, 0]
@@ -427,22 +342,10 @@ def lagged(value: FloatArray, time_s: FloatArray, response_s: float) -> FloatArr
 
 
 def illuminance_lx(sky: SkyState, cos_zenith: FloatArray, body: Body) -> FloatArray:
-    """Illuminance on a horizontal light meter, with the cosine error of its diffuser at low sun.
+    """Illuminance (n,) on a horizontal light meter, with the cosine error of its diffuser at low sun.
 
-    Beam and skylight differ in lumens per watt, so no single factor converts the reading to W/m².
-
-    Parameters
-    ----------
-    sky
-        Sky at n times.
-    cos_zenith
-        Cosine of the sun's zenith angle, shape (n,). [-]
-    body
-        The world, for lumens per watt.
-
-    Returns
-    -------
-    Shape (n,). [lx]
+    From sky and cosines of the sun's zenith angle (n,). Beam and skylight differ in lumens per watt, which
+    are the body's, so no single factor converts the reading to W/m².
     """
     cosine = np.maximum(cos_zenith, 0.0)
     tan2 = 1.0 / np.maximum(cosine, 0.05) ** 2 - 1.0

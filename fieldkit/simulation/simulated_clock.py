@@ -64,16 +64,10 @@ class _Waiter:
 
 
 class SimulatedClock:
-    """Scene time for all threads; satisfies `fieldkit.model.clock.Clock`.
+    """Scene time for all threads from a UTC start on; satisfies `fieldkit.model.clock.Clock`.
 
-    Parameters
-    ----------
-    start_utc_ns
-        UTC at the start, nanoseconds since 1970.
-    speed
-        Seconds of the scene per real second; infinite: as fast as the work allows.
-    elapsed_ns
-        How far the scene is already.
+    `speed` is seconds of the scene per real second; infinite: as fast as the work allows.
+    `elapsed_ns` is how far the scene is already.
     """
 
     is_real = False

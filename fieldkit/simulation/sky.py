@@ -36,15 +36,11 @@ class SkyState:
     wind_m_s: FloatArray
 
     def window_temperature_k(self) -> FloatArray:
-        """Sky temperature in the camera's 8-14 µm band.
+        """Sky temperature (n,) in the camera's 8-14 µm band.
 
         The atmosphere is most transparent there, so the sky looks colder than its broadband longwave
         suggests: by half as much again below the air. Clear dry air gives -40 to -60 °C; under an overcast
         all three temperatures are equal, as observed (window-band sky -20 to -60 °C).
-
-        Returns
-        -------
-        Shape (n,). [K]
         """
         sky = (self.longwave_down_w_m2 / STEFAN_BOLTZMANN) ** 0.25
         window = self.air_temperature_k - _WINDOW_DEFICIT * (self.air_temperature_k - sky)

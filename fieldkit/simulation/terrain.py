@@ -19,14 +19,9 @@ PIECE = 2000
 
 @dataclass(frozen=True, eq=False)
 class Terrain:
-    """Slopes and horizons of the pixels of a frame, row by row.
+    """Slopes and horizons of the pixels of a frame, row by row: `normals` are unit vectors (pixels, 3).
 
-    Attributes
-    ----------
-    normals
-        Unit normals (east, north, up), shape (pixels, 3). [-]
-    horizon_deg
-        Elevation of the skyline at evenly spaced azimuths from north on, shape (pixels, n). [degrees]
+    `horizon_deg` (pixels, n) is the skyline's elevation at evenly spaced azimuths from north on.
     """
 
     normals: FloatArray

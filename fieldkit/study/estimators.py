@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from fieldkit.estimation.contours import RadiationTable, slope_grid
 from fieldkit.estimation.day_plan import cosine_noise
+from fieldkit.estimation.instruments import mean_of
 from fieldkit.estimation.likelihood import posterior
 from fieldkit.estimation.normal import LOWEST_COS_INCIDENCE, Misfit, choose, solve
 from fieldkit.estimation.statistics import mean_absolute_error, sd_of_absolute_error
@@ -93,7 +94,7 @@ class Outcome:
         nearest = np.round(azimuth / step_deg).astype(np.int64) % centres.size
         sloped = tilt > 0.0  # flat ground has no direction
         errors = [self.tilt_error_deg[sloped & (nearest == index)] for index in range(centres.size)]
-        return centres, np.array([_mean(values) for values in errors])
+        return centres, np.array([mean_of(values) for values in errors])
 
 
 def paper_slopes() -> FloatArray:
@@ -205,11 +206,6 @@ def _by_posterior(
 
 def _quantised(temperature_k: FloatArray, quantum_k: float) -> FloatArray:
     return np.round(temperature_k / quantum_k) * quantum_k if quantum_k > 0.0 else temperature_k
-
-
-def _mean(values: FloatArray) -> float:
-    known = values[np.isfinite(values)]
-    return float(known.mean()) if known.size else float("nan")
 
 
 @dataclass(frozen=True, slots=True)

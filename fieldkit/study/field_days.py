@@ -18,7 +18,7 @@ from fieldkit.estimation.bins import History
 from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.estimator import Minute
 from fieldkit.estimation.settings import EstimatorSettings
-from fieldkit.estimation.statistics import ErrorSpan, errors_over_time, root_mean_square_error
+from fieldkit.estimation.statistics import ErrorSpan, errors_over_time
 from fieldkit.model.clock import utc_ns
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region, Site
@@ -32,7 +32,7 @@ from fieldkit.results.report import report_part
 from fieldkit.simulation import ClearSky, Facet, Scene
 from fieldkit.study.runs import PAPER_SITE
 from fieldkit.views.formatting import zone_name
-from fieldkit.views.report.series import Series, modelled_temperature, series
+from fieldkit.views.report.series import Series, modelled_temperature, series, temperature_rmse_k
 
 NOISE_K = 0.05
 SAND_DEPTH_M = 0.03
@@ -73,9 +73,7 @@ class FieldDay:
     @property
     def rmse_k(self) -> float:
         """RMSE of the modelled against the measured surface temperature of all beds, kelvin."""
-        return root_mean_square_error(
-            np.concatenate(list(self.modelled_k.values())), np.concatenate(list(self.measured_k.values()))
-        )
+        return temperature_rmse_k(self.measured_k, self.modelled_k)
 
     @property
     def mean_error_deg(self) -> float:

@@ -8,6 +8,7 @@ balances the mean of that day, so that no starting profile has to be fitted.
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -19,11 +20,12 @@ from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
 from fieldkit.model.confidence import CONFIDENCE, interval_sds
+from fieldkit.model.errors import ConfigError, message_of
 from fieldkit.model.learnt import LearntParameter
+from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.physics.energy_balance import balance_temperature
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.slab import surface_series
-from fieldkit.study.measured_ground import DAY_MIN, MeasuredGround, read_measured_ground
 from fieldkit.study.surface_models import DEEP, HEAT_CAPACITY_J_M3_K, Mask, Score
 
 EMISSIVITY = 0.96
@@ -78,16 +80,10 @@ class GroundScore:
 
 @dataclass(frozen=True)
 class GroundFit:
-    """The model fitted to the minutes in `chosen` (n,); the others are held out.
+    """The model fitted to the minutes in `chosen` (n,), the first or second half; the others are held out.
 
-    Attributes
-    ----------
-    fitted
-        "first half" or "second half".
-    values, covariance
-        Of `PARAMETERS`, (5,) and (5, 5).
-    modelled_k, half_width_k
-        Of every minute, (n,): temperature and half the prediction interval. [K]
+    `values` and `covariance` are those of `PARAMETERS`, (5,) and (5, 5); `modelled_k` and `half_width_k` (n,)
+    are every minute's temperature and half its prediction interval, kelvin.
     """
 
     ground: MeasuredGround
@@ -144,19 +140,10 @@ class GroundFit:
 
 
 def ground_fits(path: Path, on_step: Callable[[str], None] = lambda _: None) -> list[GroundFit]:
-    """Fit the first half of a record, then the second; each is tried on the other.
+    """Fit the first half of a record (`read_measured_ground`), then the second; each is tried on the other.
 
-    Parameters
-    ----------
-    path
-        See `read_measured_ground`.
-    on_step
-        Receives a few words after each of `steps` parts of the work.
-
-    Raises
-    ------
-    ConfigError
-        If the file is not such a record.
+    `on_step` receives a few words after each of `steps` parts of the work. Raises `ConfigError` if the file
+    is not such a record.
     """
     ground = read_measured_ground(path)
     first = np.arange(ground.surface_k.size) < ground.surface_k.size // 2
@@ -199,18 +186,9 @@ def fit(
 
 
 def surface_k(ground: MeasuredGround, values: FloatArray) -> FloatArray:
-    """Modelled temperature as the radiometer shows it.
+    """Modelled temperature as the radiometer shows it, every minute (n,), kelvin.
 
-    Parameters
-    ----------
-    ground
-        The record; its `surface_k` is not used.
-    values
-        Of `PARAMETERS`, (5,).
-
-    Returns
-    -------
-    Every minute, (n,). [K]
+    `values` are those of `PARAMETERS`, (5,); the record's own `surface_k` is not used.
     """
     still, per_wind, inertia, albedo_error, response_min = np.asarray(values).tolist()
     reflected = ground.shortwave_up_w_m2 + albedo_error * ground.shortwave_down_w_m2
@@ -280,3 +258,80 @@ def _learnt(one: Parameter, value: float, sd: float) -> LearntParameter:
         high=value + SDS * sd,
         share_of_prior=min(sd / one.sd, 1.0),
     )
+
+
+# --- a record: a radiometer that looks at the ground beside a weather station, minute by minute
+
+DAY_MIN = 1440
+_GROUND = "ground_radiometer_c"
+_WEATHER = (
+    "air_c",
+    "wind_m_s",
+    "shortwave_down_w_m2",
+    "shortwave_up_w_m2",
+    "longwave_down_w_m2",
+    "sun_zenith_apparent_deg",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredGround:
+    """Minutes of flat ground and its weather, arrays (n,), at least a day; NaN only in `surface_k`."""
+
+    name: str
+    surface_k: FloatArray
+    air_k: FloatArray
+    wind_m_s: FloatArray
+    shortwave_down_w_m2: FloatArray
+    shortwave_up_w_m2: FloatArray
+    longwave_down_w_m2: FloatArray
+    daylight: NDArray[np.bool_]
+
+
+def read_measured_ground(path: Path) -> MeasuredGround:
+    """Read a table of measured ground; the sun is up in rows with a zenith angle below 90 degrees.
+
+    CSV with one row a minute and the columns minute, ground_radiometer_c, air_c, wind_m_s,
+    shortwave_down_w_m2, shortwave_up_w_m2, longwave_down_w_m2 and sun_zenith_apparent_deg; others are
+    ignored. Raises `ConfigError` if a column is missing, a cell is not a number, minutes are missing, or
+    there is less than a day.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            rows = list(csv.DictReader(file))
+        columns = {
+            name: np.array([float(row[name] or "nan") for row in rows])
+            for name in ("minute", _GROUND, *_WEATHER)
+        }
+    except KeyError as missing:
+        raise ConfigError(f"{path} has no column {missing}", fix="see `fieldkit study --help`") from None
+    except (OSError, TypeError, ValueError) as error:
+        raise ConfigError(
+            f"{path} is not a table of measured ground: {message_of(error)}", fix="give a CSV file of numbers"
+        ) from error
+    _check(path, columns)
+    return MeasuredGround(
+        name=path.stem,
+        surface_k=columns[_GROUND] + CELSIUS_ZERO_K,
+        air_k=columns["air_c"] + CELSIUS_ZERO_K,
+        wind_m_s=columns["wind_m_s"],
+        shortwave_down_w_m2=columns["shortwave_down_w_m2"],
+        shortwave_up_w_m2=columns["shortwave_up_w_m2"],
+        longwave_down_w_m2=columns["longwave_down_w_m2"],
+        daylight=columns["sun_zenith_apparent_deg"] < 90.0,
+    )
+
+
+def _check(path: Path, columns: dict[str, FloatArray]) -> None:
+    minutes = columns["minute"]
+    if minutes.size < DAY_MIN:
+        raise ConfigError(f"{path} has {minutes.size} minutes", fix=f"give at least a day, {DAY_MIN}")
+    if np.any(np.diff(minutes) != 1.0):
+        row = int(np.argmax(np.diff(minutes) != 1.0))
+        raise ConfigError(f"{path} has a gap after minute {minutes[row]:g}", fix="fill it, or cut the record")
+    for name in _WEATHER:
+        if not np.all(np.isfinite(columns[name])):
+            row = int(np.argmin(np.isfinite(columns[name])))
+            raise ConfigError(
+                f"{path} has no {name} in minute {minutes[row]:g}", fix="fill it, or cut the record"
+            )

@@ -12,8 +12,8 @@ from fieldkit.results.json_document import to_json
 from fieldkit.study.ground import GroundFit
 from fieldkit.study.output import Rows, write_files
 from fieldkit.views import plotting
-from fieldkit.views.ground_figure import ground_temperatures
 from fieldkit.views.html import Figure, Table, render
+from fieldkit.views.study_figures import ground_temperatures
 
 
 def document(fits: Sequence[GroundFit]) -> dict[str, Any]:

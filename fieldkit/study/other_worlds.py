@@ -30,7 +30,7 @@ from fieldkit.results.json_document import to_json
 from fieldkit.study.estimators import Conditions, StudySettings, random_slopes, run_study, summarise
 from fieldkit.study.output import Rows, write_files
 from fieldkit.views import plotting
-from fieldkit.views.world_figure import errors_over_window, temperatures_over_day
+from fieldkit.views.study_figures import errors_over_window, temperatures_over_day
 
 HOURS = (9.0, 12.0, 15.0)
 NOISES_K = (0.02, 0.05, 0.1)

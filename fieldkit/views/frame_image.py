@@ -19,12 +19,10 @@ from fieldkit.model.site import Region
 from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.palettes import INFERNO, Colours, palette
 from fieldkit.physics.camera_laws import frame_k, has_temperatures
-from fieldkit.pixel_axes import with_axes
+from fieldkit.pixel_axes import WHITE, Colour, label, letters, outline, with_axes
 
 FloatArray = NDArray[np.float64]
 
-WHITE = (255, 255, 255)
-BLACK = (0, 0, 0)
 PNG_WIDTH = 960
 OUTLINE = (0, 215, 215)
 """Colour of region outlines, which does not occur in the palette."""
@@ -83,7 +81,7 @@ def resized(shown: FloatArray, rows: int, cols: int) -> FloatArray:
     return np.asarray(cv2.resize(shown, (cols, rows), interpolation=how), np.float64)
 
 
-def on_grid(region: Region, shape: tuple[int, int], rows: int, cols: int) -> FloatArray:
+def on_grid(region: Region, shape: tuple[int, ...], rows: int, cols: int) -> FloatArray:
     """Vertices of a region of a frame of `shape` on a grid of (rows, cols), shape (n, 2) of (x, y)."""
     factor = np.array([cols / shape[1], rows / shape[0]])
     on_grid: FloatArray = (np.array(region.vertices, np.float64) + 0.5) * factor - 0.5
@@ -98,6 +96,15 @@ def outline_mask(region: Region, shape: tuple[int, int], rows: int, cols: int) -
     points = np.rint(on_grid(region, shape, rows, cols)).astype(np.int32)
     cv2.polylines(mask, [points], isClosed=True, color=1)
     return mask.astype(np.bool_)
+
+
+def mark_region(
+    image: Colours, region: Region, shape: tuple[int, ...], size: float, colour: Colour = WHITE
+) -> None:
+    """Draw outline and name of a region into the enlarged image of a frame of `shape`."""
+    corners = np.rint(on_grid(region, shape, image.shape[0], image.shape[1]))
+    outline(image, corners, colour)
+    label(image, region.name, int(corners[:, 0].mean()), int(corners[:, 1].mean()), size, centred=True)
 
 
 def enlargement(shape: tuple[int, ...], width: int = PNG_WIDTH) -> int:
@@ -115,10 +122,7 @@ def png(frame: Frame, info: StreamInfo, regions: Sequence[Region] = (), *, width
     rows, cols = shown.shape[0] * factor, shown.shape[1] * factor
     canvas = np.ascontiguousarray(colours(resized(shown, rows, cols), scale)[:, :, ::-1])
     for region in regions:
-        points = np.rint(on_grid(region, shown.shape, rows, cols)).astype(np.int32)
-        for colour, thickness in ((BLACK, 5), (OUTLINE[::-1], 2)):
-            cv2.polylines(canvas, [points], True, colour, thickness, cv2.LINE_AA)
-        _write(canvas, region.name, int(points[:, 0].mean()), int(points[:, 1].mean()))
+        mark_region(canvas, region, shown.shape, 0.8, OUTLINE[::-1])
     page = with_axes(canvas, factor)
     ok, data = cv2.imencode(".png", np.hstack((page, _scale_bar(page.shape[0], scale))))
     assert ok
@@ -139,31 +143,5 @@ def _scale_bar(rows: int, scale: Scale) -> Colours:
     bar = np.full((rows, 110, 3), 255, np.uint8)
     bar[:, 10:30] = palette()[np.linspace(255, 0, rows).astype(np.intp)][:, None, ::-1]
     for value, y in ((scale.high, 20), ((scale.low + scale.high) / 2, rows // 2 + 6), (scale.low, rows - 8)):
-        _write(bar, scale.text(value).replace("°", " "), 36, y, on_image=False)
+        letters(bar, scale.text(value).replace("°", " "), 36, y, 0.6)
     return bar
-
-
-def _write(canvas: Colours, text: str, x: int, y: int, *, on_image: bool = True) -> None:
-    """White letters on black centred at (x, y) of an image, or black letters from (x, y) on white.
-
-    The built-in font is ASCII only.
-    """
-    import cv2
-
-    font, size = cv2.FONT_HERSHEY_SIMPLEX, 0.8 if on_image else 0.6
-    letters = text.encode("ascii", "replace").decode()
-    (width, height), below = cv2.getTextSize(letters, font, size, 1)
-    if on_image:
-        x, y = x - width // 2, y + height // 2
-        cv2.rectangle(canvas, (x - 5, y - height - 5), (x + width + 5, y + below), BLACK, cv2.FILLED)
-    colour = WHITE if on_image else BLACK
-    cv2.putText(
-        canvas,
-        letters,
-        org=(x, y),
-        fontFace=font,
-        fontScale=size,
-        color=colour,
-        thickness=1,
-        lineType=cv2.LINE_AA,
-    )

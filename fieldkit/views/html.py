@@ -9,16 +9,22 @@ from __future__ import annotations
 import base64
 import functools
 import itertools
+import logging
 import re
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from markupsafe import Markup, escape
 
+from fieldkit.model.errors import ConfigError
+
 if TYPE_CHECKING:
     from jinja2 import Environment
+
 
 NUMBER = re.compile(r"(?<![\w.,])[(±<>]*[+\-−]?\d+(?: \d{3}(?!\d))*(?:\.\d+)?")
 AROUND_NUMBERS = re.compile(r"(?:[\s±)°%/–]|given|min|K|W/m²)*")
@@ -191,3 +197,21 @@ def environment() -> Environment:
     made.tests["short"] = lambda cell: len(escape(cell)) < SHORT
     made.filters["number"] = lambda value: f"{value:g}"
     return made
+
+
+def require_weasyprint() -> None:
+    """Raises `ConfigError` where WeasyPrint is not installed, before hours are spent on the page."""
+    if find_spec("weasyprint") is None:
+        raise ConfigError(
+            "a report as PDF needs WeasyPrint",
+            fix="pip install 'fieldkit[pdf]', or print the HTML from a browser",
+        )
+
+
+def write_pdf(page: Path, pdf: Path) -> None:
+    """Print an HTML page on A4; raises `OSError` if the file cannot be written."""
+    from weasyprint import HTML
+
+    # it warns about screen rules that do not apply to print
+    logging.getLogger("weasyprint").setLevel(logging.ERROR)
+    HTML(filename=str(page)).write_pdf(str(pdf))

@@ -217,9 +217,7 @@ def _drawn(plan: DayPlan, site: Site, session: Session | None) -> str:
         plotting.plain_log_ticks(lower.yaxis)
     upper.axhspan(-WEAK_K_PER_DEG, WEAK_K_PER_DEG, color="0.88", label="weak")
     upper.set_ylabel("K per ° of tilt")
-    lower.xaxis.set_major_formatter(
-        lambda hour, _position: f"{int(hour) % 24:02d}:{round(hour % 1 * 60):02d}"
-    )
+    plotting.clock_ticks(lower)
     lower.set_xlabel(f"local time ({formatting.zone_name(int(plan.time_ns[0]), site)})")
     plotting.legend(upper)
     return plotting.svg(figure)

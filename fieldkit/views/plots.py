@@ -8,14 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from datetime import UTC
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldkit.model.site import Site
-from fieldkit.views import formatting, plotting
+from fieldkit.views import plotting
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -80,15 +79,7 @@ def lines(
 
 def over_time(axes: Axes, time_ns: NDArray[np.int64], site: Site | None) -> Axes:
     """Label the time axis by the site's clocks, UTC without a site; add a legend of the labelled lines."""
-    from matplotlib.dates import AutoDateLocator, DateFormatter
-
-    zone = UTC if site is None else formatting.zone(site)
-    axes.xaxis.set_major_locator(AutoDateLocator(tz=zone, minticks=3, maxticks=7))  # type: ignore[no-untyped-call]
-    axes.xaxis.set_major_formatter(DateFormatter("%H:%M", tz=zone))  # type: ignore[no-untyped-call]
-    if site is None:
-        axes.set_xlabel("UTC")
-    elif time_ns.size:
-        axes.set_xlabel(f"local time ({formatting.zone_name(int(time_ns.min()), site)})")
+    plotting.local_axis(axes, site, time_ns)
     if axes.get_legend_handles_labels()[1]:
         axes.legend()
     return axes

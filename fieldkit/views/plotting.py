@@ -13,12 +13,15 @@ import io
 from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from datetime import UTC
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldkit.model.site import Site
 from fieldkit.physics.facet import FloatArray
+from fieldkit.views import formatting
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -107,6 +110,19 @@ def over_time(figure: Figure, axes: Axes, time_ns: NDArray[np.int64]) -> OverTim
     drawn = svg(figure)  # which lays out the axes
     points = np.column_stack([days(time_ns), np.zeros(time_ns.size)])
     return OverTime(drawn, axes.transData.transform(points)[:, 0] / figure.bbox.width)
+
+
+def local_axis(axes: Axes, site: Site | None, time_ns: NDArray[np.int64]) -> None:
+    """Label a horizontal axis of dates by the site's clocks, UTC without a site."""
+    from matplotlib.dates import AutoDateLocator, DateFormatter
+
+    zone = UTC if site is None else formatting.zone(site)
+    axes.xaxis.set_major_locator(AutoDateLocator(tz=zone, minticks=3, maxticks=7))  # type: ignore[no-untyped-call]
+    axes.xaxis.set_major_formatter(DateFormatter("%H:%M", tz=zone))  # type: ignore[no-untyped-call]
+    if site is None:
+        axes.set_xlabel("UTC")
+    elif time_ns.size:
+        axes.set_xlabel(f"local time ({formatting.zone_name(int(time_ns.min()), site)})")
 
 
 def mark_part(index: int, artists: Iterable[Artist]) -> None:

@@ -1,7 +1,7 @@
-"""A slope map as an image: hue is azimuth, saturation is tilt, brightness is relief shading.
+"""A slope map as an image, or one of its products above its uncertainty.
 
-Beside it the colour wheel with north up, and what the hatchings mean. Drawn with OpenCV,
-whose own letters are ASCII only.
+Of the map hue is azimuth, saturation is tilt, brightness is relief shading; beside it the colour wheel with
+north up, and what the hatchings mean. Drawn with OpenCV, whose own letters are ASCII only.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from fieldkit.model.site import Region
 from fieldkit.model.slope import SlopeState
 from fieldkit.palettes import Colours
 from fieldkit.physics.facet import normal
-from fieldkit.pixel_axes import with_axes
-from fieldkit.views.frame_image import BLACK, WHITE, on_grid
+from fieldkit.pixel_axes import BLACK, WHITE, letters, with_axes
+from fieldkit.views.frame_image import enlargement, mark_region
 
 PANEL_WIDTH, PANEL_HEIGHT = 340, 640
 WHEEL_RADIUS = 100
@@ -55,12 +55,11 @@ def png(
     import cv2
 
     full_deg = full_deg or full_colour_deg(slopes.tilt_deg)
-    factor = max(1, round(width / slopes.state.shape[1]))
+    factor = enlargement(slopes.state.shape, width)
     canvas = enlarged(map_colours(slopes, full_deg), factor)
     hatch(canvas, enlarged(slopes.state, factor))
-    shape = (slopes.state.shape[0], slopes.state.shape[1])
     for region in regions:
-        _outline(canvas, region, shape)
+        mark_region(canvas, region, slopes.state.shape, 0.7)
     under = "   ".join(part for part in (subtitle, tilt_uncertainty(bounds, regions)) if part)
     page = framed(with_axes(canvas, factor), legend(slopes, full_deg), title, under)
     ok, data = cv2.imencode(".png", page[:, :, ::-1])
@@ -117,13 +116,13 @@ def map_colours(slopes: SlopeMap, full_deg: float) -> Colours:
 def legend(slopes: SlopeMap, full_deg: float) -> Colours:
     """The colour wheel, north up, and the states in the map with their shares, on white."""
     panel: Colours = np.full((PANEL_HEIGHT, PANEL_WIDTH, 3), 255, np.uint8)
-    text(panel, "colour: which way it faces", 20, 24)
-    text(panel, "strength: how steep", 20, 46)
+    letters(panel, "colour: which way it faces", 20, 24)
+    letters(panel, "strength: how steep", 20, 46)
     _wheel(panel, PANEL_WIDTH // 2, 190, full_deg)
-    text(panel, "north is up on this wheel,", 20, 340, 0.5)
-    text(panel, "not in the camera's image", 20, 360, 0.5)
-    text(panel, "shading: light from the north-west,", 20, 388, 0.5)
-    text(panel, f"{90 - LIGHT_TILT_DEG:.0f} deg high", 20, 408, 0.5)
+    letters(panel, "north is up on this wheel,", 20, 340, 0.5)
+    letters(panel, "not in the camera's image", 20, 360, 0.5)
+    letters(panel, "shading: light from the north-west,", 20, 388, 0.5)
+    letters(panel, f"{90 - LIGHT_TILT_DEG:.0f} deg high", 20, 408, 0.5)
     present = [state for state in MEANINGS if (slopes.state == state).any()]
     for row, state in enumerate(present):
         state_row(panel, state, float((slopes.state == state).mean()), 440 + 32 * row)
@@ -140,14 +139,14 @@ def _wheel(panel: Colours, x: int, y: int, full_deg: float) -> None:
     square[away <= WHEEL_RADIUS] = disc[away <= WHEEL_RADIUS]
     for part in (0.5, 1.0):
         cv2.circle(panel, (x, y), round(part * WHEEL_RADIUS), BLACK, 1, cv2.LINE_AA)
-        text(panel, f"{part * full_deg:g}", x + 4, y + round(part * WHEEL_RADIUS) - 6, 0.45)
-    text(panel, "0", x - 5, y + 5, 0.45)
+        letters(panel, f"{part * full_deg:g}", x + 4, y + round(part * WHEEL_RADIUS) - 6, 0.45)
+    letters(panel, "0", x - 5, y + 5, 0.45)
     for letter, dx, dy in (
         ("N", -7, -WHEEL_RADIUS - 10), ("S", -6, WHEEL_RADIUS + 24),
         ("E", WHEEL_RADIUS + 12, 7), ("W", -WHEEL_RADIUS - 30, 7),
     ):  # fmt: skip
-        text(panel, letter, x + dx, y + dy, 0.65)
-    text(panel, "tilt in degrees", x + 30, y + WHEEL_RADIUS + 26, 0.45)
+        letters(panel, letter, x + dx, y + dy, 0.65)
+    letters(panel, "tilt in degrees", x + 30, y + WHEEL_RADIUS + 26, 0.45)
 
 
 def state_row(panel: Colours, state: SlopeState, share: float, y: int) -> None:
@@ -159,7 +158,7 @@ def state_row(panel: Colours, state: SlopeState, share: float, y: int) -> None:
     hatch(swatch, np.full(swatch.shape[:2], state, np.uint8))
     cv2.rectangle(panel, (20, y), (53, y + 21), BLACK, 1)
     percent = f"{share:.0%}" if share >= 0.01 else "<1%"
-    text(panel, f"{MEANINGS[state]}: {percent}", 62, y + 16, 0.45)
+    letters(panel, f"{MEANINGS[state]}: {percent}", 62, y + 16, 0.45)
 
 
 def hatch(canvas: Colours, state: NDArray[np.uint8]) -> None:
@@ -175,19 +174,6 @@ def enlarged(image: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
     return np.ascontiguousarray(image.repeat(factor, axis=0).repeat(factor, axis=1))
 
 
-def _outline(canvas: Colours, region: Region, shape: tuple[int, int]) -> None:
-    import cv2
-
-    points = np.rint(on_grid(region, shape, canvas.shape[0], canvas.shape[1])).astype(np.int32)
-    for colour, thickness in ((BLACK, 5), (WHITE, 2)):
-        cv2.polylines(canvas, [points], True, colour, thickness, cv2.LINE_AA)
-    x, y = int(points[:, 0].mean()), int(points[:, 1].mean())
-    (width, height), below = cv2.getTextSize(region.name, cv2.FONT_HERSHEY_SIMPLEX, 0.7, 1)
-    left, base = x - width // 2, y + height // 2
-    cv2.rectangle(canvas, (left - 5, base - height - 5), (left + width + 5, base + below), BLACK, cv2.FILLED)
-    text(canvas, region.name, left, base, 0.7, WHITE)
-
-
 def framed(canvas: Colours, panel: Colours, title: str, subtitle: str) -> Colours:
     """Map and legend side by side under a title, on white."""
     head = 64
@@ -195,25 +181,85 @@ def framed(canvas: Colours, panel: Colours, title: str, subtitle: str) -> Colour
     page: Colours = np.full((height, canvas.shape[1] + panel.shape[1], 3), 255, np.uint8)
     page[head : head + canvas.shape[0], : canvas.shape[1]] = canvas
     page[head : head + panel.shape[0], canvas.shape[1] :] = panel
-    text(page, title, 10, 28, 0.75)
-    text(page, subtitle, 10, 52, 0.5)
+    letters(page, title, 10, 28, 0.75)
+    letters(page, subtitle, 10, 52, 0.5)
     return page
 
 
-def text(
-    canvas: Colours, text: str, x: int, y: int, size: float = 0.55, colour: tuple[int, int, int] = BLACK
-) -> None:
-    """Draw letters from the left end of their base line."""
+# --- one product: colours with their scale; states without a slope as in the map
+
+BAR = slice(50, 300), slice(20, 54)
+
+
+def layer_png(
+    planes: Sequence[NDArray[np.float32]], state: NDArray[np.uint8], title: str, subtitle: str = "", *,
+    units: str, is_cyclic: bool = False, width: int = 960,
+) -> bytes:  # fmt: skip
+    """A PNG file: the values, below them their standard uncertainty if it is given.
+
+    `planes` are values, or values and uncertainties, (rows, cols) each, NaN without a slope; `state` is the
+    `SlopeState` of every pixel, `units` those of the arrays, "1" of a ratio; `is_cyclic` are angles in
+    degrees that begin anew after a turn.
+    """
     import cv2
 
-    letters = text.encode("ascii", "replace").decode()
-    cv2.putText(
-        canvas,
-        letters,
-        org=(x, y),
-        fontFace=cv2.FONT_HERSHEY_SIMPLEX,
-        fontScale=size,
-        color=colour,
-        thickness=1,
-        lineType=cv2.LINE_AA,
-    )
+    values, *sd = planes
+    first = _framed_plane(values, state, title, subtitle, units, is_cyclic, width)
+    pages = [
+        first,
+        *(_framed_plane(one, state, "standard uncertainty", "", units, False, width) for one in sd),
+    ]
+    ok, data = cv2.imencode(".png", np.concatenate(pages)[:, :, ::-1])
+    assert ok
+    return data.tobytes()
+
+
+def _framed_plane(
+    values: NDArray[np.float32], state: NDArray[np.uint8], title: str, subtitle: str, units: str,
+    is_cyclic: bool, width: int,
+) -> Colours:  # fmt: skip
+    low, high = (0.0, 360.0) if is_cyclic else _range(values)
+    factor = enlargement(state.shape, width)
+    rgb = _colours(values, low, high, is_cyclic)
+    for one, grey in MASKS.items():
+        rgb[(state == one) & np.isnan(values)] = grey
+    canvas = enlarged(rgb, factor)
+    hatch(canvas, enlarged(state, factor))
+    panel = _legend(state, low, high, units, is_cyclic)
+    return framed(with_axes(canvas, factor), panel, title, subtitle)
+
+
+def _range(values: NDArray[np.float32]) -> tuple[float, float]:
+    """Limits of the colours: 96 % of the values lie between them."""
+    known = values[np.isfinite(values)]
+    low, high = (float(one) for one in np.percentile(known, (2.0, 98.0))) if known.size else (0.0, 1.0)
+    return (low, high) if high > low else (low, low + 1.0)
+
+
+def _colours(values: NDArray[np.float32], low: float, high: float, is_cyclic: bool) -> Colours:
+    import cv2
+
+    shares = np.clip((np.nan_to_num(values, nan=low) - low) / (high - low), 0.0, 1.0)
+    scale = cv2.COLORMAP_TWILIGHT if is_cyclic else cv2.COLORMAP_VIRIDIS
+    rgb: Colours = cv2.applyColorMap(np.rint(shares * 255.0).astype(np.uint8), scale)[:, :, ::-1].copy()
+    rgb[np.isnan(values)] = 255
+    return rgb
+
+
+def _legend(state: NDArray[np.uint8], low: float, high: float, units: str, is_cyclic: bool) -> Colours:
+    """The scale of the colours, and the states in the map with their shares."""
+    import cv2
+
+    panel: Colours = np.full((PANEL_HEIGHT, PANEL_WIDTH, 3), 255, np.uint8)
+    length = BAR[0].stop - BAR[0].start
+    column = np.linspace(high, low, length, dtype=np.float32)[:, np.newaxis]
+    panel[BAR] = _colours(column, low, high, is_cyclic)
+    cv2.rectangle(panel, (BAR[1].start, BAR[0].start), (BAR[1].stop, BAR[0].stop), BLACK, 1)
+    letters(panel, "" if units == "1" else units, 20, 34, 0.5)
+    for share in np.linspace(0.0, 1.0, 5):
+        at = round(BAR[0].stop - share * length)
+        letters(panel, f"{low + share * (high - low):.3g}", BAR[1].stop + 10, at + 5, 0.45)
+    present = [one for one in MEANINGS if (state == one).any()]
+    for row, one in enumerate(present):
+        state_row(panel, one, float((state == one).mean()), BAR[0].stop + 30 + 32 * row)
+    return panel

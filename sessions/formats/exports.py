@@ -52,7 +52,7 @@ EXPORTS: Mapping[str, ExportFormat] = MappingProxyType(
         "parquet": ExportFormat("tables_out:export_parquet", "the same tables for programs"),
         "netcdf": ExportFormat("tables_out:export_netcdf", "netCDF, one file a stream"),
         "mcap": ExportFormat("mcap_out:export_mcap", "one MCAP file of everything, for its viewers", _STREAM),
-        "ros2": ExportFormat("ros2_out:export_ros2", "an MCAP file with ROS 2's own message types", _STREAM),
+        "ros2": ExportFormat("ros2:export_ros2", "an MCAP file with ROS 2's own message types", _STREAM),
         "ro-crate": ExportFormat(
             "ro_crate_out:export_ro_crate", "tables with RO-Crate metadata, for archives"
         ),

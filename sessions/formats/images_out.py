@@ -22,7 +22,7 @@ from fieldkit.model.slope import SlopeEstimate
 from fieldkit.model.units import CELSIUS_ZERO_K, SECOND_NS
 from fieldkit.palettes import INFERNO, NAMES, Colours, bgr
 from fieldkit.physics.camera_laws import frame_k, has_temperatures
-from fieldkit.pixel_axes import with_axes
+from fieldkit.pixel_axes import label, outline, with_axes
 from fieldkit.sessions.file_tree import iso_utc
 from fieldkit.sessions.formats.tiff import TiffTags, write_tiff
 from fieldkit.sessions.reader import SessionReader
@@ -32,7 +32,6 @@ _MOST_COUNTS = 65_535
 _WIDTH, _BAR = 640, 36
 _ROOM = "make room, or name another folder: -o DIR"
 _TABLES = "export --to csv, for what it has"
-_BLACK, _WHITE = (0, 0, 0), (255, 255, 255)  # white on black shows on any colour
 _FRAMES_PER_S = 25.0
 ALWAYS = (-math.inf, math.inf)
 Image = NDArray[np.uint8]
@@ -287,10 +286,10 @@ def _draw(
     large = cv2.resize(grey, None, fx=factor, fy=factor, interpolation=cv2.INTER_NEAREST)
     image: Image = colours[large]
     for region in session.regions:
-        corners = np.array([((x + 0.5) * factor, (y + 0.5) * factor) for x, y in region.vertices], np.int32)
-        for colour, thickness in ((_BLACK, 3), (_WHITE, 1)):
-            cv2.polylines(image, [corners], True, colour, thickness, cv2.LINE_AA)
-        _write(image, names[region.name], (int(corners[0][0]) + 5, int(corners[0][1]) + 17))
+        corners = np.trunc((np.array(region.vertices) + 0.5) * factor)
+        outline(image, corners, thickness=1)
+        x, y = corners[0].astype(int).tolist()
+        label(image, names[region.name], x + 5, y + 17, 0.45, margin=2)
     image = with_axes(image, factor)
     return np.vstack([image, _bar(image.shape[1], words, iso_utc(frame.time_ns)[:19] + "Z", colours)])
 
@@ -300,16 +299,7 @@ def _bar(width: int, words: list[str], moment: str, colours: Colours) -> Image:
     ramp = np.tile(np.linspace(0, 255, width).astype(np.uint8), (_BAR // 3, 1))
     black = np.zeros((_BAR - _BAR // 3, width, 3), np.uint8)
     bar: Image = np.vstack([colours[ramp], black])
-    _write(bar, words[0], (4, _BAR - 8))
-    _write(bar, moment, (width // 2 - 80, _BAR - 8))
-    _write(bar, words[1], (width - 80, _BAR - 8))
+    label(bar, words[0], 4, _BAR - 8, 0.45, margin=2)
+    label(bar, moment, width // 2 - 80, _BAR - 8, 0.45, margin=2)
+    label(bar, words[1], width - 80, _BAR - 8, 0.45, margin=2)
     return bar
-
-
-def _write(image: Image, text: str, place: tuple[int, int]) -> None:
-    import cv2
-
-    (width, height), below = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.45, 1)
-    x, y = place
-    cv2.rectangle(image, (x - 2, y - height - 2), (x + width + 2, y + below), _BLACK, cv2.FILLED)
-    cv2.putText(image, text, place, cv2.FONT_HERSHEY_SIMPLEX, 0.45, _WHITE, thickness=1, lineType=cv2.LINE_AA)

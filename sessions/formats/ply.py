@@ -12,16 +12,9 @@ TYPES = {"f4": "float", "f8": "double"}
 
 
 def write_points(path: Path, columns: Mapping[str, NDArray[np.floating]], comment: str = "") -> None:
-    """Write columns of equal length, x, y and z among them, as points. Raises `OSError`.
+    """Write columns by property name, shape (n,) each, x, y and z among them, as points. Raises `OSError`.
 
-    Parameters
-    ----------
-    path
-        The file.
-    columns
-        By property name, shape (n,) each, single or double precision.
-    comment
-        One line for readers, such as the reference system.
+    `comment` is a line for readers, such as the reference system.
     """
     kinds = [(name, f"<{values.dtype.str[1:]}") for name, values in columns.items()]
     points = np.empty(len(next(iter(columns.values()))), kinds)

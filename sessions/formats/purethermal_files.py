@@ -20,9 +20,8 @@ import numpy as np
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, message_of
 from fieldkit.model.samples import Frame, Severity
-from fieldkit.sessions.formats.imported import ImportedRecording, flag_bunched
+from fieldkit.sessions.formats.imported import ImportedRecording, flag_bunched, refuse_bomb
 from fieldkit.sessions.formats.times import plausible_ns
-from fieldkit.sessions.formats.unpacking import refuse_bomb
 
 SIGNATURE = b"PTY16V1\n"
 _RECORD = struct.Struct("<Qdq")

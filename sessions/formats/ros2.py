@@ -1,14 +1,33 @@
-"""Shared parts of all messages for ROS 2: their writer, their definitions, stamps and headers."""
+"""ROS 2 messages in one MCAP file: a session, or layers on the ground.
+
+No ROS is needed to write it; ``ros2 bag play``, rviz and Foxglove read it. Frames are 32FC1 in kelvin of
+brightness temperature where the camera's law is known, else mono16 counts; temperatures are in °C, as
+``sensor_msgs/Temperature`` has them. On the ground x is east, y north. Needs ``fieldkit[terrain]``.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import heapq
+import math
+from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.samples import Event, Frame, Reading, Severity
+from fieldkit.model.units import CELSIUS_ZERO_K
+from fieldkit.physics.camera_geometry import Heights
+from fieldkit.physics.camera_laws import frame_k, has_temperatures
+from fieldkit.sessions.analysis import channel_names
+from fieldkit.sessions.reader import SessionReader
 
 if TYPE_CHECKING:
     from mcap_ros2.writer import Writer
+
 
 _PARTS = {
     "std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id",
@@ -44,3 +63,185 @@ def time(time_ns: int) -> dict[str, int]:
 def header(time_ns: int, frame_id: str) -> dict[str, Any]:
     """A header: when, and in which frame of reference."""
     return {"stamp": time(time_ns), "frame_id": frame_id}
+
+
+# --- a session: frames as ``sensor_msgs/Image``, readings and events as their own types
+
+
+_DEFINITIONS = {
+    "sensor_msgs/msg/Image": "std_msgs/Header header\nuint32 height\nuint32 width\nstring encoding\n"
+    "uint8 is_bigendian\nuint32 step\nuint8[] data",
+    "sensor_msgs/msg/Temperature": "std_msgs/Header header\nfloat64 temperature\nfloat64 variance",
+    "sensor_msgs/msg/Illuminance": "std_msgs/Header header\nfloat64 illuminance\nfloat64 variance",
+    "std_msgs/msg/Float64": "float64 data",
+    "rcl_interfaces/msg/Log": "byte DEBUG=10\nbyte INFO=20\nbyte WARN=30\nbyte ERROR=40\nbyte FATAL=50\n"
+    "builtin_interfaces/Time stamp\nuint8 level\nstring name\nstring msg\nstring file\nstring function\n"
+    "uint32 line",
+}
+_LEVELS = {Severity.INFO: 20, Severity.WARNING: 30, Severity.ERROR: 40}
+Message = tuple[str, str, dict[str, Any]]
+"""Topic, type and fields."""
+
+
+def export_ros2(
+    session: SessionReader, folder: Path, *, stream: str | None = None, every: int = 1
+) -> list[Path]:
+    """One ``-ros2.mcap`` with all streams, or the one named; of frames every n-th.
+
+    Raises `ConfigError` where the package that writes it is not installed.
+    """
+    path = folder / f"{session.path.stem}{'' if stream is None else f'-{stream}'}-ros2.mcap"
+    names = tuple(session.streams) if stream is None else (session.stream(stream).info.name,)
+    with path.open("wb") as file, ros2_writer(file) as writer:
+        schemas = {
+            kind: writer.register_msgdef(kind, definition({"": text})) for kind, text in _DEFINITIONS.items()
+        }
+        for item in heapq.merge(session.samples(*names), session.events(), key=lambda item: item.mono_ns):
+            if not isinstance(item, Frame) or item.seq % every == 0:
+                for topic, kind, fields in _messages(item, session.streams):
+                    writer.write_message(topic, schemas[kind], fields, item.time_ns, item.time_ns)
+    return [path]
+
+
+def _messages(item: Frame | Reading | Event, streams: Mapping[str, StreamInfo]) -> Iterator[Message]:
+    if isinstance(item, Event):
+        yield "/rosout", "rcl_interfaces/msg/Log", _log(item)
+    elif isinstance(item, Frame):
+        yield f"/{item.stream}/image_raw", "sensor_msgs/msg/Image", _image(item, streams[item.stream])
+    else:
+        yield from _readings(item, streams[item.stream])
+
+
+def _log(event: Event) -> dict[str, Any]:
+    return {
+        "stamp": time(event.time_ns), "level": _LEVELS.get(event.severity, 30), "name": event.stream,
+        "msg": event.text, "file": "", "function": event.kind.name.lower(), "line": 0,
+    }  # fmt: skip
+
+
+def _image(frame: Frame, info: StreamInfo) -> dict[str, Any]:
+    known = has_temperatures(info)
+    pixels = (
+        frame_k(info, frame.counts, frame.metadata_rows, np.float32).astype("<f4")
+        if known
+        else frame.counts.astype("<u2")
+    )
+    rows, cols = pixels.shape
+    return {
+        "header": header(frame.time_ns, frame.stream), "height": rows, "width": cols,
+        "encoding": "32FC1" if known else "mono16", "is_bigendian": 0, "step": cols * pixels.itemsize,
+        "data": pixels.tobytes(),
+    }  # fmt: skip
+
+
+def _readings(reading: Reading, info: StreamInfo) -> Iterator[Message]:
+    """A message for each channel; a variance of 0 is unknown, as ROS has it."""
+    variance = info.accuracy**2 if math.isfinite(info.accuracy) else 0.0
+    head = header(reading.time_ns, reading.stream)
+    for name, value in zip(channel_names(info), reading.values, strict=True):
+        topic = f"/{reading.stream}/{_name(name)}"
+        match info.unit:
+            case "K":
+                fields = {"header": head, "temperature": value - CELSIUS_ZERO_K, "variance": variance}
+                yield topic, "sensor_msgs/msg/Temperature", fields
+            case "lx":
+                fields = {"header": head, "illuminance": value, "variance": variance}
+                yield topic, "sensor_msgs/msg/Illuminance", fields
+            case _:
+                yield topic, "std_msgs/msg/Float64", {"data": value}
+
+
+def _name(channel: str) -> str:
+    """A channel as a part of a topic: letters, digits and underscores, no digit first."""
+    name = "".join(one if one.isascii() and one.isalnum() else "_" for one in channel)
+    return f"_{name}" if name[:1].isdigit() else name
+
+
+# --- layers on the ground: a grid map, and an occupancy grid of a risk
+
+
+_GRID_MAP = {
+    "": "std_msgs/Header header\ngrid_map_msgs/GridMapInfo info\nstring[] layers\nstring[] basic_layers\n"
+    "std_msgs/Float32MultiArray[] data\nuint16 outer_start_index\nuint16 inner_start_index",
+    "grid_map_msgs/GridMapInfo": "float64 resolution\nfloat64 length_x\nfloat64 length_y\n"
+    "geometry_msgs/Pose pose",
+    "std_msgs/Float32MultiArray": "std_msgs/MultiArrayLayout layout\nfloat32[] data",
+    "std_msgs/MultiArrayLayout": "std_msgs/MultiArrayDimension[] dim\nuint32 data_offset",
+    "std_msgs/MultiArrayDimension": "string label\nuint32 size\nuint32 stride",
+}
+_OCCUPANCY_GRID = {
+    "": "std_msgs/Header header\nnav_msgs/MapMetaData info\nint8[] data",
+    "nav_msgs/MapMetaData": "builtin_interfaces/Time map_load_time\nfloat32 resolution\nuint32 width\n"
+    "uint32 height\ngeometry_msgs/Pose origin",
+}
+UNKNOWN = -1
+
+
+def write_maps(
+    path: Path,
+    layers: Mapping[str, NDArray[np.float32]],
+    ground: Heights,
+    time_ns: int,
+    *,
+    risk: str | None = None,
+    frame_id: str = "map",
+) -> None:
+    """Write layers as ``/grid_map``, and one of them as ``/occupancy_grid``.
+
+    `layers` are values on the cells of the ground by name, rows from north to south, NaN unknown; its heights
+    become the layer ``elevation``, and `risk` names the layer in [0, 1] for the occupancy grid. The origin of
+    the frame `frame_id` is that of the reference system. Raises `OSError`, and `ConfigError` if the package
+    that writes ROS 2 messages is not installed.
+    """
+    head = header(time_ns, frame_id)
+    heights = {"elevation": ground.heights_m.astype(np.float32)}
+    messages = [
+        ("/grid_map", "grid_map_msgs/msg/GridMap", _GRID_MAP, _grid_map({**heights, **layers}, ground))
+    ]
+    if risk is not None:
+        grid = _occupancy_grid(layers[risk], ground, time_ns)
+        messages.append(("/occupancy_grid", "nav_msgs/msg/OccupancyGrid", _OCCUPANCY_GRID, grid))
+    with path.open("wb") as file, ros2_writer(file) as writer:
+        for topic, kind, parts, message in messages:
+            schema = writer.register_msgdef(kind, definition(parts))
+            writer.write_message(topic, schema, {"header": head, **message}, time_ns, time_ns)
+
+
+def _pose(east_m: float, north_m: float) -> dict[str, Any]:
+    return {
+        "position": {"x": east_m, "y": north_m, "z": 0.0},
+        "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0},
+    }
+
+
+def _grid_map(layers: Mapping[str, NDArray[np.float32]], ground: Heights) -> dict[str, Any]:
+    """Its first index runs from east to west, its second from north to south, the first one fastest."""
+    rows, cols = ground.heights_m.shape
+    length_x, length_y = cols * ground.cell_m, rows * ground.cell_m
+    layout = {
+        "dim": [
+            {"label": "column_index", "size": rows, "stride": rows * cols},
+            {"label": "row_index", "size": cols, "stride": cols},
+        ],
+        "data_offset": 0,
+    }
+    centre = _pose(ground.west_m + 0.5 * length_x, ground.north_m - 0.5 * length_y)
+    return {
+        "info": {"resolution": ground.cell_m, "length_x": length_x, "length_y": length_y, "pose": centre},
+        "layers": list(layers), "basic_layers": [],
+        "data": [
+            {"layout": layout, "data": values[:, ::-1].ravel().tolist()} for values in layers.values()
+        ],
+        "outer_start_index": 0, "inner_start_index": 0,
+    }  # fmt: skip
+
+
+def _occupancy_grid(risk: NDArray[np.float32], ground: Heights, time_ns: int) -> dict[str, Any]:
+    """From the south-western cell to the east, then northwards; percent."""
+    rows, cols = risk.shape
+    percent = np.where(np.isnan(risk), UNKNOWN, np.rint(100.0 * np.nan_to_num(risk)))
+    info = {
+        "map_load_time": time(time_ns), "resolution": ground.cell_m, "width": cols, "height": rows,
+        "origin": _pose(ground.west_m, ground.north_m - rows * ground.cell_m),
+    }  # fmt: skip
+    return {"info": info, "data": percent[::-1].astype(int).ravel().tolist()}

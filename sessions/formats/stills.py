@@ -23,12 +23,10 @@ from numpy.typing import NDArray
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, message_of
 from fieldkit.model.samples import Frame, Quality, Severity
-from fieldkit.sessions.formats.frame_times import GIVE_TIMES, given_times_ns
-from fieldkit.sessions.formats.imported import ImportedRecording, flag_bunched, usual_rate_hz
+from fieldkit.sessions.formats.imported import ImportedRecording, flag_bunched, refuse_bomb, usual_rate_hz
 from fieldkit.sessions.formats.table_units import Unit, known_unit
 from fieldkit.sessions.formats.tiff import Page, read_pages
-from fieldkit.sessions.formats.times import parse_times_ns, plausible_ns
-from fieldkit.sessions.formats.unpacking import refuse_bomb
+from fieldkit.sessions.formats.times import GIVE_TIMES, given_times_ns, parse_times_ns, plausible_ns
 
 _FIRST_SUFFIXES = (".tif", ".tiff", ".irg")  # beside them PNGs are only to look at
 SUFFIXES = (*_FIRST_SUFFIXES, ".png")

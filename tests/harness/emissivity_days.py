@@ -15,7 +15,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.calibration.emissivity import Pairs, SharedUncertainties, tape_temperature_k
+from fieldkit.calibration.band import own_part_k
+from fieldkit.calibration.emissivity import Pairs, SharedUncertainties
 from fieldkit.model.site import Site
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.radiance import band_radiance, band_temperature, brightness_temperature_k
@@ -140,7 +141,7 @@ def drawn_free_days(count: int, tape: bool, seed: int = 7) -> Iterator[Day]:
                 thermometer_k=0.0, shared=told,
             )  # fmt: skip
             noisy_k = seen.pairs.apparent_k + NOISE_K * random.standard_normal(share.size)
-            contact_k = tape_temperature_k(noisy_k, 0.95, np.full(share.size, 150.0))
+            contact_k = own_part_k(noisy_k, 0.95, np.full(share.size, 150.0))
         yield replace(
             day, pairs=replace(day.pairs, contact_k=contact_k, reflected_k=np.full(share.size, 150.0))
         )

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fieldkit.estimation.statistics import mean_absolute_error
 from fieldkit.model.alarm import Phase, phase_of, present_alarms
 from fieldkit.model.samples import Event, EventKind
 from fieldkit.model.slope import CERTAIN, SlopeEstimate, SlopeState, is_certain
@@ -40,16 +39,9 @@ def assess(columns: Series, events: Sequence[Event], state: str) -> Assessment:
     return Assessment(_headline(columns), (*_slope_warnings(columns), *_recording_warnings(events, state)))
 
 
-def target_error(target: TargetSeries) -> float:
-    """Mean absolute tilt error of a target over its estimates, degrees; NaN if the tilt was not given."""
-    return mean_absolute_error(
-        target.estimated_tilt_deg, np.full(target.tilt_deg.shape, target.region.tilt_deg)
-    )
-
-
 def mean_error(columns: Series) -> float:
     """Mean over the targets of their mean absolute tilt error, degrees; NaN where none is known."""
-    errors = [error for error in map(target_error, columns.targets) if np.isfinite(error)]
+    errors = [target.mean_error_deg for target in columns.targets if np.isfinite(target.mean_error_deg)]
     return float(np.mean(errors)) if errors else float("nan")
 
 

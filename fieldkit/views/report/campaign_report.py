@@ -17,16 +17,21 @@ from fieldkit.estimation.statistics import (
     errors_over_time,
     mean_absolute_error,
     root_mean_square_error,
-    sd_of_absolute_error,
 )
 from fieldkit.model.site import Site
-from fieldkit.views import formatting, paper_figures, plotting
+from fieldkit.views import formatting, plotting, study_figures
 from fieldkit.views.html import Figure, Table, code, render, strong
 from fieldkit.views.report import session_figures
 from fieldkit.views.report.error_budget import READING, ErrorBudget, budget, cause_rows, pooled
 from fieldkit.views.report.recording import versions
 from fieldkit.views.report.results import SPAN_S, sd_words
-from fieldkit.views.report.series import FloatArray, Series, TargetSeries, modelled_temperature
+from fieldkit.views.report.series import (
+    FloatArray,
+    Series,
+    TargetSeries,
+    modelled_temperature,
+    temperature_rmse_k,
+)
 from fieldkit.views.report.session_figures import FinalTilt
 
 
@@ -75,12 +80,12 @@ def write_campaign_report(
 
 def _headline(parts: Sequence[Part]) -> str:
     targets = [target for part in parts for target in part.columns.targets]
-    estimated = np.concatenate([np.empty(0), *(target.estimated_tilt_deg for target in targets)])
-    truth = np.concatenate([np.empty(0), *(_truth(target) for target in targets)])
-    mean = mean_absolute_error(estimated, truth)
+    errors = [target.estimated_tilt_deg - target.region.tilt_deg for target in targets]
+    error = np.concatenate([np.empty(0), *errors])
+    mean = mean_absolute_error(error, 0.0)
     if not np.isfinite(mean):
         return "No slope of a region of known tilt was found in these sessions."
-    count = int(np.isfinite(estimated - truth).sum())
+    count = int(np.isfinite(error).sum())
     found = f"Mean absolute tilt error {mean:.1f}° over {count} estimates of all regions and sessions"
     uncertain = sum(target.uncertain for target in targets)
     return f"{found}, of which {uncertain} are uncertain: {formatting.uncertain_means(_confidence(parts))}."
@@ -90,10 +95,6 @@ def _confidence(parts: Sequence[Part]) -> str:
     """Confidence of the final estimates in words; "likelihood" where there are none."""
     finals = (target.final_estimate for part in parts for target in part.columns.targets)
     return formatting.confidence(one for one in finals if one) or "likelihood"
-
-
-def _truth(target: TargetSeries) -> FloatArray:
-    return np.full(target.tilt_deg.shape, target.region.tilt_deg)
 
 
 def _targets(parts: Sequence[Part], sd: SdKind) -> Table:
@@ -120,17 +121,15 @@ def _targets(parts: Sequence[Part], sd: SdKind) -> Table:
 
 
 def _row(part: Part, target: TargetSeries, sd: SdKind) -> list[object]:
-    mae = mean_absolute_error(target.estimated_tilt_deg, _truth(target))
-    scatter = sd_of_absolute_error(target.estimated_tilt_deg, _truth(target), sd)
     modelled = modelled_temperature(part.columns, target, part.settings.surface)
     rmse = root_mean_square_error(part.columns.temperature_k[target.region.name], modelled)
     return [
         part.day,
         part.path.stem,
         strong(target.region.name),
-        formatting.tilt(target.final_estimate) if target.final_estimate else formatting.UNKNOWN,
+        target.final_words,
         formatting.given_slope(target.region),
-        f"{mae:.1f} ± {scatter:.2f}" if np.isfinite(mae) else formatting.UNKNOWN,
+        target.error_words(sd),
         int(np.isfinite(target.estimated_tilt_deg).sum()),
         target.uncertain,
         formatting.number(rmse, 2),
@@ -169,11 +168,10 @@ def _paper_figures(parts: Sequence[Part], sd: SdKind) -> list[Figure]:
     drawn = []
     measured, modelled = _temperatures(parts)
     if measured:
-        everything = np.concatenate(list(measured.values())), np.concatenate(list(modelled.values()))
-        rmse = root_mean_square_error(*everything)
+        rmse = temperature_rmse_k(measured, modelled)
         drawn.append(
             Figure(
-                paper_figures.measured_against_modelled(measured, modelled, rmse),
+                study_figures.measured_against_modelled(measured, modelled, rmse),
                 f"As the paper's Fig. 12, a colour for each day. RMSE {rmse:.2f} K (the paper: 1.83 K).",
                 f"Measured against modelled surface temperature of all days, RMSE {rmse:.2f} kelvin.",
             )
@@ -182,7 +180,7 @@ def _paper_figures(parts: Sequence[Part], sd: SdKind) -> list[Figure]:
     if any(errors.values()):
         drawn.append(
             Figure(
-                paper_figures.errors_over_local_time(errors, _zone(parts[0])),
+                study_figures.errors_over_local_time(errors, _zone(parts[0])),
                 "As the paper's Fig. 13: absolute tilt error over local time, a line for each given tilt, "
                 f"means over {SPAN_S / 60:.0f} min of all days. Bars: one SD, {sd_words(sd)}.",
                 "Absolute tilt error of each given tilt against local time.",

@@ -124,9 +124,7 @@ def _model_row(name: object, columns: Series) -> list[object]:
     held = [_holds_truth(target) for target in columns.targets if np.isfinite(target.region.tilt_deg)]
     minutes = np.concatenate(held) if held else np.empty(0)
     share = f"{minutes.mean():.0%}" if minutes.size else formatting.UNKNOWN
-    tilts = (
-        formatting.tilt(target.final_estimate) if target.final_estimate else "–" for target in columns.targets
-    )
+    tilts = (target.final_words for target in columns.targets)
     return [name, *tilts, formatting.number(mean_error(columns), 1), share]
 
 
@@ -256,19 +254,7 @@ class ErrorBudget:
 def budget(columns: Series, target: TargetSeries, settings: EstimatorSettings) -> ErrorBudget:
     """Error budget of one target at its given slope, or at its estimated slope if none was given.
 
-    Parameters
-    ----------
-    columns : Series
-        The minutes of the session.
-    target : TargetSeries
-        The target region.
-    settings : EstimatorSettings
-        Settings of the estimate; its full-model parameters give the omitted terms.
-
-    Returns
-    -------
-    ErrorBudget
-        Medians over the session. [W/m2, K per degree, degrees]
+    Medians over the session; the omitted terms follow from the settings' full-model parameters.
     """
     tilt, azimuth = _slope(target)
     cos_tilt = float(np.cos(np.radians(tilt)))

@@ -10,22 +10,22 @@ import numpy as np
 
 from fieldkit.estimation.balance import GROUND_ALBEDO_SD
 from fieldkit.estimation.settings import PAPER_SCALE_SD, EstimatorSettings
-from fieldkit.estimation.statistics import (
-    SdKind,
-    errors_over_time,
-    mean_absolute_error,
-    root_mean_square_error,
-    sd_of_absolute_error,
-)
+from fieldkit.estimation.statistics import SdKind, errors_over_time
 from fieldkit.model.air import is_air_temperature
 from fieldkit.model.confidence import percent
 from fieldkit.model.slope import SlopeEstimate
-from fieldkit.views import formatting, paper_figures
+from fieldkit.views import formatting, study_figures
 from fieldkit.views.html import Figure, Table, strong
 from fieldkit.views.report import session_figures
-from fieldkit.views.report.readings import readings
 from fieldkit.views.report.report_data import ReportData
-from fieldkit.views.report.series import FloatArray, Series, TargetSeries, modelled_temperature
+from fieldkit.views.report.series import (
+    FloatArray,
+    Series,
+    TargetSeries,
+    modelled_temperature,
+    readings,
+    temperature_rmse_k,
+)
 
 SPAN_S = 1200.0
 """Length of the means in Fig. 13."""
@@ -107,18 +107,15 @@ def _slope_row(target: TargetSeries) -> list[object]:
     final = target.final_estimate
     return [
         strong(target.region.name),
-        formatting.tilt(final) if final else formatting.UNKNOWN,
+        target.final_words,
         formatting.azimuth(final) if final else formatting.UNKNOWN,
         formatting.given_slope(target.region),
         _state(final, target.last),
     ]
 
 
-def _accuracy_row(target: TargetSeries, sd_kind: SdKind) -> list[object]:
+def _accuracy_row(target: TargetSeries, sd: SdKind) -> list[object]:
     final = target.final_estimate
-    truth = np.full(target.tilt_deg.shape, target.region.tilt_deg)
-    mae = mean_absolute_error(target.estimated_tilt_deg, truth)
-    sd = sd_of_absolute_error(target.estimated_tilt_deg, truth, sd_kind)
     error = final.tilt_deg - target.region.tilt_deg if final else float("nan")
     return [
         strong(target.region.name),
@@ -126,7 +123,7 @@ def _accuracy_row(target: TargetSeries, sd_kind: SdKind) -> list[object]:
         (final and formatting.second_branch(final)) or formatting.UNKNOWN,
         formatting.slope_number(final, "kelvin_per_degree") if final else formatting.UNKNOWN,
         f"{error:+.1f}" if np.isfinite(error) else formatting.UNKNOWN,
-        f"{mae:.1f} ± {sd:.2f}" if np.isfinite(mae) else formatting.UNKNOWN,
+        target.error_words(sd),
         int(np.isfinite(target.estimated_tilt_deg).sum()),
     ]
 
@@ -271,7 +268,7 @@ def paper_comparison(data: ReportData) -> PaperComparison | None:
     modelled = {name: kelvin for name, kelvin in by_model.items() if np.isfinite(kelvin).any()}
     if not modelled and not any(np.isfinite(target.region.tilt_deg) for target in columns.targets):
         return None
-    rmse_k = temperature_rmse_k(columns, modelled)
+    rmse_k = temperature_rmse_k(columns.temperature_k, modelled)
     summary = (
         f"Measured against modelled surface temperature: RMSE {formatting.number(rmse_k, 2)} K over "
         f"{len(modelled)} regions (the paper reports 1.83 K for its own)."
@@ -279,20 +276,12 @@ def paper_comparison(data: ReportData) -> PaperComparison | None:
     return PaperComparison(summary, data.drawn(lambda data: _paper_figures(data, modelled, rmse_k)))
 
 
-def temperature_rmse_k(columns: Series, modelled_k: Mapping[str, FloatArray]) -> float:
-    """RMSE over all targets and minutes of measured against modelled surface temperature, kelvin."""
-    if not modelled_k:
-        return float("nan")
-    measured = np.concatenate([columns.temperature_k[name] for name in modelled_k])
-    return root_mean_square_error(measured, np.concatenate(list(modelled_k.values())))
-
-
 def _paper_figures(data: ReportData, modelled: Mapping[str, FloatArray], rmse_k: float) -> Iterator[Figure]:
     columns = data.columns
     if modelled:
         measured = {name: columns.temperature_k[name] for name in modelled}
         yield Figure(
-            paper_figures.measured_against_modelled(measured, modelled, rmse_k),
+            study_figures.measured_against_modelled(measured, modelled, rmse_k),
             f"As the paper's Fig. 12: measured surface temperature against eq. (7) with this session's "
             f"parameters. RMSE {rmse_k:.2f} K. Air temperature and longwave are not measured; the reference "
             "stands in for them through eq. (7), so it is not among the points.",
@@ -312,7 +301,7 @@ def _paper_figures(data: ReportData, modelled: Mapping[str, FloatArray], rmse_k:
     }
     if any(errors.values()):
         yield Figure(
-            paper_figures.errors_over_local_time(errors, data.zone),
+            study_figures.errors_over_local_time(errors, data.zone),
             f"As the paper's Fig. 13: absolute tilt error over local time, means over {SPAN_S / 60:.0f} min. "
             f"Bars: one SD, {sd_words(data.sd)}.",
             "Absolute tilt error of each region against local time.",

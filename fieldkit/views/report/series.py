@@ -5,13 +5,20 @@ Pure: minutes in, arrays over minutes out, NaN where nothing is known.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldkit.estimation.statistics import (
+    SdKind,
+    mean_absolute_error,
+    root_mean_square_error,
+    sd_of_absolute_error,
+)
 from fieldkit.model.learnt import Learnt
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region, RegionKind, Site
@@ -24,12 +31,20 @@ from fieldkit.physics.energy_balance import (
 )
 from fieldkit.physics.facet import cos_incidence, normal
 from fieldkit.views import formatting
+from fieldkit.views.html import Reading
+from fieldkit.views.plotting import OverTime
 
 if TYPE_CHECKING:
     from fieldkit.estimation.estimator import Minute
 
+
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
+
+_OF_ESTIMATES = (
+    *("tilt_deg", "tilt_low_deg", "tilt_high_deg"),
+    *("azimuth_deg", "azimuth_low_deg", "azimuth_high_deg", "kelvin_per_degree"),
+)
 
 
 @dataclass(frozen=True)
@@ -51,6 +66,22 @@ class TargetSeries:
     def estimated_tilt_deg(self) -> FloatArray:
         """Tilt where it was worked out at that minute, NaN elsewhere (also where one is held)."""
         return np.where(self.is_estimate, self.tilt_deg, np.nan)
+
+    @property
+    def mean_error_deg(self) -> float:
+        """Mean absolute tilt error over the estimates; NaN if the tilt was not given."""
+        return mean_absolute_error(self.estimated_tilt_deg, self.region.tilt_deg)
+
+    def error_words(self, sd: SdKind) -> str:
+        """The mean absolute tilt error and its scatter, degrees."""
+        scatter = sd_of_absolute_error(self.estimated_tilt_deg, self.region.tilt_deg, sd)
+        mean = self.mean_error_deg
+        return f"{mean:.1f} ± {scatter:.2f}" if np.isfinite(mean) else formatting.UNKNOWN
+
+    @property
+    def final_words(self) -> str:
+        """The final tilt with its likelihood region."""
+        return formatting.tilt(self.final_estimate) if self.final_estimate else formatting.UNKNOWN
 
     @property
     def uncertain(self) -> int:
@@ -161,43 +192,28 @@ def _target(region: Region, minutes: Sequence[Minute]) -> TargetSeries:
         for minute in minutes
     )
 
-    def column(name: str) -> FloatArray:
-        return np.array([np.nan if e is None else getattr(e, name) for e in found], np.float64)
+    columns = {
+        name: np.array([np.nan if e is None else getattr(e, name) for e in found], np.float64)
+        for name in _OF_ESTIMATES
+    }
+    is_estimate = np.array([e is not None and e.state in SOLVED for e in found], np.bool_)
+    return TargetSeries(region, found, is_estimate=is_estimate, **columns)
 
-    return TargetSeries(
-        region,
-        found,
-        tilt_deg=column("tilt_deg"),
-        tilt_low_deg=column("tilt_low_deg"),
-        tilt_high_deg=column("tilt_high_deg"),
-        azimuth_deg=column("azimuth_deg"),
-        azimuth_low_deg=column("azimuth_low_deg"),
-        azimuth_high_deg=column("azimuth_high_deg"),
-        kelvin_per_degree=column("kelvin_per_degree"),
-        is_estimate=np.array([e is not None and e.state in SOLVED for e in found], np.bool_),
-    )
+
+def temperature_rmse_k(measured_k: Mapping[str, FloatArray], modelled_k: Mapping[str, FloatArray]) -> float:
+    """RMSE over all regions and minutes of measured against modelled surface temperature, kelvin."""
+    if not modelled_k:
+        return float("nan")
+    measured = np.concatenate([measured_k[name] for name in modelled_k])
+    return root_mean_square_error(measured, np.concatenate(list(modelled_k.values())))
 
 
 def modelled_temperature(columns: Series, target: TargetSeries, parameters: SurfaceParameters) -> FloatArray:
-    """Surface temperature of a target of known slope by eq. (7) of the paper.
+    """Surface temperature (n,) of a target of known slope by eq. (7) of the paper, kelvin.
 
-    Air temperature and the sky's longwave are not measured. Both enter eq. (7) alike for all targets,
-    so the reference stands in for them: at every minute the air temperature is the one that balances the
-    reference at its measured temperature.
-
-    Parameters
-    ----------
-    columns : Series
-        The minutes of the session, with a reference region.
-    target : TargetSeries
-        The target region.
-    parameters : SurfaceParameters
-        Parameters of the energy balance.
-
-    Returns
-    -------
-    numpy.ndarray
-        Surface temperature, shape (n,); NaN if the slope is unknown or there is no reference. [K]
+    Air temperature and the sky's longwave are not measured. Both enter eq. (7) alike for all targets, so the
+    reference stands in for them: at every minute the air temperature is the one that balances the reference
+    at its measured temperature. NaN if the slope is unknown or there is no reference.
     """
     if not np.isfinite([target.region.tilt_deg, target.region.azimuth_deg]).all():
         return np.full(columns.time_ns.size, np.nan)
@@ -217,3 +233,27 @@ def _air_of_reference(columns: Series, parameters: SurfaceParameters) -> FloatAr
         )
         found.append(measured + lost / parameters.exchange_w_m2_k)
     return np.asarray(np.mean(found, axis=0)) if found else np.full(columns.time_ns.size, np.nan)
+
+
+# --- the values of a figure, minute by minute, for who points at it
+
+
+MOST = 200
+"""Readings of a figure: three hours minute by minute; longer sessions show every second minute, or third."""
+
+
+def readings(
+    drawn: OverTime, columns: Series, site: Site, values: Callable[[int], Iterable[str]]
+) -> list[Reading]:
+    """The readings of a figure; `values` gives the lines of words for a minute's index."""
+    step = math.ceil(columns.time_ns.size / MOST)
+    middle = 100.0 * drawn.share_of_width[::step]
+    width = float(np.min(np.diff(middle), initial=2.0))
+    return [
+        Reading(
+            round(left - width / 2, 2),
+            round(width, 2),
+            "\n".join([formatting.clock_time(int(columns.time_ns[minute]), site), *values(minute)]),
+        )
+        for left, minute in zip(middle.tolist(), range(0, columns.time_ns.size, step), strict=True)
+    ]

@@ -12,7 +12,7 @@ from fieldkit.model.air import is_air_temperature
 from fieldkit.model.site import RegionKind, Site
 from fieldkit.model.slope import SOLVED
 from fieldkit.model.units import CELSIUS_ZERO_K
-from fieldkit.views import formatting, plotting
+from fieldkit.views import plotting
 from fieldkit.views.report.series import FloatArray, Series, TargetSeries
 
 if TYPE_CHECKING:
@@ -186,7 +186,7 @@ def over_time(
         axes.margins(x=0.01)
         if legend:
             plotting.legend(axes)
-    _local_axis(panels[-1], site, columns.time_ns.tolist())
+    plotting.local_axis(panels[-1], site, columns.time_ns)
     return plotting.over_time(figure, panels[-1], columns.time_ns)
 
 
@@ -196,16 +196,6 @@ def _shade_clouds(axes: Axes, columns: Series) -> None:
         last = min(after, columns.time_ns.size - 1)
         start, end = plotting.days(columns.time_ns[[first, last]])
         axes.axvspan(start, end, color=CLOUD_COLOUR, alpha=0.45, linewidth=0)
-
-
-def _local_axis(axes: Axes, site: Site, time_ns: Sequence[int]) -> None:
-    from matplotlib.dates import AutoDateLocator, DateFormatter
-
-    zone = formatting.zone(site)
-    axes.xaxis.set_major_locator(AutoDateLocator(tz=zone, minticks=3, maxticks=7))  # type: ignore[no-untyped-call]
-    axes.xaxis.set_major_formatter(DateFormatter("%H:%M", tz=zone))  # type: ignore[no-untyped-call]
-    if time_ns:
-        axes.set_xlabel(f"local time ({formatting.zone_name(min(time_ns), site)})")
 
 
 def _centre_of(target: TargetSeries) -> float:

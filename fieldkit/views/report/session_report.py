@@ -46,37 +46,12 @@ def write_report(
     is_recordings: bool = False,
     budgets: Mapping[str, tuple[BudgetTerm, ...]] = NO_BUDGETS,
 ) -> None:
-    """Write the report of a session as one self-contained HTML file.
+    """Write the report of a session as one self-contained HTML file into an existing folder.
 
-    Parameters
-    ----------
-    path
-        The file to write; its folder must exist.
-    session
-        An open session.
-    minutes, settings
-        The estimator's minutes and the settings that gave them.
-    site, regions
-        Those the estimator used, where they are not the session's own.
-    sd
-        Standard deviation of the absolute errors: eq. (9) as printed, or the usual one.
-    frame
-        The frame to show, None if there is none.
-    others
-        The same samples estimated with other surface models, by their names, to compare.
-    command_line
-        The command that was typed, for the provenance.
-    config_toml
-        The configuration used, where it is not the session's own.
-    is_recordings
-        Whether the minutes are those that the recording itself estimated.
-    budgets
-        The uncertainty budget of each slope, by region.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be written.
+    `minutes` are the estimator's by `settings`, or the recording's own (`is_recordings`); `site`, `regions` and `config_toml` are given where they are not the session's own. `others` are the same
+    samples estimated with other surface models, by their names, `budgets` the uncertainty budget of each
+    slope by region, `frame` is the one to show, `command_line` what was typed. `sd` is the standard deviation
+    of the absolute errors: eq. (9) as printed, or the usual one. Raises `OSError`.
     """
     regions = tuple(session.regions if regions is None else regions)
     data = ReportData(

@@ -8,8 +8,8 @@ from fieldkit.calibration.band import (
     CameraBand,
     ResponseBand,
     before_camera_settings,
+    own_part_k,
     transmission,
-    without_air,
 )
 from fieldkit.model.errors import ConfigError
 from fieldkit.physics.radiance import band_radiance, band_temperature
@@ -27,7 +27,7 @@ def test_a_few_metres_of_air_let_99_percent_through_and_more_less():
 def test_air_taken_out_gives_what_left_the_surface(air_k):
     surface = np.array([280.0, 320.0])
     seen = 0.93 * band_radiance(surface) + 0.07 * band_radiance(air_k)
-    np.testing.assert_allclose(without_air(band_temperature(seen), 0.93, air_k), surface, atol=1e-6)
+    np.testing.assert_allclose(own_part_k(band_temperature(seen), 0.93, air_k), surface, atol=1e-6)
 
 
 def test_flat_8_to_14_is_matched_by_a_cameras_constants():

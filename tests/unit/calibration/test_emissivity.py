@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fieldkit.calibration.band import CameraBand, ResponseBand, before_camera_settings
+from fieldkit.calibration.band import CameraBand, ResponseBand, before_camera_settings, own_part_k
 from fieldkit.calibration.emissivity import (
     DEFAULT_SHARED_UNCERTAINTIES,
     Pairs,
@@ -14,7 +14,6 @@ from fieldkit.calibration.emissivity import (
     fit_emissivity,
     mirrored_temperature_k,
     single_pair,
-    tape_temperature_k,
 )
 from fieldkit.calibration.foil import FOIL_EMISSIVITY, FOIL_EMISSIVITY_SD
 from fieldkit.model.errors import CalibrationError
@@ -72,7 +71,7 @@ def test_each_line_of_the_budget_has_its_known_size_and_the_largest_is_named(nam
 def test_tape_stands_in_for_a_thermometer_and_the_cameras_offset_mostly_cancels():
     truth, offset = pairs(emissivity=0.92), 1.0
     tape_seen = brightness_temperature_k(truth.contact_k, 0.95, truth.reflected_k) + offset
-    surface = tape_temperature_k(tape_seen, 0.95, truth.reflected_k)
+    surface = own_part_k(tape_seen, 0.95, truth.reflected_k)
     given = replace(truth, apparent_k=truth.apparent_k + offset, contact_k=surface)
     found = fit_emissivity(
         given, SharedUncertainties(camera_k=1.0), tape_emissivity=0.95, tape_emissivity_sd=0.01
@@ -94,7 +93,7 @@ def test_with_a_tape_the_budget_says_what_working_it_all_out_again_would(emissiv
         sky = truth.reflected_k + sky_k
         given = replace(
             truth, apparent_k=truth.apparent_k + camera_k, reflected_k=sky,
-            contact_k=tape_temperature_k(tape_seen + camera_k, 0.95, sky),
+            contact_k=own_part_k(tape_seen + camera_k, 0.95, sky),
         )  # fmt: skip
         return fit_emissivity(given, reflected=reflected, tape_emissivity=0.95, tape_emissivity_sd=0.01)
 
@@ -156,9 +155,7 @@ def test_a_thermometer_in_fahrenheit_is_recognised():
 
 def test_an_emissivity_applied_twice_cannot_be():
     truth = pairs(emissivity=0.90)
-    twice = tape_temperature_k(
-        truth.contact_k, 0.90, truth.reflected_k
-    )  # corrected by the camera, then again
+    twice = own_part_k(truth.contact_k, 0.90, truth.reflected_k)  # corrected by the camera, then again
     with pytest.raises(CalibrationError, match="is impossible") as refused:
         fit_emissivity(replace(truth, apparent_k=twice), NO_ERROR)
     assert "emissivity already" in (refused.value.fix or "")

@@ -16,8 +16,7 @@ from click.testing import CliRunner
 from fieldkit.cli.study import command
 from fieldkit.model.errors import ConfigError
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
-from fieldkit.study.ground import EMISSIVITY, fit, ground_fits, steps
-from fieldkit.study.measured_ground import read_measured_ground
+from fieldkit.study.ground import EMISSIVITY, fit, ground_fits, read_measured_ground, steps
 from tests.shared_data import shared
 
 TRUTH = {

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from fieldkit.drivers import registry
 from fieldkit.drivers.meters import center, lutron
 from fieldkit.drivers.simulated import SimulatedField
-from fieldkit.drivers.simulated.meters import center_309_record, garbled, lutron_record
-from fieldkit.drivers.simulated.pseudo_terminal import PseudoTerminal
+from fieldkit.drivers.simulated.meters import PseudoTerminal, center_309_record, garbled, lutron_record
 from fieldkit.model.air import of_air
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceAccessError, DeviceLostError

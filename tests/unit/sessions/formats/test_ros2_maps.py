@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fieldkit.physics.camera_geometry import Heights
-from fieldkit.sessions.formats.ros2_maps import write_maps
+from fieldkit.sessions.formats.ros2 import write_maps
 
 pytest.importorskip("mcap_ros2")
 rosbags_types = pytest.importorskip("rosbags.typesys")

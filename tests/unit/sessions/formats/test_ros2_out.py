@@ -7,7 +7,7 @@ import pytest
 
 from fieldkit.model.samples import Frame
 from fieldkit.physics.camera_laws import frame_k
-from fieldkit.sessions.formats.ros2_out import export_ros2
+from fieldkit.sessions.formats.ros2 import export_ros2
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.recording import CountedClock, fill, header

@@ -14,8 +14,7 @@ from fieldkit.model.samples import Event, EventKind
 from fieldkit.model.slope import SlopeState
 from fieldkit.views.report import write_report
 from fieldkit.views.report.assessment import assess
-from fieldkit.views.report.results import temperature_rmse_k
-from fieldkit.views.report.series import modelled_temperature, series
+from fieldkit.views.report.series import modelled_temperature, series, temperature_rmse_k
 from tests.harness.learnt import learnt
 
 
@@ -102,7 +101,7 @@ def test_results_in_the_papers_world_are_right(written, minutes, regions, settin
     modelled = {
         bed.region.name: modelled_temperature(columns, bed, settings.surface) for bed in columns.targets
     }
-    assert temperature_rmse_k(columns, modelled) < 0.02
+    assert temperature_rmse_k(columns.temperature_k, modelled) < 0.02
     assert "RMSE 0.0" in Page(written()).text
 
 

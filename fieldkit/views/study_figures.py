@@ -1,4 +1,4 @@
-"""Figures 5 to 10 and 12 to 14 of the paper, drawn anew as SVG text with matplotlib.
+"""Figures of the studies as SVG text: 5 to 10 and 12 to 14 of the paper, measured ground, other worlds.
 
 Arrays in, SVG text out; nothing is computed here but axes. In the tables the horizontal axis is the
 slope's azimuth from north, clockwise, and the vertical axis its tilt, as in the paper.
@@ -10,8 +10,10 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fieldkit.estimation.statistics import ErrorSpan
+from fieldkit.model.confidence import CONFIDENCE, percent
 from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.physics.facet import FloatArray
 from fieldkit.views import plotting
@@ -190,3 +192,89 @@ def _table(figure: Figure, axes: Axes, table: FloatArray, tilts: FloatArray, azi
 def _slope_axes(axes: Axes) -> None:
     axes.set(xlim=(0, 360), xlabel="direction, degrees from north", ylabel="tilt, degrees")
     axes.set_xticks(range(0, 361, 60))
+
+
+# --- measured ground
+
+
+def ground_temperatures(
+    measured_k: FloatArray, modelled_k: FloatArray, half_width_k: FloatArray, fitted: NDArray[np.bool_]
+) -> str:
+    """Temperatures with their interval, and residuals below; fitted minutes are shaded.
+
+    Arrays by the minute, (n,), kelvin.
+    """
+    figure, (above, below) = plotting.panels(2, 5.2)
+    hours = np.arange(measured_k.size) / 60.0
+    low, high = modelled_k - half_width_k, modelled_k + half_width_k
+    sure = percent(CONFIDENCE)
+    blue, orange = plotting.colour(0), plotting.colour(1)
+    above.fill_between(
+        hours,
+        low - CELSIUS_ZERO_K,
+        high - CELSIUS_ZERO_K,
+        color=orange,
+        alpha=0.3,
+        linewidth=0,
+        label=sure,
+    )
+    above.plot(hours, measured_k - CELSIUS_ZERO_K, color=blue, linewidth=0.8, label="measured")
+    above.plot(hours, modelled_k - CELSIUS_ZERO_K, color=orange, linewidth=0.8, label="modelled")
+    above.set_ylabel("ground, °C")
+    below.fill_between(hours, -half_width_k, half_width_k, color=orange, alpha=0.3, linewidth=0)
+    below.plot(hours, modelled_k - measured_k, color=blue, linewidth=0.8)
+    below.set_ylabel("modelled − measured, K")
+    below.set_xlabel("hours of the record")
+    for axes in (above, below):
+        axes.axvspan(
+            *hours[np.flatnonzero(fitted)[[0, -1]]], color="0.85", alpha=0.5, linewidth=0, zorder=0,
+            label="fitted" if axes is above else "",
+        )  # fmt: skip
+    plotting.legend(above)
+    return plotting.svg(figure)
+
+
+# --- other worlds
+
+
+def errors_over_window(
+    points: Sequence[tuple[float, float, int, float]], title: str, guess_deg: float
+) -> str:
+    """Error of the normal, 90th percentile, over the window: a panel for each start, a line for each noise.
+
+    `points` are (local hour, noise in K, minutes, error in degrees); the dotted line is the
+    error of guessing.
+    """
+    hours = sorted({hour for hour, *_ in points})
+    figure, panels = plotting.panels(len(hours), 2.0 * len(hours))
+    for axes, hour in zip(panels, hours, strict=True):
+        for index, noise_k in enumerate(sorted({noise for _, noise, *_ in points})):
+            line = [
+                (minutes, error) for at, noise, minutes, error in points if (at, noise) == (hour, noise_k)
+            ]
+            axes.plot(
+                [minutes / 60.0 for minutes, _ in line], [error for _, error in line],
+                color=plotting.colour(index), marker=plotting.marker(index), label=f"{noise_k:g} K",
+            )  # fmt: skip
+        axes.axhline(guess_deg, color="0.4", linestyle=":", linewidth=0.8, label="all called flat")
+        axes.set(xscale="log", yscale="log", ylabel=f"p90, °\nfrom {hour:g} h")
+        plotting.plain_log_ticks(axes.xaxis)
+    panels[-1].set_xlabel("window, hours")
+    plotting.legend(panels[0])
+    figure.suptitle(title)
+    return plotting.svg(figure)
+
+
+def temperatures_over_day(
+    hour: FloatArray, flat_k: FloatArray, warmer_k: Mapping[str, FloatArray], title: str
+) -> str:
+    """Temperature of flat ground over the hours (n,) of a day, and by how much slopes are warmer, kelvin."""
+    figure, (above, below) = plotting.panels(2, 4.6)
+    above.plot(hour, flat_k, color="0.2")
+    above.set_ylabel("flat ground, K")
+    for index, (name, warmer) in enumerate(warmer_k.items()):
+        below.plot(hour, warmer, color=plotting.colour(index), linestyle=plotting.dashes(index), label=name)
+    below.set(xlabel="local true solar time, h", ylabel="slope − flat, K")
+    plotting.legend(below)
+    figure.suptitle(title)
+    return plotting.svg(figure)
