@@ -41,7 +41,6 @@ Reflected = Literal["fixed", "free"]
 MIN_PAIRS = 3
 MIN_CONTRAST_K = 10.0
 """Least contrast between surface and reflected temperature, the usual rule of ASTM E1933."""
-GOOD_CONTRAST_K = 25.0
 MIN_SPAN_K = 15.0
 """Least span of surface temperatures for fitting the reflected temperature as well."""
 MAX_UNCERTAINTY = 0.05

@@ -48,10 +48,11 @@ def write_report(
 ) -> None:
     """Write the report of a session as one self-contained HTML file into an existing folder.
 
-    `minutes` are the estimator's by `settings`, or the recording's own (`is_recordings`); `site`, `regions` and `config_toml` are given where they are not the session's own. `others` are the same
-    samples estimated with other surface models, by their names, `budgets` the uncertainty budget of each
-    slope by region, `frame` is the one to show, `command_line` what was typed. `sd` is the standard deviation
-    of the absolute errors: eq. (9) as printed, or the usual one. Raises `OSError`.
+    `minutes` are the estimator's by `settings`, or the recording's own (`is_recordings`); `site`, `regions`
+    and `config_toml` are given where they are not the session's own. `others` are the same samples estimated
+    with other surface models, by their names, `budgets` the uncertainty budget of each slope by region,
+    `frame` is the one to show, `command_line` what was typed. `sd` is the standard deviation of the absolute
+    errors: eq. (9) as printed, or the usual one. Raises `OSError`.
     """
     regions = tuple(session.regions if regions is None else regions)
     data = ReportData(
