@@ -164,21 +164,10 @@ def paper_study(
 ) -> PaperStudy:
     """Reproduce sections 2–5 of the paper.
 
-    Parameters
-    ----------
-    options
-        What is simulated and how it is estimated; the paper's by default.
-    sessions
-        Recordings for the field figures, instead of the paper's days under a simulated sky.
-    with_sensitivity
-        Repeat the runs for several irradiances and tolerances, which the paper does not state.
-    on_stage
-        Receives the name of each stage as it begins.
-
-    Raises
-    ------
-    NoAnswerError
-        If the sun is down, or no weather was measured, during a window.
+    `sessions` are recordings for the field figures, instead of the paper's days under a simulated sky.
+    `with_sensitivity` repeats the runs for several irradiances and tolerances, which the paper does not
+    state. `on_stage` receives the name of each stage as it begins. Raises `NoAnswerError` if the sun is down,
+    or no weather was measured, during a window.
     """
     runs = run_all(options)
     on_stage("field")
