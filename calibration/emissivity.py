@@ -41,7 +41,6 @@ Reflected = Literal["fixed", "free"]
 MIN_PAIRS = 3
 MIN_CONTRAST_K = 10.0
 """Least contrast between surface and reflected temperature, the usual rule of ASTM E1933."""
-GOOD_CONTRAST_K = 25.0
 MIN_SPAN_K = 15.0
 """Least span of surface temperatures for fitting the reflected temperature as well."""
 MAX_UNCERTAINTY = 0.05
@@ -163,37 +162,16 @@ def fit_emissivity(
     tape_emissivity: float = 1.0,
     foil_emissivity_sd: float = 0.0,
 ) -> Emissivity:
-    """Emissivity with its uncertainty budget, from pairs of camera and thermometer.
+    """Emissivity with budget and quality of the fit, from pairs of camera and thermometer.
 
-    Parameters
-    ----------
-    pairs
-        At least three, the surface at least 10 K from what it reflects.
-    shared
-        Standard uncertainties common to all pairs.
-    reflected
-        ``free`` also fits the reflected temperature; the surface must then span 15 K.
-    band
-        Band of the camera.
-    tape_emissivity, tape_emissivity_sd
-        Emissivity of the tape in place of a thermometer, and its standard uncertainty; 0 if unused. [-]
-    foil_emissivity_sd
-        Standard uncertainty of the emissivity of the foil that showed the reflected temperature. [-]
+    At least three pairs, the surface at least 10 K from what it reflects; with `reflected` ``free``, which
+    also fits the reflected temperature, the surface must span 15 K. `shared` are the standard uncertainties
+    common to all pairs. `tape_emissivity` and its standard uncertainty are those of a tape in place of a
+    thermometer, 0 if unused; `foil_emissivity_sd` is that of the foil that showed the reflected temperature.
+    Raises `CalibrationError` if the data do not determine the emissivity to 0.05, or contradict the model.
 
-    Returns
-    -------
-    Emissivity, budget and quality of the fit.
-
-    Raises
-    ------
-    CalibrationError
-        If the data do not determine the emissivity to 0.05, or contradict the model.
-
-    References
-    ----------
-    .. [1] ASTM E1933, Standard Practice for Measuring and Compensating for Emissivity Using Infrared Imaging
-       Radiometers.
-    .. [2] JCGM 100:2008, Guide to the expression of uncertainty in measurement.
+    ASTM E1933, Standard Practice for Measuring and Compensating for Emissivity Using Infrared Imaging
+    Radiometers; JCGM 100:2008, Guide to the expression of uncertainty in measurement.
     """
     refuse_before(len(pairs), pairs.contrast_k, shared.reflected_k, pairs.span_k, reflected == "free")
     fit = _line(pairs, reflected, band)

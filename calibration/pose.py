@@ -13,7 +13,7 @@ from scipy.optimize import least_squares
 
 from fieldkit.calibration.uncertainty import students_factor
 from fieldkit.model.errors import CalibrationError
-from fieldkit.physics.camera_geometry import Camera, project
+from fieldkit.physics.camera_geometry import Camera, angles_of_axes, project
 from fieldkit.physics.facet import FloatArray
 
 LEAST_POINTS = 4
@@ -41,28 +41,12 @@ def fit_pose(
 ) -> PoseFit:  # fmt: skip
     """Find the pose that sees points where they were marked.
 
-    Parameters
-    ----------
-    pixels
-        Marks x, y, shape (n, 2), four or more. [pixels]
-    points_m
-        Their east, north, up, shape (n, 3). [m]
-    shape
-        Rows and columns of a frame.
-    hfov_deg
-        Horizontal field of view; found as well if it is not given. [degrees]
-    mark_sd_px
-        Standard uncertainty of a mark, in x and in y; the scatter, by Student's factor for few points, counts
-        where it is larger. [pixels]
-    distortion
-        Of the lens, as of a `Camera`; it is not found. [-]
-    grid_scale
-        Metres on the grid of the points per metre on the ground. [-]
-
-    Raises
-    ------
-    CalibrationError
-        If there are fewer than four points, or they do not determine the pose.
+    `pixels` are marks x, y, (n, 2), four or more, `points_m` their east, north, up, (n, 3), `shape` the rows
+    and columns of a frame. The horizontal field of view is found as well if it is not given. `mark_sd_px` is
+    the standard uncertainty of a mark, in x and in y; the scatter, by Student's factor for few points, counts
+    where it is larger. `distortion` of the lens, as of a `Camera`, is not found; `grid_scale` is metres on
+    the grid of the points per metre on the ground. Raises `CalibrationError` if there are fewer than four
+    points, or they do not determine the pose.
     """
     if len(points_m) < LEAST_POINTS:
         raise CalibrationError(
@@ -136,13 +120,4 @@ def _start(
         return None
     axes = cv2.Rodrigues(turned)[0]
     position = -axes.T @ moved.ravel()
-    return np.array([*position, *_angles_deg(np.asarray(axes)), hfov_deg])
-
-
-def _angles_deg(axes: FloatArray) -> tuple[float, float, float]:
-    """Yaw, pitch and roll of a camera's axes."""
-    right, _, forward = axes
-    yaw, pitch = np.arctan2(forward[0], forward[1]), np.arcsin(np.clip(forward[2], -1.0, 1.0))
-    level = np.array([np.cos(yaw), -np.sin(yaw), 0.0])
-    roll = np.arctan2(right @ np.cross(forward, level), right @ level)
-    return float(np.degrees(yaw)), float(np.degrees(pitch)), float(np.degrees(roll))
+    return np.array([*position, *angles_of_axes(np.asarray(axes)), hfov_deg])

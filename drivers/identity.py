@@ -14,6 +14,10 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeAlias
+
+from fieldkit.model.device import DeviceSettings
+from fieldkit.model.errors import DeviceNotFoundError
 
 # --- what to type when an instrument may not be opened
 
@@ -78,8 +82,47 @@ class UsbIdentity:
         return f"{self.path if others and self.path else kind}{port}"
 
 
+Found: TypeAlias = tuple[str, UsbIdentity]
+"""Path of a port or node, and what hangs on it."""
+Kind: TypeAlias = tuple[int, int]
+"""Vendor and product."""
+
 NO_USB = UsbIdentity(0, 0)
 """Of an instrument that is none of USB's."""
+
+
+def fitting(settings: DeviceSettings, present: Sequence[Found], kinds: Sequence[Kind]) -> list[Found]:
+    """Those with the identity that `settings` name; without one those of `kinds`, all if there are none."""
+    return [
+        (path, usb)
+        for path, usb in present
+        if (
+            usb.matches(settings.identity)
+            if settings.identity
+            else not kinds or (usb.vendor, usb.product) in kinds
+        )
+    ]
+
+
+def only_one(settings: DeviceSettings, of: Sequence[Found], present: Sequence[Found], what: str) -> Found:
+    """The only one that fits; raises `DeviceNotFoundError` with all that is connected instead.
+
+    `what` is it in words, such as "USB camera".
+    """
+    if len(of) == 1:
+        return of[0]
+    which = f"with identity {settings.identity}" if settings.identity else f"for the driver {settings.driver}"
+    raise DeviceNotFoundError(
+        f"{settings.name}: {len(of) or 'no'} {what}s {which}; {listing(present, what)}",
+        fix=identity_fix(settings.name, present),
+    )
+
+
+def listing(present: Sequence[Found], what: str) -> str:
+    """All that is connected, as text."""
+    units = [usb for _, usb in present]
+    names = [f"{usb.as_text(units)} at {path} ({usb.title})" for path, usb in present]
+    return "connected: " + ", ".join(names) if names else f"no {what} is connected"
 
 
 def identity_fix(name: str, present: Sequence[object]) -> str:

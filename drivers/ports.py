@@ -30,8 +30,10 @@ from fieldkit.drivers.identity import (
     SYSFS,
     UDEV_FIX,
     UsbIdentity,
+    fitting,
     group_of,
-    identity_fix,
+    listing,
+    only_one,
     permission_fix,
     usb_parent,
 )
@@ -422,19 +424,7 @@ def port_path(settings: DeviceSettings, kinds: Sequence[tuple[int, int]] = ()) -
     if settings.port:
         _refuse_another(settings, ports)
         return settings.port
-    wanted = settings.identity
-    fitting = [
-        path
-        for path, usb in ports
-        if (usb.matches(wanted) if wanted else not kinds or (usb.vendor, usb.product) in kinds)
-    ]
-    if len(fitting) == 1:
-        return fitting[0]
-    what = f"with identity {wanted}" if wanted else "that match"
-    raise DeviceNotFoundError(
-        f"{settings.name}: {len(fitting) or 'no'} serial ports {what}; {_listing(ports)}",
-        fix=identity_fix(settings.name, ports),
-    )
+    return only_one(settings, fitting(settings, ports, kinds), ports, "USB serial port")[0]
 
 
 def _refuse_another(settings: DeviceSettings, ports: list[tuple[str, UsbIdentity]]) -> None:
@@ -451,15 +441,9 @@ def _refuse_another(settings: DeviceSettings, ports: list[tuple[str, UsbIdentity
     if usb in named:
         wrong = f"identity {settings.identity} is that of {len(named)} ports of one adapter"
     raise DeviceNotFoundError(
-        f"{settings.name}: {wrong}; {_listing(ports)}",
+        f"{settings.name}: {wrong}; {listing(ports, 'USB serial port')}",
         fix=f'omit port from the configuration: the identity is enough, of {settings.port} "{own}"',
     )
-
-
-def _listing(ports: list[tuple[str, UsbIdentity]]) -> str:
-    present = [usb for _, usb in ports]
-    names = [f"{usb.as_text(present)} at {path} ({usb.title})" for path, usb in ports]
-    return "connected: " + ", ".join(names) if names else "no USB serial port is connected"
 
 
 def open_failure(path: str, error: Exception) -> DeviceError:
@@ -467,7 +451,7 @@ def open_failure(path: str, error: Exception) -> DeviceError:
     code = getattr(error, "errno", None)
     if code in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
         return DeviceNotFoundError(
-            f"no serial port {path}; {_listing(serial_ports())}",
+            f"no serial port {path}; {listing(serial_ports(), 'USB serial port')}",
             fix="plug the instrument in; fieldkit devices shows the identity to configure",
         )
     if code in (errno.EACCES, errno.EPERM):

@@ -10,9 +10,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from fieldkit.drivers.identity import UsbIdentity, identity_fix, permission_fix
+from fieldkit.drivers.identity import UsbIdentity, fitting, only_one, permission_fix
 from fieldkit.model.device import DeviceSettings, DiscoveredDevice
-from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
+from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceLostError
 
 
 def usb_instruments(kinds: Sequence[tuple[int, int]]) -> list[tuple[Any, UsbIdentity]]:
@@ -39,17 +39,10 @@ def find_usb(
 
 def pick_usb(settings: DeviceSettings, kinds: Sequence[tuple[int, int]]) -> tuple[Any, UsbIdentity]:
     """The instrument that `settings` name, or the only one of `kinds`; raises `DeviceNotFoundError`."""
-    present = usb_instruments(kinds)
-    units = [identity for _, identity in present]
-    fitting = [pair for pair in present if not settings.identity or pair[1].matches(settings.identity)]
-    if len(fitting) == 1:
-        return fitting[0]
-    there = ", ".join(one.as_text(units) for one in units) or "none is connected"
-    what = f"with identity {settings.identity}" if settings.identity else f"for the driver {settings.driver}"
-    raise DeviceNotFoundError(
-        f"{settings.name}: {len(fitting) or 'no'} USB instruments {what}; connected: {there}",
-        fix=identity_fix(settings.name, present),
-    )
+    units = usb_instruments(kinds)
+    present = [(f"usb:{usb.path}", usb) for _, usb in units]
+    chosen = only_one(settings, fitting(settings, present, kinds), present, "USB instrument")
+    return units[present.index(chosen)]
 
 
 @contextmanager

@@ -207,12 +207,9 @@ class Boson(CameraDriver):
         radiometric = options.flag(settings, "radiometric", False)
         opened = open_source(settings, WANTED, clock)
         serial, facts = connect(opened.usb, clock)
-        try:
+        with camera.closed_on_error(opened.source):
             if radiometric:
                 scale = make_radiometric(serial, facts, scale)
-        except DeviceError:
-            opened.source.close()
-            raise
         read = partial(decode, scale=scale)
         first = camera.first_frame(opened.source, read, settings.name, clock)
         if radiometric and first.quality & Quality.NO_VALUE:

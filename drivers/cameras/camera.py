@@ -6,7 +6,8 @@ The family's own module defines what the bytes mean, a `FrameSource` where they 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any, NamedTuple, cast
 
 import cv2
@@ -360,8 +361,15 @@ def first_frame(source: FrameSource, decode: Decode, name: str, clock: Clock) ->
     Raises `DeviceTimeoutError` if none comes, `DecodeError` if what comes is none; the source is
     closed then.
     """
-    try:
+    with closed_on_error(source):
         return _wait_for_frame(source, decode, name, clock)
+
+
+@contextmanager
+def closed_on_error(source: FrameSource) -> Iterator[None]:
+    """Close a source that cannot be set up."""
+    try:
+        yield
     except DeviceError:
         source.close()
         raise

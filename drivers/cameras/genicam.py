@@ -147,12 +147,9 @@ class Genicam(CameraDriver):
                 f"{settings.name}: genicam needs the camera's address", fix='port = "192.168.1.20"'
             )
         source = GenicamSource(settings.port, clock)
-        try:
+        with camera.closed_on_error(source):
             facts = _set_up(source.camera, settings)
             source.start()
-        except DeviceError:
-            source.close()
-            raise
         per_count = {"kelvin_per_count": facts.pop("kelvin_per_count")}
         width, height = facts.pop("size")
         scaled = DeviceSettings(settings.name, self.name, options={**settings.options, **per_count})

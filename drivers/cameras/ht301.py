@@ -28,7 +28,6 @@ from fieldkit.drivers.cameras.source import CameraDriver, CameraFormat, cannot_c
 from fieldkit.drivers.decoding import Decoded, Rejected, text_of
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, FrameSource
-from fieldkit.model.errors import DeviceError
 from fieldkit.model.samples import Quality
 from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.physics.camera_laws import HT301_COUNTS, ht301_area, ht301_curve, ht301_fpa_c, ht301_parameters
@@ -97,14 +96,11 @@ class Ht301(CameraDriver):
         """Open the camera and switch it to temperatures."""
         chosen = options.text(settings, "range", "normal", tuple(RANGES))
         opened = open_source(settings, WANTED, clock)
-        try:
+        with camera.closed_on_error(opened.source):
             command = _zoom_of(opened.source)
             clock.sleep(SETTLES_S)
             command(RANGES[chosen])
             command(TEMPERATURES)
-        except DeviceError:
-            opened.source.close()
-            raise
         read = partial(decode, law="ht301" if chosen == "normal" else "ht301-high")
         first = camera.first_frame(opened.source, read, settings.name, clock)
         facts = {"range": chosen, **user_block(first.metadata_rows)}

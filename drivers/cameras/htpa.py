@@ -147,13 +147,10 @@ class Htpa(CameraDriver):
     def open(self, settings: DeviceSettings, clock: Clock) -> camera.ThermalCamera:
         """Bind the board to this computer and let it send temperatures."""
         source = UdpSource(address_of(settings, PORT), clock)
-        try:
+        with camera.closed_on_error(source):
             facts = _facts(settings.name, source.ask(CALL, b"HTPA series responsed"))
             source.ask(BIND, b"HW Filter is")
             source.send(TEMPERATURES)
-        except DeviceError:
-            source.close()
-            raise
         first = camera.first_frame(source, decode, settings.name, clock)
         opened = OpenedSource(source, settings.identity)
         info = camera.describe(settings, opened, first, facts, vendor="Heimann Sensor")

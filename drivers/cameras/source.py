@@ -13,7 +13,7 @@ from pathlib import Path
 
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras.v4l2 import V4l2Source
-from fieldkit.drivers.identity import NO_USB, SYSFS, UsbIdentity, identity_fix, usb_parent
+from fieldkit.drivers.identity import NO_USB, SYSFS, UsbIdentity, fitting, only_one, usb_parent
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import Buffer, DeviceSettings, DiscoveredDevice, FrameSource
 from fieldkit.model.errors import DeviceError, DeviceLostError, DeviceNotFoundError
@@ -204,27 +204,10 @@ def _pick(
     settings: DeviceSettings, wanted: CameraFormat, present: list[tuple[str, UsbIdentity]]
 ) -> tuple[str, UsbIdentity]:
     """The node that identity or port name; another camera in its place is an error, not a fallback."""
-    if settings.identity:
-        fitting = [(path, usb) for path, usb in present if usb.matches(settings.identity)]
-    elif settings.port:
+    if settings.port and not settings.identity:
         real = os.path.realpath(settings.port)
-        fitting = [(path, usb) for path, usb in present if path == real] or [(settings.port, NO_USB)]
-    else:
-        fitting = [(path, usb) for path, usb in present if (usb.vendor, usb.product) in wanted.kinds]
-    if len(fitting) == 1:
-        return fitting[0]
-    what = f"with identity {settings.identity}" if settings.identity else f"for the driver {settings.driver}"
-    raise DeviceNotFoundError(
-        f"{settings.name}: {len(fitting) or 'no'} cameras {what}; {listing(present)}",
-        fix=identity_fix(settings.name, present),
-    )
-
-
-def listing(present: Sequence[tuple[str, UsbIdentity]]) -> str:
-    """The connected cameras as text."""
-    units = [usb for _, usb in present]
-    names = [f"{usb.as_text(units)} at {path} ({usb.title})" for path, usb in present]
-    return "connected: " + ", ".join(names) if names else "no USB camera is connected"
+        return next(((path, usb) for path, usb in present if path == real), (settings.port, NO_USB))
+    return only_one(settings, fitting(settings, present, wanted.kinds), present, "USB camera")
 
 
 def _index(node: Path) -> int:

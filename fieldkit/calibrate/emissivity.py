@@ -35,8 +35,8 @@ from fieldkit.results.sources import (
     notify_damage,
     reading,
 )
-from fieldkit.views.calibration_figure import emissivity_figure, emissivity_svg
-from fieldkit.views.plotting import available
+from fieldkit.views.calibration_figure import emissivity_figure
+from fieldkit.views.plotting import available, svg
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -61,7 +61,7 @@ class EmissivityCalibration(Calibration):
         """Write the record file, and beside it the figure if matplotlib is installed; the record's path."""
         path = super().save(folder)
         if available():
-            figure = emissivity_svg(self.fit, self.pairs, self.setup.band)
+            figure = svg(self.plot())
             path.with_suffix(".svg").write_text(figure, encoding="utf-8")
         return path
 

@@ -313,11 +313,6 @@ class ReadingCollector:
             self._saturated += 1
             self._lowest_k = min(self._lowest_k, float(kelvin[foil].min()))
 
-    @property
-    def frame_count(self) -> int:
-        """Number of usable frames collected so far."""
-        return len(self._camera)
-
     def readings(self) -> Readings:
         """Camera and thermometer in kelvin, corrected for the camera's own settings and the air.
 

@@ -151,7 +151,7 @@ def _complete(region: dict[str, Any], ground: Ground) -> None:
 
 def _is_incomplete(region: dict[str, Any]) -> bool:
     """True if a region on the ground has no heights or pixels yet."""
-    points = region.get("points_m")
+    points: Any = region.get("points_m")
     return bool(points) and not ("points_px" in region and all(_is_point(one, (3,)) for one in points))
 
 

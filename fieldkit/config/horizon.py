@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from fieldkit.config.files import read_text
 from fieldkit.config.references import campaign_folder
 from fieldkit.config.toml_lines import KeyPath, regions_in
 from fieldkit.config.validation import Mistake
@@ -18,10 +19,7 @@ COLUMNS = ["azimuth_deg", "elevation_deg"]
 
 def load_horizon(path: Path) -> list[list[float]]:
     """The pairs (azimuth, elevation) of a CSV file, in degrees. Raises `ConfigError`."""
-    try:
-        rows = [row for row in csv.reader(path.read_text("utf-8-sig").splitlines()) if row]
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"cannot read {path}: {error}") from error
+    rows = [row for row in csv.reader(read_text(path).splitlines()) if row]
     if not rows or [name.strip() for name in rows[0]] != COLUMNS:
         raise ConfigError(f"{path}: the first line must be {','.join(COLUMNS)}")
     pairs = [_pair(path, number, row) for number, row in enumerate(rows[1:], 2)]

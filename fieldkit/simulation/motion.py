@@ -21,16 +21,10 @@ FOCAL_PX = 147.0
 class Motion:
     """Movement of a camera over a scene, from none at its start.
 
-    Attributes
-    ----------
-    drift_px
-        Shift of the frame's content right and down at the end, growing evenly. [pixels]
-    pan_deg
-        Turn to the left at the end, growing evenly: content moves to the right. [degrees]
-    jitter_px
-        Largest shift of single frames, in x and in y; every one up to it is as likely. [pixels]
-    jump_px, jump_at
-        Shift right and down from a share of the scene's duration on. [pixels], [-]
+    `drift_px` (content right and down) and `pan_deg` (a turn to the left, content to the right) are reached
+    at the end and grow evenly. `jitter_px` is the largest shift of single frames, in x and in y; every one up
+    to it is as likely. `jump_px` shifts content right and down from a share `jump_at` of the scene's duration
+    on.
     """
 
     drift_px: tuple[float, float] = (0.0, 0.0)

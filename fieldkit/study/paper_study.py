@@ -150,7 +150,7 @@ class PaperStudy:
             "study.html",
             conditions=f"{options.day}, {options.minutes} min windows, {options.irradiance}, "
             f"noise {options.noise_k:g} K",
-            tables=[(TITLES[name], _table(tables[name])) for name in TITLES if tables.get(name)],
+            tables=[(TITLES[name], _shown(tables[name])) for name in TITLES if tables.get(name)],
             drawn=[Figure(svg, _caption(name), _caption(name)) for name, svg in sorted(figures.items())],
         )
 
@@ -164,21 +164,10 @@ def paper_study(
 ) -> PaperStudy:
     """Reproduce sections 2–5 of the paper.
 
-    Parameters
-    ----------
-    options
-        What is simulated and how it is estimated; the paper's by default.
-    sessions
-        Recordings for the field figures, instead of the paper's days under a simulated sky.
-    with_sensitivity
-        Repeat the runs for several irradiances and tolerances, which the paper does not state.
-    on_stage
-        Receives the name of each stage as it begins.
-
-    Raises
-    ------
-    NoAnswerError
-        If the sun is down, or no weather was measured, during a window.
+    `sessions` are recordings for the field figures, instead of the paper's days under a simulated sky.
+    `with_sensitivity` repeats the runs for several irradiances and tolerances, which the paper does not
+    state. `on_stage` receives the name of each stage as it begins. Raises `NoAnswerError` if the sun is down,
+    or no weather was measured, during a window.
     """
     runs = run_all(options)
     on_stage("field")
@@ -309,7 +298,7 @@ def _caption(name: str) -> str:
     return f"{CAPTIONS[kind]} ({which})" if which else CAPTIONS[kind]
 
 
-def _table(rows: Sequence[Mapping[str, Any]]) -> Table:
+def _shown(rows: Sequence[Mapping[str, Any]]) -> Table:
     columns = [column.replace("_", " ") for column in rows[0]]
     return Table(columns, [[_cell(value) for value in row.values()] for row in rows])
 

@@ -9,24 +9,18 @@ import numpy as np
 from fieldkit.calibration.band import Band
 from fieldkit.calibration.emissivity import Emissivity, Pairs
 from fieldkit.model.units import CELSIUS_ZERO_K
-from fieldkit.views.plotting import COLOURS, STYLE, WIDTH_IN, svg
+from fieldkit.views.plotting import COLOURS, WIDTH_IN, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
-def emissivity_svg(found: Emissivity, pairs: Pairs, band: Band) -> str:
-    """SVG of `emissivity_figure`."""
-    return svg(emissivity_figure(found, pairs, band))
-
-
 def emissivity_figure(found: Emissivity, pairs: Pairs, band: Band) -> Figure:
     """The fit (surface against camera, °C) over the bars of the budget, the largest named."""
-    from matplotlib import rc_context
     from matplotlib.figure import Figure
 
-    with rc_context(STYLE):
+    with styled():
         figure = Figure(figsize=(WIDTH_IN, 4.0 + 0.4 * len(found.budget)), layout="constrained")
         above, below = figure.subplots(2, 1, height_ratios=(8, len(found.budget)))
         _draw_line(above, found, pairs, band)

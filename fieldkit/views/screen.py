@@ -328,13 +328,7 @@ def _region_cells(latest: Latest, region: Region) -> list[str | Text]:
     """Mean, spread, tilt, azimuth, kelvin per degree and state of one region."""
     minute = latest.minute
     if minute is None:
-        return [
-            *_as_seen(latest, region),
-            formatting.UNKNOWN,
-            formatting.UNKNOWN,
-            formatting.UNKNOWN,
-            _FIRST_MINUTE,
-        ]
+        return [*_as_seen(latest, region), *[formatting.UNKNOWN] * 3, _FIRST_MINUTE]
     mean, spread = (known.get(region.name, math.nan) for known in (minute.temperature_k, minute.spread_k))
     cells: list[str | Text] = [formatting.celsius(mean), formatting.number(spread, 2)]
     if region.kind is RegionKind.REFERENCE:
@@ -342,7 +336,7 @@ def _region_cells(latest: Latest, region: Region) -> list[str | Text]:
         return [*cells, formatting.number(region.tilt_deg, 1), azimuth, "", Text("reference", "quiet")]
     estimate = _estimate(latest, region)
     if estimate is None:
-        return [*cells, formatting.UNKNOWN, formatting.UNKNOWN, formatting.UNKNOWN, formatting.UNKNOWN]
+        return [*cells, *[formatting.UNKNOWN] * 4]
     return [
         *cells,
         formatting.tilt(estimate),

@@ -17,17 +17,10 @@ if TYPE_CHECKING:
 class ExportFormat:
     """One format of export.
 
-    Attributes
-    ----------
-    writer
-        ``MODULE:FUNCTION`` of this room: given an open session and a folder it returns the files it wrote.
-    meaning
-        What is written, as ``fieldkit export --help`` prints it.
-    takes
-        Names of the options that the writer takes as keywords; without ``stream`` it writes every stream,
-        each into a file of its own.
-    omits_damaged
-        Whether samples that do not match their checksum are omitted; else they are flagged.
+    `writer` is ``MODULE:FUNCTION`` of this room: given an open session and a folder it returns the files it
+    wrote; `meaning` is what ``fieldkit export --help`` prints of it. `takes` names the options that the
+    writer takes as keywords; without ``stream`` it writes every stream, each into a file of its own. Samples
+    that do not match their checksum are omitted (`omits_damaged`) or else flagged.
     """
 
     writer: str

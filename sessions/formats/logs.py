@@ -79,25 +79,11 @@ AS_WRITTEN = LogOptions()
 def read_log(path: Path, name: str, options: LogOptions = AS_WRITTEN) -> ImportedRecording:
     """Read a logger's table: one stream for each quantity in it, and one for its averages.
 
-    Parameters
-    ----------
-    path : Path
-        The table, with one header line; those of Campbell (TOA5) and HOBOware are recognised.
-    name : str
-        Name of the stream, or of the streams with their quantity behind it.
-    options : LogOptions
-        What the table does not give; by default the time and every column with a known unit are read.
-
-    Returns
-    -------
-    ImportedRecording
-        Readings in order of time; cells without a number are NaN. Averages stamped at the end of their
-        interval are moved into its middle.
-
-    Raises
-    ------
-    ConfigError
-        The table is ambiguous, contradicts an option or cannot be read; the message has what was found.
+    The table has one header line; those of Campbell (TOA5) and HOBOware are recognised. `name` is that of the
+    stream, or of the streams with their quantity behind it; `options` give what the table does not: by
+    default the time and every column with a known unit are read. Readings are in order of time, cells without
+    a number NaN; averages stamped at the end of their interval are moved into its middle. Raises
+    `ConfigError` with what was found if the table is ambiguous, contradicts an option or cannot be read.
     """
     table = read_table(
         path, options.encoding, time_names=options.columns.time, time_format=options.time_format

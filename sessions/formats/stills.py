@@ -126,36 +126,15 @@ def read_stills(
 ) -> ImportedRecording:  # fmt: skip
     """Read the frames of a folder, or of a single file, as a camera stream in order of time.
 
-    Parameters
-    ----------
-    source : Path
-        A folder or file: InfiRay IRG, 16-bit PNG, or TIFF (16-bit counts, 32-bit floating-point
-        temperatures), every page a frame but thumbnails and masks.
-    scale : Scale or None
-        What a count means; None uses the scale in the files.
-    times : Path, optional
-        Table of file name and time, a line per frame, with a header line or without.
-    time_format : str, optional
-        Format of the times in the file names without their ending, as for strptime. Without it and `times`
-        the tags of frames that fieldkit exported are used.
-    zone : tzinfo, optional
-        Zone of times without an offset.
-    offset_ns : int
-        To add to the times. [ns]
-    unit : str
-        Unit of floating-point temperatures: C, K or F.
-    name : str
-        Name of the stream.
+    InfiRay IRG, 16-bit PNG, or TIFF (16-bit counts, 32-bit floating-point temperatures), every page a frame
+    but thumbnails and masks. `scale` is what a count means, None for the scale in the files; `unit` (C, K or
+    F) is that of floating-point temperatures. `times` is a table of file name and time, a line per frame,
+    `time_format` that of the times in the file names without their ending, as for strptime; without either
+    the tags of frames that fieldkit exported are used. `zone` is that of times without an offset, `offset_ns`
+    is added to all.
 
-    Returns
-    -------
-    ImportedRecording
-        One camera stream; frames are read when they are needed, and their orientation is not applied.
-
-    Raises
-    ------
-    ConfigError
-        Scale or times are unknown, or a file cannot be read.
+    Frames are read when they are needed, and their orientation is not applied. Raises `ConfigError` if scale
+    or times are unknown, or a file cannot be read.
     """
     paths = image_files(source)
     if not paths:

@@ -77,26 +77,12 @@ class _Stream(NamedTuple):
 def read_xdf(path: Path, name: str | None, options: LogOptions) -> ImportedRecording:
     """Read the streams of an XDF file whose channels state a unit: one for each quantity in each of them.
 
-    Parameters
-    ----------
-    path : Path
-        The file. Of one that is cut off or damaged the whole chunks are read, and notes name the rest.
-    name : str, optional
-        Name of the stream, or of several before their own; by default their own.
-    options : LogOptions
-        `unit` of channels that state none, `columns.values` (labels of channels) to read, `measures`, `keep`,
-        `offset_ns`, and the `zone` of the file's date, if that has none.
-
-    Returns
-    -------
-    ImportedRecording
-        Readings in order of time, on the recorder's clock by the file's clock offsets as pyxdf applies them.
-        Jitter is left in the stamps.
-
-    Raises
-    ------
-    ConfigError
-        The file is not XDF, has no date, or no channel of a known unit.
+    Of a file that is cut off or damaged the whole chunks are read, and notes name the rest. `name` is that of
+    the stream, or of several before their own; by default their own. Of the options count `unit` of channels
+    that state none, `columns.values` (labels of channels) to read, `measures`, `keep`, `offset_ns`, and the
+    `zone` of the file's date, if that has none. Readings are in order of time, on the recorder's clock by the
+    file's clock offsets as pyxdf applies them; jitter is left in the stamps. Raises `ConfigError` if the file
+    is not XDF, has no date, or no channel of a known unit.
     """
     streams, header, notes = _loaded(path)
     wanted = [one for one in streams if _is_wanted(one, options)]

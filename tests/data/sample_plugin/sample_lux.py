@@ -2,9 +2,9 @@
 
 import re
 
-from fieldkit.drivers.decoding import Layout, Record, Rejected, Value, decode_records
+from fieldkit.drivers.decoding import Layout, Record, Rejected, Value
 from fieldkit.drivers.meters import meter
-from fieldkit.drivers.ports import Line, find_ports, open_port
+from fieldkit.drivers.ports import Line, SerialDriver, open_port
 
 LINE = Line(9600)
 RECORD = re.compile(rb"LUX (\d{1,6})\r?")
@@ -24,21 +24,15 @@ def parse(buffer):
 LAYOUT = Layout(parse, longest=12)
 
 
-class SampleLux:
+class SampleLux(SerialDriver):
     """Driver of the sample light meter."""
 
     name = "sample-lux"
     title = "Sample light meter"
     quantity = "illuminance"
     options = meter.OPTIONS
-
-    def find(self):
-        """Any serial adapter may be one."""
-        return find_ports(self.name, self.title, (), "any adapter")
-
-    def decode(self, data, options):
-        """Explain bytes."""
-        return decode_records(data, LAYOUT)
+    layout = LAYOUT
+    caveat = "any adapter"
 
     def open(self, settings, clock):
         """Open the port and wait for the first line."""

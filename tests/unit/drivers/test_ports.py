@@ -187,7 +187,7 @@ def test_other_instrument_at_the_configured_port_is_refused(monkeypatch, wire):
 def test_without_port_and_identity_only_a_single_port_is_taken(monkeypatch, count):
     present = [(f"/dev/ttyUSB{n}", UsbIdentity(0x0403, 0x6001, f"S{n}")) for n in range(count)]
     plugged_in(monkeypatch, serial_ports=present)
-    with pytest.raises(DeviceNotFoundError, match=r"no serial ports|2 serial ports"):
+    with pytest.raises(DeviceNotFoundError, match=r"no USB serial ports|2 USB serial ports"):
         open_port(settings(), Line(), HostClock())
 
 
