@@ -15,8 +15,8 @@ from itertools import pairwise
 from typing import Any
 
 from fieldkit.estimation.bins import History
+from fieldkit.estimation.budget import BudgetTerm
 from fieldkit.estimation.chain import Estimated, SlopeChain
-from fieldkit.estimation.learned.budget import BudgetTerm
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import Region, RegionKind, Site

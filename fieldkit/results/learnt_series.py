@@ -5,16 +5,15 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.model.learnt import Learnt, LearntParameter
-from fieldkit.sessions.json_forms import build
+from fieldkit.results.cache import as_texts, of_texts
 from fieldkit.views import html, learnt_words
 
 if TYPE_CHECKING:
@@ -89,11 +88,11 @@ class LearntSeries:
 
     def packed(self) -> dict[str, NDArray[Any]]:
         """The series as arrays, every number exact."""
-        texts = [json.dumps(asdict(learnt)) for learnt in self.by_time_ns.values()]
-        return {"learnt_ns": np.array([*self.by_time_ns], np.int64), "learnt": np.array(texts, np.bytes_)}
+        learnt = as_texts(self.by_time_ns.values())
+        return {"learnt_ns": np.array([*self.by_time_ns], np.int64), "learnt": learnt}
 
     @classmethod
     def unpacked(cls, arrays: Mapping[str, NDArray[Any]]) -> LearntSeries:
         """The series that `packed` made arrays of."""
-        pairs = zip(arrays["learnt_ns"].tolist(), arrays["learnt"].tolist(), strict=True)
-        return cls({time_ns: build(Learnt, json.loads(text)) for time_ns, text in pairs})
+        learnt = of_texts(Learnt, arrays["learnt"])
+        return cls(dict(zip(arrays["learnt_ns"].tolist(), learnt, strict=True)))

@@ -28,8 +28,7 @@ from fieldkit.results.batch import (
 )
 from fieldkit.results.executors import THIS_PROCESS, Workers
 from fieldkit.results.minutes import Outcome, Run, run_of
-from fieldkit.results.provenance import provenance
-from fieldkit.results.result_files import write_results
+from fieldkit.results.result_files import provenance, write_results
 from fieldkit.results.sources import Source, log_info, qualified_key
 
 if TYPE_CHECKING:
