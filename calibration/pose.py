@@ -13,7 +13,7 @@ from scipy.optimize import least_squares
 
 from fieldkit.calibration.uncertainty import students_factor
 from fieldkit.model.errors import CalibrationError
-from fieldkit.physics.camera_geometry import Camera, project
+from fieldkit.physics.camera_geometry import Camera, angles_of_axes, project
 from fieldkit.physics.facet import FloatArray
 
 LEAST_POINTS = 4
@@ -143,13 +143,4 @@ def _start(
         return None
     axes = cv2.Rodrigues(turned)[0]
     position = -axes.T @ moved.ravel()
-    return np.array([*position, *_angles_deg(np.asarray(axes)), hfov_deg])
-
-
-def _angles_deg(axes: FloatArray) -> tuple[float, float, float]:
-    """Yaw, pitch and roll of a camera's axes."""
-    right, _, forward = axes
-    yaw, pitch = np.arctan2(forward[0], forward[1]), np.arcsin(np.clip(forward[2], -1.0, 1.0))
-    level = np.array([np.cos(yaw), -np.sin(yaw), 0.0])
-    roll = np.arctan2(right @ np.cross(forward, level), right @ level)
-    return float(np.degrees(yaw)), float(np.degrees(pitch)), float(np.degrees(roll))
+    return np.array([*position, *angles_of_axes(np.asarray(axes)), hfov_deg])

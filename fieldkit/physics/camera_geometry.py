@@ -111,7 +111,12 @@ def angles_of_quaternion(quaternion: Sequence[float]) -> tuple[float, float, flo
     """
     from scipy.spatial.transform import Rotation  # slow to import, and every recording imports this file
 
-    right, _, forward = Rotation.from_quat(quaternion).as_matrix().T
+    return angles_of_axes(Rotation.from_quat(quaternion).as_matrix().T)
+
+
+def angles_of_axes(axes: FloatArray) -> tuple[float, float, float]:
+    """Yaw, pitch and roll in degrees of `Camera.axes` (3, 3)."""
+    right, _, forward = axes
     yaw, pitch = np.arctan2(forward[0], forward[1]), np.arcsin(np.clip(forward[2], -1.0, 1.0))
     level = np.array([np.cos(yaw), -np.sin(yaw), 0.0])
     roll = np.arctan2(right @ np.cross(forward, level), right @ level)
