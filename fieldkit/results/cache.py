@@ -36,7 +36,7 @@ Arrays = dict[str, NDArray[Any]]
 PACKAGES = ("numpy", "scipy", "astropy", "h5py")
 """Libraries whose version can change the last digits of a slope."""
 
-_HERE = ("budgets", "cache", "learnt_series", "minutes", "session_estimates", "sources", "together")
+_HERE = ("budgets", "cache", "minutes", "session_estimates", "sources", "together")
 """Files of this room that the numbers depend on."""
 
 _CHECKSUM_BYTES = hashlib.sha256().digest_size

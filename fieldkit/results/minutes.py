@@ -37,8 +37,7 @@ from fieldkit.model.slope import SlopeEstimate
 from fieldkit.physics.energy_balance import SurfaceParameters
 from fieldkit.results.cache import Arrays, Cache, as_texts, digest, of_texts
 from fieldkit.results.executors import results
-from fieldkit.results.learnt_series import LearntSeries
-from fieldkit.results.session_estimates import Estimates
+from fieldkit.results.session_estimates import Estimates, LearntSeries
 from fieldkit.results.sources import SessionOrFile, Source, config_for, marks_of, reading, regions_for
 from fieldkit.sessions.reader import SessionReader, open_session
 
