@@ -147,22 +147,13 @@ def _estimate_together(
 def _estimate_tables(
     paths: Sequence[Path], site: Site | None, reference: tuple[float, float], settings: Sequence[str]
 ) -> None:
-    from fieldkit.results.estimate import (
-        as_document,
-        estimate_table,
-        estimate_tables_together,
-        require_slope,
-    )
+    from fieldkit.results.estimate import as_document, estimate_tables, require_slope
 
     if site is None:
         raise click.UsageError("a table needs --site LAT,LON,ALT: where it was measured")
-    chosen: dict[str, Any] = {
-        "settings": settings, "reference_slope_deg": reference, "notify": common.say_warning,
-    }  # fmt: skip
-    if len(paths) == 1:
-        slopes = estimate_table(paths[0], site, **chosen)
-    else:
-        slopes = estimate_tables_together(paths, site, **chosen)
+    slopes = estimate_tables(
+        paths, site, settings=settings, reference_slope_deg=reference, notify=common.say_warning
+    )
     if common.options().json:
         named = {"table": str(paths[0])} if len(paths) == 1 else {"together": list(map(str, paths))}
         common.print_json({**named, "slopes": [as_document(one) for one in slopes]})

@@ -100,7 +100,7 @@ def command(ctx: click.Context, /, source: Path, out: Path | None, into: Path | 
     The session gets the regions of the campaign; draw them before or after (fieldkit roi).
     """
     from fieldkit.results.importing import ImportOptions, import_into, import_recording
-    from fieldkit.results.provenance import command_line
+    from fieldkit.results.result_files import command_line
     from fieldkit.sessions.reader import open_session
 
     unstated = ImportOptions(**{**given, "measures": given["measures"] or ""})

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 def run_until_stopped(prepared: PreparedRecording, views: Sequence[View]) -> RecordedSession:
     """Record until the planned end or a signal, which seals the session; a second one stops at once."""
-    from fieldkit.results.provenance import command_line
+    from fieldkit.results.result_files import command_line
     from fieldkit.views.service_manager import RecordingReports, is_expected
 
     if is_expected():

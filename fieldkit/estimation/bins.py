@@ -387,14 +387,6 @@ class RegionColumns:
         return np.array([i for i, region in enumerate(self.regions) if region.kind == kind], np.int64)
 
 
-def _unmeasured() -> FloatArray:
-    return np.empty(0)
-
-
-def _no_entries() -> NDArray[np.int64]:
-    return np.empty((0, 3), np.int64)
-
-
 _WHOLE = ("minute", "time_ns", "flags")
 _REAL = ("dni_w_m2", "dhi_w_m2", "longwave_down_w_m2", "air_k", "wind_m_s", "shift_px")
 
@@ -417,11 +409,11 @@ class History:
     longwave_down_w_m2: FloatArray
     flags: NDArray[np.int64]
     region_flags: NDArray[np.int64]
-    air_k: FloatArray = field(default_factory=_unmeasured)
-    wind_m_s: FloatArray = field(default_factory=_unmeasured)
-    probe_k: FloatArray = field(default_factory=_unmeasured)
-    shift_px: FloatArray = field(default_factory=_unmeasured)
-    shade_ledger: NDArray[np.int64] = field(default_factory=_no_entries)
+    air_k: FloatArray = field(default_factory=lambda: np.empty(0))
+    wind_m_s: FloatArray = field(default_factory=lambda: np.empty(0))
+    probe_k: FloatArray = field(default_factory=lambda: np.empty(0))
+    shift_px: FloatArray = field(default_factory=lambda: np.empty(0))
+    shade_ledger: NDArray[np.int64] = field(default_factory=lambda: np.empty((0, 3), np.int64))
 
     def __post_init__(self) -> None:
         for name, like in (

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.estimation.bins import History, RegionColumns, joined
+from fieldkit.estimation.budget import BudgetTerm, slope_budget
 from fieldkit.estimation.instant import with_along_sun
-from fieldkit.estimation.learned.budget import BudgetTerm, slope_budget
 from fieldkit.estimation.learned.inputs import (
     BRIDGED_MINUTES,
     MinuteInputs,
@@ -30,13 +30,23 @@ from fieldkit.estimation.learned.inputs import (
 )
 from fieldkit.estimation.learned.layout import Indices, Layout
 from fieldkit.estimation.learned.learner import Learner, Recorded
-from fieldkit.estimation.learned.misfit import MOST_MISFIT, Surprise, cause, misfit, surprise
 from fieldkit.estimation.learned.prior_state import prior_sds
-from fieldkit.estimation.learned.readout import KnownSlope, Moments, known_slope, learnt_parameters, moments
+from fieldkit.estimation.learned.readout import (
+    MOST_MISFIT,
+    KnownSlope,
+    Moments,
+    Surprise,
+    cause,
+    known_slope,
+    learnt_parameters,
+    misfit,
+    moments,
+    surprise,
+)
 from fieldkit.estimation.methods import kelvin_per_degree
 from fieldkit.estimation.region_temperatures import remove_offsets
 from fieldkit.estimation.settings import EstimatorSettings
-from fieldkit.estimation.slopes import slopes
+from fieldkit.estimation.slopes import label_of, slopes
 from fieldkit.model.confidence import percent
 from fieldkit.model.learnt import Learnt
 from fieldkit.model.region_schedule import Regions, RegionSchedule
@@ -296,7 +306,7 @@ class _Group:
 
     def _estimate(self, history: History, index: int) -> SlopeEstimate:
         region = self._columns.regions[self._targets[index]]
-        label, confidence = _label(self._settings), self._settings.confidence
+        label, confidence = label_of(self._settings), self._settings.confidence
         blank = SlopeEstimate(0, region.name, SlopeState.NO_DATA, model=label, confidence=confidence)
         if not len(history):
             return replace(blank, reason="no minutes yet")
@@ -485,7 +495,3 @@ def _missing(history: History, layout: Layout, region: Region) -> str:
     if not np.isfinite(history.temperature_k[:, layout.columns]).all(axis=1).any():
         return "no minute yet with frames of all regions"
     return "no irradiance yet"
-
-
-def _label(settings: EstimatorSettings) -> str:
-    return "learned, azimuth known" if settings.azimuth == "known" else "learned"

@@ -104,7 +104,7 @@ class Instruments:
         self.camera: StreamInfo | None = cameras[0] if cameras else None
         self._sources = list(_sources(streams, settings))
         self.unknown: tuple[str, ...] = _unknown(self._sources)
-        self._lux = self._best("illuminance")
+        self._lux = _best(self._sources, "illuminance")
         self.light_source: Source | None = _required_light(self._sources, settings)
         self.model: IrradianceModel = _model_of(self.light_source, settings.irradiance)
         self._probes = {
@@ -126,13 +126,8 @@ class Instruments:
     @property
     def label(self) -> str:
         """The irradiance model in words, and whether it uses measured diffuse light."""
-        uses_diffuse = self.model.kind == "pyranometer" and self._best("dhi") is not None
+        uses_diffuse = self.model.kind == "pyranometer" and _best(self._sources, "dhi") is not None
         return f"{self.model.label}, dhi as measured" if uses_diffuse else self.model.label
-
-    def _best(self, *components: str) -> Source | None:
-        """The best channel of these components: measured in most minutes, then first in the list."""
-        found = [one for one in self._sources if one.measures in components]
-        return min(found, key=lambda one: (one.is_slow, components.index(one.measures)), default=None)
 
     def light(self, minute: OpenBin, site: Site, settings: EstimatorSettings) -> MinuteIrradiance:
         """DNI of every light reading at its own time."""
@@ -170,7 +165,7 @@ class Instruments:
         slowly, and assumed values would be less accurate. Minutes must come in order. `sine` is of the sun's
         elevation, which limits light.
         """
-        source = self._best(quantity)
+        source = _best(self._sources, quantity)
         return float("nan") if source is None else self._held_mean(minute, source, sine)
 
     def probe_k(self, minute: OpenBin, regions: Sequence[Region]) -> FloatArray:
@@ -287,10 +282,15 @@ def sunlight_source(streams: Sequence[StreamInfo], settings: EstimatorSettings) 
 
 
 def _light(sources: Sequence[Source], settings: EstimatorSettings) -> Source | None:
-    """The best allowed channel; streams without a reading in most minutes come last."""
+    """The best allowed channel."""
     allowed = SUNLIGHT[:1] if settings.irradiance.is_direct else SUNLIGHT
-    usable = [one for one in _candidates(sources, settings) if one.measures in allowed]
-    return min(usable, key=lambda one: (one.is_slow, SUNLIGHT.index(one.measures)), default=None)
+    return _best(_candidates(sources, settings), *allowed)
+
+
+def _best(sources: Sequence[Source], *components: str) -> Source | None:
+    """The best channel of these components: measured in most minutes, then first in the list."""
+    found = [one for one in sources if one.measures in components]
+    return min(found, key=lambda one: (one.is_slow, components.index(one.measures)), default=None)
 
 
 def _candidates(sources: Sequence[Source], settings: EstimatorSettings) -> list[Source]:

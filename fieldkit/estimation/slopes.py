@@ -25,11 +25,10 @@ from numpy.typing import NDArray
 
 from fieldkit.estimation.balance import Rows, least_squares_rows
 from fieldkit.estimation.bins import History, RegionColumns
-from fieldkit.estimation.learned.budget import BudgetTerm
+from fieldkit.estimation.budget import BudgetTerm, RowBudget
 from fieldkit.estimation.methods import Solution, kelvin_per_degree, solutions, sunlit
 from fieldkit.estimation.normal import Misfit, choose, cramer_rao, solve, tangents
 from fieldkit.estimation.region_temperatures import remove_offsets, shifted_temperatures
-from fieldkit.estimation.row_budget import RowBudget
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.weather_reference import beside_level, shifted_levels
 from fieldkit.model.samples import Quality
@@ -200,7 +199,7 @@ class Window:
     def _blank(self, index: int) -> tuple[SlopeEstimate, bool]:
         """The estimate of a target without a slope, and whether it can be solved."""
         region = self.columns.regions[self.columns.targets[index]]
-        label, confidence = _label(self.settings), self.settings.confidence
+        label, confidence = label_of(self.settings), self.settings.confidence
         blank = SlopeEstimate(0, region.name, SlopeState.NO_DATA, model=label, confidence=confidence)
         if self.rows is None:
             reason = "no minutes yet" if self.columns.references.size else "no reference region"
@@ -215,7 +214,7 @@ class Window:
             window_start_ns=int(self.past.time_ns[self.first]),
             flags=flags,
         )
-        n_bins = int(self._counts[index])
+        n_bins = int(self._used[:, index].sum())
         if (unsolvable := self._unsolvable(index, n_bins)) is not None:
             state, reason = unsolvable
             low = Quality.LOW_SUN if state == SlopeState.LOW_SUN else Quality.GOOD
@@ -257,10 +256,6 @@ class Window:
         y, sigma, shade = self.rows.y, self.rows.sigma, self.rows.shade
         lit = np.column_stack([self._above_horizon(index) for index in range(y.shape[1])])
         return np.asarray(np.isfinite(y) & self._high_sun[:, np.newaxis] & lit & sunlit(y, sigma, shade))
-
-    @cached_property
-    def _counts(self) -> NDArray[np.int64]:
-        return np.asarray(self._used.sum(axis=0))
 
     def _above_horizon(self, index: int) -> NDArray[np.bool_]:
         """Minutes (n,) in which no horizon of the target or of a reference hides any of the sun.
@@ -305,10 +300,14 @@ class Window:
                 SlopeState.LOW_SUN,
                 f"the sun is at {elevation:.1f}°, below {self.settings.low_sun_deg:g}°",
             )
+        no_reference = "no frames of the reference"
+        if self.settings.reference == "weather":
+            no_reference = "no air temperature for its reference"
+        has_light = np.isfinite(self.past.dni_w_m2[self.first :]).any()
         for what, is_known in (
             ("no frames of this region", self._seen[column]),
-            (self._no_reference, self._seen[self.columns.references].any()),
-            ("no irradiance", self._has_light),
+            (no_reference, self._seen[self.columns.references].any()),
+            ("no irradiance", has_light),
         ):
             if not is_known:
                 return SlopeState.NO_DATA, f"{what} in the window"
@@ -319,19 +318,10 @@ class Window:
             return SlopeState.SHADED, _shade_reason(self.past, column)
         return None
 
-    @property
-    def _no_reference(self) -> str:
-        is_measured = self.settings.reference == "region"
-        return "no frames of the reference" if is_measured else "no air temperature for its reference"
-
     @cached_property
     def _seen(self) -> NDArray[np.bool_]:
         """Regions that have a temperature in the window."""
         return np.asarray(np.isfinite(self.past.temperature_k[self.first :]).any(axis=0))
-
-    @cached_property
-    def _has_light(self) -> bool:
-        return bool(np.isfinite(self.past.dni_w_m2[self.first :]).any())
 
     @cached_property
     def _shaded(self) -> NDArray[np.bool_]:
@@ -357,9 +347,10 @@ def _first(past: History, settings: EstimatorSettings, minutes: float | None) ->
     return int(np.searchsorted(past.minute, past.minute[-1] - minutes))
 
 
-def _label(settings: EstimatorSettings) -> str:
-    known = ", azimuth known" if settings.azimuth == "known" else ""
-    return f"{settings.model}, {settings.method}{known}"
+def label_of(settings: EstimatorSettings) -> str:
+    """The model of a slope in words, with the method where there is a choice."""
+    method = "" if settings.model == "learned" else f", {settings.method}"
+    return f"{settings.model}{method}{', azimuth known' if settings.azimuth == 'known' else ''}"
 
 
 def _filled(blank: SlopeEstimate, found: Solution, rows: Rows, index: int, known: float) -> SlopeEstimate:

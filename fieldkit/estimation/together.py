@@ -15,15 +15,14 @@ from itertools import pairwise
 from typing import Any
 
 from fieldkit.estimation.bins import History
+from fieldkit.estimation.budget import BudgetTerm
 from fieldkit.estimation.chain import Estimated, SlopeChain
-from fieldkit.estimation.learned.budget import BudgetTerm
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.errors import ConfigError
-from fieldkit.model.site import Region, RegionKind, Site
+from fieldkit.model.site import Region, RegionKind, Site, apart_m
 
 MOST_APART_M = 100.0
 """Between the sites of one place: twice what coordinates rounded to 0.001 degrees are off."""
-EARTH_RADIUS_M = 6_371_000.0
 OF_A_SESSION = frozenset(
     ("irradiance", "light_stream", "measures", "limits", "probes", "factor_sd", "site", "camera_path")
 )
@@ -100,10 +99,10 @@ def _utc(time_ns: int) -> str:
 
 
 def _require_same_place(part: Part, other: Part) -> None:
-    apart_m = _apart_m(part.site, other.site)
-    if part.site.body != other.site.body or apart_m > MOST_APART_M:
+    away_m = apart_m(part.site, other.site)
+    if part.site.body != other.site.body or away_m > MOST_APART_M:
         raise ConfigError(
-            f"{part.name} and {other.name} are {apart_m:.0f} m apart; one place is within {MOST_APART_M:g} m",
+            f"{part.name} and {other.name} are {away_m:.0f} m apart; one place is within {MOST_APART_M:g} m",
             fix="estimate them one by one, or correct a wrong site with --set site.latitude_deg=...",
         )
     if (mine := _references(part)) != (others := _references(other)):
@@ -120,14 +119,6 @@ def _require_same_place(part: Part, other: Part) -> None:
                 f"{one.azimuth_deg:g}° and {same.azimuth_deg:g}°",
                 fix="regions of one name must be one place: rename one of them with fieldkit roi",
             )
-
-
-def _apart_m(one: Site, other: Site) -> float:
-    """Along the surface, exact enough within kilometres. [m]."""
-    north = math.radians(other.latitude_deg - one.latitude_deg)
-    around = (other.longitude_deg - one.longitude_deg + 180.0) % 360.0 - 180.0
-    east = math.radians(around) * math.cos(math.radians(one.latitude_deg))
-    return EARTH_RADIUS_M * math.hypot(north, east)
 
 
 def _references(part: Part) -> dict[str, tuple[float, float]]:

@@ -128,36 +128,30 @@ def layer_along_sun(found: AlongSun, confidence: float) -> Layer:
 
 def _kinds(wanted: Products, suns: FloatArray) -> Iterator[_Kind]:
     drive_deg = wanted.drive_deg
-    kinds = {
-        "slope": _Kind(
-            "slope", "tilt from horizontal", "degree", _tilt, "ground_slope_angle", quick=_quick_tilt
+    kinds = (
+        _Kind(
+            "slope", "tilt from horizontal", "degree",
+            lambda normals: tilt_azimuth(normals)[0], "ground_slope_angle", quick=_quick_tilt,
         ),
-        "heading": _Kind(
-            "heading", "direction of the surface normal from true north, clockwise", "degree", _azimuth,
-            "ground_slope_direction", is_cyclic=True, quick=_quick_azimuth,
+        _Kind(
+            "heading", "direction of the surface normal from true north, clockwise", "degree",
+            lambda normals: tilt_azimuth(normals)[1], "ground_slope_direction", is_cyclic=True,
+            quick=_quick_azimuth,
         ),
-        "rdir": _Kind(
+        _Kind(
             "rdir", f"slope along a drive towards {drive_deg:g} degrees, positive uphill", "degree",
             lambda normals: climb_deg(normals, drive_deg),
         ),
-        "ntilt": _Kind("ntilt", "tilt towards north, negative towards south", "degree", northerly_tilt_deg),
-        "solar": _Kind(
+        _Kind("ntilt", "tilt towards north, negative towards south", "degree", northerly_tilt_deg),
+        _Kind(
             "solar", "mean cosine of the sun's incidence over the body's day, zero while it is dark", "1",
             lambda normals: sunlit_cosine(normals, suns), quick=_tabulated(suns),
         ),
-    }  # fmt: skip
-    yield from (kind for name, kind in kinds.items() if name in wanted.names)
+    )  # fmt: skip
+    yield from (kind for kind in kinds if kind.name in wanted.names)
     if "uvw" in wanted.names:
         for axis, (name, direction) in enumerate((("u", "east"), ("v", "north"), ("w", "up"))):
             yield _Kind(name, f"component of the unit normal, {direction}", "1", _component(axis))
-
-
-def _tilt(normals: FloatArray) -> FloatArray:
-    return tilt_azimuth(normals)[0]
-
-
-def _azimuth(normals: FloatArray) -> FloatArray:
-    return tilt_azimuth(normals)[1]
 
 
 def _quick_tilt(normals: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -20,8 +20,8 @@ _ALWAYS, _NEVER = -(2**62), 2**62
 class RegionSchedule:
     """Outlines as columns that are only ever appended: a region that is redrawn gets a new column.
 
-    `columns` are in the order they were drawn, each holds in minutes since 1970 UTC ``since <= minute <
-    until``.
+    `columns` are in the order they were drawn, each holds in minutes since 1970 UTC from `since` to before
+    `until`.
     """
 
     columns: tuple[Region, ...]

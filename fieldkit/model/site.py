@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import NumberedEnum
 
+EARTH_RADIUS_M = 6_371_000.0
+
 
 @dataclass(frozen=True, slots=True)
 class Site:
@@ -58,6 +60,14 @@ def as_site(site: Site | Sequence[float]) -> Site:
         raise ConfigError(f"{site!r} is not a site", fix="give latitude first, then longitude, in degrees")
     elevation_m = site[2] if len(site) == 3 else 0.0
     return Site(latitude_deg, longitude_deg, elevation_m, zone_by_longitude(longitude_deg))
+
+
+def apart_m(one: Site, other: Site) -> float:
+    """Distance along the Earth's surface, exact enough within some ten kilometres, m."""
+    north = math.radians(other.latitude_deg - one.latitude_deg)
+    around = (other.longitude_deg - one.longitude_deg + 180.0) % 360.0 - 180.0
+    east = math.radians(around) * math.cos(math.radians(one.latitude_deg))
+    return EARTH_RADIUS_M * math.hypot(north, east)
 
 
 def with_zone(site: Site, zone: str | None) -> Site:

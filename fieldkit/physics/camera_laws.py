@@ -145,10 +145,10 @@ def ht301_fpa_c(width: int, fpa_raw: int) -> float:
 def ht301_curve(parameters: Ht301Parameters) -> tuple[float, float, float]:
     """Coefficients (a, b, c) of ``T = sqrt(a x + b) + c`` for counts x, T in kelvin.
 
-    They are not finite where the metadata rows are implausible. The published form is ``T0 = sqrt(((x - off)
-    g + s) / c1 + q) - p`` with ``p = c2 / 2 c1``, ``q = p^2``, ``s = c1 ts^2 + c2 ts``, ``g = c3 tf^2 + c4 tf
-    + c5``, in °C. Two public programs for the -20 to 120 °C range agree on it. The upper range of the camera
-    is disputed and not covered.
+    They are not finite where the metadata rows are implausible. The published form is
+    ``T0 = sqrt(((x - off) g + s) / c1 + q) - p`` with ``p = c2 / 2 c1``, ``q = p^2``,
+    ``s = c1 ts^2 + c2 ts``, ``g = c3 tf^2 + c4 tf + c5``, in °C. Two public programs for the -20 to 120 °C
+    range agree on it. The upper range of the camera is disputed and not covered.
     """
     t_fpa, t_shutter = ht301_fpa_c(parameters.width, parameters.fpa_raw), parameters.shutter_c
     offset = parameters.cal_00 - (170 if parameters.width == 256 else max(0, int(390 - 7.05 * t_fpa)))

@@ -343,9 +343,9 @@ def perez_brightening(
 ) -> tuple[FloatArray, FloatArray]:
     """Shares of the diffuse light that come from around the sun and from the horizon.
 
-    F1, at least 0, and F2, negative where the zenith is brighter; on a facet of tilt b they give ``DHI ((1 -
-    F1) (1 + cos b) / 2 + F1 a / b' + F2 sin b)``, with a / b' as in `perez_diffuse`. Arguments as of
-    `perez_efficacy`, and its source: eqs. (1), (9) and tables 1 and 6.
+    F1, at least 0, and F2, negative where the zenith is brighter; on a facet of tilt b they give
+    ``DHI ((1 - F1) (1 + cos b) / 2 + F1 a / b' + F2 sin b)``, with a / b' as in `perez_diffuse`. Arguments as
+    of `perez_efficacy`, and its source: eqs. (1), (9) and tables 1 and 6.
     """
     cosine = np.clip(np.asarray(cos_zenith, np.float64), 0.0, 1.0)
     zenith, sky = np.arccos(cosine), np.maximum(np.asarray(dhi_w_m2, np.float64), 1e-3)

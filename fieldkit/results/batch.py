@@ -15,8 +15,7 @@ from fieldkit.model.site import RegionKind
 from fieldkit.results.budgets import budget_columns, budgets_of
 from fieldkit.results.executors import THIS_PROCESS, Workers
 from fieldkit.results.minutes import Failure, Outcome, Run, estimate_runs, run_of
-from fieldkit.results.provenance import provenance
-from fieldkit.results.result_files import write_results
+from fieldkit.results.result_files import provenance, write_results
 from fieldkit.results.session_estimates import Estimates
 from fieldkit.results.sources import Source, source_of
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from fieldkit.estimation import slopes
+from fieldkit.estimation.budget import BudgetTerm
 from fieldkit.estimation.chain import SlopeChain
-from fieldkit.estimation.learned.budget import BudgetTerm
 from fieldkit.results.cache import Arrays, digest
 from fieldkit.results.minutes import Run, measured_in
 from fieldkit.sessions.json_forms import build

@@ -9,12 +9,14 @@ from __future__ import annotations
 import functools
 import hashlib
 import io
+import json
 import logging
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import platformdirs
@@ -26,13 +28,15 @@ import fieldkit.physics
 import fieldkit.sessions
 from fieldkit import __version__
 from fieldkit.disk import replacing
+from fieldkit.sessions.json_forms import build
 
+T = TypeVar("T")
 Arrays = dict[str, NDArray[Any]]
 
 PACKAGES = ("numpy", "scipy", "astropy", "h5py")
 """Libraries whose version can change the last digits of a slope."""
 
-_HERE = ("budgets", "cache", "learnt_series", "minutes", "session_estimates", "sources", "together")
+_HERE = ("budgets", "cache", "minutes", "session_estimates", "sources", "together")
 """Files of this room that the numbers depend on."""
 
 _CHECKSUM_BYTES = hashlib.sha256().digest_size
@@ -83,6 +87,16 @@ class Cache:
 
     def _path(self, key: str) -> Path:
         return self.folder / key[:2] / f"{key}.arrays"
+
+
+def as_texts(values: Iterable[Any]) -> NDArray[np.bytes_]:
+    """Dataclasses as an array of JSON, every number exact."""
+    return np.array([json.dumps(asdict(one)) for one in values], np.bytes_)
+
+
+def of_texts(kind: type[T], texts: NDArray[Any]) -> list[T]:
+    """The dataclasses that `as_texts` made texts of."""
+    return [build(kind, json.loads(text)) for text in texts.tolist()]
 
 
 def digest(*made_of: object) -> str:

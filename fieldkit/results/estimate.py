@@ -13,7 +13,6 @@ from fieldkit.estimation.estimator import Estimator, Minute
 from fieldkit.estimation.estimator_keys import Model
 from fieldkit.estimation.table import as_part, possible, slopes_of_part
 from fieldkit.estimation.together import Part, slopes_together
-from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, NoAnswerError
 from fieldkit.model.site import Region, Site
 from fieldkit.model.slope import SLOPE_FIELDS, WITH_SLOPE, SlopeEstimate
@@ -95,25 +94,7 @@ def estimate(
     return estimate_run(run_of(source, settings_from(keys)))
 
 
-def estimate_table(
-    path: str | Path,
-    site: Site,
-    *,
-    settings: Sequence[str] = (),
-    reference_slope_deg: tuple[float, float] = (0.0, 0.0),
-    notify: Callable[[str], None] = log_warning,
-) -> tuple[SlopeEstimate, ...]:
-    """Estimate the slopes of all targets of a table of temperatures, over all of it unless a window is set.
-
-    `path` is a CSV file with the columns of `fieldkit.results.temperature_table`, measured at `site`;
-    `settings` are ``KEY=VALUE`` over the default configuration, `reference_slope_deg` tilt and azimuth of the
-    reference. `notify` receives a warning for each column with values that cannot be and are not used. Raises
-    `ConfigError` if the file is not such a table, or a setting is wrong.
-    """
-    return slopes_of_part(_table_part(Path(path), site, settings, reference_slope_deg, notify))
-
-
-def estimate_tables_together(
+def estimate_tables(
     paths: Sequence[str | Path],
     site: Site,
     *,
@@ -121,12 +102,16 @@ def estimate_tables_together(
     reference_slope_deg: tuple[float, float] = (0.0, 0.0),
     notify: Callable[[str], None] = log_warning,
 ) -> tuple[SlopeEstimate, ...]:
-    """Estimate one slope of each target from several tables of one place, as `estimate_together`.
+    """Estimate the slopes of all targets of a table of temperatures; of several, one slope for all of them.
 
-    Parameters, errors and warnings are those of `estimate_table`; `ConfigError` also for tables that overlap.
+    Tables are CSV files with the columns of `fieldkit.results.temperature_table`, measured at `site`. Of one
+    all of it counts unless a window is set; several are taken as by `estimate_together`. `settings` are
+    ``KEY=VALUE`` over the default configuration, `reference_slope_deg` tilt and azimuth of the reference.
+    `notify` receives a warning for each column with values that cannot be and are not used. Raises
+    `ConfigError` if a file is not such a table, a setting is wrong, or tables overlap.
     """
     parts = [_table_part(Path(path), site, settings, reference_slope_deg, notify) for path in paths]
-    return slopes_together(parts).estimated.slopes
+    return slopes_of_part(parts[0]) if len(parts) == 1 else slopes_together(parts).estimated.slopes
 
 
 def _table_part(
@@ -147,13 +132,10 @@ def _table_part(
     return as_part(str(path), table, config.site, settings_used, reference_slope_deg)
 
 
-def estimator_for(
-    session: SessionReader, config: Config, *, present: bool = False, streams: Sequence[StreamInfo] = ()
-) -> Estimator:
-    """A fresh estimator for a session's streams, or for some of them."""
-    regions = regions_for(session, config, present=present)
-    chosen = tuple(streams or session.streams.values())
-    return Estimator(config.site, regions, chosen, config.estimator_settings())
+def estimator_for(session: SessionReader, config: Config, *, present: bool = False) -> Estimator:
+    """A fresh estimator for a session's streams."""
+    regions, streams = regions_for(session, config, present=present), tuple(session.streams.values())
+    return Estimator(config.site, regions, streams, config.estimator_settings())
 
 
 def minutes_of(session: SessionReader, estimator: Estimator) -> Iterator[Minute]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, fields, replace
@@ -18,7 +17,7 @@ from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.errors import ConfigError, FieldkitError
 from fieldkit.model.limits import rows_of
 from fieldkit.model.samples import Severity
-from fieldkit.model.site import Site
+from fieldkit.model.site import Site, apart_m
 from fieldkit.results import import_flir
 from fieldkit.results.session import Session, open_session
 from fieldkit.results.sources import SessionOrFile, log_warning, reading
@@ -38,8 +37,7 @@ from fieldkit.weather import is_station_file
 
 AUTO: Literal["auto"] = "auto"
 TABLES = (".csv", ".txt", ".tsv", ".dat")
-KM_PER_DEGREE = 111.2
-NEAR_KM = 2.0
+NEAR_M = 2000.0
 """A station nearer than this has the session's clouds."""
 
 
@@ -252,7 +250,7 @@ def _placed(
     recording: ImportedRecording, site: Site | None, config: Config | None
 ) -> tuple[Site, ImportedRecording]:
     """Site of the recording, and the recording with a warning if only the campaign states that."""
-    if site is not None and recording.site is not None and _apart_km(site, recording.site) >= NEAR_KM:
+    if site is not None and recording.site is not None and apart_m(site, recording.site) >= NEAR_M:
         raise ConfigError(
             f"the recording states the place {_coordinates(recording.site)}, --site {_coordinates(site)}",
             fix="omit --site",
@@ -278,12 +276,6 @@ def _coordinates(site: Site) -> str:
     return f"{site.latitude_deg:g}, {site.longitude_deg:g}"
 
 
-def _apart_km(one: Site, other: Site) -> float:
-    north = one.latitude_deg - other.latitude_deg
-    east = (one.longitude_deg - other.longitude_deg) * math.cos(math.radians(other.latitude_deg))
-    return KM_PER_DEGREE * math.hypot(north, east)
-
-
 def _note_on_default(site: Site) -> str:
     default = PAPER_SITE["latitude_deg"], PAPER_SITE["longitude_deg"]
     is_default = (site.latitude_deg, site.longitude_deg) == default
@@ -294,11 +286,11 @@ def _warned_of_distance(recording: ImportedRecording, site: Site) -> ImportedRec
     """The recording, with a warning if it was made at another place than the session."""
     if recording.site is None:
         return recording
-    apart_km = _apart_km(recording.site, site)
-    if apart_km < NEAR_KM:
+    away_m = apart_m(recording.site, site)
+    if away_m < NEAR_M:
         return recording
     return _warned(
-        recording, f"the station is {apart_km:.0f} km from the session's site: cloud cover may differ"
+        recording, f"the station is {away_m / 1000.0:.0f} km from the session's site: cloud cover may differ"
     )
 
 

@@ -12,7 +12,7 @@ import json
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
 from itertools import chain, islice
 from pathlib import Path
@@ -35,12 +35,10 @@ from fieldkit.model.region_schedule import Regions, RegionSchedule
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.slope import SlopeEstimate
 from fieldkit.physics.energy_balance import SurfaceParameters
-from fieldkit.results.cache import Arrays, Cache, digest
+from fieldkit.results.cache import Arrays, Cache, as_texts, digest, of_texts
 from fieldkit.results.executors import results
-from fieldkit.results.learnt_series import LearntSeries
-from fieldkit.results.session_estimates import Estimates
+from fieldkit.results.session_estimates import Estimates, LearntSeries
 from fieldkit.results.sources import SessionOrFile, Source, config_for, marks_of, reading, regions_for
-from fieldkit.sessions.json_forms import build
 from fieldkit.sessions.reader import SessionReader, open_session
 
 FINISHED = ("sealed", "recovered")
@@ -126,16 +124,15 @@ class Measured:
             "damaged": dict(self.damaged), "irradiance_model": self.irradiance_model,
             "is_recordings": self.is_recordings,
         }  # fmt: skip
-        texts = [json.dumps(asdict(one)) for one in self.minutes]
-        lines = {"minutes": np.array(texts, np.bytes_), "about": np.array([json.dumps(about)], np.bytes_)}
-        return {**lines, **self.history.arrays()}
+        about_text = np.array([json.dumps(about)], np.bytes_)
+        return {"minutes": as_texts(self.minutes), "about": about_text, **self.history.arrays()}
 
     @classmethod
     def of(cls, arrays: Arrays) -> Measured:
         """Minutes of which `arrays` made arrays."""
-        minutes = tuple(build(Minute, json.loads(text)) for text in arrays["minutes"].tolist())
         about = json.loads(arrays["about"].tolist()[0])
-        return cls(minutes, History(**{one.name: arrays[one.name] for one in fields(History)}), **about)
+        history = History(**{one.name: arrays[one.name] for one in fields(History)})
+        return cls(tuple(of_texts(Minute, arrays["minutes"])), history, **about)
 
 
 def measure(
@@ -339,17 +336,18 @@ class SessionMinutes:
         found = self.estimates(model)
         slopes, learnt = iter(found), found.learnt.by_time_ns
         minutes = zip(self.measured.minutes, self.measured.history.minute.tolist(), strict=True)
+
+        def targets(minute: int) -> int:
+            return sum(one.kind is RegionKind.TARGET for one in self.schedule.regions_at(minute))
+
         return [
             replace(
                 one,
-                estimates=tuple(islice(slopes, self._targets(minute))),
+                estimates=tuple(islice(slopes, targets(minute))),
                 learnt=learnt.get(one.time_ns),
             )
             for one, minute in minutes
         ]
-
-    def _targets(self, minute: int) -> int:
-        return sum(region.kind is RegionKind.TARGET for region in self.schedule.regions_at(minute))
 
 
 # --- many runs

@@ -18,7 +18,7 @@ from fieldkit.palettes import INFERNO
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.results.budgets import budgets_of
 from fieldkit.results.minutes import SessionMinutes
-from fieldkit.results.provenance import command_line
+from fieldkit.results.result_files import command_line
 from fieldkit.results.slope_map import slope_map
 from fieldkit.results.sources import (
     SessionOrFile,

@@ -5,14 +5,20 @@ from __future__ import annotations
 import csv
 import json
 import math
+import platform
+import shlex
+import sys
 from collections.abc import Mapping, Sequence
+from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from fieldkit.disk import sha256
-from fieldkit.model.errors import ConfigError, StorageError, message_of
+from fieldkit.model.errors import ConfigError, FieldkitError, StorageError, message_of
+from fieldkit.results.cache import PACKAGES, code_version
 from fieldkit.results.json_document import to_json
+from fieldkit.results.sources import Source
 from fieldkit.sessions.formats.tables_out import as_text
 
 Columns = Mapping[str, Sequence[Any]]
@@ -130,3 +136,32 @@ def _write_parquet(path: Path, columns: Columns) -> None:
     import pyarrow.parquet
 
     pyarrow.parquet.write_table(pyarrow.table(dict(columns)), path)
+
+
+# --- provenance: the command typed, the code, its libraries, the sessions by content
+
+
+def command_line() -> str:
+    """The ``fieldkit`` command that is running, as it was typed; empty if another program calls fieldkit.
+
+    The arguments of a notebook's kernel or of a user's script are not ours to record.
+    """
+    program = Path(sys.argv[0])
+    is_fieldkit = program.stem == "fieldkit" or program.parts[-2:] == ("fieldkit", "__main__.py")
+    return shlex.join(["fieldkit", *sys.argv[1:]]) if is_fieldkit else ""
+
+
+def provenance(sources: Sequence[Source], failures: Mapping[Path, FieldkitError]) -> dict[str, Any]:
+    """Provenance of a result: command, code, libraries, sessions by content. No dates, so it repeats."""
+    return {
+        "command_line": command_line(),
+        "code_version": code_version(),
+        "python": platform.python_version(),
+        "platform": f"{platform.system()} {platform.machine()}",
+        "packages": {name: metadata.version(name) for name in PACKAGES},
+        "sessions": [
+            {"path": str(source.path), "sha256": source.checksum, "session_id": source.session_id}
+            for source in sources
+        ],
+        "problems": [{"path": str(path), "problem": error.message} for path, error in failures.items()],
+    }

@@ -50,7 +50,7 @@ from fieldkit.results.cache import code_version
 from fieldkit.results.executors import THIS_PROCESS, Workers, results
 from fieldkit.results.map_file import BOUNDS, VARIABLES, write_map
 from fieldkit.results.minutes import SessionMinutes
-from fieldkit.results.provenance import command_line
+from fieldkit.results.result_files import command_line
 from fieldkit.results.session_estimates import Estimates
 from fieldkit.results.sources import SessionOrFile, Settings, config_for, log_warning, reading, settings_from
 from fieldkit.sessions.file_tree import iso_utc

@@ -28,8 +28,7 @@ from fieldkit.results.batch import (
 )
 from fieldkit.results.executors import THIS_PROCESS, Workers
 from fieldkit.results.minutes import Outcome, Run, run_of
-from fieldkit.results.provenance import provenance
-from fieldkit.results.result_files import write_results
+from fieldkit.results.result_files import provenance, write_results
 from fieldkit.results.sources import Source, log_info, qualified_key
 
 if TYPE_CHECKING:
@@ -125,12 +124,12 @@ def sweep(
 ) -> Sweep:
     """Estimate session files with every combination of parameters; what was estimated before is cached.
 
-    `parameters` are values to try by key of ``fieldkit.toml``, or their grid: ``{"albedo": [0.15, 0.20,
-    0.25], "estimator.model": ["paper", "full"]}``. Besides, with the learned model, ``"prior": ["configured",
-    "others"]``: each session with the prior as configured, and with what all other sessions taught of sand
-    and light meter. `present` takes the campaign's ``fieldkit.toml`` and regions as they are now, `workers`
-    estimate; `on_progress` is called with the number of finished runs and of all, `notify` receives how many
-    there are, before the first.
+    `parameters` are values to try by key of ``fieldkit.toml``, or their grid:
+    ``{"albedo": [0.15, 0.20, 0.25], "estimator.model": ["paper", "full"]}``. Besides, with the learned model,
+    ``"prior": ["configured", "others"]``: each session with the prior as configured, and with what all other
+    sessions taught of sand and light meter. `present` takes the campaign's ``fieldkit.toml`` and regions as
+    they are now, `workers` estimate; `on_progress` is called with the number of finished runs and of all,
+    `notify` receives how many there are, before the first.
 
     Sessions that cannot be estimated are in the `failures` of the sweep. Raises `ConfigError` for a key or
     value that no estimate has, and for the prior from others of a single session.

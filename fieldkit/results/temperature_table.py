@@ -1,4 +1,4 @@
-"""Tables of measured temperatures as CSV files, for `fieldkit.results.estimate.estimate_table`.
+"""Tables of measured temperatures as CSV files, for `fieldkit.results.estimate.estimate_tables`.
 
 Columns: ``time`` (ISO 8601 with zone), ``reference_k``, one ``NAME_k`` per target (or
 ``_c`` for both), ``irradiance_w_m2`` (direct normal), ``ghi_w_m2`` (global horizontal) or

@@ -6,13 +6,10 @@ files of their own where that is asked for.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from fieldkit.estimation.estimator_keys import Model
 from fieldkit.estimation.together import Part, slopes_together
@@ -20,7 +17,7 @@ from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import Region
 from fieldkit.results.batch import Progress, no_progress, session_names
 from fieldkit.results.budgets import Budgets, budget_columns, packed_budgets, unpacked_budgets
-from fieldkit.results.cache import Cache, digest
+from fieldkit.results.cache import Cache, as_texts, digest, of_texts
 from fieldkit.results.minutes import (
     Run,
     final_estimates_of,
@@ -29,11 +26,9 @@ from fieldkit.results.minutes import (
     run_of,
     unpacked_slopes,
 )
-from fieldkit.results.provenance import provenance
-from fieldkit.results.result_files import write_results
+from fieldkit.results.result_files import provenance, write_results
 from fieldkit.results.session_estimates import Estimates
 from fieldkit.results.sources import SessionOrFile, Settings, log_warning, path_of, settings_from, source_of
-from fieldkit.sessions.json_forms import build
 
 
 @dataclass(frozen=True, repr=False)
@@ -151,13 +146,11 @@ def _joined(runs: Sequence[Run], parts: Sequence[Part]) -> tuple[Estimates, Budg
     cache = Cache(checksums=[run.source.checksum for run in runs])
     key = digest("together", *(run.key for run in runs))
     if (entry := cache.load(key)) is not None:
-        regions = tuple(build(Region, one) for one in json.loads(entry["regions"].tolist()[0]))
-        return unpacked_slopes(entry, regions), unpacked_budgets(entry)
+        return unpacked_slopes(entry, tuple(of_texts(Region, entry["regions"]))), unpacked_budgets(entry)
     found = slopes_together(parts)
     made = final_estimates_of(found.history, found.regions, found.estimated)
-    regions_text = json.dumps([asdict(one) for one in found.regions])
-    arrays = {"regions": np.array([regions_text], np.bytes_)}
-    cache.store(key, {**arrays, **packed_slopes(made), **packed_budgets(found.budgets)})
+    arrays = {"regions": as_texts(found.regions), **packed_slopes(made), **packed_budgets(found.budgets)}
+    cache.store(key, arrays)
     return made, found.budgets
 
 

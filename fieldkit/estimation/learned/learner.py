@@ -93,11 +93,6 @@ class Learner:
         self.posterior: Posterior = self._posterior(STEPS_AFTER_DRAW)
 
     @property
-    def innovations(self) -> list[Innovation]:
-        """Prediction errors of all minutes under the present hypotheses."""
-        return self._innovations
-
-    @property
     def minutes(self) -> Sequence[MinuteInputs]:
         """All minutes taken, with those that were bridged."""
         return [minute for one in self._sessions for minute in one.minutes]
@@ -116,7 +111,7 @@ class Learner:
         """Take one more minute, bridging those that are missing before it."""
         for one in (*bridge(self.last, minute), minute):
             self._sessions[-1].minutes.append(one)
-            self._innovations.append(self._filters.step(one))
+            self.innovations.append(self._filters.step(one))
         self.posterior = self._posterior(STEPS)
         if self._is_due():
             self._draw_anew(ROUNDS if self._judged else FIRST_ROUNDS)
@@ -171,11 +166,12 @@ class Learner:
         ]
         drawn = hypotheses(self._points, self.settings)
         self._filters = Filters(self.layout, drawn, self.settings, *begun[0])
-        self._innovations: list[Innovation] = []
+        self.innovations: list[Innovation] = []
+        """Prediction errors of all minutes under the present hypotheses."""
         for number, one in enumerate(self._sessions):
             if number:
                 self._filters.begin_session(*begun[number])
-            self._innovations += [self._filters.step(minute) for minute in one.minutes]
+            self.innovations += [self._filters.step(minute) for minute in one.minutes]
         self._starts = self._directions()
 
     def _posterior(self, steps: int) -> Posterior:

@@ -14,8 +14,8 @@ from typing import get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldkit.estimation.budget import BudgetTerm
 from fieldkit.estimation.estimator_keys import Model
-from fieldkit.estimation.learned.budget import BudgetTerm
 from fieldkit.estimation.region_temperatures import difference_k
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.units import MINUTE_NS

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from fieldkit.estimation.learned.budget import BudgetTerm
+from fieldkit.estimation.budget import BudgetTerm
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.statistics import SdKind
 from fieldkit.model.samples import Event, EventKind, Frame

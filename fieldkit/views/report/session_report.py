@@ -7,7 +7,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from fieldkit.estimation.learned.budget import BudgetTerm
+from fieldkit.estimation.budget import BudgetTerm
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.statistics import SdKind
 from fieldkit.model.samples import Frame

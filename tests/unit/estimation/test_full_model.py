@@ -9,7 +9,7 @@ import pytest
 
 from fieldkit.estimation.balance import least_squares_rows
 from fieldkit.estimation.bins import History, RegionColumns
-from fieldkit.estimation.learned.budget import REST
+from fieldkit.estimation.budget import REST
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.slopes import budgets, slopes
 from fieldkit.estimation.table import TemperatureTable, as_part, slopes_of_part

@@ -8,9 +8,9 @@ import pytest
 from benchmarks.drawn_worlds import CLEAR, DAY_NS, SOUTH
 from benchmarks.estimation_together import alone_and_together, as_part, half_widths, visits
 from fieldkit.estimation.bins import joined
-from fieldkit.estimation.together import EARTH_RADIUS_M, MOST_APART_M, slopes_together
+from fieldkit.estimation.together import MOST_APART_M, slopes_together
 from fieldkit.model.errors import ConfigError
-from fieldkit.model.site import RegionKind
+from fieldkit.model.site import EARTH_RADIUS_M, RegionKind
 from fieldkit.physics.slab import Slab
 
 

@@ -21,7 +21,7 @@ from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.facet import angle_between_deg, normal
 from fieldkit.physics.slab import Slab
 from fieldkit.recording.field_history import history_of
-from fieldkit.results.estimate import estimate_table
+from fieldkit.results.estimate import estimate_tables
 from fieldkit.weather import packaged
 
 NONE = ((0.0, 0.0),)
@@ -120,8 +120,8 @@ def test_a_table_needs_no_reference_then(day, tmp_path):
         times = np.datetime_as_string(day.time_ns.astype("datetime64[ns]"), unit="s")
         writer.writerows(zip(np.char.add(times, "Z"), kelvin, day.air_k, *light, strict=True))
     with pytest.raises(ConfigError, match="reference_k"):
-        estimate_table(path, packaged().site)
-    (found,) = estimate_table(path, packaged().site, settings=["estimator.reference=weather"])
+        estimate_tables([path], packaged().site)
+    (found,) = estimate_tables([path], packaged().site, settings=["estimator.reference=weather"])
     assert (found.region, found.model) == ("bed", "full, unit-norm")
     assert angle_between_deg(normal(found.tilt_deg, found.azimuth_deg), normal(20.0, 90.0)) < 3.0
 

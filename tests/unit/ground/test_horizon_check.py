@@ -8,11 +8,11 @@ import pytest
 
 from fieldkit.estimation.estimator import Minute
 from fieldkit.estimation.settings import EstimatorSettings
-from fieldkit.ground.horizon_check import horizon_findings
 from fieldkit.model.samples import Event, EventKind, Quality
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.horizon import Horizon
+from fieldkit.results.check import horizon_findings
 
 SQUARE = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0))
 REGIONS = (Region("flat", RegionKind.REFERENCE, SQUARE), Region("b15", RegionKind.TARGET, SQUARE))

@@ -21,9 +21,9 @@ from fieldkit.results import minutes as minutes_service
 from fieldkit.results.batch import estimate_sessions
 from fieldkit.results.describe import describe
 from fieldkit.results.estimate import estimate
-from fieldkit.results.learnt_series import LearntSeries
 from fieldkit.results.report import report
 from fieldkit.results.session import open_session
+from fieldkit.results.session_estimates import LearntSeries
 from fieldkit.results.slope_map import slope_map
 from fieldkit.results.sources import settings_from
 from fieldkit.sessions.clock_correction import apply_time_map

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from fieldkit.results.provenance import command_line
+from fieldkit.results.result_files import command_line
 
 
 @pytest.mark.parametrize(

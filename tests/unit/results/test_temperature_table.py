@@ -9,7 +9,7 @@ from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import Site
 from fieldkit.model.slope import SlopeState
 from fieldkit.physics.irradiance import IrradianceModel
-from fieldkit.results.estimate import estimate_table, require_slope
+from fieldkit.results.estimate import estimate_tables, require_slope
 from fieldkit.results.temperature_table import read_table
 from fieldkit.views import formatting
 
@@ -245,11 +245,11 @@ def test_a_cell_that_cannot_be_is_as_an_empty_one_and_is_named_by_its_line(table
 
     told: list[str] = []
     settings = ["estimator.model=paper", "estimator.window_s=1e6"]
-    found = estimate_table(table(with_cell(cell)), SITE, settings=settings, notify=told.append)
+    found = estimate_tables([table(with_cell(cell))], SITE, settings=settings, notify=told.append)
     (text,) = told
     assert f"{column}: 1 implausible value, the first {float(cell):.6g}" in text
     assert "at line 3; possible: " in text
-    empty = estimate_table(table(with_cell("")), SITE, settings=settings, notify=told.append)
+    empty = estimate_tables([table(with_cell(""))], SITE, settings=settings, notify=told.append)
     assert repr(found) == repr(empty)
     assert len(told) == 1
 
@@ -257,17 +257,17 @@ def test_a_cell_that_cannot_be_is_as_an_empty_one_and_is_named_by_its_line(table
 def test_a_hot_plate_is_possible_where_the_limits_say_so(table):
     hot = CASE_1.replace("325.23205", "455.0")
     told: list[str] = []
-    estimate_table(table(hot), SITE, notify=told.append)
+    estimate_tables([table(hot)], SITE, notify=told.append)
     assert len(told) == 1
     settings = ["limits.surface_temperature_c=[-50, 250]"]
-    estimate_table(table(hot), SITE, settings=settings, notify=told.append)
+    estimate_tables([table(hot)], SITE, settings=settings, notify=told.append)
     assert len(told) == 1
 
 
 def test_one_row_gives_the_component_along_the_sun(table):
     """The golden 15:00: 10 degrees to the south, sun at 251.59 (SPA), so atan(tan 10 cos 71.59) = 3.19."""
     one = "\n".join([CASE_1.splitlines()[0], CASE_1.splitlines()[-1]])
-    (bed,) = estimate_table(table(one), SITE, settings=["estimator.model=paper"])
+    (bed,) = estimate_tables([table(one)], SITE, settings=["estimator.model=paper"])
     assert (bed.state, bed.n_bins) == (SlopeState.TOO_FEW, 1)
     assert bed.along_sun_low_deg < 3.19 < bed.along_sun_high_deg
     assert bed.along_sun_deg == pytest.approx(3.19, abs=1.0)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from benchmarks.drawn_worlds import CLEAR
+from fieldkit.estimation.budget import REST, budget_of
 from fieldkit.estimation.chain import SlopeChain
-from fieldkit.estimation.learned.budget import REST, budget_of
 from fieldkit.estimation.learned.readout import Moments
 from tests.harness.drawn import drawn_world
 

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.drawn_worlds import CLEAR
 from fieldkit.estimation.chain import SlopeChain
-from fieldkit.estimation.learned.misfit import misfit
+from fieldkit.estimation.learned.readout import misfit
 from fieldkit.model.slope import SlopeState
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.sun import sun_vectors
