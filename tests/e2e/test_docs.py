@@ -29,8 +29,9 @@ def loaded(name: str) -> ModuleType:
 transcripts = loaded("transcripts")
 
 
-# half a minute of computing and more each
+# half a minute of computing and more each, but for the reference's, which the tests of its examples run
 LONG = {
+    "api",
     "batch",
     "calibrate-beds-and-meters",
     "calibrate-emissivity",

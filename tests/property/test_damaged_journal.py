@@ -112,7 +112,13 @@ KINDS: dict[str, Callable[[Path], Recorded]] = {
 }
 
 
-@pytest.fixture(scope="module", params=KINDS)
+@pytest.fixture(
+    scope="module",
+    params=[
+        *("several parts", "first parts gone"),
+        *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("one part", "large frames")),
+    ],
+)
 def recording(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     return KINDS[request.param](tmp_path_factory.mktemp("interrupted"))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import pkgutil
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -20,13 +21,18 @@ from fieldkit.sessions.writer import SessionWriter
 from tests.harness.recording import CountedClock, fill, header
 
 
-@pytest.fixture
-def session(tmp_path: Path):
-    clock = CountedClock()
-    writer = SessionWriter(tmp_path / "field.h5", header((24, 32)), clock)
+@pytest.fixture(scope="module")
+def made(tmp_path_factory) -> Path:
+    path, clock = tmp_path_factory.mktemp("made") / "field.h5", CountedClock()
+    writer = SessionWriter(path, header((24, 32)), clock)
     fill(writer, 10, clock)
     writer.close()
-    with fieldkit.open_session(tmp_path / "field.h5") as opened:
+    return path
+
+
+@pytest.fixture
+def session(made: Path, tmp_path: Path):
+    with fieldkit.open_session(shutil.copy(made, tmp_path)) as opened:
         yield opened
 
 

@@ -26,6 +26,7 @@ from fieldkit.sessions.lock import is_locked, journal_path
 from fieldkit.sessions.reader import open_session
 from fieldkit.views.terminal_view import PlainView
 from tests.harness.learnt import learnt
+from tests.harness.waiting import wait_until
 
 LENGTH_S = 100
 BURSTS_OF_3 = 2
@@ -252,8 +253,8 @@ def test_a_second_signal_ends_a_recording_whose_estimator_hangs_and_keeps_its_jo
     done = hanging(3600.0)
     marks = journal_path(the_session(campaign)) / "marks"
     done.send_signal(first)
-    while marks.exists():  # closed once the recorder is ending
-        assert done.poll() is None
+    wait_until(lambda: done.poll() is not None or not marks.exists(), "it does not end")
+    assert done.poll() is None  # closed once the recorder is ending
     done.send_signal(second)
     _, errors = done.communicate(timeout=120)
     assert done.returncode != 0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shlex
+import shutil
 import socket
 import subprocess
 import sys
@@ -25,16 +26,22 @@ from tests.harness.recording import CountedClock, fill, header
 PATIENCE_S = 60.0
 
 
-@pytest.fixture
-def recordings(tmp_path: Path) -> Path:
-    """The folder of a campaign with one sealed session."""
-    folder = campaign(tmp_path / "field") / "recordings"
-    folder.mkdir(exist_ok=True)
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A campaign with one sealed session."""
+    folder = campaign(tmp_path_factory.mktemp("made") / "field")
+    (folder / "recordings").mkdir(exist_ok=True)
     clock = CountedClock()
-    writer = SessionWriter(folder / "a.h5", header((24, 32)), clock)
+    writer = SessionWriter(folder / "recordings" / "a.h5", header((24, 32)), clock)
     fill(writer, 5, clock)
     writer.close()
     return folder
+
+
+@pytest.fixture
+def recordings(made: Path, tmp_path: Path) -> Path:
+    """The folder of a campaign with one sealed session, to be changed."""
+    return shutil.copytree(made, tmp_path / "field") / "recordings"
 
 
 def bind(path: Path) -> None:

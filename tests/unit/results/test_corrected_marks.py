@@ -29,11 +29,11 @@ def mark(clock: CountedClock, text: str, **data: object) -> Event:
     return Event(EventKind.MARK, now, clock.to_utc_ns(now), text, data=data)
 
 
-@pytest.fixture
-def path(tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def marked(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A session with the marks 1 "wolke über b05", 2 "wind", 3 "wind" and an acknowledgement before these."""
-    clock = CountedClock()
-    writer = SessionWriter(tmp_path / "a.h5", header((24, 32)), clock)
+    path, clock = tmp_path_factory.mktemp("marked") / "a.h5", CountedClock()
+    writer = SessionWriter(path, header((24, 32)), clock)
     fill(writer, 10, clock)
     for one in (
         mark(clock, "acknowledged: lost lux", acknowledge="lost lux"),
@@ -42,7 +42,13 @@ def path(tmp_path: Path) -> Path:
     ):
         writer.event(one)
     writer.close()
-    return tmp_path / "a.h5"
+    return path
+
+
+@pytest.fixture
+def path(marked: Path, tmp_path: Path) -> Path:
+    """A copy of it."""
+    return Path(shutil.copy(marked, tmp_path))
 
 
 def texts(session: fieldkit.Session) -> list[str]:

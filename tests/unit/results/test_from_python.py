@@ -154,7 +154,8 @@ EARLIER_NS = 7_200_000_000_000
 
 def times_ns(session):
     """The times of all that is computed from a session or drawn of it."""
-    estimates, mapped, axes = session.estimate(model="full"), session.slope_map("all"), session.plot()
+    estimates, axes = session.estimate(model="full"), session.plot()
+    mapped = session.slope_map("all", settings={"estimator.model": "full"})
     shown = describe(session)
     return {
         "estimate": estimates.rows["time_ns"].tolist(),
