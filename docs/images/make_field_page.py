@@ -28,6 +28,7 @@ def main(day: DemoDay) -> None:
             watched.wait_for_picture()
             journey.draw(watched, "flat", journey.FLAT, take)
             journey.draw(watched, "b15", journey.B15, take, tilt="15")
-            journey.record(watched, take)
+            with journey.quick(campaign):
+                journey.record(watched, take)
             journey.be_warned(watched, take)
             journey.stop(watched, take)

@@ -120,11 +120,13 @@ def _after(
         (depth_m[1:] + depth_m[:-1]) / 2.0, (layers_k[1:] + layers_k[:-1]) / 2.0
     )
     between = between / thick
-    cells = (np.append(thick, 0.0) + np.insert(thick, 0, 0.0)) / 2.0
+    below, above = _around_nodes(thick)
+    cells = (below + above) / 2.0
     stored = regolith.capacity_j_m3_k(depth_m, layers_k) * cells / step_s
     bands = np.zeros((3, depth_m.size))
     bands[0, 1:] = bands[2, :-1] = -between
-    bands[1] = stored + np.append(between, 0.0) + np.insert(between, 0, 0.0)
+    below, above = _around_nodes(between)
+    bands[1] = stored + below + above
     heat = stored * layers_k
     bands[1, 0] += exchange_w_m2_k
     heat[0] += supply_w_m2
@@ -132,14 +134,22 @@ def _after(
     return _with_emission(bands, heat, layers_k[0], regolith.emissivity * STEFAN_BOLTZMANN)
 
 
+def _around_nodes(between: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Of what lies between nodes (n - 1,), what is below and above each node (n,), 0 beyond the ends."""
+    padded = np.concatenate([[0.0], between, [0.0]])
+    return padded[1:], padded[:-1]
+
+
 def _with_emission(bands: FloatArray, heat: FloatArray, guess_k: float, quartic: float) -> FloatArray:
-    from scipy.linalg import solve_banded  # slow to import, and every reader of a session imports this file
+    # as `solve_banded`, which takes longer to check its input; slow to import, and every reader imports this
+    from scipy.linalg.lapack import dgtsv
 
     while True:
         system, supply = bands.copy(), heat.copy()
         system[1, 0] += 4.0 * quartic * guess_k**3
         supply[0] += 3.0 * quartic * guess_k**4
-        found = np.asarray(solve_banded((1, 1), system, supply, check_finite=False))
+        *_, solved, _ = dgtsv(system[2, :-1], system[1], system[0, 1:], supply)
+        found = np.asarray(solved)
         if abs(found[0] - guess_k) < CONVERGED_K:
             return found
         guess_k = float(found[0])

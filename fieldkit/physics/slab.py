@@ -14,8 +14,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.fft import irfft, next_fast_len, rfft
-from scipy.linalg import solve_banded
 
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.energy_balance import balance_temperature
@@ -67,6 +65,8 @@ def _conduction(stack: Stack) -> tuple[FloatArray, FloatArray]:
 
 def _step_matrix(stack: Stack, step_s: float) -> FloatArray:
     """Node temperatures after one backward Euler step by the heat in each node before it, (n, n)."""
+    from scipy.linalg import solve_banded  # slow to import, and every configuration imports this file
+
     between, capacity = _conduction(stack)
     bands = np.zeros((3, capacity.size))
     bands[0, 1:] = bands[2, :-1] = -between
@@ -207,6 +207,8 @@ def conducted_flux(slab: Slab, surface_k: ArrayLike, step_s: float) -> FloatArra
     Shape of `surface_k`. The layer starts at the first temperature throughout, so the first value is 0 and
     early values carry that assumption: start well before use (an hour for 3 cm, two days for 30 cm). [W/m2]
     """
+    from scipy.fft import irfft, next_fast_len, rfft
+
     surface = np.asarray(surface_k, np.float64)
     flux = np.zeros_like(surface)
     steps = len(surface) - 1

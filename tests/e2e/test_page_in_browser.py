@@ -79,7 +79,8 @@ def test_the_whole_journey_by_touch(browser: Browser, tmp_path: Path) -> None:
         written = (campaign / "fieldkit.toml").read_text(encoding="utf-8")
         assert 'name = "b15"' in written
         assert written.startswith("#")  # its comments are still there
-        journey.record(watched, journey.unseen)
+        with journey.quick(campaign):
+            journey.record(watched, journey.unseen)
         wall_s, user_s = time.monotonic() - began, journey.user_s(watched)
         journey.mark(watched, journey.unseen)
         journey.be_warned(watched, journey.unseen)
@@ -273,7 +274,7 @@ def _corners(watched: Watched) -> list[list[int]]:
 
 
 def test_the_keyboard_alone_draws_starts_marks_and_stops(browser: Browser, tmp_path: Path) -> None:
-    with served(journey.empty_campaign(tmp_path / "sandslope"), "simulation.speed=20") as page:
+    with served(journey.empty_campaign(tmp_path / "sandslope")) as page:
         watched = opened(browser, page.link(), LAPTOP)
         watched.wait_for_picture()
         keys = watched.page.keyboard

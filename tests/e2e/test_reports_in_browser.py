@@ -91,8 +91,15 @@ def without_camera(config: Path) -> None:
     config.write_text(meters, encoding="utf-8")
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("name", PAGES)
+@pytest.mark.parametrize(
+    ("name", "scheme"),
+    [
+        *((name, "light") for name in PAGES),
+        *((name, "dark") for name in ("session", "plan", "study")),
+        # in the colours of the first
+        *(pytest.param(name, "dark", marks=pytest.mark.slow) for name in ("weather", "campaign")),
+    ],
+)
 def test_axe_finds_nothing_and_nothing_is_fetched(
     browser: Browser, pages: dict[str, Path], name: str, scheme: str
 ) -> None:
@@ -102,11 +109,12 @@ def test_axe_finds_nothing_and_nothing_is_fetched(
     assert watched.errors == []
 
 
-@pytest.mark.parametrize("width", [390, 800])
 @pytest.mark.parametrize("name", PAGES)
-def test_no_page_scrolls_sideways(browser: Browser, pages: dict[str, Path], name: str, width: int) -> None:
-    watched = opened(browser, pages[name].as_uri(), (width, 800))
-    assert watched.page.evaluate("document.documentElement.scrollWidth") == width
+def test_no_page_scrolls_sideways(browser: Browser, pages: dict[str, Path], name: str) -> None:
+    page = opened(browser, pages[name].as_uri(), PHONE).page
+    for width in (390, 800):
+        page.set_viewport_size({"width": width, "height": 800})
+        assert page.evaluate("document.documentElement.scrollWidth") == width
 
 
 @pytest.mark.parametrize("size", [DESK, PHONE])

@@ -6,9 +6,12 @@ Shared by the test in the browser and by the script that takes the pictures of t
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
+from fieldkit.config import FILE_NAME
+from fieldkit.config.edit import set_key
 from fieldkit.config.template import SIMULATED
 from fieldkit.recording.campaign import create_campaign
 from tests.harness.field_page import PATIENCE_MS, Watched, wait_until
@@ -17,8 +20,8 @@ FLAT = ((22, 79), (62, 100))
 B15 = ((32, 31), (62, 50))
 B25 = ((97, 31), (127, 50))
 """Opposite corners of rectangles on three beds of the simulated field."""
-SPEED = 60.0
-SETTINGS = (f"simulation.speed={SPEED:g}", 'simulation.faults=["moved"]')
+SPEED = 30.0
+SETTINGS = ('simulation.faults=["moved"]',)
 FAULT = re.compile("camera")
 TOUCH_S, KEY_S = 1.35 + 2 * 1.1, 0.28
 """Decide, point, and for a drag point again; press a key, on average. Card, Moran and Newell, The
@@ -46,6 +49,14 @@ def empty_campaign(folder: Path) -> Path:
     """A campaign on simulated devices without regions."""
     create_campaign(folder, {key: table for key, table in SIMULATED.items() if key != "region"})
     return folder
+
+
+@contextmanager
+def quick(campaign: Path) -> Iterator[None]:
+    """What is started here runs at `SPEED`; a preview that did would draw hundreds of frames a second."""
+    set_key(campaign / FILE_NAME, "simulation", "speed", SPEED)
+    yield
+    set_key(campaign / FILE_NAME, "simulation", "speed", 1.0)
 
 
 def draw(
