@@ -159,7 +159,7 @@ def apply_time_map(path: Path, steps: Sequence[TimeStep]) -> None:
 
 def _add_steps(steps: Sequence[TimeStep], file: h5py.File) -> None:
     group = file["time_map"]
-    rows = {
+    rows: dict[str, NDArray[Any]] = {
         "time": np.full(len(steps), time.time_ns() // 1000, np.int64),
         "mono_ns": np.array([step.mono_ns for step in steps], np.int64),
         "add_ns": np.array([step.add_ns for step in steps], np.int64),
