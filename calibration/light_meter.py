@@ -22,6 +22,8 @@ MIN_MINUTES = 10
 UNSTEADY = 0.05
 """Relative change between neighbouring minutes beyond which the response times of two instruments matter."""
 METER_SD, REFERENCE_NOISE = 0.01, 0.005
+COSINE_SD = 0.015
+"""Of cosine error and level of the meter, relative and common to all minutes."""
 MAX_SCATTER, MIN_CONSISTENT = 0.10, 0.7
 """Minutes farther from the median ratio had a cloud over one instrument; the share that must be nearer."""
 MAX_INTERCEPT = 0.05
@@ -65,16 +67,14 @@ def light_factor(
     plane_w_m2: FloatArray,
     *,
     reference_sd: float = 0.02,
-    cosine_sd: float = 0.015,
     diffuse_sd: float = 0.0,
 ) -> LightFactor:
     """Factor through the origin from minutes of both instruments, with its budget.
 
     `reading` are the meter's (n,), `plane_w_m2` the irradiance on its plane by the reference (n,). Minutes in
     which either changes by more than 5 %, or a cloud shades one of them, are excluded. The other arguments
-    are relative standard uncertainties that all minutes share: of the reference, of cosine error and level,
-    of the diffuse share. Raises `CalibrationError` with fewer than ten steady minutes, or if no single factor
-    fits the two instruments.
+    are relative standard uncertainties that all minutes share: of the reference, of the diffuse share. Raises
+    `CalibrationError` with fewer than ten steady minutes, or if no single factor fits the two instruments.
     """
     kept = np.isfinite(reading) & np.isfinite(plane_w_m2) & (reading > 0.0) & (plane_w_m2 > 20.0)
     kept &= _steady(reading) & _steady(plane_w_m2)
@@ -97,7 +97,7 @@ def light_factor(
     value = line.slope
     shared = {
         "reference instrument": reference_sd,
-        "cosine and level": cosine_sd,
+        "cosine and level": COSINE_SD,
         "share of the sky's light": diffuse_sd,
     }
     # errors of neighbouring minutes are correlated, so the scatter is not divided by their number

@@ -45,8 +45,7 @@ def fit_line(points: Points, *, origin: bool) -> Line:
     """Most likely straight line through points with errors in both coordinates.
 
     Two points or more (three for a line with an intercept), not all at one place; the line has n - 1 or n - 2
-    degrees of freedom. D. York et al., "Unified equations for the slope, intercept, and standard errors of
-    the best straight line", Am. J. Phys. 72, 367-375, 2004, doi:10.1119/1.1632486.
+    degrees of freedom (doi:10.1119/1.1632486).
     """
 
     def intercept(slope: float) -> float:

@@ -74,29 +74,21 @@ class _Blocks:
         return self.start_ns.size
 
 
-def steady_intervals(readings: Readings, steady_k_min: float = STEADY_K_MIN) -> list[SteadyInterval]:
+def steady_intervals(readings: Readings) -> list[SteadyInterval]:
     """Every interval in which the probe was steady, in order of time."""
     blocks = _blocks(readings)
-    return [_interval(blocks, rows) for rows in _runs(blocks, steady_k_min)]
+    return [_interval(blocks, rows) for rows in _runs(blocks)]
 
 
-def pairs_of(
-    intervals: list[SteadyInterval], reflected_k: float | None = None
-) -> tuple[Pairs, tuple[str, ...]]:
-    """Pairs of the intervals that camera and probe agree on, and notes on the others.
-
-    `reflected_k` replaces what the reflector showed.
-    """
+def pairs_of(intervals: list[SteadyInterval]) -> tuple[Pairs, tuple[str, ...]]:
+    """Pairs of the intervals that camera and probe agree on, and notes on the others."""
     good = [one for one in intervals if one.agrees]
     remarks = []
     if len(good) < len(intervals):
         count = len(intervals) - len(good)
         remarks.append(f"{count} intervals excluded: the probe was steady, the surface in the frame was not")
     columns = [(s.apparent_k, s.contact_k, s.reflected_k, s.apparent_sd_k, s.contact_sd_k) for s in good]
-    table = np.array(columns, np.float64).reshape(-1, 5).T
-    pairs = Pairs(*table)
-    if reflected_k is not None:
-        pairs = Pairs(table[0], table[1], np.full(len(good), reflected_k), table[3], table[4])
+    pairs = Pairs(*np.array(columns, np.float64).reshape(-1, 5).T)
     if len(good) >= 2 and pairs.span_k < 5.0:
         remarks.append(
             f"the surface spans only {pairs.span_k:.1f} K; three temperatures 5 K apart determine it better"
@@ -210,9 +202,9 @@ def _mean(values: FloatArray) -> float:
     return float(known.mean()) if known.size else float("nan")
 
 
-def _runs(blocks: _Blocks, steady_k_min: float) -> Iterator[NDArray[np.int64]]:
+def _runs(blocks: _Blocks) -> Iterator[NDArray[np.int64]]:
     """Rows of consecutive steady minutes, five at most."""
-    steady = np.abs(blocks.contact_drift_k_min) < steady_k_min
+    steady = np.abs(blocks.contact_drift_k_min) < STEADY_K_MIN
     run: list[int] = []
     for row in range(len(blocks)):
         follows = bool(run) and blocks.start_ns[row] - blocks.start_ns[run[-1]] <= 1.5 * BLOCK_S * 1e9

@@ -241,11 +241,11 @@ class Line:
 class SerialPort:
     """An open serial port, for one program only.
 
-    `dtr` stays asserted unless False: some meters draw the power of their transmitter from it.
+    DTR stays asserted: some meters draw the power of their transmitter from it.
     Raises what `open_failure` explains when the port cannot be opened.
     """
 
-    def __init__(self, path: str, line: Line, clock: Clock, *, dtr: bool = True) -> None:
+    def __init__(self, path: str, line: Line, clock: Clock) -> None:
         import serial
 
         self.path = path
@@ -257,7 +257,6 @@ class SerialPort:
         self._serial.baudrate = line.baud
         self._serial.bytesize, self._serial.parity, self._serial.stopbits = line.bits, line.parity, line.stop
         self._serial.exclusive = True
-        self._serial.dtr = dtr
         try:
             self._serial.open()
             self._fd = self._serial.fileno()
@@ -370,10 +369,9 @@ def open_port(
     clock: Clock,
     *,
     kinds: Sequence[tuple[int, int]] = (),
-    dtr: bool = True,
 ) -> SerialPort:
     """The port at `port_path`, opened."""
-    return SerialPort(port_path(settings, kinds), line, clock, dtr=dtr)
+    return SerialPort(port_path(settings, kinds), line, clock)
 
 
 def serial_ports() -> list[tuple[str, UsbIdentity]]:

@@ -23,7 +23,7 @@ from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.camera_laws import frame_k
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.sessions.analysis import minute_means
-from fieldkit.sessions.clock_correction import STEP_NS, TOLERANCE_NS, propose_time_map, stepped_ns
+from fieldkit.sessions.finished_file import STEP_NS, TOLERANCE_NS, propose_time_map, stepped_ns
 from fieldkit.sessions.lock import journal_path
 from fieldkit.sessions.radiation_check import radiation_findings
 from fieldkit.sessions.reader import SessionReader, open_session

@@ -304,7 +304,7 @@ def put_scale(group: h5py.Group, name: str, values: Any, **attributes: Any) -> N
     dataset.make_scale(name)
 
 
-def put_columns(group: h5py.Group, columns: Iterable[Column], time_name: str = "time") -> None:
+def put_columns(group: h5py.Group, columns: Iterable[Column]) -> None:
     """The empty, growing datasets of a table, with their scales."""
     for column in columns:
         dtype = h5py.string_dtype("utf-8", int(column.dtype[1:])) if column.is_text else column.dtype
@@ -316,10 +316,10 @@ def put_columns(group: h5py.Group, columns: Iterable[Column], time_name: str = "
         set_attributes(dataset, {**named, **column.attributes})
         if column.fill is not None:
             dataset.attrs["_FillValue"] = np.array(column.fill, dataset.dtype)
-        if column.name == time_name:
-            dataset.make_scale(time_name)
+        if column.name == "time":
+            dataset.make_scale("time")
         else:
-            attach(group, dataset, time_name, *column.dims)
+            attach(group, dataset, "time", *column.dims)
 
 
 def put_rows(group: h5py.Group, rows: Mapping[str, NDArray[Any]]) -> None:

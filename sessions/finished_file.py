@@ -4,22 +4,29 @@ from __future__ import annotations
 
 import shutil
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
 from fieldkit.disk import one_at_a_time, put_in_place
+from fieldkit.model.clock import ClockCheck
 from fieldkit.model.errors import StorageError
 from fieldkit.model.samples import Event
+from fieldkit.model.units import SECOND_NS
 from fieldkit.sessions.entry_rows import event_columns
 from fieldkit.sessions.file_tree import put_columns, put_group
 from fieldkit.sessions.guarded_file import GuardedFile
-from fieldkit.sessions.layout import LATER_EVENT_COLUMNS, LATER_EVENTS
-from fieldkit.sessions.reader import open_session
-from fieldkit.sessions.time_map import row_crc32s
+from fieldkit.sessions.layout import LATER_EVENT_COLUMNS, LATER_EVENTS, TIME_MAP_COLUMNS, Column, encode_text
+from fieldkit.sessions.reader import SessionReader, open_session
+from fieldkit.sessions.stored import columns_of
+from fieldkit.sessions.time_map import TimeStep, row_crc32s
 
 
 def add_to_finished(path: Path, add: Callable[[h5py.File], None]) -> None:
@@ -55,6 +62,15 @@ def changing_path(path: Path) -> Path:
     return path.with_name(path.name + ".changing")
 
 
+def _append(group: h5py.Group, columns: Sequence[Column], rows: Mapping[str, NDArray[Any]]) -> None:
+    """Add rows, with their checksums, to those of the columns that the group has."""
+    rows = {**rows, "crc32": np.array(row_crc32s(rows), np.uint32)}
+    old = group["time"].shape[0]
+    for name, dataset in columns_of(group, columns).items():  # an older file has no room for checksums
+        dataset.resize((old + len(rows[name]),))
+        dataset[old:] = rows[name]
+
+
 # --- corrections of marks
 
 
@@ -70,8 +86,84 @@ def _add(events: Sequence[Event], file: h5py.File) -> None:
     if LATER_EVENTS not in file:
         put_columns(put_group(file, LATER_EVENTS, "NXlog"), LATER_EVENT_COLUMNS)
     group, written = file[LATER_EVENTS], np.full(len(events), time.time_ns() // 1000, np.int64)
-    rows = {**event_columns(events), "written": written}
-    old = group["time"].shape[0]
-    for name, values in {**rows, "crc32": np.array(row_crc32s(rows), np.uint32)}.items():
-        group[name].resize((old + len(events),))
-        group[name][old:] = values
+    _append(group, LATER_EVENT_COLUMNS, {**event_columns(events), "written": written})
+
+
+# --- corrections of the clock
+
+
+STEP_NS = SECOND_NS
+TOLERANCE_NS = 2_000_000_000
+
+_REASON = h5py.string_dtype("utf-8", 256)
+
+_TRUSTED = ("gps", "ptp", "ntp", "phone")
+
+
+def awake_offsets_ns(checks: Sequence[ClockCheck]) -> NDArray[np.int64]:
+    """UTC minus monotonic time of each comparison, without what sleep since the first has added to it."""
+    offsets = np.array([check.utc_minus_mono_ns for check in checks], np.int64)
+    suspended = np.array([check.suspended_ns for check in checks], np.int64)
+    slept: NDArray[np.int64] = suspended - suspended[:1]
+    return offsets - slept
+
+
+def stepped_ns(checks: Sequence[ClockCheck], anchor_ns: int) -> NDArray[np.int64]:
+    """Steps of the system clock from the anchor of the recorded times to the last comparison."""
+    moved = np.diff(awake_offsets_ns(checks), prepend=np.int64(anchor_ns))
+    return moved[np.abs(moved) > STEP_NS]
+
+
+def propose_time_map(session: SessionReader) -> list[TimeStep]:
+    """Seconds to add to the recorded times, by the clock comparisons; empty where nothing must be.
+
+    A comparison with a trusted source (GPS, NTP ...) counts for the whole session; otherwise
+    the last one does if the system clock was stepped, because clocks are stepped to be right.
+    Times after a sleep need the time slept as well.
+    """
+    checks = session.clock_checks()
+    best = _best(checks, session.anchor_ns)
+    steps = _asleep(checks)
+    if best is None or abs(add := int(awake_offsets_ns(checks)[best]) - session.anchor_ns) < TOLERANCE_NS:
+        return steps
+    whole = TimeStep(0, add, f"clock comparison, source {checks[best].source}")
+    return [whole, *(replace(step, add_ns=step.add_ns + add) for step in steps)]
+
+
+def _best(checks: Sequence[ClockCheck], anchor_ns: int) -> int | None:
+    """Index of the comparison that gives how far the recorded times are off."""
+    trusted = [place for place, check in enumerate(checks) if check.source in _TRUSTED]
+    if trusted:
+        return min(trusted, key=lambda place: checks[place].error_ns)
+    return len(checks) - 1 if stepped_ns(checks, anchor_ns).size else None
+
+
+def _asleep(checks: Sequence[ClockCheck]) -> list[TimeStep]:
+    """Sleep stops the monotonic clock: what came after it needs the time slept."""
+    steps, slept = [], 0
+    for before, after in pairwise(checks):
+        more = after.suspended_ns - before.suspended_ns
+        if more > STEP_NS:
+            slept += more
+            steps.append(TimeStep(before.mono_ns, slept, f"the computer slept {more / 1e9:.0f} s"))
+    return steps
+
+
+def apply_time_map(path: Path, steps: Sequence[TimeStep]) -> None:
+    """Write a time map into a finished session, as a new version beside those before.
+
+    Raises `SessionError` where the session is not finished, `StorageError` where it cannot be written.
+    """
+    add_to_finished(path, partial(_add_steps, steps))
+
+
+def _add_steps(steps: Sequence[TimeStep], file: h5py.File) -> None:
+    group = file["time_map"]
+    rows: dict[str, NDArray[Any]] = {
+        "time": np.full(len(steps), time.time_ns() // 1000, np.int64),
+        "mono_ns": np.array([step.mono_ns for step in steps], np.int64),
+        "add_ns": np.array([step.add_ns for step in steps], np.int64),
+        "version": np.full(len(steps), int(group["version"][:].max(initial=0)) + 1, np.uint16),
+        "reason": np.array([encode_text(step.reason, 256) for step in steps], _REASON),
+    }
+    _append(group, TIME_MAP_COLUMNS, rows)

@@ -160,12 +160,7 @@ class Nmea(SerialDriver):
         line = Line(int(options.number(settings, "baud", LINE.baud)))
         port = open_port(settings, line, clock)
         meter.first_record(port, LAYOUT, settings.name, _HINT)
-        return position_meter(settings, port, LAYOUT, clock)
-
-
-def position_meter(settings: DeviceSettings, port: Any, layout: Layout, clock: Clock) -> meter.Meter:
-    """The stream of a position: latitude and longitude in degrees, altitude in metres, its time."""
-    keys = [name for name, _ in CHANNELS]
-    info = meter.describe(settings, port, layout, "position", UNIT, options.labels(settings, keys))
-    info = replace(info, device_time_unit="ns since 1970 UTC")
-    return meter.Meter(info, port, layout, clock, keys, units=[unit for _, unit in CHANNELS])
+        keys = [name for name, _ in CHANNELS]
+        info = meter.describe(settings, port, LAYOUT, "position", UNIT, options.labels(settings, keys))
+        info = replace(info, device_time_unit="ns since 1970 UTC")
+        return meter.Meter(info, port, LAYOUT, clock, keys, units=[unit for _, unit in CHANNELS])

@@ -142,17 +142,17 @@ class SimulatedCenter309(SimulatedMeter):
         return np.array([air_k if in_air else next(in_beds, np.nan) for in_air in self._in_air])
 
 
-def lutron_record(value: float, unit: str, display: str = "1") -> bytes:
+def lutron_record(value: float, unit: str) -> bytes:
     """16 bytes of the Lutron stream: as many decimals as fit a display of five digits."""
     decimals = 0 if abs(value) >= 10_000 else 1 if abs(value) >= 1_000 else 2
     digits = round(abs(value) * 10**decimals)
     sign = "1" if value < 0 else "0"
-    return b"\x02" + f"4{display}{unit}{sign}{decimals}{digits:08}".encode() + b"\r"
+    return b"\x02" + f"41{unit}{sign}{decimals}{digits:08}".encode() + b"\r"
 
 
-def lutron_overload(unit: str, display: str = "1") -> bytes:
+def lutron_overload(unit: str) -> bytes:
     """16 bytes of the Lutron stream for a value beyond the range: 18 in place of its digits."""
-    return b"\x02" + f"4{display}{unit}00".encode() + b"\x18" * 8 + b"\r"
+    return b"\x02" + f"41{unit}00".encode() + b"\x18" * 8 + b"\r"
 
 
 def center_309_record(celsius: ArrayLike) -> bytes:

@@ -21,7 +21,7 @@ from fieldkit.model.samples import NO_COUNTER, Quality, Reading, Sample, is_usab
 from fieldkit.model.units import DAY_S
 from fieldkit.physics.bodies import EARTH, body_of
 from fieldkit.results.sources import SessionOrFile, config_for, log_warning, notify_damage, reading
-from fieldkit.sessions.clock_correction import apply_time_map
+from fieldkit.sessions.finished_file import apply_time_map
 from fieldkit.sessions.reader import SessionReader
 from fieldkit.sessions.time_map import TimeStep
 

@@ -22,7 +22,7 @@ from fieldkit.physics.horizon import MINUTE_EDGE_DEG, sunlit_share
 from fieldkit.results.minutes import SessionMinutes
 from fieldkit.results.sources import SessionOrFile, config_for, path_of
 from fieldkit.sessions import check as file_check
-from fieldkit.sessions.clock_correction import apply_time_map, propose_time_map
+from fieldkit.sessions.finished_file import apply_time_map, propose_time_map
 from fieldkit.sessions.reader import SessionReader, open_session
 from fieldkit.sessions.time_map import TimeStep
 from fieldkit.views import html

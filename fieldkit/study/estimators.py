@@ -87,11 +87,11 @@ class Outcome:
         """Angle between the estimated and the true normal (m,): azimuth counts, as much as it matters."""
         return angle_between_deg(self.estimate, self.truth)
 
-    def by_direction(self, step_deg: float = 30.0) -> tuple[FloatArray, FloatArray]:
+    def by_direction(self) -> tuple[FloatArray, FloatArray]:
         """Directions 0, 30, ... and the mean absolute tilt error of the slopes nearest to each (Fig. 10)."""
-        centres = np.arange(0.0, 360.0, step_deg)
+        centres = np.arange(0.0, 360.0, 30.0)
         tilt, azimuth = tilt_azimuth(self.truth)
-        nearest = np.round(azimuth / step_deg).astype(np.int64) % centres.size
+        nearest = np.round(azimuth / 30.0).astype(np.int64) % centres.size
         sloped = tilt > 0.0  # flat ground has no direction
         errors = [self.tilt_error_deg[sloped & (nearest == index)] for index in range(centres.size)]
         return centres, np.array([mean_of(values) for values in errors])
@@ -103,10 +103,10 @@ def paper_slopes() -> FloatArray:
     return normal(tilts, np.arange(0.0, 360.5, 1.0)).reshape(-1, 3)
 
 
-def random_slopes(count: int, seed: int, tilt_limit_deg: float = 30.0) -> FloatArray:
-    """Normals (count, 3) off every grid, tilt and azimuth uniform."""
+def random_slopes(count: int, seed: int) -> FloatArray:
+    """Normals (count, 3) off every grid, tilt (to 30 degrees) and azimuth uniform."""
     rng = np.random.default_rng([seed, count])
-    return normal(rng.uniform(0.0, tilt_limit_deg, count), rng.uniform(0.0, 360.0, count))
+    return normal(rng.uniform(0.0, 30.0, count), rng.uniform(0.0, 360.0, count))
 
 
 def simulated_temperatures(

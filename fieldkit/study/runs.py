@@ -101,7 +101,6 @@ class Run:
 
     start: time
     method: Method
-    conditions: Conditions
     outcome: Outcome
 
 
@@ -140,7 +139,7 @@ def _weather(
 def run_all(options: StudyOptions) -> list[Run]:
     """Every start with every estimator."""
     return [
-        Run(start, method, sky, run_study(slopes_for(options, method), sky, options.settings(method)))
+        Run(start, method, run_study(slopes_for(options, method), sky, options.settings(method)))
         for start in options.starts
         for sky in [conditions(options, start)]
         for method in options.estimators

@@ -44,9 +44,9 @@ _STATES = {
 }
 
 
-def number(value: float, digits: int = 0, *, separator: str = " ") -> str:
+def number(value: float, digits: int = 0) -> str:
     """`value` with `digits` decimals and a space every three digits; a dash for NaN."""
-    return f"{value:,.{digits}f}".replace(",", separator) if math.isfinite(value) else UNKNOWN
+    return f"{value:,.{digits}f}".replace(",", " ") if math.isfinite(value) else UNKNOWN
 
 
 def celsius(temperature_k: float, digits: int = 2) -> str:

@@ -15,7 +15,7 @@ from fieldkit.model.errors import ConfigError, NoAnswerError
 from fieldkit.model.limits import Bounds, bounds_of
 from fieldkit.model.samples import Event, EventKind, Reading, Sample, Severity, is_usable
 from fieldkit.sessions.analysis import region_series
-from fieldkit.sessions.clock_correction import apply_time_map
+from fieldkit.sessions.finished_file import apply_time_map
 from fieldkit.sessions.formats.imported import ImportedRecording, StampedClock
 from fieldkit.sessions.reader import SessionReader
 from fieldkit.sessions.records import RegionRecord

@@ -184,16 +184,15 @@ def write_maps(
     time_ns: int,
     *,
     risk: str | None = None,
-    frame_id: str = "map",
 ) -> None:
     """Write layers as ``/grid_map``, and one of them as ``/occupancy_grid``.
 
     `layers` are values on the cells of the ground by name, rows from north to south, NaN unknown; its heights
     become the layer ``elevation``, and `risk` names the layer in [0, 1] for the occupancy grid. The origin of
-    the frame `frame_id` is that of the reference system. Raises `OSError`, and `ConfigError` if the package
+    the frame ``map`` is that of the reference system. Raises `OSError`, and `ConfigError` if the package
     that writes ROS 2 messages is not installed.
     """
-    head = header(time_ns, frame_id)
+    head = header(time_ns, "map")
     heights = {"elevation": ground.heights_m.astype(np.float32)}
     messages = [
         ("/grid_map", "grid_map_msgs/msg/GridMap", _GRID_MAP, _grid_map({**heights, **layers}, ground))

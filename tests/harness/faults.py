@@ -16,8 +16,8 @@ from fieldkit.model.clock import ClockCheck
 from fieldkit.model.samples import Health, StreamHealth
 from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.sessions.check import check
-from fieldkit.sessions.clock_correction import apply_time_map
 from fieldkit.sessions.digests import ROOT, object_digest, object_paths
+from fieldkit.sessions.finished_file import apply_time_map
 from fieldkit.sessions.layout import FRAME_DATASETS
 from fieldkit.sessions.time_map import TimeStep
 from fieldkit.sessions.writer import SessionWriter

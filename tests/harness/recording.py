@@ -16,7 +16,7 @@ from fieldkit.model.clock import HostClock
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Event, EventKind, Frame, Quality, Reading, Sample
 from fieldkit.model.site import Region, RegionKind, Site
-from fieldkit.sessions.clock_correction import apply_time_map
+from fieldkit.sessions.finished_file import apply_time_map
 from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.recovery import recover
 from fieldkit.sessions.time_map import TimeStep

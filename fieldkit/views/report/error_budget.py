@@ -27,8 +27,7 @@ from fieldkit.physics.slab import conducted_flux
 from fieldkit.views import formatting, learnt_words
 from fieldkit.views.html import Table, strong
 from fieldkit.views.report.assessment import mean_error
-from fieldkit.views.report.report_data import ReportData
-from fieldkit.views.report.series import Series, TargetSeries
+from fieldkit.views.report.series import ReportData, Series, TargetSeries
 
 FloatArray = NDArray[np.float64]
 

@@ -12,8 +12,7 @@ from fieldkit.model.learnt import Learnt, LearntParameter
 from fieldkit.model.site import Site
 from fieldkit.views import learnt_words, plotting
 from fieldkit.views.html import Figure, Table, bar
-from fieldkit.views.report.report_data import ReportData
-from fieldkit.views.report.series import Series, readings
+from fieldkit.views.report.series import ReportData, Series, readings
 from fieldkit.views.report.session_figures import over_time
 
 if TYPE_CHECKING:

@@ -15,11 +15,11 @@ from fieldkit.model.samples import EventKind, Frame, StreamHealth
 from fieldkit.model.site import Region
 from fieldkit.palettes import palette
 from fieldkit.pixel_axes import ticks
-from fieldkit.sessions.clock_correction import awake_offsets_ns
+from fieldkit.sessions.finished_file import awake_offsets_ns
 from fieldkit.views import formatting
 from fieldkit.views import frame_image as image
 from fieldkit.views.html import Table, code, data_uri, strong
-from fieldkit.views.report.report_data import ReportData
+from fieldkit.views.report.series import ReportData
 
 if TYPE_CHECKING:
     from fieldkit.sessions.reader import SessionReader

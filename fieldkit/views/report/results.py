@@ -17,9 +17,9 @@ from fieldkit.model.slope import SlopeEstimate
 from fieldkit.views import formatting, study_figures
 from fieldkit.views.html import Figure, Table, strong
 from fieldkit.views.report import session_figures
-from fieldkit.views.report.report_data import ReportData
 from fieldkit.views.report.series import (
     FloatArray,
+    ReportData,
     Series,
     TargetSeries,
     modelled_temperature,

@@ -1,4 +1,4 @@
-"""Minutes side by side: the columns from which a report's figures and tables are drawn.
+"""The data of a report, gathered once; minutes side by side are the columns of its figures and tables.
 
 Pure: minutes in, arrays over minutes out, NaN where nothing is known.
 """
@@ -6,13 +6,15 @@ Pure: minutes in, arrays over minutes out, NaN where nothing is known.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldkit.estimation.budget import BudgetTerm
+from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.statistics import (
     SdKind,
     mean_absolute_error,
@@ -20,7 +22,7 @@ from fieldkit.estimation.statistics import (
     sd_of_absolute_error,
 )
 from fieldkit.model.learnt import Learnt
-from fieldkit.model.samples import Quality
+from fieldkit.model.samples import Event, EventKind, Frame, Quality
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.slope import SOLVED, WITH_SLOPE, SlopeEstimate, SlopeState, final_estimate
 from fieldkit.physics.energy_balance import (
@@ -31,11 +33,12 @@ from fieldkit.physics.energy_balance import (
 )
 from fieldkit.physics.facet import cos_incidence, normal
 from fieldkit.views import formatting
-from fieldkit.views.html import Reading
+from fieldkit.views.html import Figure, Reading
 from fieldkit.views.plotting import OverTime
 
 if TYPE_CHECKING:
     from fieldkit.estimation.estimator import Minute
+    from fieldkit.sessions.reader import SessionReader
 
 
 FloatArray = NDArray[np.float64]
@@ -257,3 +260,58 @@ def readings(
         )
         for left, minute in zip(middle.tolist(), range(0, columns.time_ns.size, step), strict=True)
     ]
+
+
+# --- the data of a report, gathered once
+
+
+@dataclass(frozen=True)
+class ReportData:
+    """A session, its minutes as columns, the settings they were estimated with, and its events.
+
+    `site`, `regions` and `config_toml` are those of the estimator, as an imported session has none of its
+    own. `others` holds the same minutes estimated with other surface models, by their names,
+    `budgets` the uncertainty budget of each slope, with the learned model.
+    """
+
+    session: SessionReader
+    site: Site
+    regions: tuple[Region, ...]
+    columns: Series
+    settings: EstimatorSettings
+    sd: SdKind
+    events: Sequence[Event]
+    frame: Frame | None
+    others: Mapping[str, Series]
+    command_line: str
+    config_toml: str
+    can_draw: bool
+    is_recordings: bool = False
+    budgets: Mapping[str, tuple[BudgetTerm, ...]] = field(default_factory=dict)
+
+    def events_of(self, *kinds: EventKind) -> list[Event]:
+        """Events of some kinds, in order."""
+        return [event for event in self.events if event.kind in kinds]
+
+    def clock_time(self, time_ns: int, *, seconds: bool = False) -> str:
+        """A time of day at the site."""
+        return formatting.clock_time(time_ns, self.site, seconds=seconds)
+
+    def drawn(self, draw: Callable[[ReportData], Iterator[Figure]]) -> list[Figure] | None:
+        """The figures that `draw` yields; None without matplotlib."""
+        return list(draw(self)) if self.can_draw else None
+
+    @property
+    def zone(self) -> str:
+        """The time zone at the start, with its offset."""
+        return formatting.zone_name(self.session.start_ns, self.site)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the contact probes of all thermometers, in their order."""
+        meters = [info for info in self.session.streams.values() if info.quantity == "temperature"]
+        return tuple(
+            info.channels[i] if i < len(info.channels) else str(i + 1)
+            for info in meters
+            for i in range(info.shape[0])
+        )

@@ -18,8 +18,7 @@ from fieldkit.views.report import recording, results
 from fieldkit.views.report.assessment import assess
 from fieldkit.views.report.error_budget import error_budget
 from fieldkit.views.report.learnt_section import learnt_section
-from fieldkit.views.report.report_data import ReportData
-from fieldkit.views.report.series import series
+from fieldkit.views.report.series import ReportData, series
 
 if TYPE_CHECKING:
     from fieldkit.estimation.estimator import Minute

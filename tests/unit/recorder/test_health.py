@@ -17,7 +17,7 @@ from fieldkit.recorder.health import (
     StorageMonitor,
 )
 from fieldkit.recorder.sample_queue import SampleQueue
-from fieldkit.sessions.clock_correction import propose_time_map
+from fieldkit.sessions.finished_file import propose_time_map
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter
 from fieldkit.simulation.simulated_clock import SimulatedClock

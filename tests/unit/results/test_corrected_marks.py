@@ -15,8 +15,7 @@ from fieldkit.model.errors import ConfigError, SessionError
 from fieldkit.model.samples import Event, EventKind, Quality
 from fieldkit.model.units import MINUTE_NS, SECOND_NS
 from fieldkit.results.check import check
-from fieldkit.sessions.clock_correction import apply_time_map
-from fieldkit.sessions.finished_file import add_later_events
+from fieldkit.sessions.finished_file import add_later_events, apply_time_map
 from fieldkit.sessions.layout import LATER_EVENTS
 from fieldkit.sessions.recovery import recover
 from fieldkit.sessions.time_map import TimeStep

@@ -12,7 +12,7 @@ import fieldkit
 from fieldkit.cli import main
 from fieldkit.model.errors import ConfigError
 from fieldkit.results.batch import estimate_sessions
-from fieldkit.sessions.clock_correction import apply_time_map
+from fieldkit.sessions.finished_file import apply_time_map
 from fieldkit.sessions.time_map import TimeStep
 
 DAY_NS = 86_400_000_000_000

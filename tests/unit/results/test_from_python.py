@@ -26,7 +26,7 @@ from fieldkit.results.session import open_session
 from fieldkit.results.session_estimates import LearntSeries
 from fieldkit.results.slope_map import slope_map
 from fieldkit.results.sources import settings_from
-from fieldkit.sessions.clock_correction import apply_time_map
+from fieldkit.sessions.finished_file import apply_time_map
 from fieldkit.sessions.time_map import TimeStep
 from tests.harness.learnt import learnt
 

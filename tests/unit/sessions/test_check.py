@@ -14,7 +14,7 @@ from fieldkit.model.errors import SessionError
 from fieldkit.model.samples import Event, EventKind, Quality, Severity
 from fieldkit.model.site import Site
 from fieldkit.sessions.check import best_shift_min, check
-from fieldkit.sessions.clock_correction import apply_time_map
+from fieldkit.sessions.finished_file import apply_time_map
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.findings import said

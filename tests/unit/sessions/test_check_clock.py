@@ -12,7 +12,7 @@ from fieldkit.model.samples import Quality
 from fieldkit.model.units import SECOND_NS
 from fieldkit.model.wording import typed
 from fieldkit.sessions.check import check
-from fieldkit.sessions.clock_correction import apply_time_map, propose_time_map
+from fieldkit.sessions.finished_file import apply_time_map, propose_time_map
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.findings import said

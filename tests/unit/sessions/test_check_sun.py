@@ -13,7 +13,7 @@ from fieldkit.model.samples import Quality, Reading
 from fieldkit.model.site import Site
 from fieldkit.sessions.analysis import minute_means
 from fieldkit.sessions.check import check
-from fieldkit.sessions.clock_correction import apply_time_map
+from fieldkit.sessions.finished_file import apply_time_map
 from fieldkit.sessions.formats.imported import ImportedRecording, write_imported
 from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.reader import open_session

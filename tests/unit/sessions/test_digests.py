@@ -13,8 +13,8 @@ import pytest
 
 from fieldkit.model.finding import worst
 from fieldkit.sessions.check import check
-from fieldkit.sessions.clock_correction import apply_time_map
 from fieldkit.sessions.file_tree import LIBVER
+from fieldkit.sessions.finished_file import apply_time_map
 from fieldkit.sessions.formats.imported import ImportedRecording
 from fieldkit.sessions.formats.merged import merge
 from fieldkit.sessions.guarded_file import write_in_place

@@ -15,7 +15,7 @@ import pytest
 from fieldkit.model.errors import StorageError
 from fieldkit.model.samples import Event, EventKind, Quality, Severity
 from fieldkit.sessions import session_file
-from fieldkit.sessions.clock_correction import apply_time_map
+from fieldkit.sessions.finished_file import apply_time_map
 from fieldkit.sessions.journal_reader import JournalReader
 from fieldkit.sessions.lock import journal_path
 from fieldkit.sessions.log import Kind, LogReader, LogWriter

@@ -21,8 +21,7 @@ from fieldkit.results.export import export
 from fieldkit.results.session import Session, Stream
 from fieldkit.results.session import open_session as open_whole
 from fieldkit.sessions.check import check
-from fieldkit.sessions.clock_correction import apply_time_map
-from fieldkit.sessions.finished_file import changing_path
+from fieldkit.sessions.finished_file import apply_time_map, changing_path
 from fieldkit.sessions.formats.exports import EXPORTS
 from fieldkit.sessions.formats.imported import ImportedRecording
 from fieldkit.sessions.formats.merged import merge

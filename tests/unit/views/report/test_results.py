@@ -7,8 +7,7 @@ import pytest
 from fieldkit.model.samples import Quality
 from fieldkit.model.slope import SlopeState
 from fieldkit.views.report import results
-from fieldkit.views.report.report_data import ReportData
-from fieldkit.views.report.series import series
+from fieldkit.views.report.series import ReportData, series
 
 SLOPES = {"tilt": "tilt °", "given": "given", "state": "state"}
 ACCURACY = {"error": "last error °", "mae": "mean |error| ± SD °", "n": "n"}
