@@ -20,7 +20,7 @@ from fieldkit.config.toml_schema import PoseTable
 from fieldkit.disk import replacing
 from fieldkit.estimation.pixel_slopes import SlopeMap
 from fieldkit.ground.terrain_products import Layer
-from fieldkit.model.errors import ConfigError, NoAnswerError, StorageError
+from fieldkit.model.errors import ConfigError, NoAnswerError
 from fieldkit.physics.camera_geometry import (
     Camera,
     Grid,
@@ -163,7 +163,7 @@ def write_on_ground(
     """Write layers of the frame on the ground: ``BASE.tif``, ``BASE.ply`` and ``BASE.mcap``; the files.
 
     Each holds the layers, their uncertainties and the state at a time, UTC nanoseconds since 1970; grids also
-    the relief. Raises `StorageError`.
+    the relief. Raises `OSError`.
     """
     planes = [(layer.name, layer.units, layer.values) for layer in layers]
     planes += [(f"{one.name}_sd", one.units, one.sd) for one in layers if one.sd is not None]
@@ -173,18 +173,12 @@ def write_on_ground(
     on_cells += [("height", "m", height), ("misclosure", "degree", misclosure)]
     ground = view.ground
     risk = next((layer.name for layer in layers if layer.name == "ptilt"), None)
-    try:
-        base.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(image := base.with_name(f"{base.name}.tif"), synced=False) as file:
-            geotiff.write_layers(file, on_cells, view.crs, ground.west_m, ground.north_m, ground.cell_m)
-        with replacing(points := base.with_name(f"{base.name}.ply"), synced=False) as file:
-            ply.write_points(file, _columns(view, planes), f"crs {view.crs}")
-        with replacing(maps := base.with_name(f"{base.name}.mcap"), synced=False) as file:
-            ros2.write_maps(file, {name: values for name, _, values in on_cells}, ground, time_ns, risk=risk)
-    except OSError as error:
-        raise StorageError(
-            f"cannot write {base}: {error.strerror or error}", fix="name another place with -o"
-        ) from error
+    with replacing(image := base.with_name(f"{base.name}.tif"), synced=False) as file:
+        geotiff.write_layers(file, on_cells, view.crs, ground.west_m, ground.north_m, ground.cell_m)
+    with replacing(points := base.with_name(f"{base.name}.ply"), synced=False) as file:
+        ply.write_points(file, _columns(view, planes), f"crs {view.crs}")
+    with replacing(maps := base.with_name(f"{base.name}.mcap"), synced=False) as file:
+        ros2.write_maps(file, {name: values for name, _, values in on_cells}, ground, time_ns, risk=risk)
     return [image, points, maps]
 
 

@@ -98,7 +98,6 @@ PHRASES = {
     "the settings given with --set": "the settings",
     "(-j)": "(jobs)",
     " with -o": "",
-    "give another -o": "give another place",
     "-o DIR": "folder",
     "-o FILE.html": "out",
     " -o ": " ",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from fieldkit.model.errors import StorageError
+from fieldkit.results.result_files import writing
 from fieldkit.results.slope_map import MappedSession, map_png
 from fieldkit.views import formatting, html
 from fieldkit.views.slope_map_image import full_colour_deg
@@ -33,11 +33,8 @@ def write_maps_page(maps: Sequence[MappedSession], path: Path) -> Path:
     content = html.render(
         "maps.html", title="Slope maps", full_deg=full_deg, images=images, tilts=_tilts(maps)
     )
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+    with writing(path):
         path.write_text(content, encoding="utf-8")
-    except OSError as error:
-        raise StorageError(f"cannot write {path}: {error.strerror}", fix="give another -o") from error
     return path
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import webbrowser
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,13 +11,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from markupsafe import Markup
 
-from fieldkit.model.errors import ConfigError, FieldkitError, StorageError
+from fieldkit.model.errors import ConfigError, FieldkitError
 from fieldkit.model.samples import is_usable
 from fieldkit.palettes import INFERNO
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.results.budgets import budgets_of
 from fieldkit.results.minutes import SessionMinutes
-from fieldkit.results.result_files import command_line
+from fieldkit.results.result_files import command_line, writing
 from fieldkit.results.slope_map import slope_map
 from fieldkit.results.sources import (
     SessionOrFile,
@@ -152,7 +151,7 @@ def report(
         written, failures = _report_sessions(paths, page, options)
     if pdf is None:
         return Report(written, paths, failures)
-    with _writing(pdf):
+    with writing(pdf):
         write_pdf(written, pdf)
     return Report(pdf, paths, failures)
 
@@ -167,10 +166,10 @@ def _report_session(
         notify_damage(session, notify, known.measured.damaged)
         if out.suffix == ".png":
             image = _image(session, known, options, notify)
-            with _writing(out):
+            with writing(out):
                 out.write_bytes(image)
             return out
-        with _writing(out):
+        with writing(out):
             write_report(
                 out,
                 session,
@@ -204,7 +203,7 @@ def _report_sessions(
         raise next(iter(failures.values()))
     out = out or default_path(paths[0]).with_name("campaign.html")
     title = parts[0].path.resolve().parent.parent.name
-    with _writing(out):
+    with writing(out):
         write_campaign_report(out, title, parts, sd=options.sd, command_line=command_line())
     return out, failures
 
@@ -217,18 +216,6 @@ def report_part(path: Path, options: ReportOptions = DEFAULTS) -> Part:
         columns = series(known.minutes(), known.schedule.latest)
         warnings = assess(columns, list(session.events()), session.state).warnings
         return Part(path, known.site, columns, known.settings, warnings, is_simulated(session))
-
-
-@contextmanager
-def _writing(out: Path) -> Iterator[None]:
-    """Make the folder of a file; an error of the disk becomes a `StorageError`."""
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        yield
-    except OSError as error:
-        raise StorageError(
-            f"cannot write {out}: {error.strerror}", fix="name another place with -o"
-        ) from error
 
 
 def default_path(session: Path) -> Path:

@@ -8,7 +8,8 @@ import math
 import platform
 import shlex
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
@@ -37,6 +38,17 @@ def results_folder(session: Path) -> Path:
     return folder.parent / "results" if folder.name == "recordings" else folder
 
 
+@contextmanager
+def writing(out: Path) -> Iterator[None]:
+    """Make the folder of files to write; an error of the disk becomes a `StorageError`."""
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        yield
+    except OSError as error:
+        why = error.strerror or error
+        raise StorageError(f"cannot write {out}: {why}", fix="name another place with -o") from error
+
+
 def write_results(
     base: Path, columns: Columns, about: Mapping[str, Any], beside: Mapping[str, Columns] | None = None
 ) -> list[Path]:
@@ -47,8 +59,7 @@ def write_results(
     """
     tables = {"": columns, **{f"-{name}": table for name, table in (beside or {}).items()}}
     document = base.with_name(f"{base.name}.json")
-    try:
-        base.parent.mkdir(parents=True, exist_ok=True)
+    with writing(base):
         written = [
             path
             for suffix, table in tables.items()
@@ -56,10 +67,6 @@ def write_results(
         ]
         digests = {path.name: sha256(path) for path in written}
         document.write_text(to_json({**about, "files": digests}) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise StorageError(
-            f"cannot write {base}: {error.strerror}", fix="name another place with -o"
-        ) from error
     return [*written, document]
 
 

@@ -35,7 +35,7 @@ from fieldkit.ground.on_ground import GroundView, ground_view, write_on_ground
 from fieldkit.ground.terrain_products import LAYERS, Layer, Products, layer_along_sun, layers
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.durations import as_seconds
-from fieldkit.model.errors import ConfigError, FieldkitError, IntegrityError, NoAnswerError, StorageError
+from fieldkit.model.errors import ConfigError, FieldkitError, IntegrityError, NoAnswerError
 from fieldkit.model.learnt import Learnt, LearntParameter
 from fieldkit.model.samples import Frame, Quality, is_usable
 from fieldkit.model.site import Region, RegionKind, Site
@@ -50,7 +50,7 @@ from fieldkit.results.cache import code_version
 from fieldkit.results.executors import THIS_PROCESS, Workers, results
 from fieldkit.results.map_file import BOUNDS, VARIABLES, write_map
 from fieldkit.results.minutes import SessionMinutes
-from fieldkit.results.result_files import command_line
+from fieldkit.results.result_files import command_line, writing
 from fieldkit.results.session_estimates import Estimates
 from fieldkit.results.sources import SessionOrFile, Settings, config_for, log_warning, reading, settings_from
 from fieldkit.sessions.file_tree import iso_utc
@@ -274,10 +274,11 @@ class MappedSession:
         if wanted is None and view is not None:
             wanted = Products(("slope", "heading"))
         made = self.products(wanted) if wanted is not None else []
-        files = self._write_frame(base, made)
-        if view is not None:
-            notify(f"the grid of {view.crs} is corrected: {view.grid}")
-            files += write_on_ground(base, view, made, self.slopes, self.end_ns)
+        with writing(base):
+            files = self._write_frame(base, made)
+            if view is not None:
+                notify(f"the grid of {view.crs} is corrected: {view.grid}")
+                files += write_on_ground(base, view, made, self.slopes, self.end_ns)
         return files
 
     def _configured_view(self, cell_m: float | None, notify: Callable[[str], None]) -> GroundView | None:
@@ -292,24 +293,18 @@ class MappedSession:
         files = [base.with_name(base.name + ending) for ending in ENDINGS]
         layers_beside = made if self.along_sun is None else ()  # of one minute the map is the layer
         images = {base.with_name(f"{base.name}-{layer.name}.png"): layer for layer in layers_beside}
-        try:
-            base.parent.mkdir(parents=True, exist_ok=True)
-            # as a whole: a viewer may have the previous one open
-            with replacing(files[0], synced=False) as image, replacing(files[1], synced=False) as arrays:
-                image.write_bytes(map_png(self))
-                with open_session(self.path) as session:
-                    attributes = _provenance(self, session)
-                write_map(
-                    arrays, self.slopes, self.bounds, regions=self.regions, site=self.site, made=made,
-                    attributes=attributes,
-                )  # fmt: skip
-            for path, layer in images.items():
-                with replacing(path, synced=False) as image:
-                    image.write_bytes(_layer_image(self, layer))
-        except OSError as error:
-            raise StorageError(
-                f"cannot write {base}: {error.strerror or error}", fix="name another place with -o"
-            ) from error
+        # as a whole: a viewer may have the previous one open
+        with replacing(files[0], synced=False) as image, replacing(files[1], synced=False) as arrays:
+            image.write_bytes(map_png(self))
+            with open_session(self.path) as session:
+                attributes = _provenance(self, session)
+            write_map(
+                arrays, self.slopes, self.bounds, regions=self.regions, site=self.site, made=made,
+                attributes=attributes,
+            )  # fmt: skip
+        for path, layer in images.items():
+            with replacing(path, synced=False) as image:
+                image.write_bytes(_layer_image(self, layer))
         return [*files, *images]
 
 
