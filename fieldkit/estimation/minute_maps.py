@@ -51,8 +51,9 @@ class MinuteMap:
 
     def solved(self, surface_k: SurfaceK) -> Mapped:
         """Slopes of every pixel, bounds, likelihood, and of one minute the component along the sun."""
-        sums = MapSums(self.shape, self.settings.surface, self.settings.noise_k, self.settings.tilt_limit_deg)
         settings = self.settings
+        limits = (settings.tilt_limit_deg, settings.confidence)
+        sums = MapSums(self.shape, settings.surface, settings.noise_k, *limits)
         if settings.model == "paper":
             self._add_paper(sums, surface_k)
         elif settings.model == "learned" and self.learnt is not None and self._alike:

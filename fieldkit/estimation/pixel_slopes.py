@@ -56,7 +56,8 @@ class SlopeMap:
 class MapSums:
     """Running sums of a slope map over the frames (rows, cols) of a window.
 
-    `noise_k` is the standard deviation of one pixel, `tilt_limit_deg` the largest tilt considered.
+    `noise_k` is the standard deviation of one pixel, `tilt_limit_deg` the largest tilt considered,
+    `confidence` that with which a second slope must be worse.
     """
 
     def __init__(
@@ -65,11 +66,12 @@ class MapSums:
         surface: SurfaceParameters,
         noise_k: float,
         tilt_limit_deg: float = 45.0,
+        confidence: float = CONFIDENCE,
     ) -> None:
         self.shape = shape
         self.count: int = 0
         self._surface, self._noise_k = surface, noise_k
-        self._drop = misfit_drop(CONFIDENCE, 2)
+        self._drop = misfit_drop(confidence, 2)
         self._limit_cosine = np.float32(np.cos(np.radians(tilt_limit_deg)))
         pixels = shape[0] * shape[1]
         self._H, self._b, self._c = np.zeros((3, 3)), np.zeros((3, pixels)), np.zeros(pixels)

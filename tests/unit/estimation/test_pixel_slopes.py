@@ -50,6 +50,17 @@ def mapped(sun, normals, noise_k=0.0, spoil=None):
     return sums.solve()
 
 
+def test_more_pixels_have_a_second_slope_the_more_confidence_is_asked_for(scene):
+    sun, normals = scene
+    counts = []
+    for confidence in (0.5, 0.9, 0.99):
+        sums = MapSums(SHAPE, PAPER, 0.003, confidence=confidence)
+        for ray in sun:
+            sums.add(temperatures(normals, ray), float(temperatures(VERTICAL, ray)), ray, 800.0, VERTICAL)
+        counts.append(np.count_nonzero(sums.solve().state == SlopeState.NOT_RESOLVED))
+    assert counts[0] < counts[1] < counts[2]
+
+
 def bounded(sums, settings):
     slopes = sums.solve()
     return with_bounds(slopes, posterior(slopes, sums, VERTICAL, settings), settings)
