@@ -75,7 +75,7 @@ def command(
     if duration_s is not None and until is not None:
         raise click.UsageError("give --for or --until, not both")
     if include_last_s is not None and at is not None:
-        raise click.UsageError("--at may be as much earlier, without --include-last")
+        raise click.UsageError("give --at or --include-last, not both; an earlier --at records the same")
     config = common.campaign(ctx, settings)
     report_interrupted(sessions_in(config.recordings))
     if detach and page_address is not None:

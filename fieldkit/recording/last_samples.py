@@ -102,7 +102,7 @@ def left_samples(recordings: Path) -> Iterator[LeftSamples | None]:
         opened.callback(shutil.rmtree, recordings / FOLDER, ignore_errors=True)
         try:
             left = LeftSamples(opened.enter_context(JournalReader(recordings / FOLDER)))
-        except SessionError:  # it is empty, or not there
+        except (SessionError, OSError):  # it is empty, not there, or cannot be read
             left = None
         yield left
 
@@ -144,14 +144,23 @@ class LeftSamples:
             if now and now.has_the_columns_of(info) and now.is_read_as(info):
                 alike[number] = info
             else:
-                notify(f"{info.name}: what the preview had of it is not included: it is another stream now")
+                notify(
+                    f"{info.name}: its last samples are not included: it is not declared as in the preview"
+                )
         return alike
 
     def _samples(self, streams: dict[int, StreamInfo], clock: Clock, seconds: float) -> Iterator[Sample]:
         now_ns = clock.mono_ns()
-        for row in self.journal.since(0, sum(self.journal.written)):
-            if not (isinstance(row, SampleRow) and row.stream in streams):
-                continue
-            sample = row.sample(streams[row.stream])
+        for row in self._rows():
+            sample = row.sample(streams[row.stream]) if row.stream in streams else None
             if sample is not None and now_ns - round(seconds * SECOND_NS) <= sample.mono_ns <= now_ns:
                 yield sample._replace(time_ns=clock.to_utc_ns(sample.mono_ns), seq=UNNUMBERED)
+
+    def _rows(self) -> Iterator[SampleRow]:
+        """Those that can be read: what is left of a preview must not end the recording."""
+        try:
+            for row in self.journal.since(0, sum(self.journal.written)):
+                if isinstance(row, SampleRow):
+                    yield row
+        except (OSError, ValueError, FieldkitError) as error:
+            log.warning("the rest of the preview's last samples cannot be read: %s", error)

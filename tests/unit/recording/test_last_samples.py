@@ -148,7 +148,7 @@ def test_a_recording_that_is_to_wait_begins_earlier_instead(campaign):
     words = ["record", "-C", str(campaign.config.path.parent), "--at", "12:30", "--include-last", "2m"]
     done = CliRunner().invoke(main, words)
     assert done.exit_code == 2
-    assert "--at may be as much earlier" in done.stderr
+    assert "an earlier --at records the same" in done.stderr
 
 
 def test_a_preview_is_refused_while_another_has_the_instruments(campaign):
@@ -243,6 +243,20 @@ def test_nothing_is_written_where_nobody_asked_and_nothing_of_an_earlier_recorde
     with left_samples(recordings) as left:
         assert left is None
     assert not (recordings / FOLDER).exists()
+
+
+def test_what_is_left_and_cannot_be_read_does_not_end_the_recording(campaign, instruments, caplog):
+    kept, now_ns = LastSamples(campaign.config, instruments), instruments.clock.mono_ns()
+    kept.show(lux(now_ns - 2))
+    kept.show(lux(now_ns - 1))
+    ask_for_last_samples(campaign.config.recordings)
+    kept.close()
+    with left_samples(campaign.config.recordings) as left:
+        samples = left.included(instruments, 60, pytest.fail).samples
+        assert next(samples).mono_ns == now_ns - 2
+        left.journal.close()  # as a disk that is gone
+        assert list(samples) == []
+    assert "cannot be read" in caplog.text
 
 
 def test_a_preview_that_cannot_write_ends_as_ever(campaign, instruments, caplog):
