@@ -3,8 +3,8 @@
 ``python docs/transcripts.py [PAGE.md ...]`` runs pages and puts the numbers that came into them; a test
 compares. In a block marked ``console`` lines after ``$`` are typed, with those after ``>`` that follow; the
 others are what is printed, on stdout and stderr together. A block marked ``python`` is run, and prints what a
-``text`` block right after it shows. ``...`` stands for anything. What a page runs, it runs one after the
-other in an empty folder.
+``text`` block right after it shows; one with a ``title`` becomes that file, which later ones may import.
+``...`` stands for anything. What a page runs, it runs one after the other in an empty folder.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-RUN = re.compile(r"(?ms)^```(console|python)\n(.*?)^```\n(?:\n```text\n(.*?)^```)?")
+RUN = re.compile(r"(?ms)^```(console|python)(?: title=\"(\S+)\")?\n(.*?)^```\n(?:\n```text\n(.*?)^```)?")
 NUMBER = r"(\d+(?:\.\d+)?)"
 HOME = "/home/me"
 
@@ -34,9 +34,10 @@ def pages() -> list[Path]:
 def commands(page: Path) -> list[tuple[str, list[str] | None]]:
     """Each command of a page with the lines it is said to print, None where the page does not say."""
     found: list[tuple[str, list[str] | None]] = []
-    for kind, body, printed in RUN.findall(page.read_text(encoding="utf-8")):
+    for kind, file, body, printed in RUN.findall(page.read_text(encoding="utf-8")):
         if kind == "python":
-            found.append((f"python -W error - <<'PYTHON'\n{body}PYTHON", printed.splitlines() or None))
+            run = f"tee {file} <<'PYTHON' | python -W error -\n{body}PYTHON"
+            found.append((run, printed.splitlines() or None))
             continue
         for typed, shown in re.findall(r"(?m)^\$ (.*\n(?:> .*\n)*)((?:(?!\$ ).*\n)*)", body):
             found.append((typed.rstrip("\n").replace("\n> ", "\n"), shown.splitlines()))
