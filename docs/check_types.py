@@ -1,6 +1,7 @@
 """Check the Python of pages and notebooks with pyright, strict, and that the types of fieldkit are declared.
 
-All blocks of a page are one module, and so are all cells of a notebook. ``make lint`` runs it:
+All blocks of a page are one module, but for those with a file's name, and so are all cells of a notebook.
+``make lint`` runs it:
 ``python docs/check_types.py``.
 """
 
@@ -16,7 +17,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-BLOCK = re.compile(r"(?ms)^```py(?:thon)?\n(.*?)^```")
+BLOCK = re.compile(r"(?ms)^```py(?:thon)?(?: title=\"(\S+)\.py\")?\n(.*?)^```")
 WITHOUT_IMPORTS = ("usb-lab.md",)
 """Pages that show part of a test."""
 OPTIONS = {
@@ -45,7 +46,8 @@ def modules() -> Iterator[tuple[str, str]]:
     for path in (ROOT / "README.md", *pages):
         blocks = BLOCK.findall(path.read_text(encoding="utf-8"))
         if blocks and path.name not in WITHOUT_IMPORTS:
-            yield module_name(path), "\n\n".join(blocks)
+            yield from ((title, block) for title, block in blocks if title)
+            yield module_name(path), "\n\n".join(block for title, block in blocks if not title)
     for path in sorted((ROOT / "examples").rglob("*.py")):
         yield module_name(path), path.read_text(encoding="utf-8")
 
