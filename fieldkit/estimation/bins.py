@@ -426,9 +426,12 @@ class History:
                 object.__setattr__(self, name, np.full(like.shape, np.nan))
 
     @classmethod
-    def of(cls, bins: Sequence[MinuteBin]) -> History:
-        """Stack bins in order of time; a region that was drawn later is without frames before."""
-        regions = max((b.temperature_k.size for b in bins), default=0)
+    def of(cls, bins: Sequence[MinuteBin], columns: int = 0) -> History:
+        """Stack bins in order of time, in `columns` or as many as they have.
+
+        A region that was drawn later is without frames before.
+        """
+        regions = max((b.temperature_k.size for b in bins), default=columns)
         by_minute: dict[str, NDArray[Any]] = {
             name: np.array([getattr(b, name) for b in bins], kind)
             for kind, names in ((np.int64, _WHOLE), (np.float64, _REAL))

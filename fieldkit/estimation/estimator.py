@@ -111,7 +111,7 @@ class Estimator:
     @property
     def history(self) -> History:
         """All bins closed so far, of every outline in `schedule`."""
-        return History.of(self.bins)
+        return History.of(self.bins, len(self.schedule.columns))
 
     def add(self, sample: Sample | Event | RegionRecord) -> list[Minute]:
         """Take one sample, mark or change of regions; returns the minutes it closed, usually none."""

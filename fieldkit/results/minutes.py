@@ -165,7 +165,8 @@ def measure(
 def _measured(binner: Binner, closed: Sequence[Closed], damaged: Mapping[str, int]) -> Measured:
     schedule, words = binner.schedule, binner.irradiance_model
     minutes = tuple(measured_minute(one, schedule, words) for one in closed)
-    return Measured(minutes, History.of([one for one, _ in closed]), dict(damaged), words)
+    history = History.of([one for one, _ in closed], len(schedule.columns))
+    return Measured(minutes, history, dict(damaged), words)
 
 
 def measured_in(run: Run, session: SessionReader | None = None) -> Measured:

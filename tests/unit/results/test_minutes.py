@@ -16,6 +16,7 @@ import pytest
 
 import fieldkit
 from fieldkit.config import changed_config, load_config
+from fieldkit.model.errors import NoAnswerError
 from fieldkit.results import minutes as minutes_service
 from fieldkit.results.check import check
 from fieldkit.results.estimate import estimate, estimator_for, minutes_of
@@ -23,6 +24,8 @@ from fieldkit.results.minutes import SessionMinutes
 from fieldkit.results.sources import config_for
 from fieldkit.sessions.file_tree import LIBVER
 from fieldkit.sessions.reader import open_session
+from fieldkit.sessions.writer import SessionWriter
+from fieldkit.simulation.simulated_clock import SimulatedClock
 
 
 @pytest.fixture
@@ -185,3 +188,14 @@ def test_configuration_that_cannot_be_used_is_a_finding(sessions, tmp_path):
     found = check(with_header(sessions[0], change, tmp_path / "a.h5")).findings
     (slopes,) = (one for one in found if one.what == "slopes")
     assert "could not be computed again" in slopes.text
+
+
+def test_a_session_without_a_sample_has_no_slopes_and_every_result_says_so(sessions, tmp_path):
+    """What a recording is in its first seconds, when somebody already follows it."""
+    path = tmp_path / "empty.h5"
+    with open_session(sessions[0]) as session:
+        SessionWriter(path, session.header, SimulatedClock(session.identity.start_ns)).close()
+    with pytest.raises(NoAnswerError, match="no minute has frames"):
+        fieldkit.slope_map(path)
+    assert not fieldkit.estimate(path).minutes
+    assert not fieldkit.report(path).failures
