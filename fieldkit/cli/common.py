@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from fieldkit.cli.failure import to_stderr
 from fieldkit.cli.old_spellings import respelt
 from fieldkit.model.errors import ConfigError
 
@@ -172,7 +173,7 @@ def is_interactive() -> bool:
 def say(text: str) -> None:
     """Print a message on stderr, unless ``--quiet``."""
     if not options().quiet:
-        click.echo(text, err=True)
+        to_stderr(text)
 
 
 def say_damage(session: SessionReader) -> None:
@@ -203,11 +204,16 @@ def print_json(document: Mapping[str, Any]) -> None:
     click.echo(_encodable(to_json(document, indent=2)))
 
 
-def print_json_line(document: Mapping[str, Any], *, err: bool = False) -> None:
+def print_json_line(document: Mapping[str, Any]) -> None:
     """Print one JSON object on one line, for commands that print many; NaN becomes null."""
+    click.echo(json_line(document))
+
+
+def json_line(document: Mapping[str, Any]) -> str:
+    """A JSON object on one line."""
     from fieldkit.results.json_document import to_json
 
-    click.echo(_encodable(to_json(document, indent=None)), err=err)
+    return _encodable(to_json(document, indent=None))
 
 
 def _encodable(text: str) -> str:

@@ -13,7 +13,7 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TextIO
 
 import click
 
@@ -58,7 +58,7 @@ def _explained(ctx: click.Context) -> Iterator[None]:
         explain(error)
         ctx.exit(error.exit_code)
     except (KeyboardInterrupt, click.Abort):
-        click.echo("\nstopped", err=True)
+        to_stderr("\nstopped")
         ctx.exit(STOPPED)
     except (click.ClickException, click.exceptions.Exit):
         raise
@@ -103,9 +103,14 @@ def _stdout_is_broken() -> bool:
     try:
         os.write(sys.stdout.fileno(), b"\n")
     except OSError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _discard(sys.stdout)
         return True
     return False
+
+
+def _discard(stream: TextIO) -> None:
+    """Discard what was and will be written to a stream."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def explain(error: FieldkitError) -> None:
@@ -113,15 +118,23 @@ def explain(error: FieldkitError) -> None:
 
     With ``--json`` as JSON on one line: message, fix or null, exit code.
     """
-    from fieldkit.cli.common import options, print_json_line
+    from fieldkit.cli.common import json_line, options
 
     if options().json:
         document = {"error": error.message, "fix": error.fix, "exit_code": error.exit_code}
-        print_json_line(document, err=True)
+        to_stderr(json_line(document))
         return
-    click.echo(f"error: {error.message}", err=True)
+    to_stderr(f"error: {error.message}")
     if error.fix:
-        click.echo("  fix: " + error.fix.replace("\n", "\n       "), err=True)
+        to_stderr("  fix: " + error.fix.replace("\n", "\n       "))
+
+
+def to_stderr(text: str) -> None:
+    """Print on stderr; where that leads nowhere any more, what the command does goes on without."""
+    try:
+        click.echo(text, err=True)
+    except OSError:
+        _discard(sys.stderr)
 
 
 def _report_unexpected(error: Exception, command: str) -> None:

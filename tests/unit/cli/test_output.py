@@ -1,10 +1,14 @@
 """Where the output of a command goes: a pipe that closes, a full disk, a terminal with few letters."""
 
 import json
+import os
 import subprocess
 import sys
 
 import pytest
+
+import fieldkit
+from fieldkit.sessions.reader import open_session
 
 PLAN = [
     "plan",
@@ -53,3 +57,16 @@ def test_a_terminal_with_ascii_alone_shows_everything_in_letters_it_has(monkeypa
     process = started([*PLAN, "--json"], stdout=subprocess.PIPE)
     document = json.loads(process.communicate(timeout=60)[0].decode("ascii"))
     assert document["irradiance"] == "S 800 W/m² assumed"  # data are escaped, never replaced
+
+
+def test_a_recording_goes_on_where_nobody_reads_its_messages(tmp_path):
+    fieldkit.init_campaign(tmp_path, simulated=True)
+    reader, closed = os.pipe()
+    os.close(reader)
+    words = ["record", "--for", "1m", "--set", "simulation.speed=max", "-C", str(tmp_path)]
+    done = subprocess.run([sys.executable, "-m", "fieldkit", *words], stderr=closed, check=False, timeout=60)
+    os.close(closed)
+    assert done.returncode == 0
+    (session,) = (tmp_path / "recordings").glob("*.h5")
+    with open_session(session) as found:
+        assert found.state == "sealed"
