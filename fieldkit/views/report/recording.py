@@ -110,11 +110,12 @@ def _outline(region: Region) -> Outline:
 
 
 def regions(data: ReportData) -> Table:
-    """The regions: kind, given slope, size and emissivity."""
+    """The regions: kind (and that of their surface, if it is their own), given slope, size and emissivity."""
+    kinds = data.settings.kinds
     rows = [
         (
             strong(region.name),
-            formatting.kind(region),
+            ", ".join([formatting.kind(region), *([kinds[region.name]] if region.name in kinds else [])]),
             formatting.given_slope(region),
             _pixels(region, data.frame),
             formatting.number(region.emissivity, 2),

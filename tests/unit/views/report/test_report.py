@@ -184,6 +184,11 @@ def rows_of(text: str, heading: str) -> list[list[str]]:
     return []
 
 
+def test_a_region_of_another_surface_says_of_which(written, settings):
+    rows = rows_of(written(settings=replace(settings, kinds={"b15": "rock"})), "own emissivity")
+    assert [row[1] for row in rows[1:]] == ["reference", "target, rock", "target"]
+
+
 def test_what_the_data_taught_has_its_section(written, minutes, settings):
     taught = [replace(minute, learnt=learnt(n)) for n, minute in enumerate(minutes)]
     text = written(minutes=taught, settings=replace(settings, model="learned"))
