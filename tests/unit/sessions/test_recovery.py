@@ -114,7 +114,9 @@ def rows_in_front_of(path: Path, stream: str, end: int) -> list[int]:
     return [row for row in range(FRAMES) if whole[row]]
 
 
-@pytest.mark.parametrize("share", [0.999, 0.9, 0.6, 0.3])
+@pytest.mark.parametrize(
+    "share", [0.9, 0.3, *(pytest.param(one, marks=pytest.mark.slow) for one in (0.999, 0.6))]
+)
 def test_sealed_file_that_lost_its_end_gives_back_all_whose_bytes_are_there(
     sealed: Path, tmp_path: Path, share: float
 ) -> None:
@@ -368,7 +370,9 @@ def test_time_map_outlives_recovery(tmp_path: Path) -> None:
         assert {name: column[:].tolist() for name, column in file["time_map"].items()} == versions
 
 
-@pytest.mark.parametrize("share", [0.0, 0.3, 0.6, 0.99])
+@pytest.mark.parametrize(
+    "share", [0.0, 0.6, *(pytest.param(one, marks=pytest.mark.slow) for one in (0.3, 0.99))]
+)
 def test_time_map_that_was_lost_with_the_end_of_the_file_is_told(
     sealed: Path, tmp_path: Path, share: float
 ) -> None:
