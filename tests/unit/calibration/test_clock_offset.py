@@ -69,8 +69,15 @@ WINDOWS = {
 }
 
 
-@pytest.mark.parametrize("window", WINDOWS)
-@pytest.mark.parametrize("place", SITES)
+# each place with one part of its days, and all parts of them in make test-slow
+PARTS = [
+    pytest.param(place, window, marks=[pytest.mark.slow] * ((number - part) % len(WINDOWS) > 0))
+    for number, place in enumerate(SITES)
+    for part, window in enumerate(WINDOWS)
+]
+
+
+@pytest.mark.parametrize(("place", "window"), PARTS)
 def test_light_of_a_low_sun_does_not_move_the_clock(place, window):
     """From below 8.6 degrees it moved it by -400 to +860 s at a stated 2 x 121 s, or was taken for clouds."""
     for date, turbidity, wrong_s in (("2017-03-20", 2.5, 3600), ("2017-06-21", 4.5, 0)):

@@ -191,28 +191,32 @@ def test_the_truth_lies_inside_the_stated_interval_as_often_as_it_says():
     assert np.mean(no[sd > 0.10]) >= 0.95
 
 
+@pytest.mark.parametrize("count", [75, pytest.param(150, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("case", ["still", "sky 5 K", "sky 10 K", "probe"])
-def test_without_a_foil_the_interval_allows_for_a_sky_that_drifts_and_a_probe_that_follows_the_heat(case):
+def test_without_a_foil_the_interval_allows_for_a_sky_that_drifts_and_a_probe_that_follows_the_heat(
+    case, count
+):
     """Without a row for either, k = 2 held the truth on 96, 49, 17 and 48 days of a hundred."""
     inside = []
-    for day in free_days(150, case):
+    for day in free_days(count, case):
         with suppress(CalibrationError):
             found = fit_emissivity(day.pairs, day.shared, reflected="free")
             inside.append(abs(found.value - day.emissivity) <= found.expanded)
-    assert len(inside) >= 120  # the others leave more than 0.05 of doubt, as a span below 20 K does
+    assert len(inside) >= 0.8 * count  # the others leave more than 0.05 of doubt, as a span below 20 K does
     assert np.mean(inside) >= 0.92
 
 
+@pytest.mark.parametrize("count", [150, pytest.param(300, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("tape", [False, True])
-def test_without_a_foil_the_stated_interval_is_neither_too_wide_nor_too_narrow(tape):
+def test_without_a_foil_the_stated_interval_is_neither_too_wide_nor_too_narrow(tape, count):
     """With a tape the drift of the sky counted as if the tape reflected no sky: three times too wide."""
     options = {"tape_emissivity": 0.95, "tape_emissivity_sd": 0.01} if tape else {}
     off = []
-    for day in drawn_free_days(300, tape):
+    for day in drawn_free_days(count, tape):
         with suppress(CalibrationError):
             found = fit_emissivity(day.pairs, day.shared, reflected="free", **options)
             off.append((found.value - day.emissivity) / found.standard_uncertainty)
-    assert len(off) > 260
+    assert len(off) > 0.87 * count
     assert 0.92 <= np.mean(np.abs(off) <= 2.0) <= 0.985
     assert 0.75 <= np.std(off) <= 1.1
 

@@ -106,7 +106,7 @@ def test_a_shadow_that_stays_is_no_test():
     assert shaded == cells(B15, *range(60, 81))
 
 
-@pytest.mark.parametrize("second", [5, 20, 55])
+@pytest.mark.parametrize("second", [5, 55, pytest.param(20, marks=pytest.mark.slow)])
 def test_under_a_board_a_region_cools_more_than_others_in_its_first_whole_minute(second):
     for boards, cools in (([(B15, 61 + second / 60, 66)], True), ([], False)):
         for seed in range(5):
@@ -141,7 +141,9 @@ def live(yard, samples, marks):
 @pytest.mark.parametrize(
     ("told", "minutes"),
     [
-        ([("b17", 605, None, "begin"), ("b17", 890, None, "end")], range(10, 15)),
+        pytest.param(
+            [("b17", 605, None, "begin"), ("b17", 890, None, "end")], range(10, 15), marks=pytest.mark.slow
+        ),
         ([("b17", 605, 800, "begin"), ("b17", 890, 1300, "end")], range(10, 15)),
         ([("b17", 605, None, "begin")], range(10, 25)),
         ([("flat", 605, None, "begin"), ("flat", 725, None, "end")], range(10, 13)),

@@ -83,7 +83,9 @@ def test_a_session_and_its_file_give_the_same(sessions, tmp_path):
     with fieldkit.open_session(sessions[0]) as session:
         opened = fieldkit.export(session, "csv", tmp_path / "opened"), fieldkit.check(session)
         assert session.export("csv", tmp_path / "method").files
-        assert fieldkit.report(session, tmp_path / "one.html").sessions == (sessions[0],)
+        made = fieldkit.report(session, tmp_path / "one.html")
+        assert (made.sessions, made.path) == ((sessions[0],), tmp_path / "one.html")
+        assert made.path.read_text(encoding="utf-8").lower().startswith("<!doctype html>")
         assert session.state == "sealed"
         assert session.count("camera") > 0  # still open
     named = fieldkit.export(sessions[0], "csv", tmp_path / "named"), fieldkit.check(sessions[0])
@@ -91,10 +93,7 @@ def test_a_session_and_its_file_give_the_same(sessions, tmp_path):
     assert opened[1] == named[1]
 
 
-def test_a_report_is_written_where_asked(sessions, tmp_path):
-    made = report(sessions[0], tmp_path / "one.html")
-    assert made.path == tmp_path / "one.html"
-    assert made.path.read_text(encoding="utf-8").lower().startswith("<!doctype html>")
+def test_a_report_of_several_leaves_out_what_cannot_be_read(sessions, tmp_path):
     both = report([*sessions, tmp_path / "none.h5"], tmp_path / "all.html")
     assert list(both.failures) == [tmp_path / "none.h5"]
 

@@ -66,6 +66,19 @@ OTHER = {
     "camera_path": CameraPath(Trajectory((0,), ((0.0, 0.0, 2.0),), ((0.0, 0.0, 0.0, 1.0),)), 50.0, (), 0.0),
 }
 """For every setting another value; those of contours and of the full model bring these along."""
+OF_CONTOURS = ("contour_tolerance_w_m2", "contour_threshold")
+OF_FULL = (
+    "slab", "conductivity_sd", "capacity_sd", "sky", "ground_albedo", "longwave_down_w_m2",
+    "diffuse_fraction",
+)  # fmt: skip
+OF_LEARNED = ("prior", "kinds")
+OF_ANY = (
+    "surface", "probes", "irradiance", "window_s", "azimuth", "refraction", "reflected_temperature_k",
+    "noise_k", "settle_s", "min_minutes", "scale", "scale_sd", "exchange_sd", "offsets_k", "offset_sd_k",
+    "emissivity_sd", "own_emissivity_sd", "factor_sd", "drift_sd_k_per_h", "confidence",
+)  # fmt: skip
+TOGETHER = (OF_ANY, OF_CONTOURS, OF_FULL, OF_LEARNED)
+"""What leaves slopes where all of it is another value; each alone takes a minute."""
 
 
 @pytest.fixture(scope="module")
@@ -80,30 +93,29 @@ def test_every_setting_is_tried():
     assert set(OTHER) == {field.name for field in fields(EstimatorSettings)}
 
 
-@pytest.mark.parametrize("name", OTHER)
-def test_slopes_from_kept_minutes_are_the_estimators(recording, name):
+def alone(name):
+    is_together = any(name in names for names in TOGETHER)
+    return pytest.param((name,), id=name, marks=[pytest.mark.slow] * is_together)
+
+
+@pytest.mark.parametrize(
+    "names", [*(pytest.param(names, id=f"{names[0]} and others") for names in TOGETHER), *map(alone, OTHER)]
+)
+def test_slopes_from_kept_minutes_are_the_estimators(recording, names):
     path, site, regions, streams, samples = recording
-    settings = replace(EstimatorSettings(model="paper"), **{name: OTHER[name]})
-    if name.startswith("contour"):
+    settings = replace(EstimatorSettings(model="paper"), **{name: OTHER[name] for name in names})
+    if names[0] in OF_CONTOURS:
         settings = replace(settings, method="contours")
-    if name in (
-        "slab",
-        "conductivity_sd",
-        "capacity_sd",
-        "sky",
-        "ground_albedo",
-        "longwave_down_w_m2",
-        "diffuse_fraction",
-        "reference",
-    ):
+    if names[0] in (*OF_FULL, "reference"):
         settings = replace(settings, model="full")
-    if name in ("prior", "kinds"):
+    if names[0] in OF_LEARNED:
         settings = replace(settings, model="learned")
     estimator = Estimator(site, regions, streams, settings)
     minutes = [minute for sample in samples for minute in estimator.add(sample)] + estimator.finish()
     (measured,) = measure(path, regions, [(site, bin_settings(settings))])
     found = solve(measured.history, regions, settings)
     assert [repr(one) for one in found] == [repr(one) for minute in minutes for one in minute.estimates]
+    assert names not in TOGETHER or np.isfinite(found.rows["tilt_deg"]).any()
     assert found.rows["irradiance_w_m2"][::3].tolist() == pytest.approx(
         [minute.dni_w_m2 for minute in minutes], nan_ok=True, abs=0
     )

@@ -160,7 +160,7 @@ def with_header(session: Path, change: Callable[[Any], object], path: Path) -> P
 
 
 @pytest.mark.parametrize(
-    "seed", [*range(6), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(6, 24))]
+    "seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 24))]
 )
 def test_hostile_header_is_a_finding(sessions, tmp_path, seed):
     """No header ends the check: what is wrong with it is among the findings."""

@@ -39,8 +39,8 @@ def campaign(folder, **tables):
     return create_campaign(folder, document)
 
 
-def test_slopes_of_a_simulated_hour_on_mars_lie_in_their_regions(tmp_path):
-    session = record(campaign(tmp_path), duration="1h", name="jezero")
+def test_slopes_of_a_simulated_half_hour_on_mars_lie_in_their_regions(tmp_path):
+    session = record(campaign(tmp_path), duration="30m", name="jezero")
     with open_session(session.path) as stored:
         assert stored.site.body == "mars"
         assert "mars" in stored.header.config_toml

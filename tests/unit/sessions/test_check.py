@@ -107,20 +107,25 @@ def test_light_brighter_than_the_sun_is_not_plausible(tmp_path: Path) -> None:
     assert "5 implausible values, the first 300000 lx" in said(tmp_path / "a.h5", "lux")
 
 
-@pytest.mark.parametrize(
-    ("kind", "severity", "level"),
-    [
-        (EventKind.LOST, Severity.ERROR, "warn"),
-        (EventKind.GARBLED, Severity.WARNING, "warn"),
-        (EventKind.CLOUD, Severity.WARNING, "warn"),
-        (EventKind.DISK, Severity.ERROR, "warn"),
-        (EventKind.MARK, Severity.INFO, "ok"),
-    ],
-)
-def test_events_are_summed_up(tmp_path: Path, kind: EventKind, severity: Severity, level: str) -> None:
-    events = [Event(kind, n, START_NS, f"number {n}", "lux", severity) for n in range(3)]
-    path = recorded(tmp_path / "a.h5", STEADY, events=events)
-    assert "number 0, and 2 more" in said(path, f"{kind.name.lower()} lux", level)
+LEVELS = {
+    EventKind.LOST: (Severity.ERROR, "warn"),
+    EventKind.GARBLED: (Severity.WARNING, "warn"),
+    EventKind.CLOUD: (Severity.WARNING, "warn"),
+    EventKind.DISK: (Severity.ERROR, "warn"),
+    EventKind.MARK: (Severity.INFO, "ok"),
+}
+
+
+def test_events_are_summed_up(tmp_path: Path) -> None:
+    events = [
+        Event(kind, n, START_NS, f"{kind.name} {n}", "lux", severity)
+        for kind, (severity, _) in LEVELS.items()
+        for n in range(3)
+    ]
+    found = {one.what: one for one in check(recorded(tmp_path / "a.h5", STEADY, events=events))}
+    for kind, (_, level) in LEVELS.items():
+        one = found[f"{kind.name.lower()} lux"]
+        assert (one.level, f"{kind.name} 0, and 2 more" in one.text) == (level, True), kind
 
 
 def test_changed_byte_of_a_picture_is_found(tmp_path: Path) -> None:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -21,20 +24,36 @@ AT_300_K = 3509
 """Counts of a black body of 300 K by these constants: R1 / (R2 (exp(B/T) - F)) - O."""
 
 
-def warned(path: Path, law: str, count: int, rows: np.ndarray, **settings: float) -> str:
-    """Warnings on a camera of that law, all of whose pixels have that count."""
-    width = rows.shape[1]
-    camera = replace(
-        CAMERA, law=law, scale=float("nan"), settings=settings, shape=(24, width), metadata_shape=rows.shape
-    )
+class Showing(NamedTuple):
+    """A camera by its law, all of whose pixels have one count."""
+
+    law: str
+    count: int
+    rows: np.ndarray
+    settings: Mapping[str, float] = MappingProxyType({})
+
+
+def warned(path: Path, *cameras: Showing) -> list[str]:
+    """Warnings on each of some cameras, recorded together."""
+    infos = tuple(
+        replace(
+            CAMERA, name=f"camera{number}", law=one.law, scale=float("nan"), settings=dict(one.settings),
+            shape=(24, one.rows.shape[1]), metadata_shape=one.rows.shape,
+        )
+        for number, one in enumerate(cameras)
+    )  # fmt: skip
     clock = CountedClock()
-    writer = SessionWriter(path, replace(HEADER, streams=(camera,)), clock)
+    writer = SessionWriter(path, replace(HEADER, streams=infos), clock)
     for seq in range(3):
         mono_ns = seq * 111_111_111
-        frame = sample(camera, seq, mono_ns, clock.to_utc_ns(mono_ns))
-        writer.append(frame._replace(counts=np.full(camera.shape, count, "<u2"), metadata_rows=rows))
+        for info, one in zip(infos, cameras, strict=True):
+            frame = sample(info, seq, mono_ns, clock.to_utc_ns(mono_ns))
+            writer.append(
+                frame._replace(counts=np.full(info.shape, one.count, "<u2"), metadata_rows=one.rows)
+            )
     writer.close()
-    return " | ".join(one.text for one in check(path) if one.what == "camera" and one.level == "warn")
+    found = [one for one in check(path) if one.level == "warn"]
+    return [" | ".join(one.text for one in found if one.what == info.name) for info in infos]
 
 
 def ht301_rows() -> np.ndarray:
@@ -51,16 +70,19 @@ NO_ROWS = np.zeros((1, 32), "<u2")
 
 
 def test_planck_law_with_its_constants_gives_values(tmp_path: Path) -> None:
-    assert warned(tmp_path / "a.h5", "planck", AT_300_K, NO_ROWS, **PLANCK) == ""
-    assert "are implausible" in warned(tmp_path / "b.h5", "planck", 60_000, NO_ROWS, **PLANCK)
+    counts = (AT_300_K, 60_000)
+    usual, hot = warned(tmp_path / "a.h5", *(Showing("planck", one, NO_ROWS, PLANCK) for one in counts))
+    assert usual == ""
+    assert "are implausible" in hot
 
 
 def test_law_that_takes_its_parameters_from_every_picture_gives_values(tmp_path: Path) -> None:
     rows = ht301_rows()
     assert ht301(np.array([AT_40_C], np.uint16), rows, {})[0] == pytest.approx(313.15, abs=0.02)
-    assert warned(tmp_path / "a.h5", "ht301", AT_40_C, rows) == ""
+    assert warned(tmp_path / "a.h5", Showing("ht301", AT_40_C, rows)) == [""]
 
 
-@pytest.mark.parametrize("law", ["planck", "ht301", "cubic", "linear"])
-def test_law_that_cannot_tell_is_found(tmp_path: Path, law: str) -> None:
-    assert "the scale is not known" in warned(tmp_path / "a.h5", law, AT_300_K, NO_ROWS)
+def test_law_that_cannot_tell_is_found(tmp_path: Path) -> None:
+    laws = ("planck", "ht301", "cubic", "linear")
+    found = warned(tmp_path / "a.h5", *(Showing(law, AT_300_K, NO_ROWS) for law in laws))
+    assert ["the scale is not known" in one for one in found] == [True] * len(laws)

@@ -63,7 +63,14 @@ def test_a_corrected_clock_fits(tmp_path: Path) -> None:
     assert (found.level, found.text) == ("ok", "the light fits the sun's height at the corrected times")
 
 
-@pytest.mark.parametrize(("hours_behind", "told"), [(2, "+120 min"), (-3, "-180 min"), (9, "+540 min")])
+@pytest.mark.parametrize(
+    ("hours_behind", "told"),
+    [
+        (-3, "-180 min"),
+        pytest.param(2, "+120 min", marks=pytest.mark.slow),
+        pytest.param(9, "+540 min", marks=pytest.mark.slow),
+    ],
+)
 def test_a_wrong_zone_is_told_with_what_to_add(tmp_path: Path, hours_behind: int, told: str) -> None:
     recorded_ns = NINE_TO_THREE - hours_behind * HOUR_NS
     found = sun_finding(session(tmp_path / "a.h5", recorded_ns, clear_light_lx(NINE_TO_THREE)))
@@ -72,7 +79,7 @@ def test_a_wrong_zone_is_told_with_what_to_add(tmp_path: Path, hours_behind: int
     assert f"best at {told}" in found.text
 
 
-@pytest.mark.parametrize("minutes", [30, 55])
+@pytest.mark.parametrize("minutes", [55, pytest.param(30, marks=pytest.mark.slow)])
 def test_less_than_an_hour_says_nothing_of_the_clock(tmp_path: Path, minutes: int) -> None:
     time_ns = NINE_TO_THREE[:minutes]
     found = sun_finding(session(tmp_path / "a.h5", time_ns - 2 * HOUR_NS, clear_light_lx(time_ns)))

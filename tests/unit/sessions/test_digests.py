@@ -77,17 +77,15 @@ def test_other_scale_is_named(path: Path) -> None:
     assert failed(path) == ["config/header"]
 
 
-@pytest.mark.parametrize(
-    "dataset",
-    [
+def test_each_changed_value_is_named(path: Path) -> None:
+    changed = {
         "entry/site/latitude", "entry/utc_minus_mono_ns", "entry/start_time", "entry/instrument/lux/driver",
         "calibration/camera/coefficients", "config/session_toml", "regions/mask", "integrity/first_time",
         "estimates/region", "camera/y",
-    ],
-)  # fmt: skip
-def test_each_changed_value_is_named(path: Path, dataset: str) -> None:
-    flip(path, dataset, 0, 0)
-    assert dataset in failed(path)
+    }  # fmt: skip
+    for dataset in changed:
+        flip(path, dataset, 0, 0)
+    assert changed - set(failed(path)) == set()
 
 
 def test_changed_attribute_is_named(path: Path) -> None:

@@ -29,7 +29,7 @@ from tests.harness import disk
 from tests.harness.recording import START_NS, CountedClock, fill, header, same, sample
 
 HEADER = header((60, 80))
-FRAMES = 1000
+FRAMES = 400
 
 
 def recorded(path: Path, frames: int, *, sealed: bool) -> None:
@@ -77,6 +77,27 @@ def sealed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.fixture(scope="module")
+def originals(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Path]:
+    """Folders of interrupted sessions with their journals, by their number of frames."""
+    folders = {frames: tmp_path_factory.mktemp(f"of-{frames}") for frames in (20, 95)}
+    for frames, folder in folders.items():
+        recorded(folder / "a.h5", frames, sealed=False)
+    return folders
+
+
+@pytest.fixture
+def interrupted(originals: dict[int, Path], tmp_path: Path) -> Path:
+    """A session of twenty frames that was not sealed."""
+    return shutil.copytree(originals[20], tmp_path, dirs_exist_ok=True) / "a.h5"
+
+
+@pytest.fixture
+def longer(originals: dict[int, Path], tmp_path: Path) -> Path:
+    """The same with ten whole chunks and a last one of five frames."""
+    return shutil.copytree(originals[95], tmp_path, dirs_exist_ok=True) / "a.h5"
+
+
 def rows_in_front_of(path: Path, stream: str, end: int) -> list[int]:
     """Samples all of whose bytes stand in front of a place, by the places that the library tells."""
     whole = [True] * FRAMES
@@ -93,7 +114,9 @@ def rows_in_front_of(path: Path, stream: str, end: int) -> list[int]:
     return [row for row in range(FRAMES) if whole[row]]
 
 
-@pytest.mark.parametrize("share", [0.999, 0.9, 0.6, 0.3])
+@pytest.mark.parametrize(
+    "share", [0.9, 0.3, *(pytest.param(one, marks=pytest.mark.slow) for one in (0.999, 0.6))]
+)
 def test_sealed_file_that_lost_its_end_gives_back_all_whose_bytes_are_there(
     sealed: Path, tmp_path: Path, share: float
 ) -> None:
@@ -126,55 +149,49 @@ def test_run_lost_in_the_middle_is_told_with_the_times_around_it(sealed: Path, t
     path = tmp_path / "a.h5"
     shutil.copy(sealed, path)
     with h5py.File(path) as file:
-        place = file["camera/counts"].id.get_chunk_info_by_coord((900, 0, 0))
+        place = file["camera/counts"].id.get_chunk_info_by_coord((360, 0, 0))
     data = bytearray(path.read_bytes())
     data[place.byte_offset + 100] ^= 1
     data[11] = 1  # as if its writer had been killed
     path.write_bytes(data)
     (run,) = recover(path).lost
-    assert (run.stream, run.first, run.last) == ("camera", 900, 908)
+    assert (run.stream, run.first, run.last) == ("camera", 360, 368)
     camera = HEADER.streams[0]
-    assert (run.after_ns, run.before_ns) == (sample(camera, 899).time_ns, sample(camera, 909).time_ns)
+    assert (run.after_ns, run.before_ns) == (sample(camera, 359).time_ns, sample(camera, 369).time_ns)
 
 
-def test_whole_blocks_are_taken_as_they_are(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = tmp_path / "a.h5"
-    recorded(path, 95, sealed=False)
+def test_whole_blocks_are_taken_as_they_are(longer: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     unpacked: list[int] = []
     put = SessionFile.put
     # whether blocks were unpacked shows in the time alone
     monkeypatch.setattr(SessionFile, "put", lambda self, *record: (unpacked.append(1), put(self, *record))[1])
-    report = recover(path)
+    report = recover(longer)
     assert report.lost_samples == 0
     assert len(unpacked) < 2 * 95 + 30  # the meters' samples, the entries, the last block
-    with open_session(path) as session, h5py.File(report.crashed) as before, h5py.File(path) as after:
+    with open_session(longer) as session, h5py.File(report.crashed) as before, h5py.File(longer) as after:
         found = list(session.stream("camera").samples())
         assert all(same(item, sample(HEADER.streams[0], seq)) for seq, item in enumerate(found))
         packed = [file["camera/counts"].id.read_direct_chunk((9, 0, 0)) for file in (before, after)]
         assert packed[0] == packed[1]
 
 
-def test_block_that_is_not_as_it_was_written_is_made_from_the_journal(tmp_path: Path) -> None:
-    path = tmp_path / "a.h5"
-    recorded(path, 95, sealed=False)
-    with h5py.File(path) as file:
+def test_block_that_is_not_as_it_was_written_is_made_from_the_journal(longer: Path) -> None:
+    with h5py.File(longer) as file:
         place = file["camera/counts"].id.get_chunk_info_by_coord((18, 0, 0))
-    data = bytearray(path.read_bytes())
+    data = bytearray(longer.read_bytes())
     data[place.byte_offset + 50] ^= 1
-    path.write_bytes(data)
-    assert recover(path).lost_samples == 0
+    longer.write_bytes(data)
+    assert recover(longer).lost_samples == 0
 
 
 def test_block_that_does_not_verify_is_made_again_sample_by_sample(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    longer: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The journal itself is damaged: one row's stamp is not the one that its checksum is of."""
-    path = tmp_path / "a.h5"
-    recorded(path, 95, sealed=False)
-    rewritten(journal_path(path) / "000001.log", lambda seq, row: later(row) if seq == 20 else row)
-    report = recover(path)
+    rewritten(journal_path(longer) / "000001.log", lambda seq, row: later(row) if seq == 20 else row)
+    report = recover(longer)
     assert report.lost_samples == 0  # the file has it as it was
-    with open_session(path) as session:
+    with open_session(longer) as session:
         assert not any(item.quality & Quality.BAD_CRC for item in session.samples())
         assert same(session.stream("camera").frame(20), sample(HEADER.streams[0], 20))
 
@@ -198,23 +215,21 @@ def no_links(*_: object) -> None:
 
 
 def test_session_on_a_card_that_knows_no_links_is_recovered(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    interrupted: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Also where recovery ends between the two steps that take the place of one."""
-    path = tmp_path / "a.h5"
-    recorded(path, 20, sealed=False)
-    crashed = path.read_bytes()
+    crashed = interrupted.read_bytes()
     monkeypatch.setattr(os, "link", no_links)  # as on FAT
     with monkeypatch.context() as killed:
         killed.setattr(os, "replace", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
         with pytest.raises(KeyboardInterrupt):
-            recover(path)
-    assert not path.exists()
-    report = recover(path)
+            recover(interrupted)
+    assert not interrupted.exists()
+    report = recover(interrupted)
     assert (report.counts["camera"], report.lost_samples, report.was_complete) == (20, 0, False)
     assert sorted(item.name for item in tmp_path.iterdir()) == ["a.h5", "a.h5.crashed"]
     assert (tmp_path / "a.h5.crashed").read_bytes() == crashed
-    with open_session(path) as session:
+    with open_session(interrupted) as session:
         assert session.state == "recovered"
 
 
@@ -229,7 +244,7 @@ def killed_before_its_place_is_taken(path: Path) -> None:
 def test_complete_new_file_of_a_recovery_that_was_cut_off_is_used(tmp_path: Path) -> None:
     """After a power cut the journal may be gone and the new file not yet in its place."""
     path = tmp_path / "a.h5"
-    recorded(path, 300, sealed=False)
+    recorded(path, 100, sealed=False)
     log = journal_path(path) / "000001.log"
     log.write_bytes(log.read_bytes()[: log.stat().st_size // 2])
     path.unlink()
@@ -247,16 +262,16 @@ def test_complete_new_file_of_a_recovery_that_was_cut_off_is_used(tmp_path: Path
         assert session.state == "recovered"
 
 
-def test_new_file_of_another_session_of_that_name_is_not_used(tmp_path: Path) -> None:
+def test_new_file_of_another_session_of_that_name_is_not_used(
+    originals: dict[int, Path], longer: Path, tmp_path: Path
+) -> None:
     """As in simulation, where each recording of a day has the same time and name."""
-    path = tmp_path / "a.h5"
-    recorded(path, 30, sealed=False)
-    killed_before_its_place_is_taken(path)
-    path.unlink(missing_ok=True)
+    killed_before_its_place_is_taken(longer)
+    longer.unlink(missing_ok=True)
     (tmp_path / "a.h5.crashed").unlink(missing_ok=True)
-    shutil.rmtree(journal_path(path))
-    recorded(path, 20, sealed=False)
-    assert recover(path).counts["camera"] == 20
+    shutil.rmtree(journal_path(longer))
+    shutil.copytree(originals[20], tmp_path, dirs_exist_ok=True)
+    assert recover(longer).counts["camera"] == 20
 
 
 def test_events_that_a_torn_journal_lost_come_from_the_file_once_and_in_order(
@@ -283,18 +298,18 @@ def test_events_that_a_torn_journal_lost_come_from_the_file_once_and_in_order(
     assert marks == list(range(200))
 
 
-def test_new_file_that_was_damaged_before_it_took_its_place_is_made_again(tmp_path: Path) -> None:
-    path = tmp_path / "a.h5"
-    recorded(path, 20, sealed=False)
-    killed_before_its_place_is_taken(path)
+def test_new_file_that_was_damaged_before_it_took_its_place_is_made_again(
+    interrupted: Path, tmp_path: Path
+) -> None:
+    killed_before_its_place_is_taken(interrupted)
     fresh = tmp_path / "a.h5.recovering"
     with h5py.File(fresh) as file:
         place = file["lux/value"].id.get_chunk_info(0).byte_offset
     data = bytearray(fresh.read_bytes())
     data[place + 5] ^= 1
     fresh.write_bytes(data)
-    assert recover(path).counts["lux"] == 20
-    with open_session(path) as session:
+    assert recover(interrupted).counts["lux"] == 20
+    with open_session(interrupted) as session:
         assert [item.quality & Quality.BAD_CRC for item in session.samples("lux")] == [0] * 20
 
 
@@ -313,26 +328,24 @@ def test_journal_goes_only_when_the_disk_has_the_new_file_in_its_place(tmp_path:
 
 
 def test_full_disk_leaves_the_crashed_file_where_it_is(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    interrupted: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path = tmp_path / "a.h5"
-    recorded(path, 20, sealed=False)
     # where links are full while data still fits; tests/e2e/test_failing_disk.py has real failures
     monkeypatch.setattr(os, "link", lambda *_: (_ for _ in ()).throw(OSError(errno.ENOSPC, "No space left")))
     with pytest.raises(StorageError, match="No space left"):
-        recover(path)
-    assert path.exists()
+        recover(interrupted)
+    assert interrupted.exists()
 
 
-def test_full_disk_keeps_no_part_of_a_new_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_full_disk_keeps_no_part_of_a_new_file(
+    interrupted: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """It would take the room that is to be made."""
-    path = tmp_path / "a.h5"
-    recorded(path, 20, sealed=False)
     full = OSError(errno.ENOSPC, "No space left")
     # at the end of the new file; tests/e2e/test_failing_disk.py has real failures
     monkeypatch.setattr(SessionFile, "finish", lambda *_: (_ for _ in ()).throw(full))
     with pytest.raises(StorageError, match="No space left"):
-        recover(path)
+        recover(interrupted)
     assert not (tmp_path / "a.h5.recovering").exists()
 
 
@@ -357,7 +370,9 @@ def test_time_map_outlives_recovery(tmp_path: Path) -> None:
         assert {name: column[:].tolist() for name, column in file["time_map"].items()} == versions
 
 
-@pytest.mark.parametrize("share", [0.0, 0.3, 0.6, 0.99])
+@pytest.mark.parametrize(
+    "share", [0.0, 0.6, *(pytest.param(one, marks=pytest.mark.slow) for one in (0.3, 0.99))]
+)
 def test_time_map_that_was_lost_with_the_end_of_the_file_is_told(
     sealed: Path, tmp_path: Path, share: float
 ) -> None:
@@ -383,23 +398,19 @@ def test_recovery_of_a_finished_session_writes_nothing(
     assert [item.name for item in tmp_path.iterdir()] == ["a.h5"]
 
 
-def test_recovery_where_nothing_can_be_written_is_a_storage_error(tmp_path: Path) -> None:
-    path = tmp_path / "a.h5"
-    recorded(path, 20, sealed=False)
-    (journal_path(path) / "recovery.lock").mkdir()
+def test_recovery_where_nothing_can_be_written_is_a_storage_error(interrupted: Path) -> None:
+    (journal_path(interrupted) / "recovery.lock").mkdir()
     with pytest.raises(StorageError, match="could not be recovered: Is a directory"):
-        recover(path)
+        recover(interrupted)
 
 
-def test_chunks_are_where_the_journal_says(tmp_path: Path) -> None:
-    path = tmp_path / "a.h5"
-    recorded(path, 95, sealed=False)
-    data = bytearray(path.read_bytes())
+def test_chunks_are_where_the_journal_says(longer: Path) -> None:
+    data = bytearray(longer.read_bytes())
     data[:4096] = bytes(4096)  # the file's own index is out of reach
-    path.write_bytes(data)
-    folder = journal_path(path)
+    longer.write_bytes(data)
+    folder = journal_path(longer)
     rewritten(folder / "000001.log", lambda seq, row: row[:STAMPS_BYTES] if seq < 90 else row)
-    report = recover(path)
+    report = recover(longer)
     assert report.lost_samples <= 9  # a chunk may have stood in what was overwritten
     assert report.counts["camera"] >= 86
 
@@ -427,17 +438,15 @@ def test_session_without_a_sample_is_recovered(tmp_path: Path) -> None:
         assert session.state == "recovered"
 
 
-def test_end_that_is_not_known_is_said(tmp_path: Path) -> None:
+def test_end_that_is_not_known_is_said(interrupted: Path) -> None:
     """Half of the journal is gone, and with it the count of what the disk had confirmed."""
-    path = tmp_path / "a.h5"
-    recorded(path, 20, sealed=False)
-    path.unlink()
-    part = journal_path(path) / "000001.log"
+    interrupted.unlink()
+    part = journal_path(interrupted) / "000001.log"
     part.write_bytes(part.read_bytes()[: part.stat().st_size // 2])
-    (journal_path(path) / "confirmed.log").unlink()
-    report = recover(path)
+    (journal_path(interrupted) / "confirmed.log").unlink()
+    report = recover(interrupted)
     assert not report.end_is_known
     assert "confirmed.log is gone" in report.damage
-    with open_session(path) as session:
+    with open_session(interrupted) as session:
         text = session.events()[-1].text
     assert text.endswith("samples behind the last one may be lost")

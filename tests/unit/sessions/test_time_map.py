@@ -238,13 +238,13 @@ def contents(path: Path) -> object:
     return path.read_bytes()
 
 
-@pytest.fixture
-def corrected_and_right(tmp_path: Path) -> Iterator[tuple[Session, Session]]:
-    (tmp_path / "late").mkdir()
-    (tmp_path / "right").mkdir()
-    apply_time_map(full_session(tmp_path / "late/a.h5", 0), [TimeStep(0, LATE_NS, "gps")])
-    right = full_session(tmp_path / "right/a.h5", LATE_NS)
-    with open_whole(tmp_path / "late/a.h5") as one, open_whole(right) as other:
+@pytest.fixture(scope="module")
+def corrected_and_right(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Session, Session]]:
+    """Both are only read."""
+    late, right = (tmp_path_factory.mktemp(name) / "a.h5" for name in ("late", "right"))
+    apply_time_map(full_session(late, 0), [TimeStep(0, LATE_NS, "gps")])
+    full_session(right, LATE_NS)
+    with open_whole(late) as one, open_whole(right) as other:
         yield one, other
 
 

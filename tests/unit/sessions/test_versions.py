@@ -69,9 +69,10 @@ def path(sealed: Path, tmp_path: Path) -> Path:
     return Path(shutil.copy(sealed, tmp_path))
 
 
-@pytest.fixture
-def newer(path: Path) -> Path:
+@pytest.fixture(scope="module")
+def sealed_by_a_newer(sealed: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A session of version 1.9: other kinds, states and fields, a column, a table and a group more."""
+    path = Path(shutil.copy(sealed, tmp_path_factory.mktemp("newer")))
     with h5py.File(path, "r+", libver=LIBVER, track_order=True) as file:
         file.attrs["fieldkit_format_version"] = np.bytes_("1.9")
         for group, column in (("events", Column("weight", "<f8")), ("lux", Column("humidity", "<f4"))):
@@ -87,6 +88,11 @@ def newer(path: Path) -> Path:
 
     rewritten(path, change)
     return path
+
+
+@pytest.fixture
+def newer(sealed_by_a_newer: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copy(sealed_by_a_newer, tmp_path))
 
 
 def test_kinds_states_and_fields_of_a_newer_version_are_kept(newer: Path) -> None:
@@ -185,10 +191,10 @@ def test_header_of_another_shape_is_a_finding(path: Path, change: Callable[[dict
 @pytest.mark.parametrize(
     "details",
     [
-        *("[1, 2]", "{", '{"end_ns": 1e400}'),
+        *("{", '{"end_ns": 1e400}'),
         *(
             pytest.param(one, marks=pytest.mark.slow)
-            for one in ('"text"', "7", "null", '{"end_ns": "noon"}', "[" * 900)
+            for one in ("[1, 2]", '"text"', "7", "null", '{"end_ns": "noon"}', "[" * 900)
         ),
     ],
 )

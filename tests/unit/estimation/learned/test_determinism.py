@@ -39,7 +39,9 @@ def assert_equal(ones, others):
         assert found[1:] == pytest.approx(expected[1:], rel=1e-9)
 
 
-@pytest.mark.parametrize(("day", "azimuth"), [(CLEAR, "free"), (BROKEN_CLOUD, "known")])
+@pytest.mark.parametrize(
+    ("day", "azimuth"), [(CLEAR, "free"), pytest.param(BROKEN_CLOUD, "known", marks=pytest.mark.slow)]
+)
 def test_it_does_not_matter_when_or_how_often_the_chain_is_asked(day, azimuth):
     world = drawn_world(5, day, minutes=18, shade_test=True)
     settings = replace(world.settings, model="learned", azimuth=azimuth)

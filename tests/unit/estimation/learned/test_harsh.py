@@ -16,7 +16,7 @@ from benchmarks.harsh_worlds import HARMLESS, HARSH, Harm, harsh_world
 from fieldkit.estimation.chain import SlopeChain
 
 MINUTES = 60
-SEEDS = (6000, 6001)
+SEEDS = [(6000,), pytest.param((6000, 6001), marks=pytest.mark.slow)]
 
 
 def found(world, history):
@@ -35,6 +35,7 @@ def judge(outcomes, most_deg):
     assert np.mean(held) >= 0.5  # beds of one world fail together
 
 
+@pytest.mark.parametrize("seeds", SEEDS)
 @pytest.mark.parametrize(
     ("harm", "most_deg"),
     [
@@ -43,12 +44,13 @@ def judge(outcomes, most_deg):
         pytest.param(HARSH, 5.0, id="everything"),
     ],
 )
-def test_beds_that_are_not_alike(harm: Harm, most_deg: float):
-    worlds = [harsh_world(seed, CLEAR, harm=harm, minutes=MINUTES) for seed in SEEDS]
+def test_beds_that_are_not_alike(harm: Harm, most_deg: float, seeds: tuple[int, ...]):
+    worlds = [harsh_world(seed, CLEAR, harm=harm, minutes=MINUTES) for seed in seeds]
     judge([found(world, without_wind(world.history)) for world in worlds], most_deg)
 
 
+@pytest.mark.parametrize("seeds", SEEDS)
 @pytest.mark.parametrize(("measured", "most_deg"), [(light_alone, 4.0), (air_stops, 3.0)])
-def test_instruments_that_are_missing(measured, most_deg):
-    worlds = [drawn_world(seed, CLEAR, minutes=MINUTES) for seed in SEEDS]
+def test_instruments_that_are_missing(measured, most_deg, seeds):
+    worlds = [drawn_world(seed, CLEAR, minutes=MINUTES) for seed in seeds]
     judge([found(world, measured(world.history)) for world in worlds], most_deg)

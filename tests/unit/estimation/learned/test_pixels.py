@@ -17,7 +17,7 @@ from fieldkit.physics.facet import normal
 MINUTES = 60
 
 
-@pytest.mark.parametrize("seed", [6000, 6001])
+@pytest.mark.parametrize("seed", [6000, pytest.param(6001, marks=pytest.mark.slow)])
 def test_pixels_of_a_region_have_its_slope(seed: int) -> None:
     """Shadows, gusts of each bed's own, unlike sand, another sky: before, whole beds were refused."""
     found = mapped_world(harsh_world(seed, CLEAR, RANDOM, harm=HARSH, minutes=MINUTES))

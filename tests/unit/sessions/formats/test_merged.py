@@ -37,7 +37,9 @@ def light(
     )
 
 
-@pytest.mark.parametrize("true_s", [-4000.0, -37.0, 0.0, 12.3, 3600.0])
+@pytest.mark.parametrize(
+    "true_s", [-4000.0, 12.3, *(pytest.param(one, marks=pytest.mark.slow) for one in (-37.0, 0.0, 3600.0))]
+)
 def test_broken_cloud_tells_the_offset_to_a_second_or_two(true_s: float) -> None:
     found = best_offset(*light(np.random.default_rng(1), cloudy=True, true_s=true_s, noise=500.0))
     assert found.offset_s == pytest.approx(true_s, abs=found.uncertainty_s)
@@ -45,10 +47,11 @@ def test_broken_cloud_tells_the_offset_to_a_second_or_two(true_s: float) -> None
     assert found.correlation > 0.99
 
 
-def test_stated_uncertainty_covers_the_error_under_a_clear_sky() -> None:
+@pytest.mark.parametrize("count", [4, pytest.param(10, marks=pytest.mark.slow)])
+def test_stated_uncertainty_covers_the_error_under_a_clear_sky(count: int) -> None:
     """A smooth bell tells little; what is said must still be true nineteen times of twenty."""
     misses = answers = 0
-    for seed in range(10):
+    for seed in range(count):
         try:
             found = best_offset(*light(np.random.default_rng(seed), cloudy=False, true_s=300.0, noise=200.0))
         except NoAnswerError:
@@ -56,7 +59,7 @@ def test_stated_uncertainty_covers_the_error_under_a_clear_sky() -> None:
         answers += 1
         misses += abs(found.offset_s - 300.0) > found.uncertainty_s
     assert answers >= 3
-    assert misses <= 1
+    assert misses <= count // 10
 
 
 SECONDS = np.arange(3000.0)
