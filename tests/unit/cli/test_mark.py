@@ -21,6 +21,7 @@ from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter
 from fieldkit.simulation.simulated_clock import SimulatedClock
 from tests.harness.recording import CountedClock, fill, header
+from tests.harness.waiting import wait_until
 
 TOKYO = ZoneInfo("Asia/Tokyo")
 NOON = datetime(2026, 12, 11, 12, 0, tzinfo=TOKYO)
@@ -135,8 +136,7 @@ def test_a_clock_time_in_a_simulated_campaign_is_that_of_its_scene(tmp_path, mon
     recordings = load_config(campaign / FILE_NAME).recordings
     process = subprocess.Popen([sys.executable, "-m", "fieldkit", "record", "-C", str(campaign), "--quiet"])
     try:
-        while session_in_progress(recordings) is None:
-            assert process.poll() is None
+        wait_until(lambda: session_in_progress(recordings), "nothing is recorded", every_s=0.1)
         for at in ("12:02", "12:02+01:00", "2016-01-01T11:59"):  # at once: nothing may be recorded yet
             result = mark(campaign, at, "--at", at)
             assert result.exit_code == 0, result.output
@@ -268,12 +268,13 @@ def test_marks_of_a_running_recording_are_corrected_by_its_recorder(tmp_path, mo
     recordings = load_config(campaign / FILE_NAME).recordings
     process = subprocess.Popen([sys.executable, "-m", "fieldkit", "record", "-C", str(campaign), "--quiet"])
     try:
-        while session_in_progress(recordings) is None:
-            assert process.poll() is None
+        wait_until(lambda: session_in_progress(recordings), "nothing is recorded", every_s=0.1)
         for text in ("wind", "shade-test b15"):
             assert mark(campaign, text).exit_code == 0
-        while mark(campaign, "--take-back", "shade-test b15").exit_code:  # until both are stored
-            assert process.poll() is None
+        wait_until(
+            lambda: mark(campaign, "--take-back", "shade-test b15").exit_code == 0,
+            "the marks are not stored", every_s=0.1,
+        )  # fmt: skip
         assert mark(campaign, "--edit", "1", "gusts").exit_code == 0
     finally:
         process.terminate()

@@ -146,7 +146,9 @@ def test_a_pyrheliometers_log_beside_a_session_gives_its_light_and_says_so(folde
     assert 'irradiance.stream = "lux"' in made.output
     with open_session(tmp_path / "both.h5") as both:
         for stream, label in (("", "pyrheliometer"), ("lux", "eq10")):
-            estimator = estimator_for(both, config_for(both, [f"irradiance.stream={stream!r}"]))
+            estimator = estimator_for(
+                both, config_for(both, [f"irradiance.stream={stream!r}", "estimator.model='paper'"])
+            )
             minutes = list(minutes_of(both, estimator))
             assert minutes[5].irradiance_model.startswith(label)
             assert (minutes[5].dni_w_m2 == 900.0) == (not stream)
