@@ -2,10 +2,8 @@
 
 import io
 import json
-import os
 import re
-import subprocess
-import sys
+import webbrowser
 
 import cv2
 import numpy as np
@@ -68,13 +66,15 @@ def without_minutes(path):
     return path
 
 
-def test_report_opens_in_the_browser_that_the_environment_names(tmp_path):
+def test_report_opens_in_the_browser_that_the_environment_names(tmp_path, monkeypatch):
     browser = tmp_path / "browser"
     browser.write_text(f'#!/bin/sh\necho "$1" > {tmp_path / "shown"}\n')
     browser.chmod(0o755)
     session, page = without_minutes(tmp_path / "a.h5"), tmp_path / "r.html"
-    words = [sys.executable, "-m", "fieldkit", "report", session, "-o", page, "--open"]
-    subprocess.run(words, env={**os.environ, "BROWSER": str(browser)}, check=True, capture_output=True)
+    monkeypatch.setenv("BROWSER", str(browser))
+    monkeypatch.setattr(webbrowser, "_tryorder", None)  # the variable is read once in a process
+    monkeypatch.setattr(webbrowser, "_browsers", {})
+    assert fieldkit("report", session, "-o", page, "--open").exit_code == 0
     assert (tmp_path / "shown").read_text().strip() == page.as_uri()
 
 

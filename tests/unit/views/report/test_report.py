@@ -134,6 +134,7 @@ def test_picture_shows_the_regions(page_text):
         assert f">{name}</text>" in page_text
 
 
+@pytest.mark.usefixtures("without_matplotlib")  # its words are of a table
 @pytest.mark.parametrize(("sd", "said"), [("paper", "2.0 ± 0.25"), ("usual", "2.0 ± 1.00")])
 def test_sd_is_the_one_asked_for(written, make_minute, sd, said):
     minutes = [make_minute(index, tilt_deg=15.0 + error) for index, error in enumerate([1.0, -3.0] * 8)]
@@ -163,6 +164,7 @@ def test_the_same_session_gives_the_same_bytes(written, page_text):
     assert written() == page_text
 
 
+@pytest.mark.usefixtures("without_matplotlib")
 def test_the_error_budget_compares_the_models(written, minutes, settings, page_text):
     better = [
         replace(m, estimates=tuple(replace(e, tilt_deg=e.tilt_deg + 0.5) for e in m.estimates))
@@ -207,6 +209,7 @@ def test_what_the_data_taught_has_its_section(written, minutes, settings, page_t
     assert "What the data taught" not in Page(page_text).text
 
 
+@pytest.mark.usefixtures("without_matplotlib")
 def test_full_model_says_that_it_has_the_terms(written, settings):
     page = Page(written(settings=replace(settings, model="full", conductivity_sd=0.2)))
     assert "estimated with the full model, which has them" in page.text
@@ -249,6 +252,7 @@ def test_a_headline_over_wide_regions_does_not_say_that_slopes_were_found(make_m
     assert found.warnings[0] == "b15 ended as: uncertain."
 
 
+@pytest.mark.usefixtures("without_matplotlib")
 def test_the_state_beside_a_slope_is_its_own_and_how_the_bed_ended_too(written, minutes):
     first, last = minutes[0].estimates[0], minutes[-1].estimates[0]
     lost = replace(last, state=SlopeState.NO_INTERSECTION, tilt_deg=float("nan"))
@@ -278,8 +282,8 @@ def test_default_settings_are_accepted(written):
     assert "Error budget" in written(settings=EstimatorSettings())
 
 
-def test_a_simulated_session_is_called_simulated(written, session, monkeypatch):
-    assert "Simulated." not in Page(written()).text
+def test_a_simulated_session_is_called_simulated(written, page_text, session, monkeypatch):
+    assert "Simulated." not in Page(page_text).text
     simulated = '[lux]\nport = "simulated"\n'
     monkeypatch.setattr(type(session), "config_toml", simulated)  # the session is the whole package's
     assert "Simulated." in Page(written()).text
