@@ -11,6 +11,7 @@ from zoneinfo import ZoneInfo
 import pytest
 from click.testing import CliRunner
 
+import fieldkit
 from fieldkit.cli import main
 from fieldkit.config import FILE_NAME, load_config
 from fieldkit.model.samples import Event, EventKind
@@ -261,7 +262,9 @@ def test_marks_of_a_finished_session_are_listed_edited_and_taken_back(campaign, 
     assert "its marks: 1 wolke über b05; 2 gusts of wind" in " ".join(missing.stderr.split())
 
 
-def test_marks_of_a_running_recording_are_corrected_by_its_recorder(tmp_path, monkeypatch):
+def test_a_running_recording_corrects_its_marks_and_is_shown_marked_and_stopped_from_python(
+    tmp_path, monkeypatch
+):
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
     campaign = tmp_path / "field"
     assert CliRunner().invoke(main, ["init", "--simulated", str(campaign)]).exit_code == 0
@@ -276,14 +279,18 @@ def test_marks_of_a_running_recording_are_corrected_by_its_recorder(tmp_path, mo
             "the marks are not stored", every_s=0.1,
         )  # fmt: skip
         assert mark(campaign, "--edit", "1", "gusts").exit_code == 0
+        path = session_in_progress(recordings)
+        assert fieldkit.status(campaign)["session"] == str(path)
+        assert fieldkit.mark("dust", fieldkit.open_campaign(campaign), kind="air").session == path
+        assert fieldkit.stop(campaign) == path
+        assert process.wait(60) == 0
     finally:
-        process.terminate()
-        process.wait(60)
-    (path,) = recordings.glob("*.h5")
+        process.kill()
     with open_session(path) as session:
-        assert [one.text for one in session.marks().values()] == ["gusts"]
+        marks = [(one.text, one.data.get("label")) for one in session.marks().values()]
+        assert marks == [("gusts", None), ("dust", "air")]
         made = [one.text for one in session.events(recorded=True) if one.kind is EventKind.MARK]
-    assert made == ["wind", "shade-test b15", "taken back: shade-test b15", "gusts"]
+    assert made == ["wind", "shade-test b15", "taken back: shade-test b15", "gusts", "dust"]
 
 
 @pytest.mark.parametrize(
