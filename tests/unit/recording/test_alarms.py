@@ -73,8 +73,8 @@ B25 = "alarms.region={b25 = {%s}}"
 @pytest.mark.parametrize(
     ("faults", "minutes", "settings", "expected"),
     [
-        # within: of the fault's begin, with the minute of a burst or bin and the hold time; of the camera's
-        # faults those of the other instruments are independent
+        # within: of the fault's begin, with the minute of a burst or bin and the hold time;
+        # faults of two instruments, which do not depend on each other, share a recording
         (("cable", "overrange"), 8, EACH_SECOND, {"lost:camera": (10, True), "overrange:lux": (15, True)}),
         (("frozen", "garbled"), 10, EACH_SECOND, {"frozen:camera": (65, True), "garbled:lux": (60, True)}),
         (("silent", "clock"), 12, EACH_SECOND, {"lost:camera": (70, True), "clock": (2, True)}),
