@@ -16,7 +16,7 @@ import h5py
 import numpy as np
 
 from fieldkit.sessions.layout import FRAME_DATASETS, LATER_EVENTS
-from fieldkit.sessions.stored import check_size, members, stored_here
+from fieldkit.sessions.stored import check_size, stored_here
 
 ROOT = "/"
 DIGEST_CHARS = 64
@@ -28,15 +28,12 @@ _REFERENCES = {"DIMENSION_LIST", "REFERENCE_LIST"}  # places in this very file
 _BLOCK_BYTES = 1_048_576
 
 
-def object_paths(group: h5py.Group, path: str = "") -> Iterator[str]:
-    """Paths of a group and of all that is in it; raises `SessionError` at a link out of the file."""
-    yield path or ROOT
-    for name, node in members(group):
-        inside = f"{path}/{name}" if path else name
-        if isinstance(node, h5py.Group):
-            yield from object_paths(node, inside)
-        else:
-            yield inside
+def object_paths(file: h5py.File) -> list[str]:
+    """Paths of all groups and datasets of a file, in the order they were made; links are not followed."""
+    paths = [ROOT]
+    in_order = {"idx_type": h5py.h5.INDEX_CRT_ORDER, "order": h5py.h5.ITER_INC}
+    h5py.h5o.visit(file.id, lambda path: paths.append(path.decode()), **in_order)
+    return paths
 
 
 def object_digest(file: h5py.File, path: str, groups: dict[str, h5py.Group] | None = None) -> str:

@@ -228,8 +228,7 @@ class SessionReader:
         """
         if self.format_version < (1, 3):
             return RegionSchedule.of(self.regions)
-        changes = self.region_changes()
-        drawn = self.region_history()[: -len(changes) or None]
+        drawn, changes = self._drawn_and_changed()
         schedule = RegionSchedule.of([record.region for record in drawn] or self.header.regions)
         for record in changes:
             schedule = schedule.changed(record)
@@ -376,9 +375,15 @@ class SessionReader:
 
     def region_changes(self) -> list[RegionRecord]:
         """Changes of the regions during the recording, in order."""
-        began_ns = self.identity.start_ns
-        is_change = (record.time_ns > began_ns for record in self.region_history(recorded=True))
-        return list(compress(self.region_history(), is_change))
+        return self._drawn_and_changed()[1]
+
+    def _drawn_and_changed(self) -> tuple[list[RegionRecord], list[RegionRecord]]:
+        """The regions as the recording began, and their changes during it."""
+        table = self.timed_table("regions")
+        recorded_ns = self._times.utc_ns(table["time"], table.get("mono_ns"), recorded=True)
+        is_change = recorded_ns > self.identity.start_ns
+        history = entry_rows.regions_from(table)
+        return list(compress(history, ~is_change)), list(compress(history, is_change))
 
     def estimates(self, *, recorded: bool = False) -> list[SlopeEstimate]:
         """The slopes as they were estimated while recording, in order of time."""
@@ -431,7 +436,7 @@ class SessionReader:
             tables = _texts(stored_here(self.group("integrity"), "table"))
         return dict(zip(tables, self.integrity()["table_crc32"].tolist(), strict=True))
 
-    @property
+    @cached_property
     def format_version(self) -> tuple[int, int]:
         """Of the file's format, major and minor."""
         major, minor = str(attribute(self._file, "fieldkit_format_version")).split(".")[:2]
@@ -536,7 +541,7 @@ class SessionReader:
                 length = min(length, int(np.argmin(np.append(rows, -1) == np.arange(len(rows) + 1))))
         return length
 
-    @property
+    @cached_property
     def tables(self) -> tuple[str, ...]:
         """Names of the tables of entries that files of this version have."""
         return tuple(name for name in self._columns if self.format_version >= TABLES_SINCE.get(name, (1, 0)))

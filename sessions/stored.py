@@ -103,7 +103,7 @@ def columns_of(
 def check_size(dataset: h5py.Dataset, *, salvage: bool = False) -> None:
     """Raise `SessionError` where a dataset claims more than it has bytes for (unless torn: `salvage`)."""
     try:
-        stored = min(int(dataset.id.get_storage_size()), int(dataset.file.id.get_filesize()))
+        stored = min(int(dataset.id.get_storage_size()), int(h5py.h5i.get_file_id(dataset.id).get_filesize()))
     except RuntimeError as error:
         if not salvage:
             raise SessionError(f"the index of {dataset.name} is damaged: {error}") from error

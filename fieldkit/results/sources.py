@@ -180,6 +180,6 @@ def qualified_key(name: str) -> str:
 
 def regions_for(session: SessionReader, config: Config, *, present: bool = False) -> RegionSchedule:
     """The regions of the session as they changed, or the campaign's present ones."""
-    if present or not session.regions:
+    if present or not (schedule := session.region_schedule).columns:
         return RegionSchedule.of(config.regions)
-    return session.region_schedule
+    return schedule

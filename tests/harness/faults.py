@@ -55,7 +55,7 @@ class Faults:
     def __init__(self, path: Path) -> None:
         self.data = path.read_bytes()
         with self._opened(self.data) as file:
-            self.paths = list(object_paths(file))
+            self.paths = object_paths(file)
             self._digests = {name: object_digest(file, name) for name in self.paths}
             self._content = self._content_of(file)
             self.values = [span for name in self.paths for span in _spans(file, name)]

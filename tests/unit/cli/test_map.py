@@ -379,7 +379,8 @@ def test_map_by_the_pose_of_the_configuration_and_without_ground_where_it_has_no
     pytest.importorskip("rasterio")
     campaign = session.parents[1]
     (campaign / "pose.toml").write_text(POSE)
-    done = fieldkit("map", session, "-o", tmp_path / "x", "--set", "camera.pose=pose.toml")
+    coarse = ("--cell-m", 0.5)
+    done = fieldkit("map", session, "-o", tmp_path / "x", *coarse, "--set", "camera.pose=pose.toml")
     assert done.exit_code == 0, done.output
     assert (tmp_path / "x.tif").exists()
     (campaign / "run.tum").write_text(
@@ -400,7 +401,7 @@ def test_map_by_the_pose_of_the_configuration_and_without_ground_where_it_has_no
     again = fieldkit("map", session, "-o", tmp_path / "x", "--set", "camera.pose=moving.toml")
     earlier = ", ".join(str(tmp_path / f"x.{ending}") for ending in ("tif", "ply", "mcap"))
     assert f"of an earlier map, not of this one: {earlier}" in again.stderr.replace("\n", " ")
-    fresh = fieldkit("map", session, "-o", tmp_path / "x", "--set", "camera.pose=pose.toml")
+    fresh = fieldkit("map", session, "-o", tmp_path / "x", *coarse, "--set", "camera.pose=pose.toml")
     assert "earlier" not in fresh.stderr
 
 
@@ -413,7 +414,7 @@ def test_several_sessions_are_mapped_as_each_alone_from_python_too(session, tmp_
         shutil.copy(session, folder / f"{name}.h5")
     (folder / "pose.toml").write_text(POSE)
     (maps / "b-slope-map-pose-pose.toml-rdir.png").write_bytes(b"older")
-    words = ("map", folder, "-j", 1, "-o", maps, "--set", "camera.pose=pose.toml")
+    words = ("map", folder, "-j", 1, "-o", maps, "--cell-m", 0.5, "--set", "camera.pose=pose.toml")
     done = fieldkit(*words)
     assert done.exit_code == 0, done.output
     assert "the grid of EPSG:32613 is corrected" in done.output
@@ -423,10 +424,10 @@ def test_several_sessions_are_mapped_as_each_alone_from_python_too(session, tmp_
     assert wrong.exit_code == 3
     assert "cannot read" in wrong.stderr  # by the workers, whose error arrives whole
 
-    alone = fieldkit("map", folder / "a.h5", "-o", tmp_path / "alone", *words[-2:])
+    alone = fieldkit("map", folder / "a.h5", "-o", tmp_path / "alone", *words[-4:])
     assert alone.exit_code == 0, alone.output
     found = slope_map.slope_map(folder / "a.h5", settings={"camera.pose": "pose.toml"})
-    written = found.write(tmp_path / "python")
+    written = found.write(tmp_path / "python", cell_m=0.5)
     assert [path.suffix for path in written] == [".png", ".nc", ".png", ".png", ".tif", ".ply", ".mcap"]
     bands = []
     for path in (maps / "a-slope-map-pose-pose.toml.tif", tmp_path / "alone.tif", tmp_path / "python.tif"):

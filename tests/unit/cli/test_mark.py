@@ -11,6 +11,7 @@ from zoneinfo import ZoneInfo
 import pytest
 from click.testing import CliRunner
 
+import fieldkit
 from fieldkit.cli import main
 from fieldkit.config import FILE_NAME, load_config
 from fieldkit.model.samples import Event, EventKind
@@ -21,6 +22,7 @@ from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter
 from fieldkit.simulation.simulated_clock import SimulatedClock
 from tests.harness.recording import CountedClock, fill, header
+from tests.harness.waiting import wait_until
 
 TOKYO = ZoneInfo("Asia/Tokyo")
 NOON = datetime(2026, 12, 11, 12, 0, tzinfo=TOKYO)
@@ -135,8 +137,7 @@ def test_a_clock_time_in_a_simulated_campaign_is_that_of_its_scene(tmp_path, mon
     recordings = load_config(campaign / FILE_NAME).recordings
     process = subprocess.Popen([sys.executable, "-m", "fieldkit", "record", "-C", str(campaign), "--quiet"])
     try:
-        while session_in_progress(recordings) is None:
-            assert process.poll() is None
+        wait_until(lambda: session_in_progress(recordings), "nothing is recorded", every_s=0.1)
         for at in ("12:02", "12:02+01:00", "2016-01-01T11:59"):  # at once: nothing may be recorded yet
             result = mark(campaign, at, "--at", at)
             assert result.exit_code == 0, result.output
@@ -261,28 +262,35 @@ def test_marks_of_a_finished_session_are_listed_edited_and_taken_back(campaign, 
     assert "its marks: 1 wolke über b05; 2 gusts of wind" in " ".join(missing.stderr.split())
 
 
-def test_marks_of_a_running_recording_are_corrected_by_its_recorder(tmp_path, monkeypatch):
+def test_a_running_recording_corrects_its_marks_and_is_shown_marked_and_stopped_from_python(
+    tmp_path, monkeypatch
+):
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
     campaign = tmp_path / "field"
     assert CliRunner().invoke(main, ["init", "--simulated", str(campaign)]).exit_code == 0
     recordings = load_config(campaign / FILE_NAME).recordings
     process = subprocess.Popen([sys.executable, "-m", "fieldkit", "record", "-C", str(campaign), "--quiet"])
     try:
-        while session_in_progress(recordings) is None:
-            assert process.poll() is None
+        wait_until(lambda: session_in_progress(recordings), "nothing is recorded", every_s=0.1)
         for text in ("wind", "shade-test b15"):
             assert mark(campaign, text).exit_code == 0
-        while mark(campaign, "--take-back", "shade-test b15").exit_code:  # until both are stored
-            assert process.poll() is None
+        wait_until(
+            lambda: mark(campaign, "--take-back", "shade-test b15").exit_code == 0,
+            "the marks are not stored", every_s=0.1,
+        )  # fmt: skip
         assert mark(campaign, "--edit", "1", "gusts").exit_code == 0
+        path = session_in_progress(recordings)
+        assert fieldkit.status(campaign)["session"] == str(path)
+        assert fieldkit.mark("dust", fieldkit.open_campaign(campaign), kind="air").session == path
+        assert fieldkit.stop(campaign) == path
+        assert process.wait(60) == 0
     finally:
-        process.terminate()
-        process.wait(60)
-    (path,) = recordings.glob("*.h5")
+        process.kill()
     with open_session(path) as session:
-        assert [one.text for one in session.marks().values()] == ["gusts"]
+        marks = [(one.text, one.data.get("label")) for one in session.marks().values()]
+        assert marks == [("gusts", None), ("dust", "air")]
         made = [one.text for one in session.events(recorded=True) if one.kind is EventKind.MARK]
-    assert made == ["wind", "shade-test b15", "taken back: shade-test b15", "gusts"]
+    assert made == ["wind", "shade-test b15", "taken back: shade-test b15", "gusts", "dust"]
 
 
 @pytest.mark.parametrize(

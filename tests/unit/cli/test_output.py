@@ -10,6 +10,7 @@ import pytest
 import fieldkit
 from fieldkit.sessions.reader import open_session
 
+SUN = ["sun", "--site", "35.56,139.4,9", "--at", "2026-12-11T12:00+09:00"]
 PLAN = [
     "plan",
     "--for",
@@ -29,7 +30,7 @@ def started(words, **given):
     return subprocess.Popen(command, stderr=subprocess.PIPE, **given)
 
 
-@pytest.mark.parametrize("words", [PLAN, [*PLAN, "--json"]])
+@pytest.mark.parametrize("words", [SUN, [*SUN, "--json"]])
 def test_a_reader_that_had_enough_is_no_error(words):
     process = started(words, stdout=subprocess.PIPE)
     process.stdout.close()
@@ -38,7 +39,7 @@ def test_a_reader_that_had_enough_is_no_error(words):
     assert "error" not in said
 
 
-@pytest.mark.parametrize("words", [PLAN, [*PLAN, "--json"]])
+@pytest.mark.parametrize("words", [SUN, [*SUN, "--json"]])
 def test_output_that_does_not_fit_its_disk_is_an_error_of_storage(words):
     with open("/dev/full", "wb") as full:
         process = started(words, stdout=full)

@@ -2,10 +2,8 @@
 
 import io
 import json
-import os
 import re
-import subprocess
-import sys
+import webbrowser
 
 import cv2
 import numpy as np
@@ -20,7 +18,9 @@ from fieldkit.results import report
 from fieldkit.results.estimate import estimator_for, minutes_of
 from fieldkit.results.sources import config_for
 from fieldkit.sessions.reader import open_session
+from fieldkit.sessions.writer import SessionWriter
 from fieldkit.views.screen import THEMES, snapshot
+from tests.harness.recording import CountedClock, fill, header
 
 FAST = ("--set", "simulation.speed=max")
 
@@ -57,17 +57,29 @@ def test_status_shows_what_the_live_view_shows_slopes_temperatures_and_named_pro
     assert re.search(r"contact +T1 \S+  T2 \S+  T3 \S+  air \S+ °C", "\n".join(lines))
 
 
-def test_report_opens_in_the_browser_that_the_environment_names(session, tmp_path):
+def without_minutes(path):
+    """A session of twenty frames: its report has all pages and no slopes."""
+    clock = CountedClock()
+    writer = SessionWriter(path, header((24, 32)), clock)
+    fill(writer, 20, clock)
+    writer.close()
+    return path
+
+
+def test_report_opens_in_the_browser_that_the_environment_names(tmp_path, monkeypatch):
     browser = tmp_path / "browser"
     browser.write_text(f'#!/bin/sh\necho "$1" > {tmp_path / "shown"}\n')
     browser.chmod(0o755)
-    words = [sys.executable, "-m", "fieldkit", "report", session, "-o", tmp_path / "r.html", "--open"]
-    subprocess.run(words, env={**os.environ, "BROWSER": str(browser)}, check=True, capture_output=True)
-    assert (tmp_path / "shown").read_text().strip() == (tmp_path / "r.html").as_uri()
+    session, page = without_minutes(tmp_path / "a.h5"), tmp_path / "r.html"
+    monkeypatch.setenv("BROWSER", str(browser))
+    monkeypatch.setattr(webbrowser, "_tryorder", None)  # the variable is read once in a process
+    monkeypatch.setattr(webbrowser, "_browsers", {})
+    assert fieldkit("report", session, "-o", page, "--open").exit_code == 0
+    assert (tmp_path / "shown").read_text().strip() == page.as_uri()
 
 
-def test_report_goes_to_the_campaigns_reports(campaign, session):
-    found = fieldkit("report", session)
+def test_report_of_no_session_named_is_of_the_newest_and_goes_to_the_campaigns_reports(campaign, session):
+    found = fieldkit("report", "-C", campaign)
     assert found.exit_code == 0, found.output
     written = campaign / "reports" / f"{session.stem}.html"
     assert found.stdout.strip() == str(written)
@@ -95,30 +107,21 @@ def test_one_image_for_a_slide_has_frames_map_and_slopes(session, tmp_path):
     assert "--palette is for an image" in refused.stderr
 
 
-def test_report_of_a_session_elsewhere_lies_beside_it(session, tmp_path):
-    moved = tmp_path / session.name
-    moved.write_bytes(session.read_bytes())
+def test_report_of_a_session_elsewhere_lies_beside_it(tmp_path):
+    moved = without_minutes(tmp_path / "a.h5")
     found = json.loads(fieldkit("report", "--json", moved).stdout)
     assert found == {"schema": 1, "sessions": [str(moved)], "report": str(moved.with_suffix(".html"))}
     assert moved.with_suffix(".html").exists()
 
 
-def test_report_with_other_settings_than_recorded(session, tmp_path):
-    out = tmp_path / "full.html"
-    assert fieldkit("report", session, "-o", out, "--set", "estimator.model=full").exit_code == 0
-    assert "estimated with the full model, which has them" in out.read_text(encoding="utf-8")
-
-
-def test_report_shows_the_configuration_it_was_made_with(session, tmp_path):
+def test_report_with_other_settings_than_recorded_shows_the_configuration_it_was_made_with(session, tmp_path):
     out = tmp_path / "white.html"
-    assert fieldkit("report", session, "-o", out, "--set", "surface.albedo=0.35").exit_code == 0
-    shown = out.read_text(encoding="utf-8").split("Active configuration")[1]
+    settings = ("--set", "estimator.model=full", "--set", "surface.albedo=0.35")
+    assert fieldkit("report", session, "-o", out, *settings).exit_code == 0
+    text = out.read_text(encoding="utf-8")
+    assert "estimated with the full model, which has them" in text
+    shown = text.split("Active configuration")[1]
     assert "\nalbedo = 0.35\n" in shown.split("[surface]")[1].split("[")[0]
-
-
-def test_report_of_no_session_named_is_of_the_newest(campaign, session):
-    found = fieldkit("report", "-C", campaign)
-    assert found.stdout.strip() == str(campaign / "reports" / f"{session.stem}.html")
 
 
 def test_report_of_several_sessions_leaves_out_what_is_none_and_says_so(session, tmp_path):

@@ -15,9 +15,11 @@ def session(recorded, tmp_path_factory):
     return recorded(tmp_path_factory.mktemp("pdf"))
 
 
-@pytest.fixture(autouse=True)
-def cache(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+@pytest.fixture(autouse=True, scope="module")
+def cache(tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        yield
 
 
 def fieldkit(*arguments):
@@ -56,8 +58,7 @@ def test_results_stand_for_their_sessions_and_parameters(session, tmp_path):
     by_hand = tmp_path / "by-hand.html"
     assert fieldkit("report", session, "--set", "surface.albedo=0.31", "-o", by_hand).exit_code == 0
     assert (tmp_path / "base.html").read_text("utf-8") == by_hand.read_text("utf-8")
-    assert fieldkit("report", session, "-o", tmp_path / "plain.html").exit_code == 0
-    assert (tmp_path / "plain.html").read_text("utf-8") != by_hand.read_text("utf-8")
+    assert "\nalbedo = 0.31\n" in by_hand.read_text("utf-8")
 
 
 def test_a_sweep_has_no_one_report(session, tmp_path):

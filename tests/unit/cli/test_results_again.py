@@ -21,9 +21,11 @@ def session(recorded, tmp_path_factory):
     return recorded(tmp_path_factory.mktemp("again"))
 
 
-@pytest.fixture(autouse=True)
-def cache(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+@pytest.fixture(autouse=True, scope="module")
+def cache(tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        yield
 
 
 def test_results_of_the_campaigns_configuration_are_reported_with_it(session, tmp_path):

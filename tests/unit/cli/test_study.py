@@ -82,7 +82,7 @@ def test_cumulative_error_never_falls(paper_study):
     assert errors == sorted(errors)
 
 
-def test_other_places_days_and_noise(tmp_path):
+def test_other_places_days_and_noise(recorded, tmp_path):
     words = [
         "--site",
         "-33.9,151.2,60",
@@ -95,15 +95,17 @@ def test_other_places_days_and_noise(tmp_path):
         "--dni",
         "900",
     ]
-    document = json.loads(run(tmp_path, *FEW, *words, "--json").stdout)
+    short = ["--session", str(recorded(tmp_path / "c"))]  # a field day of twelve minutes
+    document = json.loads(run(tmp_path, *FEW, *words, *short, "--json").stdout)
     assert document["irradiance"] == "constant 900 W/m²"
     assert document["site"]["timezone"] == "Etc/GMT-10"
     assert {row["start"] for row in document["errors"]} == {"10:00"}
     assert all(0.3 < row["tilt_mae"] < 6.0 for row in document["errors"])
 
 
-def test_sensitivity_shows_the_tolerance(tmp_path):
-    words = ["--sensitivity", "--start", "12:00", "--estimator", "contours", "--json"]
+def test_sensitivity_shows_the_tolerance(recorded, tmp_path):
+    short = ["--session", str(recorded(tmp_path / "c"))]
+    words = ["--sensitivity", "--start", "12:00", "--estimator", "contours", "--json", *short]
     rows = json.loads(run(tmp_path, *FEW, *words).stdout)["sensitivity"]
     assert len({(row["irradiance"], row["tolerance_w_m2"]) for row in rows}) == 20
     bright = [row["p90_12:00"] for row in rows if "800" in row["irradiance"]]

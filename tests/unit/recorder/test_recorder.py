@@ -239,7 +239,7 @@ def test_a_recording_whose_estimator_hangs_is_sealed_at_a_signal(
     ("first", "second"),
     [
         (signal.SIGINT, signal.SIGTERM),
-        (signal.SIGTERM, signal.SIGINT),
+        pytest.param(signal.SIGTERM, signal.SIGINT, marks=pytest.mark.slow),
         pytest.param(signal.SIGINT, signal.SIGINT, marks=pytest.mark.slow),
         pytest.param(signal.SIGTERM, signal.SIGTERM, marks=pytest.mark.slow),
     ],

@@ -113,8 +113,8 @@ def test_the_page_starts_with_what_it_has_shown(campaign):
     with served(folder, **settings) as page, page.browser() as browser:
         browser.next("state", phase="preview")
         first_ms = browser.next("now")["time_ms"]
-        wait_until(lambda: browser.next("now")["time_ms"] > first_ms + 70_000, "the preview stands still")
-        answer = browser.request(do="start", name="late", include_last="1m", duration="10m")
+        wait_until(lambda: browser.next("now")["time_ms"] > first_ms + 50_000, "the preview stands still")
+        answer = browser.request(do="start", name="late", include_last="40s", duration="10m")
         assert answer["ok"], answer
         browser.next("now")
         assert browser.request(do="stop", confirm=True)["ok"]
@@ -129,7 +129,7 @@ def test_the_page_starts_with_what_it_has_shown(campaign):
         times_s = [one.time_ns / 1e9 for one in stored.samples("camera") if one.time_ns < begun_ns]
         minutes = {minute.time_ns for minute in stored.minutes(recorded=True)}
     assert included.text == f"{count} samples of the preview before are included"
-    assert 55 < np.ptp(times_s) < 61
+    assert 35 < np.ptp(times_s) < 41
     assert np.diff(times_s).max() < 1.5 / 8.7  # of the camera's data sheet: 8.7 Hz
     assert min(minutes) < begun_ns
 
