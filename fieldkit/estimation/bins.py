@@ -480,7 +480,8 @@ class History:
     def at_last(self, schedule: RegionSchedule) -> tuple[History, tuple[Region, ...]]:
         """The bins of the regions that hold in the last minute, and these."""
         last = int(self.minute[-1]) if len(self) else 0
-        return self.only(schedule.at(last)), schedule.regions_at(last)
+        known = self if len(self) else self.spread((), len(schedule.columns))  # no minute, no columns yet
+        return known.only(schedule.at(last)), schedule.regions_at(last)
 
     def spread(self, places: Sequence[int], regions: int) -> History:
         """The same with its columns at some places among `regions`; the others are without frames."""
