@@ -18,6 +18,7 @@ import fieldkit
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, StorageError
 from fieldkit.model.samples import Frame, is_damaged
+from fieldkit.model.site import Region
 from fieldkit.model.slope import SlopeEstimate
 from fieldkit.model.units import CELSIUS_ZERO_K, SECOND_NS
 from fieldkit.palettes import INFERNO, NAMES, Colours, bgr
@@ -232,13 +233,13 @@ def _drawn(
     low, high = _range(session, info)
     unit = " C" if has_temperatures(info) else ""
     words = [f"{end:.1f}{unit}" if unit else f"{end:.0f}" for end in (low, high)]
-    slopes = deque(session.estimates())
-    names = {region.name: region.name for region in session.regions}
+    slopes, regions = deque(session.estimates()), session.regions
+    names = {region.name: region.name for region in regions}
     for frame in _frames(session, info.name, **chosen):
         while slopes and slopes[0].time_ns <= frame.time_ns:
             estimate = slopes.popleft()
             names[estimate.region] = _with_slope(estimate)
-        yield frame, _draw(session, frame, _shown(frame, info), (low, high), words, names, colours)
+        yield frame, _draw(regions, frame, _shown(frame, info), (low, high), words, names, colours)
 
 
 def _with_slope(estimate: SlopeEstimate) -> str:
@@ -270,7 +271,7 @@ def _range(session: SessionReader, info: StreamInfo) -> tuple[float, float]:
 
 
 def _draw(
-    session: SessionReader,
+    regions: Iterable[Region],
     frame: Frame,
     shown: NDArray[np.float32],
     ends: tuple[float, float],
@@ -285,7 +286,7 @@ def _draw(
     grey = np.clip(np.nan_to_num((shown - low) / (high - low)) * 255, 0, 255).astype(np.uint8)
     large = cv2.resize(grey, None, fx=factor, fy=factor, interpolation=cv2.INTER_NEAREST)
     image: Image = colours[large]
-    for region in session.regions:
+    for region in regions:
         corners = np.trunc((np.array(region.vertices) + 0.5) * factor)
         outline(image, corners, thickness=1)
         x, y = corners[0].astype(int).tolist()

@@ -47,7 +47,18 @@ def test_follower_sees_samples_arrive_until_the_end(tmp_path: Path) -> None:
 
 def test_map_follows_a_recording_and_leaves_it_alone(tmp_path: Path) -> None:
     create_campaign(tmp_path, SIMULATED)
-    words = [*PROGRAM, "record", "-C", tmp_path, "--for", "1h", "-q", "--set", "simulation.speed=30", *SET_SELDOM]
+    words = [
+        *PROGRAM,
+        "record",
+        "-C",
+        tmp_path,
+        "--for",
+        "1h",
+        "-q",
+        "--set",
+        "simulation.speed=30",
+        *SET_SELDOM,
+    ]
     maps: list[int] = []
     with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as recorder:
         recordings = tmp_path / "recordings"
