@@ -25,6 +25,7 @@ from fieldkit.recording.requests import Acknowledgement, Request, Shutter, inbox
 from fieldkit.results.session import open_session
 from fieldkit.sessions.lock import journal_path
 from tests.harness.older import as_version_1_2
+from tests.harness.seldom import SELDOM
 
 SAME_DEG = 1e-9
 ANGLES = ("tilt_deg", "azimuth_deg", "tilt_low_deg", "tilt_high_deg", "azimuth_low_deg", "azimuth_high_deg")
@@ -84,7 +85,7 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def config_of(campaign: Path, model: str = "full") -> Config:
-    settings = ["simulation.speed=max", f'estimator.model="{model}"']
+    settings = ["simulation.speed=max", *SELDOM, f'estimator.model="{model}"']
     return load_config(campaign / "fieldkit.toml", settings=settings)
 
 
@@ -236,7 +237,7 @@ def interrupted(config: Config, path: Path, plan: dict[int, list[Request]]) -> O
     return operator
 
 
-@pytest.mark.parametrize("lost", ["nothing", "file"])
+@pytest.mark.parametrize("lost", [pytest.param("nothing", marks=pytest.mark.slow), "file"])
 def test_after_recovery_the_slopes_are_those_of_the_recording(
     campaign: Path, drawn: dict[str, Drawn], lost: str
 ) -> None:

@@ -1,8 +1,8 @@
 """The tutorial's notebooks run as they stand, each in an empty folder, and give what is true of their scene.
 
 True slopes are those of the simulated beds: `fieldkit.config.template.SIMULATED`, or what the notebook gives.
-The longer notebooks run in `make test-slow`: their cells are type-checked by `make lint`, what they call is tried
-by the tests of each command.
+The longer notebooks run in `make test-slow`: their cells are type-checked by `make lint`, what they call
+is tried by the tests of each command.
 """
 
 from __future__ import annotations

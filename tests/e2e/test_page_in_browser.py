@@ -142,7 +142,10 @@ def test_the_palette_is_chosen_and_kept_on_the_device(browser: Browser, page: Se
     assert watched.page.evaluate(first) == [255, 255, 255, 255]
 
 
-@pytest.mark.parametrize("size", [SMALLEST, PHONE, PHONE_ON_ITS_SIDE, LAPTOP])
+@pytest.mark.parametrize(
+    "size",
+    [SMALLEST, LAPTOP, *(pytest.param(one, marks=pytest.mark.slow) for one in (PHONE, PHONE_ON_ITS_SIDE))],
+)
 def test_axe_finds_nothing(browser: Browser, page: Served, size: tuple[int, int]) -> None:
     watched = opened(browser, page.link(), size)
     watched.wait_for_picture()
