@@ -173,6 +173,7 @@ def test_a_killed_worker_of_a_cluster_costs_nothing_but_time(cluster, recordings
     assert (tmp_path / "remote.csv").read_bytes() == undisturbed
 
 
+@pytest.mark.slow  # of several processes: tests/unit/cli/test_map.py; of a cluster: the sweep above
 def test_slope_maps_of_many_sessions_come_from_a_cluster_as_from_here(cluster, recordings, tmp_path):
     address, _ = cluster
     for name, workers in (("remote", ("--executor", "dask", "--address", address)), ("here", ("-j", 1))):

@@ -25,7 +25,6 @@ from fieldkit.recording.requests import Acknowledgement, Request, Shutter, inbox
 from fieldkit.results.session import open_session
 from fieldkit.sessions.lock import journal_path
 from tests.harness.older import as_version_1_2
-from tests.harness.seldom import SELDOM
 
 SAME_DEG = 1e-9
 ANGLES = ("tilt_deg", "azimuth_deg", "tilt_low_deg", "tilt_high_deg", "azimuth_low_deg", "azimuth_high_deg")
@@ -85,7 +84,7 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def config_of(campaign: Path, model: str = "full") -> Config:
-    settings = ["simulation.speed=max", *SELDOM, f'estimator.model="{model}"']
+    settings = ["simulation.speed=max", f'estimator.model="{model}"']
     return load_config(campaign / "fieldkit.toml", settings=settings)
 
 
@@ -135,7 +134,7 @@ def plan(drawn: dict[str, Drawn]) -> dict[int, list[Request]]:
 @pytest.fixture(scope="module")
 def recorded(campaign: Path, drawn: dict[str, Drawn]) -> Operator:
     path = campaign / "recordings" / "changed.h5"
-    return record(config_of(campaign), path, Operator(path, plan(drawn)), 1200.0)
+    return record(config_of(campaign), path, Operator(path, plan(drawn)), 900.0)
 
 
 def events_of(operator: Operator) -> dict[str, Event]:

@@ -16,9 +16,9 @@ from benchmarks import ground_map  # noqa: E402 - it needs rasterio
 
 @pytest.fixture(scope="module")
 def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A campaign with 8 minutes before a DEM of 100 x 100 cells, mapped."""
+    """A campaign with 20 minutes before a DEM of 100 x 100 cells, mapped."""
     folder = tmp_path_factory.mktemp("ground") / "terrain"
-    ground_map.recorded(folder, "8m", ground_map.dem(100, 0.6)).close()
+    ground_map.recorded(folder, "20m", ground_map.dem(100, 0.6)).close()
     ground_map.mapped(folder)
     return folder
 
