@@ -20,6 +20,7 @@ from tests.harness.seldom import SET_SELDOM
 from tests.harness.waiting import wait_until
 
 PROGRAM = [sys.executable, "-m", "fieldkit"]
+RECORD = ("record", "--for", "1h", "-q", "--set", "simulation.speed=30", *SET_SELDOM)
 FOLLOW = "from fieldkit.cli.show import command; import sys; command.main(sys.argv[1:])"
 ENOUGH_FRAMES = 100_000  # more than are recorded before it is asked to close
 
@@ -47,18 +48,7 @@ def test_follower_sees_samples_arrive_until_the_end(tmp_path: Path) -> None:
 
 def test_map_follows_a_recording_and_leaves_it_alone(tmp_path: Path) -> None:
     create_campaign(tmp_path, SIMULATED)
-    words = [
-        *PROGRAM,
-        "record",
-        "-C",
-        tmp_path,
-        "--for",
-        "1h",
-        "-q",
-        "--set",
-        "simulation.speed=30",
-        *SET_SELDOM,
-    ]
+    words = [*PROGRAM, *RECORD, "-C", tmp_path]
     maps: list[int] = []
     with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as recorder:
         recordings = tmp_path / "recordings"

@@ -55,19 +55,9 @@ def pages(
     noon = recorded(beds)
     fieldkit("init", "--simulated", weather)
     without_camera(weather / "fieldkit.toml")
-    fieldkit(
-        "record",
-        "-C",
-        beds,
-        "--name",
-        "cloudy",
-        "--for",
-        "12m",
-        *AT_ONCE,
-        "--set",
-        'simulation.faults=["cloud"]',
-    )
-    fieldkit("record", "-C", weather, "--name", "weather", "--for", "12m", *AT_ONCE)
+    cloudy = (*AT_ONCE, "--set", 'simulation.faults=["cloud"]')
+    for campaign, name, chosen in ((beds, "cloudy", cloudy), (weather, "weather", AT_ONCE)):
+        fieldkit("record", "-C", campaign, "--name", name, "--for", "12m", *chosen)
     made = {name: folder / f"{name}.html" for name in PAGES}
     (rain,) = weather.glob("recordings/*weather.h5")
     fieldkit("report", noon, "-o", made["session"])
