@@ -29,12 +29,14 @@ def loaded(name: str) -> ModuleType:
 transcripts = loaded("transcripts")
 
 
-# ten seconds of computing and more each, but for the reference's, which the tests of its examples run
+# five seconds of computing and more each, but for the reference's, which the tests of its examples run
 LONG = {
+    "alarms",
     "api",
     "batch",
     "calibrate-beds-and-meters",
     "calibrate-emissivity",
+    "export-recordings",
     "first-five-minutes",
     "first-session",  # its commands: test_stranger.py
     "from-python",

@@ -37,7 +37,7 @@ def test_a_bit_of_each_value_is_named(faults: Faults, tmp_path: Path) -> None:
         place, bit = chance.randrange(span.start, span.stop), chance.randrange(8)
         data = faults.flipped(place, bit)
         named = faults.noticed(data, span.dataset)
-        if named != span.dataset or chance.random() < 0.05:
+        if named != span.dataset or chance.random() < 0.02:
             asked += 1
             what = failures(tmp_path / "a.h5", data)
             assert what, f"bit {bit} of byte {place}, of {span.dataset}"
