@@ -243,8 +243,9 @@ def test_a_skyline_is_tapped_and_becomes_the_horizon(browser: Browser, tmp_path:
         watched.wait_for_picture()
         watched.page.locator("#draw").tap()
         watched.page.locator("#skyline-choice").tap()
-        for corner in ((40, 60), (80, 19), (140, 40), (120, 60)):
+        for number, corner in enumerate(((40, 60), (80, 19), (140, 40), (120, 60))):
             watched.tap(*corner)
+            watched.page.locator(".draft .hit").nth(number).wait_for(state="attached")  # the layout may move
         watched.page.locator("#undo").tap()
         assert _corners(watched) == [[40, 60], [80, 19], [140, 40]]
         watched.page.locator("#save-region").tap()
