@@ -105,7 +105,8 @@ def drift_k_min(time_ns: Times, value_k: FloatArray) -> float:
     if known.sum() < 3:
         return float("nan")
     minutes = (time_ns[known] - time_ns[0]) / 60e9
-    return float(np.polyfit(minutes, value_k[known], 1)[0])
+    centred = minutes - minutes.mean()
+    return float(centred @ value_k[known]) / max(float(centred @ centred), 1e-12)
 
 
 def refuse_shifted_clocks(readings: Readings) -> None:
@@ -183,10 +184,11 @@ def _blocks(readings: Readings) -> _Blocks:
         felt = _within(readings.contact_ns, start, end)
         near = _within(readings.contact_ns, start - block_ns // 2, end + block_ns // 2)
         contact, apparent = readings.contact_k[felt], readings.apparent_k[seen]
-        if np.isfinite(contact).any() and np.isfinite(apparent).any():
+        contact = contact[np.isfinite(contact)]
+        if contact.size and np.isfinite(apparent).any():
             drift = drift_k_min(readings.contact_ns[near], readings.contact_k[near])
             mirrored = _mean(readings.reflected_k[seen])
-            rows.append((start, _mean(apparent), mirrored, float(np.nanmedian(contact)), drift))
+            rows.append((start, _mean(apparent), mirrored, float(np.median(contact)), drift))
     table = np.array([row[1:] for row in rows], np.float64).reshape(-1, 4).T
     return _Blocks(np.array([row[0] for row in rows], np.int64), *table)
 

@@ -17,9 +17,10 @@ import pytest
 from tests.harness.two_sessions import copy_of_both
 from tests.harness.waiting import wait_until
 
+QUICKEST = ("--set", "estimator.model=full")  # a seventh of the time of the learned one
 GRID = (
     "--set", "surface.albedo=0.15:0.35:0.1", "--set", "surface.emissivity=0.88,0.90",
-    "--set", "estimator.model=full",  # a seventh of the time of the learned one
+    *QUICKEST,
 )  # fmt: skip
 RUNS, MINUTES = 3 * 2 * 2, 2 * 2
 ENTRIES = RUNS + MINUTES
@@ -124,6 +125,7 @@ def test_a_killed_process_of_this_computer_costs_nothing_but_time(recordings, un
     assert (tmp_path / "two.csv").read_bytes() == undisturbed
 
 
+@pytest.mark.slow  # of the pool alone: tests/unit/results/test_executors.py
 def test_processes_killed_again_and_again_are_told_and_what_was_done_is_kept(
     recordings, undisturbed, tmp_path
 ):
@@ -171,10 +173,11 @@ def test_a_killed_worker_of_a_cluster_costs_nothing_but_time(cluster, recordings
     assert (tmp_path / "remote.csv").read_bytes() == undisturbed
 
 
+@pytest.mark.slow  # of several processes: tests/unit/cli/test_map.py; of a cluster: the sweep above
 def test_slope_maps_of_many_sessions_come_from_a_cluster_as_from_here(cluster, recordings, tmp_path):
     address, _ = cluster
     for name, workers in (("remote", ("--executor", "dask", "--address", address)), ("here", ("-j", 1))):
-        done = run("map", recordings, *workers, "-o", tmp_path / name, cache=tmp_path)
+        done = run("map", recordings, *workers, *QUICKEST, "-o", tmp_path / name, cache=tmp_path)
         assert done.returncode == 0, done.stderr
     remote, here = (sorted((tmp_path / name).glob("*.png")) for name in ("remote", "here"))
     assert len(remote) == 2

@@ -134,7 +134,7 @@ def plan(drawn: dict[str, Drawn]) -> dict[int, list[Request]]:
 @pytest.fixture(scope="module")
 def recorded(campaign: Path, drawn: dict[str, Drawn]) -> Operator:
     path = campaign / "recordings" / "changed.h5"
-    return record(config_of(campaign), path, Operator(path, plan(drawn)), 1200.0)
+    return record(config_of(campaign), path, Operator(path, plan(drawn)), 900.0)
 
 
 def events_of(operator: Operator) -> dict[str, Event]:
@@ -236,7 +236,7 @@ def interrupted(config: Config, path: Path, plan: dict[int, list[Request]]) -> O
     return operator
 
 
-@pytest.mark.parametrize("lost", ["nothing", "file"])
+@pytest.mark.parametrize("lost", [pytest.param("nothing", marks=pytest.mark.slow), "file"])
 def test_after_recovery_the_slopes_are_those_of_the_recording(
     campaign: Path, drawn: dict[str, Drawn], lost: str
 ) -> None:

@@ -58,7 +58,10 @@ def _stamps(path: Path, bit: int) -> None:
             file["lux/device_time"][row] ^= 1 << bit
 
 
-@pytest.mark.parametrize(("damage", "stream"), [(_pictures, "camera"), (_light, "lux"), (_stamps, "lux")])
+@pytest.mark.parametrize(
+    ("damage", "stream"),
+    [(_pictures, "camera"), (_light, "lux"), pytest.param(_stamps, "lux", marks=pytest.mark.slow)],
+)
 def test_no_result_depends_on_how_a_sample_is_damaged(
     session: Path, tmp_path: Path, damage: Damage, stream: str
 ) -> None:

@@ -29,14 +29,19 @@ def loaded(name: str) -> ModuleType:
 transcripts = loaded("transcripts")
 
 
-# half a minute of computing and more each, but for the reference's, which the tests of its examples run
+# five seconds of computing and more each, but for the reference's, which the tests of its examples run
 LONG = {
+    "alarms",
     "api",
     "batch",
     "calibrate-beds-and-meters",
     "calibrate-emissivity",
+    "export-recordings",
     "first-five-minutes",
+    "first-session",  # its commands: test_stranger.py
+    "from-python",
     "import-recordings",
+    "sand-slope-day",
     "terrain-products",
     "two-experiments",
 }

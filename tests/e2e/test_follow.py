@@ -6,11 +6,19 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
+from click.testing import CliRunner
+
+from fieldkit.cli import main
+from fieldkit.config.template import SIMULATED
+from fieldkit.recording.campaign import create_campaign
 from tests.harness.recording import PATIENCE_S, Counters, record_until_killed, started
+from tests.harness.seldom import SET_SELDOM
 from tests.harness.waiting import wait_until
 
 PROGRAM = [sys.executable, "-m", "fieldkit"]
+RECORD = ("record", "--for", "1h", "-q", "--set", "simulation.speed=30", *SET_SELDOM)
 FOLLOW = "from fieldkit.cli.show import command; import sys; command.main(sys.argv[1:])"
 ENOUGH_FRAMES = 100_000  # more than are recorded before it is asked to close
 
@@ -37,9 +45,8 @@ def test_follower_sees_samples_arrive_until_the_end(tmp_path: Path) -> None:
 
 
 def test_map_follows_a_recording_and_leaves_it_alone(tmp_path: Path) -> None:
-    made = subprocess.run([*PROGRAM, "init", "--simulated", tmp_path], capture_output=True, check=False)
-    assert made.returncode == 0, made.stderr
-    words = [*PROGRAM, "record", "-C", tmp_path, "--for", "3h", "-q", "--set", "simulation.speed=20"]
+    create_campaign(tmp_path, SIMULATED)
+    words = [*PROGRAM, *RECORD, "-C", tmp_path]
     maps: list[int] = []
     with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as recorder:
         recordings = tmp_path / "recordings"
@@ -50,14 +57,21 @@ def test_map_follows_a_recording_and_leaves_it_alone(tmp_path: Path) -> None:
             for line in follower.stdout:
                 maps.append(json.loads(line)["minutes"])
                 if len(set(maps)) == 2 and len(set(maps[:-1])) == 1:  # once: the last map may have as many
-                    subprocess.run([*PROGRAM, "stop", "-C", tmp_path], capture_output=True, check=True)
+                    recorder.terminate()  # as fieldkit stop does
             _, errors = follower.communicate()
+        if follower.returncode:
+            recorder.kill()  # which nothing else would end
         _, said = recorder.communicate()
-    assert recorder.returncode == 0, said
     assert follower.returncode == 0, errors
+    assert recorder.returncode == 0, said
     assert "the recording has ended" in errors
     assert maps == sorted(maps)
-    words = [*PROGRAM, "map", "-C", str(tmp_path), "--json"]
-    whole = subprocess.run(words, capture_output=True, text=True, check=True)
-    assert maps[-1] == json.loads(whole.stdout)["minutes"]
+    assert maps[-1] == _mapped(tmp_path)["minutes"]
     assert not list((tmp_path / "results").rglob("*.new"))
+
+
+def _mapped(campaign: Path) -> dict[str, Any]:
+    done = CliRunner().invoke(main, ["map", "-C", str(campaign), "--json"])
+    assert done.exit_code == 0, done.output
+    document: dict[str, Any] = json.loads(done.stdout)
+    return document

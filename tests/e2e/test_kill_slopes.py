@@ -9,19 +9,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fieldkit.config.template import SIMULATED
 from fieldkit.model.errors import SessionError
 from fieldkit.model.slope import SLOPE_FIELDS, SlopeEstimate
+from fieldkit.recording.campaign import create_campaign
 from fieldkit.results.estimate import estimator_for, minutes_of
 from fieldkit.results.sources import config_for
 from fieldkit.sessions.journal_reader import JournalReader
 from fieldkit.sessions.lock import journal_path
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.records import MinuteRecord
+from tests.harness.seldom import SET_SELDOM
 from tests.harness.waiting import wait_until
 
 FIELDKIT = (sys.executable, "-m", "fieldkit")
-RECORD = ("record", "--for", "3h", "--set", "simulation.speed=max", "-q")
-MINUTES = 12
+RECORD = ("record", "--for", "3h", "--set", "simulation.speed=max", *SET_SELDOM, "-q")
+MINUTES = 8
 LIMIT_S = 300.0
 """A busy computer is no failure; only what hangs is ended."""
 
@@ -40,7 +43,7 @@ def stored_estimates(journal: Path) -> list[SlopeEstimate]:
 def killed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[SlopeEstimate]]:
     """A session killed after some minutes and recovered, and the slopes it had stored before."""
     folder = tmp_path_factory.mktemp("killed") / "field"
-    subprocess.run([*FIELDKIT, "init", "-q", "--simulated", str(folder)], check=True)
+    create_campaign(folder, SIMULATED)
     process = subprocess.Popen([*FIELDKIT, *RECORD, "-C", str(folder)])
     try:
         journal = wait_for_minutes(folder / "recordings")

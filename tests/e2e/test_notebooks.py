@@ -1,6 +1,8 @@
 """The tutorial's notebooks run as they stand, each in an empty folder, and give what is true of their scene.
 
 True slopes are those of the simulated beds: `fieldkit.config.template.SIMULATED`, or what the notebook gives.
+The longer notebooks run in `make test-slow`: their cells are type-checked by `make lint`, what they call
+is tried by the tests of each command.
 """
 
 from __future__ import annotations
@@ -56,6 +58,7 @@ def numbers(pattern: str, printed: str) -> list[float]:
     return [float(number) for number in found.groups()]
 
 
+@pytest.mark.slow
 def test_whole_experiment(printed_by: Printed, folder: Path) -> None:
     printed = printed_by("whole-experiment.ipynb")
     for name, true_deg in {**TRUE_TILT_DEG, "b10": 10.0}.items():
@@ -79,12 +82,14 @@ def test_instruments(printed_by: Printed, folder: Path) -> None:
     assert len(list((folder / "field/recordings").glob("*-trial.h5"))) == 1
 
 
+@pytest.mark.slow
 def test_open_a_session(printed_by: Printed) -> None:
     printed = printed_by("open-a-session.ipynb")
     (largest,) = numbers(r"estimated again: (\S+) degrees", printed)
     assert largest <= 1e-9
 
 
+@pytest.mark.slow
 def test_estimate_and_sweep(printed_by: Printed) -> None:
     """The sand's albedo is 0.27, as the notebook sets: between two of the values tried."""
     printed = printed_by("estimate-and-sweep.ipynb")
@@ -94,6 +99,7 @@ def test_estimate_and_sweep(printed_by: Printed) -> None:
     assert known == runs == 2 * 4 * 2  # sessions, albedos, models
 
 
+@pytest.mark.slow
 def test_slope_maps(printed_by: Printed, folder: Path) -> None:
     """The beds that the notebook gives: 5 and 15 degrees, beside a flat reference."""
     printed = printed_by("slope-maps.ipynb")
@@ -107,6 +113,7 @@ def test_slope_maps(printed_by: Printed, folder: Path) -> None:
     assert len(list(folder.glob("field/results/*/slope-map-all.png"))) == 1
 
 
+@pytest.mark.slow
 def test_calibrate_emissivity(printed_by: Printed, folder: Path) -> None:
     """The sand's emissivity is 0.85, as the notebook sets."""
     printed = printed_by("calibrate-emissivity.ipynb")
@@ -116,12 +123,14 @@ def test_calibrate_emissivity(printed_by: Printed, folder: Path) -> None:
     assert len(list(folder.glob("sandslope/calibration/*-dry-silica-sand.toml"))) == 1
 
 
+@pytest.mark.slow
 def test_calibrate_and_re_estimate(printed_by: Printed) -> None:
     printed = printed_by("calibrate-and-re-estimate.ipynb")
     before, after = numbers(r"independent beds: (\S+) -> (\S+) degrees", printed)
     assert after < 0.6 * before
 
 
+@pytest.mark.slow
 def test_import_and_export(printed_by: Printed, folder: Path) -> None:
     """The logger's clock is 83 s slow and its light 3 % too high, as the notebook makes it."""
     printed = printed_by("import-and-export.ipynb")

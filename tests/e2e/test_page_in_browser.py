@@ -142,7 +142,10 @@ def test_the_palette_is_chosen_and_kept_on_the_device(browser: Browser, page: Se
     assert watched.page.evaluate(first) == [255, 255, 255, 255]
 
 
-@pytest.mark.parametrize("size", [SMALLEST, PHONE, PHONE_ON_ITS_SIDE, LAPTOP])
+@pytest.mark.parametrize(
+    "size",
+    [SMALLEST, LAPTOP, *(pytest.param(one, marks=pytest.mark.slow) for one in (PHONE, PHONE_ON_ITS_SIDE))],
+)
 def test_axe_finds_nothing(browser: Browser, page: Served, size: tuple[int, int]) -> None:
     watched = opened(browser, page.link(), size)
     watched.wait_for_picture()
@@ -240,8 +243,9 @@ def test_a_skyline_is_tapped_and_becomes_the_horizon(browser: Browser, tmp_path:
         watched.wait_for_picture()
         watched.page.locator("#draw").tap()
         watched.page.locator("#skyline-choice").tap()
-        for corner in ((40, 60), (80, 19), (140, 40), (120, 60)):
+        for number, corner in enumerate(((40, 60), (80, 19), (140, 40), (120, 60))):
             watched.tap(*corner)
+            watched.page.locator(".draft .hit").nth(number).wait_for(state="attached")  # the layout may move
         watched.page.locator("#undo").tap()
         assert _corners(watched) == [[40, 60], [80, 19], [140, 40]]
         watched.page.locator("#save-region").tap()

@@ -71,7 +71,7 @@ def ask(key: str) -> int:
         return connection.getresponse().status
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+@pytest.mark.parametrize("number", [pytest.param(signal.SIGKILL, marks=pytest.mark.slow), signal.SIGSTOP])
 def test_a_page_that_dies_or_hangs_costs_the_recording_nothing(tmp_path: Path, number: int) -> None:
     folder = campaign(tmp_path / "field")
     with recording(folder, f"--page={ADDRESS}", "--for", "15s") as process:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -32,11 +30,10 @@ from fieldkit.sessions.records import Entry
 from fieldkit.sessions.writer import SessionWriter
 
 
-def fieldkit(*arguments: str | Path, code: int = 0) -> str:
-    """Run the program as a user would; its standard output."""
-    command = [sys.executable, "-m", "fieldkit", *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=500)
-    assert done.returncode == code, done.stderr
+def fieldkit(*arguments: str | Path) -> str:
+    """Standard output of a command."""
+    done = CliRunner().invoke(main, [*map(str, arguments)])
+    assert done.exit_code == 0, done.output
     return done.stdout
 
 
@@ -131,9 +128,12 @@ FAULTS = {
 @pytest.mark.parametrize(
     "fault",
     [
-        *("cloud", "cable", "shutter", "disk"),
+        *("cable", "shutter"),
         # tests of alarms record these too
-        *(pytest.param(fault, marks=pytest.mark.slow) for fault in ("frozen", "garbled", "clock")),
+        *(
+            pytest.param(fault, marks=pytest.mark.slow)
+            for fault in ("frozen", "garbled", "clock", "cloud", "disk")
+        ),
     ],
 )
 def test_a_fault_is_survived_named_on_screen_and_in_the_file_and_found_by_check(
@@ -141,8 +141,9 @@ def test_a_fault_is_survived_named_on_screen_and_in_the_file_and_found_by_check(
 ) -> None:
     minutes = 12 if fault == "disk" else 8  # it is full five minutes after the middle
     words = ["record", "-C", str(campaign), "--for", f"{minutes}m", "--name", fault]
-    fast = ("--set", "simulation.speed=max", "--set", f'simulation.faults=["{fault}"]')
-    done = CliRunner().invoke(main, [*words, *fast])
+    fast = ("--set", "simulation.speed=max", "--set", "estimator.model=full")
+    fault_there = ("--set", f'simulation.faults=["{fault}"]')
+    done = CliRunner().invoke(main, [*words, *fast, *fault_there])
     assert done.exit_code == 0, done.output
     path = next(campaign.glob(f"recordings/*-{fault}.h5"))
     with open_session(path) as session:
@@ -167,18 +168,18 @@ def test_an_estimator_that_raises_does_not_end_the_recording(campaign: Path) -> 
     def fails_later(self: Estimator, sample: object) -> object:
         nonlocal calls
         calls += 1
-        if calls == 500:
+        if calls == 200:
             raise ZeroDivisionError("a mistake in the estimator")
         return original(self, sample)  # type: ignore[arg-type]
 
-    with pytest.MonkeyPatch.context() as patch, open_instruments(config, duration_s=600.0) as tools:
+    with pytest.MonkeyPatch.context() as patch, open_instruments(config, duration_s=240.0) as tools:
         patch.setattr(Estimator, "collect", fails_later)  # only a mistake of ours does
-        summary = PreparedRecording(config, tools, path, duration_s=600.0).run().summary
+        summary = PreparedRecording(config, tools, path, duration_s=240.0).run().summary
     with open_session(path) as session:
         kinds = [event.kind for event in session.events()]
         assert session.count("lux") == summary.counts["lux"]
     assert EventKind.ESTIMATOR in kinds
-    assert summary.counts["lux"] == pytest.approx(600, abs=3)
+    assert summary.counts["lux"] == pytest.approx(240, abs=3)
 
 
 class Falling:

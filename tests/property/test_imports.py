@@ -100,7 +100,7 @@ def most_memory_kb() -> int:
 
 
 @pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("trials", [2, pytest.param(400, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("trials", [1, pytest.param(400, marks=pytest.mark.slow)])
 def test_damage_is_told_or_does_no_harm(
     sound: dict[Path, tuple[str, ...]], tmp_path: Path, name: str, trials: int
 ) -> None:

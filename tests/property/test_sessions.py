@@ -51,7 +51,7 @@ def test_mending_a_superblock_is_done_once(head: bytes, length: int) -> None:
     assert len(once) == 48
 
 
-@settings(max_examples=10)
+@settings(max_examples=5)
 @given(st.integers(0, 40), st.sampled_from([1.0, 9.0, 25.0]), st.sampled_from([(24, 32), (7, 11), (1, 1)]))
 def test_session_is_read_back_as_written(
     tmp_path_factory: pytest.TempPathFactory, frames: int, rate_hz: float, shape: tuple[int, int]
@@ -111,7 +111,7 @@ def every_sample_is_right_or_flagged(path: Path) -> bool:
     return right == WRITTEN
 
 
-@pytest.mark.parametrize("trials", [8, pytest.param(1000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("trials", [4, pytest.param(1000, marks=pytest.mark.slow)])
 def test_damage_never_gives_a_wrong_sample(recorded: Path, tmp_path: Path, trials: int) -> None:
     chance = random.Random(trials)
     for _ in range(trials):
@@ -129,7 +129,7 @@ def test_damage_never_gives_a_wrong_sample(recorded: Path, tmp_path: Path, trial
         assert not (file_is_damaged and report.lost_samples)  # a whole journal has everything
 
 
-@pytest.mark.parametrize("trials", [8, pytest.param(1000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("trials", [4, pytest.param(1000, marks=pytest.mark.slow)])
 def test_damaged_sealed_session_is_noticed(recorded: Path, tmp_path: Path, trials: int) -> None:
     chance = random.Random(trials)
     for _ in range(trials):
