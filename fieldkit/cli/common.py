@@ -9,16 +9,16 @@ from __future__ import annotations
 import errno
 import json
 import logging
+import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 import click
 
-from fieldkit.cli.failure import to_stderr
 from fieldkit.cli.old_spellings import respelt
 from fieldkit.model.errors import ConfigError
 
@@ -168,6 +168,19 @@ def options(ctx: click.Context | None = None) -> Options:
 def is_interactive() -> bool:
     """True if the running command may ask: on a terminal, without ``--no-input``."""
     return sys.stdin.isatty() and not options().no_input
+
+
+def to_stderr(text: str) -> None:
+    """Print on stderr; where that leads nowhere any more, what the command does goes on without."""
+    try:
+        click.echo(text, err=True)
+    except OSError:
+        discard(sys.stderr)
+
+
+def discard(stream: TextIO) -> None:
+    """Discard what was and will be written to a stream."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def say(text: str) -> None:

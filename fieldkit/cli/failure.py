@@ -13,10 +13,11 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING
 
 import click
 
+from fieldkit.cli.common import discard, json_line, options, to_stderr
 from fieldkit.model.errors import FieldkitError, StorageError
 from fieldkit.model.wording import typed
 
@@ -103,14 +104,9 @@ def _stdout_is_broken() -> bool:
     try:
         os.write(sys.stdout.fileno(), b"\n")
     except OSError:
-        _discard(sys.stdout)
+        discard(sys.stdout)
         return True
     return False
-
-
-def _discard(stream: TextIO) -> None:
-    """Discard what was and will be written to a stream."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def explain(error: FieldkitError) -> None:
@@ -118,8 +114,6 @@ def explain(error: FieldkitError) -> None:
 
     With ``--json`` as JSON on one line: message, fix or null, exit code.
     """
-    from fieldkit.cli.common import json_line, options
-
     if options().json:
         document = {"error": error.message, "fix": error.fix, "exit_code": error.exit_code}
         to_stderr(json_line(document))
@@ -127,14 +121,6 @@ def explain(error: FieldkitError) -> None:
     to_stderr(f"error: {error.message}")
     if error.fix:
         to_stderr("  fix: " + error.fix.replace("\n", "\n       "))
-
-
-def to_stderr(text: str) -> None:
-    """Print on stderr; where that leads nowhere any more, what the command does goes on without."""
-    try:
-        click.echo(text, err=True)
-    except OSError:
-        _discard(sys.stderr)
 
 
 def _report_unexpected(error: Exception, command: str) -> None:
