@@ -83,9 +83,6 @@ def test_a_session_and_its_file_give_the_same(sessions, tmp_path):
     with fieldkit.open_session(sessions[0]) as session:
         opened = fieldkit.export(session, "csv", tmp_path / "opened"), fieldkit.check(session)
         assert session.export("csv", tmp_path / "method").files
-        made = fieldkit.report(session, tmp_path / "one.html")
-        assert (made.sessions, made.path) == ((sessions[0],), tmp_path / "one.html")
-        assert made.path.read_text(encoding="utf-8").lower().startswith("<!doctype html>")
         assert session.state == "sealed"
         assert session.count("camera") > 0  # still open
     named = fieldkit.export(sessions[0], "csv", tmp_path / "named"), fieldkit.check(sessions[0])
@@ -174,7 +171,11 @@ def test_results_and_figures_have_the_times_of_a_corrected_clock(sessions, tmp_p
     apply_time_map(path, [TimeStep(0, -EARLIER_NS, "another clock")])
     with fieldkit.open_session(path) as session:
         corrected_ns = times_ns(session)
-        page = session.report(tmp_path / "report.html").path.read_text()
+        made = session.report(tmp_path / "report.html")
+        assert session.count("camera") > 0  # still open
+    assert (made.sessions, made.path) == ((path,), tmp_path / "report.html")
+    page = made.path.read_text(encoding="utf-8")
+    assert page.lower().startswith("<!doctype html>")
     for name, times in recorded_ns.items():
         assert corrected_ns[name] == [time_ns - EARLIER_NS for time_ns in times], name
     assert re.search(r"\b10:0\d", page)
