@@ -99,14 +99,15 @@ def pairs_of(intervals: list[SteadyInterval]) -> tuple[Pairs, tuple[str, ...]]:
 def drift_k_min(time_ns: Times, value_k: FloatArray) -> float:
     """Drift in K/min by a straight line through temperatures (n,), NaN where unknown.
 
-    At UTC nanoseconds (n,); NaN for fewer than three values.
+    At UTC nanoseconds (n,); NaN for fewer than three values, or where all are of one instant.
     """
     known = np.isfinite(value_k)
     if known.sum() < 3:
         return float("nan")
     minutes = (time_ns[known] - time_ns[0]) / 60e9
     centred = minutes - minutes.mean()
-    return float(centred @ value_k[known]) / max(float(centred @ centred), 1e-12)
+    spread = float(centred @ centred)
+    return float(centred @ value_k[known]) / spread if spread else float("nan")
 
 
 def refuse_shifted_clocks(readings: Readings) -> None:

@@ -256,9 +256,8 @@ def keep_recorded(path: Path, estimator: Estimator) -> None:
         known = SessionMinutes(session, config_for(session))
         if session.has_corrected_marks:  # it estimated some minutes before it knew the corrections
             return
-        if known.settings == estimator.settings and len(session.table("irradiance")["time"]) == len(
-            estimator.minutes
-        ):
+        stored = len(session.table("irradiance")["time"])
+        if known.settings == estimator.settings and stored == len(estimator.minutes):
             known.keep(estimator)
 
 
