@@ -56,11 +56,10 @@ SAMPLE_FIELDS = (
         {"units": "K", "long_name": "temperature of the camera's sensor"}, of_frames=True,
     ),
 )  # fmt: skip
-"""In the order in which they enter a sample's checksum.
+"""In the order in which they enter a sample's checksum; one that is added goes last.
 
-One that is added later goes into it as high flags do: behind the others and only where it is known, in
-`with_stamps` and `with_stored`, so that samples of earlier formats keep theirs. It makes the stamps of the
-journal longer too: recordings that an earlier version left interrupted are to be recovered before.
+It makes the stamps of the journal longer: recordings that an earlier version left interrupted are to be
+recovered before.
 """
 
 ATTRIBUTES = tuple(one.attribute for one in SAMPLE_FIELDS)
@@ -68,13 +67,10 @@ _OF_ALL = tuple(one.attribute for one in SAMPLE_FIELDS if not one.of_frames)
 _UNKNOWN = tuple(one.fill for one in SAMPLE_FIELDS if one.of_frames)
 _TIME, _SEQ, _FLAGS = (ATTRIBUTES.index(name) for name in ("time_ns", "seq", "quality"))
 _LOW_FLAGS = 0xFFFF
-_CHECKED = struct.Struct("<" + "".join(one.code for one in SAMPLE_FIELDS).replace("I", "H"))
-_CHECKED_COLUMNS = np.dtype(
-    {
-        "names": [one.column for one in SAMPLE_FIELDS],
-        "formats": [one.dtype.replace("u4", "u2") for one in SAMPLE_FIELDS],
-    }
-)
+_ALWAYS, _LATER = SAMPLE_FIELDS[:7], SAMPLE_FIELDS[7:]
+"""In the checksum of every sample, and where they are known: samples of earlier formats keep theirs."""
+_CHECKED = struct.Struct("<" + "".join(one.code for one in _ALWAYS).replace("I", "H"))
+_CHECKED_COLUMNS = np.dtype([(one.column, one.dtype.replace("u4", "u2")) for one in _ALWAYS])
 _JOURNAL = struct.Struct("<" + "".join(one.code for one in SAMPLE_FIELDS if one.column != "seq") + "II")
 STAMPS_BYTES = _JOURNAL.size
 """Of a journalled sample, what stands before its bytes."""
@@ -135,32 +131,38 @@ def from_journal(payload: bytes, seq: int) -> tuple[Stamps, int, int]:
 def with_stamps(crc: int, stamps: Stamps) -> int:
     """CRC-32 of a sample from that of its bytes: its numbers follow as they are stored.
 
-    Flags above the sixteenth bit follow at the end, where there are any: samples of formats before 1.5, which
-    have none, keep their checksum.
+    What formats before 1.5 do not have follows at the end, where there is any: flags above the sixteenth bit,
+    then fields that were added later.
     """
     values, flags = list(stamps), int(stamps[_FLAGS])
     values[_TIME] //= 1000
     values[_FLAGS] = flags & _LOW_FLAGS
-    packed = _CHECKED.pack(*[one if one == one else math.nan for one in values])  # every NaN is the same NaN
-    return _with_high_flags(crc32(packed, crc), flags)
+    first = [one if one == one else math.nan for one in values[: len(_ALWAYS)]]  # every NaN is the same NaN
+    return _with_later(crc32(_CHECKED.pack(*first), crc), flags, values[len(_ALWAYS) :])
 
 
 def with_stored(crcs: Sequence[int], columns: Mapping[str, NDArray[Any]]) -> NDArray[np.uint32]:
     """`with_stamps` of stored rows, from the CRC-32 of the bytes of each."""
     stamps = np.zeros(len(crcs), _CHECKED_COLUMNS)
-    for one in SAMPLE_FIELDS:
+    for one in _ALWAYS:
         values: Any = columns.get(one.column, one.fill)  # a meter has no sensor temperature
         stamps[one.column] = np.where(np.isnan(values), math.nan, values) if one.code == "d" else values
     stamps["flags"] = columns["flags"] & _LOW_FLAGS
     packed, size = stamps.tobytes(), _CHECKED_COLUMNS.itemsize
-    flags = columns["flags"].tolist()
+    later = [columns.get(one.column, np.full(len(crcs), one.fill)).tolist() for one in _LATER]
     found = (
-        _with_high_flags(crc32(packed[place * size : (place + 1) * size], crc), flags[place])
-        for place, crc in enumerate(crcs)
+        _with_later(crc32(packed[place * size : (place + 1) * size], crc), flags, values)
+        for place, (crc, flags, *values) in enumerate(
+            zip(crcs, columns["flags"].tolist(), *later, strict=True)
+        )
     )
     return np.fromiter(found, np.uint32, len(crcs))
 
 
-def _with_high_flags(crc: int, flags: int) -> int:
+def _with_later(crc: int, flags: int, later: Sequence[Any]) -> int:
     high = flags & ~_LOW_FLAGS
-    return crc32(high.to_bytes(4, "little"), crc) if high else crc
+    crc = crc32(high.to_bytes(4, "little"), crc) if high else crc
+    for one, value in zip(_LATER, later, strict=True):
+        if value == value and value != one.fill:
+            crc = crc32(one.column.encode() + struct.pack(f"<{one.code}", value), crc)
+    return crc
