@@ -59,7 +59,7 @@ SAMPLE_FIELDS = (
 """In the order in which they enter a sample's checksum; one that is added goes last.
 
 It makes the stamps of the journal longer: recordings that an earlier version left interrupted are to be
-recovered before.
+recovered before. To earlier versions samples in which it is known look damaged.
 """
 
 ATTRIBUTES = tuple(one.attribute for one in SAMPLE_FIELDS)
