@@ -39,7 +39,7 @@ class SampleField:
         return {"q": "<i8", "I": "<u4", "d": "<f8"}[self.code]
 
 
-SAMPLE_FIELDS = (
+SAMPLE_FIELDS: tuple[SampleField, ...] = (
     SampleField(
         "mono_ns", "mono_ns", about={"units": "ns", "long_name": "host monotonic clock at the first byte"}
     ),
@@ -59,7 +59,7 @@ SAMPLE_FIELDS = (
 """In the order in which they enter a sample's checksum; one that is added goes last.
 
 It makes the stamps of the journal longer: recordings that an earlier version left interrupted are to be
-recovered before. To earlier versions samples in which it is known look damaged.
+recovered before. Earlier versions flag samples in which it is known as damaged.
 """
 
 ATTRIBUTES = tuple(one.attribute for one in SAMPLE_FIELDS)
