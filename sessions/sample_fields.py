@@ -67,10 +67,11 @@ _OF_ALL = tuple(one.attribute for one in SAMPLE_FIELDS if not one.of_frames)
 _UNKNOWN = tuple(one.fill for one in SAMPLE_FIELDS if one.of_frames)
 _TIME, _SEQ, _FLAGS = (ATTRIBUTES.index(name) for name in ("time_ns", "seq", "quality"))
 _LOW_FLAGS = 0xFFFF
-_ALWAYS, _LATER = SAMPLE_FIELDS[:7], SAMPLE_FIELDS[7:]
-"""In the checksum of every sample, and where they are known: samples of earlier formats keep theirs."""
-_CHECKED = struct.Struct("<" + "".join(one.code for one in _ALWAYS).replace("I", "H"))
-_CHECKED_COLUMNS = np.dtype([(one.column, one.dtype.replace("u4", "u2")) for one in _ALWAYS])
+_ALWAYS = 7
+"""So many are in the checksum of every sample; later ones where they are known: earlier formats have none."""
+_LATER = SAMPLE_FIELDS[_ALWAYS:]
+_CHECKED = struct.Struct("<" + "".join(one.code for one in SAMPLE_FIELDS[:_ALWAYS]).replace("I", "H"))
+_CHECKED_COLUMNS = np.dtype([(one.column, one.dtype.replace("u4", "u2")) for one in SAMPLE_FIELDS[:_ALWAYS]])
 _JOURNAL = struct.Struct("<" + "".join(one.code for one in SAMPLE_FIELDS if one.column != "seq") + "II")
 STAMPS_BYTES = _JOURNAL.size
 """Of a journalled sample, what stands before its bytes."""
@@ -134,35 +135,41 @@ def with_stamps(crc: int, stamps: Stamps) -> int:
     What formats before 1.5 do not have follows at the end, where there is any: flags above the sixteenth bit,
     then fields that were added later.
     """
-    values, flags = list(stamps), int(stamps[_FLAGS])
+    values, flags = list(stamps[:_ALWAYS]), int(stamps[_FLAGS])
     values[_TIME] //= 1000
     values[_FLAGS] = flags & _LOW_FLAGS
-    first = [one if one == one else math.nan for one in values[: len(_ALWAYS)]]  # every NaN is the same NaN
-    return _with_later(crc32(_CHECKED.pack(*first), crc), flags, values[len(_ALWAYS) :])
+    packed = _CHECKED.pack(*[one if one == one else math.nan for one in values])  # every NaN is the same NaN
+    crc = _with_high_flags(crc32(packed, crc), flags)
+    for one, value in zip(_LATER, stamps[_ALWAYS:], strict=True):
+        crc = _with_later(crc, one, value)
+    return crc
 
 
 def with_stored(crcs: Sequence[int], columns: Mapping[str, NDArray[Any]]) -> NDArray[np.uint32]:
     """`with_stamps` of stored rows, from the CRC-32 of the bytes of each."""
     stamps = np.zeros(len(crcs), _CHECKED_COLUMNS)
-    for one in _ALWAYS:
+    for one in SAMPLE_FIELDS[:_ALWAYS]:
         values: Any = columns.get(one.column, one.fill)  # a meter has no sensor temperature
         stamps[one.column] = np.where(np.isnan(values), math.nan, values) if one.code == "d" else values
     stamps["flags"] = columns["flags"] & _LOW_FLAGS
     packed, size = stamps.tobytes(), _CHECKED_COLUMNS.itemsize
-    later = [columns.get(one.column, np.full(len(crcs), one.fill)).tolist() for one in _LATER]
-    found = (
-        _with_later(crc32(packed[place * size : (place + 1) * size], crc), flags, values)
-        for place, (crc, flags, *values) in enumerate(
-            zip(crcs, columns["flags"].tolist(), *later, strict=True)
-        )
-    )
-    return np.fromiter(found, np.uint32, len(crcs))
+    flags = columns["flags"].tolist()
+    found = [
+        _with_high_flags(crc32(packed[place * size : (place + 1) * size], crc), flags[place])
+        for place, crc in enumerate(crcs)
+    ]
+    for one in _LATER:
+        if one.column in columns:
+            later = columns[one.column].tolist()
+            found = [_with_later(crc, one, value) for crc, value in zip(found, later, strict=True)]
+    return np.array(found, np.uint32)
 
 
-def _with_later(crc: int, flags: int, later: Sequence[Any]) -> int:
+def _with_high_flags(crc: int, flags: int) -> int:
     high = flags & ~_LOW_FLAGS
-    crc = crc32(high.to_bytes(4, "little"), crc) if high else crc
-    for one, value in zip(_LATER, later, strict=True):
-        if value == value and value != one.fill:
-            crc = crc32(one.column.encode() + struct.pack(f"<{one.code}", value), crc)
-    return crc
+    return crc32(high.to_bytes(4, "little"), crc) if high else crc
+
+
+def _with_later(crc: int, one: SampleField, value: Any) -> int:
+    is_known = value == value and value != one.fill
+    return crc32(one.column.encode() + struct.pack(f"<{one.code}", value), crc) if is_known else crc
