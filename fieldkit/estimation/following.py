@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft
 
 from fieldkit.model.site import Region
 from fieldkit.physics.camera_geometry import Camera, project
@@ -70,6 +69,8 @@ class FrameFollower:
     """Follows the content of one camera's frames, in order of time, from the first one given."""
 
     def __init__(self) -> None:
+        import scipy.fft  # noqa: F401  # slow to import: here, so that no frame waits for it
+
         self._key: Spectrum | None = None
         self._key_at = Shift()
         self._last: Spectrum | None = None
@@ -107,6 +108,8 @@ class FrameFollower:
 
 def _spectrum(counts: NDArray[np.integer[Any]], scale: int) -> tuple[Spectrum, tuple[int, int]]:
     """Of the root of the gradient, faded out towards the border (else the border itself is matched)."""
+    from scipy import fft
+
     rows, cols = counts.shape[0] // scale, counts.shape[1] // scale
     # 16 bits would cost digits of small contrasts
     small = cv2.resize(counts.astype(np.float32), (cols, rows), interpolation=cv2.INTER_AREA)
@@ -123,6 +126,8 @@ def _fade(rows: int, cols: int) -> NDArray[np.float32]:
 
 def _match(key: Spectrum, now: Spectrum, shape: tuple[int, int], scale: int, key_at: Shift) -> _Match:
     """Present shift of the key's content."""
+    from scipy import fft
+
     cross = key.conj() * now
     # divided by the root of its magnitude: pure phase would weight noise as much as edges
     surface = fft.irfft2(cross / np.sqrt(np.abs(cross) + np.float32(1e-30)), s=shape)

@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
+from fieldkit.estimation.distributions import normal_quantile
 from fieldkit.physics.facet import FloatArray
 
 Measure = Callable[[NDArray[Any]], NDArray[Any]]
@@ -118,7 +118,7 @@ def _lattice() -> NDArray[np.float32]:
     """Pairs of independent standard normal deviates, shape (NODES, 2)."""
     steps = np.arange(NODES)
     shares = np.column_stack([steps, steps * GENERATOR % NODES]) + 0.5
-    return np.asarray(ndtri(shares / NODES), np.float32)
+    return normal_quantile(shares / NODES).astype(np.float32)
 
 
 def _prior(normals: NDArray[np.float32], limit_deg: float) -> NDArray[np.float32]:

@@ -9,10 +9,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
-from scipy.special import ndtri
 
+from fieldkit.estimation.distributions import normal_quantile
 from fieldkit.estimation.learned.hypotheses import depths_m, even_points
 from fieldkit.estimation.learned.inputs import MinuteInputs
 from fieldkit.estimation.learned.learner import Learner, Posterior, mass
@@ -40,9 +41,6 @@ WORDS = {
     "longwave": "longwave of the sky",
     "air": "air temperature",
 }
-_LINE: FloatArray = ndtri((np.arange(POINTS) + 0.5) / POINTS)[:, np.newaxis]
-# Sobol points begin at 0, whose quantile is infinite
-_PLANE: FloatArray = ndtri(np.clip(even_points("sobol-2"), 1e-3, 1 - 1e-3))
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +75,7 @@ def _points(
 ) -> tuple[FloatArray, FloatArray]:
     """Unit normals (k, 3) drawn from the mixture, and their weights (k,)."""
     turn, tangent = normals.turn(target), normals.tangents[target]
-    standard = _LINE if tangent.shape[2] == 1 else _PLANE
+    standard = _standard(tangent.shape[2])
     weights = np.exp(log_weights - mass(log_weights))
     used = weights > 1e-6
     root = np.linalg.cholesky(normals.covariance[used][:, turn, turn])
@@ -85,6 +83,15 @@ def _points(
     units = normals.units[target][used][:, np.newaxis] + np.matmul(turned, tangent[used].transpose(0, 2, 1))
     units /= np.linalg.norm(units, axis=2, keepdims=True)
     return (units @ facing.T).reshape(-1, 3), np.repeat(weights[used], POINTS) / POINTS / weights[used].sum()
+
+
+@cache
+def _standard(dimensions: int) -> FloatArray:
+    """Points (k, dimensions) that stand for a standard normal distribution."""
+    if dimensions == 1:
+        return normal_quantile((np.arange(POINTS) + 0.5) / POINTS)[:, np.newaxis]
+    # Sobol points begin at 0, whose quantile is infinite
+    return normal_quantile(np.clip(even_points("sobol-2"), 1e-3, 1 - 1e-3))
 
 
 def _mean(points: FloatArray, weights: FloatArray) -> FloatArray:

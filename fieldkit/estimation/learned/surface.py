@@ -14,9 +14,8 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import toeplitz
-from scipy.special import ndtr
 
+from fieldkit.estimation.distributions import normal_below
 from fieldkit.estimation.learned.bank import Affine, Transition
 from fieldkit.estimation.learned.hypotheses import Hypotheses
 from fieldkit.estimation.learned.inputs import Logged, MinuteInputs
@@ -186,7 +185,7 @@ class SurfaceModel:
         variance = np.sum((towards @ covariance) * towards, axis=2)
         sd = np.sqrt(np.maximum(variance, _LEAST_SD**2))
         ratio = np.clip(about / sd, -30.0, 30.0)
-        share, bell = ndtr(ratio), np.exp(-0.5 * ratio**2) / _ROOT_TWO_PI
+        share, bell = normal_below(ratio), np.exp(-0.5 * ratio**2) / _ROOT_TWO_PI
         lit = about * share + sd * bell
         second = (about**2 + sd**2) * share + about * sd * bell
         left = second - lit**2 - share**2 * sd**2
@@ -204,6 +203,8 @@ class SurfaceModel:
 
         By 1 W/m2 in each minute, (minutes, minutes), and by the stores before the first, (minutes, STORES).
         """
+        from scipy.linalg import toeplitz
+
         ages = np.arange(minutes)[:, np.newaxis]
         fading = self._weights[0, 0] * MEAN * FADE**ages
         later = np.append(self._quick[0, 0], fading[:-1] @ FILL)
