@@ -172,6 +172,7 @@ class SlopeChain:
         kept = [group for group in self._groups if group.goes_on(references, targets)]
         grouped = {column for group in kept for column in group.targets}
         new = np.array([column for column in targets if column not in grouped], np.int64)
+        # evenly: a group of four beside one of one would know the sand unequally
         parts = np.array_split(new, -(-new.size // TOGETHER)) if new.size and references else []
         made = [_Group(self.schedule, references, part, self._settings) for part in parts]
         self._groups = [*kept, *made]
@@ -395,6 +396,7 @@ class _Group:
 
     def _contradiction(self, learner: Learner, index: int) -> str:
         """Why no slope of a target explains the minutes; "" if one does."""
+        # the reference's errors too: every slope rests on it
         found = misfit(_errors(learner)[1])[[0, self._layout.references + index]].max()
         if found <= MOST_MISFIT:
             return ""

@@ -96,6 +96,7 @@ class FrameFollower:
         return self._follow(found, now, FARTHEST_STEP * counts.shape[1])
 
     def _follow(self, found: _Match, now: Spectrum, farthest_px: float) -> Shift | None:
+        # no frame has shown edges yet, so none can be lost
         if not found.is_clear and not self._is_clear:
             self._last = now
             return self._at
@@ -243,6 +244,7 @@ def _overlaps(camera: Camera, view: Camera, height_m: float) -> bool:
     """True if the camera sees enough of the level ground that a view shows."""
     last = np.array([camera.shape[1] - 1.0, camera.shape[0] - 1.0])
     grid = last * np.stack(np.meshgrid(*[np.linspace(0.0, 1.0, 9)] * 2), axis=-1).reshape(-1, 2)
+    # rays that do not point down never meet the ground
     up = np.column_stack([(grid - 0.5 * last) / view.focal_px, np.ones(len(grid))]) @ view.axes[:, 2]
     here = _mapped(homography_over_level(view, camera, height_m), grid[up < 0.0])
     inside = ((here >= 0.0) & (here <= last)).all(axis=1)
@@ -266,6 +268,7 @@ def _placed(camera: Camera, region: Region, back: FloatArray, step: NDArray[np.i
     middle = corners.mean(axis=0, keepdims=True)
     forth: FloatArray = np.asarray(np.linalg.inv(back), np.float64)
     shown = _mapped(forth, _mapped(back, middle) + step) - middle
+    # whole pixels here too: sums of counts stay exact
     return np.asarray(corners + np.rint(shown))
 
 

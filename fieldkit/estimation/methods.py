@@ -177,6 +177,7 @@ class _Problem:
     def of(self, slopes: FloatArray, lit: NDArray[np.bool_]) -> _Problem:
         """The rows that are lit, as certain as the light on these slopes is."""
         passing = np.sum(self.rows.light_effects(slopes) ** 2, axis=0)
+        # variances add: 1 / w' = 1 / w + passing
         weights = np.where(lit, self.weights / (1.0 + self.weights * passing), 0.0)
         return replace(self, weights=weights, slopes=slopes)
 

@@ -71,6 +71,7 @@ class PixelPosterior:
         parts = [np.concatenate([plane, sign * across[..., np.newaxis]], axis=-1) for sign in (1, -1)[:sides]]
         normals = np.concatenate(parts) @ self.axes.astype(np.float32)
         weights = _prior(normals, self.tilt_limit_deg)
+        # the likelihood is over the plane, the prior per solid angle, which is dA / |across|
         weights /= np.maximum(np.abs(np.tile(across, (sides, 1))), LEAST_ACROSS)
         weights[NODES:] *= self.second[pixels].astype(np.float32)
         return normals, weights / weights.sum(axis=0)

@@ -87,11 +87,14 @@ class Proposal:
         covariance = (weights[:, np.newaxis] * away).T @ away
         # a few heavy points may lie in a plane
         root = np.linalg.cholesky(covariance + 0.02**2 * np.eye(UNKNOWNS))
+        # in the points' own scale, where all coefficients are of like size
         slope, curvature = _polynomial(np.linalg.solve(root, away.T).T, log_density, weights)
         sizes, axes = np.linalg.eigh(curvature)
+        # a saddle or a ridge of few points would send the next draw anywhere
         sizes = np.clip(sizes, *CURVATURES)
         step = axes @ (slope @ axes / sizes)
         step *= min(1.0, FARTHEST / max(float(np.linalg.norm(step)), 1e-9))
+        # a normal density's covariance is the inverse of its curvature; back in the prior's coordinates
         narrowed = root @ axes / np.sqrt(sizes)
         return cls(centre + root @ step, np.asarray(WIDER * np.linalg.cholesky(narrowed @ narrowed.T)))
 
@@ -164,6 +167,7 @@ def hypotheses(points: FloatArray, settings: EstimatorSettings) -> Hypotheses:
 def depths_m(share: FloatArray, settings: EstimatorSettings) -> FloatArray:
     """Depths below which these shares of the prior lie: around the slab's, or practically bottomless."""
     prior = settings.prior
+    # quantiles of a mixture have no closed form: read off its distribution on a grid
     depths = np.geomspace(0.004, 0.6, 400)
     body = normal_below(np.log(depths / settings.slab.depth_m) / prior.depth_log_sd)
     deep = np.clip(np.log(depths / DEEP_M[0]) / np.log(DEEP_M[1] / DEEP_M[0]), 0.0, 1.0)

@@ -124,6 +124,7 @@ def _free_region(
     away = away - weights @ away
     covariance = (weights[:, np.newaxis] * away).T @ away
     distance = np.sum(away @ np.linalg.inv(covariance) * away, axis=1)
+    # of the mixture's own distances: its tails are not those of a normal distribution
     bound = quantiles(distance, weights, (settings.confidence,))[0]
     angle = np.linspace(0.0, 2.0 * np.pi, 121)
     rim = np.sqrt(bound) * np.column_stack([np.cos(angle), np.sin(angle)]) @ np.linalg.cholesky(covariance).T
@@ -181,6 +182,7 @@ def moments(learner: Learner) -> Moments:
     away = means - mean
     covariance = (weights[:, np.newaxis] * away).T @ away
     inner = covariances.shape[1]
+    # law of total variance: the spread of the means, and the mean of the spreads
     covariance[:inner, :inner] += np.tensordot(weights, covariances, axes=1)
     further = layout.shared("session_exchange")
     own = posterior.filters.covariance[:, further, further] / exchange**2
@@ -278,6 +280,7 @@ def _depth(settings: EstimatorSettings, found: Moments) -> LearntParameter:
     plain = _learnt(
         settings, found, "depth", "cm", np.log(median), spread, of=lambda log_m: 100.0 * math.exp(log_m)
     )
+    # a prior with a part without bottom has other bounds than a normal distribution
     return replace(plain, prior_low=100.0 * float(low), prior_high=100.0 * float(high))
 
 
@@ -334,6 +337,7 @@ def misfit(standardised: FloatArray) -> FloatArray:
     filled = np.nan_to_num(standardised)
     squares = (filled**2).sum(axis=0)
     count = known.sum(axis=0)
+    # below zero it would excuse a misfit, at one the quotient has no bound
     correlation = np.clip((filled[1:] * filled[:-1]).sum(axis=0) / np.maximum(squares, 1e-12), 0.0, 0.95)
     found = squares / np.maximum(count, 1) * (1.0 + correlation) / (1.0 - correlation)
     return np.where(count < 10, 1.0, found)
