@@ -26,7 +26,7 @@ from benchmarks.drawn_worlds import AUGUST, BROKEN_CLOUD, CLEAR, RANDOM, SOUTH, 
 from benchmarks.estimation_outdoors import BROKEN, holds
 from benchmarks.result import Result
 from fieldkit.estimation.bins import History
-from fieldkit.estimation.chain import SlopeChain, slope_series
+from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.slopes import slopes
 from fieldkit.model.site import Region, RegionKind
@@ -156,7 +156,7 @@ def outcome(scenario: Scenario, seed: int) -> Outcome:
     if not scenario.air:
         history = replace(history, air_k=np.full(len(history), np.nan))
     settings = replace(world.settings, model="learned")
-    run = [minute.slopes for minute in slope_series(history, world.regions, settings)]
+    run = [minute.slopes for minute in SlopeChain(world.regions, settings).series(history)]
     silent = [[one.state not in SOLVED for one in estimates] for estimates in run[FIRST_MINUTE - 1 :]]
     learned = {cell.minutes: _found(run[cell.minutes - 1], world) for cell in scenario.cells}
     result = Outcome({"learned": learned}, float(np.mean(silent)))

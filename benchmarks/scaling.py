@@ -21,7 +21,7 @@ from benchmarks.drawn_worlds import CLEAR, RANDOM, World, drawn_world
 from benchmarks.estimation_learned import with_targets
 from benchmarks.estimation_speed import ONE_MAP, map_sums
 from benchmarks.result import Result, Row
-from fieldkit.estimation.chain import slope_series
+from fieldkit.estimation.chain import SlopeChain
 from fieldkit.recording.simulate import simulate
 from fieldkit.results.batch import estimate_sessions
 
@@ -79,7 +79,7 @@ def _cpu_s(work: Callable[[], object]) -> float:
 
 def _estimating(world: World, minutes: int) -> Callable[[], object]:
     history, settings = world.history.until(minutes), replace(world.settings, model="learned")
-    return lambda: list(slope_series(history, world.regions, settings))
+    return lambda: list(SlopeChain(world.regions, settings).series(history))
 
 
 def _mapping(pixels: int) -> Callable[[], object]:

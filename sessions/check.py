@@ -17,7 +17,7 @@ from fieldkit.model.clock import ClockCheck
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import SessionError, message_of
 from fieldkit.model.finding import Finding
-from fieldkit.model.samples import NO_COUNTER, EventKind, Frame, Quality, Severity
+from fieldkit.model.samples import NO_COUNTER, EventKind, Quality, Severity
 from fieldkit.model.site import RegionKind, Site
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.camera_laws import frame_k
@@ -210,27 +210,29 @@ def _emissivity(info: StreamInfo) -> Iterator[Finding]:
 
 def _contents(reader: StreamReader) -> tuple[list[int], float, float]:
     """Numbers of the samples that do not match, and the least and greatest value, in the stream's unit."""
-    info, bad, lowest, highest = reader.info, [], np.inf, -np.inf
-    for sample in reader.samples(recorded=True):
-        if sample.quality & Quality.BAD_CRC:
-            bad.append(sample.seq)
-            continue
-        if isinstance(sample, Frame):
-            if sample.seq % _EVERY_NTH:
-                continue
-            values = _middle_k(sample, info)
-        else:
-            values = np.array(sample.values)
-        values = values[np.isfinite(values)]
-        if values.size:
-            lowest, highest = min(lowest, float(values.min())), max(highest, float(values.max()))
-    return bad, lowest, highest
+    seq = reader.column("seq")
+    if reader.info.is_camera:
+        flags, values = _middles_k(reader, seq)
+    else:
+        readings = reader.readings(recorded=True)
+        flags, values = readings.flags, readings.values
+    is_bad = (flags & Quality.BAD_CRC) != 0
+    values = values[~is_bad]
+    known = values[np.isfinite(values)]
+    return seq[is_bad].tolist(), float(known.min(initial=np.inf)), float(known.max(initial=-np.inf))
 
 
-def _middle_k(frame: Frame, info: StreamInfo) -> NDArray[np.float64]:
-    """The middle of a frame by the camera's law; NaN where the law has no answer."""
-    middle = np.array([np.median(frame.counts)]).astype(np.uint16)
-    return frame_k(info, middle, frame.metadata_rows)
+def _middles_k(
+    reader: StreamReader, seq: NDArray[np.int64]
+) -> tuple[NDArray[np.uint32], NDArray[np.float64]]:
+    """Flags of all frames, and the middle of every n-th by the camera's law; NaN where that has no answer."""
+    flags, middle_k = np.zeros(len(reader), np.uint32), np.full(len(reader), np.nan)
+    for block in reader.frame_blocks():
+        flags[block.start : block.start + len(block.flags)] = block.flags
+        for row in np.flatnonzero(seq[block.start : block.start + len(block.flags)] % _EVERY_NTH == 0):
+            middle = np.array([np.median(block.counts[row])]).astype(np.uint16)
+            (middle_k[block.start + row],) = frame_k(reader.info, middle, block.metadata_rows[row])
+    return flags, middle_k
 
 
 def _numbers(name: str, reader: StreamReader) -> Iterator[Finding]:
@@ -292,15 +294,15 @@ def _rate(name: str, info: StreamInfo, intervals: NDArray[np.float64], median: f
 
 def _units(reader: StreamReader, lowest: float, highest: float) -> Iterator[Finding]:
     """Values that are not there, and those that cannot be: of a camera by the middle of its frames."""
-    info = reader.info
-    if not np.isfinite([lowest, highest]).all():
+    info, excesses = reader.info, reader.excesses()
+    if not (excesses or np.isfinite([lowest, highest]).all()):
         yield Finding(
             "warn", info.name, f"no values in {info.unit}: the scale is not known, or nothing was measured"
         )
     elif info.is_camera and reader.bounds.exceeded(np.array([[lowest], [highest]])).any():
         text = f"values from {lowest:.4g} to {highest:.4g} {info.unit} are implausible"
         yield Finding("warn", info.name, text, _LIMITS)
-    for excess in reader.excesses():
+    for excess in excesses:
         at = np.datetime64(int(reader.time_ns(excess.first, excess.first + 1)[0]) // 1_000_000_000, "s")
         yield Finding("warn", info.name, f"{excess.words(f'{at}Z')}; not used", _LIMITS)
 

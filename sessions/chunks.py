@@ -65,6 +65,7 @@ def unpack(data: bytes, shape: tuple[int, ...]) -> NDArray[np.uint16]:
         raise ValueError(f"a chunk does not decompress: {error}") from error
     if len(planes) != size:
         raise ValueError(f"a chunk has {len(planes)} bytes instead of {size}")
+    # HDF5's shuffle: all low bytes, then all high bytes
     low, high = np.frombuffer(planes, np.uint8).reshape(2, *shape)
     numbers: NDArray[np.uint16] = high.astype("<u2")
     numbers <<= 8

@@ -159,6 +159,7 @@ class Journal:
         return made
 
     def _rotate(self) -> None:
+        # the new part first: where the disk takes none, the old one goes on
         following = self._create(self.part_path(self.number + 1))
         self._part.close()
         self._full_bytes += self._part.size
@@ -198,6 +199,7 @@ class Journal:
                     self._kept.append(Kind(head.kind), head.stream, head.counts, payload)
             if reader.damage or not reader.is_whole:
                 raise OSError(f"{part} cannot be read back")
+        # on the disk before the only other copy goes
         sync(self._kept.path)
         part.unlink()
 
@@ -292,6 +294,7 @@ class SyncThread(threading.Thread):
         began = time.monotonic()
         self._look()
         try:
+            # counted before the sync: what arrives meanwhile is not confirmed
             last, written = self._journal.number, self._journal.written
             for number in range(self._first, last + 1):
                 sync_data(self._journal.part_path(number))

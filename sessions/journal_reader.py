@@ -99,6 +99,7 @@ class JournalReader:
     def since(self, number: int, before: int) -> Iterator[SampleRow | Entry]:
         """Records `number` to `before`, the last excluded, of a journal that is being written."""
         parts = [log for log in self._logs if log.name[0].isdigit()]
+        # the first record of a part, its identity, counts those of the parts before
         starts = [next((head.number + 1 for head in log.heads()), 0) for log in parts]
         ends = [*starts[1:], before]
         for log, end in zip(parts, ends, strict=True):
@@ -180,6 +181,7 @@ class _Index:
                 if head.session == session and len(head.counts) == streams:
                     self._take(number, log, head)
         self.places: list[NDArray[np.void]] = [_sorted(found) for found in self._found]
+        # another log that counts more than the parts have shows that they lost their end
         parts = [log for log in logs if log.name[0].isdigit()]
         self.has_end: bool = bool(parts) and parts[-1].is_whole and self._in_parts == sum(self.written)
 

@@ -171,6 +171,7 @@ class LogReader:
 
     def _behind(self, head: Head) -> int:
         """Possible start of the next record: behind this one, or where it lacks bytes, within its length."""
+        # a payload that was torn may hide whole records within its length
         is_next = head.end == self._size or self._read(head.end, len(MAGIC)) == MAGIC
         return head.end if is_next or self.payload(head) is not None else head.payload_at
 
@@ -188,6 +189,7 @@ class LogReader:
             window = self._read(at, _WINDOW)
             if (place := window.find(MAGIC)) >= 0:
                 return at + place
+            # windows overlap by a magic less a byte; what the disk does not give is skipped by sectors
             at += max(len(window) - len(MAGIC) + 1, 1) if window else _SECTOR
         return self._size
 

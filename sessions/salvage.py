@@ -439,6 +439,7 @@ class LooseChunks:
                 for chunk in self._noted(dataset.name, start)
             }
             for corner in corners(dataset):
+                # copied unread only where file and journal agree on its place
                 chunk = noted.get((start, *corner, *index.get((start, *corner), (-1, -1))))
                 data = read_chunk(self._path, chunk) if chunk is not None else None
                 if data is None:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import repeat
 from operator import attrgetter
 from typing import Any
 
@@ -102,13 +103,13 @@ def to_columns(stamps: Stamps) -> dict[str, Any]:
     return {**row, "time": row["time"] // 1000, "flags": int(row["flags"])}
 
 
-def from_columns(columns: Mapping[str, NDArray[Any]], row: int, time_ns: int) -> Stamps:
-    """The numbers of a row of the session file at a time; unknown those whose column it does not have."""
-    values: list[Any] = [
-        columns[one.column][row].item() if one.column in columns else one.fill for one in SAMPLE_FIELDS
+def from_columns(columns: Mapping[str, NDArray[Any]]) -> Iterator[Stamps]:
+    """The numbers of rows of the session file, at ``time_ns``; unknown those whose column is missing."""
+    values: list[Iterable[Any]] = [
+        columns[one.column].tolist() if one.column in columns else repeat(one.fill) for one in SAMPLE_FIELDS
     ]
-    values[_TIME], values[_FLAGS] = time_ns, Quality(values[_FLAGS])
-    return tuple(values)
+    values[_TIME], values[_FLAGS] = columns["time_ns"].tolist(), map(Quality, values[_FLAGS])
+    return zip(*values, strict=False)
 
 
 def to_journal(stamps: Stamps, crc: int, size: int) -> bytes:

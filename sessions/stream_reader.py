@@ -35,7 +35,7 @@ from fieldkit.sessions.layout import (
     stream_columns,
 )
 from fieldkit.sessions.records import build_frame, build_reading, stored_crc32s
-from fieldkit.sessions.sample_fields import Stamps, from_columns
+from fieldkit.sessions.sample_fields import from_columns
 from fieldkit.sessions.stored import check_inflation, closed, columns_of, dataset_of, stored_here, whole_rows
 from fieldkit.sessions.time_map import StoredTimes
 
@@ -321,12 +321,13 @@ class StreamReader:
         return missing[(slice(None), *box)].copy(), np.ones(stop - start, np.bool_)
 
     def _readings(self, part: _Part) -> Iterator[Sample]:
-        for row, (values, raw) in enumerate(_bodies(part.columns, [])):
-            yield build_reading(self.info, _stamps(part.columns, row), values.tobytes(), raw.tobytes())
+        for stamps, (values, raw) in zip(from_columns(part.columns), _bodies(part.columns, []), strict=True):
+            yield build_reading(self.info, stamps, values.tobytes(), raw.tobytes())
 
     def _frames(self, part: _Part) -> Iterator[Sample]:
-        for row, (counts, more) in enumerate(_bodies(part.columns, part.frames)):
-            yield build_frame(self.info, _stamps(part.columns, row), counts.tobytes(), more.tobytes())
+        bodies = _bodies(part.columns, part.frames)
+        for stamps, (counts, more) in zip(from_columns(part.columns), bodies, strict=True):
+            yield build_frame(self.info, stamps, counts.tobytes(), more.tobytes())
 
 
 def _bodies(
@@ -338,10 +339,6 @@ def _bodies(
     lengths = columns["raw_length"].tolist()
     raws = (row[:length] for row, length in zip(columns["raw"], lengths, strict=True))
     return zip(columns["value"].reshape(len(lengths), -1), raws, strict=True)
-
-
-def _stamps(columns: Columns, row: int) -> Stamps:
-    return from_columns(columns, row, int(columns["time_ns"][row]))
 
 
 def _spans(start: int, stop: int, step: int) -> Iterator[tuple[int, int]]:

@@ -16,7 +16,8 @@ def main(day: DemoDay) -> None:
 
     def take(name: str, watched: Watched) -> None:
         if name == "slopes":
-            watched.page.locator("#answers button").click()  # what was answered covers the card
+            # what was answered covers the card, and goes by itself at some time
+            watched.page.evaluate("document.getElementById('answers').replaceChildren()")
             watched.page.locator("#card-b15").scroll_into_view_if_needed()
         if name in SHOWN:
             watched.page.screenshot(path=day.images / f"field-page-{name}.png")

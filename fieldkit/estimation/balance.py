@@ -168,6 +168,7 @@ def least_squares_rows(
     window = slice(first, None)
     return Rows(
         design=design[window],
+        # the difference to the reference is u'(n - r): with u'r added it is the target's own cosine
         y=((heat + storage_flux) / scale + (design @ reference)[:, np.newaxis])[window],
         sigma=(noise_k * noise_gain * _unsteadiness(history.dni_w_m2)[:, np.newaxis] / scale)[window],
         per_kelvin=(steepness / scale)[window],
@@ -397,6 +398,7 @@ def _smooth(values: FloatArray) -> FloatArray:
 def smoothed_kernel(slab: Slab) -> FloatArray:
     """Response of the flux to noise in one minute bin: its own bin first, then others, W/m2 per kelvin."""
     pulse = np.zeros(6 * SMOOTHED_MINUTES)
+    # far from both ends, whose parabolas are other ones
     pulse[2 * SMOOTHED_MINUTES] = 1.0
     response = conducted_flux(slab, _smooth(pulse), MINUTE_S)[1:]
     own = 2 * SMOOTHED_MINUTES - 1

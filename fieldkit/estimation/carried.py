@@ -11,8 +11,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtri
 
+from fieldkit.estimation.distributions import normal_quantile
 from fieldkit.estimation.learned.hypotheses import UNKNOWNS, hypotheses
 from fieldkit.estimation.learned.prior_state import DAY_TO_DAY, gain_sd
 from fieldkit.estimation.settings import EstimatorSettings
@@ -79,7 +79,7 @@ def keys(known: Mapping[str, Carried], settings: EstimatorSettings) -> dict[str,
 def _priors(settings: EstimatorSettings) -> dict[str, Carried]:
     """Priors of what lasts; depth over sand with and without a bottom."""
     points = np.zeros((_QUANTILES, UNKNOWNS))
-    points[:, _DEPTH] = ndtri((np.arange(_QUANTILES) + 0.5) / _QUANTILES)
+    points[:, _DEPTH] = normal_quantile((np.arange(_QUANTILES) + 0.5) / _QUANTILES)
     depths = np.log(100.0 * hypotheses(points, settings).depth_m)
     return {
         "gain": Carried(settings.scale, gain_sd(settings) / settings.scale),

@@ -46,7 +46,7 @@ from fieldkit.estimation.learned.readout import (
 from fieldkit.estimation.methods import kelvin_per_degree
 from fieldkit.estimation.region_temperatures import remove_offsets
 from fieldkit.estimation.settings import EstimatorSettings
-from fieldkit.estimation.slopes import label_of, slopes
+from fieldkit.estimation.slopes import budgets, label_of, slopes
 from fieldkit.model.confidence import percent
 from fieldkit.model.learnt import Learnt
 from fieldkit.model.region_schedule import Regions, RegionSchedule
@@ -76,13 +76,6 @@ class Estimated:
     learnt: Learnt | None = None
 
 
-def slope_series(history: History, regions: Regions, settings: EstimatorSettings) -> Iterator[Estimated]:
-    """Slopes at every minute of a history, whose columns are those of the regions."""
-    chain = SlopeChain(regions, settings)
-    for last in range(1, len(history) + 1):
-        yield chain.at(history.until(last))
-
-
 class SlopeChain:
     """Slopes of the targets of some regions at the last minute of a history that grows.
 
@@ -93,6 +86,9 @@ class SlopeChain:
     def __init__(self, regions: Regions, settings: EstimatorSettings) -> None:
         self.schedule: RegionSchedule = RegionSchedule.of(regions)
         self._settings = settings
+        self._learns = settings.model == "learned" and settings.reference == "region"
+        model = "full" if settings.model == "learned" else settings.model
+        self._of_bins = replace(settings, model=model)  # by the bins alone, where nothing can be learned
         self._groups: list[_Group] = []
         self._active: tuple[int, ...] = ()
         self._taken = 0
@@ -101,23 +97,23 @@ class SlopeChain:
     def at(self, history: History) -> Estimated:
         """Slopes at the last minute; the history must begin with the minutes given before."""
         minute, history = int(history.minute[-1]) if len(history) else 0, history.in_place()
-        learns = self._settings.model == "learned" and self._settings.reference == "region"
-        found = self._learned(history) if learns else None
-        active = self.schedule.at(minute)
-        regions = [self.schedule.columns[column] for column in active]
+        found = self._learned(history) if self._learns else None
+        of_active, regions = history.at_last(self.schedule)
         if found is None:
-            model = "full" if self._settings.model == "learned" else self._settings.model
-            found = Estimated(slopes(history.only(active), regions, replace(self._settings, model=model)))
+            found = Estimated(slopes(of_active, regions, self._of_bins))
         explained = [self._with_reason(one, minute) for one in found.slopes]
         if any(one.state is SlopeState.TOO_FEW for one in explained):
-            of_active = history.only(active)
             explained = [with_along_sun(one, of_active, regions, self._settings) for one in explained]
         if (history.flags & int(Quality.MOVED)).any() and not np.isfinite(history.temperature_k).any():
             explained = [replace(one, reason=LOST) for one in found.slopes]
         return replace(found, slopes=tuple(explained))
 
+    def series(self, history: History) -> Iterator[Estimated]:
+        """Slopes at every minute of a history."""
+        return (self.at(history.until(last)) for last in range(1, len(history) + 1))
+
     def at_once(self, history: History) -> Estimated:
-        """As `at` of a new chain with the learned model, in half the time, for plans and budgets.
+        """As `at` of a new chain with the learned model, in half the time, for plans.
 
         Widths differ by a tenth from those of minutes taken one by one, which draw other hypotheses.
         """
@@ -141,9 +137,13 @@ class SlopeChain:
         self._taken = len(history)
         return self.at(history)
 
-    def budgets(self) -> dict[str, tuple[BudgetTerm, ...]]:
-        """The uncertainty budget of each target by the learned model, after the last minute."""
-        return {name: terms for group in self._groups for name, terms in group.budgets()}
+    def budgets(self, history: History) -> dict[str, tuple[BudgetTerm, ...]]:
+        """The uncertainty budget of each target, after `at` of this history; none by the paper."""
+        if self._learns and self._groups:
+            return {name: terms for group in self._groups for name, terms in group.budgets()}
+        if self._of_bins.model == "paper" or not len(history):
+            return {}
+        return budgets(*history.in_place().at_last(self.schedule), self._of_bins)
 
     def _learned(self, history: History) -> Estimated | None:
         """Slopes by what was learned; None without a reference or a target."""
@@ -172,6 +172,7 @@ class SlopeChain:
         kept = [group for group in self._groups if group.goes_on(references, targets)]
         grouped = {column for group in kept for column in group.targets}
         new = np.array([column for column in targets if column not in grouped], np.int64)
+        # evenly: a group of four beside one of one would know the sand unequally
         parts = np.array_split(new, -(-new.size // TOGETHER)) if new.size and references else []
         made = [_Group(self.schedule, references, part, self._settings) for part in parts]
         self._groups = [*kept, *made]
@@ -300,9 +301,13 @@ class _Group:
 
     def estimates(self, history: History) -> list[SlopeEstimate]:
         """Slope of each target that holds at the last minute taken."""
-        chosen, count = history.only(self._places), len(self._references)
-        held = [i for i in range(self._targets.size) if int(self._places[count + i]) in self._held]
-        return [self._estimate(chosen, index) for index in held]
+        chosen = history.only(self._places)
+        return [self._estimate(chosen, index) for index in self._holding()]
+
+    def _holding(self) -> list[int]:
+        """Indices of the targets that hold."""
+        count = len(self._references)
+        return [i for i in range(self._targets.size) if int(self._places[count + i]) in self._held]
 
     def _estimate(self, history: History, index: int) -> SlopeEstimate:
         region = self._columns.regions[self._targets[index]]
@@ -391,6 +396,7 @@ class _Group:
 
     def _contradiction(self, learner: Learner, index: int) -> str:
         """Why no slope of a target explains the minutes; "" if one does."""
+        # the reference's errors too: every slope rests on it
         found = misfit(_errors(learner)[1])[[0, self._layout.references + index]].max()
         if found <= MOST_MISFIT:
             return ""
@@ -423,10 +429,11 @@ class _Group:
         return f"{best} would narrow ±{half_deg:.1f}° to ±{half_deg * offers[best] / sd:.1f}°"
 
     def budgets(self) -> Iterator[tuple[str, tuple[BudgetTerm, ...]]]:
-        """Name and uncertainty budget of each target; none before the first minute."""
+        """Name and uncertainty budget of each target that holds; none before the first minute."""
         if self._learner is not None:
-            for index, column in enumerate(self._targets):
-                yield self._columns.regions[column].name, slope_budget(self._learner, self._moments, index)
+            for index in self._holding():
+                name = self._columns.regions[self._targets[index]].name
+                yield name, slope_budget(self._learner, self._moments, index)
 
     def learnt(self) -> Learnt | None:
         """Parameters and prediction errors by now; None before the first minute."""

@@ -13,6 +13,7 @@ from datetime import UTC, datetime
 
 from fieldkit.estimation.binner import Binner, Closed
 from fieldkit.estimation.bins import History, MinuteBin, padded
+from fieldkit.estimation.budget import BudgetTerm
 from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.device import StreamInfo
@@ -112,6 +113,10 @@ class Estimator:
     def history(self) -> History:
         """All bins closed so far, of every outline in `schedule`."""
         return History.of(self.bins, len(self.schedule.columns))
+
+    def budgets(self) -> dict[str, tuple[BudgetTerm, ...]]:
+        """The uncertainty budget of each target after the last minute; none by the paper."""
+        return self._chain.budgets(self.history)
 
     def add(self, sample: Sample | Event | RegionRecord) -> list[Minute]:
         """Take one sample, mark or change of regions; returns the minutes it closed, usually none."""

@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft
 
 from fieldkit.model.site import Region
 from fieldkit.physics.camera_geometry import Camera, project
@@ -70,6 +69,8 @@ class FrameFollower:
     """Follows the content of one camera's frames, in order of time, from the first one given."""
 
     def __init__(self) -> None:
+        import scipy.fft  # noqa: F401  # slow to import: here, so that no frame waits for it
+
         self._key: Spectrum | None = None
         self._key_at = Shift()
         self._last: Spectrum | None = None
@@ -95,6 +96,7 @@ class FrameFollower:
         return self._follow(found, now, FARTHEST_STEP * counts.shape[1])
 
     def _follow(self, found: _Match, now: Spectrum, farthest_px: float) -> Shift | None:
+        # no frame has shown edges yet, so none can be lost
         if not found.is_clear and not self._is_clear:
             self._last = now
             return self._at
@@ -107,6 +109,8 @@ class FrameFollower:
 
 def _spectrum(counts: NDArray[np.integer[Any]], scale: int) -> tuple[Spectrum, tuple[int, int]]:
     """Of the root of the gradient, faded out towards the border (else the border itself is matched)."""
+    from scipy import fft
+
     rows, cols = counts.shape[0] // scale, counts.shape[1] // scale
     # 16 bits would cost digits of small contrasts
     small = cv2.resize(counts.astype(np.float32), (cols, rows), interpolation=cv2.INTER_AREA)
@@ -123,6 +127,8 @@ def _fade(rows: int, cols: int) -> NDArray[np.float32]:
 
 def _match(key: Spectrum, now: Spectrum, shape: tuple[int, int], scale: int, key_at: Shift) -> _Match:
     """Present shift of the key's content."""
+    from scipy import fft
+
     cross = key.conj() * now
     # divided by the root of its magnitude: pure phase would weight noise as much as edges
     surface = fft.irfft2(cross / np.sqrt(np.abs(cross) + np.float32(1e-30)), s=shape)
@@ -238,6 +244,7 @@ def _overlaps(camera: Camera, view: Camera, height_m: float) -> bool:
     """True if the camera sees enough of the level ground that a view shows."""
     last = np.array([camera.shape[1] - 1.0, camera.shape[0] - 1.0])
     grid = last * np.stack(np.meshgrid(*[np.linspace(0.0, 1.0, 9)] * 2), axis=-1).reshape(-1, 2)
+    # rays that do not point down never meet the ground
     up = np.column_stack([(grid - 0.5 * last) / view.focal_px, np.ones(len(grid))]) @ view.axes[:, 2]
     here = _mapped(homography_over_level(view, camera, height_m), grid[up < 0.0])
     inside = ((here >= 0.0) & (here <= last)).all(axis=1)
@@ -261,6 +268,7 @@ def _placed(camera: Camera, region: Region, back: FloatArray, step: NDArray[np.i
     middle = corners.mean(axis=0, keepdims=True)
     forth: FloatArray = np.asarray(np.linalg.inv(back), np.float64)
     shown = _mapped(forth, _mapped(back, middle) + step) - middle
+    # whole pixels here too: sums of counts stay exact
     return np.asarray(corners + np.rint(shown))
 
 

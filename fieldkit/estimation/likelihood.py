@@ -121,6 +121,7 @@ class ProfileMisfit:
     def _profiled(self, value: Callable[[Misfit], FloatArray]) -> FloatArray:
         """Products of the residual (0) and the effects (1 ...), each of which is eliminated in turn."""
         products = {place: value(form) for place, form in self._forms.items()}
+        # Schur complement, effect by effect: q - (r'e)^2 / (e'e + 1)
         for effect in range(len(self._columns) - 1, 0, -1):
             price = products[effect, effect] + 1.0  # in units of its own uncertainty
             for one, other in products:
@@ -144,6 +145,7 @@ class ProfileMisfit:
         """Residual and effects, by ``(n - reference, 1)``, as combinations (4 + 4 q, 4) of the columns."""
         light = np.split(np.eye(self.gram.shape[-1]), self.gram.shape[-1] // 4, axis=1)
         residual, scale = light[0].copy(), self.scale_sd * light[0]
+        # y - u'n = (y - u'r) - u'(n - r), with the reference r; the scale multiplies u'(n - r) alone
         residual[:3, 3] = -self.reference
         residual[:3, :3] *= -1.0
         scale[3, 3] = 0.0
@@ -153,6 +155,7 @@ class ProfileMisfit:
         """The quadratic form of (n - reference, 1), (..., 4, 4), as one of n."""
         product = (product + np.swapaxes(product, -1, -2)) / 2.0
         H, b, c = product[..., :3, :3], product[..., :3, 3], product[..., 3, 3]
+        # (n - r)'H(n - r) + 2 b'(n - r) + c = n'Hn - 2 (Hr - b)'n + r'Hr - 2 b'r + c
         pulled = H @ self.reference
         whole = c + (pulled - 2.0 * b) @ self.reference
         return Misfit(H, pulled - b, whole, np.ones(whole.shape, np.int64))
@@ -425,6 +428,7 @@ def posterior(design: FloatArray, y: FloatArray, weights: FloatArray, tilt_limit
         lambda grid: misfit(grid.normals()), every, normals, bound, POSTERIOR_DROP, heights=21, turns=121
     )
     floor = float(found.misfit.min())
+    # patches of two branches may overlap: each counts on its own side of the fold only
     sides = [np.zeros(3) if branches.merged else across * np.sign(start @ across) for start in starts]
     moments = [_moments(found, branch, floor, tilt_limit_deg, side) for branch, side in enumerate(sides)]
     masses = [mass for mass, _ in moments]

@@ -20,10 +20,10 @@ from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import chdtri
 
 from fieldkit.estimation.balance import Rows
 from fieldkit.estimation.contours import RadiationTable, slope_grid
+from fieldkit.estimation.distributions import chi_square_exceeded
 from fieldkit.estimation.likelihood import (
     LikelihoodRegion,
     ProfileMisfit,
@@ -177,6 +177,7 @@ class _Problem:
     def of(self, slopes: FloatArray, lit: NDArray[np.bool_]) -> _Problem:
         """The rows that are lit, as certain as the light on these slopes is."""
         passing = np.sum(self.rows.light_effects(slopes) ** 2, axis=0)
+        # variances add: 1 / w' = 1 / w + passing
         weights = np.where(lit, self.weights / (1.0 + self.weights * passing), 0.0)
         return replace(self, weights=weights, slopes=slopes)
 
@@ -420,13 +421,13 @@ def noise_ratio(residuals: ArrayLike) -> float:
     ratio = float(np.mean(bends**2)) / 6.0
     # neighbouring second differences share samples: 18/35 of their number is independent
     freedom = bends.size * 18.0 / 35.0
-    return ratio if ratio > float(chdtri(freedom, 0.05)) / freedom else 1.0
+    return ratio if ratio > chi_square_exceeded(freedom, 0.05) / freedom else 1.0
 
 
 @cache
 def chi_square_limit(freedom: int) -> float:
     """Reduced chi-square that noise alone exceeds in one window of a hundred; `freedom` >= 1."""
-    return float(chdtri(freedom, ALARM_PROBABILITY)) / freedom
+    return chi_square_exceeded(freedom, ALARM_PROBABILITY) / freedom
 
 
 def kelvin_per_degree(

@@ -117,6 +117,7 @@ def solve(misfit: Misfit) -> Branches:
 
 def _starts(lam: FloatArray, beta: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Closed-form solutions in eigen-coordinates (3, ...), ascending eigenvalues: m, e2, e1."""
+    # the two best-known components as if unconstrained; unit length gives the third, of either sign
     safe = np.where(lam > 0.0, lam, 1.0)
     c1 = np.clip(beta[2] / safe[2], -1.0, 1.0)
     room = np.sqrt(1.0 - c1**2)
@@ -164,6 +165,7 @@ def _newton_step(lam: FloatArray, beta: FloatArray, x: FloatArray) -> FloatArray
     b = np.sum(lam * along * across, axis=0)
     lowest = 0.5 * (a + d) - np.hypot(0.5 * (a - d), b)
     floor = 1e-12 * (np.abs(a) + np.abs(d)) + 1e-300
+    # a negative curvature becomes as large a positive one: downhill, whatever the sign
     shift = np.where(lowest > floor, 0.0, floor - 2.0 * np.minimum(lowest, 0.0))
     a, d = a + shift, d + shift
     determinant = a * d - b * b
@@ -318,6 +320,7 @@ def _polish_tilts(H: FloatArray, b: FloatArray, tilts: FloatArray, limit: float)
         bend = (
             2.0 * (H[0, 0] - H[1, 1]) * twice - 4.0 * H[0, 1] * double + 2.0 * (b[0] * sine + b[1] * cosine)
         )
+        # on a hump Newton's step climbs: stay where the grid has its minimum
         is_bowl = bend > 0.0
         step = np.where(is_bowl, slope / np.where(is_bowl, bend, 1.0), 0.0)
         tilts = np.clip(tilts - step, 0.0, limit)

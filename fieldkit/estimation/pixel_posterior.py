@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
+from fieldkit.estimation.distributions import normal_quantile
 from fieldkit.physics.facet import FloatArray
 
 Measure = Callable[[NDArray[Any]], NDArray[Any]]
@@ -71,6 +71,7 @@ class PixelPosterior:
         parts = [np.concatenate([plane, sign * across[..., np.newaxis]], axis=-1) for sign in (1, -1)[:sides]]
         normals = np.concatenate(parts) @ self.axes.astype(np.float32)
         weights = _prior(normals, self.tilt_limit_deg)
+        # the likelihood is over the plane, the prior per solid angle, which is dA / |across|
         weights /= np.maximum(np.abs(np.tile(across, (sides, 1))), LEAST_ACROSS)
         weights[NODES:] *= self.second[pixels].astype(np.float32)
         return normals, weights / weights.sum(axis=0)
@@ -118,7 +119,7 @@ def _lattice() -> NDArray[np.float32]:
     """Pairs of independent standard normal deviates, shape (NODES, 2)."""
     steps = np.arange(NODES)
     shares = np.column_stack([steps, steps * GENERATOR % NODES]) + 0.5
-    return np.asarray(ndtri(shares / NODES), np.float32)
+    return normal_quantile(shares / NODES).astype(np.float32)
 
 
 def _prior(normals: NDArray[np.float32], limit_deg: float) -> NDArray[np.float32]:

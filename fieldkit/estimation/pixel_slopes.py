@@ -417,6 +417,7 @@ def _add_systematics(
     scale_sd = np.hypot(settings.scale_sd, PAPER_SCALE_SD if settings.model == "paper" else 0.0)
     covariance += scale_sd**2 * away[:, :2, np.newaxis] * away[:, np.newaxis, :2]
     covariance[:, 0, 0] += (settings.offset_sd_k * per_kelvin) ** 2
+    # a drift grows with the time as the sun moves on: it looks like a lean along that motion
     sun_rad_per_h = 2.0 * np.pi / (BODIES[settings.body].day_s / 3600.0)
     covariance[:, 1, 1] += (settings.drift_sd_k_per_h * per_kelvin / sun_rad_per_h) ** 2
 

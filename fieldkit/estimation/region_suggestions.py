@@ -87,6 +87,7 @@ def _prepared(frame: FrameK, factor: int) -> _Image:
 def _quadrilaterals(image: _Image) -> Iterator[_Corners]:
     """Corners (4, 2) of the even areas that fill a quadrilateral."""
     smooth = cv2.GaussianBlur(image, (0, 0), _SMOOTHED_PX)
+    # Sobel's weights add up to 8: an eighth is kelvin per pixel
     gradient = np.hypot(cv2.Sobel(smooth, -1, 1, 0, scale=0.125), cv2.Sobel(smooth, -1, 0, 1, scale=0.125))
     low, high = np.maximum(np.percentile(gradient, (20.0, 98.0)), (1e-3, 2e-3))
     for level in np.geomspace(low, high, _LEVELS):

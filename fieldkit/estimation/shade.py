@@ -70,6 +70,7 @@ class _Shade:
     @property
     def depth(self) -> float:
         """The fall under the whole board, in W/m2."""
+        # without the two least: the board came and went within these minutes
         return float(np.median(sorted(self.falls.values())[-max(1, len(self.falls) - 2) :]))
 
     @property
@@ -160,6 +161,7 @@ class ShadeTestMonitor:
         minutes = np.arange(self._kelvin[0][0], minute + 1)
         found_at, kelvin = np.array([at for at, _ in self._kelvin]), np.array([k for _, k in self._kelvin])
         even = np.column_stack([_filled(minutes, found_at, one) for one in kelvin.T])
+        # what the sand takes up, and what a warmer region loses more than another
         return np.asarray(conducted_flux(NOMINAL, even, 60.0)[-1] + LOSS_W_M2_K * temperature_k)
 
     def _levels(self) -> FloatArray:
@@ -200,6 +202,7 @@ class ShadeTestMonitor:
         others = np.delete(lit, column, axis=1)
         known = np.isfinite(lit[:, column]) & np.isfinite(others).any(axis=1)
         alone = lit[known, column] - np.nanmedian(others[known], axis=1)
+        # differences know no slow change, and have twice the variance
         return float(np.std(np.diff(alone)) / np.sqrt(2.0)) if alone.size > 1 else 0.0
 
     def _returned(self, minute: int, sunlight: FloatArray) -> list[ShadeTest]:

@@ -76,7 +76,7 @@ def slopes_together(parts: Sequence[Part]) -> Together:
         part.history.spread([places[one.name] for one in part.regions], len(regions)) for part in parts
     ]
     chain = SlopeChain(regions, last.settings)
-    return Together(regions, histories[-1], chain.together(histories), chain.budgets())
+    return Together(regions, histories[-1], chain.together(histories), chain.budgets(histories[-1]))
 
 
 def _with_minutes(part: Part) -> Part:

@@ -147,6 +147,7 @@ def _distorted(camera: Camera, x: FloatArray, y: FloatArray) -> tuple[FloatArray
     """Place at which the lens shows what a pinhole shows at x and y, in focal lengths from the axis."""
     square = x * x + y * y
     k1, k2, _, _, k3 = camera.distortion
+    # d/dr of r (1 + k1 r^2 + k2 r^4 + k3 r^6): where it is negative the lens model folds back
     grows = 1.0 + square * (3.0 * k1 + square * (5.0 * k2 + square * 7.0 * k3)) > 0.0
     radial, (right, down) = np.where(grows, _radial(camera, square), np.nan), _tangential(camera, x, y)
     return x * radial + right, y * radial + down

@@ -46,7 +46,9 @@ def layer_modes(inertia: ArrayLike, depth_m: ArrayLike, heat_capacity_j_m3_k: fl
     warming = surface_warming(inertia, depth_m, heat_capacity_j_m3_k, _FITTED_S)
     stores = [_FITTED_S if rate == 0.0 else -np.expm1(-rate * _FITTED_S) / rate for rate in RATES_PER_S]
     basis = np.column_stack([np.ones_like(_FITTED_S), *stores])
+    # relative, because ten hours warm many times as much as half a minute
     relative = basis / warming[:, :, np.newaxis]
+    # columns of like size keep the pseudo-inverse exact
     scale = np.abs(relative).max(axis=1, keepdims=True)
     fitted = np.linalg.pinv(relative / scale).sum(axis=2) / scale[:, 0]
     return LayerModes(fitted[:, 0], fitted[:, 1:])

@@ -59,6 +59,7 @@ def _conduction(stack: Stack) -> tuple[FloatArray, FloatArray]:
     thickness = [np.diff(slab.depths_m()) for slab in stack]
     between = [slab.conductivity_w_m_k / thick for slab, thick in zip(stack, thickness, strict=True)]
     stored = [slab.heat_capacity_j_m3_k * thick for slab, thick in zip(stack, thickness, strict=True)]
+    # a node has half of the layer above it and half of that below
     half = np.concatenate(stored) / 2.0
     return np.concatenate(between), np.append(half, 0.0) + np.insert(half, 0, 0.0)
 
@@ -68,6 +69,7 @@ def _step_matrix(stack: Stack, step_s: float) -> FloatArray:
     from scipy.linalg import solve_banded  # slow to import, and every configuration imports this file
 
     between, capacity = _conduction(stack)
+    # backward Euler: (C / dt + K) T' = C / dt T, with K tridiagonal
     bands = np.zeros((3, capacity.size))
     bands[0, 1:] = bands[2, :-1] = -between
     bands[1] = capacity / step_s
@@ -166,6 +168,7 @@ def surface_series(
         advance, response = matrices[step]
         coasting = advance @ layers
         top, per_flux = float(coasting[0]), float(response[0])
+        # the layer takes (T - top) / per_flux: one more loss that is linear in T
         loss = exchange + 1.0 / per_flux
         surface.append(_balanced(supplied + top / per_flux, loss, emissivity, surface[-1]))
         layers = coasting + response * ((surface[-1] - top) / per_flux)
@@ -214,7 +217,9 @@ def conducted_flux(slab: Slab, surface_k: ArrayLike, step_s: float) -> FloatArra
     steps = len(surface) - 1
     if steps < 1:
         return flux
+    # a ramp over one step is a step averaged over it (Duhamel), and flux is the change of heat
     response = np.diff(heat_of_step(slab, step_s * np.arange(steps + 1))) / step_s
+    # twice as long, or the convolution would wrap around
     size = next_fast_len(2 * steps, real=True)
     warming = rfft(np.diff(surface, axis=0), size, axis=0)
     responses = rfft(response, size).reshape(-1, *(1,) * (surface.ndim - 1))

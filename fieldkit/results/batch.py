@@ -12,7 +12,7 @@ import numpy as np
 from fieldkit.model.errors import ConfigError, FieldkitError, IntegrityError
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import RegionKind
-from fieldkit.results.budgets import budget_columns, budgets_of
+from fieldkit.results.budgets import budget_columns
 from fieldkit.results.executors import THIS_PROCESS, Workers
 from fieldkit.results.minutes import Failure, Outcome, Run, estimate_runs, run_of
 from fieldkit.results.result_files import provenance, write_results
@@ -130,8 +130,7 @@ class EstimatedSessions:
 
     def budget_columns(self) -> dict[str, list[Any]]:
         """The same of the uncertainty budgets of the final slopes; empty with the paper's model."""
-        names = session_names(self.sources)
-        found = {names[one.path]: budgets_of(run_of(one, self.settings)) for one in self.sources}
+        found = {name: estimates.budgets for name, estimates in self.estimates.items()}
         return _below({name: budget_columns(budgets) for name, budgets in found.items() if budgets})
 
     def to_frame(self) -> pd.DataFrame:

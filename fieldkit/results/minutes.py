@@ -24,10 +24,11 @@ from fieldkit.config import Config, changed_config
 from fieldkit.disk import sha256
 from fieldkit.estimation.binner import Binner, Closed
 from fieldkit.estimation.bins import History
-from fieldkit.estimation.chain import Estimated, slope_series
+from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.estimator import Estimator, Minute, measured_minute
 from fieldkit.estimation.estimator_keys import Model
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.estimation.together import Together
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import FieldkitError
 from fieldkit.model.learnt import Learnt
@@ -35,6 +36,7 @@ from fieldkit.model.region_schedule import Regions, RegionSchedule
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.slope import SlopeEstimate
 from fieldkit.physics.energy_balance import SurfaceParameters
+from fieldkit.results.budgets import Budgets, packed_budgets, unpacked_budgets
 from fieldkit.results.cache import Arrays, Cache, as_texts, digest, of_texts
 from fieldkit.results.executors import results
 from fieldkit.results.session_estimates import Estimates, LearntSeries
@@ -197,16 +199,18 @@ def _keep_minutes(run: Run, found: Measured) -> Measured:
 
 def solve(history: History, regions: Regions, settings: EstimatorSettings) -> Estimates:
     """Slopes of every target at every minute."""
-    series = list(slope_series(history, regions, settings))
+    chain = SlopeChain(regions, settings)
+    series = list(chain.series(history))
     learnt = {int(time): one.learnt for time, one in zip(history.time_ns, series, strict=True) if one.learnt}
-    return _as_estimates(history, RegionSchedule.of(regions), [one.slopes for one in series], learnt)
+    slopes = [one.slopes for one in series]
+    return _as_estimates(history, chain.schedule, slopes, learnt, chain.budgets(history))
 
 
-def final_estimates_of(history: History, regions: Regions, estimated: Estimated) -> Estimates:
-    """The slopes at the last minute of a history alone."""
-    last = history.since(len(history) - 1)
+def final_estimates_of(found: Together) -> Estimates:
+    """The slopes at the last minute of sessions estimated together."""
+    last, estimated = found.history.since(len(found.history) - 1), found.estimated
     learnt = {int(last.time_ns[0]): estimated.learnt} if estimated.learnt else {}
-    return _as_estimates(last, RegionSchedule.of(regions), [estimated.slopes], learnt)
+    return _as_estimates(last, RegionSchedule.of(found.regions), [estimated.slopes], learnt, found.budgets)
 
 
 def _as_estimates(
@@ -214,6 +218,7 @@ def _as_estimates(
     schedule: RegionSchedule,
     minutes: Sequence[tuple[SlopeEstimate, ...]],
     learnt: Mapping[int, Learnt],
+    budgets: Budgets,
 ) -> Estimates:
     temperature_k = [
         history.temperature_k[row, schedule.column(one.region, int(history.minute[row]))]
@@ -222,7 +227,8 @@ def _as_estimates(
     ]
     dni_w_m2 = np.repeat(history.dni_w_m2, [len(minute) for minute in minutes])
     measured: dict[str, ArrayLike] = {"temperature_k": temperature_k, "irradiance_w_m2": dni_w_m2}
-    return Estimates.of([one for minute in minutes for one in minute], measured, schedule.latest, learnt)
+    estimates = [one for minute in minutes for one in minute]
+    return Estimates.of(estimates, measured, schedule.latest, learnt, budgets)
 
 
 def _known_slopes(run: Run) -> Estimates | None:
@@ -237,13 +243,15 @@ def _keep_slopes(run: Run, made: Estimates) -> Estimates:
 
 def packed_slopes(made: Estimates) -> Arrays:
     """Slopes as arrays for the cache, without the regions."""
-    return {"rows": made.rows, "texts": np.array(made.texts, np.str_), **made.learnt.packed()}
+    texts = np.array(made.texts, np.str_)
+    return {"rows": made.rows, "texts": texts, **made.learnt.packed(), **packed_budgets(made.budgets)}
 
 
 def unpacked_slopes(arrays: Arrays, regions: tuple[Region, ...]) -> Estimates:
     """Slopes of which `packed_slopes` made arrays."""
     texts = tuple(str(text) for text in arrays["texts"])
-    return Estimates(arrays["rows"], texts, regions, LearntSeries.unpacked(arrays))
+    learnt, budgets = LearntSeries.unpacked(arrays), unpacked_budgets(arrays)
+    return Estimates(arrays["rows"], texts, regions, learnt, budgets)
 
 
 def keep_recorded(path: Path, estimator: Estimator) -> None:
@@ -331,7 +339,8 @@ class SessionMinutes:
         _keep_minutes(self.run, Measured(measured, history, {}, words, is_recordings=True))
         learnt = {one.time_ns: one.learnt for one in minutes if one.learnt is not None}
         slopes = [one.estimates for one in minutes]
-        _keep_slopes(self.run, _as_estimates(history, estimator.schedule, slopes, learnt))
+        made = _as_estimates(history, estimator.schedule, slopes, learnt, estimator.budgets())
+        _keep_slopes(self.run, made)
 
     def minutes(self, model: Model | None = None) -> list[Minute]:
         """All minutes with slopes by a model, that of the settings unless given."""

@@ -15,7 +15,6 @@ from fieldkit.model.errors import ConfigError, FieldkitError
 from fieldkit.model.samples import is_usable
 from fieldkit.palettes import INFERNO
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.results.budgets import budgets_of
 from fieldkit.results.minutes import SessionMinutes
 from fieldkit.results.result_files import command_line, writing
 from fieldkit.results.slope_map import slope_map
@@ -183,7 +182,7 @@ def _report_session(
                 command_line=command_line(),
                 config_toml=config.to_toml(),
                 is_recordings=known.measured.is_recordings,
-                budgets=budgets_of(known.run, session),
+                budgets=known.estimates().budgets,
             )
     return out
 

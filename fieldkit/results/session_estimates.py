@@ -15,6 +15,7 @@ from fieldkit.model.learnt import Learnt, LearntParameter
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region, Site
 from fieldkit.model.slope import SHORT_FIELDS, SLOPE_FIELDS, SlopeEstimate, SlopeState, final_estimates
+from fieldkit.results.budgets import Budgets
 from fieldkit.results.cache import as_texts, of_texts
 from fieldkit.views import formatting, html, learnt_words, plots
 
@@ -127,13 +128,14 @@ class Estimates:
 
     `temperature_k` is the target's surface temperature of the minute, `irradiance_w_m2` the
     direct normal irradiance; angles in degrees, NaN where nothing is known. `learnt` is what the data taught
-    the learned model.
+    the learned model, `budgets` the uncertainty budget of each final slope, by the learned or full model.
     """
 
     rows: NDArray[np.void]
     texts: tuple[str, ...]
     regions: tuple[Region, ...]
     learnt: LearntSeries = field(default_factory=lambda: LearntSeries({}))
+    budgets: Budgets = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -142,6 +144,7 @@ class Estimates:
         measured: Mapping[str, ArrayLike],
         regions: Sequence[Region],
         learnt: Mapping[int, Learnt] | None = None,
+        budgets: Budgets | None = None,
     ) -> Estimates:
         """Estimates as rows, with the `MEASURED` columns of the same targets at the same minutes.
 
@@ -157,7 +160,7 @@ class Estimates:
             rows[name] = [getattr(one, name) for one in estimates]
         for name in MEASURED:
             rows[name] = measured[name]
-        return cls(rows, tuple(texts), tuple(regions), LearntSeries(learnt or {}))
+        return cls(rows, tuple(texts), tuple(regions), LearntSeries(learnt or {}), budgets or {})
 
     def __len__(self) -> int:
         return self.rows.size

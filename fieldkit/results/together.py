@@ -16,7 +16,7 @@ from fieldkit.estimation.together import Part, slopes_together
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import Region
 from fieldkit.results.batch import Progress, no_progress, session_names
-from fieldkit.results.budgets import Budgets, budget_columns, packed_budgets, unpacked_budgets
+from fieldkit.results.budgets import budget_columns
 from fieldkit.results.cache import Cache, as_texts, digest, of_texts
 from fieldkit.results.minutes import (
     Run,
@@ -35,7 +35,7 @@ from fieldkit.results.sources import SessionOrFile, Settings, log_warning, path_
 class JoinedEstimates(Estimates):
     """The final slopes of sessions estimated together, a row for each target, and what they came from.
 
-    `budgets` are the uncertainty budgets by region; `chosen` how sessions and settings were chosen.
+    `chosen` is how sessions and settings were chosen.
 
     >>> joined = fieldkit.estimate_together([june, august])                          # doctest: +SKIP
     >>> joined["b15"], joined.sessions                                               # doctest: +SKIP
@@ -45,7 +45,6 @@ class JoinedEstimates(Estimates):
     """
 
     runs: tuple[Run, ...] = ()
-    budgets: Budgets = field(default_factory=dict)
     chosen: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -128,30 +127,29 @@ def estimate_together(
         on_progress(len(parts), len(runs) + 1)
     begun = {part.name: part.history.time_ns[:1].tolist() for part in parts}
     runs.sort(key=lambda run: begun[str(run.source.path)])
-    made, terms = _joined(runs, parts)
+    made = _joined(runs, parts)
     on_progress(len(runs) + 1, len(runs) + 1)
     return JoinedEstimates(
         made.rows,
         made.texts,
         made.regions,
         made.learnt,
+        made.budgets,
         runs=tuple(runs),
-        budgets=terms,
         chosen={"settings": texts, "campaign": present, "without_marks": list(map(str, without_marks))},
     )
 
 
-def _joined(runs: Sequence[Run], parts: Sequence[Part]) -> tuple[Estimates, Budgets]:
-    """The slopes by all parts and their budgets, from the cache or else solved."""
+def _joined(runs: Sequence[Run], parts: Sequence[Part]) -> Estimates:
+    """The slopes by all parts, from the cache or else solved."""
     cache = Cache(checksums=[run.source.checksum for run in runs])
     key = digest("together", *(run.key for run in runs))
     if (entry := cache.load(key)) is not None:
-        return unpacked_slopes(entry, tuple(of_texts(Region, entry["regions"]))), unpacked_budgets(entry)
+        return unpacked_slopes(entry, tuple(of_texts(Region, entry["regions"])))
     found = slopes_together(parts)
-    made = final_estimates_of(found.history, found.regions, found.estimated)
-    arrays = {"regions": as_texts(found.regions), **packed_slopes(made), **packed_budgets(found.budgets)}
-    cache.store(key, arrays)
-    return made, found.budgets
+    made = final_estimates_of(found)
+    cache.store(key, {"regions": as_texts(found.regions), **packed_slopes(made)})
+    return made
 
 
 def _part(run: Run, notify: Callable[[str], None]) -> Part:

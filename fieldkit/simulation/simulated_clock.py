@@ -167,6 +167,7 @@ class SimulatedClock:
     def call_at(self, mono_ns: int, act: Callable[[], None]) -> None:
         """Run `act` at that time, in whichever thread moves time then, before any waiting thread wakes."""
         with self._lock:
+            # the number puts calls of one time in order, and keeps functions from being compared
             heapq.heappush(self._calls, (mono_ns, next(self._call_number), act))
 
     def watch(self, fd: int, on_bytes: Callable[[], None]) -> None:
@@ -213,6 +214,7 @@ class SimulatedClock:
         """After `close`: let time run so that loops with a deadline end."""
         if self._failure is not None:
             raise RuntimeError("a simulated instrument failed") from self._failure
+        # a loop that waits again at once would keep a core busy
         time.sleep(0.001)
         if waiter.fd is not None and _is_readable(waiter.fd):
             return True
@@ -257,6 +259,7 @@ class SimulatedClock:
                 next_ns = min(next_ns, self._calls[0][0])
         if not self._may_move_to(next_ns):
             return
+        # a deadline that is over must not turn time back
         self._now = max(self._now, round(next_ns))
         if not self._run_call():
             self._release_due()
@@ -281,6 +284,7 @@ class SimulatedClock:
                 (waiter.thread, thread) for thread, waiter in self._waiters.items() if waiter.fd in ready
             ]
             if ended:
+                # one at a time, by name: in an order that no scheduler decides
                 self._release(min(ended)[1], is_readable=True)
         return bool(ended)
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from tests.harness.two_sessions import copy_of_both
-from tests.harness.waiting import wait_until
+from tests.harness.waiting import PATIENCE_S, wait_until
 
 QUICKEST = ("--set", "estimator.model=full")  # a seventh of the time of the learned one
 GRID = (
@@ -25,7 +25,6 @@ GRID = (
 RUNS, MINUTES = 3 * 2 * 2, 2 * 2
 ENTRIES = RUNS + MINUTES
 """In the cache afterwards: each run, and the minutes of two sessions at two emissivities."""
-PATIENCE_S = 300  # a busy computer is no failure
 
 
 def run(*arguments: object, cache: Path) -> subprocess.CompletedProcess[str]:

@@ -13,9 +13,9 @@ from click.testing import CliRunner
 from fieldkit.cli import main
 from fieldkit.config.template import SIMULATED
 from fieldkit.recording.campaign import create_campaign
-from tests.harness.recording import PATIENCE_S, Counters, record_until_killed, started
+from tests.harness.recording import Counters, record_until_killed, started
 from tests.harness.seldom import SET_SELDOM
-from tests.harness.waiting import wait_until
+from tests.harness.waiting import PATIENCE_S, wait_until
 
 PROGRAM = [sys.executable, "-m", "fieldkit"]
 RECORD = ("record", "--for", "1h", "-q", "--set", "simulation.speed=30", *SET_SELDOM)

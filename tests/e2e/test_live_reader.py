@@ -11,7 +11,6 @@ from fieldkit.model.samples import Quality
 from fieldkit.sessions.lock import is_locked, journal_path
 from fieldkit.sessions.reader import open_session
 from tests.harness.recording import (
-    PATIENCE_S,
     STREAMS,
     Counters,
     header,
@@ -20,6 +19,7 @@ from tests.harness.recording import (
     sample,
     started,
 )
+from tests.harness.waiting import PATIENCE_S
 
 FRAMES, RATE_HZ, LOOKS = 500, 100.0, 10
 

@@ -25,12 +25,11 @@ from fieldkit.page.keys import Keys
 from fieldkit.page.sessions import identifier
 from fieldkit.recording.running import session_in_progress
 from fieldkit.sessions.reader import open_session
-from tests.harness.page import HOST, PATIENCE_S, Answer, Browser, Served, campaign, lost_nothing, served
-from tests.harness.waiting import wait_until
+from tests.harness.page import HOST, Answer, Browser, Served, campaign, lost_nothing, served
+from tests.harness.waiting import PATIENCE_S, wait_until
 
 PROGRAM = [sys.executable, "-m", "fieldkit"]
 ALL_FRAMES = "record.sampling=all"
-PATIENT_S = 90.0
 
 
 @dataclass
@@ -80,7 +79,7 @@ def started(folder: Path) -> Iterator[OwnProcess]:
 
 def phase(browser: Browser, wanted: str) -> dict[str, Any]:
     """The next state of that phase."""
-    deadline = time.monotonic() + PATIENT_S
+    deadline = time.monotonic() + PATIENCE_S
     while time.monotonic() < deadline:
         state = browser.next("state")
         if state["phase"] == wanted:
@@ -136,7 +135,7 @@ def the_report(page: Served, url: str, cookie: str) -> Answer:
     def made() -> bool:
         return page.ask("GET", url, Cookie=cookie).status != 202
 
-    wait_until(made, "the report is not made", PATIENT_S, every_s=0.5)
+    wait_until(made, "the report is not made", PATIENCE_S, every_s=0.5)
     answer = page.ask("GET", url, Cookie=cookie)
     assert answer.status == 200, answer
     return answer
@@ -168,7 +167,7 @@ def test_a_recording_of_somebody_else_is_followed_and_finds_the_instruments_free
         browser.request(do="picture", mode="exact")
         assert browser.picture()[0]["mode"] == "exact"
         phase(browser, "preview")
-        assert recorder.wait(PATIENT_S) == 0
+        assert recorder.wait(PATIENCE_S) == 0
 
 
 def test_requests_reach_the_recording_and_its_events_answer(tmp_path: Path) -> None:
@@ -264,7 +263,7 @@ def storm(folder: Path, seconds: int, connections: int) -> None:
         wait_until(
             lambda: session_in_progress(folder / "recordings") is None,
             "the recording did not end",
-            seconds + PATIENT_S,
+            seconds + PATIENCE_S,
         )
         with suppress(ConnectionClosed, OSError):
             deaf.close()
@@ -283,7 +282,7 @@ def test_a_thousand_connections_that_come_and_go_cost_a_recording_nothing(tmp_pa
 def test_a_past_session_is_drawn_on_and_estimated_anew(tmp_path: Path) -> None:
     folder = campaign(tmp_path / "field")
     with record(folder, 4) as recorder:
-        assert recorder.wait(PATIENT_S) == 0
+        assert recorder.wait(PATIENCE_S) == 0
     with served(folder) as page, page.browser() as browser, page.browser("view") as looking:
         (listed,) = browser.request(do="sessions")["data"]
         assert looking.request(do="sessions")["data"][0]["picture_url"] is None

@@ -21,8 +21,8 @@ from fieldkit.page.hub import MAX_VIEWERS
 from fieldkit.page.keys import Keys
 from fieldkit.page.server import listening
 from fieldkit.page.sessions import identifier
-from tests.harness.page import HOST, PATIENCE_S, Served, campaign, served
-from tests.harness.waiting import wait_until
+from tests.harness.page import HOST, Served, campaign, served
+from tests.harness.waiting import PATIENCE_S, wait_until
 
 HOSTILE = "http://evil.example"
 

@@ -18,11 +18,10 @@ import pytest
 
 from fieldkit.recording.running import session_in_progress
 from tests.harness.page import campaign, lost_nothing
-from tests.harness.waiting import wait_until
+from tests.harness.waiting import PATIENCE_S, wait_until
 
 ADDRESS, PORT = "127.0.0.77", 8765
 """Another address of this computer, so that no other page has its port."""
-PATIENT_S = 60.0
 
 
 @contextmanager
@@ -59,14 +58,14 @@ def test_the_page_is_reached_by_its_link_and_ends_with_the_recording(tmp_path: P
         wait_until(listens, "the page does not listen")
         answer = ask(key)
         assert answer == 200
-        assert process.wait(PATIENT_S) == 0
+        assert process.wait(PATIENCE_S) == 0
     assert not listens()
     lost_nothing(folder, 12)
 
 
 def ask(key: str) -> int:
     headers = {"Content-Type": "application/json", "Origin": f"http://{ADDRESS}:{PORT}"}
-    with closing(http.client.HTTPConnection(ADDRESS, PORT, timeout=PATIENT_S)) as connection:
+    with closing(http.client.HTTPConnection(ADDRESS, PORT, timeout=PATIENCE_S)) as connection:
         connection.request("POST", "/key", json.dumps({"key": key}), headers)
         return connection.getresponse().status
 
@@ -80,7 +79,7 @@ def test_a_page_that_dies_or_hangs_costs_the_recording_nothing(tmp_path: Path, n
         (page,) = children(process.pid)
         os.kill(page, number)
         assert session_in_progress(folder / "recordings") is not None
-        assert process.wait(PATIENT_S) == 0
+        assert process.wait(PATIENCE_S) == 0
     assert not Path(f"/proc/{page}").exists()
     lost_nothing(folder, 15)
 
@@ -88,7 +87,7 @@ def test_a_page_that_dies_or_hangs_costs_the_recording_nothing(tmp_path: Path, n
 def test_a_page_that_cannot_listen_costs_the_recording_nothing(tmp_path: Path) -> None:
     folder = campaign(tmp_path / "field")
     with recording(folder, "--page=203.0.113.1", "--for", "8s") as process:  # RFC 5737: nobody's address
-        _, words = process.communicate(timeout=PATIENT_S)
+        _, words = process.communicate(timeout=PATIENCE_S)
         assert process.returncode == 0
     assert "cannot serve on 203.0.113.1:8765" in words
     lost_nothing(folder, 8)

@@ -21,14 +21,13 @@ import pytest
 
 from fieldkit.page.keys import Keys
 from fieldkit.page.viewer import Role
-from tests.harness.waiting import wait_until as wait_until
+from tests.harness.waiting import PATIENCE_S
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, BrowserContext, Page, Route
 
 PHONE, PHONE_ON_ITS_SIDE, LAPTOP = (360, 740), (740, 360), (1280, 800)
 SMALLEST = (320, 568)
-PATIENCE_S = 60.0
 PATIENCE_MS = 1000 * PATIENCE_S
 REQUIRED = "FIELDKIT_BROWSER_REQUIRED"
 AXE = "FIELDKIT_AXE"

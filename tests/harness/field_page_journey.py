@@ -14,7 +14,8 @@ from fieldkit.config import FILE_NAME
 from fieldkit.config.edit import set_key
 from fieldkit.config.template import SIMULATED
 from fieldkit.recording.campaign import create_campaign
-from tests.harness.field_page import PATIENCE_MS, Watched, wait_until
+from tests.harness.field_page import Watched
+from tests.harness.waiting import wait_until
 
 FLAT = ((22, 79), (62, 100))
 B15 = ((32, 31), (62, 50))
@@ -139,7 +140,7 @@ def report(watched: Watched, shoot: Shoot) -> str:
     with page.context.expect_page() as opening:
         link.tap()
     opened = opening.value
-    opened.locator("svg").first.wait_for(state="attached", timeout=2 * PATIENCE_MS)
+    opened.locator("svg").first.wait_for(state="attached")
     shoot("report", Watched(opened))
     return opened.title()
 
@@ -152,7 +153,7 @@ def estimate_anew(watched: Watched, shoot: Shoot) -> str:
     draw(watched, "b25", B25, unseen)
     page.locator("#estimate-past").tap()
     line = page.locator("#past-slopes li", has_text="b25")
-    line.wait_for(timeout=2 * PATIENCE_MS)
+    line.wait_for()
     shoot("anew", watched)
     words = line.inner_text()
     page.locator("#leave-past").tap()

@@ -24,10 +24,9 @@ from fieldkit.page.viewer import Role
 from fieldkit.recording.campaign import init_campaign
 from fieldkit.results.check import check
 from fieldkit.sessions.reader import open_session
-from tests.harness.waiting import wait_until
+from tests.harness.waiting import PATIENCE_S, wait_until
 
 HOST = "127.0.0.1"
-PATIENCE_S = 90.0
 
 
 def campaign(folder: Path) -> Path:

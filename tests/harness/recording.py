@@ -21,6 +21,7 @@ from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.recovery import recover
 from fieldkit.sessions.time_map import TimeStep
 from fieldkit.sessions.writer import SessionWriter
+from tests.harness.waiting import PATIENCE_S
 
 START_NS = 1_480_000_000_000_000_000
 BELOW_US_NS = 123
@@ -192,10 +193,6 @@ def apply_until_killed(path: Path, counters: Path) -> None:
     counted.stage = 1
     while True:
         apply_time_map(path, [TimeStep(0, 10**9, "gps"), TimeStep(5, 2 * 10**9, "slept")])
-
-
-PATIENCE_S = 300.0
-"""A busy computer is no failure; only what hangs is ended."""
 
 
 def started(target: object, *arguments: object, counters: Path, stage: int) -> BaseProcess:

@@ -73,6 +73,7 @@ class KalmanBank:
         # F P F' without a product of two whole matrices: diagonal, and a part of few rows with its transpose
         crossed = flows.rows @ self.covariance
         among = crossed @ flows.rows.transpose(0, 2, 1)
+        # half of the square here: the transpose below brings the other half
         inflow = into @ (decay * crossed + 0.5 * among @ into.T)
         self.covariance *= np.outer(decay, decay)
         self.covariance += inflow
@@ -96,6 +97,7 @@ class KalmanBank:
         rows, error, count = design.rows[:, seen], difference[:, seen], int(seen.sum())
         shared = rows @ self.covariance
         spread = shared @ rows.transpose(0, 2, 1) + variance[:, seen, np.newaxis] * np.eye(count)
+        # judged by the prediction: the update would share the error out among the states
         added = np.zeros_like(error) if jumps is None else _jump_variance(spread, error)
         if jumps is not None and added.any():
             places = jumps[seen]
@@ -121,8 +123,11 @@ def _jump_variance(spread: FloatArray, error: FloatArray) -> FloatArray:
     if error.shape[1] < 2:
         return np.zeros_like(error)
     inverse = np.linalg.inv(spread)
+    # what is left of each given all others is (S^-1 e)_i / (S^-1)_ii, of variance 1 / (S^-1)_ii;
+    # Rasmussen and Williams, Gaussian Processes for Machine Learning, MIT Press, 2006, eq. 5.12
     alone = np.matmul(inverse, error[..., np.newaxis])[..., 0]
     information = np.diagonal(inverse, axis1=1, axis2=2)
     sizes = np.abs(alone) / np.sqrt(information)
+    # the worst alone: its error is in what the others are compared with
     worst = np.arange(error.shape[1]) == np.argmax(sizes, axis=1)[:, np.newaxis]
     return np.where(worst & (sizes > JUMP_SDS), (alone / information) ** 2, 0.0)

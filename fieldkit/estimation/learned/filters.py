@@ -68,6 +68,7 @@ class Filters(KalmanBank):
         self.mean[:, lasting] = mean
         self.covariance[:, lasting[:, np.newaxis], lasting] = covariance
         exchange = self.layout.shared("session_exchange")
+        # weather stays with its day: this session's exchange is as uncertain as the first one's was
         spread = self._settings.prior.exchange_log_sd * self.hypotheses.exchange
         self.covariance[:, exchange, exchange] = spread**2
 
@@ -98,6 +99,7 @@ class Filters(KalmanBank):
         measured_k = np.where(minute.measured, minute.temperature_k, np.nan)
         variance = self.noise.white_k**2 + model.grazing_k2(minute, light, self.mean, self._taken_k)
         found = self.update(model.readings(minute, temperature), measured_k, variance, self.layout.own_places)
+        # of the surface, by the state: the measured one would carry the camera's noise into the fluxes
         self._taken_k = temperature.at(self.mean)
         self.log_likelihood = self.log_likelihood + found.log_likelihood
         return found

@@ -18,8 +18,8 @@ from dataclasses import dataclass
 from importlib import resources
 
 import numpy as np
-from scipy.special import ndtr, ndtri
 
+from fieldkit.estimation.distributions import normal_below, normal_quantile
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.physics.facet import FloatArray
 
@@ -87,17 +87,20 @@ class Proposal:
         covariance = (weights[:, np.newaxis] * away).T @ away
         # a few heavy points may lie in a plane
         root = np.linalg.cholesky(covariance + 0.02**2 * np.eye(UNKNOWNS))
+        # in the points' own scale, where all coefficients are of like size
         slope, curvature = _polynomial(np.linalg.solve(root, away.T).T, log_density, weights)
         sizes, axes = np.linalg.eigh(curvature)
+        # a saddle or a ridge of few points would send the next draw anywhere
         sizes = np.clip(sizes, *CURVATURES)
         step = axes @ (slope @ axes / sizes)
         step *= min(1.0, FARTHEST / max(float(np.linalg.norm(step)), 1e-9))
+        # a normal density's covariance is the inverse of its curvature; back in the prior's coordinates
         narrowed = root @ axes / np.sqrt(sizes)
         return cls(centre + root @ step, np.asarray(WIDER * np.linalg.cholesky(narrowed @ narrowed.T)))
 
     def draw(self) -> FloatArray:
         """Points (64, 5)."""
-        standard = ndtri(np.clip(even_points("sobol-5"), 1e-9, 1.0 - 1e-9))
+        standard = normal_quantile(np.clip(even_points("sobol-5"), 1e-9, 1.0 - 1e-9))
         points = self.centre + standard @ self.root.T
         every = round(1.0 / FROM_PRIOR)
         # were the data misjudged early, the truth could lie where nothing is drawn any more
@@ -155,7 +158,7 @@ def hypotheses(points: FloatArray, settings: EstimatorSettings) -> Hypotheses:
     return Hypotheses(
         prior.exchange_w_m2_k * np.exp(prior.exchange_log_sd * exchange),
         settings.slab.thermal_inertia * np.exp(prior.inertia_log_sd * inertia),
-        depths_m(ndtr(depth), settings),
+        depths_m(normal_below(depth), settings),
         prior.gust_sd_w_m2_k * np.exp(prior.gust_log_sd * gust),
         np.exp(prior.unrest_log_sd * unrest),
     )
@@ -164,8 +167,9 @@ def hypotheses(points: FloatArray, settings: EstimatorSettings) -> Hypotheses:
 def depths_m(share: FloatArray, settings: EstimatorSettings) -> FloatArray:
     """Depths below which these shares of the prior lie: around the slab's, or practically bottomless."""
     prior = settings.prior
+    # quantiles of a mixture have no closed form: read off its distribution on a grid
     depths = np.geomspace(0.004, 0.6, 400)
-    body = ndtr(np.log(depths / settings.slab.depth_m) / prior.depth_log_sd)
+    body = normal_below(np.log(depths / settings.slab.depth_m) / prior.depth_log_sd)
     deep = np.clip(np.log(depths / DEEP_M[0]) / np.log(DEEP_M[1] / DEEP_M[0]), 0.0, 1.0)
     below = (1.0 - prior.deep_share) * body + prior.deep_share * deep
     return np.asarray(np.exp(np.interp(share, below, np.log(depths))))

@@ -132,6 +132,7 @@ class Learner:
             if done >= rounds and effective(self.posterior.log_weights) >= FEWEST:
                 break
             self._around = self._centres()
+            # weights are posterior over proposal: times the proposal they are the density again
             log_density = self.posterior.log_weights + self._proposal.log_density(self._points)
             known = [*known, (self._points, log_density)][-REMEMBERED:]
             points, log_densities = (np.concatenate(one) for one in zip(*known, strict=True))
@@ -255,6 +256,7 @@ def _minima(information: list[FloatArray], towards: list[FloatArray]) -> list[Fl
 
 
 def _minima_on_circle(H: FloatArray, b: FloatArray) -> FloatArray:
+    # half a degree is near enough: unit normals are polished from there
     angles = np.linspace(-np.pi, np.pi, 721)[:-1]
     grid = np.column_stack([np.sin(angles), np.cos(angles)])
     misfit = np.sum((grid @ H - 2.0 * b) * grid, axis=1)

@@ -51,6 +51,7 @@ def noise_of(minutes: Sequence[MinuteInputs], configured_k: float) -> Noise:
     if len(kelvin) <= 2 * FAR + 1 or kelvin.shape[1] < 2:
         return Noise(configured_k, OWN_K)
     near, far = (_alone(kelvin, lag) for lag in (NEAR, FAR))
+    # white noise is alike at both lags, so their difference is of the own process alone
     own = max(far - near, 0.0) / (_shape(FAR) - _shape(NEAR))
     white = max(near - _shape(NEAR) * own, 0.0) / 6.0
     share = len(kelvin) / (len(kelvin) + WORTH_MINUTES)

@@ -98,6 +98,7 @@ class _Fit:
         for unit, tangent in zip(self.units, self.tangents, strict=True):
             columns = slice(column, column + tangent.shape[2])
             moved = unit + np.matmul(tangent, step[:, columns, np.newaxis])[..., 0]
+            # a step along the tangent leaves the sphere to second order
             units.append(moved / np.linalg.norm(moved, axis=1, keepdims=True))
             column = columns.stop
         return np.maximum(self.gain + step[:, 0], LEAST_GAIN), units, self.own + step[:, column:]
@@ -162,6 +163,7 @@ def _step(fit: _Fit, information: FloatArray, damping: FloatArray) -> FloatArray
     slope = np.matmul(transposed, fit.residual[..., np.newaxis])
     curvature = np.matmul(transposed, fit.jacobian)
     diagonal = np.arange(curvature.shape[1])
+    # as Marquardt damps: relative, because gain and turns differ in size
     curvature[:, diagonal, diagonal] *= 1.0 + damping[:, np.newaxis]
     step = np.linalg.solve(curvature, slope)[..., 0]
     return np.asarray(step / np.maximum(1.0, np.abs(step).max(axis=1, keepdims=True) / LONGEST))

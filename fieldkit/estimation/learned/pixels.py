@@ -143,6 +143,7 @@ class _Pair:
             inertia=found["thermal_inertia"],
             depth_m=found["depth"] / 100.0,
             gust=found["gusts"],
+            # no learnt parameter: the prior's median
             unrest=np.ones(1),
         )
 
@@ -205,6 +206,7 @@ class _Pair:
             scatter = self._alone(over_k) + effect @ self._shared_prior @ effect.T
             errors = _whitening(scatter, at) @ left[at]
             for jump in at[np.abs(errors) > JUMP_SDS].tolist():
+                # from then on, as the region's own deviations fade
                 fades = np.exp(-self._apart[jump] / OWN_MINUTES) * (np.arange(len(left)) >= jump)
                 self._noise += JUMP_K**2 * np.outer(fades, fades)
 
@@ -301,6 +303,7 @@ class _Pair:
     def _passing(self) -> FloatArray:
         """Covariance (m, m) of any region's noise, own deviations and warmth from before, K2."""
         here, there = self._layout.stores(0), self._layout.stores(self._layout.regions - 1)
+        # the covariance of two regions is what both share, and no difference between them
         before = self._prior[here, here] - self._prior[here, there]
         return np.asarray(self._lost @ self._noise @ self._lost.T + self._fading @ before @ self._fading.T)
 

@@ -178,4 +178,5 @@ def _past_fills() -> FloatArray:
     bounds_s = 60.0 * PAST_MINUTES
     rates = RATES_PER_S[1:, np.newaxis]
     left = (np.exp(-rates * bounds_s[:-1]) - np.exp(-rates * bounds_s[1:])) / rates
+    # the level takes no flux, the store without loss keeps all of it, the others fade
     return np.vstack([np.zeros(left.shape[1]), np.diff(bounds_s), left])

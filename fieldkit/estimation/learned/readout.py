@@ -9,10 +9,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
-from scipy.special import ndtri
 
+from fieldkit.estimation.distributions import normal_quantile
 from fieldkit.estimation.learned.hypotheses import depths_m, even_points
 from fieldkit.estimation.learned.inputs import MinuteInputs
 from fieldkit.estimation.learned.learner import Learner, Posterior, mass
@@ -40,9 +41,6 @@ WORDS = {
     "longwave": "longwave of the sky",
     "air": "air temperature",
 }
-_LINE: FloatArray = ndtri((np.arange(POINTS) + 0.5) / POINTS)[:, np.newaxis]
-# Sobol points begin at 0, whose quantile is infinite
-_PLANE: FloatArray = ndtri(np.clip(even_points("sobol-2"), 1e-3, 1 - 1e-3))
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +75,7 @@ def _points(
 ) -> tuple[FloatArray, FloatArray]:
     """Unit normals (k, 3) drawn from the mixture, and their weights (k,)."""
     turn, tangent = normals.turn(target), normals.tangents[target]
-    standard = _LINE if tangent.shape[2] == 1 else _PLANE
+    standard = _standard(tangent.shape[2])
     weights = np.exp(log_weights - mass(log_weights))
     used = weights > 1e-6
     root = np.linalg.cholesky(normals.covariance[used][:, turn, turn])
@@ -85,6 +83,15 @@ def _points(
     units = normals.units[target][used][:, np.newaxis] + np.matmul(turned, tangent[used].transpose(0, 2, 1))
     units /= np.linalg.norm(units, axis=2, keepdims=True)
     return (units @ facing.T).reshape(-1, 3), np.repeat(weights[used], POINTS) / POINTS / weights[used].sum()
+
+
+@cache
+def _standard(dimensions: int) -> FloatArray:
+    """Points (k, dimensions) that stand for a standard normal distribution."""
+    if dimensions == 1:
+        return normal_quantile((np.arange(POINTS) + 0.5) / POINTS)[:, np.newaxis]
+    # Sobol points begin at 0, whose quantile is infinite
+    return normal_quantile(np.clip(even_points("sobol-2"), 1e-3, 1 - 1e-3))
 
 
 def _mean(points: FloatArray, weights: FloatArray) -> FloatArray:
@@ -117,6 +124,7 @@ def _free_region(
     away = away - weights @ away
     covariance = (weights[:, np.newaxis] * away).T @ away
     distance = np.sum(away @ np.linalg.inv(covariance) * away, axis=1)
+    # of the mixture's own distances: its tails are not those of a normal distribution
     bound = quantiles(distance, weights, (settings.confidence,))[0]
     angle = np.linspace(0.0, 2.0 * np.pi, 121)
     rim = np.sqrt(bound) * np.column_stack([np.cos(angle), np.sin(angle)]) @ np.linalg.cholesky(covariance).T
@@ -174,6 +182,7 @@ def moments(learner: Learner) -> Moments:
     away = means - mean
     covariance = (weights[:, np.newaxis] * away).T @ away
     inner = covariances.shape[1]
+    # law of total variance: the spread of the means, and the mean of the spreads
     covariance[:inner, :inner] += np.tensordot(weights, covariances, axes=1)
     further = layout.shared("session_exchange")
     own = posterior.filters.covariance[:, further, further] / exchange**2
@@ -271,6 +280,7 @@ def _depth(settings: EstimatorSettings, found: Moments) -> LearntParameter:
     plain = _learnt(
         settings, found, "depth", "cm", np.log(median), spread, of=lambda log_m: 100.0 * math.exp(log_m)
     )
+    # a prior with a part without bottom has other bounds than a normal distribution
     return replace(plain, prior_low=100.0 * float(low), prior_high=100.0 * float(high))
 
 
@@ -327,6 +337,7 @@ def misfit(standardised: FloatArray) -> FloatArray:
     filled = np.nan_to_num(standardised)
     squares = (filled**2).sum(axis=0)
     count = known.sum(axis=0)
+    # below zero it would excuse a misfit, at one the quotient has no bound
     correlation = np.clip((filled[1:] * filled[:-1]).sum(axis=0) / np.maximum(squares, 1e-12), 0.0, 0.95)
     found = squares / np.maximum(count, 1) * (1.0 + correlation) / (1.0 - correlation)
     return np.where(count < 10, 1.0, found)

@@ -14,9 +14,8 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import toeplitz
-from scipy.special import ndtr
 
+from fieldkit.estimation.distributions import normal_below
 from fieldkit.estimation.learned.bank import Affine, Transition
 from fieldkit.estimation.learned.hypotheses import Hypotheses
 from fieldkit.estimation.learned.inputs import Logged, MinuteInputs
@@ -94,6 +93,7 @@ class SurfaceModel:
         drawn, capacity = self.hypotheses, self.settings.slab.heat_capacity_j_m3_k
         modes = layer_modes(drawn.inertia * unlike.inertia, drawn.depth_m * unlike.depth, capacity)
         weights = np.column_stack([np.ones_like(modes.resistance), modes.weights])
+        # a minute's flux warms the surface at once, and its mean by what fills the stores meanwhile
         return modes.resistance + weights @ MEAN_FILL, weights
 
     # --- from one minute to the next
@@ -112,6 +112,7 @@ class SurfaceModel:
         """Variances (p, n) that a minute begins with or adds."""
         variance = np.zeros((self.hypotheses.exchange.size, self.layout.size))
         for place, (sd, _) in self._processes.items():
+            # x' = a x + w keeps its variance s^2 if w has s^2 (1 - a^2)
             variance[:, place] = sd**2 * (1.0 - self._decay[place] ** 2)
         for place, passing in self.passing(minute).items():
             variance[:, place] = passing
@@ -147,6 +148,7 @@ class SurfaceModel:
             decay[place] = np.exp(-1.0 / minutes)
         for place, drive in layout.smooth.items():
             decay[place] = decay[drive]
+        # what one minute brings is not left in the next
         for name in ("beam", "moment", "edge", "camera"):
             decay[layout.shared(name)] = 0.0
         return decay
@@ -158,6 +160,7 @@ class SurfaceModel:
         into = np.zeros((layout.size, layout.regions + len(layout.smooth)))
         for region in range(layout.regions):
             into[layout.stores(region), region] = FILL
+        # what follows a drive d: x' = a x + (1 - a) d
         for column, place in enumerate(layout.smooth, start=layout.regions):
             into[place, column] = 1.0 - self._decay[place]
         return into
@@ -186,9 +189,12 @@ class SurfaceModel:
         variance = np.sum((towards @ covariance) * towards, axis=2)
         sd = np.sqrt(np.maximum(variance, _LEAST_SD**2))
         ratio = np.clip(about / sd, -30.0, 30.0)
-        share, bell = ndtr(ratio), np.exp(-0.5 * ratio**2) / _ROOT_TWO_PI
+        share, bell = normal_below(ratio), np.exp(-0.5 * ratio**2) / _ROOT_TWO_PI
+        # mean and mean square of max(0, x), with x of N(m, s^2) and r = m / s:
+        # m P(r) + s p(r) and (m^2 + s^2) P(r) + m s p(r)
         lit = about * share + sd * bell
         second = (about**2 + sd**2) * share + about * sd * bell
+        # variance that the line of slope `share` does not follow
         left = second - lit**2 - share**2 * sd**2
         return Light(share, lit, lit - share * about, np.sqrt(np.maximum(left, 0.0)))
 
@@ -204,8 +210,11 @@ class SurfaceModel:
 
         By 1 W/m2 in each minute, (minutes, minutes), and by the stores before the first, (minutes, STORES).
         """
+        from scipy.linalg import toeplitz
+
         ages = np.arange(minutes)[:, np.newaxis]
         fading = self._weights[0, 0] * MEAN * FADE**ages
+        # a minute's own flux warms at once, an earlier one by what its stores have left
         later = np.append(self._quick[0, 0], fading[:-1] @ FILL)
         return np.asarray(toeplitz(later, np.zeros(minutes))), np.asarray(fading)
 
@@ -248,10 +257,12 @@ class SurfaceModel:
             rows[:, region, self.layout.stores(region)] += self._weights[:, region] * MEAN
         for target in range(self.layout.targets):
             region = self.layout.references + target
+            # another inertia is another share of what the layer has warmed so far
             warmed = taken_k[:, region] - mean[:, self.layout.stores(region).start]
             rows[:, region, self.layout.own_response(target)] += warmed
         rows *= damping[..., np.newaxis]
         constant = damping * quick * (flux.constant + steepness * taken_k)
+        # the flux was taken at `taken_k`: what the surface loses for being off it
         lost = Affine(steepness[..., np.newaxis] * rows, steepness * (constant - taken_k))
         return Affine(rows, constant), Affine(flux.rows - lost.rows, flux.constant - lost.constant)
 
@@ -286,6 +297,7 @@ class SurfaceModel:
         for first in (layout.slow_exchange(0), layout.own_exchange(0)):
             own[:, layout.references :] += mean[:, first : first + layout.targets]
         radiated = 4.0 * self.settings.surface.emissivity_broadband * STEFAN_BOLTZMANN * taken_k**3
+        # normal numbers have no bound, and below zero heat would flow uphill
         return np.asarray(radiated + np.maximum(common[:, np.newaxis] * layout.exchanges + own, 0.0))
 
     def _views(self) -> FloatArray:

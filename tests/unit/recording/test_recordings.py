@@ -22,8 +22,7 @@ from fieldkit.recording.recordings import session_path, sessions_in
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.page import campaign
 from tests.harness.recording import CountedClock, fill, header
-
-PATIENCE_S = 60.0
+from tests.harness.waiting import PATIENCE_S
 
 
 @pytest.fixture(scope="module")

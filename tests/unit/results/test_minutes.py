@@ -81,6 +81,11 @@ def test_first_check_and_report_use_the_recordings_own_minutes(folder, tmp_path,
         assert numbers.sub("", own) == numbers.sub("", again)
         one, other = (np.array(numbers.findall(text), float) for text in (own, again))
         np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9)
+    with open_session(path) as session:
+        budgets = SessionMinutes(session, config_for(session)).estimates().budgets
+    assert budgets.keys() == estimate(path).final.keys()
+    for terms in budgets.values():
+        assert sum(term.share for term in terms) == pytest.approx(1.0)
 
 
 def test_minutes_are_estimated_again_where_the_session_was_changed(folder, tmp_path):
@@ -91,8 +96,12 @@ def test_minutes_are_estimated_again_where_the_session_was_changed(folder, tmp_p
 
 
 @pytest.mark.parametrize("model", ["paper", "full"])
-def test_slopes_by_another_model(sessions, model):
+def test_slopes_by_another_model(sessions, model, never_read):
     assert found(sessions[0], model) == by_the_estimator(sessions[0], f'estimator.model="{model}"')
+    budgets = estimate(sessions[0], model=model).budgets
+    assert bool(budgets) == (model == "full")  # the paper has none
+    never_read()
+    assert estimate(sessions[0], model=model).budgets == budgets
 
 
 def test_check_reads_nothing_that_estimate_and_report_know(sessions, never_read):

@@ -28,9 +28,9 @@ def test_shares_are_those_of_jcgm_100_eq_13():
 def test_the_budget_of_a_session_adds_up():
     world = drawn_world(2000, CLEAR, minutes=15)
     chain = SlopeChain(world.regions, world.settings)
-    assert chain.budgets() == {}
+    assert chain.budgets(world.history.until(0)) == {}
     chain.at_once(world.history)
-    budgets = chain.budgets()
+    budgets = chain.budgets(world.history)
     assert list(budgets) == ["bed0", "bed1", "bed2"]
     for terms in budgets.values():
         assert sum(one.share for one in terms) == pytest.approx(1.0)

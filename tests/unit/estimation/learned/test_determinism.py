@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.drawn_worlds import BROKEN_CLOUD, CLEAR
 from fieldkit.estimation.bins import History
-from fieldkit.estimation.chain import SlopeChain, slope_series
+from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.estimator import Estimator, EstimatorSettings
 from fieldkit.model.slope import SlopeEstimate
 from fieldkit.physics.facet import normal
@@ -45,7 +45,7 @@ def assert_equal(ones, others):
 def test_it_does_not_matter_when_or_how_often_the_chain_is_asked(day, azimuth):
     world = drawn_world(5, day, minutes=18, shade_test=True)
     settings = replace(world.settings, model="learned", azimuth=azimuth)
-    *_, every_minute = slope_series(world.history, world.regions, settings)
+    *_, every_minute = SlopeChain(world.regions, settings).series(world.history)
     at_the_end = SlopeChain(world.regions, settings)
     assert_equal(at_the_end.at(world.history), every_minute)
     assert_equal(at_the_end.at(world.history), every_minute)
