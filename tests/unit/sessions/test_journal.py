@@ -26,10 +26,10 @@ from fieldkit.sessions.records import (
     encode_sample,
 )
 from fieldkit.sessions.session_file import FileThread
+from tests.harness.disk import full_disk
 from tests.harness.learnt import learnt
 from tests.harness.recording import START_NS, header, same, sample
 from tests.harness.waiting import wait_until
-from tests.unit.sessions.test_log import full_disk
 
 HEADER = header((24, 32))
 IDENTITY = SessionIdentity("a-session", START_NS, 77, HEADER)
