@@ -345,6 +345,7 @@ def test_full_disk_keeps_no_part_of_a_new_file(interrupted: Path, tmp_path: Path
     with disk.full_disk(room), pytest.raises(StorageError, match="too large"):
         recover(interrupted)
     assert not (tmp_path / "a.h5.recovering").exists()
+    assert recover(interrupted).counts["camera"] == 20  # once there is room
 
 
 def test_time_map_outlives_recovery(tmp_path: Path) -> None:
