@@ -14,6 +14,7 @@ SITE = "[site]\nlatitude_deg = 35.5\nlongitude_deg = 139.4\n"
 CAMERA = '[camera]\ndriver = "purethermal"\nwidth_px = 160\nheight_px = 120\n'
 FLAT = '[[region]]\nname = "flat"\nkind = "reference"\npoints_px = [[6, 30], [37, 30], [37, 90], [6, 90]]\n'
 
+
 @pytest.fixture(scope="module", autouse=True)
 def home(tmp_path_factory):
     """No user configuration of whoever runs the tests, and logs in a folder of their own."""

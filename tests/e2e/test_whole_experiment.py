@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,6 @@ from click.testing import CliRunner
 from fieldkit.cli import main
 from fieldkit.config import load_config
 from fieldkit.drivers.meters.meter import Meter
-from fieldkit.estimation.estimator import Estimator
 from fieldkit.model.alarm import phase_of
 from fieldkit.model.errors import StorageError
 from fieldkit.model.marks import Mark
@@ -26,8 +26,8 @@ from fieldkit.results.estimate import estimator_for, minutes_of
 from fieldkit.results.sources import config_for
 from fieldkit.sessions.lock import journal_path
 from fieldkit.sessions.reader import open_session
-from fieldkit.sessions.records import Entry
 from fieldkit.sessions.writer import SessionWriter
+from tests.harness.disk import full_disk
 
 
 def fieldkit(*arguments: str | Path) -> str:
@@ -158,30 +158,6 @@ def test_a_fault_is_survived_named_on_screen_and_in_the_file_and_found_by_check(
     assert fault.split("_")[0] in findings.stdout.lower() or told[0].text in findings.stdout
 
 
-def test_an_estimator_that_raises_does_not_end_the_recording(campaign: Path) -> None:
-    """A real recorder with an estimator that fails in the middle: the session is whole and says so."""
-    config = load_config(campaign / "fieldkit.toml", settings=["simulation.speed=max"])
-    path = campaign / "recordings" / "estimator.h5"
-    calls = 0
-    original = Estimator.collect
-
-    def fails_later(self: Estimator, sample: object) -> object:
-        nonlocal calls
-        calls += 1
-        if calls == 200:
-            raise ZeroDivisionError("a mistake in the estimator")
-        return original(self, sample)  # type: ignore[arg-type]
-
-    with pytest.MonkeyPatch.context() as patch, open_instruments(config, duration_s=240.0) as tools:
-        patch.setattr(Estimator, "collect", fails_later)  # only a mistake of ours does
-        summary = PreparedRecording(config, tools, path, duration_s=240.0).run().summary
-    with open_session(path) as session:
-        kinds = [event.kind for event in session.events()]
-        assert session.count("lux") == summary.counts["lux"]
-    assert EventKind.ESTIMATOR in kinds
-    assert summary.counts["lux"] == pytest.approx(240, abs=3)
-
-
 class Falling:
     """Looks on, and falls over at an item, or when all is over."""
 
@@ -212,27 +188,42 @@ def test_views_that_raise_do_not_end_the_recording(campaign: Path) -> None:
     assert views[1].seen > 120  # two meters each second, and pictures
 
 
+class Filling:
+    """Looks on; from one reading of the light meter to another no more than `room` bytes fit the journal."""
+
+    def __init__(self, session: Path, first: int, last: int = -1, room: int = 0) -> None:
+        self.session, self.first, self.last, self.room = session, first, last, room
+        self.disk = ExitStack()
+
+    def show(self, item: object) -> None:
+        if not isinstance(item, Reading) or item.stream != "lux":
+            return
+        if item.seq == self.first:
+            send(inbox(self.session), Mark("the last"))
+            part = max(journal_path(self.session).glob("0*.log"))
+            self.disk.enter_context(full_disk(part.stat().st_size + self.room))
+        elif item.seq == self.last:
+            self.disk.close()
+
+    def close(self) -> None:
+        self.disk.close()
+
+
 def test_pictures_left_out_just_before_the_end_are_told(campaign: Path) -> None:
-    """An error of storing 4 s before the end: the pause that follows outlives the recording."""
+    """A second without room for frames 4 s before the end: the pause that follows outlives the recording."""
     settings = ["simulation.speed=max", "record.sampling=all"]
     config = load_config(campaign / "fieldkit.toml", settings=settings)
     path = campaign / "recordings" / "paused.h5"
-    original, failed = SessionWriter.append, []
-
-    def fails_once(self: SessionWriter, sample: Sample) -> None:
-        if (sample.stream, sample.seq) == ("lux", 26) and not failed:
-            failed.append(sample)
-            raise StorageError("no room for a moment")
-        original(self, sample)
-
-    with pytest.MonkeyPatch.context() as patch, open_instruments(config, duration_s=30.0) as tools:
-        patch.setattr(SessionWriter, "append", fails_once)  # a disk has room again at no known sample
-        PreparedRecording(config, tools, path, duration_s=30.0).run()
+    with open_instruments(config, duration_s=30.0) as tools:
+        view = Filling(path, 25, 26, room=10_000)
+        PreparedRecording(config, tools, path, duration_s=30.0).run([view])
     with open_session(path) as session:
         (told,) = [event.text for event in session.events() if event.kind is EventKind.DISK]
         pictures = session.count("camera")
+        assert session.count("lux") == pytest.approx(30, abs=3)
     left_out = int(told.split()[0])
-    assert told == f"{left_out} frames skipped after a storage error: no room for a moment"
+    assert told.startswith(f"{left_out} frames skipped after a storage error: ")
+    assert "File too large" in told
     assert pictures + left_out == pytest.approx(30 * 8.7, abs=10)
 
 
@@ -272,24 +263,19 @@ def test_a_session_that_ended_early_says_so_and_keeps_the_marks_of_its_last_seco
 
 
 def test_a_mark_that_no_room_is_left_for_is_not_sealed_away(campaign: Path) -> None:
-    """The disk takes samples, which are small, but not the mark; recovery does, once there is room."""
+    """Recovery keeps it, once there is room."""
     config = load_config(campaign / "fieldkit.toml", settings=["simulation.speed=max"])
     path = campaign / "recordings" / "no-room.h5"
-    put = SessionWriter.put
-
-    def takes_no_mark(self: SessionWriter, entry: Entry) -> None:
-        if isinstance(entry, Event) and entry.kind is EventKind.MARK:
-            raise StorageError("database or disk is full")
-        put(self, entry)
-
-    with pytest.MonkeyPatch.context() as patch, open_instruments(config, duration_s=20.0) as tools:
-        patch.setattr(SessionWriter, "put", takes_no_mark)  # full after the last sample
-        with pytest.raises(StorageError, match="last marks could not be stored") as failed:
-            PreparedRecording(config, tools, path, duration_s=20.0).run([Noting(path)])
+    with (
+        open_instruments(config, duration_s=20.0) as tools,
+        pytest.raises(StorageError, match="last marks could not be stored") as failed,
+    ):
+        PreparedRecording(config, tools, path, duration_s=20.0).run([Filling(path, 10)])
     assert "recover(" in (failed.value.fix or "")
     fieldkit("recover", path)
     with open_session(path) as session:
-        assert [one.text for one in session.events() if one.kind is EventKind.MARK] == ["first"]
+        assert [one.text for one in session.events() if one.kind is EventKind.MARK] == ["the last"]
+        assert session.count("lux") >= 11
 
 
 def test_every_garbled_record_is_told_also_those_of_the_last_minute(campaign: Path) -> None:
