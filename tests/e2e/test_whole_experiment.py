@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +18,7 @@ from fieldkit.drivers.meters.meter import Meter
 from fieldkit.model.alarm import phase_of
 from fieldkit.model.errors import StorageError
 from fieldkit.model.marks import Mark
-from fieldkit.model.samples import Event, EventKind, Health, Quality, Reading, Sample, Severity
+from fieldkit.model.samples import EventKind, Health, Quality, Reading, Severity
 from fieldkit.recording.opening import open_instruments
 from fieldkit.recording.record import PreparedRecording
 from fieldkit.recording.requests import inbox, send
@@ -26,8 +26,7 @@ from fieldkit.results.estimate import estimator_for, minutes_of
 from fieldkit.results.sources import config_for
 from fieldkit.sessions.lock import journal_path
 from fieldkit.sessions.reader import open_session
-from fieldkit.sessions.writer import SessionWriter
-from tests.harness.disk import full_disk
+from tests.harness.disk import full_disk, small_disk
 
 
 def fieldkit(*arguments: str | Path) -> str:
@@ -200,10 +199,13 @@ class Filling:
             return
         if item.seq == self.first:
             send(inbox(self.session), Mark("the last"))
-            part = max(journal_path(self.session).glob("0*.log"))
-            self.disk.enter_context(full_disk(part.stat().st_size + self.room))
+            self.fill()
         elif item.seq == self.last:
             self.disk.close()
+
+    def fill(self) -> None:
+        part = max(journal_path(self.session).glob("0*.log"))
+        self.disk.enter_context(full_disk(part.stat().st_size + self.room))
 
     def close(self) -> None:
         self.disk.close()
@@ -227,38 +229,34 @@ def test_pictures_left_out_just_before_the_end_are_told(campaign: Path) -> None:
     assert pictures + left_out == pytest.approx(30 * 8.7, abs=10)
 
 
-def test_a_session_that_ended_early_says_so_and_keeps_the_marks_of_its_last_second(campaign: Path) -> None:
-    """The disk takes nothing from second 20 on, until the room kept for the end is given back."""
+class Crowding(Filling):
+    """Another program that fills the disk, all at once."""
+
+    def fill(self) -> None:
+        with suppress(OSError), (self.session.parent / "crowd").open("wb", buffering=0) as file:
+            while file.write(bytes(4096)):
+                pass
+
+
+def test_a_session_that_ended_early_says_so_and_keeps_the_marks_of_its_last_second(
+    campaign: Path, tmp_path: Path
+) -> None:
+    """The disk takes next to nothing from second 20 on, until the room kept for the end is given back."""
     config = load_config(campaign / "fieldkit.toml", settings=["simulation.speed=max"])
-    path = campaign / "recordings" / "full.h5"
-    append, event = SessionWriter.append, SessionWriter.event
-    full = []
-
-    def takes_no_sample(self: SessionWriter, sample: Sample) -> None:
-        if full or (sample.stream, sample.seq) == ("lux", 20):
-            if not full:
-                send(inbox(path), Mark("the last"))
-            full.append(sample)
-            raise StorageError("database or disk is full")
-        append(self, sample)
-
-    def takes_no_event(self: SessionWriter, happened: Event) -> None:
-        if full and (journal_path(path) / "reserve").exists():
-            raise StorageError("database or disk is full")
-        event(self, happened)
-
-    with pytest.MonkeyPatch.context() as patch, open_instruments(config, duration_s=600.0) as tools:
-        # full for all but the end: a real disk has other writers
-        patch.setattr(SessionWriter, "append", takes_no_sample)
-        patch.setattr(SessionWriter, "event", takes_no_event)
-        summary = PreparedRecording(config, tools, path, duration_s=600.0).run().summary
-    assert summary.failure is not None
-    with open_session(path) as session:
-        assert session.state == "sealed"
-        assert session.count("lux") == summary.counts["lux"] == 20
-        events = [one for one in session.events() if one.severity is Severity.ERROR and phase_of(one) is None]
-        marks = [one.text for one in session.events() if one.kind is EventKind.MARK]
-    assert events[-1].text == "the recording ended early: database or disk is full"
+    with small_disk(tmp_path, "24m") as place:
+        path = place / "full.h5"
+        with open_instruments(config, duration_s=600.0) as tools:
+            view = Crowding(path, 20)
+            summary = PreparedRecording(config, tools, path, duration_s=600.0).run([view]).summary
+        assert summary.failure is not None
+        with open_session(path) as session:
+            assert session.state == "sealed"
+            assert 20 < session.count("lux") == summary.counts["lux"] < 60
+            errors = [one for one in session.events() if one.severity is Severity.ERROR]
+            marks = [one.text for one in session.events() if one.kind is EventKind.MARK]
+    ends = [one.text for one in errors if phase_of(one) is None]
+    assert ends[-1].startswith("the recording ended early: ")
+    assert "No space left on device" in ends[-1]
     assert marks == ["the last"]
 
 
