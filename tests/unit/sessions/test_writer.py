@@ -260,7 +260,7 @@ def filled_without_its_file(
     writer: SessionWriter, frames: int, clock: CountedClock, patch: pytest.MonkeyPatch
 ) -> list[Sample]:
     """Record while the file may not grow; the journal, in parts that are smaller than the file, does."""
-    patch.setattr(journal, "PART_BYTES", 20_000)
+    patch.setattr(journal, "PART_BYTES", 20_000)  # a full part takes 256 MB
     folder = journal_path(writer.path)
 
     def goes_on() -> bool:
