@@ -74,7 +74,7 @@ Truth = tuple[float, float]
 
 
 def run() -> list[Result]:
-    return [*_pv(), *twin(), *_wall(), *_glob(), *_flat(), *_images()]
+    return [*pv(), *twin(), *wall(), *_glob(), *_flat(), *_images()]
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,7 +189,7 @@ def _found(
     return [(one, truths[one.region]) for part in parts for one in slopes_of_part(part)]
 
 
-def _pv() -> Iterator[Result]:
+def pv() -> Iterator[Result]:
     path = SHARED / "real" / "pv-module-2016-jul-sep.csv"
     if not path.exists():
         yield _missing("photovoltaic module", path)
@@ -313,7 +313,7 @@ def twin() -> Iterator[Result]:
             yield from Case(f"vertical pyranometer facing {name}, {sky} sky", mine, goal).rows()
 
 
-def _wall() -> Iterator[Result]:
+def wall() -> Iterator[Result]:
     path = SHARED / "real" / "twinhouse-o5-2013-aug-sep.csv"
     if not path.exists():
         yield _missing("west wall", path)

@@ -31,10 +31,16 @@ class SessionLock:
     def __init__(self, folder: Path, name: str = RECORDING) -> None:
         self._descriptor = os.open(folder / name, os.O_RDWR | os.O_CREAT, 0o644)
         try:
+            self._take(folder)
+        except BaseException:  # on a full disk, for one: the next attempt must not find it locked
+            self.release()
+            raise
+
+    def _take(self, folder: Path) -> None:
+        try:
             _lock(self._descriptor)
         except OSError as error:
             owner = os.read(self._descriptor, 32).decode(errors="replace").strip()
-            os.close(self._descriptor)
             raise RefusedError(
                 f"{folder} is in use by process {owner}", fix="wait until it has ended, or stop it first"
             ) from error

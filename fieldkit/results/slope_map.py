@@ -27,7 +27,7 @@ from fieldkit.estimation.disturbances import MOVED_PX
 from fieldkit.estimation.estimator_keys import Model
 from fieldkit.estimation.instant import AlongSun
 from fieldkit.estimation.instruments import Instruments
-from fieldkit.estimation.minute_maps import MinuteMap, SurfaceK
+from fieldkit.estimation.minute_maps import MinuteMap
 from fieldkit.estimation.pixel_posterior import PixelPosterior
 from fieldkit.estimation.pixel_slopes import PixelBounds, SlopeMap
 from fieldkit.estimation.settings import EstimatorSettings
@@ -461,12 +461,12 @@ def _mapped(
         },
         learnt,
     )
-    surface_k = _surface_of_minute(session, camera, known.regions, known.settings)
+    surface_k = surface_of_pixels(known.regions, (camera.shape[0], camera.shape[1]), known.settings)
     total, done = len(minute_map.rows), count(1)
 
     def counted_k(minute: int) -> FloatArray:
         on_progress(next(done), total)
-        return surface_k(minute)
+        return surface_k(mean_of_minute_k(session, camera, minute))
 
     slopes, bounds, likelihood, along_sun = minute_map.solved(counted_k)
     first, last = history.minute[chosen[[0, -1]]].tolist()
@@ -550,15 +550,17 @@ def _is_useful(history: History, field: RegionColumns) -> NDArray[np.bool_]:
     return np.asarray(np.isfinite(history.dni_w_m2) & has_reference & ~is_excluded)
 
 
-def _surface_of_minute(
-    session: SessionReader, camera: StreamInfo, regions: Sequence[Region], settings: EstimatorSettings
-) -> SurfaceK:
-    """Surface temperatures by minute, from mean brightness temperatures."""
-    emissivity, offset_k = _of_pixels(regions, (camera.shape[0], camera.shape[1]), settings)
+def surface_of_pixels(
+    regions: Sequence[Region], shape: tuple[int, int], settings: EstimatorSettings
+) -> Callable[[FloatArray], FloatArray]:
+    """Surface temperatures of a frame (rows, cols) of brightness temperatures, both in kelvin.
 
-    def surface_k(minute: int) -> FloatArray:
+    NaN in regions of another kind of surface than the reference's.
+    """
+    emissivity, offset_k = _of_pixels(regions, shape, settings)
+
+    def surface_k(brightness: FloatArray) -> FloatArray:
         # the offset is of brightness temperature, and a kelvin of it is more than one of the grey surface
-        brightness = mean_of_minute_k(session, camera, minute)
         return surface_temperature_k(brightness - offset_k, emissivity, settings.reflected_temperature_k)
 
     return surface_k

@@ -2,29 +2,17 @@
 
 import os
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
 
 from fieldkit.cli import main
+from tests.harness.rights import ordinary_rights
 
 SITE = "[site]\nlatitude_deg = 35.5\nlongitude_deg = 139.4\n"
 CAMERA = '[camera]\ndriver = "purethermal"\nwidth_px = 160\nheight_px = 120\n'
 FLAT = '[[region]]\nname = "flat"\nkind = "reference"\npoints_px = [[6, 30], [37, 30], [37, 90], [6, 90]]\n'
-
-# root may open anything: these two capabilities are what lets it past a file's permissions
-WITHOUT_PRIVILEGE = (
-    "import ctypes, os, sys\n"
-    "libc = ctypes.CDLL(None)\n"
-    "PR_CAPBSET_DROP, CAP_DAC_OVERRIDE, CAP_DAC_READ_SEARCH = 24, 1, 2\n"
-    "dropped = [libc.prctl(PR_CAPBSET_DROP, cap, 0, 0, 0) == 0\n"
-    "           for cap in (CAP_DAC_OVERRIDE, CAP_DAC_READ_SEARCH)]\n"
-    "if os.geteuid() == 0 and not all(dropped): sys.exit(77)\n"
-    "os.execv(sys.executable, [sys.executable, '-m', 'fieldkit', *sys.argv[1:]])\n"
-)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -42,15 +30,6 @@ def fieldkit(*arguments: object) -> tuple[int, str]:
     done = CliRunner().invoke(main, [str(argument) for argument in arguments])
     assert done.exit_code == 0 or done.stdout == ""
     return done.exit_code, done.stderr
-
-
-def without_privilege(*arguments: str) -> subprocess.CompletedProcess[str]:
-    """A command for which permissions hold, whoever runs the tests."""
-    command = [sys.executable, "-c", WITHOUT_PRIVILEGE, *arguments]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
-    if done.returncode == 77:
-        pytest.skip("runs as root and may not give up root's way past permissions")
-    return done
 
 
 @pytest.fixture(scope="module")
@@ -162,11 +141,12 @@ def test_a_page_on_a_disk_that_cannot_be_written_exits_6(simulated, tmp_path, wo
     folder.chmod(0o555)
     for inside in folder.iterdir():
         inside.chmod(0o555)
-    done = without_privilege(*words, "-C", str(folder))
-    assert done.returncode == 6
-    assert "cannot keep the page's keys in" in done.stderr
-    assert "  fix: " in done.stderr
-    assert "bug" not in done.stderr
+    with ordinary_rights():
+        code, message = fieldkit(*words, "-C", folder)
+    assert code == 6
+    assert "cannot keep the page's keys in" in message
+    assert "  fix: " in message
+    assert "bug" not in message
 
 
 @pytest.mark.parametrize(
@@ -221,13 +201,14 @@ def test_a_serial_port_without_permission_exits_4_and_says_how_to_get_it(simulat
     port = os.ttyname(near_end)
     try:
         os.chmod(port, 0)
-        done = without_privilege("record", "-C", str(simulated), "--for", "1s", "--set", f"lux.port={port}")
+        with ordinary_rights():
+            code, message = fieldkit("record", "-C", simulated, "--for", "1s", "--set", f"lux.port={port}")
     finally:
         os.close(near_end)
         os.close(far_end)
-    assert done.returncode == 4
-    assert f"no permission for {port}" in done.stderr
-    assert "udev" in done.stderr
+    assert code == 4
+    assert f"no permission for {port}" in message
+    assert "udev" in message
 
 
 def test_an_unknown_driver_exits_3_and_names_the_nearest(simulated):

@@ -10,7 +10,6 @@ import subprocess
 import tempfile
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -103,22 +102,6 @@ def test_failure_at_every_write(quick_disk: Path, error: int, how: int) -> None:
         list(pool.map(fail_at, range(1, changes + 20, AT_ONCE)))
 
 
-@contextmanager
-def small_disk(folder: Path, size: str) -> Iterator[Path]:
-    """A file system of its own; skips where that is not allowed."""
-    place = folder / "small"
-    place.mkdir()
-    mounted = subprocess.run(
-        ["mount", "-t", "tmpfs", "-o", f"size={size}", "none", str(place)], capture_output=True, check=False
-    )
-    if mounted.returncode:
-        pytest.skip("mounting a small file system is not allowed here")
-    try:
-        yield place
-    finally:
-        subprocess.run(["umount", "-l", str(place)], check=False)
-
-
 def fill_up(writer: SessionWriter, stream: int, count: int) -> int:
     """Append samples until the disk takes no more; how many it took."""
     for seq in range(count):
@@ -142,7 +125,7 @@ def finished(writer: SessionWriter, place: Path, elsewhere: Path) -> Path:
 
 def test_full_small_disk_keeps_everything_that_was_stored(tmp_path: Path) -> None:
     head = header((120, 160))
-    with small_disk(tmp_path, "12m") as place:
+    with disk.small_disk(tmp_path, "12m") as place:
         writer = SessionWriter(place / "field.h5", head, CountedClock())
         stored = fill_up(writer, 0, 1000)
         assert 50 < stored < 1000

@@ -21,6 +21,7 @@ from fieldkit.page.hub import MAX_VIEWERS
 from fieldkit.page.keys import Keys
 from fieldkit.page.server import listening
 from fieldkit.page.sessions import identifier
+from tests.harness.disk import full_disk
 from tests.harness.page import HOST, Served, campaign, served
 from tests.harness.waiting import PATIENCE_S, wait_until
 
@@ -499,16 +500,13 @@ def test_a_key_of_any_letters_is_refused(page: Served, key: str, caplog: pytest.
     assert not [record for record in caplog.records if record.exc_info]
 
 
-def test_a_key_that_cannot_be_kept_is_answered_with_the_reason(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_key_that_cannot_be_kept_is_answered_with_the_reason(folder: Path) -> None:
     with served(folder) as page:
         key = page.page.keys.new_link("view")
-        # root may write into any folder that is there
-        monkeypatch.setattr(page.page.keys, "path", Path("/proc/none/keys.json"))
-        answer = page.ask("POST", "/key", {"key": key}, Origin=page.origin)
+        with full_disk(0):
+            answer = page.ask("POST", "/key", {"key": key}, Origin=page.origin)
     assert answer.status == 507
-    assert "No such file" in answer.json["text"]
+    assert "File too large" in answer.json["text"]
     assert "room" in answer.json["fix"]
 
 

@@ -13,10 +13,15 @@ import pytest
 from tests.harness.disk import PROJECT
 
 SOAK = """
-import json, sys, time
+import json, sys
 from pathlib import Path
+from fieldkit.sessions.lock import journal_path
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.recording import CountedClock, header, sample
+
+class WaitingClock(CountedClock):
+    def hold_until(self, settled):
+        self.settled = settled  # which the simulated clock waits for
 
 def resident_mb():
     pages = int(Path("/proc/self/statm").read_text().split()[1])
@@ -24,7 +29,8 @@ def resident_mb():
 
 path, frames = Path(sys.argv[1]), int(sys.argv[2])
 head = header()
-writer = SessionWriter(path, head, CountedClock())
+clock = WaitingClock()
+writer = SessionWriter(path, head, clock)
 ready = [sample(head.streams[0], seq) for seq in range(64)]
 memory, largest = [], 0
 for seq in range(frames):
@@ -33,11 +39,11 @@ for seq in range(frames):
     if seq % 9 == 0:
         writer.append(sample(head.streams[1], seq // 9))
         writer.append(sample(head.streams[2], seq // 9))
-    while writer._file_thread.is_behind():  # as the simulated clock waits
-        time.sleep(0.005)
+    while not clock.settled(0.1):
+        pass
     if seq % (frames // 20) == 0:
         memory.append(resident_mb())
-        journal = sum(one.stat().st_size for one in writer._folder.iterdir() if one.name != "reserve")
+        journal = sum(one.stat().st_size for one in journal_path(path).iterdir() if one.name != "reserve")
         largest = max(largest, journal)
 report = writer.close()
 print(json.dumps({"memory": memory, "counts": report.counts, "verified": report.verified,

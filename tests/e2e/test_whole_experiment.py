@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Callable
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import numpy as np
@@ -14,11 +15,10 @@ from click.testing import CliRunner
 from fieldkit.cli import main
 from fieldkit.config import load_config
 from fieldkit.drivers.meters.meter import Meter
-from fieldkit.estimation.estimator import Estimator
 from fieldkit.model.alarm import phase_of
 from fieldkit.model.errors import StorageError
 from fieldkit.model.marks import Mark
-from fieldkit.model.samples import Event, EventKind, Health, Quality, Reading, Sample, Severity
+from fieldkit.model.samples import EventKind, Health, Quality, Reading, Severity
 from fieldkit.recording.opening import open_instruments
 from fieldkit.recording.record import PreparedRecording
 from fieldkit.recording.requests import inbox, send
@@ -26,8 +26,7 @@ from fieldkit.results.estimate import estimator_for, minutes_of
 from fieldkit.results.sources import config_for
 from fieldkit.sessions.lock import journal_path
 from fieldkit.sessions.reader import open_session
-from fieldkit.sessions.records import Entry
-from fieldkit.sessions.writer import SessionWriter
+from tests.harness.disk import full_disk, small_disk
 
 
 def fieldkit(*arguments: str | Path) -> str:
@@ -158,30 +157,6 @@ def test_a_fault_is_survived_named_on_screen_and_in_the_file_and_found_by_check(
     assert fault.split("_")[0] in findings.stdout.lower() or told[0].text in findings.stdout
 
 
-def test_an_estimator_that_raises_does_not_end_the_recording(campaign: Path) -> None:
-    """A real recorder with an estimator that fails in the middle: the session is whole and says so."""
-    config = load_config(campaign / "fieldkit.toml", settings=["simulation.speed=max"])
-    path = campaign / "recordings" / "estimator.h5"
-    calls = 0
-    original = Estimator.collect
-
-    def fails_later(self: Estimator, sample: object) -> object:
-        nonlocal calls
-        calls += 1
-        if calls == 200:
-            raise ZeroDivisionError("a mistake in the estimator")
-        return original(self, sample)  # type: ignore[arg-type]
-
-    with pytest.MonkeyPatch.context() as patch, open_instruments(config, duration_s=240.0) as tools:
-        patch.setattr(Estimator, "collect", fails_later)  # only a mistake of ours does
-        summary = PreparedRecording(config, tools, path, duration_s=240.0).run().summary
-    with open_session(path) as session:
-        kinds = [event.kind for event in session.events()]
-        assert session.count("lux") == summary.counts["lux"]
-    assert EventKind.ESTIMATOR in kinds
-    assert summary.counts["lux"] == pytest.approx(240, abs=3)
-
-
 class Falling:
     """Looks on, and falls over at an item, or when all is over."""
 
@@ -212,84 +187,93 @@ def test_views_that_raise_do_not_end_the_recording(campaign: Path) -> None:
     assert views[1].seen > 120  # two meters each second, and pictures
 
 
+class Filling:
+    """Looks on; from one reading of the light meter to another no more than `room` bytes fit the journal."""
+
+    def __init__(self, session: Path, first: int, last: int = -1, room: int = 0) -> None:
+        self.session, self.first, self.last, self.room = session, first, last, room
+        self.disk = ExitStack()
+
+    def show(self, item: object) -> None:
+        if not isinstance(item, Reading) or item.stream != "lux":
+            return
+        if item.seq == self.first:
+            send(inbox(self.session), Mark("the last"))
+            self.fill()
+        elif item.seq == self.last:
+            self.disk.close()
+
+    def fill(self) -> None:
+        part = max(journal_path(self.session).glob("0*.log"))
+        self.disk.enter_context(full_disk(part.stat().st_size + self.room))
+
+    def close(self) -> None:
+        self.disk.close()
+
+
 def test_pictures_left_out_just_before_the_end_are_told(campaign: Path) -> None:
-    """An error of storing 4 s before the end: the pause that follows outlives the recording."""
+    """A second without room for frames 4 s before the end: the pause that follows outlives the recording."""
     settings = ["simulation.speed=max", "record.sampling=all"]
     config = load_config(campaign / "fieldkit.toml", settings=settings)
     path = campaign / "recordings" / "paused.h5"
-    original, failed = SessionWriter.append, []
-
-    def fails_once(self: SessionWriter, sample: Sample) -> None:
-        if (sample.stream, sample.seq) == ("lux", 26) and not failed:
-            failed.append(sample)
-            raise StorageError("no room for a moment")
-        original(self, sample)
-
-    with pytest.MonkeyPatch.context() as patch, open_instruments(config, duration_s=30.0) as tools:
-        patch.setattr(SessionWriter, "append", fails_once)  # a disk has room again at no known sample
-        PreparedRecording(config, tools, path, duration_s=30.0).run()
+    with open_instruments(config, duration_s=30.0) as tools:
+        view = Filling(path, 25, 26, room=10_000)
+        PreparedRecording(config, tools, path, duration_s=30.0).run([view])
     with open_session(path) as session:
         (told,) = [event.text for event in session.events() if event.kind is EventKind.DISK]
         pictures = session.count("camera")
+        assert session.count("lux") == pytest.approx(30, abs=3)
     left_out = int(told.split()[0])
-    assert told == f"{left_out} frames skipped after a storage error: no room for a moment"
+    assert told.startswith(f"{left_out} frames skipped after a storage error: ")
+    assert "File too large" in told
     assert pictures + left_out == pytest.approx(30 * 8.7, abs=10)
 
 
-def test_a_session_that_ended_early_says_so_and_keeps_the_marks_of_its_last_second(campaign: Path) -> None:
-    """The disk takes nothing from second 20 on, until the room kept for the end is given back."""
+class Crowding(Filling):
+    """Another program that fills the disk, all at once."""
+
+    def fill(self) -> None:
+        with suppress(OSError), (self.session.parent / "crowd").open("wb", buffering=0) as file:
+            while file.write(bytes(4096)):
+                pass
+
+
+def test_a_session_that_ended_early_says_so_and_keeps_the_marks_of_its_last_second(
+    campaign: Path, tmp_path: Path
+) -> None:
+    """The disk takes next to nothing from second 20 on, until the room kept for the end is given back."""
     config = load_config(campaign / "fieldkit.toml", settings=["simulation.speed=max"])
-    path = campaign / "recordings" / "full.h5"
-    append, event = SessionWriter.append, SessionWriter.event
-    full = []
-
-    def takes_no_sample(self: SessionWriter, sample: Sample) -> None:
-        if full or (sample.stream, sample.seq) == ("lux", 20):
-            if not full:
-                send(inbox(path), Mark("the last"))
-            full.append(sample)
-            raise StorageError("database or disk is full")
-        append(self, sample)
-
-    def takes_no_event(self: SessionWriter, happened: Event) -> None:
-        if full and (journal_path(path) / "reserve").exists():
-            raise StorageError("database or disk is full")
-        event(self, happened)
-
-    with pytest.MonkeyPatch.context() as patch, open_instruments(config, duration_s=600.0) as tools:
-        # full for all but the end: a real disk has other writers
-        patch.setattr(SessionWriter, "append", takes_no_sample)
-        patch.setattr(SessionWriter, "event", takes_no_event)
-        summary = PreparedRecording(config, tools, path, duration_s=600.0).run().summary
-    assert summary.failure is not None
-    with open_session(path) as session:
-        assert session.state == "sealed"
-        assert session.count("lux") == summary.counts["lux"] == 20
-        events = [one for one in session.events() if one.severity is Severity.ERROR and phase_of(one) is None]
-        marks = [one.text for one in session.events() if one.kind is EventKind.MARK]
-    assert events[-1].text == "the recording ended early: database or disk is full"
+    with small_disk(tmp_path, "24m") as place:
+        path = place / "full.h5"
+        with open_instruments(config, duration_s=600.0) as tools:
+            view = Crowding(path, 20)
+            summary = PreparedRecording(config, tools, path, duration_s=600.0).run([view]).summary
+        assert summary.failure is not None
+        with open_session(path) as session:
+            assert session.state == "sealed"
+            assert 20 < session.count("lux") == summary.counts["lux"] < 60
+            errors = [one for one in session.events() if one.severity is Severity.ERROR]
+            marks = [one.text for one in session.events() if one.kind is EventKind.MARK]
+    ends = [one.text for one in errors if phase_of(one) is None]
+    assert ends[-1].startswith("the recording ended early: ")
+    assert "No space left on device" in ends[-1]
     assert marks == ["the last"]
 
 
 def test_a_mark_that_no_room_is_left_for_is_not_sealed_away(campaign: Path) -> None:
-    """The disk takes samples, which are small, but not the mark; recovery does, once there is room."""
+    """Recovery keeps it, once there is room."""
     config = load_config(campaign / "fieldkit.toml", settings=["simulation.speed=max"])
     path = campaign / "recordings" / "no-room.h5"
-    put = SessionWriter.put
-
-    def takes_no_mark(self: SessionWriter, entry: Entry) -> None:
-        if isinstance(entry, Event) and entry.kind is EventKind.MARK:
-            raise StorageError("database or disk is full")
-        put(self, entry)
-
-    with pytest.MonkeyPatch.context() as patch, open_instruments(config, duration_s=20.0) as tools:
-        patch.setattr(SessionWriter, "put", takes_no_mark)  # full after the last sample
-        with pytest.raises(StorageError, match="last marks could not be stored") as failed:
-            PreparedRecording(config, tools, path, duration_s=20.0).run([Noting(path)])
+    with (
+        open_instruments(config, duration_s=20.0) as tools,
+        pytest.raises(StorageError, match="last marks could not be stored") as failed,
+    ):
+        PreparedRecording(config, tools, path, duration_s=20.0).run([Filling(path, 10)])
     assert "recover(" in (failed.value.fix or "")
     fieldkit("recover", path)
     with open_session(path) as session:
-        assert [one.text for one in session.events() if one.kind is EventKind.MARK] == ["first"]
+        assert [one.text for one in session.events() if one.kind is EventKind.MARK] == ["the last"]
+        assert session.count("lux") >= 11
 
 
 def test_every_garbled_record_is_told_also_those_of_the_last_minute(campaign: Path) -> None:

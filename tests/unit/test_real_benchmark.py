@@ -108,7 +108,7 @@ def test_leafless_ridges_are_measured_and_leaves_refused():
 
 def test_a_module_and_a_wall_are_within_their_regions_beside_a_level_surface_by_the_weather():
     shared("data/real/twinhouse-o5-2013-aug-sep.csv")
-    for rows in (list(real._wall()), list(islice(real._pv(), 2))):
+    for rows in (list(real.wall()), list(islice(real.pv(), 2))):
         assert rows[1].value >= 85.0
         assert "refused 14" not in rows[0].note
         assert "refused 20" not in rows[0].note

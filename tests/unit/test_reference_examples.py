@@ -18,6 +18,7 @@ import pytest
 
 import fieldkit
 from fieldkit.drivers.identity import UsbIdentity
+from tests.harness.connected import plugged_in
 from tests.unit.test_face import REFERENCE, described
 
 pytest.importorskip("pandas", reason="the extra [lab] is not installed")
@@ -80,8 +81,7 @@ def instruments(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Non
     """A serial adapter that is found, and a port `light-meter` on which a Lutron shows 638 lx in its tens."""
     adapter = ("/dev/ttyUSB0", UsbIdentity(0x10C4, 0xEA60, "A7", "1-2", "CP2102"))
     # what the pages show is connected, whatever is connected to this computer; only a kernel makes its nodes
-    for name, found in (("cameras", []), ("serial_ports", [adapter])):
-        monkeypatch.setattr(f"fieldkit.drivers.discovery.{name}", lambda found=found: found)
+    plugged_in(monkeypatch, serial_ports=[adapter])
     monkeypatch.setattr("fieldkit.drivers.ports.serial_ports", lambda: [("light-meter", adapter[1])])
     # drivers of others that are installed here
     monkeypatch.setattr("fieldkit.drivers.registry.load_all", lambda: ([], []))

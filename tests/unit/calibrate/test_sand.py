@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import pytest
 
 import fieldkit
 from fieldkit.config import load_config
 from fieldkit.estimation.scale import with_known
 from fieldkit.model.errors import CalibrationError, ConfigError
+from fieldkit.model.samples import Frame, Quality, Sample
 from fieldkit.model.site import Region, RegionKind
-from fieldkit.results.minutes import Measured, Outcome, Run, measured_in, run_of
+from fieldkit.results.minutes import Outcome, Run, run_of
 from fieldkit.results.prior_of_others import prior_of_others
 from fieldkit.results.sources import source_of
 from fieldkit.results.sweep import read_grid, sweep
+from tests.harness.calibration_days import rewritten
 
 CORNERS = ((0.0, 0.0), (9.0, 0.0), (9.0, 9.0))
 FLAT = Region("flat", RegionKind.REFERENCE, CORNERS)
@@ -72,19 +72,13 @@ def test_the_next_session_takes_it_as_its_prior(
     assert settings.slab.depth_m == pytest.approx(sand.record.values["depth_m"])
 
 
-def test_a_session_without_a_frame_teaches_nothing(
-    sessions: list[Path], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def dark(*given: Any) -> Measured:
-        found = measured_in(*given)
-        return replace(
-            found, history=replace(found.history, temperature_k=found.history.temperature_k * np.nan)
-        )
+def test_a_session_without_a_usable_frame_teaches_nothing(sessions: list[Path], tmp_path: Path) -> None:
+    def flagged(sample: Sample) -> Sample:
+        return sample._replace(quality=Quality.SHUTTER) if isinstance(sample, Frame) else sample
 
-    # no camera records a whole day without one valid temperature
-    monkeypatch.setattr("fieldkit.results.minutes.measured_in", dark)
+    shuttered = rewritten(sessions[0], tmp_path / "shuttered.h5", flagged)
     with pytest.raises(CalibrationError, match="nothing was learnt: no frames of the reference yet"):
-        fieldkit.calibrate.surface(sessions[0], settings=LEARNED)
+        fieldkit.calibrate.surface(shuttered, settings=LEARNED)
 
 
 @pytest.fixture

@@ -11,6 +11,7 @@ from fieldkit.cli import main
 from fieldkit.drivers import discovery
 from fieldkit.drivers.identity import UsbIdentity
 from tests.harness.connected import plugged_in
+from tests.harness.plugins import install
 
 LUX = "02 34 31 31 35 30 30 30 30 30 39 38 37 36 30 0D"
 SMP = "01 04 10 00 01 00 01 00 01 20 F5 20 C7 00 03 01 39 00 79 48 A8"
@@ -141,11 +142,10 @@ def test_devices_lists_everything_with_its_identity(plugged):
     assert "10c4:ea60:A7" in run("devices").stdout
 
 
-def test_devices_tells_of_a_driver_that_cannot_be_loaded(monkeypatch):
-    monkeypatch.setitem(
-        discovery.registry.__dict__, "load_all", lambda: ([], ["the driver 'x' of y cannot be loaded"])
-    )
-    assert "warning: the driver 'x' of y cannot be loaded" in run("devices").stderr
+def test_devices_tells_of_a_driver_that_cannot_be_loaded(tmp_path, monkeypatch):
+    install(tmp_path, "broken-meter", "broken", "no_such_module:Driver")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert "warning: the driver 'broken' of broken-meter cannot be loaded" in run("devices").stderr
 
 
 def test_doctor_says_what_is_missing_and_how_to_mend_it(plugged, monkeypatch, tmp_path):
@@ -231,13 +231,25 @@ def test_udev_rules_are_printed_whole():
     assert 'ATTR{idVendor}=="1e4e", ATTR{idProduct}=="0100"' in printed
 
 
-def test_selftest_passes_our_drivers_and_exits_accordingly(monkeypatch):
+FAILING = """
+from fieldkit.drivers.meters.lutron import Lutron
+
+class Failing(Lutron):
+    name = "failing"
+
+    def find(self):
+        return 1 / 0
+"""
+
+
+def test_selftest_passes_our_drivers_and_exits_accordingly(tmp_path, monkeypatch):
     answer = run("selftest", "lutron", "--json")
     assert answer.exit_code == 0
     assert json.loads(answer.stdout)["passed"] is True
-    # no driver of ours fails
-    monkeypatch.setattr("fieldkit.drivers.meters.lutron.Lutron.find", lambda self: 1 / 0)
-    answer = run("selftest", "lutron")
+    install(tmp_path, "failing-meter", "failing", "failing_meter:Failing")
+    (tmp_path / "failing_meter.py").write_text(FAILING)
+    monkeypatch.syspath_prepend(tmp_path)
+    answer = run("selftest", "failing")
     assert answer.exit_code == 4
     assert "ZeroDivisionError" in answer.stdout
 

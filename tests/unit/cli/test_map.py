@@ -7,7 +7,6 @@ import json
 import re
 import shutil
 from pathlib import Path
-from types import SimpleNamespace
 
 import cv2
 import h5py
@@ -194,14 +193,13 @@ def test_one_minute_maps_the_component_along_the_sun(session, tmp_path):
     assert "another hour of the day" in refused.stderr
 
 
-def test_known_offset_of_a_region_is_taken_from_its_brightness(monkeypatch):
+def test_known_offset_of_a_region_is_taken_from_its_brightness():
     bed = Region("b", RegionKind.TARGET, ((0, 0), (4, 0), (4, 4), (0, 4)), emissivity=0.85)
     flat = Region("flat", RegionKind.REFERENCE, ((0, 0), (1, 0), (0, 1)))
     seen = float(brightness_temperature_k(318.15, 0.85, 233.15)) + 1.0
-    monkeypatch.setattr(slope_map, "mean_of_minute_k", lambda *_: np.full((4, 4), seen))
     settings = EstimatorSettings(model="paper", offsets_k={"b": 1.0})
-    surface_k = slope_map._surface_of_minute(None, SimpleNamespace(shape=(4, 4)), (flat, bed), settings)
-    assert surface_k(0) == pytest.approx(318.15, abs=1e-3)
+    surface_k = slope_map.surface_of_pixels((flat, bed), (4, 4), settings)
+    assert surface_k(np.full((4, 4), seen)) == pytest.approx(318.15, abs=1e-3)
 
 
 def test_pixels_by_the_learnt_parameters_agree_with_the_full_model_of_their_region(session, tmp_path):
@@ -438,11 +436,10 @@ def test_several_sessions_are_mapped_as_each_alone_from_python_too(session, tmp_
         np.testing.assert_array_equal(values, bands[0][2])
 
 
-def test_pixels_of_a_region_of_another_kind_are_left_out(monkeypatch):
+def test_pixels_of_a_region_of_another_kind_are_left_out():
     """They would be compared with the surface of the reference."""
     rocks = Region("rocks", RegionKind.TARGET, ((0, 0), (1, 0), (1, 3), (0, 3)))
     bed = Region("bed", RegionKind.TARGET, ((2, 0), (3, 0), (3, 3), (2, 3)))
-    monkeypatch.setattr(slope_map, "mean_of_minute_k", lambda *_: np.full((4, 4), 290.0))
     settings = EstimatorSettings(kinds={"rocks": "rock"})
-    surface_k = slope_map._surface_of_minute(None, SimpleNamespace(shape=(4, 4)), (rocks, bed), settings)
-    np.testing.assert_array_equal(np.isnan(surface_k(0)), rocks.mask((4, 4)))
+    surface_k = slope_map.surface_of_pixels((rocks, bed), (4, 4), settings)
+    np.testing.assert_array_equal(np.isnan(surface_k(np.full((4, 4), 290.0))), rocks.mask((4, 4)))

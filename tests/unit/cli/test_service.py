@@ -63,10 +63,15 @@ def systemd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     # the units of this computer are not for a test to change, and root may not own a service of a user
     monkeypatch.setattr(service, "SYSTEMD_RUNS", folder)
     monkeypatch.setattr(service, "SYSTEM_UNITS", tmp_path / "system")
-    monkeypatch.setattr(service, "PACKAGED_UNITS", tmp_path / "none")
+    monkeypatch.setattr(service, "PACKAGED_UNITS", tmp_path / "packaged")
     monkeypatch.setattr(service, "LINGERING", tmp_path / "linger")
     monkeypatch.setattr(os, "geteuid", lambda: 12345)  # the tests may run as root
     return folder
+
+
+@pytest.fixture
+def root(systemd: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "geteuid", lambda: 0)  # the tests may not run as root
 
 
 def run(*words: str | Path):
@@ -157,16 +162,14 @@ def test_without_rights(campaign, systemd, words, message):
     assert "sudo" in done.stderr
 
 
-def test_sudo_by_mistake(campaign, systemd, monkeypatch, tmp_path):
-    monkeypatch.setattr(os, "geteuid", lambda: 0)  # the tests may not run as root
+def test_sudo_by_mistake(campaign, root, tmp_path):
     done = run("install", "-C", campaign)
     assert done.exit_code == 9
     assert "without sudo, or add --system" in done.stderr
     assert not unit(tmp_path).exists()
 
 
-def test_a_system_service_runs_as_the_folders_owner(campaign, systemd, monkeypatch, tmp_path):
-    monkeypatch.setattr(os, "geteuid", lambda: 0)  # the tests may not run as root
+def test_a_system_service_runs_as_the_folders_owner(campaign, systemd, root, tmp_path):
     done = run("install", "-C", campaign, "--system")
     assert done.exit_code == 0, done.output
     assert f"\nUser={pwd.getpwuid(os.getuid()).pw_name}\n" in (tmp_path / "system" / NAME).read_text()
@@ -198,16 +201,14 @@ def test_without_a_campaign(systemd, tmp_path):
     assert "no fieldkit.toml" in done.stderr
 
 
-def test_status_shows_the_unit_of_a_package_and_remove_leaves_it(systemd, tmp_path, monkeypatch):
+def test_status_shows_the_unit_of_a_package_and_remove_leaves_it(root, tmp_path):
     packaged = tmp_path / "packaged"
     packaged.mkdir()
     (packaged / NAME).write_text(packaged_unit().text())
-    monkeypatch.setattr(service, "PACKAGED_UNITS", packaged)
     shown = json.loads(run("status", "--json").stdout)["services"]
     assert [(one["unit"], one["campaign"]) for one in shown] == [
         (str(packaged / NAME), "/var/lib/fieldkit/campaign")
     ]
-    monkeypatch.setattr(os, "geteuid", lambda: 0)  # the tests may not run as root
     done = run("remove", "--system")
     assert done.exit_code == 9
     assert "sudo systemctl disable --now" in done.stderr

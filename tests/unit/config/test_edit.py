@@ -9,6 +9,7 @@ from fieldkit.config import ConfigMistakesError
 from fieldkit.config.edit import add_region, change_region, remove_region
 from fieldkit.config.toml_lines import key_lines
 from fieldkit.model.errors import ConfigError, StorageError
+from tests.harness.rights import ordinary_rights
 
 TEXT = """\
 # my campaign
@@ -78,12 +79,9 @@ def test_a_region_that_is_not_there_cannot_be_removed(file):
     assert "flat" in (caught.value.fix or "")
 
 
-def test_a_folder_that_takes_no_file_is_told(file, monkeypatch):
-    def refuse(*_: object) -> None:
-        raise OSError(30, "Read-only file system")
-
-    monkeypatch.setattr("os.replace", refuse)  # root may write into any folder
-    with pytest.raises(StorageError, match="Read-only file system"):
+def test_a_folder_that_takes_no_file_is_told(file):
+    file.parent.chmod(0o500)
+    with ordinary_rights(), pytest.raises(StorageError, match="Permission denied"):
         add_region(file, BED)
     assert file.read_text() == TEXT
 

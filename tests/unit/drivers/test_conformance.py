@@ -1,7 +1,6 @@
 """Every driver passes the suite, the sample plug-in too; a driver that breaks a rule is caught."""
 
 import contextlib
-import importlib
 import sys
 import tomllib
 from pathlib import Path
@@ -15,6 +14,7 @@ from fieldkit.drivers.meters.lutron import Lutron
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceLostError
+from tests.harness.plugins import install
 
 LUX = bytes.fromhex("02 34 31 31 35 30 30 30 30 30 39 38 37 36 30 0D")
 TEMPERATURES = bytes.fromhex("02 80 80 00 00 00 00 00 FD FF CC 03 ED 7F FF" + "00" * 24 + "08 00 00 00 00 03")
@@ -49,13 +49,9 @@ def sample_package(tmp_path, monkeypatch):
     """The sample package as pip would install it."""
     project = tomllib.loads((SAMPLE / "pyproject.toml").read_text())["project"]
     (tmp_path / "sample_lux.py").write_text((SAMPLE / "sample_lux.py").read_text())
-    info = tmp_path / "sample_lux-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: 1.0\n")
-    lines = (f"{name} = {target}" for name, target in project["entry-points"]["fieldkit.drivers"].items())
-    (info / "entry_points.txt").write_text("[fieldkit.drivers]\n" + "\n".join(lines) + "\n")
-    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])  # as a package that pip installed
-    importlib.invalidate_caches()
+    ((name, target),) = project["entry-points"]["fieldkit.drivers"].items()
+    install(tmp_path, project["name"], name, target)
+    monkeypatch.syspath_prepend(tmp_path)
     yield
     sys.modules.pop("sample_lux", None)
 

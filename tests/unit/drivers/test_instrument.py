@@ -5,13 +5,13 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from fieldkit.drivers import instrument
-from fieldkit.drivers.discovery import ConnectedDevice
+from fieldkit.drivers.discovery import find_devices
+from fieldkit.drivers.identity import UsbIdentity
 from fieldkit.drivers.instrument import Instrument, MeasuredReading, open_device
-from fieldkit.model.clock import HostClock
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, DeviceNotFoundError, DeviceTimeoutError
 from fieldkit.model.samples import Frame, Quality, Reading
+from tests.harness.connected import plugged_in
 
 NOON_NS = 1_780_000_000_000_000_000
 NO_ROWS = np.empty((0, 0), np.uint16)
@@ -80,26 +80,22 @@ def test_an_instrument_describes_itself():
     assert repr(Instrument(camera())) == "<purethermal at usb:1-1: brightness_temperature [K], 2x2>"
 
 
-def test_a_found_device_is_opened_by_identity(monkeypatch):
-    wanted = []
-    # which settings a driver is opened with; opening real ones is test_conformance's
-    monkeypatch.setattr(
-        instrument.registry, "open_device", lambda settings, clock: wanted.append(settings) or camera()
-    )
-    found = ConnectedDevice("1e4e:0100", "/dev/video0", "PureThermal", ("purethermal",))
-    # what is connected to this computer does not count
-    monkeypatch.setattr(instrument, "find_devices", lambda: [found])
-    open_device(found, clock=HostClock())
-    open_device()
-    assert [(one.driver, one.identity, one.port) for one in wanted] == 2 * [("purethermal", "1e4e:0100", "")]
+def test_a_found_device_is_opened_by_identity_whatever_its_number(monkeypatch, tmp_path):
+    usb = UsbIdentity(0x1E4E, 0x0100, title="PureThermal")
+    plugged_in(monkeypatch, cameras=[("/dev/video0", usb)])
+    (found,) = find_devices()
     assert repr(found) == "<PureThermal [1e4e:0100] at /dev/video0: purethermal>"
+    plugged_in(monkeypatch, cameras=[(f"{tmp_path}/video2", usb)])
+    for given in ((found,), ()):
+        with pytest.raises(DeviceNotFoundError, match=f"no camera at {tmp_path}/video2"):
+            open_device(*given)
 
 
 def test_a_device_that_two_drivers_recognise_needs_a_choice(monkeypatch):
-    adapter = ConnectedDevice("10c4:ea60", "/dev/ttyUSB0", "CP2102", ("lutron", "pce-174"), "any adapter")
+    plugged_in(monkeypatch, serial_ports=[("/dev/ttyUSB0", UsbIdentity(0x10C4, 0xEA60, title="CP2102"))])
+    (adapter,) = find_devices()
+    assert {"lutron", "pce-174"} <= set(adapter.drivers)
     with pytest.raises(ConfigError, match="choose a driver"):
         open_device(adapter)
-    # what is connected to this computer does not count
-    monkeypatch.setattr(instrument, "find_devices", lambda: [adapter])
     with pytest.raises(DeviceNotFoundError, match="found: none"):
         open_device()

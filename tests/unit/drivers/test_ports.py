@@ -15,6 +15,7 @@ from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceAccessError, DeviceLostError, DeviceNotFoundError
 from tests.harness.connected import plugged_in
+from tests.harness.rights import ordinary_rights
 
 RECORD = bytes.fromhex("02 34 31 31 35 30 30 30 30 30 39 38 37 36 30 0D")
 BYTE_NS = 1_041_666  # ten bits at 9600 baud
@@ -153,11 +154,10 @@ def test_permission_says_what_to_type_and_never_to_join_root(tmp_path, monkeypat
     assert (f"usermod -aG {group}" in failure.fix) == joins
 
 
-@pytest.mark.skipif(os.geteuid() == 0, reason="root may open everything")
 def test_port_without_permission_is_an_access_error(tmp_path):
     forbidden = tmp_path / "tty"
     forbidden.touch(mode=0)
-    with pytest.raises(DeviceAccessError, match="no permission"):
+    with ordinary_rights(), pytest.raises(DeviceAccessError, match="no permission"):
         SerialPort(str(forbidden), Line(), HostClock())
 
 

@@ -1,4 +1,3 @@
-import importlib
 import subprocess
 import sys
 
@@ -8,20 +7,12 @@ from fieldkit.drivers import registry
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import ConfigError
-
-
-def install(folder, package, name, module="json:JSONDecoder"):
-    """Lay down what pip would of a package that offers a driver."""
-    info = folder / f"{package.replace('-', '_')}-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text(f"[fieldkit.drivers]\n{name} = {module}\n")
+from tests.harness.plugins import install
 
 
 @pytest.fixture
 def site_packages(tmp_path, monkeypatch):
-    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])  # as packages that pip installed
-    importlib.invalidate_caches()
+    monkeypatch.syspath_prepend(tmp_path)
     return tmp_path
 
 

@@ -15,16 +15,17 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
+import fieldkit
 from fieldkit.cli import main
-from fieldkit.estimation.estimator import Estimator
+from fieldkit.config import FILE_NAME, load_config
+from fieldkit.estimation.estimator import Estimator, Minute
 from fieldkit.estimation.following import RegionFollower
 from fieldkit.model.alarm import phase_of
-from fieldkit.model.samples import Event, EventKind, Health, Severity
+from fieldkit.model.samples import Event, EventKind, Severity
 from fieldkit.recording.request_reader import RequestReader
 from fieldkit.recording.running import stop_recording
 from fieldkit.sessions.lock import is_locked, journal_path
 from fieldkit.sessions.reader import open_session
-from fieldkit.views.terminal_view import PlainView
 from tests.harness.learnt import learnt
 from tests.harness.waiting import wait_until
 
@@ -302,21 +303,21 @@ def test_estimates_that_are_late_are_an_event_and_so_is_their_return(
     ]  # a busy computer may be late again
 
 
-def test_a_view_that_fails_is_told_and_left_out(campaign: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    shown = []
+def test_a_view_that_fails_is_told_and_left_out(campaign: Path) -> None:
+    shown: list[Minute] = []
 
-    def show(self: PlainView, item: object) -> None:
-        shown.append(item)
-        if isinstance(item, Health) and len(shown) > 20:
-            raise OSError("the terminal is gone")
+    def show(minute: Minute) -> None:
+        shown.append(minute)
+        raise OSError("the terminal is gone")
 
-    monkeypatch.setattr(PlainView, "show", show)  # the runner's output is a buffer, which takes everything
-    assert record(campaign).exit_code == 0
-    counts, events = stored(the_session(campaign))
+    config = load_config(campaign / FILE_NAME, settings=["simulation.speed=max"])
+    with fieldkit.record(config, duration=LENGTH_S, on_minute=show) as session:
+        counts, events = stored(session.path)
+        assert len(session.minutes()) > 1
     assert is_whole(counts)
     (lost,) = [event for event in events if event.kind is EventKind.VIEW]
-    assert "the terminal is gone" in lost.text
-    assert len(shown) < 0.5 * sum(counts.values())
+    assert "a view stopped: OSError('the terminal is gone')" in lost.text
+    assert len(shown) == 1
 
 
 def test_what_is_noted_last_and_what_the_estimator_notices_is_in_the_session(

@@ -13,6 +13,7 @@ from fieldkit.recording.redrawing import NewRegions, Redrawing
 from fieldkit.recording.request_reader import RequestReader, left_requests
 from fieldkit.recording.requests import Acknowledgement, Shutter, inbox, send
 from fieldkit.simulation.simulated_clock import SimulatedClock
+from tests.harness.rights import ordinary_rights
 
 NOON_NS = 1_451_674_800_000_000_000  # 2016-01-01T19:00:00Z, noon in Denver
 
@@ -145,17 +146,17 @@ def test_marks_of_a_recording_that_was_killed_at_its_last_look_are_left(folder, 
 
 
 @pytest.fixture
-def hiccup(monkeypatch):
-    """While in it, the drive does not answer."""
+def hiccup(folder):
+    """While in it, the folder of the marks cannot be looked into, as on a network drive that is away."""
 
     @contextmanager
     def hiccup():
-        def fails(*_, **__):
-            raise OSError("stale file handle")
-
-        with monkeypatch.context() as patch:
-            patch.setattr("pathlib.Path.stat", fails)  # as a share of a network does for a moment
-            yield
+        folder.parent.chmod(0)
+        try:
+            with ordinary_rights():
+                yield
+        finally:
+            folder.parent.chmod(0o700)
 
     return hiccup
 
@@ -172,23 +173,21 @@ def test_marks_that_cannot_be_read_at_the_end_keep_the_session_from_being_sealed
     send(folder, Mark("wind"))
     marks = RequestReader(folder, clock)
     with hiccup():
-        with pytest.raises(StorageError, match="stale file handle") as caught:
+        with pytest.raises(StorageError, match="Permission denied") as caught:
             marks.close()
-        with pytest.raises(StorageError, match="stale file handle"):
+        with pytest.raises(StorageError, match="Permission denied"):
             left_requests(folder)
     assert "fieldkit.sessions.recovery.recover(" in caught.value.fix
     assert [event.text for event in left_requests(folder)] == ["wind"]
 
 
-def test_a_mark_that_cannot_be_removed_is_taken_once(folder, clock, monkeypatch):
+def test_a_mark_that_cannot_be_removed_is_taken_once(folder, clock):
     send(folder, Mark("dropped with sudo"))
-
-    def refused(*_):
-        raise PermissionError
-
-    monkeypatch.setattr("pathlib.Path.unlink", refused)  # root may remove any file
+    folder.chmod(0o500)
     marks = RequestReader(folder, clock)
-    assert [event.text for event in (*marks(), *marks())] == ["dropped with sudo"]
+    with ordinary_rights():
+        assert [event.text for event in (*marks(), *marks())] == ["dropped with sudo"]
+    assert list(folder.glob("*.json"))
 
 
 def test_a_mark_that_could_not_be_stored_stays_and_comes_again(folder, clock):

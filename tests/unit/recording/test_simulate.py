@@ -59,15 +59,6 @@ def test_more_beds_than_fit_the_frame_or_a_second_campaign_in_a_folder_are_refus
         simulate(tmp_path / "d")
 
 
-def test_a_minute_callback_that_raises_does_not_end_the_recording(tmp_path):
-    def fails(minute):
-        raise ZeroDivisionError
-
-    with simulate(tmp_path / "c", duration=150, on_minute=fails) as session:
-        assert session.state == "sealed"
-        assert any("view stopped" in event.text for event in session.events())
-
-
 def test_a_campaign_made_in_python_takes_regions_and_is_recorded(tmp_path):
     campaign = init_campaign(tmp_path / "c", simulated=True)
     campaign.add_region("corner", rect=(1, 1, 12, 12), tilt_deg=7, azimuth_deg=90)

@@ -26,10 +26,11 @@ from fieldkit.sessions.records import (
     encode_sample,
 )
 from fieldkit.sessions.session_file import FileThread
+from tests.harness.disk import full_disk
 from tests.harness.learnt import learnt
 from tests.harness.recording import START_NS, header, same, sample
+from tests.harness.rights import ordinary_rights
 from tests.harness.waiting import wait_until
-from tests.unit.sessions.test_log import full_disk
 
 HEADER = header((24, 32))
 IDENTITY = SessionIdentity("a-session", START_NS, 77, HEADER)
@@ -291,26 +292,20 @@ def test_a_disk_that_does_not_confirm_is_told_and_the_part_is_asked_for_again(
 ) -> None:
     journal = filled(tmp_path / "journal", 6, part_bytes=10**9)
     told: list[str] = []
-    asked: list[tuple[Path, int]] = []
-
-    def refuse_once(path: Path) -> None:
-        asked.append((path, (journal.folder / "confirmed.log").stat().st_size))
-        if len(asked) == 1:
-            raise OSError(5, "Input/output error")
-
     monkeypatch.setattr(journal_module, "SYNC_EVERY_S", 0.01)  # a shorter wait
-    monkeypatch.setattr(journal_module, "sync_data", refuse_once)  # no disk here fails when it is asked to
-    thread = SyncThread(journal, told.append)
-    thread.start()
-    wait_until(lambda: len(asked) > 1, "the part is not asked for again")
+    part, confirmed = journal.part_path(1), journal.folder / "confirmed.log"
+    part.chmod(0)
+    before = confirmed.stat().st_size
+    with ordinary_rights():
+        thread = SyncThread(journal, told.append)
+        thread.start()
+    wait_until(lambda: told, "the refusal is not reported")
+    assert confirmed.stat().st_size == before  # what was not confirmed was not counted
+    part.chmod(0o600)
+    wait_until(lambda: confirmed.stat().st_size > before, "the part is not asked for again")
     thread.stop()
-    assert len(told) == 1
-    assert "did not confirm the last second" in told[0]
-    assert "Input/output error" in told[0]
-    assert {path for path, _ in asked} == {journal.part_path(1)}
-    (_, before), (_, after) = asked[:2]
-    assert before == after  # what was not confirmed was not counted
-    assert (journal.folder / "confirmed.log").stat().st_size > after
+    assert all("did not confirm the last second" in text for text in told)
+    assert str(part) in told[0]
     journal.close()
 
 

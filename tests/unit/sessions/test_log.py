@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import random
-import resource
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
 from fieldkit.sessions.log import MAGIC, Kind, LogReader, LogWriter, session_number
+from tests.harness.disk import full_disk
 
 SESSION = session_number("a-session")
 OTHER = session_number("another")
@@ -115,17 +113,6 @@ def test_record_within_a_record_is_not_taken_for_one(tmp_path: Path) -> None:
     log.close()
     found, _ = read(outer)
     assert found == [(number, inner.read_bytes()) for number in range(3)]
-
-
-@contextmanager
-def full_disk(size: int) -> Iterator[None]:
-    """No file becomes larger: the kernel writes what fits, then refuses, as on a full disk."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 def test_record_that_does_not_fit_leaves_nothing_behind(tmp_path: Path) -> None:

@@ -27,6 +27,7 @@ from fieldkit.sessions.time_map import TimeStep
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness import disk
 from tests.harness.recording import START_NS, CountedClock, fill, header, same, sample
+from tests.harness.rights import ordinary_rights
 
 HEADER = header((60, 80))
 FRAMES = 400
@@ -337,16 +338,14 @@ def test_full_disk_leaves_the_crashed_file_where_it_is(
     assert interrupted.exists()
 
 
-def test_full_disk_keeps_no_part_of_a_new_file(
-    interrupted: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.mark.parametrize("share", [0.0, 0.5, 0.99])
+def test_full_disk_keeps_no_part_of_a_new_file(interrupted: Path, tmp_path: Path, share: float) -> None:
     """It would take the room that is to be made."""
-    full = OSError(errno.ENOSPC, "No space left")
-    # at the end of the new file; tests/e2e/test_failing_disk.py has real failures
-    monkeypatch.setattr(SessionFile, "finish", lambda *_: (_ for _ in ()).throw(full))
-    with pytest.raises(StorageError, match="No space left"):
+    room = int(share * interrupted.stat().st_size)
+    with disk.full_disk(room), pytest.raises(StorageError, match="too large"):
         recover(interrupted)
     assert not (tmp_path / "a.h5.recovering").exists()
+    assert recover(interrupted).counts["camera"] == 20  # once there is room
 
 
 def test_time_map_outlives_recovery(tmp_path: Path) -> None:
@@ -386,15 +385,13 @@ def test_time_map_that_was_lost_with_the_end_of_the_file_is_told(
         assert session.time_map() == []
 
 
-def test_recovery_of_a_finished_session_writes_nothing(
-    sealed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_recovery_of_a_finished_session_writes_nothing(sealed: Path, tmp_path: Path) -> None:
     path = tmp_path / "a.h5"
     shutil.copy(sealed, path)
-    read_only = OSError(errno.EROFS, "Read-only file system")
-    # root may write into any folder
-    monkeypatch.setattr(Path, "mkdir", lambda *_, **__: (_ for _ in ()).throw(read_only))
-    assert recover(path).was_complete
+    path.chmod(0o400)
+    tmp_path.chmod(0o500)
+    with ordinary_rights():
+        assert recover(path).was_complete
     assert [item.name for item in tmp_path.iterdir()] == ["a.h5"]
 
 

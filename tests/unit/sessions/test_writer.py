@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import shutil
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 
 import h5py
@@ -13,7 +11,7 @@ import numpy as np
 import pytest
 
 from fieldkit.model.errors import ConfigError, IntegrityError, RefusedError, SessionError, StorageError
-from fieldkit.model.samples import Event, EventKind, Health, Quality, Severity, StreamHealth
+from fieldkit.model.samples import Event, EventKind, Health, Quality, Sample, Severity, StreamHealth
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.recording.recordings import is_interrupted
@@ -22,8 +20,8 @@ from fieldkit.sessions import seal as seal_module
 from fieldkit.sessions.lock import journal_path
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.recovery import recover
-from fieldkit.sessions.session_file import SessionFile
 from fieldkit.sessions.writer import SessionWriter
+from tests.harness.disk import full_disk
 from tests.harness.recording import CountedClock, fill, header, same, sample
 from tests.harness.waiting import wait_until
 
@@ -222,21 +220,10 @@ def test_long_journal_is_shortened_and_nothing_is_lost(
 
 
 def test_recording_goes_on_when_the_file_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The file side meets an I/O error at its third flush; the session is finished from the journal."""
-    flush, calls = SessionFile.flush, []
-
-    def failing(self: SessionFile, *, everything: bool = False) -> object:
-        calls.append(1)
-        if len(calls) == 3:
-            raise OSError(5, "Input/output error")
-        return flush(self, everything=everything)
-
-    # this file alone, and not the journal beside it on the same disk
-    monkeypatch.setattr(SessionFile, "flush", failing)
+    """The session is finished from the journal."""
     clock, path = CountedClock(), tmp_path / "a.h5"
     writer = SessionWriter(path, HEADER, clock)
-    appended = fill(writer, 60, clock)
-    wait_until(partial(goes_on_without_its_file, path), "the file does not fail")
+    appended = filled_without_its_file(writer, 60, clock, monkeypatch)
     appended += [sample(HEADER.streams[0], 60, clock.mono_ns())]
     appended[-1] = appended[-1]._replace(time_ns=clock.to_utc_ns(appended[-1].mono_ns))
     writer.append(appended[-1])
@@ -253,13 +240,10 @@ def test_session_of_which_something_is_lost_is_not_sealed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The file side fails, and five rows of the journal are damaged: only recovery says what is missing."""
-    put, path, clock = SessionFile.put, tmp_path / "a.h5", CountedClock()
-    monkeypatch.setattr(SessionFile, "put", failing_at(40, put))  # the file alone, as above
+    path, clock = tmp_path / "a.h5", CountedClock()
     writer = SessionWriter(path, HEADER, clock)
-    fill(writer, 80, clock)
-    wait_until(partial(goes_on_without_its_file, path), "the file does not fail")
-    monkeypatch.setattr(SessionFile, "put", put)
-    part = journal_path(path) / "000001.log"
+    filled_without_its_file(writer, 80, clock, monkeypatch)
+    part = max(journal_path(path).glob("0*.log"))
     data = bytearray(part.read_bytes())
     for seq in range(75, 80):
         data[data.index(sample(HEADER.streams[0], seq).counts[5].tobytes())] ^= 1
@@ -272,21 +256,20 @@ def test_session_of_which_something_is_lost_is_not_sealed(
     assert (run.stream, run.first, run.last) == ("camera", 75, 79)
 
 
-def goes_on_without_its_file(path: Path) -> bool:
-    return b"recording goes on in the journal" in (journal_path(path) / "000001.log").read_bytes()
+def filled_without_its_file(
+    writer: SessionWriter, frames: int, clock: CountedClock, patch: pytest.MonkeyPatch
+) -> list[Sample]:
+    """Record while the file may not grow; the journal, in parts that are smaller than the file, does."""
+    patch.setattr(journal, "PART_BYTES", 20_000)  # a full part takes 256 MB
+    folder = journal_path(writer.path)
 
+    def goes_on() -> bool:
+        return any(b"recording goes on in the journal" in part.read_bytes() for part in folder.glob("0*.log"))
 
-def failing_at(number: int, put: Callable[..., object]) -> Callable[..., object]:
-    """Takes records up to one, of which the disk makes an I/O error."""
-    calls: list[int] = []
-
-    def failing(*arguments: object) -> object:
-        calls.append(1)
-        if len(calls) == number:
-            raise OSError(5, "Input/output error")
-        return put(*arguments)
-
-    return failing
+    with full_disk(writer.path.stat().st_size):
+        appended = fill(writer, frames, clock)
+        wait_until(goes_on, "the file does not fail")
+    return appended
 
 
 def test_abandoned_session_is_left_for_recovery(tmp_path: Path) -> None:

@@ -14,9 +14,9 @@ from pathlib import Path
 import pytest
 
 from fieldkit.model.errors import RefusedError, StorageError
-from fieldkit.sessions import session_file
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter
+from tests.harness.disk import full_disk
 from tests.harness.recording import SPAWN, CountedClock, fill, header, sample
 
 HEADER = header((24, 32))
@@ -78,17 +78,10 @@ def test_session_sealed_since_one_looked_is_left_alone(
         assert session.state == "sealed"
 
 
-def test_start_that_fails_leaves_nothing_open_and_nothing_behind(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def full(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    # once the journal is made there was room: only the file is refused
-    monkeypatch.setattr(session_file, "SessionFile", full)
-    for number in range(3):
-        with pytest.raises(StorageError, match="No space left"):
-            SessionWriter(tmp_path / f"{number}.h5", HEADER, CountedClock())
+@pytest.mark.parametrize("room", [0, 10_000, 1_000_000])  # for nothing, the journal, all but its reserve
+def test_start_that_fails_leaves_nothing_open_and_nothing_behind(tmp_path: Path, room: int) -> None:
+    with full_disk(room), pytest.raises(StorageError, match="File too large"):
+        SessionWriter(tmp_path / "a.h5", HEADER, CountedClock())
     assert not list(tmp_path.iterdir())
     gc.collect()
     opened = [os.readlink(item) for item in Path("/proc/self/fd").iterdir() if item.is_symlink()]

@@ -12,9 +12,10 @@ class Reel:
     backend = "reel"
     port = "reel"
 
-    def __init__(self, buffers, controls=None):
+    def __init__(self, buffers, controls=None, refuses=False):
         self.buffers = list(buffers)
         self.controls = controls or {}
+        self.refuses = refuses
         self.written = []
         self.closed = 0
 
@@ -31,10 +32,15 @@ class Reel:
         return self.controls[unit, selector]
 
     def set_control(self, unit, selector, data):
-        self.written.append((unit, selector, data))
+        self._write(unit, selector, data)
 
     def set_zoom(self, value):
-        self.written.append(("zoom", value))
+        self._write("zoom", value)
+
+    def _write(self, *command):
+        if self.refuses:
+            raise DeviceError("refused")
+        self.written.append(command)
 
     def close(self):
         self.closed += 1

@@ -109,12 +109,8 @@ def test_camera_that_stays_in_the_wrong_mode_is_explained(reel):
         opened(reel(frame(np.full((288, 384), 0x8040))))
 
 
-def test_camera_that_refuses_its_first_command_is_let_go(reel, monkeypatch):
-    def refuse(*_):
-        raise DeviceError("refused zoom command 0x8020")
-
-    source = reel(frame(flat(5000)))
-    monkeypatch.setattr(type(source), "set_zoom", refuse)
+def test_camera_that_refuses_its_first_command_is_let_go(reel):
+    source = reel(frame(flat(5000)), refuses=True)
     with pytest.raises(DeviceError, match="refused"):
         opened(source)
     assert source.closed == 1

@@ -210,10 +210,8 @@ def test_shutter_runs_through_the_extension_unit_and_flags_what_follows(reel):
     assert camera.read(1.0).quality == Quality.SHUTTER
 
 
-def test_camera_without_controls_says_so(reel, monkeypatch):
-    source = reel(frame())
-    monkeypatch.setattr(source, "set_control", lambda *_: source.get_control(0, 0, 0))
-    assert opened(source).run_shutter() is False
+def test_camera_without_controls_says_so(reel):
+    assert opened(reel(frame(), refuses=True)).run_shutter() is False
 
 
 def test_silent_camera_and_other_frames_are_explained_and_closed(reel):

@@ -27,6 +27,7 @@ class P3(Instrument):
         super().__init__(port)
         self.streams, self.number, self.lost, self.shutters, self.busy = False, 0, 0, 0, 0
         self.reply, self.stream, self.gain, self.status = b"", b"", 1, 3
+        self.busy_for, self.refuses = 2, False
 
     def control(self, kind, request, value, index, data):
         if (kind, request, index) == (0x40, 0xEE, 1):
@@ -44,7 +45,10 @@ class P3(Instrument):
         return None
 
     def command(self, data):
-        self.busy, self.status = 2, 3
+        if self.refuses:  # as a TS2 does
+            self.status = 4
+            return
+        self.busy, self.status = self.busy_for, 3
         register, length = data[4], struct.unpack_from("<H", data, 12)[0]
         if data[:3] == b"\x01\x01\x81":
             self.reply, self.status = TEXTS[register].ljust(length, b"\0"), 2
@@ -143,9 +147,9 @@ def test_gain_is_told_as_the_camera_has_it(camera, reply, gain):
     device.close()
 
 
-def test_refused_command_says_so_at_once(camera, monkeypatch):
+def test_refused_command_says_so_at_once(camera):
     source = BulkSource(DeviceSettings("ir", "thermal-master"), HostClock())
-    monkeypatch.setattr(P3, "command", lambda self, data: setattr(self, "status", 4))  # as a TS2 refuses
+    camera.refuses = True
     with pytest.raises(DeviceError, match="refuses the command: status 4"):
         source.run_shutter()
     source.close()
@@ -154,7 +158,7 @@ def test_refused_command_says_so_at_once(camera, monkeypatch):
 def test_busy_camera_is_an_error_after_a_while(camera, monkeypatch):
     monkeypatch.setattr("fieldkit.drivers.cameras.thermal_master.PATIENCE_S", 0.01)  # a shorter wait
     source = BulkSource(DeviceSettings("ir", "thermal-master"), HostClock())
-    monkeypatch.setattr(P3, "command", lambda self, data: setattr(self, "busy", 10**9))
+    camera.busy_for = 10**9
     with pytest.raises(DeviceError, match="stays busy"):
         source.run_shutter()
     source.close()

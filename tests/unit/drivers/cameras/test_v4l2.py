@@ -19,6 +19,7 @@ from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
 from fieldkit.model.wording import typed
 from tests.harness.connected import plugged_in
+from tests.harness.rights import ordinary_rights
 
 SLOT = 65536
 WIDTH, HEIGHT = 160, 122
@@ -232,15 +233,13 @@ def test_refused_start_is_explained(kernel, code, error, text):
         opened(kernel)
 
 
-def test_missing_node_and_missing_permission_are_told_apart(monkeypatch):
+def test_missing_node_and_missing_permission_are_told_apart(tmp_path):
     with pytest.raises(DeviceNotFoundError):
         V4l2Source("/dev/video-none", "Y16 ", ((1, 1),), HostClock())
-    # root may open every node
-    monkeypatch.setattr(
-        v4l2.os, "open", lambda *_: (_ for _ in ()).throw(PermissionError(errno.EACCES, "no"))
-    )
-    with pytest.raises(DeviceAccessError, match="no permission") as caught:
-        V4l2Source("/dev/video0", "Y16 ", ((1, 1),), HostClock())
+    node = tmp_path / "video0"
+    node.touch(mode=0)
+    with ordinary_rights(), pytest.raises(DeviceAccessError, match="no permission") as caught:
+        V4l2Source(str(node), "Y16 ", ((1, 1),), HostClock())
     assert "usermod -aG video" in caught.value.fix
 
 

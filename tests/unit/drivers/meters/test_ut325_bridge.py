@@ -27,7 +27,8 @@ class Ch9325(Instrument):
     def __init__(self, port=2):
         super().__init__(port)
         self.claimed_by_kernel = True  # usbhid takes it when it is plugged in
-        self.speed, self.live, self.turn, self.characters = 0, True, 0, b""
+        self.speed, self.live, self.turn, self.characters = 0, False, 0, b""
+        self.meter_is_on = True
 
     def control(self, kind, request, value, index, data):
         if (kind, request, value, index) != (0x21, 0x09, 0x0300, 0):
@@ -35,12 +36,12 @@ class Ch9325(Instrument):
         self.speed = int.from_bytes(data[:2], "little")
         return b""
 
-    def as_text(self, endpoint, data):
+    def written(self, endpoint, data):
         assert (endpoint, len(data), data[0]) == (0x02, 8, 1)
         self.live = {1: True, 2: False}[data[1]]
 
     def pending(self, endpoint):
-        if self.speed != 2400 or not self.live:
+        if self.speed != 2400 or not (self.live and self.meter_is_on):
             return b""
         if not self.characters:
             self.characters = (T1, T2)[self.turn % 2]
@@ -107,8 +108,8 @@ def test_bridge_without_permission_says_what_to_type(bridge):
 
 
 @pytest.mark.usefixtures("impatient")
-def test_silent_meter_is_a_timeout(bridge, monkeypatch):
-    monkeypatch.setattr(Ch9325, "pending", lambda self, endpoint: b"")
+def test_silent_meter_is_a_timeout(bridge):
+    bridge.meter_is_on = False
     with pytest.raises(DeviceTimeoutError, match="nothing received"):
         opened()
 

@@ -318,7 +318,7 @@ def test_a_failing_solution_is_a_state_not_an_exception(monkeypatch):
         raise np.linalg.LinAlgError("Matrix is not positive definite")
 
     with monkeypatch.context() as patched:
-        patched.setattr(Learner, "add", fails)
+        patched.setattr(Learner, "add", fails)  # no measured values are known that do
         found = chain.at(drawn.history.until(7))
     assert {one.state for one in found.slopes} == {SlopeState.NO_DATA}
     assert {one.reason for one in found.slopes} == {

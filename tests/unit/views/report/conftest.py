@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -17,7 +19,6 @@ from fieldkit.physics.sun import sun_vectors
 from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter
-from fieldkit.views import plotting
 
 SECOND_NS = 10**9
 ANCHOR_NS = 1_512_961_200 * SECOND_NS  # 11 Dec 2017, 12:00 JST
@@ -140,4 +141,4 @@ def minutes(session, settings):
 @pytest.fixture
 def without_matplotlib(monkeypatch):
     """As where it is not installed, which takes an environment of its own."""
-    monkeypatch.setattr(plotting, "available", lambda: False)
+    monkeypatch.setitem(sys.modules, "matplotlib", None)

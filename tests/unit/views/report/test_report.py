@@ -287,11 +287,9 @@ def test_default_settings_are_accepted(written):
     assert "Error budget" in written(settings=EstimatorSettings())
 
 
-def test_a_simulated_session_is_called_simulated(written, page_text, session, monkeypatch):
+def test_a_measured_session_is_not_called_simulated(page_text):
+    """A simulated one is: tests/unit/cli/test_report_and_live.py."""
     assert "Simulated." not in Page(page_text).text
-    simulated = '[lux]\nport = "simulated"\n'
-    monkeypatch.setattr(type(session), "config_toml", simulated)  # the session is the whole package's
-    assert "Simulated." in Page(written()).text
 
 
 def test_without_regions_no_axes_of_slopes_are_drawn(written, minutes):
