@@ -29,8 +29,8 @@ from tests.harness.field_page import (
     chromium,
     opened,
     served,
-    wait_until,
 )
+from tests.harness.waiting import wait_until
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
