@@ -283,9 +283,11 @@ def test_a_past_session_is_drawn_on_and_estimated_anew(tmp_path: Path) -> None:
     folder = campaign(tmp_path / "field")
     with record(folder, 4) as recorder:
         assert recorder.wait(PATIENCE_S) == 0
-    with served(folder) as page, page.browser() as browser, page.browser("view") as looking:
+    with served(folder) as page, page.browser() as browser:
         (listed,) = browser.request(do="sessions")["data"]
-        assert looking.request(do="sessions")["data"][0]["picture_url"] is None
+        with page.browser("view") as looking:
+            assert looking.request(do="sessions")["data"][0]["picture_url"] is None
+            assert not looking.request(do="estimate_session", session=listed["id"])["ok"]
         assert page.ask("GET", listed["picture_url"], Cookie=page.cookie("view")).status == 403
         picture = page.ask("GET", listed["picture_url"], Cookie=page.cookie()).body
         size = int.from_bytes(picture[:2], "little")
@@ -299,4 +301,3 @@ def test_a_past_session_is_drawn_on_and_estimated_anew(tmp_path: Path) -> None:
         answer = browser.request(do="estimate_session", session=listed["id"])
         assert answer["ok"], answer
         assert "corner" in {slope["region"] for slope in answer["data"]}
-        assert not looking.request(do="estimate_session", session=listed["id"])["ok"]

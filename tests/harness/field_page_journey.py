@@ -14,7 +14,7 @@ from fieldkit.config import FILE_NAME
 from fieldkit.config.edit import set_key
 from fieldkit.config.template import SIMULATED
 from fieldkit.recording.campaign import create_campaign
-from tests.harness.field_page import Watched
+from tests.harness.field_page import PATIENCE_MS, Watched
 from tests.harness.waiting import wait_until
 
 FLAT = ((22, 79), (62, 100))
@@ -140,7 +140,7 @@ def report(watched: Watched, shoot: Shoot) -> str:
     with page.context.expect_page() as opening:
         link.tap()
     opened = opening.value
-    opened.locator("svg").first.wait_for(state="attached")
+    opened.locator("svg").first.wait_for(state="attached", timeout=PATIENCE_MS)
     shoot("report", Watched(opened))
     return opened.title()
 

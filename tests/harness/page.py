@@ -95,6 +95,7 @@ class Served:
         connection = connect(
             f"ws://{self.host}/socket", origin=self.origin if origin == "" else origin,  # type: ignore[arg-type]
             additional_headers=headers, open_timeout=PATIENCE_S, compression=None,
+            ping_interval=None,  # browsers send none
         )  # fmt: skip
         opened = ExitStack()
         return Browser(opened.enter_context(connection), opened)
