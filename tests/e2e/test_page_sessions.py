@@ -21,6 +21,7 @@ from tests.harness import field_page
 from tests.harness.field_page import LAPTOP, PHONE, PHONE_ON_ITS_SIDE, SMALLEST, Watched, chromium, opened
 from tests.harness.page import Served, served
 from tests.harness.recording import CountedClock, fill, header
+from tests.harness.waiting import wait_until
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -128,7 +129,7 @@ def test_sessions_are_compared_by_touch(phone: Watched) -> None:
     """Each has its image, in the colours of the palette, and its row of slopes."""
     page = phone.page
     small = page.locator("#session-list .thumbnail")
-    field_page.wait_until(lambda: small.first.evaluate(COLOURS) > 10, "no small image")
+    wait_until(lambda: small.first.evaluate(COLOURS) > 10, "no small image")
     for choice in page.locator("#session-list .check").all()[:2]:
         choice.tap()
     at_every_size(phone)
