@@ -6,6 +6,8 @@ import json
 import random
 import re
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -109,6 +111,14 @@ def test_check_reads_nothing_that_estimate_and_report_know(sessions, never_read)
     never_read()
     assert check(sessions[0]).level == "ok"
     assert len(estimate(sessions[0])) > 0
+
+
+def test_a_check_whose_slopes_are_known_does_without_scipy(sessions):
+    """It takes as long to import as the check itself takes."""
+    found(sessions[0])
+    code = "import sys, fieldkit; fieldkit.check(sys.argv[1]); print('scipy' in sys.modules)"
+    checked = subprocess.run([sys.executable, "-c", code, str(sessions[0])], capture_output=True, check=True)
+    assert checked.stdout.split() == [b"False"]
 
 
 def test_a_slope_that_was_changed_afterwards_is_found(sessions, tmp_path):
