@@ -132,6 +132,7 @@ class Campaign:
         *,
         points: Sequence[Point] = (),
         rect: Rect | None = None,
+        is_ground: bool = False,
         reference: bool = False,
         **properties: Unpack[RegionProperties],
     ) -> None:
@@ -145,7 +146,15 @@ class Campaign:
         >>> [region.name for region in dunes.regions]
         ['flat', 'slope']
         """
-        add_region(self.config.path, name, points=points, rect=rect, reference=reference, **properties)
+        add_region(
+            self.config.path,
+            name,
+            points=points,
+            rect=rect,
+            is_ground=is_ground,
+            reference=reference,
+            **properties,
+        )
         self.config = load_config(self.config.path, settings=self.settings)
 
     def add_devices(self, stated: Stated | None = None, ask: Ask = Question.refused) -> AddedDevices:

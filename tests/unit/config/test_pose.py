@@ -6,6 +6,7 @@ import pytest
 from fieldkit.config import ConfigMistakesError, config_from_text, load_config
 from fieldkit.config.edit import change_region
 from fieldkit.config.pose import load_pose
+from fieldkit.recording.campaign import open_campaign
 
 rasterio = pytest.importorskip("rasterio")
 
@@ -36,6 +37,13 @@ def test_corners_on_level_ground_are_seen_from_above_where_the_pinhole_shows_the
     assert flat.points_m[0] == (499999.0, 4171999.0, 2300.0)
     # on the central meridian of zone 13 the grid's north is true north
     assert flat.vertices == ((65.6, 73.4), (93.4, 73.4), (93.4, 45.6))
+
+
+def test_corners_on_the_ground_are_added_from_python(tmp_path):
+    field = open_campaign(campaign(tmp_path, region="").parent)
+    corners = [(499999.0, 4171999.0), (500001.0, 4171999.0), (500001.0, 4172001.0)]
+    field.add_region("flat", points=corners, is_ground=True, reference=True)
+    assert field.regions[0].vertices == ((65.6, 73.4), (93.4, 73.4), (93.4, 45.6))
 
 
 def test_a_session_holds_pose_trajectory_and_corners_itself(tmp_path):
