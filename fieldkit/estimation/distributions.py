@@ -11,7 +11,7 @@ import numpy as np
 from fieldkit.physics.facet import FloatArray
 
 
-def normal_below(value: FloatArray | float) -> FloatArray:
+def normal_cdf(value: FloatArray | float) -> FloatArray:
     """Probability that a standard normal variable lies below a value, of any shape."""
     from scipy.special import ndtr
 

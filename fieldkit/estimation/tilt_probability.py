@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from fieldkit.estimation.distributions import normal_below
+from fieldkit.estimation.distributions import normal_cdf
 from fieldkit.model.confidence import misfit_drop
 from fieldkit.model.slope import WITH_SLOPE, SlopeEstimate
 
@@ -38,5 +38,5 @@ def _steeper(tilt_deg: float, below: float, above: float, limit_deg: float) -> f
     if sd <= 0.0:
         return 0.0 if away > 0.0 else 1.0
     weight = 2.0 * sd / (below + above)
-    tail = weight * float(normal_below(-abs(away) / sd))
+    tail = weight * float(normal_cdf(-abs(away) / sd))
     return tail if away > 0.0 else 1.0 - tail

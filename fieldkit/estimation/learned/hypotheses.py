@@ -19,7 +19,7 @@ from importlib import resources
 
 import numpy as np
 
-from fieldkit.estimation.distributions import normal_below, normal_quantile
+from fieldkit.estimation.distributions import normal_cdf, normal_quantile
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.physics.facet import FloatArray
 
@@ -158,7 +158,7 @@ def hypotheses(points: FloatArray, settings: EstimatorSettings) -> Hypotheses:
     return Hypotheses(
         prior.exchange_w_m2_k * np.exp(prior.exchange_log_sd * exchange),
         settings.slab.thermal_inertia * np.exp(prior.inertia_log_sd * inertia),
-        depths_m(normal_below(depth), settings),
+        depths_m(normal_cdf(depth), settings),
         prior.gust_sd_w_m2_k * np.exp(prior.gust_log_sd * gust),
         np.exp(prior.unrest_log_sd * unrest),
     )
@@ -169,7 +169,7 @@ def depths_m(share: FloatArray, settings: EstimatorSettings) -> FloatArray:
     prior = settings.prior
     # quantiles of a mixture have no closed form: read off its distribution on a grid
     depths = np.geomspace(0.004, 0.6, 400)
-    body = normal_below(np.log(depths / settings.slab.depth_m) / prior.depth_log_sd)
+    body = normal_cdf(np.log(depths / settings.slab.depth_m) / prior.depth_log_sd)
     deep = np.clip(np.log(depths / DEEP_M[0]) / np.log(DEEP_M[1] / DEEP_M[0]), 0.0, 1.0)
     below = (1.0 - prior.deep_share) * body + prior.deep_share * deep
     return np.asarray(np.exp(np.interp(share, below, np.log(depths))))

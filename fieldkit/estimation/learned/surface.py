@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fieldkit.estimation.distributions import normal_below
+from fieldkit.estimation.distributions import normal_cdf
 from fieldkit.estimation.learned.bank import Affine, Transition
 from fieldkit.estimation.learned.hypotheses import Hypotheses
 from fieldkit.estimation.learned.inputs import Logged, MinuteInputs
@@ -189,7 +189,7 @@ class SurfaceModel:
         variance = np.sum((towards @ covariance) * towards, axis=2)
         sd = np.sqrt(np.maximum(variance, _LEAST_SD**2))
         ratio = np.clip(about / sd, -30.0, 30.0)
-        share, bell = normal_below(ratio), np.exp(-0.5 * ratio**2) / _ROOT_TWO_PI
+        share, bell = normal_cdf(ratio), np.exp(-0.5 * ratio**2) / _ROOT_TWO_PI
         # mean and mean square of max(0, x), with x of N(m, s^2) and r = m / s:
         # m P(r) + s p(r) and (m^2 + s^2) P(r) + m s p(r)
         lit = about * share + sd * bell
