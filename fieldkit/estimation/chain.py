@@ -498,7 +498,7 @@ def _signed(tilt: float, azimuth: float, known: float) -> tuple[float, float]:
 def _missing(history: History, layout: Layout, region: Region) -> str:
     """Reason why the chain has not begun."""
     if not np.isfinite(history.temperature_k[:, layout.columns[: layout.references]]).any():
-        return "no frames of the reference yet"
+        return "no temperatures of the reference yet"
     if not np.isfinite(history.temperature_k[:, layout.columns]).all(axis=1).any():
-        return "no minute yet with frames of all regions"
+        return "no minute yet with temperatures of all regions"
     return "no irradiance yet"

@@ -300,12 +300,12 @@ class Window:
                 SlopeState.LOW_SUN,
                 f"the sun is at {elevation:.1f}°, below {self.settings.low_sun_deg:g}°",
             )
-        no_reference = "no frames of the reference"
+        no_reference = "no temperatures of the reference"
         if self.settings.reference == "weather":
             no_reference = "no air temperature for its reference"
         has_light = np.isfinite(self.past.dni_w_m2[self.first :]).any()
         for what, is_known in (
-            ("no frames of this region", self._seen[column]),
+            ("no temperatures of this region", self._seen[column]),
             (no_reference, self._seen[self.columns.references].any()),
             ("no irradiance", has_light),
         ):

@@ -66,7 +66,7 @@ def frame_k(
         return linear(counts, info.scale, info.offset, dtype)
     try:
         return LAWS[info.law](counts, metadata_rows, info.settings).astype(dtype, copy=False)
-    except (ValueError, TypeError):  # constants missing, or metadata rows of another camera
+    except (ValueError, TypeError, LookupError, ArithmeticError):  # constants or metadata rows of another law
         return np.full(counts.shape, np.nan, dtype)
 
 

@@ -77,7 +77,7 @@ def test_a_session_without_a_usable_frame_teaches_nothing(sessions: list[Path], 
         return sample._replace(quality=Quality.SHUTTER) if isinstance(sample, Frame) else sample
 
     shuttered = rewritten(sessions[0], tmp_path / "shuttered.h5", flagged)
-    with pytest.raises(CalibrationError, match="nothing was learnt: no frames of the reference yet"):
+    with pytest.raises(CalibrationError, match="nothing was learnt: no temperatures of the reference yet"):
         fieldkit.calibrate.surface(shuttered, settings=LEARNED)
 
 

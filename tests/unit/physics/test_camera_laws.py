@@ -57,6 +57,21 @@ def test_without_a_known_scale_there_are_no_kelvin(law, scale):
     assert np.isnan(frames_k(info, counts, np.empty((2, 0, 256), np.uint16))).all()
 
 
+@pytest.mark.parametrize("wrong", [{"b": 1e9}, {"b": 0.0}, {"r2": 0.0}, {"air_k": 0.0}, {"distance_m": -1.0}])
+def test_impossible_constants_of_a_law_give_no_kelvin_and_no_error(wrong):
+    constants = {name: getattr(E60, name) for name in Planck.__slots__} | wrong
+    counts = np.full((4, 256), 20_000, np.uint16)
+    assert np.isnan(frame_k(stream("planck", settings=constants), counts, counts[:0])).all()
+
+
+def test_a_law_without_its_constants_gives_no_kelvin(monkeypatch):
+    gain = {"gain": lambda counts, rows, settings: (counts * settings["gain"]).astype(np.float32)}
+    monkeypatch.setattr("fieldkit.physics.camera_laws.LAWS", gain)
+    counts = np.full((4, 256), 20_000, np.uint16)
+    assert np.isnan(frame_k(stream("gain"), counts, counts[:0])).all()
+    assert frame_k(stream("gain", settings={"gain": 0.01}), counts, counts[:0]) == pytest.approx(200.0)
+
+
 def test_each_frame_of_the_ht301_has_its_own_scale():
     counts = np.full((2, 1, 256), 5000, np.uint16)
     rows = np.zeros((2, 4, 256), np.uint16)

@@ -117,7 +117,7 @@ def test_after_a_gap_of_more_than_two_hours_the_chain_begins_anew():
     ("names", "reason"),
     [
         (("dni_w_m2", "dhi_w_m2"), "no irradiance yet"),
-        (("temperature_k",), "no frames of the reference yet"),
+        (("temperature_k",), "no temperatures of the reference yet"),
     ],
 )
 def test_what_never_comes_is_named(names, reason):
@@ -131,7 +131,7 @@ def test_a_region_that_never_comes_is_named():
     drawn = world(8)
     never = with_nan(drawn.history, slice(None), "temperature_k", columns=3)
     found = last(never, drawn.regions, drawn.settings).slopes
-    assert {one.reason for one in found} == {"no minute yet with frames of all regions"}
+    assert {one.reason for one in found} == {"no minute yet with temperatures of all regions"}
 
 
 def test_light_that_comes_late_starts_the_chain_then():
