@@ -8,6 +8,7 @@ from __future__ import annotations
 import fcntl
 import os
 import time
+from contextlib import suppress
 from pathlib import Path
 
 from fieldkit.model.errors import RefusedError
@@ -79,6 +80,13 @@ def is_locked(folder: Path, name: str = RECORDING) -> bool:
         return True
     finally:
         os.close(descriptor)
+    return False
+
+
+def locked_within(folder: Path, seconds: float) -> bool:
+    """True if the session of a journal folder is being recorded, begun within the last `seconds`."""
+    with suppress(OSError):  # it has ended since
+        return is_locked(folder) and time.time() - (folder / RECORDING).stat().st_mtime < seconds
     return False
 
 

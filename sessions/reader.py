@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import heapq
 import logging
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
@@ -52,7 +53,7 @@ from fieldkit.sessions.layout import (
     decode_text,
     entry_columns,
 )
-from fieldkit.sessions.lock import is_locked, journal_path
+from fieldkit.sessions.lock import is_locked, journal_path, locked_within
 from fieldkit.sessions.records import Entry, MinuteRecord, RegionRecord
 from fieldkit.sessions.stored import (
     check_size,
@@ -593,10 +594,26 @@ def open_session(path: str | Path) -> SessionReader:
 
 S = TypeVar("S", bound=SessionReader)
 
+BEGUN_WITHIN_S = 10.0
+"""From the lock of a new session until its file can be read: a second, more on a busy computer."""
+
 
 def open_as(kind: type[S], path: str | Path) -> S:
-    """Open a session as an object of a class that extends `SessionReader`; raises as `open_session`."""
+    """Open a session as an object of a class that extends `SessionReader`; raises as `open_session`.
+
+    A recording begins with its journal: its file is waited for.
+    """
     path = Path(path)
+    while True:
+        try:
+            return _open_as(kind, path)
+        except SessionError:
+            if not locked_within(journal_path(path), BEGUN_WITHIN_S):
+                raise
+        time.sleep(0.02)
+
+
+def _open_as(kind: type[S], path: Path) -> S:
     # before the file is opened: a writer that releases the lock in between has sealed it
     is_written = is_locked(journal_path(path))
     if _is_closed(path):

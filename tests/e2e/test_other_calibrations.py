@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 import pty
 import shlex
@@ -28,6 +29,8 @@ import pytest
 from fieldkit.calibration.emissivity import MIN_PAIRS
 from fieldkit.config.template import SIMULATED, campaign_toml
 from fieldkit.model.samples import Frame, Sample
+from fieldkit.recording.in_progress import status, stop
+from fieldkit.recording.running import session_in_progress
 from fieldkit.sessions.formats.imported import ImportedRecording, write_imported
 from fieldkit.sessions.reader import open_session
 from fieldkit.weather import packaged
@@ -39,6 +42,7 @@ from tests.harness.calibration_days import (
     record_beds,
     rewritten,
 )
+from tests.harness.waiting import wait_until
 from tests.shared_data import shared
 
 
@@ -152,6 +156,20 @@ def test_the_light_meters_factor_from_the_stations_own_file(
     assert "40.125, -105.237" in elsewhere.output  # where Table Mountain stands
 
 
+def recorded(folder: Path, readings: int) -> Path:
+    """The session of a receiver ``gps``, stopped once so many of its readings are in it."""
+    process = subprocess.Popen([sys.executable, "-m", "fieldkit", "record", "-C", str(folder), "--quiet"])
+    try:
+        wait_until(lambda: session_in_progress(folder / "recordings"), "nothing is recorded", every_s=0.1)
+        wait_until(lambda: status(folder)["counts"]["gps"] >= readings, "too few readings", every_s=0.2)
+        path = stop(folder)
+    finally:
+        process.kill()
+        process.wait()
+    assert path is not None
+    return path
+
+
 @pytest.fixture
 def receiver() -> Iterator[str]:
     """A gpsd whose receiver is 27.5 s ahead of this computer; the address it listens at."""
@@ -174,8 +192,7 @@ def test_the_clock_against_a_receiver_and_applied(receiver: str, tmp_path: Path)
     (tmp_path / "fieldkit.toml").write_text(
         campaign_toml({"site": SIMULATED["site"]}) + gps, encoding="utf-8"
     )
-    fieldkit("record", "-C", tmp_path, "--for", "4s", "--name", "fix")
-    session = next(tmp_path.glob("recordings/*fix.h5"))
+    session = recorded(tmp_path, 12)
     found = json.loads(fieldkit("calibrate", "clock", session, "--gps", "gps", "--apply", "--json").stdout)
     assert found["value"] == pytest.approx(27.5, abs=0.5)
     assert found["expanded_uncertainty"] == pytest.approx(
@@ -197,7 +214,7 @@ def nmea(moment: datetime, status: str) -> bytes:
 
 @pytest.fixture
 def talking(tmp_path: Path) -> Iterator[Callable[[Callable[[float], bytes]], Path]]:
-    """Records three seconds of an NMEA receiver that sends, five times a second, what a function says."""
+    """Records an NMEA receiver that sends, five times a second, what a function says."""
     pytest.importorskip("pynmeagps", reason="the extra [gps] is not installed")
     far, near = pty.openpty()
     tty.setraw(near)
@@ -205,9 +222,11 @@ def talking(tmp_path: Path) -> Iterator[Callable[[Callable[[float], bytes]], Pat
 
     def record(said: Callable[[float], bytes]) -> Path:
         def talk() -> None:
-            start = time.monotonic()
+            start = math.inf
             while not ended.wait(0.2):
-                os.write(far, said(time.monotonic() - start))
+                if start == math.inf and session_in_progress(tmp_path / "recordings"):
+                    start = time.monotonic()
+                os.write(far, said(max(0.0, time.monotonic() - start)))
 
         threads.append(threading.Thread(target=talk, daemon=True))
         threads[-1].start()
@@ -215,8 +234,7 @@ def talking(tmp_path: Path) -> Iterator[Callable[[Callable[[float], bytes]], Pat
         (tmp_path / "fieldkit.toml").write_text(
             campaign_toml({"site": SIMULATED["site"]}) + gps, encoding="utf-8"
         )
-        fieldkit("record", "-C", tmp_path, "--for", "5s", "--name", "receiver")
-        return next(tmp_path.glob("recordings/*receiver.h5"))
+        return recorded(tmp_path, 25)
 
     threads: list[threading.Thread] = []
     yield record

@@ -217,14 +217,17 @@ def names(regions: dict[str, Any]) -> set[str]:
 def test_a_page_that_is_killed_leaves_its_recording_alone(tmp_path: Path) -> None:
     folder = campaign(tmp_path / "field")
     with started(folder) as page, page.browser() as browser:
-        assert browser.request(do="start", duration="18s")["ok"]
+        assert browser.request(do="start", duration="10m")["ok"]
         browser.next("state", phase="recording")
         page.process.kill()
         page.process.wait(PATIENCE_S)
     with started(folder) as again, again.browser() as browser:
         browser.next("state", phase="recording")  # which goes on, and is followed
+        first, _ = browser.picture()
+        assert browser.picture()[0]["seq"] > first["seq"]
+        assert browser.request(do="stop", confirm=True)["ok"]
         wait_until(lambda: session_in_progress(folder / "recordings") is None, "the recording did not end")
-    lost_nothing(folder, 18)
+    lost_nothing(folder)
 
 
 def come_and_go(page: Served, cookie: str, count: int) -> None:

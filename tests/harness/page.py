@@ -180,8 +180,8 @@ def served(
             assert not thread.is_alive()
 
 
-def lost_nothing(folder: Path, seconds: float) -> None:
-    """The only session is sealed and sound; no sample was dropped, and no frame is missing anywhere."""
+def lost_nothing(folder: Path, seconds: float | None = None) -> None:
+    """The only session is sealed and sound; no sample was dropped, and no frame is missing in its seconds."""
     (path,) = (folder / "recordings").glob("*.h5")
     assert check(path).level != "fail"
     with open_session(path) as session:
@@ -191,4 +191,4 @@ def lost_nothing(folder: Path, seconds: float) -> None:
         times_s = np.array([frame.time_ns for frame in session.samples("camera")]) / 1e9
         rate_hz = session.streams["camera"].rate_hz
     assert np.diff(times_s).max() < 1.5 / rate_hz
-    assert len(times_s) == pytest.approx(seconds * rate_hz, abs=2)
+    assert seconds is None or len(times_s) == pytest.approx(seconds * rate_hz, abs=2)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
+import threading
 import tracemalloc
 import zlib
 from collections.abc import Callable, Iterator
@@ -26,6 +28,7 @@ from fieldkit.results.session import open_session as open_whole_session
 from fieldkit.sessions.check import check
 from fieldkit.sessions.file_tree import LIBVER
 from fieldkit.sessions.layout import MAX_LEARNT
+from fieldkit.sessions.lock import SessionLock, journal_path
 from fieldkit.sessions.reader import SessionReader
 from fieldkit.sessions.recovery import recover
 from fieldkit.sessions.seal import SealReport, seal
@@ -56,6 +59,24 @@ def test_missing_file_and_folder_are_named(tmp_path: Path) -> None:
     assert caught.value.fix
     with pytest.raises(SessionError, match="directory"):
         open_session(".")
+
+
+def test_a_recording_that_has_just_begun_is_waited_for(path: Path, tmp_path: Path) -> None:
+    """Its lock is there up to a second before its file can be read."""
+    begun = tmp_path / "begun.h5"
+    journal_path(begun).mkdir()
+    lock = SessionLock(journal_path(begun))
+    begun.write_bytes(b"")
+    later = threading.Timer(0.2, shutil.copyfile, (path, begun))
+    later.start()
+    with open_session(begun) as session:
+        assert session.count("camera")
+    later.join()
+    begun.unlink()
+    os.utime(journal_path(begun) / "lock", (0, 0))  # a file that was deleted since
+    with pytest.raises(SessionError, match="No such file"):
+        open_session(begun)
+    lock.release()
 
 
 def test_other_hdf5_files_are_refused(tmp_path: Path) -> None:
