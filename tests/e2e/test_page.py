@@ -223,8 +223,8 @@ def test_a_page_that_is_killed_leaves_its_recording_alone(tmp_path: Path) -> Non
         page.process.wait(PATIENCE_S)
     with started(folder) as again, again.browser() as browser:
         browser.next("state", phase="recording")  # which goes on, and is followed
-        first, _ = browser.picture()
-        assert browser.picture()[0]["seq"] > first["seq"]
+        first_ms = browser.next("now")["time_ms"]
+        assert browser.next("now")["time_ms"] > first_ms
         assert browser.request(do="stop", confirm=True)["ok"]
         wait_until(lambda: session_in_progress(folder / "recordings") is None, "the recording did not end")
     lost_nothing(folder)
