@@ -33,11 +33,9 @@ DEFAULT_NAME = "clock"
     "--apply", "is_applied", is_flag=True, help="Correct the SESSION's times from now on when reading."
 )
 @click.option("--name", type=RECORD_NAME, default=DEFAULT_NAME, show_default=True, help="Name of the record.")
-@click.pass_context
 def command(
-    ctx: click.Context, /, session: Path | None, shown: datetime | None, gps: str | None, sun: bool,
-    is_applied: bool, name: str,
-) -> None:  # fmt: skip
+    session: Path | None, shown: datetime | None, gps: str | None, sun: bool, is_applied: bool, name: str
+) -> None:
     r"""Find the seconds to add to this computer's times, or to those of a SESSION.
 
     Recorded times are never rewritten: --apply keeps the offset beside them.
@@ -55,7 +53,7 @@ def command(
     if session is None:
         if shown is None or is_applied:
             raise click.UsageError("--gps, --sun and --apply need a SESSION")
-        config = common.campaign(ctx)
+        config = common.campaign()
         pressed_ns = _key_pressed_ns(shown)
         save_and_print(
             calibrate.host_clock(
@@ -65,7 +63,7 @@ def command(
         return
     if shown is not None:
         raise click.UsageError("--at is about this computer's clock now; omit the SESSION")
-    session = find_session(ctx, session)
+    session = find_session(session)
     with open_session(session) as opened:
         found = calibrate.clock(opened, gps=gps, name=name, notify=common.say_warning)
     save_and_print(found, _next_step(session, gps, name, found))

@@ -164,10 +164,7 @@ def _kelvin(name: str, field: str, default: float, help: str) -> Callable[[Comma
     help="With instruments: stop after this time: 3h, 90m.",
 )
 @common.set_option
-@click.pass_context
-def command(
-    ctx: click.Context, /, session: Path | None, sample: str, settings: tuple[str, ...], **given: Any
-) -> None:
+def command(session: Path | None, sample: str, settings: tuple[str, ...], **given: Any) -> None:
     r"""Find the emissivity of a sample in the camera's band.
 
     With a SESSION it is found from that; without one the campaign's instruments are recorded until enough
@@ -183,21 +180,21 @@ def command(
 
     options = calibrate.MeasurementOptions(**given)
     if session is None:
-        session = _record(ctx, sample, options, settings)
+        session = _record(sample, options, settings)
         settings = ()  # the recording contains them
-    with open_session(find_session(ctx, session)) as opened:
+    with open_session(find_session(session)) as opened:
         found = calibrate.emissivity(
             opened, sample=sample, options=options, settings=settings, notify=common.say_warning
         )
     save_and_print(found)
 
 
-def _record(ctx: click.Context, sample: str, options: MeasurementOptions, settings: tuple[str, ...]) -> Path:
+def _record(sample: str, options: MeasurementOptions, settings: tuple[str, ...]) -> Path:
     """Record until enough steady temperatures were seen, the time is over, or Ctrl-C; the session."""
     from fieldkit.calibrate.emissivity_live import BURSTS, prepare_emissivity
     from fieldkit.cli.recording import run_until_stopped
 
-    config = common.campaign(ctx, (*BURSTS, *settings))
+    config = common.campaign((*BURSTS, *settings))
     with prepare_emissivity(config, sample, options, common.say_warning) as prepared:
         _confirm_setup(prepared.steps)
         # SIGTERM ends it as fieldkit stop does: the recorder seals the session

@@ -78,11 +78,10 @@ def command(
 
 def _of_regions() -> None:
     from fieldkit.calibrate.horizon import horizons_of_regions, set_horizons
-    from fieldkit.config import find_campaign, load_config
 
-    file = find_campaign(common.options().directory or Path.cwd())
-    found = horizons_of_regions(load_config(file))
-    files = set_horizons(file, found)
+    config = common.campaign()
+    found = horizons_of_regions(config)
+    files = set_horizons(config.path, found)
     if common.options().json:
         common.print_json(
             {

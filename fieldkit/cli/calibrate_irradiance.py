@@ -31,9 +31,8 @@ if TYPE_CHECKING:
     help="Relative standard uncertainty of the reference.",
 )
 @common.set_option
-@click.pass_context
 def command(
-    ctx: click.Context, /, session: Path, name: str, pyranometer: str | None, pyrheliometer: str | None,
+    session: Path, name: str, pyranometer: str | None, pyrheliometer: str | None,
     station: str | None, reference_sd: float, settings: tuple[str, ...],
 ) -> None:  # fmt: skip
     r"""Find the W/m2 per unit of the light meter, by a line through the origin.
@@ -57,7 +56,7 @@ def command(
     if len(given) != 1:
         raise click.UsageError("give one of --pyranometer, --pyrheliometer, --station")
     ((against, reference),) = given
-    with open_session(find_session(ctx, session)) as opened:
+    with open_session(find_session(session)) as opened:
         found = calibrate.irradiance(
             opened,
             against=against,

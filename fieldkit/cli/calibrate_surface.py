@@ -24,11 +24,9 @@ from fieldkit.cli.types import RECORD_NAME
     help="Standard uncertainty of the inclinometer.",
 )
 @common.set_option
-@click.pass_context
 def command(
-    ctx: click.Context, /, session: Path, name: str, beds: tuple[str, ...], tilt_sd: float,
-    settings: tuple[str, ...],
-) -> None:  # fmt: skip
+    session: Path, name: str, beds: tuple[str, ...], tilt_sd: float, settings: tuple[str, ...]
+) -> None:
     r"""Find the scale kappa of a SESSION from its beds of known tilt and azimuth.
 
     kappa is for this model of the surface and this irradiance: change neither after calibrating.
@@ -43,7 +41,7 @@ def command(
     from fieldkit.cli.calibration_output import save_and_print
     from fieldkit.sessions.reader import open_session
 
-    with open_session(find_session(ctx, session)) as opened:
+    with open_session(find_session(session)) as opened:
         found = calibrate.surface(
             opened, beds=beds, tilt_sd_deg=tilt_sd, name=name, settings=settings, notify=common.say_warning
         )

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
     from fieldkit.config import Config
-    from fieldkit.sessions.reader import SessionReader
 
 _OLD_SPELLINGS = "fieldkit.old_spellings"
 
@@ -140,27 +139,39 @@ def workers_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return command
 
 
-def campaign(ctx: click.Context, settings: Sequence[str] = ()) -> Config:
-    """The configuration of the campaign that ``-C`` names, or the one around the current folder.
+def campaign_file() -> Path:
+    """The ``fieldkit.toml`` of the campaign that ``-C`` names, or of the one around the current folder.
 
-    `settings` are the ``KEY=VALUE`` of ``--set``. Raises `ConfigError` if there is no campaign, or with
-    all mistakes in its configuration.
+    Raises `ConfigError` if there is none.
     """
-    from fieldkit.config import find_campaign, load_config
-
-    return load_config(find_campaign(options(ctx).directory or Path.cwd()), settings=settings)
-
-
-def recordings(ctx: click.Context) -> Path:
-    """``recordings/`` of that campaign; its configuration is not read. Raises `ConfigError` without one."""
     from fieldkit.config import find_campaign
 
-    return find_campaign(options(ctx).directory or Path.cwd()).parent / "recordings"
+    return find_campaign(working_folder())
 
 
-def options(ctx: click.Context | None = None) -> Options:
+def campaign(settings: Sequence[str] = ()) -> Config:
+    """The configuration of that campaign, with the ``KEY=VALUE`` of ``--set``.
+
+    Raises `ConfigError` if there is no campaign, or with all mistakes in its configuration.
+    """
+    from fieldkit.config import load_config
+
+    return load_config(campaign_file(), settings=settings)
+
+
+def recordings() -> Path:
+    """``recordings/`` of that campaign; its configuration is not read. Raises `ConfigError` without one."""
+    return campaign_file().parent / "recordings"
+
+
+def working_folder() -> Path:
+    """The folder that ``-C`` names, or the current one."""
+    return options().directory or Path.cwd()
+
+
+def options() -> Options:
     """The common options of the running command; the defaults outside a command line."""
-    ctx = ctx or click.get_current_context(silent=True)
+    ctx = click.get_current_context(silent=True)
     found = ctx.find_object(Options) if ctx else None
     return found or Options()
 
@@ -187,13 +198,6 @@ def say(text: str) -> None:
     """Print a message on stderr, unless ``--quiet``."""
     if not options().quiet:
         to_stderr(text)
-
-
-def say_damage(session: SessionReader) -> None:
-    """Print how many of the samples read so far fail their checksum: results exclude them."""
-    from fieldkit.results.sources import notify_damage
-
-    notify_damage(session, say_warning)
 
 
 @contextmanager

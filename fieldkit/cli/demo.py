@@ -38,15 +38,14 @@ PACE = 360
     show_default=True,
     help="Campaign folder.",
 )
-@click.pass_context
-def command(ctx: click.Context, fast: bool, fault: str | None, out: Path) -> None:
+def command(fast: bool, fault: str | None, out: Path) -> None:
     """Run the whole experiment on simulated devices under one measured day of weather, then report."""
     from fieldkit.recording.record import MinuteView, prepare
     from fieldkit.recording.simulate import demo_campaign
     from fieldkit.results.report import report as write_report
 
     began = time.monotonic()
-    folder = (common.options(ctx).directory or Path()) / out
+    folder = (common.options().directory or Path()) / out
     config = demo_campaign(folder, speed="max" if fast else PACE, fault=fault)
     _introduce(config, fault)
     minutes: list[Minute] = []

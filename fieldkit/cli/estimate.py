@@ -51,9 +51,7 @@ if TYPE_CHECKING:
     help="Give a mark no effect, by its number (fieldkit mark --list) or text.",
 )
 @common.set_option
-@click.pass_context
 def command(
-    ctx: click.Context,
     sessions: tuple[Path, ...],
     out: Path | None,
     together: bool,
@@ -89,7 +87,7 @@ def command(
             )
         _estimate_tables(sessions, site, reference, settings)
         return
-    paths = find_sessions(ctx, sessions)
+    paths = find_sessions(sessions)
     if together:
         if jobs is not None or address is not None:
             raise click.UsageError("sessions are joined in this process: omit -j and --address")

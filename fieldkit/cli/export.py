@@ -38,9 +38,7 @@ FORMATS = "\n".join(f"{name:<8} {one.meaning}" for name, one in EXPORTS.items())
     help="Of a video: session seconds per second; max: 25 frames a second.",
 )  # fmt: skip
 @click.option("--palette", type=click.Choice(NAMES), help="Colours of images and videos. [default: inferno]")
-@click.pass_context
 def command(
-    ctx: click.Context,
     session: Path | None,
     kind: str,
     out: Path | None,
@@ -55,7 +53,7 @@ def command(
     from fieldkit.results.export import export
     from fieldkit.sessions.reader import open_session
 
-    path = latest_session(ctx, session)
+    path = latest_session(session)
     factor = None if speed == "max" else parse_speed(speed)
     with open_session(path) as opened, progress() as bar:
         frames = sum(opened.count(one.name) for one in opened.streams.values() if one.is_camera)

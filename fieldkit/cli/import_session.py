@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fieldkit.cli.common import Command, options, print_json, say
+from fieldkit.cli.common import Command, options, print_json, say, working_folder
 from fieldkit.cli.session_paths import find_session
 from fieldkit.cli.types import CLOCK_OFFSET, KELVIN_PER_COUNT, SITE, STREAM_NAME, ZONE
 from fieldkit.model.radiation import COMPONENTS
@@ -89,8 +89,7 @@ if TYPE_CHECKING:
     metavar="SESSION",
     help="Make a new session of this one and SOURCE together.",
 )
-@click.pass_context
-def command(ctx: click.Context, /, source: Path, out: Path | None, into: Path | None, **given: Any) -> None:
+def command(source: Path, out: Path | None, into: Path | None, **given: Any) -> None:
     """Turn SOURCE into a session: frames, tables of loggers, files of weather stations.
 
     PureThermal .raw.y16.gz; FLIR .fff, .seq, radiometric .jpg, TIFF (16 bits, floats), 16-bit PNG and .irg,
@@ -105,7 +104,7 @@ def command(ctx: click.Context, /, source: Path, out: Path | None, into: Path | 
 
     unstated = ImportOptions(**{**given, "measures": given["measures"] or ""})
     if into is not None:
-        with open_session(find_session(ctx, into)) as session:
+        with open_session(find_session(into)) as session:
             _print(import_into(session, source, out, unstated))
         return
     _print(
@@ -113,7 +112,7 @@ def command(ctx: click.Context, /, source: Path, out: Path | None, into: Path | 
             source,
             out,
             unstated,
-            campaign=options(ctx).directory or Path.cwd(),
+            campaign=working_folder(),
             command_line=command_line(),
             notify=say,
         )

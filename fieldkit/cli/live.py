@@ -22,13 +22,8 @@ if TYPE_CHECKING:
 @click.option("--for", "duration_s", type=DURATION, metavar="TIME", help="Duration: 3h, 90m, 45s.")
 @common.theme_option
 @common.set_option
-@click.pass_context
 def command(
-    ctx: click.Context,
-    png: Path | None,
-    duration_s: float | None,
-    theme: Literal["dark", "paper"],
-    settings: tuple[str, ...],
+    png: Path | None, duration_s: float | None, theme: Literal["dark", "paper"], settings: tuple[str, ...]
 ) -> None:
     """Show the current frame and readings without recording; Ctrl-C or a recording that begins ends it."""
     from fieldkit.recording.last_samples import LastSamples
@@ -36,7 +31,7 @@ def command(
     from fieldkit.recording.preview import LivePreview, missing_instruments, write_png
     from fieldkit.recording.running import previewing
 
-    config = common.campaign(ctx, settings)
+    config = common.campaign(settings)
     with (
         previewing(config.recordings) as recorder_waits,
         open_instruments(config, duration_s=duration_s, allow_missing=True) as instruments,

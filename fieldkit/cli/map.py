@@ -56,9 +56,7 @@ if TYPE_CHECKING:
 @click.option("--follow", is_flag=True, help="Map a session anew each minute while it is being recorded.")
 @common.workers_options
 @common.set_option
-@click.pass_context
 def command(
-    ctx: click.Context,
     sessions: tuple[Path, ...],
     out: Path | None,
     window: float | str | None,
@@ -106,7 +104,7 @@ def command(
         wanted = Products([name.strip() for name in products.split(",")], limit_deg, drive_deg)
     camera = read_pose(pose) if pose is not None else None
     base = partial(default_base, window=window, overrides=settings)
-    paths = find_sessions(ctx, sessions) if sessions else [latest_session(ctx, None)]
+    paths = find_sessions(sessions) if sessions else [latest_session(None)]
     if len(paths) > 1:
         if follow:
             raise click.UsageError("--follow is for one session")

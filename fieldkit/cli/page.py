@@ -44,15 +44,7 @@ ENDS_WITHIN_S = 5.0
 )  # fmt: skip
 @click.option("--record", is_flag=True, help="Begin a recording at once, and again when it fails.")
 @common.set_option
-@click.pass_context
-def command(
-    ctx: click.Context,
-    address: str,
-    port: int,
-    role: Role | None,
-    record: bool,
-    settings: tuple[str, ...],
-) -> None:
+def command(address: str, port: int, role: Role | None, record: bool, settings: tuple[str, ...]) -> None:
     r"""Serve the field page: frame, regions, slopes, start, marks and alarms in a browser.
 
     Without a recording it shows the instruments live. A recording that is started there goes on when the page
@@ -63,7 +55,7 @@ def command(
     fieldkit page --address 192.168.4.1 for phones in that network
     fieldkit page --link view           one more link, to look only
     """
-    config = common.campaign(ctx, settings)
+    config = common.campaign(settings)
     if role is not None:
         _show_link(_link(config, address, port, role))
         return

@@ -63,10 +63,7 @@ if TYPE_CHECKING:
 # asked for the measures until they came by default; the next version drops it
 @click.option("--experiments", is_flag=True, hidden=True, expose_value=False)
 @click.option("-o", "--out", type=click.Path(dir_okay=False, path_type=Path), help="Page to write.")
-@click.pass_context
 def command(
-    ctx: click.Context,
-    /,
     site: Site | None,
     zone: str | None,
     day: date | None,
@@ -92,7 +89,7 @@ def command(
     """
     from fieldkit.recording.plan import PlanOptions, plan, target_facets
 
-    config = None if site and facets else campaign(ctx)
+    config = None if site and facets else campaign()
     made = plan(
         with_zone(site, zone) if site else _campaign_site(config, zone),
         day,
@@ -107,7 +104,7 @@ def command(
     path = out or (config.reports / f"plan-{made.day}.html" if config else None)
     if path:
         made.write(path, found)
-    if options(ctx).json:
+    if options().json:
         print_json({**made.document, **(found.document if found else {"experiments": None}), "page": path})
     else:
         _print(made, found, path)

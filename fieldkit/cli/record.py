@@ -55,9 +55,7 @@ if TYPE_CHECKING:
 )  # fmt: skip
 @common.theme_option
 @common.set_option
-@click.pass_context
 def command(
-    ctx: click.Context,
     name: str,
     duration_s: float | None,
     at: time | None,
@@ -76,7 +74,7 @@ def command(
         raise click.UsageError("give --for or --until, not both")
     if include_last_s is not None and at is not None:
         raise click.UsageError("give --at or --include-last, not both; an earlier --at records the same")
-    config = common.campaign(ctx, settings)
+    config = common.campaign(settings)
     report_interrupted(sessions_in(config.recordings))
     if detach and page_address is not None:
         raise click.UsageError("--page ends with this terminal; fieldkit page shows a detached recording")

@@ -25,15 +25,14 @@ if TYPE_CHECKING:
     "--speed", default="60", show_default=True, metavar="N|max", help="Session seconds per real second."
 )
 @common.set_option
-@click.pass_context
-def command(ctx: click.Context, session: Path, speed: str, settings: tuple[str, ...]) -> None:
+def command(session: Path, speed: str, settings: tuple[str, ...]) -> None:
     """Play a SESSION as if live; --speed max gives its slopes at once."""
     from fieldkit.recording.replay import replay
     from fieldkit.results.estimate import as_document
     from fieldkit.results.json_document import learnt_document
 
     factor = parse_speed(speed)
-    session = find_session(ctx, session)
+    session = find_session(session)
     report_interrupted([session])
     is_shown = not (math.isinf(factor) or common.options().json)
     done = replay(session, speed=factor, settings=settings, view_of=_view if is_shown else None)

@@ -34,9 +34,7 @@ if TYPE_CHECKING:
 @click.option("--open", "show", is_flag=True, help="Open it in the browser.")
 @common.present_option
 @common.set_option
-@click.pass_context
 def command(
-    ctx: click.Context,
     sessions: tuple[Path, ...],
     out: Path | None,
     palette: str | None,
@@ -54,7 +52,7 @@ def command(
     from fieldkit.results.result_files import recalled
 
     sessions, settings, as_now = recalled(sessions, settings)
-    paths = find_sessions(ctx, sessions) if sessions else [latest_session(ctx, None)]
+    paths = find_sessions(sessions) if sessions else [latest_session(None)]
     chosen = ReportOptions(settings=settings, present=present or as_now, palette=palette)
     made = report(paths, out, chosen, notify=common.say_warning)
     _print(made)

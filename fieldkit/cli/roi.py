@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fieldkit.cli.common import CommandGroup, options, print_json, print_table, say
+from fieldkit.cli.common import CommandGroup, campaign_file, options, print_json, print_table, say
 from fieldkit.cli.session_paths import find_session
 from fieldkit.cli.types import OR_RECORD, RECT, XY
 from fieldkit.model.errors import ConfigError
@@ -67,9 +67,7 @@ def command() -> None:
 @_AZIMUTH
 @_EMISSIVITY
 @_OFFSET
-@click.pass_context
 def add(
-    ctx: click.Context,
     name: str,
     more: tuple[Point, ...],
     first: Point | None,
@@ -101,7 +99,7 @@ def add(
         raise click.UsageError("--pose and --ground are for --points")
     if pose is not None and ground:
         raise click.UsageError("give --pose or --ground, not both")
-    file = _file(ctx)
+    file = campaign_file()
     corners = [first, *more] if first else []
     added = partial(
         add_region,
@@ -113,7 +111,7 @@ def add(
         **_known(tilt_deg=tilt, azimuth_deg=azimuth, emissivity=emissivity, offset_k=offset),
     )
     region, sent = change_regions(file, added)
-    if options(ctx).json:
+    if options().json:
         print_json({"config": str(file), "region": region, **_request(sent)})
     say(f"region {name} added to {file}")
     _say_sent(sent)
@@ -144,8 +142,7 @@ def _on_frame(file: Path, pose: Path, corners: list[Point]) -> list[Point]:
     metavar="SESSION",
     help="Look in the first frames of this session.",
 )
-@click.pass_context
-def suggest(ctx: click.Context, names: tuple[str, ...], accept: bool, session: Path | None) -> None:
+def suggest(names: tuple[str, ...], accept: bool, session: Path | None) -> None:
     r"""Suggest regions: even areas with four sharp edges that differ from their surroundings.
 
     \b
@@ -161,15 +158,15 @@ def suggest(ctx: click.Context, names: tuple[str, ...], accept: bool, session: P
 
     if accept and names:
         raise click.UsageError("give names or --accept, not both")
-    file = _file(ctx)
-    found = suggest_regions(file.parent, find_session(ctx, session) if session else None)
+    file = campaign_file()
+    found = suggest_regions(file.parent, find_session(session) if session else None)
     chosen = [one for one in found if accept or one.region.name in names]
     if unknown := set(names) - {one.region.name for one in found}:
         suggested = ", ".join(one.region.name for one in found)
         raise ConfigError(f"{', '.join(sorted(unknown))}: not suggested", fix=f"suggested are {suggested}")
     sent = change_regions(file, partial(add_suggested, suggestions=chosen))[1] if chosen else None
     added = [one.region.name for one in chosen]
-    if options(ctx).json:
+    if options().json:
         suggestions = [one.document() for one in found]
         print_json({"config": str(file), "suggestions": suggestions, "added": added, **_request(sent)})
     elif not chosen:
@@ -190,9 +187,7 @@ def suggest(ctx: click.Context, names: tuple[str, ...], accept: bool, session: P
 @_AZIMUTH
 @_EMISSIVITY
 @_OFFSET
-@click.pass_context
 def edit(
-    ctx: click.Context,
     name: str,
     shrink: float | None,
     tilt: float | None,
@@ -211,9 +206,9 @@ def edit(
     properties = _known(tilt_deg=tilt, azimuth_deg=azimuth, emissivity=emissivity, offset_k=offset)
     if shrink is None and not properties:
         raise click.UsageError("give what to change: --shrink, --tilt, --azimuth, --emissivity or --offset")
-    file = _file(ctx)
+    file = campaign_file()
     changes, sent = change_regions(file, partial(edit_region, name=name, shrink_px=shrink, **properties))
-    if options(ctx).json:
+    if options().json:
         print_json({"config": str(file), "region": {"name": name, **changes}, **_request(sent)})
     say(f"region {name} changed in {file}")
     _say_sent(sent)
@@ -222,28 +217,26 @@ def edit(
 
 @command.command("remove")
 @click.argument("name")
-@click.pass_context
-def remove(ctx: click.Context, name: str) -> None:
+def remove(name: str) -> None:
     """Remove the region NAME from fieldkit.toml."""
     from fieldkit.recording.redrawing import change_regions
     from fieldkit.recording.regions import remove_region
 
-    file = _file(ctx)
+    file = campaign_file()
     _, sent = change_regions(file, partial(remove_region, name=name))
-    if options(ctx).json:
+    if options().json:
         print_json({"config": str(file), "removed": name, **_request(sent)})
     say(f"region {name} removed from {file}")
     _say_sent(sent)
 
 
 @command.command("list")
-@click.pass_context
-def list_(ctx: click.Context) -> None:
+def list_() -> None:
     """List the regions."""
     from fieldkit.recording.regions import read_regions
 
-    regions = read_regions(_file(ctx))[0].regions
-    if options(ctx).json:
+    regions = read_regions(campaign_file())[0].regions
+    if options().json:
         print_json({"regions": [_document(region) for region in regions]})
     elif regions:
         print_table(("name", "kind", "tilt/azimuth", "corners"), [_row(region) for region in regions])
@@ -266,10 +259,10 @@ def check(ctx: click.Context, session: Path | None) -> None:
     """
     from fieldkit.recording.regions import inspect_regions, read_regions
 
-    config, mistakes = read_regions(_file(ctx))
-    inspections = inspect_regions(config, find_session(ctx, session) if session else None)
+    config, mistakes = read_regions(campaign_file())
+    inspections = inspect_regions(config, find_session(session) if session else None)
     failed = bool(mistakes) or any(inspection.level == "FAIL" for inspection in inspections)
-    if options(ctx).json:
+    if options().json:
         print_json(
             {
                 "regions": [inspection.document() for inspection in inspections],
@@ -284,12 +277,6 @@ def check(ctx: click.Context, session: Path | None) -> None:
         for mistake in mistakes:
             click.echo(f"FAIL: {mistake}")
     ctx.exit(ConfigError.exit_code if failed else 0)
-
-
-def _file(ctx: click.Context) -> Path:
-    from fieldkit.config import find_campaign
-
-    return find_campaign(options(ctx).directory or Path.cwd())
 
 
 def _request(sent: SentRequest | None) -> dict[str, str]:

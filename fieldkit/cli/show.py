@@ -24,8 +24,7 @@ _LAST_EVENTS = 12
 @click.command(cls=Command)
 @click.argument("session", required=False, type=click.Path(path_type=Path))
 @click.option("--follow", is_flag=True, help="Continue printing while the session is being recorded.")
-@click.pass_context
-def command(ctx: click.Context, session: Path | None, follow: bool) -> None:
+def command(session: Path | None, follow: bool) -> None:
     """Show one SESSION: where, when, streams, regions, last slopes, events.
 
     Without SESSION, the campaign's latest.
@@ -34,13 +33,13 @@ def command(ctx: click.Context, session: Path | None, follow: bool) -> None:
     from fieldkit.results.describe import describe, recorded_learnt, recorded_slopes
     from fieldkit.sessions.reader import open_session
 
-    path = latest_session(ctx, session)
+    path = latest_session(session)
     with open_session(path) as opened:
         document = describe(opened)
-        if options(ctx).json and not follow:
+        if options().json and not follow:
             print_json(document)
             return
-        if not options(ctx).json:
+        if not options().json:
             _print(document, recorded_slopes(opened), by_time(opened.events()))
             print_learnt(recorded_learnt(opened))
         if follow:

@@ -138,7 +138,7 @@ def command(
             on_stage=lambda stage: bar.update(task, description=stage),
         )
         study.write(out)
-    if options(ctx).json:
+    if options().json:
         print_json(study.document)
         return
     _print(study.document)
@@ -180,7 +180,7 @@ def _study_world(
             on_window=lambda window: bar.update(task, description=window),
         )
     study.write(out)
-    if options(ctx).json:
+    if options().json:
         print_json(study.document)
         return
     print_table(

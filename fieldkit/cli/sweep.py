@@ -29,9 +29,7 @@ if TYPE_CHECKING:
 )  # fmt: skip
 @common.present_option
 @common.workers_options
-@click.pass_context
 def command(
-    ctx: click.Context,
     sessions: tuple[Path, ...],
     settings: tuple[str, ...],
     out: Path | None,
@@ -59,7 +57,7 @@ def command(
     from fieldkit.results.sweep import read_grid, sweep
 
     grid = read_grid(settings)
-    paths = find_sessions(ctx, sessions)
+    paths = find_sessions(sessions)
     base = batch.base_of(out or _default(paths[0]))
     with batch.progress_bar("estimating") as on_progress:
         found = sweep(
