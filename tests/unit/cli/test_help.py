@@ -11,12 +11,12 @@ import pytest
 from click.core import ParameterSource
 from click.testing import CliRunner
 
-from fieldkit.cli import COMMANDS, CommandEntry, CommandTable, main
+from fieldkit.cli import COMMANDS, CommandTable, main
 from fieldkit.cli.common import Command, CommandGroup
 from fieldkit.cli.old_spellings import OLD, respelt
 
 HEAVY = ("numpy", "astropy", "h5py", "cv2", "pydantic", "rich", "scipy", "serial", "usb")
-COMMAND_NAMES = [row.name for rows in COMMANDS.values() for row in rows]
+COMMAND_NAMES = [name for summaries in COMMANDS.values() for name in summaries]
 
 
 def loaded_by(*arguments: str) -> set[str]:
@@ -56,9 +56,9 @@ def test_cite_names_everybody_and_every_title_of_the_citation_file():
 
 def test_help_names_every_command_under_its_heading():
     out = CliRunner().invoke(main, ["--help"]).output
-    for heading, rows in COMMANDS.items():
+    for heading, summaries in COMMANDS.items():
         assert f"\n{heading}:\n" in out
-        assert all(f"  {row.name} " in out for row in rows)
+        assert all(f"  {name} " in out for name in summaries)
 
 
 @pytest.mark.parametrize("name", COMMAND_NAMES)
@@ -96,9 +96,7 @@ def test_an_unknown_option_exits_2():
 
 
 def test_a_command_is_imported_only_when_it_runs():
-    table = CommandTable(
-        {"Start": (CommandEntry("broken", "fieldkit.no_such_module", "Cannot be imported."),)}, name="x"
-    )
+    table = CommandTable({"Start": {"no_such_module": "Cannot be imported."}}, name="x")
     assert "Cannot be imported." in CliRunner().invoke(table, ["--help"]).output
 
 
