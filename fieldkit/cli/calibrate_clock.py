@@ -11,7 +11,7 @@ import click
 
 from fieldkit.cli import common
 from fieldkit.cli.session_paths import find_session
-from fieldkit.cli.types import MOMENT, RECORD_NAME
+from fieldkit.cli.types import MOMENT, PATH, RECORD_NAME
 
 if TYPE_CHECKING:
     from fieldkit.calibrate.clock import ClockCalibration
@@ -20,7 +20,7 @@ DEFAULT_NAME = "clock"
 
 
 @click.command(cls=common.Command)
-@click.argument("session", required=False, type=click.Path(path_type=Path))
+@click.argument("session", required=False, type=PATH)
 @click.option(
     "--at",
     "shown",

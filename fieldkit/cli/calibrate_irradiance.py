@@ -9,14 +9,14 @@ import click
 
 from fieldkit.cli import common
 from fieldkit.cli.session_paths import find_session
-from fieldkit.cli.types import RECORD_NAME
+from fieldkit.cli.types import PATH, RECORD_NAME
 
 if TYPE_CHECKING:
     from fieldkit.calibrate.irradiance import Against
 
 
 @click.command(cls=common.Command)
-@click.argument("session", type=click.Path(path_type=Path))
+@click.argument("session", type=PATH)
 @click.option("--name", type=RECORD_NAME, default="light", show_default=True, help="Name of the record.")
 @click.option("--pyranometer", metavar="STREAM", help="A stream: global irradiance on the meter's plane.")
 @click.option("--pyrheliometer", metavar="STREAM", help="A stream: direct normal irradiance.")

@@ -8,11 +8,11 @@ import click
 
 from fieldkit.cli import common
 from fieldkit.cli.session_paths import find_session
-from fieldkit.cli.types import RECORD_NAME
+from fieldkit.cli.types import PATH, RECORD_NAME
 
 
 @click.command(cls=common.Command)
-@click.argument("session", type=click.Path(path_type=Path))
+@click.argument("session", type=PATH)
 @click.option("--name", type=RECORD_NAME, default="beds", show_default=True, help="Name of the record.")
 @click.option("--region", "beds", multiple=True, metavar="REGION", help="Only this region; may be repeated.")
 @click.option(

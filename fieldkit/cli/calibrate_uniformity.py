@@ -9,12 +9,12 @@ import click
 
 from fieldkit.cli import common
 from fieldkit.cli.session_paths import find_session
-from fieldkit.cli.types import RECORD_NAME
+from fieldkit.cli.types import PATH, RECORD_NAME
 
 
 @click.command(cls=common.Command)
-@click.argument("before", type=click.Path(path_type=Path))
-@click.argument("after", required=False, type=click.Path(path_type=Path))
+@click.argument("before", type=PATH)
+@click.argument("after", required=False, type=PATH)
 @click.option("--name", type=RECORD_NAME, default="uniformity", show_default=True, help="Name of the record.")
 @click.option(
     "--target-sd",

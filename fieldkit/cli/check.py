@@ -10,6 +10,7 @@ import click
 
 from fieldkit.cli.common import Command, options, print_json, say
 from fieldkit.cli.session_paths import find_sessions
+from fieldkit.cli.types import PATH
 from fieldkit.model.errors import IntegrityError, RefusedError
 
 if TYPE_CHECKING:
@@ -19,7 +20,7 @@ _MARKS = {"ok": ("ok  ", None), "warn": ("warn", "yellow"), "fail": ("FAIL", "re
 
 
 @click.command(cls=Command)
-@click.argument("paths", nargs=-1, type=click.Path(path_type=Path))
+@click.argument("paths", nargs=-1, type=PATH)
 @click.option("--strict", is_flag=True, help="Warnings count as failures: exit code 7.")
 @click.option(
     "--apply", "apply_map", is_flag=True, help="Write the proposed time map into the session, as data."

@@ -120,23 +120,36 @@ present_option = click.option(
 """``--campaign`` for commands that estimate recorded sessions; pass `present` to `config_for`."""
 
 
-def workers_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """``-j``, ``--executor``, ``--address`` for commands over many sessions; pass them to `batch.workers`."""
-    for option in (
-        click.option(
-            "--address", metavar="ADDRESS", help="Scheduler of that cluster, such as tcp://10.0.0.5:8786."
-        ),
-        click.option(
-            "--executor", "kind", type=click.Choice(["local", "dask"]), default="local", show_default=True,
-            help="Processes of this computer, or the workers of a Dask cluster that runs.",
-        ),
-        click.option(
-            "-j", "--jobs", type=click.IntRange(min=1), metavar="N",
-            help="Processes [default: one for each core].",
-        ),
-    ):  # fmt: skip
-        command = option(command)
-    return command
+Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
+
+
+def options_together(*single: Decorator) -> Decorator:
+    """Options that several commands share, as one decorator."""
+
+    def decorated(command: Callable[..., Any]) -> Callable[..., Any]:
+        for option in reversed(single):
+            command = option(command)
+        return command
+
+    return decorated
+
+
+jobs_option = click.option(
+    "-j", "--jobs", type=click.IntRange(min=1), metavar="N", help="Processes [default: one for each core]."
+)
+
+
+workers_options = options_together(
+    jobs_option,
+    click.option(
+        "--executor", "kind", type=click.Choice(["local", "dask"]), default="local", show_default=True,
+        help="Processes of this computer, or the workers of a Dask cluster that runs.",
+    ),
+    click.option(
+        "--address", metavar="ADDRESS", help="Scheduler of that cluster, such as tcp://10.0.0.5:8786."
+    ),
+)  # fmt: skip
+"""``-j``, ``--executor``, ``--address`` for commands over many sessions; pass them to `batch.workers`."""
 
 
 def campaign_file() -> Path:

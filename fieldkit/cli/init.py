@@ -9,12 +9,12 @@ import click
 
 from fieldkit.cli.common import Command, is_interactive, options, print_json, say
 from fieldkit.cli.devices import add_connected
-from fieldkit.cli.types import SITE
+from fieldkit.cli.types import PATH, SITE
 from fieldkit.model.site import Site, zone_by_longitude
 
 
 @click.command(cls=Command)
-@click.argument("folder", type=click.Path(path_type=Path), default=".", metavar="[DIR]")
+@click.argument("folder", type=PATH, default=".", metavar="[DIR]")
 @click.option("--site", type=SITE, help="Where it is measured [default: the paper's site, to be changed].")
 @click.option(
     "--zone", "timezone", metavar="ZONE", help="Its time zone, such as Asia/Tokyo [default: by longitude]."

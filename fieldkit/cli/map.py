@@ -12,7 +12,7 @@ import click
 
 from fieldkit.cli import batch, common
 from fieldkit.cli.session_paths import find_sessions, latest_session
-from fieldkit.cli.types import WINDOW
+from fieldkit.cli.types import FILE, PATH, WINDOW
 from fieldkit.model.errors import NoAnswerError
 
 if TYPE_CHECKING:
@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 
 
 @click.command(cls=common.Command)
-@click.argument("sessions", nargs=-1, type=click.Path(path_type=Path))
+@click.argument("sessions", nargs=-1, type=PATH)
 @click.option(
-    "-o", "--out", type=click.Path(path_type=Path), metavar="NAME",
+    "-o", "--out", type=PATH, metavar="NAME",
     help="Of several sessions: a folder [default: the results folder].",
 )  # fmt: skip
 @click.option(
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     help="Direction of the drive that rdir is the slope along, from north, clockwise.",
 )  # fmt: skip
 @click.option(
-    "--pose", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="FILE",
+    "--pose", type=FILE, metavar="FILE",
     help="Pose of the camera and its ground, a TOML file: adds NAME.tif, NAME.ply, NAME.mcap "
     "[default: camera.pose].",
 )  # fmt: skip

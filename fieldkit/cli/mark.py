@@ -16,7 +16,7 @@ from fieldkit.cli.common import (
     say,
     usage_errors,
 )
-from fieldkit.cli.types import WORDS
+from fieldkit.cli.types import PATH, WORDS
 
 
 @click.command(cls=Command)
@@ -35,7 +35,7 @@ from fieldkit.cli.types import WORDS
 @click.option("--edit", metavar="MARK", type=WORDS, help="Change a mark's text, --kind or time.")
 @click.option(
     "--session",
-    type=click.Path(path_type=Path),
+    type=PATH,
     metavar="SESSION",
     help="Session to list or correct.  [default: the running one, else the latest]",
 )

@@ -9,8 +9,17 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fieldkit.cli.common import Command, campaign, options, print_json, print_table, progress, say
-from fieldkit.cli.types import DAY, FACET, HOUR, SITE, ZONE, minutes
+from fieldkit.cli.common import (
+    Command,
+    campaign,
+    jobs_option,
+    options,
+    print_json,
+    print_table,
+    progress,
+    say,
+)
+from fieldkit.cli.types import DAY, FACET, HOUR, NEW_FILE, SITE, ZONE, minutes
 from fieldkit.model.site import Site, with_zone
 
 if TYPE_CHECKING:
@@ -57,12 +66,10 @@ if TYPE_CHECKING:
 @click.option(
     "--step", "step_min", type=minutes(1, 1440), default="30m", show_default=True, help="Time between rows."
 )
-@click.option(
-    "-j", "--jobs", type=click.IntRange(min=1), metavar="N", help="Processes [default: one for each core]."
-)
+@jobs_option
 # asked for the measures until they came by default; the next version drops it
 @click.option("--experiments", is_flag=True, hidden=True, expose_value=False)
-@click.option("-o", "--out", type=click.Path(dir_okay=False, path_type=Path), help="Page to write.")
+@click.option("-o", "--out", type=NEW_FILE, help="Page to write.")
 def command(
     site: Site | None,
     zone: str | None,

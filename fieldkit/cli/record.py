@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import click
 
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from fieldkit.config import Config
     from fieldkit.recorder import Summary
     from fieldkit.recording.record import PreparedRecording
+    from fieldkit.views.terminal_view import ThemeName
 
 
 @click.command(cls=common.Command)
@@ -64,7 +65,7 @@ def command(
     detach: bool,
     allow_missing: bool,
     page_address: str | None,
-    theme: Literal["dark", "paper"],
+    theme: ThemeName,
     settings: tuple[str, ...],
 ) -> None:
     """Record a session of this campaign; Ctrl-C stops and seals it, a second one stops at once."""
@@ -108,7 +109,7 @@ def command(
         raise summary.failure
 
 
-def _waited(prepared: PreparedRecording, at: time, theme: Literal["dark", "paper"]) -> bool:
+def _waited(prepared: PreparedRecording, at: time, theme: ThemeName) -> bool:
     """Show the instruments until the recording is to begin; False if that was called off."""
     from fieldkit.recording.waiting import await_begin
 

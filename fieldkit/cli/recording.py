@@ -6,7 +6,7 @@ import signal
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from fieldkit.cli import common
 
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from fieldkit.recorder import View
     from fieldkit.recording.opening import Instruments
     from fieldkit.recording.record import PreparedRecording, RecordedSession
+    from fieldkit.views.terminal_view import ThemeName
 
 
 def run_until_stopped(prepared: PreparedRecording, views: Sequence[View]) -> RecordedSession:
@@ -52,7 +53,7 @@ def stop_on_signals() -> Iterator[threading.Event]:
             signal.signal(number, handler)
 
 
-def live_views(prepared: PreparedRecording, theme: Literal["dark", "paper"] = "dark") -> list[View]:
+def live_views(prepared: PreparedRecording, theme: ThemeName = "dark") -> list[View]:
     """The live view of a recording on stderr; none with ``--quiet`` or ``--json``."""
     return terminal_views(
         prepared.config, prepared.instruments, prepared.path.stem, prepared.duration_s, theme
@@ -64,7 +65,7 @@ def terminal_views(
     instruments: Instruments,
     title: str,
     duration_s: float | None,
-    theme: Literal["dark", "paper"],
+    theme: ThemeName,
 ) -> list[View]:
     """The live view on stderr, none with ``--quiet`` or ``--json``."""
     from fieldkit.recording.alarms import least_sent

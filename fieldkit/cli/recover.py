@@ -11,6 +11,7 @@ import click
 
 from fieldkit.cli.common import Command, options, print_json, say
 from fieldkit.cli.session_paths import find_session, recordings_folder
+from fieldkit.cli.types import PATH
 from fieldkit.model.errors import FieldkitError, IntegrityError
 from fieldkit.recording.recordings import delete_crash_files, is_interrupted, sessions_in
 
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
 
 @click.command(cls=Command)
-@click.argument("paths", nargs=-1, type=click.Path(path_type=Path))
+@click.argument("paths", nargs=-1, type=PATH)
 @click.option("--tidy", is_flag=True, help="Delete files kept from crashes (NAME.h5.crashed).")
 def command(paths: tuple[Path, ...], tidy: bool) -> None:
     """Finish interrupted sessions from their journals; without PATHS, all of the campaign.

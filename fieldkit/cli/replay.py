@@ -11,7 +11,7 @@ import click
 from fieldkit.cli import common
 from fieldkit.cli.session_paths import find_session, report_interrupted
 from fieldkit.cli.slope_table import explain_slopes, print_learnt, print_slopes
-from fieldkit.cli.types import parse_speed
+from fieldkit.cli.types import PATH, parse_speed
 
 if TYPE_CHECKING:
     from fieldkit.estimation.estimator import Estimator
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 @click.command(cls=common.Command)
-@click.argument("session", type=click.Path(path_type=Path))
+@click.argument("session", type=PATH)
 @click.option(
     "--speed", default="60", show_default=True, metavar="N|max", help="Session seconds per real second."
 )

@@ -11,6 +11,7 @@ import click
 from fieldkit.cli import common
 from fieldkit.cli.failure import explain
 from fieldkit.cli.session_paths import find_sessions, latest_session
+from fieldkit.cli.types import PATH
 from fieldkit.model.errors import SessionError
 from fieldkit.palettes import NAMES
 
@@ -19,11 +20,11 @@ if TYPE_CHECKING:
 
 
 @click.command(cls=common.Command)
-@click.argument("sessions", nargs=-1, type=click.Path(path_type=Path))
+@click.argument("sessions", nargs=-1, type=PATH)
 @click.option(
     "-o",
     "--out",
-    type=click.Path(path_type=Path),
+    type=PATH,
     metavar="FILE",
     help="FILE.html, FILE.pdf with the HTML beside it, or FILE.png, one image for a slide "
     "[default: HTML in the reports folder].",

@@ -11,6 +11,7 @@ import click
 
 from fieldkit.cli.common import Command, options, print_json, print_json_line, say
 from fieldkit.cli.session_paths import latest_session
+from fieldkit.cli.types import PATH
 from fieldkit.views.formatting import by_time, event_text, precise_duration
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ _LAST_EVENTS = 12
 
 
 @click.command(cls=Command)
-@click.argument("session", required=False, type=click.Path(path_type=Path))
+@click.argument("session", required=False, type=PATH)
 @click.option("--follow", is_flag=True, help="Continue printing while the session is being recorded.")
 def command(session: Path | None, follow: bool) -> None:
     """Show one SESSION: where, when, streams, regions, last slopes, events.

@@ -10,6 +10,7 @@ import re
 import tomllib
 from datetime import date, datetime, time
 from math import inf, isfinite, nan
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import click
@@ -220,6 +221,10 @@ def _numbers(text: str, counts: tuple[int, ...], expected: str) -> list[float]:
     return numbers
 
 
+PATH = click.Path(path_type=Path)
+FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
+NEW_FILE = click.Path(dir_okay=False, path_type=Path)
+"""Any path; a file that exists; a file to write."""
 WORDS = _Typed("TEXT", parse_storable_text)
 SITE = _Typed("LAT,LON[,ALT]", parse_site)
 TIME_OF_DAY = _Typed("HH:MM", parse_time_of_day)
