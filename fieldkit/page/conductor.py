@@ -23,7 +23,7 @@ from fieldkit.model.errors import (
     message_of,
 )
 from fieldkit.model.samples import Event, EventKind
-from fieldkit.page.hub import Hub, Item
+from fieldkit.page.hub import Hub
 from fieldkit.recording.background import BackgroundRecording
 from fieldkit.recording.last_samples import LastSamples
 from fieldkit.recording.opening import open_instruments
@@ -37,7 +37,7 @@ from fieldkit.recording.running import (
 )
 from fieldkit.sessions.lock import is_locked, journal_path, owner
 from fieldkit.views.feed import FeedReader, FeedStart, feed_path
-from fieldkit.views.latest import Latest
+from fieldkit.views.latest import Item, Latest
 from fieldkit.views.trend import Trend
 
 log: logging.Logger = logging.getLogger(__name__)

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from fieldkit import __version__
 from fieldkit.config import Config
 from fieldkit.estimation.estimator import Minute
-from fieldkit.model.samples import Event, Frame, Health, Reading, is_showable
-from fieldkit.model.site import Region, RegionRecord
+from fieldkit.model.samples import Event, Frame, is_showable
+from fieldkit.model.site import Region
 from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.page import outgoing
 from fieldkit.page.pictures import Mode, picture
@@ -29,11 +29,10 @@ from fieldkit.physics.radiance import surface_temperature_k
 from fieldkit.recording.preflight import sampling_of
 from fieldkit.results.json_document import plain_json
 from fieldkit.views import frame_image
-from fieldkit.views.latest import Latest
+from fieldkit.views.latest import Item, Latest
 from fieldkit.views.trend import Trend
 
 Phase = Literal["preview", "starting", "waiting", "recording", "sealing", "no-instruments"]
-Item = Frame | Reading | Event | RegionRecord | Minute | Health
 FASTEST_PICTURES_S = 0.03
 """A simulated field may run faster than time; eyes do not."""
 MAX_VIEWERS = 8

@@ -21,7 +21,7 @@ from contextlib import suppress
 from copy import deepcopy
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
@@ -31,7 +31,7 @@ from fieldkit.model.samples import Event, Frame, Health, Quality, Reading
 from fieldkit.model.site import Region, RegionRecord, Site
 from fieldkit.sessions.json_forms import build
 from fieldkit.views import unix_socket
-from fieldkit.views.latest import Latest
+from fieldkit.views.latest import Item, Latest
 from fieldkit.views.trend import Trend
 
 log: logging.Logger = logging.getLogger(__name__)
@@ -42,8 +42,6 @@ MAX_READERS = 8
 SMALL_ITEMS_KEPT = 4096
 """Readings, events and minutes that may wait for a reader; the oldest are dropped."""
 HEADER_MAX, BODY_MAX = 16_000_000, 64_000_000
-
-Item: TypeAlias = Frame | Reading | Event | RegionRecord | Minute | Health
 
 
 @dataclass(frozen=True, slots=True)

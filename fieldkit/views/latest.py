@@ -7,7 +7,7 @@ and never changed in place, so that a reader needs no lock.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 from fieldkit.model.alarm import Alarm, Phase, phase_of, present_after
 from fieldkit.model.device import StreamInfo
@@ -18,6 +18,8 @@ from fieldkit.views import formatting
 if TYPE_CHECKING:
     from fieldkit.estimation.estimator import Minute
 
+Item: TypeAlias = "Frame | Reading | Event | RegionRecord | Minute | Health"
+"""What a recording passes to its views."""
 EVENTS_KEPT = 50
 RATE_OVER_S = 60
 
@@ -58,7 +60,7 @@ class Latest:
         self.time_ns: int = 0
         self._healths: tuple[Health, ...] = ()
 
-    def update(self, item: Frame | Reading | Event | RegionRecord | Minute | Health) -> None:
+    def update(self, item: Item) -> None:
         """Replace the previous item of the same kind."""
         if isinstance(item, RegionRecord):
             self._redraw(item)

@@ -22,7 +22,7 @@ from fieldkit.model.samples import Event, Frame, Health, Reading, Severity
 from fieldkit.model.site import Region, RegionKind, RegionRecord, Site
 from fieldkit.model.slope import SlopeEstimate
 from fieldkit.views import formatting
-from fieldkit.views.latest import Latest
+from fieldkit.views.latest import Item, Latest
 from fieldkit.views.screen import THEMES, screen
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ class TerminalView:
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="live view", daemon=True)
 
-    def show(self, item: Frame | Reading | Event | RegionRecord | Minute | Health) -> None:
+    def show(self, item: Item) -> None:
         """Keep an item for the next redraw."""
         self._latest.update(item)
         if self._thread.ident is None:
@@ -139,7 +139,7 @@ class PlainView:
         self._thread = threading.Thread(target=self._print, name="plain view", daemon=True)
         self._thread.start()
 
-    def show(self, item: Frame | Reading | Event | RegionRecord | Minute | Health) -> None:
+    def show(self, item: Item) -> None:
         """Print the item if it is an event or a minute; the first failure ends the printing."""
         if isinstance(item, Frame | Reading | RegionRecord | Health):
             return
