@@ -100,12 +100,7 @@ def directions(errors: Mapping[str, tuple[FloatArray, FloatArray]]) -> str:
     axes.set_theta_direction(-1)
     for index, (name, (centres, values)) in enumerate(errors.items()):
         around = np.radians(np.append(centres, centres[0]))
-        axes.plot(
-            around,
-            np.append(values, values[0]),
-            color=plotting.colour(index),
-            label=name,
-        )
+        axes.plot(around, np.append(values, values[0]), color=plotting.colour(index), label=name)
     axes.legend(loc="upper left", bbox_to_anchor=(0.95, 1.1), **plotting.LEGEND)
     return plotting.svg(figure)
 
@@ -121,16 +116,9 @@ def measured_against_modelled(
         both = np.isfinite(x) & np.isfinite(y)
         everything += [x[both], y[both]]
         points = axes.plot(
-            x[both],
-            y[both],
-            linestyle="none",
-            marker=plotting.marker(index),
-            markersize=3.5,
-            alpha=0.7,
-            markeredgewidth=0,
-            color=plotting.colour(index),
-            label=name,
-        )
+            x[both], y[both], linestyle="none", markersize=3.5, alpha=0.7, markeredgewidth=0,
+            **plotting.marks(index, name),
+        )  # fmt: skip
         plotting.mark_part(index, points)
     values = np.concatenate(everything)
     ends = [float(np.min(values)) - 1.0, float(np.max(values)) + 1.0]
@@ -157,12 +145,9 @@ def errors_over_local_time(errors: Mapping[str, Sequence[ErrorSpan]], zone: str)
             [span.middle_ns / 3.6e12 + aside_h for span in spans],
             [span.mean for span in spans],
             yerr=[span.sd for span in spans],
-            marker=plotting.marker(index),
-            linestyle=plotting.dashes(index),
             markersize=5,
             capsize=3,
-            color=plotting.colour(index),
-            label=name,
+            **plotting.line(index, name) | plotting.marks(index, name),
         )
         plotting.mark_part(index, bars.get_children())
     axes.set_ylabel("absolute tilt error, °")
@@ -254,7 +239,7 @@ def errors_over_window(
             ]
             axes.plot(
                 [minutes / 60.0 for minutes, _ in line], [error for _, error in line],
-                color=plotting.colour(index), marker=plotting.marker(index), label=f"{noise_k:g} K",
+                **plotting.marks(index, f"{noise_k:g} K"),
             )  # fmt: skip
         axes.axhline(guess_deg, color="0.4", linestyle=":", linewidth=0.8, label="all called flat")
         axes.set(xscale="log", yscale="log", ylabel=f"p90, °\nfrom {hour:g} h")
@@ -273,7 +258,7 @@ def temperatures_over_day(
     above.plot(hour, flat_k, color="0.2")
     above.set_ylabel("flat ground, K")
     for index, (name, warmer) in enumerate(warmer_k.items()):
-        below.plot(hour, warmer, color=plotting.colour(index), linestyle=plotting.dashes(index), label=name)
+        below.plot(hour, warmer, **plotting.line(index, name))
     below.set(xlabel="local true solar time, h", ylabel="slope − flat, K")
     plotting.legend(below)
     figure.suptitle(title)

@@ -238,28 +238,31 @@ def _air_of_reference(columns: Series, parameters: SurfaceParameters) -> FloatAr
     return np.asarray(np.mean(found, axis=0)) if found else np.full(columns.time_ns.size, np.nan)
 
 
-# --- the values of a figure, minute by minute, for who points at it
+# --- figures over time, with their values minute by minute for who points at them
 
 
 MOST = 200
 """Readings of a figure: three hours minute by minute; longer sessions show every second minute, or third."""
 
 
-def readings(
-    drawn: OverTime, columns: Series, site: Site, values: Callable[[int], Iterable[str]]
-) -> list[Reading]:
-    """The readings of a figure; `values` gives the lines of words for a minute's index."""
-    step = math.ceil(columns.time_ns.size / MOST)
+def figure_over_time(
+    data: ReportData, drawn: OverTime, caption: str, alt: str, values: Callable[[int], Iterable[str]], *,
+    wide: bool = True, parts: Sequence[str] = (),
+) -> Figure:  # fmt: skip
+    """A figure with its readings; `values` gives the lines of words for a minute's index."""
+    time_ns = data.columns.time_ns
+    step = math.ceil(time_ns.size / MOST)
     middle = 100.0 * drawn.share_of_width[::step]
     width = float(np.min(np.diff(middle), initial=2.0))
-    return [
+    readings = [
         Reading(
             round(left - width / 2, 2),
             round(width, 2),
-            "\n".join([formatting.clock_time(int(columns.time_ns[minute]), site), *values(minute)]),
+            "\n".join([data.clock_time(int(time_ns[minute])), *values(minute)]),
         )
-        for left, minute in zip(middle.tolist(), range(0, columns.time_ns.size, step), strict=True)
+        for left, minute in zip(middle.tolist(), range(0, time_ns.size, step), strict=True)
     ]
+    return Figure(drawn.svg, caption, alt, wide, readings, parts)
 
 
 # --- the data of a report, gathered once
