@@ -23,6 +23,8 @@ from fieldkit.model.limits import shown
 from fieldkit.model.radiation import Component
 
 Degrees = Annotated[float, Field(ge=0, le=360)]
+Tilt = Annotated[float, Field(ge=0, le=90)]
+Emissivity = Annotated[float, Field(gt=0, le=1)]
 Positive = Annotated[float, Field(gt=0)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=32)]
 Probe = Annotated[str, Field(pattern=r"^[^:]+:[^:]+$", description="stream:channel, such as thermometer:T1")]
@@ -38,6 +40,11 @@ ConditionName = Annotated[Condition, Field(strict=False, description="")]
 SeverityWord = Literal["info", "warning", "error"]
 
 TABLE_1 = "(paper, Table 1)"
+
+
+def _unset(example: Any, description: str, **limits: Any) -> Any:
+    """A key that has no default."""
+    return Field(default=None, examples=[example], description=description, **limits)
 
 
 class Table(BaseModel):
@@ -102,58 +109,42 @@ class PoseTable(Table):
     crs: str = Field(
         examples=["EPSG:32613"], description="projected reference system in metres, of all places"
     )
-    east_m: float | None = Field(examples=[412000.0], default=None, description="the camera's easting")
-    north_m: float | None = Field(examples=[4172000.0], default=None, description="its northing")
-    height_m: float | None = Field(examples=[2305.0], default=None, description="its height")
-    yaw_deg: Annotated[float, Field(ge=-360, le=360)] | None = Field(
-        examples=[0.0],
-        default=None,
-        description="azimuth of the optical axis, from true north, clockwise",
+    east_m: float | None = _unset(412000.0, "the camera's easting")
+    north_m: float | None = _unset(4172000.0, "its northing")
+    height_m: float | None = _unset(2305.0, "its height")
+    yaw_deg: Annotated[float, Field(ge=-360, le=360)] | None = _unset(
+        0.0, "azimuth of the optical axis, from true north, clockwise"
     )
-    pitch_deg: Annotated[float, Field(ge=-90, le=90)] | None = Field(
-        examples=[-30.0], default=None, description="its elevation, negative downwards"
+    pitch_deg: Annotated[float, Field(ge=-90, le=90)] | None = _unset(
+        -30.0, "its elevation, negative downwards"
     )
-    roll_deg: Annotated[float, Field(ge=-180, le=180)] | None = Field(
-        examples=[0.0], default=None, description="turn about it, clockwise as the camera sees; default: 0"
+    roll_deg: Annotated[float, Field(ge=-180, le=180)] | None = _unset(
+        0.0, "turn about it, clockwise as the camera sees; default: 0"
     )
-    quaternion: Annotated[list[float], Field(min_length=4, max_length=4)] | None = Field(
-        examples=[[-0.5, 0.5, -0.5, 0.5]],
-        default=None,
-        description="x, y, z, w instead of angles, from right, down, forward to east, north, up",
+    quaternion: Annotated[list[float], Field(min_length=4, max_length=4)] | None = _unset(
+        [-0.5, 0.5, -0.5, 0.5], "x, y, z, w instead of angles, from right, down, forward to east, north, up"
     )
-    trajectory: str | None = Field(
-        examples=["run.csv"],
-        default=None,
-        description="a CSV or TUM file of poses over time, beside this file; a session holds its text",
+    trajectory: str | None = _unset(
+        "run.csv", "a CSV or TUM file of poses over time, beside this file; a session holds its text"
     )
     hfov_deg: float = Field(
         examples=[50.0], gt=0, lt=180, description="horizontal field of view, from edge to edge"
     )
-    distortion: Annotated[list[float], Field(min_length=5, max_length=5)] | None = Field(
-        examples=[[-0.3, 0.1, 0.0, 0.0, 0.0]],
-        default=None,
-        description="k1, k2, p1, p2, k3 of the lens, as OpenCV gives them",
+    distortion: Annotated[list[float], Field(min_length=5, max_length=5)] | None = _unset(
+        [-0.3, 0.1, 0.0, 0.0, 0.0], "k1, k2, p1, p2, k3 of the lens, as OpenCV gives them"
     )
     range_m: float = Field(examples=[60.0], gt=0, le=10_000, description="farther ground is omitted")
-    ground_m: float | None = Field(examples=[2300.0], default=None, description="height of level ground")
-    dem: str | None = Field(
-        examples=["dem.tif"], default=None, description="a GeoTIFF of heights, beside this file"
-    )
+    ground_m: float | None = _unset(2300.0, "height of level ground")
+    dem: str | None = _unset("dem.tif", "a GeoTIFF of heights, beside this file")
 
 
 class CameraTable(DeviceTable):
     """The thermal camera."""
 
-    width_px: int | None = Field(
-        examples=[160], default=None, gt=0, description="frame width, to check regions against"
-    )
-    height_px: int | None = Field(
-        examples=[120], default=None, gt=0, description="frame height, to check regions against"
-    )
-    pose: PoseTable | None = Field(
-        examples=[{}],
-        default=None,
-        description="where it stands and looks: a TOML file beside this one, or the table [camera.pose]",
+    width_px: int | None = _unset(160, "frame width, to check regions against", gt=0)
+    height_px: int | None = _unset(120, "frame height, to check regions against", gt=0)
+    pose: PoseTable | None = _unset(
+        {}, "where it stands and looks: a TOML file beside this one, or the table [camera.pose]"
     )
 
 
@@ -166,10 +157,8 @@ class MeterTable(DeviceTable):
 class LuxTable(MeterTable):
     """The illuminometer."""
 
-    range_max_lx: Positive | None = Field(
-        examples=[100000.0],
-        default=None,
-        description="upper end of the meter's range; readings there are flagged",
+    range_max_lx: Positive | None = _unset(
+        100000.0, "upper end of the meter's range; readings there are flagged"
     )
 
 
@@ -195,11 +184,7 @@ class IrradianceTable(Table):
     efficacy_lm_w: Positive = Field(
         default=105.0, description="lumen per watt of direct sunlight, for efficacy"
     )
-    factor: Positive | None = Field(
-        examples=[0.0091],
-        default=None,
-        description='W/m2 per unit of the reading, for calibrated; or "@name"',
-    )
+    factor: Positive | None = _unset(0.0091, 'W/m2 per unit of the reading, for calibrated; or "@name"')
     factor_sd: float = Field(
         default=0.0, ge=0, description="standard uncertainty of factor; a record brings its own"
     )
@@ -233,10 +218,8 @@ class SurfaceTable(Table):
     emissivity_sd: float = Field(
         default=0.0, ge=0, lt=1, description="standard uncertainty of emissivity; a record brings its own"
     )
-    emissivity_broadband: Annotated[float, Field(gt=0, le=1)] | None = Field(
-        default=None,
-        examples=[0.90],
-        description="for the energy balance, all wavelengths; default: emissivity",
+    emissivity_broadband: Emissivity | None = _unset(
+        0.90, "for the energy balance, all wavelengths; default: emissivity"
     )
     reflected_temperature_c: float = Field(
         default=-40.0,
@@ -288,27 +271,15 @@ class RecordTable(Table):
 class LimitsTable(Table):
     """Limits of a region's temperature and tilt."""
 
-    temperature_min_c: float | None = Field(
-        default=None, ge=-100, le=200, examples=[0.0], description="alarm below; default: none"
+    temperature_min_c: float | None = _unset(0.0, "alarm below; default: none", ge=-100, le=200)
+    temperature_max_c: float | None = _unset(60.0, "alarm above; default: none", ge=-100, le=200)
+    temperature_rate_k_min: Positive | None = _unset(
+        2.0, "alarm if a minute mean differs by more from the one before; default: none"
     )
-    temperature_max_c: float | None = Field(
-        default=None, ge=-100, le=200, examples=[60.0], description="alarm above; default: none"
-    )
-    temperature_rate_k_min: Positive | None = Field(
-        default=None,
-        examples=[2.0],
-        description="alarm if a minute mean differs by more from the one before; default: none",
-    )
-    tilt_min_deg: Annotated[float, Field(ge=0, le=90)] | None = Field(
-        default=None, examples=[5.0], description="alarm if the estimated tilt is below; default: none"
-    )
-    tilt_max_deg: Annotated[float, Field(ge=0, le=90)] | None = Field(
-        default=None, examples=[30.0], description="alarm if the estimated tilt is above; default: none"
-    )
-    tilt_probability: Annotated[float, Field(gt=0, lt=1)] | None = Field(
-        default=None,
-        examples=[0.05],
-        description="alarm if P(tilt > tilt_max_deg) is above, from the likelihood region; default: none",
+    tilt_min_deg: Tilt | None = _unset(5.0, "alarm if the estimated tilt is below; default: none")
+    tilt_max_deg: Tilt | None = _unset(30.0, "alarm if the estimated tilt is above; default: none")
+    tilt_probability: Annotated[float, Field(gt=0, lt=1)] | None = _unset(
+        0.05, "alarm if P(tilt > tilt_max_deg) is above, from the likelihood region; default: none"
     )
 
 
@@ -370,11 +341,7 @@ class SimulationTable(Table):
         min_length=1,
         description="the packaged day, clear, or a file of SURFRAD or BSRN",
     )
-    start: AwareDatetime | None = Field(
-        examples=["2016-01-01T12:00:00-07:00"],
-        default=None,
-        description="start time with its offset from UTC",
-    )
+    start: AwareDatetime | None = _unset("2016-01-01T12:00:00-07:00", "start time with its offset from UTC")
     speed: Positive | Literal["max"] = Field(
         default=1.0, description="simulated seconds per second; max: as fast as possible"
     )
@@ -429,26 +396,16 @@ class RegionTable(Table):
         max_length=64,
         description="instead, corners [east, north] or [east, north, height] on the ground of camera.pose",
     )
-    tilt_deg: Annotated[float, Field(ge=0, le=90)] | None = Field(
-        examples=[15.0],
-        default=None,
-        description="measured tilt from horizontal; reference: 0",
-    )
-    azimuth_deg: Degrees | None = Field(
-        examples=[180.0], default=None, description="measured azimuth of the normal from north, clockwise"
-    )
-    emissivity: Annotated[float, Field(gt=0, le=1)] | None = Field(
-        examples=[0.93],
-        default=None,
-        description='in the camera\'s band, where it differs from surface.emissivity; or "@name"',
+    tilt_deg: Tilt | None = _unset(15.0, "measured tilt from horizontal; reference: 0")
+    azimuth_deg: Degrees | None = _unset(180.0, "measured azimuth of the normal from north, clockwise")
+    emissivity: Emissivity | None = _unset(
+        0.93, 'in the camera\'s band, where it differs from surface.emissivity; or "@name"'
     )
     emissivity_sd: float = Field(
         default=0.0, ge=0, lt=1, description="standard uncertainty of emissivity; a record brings its own"
     )
-    surface_kind: Kind | None = Field(
-        examples=["rock"],
-        default=None,
-        description="its kind of surface, where it differs from surface.kind; a target's, for learned",
+    surface_kind: Kind | None = _unset(
+        "rock", "its kind of surface, where it differs from surface.kind; a target's, for learned"
     )
     offset_k: float = Field(
         default=0.0,
@@ -474,7 +431,7 @@ def _rising(ends: list[float]) -> list[float]:
 def _possible(words: str, key: str) -> Any:
     low, high = shown(key)
     text = f"{words}, least and greatest; default: {low:.4g} to {high:.4g}"
-    return Field(default=None, examples=[[float(f"{low:.4g}"), float(f"{high:.4g}")]], description=text)
+    return _unset([float(f"{low:.4g}"), float(f"{high:.4g}")], text)
 
 
 PossibleRange = Annotated[list[float], Field(min_length=2, max_length=2), AfterValidator(_rising)]
