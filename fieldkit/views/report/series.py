@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -32,9 +33,8 @@ from fieldkit.physics.energy_balance import (
     surface_temperature,
 )
 from fieldkit.physics.facet import cos_incidence, normal
-from fieldkit.views import formatting
+from fieldkit.views import formatting, plotting
 from fieldkit.views.html import Figure, Reading
-from fieldkit.views.plotting import OverTime
 
 if TYPE_CHECKING:
     from fieldkit.estimation.estimator import Minute
@@ -246,8 +246,8 @@ MOST = 200
 
 
 def figure_over_time(
-    data: ReportData, drawn: OverTime, caption: str, alt: str, values: Callable[[int], Iterable[str]], *,
-    wide: bool = True, parts: Sequence[str] = (),
+    data: ReportData, drawn: plotting.OverTime, caption: str, alt: str,
+    values: Callable[[int], Iterable[str]], *, wide: bool = True, parts: Sequence[str] = (),
 ) -> Figure:  # fmt: skip
     """A figure with its readings; `values` gives the lines of words for a minute's index."""
     time_ns = data.columns.time_ns
@@ -270,27 +270,42 @@ def figure_over_time(
 
 @dataclass(frozen=True)
 class ReportData:
-    """A session, its minutes as columns, the settings they were estimated with, and its events.
+    """A session, its minutes, and the settings they were estimated with.
 
-    `site`, `regions` and `config_toml` are those of the estimator, as an imported session has none of its
-    own. `others` holds the same minutes estimated with other surface models, by their names,
-    `budgets` the uncertainty budget of each slope, with the learned model.
+    `minutes` are the estimator's by `settings`, or the recording's own (`is_recordings`). `site`, `regions`
+    and `config_toml` are those of the estimator, as an imported session has none of its own. `by_others` are
+    the same samples estimated with other surface models, by their names, `budgets` the uncertainty budget of
+    each slope by region, with the learned model; `frame` is the one to show, `command_line` what was typed.
+    `sd` is the standard deviation of the absolute errors: eq. (9) as printed, or the usual one.
     """
 
     session: SessionReader
+    minutes: Sequence[Minute]
+    settings: EstimatorSettings
     site: Site
     regions: tuple[Region, ...]
-    columns: Series
-    settings: EstimatorSettings
-    sd: SdKind
-    events: Sequence[Event]
-    frame: Frame | None
-    others: Mapping[str, Series]
-    command_line: str
     config_toml: str
-    can_draw: bool
+    sd: SdKind = "paper"
+    frame: Frame | None = None
+    by_others: Mapping[str, Sequence[Minute]] = field(default_factory=dict)
+    command_line: str = ""
     is_recordings: bool = False
     budgets: Mapping[str, tuple[BudgetTerm, ...]] = field(default_factory=dict)
+
+    @cached_property
+    def columns(self) -> Series:
+        """The minutes side by side."""
+        return series(self.minutes, self.regions)
+
+    @cached_property
+    def others(self) -> Mapping[str, Series]:
+        """Those of the other models."""
+        return {model: series(minutes, self.regions) for model, minutes in self.by_others.items()}
+
+    @cached_property
+    def events(self) -> Sequence[Event]:
+        """The events of the session, in order of time."""
+        return formatting.by_time(self.session.events())
 
     def events_of(self, *kinds: EventKind) -> list[Event]:
         """Events of some kinds, in order."""
@@ -302,7 +317,7 @@ class ReportData:
 
     def drawn(self, draw: Callable[[ReportData], Iterator[Figure]]) -> list[Figure] | None:
         """The figures that `draw` yields; None without matplotlib."""
-        return list(draw(self)) if self.can_draw else None
+        return list(draw(self)) if plotting.available() else None
 
     @property
     def zone(self) -> str:
