@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from datetime import datetime
 from pathlib import Path
 
 import click
 
 from fieldkit.cli import common
-from fieldkit.cli.types import FILE, MOMENT, NEW_FILE
+from fieldkit.cli.types import FILE, MOMENT, NEW_FILE, parse_frame
 
 
 @click.command(cls=common.Command)
@@ -53,10 +52,7 @@ def command(
     if dem and crs and place and not skyline:
         found = horizon_from_dem(dem, crs, *place, nearest_m=nearest_m)
     elif skyline and pose_file and frame and not dem:
-        size = re.fullmatch(r"(\d+)x(\d+)", frame)
-        if size is None:
-            raise click.UsageError(f"--frame {frame}: write columns x rows, such as 160x120")
-        found = horizon_from_skyline(skyline, pose_file, (int(size[2]), int(size[1])), at=moment)
+        found = horizon_from_skyline(skyline, pose_file, parse_frame(frame), at=moment)
     else:
         raise click.UsageError(
             "give --dem, --crs and --place, or --skyline, --pose and --frame, or --regions"

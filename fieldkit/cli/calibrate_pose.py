@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-import re
 from pathlib import Path
 
 import click
 
 from fieldkit.cli import common
-from fieldkit.cli.types import FILE, NEW_FILE
+from fieldkit.cli.types import FILE, NEW_FILE, parse_frame
 
 
 @click.command(cls=common.Command)
@@ -45,12 +44,9 @@ def command(
     from fieldkit.calibrate.pose import pose
     from fieldkit.views.formatting import number
 
-    size = re.fullmatch(r"(\d+)x(\d+)", frame)
-    if size is None:
-        raise click.UsageError(f"--frame {frame}: write columns x rows, such as 160x120")
+    shape = parse_frame(frame)
     if (ground_m is None) == (dem is None):
         raise click.UsageError("give one of --ground-m, --dem")
-    shape = int(size[2]), int(size[1])
     lens = () if distortion is None else _lens(distortion)
     found = pose(points, crs, shape, hfov_deg=hfov_deg, mark_sd_px=mark_sd_px, distortion=lens)
     found.write(out, range_m=range_m, ground_m=ground_m, dem=dem)

@@ -246,6 +246,14 @@ KEY_VALUE = _Typed("KEY=VALUE", parse_key_value)
 INSTRUMENT = _Typed("IDENTITY=DRIVER", parse_instrument)
 
 
+def parse_frame(text: str) -> tuple[int, int]:
+    """Rows and columns of ``COLSxROWS``; raises `click.UsageError`."""
+    size = re.fullmatch(r"(\d+)x(\d+)", text)
+    if size is None:
+        raise click.UsageError(f"--frame {text}: write columns x rows, such as 160x120")
+    return int(size[2]), int(size[1])
+
+
 def parse_speed(text: str) -> float:
     """A positive number, or infinity for ``max``; raises `click.UsageError`."""
     try:
