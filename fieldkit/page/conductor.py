@@ -171,7 +171,8 @@ class Conductor:
                 latest = item.latest()
                 self.hub.become(planned_end_ns=item.planned_end_ns, started_ns=item.start_ns or None)
             elif isinstance(item, Trend):
-                self.hub.begin(latest, item)
+                latest.trend = item
+                self.hub.begin(latest)
                 seen = True
             elif seen:
                 self._show(item)

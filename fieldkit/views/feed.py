@@ -18,7 +18,6 @@ import threading
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from copy import deepcopy
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -79,7 +78,7 @@ class Feed:
     """
 
     def __init__(self, path: Path, latest: Latest) -> None:
-        self._latest, self._trend = latest, Trend()
+        self._latest = latest
         self._readers: list[_Sender] = []
         self._lock = threading.Lock()
         self._socket = unix_socket.listening(path)
@@ -89,8 +88,6 @@ class Feed:
         """Keep an item for readers to come and offer it to the present ones."""
         with self._lock:
             self._latest.update(item)
-            if isinstance(item, Minute):
-                self._trend.add(item)
             for reader in self._readers:
                 reader.offer(item)
 
@@ -123,7 +120,7 @@ class Feed:
             latest.site, latest.regions, streams, latest.title, latest.planned_end_ns, latest.start_ns
         )
         last = (*latest.events, *latest.readings.values(), *latest.frames.values(), latest.health)
-        return [start, deepcopy(self._trend), *(item for item in (*last, latest.minute) if item is not None)]
+        return [start, latest.trend, *(item for item in (*last, latest.minute) if item is not None)]
 
 
 class _Sender(threading.Thread):

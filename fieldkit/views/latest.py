@@ -14,6 +14,7 @@ from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Event, EventKind, Frame, Health, Reading, Severity, StreamHealth
 from fieldkit.model.site import Region, RegionRecord, Site
 from fieldkit.views import formatting
+from fieldkit.views.trend import Trend
 
 if TYPE_CHECKING:
     from fieldkit.estimation.estimator import Minute
@@ -25,7 +26,7 @@ RATE_OVER_S = 60
 
 
 class Latest:
-    """The latest frame, readings, minute, health and events of a recording.
+    """The latest frame, readings, minute, health and events of a recording, and its trend.
 
     `title` names the recording, `planned_end_ns` (UTC) is its planned end, None for an open end. `items`
     counts the updates, so that a view can detect changes; `alarms` are the present ones, oldest first,
@@ -50,6 +51,7 @@ class Latest:
         self.frames: Mapping[str, Frame] = {}
         self.readings: Mapping[str, Reading] = {}
         self.minute: Minute | None = None
+        self.trend: Trend = Trend()
         self.events: tuple[Event, ...] = ()
         self.alarms: tuple[Alarm, ...] = ()
         self.raised: Mapping[Severity, int] = {}
@@ -77,7 +79,7 @@ class Latest:
         elif isinstance(item, Health):
             self._healths = (*self._healths, item)[-RATE_OVER_S - 1 :]
         else:
-            self.minute = item
+            self.minute, self.trend = item, self.trend.plus(item)
 
     def _redraw(self, record: RegionRecord) -> None:
         regions = {region.name: region for region in self.regions} | {record.region.name: record.region}
