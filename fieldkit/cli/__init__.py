@@ -17,6 +17,8 @@ from fieldkit import __version__
 from fieldkit.cli.failure import explain_failures
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from click.shell_completion import CompletionItem
 
 
@@ -156,20 +158,29 @@ The method: Satoshi Watanabe, Kyohei Otsu, Masatsugu Otsuki, Takashi Kubota, Gak
 With every slope: which session, which method, and its uncertainty; fieldkit report prints all three."""
 
 
-def _cite(ctx: click.Context, _option: click.Parameter, is_wanted: bool) -> None:
-    """Print what a publication should name, and end."""
-    if is_wanted and not ctx.resilient_parsing:
-        click.echo(CITATION.format(version=__version__))
-        ctx.exit()
+def _citation() -> str:
+    return CITATION.format(version=__version__)
 
 
-def _version(ctx: click.Context, _option: click.Parameter, is_wanted: bool) -> None:
-    """Print version, commit and source, and end."""
-    if is_wanted and not ctx.resilient_parsing:
-        from fieldkit.results.origin import origin
+def _version() -> str:
+    from fieldkit.results.origin import origin
 
-        click.echo(f"fieldkit {__version__} ({origin()})")
-        ctx.exit()
+    return f"fieldkit {__version__} ({origin()})"
+
+
+def _printing(
+    name: str, text: Callable[[], str], help: str
+) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """An option that prints a text and ends."""
+
+    def print_and_end(ctx: click.Context, _option: click.Parameter, is_wanted: bool) -> None:
+        if is_wanted and not ctx.resilient_parsing:
+            click.echo(text())
+            ctx.exit()
+
+    return click.option(
+        name, is_flag=True, is_eager=True, expose_value=False, callback=print_and_end, help=help
+    )
 
 
 @click.group(
@@ -178,22 +189,8 @@ def _version(ctx: click.Context, _option: click.Parameter, is_wanted: bool) -> N
     subcommand_metavar="COMMAND [ARGS]...",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-@click.option(
-    "--version",
-    is_flag=True,
-    is_eager=True,
-    expose_value=False,
-    callback=_version,
-    help="Version, commit, and where it came from.",
-)
-@click.option(
-    "--cite",
-    is_flag=True,
-    is_eager=True,
-    expose_value=False,
-    callback=_cite,
-    help="What to cite in a publication.",
-)
+@_printing("--version", _version, "Version, commit, and where it came from.")
+@_printing("--cite", _citation, "What to cite in a publication.")
 def main() -> None:
     """Terrain slope from surface temperature: record, estimate, report.
 

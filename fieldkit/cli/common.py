@@ -227,23 +227,16 @@ def say_warning(text: str) -> None:
     say(f"warning: {text}")
 
 
-def print_json(document: Mapping[str, Any]) -> None:
-    """Print one JSON document on stdout, with ``"schema": 1`` in front; NaN becomes null."""
+def print_json(document: Mapping[str, Any], *, on_one_line: bool = False) -> None:
+    """Print a JSON document on stdout, with ``"schema": 1`` in front; on one line where many follow."""
+    click.echo(json_text(document, None if on_one_line else 2))
+
+
+def json_text(document: Mapping[str, Any], indent: int | None = None) -> str:
+    """A JSON document, without an indent on one line; NaN becomes null."""
     from fieldkit.results.json_document import to_json
 
-    click.echo(_encodable(to_json(document, indent=2)))
-
-
-def print_json_line(document: Mapping[str, Any]) -> None:
-    """Print one JSON object on one line, for commands that print many; NaN becomes null."""
-    click.echo(json_line(document))
-
-
-def json_line(document: Mapping[str, Any]) -> str:
-    """A JSON object on one line."""
-    from fieldkit.results.json_document import to_json
-
-    return _encodable(to_json(document, indent=None))
+    return _encodable(to_json(document, indent=indent))
 
 
 def _encodable(text: str) -> str:

@@ -120,9 +120,10 @@ def command(
         return found.write(base, wanted, pose=camera, cell_m=cell_m, notify=common.say)
 
     name = base(paths[0]) if out is None else batch.base_of(out, ENDINGS)
+    map_now = partial(_map, paths[0], name, make, write, on_one_line=follow)
     if follow:
-        _follow(paths[0], lambda: _map(paths[0], name, make, write, common.print_json_line))
-    _map(paths[0], name, make, write, common.print_json_line if follow else common.print_json)
+        _follow(paths[0], map_now)
+    map_now()
 
 
 def _follow(path: Path, map_now: Callable[[], None]) -> None:
@@ -142,7 +143,8 @@ def _map(
     base: Path,
     make: Callable[..., MappedSession],
     write: Callable[[MappedSession, Path], list[Path]],
-    print_json: Callable[[Mapping[str, Any]], None],
+    *,
+    on_one_line: bool,
 ) -> None:
     with batch.progress_bar("mapping") as on_progress:
         found = make(on_progress=on_progress)
@@ -151,7 +153,7 @@ def _map(
         common.say(note)
     _say_earlier(base, files)
     if common.options().json:
-        print_json(_document(path, found, files))
+        common.print_json(_document(path, found, files), on_one_line=on_one_line)
     else:
         _print_map(found, files)
     if (damage := found.damage) is not None:

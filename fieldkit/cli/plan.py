@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from fieldkit.cli.batch import progress_bar
 from fieldkit.cli.common import (
     Command,
     campaign,
@@ -16,7 +17,6 @@ from fieldkit.cli.common import (
     options,
     print_json,
     print_table,
-    progress,
     say,
 )
 from fieldkit.cli.types import DAY, FACET, HOUR, NEW_FILE, SITE, ZONE, minutes
@@ -129,14 +129,8 @@ def _predicted(
 ) -> Experiments:
     from fieldkit.results.executors import Workers
 
-    with progress() as bar:
-        task = bar.add_task("simulated sessions", total=None)
-        return made.experiments(
-            session,
-            with_measures=with_measures,
-            workers=Workers(jobs),
-            on_run=lambda done, of: bar.update(task, completed=done, total=of),
-        )
+    with progress_bar("simulated sessions") as on_run:
+        return made.experiments(session, with_measures=with_measures, workers=Workers(jobs), on_run=on_run)
 
 
 def _loaded(config: Config | None) -> Config:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fieldkit.cli.common import Command, options, print_json, print_json_line, say
+from fieldkit.cli.common import Command, options, print_json, say
 from fieldkit.cli.session_paths import latest_session
 from fieldkit.cli.types import PATH
 from fieldkit.views.formatting import by_time, event_text, precise_duration
@@ -95,7 +95,7 @@ def _print_change(session: SessionReader, change: dict[str, Any], time_ns: int) 
 
     at = local_time(session.site, time_ns)
     if options().json:
-        print_json_line({"at": at, **change})
+        print_json({"at": at, **change}, on_one_line=True)
         return
     click.echo(f"  {at}  " + "  ".join(_word(value) for value in change.values()))
 

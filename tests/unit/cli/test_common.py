@@ -63,7 +63,7 @@ def test_json_has_a_schema_and_no_nan(run):
 
 
 def test_json_lines_are_one_object_each(run):
-    printed = run(lambda: [common.print_json_line({"n": n}) for n in range(3)]).stdout
+    printed = run(lambda: [common.print_json({"n": n}, on_one_line=True) for n in range(3)]).stdout
     assert [json.loads(line) for line in printed.splitlines()] == [{"schema": 1, "n": n} for n in range(3)]
 
 
