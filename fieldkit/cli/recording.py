@@ -69,23 +69,13 @@ def terminal_views(
 ) -> list[View]:
     """The live view on stderr, none with ``--quiet`` or ``--json``."""
     from fieldkit.recording.alarms import least_sent
+    from fieldkit.views.latest import Latest
     from fieldkit.views.terminal_view import terminal_view
 
     given = common.options()
     if given.quiet or given.json:
         return []
-    now_ns = instruments.utc_ns()
-    end_ns = None if duration_s is None else now_ns + round(duration_s * 1e9)
-    console = common.console(err=True)
-    return [
-        terminal_view(
-            config.site,
-            config.regions,
-            instruments.streams,
-            title=title,
-            planned_end_ns=end_ns,
-            console=console,
-            theme=theme,
-            bell_from=least_sent(config) if config.alarms.bell else None,
-        )
-    ]
+    end_ns = None if duration_s is None else instruments.utc_ns() + round(duration_s * 1e9)
+    latest = Latest(config.site, config.regions, instruments.streams, title, end_ns)
+    bell_from = least_sent(config) if config.alarms.bell else None
+    return [terminal_view(latest, common.console(err=True), theme=theme, bell_from=bell_from)]

@@ -56,14 +56,9 @@ def command(session: Path, speed: str, settings: tuple[str, ...]) -> None:
 
 
 def _view(session: SessionReader, estimator: Estimator) -> View:
+    from fieldkit.views.latest import Latest
     from fieldkit.views.terminal_view import terminal_view
 
-    streams = tuple(session.streams.values())
-    return terminal_view(
-        estimator.site,
-        estimator.regions,
-        streams,
-        title=f"{session.path.stem} (replay)",
-        planned_end_ns=session.end_ns,
-        console=common.console(err=True),
-    )
+    streams, title = tuple(session.streams.values()), f"{session.path.stem} (replay)"
+    latest = Latest(estimator.site, estimator.regions, streams, title, session.end_ns)
+    return terminal_view(latest, common.console(err=True))

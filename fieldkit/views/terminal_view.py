@@ -17,7 +17,6 @@ from rich.console import Console
 from rich.live import Live
 from rich.screen import Screen
 
-from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Event, Frame, Health, Reading, Severity
 from fieldkit.model.site import Region, RegionKind, RegionRecord, Site
 from fieldkit.model.slope import SlopeEstimate
@@ -35,13 +34,9 @@ CLOSE_WITHIN_S = 2.0
 
 
 def terminal_view(
-    site: Site,
-    regions: Sequence[Region],
-    streams: Sequence[StreamInfo],
+    latest: Latest,
+    console: Console,
     *,
-    title: str = "",
-    planned_end_ns: int | None = None,
-    console: Console | None = None,
     theme: ThemeName = "dark",
     bell_from: Severity | None = Severity.WARNING,
 ) -> TerminalView | PlainView:
@@ -49,10 +44,8 @@ def terminal_view(
 
     The screen's bell rings for new alarms of at least the severity `bell_from`; None for never.
     """
-    console = console or Console(stderr=True)
     if not console.is_terminal or console.is_dumb_terminal or console.options.ascii_only:
-        return PlainView(site, regions, file=console.file)
-    latest = Latest(site, regions, streams, title, planned_end_ns)
+        return PlainView(latest.site, latest.regions, file=console.file)
     return TerminalView(latest, console=console, theme=theme, bell_from=bell_from)
 
 
