@@ -161,22 +161,22 @@ class Series:
 def series(minutes: Sequence[Minute], regions: Sequence[Region]) -> Series:
     """Minutes as columns, in order of time."""
     ordered = sorted(minutes, key=lambda minute: minute.time_ns)
-    zenith, azimuth = (
-        np.array([getattr(m, name) for m in ordered], np.float64)
-        for name in ("sun_zenith_deg", "sun_azimuth_deg")
-    )
+
+    def column(name: str) -> FloatArray:
+        return np.array([getattr(minute, name) for minute in ordered], np.float64)
+
     channels = max((len(minute.contact_k) for minute in ordered), default=0)
     contact = np.full((len(ordered), channels), np.nan)
     for row, minute in enumerate(ordered):
         contact[row, : len(minute.contact_k)] = minute.contact_k
     return Series(
         time_ns=np.array([minute.time_ns for minute in ordered], np.int64),
-        illuminance_lx=np.array([minute.illuminance_lx for minute in ordered], np.float64),
-        irradiance_w_m2=np.array([minute.dni_w_m2 for minute in ordered], np.float64),
-        diffuse_w_m2=np.array([minute.dhi_w_m2 for minute in ordered], np.float64),
-        longwave_w_m2=np.array([minute.longwave_down_w_m2 for minute in ordered], np.float64),
+        illuminance_lx=column("illuminance_lx"),
+        irradiance_w_m2=column("dni_w_m2"),
+        diffuse_w_m2=column("dhi_w_m2"),
+        longwave_w_m2=column("longwave_down_w_m2"),
         irradiance_model=ordered[-1].irradiance_model if ordered else "",
-        sun=normal(zenith, azimuth).reshape(-1, 3),
+        sun=normal(column("sun_zenith_deg"), column("sun_azimuth_deg")).reshape(-1, 3),
         flags=np.array([int(minute.flags) for minute in ordered], np.int64),
         temperature_k={
             region.name: np.array([m.temperature_k.get(region.name, np.nan) for m in ordered], np.float64)
@@ -194,7 +194,6 @@ def _target(region: Region, minutes: Sequence[Minute]) -> TargetSeries:
         next((estimate for estimate in minute.estimates if estimate.region == region.name), None)
         for minute in minutes
     )
-
     columns = {
         name: np.array([np.nan if e is None else getattr(e, name) for e in found], np.float64)
         for name in _OF_ESTIMATES

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from fieldkit.model.air import is_air_temperature
 from fieldkit.model.site import Region, RegionKind, Site
-from fieldkit.model.slope import SOLVED
+from fieldkit.model.slope import SOLVED, SlopeEstimate
 from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.views import plotting
 from fieldkit.views.report.series import FloatArray, Series, TargetSeries
@@ -108,15 +107,11 @@ def _angle(
         axes.axhline(given_deg, color="black", linestyle=(0, (5, 3)), linewidth=1.2)
 
 
-@dataclass(frozen=True, slots=True)
-class FinalTilt:
-    """The final tilt of a target in a session, with its likelihood region and the given tilt, degrees."""
+class FinalTilt(NamedTuple):
+    """The final estimate of a target in a session, and the given tilt, degrees."""
 
     session: str
-    target: str
-    tilt_deg: float
-    low_deg: float
-    high_deg: float
+    estimate: SlopeEstimate
     given_deg: float
 
 
@@ -124,14 +119,13 @@ def final_tilts(tilts: Sequence[FinalTilt]) -> str:
     """Final tilts of several sessions side by side, as SVG text."""
     figure, (axes,) = plotting.panels(1, 3.0, plotting.WIDE_IN)
     sessions = list(dict.fromkeys(one.session for one in tilts))
-    targets = list(dict.fromkeys(one.target for one in tilts))
+    targets = list(dict.fromkeys(one.estimate.region for one in tilts))
     for index, target in enumerate(targets):
-        of_target = [one for one in tilts if one.target == target]
+        of_target = [one for one in tilts if one.estimate.region == target]
         aside = 0.6 * ((index + 0.5) / len(targets) - 0.5)  # bars beside each other
         at = np.array([sessions.index(one.session) for one in of_target]) + aside
-        middle, low, high, given = np.transpose(
-            [(one.tilt_deg, one.low_deg, one.high_deg, one.given_deg) for one in of_target]
-        )
+        ends = [(one.tilt_deg, one.tilt_low_deg, one.tilt_high_deg) for _, one, _ in of_target]
+        (middle, low, high), given = np.transpose(ends), [one.given_deg for one in of_target]
         bars = axes.errorbar(
             at, middle, yerr=[middle - low, high - middle], linestyle="none", capsize=3,
             **plotting.marks(index, target),
