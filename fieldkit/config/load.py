@@ -213,8 +213,7 @@ class _Document:
 
 def _on_ground(values: dict[str, Any], path: Path) -> list[Mistake]:
     """Complete the pose and the regions on its ground; what that needs is imported only if they are there."""
-    camera = values.get("camera")
-    has_pose = isinstance(camera, dict) and "pose" in camera
+    has_pose = "pose" in toml_lines.table_in(values, "camera")
     if not has_pose and not any(region.get("points_m") for _, region in toml_lines.regions_in(values)):
         return []
     from fieldkit.config.ground import with_regions
