@@ -46,7 +46,6 @@ def command(
     """
     from fieldkit import calibrate
     from fieldkit.cli.calibration_output import save_and_print
-    from fieldkit.sessions.reader import open_session
 
     if (shown is not None) + (gps is not None) + sun != 1:
         raise click.UsageError("give one of --at, --gps, --sun")
@@ -64,8 +63,7 @@ def command(
     if shown is not None:
         raise click.UsageError("--at is about this computer's clock now; omit the SESSION")
     session = find_session(session)
-    with open_session(session) as opened:
-        found = calibrate.clock(opened, gps=gps, name=name, notify=common.say_warning)
+    found = calibrate.clock(session, gps=gps, name=name, notify=common.say_warning)
     save_and_print(found, _next_step(session, gps, name, found))
     if is_applied:
         found.apply()

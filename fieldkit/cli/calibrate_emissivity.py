@@ -149,17 +149,15 @@ def command(session: Path | None, sample: str, settings: tuple[str, ...], **give
     """
     from fieldkit import calibrate
     from fieldkit.cli.calibration_output import save_and_print
-    from fieldkit.sessions.reader import open_session
 
     options = calibrate.MeasurementOptions(**given)
     if session is None:
         session = _record(sample, options, settings)
         settings = ()  # the recording contains them
-    with open_session(find_session(session)) as opened:
-        found = calibrate.emissivity(
-            opened, sample=sample, options=options, settings=settings, notify=common.say_warning
-        )
-    save_and_print(found)
+    path, notify = find_session(session), common.say_warning
+    save_and_print(
+        calibrate.emissivity(path, sample=sample, options=options, settings=settings, notify=notify)
+    )
 
 
 def _record(sample: str, options: MeasurementOptions, settings: tuple[str, ...]) -> Path:
