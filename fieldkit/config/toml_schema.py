@@ -24,8 +24,9 @@ from fieldkit.model.radiation import Component
 
 Degrees = Annotated[float, Field(ge=0, le=360)]
 Tilt = Annotated[float, Field(ge=0, le=90)]
-Emissivity = Annotated[float, Field(gt=0, le=1)]
+Fraction = Annotated[float, Field(gt=0, le=1)]
 Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=32)]
 Probe = Annotated[str, Field(pattern=r"^[^:]+:[^:]+$", description="stream:channel, such as thermometer:T1")]
 Point = Annotated[list[float], Field(min_length=2, max_length=2)]
@@ -64,9 +65,8 @@ class CampaignTable(Table):
     license: str = Field(default="", description="licence of the data, such as CC-BY-4.0")
     references: str = Field(default="", description="papers or pages to cite")
     exact_place: bool = Field(
-        default=False, strict=True,
-        description="whether export --to ro-crate states the exact place; else to 0.1 degrees",
-    )  # fmt: skip
+        default=False, description="whether export --to ro-crate states the exact place; else to 0.1 degrees"
+    )
 
 
 class SiteTable(Table):
@@ -175,23 +175,20 @@ class IrradianceTable(Table):
     model: Literal["eq10", "efficacy", "perez", "calibrated", "pyrheliometer", "file"] = Field(
         default="eq10", description="lux to W/m2; eq10 is the paper's eq. (10), divided by par_fraction"
     )
-    par_fraction: float = Field(
-        default=0.44,
-        gt=0,
-        le=1,
-        description="share of sunlight between 400 and 700 nm; 1.0 is the paper to the letter",
+    par_fraction: Fraction = Field(
+        default=0.44, description="share of sunlight between 400 and 700 nm; 1.0 is the paper to the letter"
     )
     efficacy_lm_w: Positive = Field(
         default=105.0, description="lumen per watt of direct sunlight, for efficacy"
     )
     factor: Positive | None = _unset(0.0091, 'W/m2 per unit of the reading, for calibrated; or "@name"')
-    factor_sd: float = Field(
-        default=0.0, ge=0, description="standard uncertainty of factor; a record brings its own"
+    factor_sd: NotNegative = Field(
+        default=0.0, description="standard uncertainty of factor; a record brings its own"
     )
     mounting: Literal["horizontal", "sun-pointing", "in-plane"] = Field(
         default="horizontal", description="how the light meter, or that of gti, is mounted"
     )
-    plane_tilt_deg: float = Field(default=0.0, ge=0, le=90, description="tilt of the meter, for in-plane")
+    plane_tilt_deg: Tilt = Field(default=0.0, description="tilt of the meter, for in-plane")
     plane_azimuth_deg: Degrees = Field(
         default=0.0, description="azimuth of the meter from north, for in-plane"
     )
@@ -212,13 +209,13 @@ class SurfaceTable(Table):
         description="gives the defaults of exchange, albedo, slab and tilt that differ from those of sand",
     )
     albedo: float = Field(default=0.20, ge=0, lt=1, description=f"A of the balance {TABLE_1}")
-    emissivity: float = Field(
-        default=0.90, gt=0, le=1, description='in the camera\'s band, 8-14 um; or "@name" of a calibration'
+    emissivity: Fraction = Field(
+        default=0.90, description='in the camera\'s band, 8-14 um; or "@name" of a calibration'
     )
     emissivity_sd: float = Field(
         default=0.0, ge=0, lt=1, description="standard uncertainty of emissivity; a record brings its own"
     )
-    emissivity_broadband: Emissivity | None = _unset(
+    emissivity_broadband: Fraction | None = _unset(
         0.90, "for the energy balance, all wavelengths; default: emissivity"
     )
     reflected_temperature_c: float = Field(
@@ -234,7 +231,7 @@ class AirTable(Table):
 
     heat_capacity_j_kg_k: Positive = Field(default=1000.0, description=f"c_p {TABLE_1}")
     density_kg_m3: Positive = Field(default=1.21, description=f"rho {TABLE_1}")
-    exchange_m_s: float = Field(default=0.015, ge=0, description=f"C_H U {TABLE_1}; 0 without air")
+    exchange_m_s: NotNegative = Field(default=0.015, description=f"C_H U {TABLE_1}; 0 without air")
 
 
 class SlabTable(Table):
@@ -243,12 +240,12 @@ class SlabTable(Table):
     depth_m: float = Field(
         default=0.03, gt=0, le=2, description='depth of the sand above the insulating sheet; or "@name"'
     )
-    conductivity_w_m_k: float = Field(
-        default=0.25, gt=0, description='0.2 to 0.35 for dry loose sand; or "@name"'
+    conductivity_w_m_k: Positive = Field(
+        default=0.25, description='0.2 to 0.35 for dry loose sand; or "@name"'
     )
-    heat_capacity_j_m3_k: float = Field(default=1.3e6, gt=0, description="density times specific heat")
-    conductivity_sd: float = Field(default=0.2, ge=0, description="relative standard uncertainty")
-    capacity_sd: float = Field(default=0.1, ge=0, description="relative standard uncertainty")
+    heat_capacity_j_m3_k: Positive = Field(default=1.3e6, description="density times specific heat")
+    conductivity_sd: NotNegative = Field(default=0.2, description="relative standard uncertainty")
+    capacity_sd: NotNegative = Field(default=0.1, description="relative standard uncertainty")
 
 
 class RecordTable(Table):
@@ -292,11 +289,11 @@ class AlarmsTable(LimitsTable):
     off: list[ConditionName] = Field(
         default=[], examples=[["cloud", "shade"]], description="conditions that raise no alarm"
     )
-    hold_s: dict[ConditionName, Annotated[float, Field(ge=0)]] = Field(
+    hold_s: dict[ConditionName, NotNegative] = Field(
         default={},
         description="by condition, seconds it must last to raise its alarm, such as {lost = 30}",
     )
-    clear_s: dict[ConditionName, Annotated[float, Field(ge=0)]] = Field(
+    clear_s: dict[ConditionName, NotNegative] = Field(
         default={}, description="by condition, seconds it must be over to clear its alarm"
     )
     severity: dict[ConditionName, SeverityWord] = Field(
@@ -358,7 +355,7 @@ class SimulationTable(Table):
         default=0.02, gt=0, le=1, description="depth of the sand above the insulating sheet"
     )
     albedo: float = Field(default=0.20, ge=0, lt=1, description="true albedo of the sand")
-    emissivity: float = Field(default=0.90, gt=0, le=1, description="true emissivity of the sand")
+    emissivity: Fraction = Field(default=0.90, description="true emissivity of the sand")
     drift_px: Point = Field(
         default=[0.0, 0.0],
         description="right and down: shift of the camera's frame by the end of the session",
@@ -398,7 +395,7 @@ class RegionTable(Table):
     )
     tilt_deg: Tilt | None = _unset(15.0, "measured tilt from horizontal; reference: 0")
     azimuth_deg: Degrees | None = _unset(180.0, "measured azimuth of the normal from north, clockwise")
-    emissivity: Emissivity | None = _unset(
+    emissivity: Fraction | None = _unset(
         0.93, 'in the camera\'s band, where it differs from surface.emissivity; or "@name"'
     )
     emissivity_sd: float = Field(
