@@ -20,15 +20,6 @@ _MOST_TICKS = 8
 _PAPER, _FAINT = 255, 0.35
 
 
-def png_file(image: Image) -> bytes:
-    """A PNG file of an image, red-green-blue."""
-    import cv2
-
-    ok, data = cv2.imencode(".png", image[:, :, ::-1])
-    assert ok
-    return data.tobytes()
-
-
 def ticks(length: int) -> list[int]:
     """Labelled whole pixels of an axis of `length` pixels: at most eight, from 0."""
     step = next((step for step in _STEPS if length <= step * _MOST_TICKS), length)

@@ -19,7 +19,7 @@ from fieldkit.model.site import Region
 from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.palettes import INFERNO, Colours, palette
 from fieldkit.physics.camera_laws import frame_k, has_temperatures
-from fieldkit.pixel_axes import WHITE, Colour, label, letters, outline, png_file, with_axes
+from fieldkit.pixel_axes import WHITE, Colour, label, letters, outline, with_axes
 
 FloatArray = NDArray[np.float64]
 
@@ -128,6 +128,15 @@ def png(frame: Frame, info: StreamInfo, regions: Sequence[Region] = (), *, width
 def bare_png(frame: Frame, info: StreamInfo, scale: Scale) -> bytes:
     """A PNG file of the frame alone, at its own resolution, for pages that draw the outlines."""
     return png_file(colours(values(frame, info), scale))
+
+
+def png_file(image: Colours) -> bytes:
+    """A PNG file of an image, red-green-blue."""
+    import cv2
+
+    ok, data = cv2.imencode(".png", image[:, :, ::-1])
+    assert ok
+    return data.tobytes()
 
 
 def _scale_bar(rows: int, scale: Scale) -> Colours:

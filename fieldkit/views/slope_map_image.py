@@ -18,8 +18,8 @@ from fieldkit.model.site import Region
 from fieldkit.model.slope import SlopeState
 from fieldkit.palettes import Colours
 from fieldkit.physics.facet import normal
-from fieldkit.pixel_axes import BLACK, WHITE, letters, png_file, with_axes
-from fieldkit.views.frame_image import enlargement, mark_region
+from fieldkit.pixel_axes import BLACK, WHITE, letters, with_axes
+from fieldkit.views.frame_image import enlargement, mark_region, png_file
 
 WIDTH = 960
 PANEL_WIDTH, PANEL_HEIGHT = 340, 640
