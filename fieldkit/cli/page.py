@@ -57,7 +57,9 @@ def command(address: str, port: int, role: Role | None, record: bool, settings: 
     """
     config = common.campaign(settings)
     if role is not None:
-        _show_link(_link(config, address, port, role))
+        link = _link(config, address, port, role)
+        _show_qr_code(link)
+        click.echo(link)
         return
     _serve(config, address, port, settings, record=record)
 
@@ -124,13 +126,8 @@ def _end(process: subprocess.Popen[bytes]) -> None:
         process.wait()
 
 
-def _show_link(link: str) -> None:
-    """Print a link, in a terminal also as a QR code for a phone."""
-    _show_qr_code(link)
-    click.echo(link)
-
-
 def _show_qr_code(link: str) -> None:
+    """A link for a phone, in a terminal."""
     from fieldkit.views.qr_code import qr_lines
 
     if common.console(err=True).is_terminal:
