@@ -18,11 +18,7 @@ LONGEST_LINE = 500
 
 def write_report(path: Path, data: ReportData) -> None:
     """Write the report of a session as one HTML file into an existing folder. Raises `OSError`."""
-    path.write_text(_page(data), encoding="utf-8")
-
-
-def _page(data: ReportData) -> str:
-    return render(
+    page = render(
         "session_report.html",
         title=data.session.header.title or data.session.path.stem,
         facts=_facts(data),
@@ -47,6 +43,7 @@ def _page(data: ReportData) -> str:
         provenance=recording.provenance(data),
         config_toml="\n".join(map(_cut, data.config_toml.splitlines())),
     )
+    path.write_text(page, encoding="utf-8")
 
 
 def _cut(line: str) -> str:
