@@ -23,8 +23,8 @@ ROUNDS = 15
 BARE = "import click"
 LAZY = "from fieldkit.cli import main; main(['--help'], prog_name='fieldkit')"
 EAGER = (
-    "import importlib; from fieldkit.cli import main\n"
-    "[importlib.import_module(entry.module) for entry in main.entries.values()]\n"
+    "from fieldkit.cli import main\n"
+    "[main.get_command(None, name) for name in main.list_commands(None)]\n"
     "main(['--help'], prog_name='fieldkit')"
 )
 PROCESS = "CPU of a fresh process, interpreter included"

@@ -46,7 +46,7 @@ def days() -> Iterator[tuple[str, Weather]]:
     """The clear day, and the broken one where its file is."""
     yield "clear", packaged()
     if BROKEN.exists():
-        yield "broken cloud", read_surfrad(BROKEN, "alamosa")
+        yield "broken cloud", read_surfrad(BROKEN)
 
 
 def field_day(weather: Weather, beds: Sequence[Bed], sand: Facet, exchange: Exchange) -> History:

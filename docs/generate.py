@@ -40,13 +40,13 @@ def command_line() -> str:
     """Usage, purpose and own options of every command."""
     context = main.make_context("fieldkit", ["--help"], resilient_parsing=True)
     parts = []
-    for heading, entries in main.table.items():
+    for heading, summaries in main.table.items():
         parts.append(f"## {heading}")
-        for entry in entries:
-            command = main.get_command(context, entry.name)
+        for word in summaries:
+            command = main.get_command(context, word)
             assert command is not None
             named = command.commands.items() if isinstance(command, CommandGroup) else [("", command)]
-            parts.extend(_command(f"{entry.name} {name}".strip(), one) for name, one in named)
+            parts.extend(_command(f"{word} {name}".strip(), one) for name, one in named)
     return "\n\n".join(parts) + "\n"
 
 

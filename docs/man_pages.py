@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 
 from fieldkit import __version__
-from fieldkit.cli import CommandEntry, main
+from fieldkit.cli import main
 from fieldkit.cli.common import Command, CommandGroup, Options
 
 DOCS = Path(__file__).parent
@@ -20,10 +20,9 @@ MANUAL = "fieldkit manual"
 
 def man_pages() -> dict[Path, str]:
     """The pages in man(7)'s macros, by file."""
-    entries = list(main.entries.values())
     return {
         MAN / "fieldkit.1": _page_of_all(),
-        **{MAN / f"fieldkit-{entry.name}.1": _page(entry) for entry in entries},
+        **{MAN / f"fieldkit-{name}.1": _page(name, summary) for name, summary in main.summaries.items()},
     }
 
 
@@ -33,10 +32,10 @@ def _page_of_all() -> str:
     lines = [*_head("fieldkit", purpose), ".SH SYNOPSIS", *_usage("fieldkit", main)]
     lines += [".SH DESCRIPTION", *_paragraphs(more)]
     lines += _options(context, main.params)
-    for heading, entries in main.table.items():
+    for heading, summaries in main.table.items():
         lines.append(f".SH {_escaped(heading.upper())}")
-        for entry in entries:
-            lines += [".TP", rf"\fBfieldkit\-{_escaped(entry.name)}\fR(1)", _line(entry.summary)]
+        for name, summary in summaries.items():
+            lines += [".TP", rf"\fBfieldkit\-{_escaped(name)}\fR(1)", _line(summary)]
     common = [parameter for parameter in Command("any").params if parameter.name in _COMMON]
     lines += _options(context, common, "OPTIONS OF EVERY COMMAND")
     lines.append(".SH EXIT STATUS")
@@ -45,11 +44,11 @@ def _page_of_all() -> str:
     return _text(lines)
 
 
-def _page(entry: CommandEntry) -> str:
-    name, context = f"fieldkit {entry.name}", _context()
-    command = main.get_command(context, entry.name)
+def _page(command_name: str, summary: str) -> str:
+    name, context = f"fieldkit {command_name}", _context()
+    command = main.get_command(context, command_name)
     assert command is not None
-    lines = [*_head(name.replace(" ", "-"), entry.summary)]
+    lines = [*_head(name.replace(" ", "-"), summary)]
     if isinstance(command, CommandGroup):
         lines += [".SH DESCRIPTION", *_help(command)]
         for word, one in command.commands.items():

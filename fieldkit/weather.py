@@ -4,7 +4,7 @@ The package carries one day (NOAA SURFRAD, Alamosa, 2016-01-01). `read_station_f
 its content: SURFRAD's daily files, and BSRN's monthly station-to-archive files, which pvlib reads (``lab``).
 The packaged table is made from a SURFRAD file by::
 
-    python -m fieldkit.weather slv16001.dat --station alamosa --out fieldkit/data/alamosa-20160101.csv
+    python -m fieldkit.weather slv16001.dat --out fieldkit/data/alamosa-20160101.csv
 
 Not here: what a sky does to a surface (`fieldkit.simulation`) and skies without a file.
 
@@ -227,10 +227,10 @@ def read_station_file(path: Path) -> Weather:
             )
         if _BSRN_START.match(content):
             return _bsrn(path, content.decode("ascii", errors="replace"))
-        station = _surfrad_station(path, content)
+        _surfrad_site(path, content)
         if not path.read_bytes().startswith(content[:2]):
             raise ConfigError(f"{path} is compressed", fix=f"unpack it first: gunzip {path}")
-        return read_surfrad(path, station)
+        return read_surfrad(path)
     except ConfigError:
         raise
     except (OSError, EOFError, zlib.error, ArithmeticError, LookupError, TypeError, ValueError) as error:
@@ -253,8 +253,8 @@ def _damaged(path: Path, error: Exception) -> ConfigError:
     )
 
 
-def _surfrad_station(path: Path, content: bytes) -> str:
-    """Name of the station, by the position in the second line; the sign of its longitude is unreliable."""
+def _surfrad_site(path: Path, content: bytes) -> Site:
+    """The station, by the position in the second line; the sign of its longitude is unreliable."""
     found = _SURFRAD_PLACE.match(content)
     if found is None:
         raise ConfigError(
@@ -262,22 +262,20 @@ def _surfrad_station(path: Path, content: bytes) -> str:
             fix="give a file as the network names it, like slv16001.dat or tat0624.dat.gz",
         )
     latitude, longitude = float(found[1]), float(found[2])
-    for name, site in STATIONS.items():
+    for site in STATIONS.values():
         apart = abs(latitude - site.latitude_deg), abs(abs(longitude) - abs(site.longitude_deg))
         if max(apart) <= _NEAR_DEG:
-            return name
+            return site
     raise ConfigError(f"{path} is of an unknown SURFRAD station", fix=f"known: {', '.join(STATIONS)}")
 
 
-def read_surfrad(path: Path, station: str) -> Weather:
+def read_surfrad(path: Path) -> Weather:
     """Weather from a daily file of NOAA's SURFRAD network.
 
     Parameters
     ----------
     path
         The file.
-    station
-        A name of `STATIONS`.
 
     Returns
     -------
@@ -286,37 +284,30 @@ def read_surfrad(path: Path, station: str) -> Weather:
     Raises
     ------
     ConfigError
-        If the file is not one of SURFRAD, has a damaged row, or belongs to another station.
+        If the file is not one of SURFRAD, has a damaged row, or is of none of the `STATIONS`.
     """
-    site, rows, notes = _surfrad_rows(path, station)
+    site, rows, notes = _surfrad_rows(path)
     return replace(read_table(_table_lines(rows, site, path.name)), notes=notes)
 
 
-def write_table(surfrad: Path, station: str, out: Path) -> None:
+def write_table(surfrad: Path, out: Path) -> None:
     """Write the attributed table of a SURFRAD day, comma-separated, one row per minute."""
-    site, rows, _ = _surfrad_rows(surfrad, station)
+    site, rows, _ = _surfrad_rows(surfrad)
     out.write_text("".join(_table_lines(rows, site, surfrad.name)), encoding="utf-8")
 
 
-def _surfrad_rows(path: Path, station: str) -> tuple[Site, Rows, tuple[str, ...]]:
+def _surfrad_rows(path: Path) -> tuple[Site, Rows, tuple[str, ...]]:
     """The site of the station, the rows of the table as text in order of time, and notes on others."""
-    if station not in STATIONS:
-        raise ConfigError(f"unknown SURFRAD station {station!r}", fix=f"one of {', '.join(sorted(STATIONS))}")
-    site = STATIONS[station]
-    lines = path.read_text(encoding="ascii", errors="replace").splitlines()
+    content = path.read_bytes()
+    site = _surfrad_site(path, content)
+    lines = content.decode("ascii", errors="replace").splitlines()
     try:
-        latitude, longitude = (float(word) for word in lines[1].split()[:2])
         rows, notes = _whole_rows([line.split() for line in lines[2:] if line.strip()])
-    except (IndexError, ValueError) as cause:
+    except ValueError as cause:
         raise ConfigError(
             f"{path} is not a SURFRAD daily file: {cause}",
             fix="give a file as NOAA names it, like slv16001.dat",
         ) from cause
-    if abs(latitude - site.latitude_deg) > 0.1 or abs(abs(longitude) - abs(site.longitude_deg)) > 0.1:
-        raise ConfigError(
-            f"{path} was recorded at {latitude}, {longitude}, not at {station}",
-            fix="give the right --station",
-        )
     return site, rows, tuple(f"{path.name}: {note}" for note in notes)
 
 
@@ -437,10 +428,9 @@ def _main() -> None:
         description="Make the table of a measured day from a SURFRAD daily file.",
     )
     parser.add_argument("surfrad_file", type=Path)
-    parser.add_argument("--station", required=True, choices=sorted(STATIONS))
     parser.add_argument("--out", required=True, type=Path)
     chosen = parser.parse_args()
-    write_table(chosen.surfrad_file, chosen.station, chosen.out)
+    write_table(chosen.surfrad_file, chosen.out)
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import importlib
 import os
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -17,90 +17,61 @@ from fieldkit import __version__
 from fieldkit.cli.failure import explain_failures
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from click.shell_completion import CompletionItem
 
 
-class CommandEntry(NamedTuple):
-    """One command: its name, the module that exports `command`, and its line in ``--help``."""
+MODULES = {"import": "import_session"}
+"""Modules of commands whose name is a word of Python; all others have the command's name."""
 
-    name: str
-    module: str
-    summary: str
-
-
-COMMANDS: dict[str, tuple[CommandEntry, ...]] = {
-    "Start": (
-        CommandEntry(
-            "demo", "fieldkit.cli.demo", "Run the whole experiment on simulated devices, then report."
-        ),
-        CommandEntry(
-            "init", "fieldkit.cli.init", "Create a campaign: a commented fieldkit.toml and folders."
-        ),
-        CommandEntry(
-            "doctor", "fieldkit.cli.doctor", "Check that this computer is ready; every problem has a fix."
-        ),
-        CommandEntry(
-            "devices", "fieldkit.cli.devices", "List connected instruments and the identity to configure."
-        ),
-    ),
-    "Plan": (
-        CommandEntry(
-            "plan", "fieldkit.cli.plan", "Show a day's best hours, sensitivity and possible accuracy."
-        ),
-        CommandEntry(
-            "sun", "fieldkit.cli.sun", "Compute sun and incidence angles for places, times, facets."
-        ),
-    ),
-    "Set up": (
-        CommandEntry("live", "fieldkit.cli.live", "Show the current frame and readings without recording."),
-        CommandEntry("roi", "fieldkit.cli.roi", "Add, list, check, edit or remove regions of the image."),
-        CommandEntry(
-            "calibrate",
-            "fieldkit.cli.calibrate",
-            "Calibrate emissivity, offsets, irradiance, surface, clock.",
-        ),
-    ),
-    "Record": (
-        CommandEntry("record", "fieldkit.cli.record", "Record a session; Ctrl-C stops and seals it."),
-        CommandEntry("status", "fieldkit.cli.status", "Show how the running recording is doing."),
-        CommandEntry("stop", "fieldkit.cli.stop", "Stop and seal the running recording."),
-        CommandEntry("mark", "fieldkit.cli.mark", "Add a note to the running recording."),
-        CommandEntry(
-            "page", "fieldkit.cli.page", "Serve the field page: see, draw, start, mark in a browser."
-        ),
-        CommandEntry(
-            "service", "fieldkit.cli.service", "Run the page, and a recording, from boot on (systemd)."
-        ),
-        CommandEntry("shutter", "fieldkit.cli.shutter", "Run the camera's shutter correction now."),
-    ),
-    "Afterwards": (
-        CommandEntry("ls", "fieldkit.cli.ls", "List the sessions of a campaign."),
-        CommandEntry("show", "fieldkit.cli.show", "Summarise one session; --follow while it is recorded."),
-        CommandEntry("check", "fieldkit.cli.check", "Check that a session is complete and plausible."),
-        CommandEntry("recover", "fieldkit.cli.recover", "Finish a session whose recording was interrupted."),
-        CommandEntry("replay", "fieldkit.cli.replay", "Play a session as if live."),
-        CommandEntry(
-            "import", "fieldkit.cli.import_session", "Make a session of a recording by other software."
-        ),
-    ),
-    "Work": (
-        CommandEntry("estimate", "fieldkit.cli.estimate", "Estimate slopes of recorded sessions."),
-        CommandEntry("sweep", "fieldkit.cli.sweep", "Estimate sessions with many sets of parameters."),
-        CommandEntry("map", "fieldkit.cli.map", "Map tilt and azimuth of every pixel: image and arrays."),
-        CommandEntry("report", "fieldkit.cli.report", "Write a session's report: one page with figures."),
-        CommandEntry(
-            "export", "fieldkit.cli.export", "Export a session as CSV, Parquet, netCDF, images or video."
-        ),
-        CommandEntry(
-            "study", "fieldkit.cli.study", "Reproduce the paper's simulation study: tables and figures."
-        ),
-    ),
-    "Tool": (
-        CommandEntry("decode", "fieldkit.cli.decode", "Decode bytes of an instrument."),
-        CommandEntry("selftest", "fieldkit.cli.selftest", "Check that a driver meets the driver contract."),
-    ),
+COMMANDS: dict[str, dict[str, str]] = {
+    "Start": {
+        "demo": "Run the whole experiment on simulated devices, then report.",
+        "init": "Create a campaign: a commented fieldkit.toml and folders.",
+        "doctor": "Check that this computer is ready; every problem has a fix.",
+        "devices": "List connected instruments and the identity to configure.",
+    },
+    "Plan": {
+        "plan": "Show a day's best hours, sensitivity and possible accuracy.",
+        "sun": "Compute sun and incidence angles for places, times, facets.",
+    },
+    "Set up": {
+        "live": "Show the current frame and readings without recording.",
+        "roi": "Add, list, check, edit or remove regions of the image.",
+        "calibrate": "Calibrate emissivity, offsets, irradiance, surface, clock.",
+    },
+    "Record": {
+        "record": "Record a session; Ctrl-C stops and seals it.",
+        "status": "Show how the running recording is doing.",
+        "stop": "Stop and seal the running recording.",
+        "mark": "Add a note to the running recording.",
+        "page": "Serve the field page: see, draw, start, mark in a browser.",
+        "service": "Run the page, and a recording, from boot on (systemd).",
+        "shutter": "Run the camera's shutter correction now.",
+    },
+    "Afterwards": {
+        "ls": "List the sessions of a campaign.",
+        "show": "Summarise one session; --follow while it is recorded.",
+        "check": "Check that a session is complete and plausible.",
+        "recover": "Finish a session whose recording was interrupted.",
+        "replay": "Play a session as if live.",
+        "import": "Make a session of a recording by other software.",
+    },
+    "Work": {
+        "estimate": "Estimate slopes of recorded sessions.",
+        "sweep": "Estimate sessions with many sets of parameters.",
+        "map": "Map tilt and azimuth of every pixel: image and arrays.",
+        "report": "Write a session's report: one page with figures.",
+        "export": "Export a session as CSV, Parquet, netCDF, images or video.",
+        "study": "Reproduce the paper's simulation study: tables and figures.",
+    },
+    "Tool": {
+        "decode": "Decode bytes of an instrument.",
+        "selftest": "Check that a driver meets the driver contract.",
+    },
 }
-"""All commands, by heading of ``fieldkit --help``."""
+"""Every command with its line in ``fieldkit --help``, by heading."""
 
 
 COMMON = ("-C", "--json", "-q", "--quiet", "-v", "--verbose", "--no-color", "--no-input")
@@ -110,22 +81,22 @@ COMMON = ("-C", "--json", "-q", "--quiet", "-v", "--verbose", "--no-color", "--n
 class CommandTable(click.Group):
     """A click group whose commands come from a table and are imported when they run."""
 
-    def __init__(self, table: dict[str, tuple[CommandEntry, ...]], **settings: Any) -> None:
+    def __init__(self, table: dict[str, dict[str, str]], **settings: Any) -> None:
         super().__init__(**settings)
         self.table = table
-        self.entries: dict[str, CommandEntry] = {
-            entry.name: entry for entries in table.values() for entry in entries
+        self.summaries: dict[str, str] = {
+            name: text for of_one in table.values() for name, text in of_one.items()
         }
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Every command, in the order of the table."""
-        return list(self.entries)
+        return list(self.summaries)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """The command of this name, or None."""
-        if cmd_name not in self.entries:
+        if cmd_name not in self.summaries:
             return None
-        command = importlib.import_module(self.entries[cmd_name].module).command
+        command = importlib.import_module(f"{__name__}.{MODULES.get(cmd_name, cmd_name)}").command
         assert isinstance(command, click.Command)
         return command
 
@@ -134,7 +105,7 @@ class CommandTable(click.Group):
         try:
             return super().parse_args(ctx, list(args))
         except click.NoSuchOption as error:
-            name = next((word for word in args if word in self.entries), "COMMAND")
+            name = next((word for word in args if word in self.summaries), "COMMAND")
             if error.option_name not in COMMON:
                 raise
             raise click.UsageError(
@@ -145,30 +116,30 @@ class CommandTable(click.Group):
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """The command that was typed; for a misspelled one, name the nearest."""
-        if args[0] not in self.entries and not args[0].startswith("-"):
+        if args[0] not in self.summaries and not args[0].startswith("-"):
             raise click.UsageError(f"there is no command {args[0]!r}{self._nearest(args[0])}", ctx)
         return super().resolve_command(ctx, args)
 
     def _nearest(self, typed: str) -> str:
         from difflib import get_close_matches
 
-        near = get_close_matches(typed, self.entries, n=1)
+        near = get_close_matches(typed, self.summaries, n=1)
         return f"; did you mean {near[0]!r}?" if near else ""
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
         """Completions of a word typed in a shell: commands with their summaries, without importing any."""
         from click.shell_completion import CompletionItem
 
-        names = (name for name in self.entries if name.startswith(incomplete))
-        commands = [CompletionItem(name, help=self.entries[name].summary) for name in names]
+        names = (name for name in self.summaries if name.startswith(incomplete))
+        commands = [CompletionItem(name, help=self.summaries[name]) for name in names]
         return [*commands, *click.Command.shell_complete(self, ctx, incomplete)]
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the commands under their headings, without importing any."""
-        width = max(len(name) for name in self.entries)
-        for heading, entries in self.table.items():
+        width = max(len(name) for name in self.summaries)
+        for heading, summaries in self.table.items():
             with formatter.section(heading):
-                formatter.write_dl([(entry.name.ljust(width), entry.summary) for entry in entries])
+                formatter.write_dl([(name.ljust(width), text) for name, text in summaries.items()])
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command; a failure is explained on stderr and gives its exit code."""
@@ -187,20 +158,29 @@ The method: Satoshi Watanabe, Kyohei Otsu, Masatsugu Otsuki, Takashi Kubota, Gak
 With every slope: which session, which method, and its uncertainty; fieldkit report prints all three."""
 
 
-def _cite(ctx: click.Context, _option: click.Parameter, is_wanted: bool) -> None:
-    """Print what a publication should name, and end."""
-    if is_wanted and not ctx.resilient_parsing:
-        click.echo(CITATION.format(version=__version__))
-        ctx.exit()
+def _citation() -> str:
+    return CITATION.format(version=__version__)
 
 
-def _version(ctx: click.Context, _option: click.Parameter, is_wanted: bool) -> None:
-    """Print version, commit and source, and end."""
-    if is_wanted and not ctx.resilient_parsing:
-        from fieldkit.results.origin import origin
+def _version() -> str:
+    from fieldkit.results.origin import origin
 
-        click.echo(f"fieldkit {__version__} ({origin()})")
-        ctx.exit()
+    return f"fieldkit {__version__} ({origin()})"
+
+
+def _printing(
+    name: str, text: Callable[[], str], help: str
+) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """An option that prints a text and ends."""
+
+    def print_and_end(ctx: click.Context, _option: click.Parameter, is_wanted: bool) -> None:
+        if is_wanted and not ctx.resilient_parsing:
+            click.echo(text())
+            ctx.exit()
+
+    return click.option(
+        name, is_flag=True, is_eager=True, expose_value=False, callback=print_and_end, help=help
+    )
 
 
 @click.group(
@@ -209,22 +189,8 @@ def _version(ctx: click.Context, _option: click.Parameter, is_wanted: bool) -> N
     subcommand_metavar="COMMAND [ARGS]...",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-@click.option(
-    "--version",
-    is_flag=True,
-    is_eager=True,
-    expose_value=False,
-    callback=_version,
-    help="Version, commit, and where it came from.",
-)
-@click.option(
-    "--cite",
-    is_flag=True,
-    is_eager=True,
-    expose_value=False,
-    callback=_cite,
-    help="What to cite in a publication.",
-)
+@_printing("--version", _version, "Version, commit, and where it came from.")
+@_printing("--cite", _citation, "What to cite in a publication.")
 def main() -> None:
     """Terrain slope from surface temperature: record, estimate, report.
 

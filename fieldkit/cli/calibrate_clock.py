@@ -11,7 +11,7 @@ import click
 
 from fieldkit.cli import common
 from fieldkit.cli.session_paths import find_session
-from fieldkit.cli.types import MOMENT, RECORD_NAME
+from fieldkit.cli.types import MOMENT, PATH, RECORD_NAME
 
 if TYPE_CHECKING:
     from fieldkit.calibrate.clock import ClockCalibration
@@ -20,7 +20,7 @@ DEFAULT_NAME = "clock"
 
 
 @click.command(cls=common.Command)
-@click.argument("session", required=False, type=click.Path(path_type=Path))
+@click.argument("session", required=False, type=PATH)
 @click.option(
     "--at",
     "shown",
@@ -33,11 +33,9 @@ DEFAULT_NAME = "clock"
     "--apply", "is_applied", is_flag=True, help="Correct the SESSION's times from now on when reading."
 )
 @click.option("--name", type=RECORD_NAME, default=DEFAULT_NAME, show_default=True, help="Name of the record.")
-@click.pass_context
 def command(
-    ctx: click.Context, /, session: Path | None, shown: datetime | None, gps: str | None, sun: bool,
-    is_applied: bool, name: str,
-) -> None:  # fmt: skip
+    session: Path | None, shown: datetime | None, gps: str | None, sun: bool, is_applied: bool, name: str
+) -> None:
     r"""Find the seconds to add to this computer's times, or to those of a SESSION.
 
     Recorded times are never rewritten: --apply keeps the offset beside them.
@@ -48,14 +46,13 @@ def command(
     """
     from fieldkit import calibrate
     from fieldkit.cli.calibration_output import save_and_print
-    from fieldkit.sessions.reader import open_session
 
     if (shown is not None) + (gps is not None) + sun != 1:
         raise click.UsageError("give one of --at, --gps, --sun")
     if session is None:
         if shown is None or is_applied:
             raise click.UsageError("--gps, --sun and --apply need a SESSION")
-        config = common.campaign(ctx)
+        config = common.campaign()
         pressed_ns = _key_pressed_ns(shown)
         save_and_print(
             calibrate.host_clock(
@@ -65,9 +62,8 @@ def command(
         return
     if shown is not None:
         raise click.UsageError("--at is about this computer's clock now; omit the SESSION")
-    session = find_session(ctx, session)
-    with open_session(session) as opened:
-        found = calibrate.clock(opened, gps=gps, name=name, notify=common.say_warning)
+    session = find_session(session)
+    found = calibrate.clock(session, gps=gps, name=name, notify=common.say_warning)
     save_and_print(found, _next_step(session, gps, name, found))
     if is_applied:
         found.apply()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,24 +12,29 @@ import click
 from fieldkit.calibration.foil import FOIL_EMISSIVITY, FOIL_EMISSIVITY_SD
 from fieldkit.cli import common
 from fieldkit.cli.session_paths import find_session
-from fieldkit.cli.types import DURATION, RECORD_NAME
+from fieldkit.cli.types import DURATION, PATH, RECORD_NAME
 
 if TYPE_CHECKING:
     from fieldkit.calibrate import MeasurementOptions
 
-Command = Callable[..., Any]
 
-
-def _kelvin(name: str, field: str, default: float, help: str) -> Callable[[Command], Command]:
-    """An option for a standard uncertainty in kelvin."""
+def _number(
+    name: str, field: str, default: float, help: str, *,
+    metavar: str | None = None, within: click.ParamType[float] | type = float,
+) -> common.Decorator:  # fmt: skip
+    """An option for a number that has a default."""
     return click.option(
-        name, field, type=click.FloatRange(0), default=default, show_default=True, metavar="K", help=help
+        name, field, type=within, default=default, show_default=True, metavar=metavar, help=help
     )
+
+
+_kelvin = partial(_number, metavar="K", within=click.FloatRange(0))
+"""An option for a standard uncertainty."""
 
 
 # options whose values go into `MeasurementOptions`: the second name is that of its field
 @click.command(cls=common.Command)
-@click.argument("session", required=False, type=click.Path(path_type=Path))
+@click.argument("session", required=False, type=PATH)
 @click.option(
     "--sample",
     type=RECORD_NAME,
@@ -49,34 +53,21 @@ def _kelvin(name: str, field: str, default: float, help: str) -> Callable[[Comma
     help="Reflected temperature: a foil's region, a temperature, or free to fit it.",
 )
 @click.option("--tape", metavar="REGION", help="Tape or paint of known emissivity instead of a thermometer.")
-@click.option(
-    "--tape-emissivity",
-    type=click.FloatRange(0.5, 1),
-    default=0.95,
-    show_default=True,
-    help="Emissivity of the tape.",
+@_number(
+    "--tape-emissivity", "tape_emissivity", 0.95, "Emissivity of the tape.", within=click.FloatRange(0.5, 1)
 )
-@click.option(
-    "--tape-sd",
-    type=click.FloatRange(0.001),
-    default=0.01,
-    show_default=True,
-    help="Standard uncertainty of the tape's emissivity.",
-)
-@click.option(
-    "--foil-emissivity",
-    type=click.FloatRange(0, 0.5),
-    default=FOIL_EMISSIVITY,
-    show_default=True,
-    help="Emissivity of the foil itself, which has the surface's temperature.",
-)
-@click.option(
-    "--foil-sd",
-    type=click.FloatRange(0),
-    default=FOIL_EMISSIVITY_SD,
-    show_default=True,
-    help="Standard uncertainty of the foil's emissivity.",
-)
+@_number(
+    "--tape-sd", "tape_sd", 0.01, "Standard uncertainty of the tape's emissivity.",
+    within=click.FloatRange(0.001),
+)  # fmt: skip
+@_number(
+    "--foil-emissivity", "foil_emissivity", FOIL_EMISSIVITY,
+    "Emissivity of the foil itself, which has the surface's temperature.", within=click.FloatRange(0, 0.5),
+)  # fmt: skip
+@_number(
+    "--foil-sd", "foil_sd", FOIL_EMISSIVITY_SD, "Standard uncertainty of the foil's emissivity.",
+    within=click.FloatRange(0),
+)  # fmt: skip
 @click.option(
     "--band",
     default="8-14",
@@ -87,15 +78,10 @@ def _kelvin(name: str, field: str, default: float, help: str) -> Callable[[Comma
 @click.option(
     "--camera-emissivity", type=click.FloatRange(0.05, 1), help="Emissivity already applied by the camera."
 )
-@click.option(
-    "--camera-reflected",
-    "camera_reflected_c",
-    type=float,
-    default=20.0,
-    show_default=True,
+@_number(
+    "--camera-reflected", "camera_reflected_c", 20.0, "Reflected temperature already applied by the camera.",
     metavar="°C",
-    help="Reflected temperature already applied by the camera.",
-)
+)  # fmt: skip
 @click.option(
     "--distance",
     "distance_m",
@@ -104,24 +90,11 @@ def _kelvin(name: str, field: str, default: float, help: str) -> Callable[[Comma
     metavar="M",
     help="Path through the air, if above a few metres.",
 )
-@click.option(
-    "--air",
-    "air_c",
-    type=float,
-    default=20.0,
-    show_default=True,
-    metavar="°C",
-    help="Air temperature along the path.",
-)
-@click.option(
-    "--humidity",
-    "humidity_percent",
-    type=click.FloatRange(0, 100),
-    default=50.0,
-    show_default=True,
-    metavar="%",
-    help="Relative humidity along the path.",
-)
+@_number("--air", "air_c", 20.0, "Air temperature along the path.", metavar="°C")
+@_number(
+    "--humidity", "humidity_percent", 50.0, "Relative humidity along the path.",
+    metavar="%", within=click.FloatRange(0, 100),
+)  # fmt: skip
 @click.option(
     "--angle",
     "angle_deg",
@@ -164,10 +137,7 @@ def _kelvin(name: str, field: str, default: float, help: str) -> Callable[[Comma
     help="With instruments: stop after this time: 3h, 90m.",
 )
 @common.set_option
-@click.pass_context
-def command(
-    ctx: click.Context, /, session: Path | None, sample: str, settings: tuple[str, ...], **given: Any
-) -> None:
+def command(session: Path | None, sample: str, settings: tuple[str, ...], **given: Any) -> None:
     r"""Find the emissivity of a sample in the camera's band.
 
     With a SESSION it is found from that; without one the campaign's instruments are recorded until enough
@@ -179,25 +149,23 @@ def command(
     """
     from fieldkit import calibrate
     from fieldkit.cli.calibration_output import save_and_print
-    from fieldkit.sessions.reader import open_session
 
     options = calibrate.MeasurementOptions(**given)
     if session is None:
-        session = _record(ctx, sample, options, settings)
+        session = _record(sample, options, settings)
         settings = ()  # the recording contains them
-    with open_session(find_session(ctx, session)) as opened:
-        found = calibrate.emissivity(
-            opened, sample=sample, options=options, settings=settings, notify=common.say_warning
-        )
-    save_and_print(found)
+    path, notify = find_session(session), common.say_warning
+    save_and_print(
+        calibrate.emissivity(path, sample=sample, options=options, settings=settings, notify=notify)
+    )
 
 
-def _record(ctx: click.Context, sample: str, options: MeasurementOptions, settings: tuple[str, ...]) -> Path:
+def _record(sample: str, options: MeasurementOptions, settings: tuple[str, ...]) -> Path:
     """Record until enough steady temperatures were seen, the time is over, or Ctrl-C; the session."""
     from fieldkit.calibrate.emissivity_live import BURSTS, prepare_emissivity
     from fieldkit.cli.recording import run_until_stopped
 
-    config = common.campaign(ctx, (*BURSTS, *settings))
+    config = common.campaign((*BURSTS, *settings))
     with prepare_emissivity(config, sample, options, common.say_warning) as prepared:
         _confirm_setup(prepared.steps)
         # SIGTERM ends it as fieldkit stop does: the recorder seals the session

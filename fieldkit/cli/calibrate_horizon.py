@@ -2,36 +2,30 @@
 
 from __future__ import annotations
 
-import re
 from datetime import datetime
 from pathlib import Path
 
 import click
 
 from fieldkit.cli import common
-from fieldkit.cli.types import MOMENT
-
-_FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
+from fieldkit.cli.types import FILE, MOMENT, NEW_FILE, parse_frame
 
 
 @click.command(cls=common.Command)
-@click.option("--dem", type=_FILE, help="GeoTIFF of heights.")
+@click.option("--dem", type=FILE, help="GeoTIFF of heights.")
 @click.option("--crs", help="Projected system of the DEM in metres, such as EPSG:32654.")
 @click.option(
     "--place", type=(float, float), metavar="EAST NORTH", help="Place of the regions in the DEM, in metres."
 )
 @click.option("--nearest-m", type=float, default=0.0, help="Nearer ground is omitted.", show_default=True)
-@click.option("--skyline", type=_FILE, help="CSV file of pixels on the skyline: x_px, y_px.")
-@click.option("--pose", "pose_file", type=_FILE, help="Pose of the camera that saw them.")
+@click.option("--skyline", type=FILE, help="CSV file of pixels on the skyline: x_px, y_px.")
+@click.option("--pose", "pose_file", type=FILE, help="Pose of the camera that saw them.")
 @click.option("--at", "moment", type=MOMENT, help="When, if the camera moves [default: now].")
 @click.option("--frame", metavar="COLSxROWS", help="Size of its frame: 160x120.")
 @click.option(
     "--regions", is_flag=True, help="Regions with points_m: where each one's neighbours rise above it."
 )
-@click.option(
-    "-o", "--out", type=click.Path(dir_okay=False, path_type=Path), default="horizon.csv", show_default=True,
-    help="File to write.",
-)  # fmt: skip
+@click.option("-o", "--out", type=NEW_FILE, default="horizon.csv", show_default=True, help="File to write.")
 def command(
     dem: Path | None, crs: str | None, place: tuple[float, float] | None, nearest_m: float,
     skyline: Path | None, pose_file: Path | None, moment: datetime | None, frame: str | None,
@@ -58,10 +52,7 @@ def command(
     if dem and crs and place and not skyline:
         found = horizon_from_dem(dem, crs, *place, nearest_m=nearest_m)
     elif skyline and pose_file and frame and not dem:
-        size = re.fullmatch(r"(\d+)x(\d+)", frame)
-        if size is None:
-            raise click.UsageError(f"--frame {frame}: write columns x rows, such as 160x120")
-        found = horizon_from_skyline(skyline, pose_file, (int(size[2]), int(size[1])), at=moment)
+        found = horizon_from_skyline(skyline, pose_file, parse_frame(frame), at=moment)
     else:
         raise click.UsageError(
             "give --dem, --crs and --place, or --skyline, --pose and --frame, or --regions"
@@ -78,11 +69,10 @@ def command(
 
 def _of_regions() -> None:
     from fieldkit.calibrate.horizon import horizons_of_regions, set_horizons
-    from fieldkit.config import find_campaign, load_config
 
-    file = find_campaign(common.options().directory or Path.cwd())
-    found = horizons_of_regions(load_config(file))
-    files = set_horizons(file, found)
+    config = common.campaign()
+    found = horizons_of_regions(config)
+    files = set_horizons(config.path, found)
     if common.options().json:
         common.print_json(
             {

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from fieldkit.cli import common
 from fieldkit.cli.session_paths import find_session
-from fieldkit.cli.types import RECORD_NAME
+from fieldkit.cli.types import PATH, RECORD_NAME
 
 if TYPE_CHECKING:
     from fieldkit.calibrate.irradiance import Against
 
 
+# options but the references are named as the arguments of `calibrate.irradiance`
 @click.command(cls=common.Command)
-@click.argument("session", type=click.Path(path_type=Path))
+@click.argument("session", type=PATH)
 @click.option("--name", type=RECORD_NAME, default="light", show_default=True, help="Name of the record.")
 @click.option("--pyranometer", metavar="STREAM", help="A stream: global irradiance on the meter's plane.")
 @click.option("--pyrheliometer", metavar="STREAM", help="A stream: direct normal irradiance.")
@@ -31,11 +32,9 @@ if TYPE_CHECKING:
     help="Relative standard uncertainty of the reference.",
 )
 @common.set_option
-@click.pass_context
 def command(
-    ctx: click.Context, /, session: Path, name: str, pyranometer: str | None, pyrheliometer: str | None,
-    station: str | None, reference_sd: float, settings: tuple[str, ...],
-) -> None:  # fmt: skip
+    session: Path, pyranometer: str | None, pyrheliometer: str | None, station: str | None, **given: Any
+) -> None:
     r"""Find the W/m2 per unit of the light meter, by a line through the origin.
 
     Mounting and diffuse model are those of [irradiance]; a station's own diffuse light is used as measured.
@@ -46,25 +45,17 @@ def command(
     """
     from fieldkit import calibrate
     from fieldkit.cli.calibration_output import save_and_print
-    from fieldkit.sessions.reader import open_session
 
     references: dict[Against, str | None] = {
         "pyranometer": pyranometer,
         "pyrheliometer": pyrheliometer,
         "station": station,
     }
-    given = [(kind, reference) for kind, reference in references.items() if reference is not None]
-    if len(given) != 1:
+    stated = [(kind, reference) for kind, reference in references.items() if reference is not None]
+    if len(stated) != 1:
         raise click.UsageError("give one of --pyranometer, --pyrheliometer, --station")
-    ((against, reference),) = given
-    with open_session(find_session(ctx, session)) as opened:
-        found = calibrate.irradiance(
-            opened,
-            against=against,
-            reference=reference,
-            reference_sd=reference_sd,
-            name=name,
-            settings=settings,
-            notify=common.say_warning,
-        )
+    ((against, reference),) = stated
+    found = calibrate.irradiance(
+        find_session(session), against=against, reference=reference, **given, notify=common.say_warning
+    )
     save_and_print(found)

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
-import re
 from pathlib import Path
 
 import click
 
 from fieldkit.cli import common
+from fieldkit.cli.types import FILE, NEW_FILE, parse_frame
 
 
 @click.command(cls=common.Command)
-@click.argument("points", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.argument("points", type=FILE)
 @click.option("--crs", required=True, help="Projected system of the points in metres, such as EPSG:32654.")
 @click.option("--frame", required=True, metavar="COLSxROWS", help="Size of the camera's frame: 160x120.")
 @click.option(
@@ -27,10 +27,7 @@ from fieldkit.cli import common
 @click.option("--range-m", type=float, default=100.0, show_default=True, help="Farther ground is omitted.")
 @click.option("--ground-m", type=float, metavar="M", help="Height of level ground; or give --dem.")
 @click.option("--dem", metavar="FILE", help="GeoTIFF of heights, by its path from the folder of the pose.")
-@click.option(
-    "-o", "--out", type=click.Path(dir_okay=False, path_type=Path), default="pose.toml", show_default=True,
-    help="File to write.",
-)  # fmt: skip
+@click.option("-o", "--out", type=NEW_FILE, default="pose.toml", show_default=True, help="File to write.")
 def command(
     points: Path, crs: str, frame: str, hfov_deg: float | None, mark_sd_px: float, range_m: float,
     ground_m: float | None, dem: str | None, out: Path, distortion: str | None,
@@ -47,12 +44,9 @@ def command(
     from fieldkit.calibrate.pose import pose
     from fieldkit.views.formatting import number
 
-    size = re.fullmatch(r"(\d+)x(\d+)", frame)
-    if size is None:
-        raise click.UsageError(f"--frame {frame}: write columns x rows, such as 160x120")
+    shape = parse_frame(frame)
     if (ground_m is None) == (dem is None):
         raise click.UsageError("give one of --ground-m, --dem")
-    shape = int(size[2]), int(size[1])
     lens = () if distortion is None else _lens(distortion)
     found = pose(points, crs, shape, hfov_deg=hfov_deg, mark_sd_px=mark_sd_px, distortion=lens)
     found.write(out, range_m=range_m, ground_m=ground_m, dem=dem)

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
 from fieldkit.cli import common
 from fieldkit.cli.session_paths import find_session
-from fieldkit.cli.types import RECORD_NAME
+from fieldkit.cli.types import PATH, RECORD_NAME
 
 
+# options are named as the arguments of `calibrate.surface`
 @click.command(cls=common.Command)
-@click.argument("session", type=click.Path(path_type=Path))
+@click.argument("session", type=PATH)
 @click.option("--name", type=RECORD_NAME, default="beds", show_default=True, help="Name of the record.")
 @click.option("--region", "beds", multiple=True, metavar="REGION", help="Only this region; may be repeated.")
 @click.option(
     "--tilt-sd",
+    "tilt_sd_deg",
     type=click.FloatRange(0, min_open=True),
     default=0.5,
     show_default=True,
@@ -24,11 +27,7 @@ from fieldkit.cli.types import RECORD_NAME
     help="Standard uncertainty of the inclinometer.",
 )
 @common.set_option
-@click.pass_context
-def command(
-    ctx: click.Context, /, session: Path, name: str, beds: tuple[str, ...], tilt_sd: float,
-    settings: tuple[str, ...],
-) -> None:  # fmt: skip
+def command(session: Path, **given: Any) -> None:
     r"""Find the scale kappa of a SESSION from its beds of known tilt and azimuth.
 
     kappa is for this model of the surface and this irradiance: change neither after calibrating.
@@ -41,10 +40,5 @@ def command(
     """
     from fieldkit import calibrate
     from fieldkit.cli.calibration_output import save_and_print
-    from fieldkit.sessions.reader import open_session
 
-    with open_session(find_session(ctx, session)) as opened:
-        found = calibrate.surface(
-            opened, beds=beds, tilt_sd_deg=tilt_sd, name=name, settings=settings, notify=common.say_warning
-        )
-    save_and_print(found)
+    save_and_print(calibrate.surface(find_session(session), **given, notify=common.say_warning))

@@ -9,12 +9,12 @@ import click
 
 from fieldkit.cli import common
 from fieldkit.cli.session_paths import find_session
-from fieldkit.cli.types import RECORD_NAME
+from fieldkit.cli.types import PATH, RECORD_NAME
 
 
 @click.command(cls=common.Command)
-@click.argument("before", type=click.Path(path_type=Path))
-@click.argument("after", required=False, type=click.Path(path_type=Path))
+@click.argument("before", type=PATH)
+@click.argument("after", required=False, type=PATH)
 @click.option("--name", type=RECORD_NAME, default="uniformity", show_default=True, help="Name of the record.")
 @click.option(
     "--target-sd",
@@ -24,8 +24,7 @@ from fieldkit.cli.types import RECORD_NAME
     metavar="K",
     help="Standard uncertainty of the target's uniformity.",
 )
-@click.pass_context
-def command(ctx: click.Context, /, before: Path, after: Path | None, name: str, target_sd: float) -> None:
+def command(before: Path, after: Path | None, name: str, target_sd: float) -> None:
     r"""Find the offsets of all regions against the reference.
 
     BEFORE and AFTER are recordings of a minute or more with one board over all regions.
@@ -37,7 +36,7 @@ def command(ctx: click.Context, /, before: Path, after: Path | None, name: str, 
     from fieldkit.cli.calibration_output import save_and_print
     from fieldkit.sessions.reader import open_session
 
-    paths = [find_session(ctx, path) for path in (before, after) if path is not None]
+    paths = [find_session(path) for path in (before, after) if path is not None]
     with ExitStack() as stack:
         sessions = [stack.enter_context(open_session(path)) for path in paths]
         found = calibrate.uniformity(*sessions, name=name, target_sd_k=target_sd, notify=common.say_warning)

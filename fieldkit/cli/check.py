@@ -10,6 +10,7 @@ import click
 
 from fieldkit.cli.common import Command, options, print_json, say
 from fieldkit.cli.session_paths import find_sessions
+from fieldkit.cli.types import PATH
 from fieldkit.model.errors import IntegrityError, RefusedError
 
 if TYPE_CHECKING:
@@ -19,16 +20,13 @@ _MARKS = {"ok": ("ok  ", None), "warn": ("warn", "yellow"), "fail": ("FAIL", "re
 
 
 @click.command(cls=Command)
-@click.argument("paths", nargs=-1, type=click.Path(path_type=Path))
+@click.argument("paths", nargs=-1, type=PATH)
 @click.option("--strict", is_flag=True, help="Warnings count as failures: exit code 7.")
 @click.option(
     "--apply", "apply_map", is_flag=True, help="Write the proposed time map into the session, as data."
 )
 @click.option("--no-estimates", is_flag=True, help="Do not compute the slopes again to compare them.")
-@click.pass_context
-def command(
-    ctx: click.Context, paths: tuple[Path, ...], strict: bool, apply_map: bool, no_estimates: bool
-) -> None:
+def command(paths: tuple[Path, ...], strict: bool, apply_map: bool, no_estimates: bool) -> None:
     """Check sessions: checksums, gaps, rates, clocks, units, slopes.
 
     PATHS are sessions or folders; without any, the campaign's. Exit code 7 where one is damaged.
@@ -36,12 +34,12 @@ def command(
     from fieldkit.results.check import check
 
     checked = []
-    for path in find_sessions(ctx, paths):
+    for path in find_sessions(paths):
         found = check(path, estimates=not no_estimates)
         checked.append(found)
-        if not options(ctx).json:
+        if not options().json:
             _print(found)
-    if options(ctx).json:
+    if options().json:
         print_json(
             {
                 "sessions": [

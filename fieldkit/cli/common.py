@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
     from fieldkit.config import Config
-    from fieldkit.sessions.reader import SessionReader
 
 _OLD_SPELLINGS = "fieldkit.old_spellings"
 
@@ -121,46 +120,71 @@ present_option = click.option(
 """``--campaign`` for commands that estimate recorded sessions; pass `present` to `config_for`."""
 
 
-def workers_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """``-j``, ``--executor``, ``--address`` for commands over many sessions; pass them to `batch.workers`."""
-    for option in (
-        click.option(
-            "--address", metavar="ADDRESS", help="Scheduler of that cluster, such as tcp://10.0.0.5:8786."
-        ),
-        click.option(
-            "--executor", "kind", type=click.Choice(["local", "dask"]), default="local", show_default=True,
-            help="Processes of this computer, or the workers of a Dask cluster that runs.",
-        ),
-        click.option(
-            "-j", "--jobs", type=click.IntRange(min=1), metavar="N",
-            help="Processes [default: one for each core].",
-        ),
-    ):  # fmt: skip
-        command = option(command)
-    return command
+Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 
-def campaign(ctx: click.Context, settings: Sequence[str] = ()) -> Config:
-    """The configuration of the campaign that ``-C`` names, or the one around the current folder.
+def options_together(*single: Decorator) -> Decorator:
+    """Options that several commands share, as one decorator."""
 
-    `settings` are the ``KEY=VALUE`` of ``--set``. Raises `ConfigError` if there is no campaign, or with
-    all mistakes in its configuration.
+    def decorated(command: Callable[..., Any]) -> Callable[..., Any]:
+        for option in reversed(single):
+            command = option(command)
+        return command
+
+    return decorated
+
+
+jobs_option = click.option(
+    "-j", "--jobs", type=click.IntRange(min=1), metavar="N", help="Processes [default: one for each core]."
+)
+
+
+workers_options = options_together(
+    jobs_option,
+    click.option(
+        "--executor", "kind", type=click.Choice(["local", "dask"]), default="local", show_default=True,
+        help="Processes of this computer, or the workers of a Dask cluster that runs.",
+    ),
+    click.option(
+        "--address", metavar="ADDRESS", help="Scheduler of that cluster, such as tcp://10.0.0.5:8786."
+    ),
+)  # fmt: skip
+"""``-j``, ``--executor``, ``--address`` for commands over many sessions; pass them to `batch.workers`."""
+
+
+def campaign_file() -> Path:
+    """The ``fieldkit.toml`` of the campaign that ``-C`` names, or of the one around the current folder.
+
+    Raises `ConfigError` if there is none.
     """
-    from fieldkit.config import find_campaign, load_config
-
-    return load_config(find_campaign(options(ctx).directory or Path.cwd()), settings=settings)
-
-
-def recordings(ctx: click.Context) -> Path:
-    """``recordings/`` of that campaign; its configuration is not read. Raises `ConfigError` without one."""
     from fieldkit.config import find_campaign
 
-    return find_campaign(options(ctx).directory or Path.cwd()).parent / "recordings"
+    return find_campaign(working_folder())
 
 
-def options(ctx: click.Context | None = None) -> Options:
+def campaign(settings: Sequence[str] = ()) -> Config:
+    """The configuration of that campaign, with the ``KEY=VALUE`` of ``--set``.
+
+    Raises `ConfigError` if there is no campaign, or with all mistakes in its configuration.
+    """
+    from fieldkit.config import load_config
+
+    return load_config(campaign_file(), settings=settings)
+
+
+def recordings() -> Path:
+    """``recordings/`` of that campaign; its configuration is not read. Raises `ConfigError` without one."""
+    return campaign_file().parent / "recordings"
+
+
+def working_folder() -> Path:
+    """The folder that ``-C`` names, or the current one."""
+    return options().directory or Path.cwd()
+
+
+def options() -> Options:
     """The common options of the running command; the defaults outside a command line."""
-    ctx = ctx or click.get_current_context(silent=True)
+    ctx = click.get_current_context(silent=True)
     found = ctx.find_object(Options) if ctx else None
     return found or Options()
 
@@ -189,13 +213,6 @@ def say(text: str) -> None:
         to_stderr(text)
 
 
-def say_damage(session: SessionReader) -> None:
-    """Print how many of the samples read so far fail their checksum: results exclude them."""
-    from fieldkit.results.sources import notify_damage
-
-    notify_damage(session, say_warning)
-
-
 @contextmanager
 def usage_errors() -> Iterator[None]:
     """Raise a `ConfigError` about an option's value as a usage error (exit code 2)."""
@@ -210,23 +227,16 @@ def say_warning(text: str) -> None:
     say(f"warning: {text}")
 
 
-def print_json(document: Mapping[str, Any]) -> None:
-    """Print one JSON document on stdout, with ``"schema": 1`` in front; NaN becomes null."""
+def print_json(document: Mapping[str, Any], *, on_one_line: bool = False) -> None:
+    """Print a JSON document on stdout, with ``"schema": 1`` in front; on one line where many follow."""
+    click.echo(json_text(document, None if on_one_line else 2))
+
+
+def json_text(document: Mapping[str, Any], indent: int | None = None) -> str:
+    """A JSON document, without an indent on one line; NaN becomes null."""
     from fieldkit.results.json_document import to_json
 
-    click.echo(_encodable(to_json(document, indent=2)))
-
-
-def print_json_line(document: Mapping[str, Any]) -> None:
-    """Print one JSON object on one line, for commands that print many; NaN becomes null."""
-    click.echo(json_line(document))
-
-
-def json_line(document: Mapping[str, Any]) -> str:
-    """A JSON object on one line."""
-    from fieldkit.results.json_document import to_json
-
-    return _encodable(to_json(document, indent=None))
+    return _encodable(to_json(document, indent=indent))
 
 
 def _encodable(text: str) -> str:

@@ -37,13 +37,8 @@ _MAX_ROWS = 200
     metavar="KEY=VALUE",
     help="An option of the driver.",
 )
-@click.pass_context
 def command(
-    ctx: click.Context,
-    driver: str,
-    data: tuple[str, ...],
-    register_map: str | None,
-    pairs: tuple[tuple[str, Any], ...],
+    driver: str, data: tuple[str, ...], register_map: str | None, pairs: tuple[tuple[str, Any], ...]
 ) -> None:
     r"""Decode bytes of an instrument: values, flags, or why they are rejected.
 
@@ -60,7 +55,7 @@ def command(
     if register_map is not None:
         given["map"] = register_map
     decoded = registry.decode(driver, read_bytes(data, is_text=driver in TEXT_DRIVERS), given)
-    if options(ctx).json:
+    if options().json:
         print_json(as_document(decoded))
     else:
         _print(decoded)

@@ -13,6 +13,7 @@ import click
 from fieldkit.cli import common
 from fieldkit.cli.recording import live_views, run_until_stopped
 from fieldkit.cli.slope_table import explain_slopes, print_learnt, print_slopes
+from fieldkit.cli.types import PATH
 from fieldkit.model.fault_kind import FaultKind
 from fieldkit.model.slope import final_estimates
 from fieldkit.views import formatting
@@ -30,23 +31,15 @@ PACE = 360
 @click.command(cls=common.Command)
 @click.option("--fast", is_flag=True, help="Run as fast as possible; the numbers do not change.")
 @click.option("--fault", type=click.Choice([kind.value for kind in FaultKind]), help="Simulate a fault.")
-@click.option(
-    "-o",
-    "--out",
-    type=click.Path(path_type=Path),
-    default=Path("demo"),
-    show_default=True,
-    help="Campaign folder.",
-)
-@click.pass_context
-def command(ctx: click.Context, fast: bool, fault: str | None, out: Path) -> None:
+@click.option("-o", "--out", type=PATH, default=Path("demo"), show_default=True, help="Campaign folder.")
+def command(fast: bool, fault: str | None, out: Path) -> None:
     """Run the whole experiment on simulated devices under one measured day of weather, then report."""
     from fieldkit.recording.record import MinuteView, prepare
     from fieldkit.recording.simulate import demo_campaign
     from fieldkit.results.report import report as write_report
 
     began = time.monotonic()
-    folder = (common.options(ctx).directory or Path()) / out
+    folder = (common.options().directory or Path()) / out
     config = demo_campaign(folder, speed="max" if fast else PACE, fault=fault)
     _introduce(config, fault)
     minutes: list[Minute] = []

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fieldkit.cli.common import Command, is_interactive, options, print_json, print_table, say
+from fieldkit.cli.common import Command, campaign_file, is_interactive, options, print_json, print_table, say
 from fieldkit.cli.types import INSTRUMENT
 
 if TYPE_CHECKING:
@@ -22,8 +22,7 @@ if TYPE_CHECKING:
     "--instrument", "stated", type=INSTRUMENT, multiple=True, metavar="IDENTITY=DRIVER[,KEY=VALUE]",
     help="With --add: what is on a cable and its options, instead of a question; DRIVER skip: nothing.",
 )  # fmt: skip
-@click.pass_context
-def command(ctx: click.Context, is_adding: bool, stated: tuple[tuple[str, dict[str, Any]], ...]) -> None:
+def command(is_adding: bool, stated: tuple[tuple[str, dict[str, Any]], ...]) -> None:
     r"""List connected instruments, or write them into fieldkit.toml.
 
     An identity is vendor:product with the serial number, or with the USB socket for devices without one; it
@@ -39,11 +38,9 @@ def command(ctx: click.Context, is_adding: bool, stated: tuple[tuple[str, dict[s
     if stated and not is_adding:
         raise click.UsageError("--instrument needs --add")
     if is_adding:
-        from fieldkit.config import find_campaign
-
-        add_connected(find_campaign(options(ctx).directory or Path.cwd()), dict(stated))
+        add_connected(campaign_file(), dict(stated))
     else:
-        _list(ctx)
+        _list()
 
 
 def add_connected(file: Path, stated: dict[str, dict[str, Any]]) -> None:
@@ -84,13 +81,13 @@ def _report(file: Path, done: AddedDevices) -> None:
         say("no instrument is plugged in; next: fieldkit doctor")
 
 
-def _list(ctx: click.Context) -> None:
+def _list() -> None:
     from fieldkit.drivers import registry
     from fieldkit.drivers.discovery import discover
 
     things, problems = discover()
     drivers, _ = registry.load_all()
-    if options(ctx).json:
+    if options().json:
         known = [{"name": one.name, "title": one.title, "quantity": one.quantity} for one in drivers]
         print_json({"devices": [_row(thing) for thing in things], "drivers": known, "problems": problems})
         return

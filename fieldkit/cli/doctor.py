@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from pathlib import Path
 
 import click
 
-from fieldkit.cli.common import Command, options, print_json
+from fieldkit.cli.common import Command, options, print_json, working_folder
 from fieldkit.model.errors import DeviceError
 
 
@@ -26,12 +25,12 @@ def command(ctx: click.Context, udev: bool) -> None:
     """
     from fieldkit.recording.doctor import doctor, udev_rules
 
-    folder = options(ctx).directory or Path.cwd()
+    folder = working_folder()
     if udev:
         click.echo(udev_rules(folder), nl=False)
         return
     checks = doctor(folder)
-    if options(ctx).json:
+    if options().json:
         print_json({"checks": [asdict(check) for check in checks]})
     else:
         for check in checks:

@@ -12,7 +12,7 @@ import click
 from fieldkit.cli import batch, common
 from fieldkit.cli.session_paths import find_sessions
 from fieldkit.cli.slope_table import explain_slopes, print_learnt, print_slopes
-from fieldkit.cli.types import FACET, SITE, WORDS
+from fieldkit.cli.types import FACET, PATH, SITE, WORDS
 from fieldkit.model.site import Region, RegionKind, Site
 
 if TYPE_CHECKING:
@@ -20,15 +20,10 @@ if TYPE_CHECKING:
     from fieldkit.results.executors import Workers
 
 
+# --campaign and --without-mark, chosen for sessions, go on under the names of their arguments in Python
 @click.command(cls=common.Command)
-@click.argument("sessions", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option(
-    "-o",
-    "--out",
-    type=click.Path(path_type=Path),
-    metavar="BASE",
-    help="Write every minute's slopes to BASE.csv.",
-)
+@click.argument("sessions", nargs=-1, required=True, type=PATH)
+@click.option("-o", "--out", type=PATH, metavar="BASE", help="Write every minute's slopes to BASE.csv.")
 @click.option(
     "--together", is_flag=True, help="One slope of each region for all SESSIONS, which are of one place."
 )
@@ -51,20 +46,17 @@ if TYPE_CHECKING:
     help="Give a mark no effect, by its number (fieldkit mark --list) or text.",
 )
 @common.set_option
-@click.pass_context
 def command(
-    ctx: click.Context,
     sessions: tuple[Path, ...],
     out: Path | None,
     together: bool,
-    present: bool,
     jobs: int | None,
     kind: str,
     address: str | None,
     site: Site | None,
     reference: tuple[float, float],
-    without_marks: tuple[str, ...],
     settings: tuple[str, ...],
+    **chosen: Any,
 ) -> None:
     """Estimate the slopes of recorded SESSIONS or folders of them, as configured or with --set.
 
@@ -83,20 +75,19 @@ def command(
     if all(path.suffix.lower() == ".csv" for path in sessions) and (together or len(sessions) == 1):
         if out is not None:
             raise click.UsageError("-o is for sessions; the slopes of a table are printed: --json > FILE")
-        if present or without_marks or jobs is not None or address is not None:
+        if any(chosen.values()) or jobs is not None or address is not None:
             raise click.UsageError(
                 "--campaign, --without-mark and workers are for sessions; a table takes --site and --set"
             )
         _estimate_tables(sessions, site, reference, settings)
         return
-    paths = find_sessions(ctx, sessions)
+    paths = find_sessions(sessions)
     if together:
         if jobs is not None or address is not None:
             raise click.UsageError("sessions are joined in this process: omit -j and --address")
-        _estimate_together(paths, out, settings, {"present": present, "without_marks": without_marks})
+        _estimate_together(paths, out, settings, chosen)
         return
-    workers, chosen = batch.workers(kind, address, jobs), {"present": present, "without_marks": without_marks}
-    _estimate_sessions(paths, out, workers, settings, chosen)
+    _estimate_sessions(paths, out, batch.workers(kind, address, jobs), settings, chosen)
 
 
 def _estimate_sessions(

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from fieldkit.cli.common import Command, options, print_json, progress
 from fieldkit.cli.session_paths import latest_session
-from fieldkit.cli.types import parse_speed
+from fieldkit.cli.types import PATH, parse_speed
 from fieldkit.model.errors import IntegrityError
 from fieldkit.palettes import NAMES
 from fieldkit.sessions.formats.exports import EXPORTS
@@ -21,10 +21,11 @@ MOST_NAMES = 10
 FORMATS = "\n".join(f"{name:<8} {one.meaning}" for name, one in EXPORTS.items())
 
 
+# options but the kind and --speed go into `export` under its own names
 @click.command(cls=Command, help=f"Write SESSION (default: the latest) for other programs.\n\n\b\n{FORMATS}")
-@click.argument("session", required=False, type=click.Path(path_type=Path))
+@click.argument("session", required=False, type=PATH)
 @click.option("--to", "kind", type=click.Choice(tuple(EXPORTS)), required=True, help="Format to write.")
-@click.option("-o", "--out", type=click.Path(path_type=Path), metavar="DIR", help="[default: results/NAME]")
+@click.option("-o", "--out", "folder", type=PATH, metavar="DIR", help="[default: results/NAME]")
 @click.option(
     "--stream",
     metavar="NAME",
@@ -38,40 +39,17 @@ FORMATS = "\n".join(f"{name:<8} {one.meaning}" for name, one in EXPORTS.items())
     help="Of a video: session seconds per second; max: 25 frames a second.",
 )  # fmt: skip
 @click.option("--palette", type=click.Choice(NAMES), help="Colours of images and videos. [default: inferno]")
-@click.pass_context
-def command(
-    ctx: click.Context,
-    session: Path | None,
-    kind: str,
-    out: Path | None,
-    stream: str | None,
-    every: int,
-    begin: str | None,
-    until: str | None,
-    speed: str,
-    palette: str | None,
-) -> None:
+def command(session: Path | None, kind: str, speed: str, **given: Any) -> None:
     """Write a session for other programs."""
     from fieldkit.results.export import export
     from fieldkit.sessions.reader import open_session
 
-    path = latest_session(ctx, session)
+    path = latest_session(session)
     factor = None if speed == "max" else parse_speed(speed)
     with open_session(path) as opened, progress() as bar:
         frames = sum(opened.count(one.name) for one in opened.streams.values() if one.is_camera)
         task = bar.add_task(f"writing {kind}", total=frames)
-        found = export(
-            opened,
-            kind,
-            out,
-            stream=stream,
-            every=every,
-            begin=begin,
-            until=until,
-            speed=factor,
-            palette=palette,
-            on_frame=lambda: bar.advance(task),
-        )
+        found = export(opened, kind, speed=factor, on_frame=lambda: bar.advance(task), **given)
     _print(path, found)
     if found.problems:
         raise IntegrityError(f"{path}: {'; '.join(found.problems)}", fix=f"fieldkit check {path}")

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from fieldkit.cli.common import discard, json_line, options, to_stderr
+from fieldkit.cli.common import discard, json_text, options, to_stderr
 from fieldkit.model.errors import FieldkitError, StorageError
 from fieldkit.model.wording import typed
 
@@ -116,7 +116,7 @@ def explain(error: FieldkitError) -> None:
     """
     if options().json:
         document = {"error": error.message, "fix": error.fix, "exit_code": error.exit_code}
-        to_stderr(json_line(document))
+        to_stderr(json_text(document))
         return
     to_stderr(f"error: {error.message}")
     if error.fix:

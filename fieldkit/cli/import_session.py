@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fieldkit.cli.common import Command, options, print_json, say
+from fieldkit.cli.common import Command, options, print_json, say, working_folder
 from fieldkit.cli.session_paths import find_session
-from fieldkit.cli.types import CLOCK_OFFSET, KELVIN_PER_COUNT, SITE, STREAM_NAME, ZONE
+from fieldkit.cli.types import CLOCK_OFFSET, FILE, KELVIN_PER_COUNT, PATH, SITE, STREAM_NAME, ZONE
 from fieldkit.model.radiation import COMPONENTS
 from fieldkit.model.samples import Severity
 
@@ -20,9 +20,7 @@ if TYPE_CHECKING:
 # all options but --out and --into go into `ImportOptions`: the second name is that of its field
 @click.command(cls=Command)
 @click.argument("source", type=click.Path(exists=True, path_type=Path))
-@click.option(
-    "-o", "--out", type=click.Path(path_type=Path), metavar="FILE.h5", help="[default: recordings/]"
-)
+@click.option("-o", "--out", type=PATH, metavar="FILE.h5", help="[default: recordings/]")
 @click.option(
     "--as",
     "name",
@@ -43,12 +41,7 @@ if TYPE_CHECKING:
     help="Scale of TIFF, PNG or IRG counts; none if it is not known. Never guessed.",
 )
 @click.option("--kelvin-at-zero", type=float, default=0.0, help="Kelvin of count 0 [default: 0].")
-@click.option(
-    "--times",
-    type=click.Path(exists=True, dir_okay=False, path_type=Path),
-    metavar="FILE.csv",
-    help="Table of the frames' file names and times.",
-)
+@click.option("--times", type=FILE, metavar="FILE.csv", help="Table of the frames' file names and times.")
 @click.option("--time-format", metavar="FORMAT", help='Time in the frames\' names, such as "%Y%m%dT%H%M%S".')
 @click.option("--zone", type=ZONE, help="Zone of times that have none.")
 @click.option(
@@ -84,13 +77,9 @@ if TYPE_CHECKING:
 )
 @click.option("--encoding", default="utf-8-sig", help="Encoding of a table, such as cp932.")
 @click.option(
-    "--into",
-    type=click.Path(path_type=Path),
-    metavar="SESSION",
-    help="Make a new session of this one and SOURCE together.",
+    "--into", type=PATH, metavar="SESSION", help="Make a new session of this one and SOURCE together."
 )
-@click.pass_context
-def command(ctx: click.Context, /, source: Path, out: Path | None, into: Path | None, **given: Any) -> None:
+def command(source: Path, out: Path | None, into: Path | None, **given: Any) -> None:
     """Turn SOURCE into a session: frames, tables of loggers, files of weather stations.
 
     PureThermal .raw.y16.gz; FLIR .fff, .seq, radiometric .jpg, TIFF (16 bits, floats), 16-bit PNG and .irg,
@@ -105,7 +94,7 @@ def command(ctx: click.Context, /, source: Path, out: Path | None, into: Path | 
 
     unstated = ImportOptions(**{**given, "measures": given["measures"] or ""})
     if into is not None:
-        with open_session(find_session(ctx, into)) as session:
+        with open_session(find_session(into)) as session:
             _print(import_into(session, source, out, unstated))
         return
     _print(
@@ -113,7 +102,7 @@ def command(ctx: click.Context, /, source: Path, out: Path | None, into: Path | 
             source,
             out,
             unstated,
-            campaign=options(ctx).directory or Path.cwd(),
+            campaign=working_folder(),
             command_line=command_line(),
             notify=say,
         )

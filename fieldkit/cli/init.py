@@ -9,22 +9,19 @@ import click
 
 from fieldkit.cli.common import Command, is_interactive, options, print_json, say
 from fieldkit.cli.devices import add_connected
-from fieldkit.cli.types import SITE
+from fieldkit.cli.types import PATH, SITE
 from fieldkit.model.site import Site, zone_by_longitude
 
 
 @click.command(cls=Command)
-@click.argument("folder", type=click.Path(path_type=Path), default=".", metavar="[DIR]")
+@click.argument("folder", type=PATH, default=".", metavar="[DIR]")
 @click.option("--site", type=SITE, help="Where it is measured [default: the paper's site, to be changed].")
 @click.option(
     "--zone", "timezone", metavar="ZONE", help="Its time zone, such as Asia/Tokyo [default: by longitude]."
 )
 @click.option("--simulated", is_flag=True, help="A campaign that records on simulated devices.")
 @click.option("--schema", is_flag=True, help="Print the JSON schema of fieldkit.toml for editors, and stop.")
-@click.pass_context
-def command(
-    ctx: click.Context, folder: Path, site: Site | None, timezone: str | None, simulated: bool, schema: bool
-) -> None:
+def command(folder: Path, site: Site | None, timezone: str | None, simulated: bool, schema: bool) -> None:
     """Create a campaign in DIR: a commented fieldkit.toml, folders, .gitignore."""
     if schema:
         _print_schema()
@@ -35,10 +32,10 @@ def command(
         raise click.UsageError("--simulated brings its own site: omit --site and --zone")
     if timezone and site is None:
         raise click.UsageError("--zone needs --site")
-    folder = (options(ctx).directory or Path()) / folder
+    folder = (options().directory or Path()) / folder
     place = (site.latitude_deg, site.longitude_deg, site.elevation_m) if site else None
     file = init_campaign(folder, place, timezone=timezone, simulated=simulated).config.path
-    if options(ctx).json:
+    if options().json:
         print_json({"campaign": str(folder), "config": str(file)})
     say(f"new campaign in {folder}; its configuration is {file}")
     if not simulated:

@@ -3,40 +3,32 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import click
 
 from fieldkit.cli import common
 from fieldkit.cli.recording import terminal_views
-from fieldkit.cli.types import DURATION
+from fieldkit.cli.types import DURATION, PATH
 
 if TYPE_CHECKING:
     from fieldkit.recording.opening import Instruments
+    from fieldkit.views.terminal_view import ThemeName
 
 
 @click.command(cls=common.Command)
-@click.option(
-    "--png", type=click.Path(path_type=Path), metavar="FILE", help="Write one image with regions, then exit."
-)
+@click.option("--png", type=PATH, metavar="FILE", help="Write one image with regions, then exit.")
 @click.option("--for", "duration_s", type=DURATION, metavar="TIME", help="Duration: 3h, 90m, 45s.")
 @common.theme_option
 @common.set_option
-@click.pass_context
-def command(
-    ctx: click.Context,
-    png: Path | None,
-    duration_s: float | None,
-    theme: Literal["dark", "paper"],
-    settings: tuple[str, ...],
-) -> None:
+def command(png: Path | None, duration_s: float | None, theme: ThemeName, settings: tuple[str, ...]) -> None:
     """Show the current frame and readings without recording; Ctrl-C or a recording that begins ends it."""
     from fieldkit.recording.last_samples import LastSamples
     from fieldkit.recording.opening import open_instruments
     from fieldkit.recording.preview import LivePreview, missing_instruments, write_png
     from fieldkit.recording.running import previewing
 
-    config = common.campaign(ctx, settings)
+    config = common.campaign(settings)
     with (
         previewing(config.recordings) as recorder_waits,
         open_instruments(config, duration_s=duration_s, allow_missing=True) as instruments,

@@ -14,16 +14,15 @@ from fieldkit.recording.recordings import sessions_in
 
 @click.command(cls=Command)
 @click.argument("folder", required=False, type=click.Path(exists=True, file_okay=False, path_type=Path))
-@click.pass_context
-def command(ctx: click.Context, folder: Path | None) -> None:
+def command(folder: Path | None) -> None:
     """List sessions: when, how long, how many samples, which state."""
     from fieldkit.recording.listing import listed
 
-    folder = folder or recordings_folder(ctx)
+    folder = folder or recordings_folder()
     if (folder / "recordings").is_dir():
         folder = folder / "recordings"
     rows = listed(folder, sessions_in(folder, say_warning))
-    if options(ctx).json:
+    if options().json:
         print_json({"folder": str(folder), "sessions": rows})
         return
     if not rows:

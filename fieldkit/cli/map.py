@@ -12,7 +12,7 @@ import click
 
 from fieldkit.cli import batch, common
 from fieldkit.cli.session_paths import find_sessions, latest_session
-from fieldkit.cli.types import WINDOW
+from fieldkit.cli.types import FILE, PATH, WINDOW
 from fieldkit.model.errors import NoAnswerError
 
 if TYPE_CHECKING:
@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 
 
 @click.command(cls=common.Command)
-@click.argument("sessions", nargs=-1, type=click.Path(path_type=Path))
+@click.argument("sessions", nargs=-1, type=PATH)
 @click.option(
-    "-o", "--out", type=click.Path(path_type=Path), metavar="NAME",
+    "-o", "--out", type=PATH, metavar="NAME",
     help="Of several sessions: a folder [default: the results folder].",
 )  # fmt: skip
 @click.option(
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     help="Direction of the drive that rdir is the slope along, from north, clockwise.",
 )  # fmt: skip
 @click.option(
-    "--pose", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="FILE",
+    "--pose", type=FILE, metavar="FILE",
     help="Pose of the camera and its ground, a TOML file: adds NAME.tif, NAME.ply, NAME.mcap "
     "[default: camera.pose].",
 )  # fmt: skip
@@ -56,9 +56,7 @@ if TYPE_CHECKING:
 @click.option("--follow", is_flag=True, help="Map a session anew each minute while it is being recorded.")
 @common.workers_options
 @common.set_option
-@click.pass_context
 def command(
-    ctx: click.Context,
     sessions: tuple[Path, ...],
     out: Path | None,
     window: float | str | None,
@@ -106,7 +104,7 @@ def command(
         wanted = Products([name.strip() for name in products.split(",")], limit_deg, drive_deg)
     camera = read_pose(pose) if pose is not None else None
     base = partial(default_base, window=window, overrides=settings)
-    paths = find_sessions(ctx, sessions) if sessions else [latest_session(ctx, None)]
+    paths = find_sessions(sessions) if sessions else [latest_session(None)]
     if len(paths) > 1:
         if follow:
             raise click.UsageError("--follow is for one session")
@@ -122,9 +120,10 @@ def command(
         return found.write(base, wanted, pose=camera, cell_m=cell_m, notify=common.say)
 
     name = base(paths[0]) if out is None else batch.base_of(out, ENDINGS)
+    map_now = partial(_map, paths[0], name, make, write, on_one_line=follow)
     if follow:
-        _follow(paths[0], lambda: _map(paths[0], name, make, write, common.print_json_line))
-    _map(paths[0], name, make, write, common.print_json_line if follow else common.print_json)
+        _follow(paths[0], map_now)
+    map_now()
 
 
 def _follow(path: Path, map_now: Callable[[], None]) -> None:
@@ -144,7 +143,8 @@ def _map(
     base: Path,
     make: Callable[..., MappedSession],
     write: Callable[[MappedSession, Path], list[Path]],
-    print_json: Callable[[Mapping[str, Any]], None],
+    *,
+    on_one_line: bool,
 ) -> None:
     with batch.progress_bar("mapping") as on_progress:
         found = make(on_progress=on_progress)
@@ -153,7 +153,7 @@ def _map(
         common.say(note)
     _say_earlier(base, files)
     if common.options().json:
-        print_json(_document(path, found, files))
+        common.print_json(_document(path, found, files), on_one_line=on_one_line)
     else:
         _print_map(found, files)
     if (damage := found.damage) is not None:

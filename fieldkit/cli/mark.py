@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 
 import click
@@ -17,7 +16,7 @@ from fieldkit.cli.common import (
     say,
     usage_errors,
 )
-from fieldkit.cli.types import WORDS
+from fieldkit.cli.types import PATH, WORDS
 
 
 @click.command(cls=Command)
@@ -36,13 +35,12 @@ from fieldkit.cli.types import WORDS
 @click.option("--edit", metavar="MARK", type=WORDS, help="Change a mark's text, --kind or time.")
 @click.option(
     "--session",
-    type=click.Path(path_type=Path),
+    type=PATH,
     metavar="SESSION",
     help="Session to list or correct.  [default: the running one, else the latest]",
 )
-@click.pass_context
 def command(
-    ctx: click.Context, words: tuple[str, ...], kind: str | None, at: str | None, start: str | None,
+    words: tuple[str, ...], kind: str | None, at: str | None, start: str | None,
     end: str | None, longest: str | None, is_list: bool, take_back: str | None, edit: str | None,
     session: Path | None,
 ) -> None:  # fmt: skip
@@ -70,38 +68,37 @@ def command(
     if asked > 1 or (asked and (longest or (edit is None and (text or any(given))))):
         raise click.UsageError("--list and --take-back stand alone; --edit takes TEXT, --kind and a time")
     if asked:
-        _correct(ctx, session, take_back, edit, text, given)
+        _correct(session, take_back, edit, text, given)
     elif not text or session is not None:
         raise click.UsageError("give the TEXT of a mark; --session needs --list, --take-back or --edit")
     else:
-        _add(ctx, text, kind or "", at or start or "-0s", end, longest)
+        _add(text, kind or "", at or start or "-0s", end, longest)
 
 
-def _add(ctx: click.Context, text: str, kind: str, at: str, end: str | None, longest: str | None) -> None:
+def _add(text: str, kind: str, at: str, end: str | None, longest: str | None) -> None:
     from fieldkit.recording.new_mark import mark_of
     from fieldkit.recording.requests import sent
     from fieldkit.recording.running import unresponsive_recorder
 
-    folder = recordings(ctx)
+    folder = recordings()
     with usage_errors():
-        known = partial(campaign, ctx)
-        mark, effect = mark_of(folder, known, text, kind=kind, at=at, to=end, longest=longest)
+        mark, effect = mark_of(folder, campaign, text, kind=kind, at=at, to=end, longest=longest)
     session = sent(folder, mark).session
-    if options(ctx).json:
+    if options().json:
         print_json({"session": str(session), "text": text, "kind": kind, "at": mark.at, "to": mark.to})
     if (silent := unresponsive_recorder(session)) is not None:
-        say(f"warning: {silent.at(campaign(ctx).site)}; the mark waits for it beside {session.name}: {text}")
+        say(f"warning: {silent.at(campaign().site)}; the mark waits for it beside {session.name}: {text}")
     else:
         say(f"marked in {session.name}: {effect or text}")
 
 
 def _correct(
-    ctx: click.Context, session: Path | None, take_back: str | None, edit: str | None, text: str,
+    session: Path | None, take_back: str | None, edit: str | None, text: str,
     given: tuple[str | None, str | None, str | None, str | None],
 ) -> None:  # fmt: skip
     from fieldkit.recording import mark_corrections as marks
 
-    path, (kind, at, start, end) = _session(ctx, session), given
+    path, (kind, at, start, end) = _session(session), given
     if take_back is not None:
         say(f"{path.name}: {marks.take_back(path, take_back).text}")
     elif edit is not None:
@@ -111,12 +108,12 @@ def _correct(
         _list(path)
 
 
-def _session(ctx: click.Context, given: Path | None) -> Path:
+def _session(given: Path | None) -> Path:
     """The session named, else the one being recorded, else the campaign's latest."""
     from fieldkit.cli.session_paths import latest_session
     from fieldkit.recording.running import session_in_progress
 
-    return (session_in_progress(recordings(ctx)) if given is None else None) or latest_session(ctx, given)
+    return (session_in_progress(recordings()) if given is None else None) or latest_session(given)
 
 
 def _list(path: Path) -> None:

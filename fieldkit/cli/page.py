@@ -44,15 +44,7 @@ ENDS_WITHIN_S = 5.0
 )  # fmt: skip
 @click.option("--record", is_flag=True, help="Begin a recording at once, and again when it fails.")
 @common.set_option
-@click.pass_context
-def command(
-    ctx: click.Context,
-    address: str,
-    port: int,
-    role: Role | None,
-    record: bool,
-    settings: tuple[str, ...],
-) -> None:
+def command(address: str, port: int, role: Role | None, record: bool, settings: tuple[str, ...]) -> None:
     r"""Serve the field page: frame, regions, slopes, start, marks and alarms in a browser.
 
     Without a recording it shows the instruments live. A recording that is started there goes on when the page
@@ -63,9 +55,11 @@ def command(
     fieldkit page --address 192.168.4.1 for phones in that network
     fieldkit page --link view           one more link, to look only
     """
-    config = common.campaign(ctx, settings)
+    config = common.campaign(settings)
     if role is not None:
-        _show_link(_link(config, address, port, role))
+        link = _link(config, address, port, role)
+        _show_qr_code(link)
+        click.echo(link)
         return
     _serve(config, address, port, settings, record=record)
 
@@ -132,13 +126,8 @@ def _end(process: subprocess.Popen[bytes]) -> None:
         process.wait()
 
 
-def _show_link(link: str) -> None:
-    """Print a link, in a terminal also as a QR code for a phone."""
-    _show_qr_code(link)
-    click.echo(link)
-
-
 def _show_qr_code(link: str) -> None:
+    """A link for a phone, in a terminal."""
     from fieldkit.views.qr_code import qr_lines
 
     if common.console(err=True).is_terminal:

@@ -9,13 +9,22 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fieldkit.cli.common import Command, campaign, options, print_json, print_table, progress, say
-from fieldkit.cli.types import DAY, FACET, HOUR, SITE, ZONE, minutes
+from fieldkit.cli.batch import progress_bar
+from fieldkit.cli.common import (
+    Command,
+    campaign,
+    jobs_option,
+    options,
+    print_json,
+    print_table,
+    say,
+)
+from fieldkit.cli.types import DAY, FACET, HOUR, NEW_FILE, SITE, ZONE, minutes
 from fieldkit.model.site import Site, with_zone
 
 if TYPE_CHECKING:
     from fieldkit.config import Config
-    from fieldkit.recording.experiments import Experiments, PlannedSession
+    from fieldkit.recording.experiments import Experiments
     from fieldkit.recording.plan import MeasuringPlan
 
 
@@ -57,16 +66,11 @@ if TYPE_CHECKING:
 @click.option(
     "--step", "step_min", type=minutes(1, 1440), default="30m", show_default=True, help="Time between rows."
 )
-@click.option(
-    "-j", "--jobs", type=click.IntRange(min=1), metavar="N", help="Processes [default: one for each core]."
-)
+@jobs_option
 # asked for the measures until they came by default; the next version drops it
 @click.option("--experiments", is_flag=True, hidden=True, expose_value=False)
-@click.option("-o", "--out", type=click.Path(dir_okay=False, path_type=Path), help="Page to write.")
-@click.pass_context
+@click.option("-o", "--out", type=NEW_FILE, help="Page to write.")
 def command(
-    ctx: click.Context,
-    /,
     site: Site | None,
     zone: str | None,
     day: date | None,
@@ -91,23 +95,26 @@ def command(
     fieldkit plan --site 35.558675,139.395232,9 --on 2026-12-11 --facet 5,180 --facet 15,180
     """
     from fieldkit.recording.plan import PlanOptions, plan, target_facets
+    from fieldkit.results.executors import Workers
 
-    config = None if site and facets else campaign(ctx)
-    made = plan(
-        with_zone(site, zone) if site else _campaign_site(config, zone),
-        day,
-        facets or target_facets(_loaded(config)),
-        PlanOptions(**assumed),
-        estimator=config.estimator_settings() if config else None,
-    )
+    config, place = None, with_zone(site, zone) if site else None
+    if place is None or not facets:
+        config = campaign()
+        place = place or replace(config.site, timezone=zone or config.site.timezone)
+        facets = facets or target_facets(config)
+    estimator = config.estimator_settings() if config else None
+    made = plan(place, day, facets, PlanOptions(**assumed), estimator=estimator)
     found = None
     if at is not None or made.day_plan.best_row is not None:
         session = made.session(session_min, at=at, **_instruments(config))
-        found = _predicted(made, session, not as_planned, jobs)
+        with progress_bar("simulated sessions") as on_run:
+            found = made.experiments(
+                session, with_measures=not as_planned, workers=Workers(jobs), on_run=on_run
+            )
     path = out or (config.reports / f"plan-{made.day}.html" if config else None)
     if path:
         made.write(path, found)
-    if options(ctx).json:
+    if options().json:
         print_json({**made.document, **(found.document if found else {"experiments": None}), "page": path})
     else:
         _print(made, found, path)
@@ -118,32 +125,6 @@ def _instruments(config: Config | None) -> dict[str, Any]:
     from fieldkit.recording.plan import logged_by, reference_facets
 
     return {"logged": logged_by(config), "references": reference_facets(config)} if config else {}
-
-
-def _predicted(
-    made: MeasuringPlan, session: PlannedSession, with_measures: bool, jobs: int | None
-) -> Experiments:
-    from fieldkit.results.executors import Workers
-
-    with progress() as bar:
-        task = bar.add_task("simulated sessions", total=None)
-        return made.experiments(
-            session,
-            with_measures=with_measures,
-            workers=Workers(jobs),
-            on_run=lambda done, of: bar.update(task, completed=done, total=of),
-        )
-
-
-def _loaded(config: Config | None) -> Config:
-    """The campaign's configuration, which is loaded unless both --site and --facet are given."""
-    assert config is not None
-    return config
-
-
-def _campaign_site(config: Config | None, zone: str | None) -> Site:
-    site = _loaded(config).site
-    return replace(site, timezone=zone or site.timezone)
 
 
 def _print(made: MeasuringPlan, found: Experiments | None, path: Path | None) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import click
 
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from fieldkit.config import Config
     from fieldkit.recorder import Summary
     from fieldkit.recording.record import PreparedRecording
+    from fieldkit.views.terminal_view import ThemeName
 
 
 @click.command(cls=common.Command)
@@ -55,9 +56,7 @@ if TYPE_CHECKING:
 )  # fmt: skip
 @common.theme_option
 @common.set_option
-@click.pass_context
 def command(
-    ctx: click.Context,
     name: str,
     duration_s: float | None,
     at: time | None,
@@ -66,7 +65,7 @@ def command(
     detach: bool,
     allow_missing: bool,
     page_address: str | None,
-    theme: Literal["dark", "paper"],
+    theme: ThemeName,
     settings: tuple[str, ...],
 ) -> None:
     """Record a session of this campaign; Ctrl-C stops and seals it, a second one stops at once."""
@@ -76,7 +75,7 @@ def command(
         raise click.UsageError("give --for or --until, not both")
     if include_last_s is not None and at is not None:
         raise click.UsageError("give --at or --include-last, not both; an earlier --at records the same")
-    config = common.campaign(ctx, settings)
+    config = common.campaign(settings)
     report_interrupted(sessions_in(config.recordings))
     if detach and page_address is not None:
         raise click.UsageError("--page ends with this terminal; fieldkit page shows a detached recording")
@@ -110,7 +109,7 @@ def command(
         raise summary.failure
 
 
-def _waited(prepared: PreparedRecording, at: time, theme: Literal["dark", "paper"]) -> bool:
+def _waited(prepared: PreparedRecording, at: time, theme: ThemeName) -> bool:
     """Show the instruments until the recording is to begin; False if that was called off."""
     from fieldkit.recording.waiting import await_begin
 

@@ -6,7 +6,7 @@ import signal
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from fieldkit.cli import common
 
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from fieldkit.recorder import View
     from fieldkit.recording.opening import Instruments
     from fieldkit.recording.record import PreparedRecording, RecordedSession
+    from fieldkit.views.terminal_view import ThemeName
 
 
 def run_until_stopped(prepared: PreparedRecording, views: Sequence[View]) -> RecordedSession:
@@ -52,7 +53,7 @@ def stop_on_signals() -> Iterator[threading.Event]:
             signal.signal(number, handler)
 
 
-def live_views(prepared: PreparedRecording, theme: Literal["dark", "paper"] = "dark") -> list[View]:
+def live_views(prepared: PreparedRecording, theme: ThemeName = "dark") -> list[View]:
     """The live view of a recording on stderr; none with ``--quiet`` or ``--json``."""
     return terminal_views(
         prepared.config, prepared.instruments, prepared.path.stem, prepared.duration_s, theme
@@ -64,27 +65,17 @@ def terminal_views(
     instruments: Instruments,
     title: str,
     duration_s: float | None,
-    theme: Literal["dark", "paper"],
+    theme: ThemeName,
 ) -> list[View]:
     """The live view on stderr, none with ``--quiet`` or ``--json``."""
     from fieldkit.recording.alarms import least_sent
+    from fieldkit.views.latest import Latest
     from fieldkit.views.terminal_view import terminal_view
 
     given = common.options()
     if given.quiet or given.json:
         return []
-    now_ns = instruments.utc_ns()
-    end_ns = None if duration_s is None else now_ns + round(duration_s * 1e9)
-    console = common.console(err=True)
-    return [
-        terminal_view(
-            config.site,
-            config.regions,
-            instruments.streams,
-            title=title,
-            planned_end_ns=end_ns,
-            console=console,
-            theme=theme,
-            bell_from=least_sent(config) if config.alarms.bell else None,
-        )
-    ]
+    end_ns = None if duration_s is None else instruments.utc_ns() + round(duration_s * 1e9)
+    latest = Latest(config.site, config.regions, instruments.streams, title, end_ns)
+    bell_from = least_sent(config) if config.alarms.bell else None
+    return [terminal_view(latest, common.console(err=True), theme=theme, bell_from=bell_from)]

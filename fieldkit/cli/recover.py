@@ -11,6 +11,7 @@ import click
 
 from fieldkit.cli.common import Command, options, print_json, say
 from fieldkit.cli.session_paths import find_session, recordings_folder
+from fieldkit.cli.types import PATH
 from fieldkit.model.errors import FieldkitError, IntegrityError
 from fieldkit.recording.recordings import delete_crash_files, is_interrupted, sessions_in
 
@@ -20,18 +21,17 @@ if TYPE_CHECKING:
 
 
 @click.command(cls=Command)
-@click.argument("paths", nargs=-1, type=click.Path(path_type=Path))
+@click.argument("paths", nargs=-1, type=PATH)
 @click.option("--tidy", is_flag=True, help="Delete files kept from crashes (NAME.h5.crashed).")
-@click.pass_context
-def command(ctx: click.Context, paths: tuple[Path, ...], tidy: bool) -> None:
+def command(paths: tuple[Path, ...], tidy: bool) -> None:
     """Finish interrupted sessions from their journals; without PATHS, all of the campaign.
 
     Safe to interrupt and to run again; a finished session is not changed. Exit code 7 if samples are lost.
     """
     from fieldkit.recording.request_reader import recover_session
 
-    folder = recordings_folder(ctx)
-    named = [find_session(ctx, path) for path in paths]
+    folder = recordings_folder()
+    named = [find_session(path) for path in paths]
     found = named or [path for path in sessions_in(folder) if is_interrupted(path)]
     if not found:
         say(f"no interrupted session in {folder}: nothing to recover")
@@ -45,10 +45,10 @@ def command(ctx: click.Context, paths: tuple[Path, ...], tidy: bool) -> None:
                 say(f"{path}: {error.message}")
             refused = error
             continue
-        if not options(ctx).json:
+        if not options().json:
             _print(reports[-1], kept=not tidy)
     deleted = _tidy(named or sessions_in(folder)) if tidy else []
-    if options(ctx).json:
+    if options().json:
         names = [str(path) for path in deleted]
         print_json({"sessions": [_document(report) for report in reports], "deleted": names})
     if refused is not None:

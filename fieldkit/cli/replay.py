@@ -11,7 +11,7 @@ import click
 from fieldkit.cli import common
 from fieldkit.cli.session_paths import find_session, report_interrupted
 from fieldkit.cli.slope_table import explain_slopes, print_learnt, print_slopes
-from fieldkit.cli.types import parse_speed
+from fieldkit.cli.types import PATH, parse_speed
 
 if TYPE_CHECKING:
     from fieldkit.estimation.estimator import Estimator
@@ -20,20 +20,19 @@ if TYPE_CHECKING:
 
 
 @click.command(cls=common.Command)
-@click.argument("session", type=click.Path(path_type=Path))
+@click.argument("session", type=PATH)
 @click.option(
     "--speed", default="60", show_default=True, metavar="N|max", help="Session seconds per real second."
 )
 @common.set_option
-@click.pass_context
-def command(ctx: click.Context, session: Path, speed: str, settings: tuple[str, ...]) -> None:
+def command(session: Path, speed: str, settings: tuple[str, ...]) -> None:
     """Play a SESSION as if live; --speed max gives its slopes at once."""
     from fieldkit.recording.replay import replay
     from fieldkit.results.estimate import as_document
     from fieldkit.results.json_document import learnt_document
 
     factor = parse_speed(speed)
-    session = find_session(ctx, session)
+    session = find_session(session)
     report_interrupted([session])
     is_shown = not (math.isinf(factor) or common.options().json)
     done = replay(session, speed=factor, settings=settings, view_of=_view if is_shown else None)
@@ -57,14 +56,9 @@ def command(ctx: click.Context, session: Path, speed: str, settings: tuple[str, 
 
 
 def _view(session: SessionReader, estimator: Estimator) -> View:
+    from fieldkit.views.latest import Latest
     from fieldkit.views.terminal_view import terminal_view
 
-    streams = tuple(session.streams.values())
-    return terminal_view(
-        estimator.site,
-        estimator.regions,
-        streams,
-        title=f"{session.path.stem} (replay)",
-        planned_end_ns=session.end_ns,
-        console=common.console(err=True),
-    )
+    streams, title = tuple(session.streams.values()), f"{session.path.stem} (replay)"
+    latest = Latest(estimator.site, estimator.regions, streams, title, session.end_ns)
+    return terminal_view(latest, common.console(err=True))

@@ -11,6 +11,7 @@ import click
 from fieldkit.cli import common
 from fieldkit.cli.failure import explain
 from fieldkit.cli.session_paths import find_sessions, latest_session
+from fieldkit.cli.types import PATH
 from fieldkit.model.errors import SessionError
 from fieldkit.palettes import NAMES
 
@@ -19,11 +20,11 @@ if TYPE_CHECKING:
 
 
 @click.command(cls=common.Command)
-@click.argument("sessions", nargs=-1, type=click.Path(path_type=Path))
+@click.argument("sessions", nargs=-1, type=PATH)
 @click.option(
     "-o",
     "--out",
-    type=click.Path(path_type=Path),
+    type=PATH,
     metavar="FILE",
     help="FILE.html, FILE.pdf with the HTML beside it, or FILE.png, one image for a slide "
     "[default: HTML in the reports folder].",
@@ -34,9 +35,7 @@ if TYPE_CHECKING:
 @click.option("--open", "show", is_flag=True, help="Open it in the browser.")
 @common.present_option
 @common.set_option
-@click.pass_context
 def command(
-    ctx: click.Context,
     sessions: tuple[Path, ...],
     out: Path | None,
     palette: str | None,
@@ -54,7 +53,7 @@ def command(
     from fieldkit.results.result_files import recalled
 
     sessions, settings, as_now = recalled(sessions, settings)
-    paths = find_sessions(ctx, sessions) if sessions else [latest_session(ctx, None)]
+    paths = find_sessions(sessions) if sessions else [latest_session(None)]
     chosen = ReportOptions(settings=settings, present=present or as_now, palette=palette)
     made = report(paths, out, chosen, notify=common.say_warning)
     _print(made)

@@ -3,15 +3,24 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from fieldkit.cli.common import CommandGroup, options, print_json, print_table, say
+from fieldkit.cli.common import (
+    CommandGroup,
+    campaign_file,
+    options,
+    options_together,
+    print_json,
+    print_table,
+    say,
+)
 from fieldkit.cli.session_paths import find_session
-from fieldkit.cli.types import OR_RECORD, RECT, XY
+from fieldkit.cli.types import FILE, OR_RECORD, PATH, RECT, XY
 from fieldkit.model.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -21,23 +30,25 @@ if TYPE_CHECKING:
 
 Point = tuple[float, float]
 
-_TILT = click.option(
-    "--tilt", type=click.FloatRange(0, 90), help="Tilt by inclinometer, degrees from horizontal."
-)
-_AZIMUTH = click.option(
-    "--azimuth", type=click.FloatRange(0, 360), help="Azimuth by compass, degrees from north, clockwise."
-)
-_EMISSIVITY = click.option(
-    "--emissivity",
-    type=OR_RECORD,
-    help="Emissivity in the camera's band, or a record of calibrate emissivity.",
-)
-_OFFSET = click.option(
-    "--offset",
-    type=OR_RECORD,
-    metavar="K|@NAME",
-    help="Temperature offset of the camera there, or a record of calibrate uniformity.",
-)
+_property_options = options_together(
+    click.option(
+        "--tilt", "tilt_deg", type=click.FloatRange(0, 90),
+        help="Tilt by inclinometer, degrees from horizontal.",
+    ),
+    click.option(
+        "--azimuth", "azimuth_deg", type=click.FloatRange(0, 360),
+        help="Azimuth by compass, degrees from north, clockwise.",
+    ),
+    click.option(
+        "--emissivity", type=OR_RECORD,
+        help="Emissivity in the camera's band, or a record of calibrate emissivity.",
+    ),
+    click.option(
+        "--offset", "offset_k", type=OR_RECORD, metavar="K|@NAME",
+        help="Temperature offset of the camera there, or a record of calibrate uniformity.",
+    ),
+)  # fmt: skip
+"""What is measured of a region, by the names of its keys in ``fieldkit.toml``."""
 
 
 @click.group(cls=CommandGroup)
@@ -54,7 +65,7 @@ def command() -> None:
 @click.option("--points", "first", type=XY, metavar="X,Y X,Y X,Y ...", help="Corners, at least three.")
 @click.option("--rect", type=RECT, help="Rectangle: left, top, width, height.")
 @click.option(
-    "--pose", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="FILE",
+    "--pose", type=FILE, metavar="FILE",
     help="Pose of the camera: --points are east,north on the ground, in metres, drawn once.",
 )  # fmt: skip
 @click.option(
@@ -63,13 +74,8 @@ def command() -> None:
 @click.option(
     "--reference/--target", help="Flat reference, or target whose slope is estimated [default: target]."
 )
-@_TILT
-@_AZIMUTH
-@_EMISSIVITY
-@_OFFSET
-@click.pass_context
+@_property_options
 def add(
-    ctx: click.Context,
     name: str,
     more: tuple[Point, ...],
     first: Point | None,
@@ -77,10 +83,7 @@ def add(
     pose: Path | None,
     ground: bool,
     reference: bool,
-    tilt: float | None,
-    azimuth: float | None,
-    emissivity: float | str | None,
-    offset: float | str | None,
+    **properties: float | str | None,
 ) -> None:
     r"""Add the region NAME to fieldkit.toml.
 
@@ -101,7 +104,7 @@ def add(
         raise click.UsageError("--pose and --ground are for --points")
     if pose is not None and ground:
         raise click.UsageError("give --pose or --ground, not both")
-    file = _file(ctx)
+    file = campaign_file()
     corners = [first, *more] if first else []
     added = partial(
         add_region,
@@ -110,13 +113,10 @@ def add(
         is_ground=ground,
         rect=rect,
         reference=reference,
-        **_known(tilt_deg=tilt, azimuth_deg=azimuth, emissivity=emissivity, offset_k=offset),
+        **_known(properties),
     )
     region, sent = change_regions(file, added)
-    if options(ctx).json:
-        print_json({"config": str(file), "region": region, **_request(sent)})
-    say(f"region {name} added to {file}")
-    _say_sent(sent)
+    _print_change(file, {"region": region}, f"region {name} added to {file}", sent)
     _report_issues(file, name)
 
 
@@ -138,14 +138,8 @@ def _on_frame(file: Path, pose: Path, corners: list[Point]) -> list[Point]:
 @command.command("suggest")
 @click.argument("names", nargs=-1, metavar="[NAME]...")
 @click.option("--accept", is_flag=True, help="Add all of them to fieldkit.toml.")
-@click.option(
-    "--session",
-    type=click.Path(path_type=Path),
-    metavar="SESSION",
-    help="Look in the first frames of this session.",
-)
-@click.pass_context
-def suggest(ctx: click.Context, names: tuple[str, ...], accept: bool, session: Path | None) -> None:
+@click.option("--session", type=PATH, metavar="SESSION", help="Look in the first frames of this session.")
+def suggest(names: tuple[str, ...], accept: bool, session: Path | None) -> None:
     r"""Suggest regions: even areas with four sharp edges that differ from their surroundings.
 
     \b
@@ -161,15 +155,15 @@ def suggest(ctx: click.Context, names: tuple[str, ...], accept: bool, session: P
 
     if accept and names:
         raise click.UsageError("give names or --accept, not both")
-    file = _file(ctx)
-    found = suggest_regions(file.parent, find_session(ctx, session) if session else None)
+    file = campaign_file()
+    found = suggest_regions(file.parent, find_session(session) if session else None)
     chosen = [one for one in found if accept or one.region.name in names]
     if unknown := set(names) - {one.region.name for one in found}:
         suggested = ", ".join(one.region.name for one in found)
         raise ConfigError(f"{', '.join(sorted(unknown))}: not suggested", fix=f"suggested are {suggested}")
     sent = change_regions(file, partial(add_suggested, suggestions=chosen))[1] if chosen else None
     added = [one.region.name for one in chosen]
-    if options(ctx).json:
+    if options().json:
         suggestions = [one.document() for one in found]
         print_json({"config": str(file), "suggestions": suggestions, "added": added, **_request(sent)})
     elif not chosen:
@@ -186,20 +180,8 @@ def suggest(ctx: click.Context, names: tuple[str, ...], accept: bool, session: P
 @click.option(
     "--shrink", type=click.FloatRange(0, min_open=True), metavar="PX", help="Move every edge inwards."
 )
-@_TILT
-@_AZIMUTH
-@_EMISSIVITY
-@_OFFSET
-@click.pass_context
-def edit(
-    ctx: click.Context,
-    name: str,
-    shrink: float | None,
-    tilt: float | None,
-    azimuth: float | None,
-    emissivity: float | str | None,
-    offset: float | str | None,
-) -> None:
+@_property_options
+def edit(name: str, shrink: float | None, **properties: float | str | None) -> None:
     """Change the region NAME in fieldkit.toml: its size or its measured properties.
 
     A running recording uses the change from the next full minute on. Finished sessions keep the regions they
@@ -208,42 +190,34 @@ def edit(
     from fieldkit.recording.redrawing import change_regions
     from fieldkit.recording.regions import edit_region
 
-    properties = _known(tilt_deg=tilt, azimuth_deg=azimuth, emissivity=emissivity, offset_k=offset)
-    if shrink is None and not properties:
+    known = _known(properties)
+    if shrink is None and not known:
         raise click.UsageError("give what to change: --shrink, --tilt, --azimuth, --emissivity or --offset")
-    file = _file(ctx)
-    changes, sent = change_regions(file, partial(edit_region, name=name, shrink_px=shrink, **properties))
-    if options(ctx).json:
-        print_json({"config": str(file), "region": {"name": name, **changes}, **_request(sent)})
-    say(f"region {name} changed in {file}")
-    _say_sent(sent)
+    file = campaign_file()
+    changes, sent = change_regions(file, partial(edit_region, name=name, shrink_px=shrink, **known))
+    _print_change(file, {"region": {"name": name, **changes}}, f"region {name} changed in {file}", sent)
     _report_issues(file, name)
 
 
 @command.command("remove")
 @click.argument("name")
-@click.pass_context
-def remove(ctx: click.Context, name: str) -> None:
+def remove(name: str) -> None:
     """Remove the region NAME from fieldkit.toml."""
     from fieldkit.recording.redrawing import change_regions
     from fieldkit.recording.regions import remove_region
 
-    file = _file(ctx)
+    file = campaign_file()
     _, sent = change_regions(file, partial(remove_region, name=name))
-    if options(ctx).json:
-        print_json({"config": str(file), "removed": name, **_request(sent)})
-    say(f"region {name} removed from {file}")
-    _say_sent(sent)
+    _print_change(file, {"removed": name}, f"region {name} removed from {file}", sent)
 
 
 @command.command("list")
-@click.pass_context
-def list_(ctx: click.Context) -> None:
+def list_() -> None:
     """List the regions."""
     from fieldkit.recording.regions import read_regions
 
-    regions = read_regions(_file(ctx))[0].regions
-    if options(ctx).json:
+    regions = read_regions(campaign_file())[0].regions
+    if options().json:
         print_json({"regions": [_document(region) for region in regions]})
     elif regions:
         print_table(("name", "kind", "tilt/azimuth", "corners"), [_row(region) for region in regions])
@@ -252,12 +226,7 @@ def list_(ctx: click.Context) -> None:
 
 
 @command.command("check")
-@click.option(
-    "--session",
-    type=click.Path(path_type=Path),
-    metavar="SESSION",
-    help="Check against the frames of this session.",
-)
+@click.option("--session", type=PATH, metavar="SESSION", help="Check against the frames of this session.")
 @click.pass_context
 def check(ctx: click.Context, session: Path | None) -> None:
     """Check size, overlap and position of every region; with --session also temperature spread and edges.
@@ -266,10 +235,10 @@ def check(ctx: click.Context, session: Path | None) -> None:
     """
     from fieldkit.recording.regions import inspect_regions, read_regions
 
-    config, mistakes = read_regions(_file(ctx))
-    inspections = inspect_regions(config, find_session(ctx, session) if session else None)
+    config, mistakes = read_regions(campaign_file())
+    inspections = inspect_regions(config, find_session(session) if session else None)
     failed = bool(mistakes) or any(inspection.level == "FAIL" for inspection in inspections)
-    if options(ctx).json:
+    if options().json:
         print_json(
             {
                 "regions": [inspection.document() for inspection in inspections],
@@ -286,10 +255,11 @@ def check(ctx: click.Context, session: Path | None) -> None:
     ctx.exit(ConfigError.exit_code if failed else 0)
 
 
-def _file(ctx: click.Context) -> Path:
-    from fieldkit.config import find_campaign
-
-    return find_campaign(options(ctx).directory or Path.cwd())
+def _print_change(file: Path, changed: Mapping[str, Any], words: str, sent: SentRequest | None) -> None:
+    if options().json:
+        print_json({"config": str(file), **changed, **_request(sent)})
+    say(words)
+    _say_sent(sent)
 
 
 def _request(sent: SentRequest | None) -> dict[str, str]:
@@ -301,8 +271,8 @@ def _say_sent(sent: SentRequest | None) -> None:
         say(f"sent to the recording {sent.session.name}, which uses it from the next full minute on")
 
 
-def _known(**values: float | str | None) -> dict[str, Any]:
-    return {key: value for key, value in values.items() if value is not None}
+def _known(properties: Mapping[str, float | str | None]) -> dict[str, Any]:
+    return {key: value for key, value in properties.items() if value is not None}
 
 
 def _report_issues(file: Path, name: str) -> None:

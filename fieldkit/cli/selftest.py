@@ -53,7 +53,7 @@ def command(
     instrument = settings_for(found, port, identity, given)
     outcomes = list(check_driver(found, HostClock(), instrument, CablePrompts() if unplug else None))
     passed = all(outcome.level != "fail" for outcome in outcomes)
-    if options(ctx).json:
+    if options().json:
         print_json({"driver": driver, "passed": passed, "checks": [asdict(one) for one in outcomes]})
     else:
         for one in outcomes:

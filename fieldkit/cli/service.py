@@ -48,10 +48,7 @@ def command() -> None:
 @click.option("--address", metavar="ADDRESS", help="As for fieldkit page.")
 @click.option("--port", type=click.IntRange(1, 65535), metavar="PORT", help="As for fieldkit page.")
 @click.option("--print", "only_print", is_flag=True, help="Print the unit and change nothing.")
-@click.pass_context
-def install(
-    ctx: click.Context, system: bool, record: bool, address: str | None, port: int | None, only_print: bool
-) -> None:
+def install(system: bool, record: bool, address: str | None, port: int | None, only_print: bool) -> None:
     r"""Start fieldkit page for this campaign now and at every boot, after recovering what was interrupted.
 
     A service of the user by default. It is started again when it fails, or when its recording makes no
@@ -64,7 +61,7 @@ def install(
     from fieldkit.recording.service import install_service, unit_of
 
     page = [*(["--address", address] if address else []), *(["--port", str(port)] if port else [])]
-    unit = unit_of(common.campaign(ctx), system=system, record=record, page=page)
+    unit = unit_of(common.campaign(), system=system, record=record, page=page)
     if only_print:
         click.echo(unit.text(), nl=False)
         return
@@ -73,8 +70,7 @@ def install(
 
 @command.command("remove")
 @_SYSTEM
-@click.pass_context
-def remove(ctx: click.Context, system: bool) -> None:
+def remove(system: bool) -> None:
     """Stop the service and remove it; a recording is sealed, the campaign stays as it is."""
     from fieldkit.recording.service import remove_service
 
@@ -85,8 +81,7 @@ def remove(ctx: click.Context, system: bool) -> None:
 
 
 @command.command("status")
-@click.pass_context
-def status(ctx: click.Context) -> None:
+def status() -> None:
     """Show whether the service is installed and running, what it reports, and the last line of its log."""
     from fieldkit.recording.service import service_status
 

@@ -6,19 +6,17 @@ import shlex
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-import click
-
-from fieldkit.cli.common import options, recordings, say, say_warning
+from fieldkit.cli.common import recordings, say, say_warning, working_folder
 from fieldkit.model.errors import ConfigError, SessionError
 from fieldkit.recording.recordings import began, exists, is_interrupted, sessions_in
 
 
-def recordings_folder(ctx: click.Context) -> Path:
+def recordings_folder() -> Path:
     """``recordings/`` of the campaign that ``-C`` names or around the current folder, else the folder."""
     try:
-        return recordings(ctx)
+        return recordings()
     except ConfigError:
-        return options(ctx).directory or Path.cwd()
+        return working_folder()
 
 
 def report_interrupted(paths: Iterable[Path]) -> None:
@@ -29,38 +27,38 @@ def report_interrupted(paths: Iterable[Path]) -> None:
             say(f"{path.name} is interrupted, its journal may hold more. next: fieldkit recover {named}")
 
 
-def find_sessions(ctx: click.Context, paths: Sequence[Path]) -> list[Path]:
+def find_sessions(paths: Sequence[Path]) -> list[Path]:
     """The sessions named by files and folders; without any, all of the campaign.
 
     Prints which are interrupted. Raises `SessionError` if a path does not exist or there is no session.
     """
-    found = _expand(ctx, paths)
+    found = _expand(paths)
     report_interrupted(found)
     return found
 
 
-def latest_session(ctx: click.Context, path: Path | None) -> Path:
+def latest_session(path: Path | None) -> Path:
     """The session named, or the campaign's latest by its first sample; prints if it is interrupted."""
-    found = max(_expand(ctx, [path] if path else []), key=began)
+    found = max(_expand([path] if path else []), key=began)
     report_interrupted([found])
     return found
 
 
-def find_session(ctx: click.Context, given: Path) -> Path:
+def find_session(given: Path) -> Path:
     """A session or folder by its path, or by its name among the campaign's, as ``fieldkit ls`` prints it.
 
     Raises `SessionError` if there is neither.
     """
-    path = given if exists(given) else recordings_folder(ctx) / given
+    path = given if exists(given) else recordings_folder() / given
     if not exists(path):
         raise SessionError(f"there is no session {given}", fix="fieldkit ls shows the sessions of a campaign")
     return path
 
 
-def _expand(ctx: click.Context, paths: Sequence[Path]) -> list[Path]:
+def _expand(paths: Sequence[Path]) -> list[Path]:
     found: list[Path] = []
-    for given in paths or [recordings_folder(ctx)]:
-        path = find_session(ctx, given)
+    for given in paths or [recordings_folder()]:
+        path = find_session(given)
         if path.is_dir():
             inside = path / "recordings" if (path / "recordings").is_dir() else path
             found.extend(sessions_in(inside, say_warning))

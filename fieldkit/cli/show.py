@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fieldkit.cli.common import Command, options, print_json, print_json_line, say
+from fieldkit.cli.common import Command, options, print_json, say
 from fieldkit.cli.session_paths import latest_session
+from fieldkit.cli.types import PATH
 from fieldkit.views.formatting import by_time, event_text, precise_duration
 
 if TYPE_CHECKING:
@@ -22,10 +23,9 @@ _LAST_EVENTS = 12
 
 
 @click.command(cls=Command)
-@click.argument("session", required=False, type=click.Path(path_type=Path))
+@click.argument("session", required=False, type=PATH)
 @click.option("--follow", is_flag=True, help="Continue printing while the session is being recorded.")
-@click.pass_context
-def command(ctx: click.Context, session: Path | None, follow: bool) -> None:
+def command(session: Path | None, follow: bool) -> None:
     """Show one SESSION: where, when, streams, regions, last slopes, events.
 
     Without SESSION, the campaign's latest.
@@ -34,13 +34,13 @@ def command(ctx: click.Context, session: Path | None, follow: bool) -> None:
     from fieldkit.results.describe import describe, recorded_learnt, recorded_slopes
     from fieldkit.sessions.reader import open_session
 
-    path = latest_session(ctx, session)
+    path = latest_session(session)
     with open_session(path) as opened:
         document = describe(opened)
-        if options(ctx).json and not follow:
+        if options().json and not follow:
             print_json(document)
             return
-        if not options(ctx).json:
+        if not options().json:
             _print(document, recorded_slopes(opened), by_time(opened.events()))
             print_learnt(recorded_learnt(opened))
         if follow:
@@ -95,7 +95,7 @@ def _print_change(session: SessionReader, change: dict[str, Any], time_ns: int) 
 
     at = local_time(session.site, time_ns)
     if options().json:
-        print_json_line({"at": at, **change})
+        print_json({"at": at, **change}, on_one_line=True)
         return
     click.echo(f"  {at}  " + "  ".join(_word(value) for value in change.values()))
 

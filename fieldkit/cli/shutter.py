@@ -8,15 +8,14 @@ from fieldkit.cli import common
 
 
 @click.command(cls=common.Command)
-@click.pass_context
-def command(ctx: click.Context) -> None:
+def command() -> None:
     """Run the camera's shutter correction now, in the running recording.
 
     An event of the session reports whether it was started: not every camera can.
     """
     from fieldkit.recording.requests import Shutter, sent
 
-    request = sent(common.recordings(ctx), Shutter())
+    request = sent(common.recordings(), Shutter())
     if common.options().json:
         common.print_json({"session": str(request.session), "request": request.id})
     common.say(f"sent to {request.session.name}; an event of the session reports whether the shutter ran")

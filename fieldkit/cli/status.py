@@ -12,13 +12,12 @@ from fieldkit.cli import common
 
 
 @click.command(cls=common.Command)
-@click.pass_context
-def command(ctx: click.Context) -> None:
+def command() -> None:
     """Show how the running recording is doing: slopes, temperatures, streams, disk, last events."""
     from fieldkit.recording.running import running_session
     from fieldkit.recording.status_request import present_status
 
-    session = running_session(common.recordings(ctx))
+    session = running_session(common.recordings())
     cols = shutil.get_terminal_size().columns if sys.stdout.isatty() else common.PIPE_COLS
     status = present_status(session, cols)
     if common.options().json:

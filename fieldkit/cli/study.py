@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from fieldkit.cli.common import Command, options, print_json, print_table, progress, say
-from fieldkit.cli.types import DAY, HOUR, SITE, ZONE, minutes
+from fieldkit.cli.types import DAY, FILE, HOUR, SITE, ZONE, minutes
 from fieldkit.model.site import Site, with_zone
 
 SHOWN = {
@@ -27,7 +27,6 @@ SHOWN = {
     "unsolved": "unsolved",
 }
 WORLD_DAY = "2024-06-01"
-FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 
 
 @click.command(cls=Command)
@@ -138,7 +137,7 @@ def command(
             on_stage=lambda stage: bar.update(task, description=stage),
         )
         study.write(out)
-    if options(ctx).json:
+    if options().json:
         print_json(study.document)
         return
     _print(study.document)
@@ -180,7 +179,7 @@ def _study_world(
             on_window=lambda window: bar.update(task, description=window),
         )
     study.write(out)
-    if options(ctx).json:
+    if options().json:
         print_json(study.document)
         return
     print_table(

@@ -18,10 +18,7 @@ Facet = tuple[float, float]
 @click.option("--site", type=SITE, help="Where [default: the campaign's site].")
 @click.option("--at", "moments", type=MOMENT, multiple=True, required=True, help="When; may be repeated.")
 @click.option("--facet", "facets", type=FACET, multiple=True, help="Surface to aim at; may be repeated.")
-@click.pass_context
-def command(
-    ctx: click.Context, site: Site | None, moments: tuple[datetime, ...], facets: tuple[Facet, ...]
-) -> None:
+def command(site: Site | None, moments: tuple[datetime, ...], facets: tuple[Facet, ...]) -> None:
     r"""Sun zenith and azimuth, and incidence angles on facets.
 
     Local true solar time (24ths of the site's day), geometric angles as in the paper's Table 2,
@@ -32,9 +29,9 @@ def command(
     """
     from fieldkit.results.sun_angles import sun_rows
 
-    place = site or campaign(ctx).site
+    place = site or campaign().site
     rows = sun_rows(place, moments, facets)
-    if options(ctx).json:
+    if options().json:
         where = {
             "latitude_deg": place.latitude_deg,
             "longitude_deg": place.longitude_deg,

@@ -12,26 +12,25 @@ import click
 
 from fieldkit.cli import common
 from fieldkit.cli.session_paths import find_sessions
+from fieldkit.cli.types import PATH
 
 if TYPE_CHECKING:
     from fieldkit.results.sweep import Sweep
 
 
 @click.command(cls=common.Command)
-@click.argument("sessions", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument("sessions", nargs=-1, required=True, type=PATH)
 @click.option(
     "--set", "settings", multiple=True, required=True, metavar="KEY=VALUES",
     help="Values to try of a key of fieldkit.toml: LOW:HIGH:STEP or A,B,C; may be given for several keys.",
 )  # fmt: skip
 @click.option(
-    "-o", "--out", type=click.Path(path_type=Path), metavar="BASE",
+    "-o", "--out", type=PATH, metavar="BASE",
     help="Write BASE.csv, BASE.json (and BASE.parquet) [default: sweep-TIME in the results folder].",
 )  # fmt: skip
 @common.present_option
 @common.workers_options
-@click.pass_context
 def command(
-    ctx: click.Context,
     sessions: tuple[Path, ...],
     settings: tuple[str, ...],
     out: Path | None,
@@ -59,7 +58,7 @@ def command(
     from fieldkit.results.sweep import read_grid, sweep
 
     grid = read_grid(settings)
-    paths = find_sessions(ctx, sessions)
+    paths = find_sessions(sessions)
     base = batch.base_of(out or _default(paths[0]))
     with batch.progress_bar("estimating") as on_progress:
         found = sweep(

@@ -10,6 +10,7 @@ import re
 import tomllib
 from datetime import date, datetime, time
 from math import inf, isfinite, nan
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import click
@@ -220,6 +221,10 @@ def _numbers(text: str, counts: tuple[int, ...], expected: str) -> list[float]:
     return numbers
 
 
+PATH = click.Path(path_type=Path)
+FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
+NEW_FILE = click.Path(dir_okay=False, path_type=Path)
+"""Any path; a file that exists; a file to write."""
 WORDS = _Typed("TEXT", parse_storable_text)
 SITE = _Typed("LAT,LON[,ALT]", parse_site)
 TIME_OF_DAY = _Typed("HH:MM", parse_time_of_day)
@@ -239,6 +244,14 @@ KELVIN_PER_COUNT = _Typed("K|none", parse_kelvin_per_count)
 CLOCK_OFFSET = _Typed("[+-]Ns|auto", parse_clock_offset)
 KEY_VALUE = _Typed("KEY=VALUE", parse_key_value)
 INSTRUMENT = _Typed("IDENTITY=DRIVER", parse_instrument)
+
+
+def parse_frame(text: str) -> tuple[int, int]:
+    """Rows and columns of ``COLSxROWS``; raises `click.UsageError`."""
+    size = re.fullmatch(r"(\d+)x(\d+)", text)
+    if size is None:
+        raise click.UsageError(f"--frame {text}: write columns x rows, such as 160x120")
+    return int(size[2]), int(size[1])
 
 
 def parse_speed(text: str) -> float:

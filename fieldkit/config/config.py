@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import tomlkit
 from tomlkit.items import String, StringType, Trivia
@@ -160,19 +160,17 @@ class Config:
             measures=self.tables.irradiance.measures,
             limits=self.limits,
             kinds={
-                region.name: region.surface_kind
-                for region in self.tables.region
-                if region.surface_kind not in (None, self.tables.surface.kind)
+                name: kind
+                for name, kind in self._by_region("surface_kind").items()
+                if kind != self.tables.surface.kind
             },
-            probes={region.name: tuple(region.probes) for region in self.tables.region if region.probes},
+            probes={name: tuple(probes) for name, probes in self._by_region("probes").items()},
             horizon=tuple(self.tables.site.horizon),
-            horizons={region.name: tuple(region.horizon) for region in self.tables.region if region.horizon},
+            horizons={name: tuple(horizon) for name, horizon in self._by_region("horizon").items()},
             reflected_temperature_k=self.tables.surface.reflected_temperature_c + CELSIUS_ZERO_K,
-            offsets_k={region.name: region.offset_k for region in self.tables.region if region.offset_k},
+            offsets_k=self._by_region("offset_k"),
             emissivity_sd=self.tables.surface.emissivity_sd,
-            own_emissivity_sd={
-                region.name: region.emissivity_sd for region in self.tables.region if region.emissivity_sd
-            },
+            own_emissivity_sd=self._by_region("emissivity_sd"),
             factor_sd=self._relative_factor_sd(),
             conductivity_sd=slab.pop("conductivity_sd"),
             capacity_sd=slab.pop("capacity_sd"),
@@ -183,6 +181,10 @@ class Config:
             camera_path=self._camera_path(),
             **asdict(self.tables.estimator),
         )
+
+    def _by_region(self, key: str) -> dict[str, Any]:
+        """A key of the regions that have it."""
+        return {one.name: value for one in self.tables.region if (value := getattr(one, key))}
 
     def _camera_path(self) -> CameraPath | None:
         """The camera's pose over time, which only regions on the ground need; raises `ConfigError`."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from fieldkit.config.toml_lines import table_in
 from fieldkit.estimation.surface_kinds import KINDS, SAND, Kind
 from fieldkit.physics.bodies import BODIES, EARTH, Body
 from fieldkit.physics.dust import dusty_sky
@@ -38,8 +39,7 @@ def forget_defaults_of_kind(document: dict[str, Any]) -> None:
 
 def _kind(document: Mapping[str, Any]) -> Kind:
     """The kind that is stated; sand where none is, or an unknown one, which the schema refuses."""
-    surface = document.get("surface")
-    given: Any = surface.get("kind") if isinstance(surface, Mapping) else None
+    given = table_in(document, "surface").get("kind")
     return next((kind for kind in KINDS if kind == given), SAND)
 
 
@@ -53,8 +53,7 @@ DEEP_M = 0.3
 
 def with_defaults_of_world(document: Mapping[str, Any]) -> Mapping[str, Any]:
     """The plain configuration with the defaults of its site's body, where it does not set them."""
-    site = document.get("site")
-    body = BODIES.get(site.get("body", "earth")) if isinstance(site, Mapping) else None
+    body = BODIES.get(table_in(document, "site").get("body", "earth"))
     if body is None or body is EARTH:
         return document
     defaults = _defaults(body)

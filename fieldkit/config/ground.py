@@ -18,7 +18,7 @@ from pydantic import ValidationError
 
 from fieldkit.config.pose import CameraPose
 from fieldkit.config.references import campaign_folder
-from fieldkit.config.toml_lines import regions_in
+from fieldkit.config.toml_lines import regions_in, table_in
 from fieldkit.config.toml_schema import PoseTable
 from fieldkit.config.validation import Mistake
 from fieldkit.model.errors import ConfigError
@@ -161,8 +161,7 @@ def _is_point(point: Any, sizes: tuple[int, ...] = (2, 3)) -> bool:
 
 def _ground(values: dict[str, Any], path: Path) -> Ground | str:
     """The ground of the configured pose, or why there is none."""
-    camera = values.get("camera")
-    camera = camera if isinstance(camera, dict) else {}
+    camera = table_in(values, "camera")
     width, height = camera.get("width_px"), camera.get("height_px")
     if "pose" not in camera:
         return "corners on the ground need the pose of the camera, camera.pose"

@@ -164,20 +164,22 @@ class _Document:
         except ValidationError as error:
             for one in error.errors(include_url=False):
                 if one["type"] in UNKNOWN_KEY:
-                    *tables, key = one["loc"]
-                    del functools.reduce(operator.getitem, tables, self.values)[key]  # type: ignore[arg-type]
+                    self._drop(one["loc"])
                     yield ".".join(str(part) for part in one["loc"])
 
     def take_secrets(self) -> list[Mistake]:
         """Remove what looks like a secret, so that no message quotes it; the mistakes."""
         found = list(secrets_in(self.values))
         for mistake in reversed(found):
-            *tables, key = mistake.path
-            del functools.reduce(operator.getitem, tables, self.values)[key]  # type: ignore[arg-type]
+            self._drop(mistake.path)
             for length in range(1, len(mistake.path) + 1):
                 if (place := mistake.path[:length]) in self.origins:
                     self.origins[place] = _key_of(self.origins[place])
         return found
+
+    def _drop(self, path: toml_lines.KeyPath) -> None:
+        *tables, key = path
+        del functools.reduce(operator.getitem, tables, self.values)[key]  # type: ignore[arg-type]
 
     def check(
         self, path: Path, *more: Callable[[Mapping[str, Any]], Iterable[Mistake]]
@@ -211,8 +213,7 @@ class _Document:
 
 def _on_ground(values: dict[str, Any], path: Path) -> list[Mistake]:
     """Complete the pose and the regions on its ground; what that needs is imported only if they are there."""
-    camera = values.get("camera")
-    has_pose = isinstance(camera, dict) and "pose" in camera
+    has_pose = "pose" in toml_lines.table_in(values, "camera")
     if not has_pose and not any(region.get("points_m") for _, region in toml_lines.regions_in(values)):
         return []
     from fieldkit.config.ground import with_regions

@@ -16,6 +16,7 @@ from pydantic import ValidationError
 
 from fieldkit.config.files import read_text
 from fieldkit.config.references import campaign_folder
+from fieldkit.config.toml_lines import table_in
 from fieldkit.config.toml_schema import PoseTable, expected, node_at
 from fieldkit.config.trajectory import ANGLES, PLACE, outside, require_unit, trajectory_from
 from fieldkit.config.validation import Mistake
@@ -94,9 +95,9 @@ def with_pose(values: dict[str, Any], path: Path) -> list[Mistake]:
 
     They lie in the campaign of `path`, a ``fieldkit.toml`` or a session.
     """
-    camera, folder = values.get("camera"), campaign_folder(path)
-    given = camera.get("pose") if isinstance(camera, dict) else None
-    if not isinstance(camera, dict) or not isinstance(given, str | dict):
+    camera, folder = table_in(values, "camera"), campaign_folder(path)
+    given = camera.get("pose")
+    if not isinstance(given, str | dict):
         return []
     try:
         if isinstance(given, str) and given:

@@ -6,8 +6,10 @@ if it has none. Removing the ``#`` of a line gives a valid file.
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Iterator, Mapping
 from datetime import datetime
+from importlib import resources
 from typing import Any
 
 import tomlkit
@@ -34,58 +36,10 @@ PAPER_SITE: Mapping[str, Any] = {
 }
 """Site of the paper's experiments."""
 
-SIMULATED: Mapping[str, Any] = {
-    "campaign": {"title": "sand slopes under the sky of Alamosa, simulated"},
-    "site": {
-        "latitude_deg": 37.70,
-        "longitude_deg": -105.92,
-        "elevation_m": 2317.0,
-        "timezone": "America/Denver",
-    },
-    "camera": {"driver": "purethermal", "port": "simulated", "width_px": 160, "height_px": 120},
-    "lux": {"driver": "lutron", "port": "simulated"},
-    "thermometer": {
-        "driver": "center-309",
-        "port": "simulated",
-        "options": {"labels": ["T1", "T2", "T3", "air"]},
-    },
-    "simulation": {
-        "weather": "alamosa-2016-01-01",
-        "start": datetime.fromisoformat("2016-01-01T12:00:00-07:00"),
-    },
-    "region": [
-        {
-            "name": "flat",
-            "kind": "reference",
-            "points_px": [[18, 77], [64, 74], [65, 101], [15, 106]],
-            "probes": ["thermometer:T1"],
-        },
-        {
-            "name": "b05",
-            "points_px": [[93, 74], [140, 77], [145, 106], [95, 101]],
-            "tilt_deg": 5.0,
-            "azimuth_deg": 180.0,
-            "probes": ["thermometer:T2"],
-        },
-        {
-            "name": "b15",
-            "points_px": [[29, 29], [66, 28], [66, 53], [24, 56]],
-            "tilt_deg": 15.0,
-            "azimuth_deg": 180.0,
-            "probes": ["thermometer:T3"],
-        },
-        {
-            "name": "b25",
-            "points_px": [[92, 28], [129, 29], [135, 56], [92, 53]],
-            "tilt_deg": 25.0,
-            "azimuth_deg": 180.0,
-        },
-    ],
-}
-"""A campaign on simulated devices: three beds of 5, 15 and 25 degrees to the south, and a flat one.
-
-The fourth probe of the thermometer measures the air.
-"""
+SIMULATED: Mapping[str, Any] = tomllib.loads(
+    (resources.files("fieldkit") / "data" / "simulated-campaign.toml").read_text(encoding="utf-8")
+)
+"""A campaign on simulated devices."""
 
 
 def campaign_toml(given: Mapping[str, Any]) -> str:

@@ -32,6 +32,12 @@ def key_lines(text: str) -> dict[KeyPath, int]:
     return lines
 
 
+def table_in(document: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """A table of a plain document; empty where there is none, or something else."""
+    table = document.get(name)
+    return table if isinstance(table, dict) else {}
+
+
 def regions_in(document: Mapping[str, Any]) -> list[tuple[KeyPath, dict[str, Any]]]:
     """The tables of regions of a plain document with their places, malformed ones left out."""
     regions = document.get("region")

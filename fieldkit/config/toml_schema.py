@@ -23,7 +23,10 @@ from fieldkit.model.limits import shown
 from fieldkit.model.radiation import Component
 
 Degrees = Annotated[float, Field(ge=0, le=360)]
+Tilt = Annotated[float, Field(ge=0, le=90)]
+Fraction = Annotated[float, Field(gt=0, le=1)]
 Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=32)]
 Probe = Annotated[str, Field(pattern=r"^[^:]+:[^:]+$", description="stream:channel, such as thermometer:T1")]
 Point = Annotated[list[float], Field(min_length=2, max_length=2)]
@@ -38,6 +41,11 @@ ConditionName = Annotated[Condition, Field(strict=False, description="")]
 SeverityWord = Literal["info", "warning", "error"]
 
 TABLE_1 = "(paper, Table 1)"
+
+
+def _unset(example: Any, description: str, **limits: Any) -> Any:
+    """A key that has no default."""
+    return Field(default=None, examples=[example], description=description, **limits)
 
 
 class Table(BaseModel):
@@ -57,9 +65,8 @@ class CampaignTable(Table):
     license: str = Field(default="", description="licence of the data, such as CC-BY-4.0")
     references: str = Field(default="", description="papers or pages to cite")
     exact_place: bool = Field(
-        default=False, strict=True,
-        description="whether export --to ro-crate states the exact place; else to 0.1 degrees",
-    )  # fmt: skip
+        default=False, description="whether export --to ro-crate states the exact place; else to 0.1 degrees"
+    )
 
 
 class SiteTable(Table):
@@ -102,58 +109,42 @@ class PoseTable(Table):
     crs: str = Field(
         examples=["EPSG:32613"], description="projected reference system in metres, of all places"
     )
-    east_m: float | None = Field(examples=[412000.0], default=None, description="the camera's easting")
-    north_m: float | None = Field(examples=[4172000.0], default=None, description="its northing")
-    height_m: float | None = Field(examples=[2305.0], default=None, description="its height")
-    yaw_deg: Annotated[float, Field(ge=-360, le=360)] | None = Field(
-        examples=[0.0],
-        default=None,
-        description="azimuth of the optical axis, from true north, clockwise",
+    east_m: float | None = _unset(412000.0, "the camera's easting")
+    north_m: float | None = _unset(4172000.0, "its northing")
+    height_m: float | None = _unset(2305.0, "its height")
+    yaw_deg: Annotated[float, Field(ge=-360, le=360)] | None = _unset(
+        0.0, "azimuth of the optical axis, from true north, clockwise"
     )
-    pitch_deg: Annotated[float, Field(ge=-90, le=90)] | None = Field(
-        examples=[-30.0], default=None, description="its elevation, negative downwards"
+    pitch_deg: Annotated[float, Field(ge=-90, le=90)] | None = _unset(
+        -30.0, "its elevation, negative downwards"
     )
-    roll_deg: Annotated[float, Field(ge=-180, le=180)] | None = Field(
-        examples=[0.0], default=None, description="turn about it, clockwise as the camera sees; default: 0"
+    roll_deg: Annotated[float, Field(ge=-180, le=180)] | None = _unset(
+        0.0, "turn about it, clockwise as the camera sees; default: 0"
     )
-    quaternion: Annotated[list[float], Field(min_length=4, max_length=4)] | None = Field(
-        examples=[[-0.5, 0.5, -0.5, 0.5]],
-        default=None,
-        description="x, y, z, w instead of angles, from right, down, forward to east, north, up",
+    quaternion: Annotated[list[float], Field(min_length=4, max_length=4)] | None = _unset(
+        [-0.5, 0.5, -0.5, 0.5], "x, y, z, w instead of angles, from right, down, forward to east, north, up"
     )
-    trajectory: str | None = Field(
-        examples=["run.csv"],
-        default=None,
-        description="a CSV or TUM file of poses over time, beside this file; a session holds its text",
+    trajectory: str | None = _unset(
+        "run.csv", "a CSV or TUM file of poses over time, beside this file; a session holds its text"
     )
     hfov_deg: float = Field(
         examples=[50.0], gt=0, lt=180, description="horizontal field of view, from edge to edge"
     )
-    distortion: Annotated[list[float], Field(min_length=5, max_length=5)] | None = Field(
-        examples=[[-0.3, 0.1, 0.0, 0.0, 0.0]],
-        default=None,
-        description="k1, k2, p1, p2, k3 of the lens, as OpenCV gives them",
+    distortion: Annotated[list[float], Field(min_length=5, max_length=5)] | None = _unset(
+        [-0.3, 0.1, 0.0, 0.0, 0.0], "k1, k2, p1, p2, k3 of the lens, as OpenCV gives them"
     )
     range_m: float = Field(examples=[60.0], gt=0, le=10_000, description="farther ground is omitted")
-    ground_m: float | None = Field(examples=[2300.0], default=None, description="height of level ground")
-    dem: str | None = Field(
-        examples=["dem.tif"], default=None, description="a GeoTIFF of heights, beside this file"
-    )
+    ground_m: float | None = _unset(2300.0, "height of level ground")
+    dem: str | None = _unset("dem.tif", "a GeoTIFF of heights, beside this file")
 
 
 class CameraTable(DeviceTable):
     """The thermal camera."""
 
-    width_px: int | None = Field(
-        examples=[160], default=None, gt=0, description="frame width, to check regions against"
-    )
-    height_px: int | None = Field(
-        examples=[120], default=None, gt=0, description="frame height, to check regions against"
-    )
-    pose: PoseTable | None = Field(
-        examples=[{}],
-        default=None,
-        description="where it stands and looks: a TOML file beside this one, or the table [camera.pose]",
+    width_px: int | None = _unset(160, "frame width, to check regions against", gt=0)
+    height_px: int | None = _unset(120, "frame height, to check regions against", gt=0)
+    pose: PoseTable | None = _unset(
+        {}, "where it stands and looks: a TOML file beside this one, or the table [camera.pose]"
     )
 
 
@@ -166,10 +157,8 @@ class MeterTable(DeviceTable):
 class LuxTable(MeterTable):
     """The illuminometer."""
 
-    range_max_lx: Positive | None = Field(
-        examples=[100000.0],
-        default=None,
-        description="upper end of the meter's range; readings there are flagged",
+    range_max_lx: Positive | None = _unset(
+        100000.0, "upper end of the meter's range; readings there are flagged"
     )
 
 
@@ -186,27 +175,20 @@ class IrradianceTable(Table):
     model: Literal["eq10", "efficacy", "perez", "calibrated", "pyrheliometer", "file"] = Field(
         default="eq10", description="lux to W/m2; eq10 is the paper's eq. (10), divided by par_fraction"
     )
-    par_fraction: float = Field(
-        default=0.44,
-        gt=0,
-        le=1,
-        description="share of sunlight between 400 and 700 nm; 1.0 is the paper to the letter",
+    par_fraction: Fraction = Field(
+        default=0.44, description="share of sunlight between 400 and 700 nm; 1.0 is the paper to the letter"
     )
     efficacy_lm_w: Positive = Field(
         default=105.0, description="lumen per watt of direct sunlight, for efficacy"
     )
-    factor: Positive | None = Field(
-        examples=[0.0091],
-        default=None,
-        description='W/m2 per unit of the reading, for calibrated; or "@name"',
-    )
-    factor_sd: float = Field(
-        default=0.0, ge=0, description="standard uncertainty of factor; a record brings its own"
+    factor: Positive | None = _unset(0.0091, 'W/m2 per unit of the reading, for calibrated; or "@name"')
+    factor_sd: NotNegative = Field(
+        default=0.0, description="standard uncertainty of factor; a record brings its own"
     )
     mounting: Literal["horizontal", "sun-pointing", "in-plane"] = Field(
         default="horizontal", description="how the light meter, or that of gti, is mounted"
     )
-    plane_tilt_deg: float = Field(default=0.0, ge=0, le=90, description="tilt of the meter, for in-plane")
+    plane_tilt_deg: Tilt = Field(default=0.0, description="tilt of the meter, for in-plane")
     plane_azimuth_deg: Degrees = Field(
         default=0.0, description="azimuth of the meter from north, for in-plane"
     )
@@ -227,16 +209,14 @@ class SurfaceTable(Table):
         description="gives the defaults of exchange, albedo, slab and tilt that differ from those of sand",
     )
     albedo: float = Field(default=0.20, ge=0, lt=1, description=f"A of the balance {TABLE_1}")
-    emissivity: float = Field(
-        default=0.90, gt=0, le=1, description='in the camera\'s band, 8-14 um; or "@name" of a calibration'
+    emissivity: Fraction = Field(
+        default=0.90, description='in the camera\'s band, 8-14 um; or "@name" of a calibration'
     )
     emissivity_sd: float = Field(
         default=0.0, ge=0, lt=1, description="standard uncertainty of emissivity; a record brings its own"
     )
-    emissivity_broadband: Annotated[float, Field(gt=0, le=1)] | None = Field(
-        default=None,
-        examples=[0.90],
-        description="for the energy balance, all wavelengths; default: emissivity",
+    emissivity_broadband: Fraction | None = _unset(
+        0.90, "for the energy balance, all wavelengths; default: emissivity"
     )
     reflected_temperature_c: float = Field(
         default=-40.0,
@@ -251,7 +231,7 @@ class AirTable(Table):
 
     heat_capacity_j_kg_k: Positive = Field(default=1000.0, description=f"c_p {TABLE_1}")
     density_kg_m3: Positive = Field(default=1.21, description=f"rho {TABLE_1}")
-    exchange_m_s: float = Field(default=0.015, ge=0, description=f"C_H U {TABLE_1}; 0 without air")
+    exchange_m_s: NotNegative = Field(default=0.015, description=f"C_H U {TABLE_1}; 0 without air")
 
 
 class SlabTable(Table):
@@ -260,12 +240,12 @@ class SlabTable(Table):
     depth_m: float = Field(
         default=0.03, gt=0, le=2, description='depth of the sand above the insulating sheet; or "@name"'
     )
-    conductivity_w_m_k: float = Field(
-        default=0.25, gt=0, description='0.2 to 0.35 for dry loose sand; or "@name"'
+    conductivity_w_m_k: Positive = Field(
+        default=0.25, description='0.2 to 0.35 for dry loose sand; or "@name"'
     )
-    heat_capacity_j_m3_k: float = Field(default=1.3e6, gt=0, description="density times specific heat")
-    conductivity_sd: float = Field(default=0.2, ge=0, description="relative standard uncertainty")
-    capacity_sd: float = Field(default=0.1, ge=0, description="relative standard uncertainty")
+    heat_capacity_j_m3_k: Positive = Field(default=1.3e6, description="density times specific heat")
+    conductivity_sd: NotNegative = Field(default=0.2, description="relative standard uncertainty")
+    capacity_sd: NotNegative = Field(default=0.1, description="relative standard uncertainty")
 
 
 class RecordTable(Table):
@@ -288,27 +268,15 @@ class RecordTable(Table):
 class LimitsTable(Table):
     """Limits of a region's temperature and tilt."""
 
-    temperature_min_c: float | None = Field(
-        default=None, ge=-100, le=200, examples=[0.0], description="alarm below; default: none"
+    temperature_min_c: float | None = _unset(0.0, "alarm below; default: none", ge=-100, le=200)
+    temperature_max_c: float | None = _unset(60.0, "alarm above; default: none", ge=-100, le=200)
+    temperature_rate_k_min: Positive | None = _unset(
+        2.0, "alarm if a minute mean differs by more from the one before; default: none"
     )
-    temperature_max_c: float | None = Field(
-        default=None, ge=-100, le=200, examples=[60.0], description="alarm above; default: none"
-    )
-    temperature_rate_k_min: Positive | None = Field(
-        default=None,
-        examples=[2.0],
-        description="alarm if a minute mean differs by more from the one before; default: none",
-    )
-    tilt_min_deg: Annotated[float, Field(ge=0, le=90)] | None = Field(
-        default=None, examples=[5.0], description="alarm if the estimated tilt is below; default: none"
-    )
-    tilt_max_deg: Annotated[float, Field(ge=0, le=90)] | None = Field(
-        default=None, examples=[30.0], description="alarm if the estimated tilt is above; default: none"
-    )
-    tilt_probability: Annotated[float, Field(gt=0, lt=1)] | None = Field(
-        default=None,
-        examples=[0.05],
-        description="alarm if P(tilt > tilt_max_deg) is above, from the likelihood region; default: none",
+    tilt_min_deg: Tilt | None = _unset(5.0, "alarm if the estimated tilt is below; default: none")
+    tilt_max_deg: Tilt | None = _unset(30.0, "alarm if the estimated tilt is above; default: none")
+    tilt_probability: Annotated[float, Field(gt=0, lt=1)] | None = _unset(
+        0.05, "alarm if P(tilt > tilt_max_deg) is above, from the likelihood region; default: none"
     )
 
 
@@ -321,11 +289,11 @@ class AlarmsTable(LimitsTable):
     off: list[ConditionName] = Field(
         default=[], examples=[["cloud", "shade"]], description="conditions that raise no alarm"
     )
-    hold_s: dict[ConditionName, Annotated[float, Field(ge=0)]] = Field(
+    hold_s: dict[ConditionName, NotNegative] = Field(
         default={},
         description="by condition, seconds it must last to raise its alarm, such as {lost = 30}",
     )
-    clear_s: dict[ConditionName, Annotated[float, Field(ge=0)]] = Field(
+    clear_s: dict[ConditionName, NotNegative] = Field(
         default={}, description="by condition, seconds it must be over to clear its alarm"
     )
     severity: dict[ConditionName, SeverityWord] = Field(
@@ -370,11 +338,7 @@ class SimulationTable(Table):
         min_length=1,
         description="the packaged day, clear, or a file of SURFRAD or BSRN",
     )
-    start: AwareDatetime | None = Field(
-        examples=["2016-01-01T12:00:00-07:00"],
-        default=None,
-        description="start time with its offset from UTC",
-    )
+    start: AwareDatetime | None = _unset("2016-01-01T12:00:00-07:00", "start time with its offset from UTC")
     speed: Positive | Literal["max"] = Field(
         default=1.0, description="simulated seconds per second; max: as fast as possible"
     )
@@ -391,7 +355,7 @@ class SimulationTable(Table):
         default=0.02, gt=0, le=1, description="depth of the sand above the insulating sheet"
     )
     albedo: float = Field(default=0.20, ge=0, lt=1, description="true albedo of the sand")
-    emissivity: float = Field(default=0.90, gt=0, le=1, description="true emissivity of the sand")
+    emissivity: Fraction = Field(default=0.90, description="true emissivity of the sand")
     drift_px: Point = Field(
         default=[0.0, 0.0],
         description="right and down: shift of the camera's frame by the end of the session",
@@ -429,26 +393,16 @@ class RegionTable(Table):
         max_length=64,
         description="instead, corners [east, north] or [east, north, height] on the ground of camera.pose",
     )
-    tilt_deg: Annotated[float, Field(ge=0, le=90)] | None = Field(
-        examples=[15.0],
-        default=None,
-        description="measured tilt from horizontal; reference: 0",
-    )
-    azimuth_deg: Degrees | None = Field(
-        examples=[180.0], default=None, description="measured azimuth of the normal from north, clockwise"
-    )
-    emissivity: Annotated[float, Field(gt=0, le=1)] | None = Field(
-        examples=[0.93],
-        default=None,
-        description='in the camera\'s band, where it differs from surface.emissivity; or "@name"',
+    tilt_deg: Tilt | None = _unset(15.0, "measured tilt from horizontal; reference: 0")
+    azimuth_deg: Degrees | None = _unset(180.0, "measured azimuth of the normal from north, clockwise")
+    emissivity: Fraction | None = _unset(
+        0.93, 'in the camera\'s band, where it differs from surface.emissivity; or "@name"'
     )
     emissivity_sd: float = Field(
         default=0.0, ge=0, lt=1, description="standard uncertainty of emissivity; a record brings its own"
     )
-    surface_kind: Kind | None = Field(
-        examples=["rock"],
-        default=None,
-        description="its kind of surface, where it differs from surface.kind; a target's, for learned",
+    surface_kind: Kind | None = _unset(
+        "rock", "its kind of surface, where it differs from surface.kind; a target's, for learned"
     )
     offset_k: float = Field(
         default=0.0,
@@ -474,7 +428,7 @@ def _rising(ends: list[float]) -> list[float]:
 def _possible(words: str, key: str) -> Any:
     low, high = shown(key)
     text = f"{words}, least and greatest; default: {low:.4g} to {high:.4g}"
-    return Field(default=None, examples=[[float(f"{low:.4g}"), float(f"{high:.4g}")]], description=text)
+    return _unset([float(f"{low:.4g}"), float(f"{high:.4g}")], text)
 
 
 PossibleRange = Annotated[list[float], Field(min_length=2, max_length=2), AfterValidator(_rising)]

@@ -5,7 +5,6 @@ Mistakes of single keys come from the pydantic models (`explain`), mistakes betw
 
 from __future__ import annotations
 
-import functools
 import zoneinfo
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -15,12 +14,12 @@ from typing import Any
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from fieldkit.config.toml_lines import KeyPath, regions_in
+from fieldkit.config.toml_lines import KeyPath, regions_in, table_in
 from fieldkit.config.toml_schema import expected, known_keys, node_at
 from fieldkit.drivers import registry
 from fieldkit.estimation.surface_kinds import SAND
 from fieldkit.model.errors import ConfigError
-from fieldkit.model.site import Region, RegionKind
+from fieldkit.model.site import Region, RegionKind, known_zone
 
 UNITS = {
     "deg": "degrees",
@@ -178,11 +177,11 @@ def cross_check(document: Mapping[str, Any]) -> list[Mistake]:
 
 def unknown_drivers(document: Mapping[str, Any]) -> Iterator[Mistake]:
     """Drivers that are not installed here: allowed in a session from elsewhere, not in a campaign."""
-    others = _table(document, "device")
+    others = table_in(document, "device")
     tables: list[tuple[KeyPath, Mapping[str, Any]]] = [
-        ((name,), _table(document, name)) for name in INSTRUMENTS
+        ((name,), table_in(document, name)) for name in INSTRUMENTS
     ]
-    tables += [(("device", name), _table(others, name)) for name in others]
+    tables += [(("device", name), table_in(others, name)) for name in others]
     for path, table in tables:
         name = table.get("driver")
         if not isinstance(name, str) or name in registry.BUILT_IN or name in (known := registry.names()):
@@ -213,17 +212,17 @@ def outline(points: Any) -> list[tuple[float, float]] | None:
 
 
 def _timezone(document: Mapping[str, Any]) -> Iterator[Mistake]:
-    name = _table(document, "site").get("timezone")
-    if not isinstance(name, str) or name in (known := _timezones()):
+    name = table_in(document, "site").get("timezone")
+    if not isinstance(name, str) or known_zone(name) is not None:
         return
-    near = get_close_matches(name, known, n=1)
+    near = get_close_matches(name, zoneinfo.available_timezones(), n=1)
     message = f"unknown time zone {name!r}" + (f"; did you mean {near[0]}?" if near else "")
     yield Mistake(("site", "timezone"), f"{message} (IANA names, such as Asia/Tokyo)")
 
 
 def _other_world(document: Mapping[str, Any]) -> Iterator[Mistake]:
     """A time zone, weather or a formula of daylight that only the Earth has."""
-    site, simulation = _table(document, "site"), _table(document, "simulation")
+    site, simulation = table_in(document, "site"), table_in(document, "simulation")
     body = site.get("body", "earth")
     if body == "earth":
         return
@@ -233,7 +232,7 @@ def _other_world(document: Mapping[str, Any]) -> Iterator[Mistake]:
     if simulation.get("weather", "clear") != "clear":
         message = f"measured weather belongs to the Earth; set it to clear on {body}"
         yield Mistake(("simulation", "weather"), message)
-    if _table(document, "surface").get("kind", SAND) != SAND:
+    if table_in(document, "surface").get("kind", SAND) != SAND:
         message = f"kinds of surface are the Earth's; on {body} set [surface], [slab] and [prior]"
         yield Mistake(("surface", "kind"), message)
     for path, region in regions_in(document):
@@ -242,20 +241,15 @@ def _other_world(document: Mapping[str, Any]) -> Iterator[Mistake]:
             yield Mistake((*path, "surface_kind"), message)
     if simulation.get("drawn"):
         yield Mistake(("simulation", "drawn"), f"drawn fields have the air of the Earth; omit it on {body}")
-    irradiance = _table(document, "irradiance")
+    irradiance = table_in(document, "irradiance")
     for key, instead in (("model", "efficacy, calibrated, pyrheliometer or file"), ("diffuse", "fraction")):
         if (given := irradiance.get(key)) in OF_DAYLIGHT:
             message = f"{given} is a formula of the Earth's daylight; on {body} use {instead}"
             yield Mistake(("irradiance", key), message)
 
 
-@functools.cache
-def _timezones() -> set[str]:
-    return zoneinfo.available_timezones()
-
-
 def _device_names(document: Mapping[str, Any]) -> Iterator[Mistake]:
-    for name in _table(document, "device"):
+    for name in table_in(document, "device"):
         if name in INSTRUMENTS:
             yield Mistake(("device", name), f"this name is reserved for the table [{name}]; choose another")
 
@@ -285,7 +279,7 @@ def _shared_probes(document: Mapping[str, Any]) -> Iterator[Mistake]:
 
 def _reference(document: Mapping[str, Any]) -> Iterator[Mistake]:
     regions = regions_in(document)
-    is_needed = _table(document, "estimator").get("reference") != "weather"
+    is_needed = table_in(document, "estimator").get("reference") != "weather"
     if is_needed and regions and not any(region.get("kind") == "reference" for _, region in regions):
         yield Mistake(("region",), 'no reference among the regions; give the flat one kind = "reference"')
     for path, region in regions:
@@ -295,7 +289,7 @@ def _reference(document: Mapping[str, Any]) -> Iterator[Mistake]:
 
 
 def _outside_the_frame(document: Mapping[str, Any]) -> Iterator[Mistake]:
-    camera = _table(document, "camera")
+    camera = table_in(document, "camera")
     width, height = camera.get("width_px"), camera.get("height_px")
     if not isinstance(width, int) or not isinstance(height, int):
         return
@@ -308,7 +302,7 @@ def _outside_the_frame(document: Mapping[str, Any]) -> Iterator[Mistake]:
 
 
 def _method(document: Mapping[str, Any]) -> Iterator[Mistake]:
-    table = _table(document, "estimator")
+    table = table_in(document, "estimator")
     method, model = table.get("method", "unit-norm"), table.get("model", "learned")
     if method != "unit-norm" and model == "learned":
         message = f'method = "{method}" needs model = "paper" or "full"; the learned model has its own'
@@ -316,27 +310,22 @@ def _method(document: Mapping[str, Any]) -> Iterator[Mistake]:
 
 
 def _irradiance(document: Mapping[str, Any]) -> Iterator[Mistake]:
-    table = _table(document, "irradiance")
+    table = table_in(document, "irradiance")
     if table.get("model") == "calibrated" and "factor" not in table:
         yield Mistake(("irradiance", "model"), 'model = "calibrated" needs irradiance.factor')
     mounting, plane = table.get("mounting", "horizontal"), ("plane_tilt_deg", "plane_azimuth_deg")
     if mounting == "in-plane" and not set(plane) <= table.keys():
         yield Mistake(("irradiance", "mounting"), f'mounting = "in-plane" needs {" and ".join(plane)}')
-    if mounting == "horizontal" and "gti" in _table(table, "measures").values():
+    if mounting == "horizontal" and "gti" in table_in(table, "measures").values():
         message = f'gti needs mounting = "in-plane" with {" and ".join(plane)}, or "sun-pointing"'
         yield Mistake(("irradiance", "measures"), message)
 
 
 def _incomplete_pairs(document: Mapping[str, Any]) -> Iterator[Mistake]:
-    camera = _table(document, "camera")
+    camera = table_in(document, "camera")
     if ("width_px" in camera) != ("height_px" in camera):
         yield Mistake(("camera",), "width_px and height_px belong together")
     for path, region in regions_in(document):
         tilt, is_reference = region.get("tilt_deg"), region.get("kind") == "reference"
         if is_reference and isinstance(tilt, int | float) and tilt > 0 and "azimuth_deg" not in region:
             yield Mistake((*path, "tilt_deg"), "a tilted reference also needs azimuth_deg")
-
-
-def _table(document: Mapping[str, Any], name: str) -> Mapping[str, Any]:
-    table = document.get(name)
-    return table if isinstance(table, dict) else {}

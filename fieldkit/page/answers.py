@@ -8,9 +8,8 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -51,16 +50,22 @@ ANSWERS_WITHIN_S = 5.0
 Document = dict[str, Any]
 
 
-def answer(
-    id: int | None, text: str, *, ok: bool = True, fix: str | None = None, data: Any = None
-) -> Document:
-    """The answer to a request."""
-    return {"type": "answer", "id": id, "ok": ok, "text": text, "fix": fix, "data": data}
+class Done(NamedTuple):
+    """What became of a request: words, data, and whether it went well; what to do next if not."""
+
+    text: str = ""
+    data: Any = None
+    ok: bool = True
+    fix: str | None = None
+
+    def answer(self, id: int | None) -> Document:
+        """The answer to a request."""
+        return {"type": "answer", "id": id, **self._asdict()}
 
 
 def failure(id: int | None, error: FieldkitError) -> Document:
     """The answer that explains an error."""
-    return answer(id, error.message, ok=False, fix=error.fix)
+    return Done(error.message, ok=False, fix=error.fix).answer(id)
 
 
 @dataclass
@@ -78,74 +83,73 @@ class Answers:
         try:
             if viewer.role != "control" and not isinstance(request, requests.FOR_ANYONE):
                 raise RefusedError("this link may only look", fix="open the page by a control link")
-            return await self._done(viewer, request)
+            return (await self._done(viewer, request)).answer(request.id)
         except FieldkitError as error:
             return failure(request.id, error)
 
-    async def _done(self, viewer: Viewer, request: requests.Request) -> Document:
+    async def _done(self, viewer: Viewer, request: requests.Request) -> Done:
         match request:
             case requests.Picture():
                 self.hub.set_mode(viewer, request.mode)
-                return answer(request.id, "")
+                return Done()
             case requests.Value():
-                return answer(request.id, "", data={"temperature_c": self._value_c(request)})
+                return Done(data={"temperature_c": self._value_c(request)})
             case requests.CheckRegion():
-                return answer(request.id, "", data=await asyncio.to_thread(self._verdict, request))
+                return Done(data=await asyncio.to_thread(self._verdict, request))
             case requests.Sessions():
-                listed = await asyncio.to_thread(self.past.listed, viewer.role)
-                return answer(request.id, "", data=listed)
+                return Done(data=await asyncio.to_thread(self.past.listed, viewer.role))
             case requests.CheckSession():
                 ok, text = await self.past.check(request.session)
-                return answer(request.id, text, ok=ok)
+                return Done(text, ok=ok)
             case requests.EstimateSession():
-                return answer(request.id, "", data=await self.past.estimate(request.session))
+                return Done(data=await self.past.estimate(request.session))
             case requests.SessionSlopes():
-                return answer(request.id, "", data=await asyncio.to_thread(self.past.slopes, request.session))
+                return Done(data=await asyncio.to_thread(self.past.slopes, request.session))
             case requests.Marks():
-                marked = await asyncio.to_thread(self._marks, request.session)
-                return answer(request.id, "", data=marked)
+                return Done(data=await asyncio.to_thread(self._marks, request.session))
             case requests.TakeBack() | requests.EditMark():
                 return await self._corrected(request)
             case requests.Start() | requests.Stop():
                 return await asyncio.to_thread(self._start_or_stop, request)
             case requests.AddMark():
-                return await self._by_recorder(request.id, partial(self._send_mark, request))
+                return await self._by_recorder(self._send_mark, request)
             case requests.Shutter():
-                return await self._by_recorder(request.id, partial(sent, self.config.recordings, Shutter()))
+                return await self._by_recorder(sent, self.config.recordings, Shutter())
             case requests.Acknowledge():
-                return await self._by_recorder(request.id, partial(self._acknowledge, request.alarm))
+                return await self._by_recorder(self._acknowledge, request.alarm)
             case requests.Skyline():
                 return await asyncio.to_thread(self._set_skyline, request)
             case requests.SuggestRegions():
-                return answer(request.id, "", data=await asyncio.to_thread(self._suggestions, request))
+                return Done(data=await asyncio.to_thread(self._suggestions, request))
             case requests.Link():
                 key = await asyncio.to_thread(self.keys.new_link, request.role)
-                return answer(request.id, f"a link that works once, to {request.role}", data={"key": key})
+                return Done(f"a link that works once, to {request.role}", {"key": key})
             case _:
                 return await self._redrawn(request)
 
     # --- the recording
 
-    def _start_or_stop(self, request: requests.Start | requests.Stop) -> Document:
+    def _start_or_stop(self, request: requests.Start | requests.Stop) -> Done:
         if isinstance(request, requests.Stop):
             path = stop_recording(self.config.recordings, self._log_silence)
             if path is None:
-                return answer(request.id, "called off: nothing was recorded")
+                return Done("called off: nothing was recorded")
             report = f"/session/{identifier(path)}/report"
             sealed = {"session": path.stem, "report_url": report}
-            return answer(request.id, f"sealed {path.stem}", data=sealed)
+            return Done(f"sealed {path.stem}", sealed)
         session = self.conductor.start(
             request.name, time_options(request), allow_missing=request.allow_missing
         )
-        return answer(request.id, f"recording {session.stem}", data={"session": session.stem})
+        return Done(f"recording {session.stem}", {"session": session.stem})
 
     def _log_silence(self, silent: UnresponsiveRecorder) -> None:
         log.warning(silent.at(self.config.site))
 
     def _send_mark(self, request: requests.AddMark) -> SentRequest:
         folder = self.config.recordings
-        words = partial(mark_of, folder, lambda: self.config, request.text, kind=request.kind)
-        mark, _ = words(at=request.at, to=request.to)
+        mark, _ = mark_of(
+            folder, lambda: self.config, request.text, kind=request.kind, at=request.at, to=request.to
+        )
         return sent(folder, mark)
 
     def _marked(self, session: str | None) -> Path:
@@ -158,13 +162,13 @@ class Answers:
             every = every_mark(opened)
         return [outgoing.mark(one, every[one], counts=one in counting) for one in sorted(every)]
 
-    async def _corrected(self, request: requests.TakeBack | requests.EditMark) -> Document:
+    async def _corrected(self, request: requests.TakeBack | requests.EditMark) -> Done:
         path = self._marked(request.session)
         correction = await asyncio.to_thread(_correction, path, request)
         if request.session is None:
-            return await self._by_recorder(request.id, partial(sent, path.parent, correction))
+            return await self._by_recorder(sent, path.parent, correction)
         await asyncio.to_thread(keep, path, correction)
-        return answer(request.id, f"mark {request.mark} is now: {correction.text}")
+        return Done(f"mark {request.mark} is now: {correction.text}")
 
     def _acknowledge(self, alarm: str) -> SentRequest:
         if alarm not in (present := [one.id for one in self.hub.latest.alarms]):
@@ -173,13 +177,13 @@ class Answers:
             )
         return sent(self.config.recordings, Acknowledgement(alarm))
 
-    async def _by_recorder(self, id: int | None, send: Callable[[], SentRequest]) -> Document:
+    async def _by_recorder(self, send: Callable[..., SentRequest], *arguments: Any) -> Done:
         """Send a request to the recorder; the answer is the event that it stores."""
         with self._listening() as events:
-            request = await asyncio.to_thread(send)
-            return await self._stored(id, request, events)
+            request = await asyncio.to_thread(send, *arguments)
+            return await self._stored(request, events)
 
-    async def _stored(self, id: int | None, request: SentRequest, events: _Events) -> Document:
+    async def _stored(self, request: SentRequest, events: _Events) -> Done:
         try:
             async with asyncio.timeout(ANSWERS_WITHIN_S):
                 event = await events.about(request.id)
@@ -187,7 +191,7 @@ class Answers:
             raise RefusedError(
                 f"the recorder has not answered within {ANSWERS_WITHIN_S:.0f} s", fix="look at the events"
             ) from None
-        return answer(id, formatting.event_text(event), ok=event.severity is Severity.INFO)
+        return Done(formatting.event_text(event), ok=event.severity is Severity.INFO)
 
     @contextmanager
     def _listening(self) -> Iterator[_Events]:
@@ -252,7 +256,7 @@ class Answers:
         is_known = frame_image.unit(info) == "°C" and bool(np.isfinite(shown).all())
         return shown.shape, shown + CELSIUS_ZERO_K if is_known else None
 
-    async def _redrawn(self, request: requests.Request) -> Document:
+    async def _redrawn(self, request: requests.Request) -> Done:
         """Change the campaign's regions, and those of its recording if one runs."""
         words, change = _change(request)
         with self._listening() as events:
@@ -260,12 +264,12 @@ class Answers:
             self.config = load_config(self.config.path, settings=self.conductor.settings)
             await asyncio.to_thread(self.conductor.use, self.config)
             if asked is None:
-                return answer(request.id, words)
-            return await self._stored(request.id, asked, events)
+                return Done(words)
+            return await self._stored(asked, events)
 
     # --- the horizon
 
-    def _set_skyline(self, request: requests.Skyline) -> Document:
+    def _set_skyline(self, request: requests.Skyline) -> Done:
         """Make a skyline the site's horizon; a recording keeps the one it began with."""
         if is_recorder_present(self.config.recordings):
             raise RefusedError(
@@ -282,7 +286,7 @@ class Answers:
         self.config = load_config(self.config.path, settings=self.conductor.settings)
         self.conductor.use(self.config)
         highest = max(elevation for _, elevation in horizon)
-        return answer(request.id, f"the horizon is the skyline, up to {highest:.1f}°")
+        return Done(f"the horizon is the skyline, up to {highest:.1f}°")
 
 
 class _Events:

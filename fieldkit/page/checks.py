@@ -39,7 +39,7 @@ def known_host(scope: Scope, _: Keys) -> str | None:
     """
     host = host_name(Headers(scope=scope).get("host", ""))
     address = str((scope.get("server") or ("",))[0])
-    if host in own_names(address) or _is_address(host, address):
+    if host in own_names(address) or (_ip(host) is not None and _ip(host) == _ip(address)):
         return None
     return f"this page is not called {host!r}: use its address, or the name of its computer"
 
@@ -55,21 +55,15 @@ def own_names(address: str) -> set[str]:
     """Names under which browsers may know this computer, at the address where a connection arrived."""
     name = socket.gethostname().lower()
     names = {name, f"{name.partition('.')[0]}.local"}
-    return names | {"localhost"} if _is_loopback(address) else names
+    ip = _ip(address)
+    return names | {"localhost"} if ip is not None and ip.is_loopback else names
 
 
-def _is_address(host: str, address: str) -> bool:
+def _ip(text: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
     try:
-        return ipaddress.ip_address(host) == ipaddress.ip_address(address)
+        return ipaddress.ip_address(text)
     except ValueError:
-        return False
-
-
-def _is_loopback(address: str) -> bool:
-    try:
-        return ipaddress.ip_address(address).is_loopback
-    except ValueError:
-        return False
+        return None
 
 
 def same_origin(scope: Scope, keys: Keys) -> str | None:

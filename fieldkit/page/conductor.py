@@ -23,7 +23,7 @@ from fieldkit.model.errors import (
     message_of,
 )
 from fieldkit.model.samples import Event, EventKind
-from fieldkit.page.hub import Hub, Item
+from fieldkit.page.hub import Hub
 from fieldkit.recording.background import BackgroundRecording
 from fieldkit.recording.last_samples import LastSamples
 from fieldkit.recording.opening import open_instruments
@@ -37,7 +37,7 @@ from fieldkit.recording.running import (
 )
 from fieldkit.sessions.lock import is_locked, journal_path, owner
 from fieldkit.views.feed import FeedReader, FeedStart, feed_path
-from fieldkit.views.latest import Latest
+from fieldkit.views.latest import Item, Latest
 from fieldkit.views.trend import Trend
 
 log: logging.Logger = logging.getLogger(__name__)
@@ -171,7 +171,8 @@ class Conductor:
                 latest = item.latest()
                 self.hub.become(planned_end_ns=item.planned_end_ns, started_ns=item.start_ns or None)
             elif isinstance(item, Trend):
-                self.hub.begin(latest, item)
+                latest.trend = item
+                self.hub.begin(latest)
                 seen = True
             elif seen:
                 self._show(item)

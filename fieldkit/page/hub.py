@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from fieldkit import __version__
 from fieldkit.config import Config
 from fieldkit.estimation.estimator import Minute
-from fieldkit.model.samples import Event, Frame, Health, Reading, is_showable
-from fieldkit.model.site import Region, RegionRecord
+from fieldkit.model.samples import Event, Frame, is_showable
+from fieldkit.model.site import Region
 from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.page import outgoing
 from fieldkit.page.pictures import Mode, picture
@@ -29,11 +29,9 @@ from fieldkit.physics.radiance import surface_temperature_k
 from fieldkit.recording.preflight import sampling_of
 from fieldkit.results.json_document import plain_json
 from fieldkit.views import frame_image
-from fieldkit.views.latest import Latest
-from fieldkit.views.trend import Trend
+from fieldkit.views.latest import Item, Latest
 
 Phase = Literal["preview", "starting", "waiting", "recording", "sealing", "no-instruments"]
-Item = Frame | Reading | Event | RegionRecord | Minute | Health
 FASTEST_PICTURES_S = 0.03
 """A simulated field may run faster than time; eyes do not."""
 MAX_VIEWERS = 8
@@ -59,7 +57,6 @@ class Hub:
         self.state: State = State()
         self._settings = config.estimator_settings()
         self.latest: Latest = Latest(config.site, config.regions, ())
-        self.trend: Trend = Trend()
         self.viewers: list[Viewer] = []
         self.listeners: list[Callable[[Event], None]] = []
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -69,9 +66,9 @@ class Hub:
 
     # --- from the thread that has the items
 
-    def begin(self, latest: Latest, trend: Trend | None = None) -> None:
+    def begin(self, latest: Latest) -> None:
         """Show another preview or recording from now on."""
-        self.latest, self.trend = latest, trend or Trend()
+        self.latest = latest
         for document in self._so_far():
             self._post(document)
 
@@ -86,7 +83,6 @@ class Hub:
         if isinstance(item, Frame):
             self._show_frame(item)
         elif isinstance(item, Minute):
-            self.trend.add(item)
             self._post(outgoing.minute(item))
         elif isinstance(item, Event):
             self._post(outgoing.event(item))
@@ -217,7 +213,7 @@ class Hub:
         if latest.minute is not None:
             known.append(outgoing.minute(latest.minute))
         known += [outgoing.alarms(latest.alarms), *map(outgoing.event, latest.events)]
-        return [*known, outgoing.history(self.trend), self._now()]
+        return [*known, outgoing.history(latest.trend), self._now()]
 
     def _now(self) -> dict[str, Any]:
         return outgoing.now(self.latest, self.region_temperatures_c(), self._bytes_per_s())

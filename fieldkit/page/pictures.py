@@ -32,14 +32,10 @@ NARROWEST = 2.0
 def picture(frame: Frame, info: StreamInfo, mode: Mode, seq: int) -> bytes:
     """A frame as a message; `seq` counts the pictures of a stream, so that browsers see what was skipped."""
     shown = frame_image.values(frame, info)
-    low, high = _ends(shown)
-    header = {
-        "seq": seq, "stream": frame.stream, "time_ms": frame.time_ns // 1000 / 1000,
-        "rows": frame.counts.shape[0], "cols": frame.counts.shape[1], "mode": mode,
-        "unit": frame_image.unit(info), "low_c": low, "high_c": high,
-    }  # fmt: skip
+    origin = {"seq": seq, "stream": frame.stream, "time_ms": frame.time_ns // 1000 / 1000}
+    header = _header(shown, mode, frame_image.unit(info), **origin)
     if mode == "jpeg":
-        return _message(header, _jpeg(shown, low, high))
+        return _message(header, _jpeg(shown, header))
     counts, scale, offset = _linear(frame.counts, shown, info)
     return _message({**header, "scale": scale, "offset": offset}, _exact(counts))
 
@@ -49,23 +45,20 @@ def thumbnail(kelvin: NDArray[np.float64]) -> bytes:
     rows, cols = kelvin.shape
     smaller = min(1.0, THUMBNAIL_COLS / cols)
     shown = frame_image.resized(kelvin - CELSIUS_ZERO_K, round(rows * smaller), round(cols * smaller))
-    low, high = _ends(shown)
-    header = {
-        "rows": shown.shape[0], "cols": shown.shape[1], "mode": "jpeg", "unit": "°C", "low_c": low,
-        "high_c": high,
-    }  # fmt: skip
-    return _message(header, _jpeg(shown, low, high))
+    header = _header(shown, "jpeg", "°C")
+    return _message(header, _jpeg(shown, header))
 
 
 def still(kelvin: NDArray[np.float64]) -> bytes:
     """A frame of a past session, as an exact picture; its time is no longer of interest."""
     shown = kelvin - CELSIUS_ZERO_K
-    low, high = _ends(shown)
-    header = {
-        "seq": 0, "stream": "", "time_ms": None, "rows": shown.shape[0], "cols": shown.shape[1],
-        "mode": "exact", "unit": "°C", "low_c": low, "high_c": high, "scale": 0.01, "offset": -CELSIUS_ZERO_K,
-    }  # fmt: skip
-    return _message(header, _exact(_hundredths(shown)))
+    whole = {"seq": 0, "stream": "", "time_ms": None, "scale": 0.01, "offset": -CELSIUS_ZERO_K}
+    return _message(_header(shown, "exact", "°C", **whole), _exact(_hundredths(shown)))
+
+
+def _header(shown: NDArray[np.float64], mode: Mode, unit: str, **more: Any) -> dict[str, Any]:
+    (rows, cols), (low, high) = shown.shape, _ends(shown)
+    return {"rows": rows, "cols": cols, "mode": mode, "unit": unit, "low_c": low, "high_c": high, **more}
 
 
 def _message(header: dict[str, Any], body: bytes) -> bytes:
@@ -82,9 +75,10 @@ def _ends(shown: NDArray[np.float64]) -> tuple[float, float]:
     return math.floor(low), max(math.ceil(high), math.floor(low) + NARROWEST)
 
 
-def _jpeg(shown: NDArray[np.float64], low: float, high: float) -> bytes:
+def _jpeg(shown: NDArray[np.float64], header: dict[str, Any]) -> bytes:
     import cv2
 
+    low, high = header["low_c"], header["high_c"]
     grey = np.nan_to_num(np.clip((shown - low) * (255.0 / (high - low)), 0.0, 255.0))
     ok, data = cv2.imencode(".jpg", np.rint(grey).astype(np.uint8), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
     assert ok

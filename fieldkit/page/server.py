@@ -99,10 +99,10 @@ class Page:
             Route("/", self.serve_document),
             Route("/role", self.serve_role),
             Route("/key", self.take_key, methods=["POST"]),
-            Route("/session/{session}/report", self.serve_report),
-            Route("/session/{session}/download", self.serve_file),
-            Route("/session/{session}/picture", self.serve_still),
-            Route("/session/{session}/thumbnail", self.serve_thumbnail),
+            Route("/session/{session}/report", partial(self._of_session, self.report)),
+            Route("/session/{session}/download", partial(self._of_session, self.download)),
+            Route("/session/{session}/picture", partial(self._of_session, self.still)),
+            Route("/session/{session}/thumbnail", partial(self._of_session, self.thumbnail)),
             WebSocketRoute("/socket", self.serve_socket),
         ]
         return Guarded(Starlette(routes=routes, lifespan=self._running), self.keys, self.checks)
@@ -199,23 +199,7 @@ class Page:
 
     # --- sessions
 
-    async def serve_report(self, request: Request) -> Response:
-        """A session's report; while it is made, a page that asks again."""
-        return await self._file(request, self._report)
-
-    async def serve_file(self, request: Request) -> Response:
-        """A session's file."""
-        return await self._file(request, self._download)
-
-    async def serve_still(self, request: Request) -> Response:
-        """A frame of a session, to draw on."""
-        return await self._file(request, self._still)
-
-    async def serve_thumbnail(self, request: Request) -> Response:
-        """A small image of a session, for the list."""
-        return await self._file(request, self._thumbnail)
-
-    async def _file(self, request: Request, serve: Callable[[str], Awaitable[Response]]) -> Response:
+    async def _of_session(self, serve: Callable[[str], Awaitable[Response]], request: Request) -> Response:
         known = self.known(request)
         if known is None or known[0] != "control":
             return PlainTextResponse("only for those who may control the page", 403)
@@ -224,7 +208,8 @@ class Page:
         except FieldkitError as error:
             return PlainTextResponse(str(error), 404)
 
-    async def _report(self, session: str) -> Response:
+    async def report(self, session: str) -> Response:
+        """A session's report; while it is made, a page that asks again."""
         report = self.past.report(session)
         if isinstance(report, Path):
             return FileResponse(report, headers={"content-security-policy": REPORT_POLICY})
@@ -235,15 +220,18 @@ class Page:
         waited = f"{self.past.waited_s(session):.0f} s"
         return HTMLResponse(WAITING.format(name=name, waited=waited), 202, {**headers, "refresh": "2"})
 
-    async def _download(self, session: str) -> Response:
+    async def download(self, session: str) -> Response:
+        """A session's file."""
         path = self.past.sealed(session)
         return FileResponse(path, media_type="application/x-hdf5", filename=path.name)
 
-    async def _still(self, session: str) -> Response:
+    async def still(self, session: str) -> Response:
+        """A frame of a session, to draw on."""
         kelvin = await asyncio.to_thread(self.past.frame_k, session)
         return Response(still(kelvin), media_type="application/octet-stream")
 
-    async def _thumbnail(self, session: str) -> Response:
+    async def thumbnail(self, session: str) -> Response:
+        """A small image of a session, for the list."""
         small = await asyncio.to_thread(self.past.thumbnail, session)
         return Response(small, media_type="application/octet-stream")
 

@@ -79,15 +79,13 @@ class PastSessions:
     def _entry(self, name: str, path: Path, role: Role) -> dict[str, Any]:
         brief = describe_briefly(path)
         start = brief.get("start")
+        files = ("report", "download", "picture", "thumbnail")
         has_files = role == "control" and path.exists() and not is_locked(journal_path(path))
         return {
             "id": name, "title": brief.get("title") or path.stem, "state": brief["state"],
             "started_ms": datetime.fromisoformat(start).timestamp() * 1000 if start else None,
             "duration_s": brief.get("length_s"), "bytes": brief["bytes"],
-            "report_url": f"/session/{name}/report" if has_files else None,
-            "download_url": f"/session/{name}/download" if has_files else None,
-            "picture_url": f"/session/{name}/picture" if has_files else None,
-            "thumbnail_url": f"/session/{name}/thumbnail" if has_files else None,
+            **{f"{one}_url": f"/session/{name}/{one}" if has_files else None for one in files},
         }  # fmt: skip
 
     async def check(self, wanted: str) -> tuple[bool, str]:

@@ -30,7 +30,7 @@ from fieldkit.sessions.formats.images_out import require_palette
 from fieldkit.sessions.reader import SessionReader, open_session
 from fieldkit.views import formatting, frame_image, plotting
 from fieldkit.views.html import require_weasyprint, write_pdf
-from fieldkit.views.report import Part, write_campaign_report, write_report
+from fieldkit.views.report import Part, ReportData, write_campaign_report, write_report
 from fieldkit.views.report.assessment import assess
 from fieldkit.views.report.recording import is_simulated
 from fieldkit.views.report.series import series
@@ -169,21 +169,21 @@ def _report_session(
                 out.write_bytes(image)
             return out
         with writing(out):
-            write_report(
-                out,
+            data = ReportData(
                 session,
                 known.minutes(),
-                settings=known.settings,
-                site=known.site,
-                regions=known.schedule.latest,
+                known.settings,
+                known.site,
+                known.schedule.latest,
+                config.to_toml(),
                 sd=options.sd,
                 frame=middle_frame(session),
-                others=by_other_models(known),
+                by_others=by_other_models(known),
                 command_line=command_line(),
-                config_toml=config.to_toml(),
                 is_recordings=known.measured.is_recordings,
                 budgets=known.estimates().budgets,
             )
+            write_report(out, data)
     return out
 
 

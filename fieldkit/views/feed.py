@@ -18,10 +18,9 @@ import threading
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from copy import deepcopy
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
@@ -31,7 +30,7 @@ from fieldkit.model.samples import Event, Frame, Health, Quality, Reading
 from fieldkit.model.site import Region, RegionRecord, Site
 from fieldkit.sessions.json_forms import build
 from fieldkit.views import unix_socket
-from fieldkit.views.latest import Latest
+from fieldkit.views.latest import Item, Latest
 from fieldkit.views.trend import Trend
 
 log: logging.Logger = logging.getLogger(__name__)
@@ -42,8 +41,6 @@ MAX_READERS = 8
 SMALL_ITEMS_KEPT = 4096
 """Readings, events and minutes that may wait for a reader; the oldest are dropped."""
 HEADER_MAX, BODY_MAX = 16_000_000, 64_000_000
-
-Item: TypeAlias = Frame | Reading | Event | RegionRecord | Minute | Health
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +78,7 @@ class Feed:
     """
 
     def __init__(self, path: Path, latest: Latest) -> None:
-        self._latest, self._trend = latest, Trend()
+        self._latest = latest
         self._readers: list[_Sender] = []
         self._lock = threading.Lock()
         self._socket = unix_socket.listening(path)
@@ -91,8 +88,6 @@ class Feed:
         """Keep an item for readers to come and offer it to the present ones."""
         with self._lock:
             self._latest.update(item)
-            if isinstance(item, Minute):
-                self._trend.add(item)
             for reader in self._readers:
                 reader.offer(item)
 
@@ -125,7 +120,7 @@ class Feed:
             latest.site, latest.regions, streams, latest.title, latest.planned_end_ns, latest.start_ns
         )
         last = (*latest.events, *latest.readings.values(), *latest.frames.values(), latest.health)
-        return [start, deepcopy(self._trend), *(item for item in (*last, latest.minute) if item is not None)]
+        return [start, latest.trend, *(item for item in (*last, latest.minute) if item is not None)]
 
 
 class _Sender(threading.Thread):

@@ -114,26 +114,27 @@ def enlargement(shape: tuple[int, ...], width: int = PNG_WIDTH) -> int:
 
 def png(frame: Frame, info: StreamInfo, regions: Sequence[Region] = (), *, width: int = PNG_WIDTH) -> bytes:
     """A PNG file: the frame enlarged close to `width`, axes in camera pixels, outlines, names, scale."""
-    import cv2
-
     shown = values(frame, info)
     scale = scale_of(shown, unit(info))
     factor = enlargement(shown.shape, width)
     rows, cols = shown.shape[0] * factor, shown.shape[1] * factor
-    canvas = np.ascontiguousarray(colours(resized(shown, rows, cols), scale)[:, :, ::-1])
+    canvas = colours(resized(shown, rows, cols), scale)
     for region in regions:
-        mark_region(canvas, region, shown.shape, 0.8, OUTLINE[::-1])
+        mark_region(canvas, region, shown.shape, 0.8, OUTLINE)
     page = with_axes(canvas, factor)
-    ok, data = cv2.imencode(".png", np.hstack((page, _scale_bar(page.shape[0], scale))))
-    assert ok
-    return data.tobytes()
+    return png_file(np.hstack((page, _scale_bar(page.shape[0], scale))))
 
 
 def bare_png(frame: Frame, info: StreamInfo, scale: Scale) -> bytes:
     """A PNG file of the frame alone, at its own resolution, for pages that draw the outlines."""
+    return png_file(colours(values(frame, info), scale))
+
+
+def png_file(image: Colours) -> bytes:
+    """A PNG file of an image, red-green-blue."""
     import cv2
 
-    ok, data = cv2.imencode(".png", colours(values(frame, info), scale)[:, :, ::-1])
+    ok, data = cv2.imencode(".png", image[:, :, ::-1])
     assert ok
     return data.tobytes()
 
@@ -141,7 +142,7 @@ def bare_png(frame: Frame, info: StreamInfo, scale: Scale) -> bytes:
 def _scale_bar(rows: int, scale: Scale) -> Colours:
     """Colours from top (high) to bottom (low) with the values of both ends, 110 pixels wide."""
     bar = np.full((rows, 110, 3), 255, np.uint8)
-    bar[:, 10:30] = palette()[np.linspace(255, 0, rows).astype(np.intp)][:, None, ::-1]
+    bar[:, 10:30] = palette()[np.linspace(255, 0, rows).astype(np.intp)][:, None]
     for value, y in ((scale.high, 20), ((scale.low + scale.high) / 2, rows // 2 + 6), (scale.low, rows - 8)):
         letters(bar, scale.text(value).replace("°", " "), 36, y, 0.6)
     return bar

@@ -7,23 +7,26 @@ and never changed in place, so that a reader needs no lock.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 from fieldkit.model.alarm import Alarm, Phase, phase_of, present_after
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Event, EventKind, Frame, Health, Reading, Severity, StreamHealth
 from fieldkit.model.site import Region, RegionRecord, Site
 from fieldkit.views import formatting
+from fieldkit.views.trend import Trend
 
 if TYPE_CHECKING:
     from fieldkit.estimation.estimator import Minute
 
+Item: TypeAlias = "Frame | Reading | Event | RegionRecord | Minute | Health"
+"""What a recording passes to its views."""
 EVENTS_KEPT = 50
 RATE_OVER_S = 60
 
 
 class Latest:
-    """The latest frame, readings, minute, health and events of a recording.
+    """The latest frame, readings, minute, health and events of a recording, and its trend.
 
     `title` names the recording, `planned_end_ns` (UTC) is its planned end, None for an open end. `items`
     counts the updates, so that a view can detect changes; `alarms` are the present ones, oldest first,
@@ -48,6 +51,7 @@ class Latest:
         self.frames: Mapping[str, Frame] = {}
         self.readings: Mapping[str, Reading] = {}
         self.minute: Minute | None = None
+        self.trend: Trend = Trend()
         self.events: tuple[Event, ...] = ()
         self.alarms: tuple[Alarm, ...] = ()
         self.raised: Mapping[Severity, int] = {}
@@ -58,7 +62,7 @@ class Latest:
         self.time_ns: int = 0
         self._healths: tuple[Health, ...] = ()
 
-    def update(self, item: Frame | Reading | Event | RegionRecord | Minute | Health) -> None:
+    def update(self, item: Item) -> None:
         """Replace the previous item of the same kind."""
         if isinstance(item, RegionRecord):
             self._redraw(item)
@@ -75,7 +79,7 @@ class Latest:
         elif isinstance(item, Health):
             self._healths = (*self._healths, item)[-RATE_OVER_S - 1 :]
         else:
-            self.minute = item
+            self.minute, self.trend = item, self.trend.plus(item)
 
     def _redraw(self, record: RegionRecord) -> None:
         regions = {region.name: region for region in self.regions} | {record.region.name: record.region}

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING
 from fieldkit.estimation.estimator import Minute
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError
-from fieldkit.model.samples import Event, Frame, Health, Reading, is_usable
-from fieldkit.model.site import RegionRecord
+from fieldkit.model.samples import Event, Reading, is_usable
 from fieldkit.model.slope import SLOPE_FIELDS
+from fieldkit.views.latest import Item
 
 if TYPE_CHECKING:
     from pylsl import StreamOutlet
@@ -54,7 +54,7 @@ class LslOutlets:
         for name in regions:
             self._outlet(f"region {name}", "slope", _OF_REGION)
 
-    def show(self, item: Frame | Reading | Event | RegionRecord | Minute | Health) -> None:
+    def show(self, item: Item) -> None:
         """Send a reading, an event or a minute's regions."""
         if isinstance(item, Reading) and item.stream in self._meters:
             values = item.values if is_usable(item.quality) else (math.nan,) * len(item.values)

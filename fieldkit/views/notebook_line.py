@@ -4,15 +4,10 @@ from __future__ import annotations
 
 import sys
 import time
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from fieldkit.model.samples import Event, Frame, Health, Reading
-from fieldkit.model.site import RegionRecord
 from fieldkit.views import formatting
-from fieldkit.views.latest import Latest
-
-if TYPE_CHECKING:
-    from fieldkit.estimation.estimator import Minute
+from fieldkit.views.latest import Item, Latest
 
 EVERY_S = 0.5
 
@@ -33,7 +28,7 @@ class NotebookLine:
         show: Any = display  # IPython states no types
         self._shown = show(_plain("the recording begins"), raw=True, display_id=True)
 
-    def show(self, item: Frame | Reading | Event | RegionRecord | Minute | Health) -> None:
+    def show(self, item: Item) -> None:
         """Keep an item; now and then show what is latest."""
         self._latest.update(item)
         if (now_s := time.monotonic()) >= self._next_s:

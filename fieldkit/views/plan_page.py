@@ -203,11 +203,7 @@ def _drawn(plan: DayPlan, site: Site, session: Session | None) -> str:
     upper, lower = panels[0], panels[-1]
     hours, usable = _hours(plan.time_ns, plan, site), plan.usable
     for index, facet in enumerate(plan.facets):
-        line = {
-            "color": plotting.colour(index),
-            "linestyle": plotting.dashes(index),
-            "label": label(facet),
-        }
+        line = plotting.line(index, label(facet))
         upper.plot(hours[usable], plan.sensitivity.temperature_k[index, usable], **line)
         if session:
             time_ns, halves = session.course

@@ -66,13 +66,7 @@ def lines(
     """Some time series of one quantity."""
     axes = new_axes(ax)
     for index, (name, series) in enumerate(values.items()):
-        axes.plot(
-            plotting.days(time_ns),
-            np.asarray(series),
-            color=plotting.colour(index),
-            linestyle=plotting.dashes(index),
-            label=name,
-        )
+        axes.plot(plotting.days(time_ns), np.asarray(series), **plotting.line(index, name))
     axes.set_ylabel(label)
     return over_time(axes, time_ns, site)
 

@@ -66,14 +66,14 @@ def colour(index: int) -> str:
     return COLOURS[index % len(COLOURS)]
 
 
-def dashes(index: int) -> Any:
-    """The line style of the line number `index`."""
-    return DASHES[index % len(DASHES)]
+def line(index: int, label: str) -> dict[str, Any]:
+    """Style of the line number `index`, which has a label."""
+    return {"color": colour(index), "linestyle": DASHES[index % len(DASHES)], "label": label}
 
 
-def marker(index: int) -> str:
-    """The mark of the points number `index`."""
-    return MARKERS[index % len(MARKERS)]
+def marks(index: int, label: str) -> dict[str, Any]:
+    """Style of the marks number `index`, which have a label."""
+    return {"color": colour(index), "marker": MARKERS[index % len(MARKERS)], "label": label}
 
 
 def panels(count: int, height_in: float, width_in: float = WIDTH_IN) -> tuple[Figure, list[Axes]]:

@@ -172,8 +172,7 @@ def _scale(scale: frame_image.Scale, cols: int) -> Text:
     width = max(1, cols - len(low) - len(high))
     bar = Text(low, "base")
     for index in np.linspace(0, 255, width).astype(int):
-        red, green, blue = (int(part) for part in palette()[index])
-        bar.append(" ", Style(bgcolor=Color.from_rgb(red, green, blue)))
+        bar.append(" ", Style(bgcolor=Color.from_rgb(*palette()[index].tolist())))
     return bar.append(high)
 
 
@@ -296,13 +295,8 @@ def regions_table(latest: Latest, cols: int, lines: int) -> RenderableType:
     table = Table(box=None, padding=(0, gap, 0, 0), pad_edge=False, expand=True, header_style="quiet")
     table.add_column("region", no_wrap=True, max_width=12)
     sure = formatting.confidence(latest.minute.estimates if latest.minute else ())
-    for name in (
-        "surface °C" if cols >= UNIT_COLS else "surface",
-        "spread",
-        f"tilt ±{sure}",
-        "azimuth ±",
-        "K per °",
-    ):
+    surface = "surface °C" if cols >= UNIT_COLS else "surface"
+    for name in (surface, "spread", f"tilt ±{sure}", "azimuth ±", "K per °"):
         table.add_column(name, no_wrap=True, justify="right", min_width=len(name))
     if wide:
         table.add_column("noise", no_wrap=True)
@@ -314,14 +308,8 @@ def regions_table(latest: Latest, cols: int, lines: int) -> RenderableType:
         table.add_row(region.name, *cells[:-1], *more, cells[-1])
     if hidden <= 0:
         return table
-    more_rows = len(latest.regions) - lines
-    return Group(
-        table,
-        Text(
-            f"{len(latest.regions) - len(shown)} more regions hidden: {more_rows} more rows show them",
-            "warning",
-        ),
-    )
+    words = f"{len(latest.regions) - len(shown)} more regions hidden: {hidden} more rows show them"
+    return Group(table, Text(words, "warning"))
 
 
 def _region_cells(latest: Latest, region: Region) -> list[str | Text]:

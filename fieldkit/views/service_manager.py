@@ -10,14 +10,10 @@ import contextlib
 import os
 import socket
 import time
-from typing import TYPE_CHECKING
 
 from fieldkit.model.samples import Event, EventKind, Frame, Health, Reading
-from fieldkit.model.site import RegionRecord
 from fieldkit.views import formatting
-
-if TYPE_CHECKING:
-    from fieldkit.estimation.estimator import Minute
+from fieldkit.views.latest import Item
 
 EVERY_S = 1.0
 """Simulated seconds may be short; the service manager needs one report in a real one."""
@@ -56,7 +52,7 @@ class RecordingReports:
         self._awaits_sample = self._is_main = is_main_process()
         self._next_s = 0.0
 
-    def show(self, item: Frame | Reading | Event | RegionRecord | Minute | Health) -> None:
+    def show(self, item: Item) -> None:
         """Report what the item means to the service manager."""
         if isinstance(item, Health):
             self._alive(item)

@@ -19,8 +19,9 @@ from fieldkit.model.slope import SlopeState
 from fieldkit.palettes import Colours
 from fieldkit.physics.facet import normal
 from fieldkit.pixel_axes import BLACK, WHITE, letters, with_axes
-from fieldkit.views.frame_image import enlargement, mark_region
+from fieldkit.views.frame_image import enlargement, mark_region, png_file
 
+WIDTH = 960
 PANEL_WIDTH, PANEL_HEIGHT = 340, 640
 WHEEL_RADIUS = 100
 LIGHT_TILT_DEG, LIGHT_AZIMUTH_DEG = 45.0, 315.0
@@ -46,25 +47,29 @@ MASKS = {
 
 def png(
     slopes: SlopeMap, bounds: PixelBounds, regions: Sequence[Region] = (), title: str = "",
-    subtitle: str = "", *, width: int = 960, full_deg: float = 0.0,
+    subtitle: str = "", *, width: int = WIDTH, full_deg: float = 0.0,
 ) -> bytes:  # fmt: skip
     """A PNG file: the map enlarged close to `width`, axes in camera pixels, outlines, names, legend.
 
     `full_deg` is the tilt in full colour, by default that of the map.
     """
-    import cv2
-
     full_deg = full_deg or full_colour_deg(slopes.tilt_deg)
-    factor = enlargement(slopes.state.shape, width)
-    canvas = enlarged(map_colours(slopes, full_deg), factor)
-    hatch(canvas, enlarged(slopes.state, factor))
-    for region in regions:
-        mark_region(canvas, region, slopes.state.shape, 0.7)
     under = "   ".join(part for part in (subtitle, tilt_uncertainty(bounds, regions)) if part)
-    page = framed(with_axes(canvas, factor), legend(slopes, full_deg), title, under)
-    ok, data = cv2.imencode(".png", page[:, :, ::-1])
-    assert ok
-    return data.tobytes()
+    rgb, panel = map_colours(slopes, full_deg), legend(slopes, full_deg)
+    return png_file(_page(rgb, slopes.state, panel, title, under, width, regions))
+
+
+def _page(
+    rgb: Colours, state: NDArray[np.uint8], panel: Colours, title: str, subtitle: str,
+    width: int = WIDTH, regions: Sequence[Region] = (),
+) -> Colours:  # fmt: skip
+    """Colours of pixels enlarged close to `width`, hatched by state, with regions and axes, and a legend."""
+    factor = enlargement(state.shape, width)
+    canvas = enlarged(rgb, factor)
+    hatch(canvas, enlarged(state, factor))
+    for region in regions:
+        mark_region(canvas, region, state.shape, 0.7)
+    return framed(with_axes(canvas, factor), panel, title, subtitle)
 
 
 def tilt_uncertainty(bounds: PixelBounds, regions: Sequence[Region]) -> str:
@@ -123,9 +128,7 @@ def legend(slopes: SlopeMap, full_deg: float) -> Colours:
     letters(panel, "not in the camera's image", 20, 360, 0.5)
     letters(panel, "shading: light from the north-west,", 20, 388, 0.5)
     letters(panel, f"{90 - LIGHT_TILT_DEG:.0f} deg high", 20, 408, 0.5)
-    present = [state for state in MEANINGS if (slopes.state == state).any()]
-    for row, state in enumerate(present):
-        state_row(panel, state, float((slopes.state == state).mean()), 440 + 32 * row)
+    _state_rows(panel, slopes.state, 440)
     return panel
 
 
@@ -149,7 +152,14 @@ def _wheel(panel: Colours, x: int, y: int, full_deg: float) -> None:
     letters(panel, "tilt in degrees", x + 30, y + WHEEL_RADIUS + 26, 0.45)
 
 
-def state_row(panel: Colours, state: SlopeState, share: float, y: int) -> None:
+def _state_rows(panel: Colours, state: NDArray[np.uint8], y: int) -> None:
+    """The states of a map from `y` on, each in a line."""
+    present = [one for one in MEANINGS if (state == one).any()]
+    for row, one in enumerate(present):
+        _state_row(panel, one, float((state == one).mean()), y + 32 * row)
+
+
+def _state_row(panel: Colours, state: SlopeState, share: float, y: int) -> None:
     """A state, what it means and its share of the pixels, as a line of a legend."""
     import cv2
 
@@ -193,7 +203,7 @@ BAR = slice(50, 300), slice(20, 54)
 
 def layer_png(
     planes: Sequence[NDArray[np.float32]], state: NDArray[np.uint8], title: str, subtitle: str = "", *,
-    units: str, is_cyclic: bool = False, width: int = 960,
+    units: str, is_cyclic: bool = False,
 ) -> bytes:  # fmt: skip
     """A PNG file: the values, below them their standard uncertainty if it is given.
 
@@ -201,32 +211,23 @@ def layer_png(
     `SlopeState` of every pixel, `units` those of the arrays, "1" of a ratio; `is_cyclic` are angles in
     degrees that begin anew after a turn.
     """
-    import cv2
-
     values, *sd = planes
-    first = _framed_plane(values, state, title, subtitle, units, is_cyclic, width)
     pages = [
-        first,
-        *(_framed_plane(one, state, "standard uncertainty", "", units, False, width) for one in sd),
+        _framed_plane(values, state, title, subtitle, units, is_cyclic),
+        *(_framed_plane(one, state, "standard uncertainty", "", units, False) for one in sd),
     ]
-    ok, data = cv2.imencode(".png", np.concatenate(pages)[:, :, ::-1])
-    assert ok
-    return data.tobytes()
+    return png_file(np.concatenate(pages))
 
 
 def _framed_plane(
     values: NDArray[np.float32], state: NDArray[np.uint8], title: str, subtitle: str, units: str,
-    is_cyclic: bool, width: int,
+    is_cyclic: bool,
 ) -> Colours:  # fmt: skip
     low, high = (0.0, 360.0) if is_cyclic else _range(values)
-    factor = enlargement(state.shape, width)
     rgb = _colours(values, low, high, is_cyclic)
     for one, grey in MASKS.items():
         rgb[(state == one) & np.isnan(values)] = grey
-    canvas = enlarged(rgb, factor)
-    hatch(canvas, enlarged(state, factor))
-    panel = _legend(state, low, high, units, is_cyclic)
-    return framed(with_axes(canvas, factor), panel, title, subtitle)
+    return _page(rgb, state, _legend(state, low, high, units, is_cyclic), title, subtitle)
 
 
 def _range(values: NDArray[np.float32]) -> tuple[float, float]:
@@ -259,7 +260,5 @@ def _legend(state: NDArray[np.uint8], low: float, high: float, units: str, is_cy
     for share in np.linspace(0.0, 1.0, 5):
         at = round(BAR[0].stop - share * length)
         letters(panel, f"{low + share * (high - low):.3g}", BAR[1].stop + 10, at + 5, 0.45)
-    present = [one for one in MEANINGS if (state == one).any()]
-    for row, one in enumerate(present):
-        state_row(panel, one, float((state == one).mean()), BAR[0].stop + 30 + 32 * row)
+    _state_rows(panel, state, BAR[0].stop + 30)
     return panel

@@ -26,14 +26,14 @@ if TYPE_CHECKING:
 def radiation_table(table: FloatArray, tilts: FloatArray, azimuths: FloatArray) -> str:
     """Fig. 5: irradiance on a slope minus that on flat ground, W/m2, (tilts, azimuths)."""
     figure, axes = _figure()
-    _table(figure, axes, table, tilts, azimuths)
+    _mesh(figure, axes, table, tilts, azimuths)
     return plotting.svg(figure)
 
 
 def contour_on_table(table: FloatArray, tilts: FloatArray, azimuths: FloatArray, measured: float) -> str:
     """Fig. 6: the same with all slopes that explain one measured difference."""
     figure, axes = _figure()
-    _table(figure, axes, table, tilts, azimuths)
+    _mesh(figure, axes, table, tilts, azimuths)
     axes.contour(azimuths, tilts, table, levels=[measured], colors="black", linewidths=2)
     axes.set_title(f"contour of {measured:.1f} W/m²", fontsize=plotting.FONT_PT)
     return plotting.svg(figure)
@@ -66,10 +66,7 @@ def contours(
 def scores(score_map: FloatArray, tilts: FloatArray, azimuths: FloatArray) -> str:
     """Fig. 8: contour score of each slope."""
     figure, axes = _figure()
-    mesh = axes.pcolormesh(azimuths, tilts, score_map, cmap="viridis", rasterized=True)
-    with plotting.styled():
-        figure.colorbar(mesh, label="score")
-    _slope_axes(axes)
+    _mesh(figure, axes, score_map, tilts, azimuths, "viridis", "score")
     return plotting.svg(figure)
 
 
@@ -100,12 +97,7 @@ def directions(errors: Mapping[str, tuple[FloatArray, FloatArray]]) -> str:
     axes.set_theta_direction(-1)
     for index, (name, (centres, values)) in enumerate(errors.items()):
         around = np.radians(np.append(centres, centres[0]))
-        axes.plot(
-            around,
-            np.append(values, values[0]),
-            color=plotting.colour(index),
-            label=name,
-        )
+        axes.plot(around, np.append(values, values[0]), color=plotting.colour(index), label=name)
     axes.legend(loc="upper left", bbox_to_anchor=(0.95, 1.1), **plotting.LEGEND)
     return plotting.svg(figure)
 
@@ -121,16 +113,9 @@ def measured_against_modelled(
         both = np.isfinite(x) & np.isfinite(y)
         everything += [x[both], y[both]]
         points = axes.plot(
-            x[both],
-            y[both],
-            linestyle="none",
-            marker=plotting.marker(index),
-            markersize=3.5,
-            alpha=0.7,
-            markeredgewidth=0,
-            color=plotting.colour(index),
-            label=name,
-        )
+            x[both], y[both], linestyle="none", markersize=3.5, alpha=0.7, markeredgewidth=0,
+            **plotting.marks(index, name),
+        )  # fmt: skip
         plotting.mark_part(index, points)
     values = np.concatenate(everything)
     ends = [float(np.min(values)) - 1.0, float(np.max(values)) + 1.0]
@@ -157,12 +142,9 @@ def errors_over_local_time(errors: Mapping[str, Sequence[ErrorSpan]], zone: str)
             [span.middle_ns / 3.6e12 + aside_h for span in spans],
             [span.mean for span in spans],
             yerr=[span.sd for span in spans],
-            marker=plotting.marker(index),
-            linestyle=plotting.dashes(index),
             markersize=5,
             capsize=3,
-            color=plotting.colour(index),
-            label=name,
+            **plotting.line(index, name) | plotting.marks(index, name),
         )
         plotting.mark_part(index, bars.get_children())
     axes.set_ylabel("absolute tilt error, °")
@@ -182,10 +164,13 @@ def _figure() -> tuple[Figure, Axes]:
     return figure, axes
 
 
-def _table(figure: Figure, axes: Axes, table: FloatArray, tilts: FloatArray, azimuths: FloatArray) -> None:
-    mesh = axes.pcolormesh(azimuths, tilts, table, cmap="coolwarm", rasterized=True)
+def _mesh(
+    figure: Figure, axes: Axes, table: FloatArray, tilts: FloatArray, azimuths: FloatArray,
+    colours: str = "coolwarm", label: str = "difference to flat ground, W/m²",
+) -> None:  # fmt: skip
+    mesh = axes.pcolormesh(azimuths, tilts, table, cmap=colours, rasterized=True)
     with plotting.styled():
-        figure.colorbar(mesh, label="difference to flat ground, W/m²")
+        figure.colorbar(mesh, label=label)
     _slope_axes(axes)
 
 
@@ -206,22 +191,15 @@ def ground_temperatures(
     """
     figure, (above, below) = plotting.panels(2, 5.2)
     hours = np.arange(measured_k.size) / 60.0
-    low, high = modelled_k - half_width_k, modelled_k + half_width_k
-    sure = percent(CONFIDENCE)
+    measured_c, modelled_c = measured_k - CELSIUS_ZERO_K, modelled_k - CELSIUS_ZERO_K
+    low, high = modelled_c - half_width_k, modelled_c + half_width_k
     blue, orange = plotting.colour(0), plotting.colour(1)
-    above.fill_between(
-        hours,
-        low - CELSIUS_ZERO_K,
-        high - CELSIUS_ZERO_K,
-        color=orange,
-        alpha=0.3,
-        linewidth=0,
-        label=sure,
-    )
-    above.plot(hours, measured_k - CELSIUS_ZERO_K, color=blue, linewidth=0.8, label="measured")
-    above.plot(hours, modelled_k - CELSIUS_ZERO_K, color=orange, linewidth=0.8, label="modelled")
+    band: dict[str, Any] = {"color": orange, "alpha": 0.3, "linewidth": 0}
+    above.fill_between(hours, low, high, label=percent(CONFIDENCE), **band)
+    above.plot(hours, measured_c, color=blue, linewidth=0.8, label="measured")
+    above.plot(hours, modelled_c, color=orange, linewidth=0.8, label="modelled")
     above.set_ylabel("ground, °C")
-    below.fill_between(hours, -half_width_k, half_width_k, color=orange, alpha=0.3, linewidth=0)
+    below.fill_between(hours, -half_width_k, half_width_k, **band)
     below.plot(hours, modelled_k - measured_k, color=blue, linewidth=0.8)
     below.set_ylabel("modelled − measured, K")
     below.set_xlabel("hours of the record")
@@ -254,7 +232,7 @@ def errors_over_window(
             ]
             axes.plot(
                 [minutes / 60.0 for minutes, _ in line], [error for _, error in line],
-                color=plotting.colour(index), marker=plotting.marker(index), label=f"{noise_k:g} K",
+                **plotting.marks(index, f"{noise_k:g} K"),
             )  # fmt: skip
         axes.axhline(guess_deg, color="0.4", linestyle=":", linewidth=0.8, label="all called flat")
         axes.set(xscale="log", yscale="log", ylabel=f"p90, °\nfrom {hour:g} h")
@@ -273,7 +251,7 @@ def temperatures_over_day(
     above.plot(hour, flat_k, color="0.2")
     above.set_ylabel("flat ground, K")
     for index, (name, warmer) in enumerate(warmer_k.items()):
-        below.plot(hour, warmer, color=plotting.colour(index), linestyle=plotting.dashes(index), label=name)
+        below.plot(hour, warmer, **plotting.line(index, name))
     below.set(xlabel="local true solar time, h", ylabel="slope − flat, K")
     plotting.legend(below)
     figure.suptitle(title)

@@ -17,12 +17,11 @@ from rich.console import Console
 from rich.live import Live
 from rich.screen import Screen
 
-from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Event, Frame, Health, Reading, Severity
 from fieldkit.model.site import Region, RegionKind, RegionRecord, Site
 from fieldkit.model.slope import SlopeEstimate
 from fieldkit.views import formatting
-from fieldkit.views.latest import Latest
+from fieldkit.views.latest import Item, Latest
 from fieldkit.views.screen import THEMES, screen
 
 if TYPE_CHECKING:
@@ -35,13 +34,9 @@ CLOSE_WITHIN_S = 2.0
 
 
 def terminal_view(
-    site: Site,
-    regions: Sequence[Region],
-    streams: Sequence[StreamInfo],
+    latest: Latest,
+    console: Console,
     *,
-    title: str = "",
-    planned_end_ns: int | None = None,
-    console: Console | None = None,
     theme: ThemeName = "dark",
     bell_from: Severity | None = Severity.WARNING,
 ) -> TerminalView | PlainView:
@@ -49,10 +44,8 @@ def terminal_view(
 
     The screen's bell rings for new alarms of at least the severity `bell_from`; None for never.
     """
-    console = console or Console(stderr=True)
     if not console.is_terminal or console.is_dumb_terminal or console.options.ascii_only:
-        return PlainView(site, regions, file=console.file)
-    latest = Latest(site, regions, streams, title, planned_end_ns)
+        return PlainView(latest.site, latest.regions, file=console.file)
     return TerminalView(latest, console=console, theme=theme, bell_from=bell_from)
 
 
@@ -78,7 +71,7 @@ class TerminalView:
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="live view", daemon=True)
 
-    def show(self, item: Frame | Reading | Event | RegionRecord | Minute | Health) -> None:
+    def show(self, item: Item) -> None:
         """Keep an item for the next redraw."""
         self._latest.update(item)
         if self._thread.ident is None:
@@ -139,7 +132,7 @@ class PlainView:
         self._thread = threading.Thread(target=self._print, name="plain view", daemon=True)
         self._thread.start()
 
-    def show(self, item: Frame | Reading | Event | RegionRecord | Minute | Health) -> None:
+    def show(self, item: Item) -> None:
         """Print the item if it is an event or a minute; the first failure ends the printing."""
         if isinstance(item, Frame | Reading | RegionRecord | Health):
             return

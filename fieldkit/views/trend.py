@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from fieldkit.estimation.estimator import Minute
 
 
-@dataclass
+@dataclass(frozen=True)
 class Trend:
     """One value per minute and region, NaN where there is none; `times_ns` are UTC nanoseconds.
 
@@ -22,16 +22,17 @@ class Trend:
     temperature_k: dict[str, list[float]] = field(default_factory=dict)
     tilt_deg: dict[str, list[float]] = field(default_factory=dict)
 
-    def add(self, minute: Minute) -> None:
-        """Append a minute's values; a region that is new has none for the minutes before."""
+    def plus(self, minute: Minute) -> Trend:
+        """The same with a minute's values at its end; a minute that it has already changes nothing."""
+        if minute.time_ns in self.times_ns[-1:]:
+            return self
         tilts = {one.region: one.tilt_deg for one in minute.estimates}
-        for columns, values in ((self.temperature_k, minute.temperature_k), (self.tilt_deg, tilts)):
-            _append(columns, values, len(self.times_ns))
-        self.times_ns.append(minute.time_ns)
+        temperature_k = self._extended(self.temperature_k, minute.temperature_k)
+        return Trend([*self.times_ns, minute.time_ns], temperature_k, self._extended(self.tilt_deg, tilts))
 
-
-def _append(columns: dict[str, list[float]], values: Mapping[str, float], count: int) -> None:
-    for name in values.keys() - columns.keys():
-        columns[name] = [math.nan] * count
-    for name, column in columns.items():
-        column.append(values.get(name, math.nan))
+    def _extended(
+        self, columns: Mapping[str, list[float]], values: Mapping[str, float]
+    ) -> dict[str, list[float]]:
+        """Columns with one value more; a region that is new has none for the minutes before."""
+        names, unknown = {**columns, **values}, [math.nan] * len(self.times_ns)
+        return {name: [*columns.get(name, unknown), values.get(name, math.nan)] for name in names}

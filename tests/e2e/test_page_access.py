@@ -258,10 +258,8 @@ def test_who_may_look_may_not_control(
     assert (folder / "fieldkit.toml").read_bytes() == before
 
 
-async def done_by_nobody(_: object, request: requests.Request) -> dict[str, object]:
-    from fieldkit.page.answers import answer
-
-    return answer(request.id, "done")
+async def done_by_nobody(_: object, request: requests.Request) -> answers.Done:
+    return answers.Done("done")
 
 
 def test_who_may_look_receives_no_files(page: Served) -> None:

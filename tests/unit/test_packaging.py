@@ -101,7 +101,7 @@ def test_a_shell_is_offered_commands_without_importing_one():
     completion = BashComplete(main, {}, "fieldkit", "_FIELDKIT_COMPLETE")
     before = set(sys.modules)
     found = {item.value: item.help for item in completion.get_completions([], "rec")}
-    assert found == {name: main.entries[name].summary for name in ("record", "recover")}
+    assert found == {name: main.summaries[name] for name in ("record", "recover")}
     assert not {name for name in set(sys.modules) - before if name.startswith("fieldkit.cli.")}
     assert "--for" in {item.value for item in completion.get_completions(["record"], "--")}
 

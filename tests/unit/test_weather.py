@@ -53,7 +53,7 @@ def test_direct_and_diffuse_add_up_to_the_measured_global(day):
 def test_command_makes_the_packaged_table_from_the_file_of_noaa(tmp_path):
     made = tmp_path / "table.csv"
     subprocess.run(
-        [sys.executable, "-m", "fieldkit.weather", shared(SURFRAD), "--station", "alamosa", "--out", made],
+        [sys.executable, "-m", "fieldkit.weather", shared(SURFRAD), "--out", made],
         check=True,
     )
     kept = resources.files("fieldkit") / "data" / weather.PACKAGED
@@ -63,7 +63,7 @@ def test_command_makes_the_packaged_table_from_the_file_of_noaa(tmp_path):
 def test_reader_agrees_with_pvlib():
     pvlib = pytest.importorskip("pvlib")
     path = shared(SURFRAD)
-    ours = weather.read_surfrad(path, "alamosa")
+    ours = weather.read_surfrad(path)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # pvlib still asks pandas for what pandas is about to drop
         theirs, _ = pvlib.iotools.read_surfrad(path)
@@ -76,7 +76,7 @@ def test_reader_agrees_with_pvlib():
 
 def test_station_whose_header_has_the_right_sign_is_read_too():
     """Table Mountain writes -105.237 where Alamosa writes +105.92; that day was overcast."""
-    day = weather.read_surfrad(shared("data/weather/tbl17005.dat"), "boulder")
+    day = weather.read_surfrad(shared("data/weather/tbl17005.dat"))
     assert day.site.longitude_deg == -105.237
     assert np.nanmax(day.dni_w_m2) < 400.0
     assert np.nanmax(day.longwave_up_w_m2) < 330.0, "snow"
@@ -88,19 +88,14 @@ def test_bad_values_become_nan(tmp_path):
     words[12:14] = "-9999.9", "1"  # the direct beam of the first minute
     path = tmp_path / "day.dat"
     path.write_text("\n".join([*lines[:2], " ".join(words), *lines[3:5]]))
-    assert np.isnan(weather.read_surfrad(path, "alamosa").dni_w_m2).tolist() == [True, False, False]
-
-
-def test_file_of_another_station_is_refused():
-    with pytest.raises(ConfigError, match="not at bondville"):
-        weather.read_surfrad(shared(SURFRAD), "bondville")
+    assert np.isnan(weather.read_surfrad(path).dni_w_m2).tolist() == [True, False, False]
 
 
 def test_file_that_is_no_surfrad_file_is_refused(tmp_path):
     path = tmp_path / "day.dat"
     path.write_text("hello\nworld\n")
     with pytest.raises(ConfigError, match="not a SURFRAD"):
-        weather.read_surfrad(path, "alamosa")
+        weather.read_surfrad(path)
 
 
 def surfrad_file(path, values=(), bad=()):
@@ -115,7 +110,7 @@ def surfrad_file(path, values=(), bad=()):
 
 def test_columns_are_where_the_networks_readme_has_them(tmp_path):
     """README of data/radiation/surfrad at NOAA: pairs of value and quality after eight columns."""
-    day = weather.read_surfrad(surfrad_file(tmp_path / "day.dat"), "alamosa")
+    day = weather.read_surfrad(surfrad_file(tmp_path / "day.dat"))
     found = (
         day.ghi_w_m2,
         day.dni_w_m2,
@@ -132,7 +127,7 @@ def test_columns_are_where_the_networks_readme_has_them(tmp_path):
 @pytest.mark.parametrize("values", [{2: "850.0"}, {2: "-9999.9"}])
 def test_values_that_the_station_calls_bad_or_lacks_are_not_measured(tmp_path, values):
     bad = (2,) if values[2] == "850.0" else ()
-    day = weather.read_surfrad(surfrad_file(tmp_path / "day.dat", values, bad), "alamosa")
+    day = weather.read_surfrad(surfrad_file(tmp_path / "day.dat", values, bad))
     assert np.isnan(day.dni_w_m2).all()
     assert np.isfinite(day.dhi_w_m2).all()
 
@@ -140,8 +135,8 @@ def test_values_that_the_station_calls_bad_or_lacks_are_not_measured(tmp_path, v
 def test_a_file_of_another_place_is_refused(tmp_path):
     north = surfrad_file(tmp_path / "day.dat")
     north.write_text(north.read_text().replace("37.70  105.92", "48.31  105.92"))
-    with pytest.raises(ConfigError, match="not at alamosa"):
-        weather.read_surfrad(north, "alamosa")
+    with pytest.raises(ConfigError, match="of an unknown SURFRAD station"):
+        weather.read_surfrad(north)
 
 
 def row(text: str) -> str:
@@ -284,7 +279,7 @@ def test_surfrad_station_is_identified_by_its_place(name: str, station: str) -> 
     assert is_station_file(path)
     day = read_station_file(path)
     assert day.site == weather.STATIONS[station]
-    assert np.array_equal(day.dni_w_m2, weather.read_surfrad(path, station).dni_w_m2, equal_nan=True)
+    assert np.array_equal(day.dni_w_m2, weather.read_surfrad(path).dni_w_m2, equal_nan=True)
 
 
 @pytest.mark.parametrize(

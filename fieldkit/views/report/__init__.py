@@ -4,6 +4,7 @@
 """
 
 from fieldkit.views.report.campaign_report import Part, write_campaign_report
+from fieldkit.views.report.series import ReportData
 from fieldkit.views.report.session_report import write_report
 
-__all__ = ["Part", "write_campaign_report", "write_report"]
+__all__ = ["Part", "ReportData", "write_campaign_report", "write_report"]

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.disk import sha256
 from fieldkit.estimation.settings import EstimatorSettings
@@ -22,7 +21,7 @@ from fieldkit.model.site import Site
 from fieldkit.views import formatting, plotting, study_figures
 from fieldkit.views.html import Figure, Table, code, render, strong
 from fieldkit.views.report import session_figures
-from fieldkit.views.report.error_budget import READING, ErrorBudget, budget, cause_rows, pooled
+from fieldkit.views.report.error_budget import READING, budget, cause_rows, pooled
 from fieldkit.views.report.recording import versions
 from fieldkit.views.report.results import SPAN_S, sd_words
 from fieldkit.views.report.series import (
@@ -140,18 +139,15 @@ def _row(part: Part, target: TargetSeries, sd: SdKind) -> list[object]:
 def _slope_figures(parts: Sequence[Part]) -> list[Figure]:
     """The final tilts of all sessions; none where no slope was found."""
     tilts = [
-        FinalTilt(
-            part.path.stem, target.region.name, one.tilt_deg, one.tilt_low_deg, one.tilt_high_deg, given
-        )
+        FinalTilt(part.path.stem, final, target.region.tilt_deg)
         for part in parts
         for target in part.columns.targets
-        for one, given in [(target.final_estimate, target.region.tilt_deg)]
-        if one
+        if (final := target.final_estimate)
     ]
     if not tilts:
         return []
-    words = "; ".join(f"{one.session} {one.target} {one.tilt_deg:.1f}°" for one in tilts)
-    targets = list(dict.fromkeys(one.target for one in tilts))
+    words = "; ".join(f"{session} {one.region} {one.tilt_deg:.1f}°" for session, one, _ in tilts)
+    targets = list(dict.fromkeys(one.estimate.region for one in tilts))
     return [
         Figure(
             session_figures.final_tilts(tilts),
@@ -191,34 +187,32 @@ def _paper_figures(parts: Sequence[Part], sd: SdKind) -> list[Figure]:
 
 def _errors_by_tilt(parts: Sequence[Part], sd: SdKind) -> dict[str, list[ErrorSpan]]:
     """Errors per interval of the local day for each given tilt, all days and targets of it together."""
-    times: dict[float, list[NDArray[np.int64]]] = {}
-    wrong: dict[float, list[FloatArray]] = {}
+    found = {}
+    for tilt, targets in _by_tilt(parts).items():
+        times_ns = np.concatenate([part.columns.of_day_ns(part.site) for part, _ in targets])
+        tilts_deg = np.concatenate([target.estimated_tilt_deg for _, target in targets])
+        found[f"{tilt:g}°"] = errors_over_time(times_ns, tilts_deg, tilt, span_s=SPAN_S, kind=sd)
+    return found
+
+
+def _by_tilt(parts: Sequence[Part]) -> dict[float, list[tuple[Part, TargetSeries]]]:
+    """The targets of each given tilt, of all sessions together."""
+    found: dict[float, list[tuple[Part, TargetSeries]]] = {}
     for part in parts:
         for target in part.columns.targets:
             if np.isfinite(target.region.tilt_deg):
-                times.setdefault(target.region.tilt_deg, []).append(part.columns.of_day_ns(part.site))
-                wrong.setdefault(target.region.tilt_deg, []).append(
-                    target.estimated_tilt_deg - target.region.tilt_deg
-                )
-    return {
-        f"{tilt:g}°": errors_over_time(
-            np.concatenate(times[tilt]), np.concatenate(wrong[tilt]), 0.0, span_s=SPAN_S, kind=sd
-        )
-        for tilt in sorted(times)
-    }
+                found.setdefault(target.region.tilt_deg, []).append((part, target))
+    return dict(sorted(found.items()))
 
 
 def _error_budget(parts: Sequence[Part]) -> Table | None:
     """Cost of each cause for regions of each given tilt, all days together."""
-    found: dict[float, list[ErrorBudget]] = {}
-    for part in parts:
-        for target in part.columns.targets:
-            if np.isfinite(target.region.tilt_deg):
-                of_target = budget(part.columns, target, part.settings)
-                found.setdefault(target.region.tilt_deg, []).append(of_target)
-    if not found:
+    by_tilt = [
+        pooled(f"{tilt:g}°", [budget(part.columns, target, part.settings) for part, target in targets])
+        for tilt, targets in _by_tilt(parts).items()
+    ]
+    if not by_tilt:
         return None
-    by_tilt = [pooled(f"{tilt:g}°", found[tilt]) for tilt in sorted(found)]
     columns = ("cause", *(one.name for one in by_tilt))
     caption = f"Degrees of tilt by given tilt, medians over each session and then over sessions, {READING}"
     return Table(columns, cause_rows(by_tilt), caption)

@@ -136,27 +136,17 @@ def _holds_truth(target: TargetSeries) -> NDArray[np.bool_]:
 
 def cause_rows(budgets: Sequence[ErrorBudget]) -> list[list[object]]:
     """Rows of the table: a cause, and what it costs each target."""
-    terms: list[tuple[str, Callable[[ErrorBudget], float]]] = [
-        ("omitted: diffuse light", lambda b: b.diffuse_w_m2),
-        ("omitted: light reflected by the ground", lambda b: b.reflected_w_m2),
-        ("omitted: longwave of sky and ground", lambda b: b.longwave_w_m2),
-        ("omitted: heat stored in the sand", lambda b: b.storage_w_m2),
-        ("all omitted terms", lambda b: b.omitted_w_m2),
-    ]
-    found: list[list[object]] = [[name, *(_degrees(b, of(b)) for b in budgets)] for name, of in terms]
-    found.append(["half the likelihood region", *(f"±{formatting.number(b.noise_deg, 1)}°" for b in budgets)])
-    found.append(
-        [
-            f"{OFFSET_K:g} K between region and reference",
-            *(f"±{formatting.number(abs(b.of_offset(OFFSET_K)), 1)}°" for b in budgets),
-        ]
-    )
-    found.append(
-        [
-            f"irradiance wrong by {SCALE:.0%}",
-            *(f"±{formatting.number(abs(b.of_scale(SCALE)), 1)}°" for b in budgets),
-        ]
-    )
+    causes: dict[str, Callable[[ErrorBudget], str]] = {
+        "omitted: diffuse light": lambda b: _degrees(b, b.diffuse_w_m2),
+        "omitted: light reflected by the ground": lambda b: _degrees(b, b.reflected_w_m2),
+        "omitted: longwave of sky and ground": lambda b: _degrees(b, b.longwave_w_m2),
+        "omitted: heat stored in the sand": lambda b: _degrees(b, b.storage_w_m2),
+        "all omitted terms": lambda b: _degrees(b, b.omitted_w_m2),
+        "half the likelihood region": lambda b: _either_way(b.noise_deg),
+        f"{OFFSET_K:g} K between region and reference": lambda b: _either_way(b.of_offset(OFFSET_K)),
+        f"irradiance wrong by {SCALE:.0%}": lambda b: _either_way(b.of_scale(SCALE)),
+    }
+    found: list[list[object]] = [[name, *map(of, budgets)] for name, of in causes.items()]
     return [*found, *_calibrated(budgets)]
 
 
@@ -169,7 +159,11 @@ def _calibrated(budgets: Sequence[ErrorBudget]) -> Iterator[list[object]]:
     for name, of in contributions.items():
         cells = [of(one) for one in budgets]
         if any(degrees for degrees, _ in cells):
-            yield [name, *(f"±{formatting.number(abs(degrees), 1)}° ({amount})" for degrees, amount in cells)]
+            yield [name, *(f"{_either_way(degrees)} ({amount})" for degrees, amount in cells)]
+
+
+def _either_way(degrees: float) -> str:
+    return f"±{formatting.number(abs(degrees), 1)}°"
 
 
 def _degrees(found: ErrorBudget, term_w_m2: float) -> str:

@@ -12,7 +12,7 @@ from fieldkit.model.learnt import Learnt, LearntParameter
 from fieldkit.model.site import Site
 from fieldkit.views import learnt_words, plotting
 from fieldkit.views.html import Figure, Table, bar
-from fieldkit.views.report.series import ReportData, Series, readings
+from fieldkit.views.report.series import ReportData, Series, figure_over_time
 from fieldkit.views.report.session_figures import over_time
 
 if TYPE_CHECKING:
@@ -56,12 +56,13 @@ def _figures(data: ReportData) -> Iterator[Figure]:
         f"Parameters before and after the data: {words}.",
     )
     if learnt_words.main(learnt):
-        drawn = _over_time(data.columns, data.site)
-        yield Figure(
-            drawn.svg,
+        yield figure_over_time(
+            data,
+            _over_time(data.columns, data.site),
             f"What was known by each minute, with {sure} intervals; grey: the prior.",
             "Parameters against local time, their intervals narrowing from the prior's.",
-            readings=readings(drawn, data.columns, data.site, lambda minute: _learnt_at(data, minute)),
+            lambda minute: _learnt_at(data, minute),
+            wide=False,
         )
 
 

@@ -22,8 +22,8 @@ from fieldkit.views.report.series import (
     ReportData,
     Series,
     TargetSeries,
+    figure_over_time,
     modelled_temperature,
-    readings,
     temperature_rmse_k,
 )
 
@@ -144,14 +144,13 @@ def slope_figures(data: ReportData) -> Iterator[Figure]:
     """The tilts of the targets over the session; nothing where no slope was found."""
     columns, sure = data.columns, percent(data.settings.confidence)
     if _has_slopes(columns):
-        drawn = session_figures.tilts(columns, data.site)
-        yield Figure(
-            drawn.svg,
+        yield figure_over_time(
+            data,
+            session_figures.tilts(columns, data.site),
             f"Tilt of each region. Shaded: {sure} likelihood region; dashed: the given tilt; crosses: not to "
             f"be relied on (held, shaded, no intersection); ticks at the foot: no slope.{_clouds(columns)}",
             f"Tilt against local time. {_final_tilts(columns)}",
-            wide=True,
-            readings=readings(drawn, columns, data.site, lambda minute: _tilts_at(columns, minute)),
+            lambda minute: _tilts_at(columns, minute),
         )
 
 
@@ -166,34 +165,32 @@ def time_figures(data: ReportData) -> Iterator[Figure]:
     columns, site = data.columns, data.site
     clouds = _clouds(columns)
     if data.settings.azimuth == "free" and _has_slopes(columns):
-        drawn = session_figures.azimuths(columns, site)
-        yield Figure(
-            drawn.svg,
+        yield figure_over_time(
+            data,
+            session_figures.azimuths(columns, site),
             "Azimuth of each region's normal with its likelihood region; a region over all 360° means that "
             "the data do not determine it. Dashed: the given azimuth.",
             "Azimuth of each region against local time.",
-            wide=True,
-            readings=readings(drawn, columns, site, lambda minute: _azimuths_at(columns, minute)),
+            lambda minute: _azimuths_at(columns, minute),
         )
     if any(np.isfinite(values).any() for values in (*columns.temperature_k.values(), columns.contact_k)):
-        drawn, measured = session_figures.temperatures(columns, data.channels, site), _measured(data)
-        yield Figure(
-            drawn.svg,
+        measured = _measured(data)
+        yield figure_over_time(
+            data,
+            session_figures.temperatures(columns, data.channels, site),
             f"Surface temperature: {_temperature_words(columns)}.{clouds}",
             f"Surface temperatures against local time of {', '.join(measured)}.",
-            wide=True,
-            readings=readings(drawn, columns, site, lambda minute: _temperatures_at(measured, minute)),
+            lambda minute: _temperatures_at(measured, minute),
             parts=[region.name for region in columns.regions],
         )
     if np.isfinite(columns.illuminance_lx).any() or np.isfinite(columns.irradiance_w_m2).any():
-        drawn = session_figures.irradiance(columns, site)
-        yield Figure(
-            drawn.svg,
+        yield figure_over_time(
+            data,
+            session_figures.irradiance(columns, site),
             "Illuminance as measured, and direct normal irradiance by the model "
             f"“{columns.irradiance_model}”.{clouds}",
             "Illuminance and derived direct normal irradiance against local time.",
-            wide=True,
-            readings=readings(drawn, columns, site, lambda minute: _irradiance_at(columns, minute)),
+            lambda minute: _irradiance_at(columns, minute),
         )
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -32,9 +33,8 @@ from fieldkit.physics.energy_balance import (
     surface_temperature,
 )
 from fieldkit.physics.facet import cos_incidence, normal
-from fieldkit.views import formatting
+from fieldkit.views import formatting, plotting
 from fieldkit.views.html import Figure, Reading
-from fieldkit.views.plotting import OverTime
 
 if TYPE_CHECKING:
     from fieldkit.estimation.estimator import Minute
@@ -161,22 +161,22 @@ class Series:
 def series(minutes: Sequence[Minute], regions: Sequence[Region]) -> Series:
     """Minutes as columns, in order of time."""
     ordered = sorted(minutes, key=lambda minute: minute.time_ns)
-    zenith, azimuth = (
-        np.array([getattr(m, name) for m in ordered], np.float64)
-        for name in ("sun_zenith_deg", "sun_azimuth_deg")
-    )
+
+    def column(name: str) -> FloatArray:
+        return np.array([getattr(minute, name) for minute in ordered], np.float64)
+
     channels = max((len(minute.contact_k) for minute in ordered), default=0)
     contact = np.full((len(ordered), channels), np.nan)
     for row, minute in enumerate(ordered):
         contact[row, : len(minute.contact_k)] = minute.contact_k
     return Series(
         time_ns=np.array([minute.time_ns for minute in ordered], np.int64),
-        illuminance_lx=np.array([minute.illuminance_lx for minute in ordered], np.float64),
-        irradiance_w_m2=np.array([minute.dni_w_m2 for minute in ordered], np.float64),
-        diffuse_w_m2=np.array([minute.dhi_w_m2 for minute in ordered], np.float64),
-        longwave_w_m2=np.array([minute.longwave_down_w_m2 for minute in ordered], np.float64),
+        illuminance_lx=column("illuminance_lx"),
+        irradiance_w_m2=column("dni_w_m2"),
+        diffuse_w_m2=column("dhi_w_m2"),
+        longwave_w_m2=column("longwave_down_w_m2"),
         irradiance_model=ordered[-1].irradiance_model if ordered else "",
-        sun=normal(zenith, azimuth).reshape(-1, 3),
+        sun=normal(column("sun_zenith_deg"), column("sun_azimuth_deg")).reshape(-1, 3),
         flags=np.array([int(minute.flags) for minute in ordered], np.int64),
         temperature_k={
             region.name: np.array([m.temperature_k.get(region.name, np.nan) for m in ordered], np.float64)
@@ -194,7 +194,6 @@ def _target(region: Region, minutes: Sequence[Minute]) -> TargetSeries:
         next((estimate for estimate in minute.estimates if estimate.region == region.name), None)
         for minute in minutes
     )
-
     columns = {
         name: np.array([np.nan if e is None else getattr(e, name) for e in found], np.float64)
         for name in _OF_ESTIMATES
@@ -238,28 +237,31 @@ def _air_of_reference(columns: Series, parameters: SurfaceParameters) -> FloatAr
     return np.asarray(np.mean(found, axis=0)) if found else np.full(columns.time_ns.size, np.nan)
 
 
-# --- the values of a figure, minute by minute, for who points at it
+# --- figures over time, with their values minute by minute for who points at them
 
 
 MOST = 200
 """Readings of a figure: three hours minute by minute; longer sessions show every second minute, or third."""
 
 
-def readings(
-    drawn: OverTime, columns: Series, site: Site, values: Callable[[int], Iterable[str]]
-) -> list[Reading]:
-    """The readings of a figure; `values` gives the lines of words for a minute's index."""
-    step = math.ceil(columns.time_ns.size / MOST)
+def figure_over_time(
+    data: ReportData, drawn: plotting.OverTime, caption: str, alt: str,
+    values: Callable[[int], Iterable[str]], *, wide: bool = True, parts: Sequence[str] = (),
+) -> Figure:  # fmt: skip
+    """A figure with its readings; `values` gives the lines of words for a minute's index."""
+    time_ns = data.columns.time_ns
+    step = math.ceil(time_ns.size / MOST)
     middle = 100.0 * drawn.share_of_width[::step]
     width = float(np.min(np.diff(middle), initial=2.0))
-    return [
+    readings = [
         Reading(
             round(left - width / 2, 2),
             round(width, 2),
-            "\n".join([formatting.clock_time(int(columns.time_ns[minute]), site), *values(minute)]),
+            "\n".join([data.clock_time(int(time_ns[minute])), *values(minute)]),
         )
-        for left, minute in zip(middle.tolist(), range(0, columns.time_ns.size, step), strict=True)
+        for left, minute in zip(middle.tolist(), range(0, time_ns.size, step), strict=True)
     ]
+    return Figure(drawn.svg, caption, alt, wide, readings, parts)
 
 
 # --- the data of a report, gathered once
@@ -267,27 +269,42 @@ def readings(
 
 @dataclass(frozen=True)
 class ReportData:
-    """A session, its minutes as columns, the settings they were estimated with, and its events.
+    """A session, its minutes, and the settings they were estimated with.
 
-    `site`, `regions` and `config_toml` are those of the estimator, as an imported session has none of its
-    own. `others` holds the same minutes estimated with other surface models, by their names,
-    `budgets` the uncertainty budget of each slope, with the learned model.
+    `minutes` are the estimator's by `settings`, or the recording's own (`is_recordings`). `site`, `regions`
+    and `config_toml` are those of the estimator, as an imported session has none of its own. `by_others` are
+    the same samples estimated with other surface models, by their names, `budgets` the uncertainty budget of
+    each slope by region, with the learned model; `frame` is the one to show, `command_line` what was typed.
+    `sd` is the standard deviation of the absolute errors: eq. (9) as printed, or the usual one.
     """
 
     session: SessionReader
+    minutes: Sequence[Minute]
+    settings: EstimatorSettings
     site: Site
     regions: tuple[Region, ...]
-    columns: Series
-    settings: EstimatorSettings
-    sd: SdKind
-    events: Sequence[Event]
-    frame: Frame | None
-    others: Mapping[str, Series]
-    command_line: str
     config_toml: str
-    can_draw: bool
+    sd: SdKind = "paper"
+    frame: Frame | None = None
+    by_others: Mapping[str, Sequence[Minute]] = field(default_factory=dict)
+    command_line: str = ""
     is_recordings: bool = False
     budgets: Mapping[str, tuple[BudgetTerm, ...]] = field(default_factory=dict)
+
+    @cached_property
+    def columns(self) -> Series:
+        """The minutes side by side."""
+        return series(self.minutes, self.regions)
+
+    @cached_property
+    def others(self) -> Mapping[str, Series]:
+        """Those of the other models."""
+        return {model: series(minutes, self.regions) for model, minutes in self.by_others.items()}
+
+    @cached_property
+    def events(self) -> Sequence[Event]:
+        """The events of the session, in order of time."""
+        return formatting.by_time(self.session.events())
 
     def events_of(self, *kinds: EventKind) -> list[Event]:
         """Events of some kinds, in order."""
@@ -299,7 +316,7 @@ class ReportData:
 
     def drawn(self, draw: Callable[[ReportData], Iterator[Figure]]) -> list[Figure] | None:
         """The figures that `draw` yields; None without matplotlib."""
-        return list(draw(self)) if self.can_draw else None
+        return list(draw(self)) if plotting.available() else None
 
     @property
     def zone(self) -> str:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from fieldkit.model.air import is_air_temperature
-from fieldkit.model.site import RegionKind, Site
-from fieldkit.model.slope import SOLVED
+from fieldkit.model.site import Region, RegionKind, Site
+from fieldkit.model.slope import SOLVED, SlopeEstimate
 from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.views import plotting
 from fieldkit.views.report.series import FloatArray, Series, TargetSeries
@@ -29,8 +28,7 @@ def temperatures(columns: Series, channels: Sequence[str], site: Site) -> plotti
         lines = axes.plot(
             plotting.days(columns.time_ns),
             columns.temperature_k[region.name] - CELSIUS_ZERO_K,
-            **_line(index, region.kind),
-            label=region.name,
+            **_line(index, region),
         )
         plotting.mark_part(index, lines)
     for channel in np.flatnonzero(np.isfinite(columns.contact_k).any(axis=0)).tolist():
@@ -40,12 +38,10 @@ def temperatures(columns: Series, channels: Sequence[str], site: Site) -> plotti
             plotting.days(columns.time_ns),
             columns.contact_k[:, channel] - CELSIUS_ZERO_K,
             linestyle="none",
-            marker=plotting.marker(channel),
             markersize=3,
             markerfacecolor="none",
-            color="#404040",
             markevery=max(1, columns.time_ns.size // 24),
-            label=f"probe {channels[channel]}",
+            **plotting.marks(channel, f"probe {channels[channel]}") | {"color": "#404040"},
         )
     axes.set_ylabel("surface temperature, °C")
     return over_time(figure, [axes], columns, site)
@@ -67,35 +63,24 @@ def irradiance(columns: Series, site: Site) -> plotting.OverTime:
 
 def tilts(columns: Series, site: Site) -> plotting.OverTime:
     """Tilt of each target with its likelihood region, the given tilt dashed; a panel per target."""
-    figure, panels = plotting.panels(len(columns.targets), 0.6 + 1.2 * len(columns.targets), plotting.WIDE_IN)
+    figure, panels = _target_panels(columns)
     for index, (axes, target) in enumerate(zip(panels, columns.targets, strict=True)):
-        _band(
-            axes,
-            columns,
-            target.tilt_deg,
-            target.tilt_low_deg,
-            target.tilt_high_deg,
-            plotting.colour(index),
-        )
-        _unreliable(axes, columns, target, target.tilt_deg)
-        if np.isfinite(target.region.tilt_deg):
-            axes.axhline(target.region.tilt_deg, color="black", linestyle=(0, (5, 3)), linewidth=1.2)
+        found = target.tilt_deg, target.tilt_low_deg, target.tilt_high_deg
+        _angle(axes, columns, target, found, target.region.tilt_deg, plotting.colour(index))
         axes.set_ylabel(f"{target.region.name} tilt, °")
     return over_time(figure, panels, columns, site, legend=False)
 
 
 def azimuths(columns: Series, site: Site) -> plotting.OverTime:
     """Azimuth of each target with its likelihood region, unwound about the given or median azimuth."""
-    figure, panels = plotting.panels(len(columns.targets), 0.6 + 1.2 * len(columns.targets), plotting.WIDE_IN)
+    figure, panels = _target_panels(columns)
     for index, (axes, target) in enumerate(zip(panels, columns.targets, strict=True)):
         centre = _centre_of(target)
         middle = centre + _turned(target.azimuth_deg - centre)
         low = middle - (target.azimuth_deg - target.azimuth_low_deg) % 360.0
         high = middle + (target.azimuth_high_deg - target.azimuth_deg) % 360.0
-        _band(axes, columns, middle, low, high, plotting.colour(index))
-        _unreliable(axes, columns, target, middle)
-        if np.isfinite(target.region.azimuth_deg):
-            axes.axhline(target.region.azimuth_deg, color="black", linestyle=(0, (5, 3)), linewidth=1.2)
+        found = middle, low, high
+        _angle(axes, columns, target, found, target.region.azimuth_deg, plotting.colour(index))
         half = _half_range(np.concatenate([low, high]) - centre)
         axes.set_ylim(centre - half, centre + half)
         axes.set_yticks([centre - half, centre - half / 2, centre, centre + half / 2, centre + half])
@@ -104,15 +89,29 @@ def azimuths(columns: Series, site: Site) -> plotting.OverTime:
     return over_time(figure, panels, columns, site, legend=False)
 
 
-@dataclass(frozen=True, slots=True)
-class FinalTilt:
-    """The final tilt of a target in a session, with its likelihood region and the given tilt, degrees."""
+def _target_panels(columns: Series) -> tuple[Figure, list[Axes]]:
+    count = len(columns.targets)
+    return plotting.panels(count, 0.6 + 1.2 * count, plotting.WIDE_IN)
+
+
+def _angle(
+    axes: Axes, columns: Series, target: TargetSeries, found: tuple[FloatArray, FloatArray, FloatArray],
+    given_deg: float, colour: str,
+) -> None:  # fmt: skip
+    """An angle by minute with the ends of its likelihood region, its unreliable minutes, the given one."""
+    days, (middle, low, high) = plotting.days(columns.time_ns), found
+    axes.fill_between(days, low, high, color=colour, alpha=0.22, linewidth=0)
+    axes.plot(days, middle, color=colour, linewidth=1.6)
+    _unreliable(axes, columns, target, middle)
+    if np.isfinite(given_deg):
+        axes.axhline(given_deg, color="black", linestyle=(0, (5, 3)), linewidth=1.2)
+
+
+class FinalTilt(NamedTuple):
+    """The final estimate of a target in a session, and the given tilt, degrees."""
 
     session: str
-    target: str
-    tilt_deg: float
-    low_deg: float
-    high_deg: float
+    estimate: SlopeEstimate
     given_deg: float
 
 
@@ -120,17 +119,16 @@ def final_tilts(tilts: Sequence[FinalTilt]) -> str:
     """Final tilts of several sessions side by side, as SVG text."""
     figure, (axes,) = plotting.panels(1, 3.0, plotting.WIDE_IN)
     sessions = list(dict.fromkeys(one.session for one in tilts))
-    targets = list(dict.fromkeys(one.target for one in tilts))
+    targets = list(dict.fromkeys(one.estimate.region for one in tilts))
     for index, target in enumerate(targets):
-        of_target = [one for one in tilts if one.target == target]
+        of_target = [one for one in tilts if one.estimate.region == target]
         aside = 0.6 * ((index + 0.5) / len(targets) - 0.5)  # bars beside each other
         at = np.array([sessions.index(one.session) for one in of_target]) + aside
-        middle, low, high, given = np.transpose(
-            [(one.tilt_deg, one.low_deg, one.high_deg, one.given_deg) for one in of_target]
-        )
+        ends = [(one.tilt_deg, one.tilt_low_deg, one.tilt_high_deg) for _, one, _ in of_target]
+        (middle, low, high), given = np.transpose(ends), [one.given_deg for one in of_target]
         bars = axes.errorbar(
             at, middle, yerr=[middle - low, high - middle], linestyle="none", capsize=3,
-            marker=plotting.marker(index), color=plotting.colour(index), label=target,
+            **plotting.marks(index, target),
         )  # fmt: skip
         truths = axes.hlines(given, at - 0.1, at + 0.1, color="black", linewidth=1.8, zorder=3)
         plotting.mark_part(index, [*bars.get_children(), truths])
@@ -142,21 +140,10 @@ def final_tilts(tilts: Sequence[FinalTilt]) -> str:
     return plotting.svg(figure)
 
 
-def _line(index: int, kind: RegionKind) -> dict[str, Any]:
-    if kind is RegionKind.REFERENCE:
-        return {"color": "black", "linewidth": 1.8}
-    return {
-        "color": plotting.colour(index - 1),
-        "linestyle": plotting.dashes(index),
-    }
-
-
-def _band(
-    axes: Axes, columns: Series, middle: FloatArray, low: FloatArray, high: FloatArray, colour: str
-) -> None:
-    days = plotting.days(columns.time_ns)
-    axes.fill_between(days, low, high, color=colour, alpha=0.22, linewidth=0)
-    axes.plot(days, middle, color=colour, linewidth=1.6)
+def _line(index: int, region: Region) -> dict[str, Any]:
+    if region.kind is RegionKind.REFERENCE:
+        return {"color": "black", "linewidth": 1.8, "label": region.name}
+    return plotting.line(index, region.name) | {"color": plotting.colour(index - 1)}
 
 
 def _unreliable(axes: Axes, columns: Series, target: TargetSeries, values: FloatArray) -> None:
@@ -166,15 +153,10 @@ def _unreliable(axes: Axes, columns: Series, target: TargetSeries, values: Float
     crosses, ticks = days[unreliable & known], days[unreliable & ~known]
     axes.plot(crosses, values[unreliable & known], linestyle="none", marker="x", markersize=5, color="black")
     if ticks.size:  # an empty line that may not be clipped confuses matplotlib's layout
-        foot = axes.get_xaxis_transform()
-        style: dict[str, Any] = {
-            "linestyle": "none",
-            "marker": "|",
-            "markersize": 7,
-            "color": "black",
-            "clip_on": False,
-        }
-        axes.plot(ticks, np.zeros(ticks.size), transform=foot, **style)
+        axes.plot(
+            ticks, np.zeros(ticks.size), transform=axes.get_xaxis_transform(), clip_on=False,
+            linestyle="none", marker="|", markersize=7, color="black",
+        )  # fmt: skip
 
 
 def over_time(

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
 
-from fieldkit.cli import main
 from fieldkit.config import load_config
 from fieldkit.config.horizon import load_horizon
 from fieldkit.physics.horizon import horizon_elevation
+from tests.harness.command_line import fieldkit
 
 rasterio = pytest.importorskip("rasterio")
 POSE = """crs = "EPSG:32654"
@@ -27,7 +27,7 @@ ground_m = 0.0
 
 
 def calibrate(folder: Path, *words: str) -> Result:
-    return CliRunner().invoke(main, ["calibrate", "horizon", "-o", str(folder / "horizon.csv"), *words])
+    return fieldkit("calibrate", "horizon", "-o", folder / "horizon.csv", *words)
 
 
 def test_a_wall_in_the_east_is_as_high_as_its_triangle(tmp_path: Path) -> None:
@@ -103,7 +103,7 @@ def test_a_higher_bed_is_the_horizon_of_the_lower_one(tmp_path: Path) -> None:
     """Half a metre above it, a metre to the west, where the zone's north is true north; and the site's."""
     file = tmp_path / "fieldkit.toml"
     file.write_text(CAMPAIGN)
-    done = CliRunner().invoke(main, ["calibrate", "horizon", "-C", str(tmp_path), "--regions"])
+    done = fieldkit("calibrate", "horizon", "-C", tmp_path, "--regions")
     assert done.exit_code == 0, done.output
     assert "low: highest 26.6° at azimuth 270°" in done.output
     assert "# the lower bed" in file.read_text()

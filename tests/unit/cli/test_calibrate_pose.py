@@ -7,11 +7,10 @@ import json
 import cv2
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from fieldkit.cli import main
 from fieldkit.config.pose import load_pose
 from fieldkit.physics.camera_geometry import Camera
+from tests.harness.command_line import fieldkit
 
 pytest.importorskip("rasterio")
 TRUTH = Camera((354600.0, 3936200.0, 112.0), 20.0, -25.0, 4.0, 50.0, (120, 160))
@@ -25,7 +24,7 @@ OPTIONS = ("--crs", "EPSG:32654", "--frame", "160x120", "--ground-m", "100")
 def calibrate(folder, text, *options):
     (folder / "points.csv").write_text(text)
     words = ("calibrate", "pose", folder / "points.csv", "-o", folder / "pose.toml", *options)
-    return CliRunner().invoke(main, [str(word) for word in words])
+    return fieldkit(*words)
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from fieldkit.cli import CommandEntry, CommandTable, common
+from fieldkit.cli import CommandTable, common
 from fieldkit.cli.common import Command
 
 
@@ -20,10 +20,10 @@ def run(monkeypatch):
     """Runs a function as a command with the given arguments."""
 
     def go(function, *arguments: str):
-        module = ModuleType("fieldkit_test_verb")
+        module = ModuleType("fieldkit.cli.test")
         module.command = click.command(cls=Command)(function)
         monkeypatch.setitem(sys.modules, module.__name__, module)
-        table = CommandTable({"Test": (CommandEntry("test", module.__name__, "Test."),)}, name="fieldkit")
+        table = CommandTable({"Test": {"test": "Test."}}, name="fieldkit")
         return CliRunner().invoke(table, ["test", *arguments])
 
     yield go
@@ -63,7 +63,7 @@ def test_json_has_a_schema_and_no_nan(run):
 
 
 def test_json_lines_are_one_object_each(run):
-    printed = run(lambda: [common.print_json_line({"n": n}) for n in range(3)]).stdout
+    printed = run(lambda: [common.print_json({"n": n}, on_one_line=True) for n in range(3)]).stdout
     assert [json.loads(line) for line in printed.splitlines()] == [{"schema": 1, "n": n} for n in range(3)]
 
 

@@ -5,8 +5,8 @@ import json
 import pytest
 from click.testing import CliRunner
 
-from fieldkit.cli import main
 from fieldkit.cli.estimate import command
+from tests.harness.command_line import fieldkit
 
 SITE = "35.558675,139.395232,9"
 CASES = {
@@ -64,7 +64,7 @@ def test_a_table_without_its_site_is_a_wrong_usage(tmp_path):
 
 
 def estimated(path, *arguments):
-    return CliRunner().invoke(main, ["estimate", str(path), "--site", SITE, *map(str, arguments)])
+    return fieldkit("estimate", path, "--site", SITE, *arguments)
 
 
 def test_decimal_commas_are_refused_instead_of_cut_off(tmp_path):

@@ -10,7 +10,7 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from fieldkit.cli import CommandEntry, CommandTable
+from fieldkit.cli import CommandTable
 from fieldkit.cli.common import Command
 from fieldkit.model import errors
 
@@ -25,10 +25,10 @@ def run(monkeypatch, tmp_path):
         def command() -> None:
             raise error
 
-        module = ModuleType("fieldkit_failing_verb")
+        module = ModuleType("fieldkit.cli.fail")
         module.command = command
         monkeypatch.setitem(sys.modules, module.__name__, module)
-        table = CommandTable({"Test": (CommandEntry("fail", module.__name__, "Fails."),)}, name="fieldkit")
+        table = CommandTable({"Test": {"fail": "Fails."}}, name="fieldkit")
         return CliRunner().invoke(table, ["fail", *words])
 
     return go

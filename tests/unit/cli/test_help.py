@@ -11,12 +11,13 @@ import pytest
 from click.core import ParameterSource
 from click.testing import CliRunner
 
-from fieldkit.cli import COMMANDS, CommandEntry, CommandTable, main
+from fieldkit.cli import COMMANDS, CommandTable, main
 from fieldkit.cli.common import Command, CommandGroup
 from fieldkit.cli.old_spellings import OLD, respelt
+from tests.harness.command_line import fieldkit
 
 HEAVY = ("numpy", "astropy", "h5py", "cv2", "pydantic", "rich", "scipy", "serial", "usb")
-COMMAND_NAMES = [row.name for rows in COMMANDS.values() for row in rows]
+COMMAND_NAMES = [name for summaries in COMMANDS.values() for name in summaries]
 
 
 def loaded_by(*arguments: str) -> set[str]:
@@ -47,7 +48,7 @@ def test_the_guard_against_heavy_imports_sees_a_heavy_import():
 
 
 def test_cite_names_everybody_and_every_title_of_the_citation_file():
-    told = " ".join(CliRunner().invoke(main, ["--cite"]).output.split())
+    told = " ".join(fieldkit("--cite").output.split())
     cited = (Path(__file__).parents[3] / "CITATION.cff").read_text()
     assert len(people := re.findall(r"family-names: (\w+), given-names: (\w+)", cited)) == 6
     assert all(f"{given} {family}" in told for family, given in people)
@@ -55,10 +56,10 @@ def test_cite_names_everybody_and_every_title_of_the_citation_file():
 
 
 def test_help_names_every_command_under_its_heading():
-    out = CliRunner().invoke(main, ["--help"]).output
-    for heading, rows in COMMANDS.items():
+    out = fieldkit("--help").output
+    for heading, summaries in COMMANDS.items():
         assert f"\n{heading}:\n" in out
-        assert all(f"  {row.name} " in out for row in rows)
+        assert all(f"  {name} " in out for name in summaries)
 
 
 @pytest.mark.parametrize("name", COMMAND_NAMES)
@@ -73,7 +74,7 @@ def test_every_command_takes_the_common_options(name):
 
 @pytest.mark.parametrize("name", COMMAND_NAMES)
 def test_every_command_prints_its_help(name):
-    result = CliRunner().invoke(main, [name, "--help"])
+    result = fieldkit(name, "--help")
     assert result.exit_code == 0
     assert f"Usage: fieldkit {name}" in result.output.replace("main", "fieldkit", 1)
 
@@ -86,25 +87,23 @@ def test_python_m_fieldkit_is_fieldkit():
 
 
 def test_a_misspelled_command_names_the_nearest_and_exits_2():
-    result = CliRunner().invoke(main, ["ini"])
+    result = fieldkit("ini")
     assert result.exit_code == 2
     assert "did you mean 'init'?" in result.stderr
 
 
 def test_an_unknown_option_exits_2():
-    assert CliRunner().invoke(main, ["init", "--nonsense"]).exit_code == 2
+    assert fieldkit("init", "--nonsense").exit_code == 2
 
 
 def test_a_command_is_imported_only_when_it_runs():
-    table = CommandTable(
-        {"Start": (CommandEntry("broken", "fieldkit.no_such_module", "Cannot be imported."),)}, name="x"
-    )
+    table = CommandTable({"Start": {"no_such_module": "Cannot be imported."}}, name="x")
     assert "Cannot be imported." in CliRunner().invoke(table, ["--help"]).output
 
 
 @pytest.mark.parametrize("option", ["-C", "--json", "--quiet"])
 def test_a_common_option_before_the_command_is_rejected_with_its_place(option):
-    found = CliRunner().invoke(main, [option, ".", "ls"])
+    found = fieldkit(option, ".", "ls")
     assert found.exit_code == 2
     assert f"{option} goes after the command: fieldkit ls {option}" in found.stderr
 
@@ -189,11 +188,11 @@ def test_an_old_spelling_is_warned_of_and_the_command_runs():
         "--facet",
         "5,180",
     ]
-    old = CliRunner().invoke(main, [*words, "--window", "90", "--step=120"])
-    new = CliRunner().invoke(main, [*words, "--window", "1h30m", "--step", "2h"])
+    old = fieldkit(*words, "--window", "90", "--step=120")
+    new = fieldkit(*words, "--window", "1h30m", "--step", "2h")
     assert old.exit_code == new.exit_code == 0
     assert old.stdout == new.stdout
     assert "warning: --window 90 is now --window 90m" in old.stderr
     assert "warning: --step 120 is now --step 120m" in old.stderr
     assert "warning" not in new.stderr
-    assert "warning" not in CliRunner().invoke(main, [*words, "--step", "120", "--quiet"]).stderr
+    assert "warning" not in fieldkit(*words, "--step", "120", "--quiet").stderr

@@ -3,11 +3,11 @@ import os
 import pty
 
 import pytest
-from click.testing import CliRunner
 
 from fieldkit.cli import main
 from fieldkit.config import load_config
 from fieldkit.model.site import RegionKind, Site
+from tests.harness.command_line import fieldkit
 from tests.harness.connected import plugged_in
 
 
@@ -15,7 +15,7 @@ from tests.harness.connected import plugged_in
 def init(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "home"))
     monkeypatch.chdir(tmp_path)
-    return lambda *arguments: CliRunner().invoke(main, ["init", *arguments])
+    return lambda *arguments: fieldkit("init", *arguments)
 
 
 def test_a_new_campaign_passes_its_own_check_and_has_its_folders(init, tmp_path):
@@ -58,7 +58,7 @@ def test_a_folder_is_meant_from_the_one_that_was_named(init, tmp_path):
 def test_the_demos_campaign_too_is_below_the_folder_that_was_named(tmp_path):
     (tmp_path / "here").mkdir()
     (tmp_path / "here" / "fieldkit.toml").write_text("schema = no number")
-    done = CliRunner().invoke(main, ["demo", "-C", str(tmp_path), "--out", "here"])
+    done = fieldkit("demo", "-C", tmp_path, "--out", "here")
     assert done.exit_code == 3
     assert str(tmp_path / "here" / "fieldkit.toml") in done.stderr
 

@@ -12,9 +12,7 @@ import cv2
 import h5py
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from fieldkit.cli import main
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SlopeState
@@ -22,11 +20,8 @@ from fieldkit.physics.facet import angle_between_deg, normal
 from fieldkit.physics.radiance import brightness_temperature_k
 from fieldkit.results import slope_map
 from fieldkit.sessions.reader import open_session
+from tests.harness.command_line import fieldkit
 from tests.harness.seldom import SET_SELDOM
-
-
-def fieldkit(*words):
-    return CliRunner().invoke(main, [str(word) for word in words])
 
 
 @pytest.fixture(scope="module")

@@ -8,10 +8,8 @@ import webbrowser
 import cv2
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from rich.console import Console
 
-from fieldkit.cli import main
 from fieldkit.pixel_axes import BELOW_PX, LEFT_PX
 from fieldkit.recording.status import latest_of
 from fieldkit.results import report
@@ -20,6 +18,7 @@ from fieldkit.results.sources import config_for
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter
 from fieldkit.views.screen import THEMES, snapshot
+from tests.harness.command_line import fieldkit
 from tests.harness.recording import CountedClock, fill, header
 
 FAST = ("--set", "simulation.speed=max")
@@ -33,10 +32,6 @@ def session(recorded, tmp_path_factory):
 @pytest.fixture(scope="module")
 def campaign(session):
     return session.parent.parent
-
-
-def fieldkit(*arguments):
-    return CliRunner().invoke(main, [str(argument) for argument in arguments])
 
 
 def test_status_shows_what_the_live_view_shows_slopes_temperatures_and_named_probes(campaign, session):

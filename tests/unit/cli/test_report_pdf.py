@@ -6,9 +6,8 @@ import sys
 import zlib
 
 import pytest
-from click.testing import CliRunner
 
-from fieldkit.cli import main
+from tests.harness.command_line import fieldkit
 
 
 @pytest.fixture(scope="module")
@@ -21,10 +20,6 @@ def cache(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
         yield
-
-
-def fieldkit(*arguments):
-    return CliRunner().invoke(main, [str(argument) for argument in arguments])
 
 
 def test_a_report_can_be_a_pdf_with_the_page_beside_it(session, tmp_path):

@@ -5,15 +5,10 @@ from __future__ import annotations
 import json
 
 import pytest
-from click.testing import CliRunner
 
-from fieldkit.cli import main
 from fieldkit.model.errors import ConfigError
 from fieldkit.results import result_files
-
-
-def fieldkit(*arguments):
-    return CliRunner().invoke(main, [str(argument) for argument in arguments])
+from tests.harness.command_line import fieldkit
 
 
 @pytest.fixture(scope="module")

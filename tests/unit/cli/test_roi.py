@@ -4,14 +4,13 @@ from datetime import UTC, datetime
 import cv2
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from fieldkit.calibration.calibration_record import CalibrationRecord, save
-from fieldkit.cli import main
 from fieldkit.config import load_config
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.simulation.facets import FRAME_SHAPE
 from fieldkit.simulation.scene import BEDS
+from tests.harness.command_line import fieldkit
 from tests.harness.field_page_journey import empty_campaign
 
 
@@ -19,13 +18,11 @@ from tests.harness.field_page_journey import empty_campaign
 def roi(tmp_path, monkeypatch):
     (tmp_path / "home").mkdir()
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "home"))
-    assert CliRunner().invoke(main, ["init", str(tmp_path)]).exit_code == 0
+    assert fieldkit("init", tmp_path).exit_code == 0
     file = tmp_path / "fieldkit.toml"
     camera = '\n[camera]\ndriver = "purethermal"\nwidth_px = 160\nheight_px = 120\n'
     file.write_text(file.read_text() + camera, encoding="utf-8")
-    return lambda *arguments: CliRunner().invoke(
-        main, ["roi", arguments[0], "-C", str(tmp_path), *arguments[1:]]
-    )
+    return lambda *arguments: fieldkit("roi", arguments[0], "-C", tmp_path, *arguments[1:])
 
 
 def regions(tmp_path):
@@ -221,9 +218,7 @@ def test_check_looks_at_the_pictures_of_a_session(roi, tmp_path, scale, code):
         cv2.imwrite(str(pictures / f"20260512T12{minute:02}00.tiff"), counts)
     names = ("--time-format", "%Y%m%dT%H%M%S", "--zone", "UTC", "--kelvin-per-count", scale)
     session = tmp_path / "pictures.h5"
-    imported = CliRunner().invoke(
-        main, ["import", str(pictures), "-C", str(tmp_path), *names, "-o", str(session)]
-    )
+    imported = fieldkit("import", pictures, "-C", tmp_path, *names, "-o", session)
     assert imported.exit_code == 0, imported.stderr
     roi("add", "flat", "--reference", "--rect", "6,30,32,61")
     result = roi("check", "--session", str(session), "--json")
@@ -268,9 +263,7 @@ def test_a_region_that_crosses_itself_is_refused_with_what_to_do(roi):
 def empty_field(tmp_path):
     """The simulated field without regions, by a command on it."""
     empty_campaign(tmp_path / "field")
-    return lambda *arguments: CliRunner().invoke(
-        main, ["roi", arguments[0], "-C", str(tmp_path / "field"), *arguments[1:]]
-    )
+    return lambda *arguments: fieldkit("roi", arguments[0], "-C", tmp_path / "field", *arguments[1:])
 
 
 def test_suggested_regions_are_listed_then_accepted_by_name(empty_field, tmp_path):

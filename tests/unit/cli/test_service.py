@@ -8,11 +8,10 @@ import pwd
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
-from fieldkit.cli import main
 from fieldkit.recording import service, service_unit
 from fieldkit.recording.service_unit import NAME, packaged_unit
+from tests.harness.command_line import fieldkit
 
 SYSTEMCTL = """#!/bin/sh
 echo "$@" >> "$SERVICE_TEST/asked"
@@ -43,7 +42,7 @@ StateChangeTimestamp=
 @pytest.fixture
 def campaign(tmp_path: Path) -> Path:
     folder = tmp_path / "some sand"
-    assert CliRunner().invoke(main, ["init", "--simulated", str(folder)]).exit_code == 0
+    assert fieldkit("init", "--simulated", folder).exit_code == 0
     return folder
 
 
@@ -75,7 +74,7 @@ def root(systemd: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def run(*words: str | Path):
-    return CliRunner().invoke(main, ["service", *map(str, words)])
+    return fieldkit("service", *words)
 
 
 def unit(tmp_path: Path) -> Path:
@@ -109,7 +108,7 @@ def test_install_again_replaces_it_for_the_same_campaign_alone(campaign, systemd
     assert run("install", "-C", campaign).exit_code == 0
     assert run("install", "-C", campaign, "--record").exit_code == 0
     other = tmp_path / "other"
-    CliRunner().invoke(main, ["init", "--simulated", str(other)])
+    fieldkit("init", "--simulated", other)
     done = run("install", "-C", other)
     assert done.exit_code == 9
     assert f"is installed for {campaign}" in done.stderr

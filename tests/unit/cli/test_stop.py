@@ -10,11 +10,10 @@ from datetime import datetime
 from zoneinfo import ZoneInfo
 
 import pytest
-from click.testing import CliRunner
 
-from fieldkit.cli import main
 from fieldkit.recording.running import unresponsive_recorder
 from fieldkit.sessions.lock import journal_path, owner
+from tests.harness.command_line import fieldkit
 from tests.harness.waiting import wait_until
 
 RECORDING = """
@@ -41,7 +40,7 @@ def campaign(tmp_path, monkeypatch):
     (tmp_path / "home").mkdir()
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "home"))
     folder = tmp_path / "some sand"
-    assert CliRunner().invoke(main, ["init", str(folder)]).exit_code == 0
+    assert fieldkit("init", folder).exit_code == 0
     return folder
 
 
@@ -64,7 +63,7 @@ def recording(campaign):
 
 
 def stop(campaign, *words: str):
-    return CliRunner().invoke(main, ["stop", "-C", str(campaign), *words])
+    return fieldkit("stop", "-C", campaign, *words)
 
 
 def test_a_recording_is_stopped_and_sealed(campaign, recording):
@@ -100,20 +99,20 @@ def said_since(text: str) -> str:
 def test_a_recorder_that_was_stopped_is_told_with_since_when(campaign, stopped):
     path, pid = stopped
     newest = max(file.stat().st_mtime for file in (path, *journal_path(path).glob("*")))
-    asked = CliRunner().invoke(main, ["status", "-C", str(campaign)])
+    asked = fieldkit("status", "-C", campaign)
     assert asked.exit_code == 0, asked.output
     assert f"process {pid} does not respond" in asked.output
     assert f"kill -CONT {pid}" in asked.output
     at = datetime.fromtimestamp(newest, ZoneInfo("Asia/Tokyo"))
     assert said_since(asked.output) == f"{at:%H:%M:%S}"
-    document = json.loads(CliRunner().invoke(main, ["status", "-C", str(campaign), "--json"]).stdout)
+    document = json.loads(fieldkit("status", "-C", campaign, "--json").stdout)
     assert not document["responds"]
     assert document["silent_since_ns"] == pytest.approx(newest * 1e9, abs=1e6)
 
 
 def test_a_mark_for_a_recorder_that_was_stopped_waits_and_says_so(campaign, stopped):
     _, pid = stopped
-    marked = CliRunner().invoke(main, ["mark", "-C", str(campaign), "wind picks up"])
+    marked = fieldkit("mark", "-C", campaign, "wind picks up")
     assert marked.exit_code == 0, marked.output
     assert f"process {pid} does not respond since" in marked.stderr
     assert "marked in" not in marked.stderr
@@ -130,8 +129,8 @@ def test_a_recorder_that_was_stopped_is_continued_to_seal(campaign, stopped):
 
 def test_a_recorder_that_writes_is_not_told_of(campaign, recording):
     recording("close")
-    assert json.loads(CliRunner().invoke(main, ["status", "-C", str(campaign), "--json"]).stdout)["responds"]
-    assert "marked in a.h5: x" in CliRunner().invoke(main, ["mark", "-C", str(campaign), "x"]).stderr
+    assert json.loads(fieldkit("status", "-C", campaign, "--json").stdout)["responds"]
+    assert "marked in a.h5: x" in fieldkit("mark", "-C", campaign, "x").stderr
 
 
 def test_without_a_recording_there_is_nothing_to_stop(campaign):

@@ -10,12 +10,11 @@ import shutil
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
 from fieldkit import __version__
-from fieldkit.cli import main
 from fieldkit.results.minutes import solve
 from fieldkit.sessions.reader import open_session
+from tests.harness.command_line import fieldkit
 from tests.harness.seldom import SET_SELDOM
 
 GRID = ("--set", "surface.albedo=0.15:0.25:0.05", "--set", "surface.emissivity=0.88,0.90")
@@ -38,10 +37,6 @@ def recordings(tmp_path_factory):
 def cache(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     return tmp_path / "cache"
-
-
-def fieldkit(*arguments):
-    return CliRunner().invoke(main, [str(argument) for argument in arguments])
 
 
 @pytest.fixture(scope="module")

@@ -7,16 +7,11 @@ import re
 import warnings
 
 import pytest
-from click.testing import CliRunner
 
-from fieldkit.cli import main
 from fieldkit.config import load_config
 from fieldkit.recording.simulated_scene import scene_of
 from fieldkit.simulation.scene import BEDS
-
-
-def fieldkit(*arguments):
-    return CliRunner().invoke(main, [str(argument) for argument in arguments])
+from tests.harness.command_line import fieldkit
 
 
 @pytest.fixture

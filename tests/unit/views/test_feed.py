@@ -104,6 +104,13 @@ def test_a_reader_receives_what_is_known_and_then_what_comes(feed, path):
     assert list(items) == []
 
 
+def test_a_minute_counts_once_in_the_trend_although_a_reader_receives_it_twice():
+    latest = Latest(SITE, REGIONS, STREAMS)
+    for item in (minute(1), minute(2), minute(2)):
+        latest.update(item)
+    assert (latest.trend.times_ns, latest.trend.tilt_deg) == ([1, 2], {"b15": [16.0, 17.0]})
+
+
 def test_only_this_user_can_open_it(feed, path):
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
 

@@ -126,17 +126,17 @@ def test_closing_a_view_that_never_showed_anything(screen_of):
 
 
 def test_plain_lines_where_the_output_is_no_terminal(site, regions, streams):
-    assert isinstance(terminal_view(site, regions, streams, console=Console(file=io.StringIO())), PlainView)
+    assert isinstance(terminal_view(Latest(site, regions, streams), Console(file=io.StringIO())), PlainView)
 
 
 def test_plain_lines_on_a_dumb_terminal(site, regions, streams):
     dumb = Console(file=io.StringIO(), force_terminal=True, _environ={"TERM": "dumb"})
-    assert isinstance(terminal_view(site, regions, streams, console=dumb), PlainView)
+    assert isinstance(terminal_view(Latest(site, regions, streams), dumb), PlainView)
 
 
 def test_a_screen_on_a_terminal(site, regions, streams):
     watched = Watched()
-    assert isinstance(terminal_view(site, regions, streams, console=watched.console), TerminalView)
+    assert isinstance(terminal_view(Latest(site, regions, streams), watched.console), TerminalView)
     watched.close()
 
 

@@ -26,7 +26,7 @@ def light(
     chance: np.random.Generator, *, cloudy: bool, true_s: float, noise: float
 ) -> tuple[TimeSeries, TimeSeries]:
     """Three hours at 1 Hz, and a log of four at 0.1 Hz with a gain and level of its own and a wrong clock."""
-    day = read_surfrad(shared("data/weather/slv15365.dat"), "alamosa") if cloudy else packaged()
+    day = read_surfrad(shared("data/weather/slv15365.dat")) if cloudy else packaged()
     measured_s = (day.time_ns - day.time_ns[0]) / 1e9
     seconds, tens = np.arange(0, 3 * 3600.0), np.arange(-1800.0, 3.5 * 3600.0, 10.0)
     lux = 110.0 * np.interp(NOON_S + seconds, measured_s, day.ghi_w_m2)

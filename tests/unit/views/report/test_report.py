@@ -12,7 +12,7 @@ import pytest
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.samples import Event, EventKind
 from fieldkit.model.slope import SlopeState
-from fieldkit.views.report import write_report
+from fieldkit.views.report import ReportData, write_report
 from fieldkit.views.report.assessment import assess
 from fieldkit.views.report.series import modelled_temperature, series, temperature_rmse_k
 from tests.harness.learnt import learnt
@@ -53,14 +53,21 @@ class Page(HTMLParser):
             self.words.append(data)
 
 
+def report_data(session, minutes, settings) -> ReportData:
+    """The data of a session's report, with the site, regions and configuration that it stores."""
+    return ReportData(
+        session, minutes, settings, session.site, tuple(session.regions), session.config_toml,
+        frame=session.stream("camera").frame(100),
+    )  # fmt: skip
+
+
 @pytest.fixture
 def written(tmp_path, session, minutes, settings):
     """What `write_report` makes of the session, with these changes."""
 
     def write(**changes: object) -> str:
         path = tmp_path / "report.html"
-        given = {"settings": settings, "frame": session.stream("camera").frame(100), **changes}
-        write_report(path, session, given.pop("minutes", minutes), **given)
+        write_report(path, replace(report_data(session, minutes, settings), **changes))
         return path.read_text(encoding="utf-8")
 
     return write
@@ -70,7 +77,7 @@ def written(tmp_path, session, minutes, settings):
 def page_text(tmp_path_factory, session, minutes, settings):
     """The report of the session as it is."""
     path = tmp_path_factory.mktemp("page") / "report.html"
-    write_report(path, session, minutes, settings=settings, frame=session.stream("camera").frame(100))
+    write_report(path, report_data(session, minutes, settings))
     return path.read_text(encoding="utf-8")
 
 
@@ -170,12 +177,14 @@ def test_the_error_budget_compares_the_models(written, minutes, settings, page_t
         replace(m, estimates=tuple(replace(e, tilt_deg=e.tilt_deg + 0.5) for e in m.estimates))
         for m in minutes
     ]
-    rows = rows_of(written(others={"full": better}), "mean error °")
+    rows = rows_of(written(by_others={"full": better}), "mean error °")
     assert [row[0] for row in rows] == ["model", "paper", "full"]
     final = minutes[-1].estimates[0]
     assert rows[2][1].startswith(f"{final.tilt_deg + 0.5:.1f} ±")
     assert float(rows[2][3]) == pytest.approx(0.5, abs=0.2)
-    learned = written(settings=replace(settings, model="learned"), others={"paper": minutes, "full": better})
+    learned = written(
+        settings=replace(settings, model="learned"), by_others={"paper": minutes, "full": better}
+    )
     assert [row[0] for row in rows_of(learned, "mean error °")] == ["model", "paper", "full", "learned"]
     assert "<strong>learned</strong>" in learned
     assert "with the learned model, which has them and learns their size" in Page(learned).text

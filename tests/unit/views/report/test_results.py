@@ -7,7 +7,7 @@ import pytest
 from fieldkit.model.samples import Quality
 from fieldkit.model.slope import SlopeState
 from fieldkit.views.report import results
-from fieldkit.views.report.series import ReportData, series
+from fieldkit.views.report.series import ReportData
 
 SLOPES = {"tilt": "tilt °", "given": "given", "state": "state"}
 ACCURACY = {"error": "last error °", "mae": "mean |error| ± SD °", "n": "n"}
@@ -18,12 +18,8 @@ def cell(site, regions, settings):
     """A cell of the first bed (given: 15 degrees) in either table; None if its column is not shown."""
 
     def of(minutes, name: str, sd: str = "usual") -> object:
-        columns = series(minutes, regions)
-        assert columns.targets[0].region.tilt_deg == 15.0
-        data = ReportData(
-            session=None, site=site, regions=regions, columns=columns, settings=settings, sd=sd, events=(),
-            frame=None, others={}, command_line="", config_toml="", can_draw=False,
-        )  # fmt: skip
+        data = ReportData(None, minutes, settings, site, tuple(regions), config_toml="", sd=sd)
+        assert data.columns.targets[0].region.tilt_deg == 15.0
         table = results.slopes(data) if name in SLOPES else results.accuracy(data)
         return dict(zip(table.columns, table.rows[0], strict=True)).get({**SLOPES, **ACCURACY}[name])
 
