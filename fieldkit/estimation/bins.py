@@ -180,24 +180,16 @@ def _pixels_of(region: Region, shape: tuple[int, int]) -> NDArray[np.intp]:
     return np.asarray((rows + box[0].start) * shape[1] + cols + box[1].start, np.intp)
 
 
-@dataclass(slots=True)
 class RegionSums:
     """Whole-number sums over the frames of one bin.
 
     `seen` are the frames in which a region lay, `samples` its pixels in them.
     """
 
-    regions: int
-    frames: int = 0
-    offset_ns: int = 0
-    seen: list[int] = field(init=False)
-    samples: list[int] = field(init=False)
-    totals: list[int] = field(init=False)
-    squares: list[int] = field(init=False)
-
-    def __post_init__(self) -> None:
-        for name in ("seen", "samples", "totals", "squares"):
-            setattr(self, name, [0] * self.regions)
+    def __init__(self, regions: int) -> None:
+        self.regions = regions
+        self.frames = self.offset_ns = 0
+        self.seen, self.samples, self.totals, self.squares = ([0] * regions for _ in range(4))
 
     def add(self, sums: Sums, offset_ns: int) -> None:
         """Add one frame's sums over the regions, taken `offset_ns` after the minute's start."""

@@ -165,12 +165,9 @@ class ShadeTestMonitor:
         # what the sand takes up, and what a warmer region loses more than another
         return np.asarray(conducted_flux(NOMINAL, even, 60.0)[-1] + LOSS_W_M2_K * temperature_k)
 
-    def _levels(self) -> FloatArray:
-        return np.asarray(np.mean(list(self._lit)[-LEVEL_OF:], axis=0))
-
     def _begin(self, minute: int, sunlight: FloatArray) -> None:
         """Begin the shade of the region that has fallen most, if it did so alone and sharply."""
-        levels = self._levels()
+        levels = np.asarray(np.mean(list(self._lit)[-LEVEL_OF:], axis=0))
         falls = levels - sunlight
         falls[list(self._active)] = np.nan
         if np.isfinite(falls).sum() < 2:
