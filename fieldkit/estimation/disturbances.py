@@ -344,11 +344,10 @@ class CloudMonitor:
 
 @dataclass(frozen=True, slots=True)
 class Jump:
-    """A value off its forecast: expected, found, and the difference in standard deviations (`score`)."""
+    """A value off its forecast: expected and found."""
 
     expected: float
     found: float
-    score: float
 
 
 @dataclass(slots=True)
@@ -385,16 +384,16 @@ class Cusum:
         jump = None
         if len(self._values) >= MIN_VALUES:
             expected, leverage = _forecast(self._values, minute)
-            score = self._accumulate((value - expected) / np.sqrt(1.0 + leverage))
-            jump = Jump(expected, value, score) if score else None
+            if self._accumulate((value - expected) / np.sqrt(1.0 + leverage)):
+                jump = Jump(expected, value)
         if jump is not None:
             self._values.clear()
             self._errors.clear()
         self._values.append((minute, value))
         return jump
 
-    def _accumulate(self, error: float) -> float:
-        """The score when the sums pass the limit, else 0."""
+    def _accumulate(self, error: float) -> bool:
+        """True if a sum passes the limit; both begin anew then."""
         scatter = float(np.std(self._errors)) if len(self._errors) >= MIN_VALUES else 0.0
         score = error / max(self.least_sd, scatter)
         self._errors.append(error)
@@ -403,9 +402,9 @@ class Cusum:
         self.high = max(0.0, self.high + score - self.slack)
         self.low = max(0.0, self.low - score - self.slack)
         if max(self.high, self.low) <= self.limit:
-            return 0.0
+            return False
         self.high = self.low = 0.0
-        return score
+        return True
 
 
 def _forecast(values: Sequence[tuple[float, float]], minute: int) -> tuple[float, float]:

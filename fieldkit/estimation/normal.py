@@ -361,10 +361,8 @@ def tangents(normals: ArrayLike) -> tuple[FloatArray, FloatArray]:
 
     At the vertical, where azimuth is undefined, those of azimuth 0.
     """
-    tilt, azimuth = (np.radians(angle) for angle in tilt_azimuth(normals))
-    level = np.zeros_like(tilt)
-    along = np.stack([np.cos(tilt) * np.sin(azimuth), np.cos(tilt) * np.cos(azimuth), -np.sin(tilt)], axis=-1)
-    return along, np.stack([np.cos(azimuth), -np.sin(azimuth), level], axis=-1)
+    tilt, azimuth = tilt_azimuth(normals)
+    return normal(tilt + 90.0, azimuth), normal(90.0, azimuth + 90.0)
 
 
 def cramer_rao(H: FloatArray, normals: ArrayLike) -> FloatArray:

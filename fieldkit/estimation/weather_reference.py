@@ -23,8 +23,6 @@ from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.slab import surface_series
 
 NAME = "level surface by the weather"
-
-
 INPUTS = ("level gain", "level exchange", "longwave", "air", "level inertia", "level model")
 """What is uncertain of the level surface."""
 MODEL_SD_K = 1.83
