@@ -36,6 +36,7 @@ from fieldkit.estimation.learned.readout import (
     KnownSlope,
     Moments,
     Surprise,
+    autocorrelation,
     cause,
     known_slope,
     learnt_parameters,
@@ -439,7 +440,7 @@ class _Group:
         return Learnt(
             learnt_parameters(learner, self._moments),
             dict(zip(names, _rms(kelvin).tolist(), strict=True)),
-            dict(zip(names, _autocorrelation(standard).tolist(), strict=True)),
+            dict(zip(names, autocorrelation(standard).tolist(), strict=True)),
             _mean_square(standard),
         )
 
@@ -454,14 +455,6 @@ def _errors(learner: Learner) -> tuple[FloatArray, FloatArray]:
 def _rms(values: FloatArray) -> FloatArray:
     known = np.isfinite(values)
     return np.asarray(np.sqrt(np.nansum(values**2, axis=0) / np.maximum(known.sum(axis=0), 1)))
-
-
-def _autocorrelation(values: FloatArray) -> FloatArray:
-    """Of columns from one row to the next; 0 with fewer than three rows."""
-    if len(values) < 3:
-        return np.zeros(values.shape[1])
-    filled = np.nan_to_num(values)
-    return np.asarray((filled[1:] * filled[:-1]).sum(axis=0) / np.maximum((filled**2).sum(axis=0), 1e-12))
 
 
 def _mean_square(values: FloatArray) -> float:
