@@ -79,19 +79,7 @@ def day(name: str, beds: list[tuple[float, float]], random: np.random.Generator)
     time_ns = start + np.arange(300) * MINUTE_NS + MINUTE_NS // 2
     sun = sun_vectors(time_ns, SITE)
     taken = columns[0] + columns[1] / sun[:, 2]
-    nothing, none = np.full(300, np.nan), np.zeros(300, np.int64)
-    surface = columns[6 : 6 + len(facets)].T
-    history = History(
-        minute=time_ns // MINUTE_NS,
-        time_ns=time_ns,
-        sun=sun,
-        temperature_k=surface,
-        dni_w_m2=taken,
-        dhi_w_m2=nothing,
-        longwave_down_w_m2=nothing,
-        flags=none,
-        region_flags=np.zeros(surface.shape, np.int64),
-    )
+    history = History(time_ns // MINUTE_NS, time_ns, sun, columns[6 : 6 + len(facets)].T, taken)
     return noisy(history, random, 0.25 * random.standard_normal(len(beds)))
 
 

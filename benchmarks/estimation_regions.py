@@ -59,19 +59,7 @@ def scene(targets: int) -> tuple[History, tuple[Region, ...]]:
     facets = np.vstack([normal(0.0, 0.0), normal(tilts, azimuths)])
     kelvin = surface_temperature(800.0 * np.maximum(sun @ facets.T, 0.0), 400.0, 303.15, PAPER)
     kelvin = kelvin + NOISE_K * random.standard_normal(kelvin.shape)
-    lit, unknown = np.full(MINUTES, 800.0), np.full(MINUTES, np.nan)
-    none = np.zeros(kelvin.shape, np.int64)
-    history = History(
-        minute=time_ns // MINUTE_NS,
-        time_ns=time_ns,
-        sun=sun,
-        temperature_k=kelvin,
-        dni_w_m2=lit,
-        dhi_w_m2=unknown,
-        longwave_down_w_m2=unknown,
-        flags=none[:, 0].copy(),
-        region_flags=none,
-    )
+    history = History(time_ns // MINUTE_NS, time_ns, sun, kelvin, np.full(MINUTES, 800.0))
     return history, (Region("flat", RegionKind.REFERENCE, TRIANGLE), *beds)
 
 

@@ -193,8 +193,6 @@ def _history(
         dni_w_m2=_by_minute(state.dni_w_m2),
         dhi_w_m2=_by_minute(state.dhi_w_m2),
         longwave_down_w_m2=_by_minute(state.longwave_down_w_m2),
-        flags=np.zeros(minute_ns.size, np.int64),
-        region_flags=np.zeros((minute_ns.size, len(facets)), np.int64),
         air_k=_by_minute(state.air_temperature_k),
         wind_m_s=_by_minute(state.wind_m_s),
     )

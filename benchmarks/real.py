@@ -429,8 +429,6 @@ def _ground_days(path: Path, settings: EstimatorSettings) -> Iterator[History]:
         dni_w_m2=dni,
         dhi_w_m2=dhi,
         longwave_down_w_m2=columns["longwave_down_w_m2"],
-        flags=np.zeros(count, np.int64),
-        region_flags=np.zeros((count, 1), np.int64),
         air_k=columns["air_c"] + CELSIUS_ZERO_K,
         wind_m_s=columns["wind_m_s"],
     )

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from fieldkit.calibration.uncertainty import COVERAGE_FACTOR, Contribution, combined_uncertainty
+from fieldkit.calibration.uncertainty import Budgeted, Contribution
 from fieldkit.model.errors import CalibrationError
 from fieldkit.model.site import Site
 from fieldkit.model.units import DAY_S
@@ -50,22 +50,12 @@ MIN_HAZE, MAX_HAZE = 0.02, 0.8
 
 
 @dataclass(frozen=True, slots=True)
-class ClockOffset:
+class ClockOffset(Budgeted):
     """Seconds to add to recorded times, with their uncertainty budget; `readings` were used."""
 
     offset_s: float
     budget: tuple[Contribution, ...]
     readings: int
-
-    @property
-    def standard_uncertainty_s(self) -> float:
-        """Standard uncertainty, all contributions together."""
-        return combined_uncertainty(self.budget)
-
-    @property
-    def expanded_s(self) -> float:
-        """Expanded uncertainty, k = 2."""
-        return COVERAGE_FACTOR * self.standard_uncertainty_s
 
 
 def offset_from_times(

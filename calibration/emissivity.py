@@ -15,8 +15,10 @@ Sources: ASTM E1933 (contact thermometer and reference emissivity methods), ISO 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -25,13 +27,7 @@ from scipy.special import chdtrc
 
 from fieldkit.calibration.band import FLAT, Band, own_part_k
 from fieldkit.calibration.line import Line, Points, fit_line
-from fieldkit.calibration.uncertainty import (
-    COVERAGE_FACTOR,
-    Budgeted,
-    Contribution,
-    effective_freedom,
-    largest,
-)
+from fieldkit.calibration.uncertainty import Budgeted, Contribution, effective_freedom, largest
 from fieldkit.model.errors import CalibrationError
 from fieldkit.model.units import CELSIUS_ZERO_K, kelvin_if_fahrenheit
 from fieldkit.physics.facet import FloatArray
@@ -173,66 +169,75 @@ def fit_emissivity(
     ASTM E1933, Standard Practice for Measuring and Compensating for Emissivity Using Infrared Imaging
     Radiometers; JCGM 100:2008, Guide to the expression of uncertainty in measurement.
     """
-    refuse_before(len(pairs), pairs.contrast_k, shared.reflected_k, pairs.span_k, reflected == "free")
-    fit = _line(pairs, reflected, band)
+    _refuse_before(pairs, shared.reflected_k, reflected)
+    fit = _Fit(pairs, reflected, band)
+    line = fit.line
     scatter_k = float(np.sqrt(np.mean(pairs.contact_sd_k**2 + pairs.apparent_sd_k**2)))
     tape = tape_emissivity if tape_emissivity_sd > 0.0 else None
     budget = (
-        Contribution("scatter of the pairs", scatter_k, "K", "A", fit.slope_sd),
-        *_shared_effects(pairs, shared, reflected, band, fit, tape),
+        Contribution("scatter of the pairs", scatter_k, "K", "A", line.slope_sd),
+        *_shared_effects(fit, shared, tape),
     )
     if tape is not None:
-        effect = fit.slope / tape * tape_emissivity_sd
+        effect = line.slope / tape * tape_emissivity_sd
         budget += (Contribution("emissivity of the tape", tape_emissivity_sd, "1", "B", effect),)
     if foil_emissivity_sd > 0.0:
-        budget += (_foil_contribution(pairs, foil_emissivity_sd, band, fit),)
+        budget += (_foil_contribution(fit, foil_emissivity_sd),)
     found = Emissivity(
-        value=fit.slope,
-        reflected_k=_reflected_k(fit, pairs, reflected, band),
-        chi_square=fit.chi_square / max(1, fit.freedom),
-        freedom=fit.freedom,
-        residual_k=float(np.sqrt(np.mean((fit.residuals / _signal_per_k(pairs.apparent_k, band)) ** 2))),
+        value=line.slope,
+        reflected_k=_reflected_k(fit),
+        chi_square=line.chi_square / max(1, line.freedom),
+        freedom=line.freedom,
+        residual_k=float(np.sqrt(np.mean((line.residuals / fit.per_k(pairs.apparent_k)) ** 2))),
         span_k=pairs.span_k,
         budget=budget,
     )
-    spread = _disagreement(fit, pairs, shared, reflected, band)
-    fahrenheit = _emissivity_if_fahrenheit(pairs, shared, band)
-    remarks = refuse_after(
-        found.value, found.standard_uncertainty, found.largest, spread, fit.freedom, fahrenheit
-    )
+    remarks = _refuse_after(found, _disagreement(fit, shared), _emissivity_if_fahrenheit(fit, shared))
     return replace(found, remarks=remarks)
 
 
-def _line(pairs: Pairs, reflected: Reflected, band: Band) -> Line:
-    """The line of camera signal over surface signal; with a fixed reflected temperature both above it."""
-    seen, black = band.signal(pairs.apparent_k), band.signal(pairs.contact_k)
-    mirror = band.signal(pairs.reflected_k) if reflected == "fixed" else np.zeros(len(pairs))
-    points = Points(
-        black - mirror,
-        seen - mirror,
-        _signal_per_k(pairs.contact_k, band) * pairs.contact_sd_k,
-        _signal_per_k(pairs.apparent_k, band) * pairs.apparent_sd_k,
-    )
-    return fit_line(points, origin=reflected == "fixed")
+@dataclass(frozen=True)
+class _Fit:
+    """Pairs and the line of camera signal over surface signal through them."""
+
+    pairs: Pairs
+    reflected: Reflected
+    band: Band
+
+    @cached_property
+    def line(self) -> Line:
+        """With a fixed reflected temperature both signals above that of it."""
+        pairs, is_fixed = self.pairs, self.reflected == "fixed"
+        seen, black = self.band.signal(pairs.apparent_k), self.band.signal(pairs.contact_k)
+        mirror = self.band.signal(pairs.reflected_k) if is_fixed else np.zeros(len(pairs))
+        points = Points(
+            black - mirror,
+            seen - mirror,
+            self.per_k(pairs.contact_k) * pairs.contact_sd_k,
+            self.per_k(pairs.apparent_k) * pairs.apparent_sd_k,
+        )
+        return fit_line(points, origin=is_fixed)
+
+    def per_k(self, temperature_k: FloatArray) -> FloatArray:
+        """dM/dT of the band signal per kelvin."""
+        return np.asarray(self.band.signal(temperature_k + 0.5) - self.band.signal(temperature_k - 0.5))
+
+    def moved(self, reflected: Reflected, **changed: FloatArray) -> float:
+        """Change of the slope with some columns of the pairs."""
+        return _Fit(replace(self.pairs, **changed), reflected, self.band).line.slope - self.line.slope
 
 
-def _signal_per_k(temperature_k: FloatArray, band: Band) -> FloatArray:
-    """dM/dT of the band signal per kelvin."""
-    return np.asarray(band.signal(temperature_k + 0.5) - band.signal(temperature_k - 0.5))
-
-
-def _reflected_k(fit: Line, pairs: Pairs, reflected: Reflected, band: Band) -> float:
+def _reflected_k(fit: _Fit) -> float:
     """The reflected temperature: as given, or from the intercept ``(1 - e) M(T_refl)``."""
-    if reflected == "fixed":
-        return float(np.mean(pairs.reflected_k))
-    return float(band.temperature(fit.intercept / (1.0 - fit.slope))) if fit.slope < 1.0 else float("nan")
+    if fit.reflected == "fixed":
+        return float(np.mean(fit.pairs.reflected_k))
+    line = fit.line
+    return float(fit.band.temperature(line.intercept / (1.0 - line.slope))) if line.slope < 1.0 else math.nan
 
 
-def _shared_effects(
-    pairs: Pairs, shared: SharedUncertainties, reflected: Reflected, band: Band, fit: Line, tape: float | None
-) -> Iterator[Contribution]:
+def _shared_effects(fit: _Fit, shared: SharedUncertainties, tape: float | None) -> Iterator[Contribution]:
     """Change of the emissivity for each shared error, found by shifting the data and fitting again."""
-    value = fit.slope
+    pairs, band, is_fixed = fit.pairs, fit.band, fit.reflected == "fixed"
 
     def moved(
         *, camera_k: float = 0.0, probe_k: FloatArray | float = 0.0, reflected_k: FloatArray | float = 0.0
@@ -241,8 +246,8 @@ def _shared_effects(
         if tape is not None:  # the same camera views the tape, which reflects the same
             seen = tape * band.signal(pairs.contact_k) + (1.0 - tape) * band.signal(pairs.reflected_k)
             contact = own_part_k(band.temperature(seen) + camera_k, tape, mirror, band)
-        given = replace(pairs, apparent_k=pairs.apparent_k + camera_k, contact_k=contact, reflected_k=mirror)
-        return _line(given, reflected, band).slope - value
+        seen_k = pairs.apparent_k + camera_k
+        return fit.moved(fit.reflected, apparent_k=seen_k, contact_k=contact, reflected_k=mirror)
 
     yield Contribution("camera offset", shared.camera_k, "K", "B", moved(camera_k=shared.camera_k))
     if tape is None:
@@ -254,17 +259,18 @@ def _shared_effects(
         gradient_k = shared.probe_gradient_k
         effect = moved(probe_k=gradient_k * _position(pairs))
         yield Contribution("probe error with heat flow", gradient_k, "K", "B", effect)
-    if reflected == "fixed" or tape is not None:
+    if is_fixed or tape is not None:
         shift = moved(reflected_k=shared.reflected_k)
         yield Contribution("reflected temperature", shared.reflected_k, "K", "B", shift)
     if not pairs.follows_the_sky:
         drift_k = shared.sky_drift_k
-        given = reflected == "fixed"
         shift_k = drift_k * _position(pairs)
-        effect = moved(reflected_k=shift_k) if given else _drift_effect(pairs, drift_k, band, fit, tape)
+        effect = moved(reflected_k=shift_k) if is_fixed else _drift_effect(fit, shift_k, tape)
         yield Contribution("drift of the sky", drift_k, "K", "B", effect)
     if tape is None:  # the camera sees the tape through the same air
-        yield Contribution("air in between", shared.transmission, "1", "B", value * shared.transmission)
+        yield Contribution(
+            "air in between", shared.transmission, "1", "B", fit.line.slope * shared.transmission
+        )
 
 
 def _position(pairs: Pairs) -> FloatArray:
@@ -273,7 +279,7 @@ def _position(pairs: Pairs) -> FloatArray:
     return np.asarray(away / max(0.5 * pairs.span_k, 1e-9))
 
 
-def _drift_effect(pairs: Pairs, drift_k: float, band: Band, fit: Line, tape: float | None) -> float:
+def _drift_effect(fit: _Fit, drift_k: FloatArray, tape: float | None) -> float:
     """Effect of a sky that drifts as the surface warms, where its temperature is fitted as well.
 
     With c that of a perfect mirror the effect is c (1 - e), less c q e by a tape, whose temperature is
@@ -282,40 +288,39 @@ def _drift_effect(pairs: Pairs, drift_k: float, band: Band, fit: Line, tape: flo
     itself, because it also makes the reflectance too small.
     """
     by_tape = 0.0 if tape is None else (1.0 - tape) / tape
-    per_k = _signal_per_k(np.full(len(pairs), WARM_SKY_K), band) / _signal_per_k(pairs.apparent_k, band)
-    seen = replace(pairs, apparent_k=pairs.apparent_k + per_k * drift_k * _position(pairs))
-    of_mirror = _line(seen, "free", band).slope - fit.slope
-    effect = of_mirror * (max(1.0 - fit.slope, MIN_REFLECTANCE) - by_tape * fit.slope)
+    seen_k, slope = fit.pairs.apparent_k, fit.line.slope
+    per_k = fit.per_k(np.full(seen_k.size, WARM_SKY_K)) / fit.per_k(seen_k)
+    of_mirror = fit.moved("free", apparent_k=seen_k + per_k * drift_k)
+    effect = of_mirror * (max(1.0 - slope, MIN_REFLECTANCE) - by_tape * slope)
     return effect / max(1.0 - abs(of_mirror) * (1.0 + by_tape), 0.25)
 
 
-def _foil_contribution(pairs: Pairs, foil_sd: float, band: Band, fit: Line) -> Contribution:
+def _foil_contribution(fit: _Fit, foil_sd: float) -> Contribution:
     """Effect of a foil that emits more or less than assumed: the sky would be colder or warmer."""
-    own = band.signal(pairs.contact_k) - band.signal(pairs.reflected_k)
-    shift_k = -foil_sd * own / _signal_per_k(pairs.reflected_k, band)
-    moved = _line(replace(pairs, reflected_k=pairs.reflected_k + shift_k), "fixed", band)
-    return Contribution("emissivity of the foil", foil_sd, "1", "B", moved.slope - fit.slope)
+    mirror_k = fit.pairs.reflected_k
+    own = fit.band.signal(fit.pairs.contact_k) - fit.band.signal(mirror_k)
+    effect = fit.moved("fixed", reflected_k=mirror_k - foil_sd * own / fit.per_k(mirror_k))
+    return Contribution("emissivity of the foil", foil_sd, "1", "B", effect)
 
 
-def _disagreement(
-    fit: Line, pairs: Pairs, shared: SharedUncertainties, reflected: Reflected, band: Band
-) -> float:
+def _disagreement(fit: _Fit, shared: SharedUncertainties) -> float:
     """Chi-square of the residuals, allowing for shared errors, which also bend the line.
 
     The distance of the probe from the skin acts through a heat flux that changes: it counts as an
     independent error of each pair as well.
     """
-    per_k, mirror_per_k = _signal_per_k(pairs.contact_k, band), _signal_per_k(pairs.reflected_k, band)
-    own = np.hypot(_signal_per_k(pairs.apparent_k, band) * pairs.apparent_sd_k,
-                   fit.slope * per_k * np.hypot(pairs.contact_sd_k, shared.probe_to_skin_k))  # fmt: skip
+    pairs, line = fit.pairs, fit.line
+    seen_per_k, felt_per_k = fit.per_k(pairs.apparent_k), line.slope * fit.per_k(pairs.contact_k)
+    felt_sd_k = np.hypot(pairs.contact_sd_k, shared.probe_to_skin_k)
+    own = np.hypot(seen_per_k * pairs.apparent_sd_k, felt_per_k * felt_sd_k)
     together = [
-        _signal_per_k(pairs.apparent_k, band) * shared.camera_k,
-        fit.slope * per_k * np.hypot(shared.thermometer_k, shared.probe_to_skin_k),
+        seen_per_k * shared.camera_k,
+        felt_per_k * np.hypot(shared.thermometer_k, shared.probe_to_skin_k),
     ]
-    if reflected == "fixed":
-        together.append((1.0 - fit.slope) * mirror_per_k * shared.reflected_k)
+    if fit.reflected == "fixed":
+        together.append((1.0 - line.slope) * fit.per_k(pairs.reflected_k) * shared.reflected_k)
     covariance = np.diag(own**2) + sum(np.outer(effect, effect) for effect in together)
-    return float(fit.residuals @ np.linalg.solve(covariance, fit.residuals))
+    return float(line.residuals @ np.linalg.solve(covariance, line.residuals))
 
 
 def agree(chi_square: float, freedom: int) -> bool:
@@ -323,27 +328,24 @@ def agree(chi_square: float, freedom: int) -> bool:
     return freedom <= 0 or float(chdtrc(freedom, chi_square)) >= UNLIKELY
 
 
-def _emissivity_if_fahrenheit(pairs: Pairs, shared: SharedUncertainties, band: Band) -> float:
+def _emissivity_if_fahrenheit(fit: _Fit, shared: SharedUncertainties) -> float:
     """Emissivity if the thermometer's numbers were °F; NaN where the pairs then disagree."""
-    contact = kelvin_if_fahrenheit(pairs.contact_k)
-    converted = replace(pairs, contact_k=contact)
-    if not (converted.contrast_k > 0.0 and np.isfinite(band.signal(contact)).all()):
-        return float("nan")
-    fit = _line(converted, "fixed", band)
-    disagreement = _disagreement(fit, converted, shared, "fixed", band)
-    return fit.slope if agree(disagreement, fit.freedom) else float("nan")
+    converted = replace(fit.pairs, contact_k=kelvin_if_fahrenheit(fit.pairs.contact_k))
+    if not (converted.contrast_k > 0.0 and np.isfinite(fit.band.signal(converted.contact_k)).all()):
+        return math.nan
+    other = _Fit(converted, "fixed", fit.band)
+    return other.line.slope if agree(_disagreement(other, shared), other.line.freedom) else math.nan
 
 
-def refuse_before(
-    pairs: int, contrast_k: float, reflected_sd_k: float, span_k: float, reflected_is_free: bool
-) -> None:
+def _refuse_before(pairs: Pairs, reflected_sd_k: float, reflected: Reflected) -> None:
     """Raise `CalibrationError` if the data cannot determine an emissivity, whatever its value.
 
     The surface must differ from what it reflects by 10 K, and by three standard uncertainties of that.
     """
-    if pairs < MIN_PAIRS:
+    count, contrast_k, span_k = len(pairs), pairs.contrast_k, pairs.span_k
+    if count < MIN_PAIRS:
         raise CalibrationError(
-            f"{pairs} steady pair{'s' * (pairs != 1)} cannot show whether they agree",
+            f"{count} steady pair{'s' * (count != 1)} cannot show whether they agree",
             fix=f"measure at {MIN_PAIRS} temperatures or more, each steady for a minute",
         )
     least_k = max(MIN_CONTRAST_K, 3.0 * reflected_sd_k)
@@ -353,21 +355,20 @@ def refuse_before(
             "its emissivity hardly shows",
             fix="heat the sample, or go outdoors under a clear sky; 25 K or more is good",
         )
-    if reflected_is_free and span_k < MIN_SPAN_K:
+    if reflected == "free" and span_k < MIN_SPAN_K:
         raise CalibrationError(
             f"the surface spans {span_k:.0f} K: emissivity and reflected temperature cannot be separated",
             fix=f"measure over {MIN_SPAN_K:.0f} K or more, or measure the reflected temperature with foil",
         )
 
 
-def refuse_after(
-    value: float, standard: float, worst: Contribution, chi_square: float, freedom: int, in_fahrenheit: float
-) -> tuple[str, ...]:
+def _refuse_after(found: Emissivity, chi_square: float, in_fahrenheit: float) -> tuple[str, ...]:
     """Raise `CalibrationError` if the fit contradicts the model or is too uncertain; else return warnings.
 
     `in_fahrenheit` is the emissivity for a thermometer that shows °F, NaN where that fits no better.
     """
-    is_impossible = value > 1.0 + COVERAGE_FACTOR * standard
+    value, freedom = found.value, found.freedom
+    is_impossible = value > 1.0 + found.expanded
     disagrees = not agree(chi_square, freedom)
     if (is_impossible or disagrees or value < MIN_SOIL) and MIN_SOIL <= in_fahrenheit <= MAX_SOIL:
         raise CalibrationError(
@@ -387,9 +388,10 @@ def refuse_after(
             fix="check for unsteady moments, a probe outside the region, clocks that differ between logs, "
             "or a reflected temperature from another sky",
         )
-    if standard > MAX_UNCERTAINTY:
+    if found.standard_uncertainty > MAX_UNCERTAINTY:
+        worst = found.largest
         raise CalibrationError(
-            f"the emissivity would be {value:.2f} ± {COVERAGE_FACTOR * standard:.2f} (k=2): not determined",
+            f"the emissivity would be {value:.2f} ± {found.expanded:.2f} (k=2): not determined",
             fix=f"the largest contribution is {worst.name} ({abs(worst.effect):.3f}): work on it first, "
             "or make the surface warmer than what it reflects",
         )

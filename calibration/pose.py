@@ -110,9 +110,7 @@ def _start(
     """Position, angles and field of view by SQPnP; None where it finds none."""
     import cv2
 
-    rows, cols = shape
-    focal = Camera((0.0, 0.0, 0.0), 0.0, 0.0, 0.0, hfov_deg, shape).focal_px
-    intrinsics = np.array([[focal, 0, 0.5 * (cols - 1)], [0, focal, 0.5 * (rows - 1)], [0, 0, 1.0]])
+    intrinsics = Camera((0.0, 0.0, 0.0), 0.0, 0.0, 0.0, hfov_deg, shape).intrinsics
     marks, points = (np.ascontiguousarray(one, np.float64) for one in (pixels, points_m))  # as OpenCV asks
     lens = np.array(distortion) if distortion else None
     ok, turned, moved = cv2.solvePnP(points, marks, intrinsics, lens, flags=cv2.SOLVEPNP_SQPNP)

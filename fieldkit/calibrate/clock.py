@@ -155,7 +155,7 @@ def _record(
             name=name,
             date=date,
             value=found.offset_s,
-            standard_uncertainty=found.standard_uncertainty_s,
+            standard_uncertainty=found.standard_uncertainty,
             unit="s",
             method=method,
             degrees_of_freedom=freedom,
@@ -166,11 +166,11 @@ def _record(
 
 
 def _summary(found: ClockOffset, method: str) -> str:
-    return f"add {found.offset_s:+.1f} ± {found.expanded_s:.1f} s (k=2)   {method}"
+    return f"add {found.offset_s:+.1f} ± {found.expanded:.1f} s (k=2)   {method}"
 
 
 def _is_significant(found: ClockOffset) -> bool:
-    return abs(found.offset_s) > found.expanded_s
+    return abs(found.offset_s) > found.expanded
 
 
 def _warn_of_another_day(found: ClockOffset, notify: Callable[[str], None]) -> None:

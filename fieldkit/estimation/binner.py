@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,7 +55,8 @@ class Binner:
         self._unreported = self._instruments.unknown
         self._absent = self._instruments.absent
         self.irradiance_model: str = self._instruments.label
-        self._cameras: dict[tuple[int, ...], CameraStream] = {}
+        # a bin that is still open may hold other regions than the next
+        self._camera_of = lru_cache(maxsize=2)(self._looking_at)
         self._open: dict[int, OpenBin] = {}
         self._closed_ns = -(2**62)
         self._late = 0
@@ -90,12 +92,11 @@ class Binner:
 
     def _camera(self, columns: NDArray[np.int64]) -> CameraStream | None:
         """The camera that looks at these regions, None without a camera."""
-        info, key = self._instruments.camera, tuple(columns.tolist())
-        if info is not None and key not in self._cameras:
-            self._cameras = {key: self._looking_at(info, columns)} | dict(list(self._cameras.items())[:1])
-        return self._cameras.get(key)
+        return self._camera_of(tuple(columns.tolist()))
 
-    def _looking_at(self, info: StreamInfo, columns: NDArray[np.int64]) -> CameraStream:
+    def _looking_at(self, columns: tuple[int, ...]) -> CameraStream | None:
+        if (info := self._instruments.camera) is None:
+            return None
         regions = [self.schedule.columns[column] for column in columns]
         emissivity = self._settings.surface.emissivity
         reflected_k = self._settings.reflected_temperature_k

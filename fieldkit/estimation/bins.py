@@ -180,24 +180,16 @@ def _pixels_of(region: Region, shape: tuple[int, int]) -> NDArray[np.intp]:
     return np.asarray((rows + box[0].start) * shape[1] + cols + box[1].start, np.intp)
 
 
-@dataclass(slots=True)
 class RegionSums:
     """Whole-number sums over the frames of one bin.
 
     `seen` are the frames in which a region lay, `samples` its pixels in them.
     """
 
-    regions: int
-    frames: int = 0
-    offset_ns: int = 0
-    seen: list[int] = field(init=False)
-    samples: list[int] = field(init=False)
-    totals: list[int] = field(init=False)
-    squares: list[int] = field(init=False)
-
-    def __post_init__(self) -> None:
-        for name in ("seen", "samples", "totals", "squares"):
-            setattr(self, name, [0] * self.regions)
+    def __init__(self, regions: int) -> None:
+        self.regions = regions
+        self.frames = self.offset_ns = 0
+        self.seen, self.samples, self.totals, self.squares = ([0] * regions for _ in range(4))
 
     def add(self, sums: Sums, offset_ns: int) -> None:
         """Add one frame's sums over the regions, taken `offset_ns` after the minute's start."""
@@ -379,9 +371,8 @@ class RegionColumns:
     def reference_normals(self) -> FloatArray:
         """Unit normals of the references, (r, 3); one without a tilt is level."""
         references = [self.regions[column] for column in self.references]
-        tilts = [0.0 if math.isnan(one.tilt_deg) else one.tilt_deg for one in references]
-        azimuths = [0.0 if math.isnan(one.azimuth_deg) else one.azimuth_deg for one in references]
-        return normal(tilts, azimuths).reshape(-1, 3)
+        angles = [(one.tilt_deg, one.azimuth_deg) for one in references]
+        return normal(*np.nan_to_num(np.reshape(angles, (-1, 2)).T))
 
     def _columns(self, kind: RegionKind) -> NDArray[np.int64]:
         return np.array([i for i, region in enumerate(self.regions) if region.kind == kind], np.int64)
@@ -395,9 +386,9 @@ _REAL = ("dni_w_m2", "dhi_w_m2", "longwave_down_w_m2", "air_k", "wind_m_s", "shi
 class History:
     """Bins side by side: arrays over minutes (n,), minutes and regions (n, regions), suns (n, 3).
 
-    What a set-up need not measure (air, wind, probes) is NaN where it is not given. `region_flags` are as the
-    bins closed; shade that was found, marked or dismissed afterwards is entered in `shade_ledger` (k, 3): the
-    minute in which that became known, minute and column of the `SHADED` flag that it reverses.
+    What a set-up need not measure is NaN where it is not given; without flags all is good. `region_flags` are
+    as the bins closed; shade that was found, marked or dismissed afterwards is entered in `shade_ledger`
+    (k, 3): the minute in which that became known, minute and column of the `SHADED` flag that it reverses.
     """
 
     minute: NDArray[np.int64]
@@ -405,10 +396,10 @@ class History:
     sun: FloatArray
     temperature_k: FloatArray
     dni_w_m2: FloatArray
-    dhi_w_m2: FloatArray
-    longwave_down_w_m2: FloatArray
-    flags: NDArray[np.int64]
-    region_flags: NDArray[np.int64]
+    dhi_w_m2: FloatArray = field(default_factory=lambda: np.empty(0))
+    longwave_down_w_m2: FloatArray = field(default_factory=lambda: np.empty(0))
+    flags: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
+    region_flags: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
     air_k: FloatArray = field(default_factory=lambda: np.empty(0))
     wind_m_s: FloatArray = field(default_factory=lambda: np.empty(0))
     probe_k: FloatArray = field(default_factory=lambda: np.empty(0))
@@ -416,14 +407,11 @@ class History:
     shade_ledger: NDArray[np.int64] = field(default_factory=lambda: np.empty((0, 3), np.int64))
 
     def __post_init__(self) -> None:
-        for name, like in (
-            ("air_k", self.dni_w_m2),
-            ("wind_m_s", self.dni_w_m2),
-            ("shift_px", self.dni_w_m2),
-            ("probe_k", self.temperature_k),
-        ):
-            if getattr(self, name).shape != like.shape:
-                object.__setattr__(self, name, np.full(like.shape, np.nan))
+        shapes = dict.fromkeys((*_REAL, "flags"), self.dni_w_m2.shape)
+        shapes |= dict.fromkeys(("probe_k", "region_flags"), self.temperature_k.shape)
+        for name, shape in shapes.items():
+            if getattr(self, name).shape != shape:
+                object.__setattr__(self, name, np.full(shape, 0 if "flags" in name else np.nan))
 
     @classmethod
     def of(cls, bins: Sequence[MinuteBin], columns: int = 0) -> History:

@@ -21,11 +21,11 @@ from fieldkit.estimation.instant import with_along_sun
 from fieldkit.estimation.learned.inputs import (
     BRIDGED_MINUTES,
     MinuteInputs,
-    bridge,
     can_start,
     first_row,
     logged,
     minute_inputs,
+    minutes_between,
     shade,
 )
 from fieldkit.estimation.learned.layout import Indices, Layout
@@ -36,6 +36,7 @@ from fieldkit.estimation.learned.readout import (
     KnownSlope,
     Moments,
     Surprise,
+    autocorrelation,
     cause,
     known_slope,
     learnt_parameters,
@@ -249,7 +250,8 @@ class _Group:
             # shade that is known only now lay over minutes that were taken without it
             if not np.array_equal(shade(history, self._layout)[self._first : -1], self._shade):
                 learner.reshade(self._inputs(history, self._first, row))
-            learner.add(self._input(history, row, learner.last, self._first))
+            start = int(history.minute[self._first])
+            learner.add(minute_inputs(history, row, self._layout, self._settings, learner.last, start))
         self._read(history)
 
     def take_at_once(self, history: History, starts: Sequence[int]) -> None:
@@ -263,8 +265,7 @@ class _Group:
                 continue
             if not sessions:
                 self._first = first + row
-            known = logged(session, row, self._layout, self._columns.regions, self._settings)
-            sessions.append(Recorded(known, self._inputs(session, row, len(session))))
+            sessions.append(self._recorded(session, row, len(session)))
         try:
             if sessions:
                 self._learner = Learner(self._layout, self._settings, sessions)
@@ -283,21 +284,15 @@ class _Group:
     def _start(self, history: History, row: int) -> None:
         if can_start(history, row, self._layout):
             self._first = row
-            known = logged(history, row, self._layout, self._columns.regions, self._settings)
-            begun = Recorded(known, [self._input(history, row, None, row)])
-            self._learner = Learner(self._layout, self._settings, [begun])
+            self._learner = Learner(self._layout, self._settings, [self._recorded(history, row, row + 1)])
 
-    def _input(self, history: History, row: int, before: MinuteInputs | None, first: int) -> MinuteInputs:
-        start = int(history.minute[first])
-        return minute_inputs(history, row, self._layout, self._settings, before, start)
+    def _recorded(self, history: History, first: int, end: int) -> Recorded:
+        """The minutes of the rows from `first` to before `end`."""
+        known = logged(history, first, self._layout, self._columns.regions, self._settings)
+        return Recorded(known, self._inputs(history, first, end))
 
     def _inputs(self, history: History, first: int, end: int) -> list[MinuteInputs]:
-        """All minutes of rows from `first` to before `end`, anew."""
-        made = [self._input(history, first, None, first)]
-        for row in range(first + 1, end):
-            later = self._input(history, row, made[-1], first)
-            made.extend((*bridge(made[-1], later), later))
-        return made
+        return minutes_between(history, first, end, self._layout, self._settings)
 
     def estimates(self, history: History) -> list[SlopeEstimate]:
         """Slope of each target that holds at the last minute taken."""
@@ -445,7 +440,7 @@ class _Group:
         return Learnt(
             learnt_parameters(learner, self._moments),
             dict(zip(names, _rms(kelvin).tolist(), strict=True)),
-            dict(zip(names, _autocorrelation(standard).tolist(), strict=True)),
+            dict(zip(names, autocorrelation(standard).tolist(), strict=True)),
             _mean_square(standard),
         )
 
@@ -460,14 +455,6 @@ def _errors(learner: Learner) -> tuple[FloatArray, FloatArray]:
 def _rms(values: FloatArray) -> FloatArray:
     known = np.isfinite(values)
     return np.asarray(np.sqrt(np.nansum(values**2, axis=0) / np.maximum(known.sum(axis=0), 1)))
-
-
-def _autocorrelation(values: FloatArray) -> FloatArray:
-    """Of columns from one row to the next; 0 with fewer than three rows."""
-    if len(values) < 3:
-        return np.zeros(values.shape[1])
-    filled = np.nan_to_num(values)
-    return np.asarray((filled[1:] * filled[:-1]).sum(axis=0) / np.maximum((filled**2).sum(axis=0), 1e-12))
 
 
 def _mean_square(values: FloatArray) -> float:

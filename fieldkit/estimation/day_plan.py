@@ -193,6 +193,7 @@ def plan_day(
     on_step = (time_ns - time_ns[0]) % (step_min * MINUTE_NS) == 0
     rows = np.flatnonzero(up & on_step)
     usable_sigma = np.where(elevation < settings.low_sun_deg, np.inf, sigma)
+    windows = [slice(row, row + settings.window_min + 1) for row in rows.tolist()]
     return DayPlan(
         facets=tuple(facets),
         settings=settings,
@@ -202,7 +203,7 @@ def plan_day(
         sensitivity=sensitivity(normals, sun, light, surface_k, settings.surface),
         sigma=sigma,
         rows=rows,
-        bounds=tuple(bounds_over_day(normals, sun, usable_sigma, rows, settings.window_min)),
+        bounds=tuple(bound(normals, sun[window], usable_sigma[:, window]) for window in windows),
     )
 
 
@@ -317,14 +318,3 @@ def bound(normals: FloatArray, sun: FloatArray, sigma: ArrayLike) -> Bound:
         other_tilt,
         other_azimuth,
     )
-
-
-def bounds_over_day(
-    normals: FloatArray, sun: FloatArray, sigma: FloatArray, starts: ArrayLike, minutes: int
-) -> list[Bound]:
-    """One `Bound` per start, from the minutes ``start..start + minutes`` (inclusive) of a one-minute grid.
-
-    `sigma` has shape (f, n); infinite where there is no usable sun.
-    """
-    slices = [slice(int(start), int(start) + minutes + 1) for start in np.asarray(starts)]
-    return [bound(normals, sun[chosen], sigma[:, chosen]) for chosen in slices]

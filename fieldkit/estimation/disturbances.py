@@ -10,7 +10,7 @@ Where the camera moved the regions follow (`following`); here it is reported, an
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
@@ -67,6 +67,8 @@ class DisturbanceMonitor:
         self._outside: set[int] = set()
         self._settled_ns = -(2**62)
         self._last_sums: tuple[int, list[int]] | None = None
+        self._events: list[Event] = []  # of the present bin, which ends at these monotonic and UTC times
+        self._at_ns = (0, 0)
 
     def add(self, mark: Event) -> None:
         """Take a note on the recording, which may be about the shade of a region."""
@@ -84,17 +86,31 @@ class DisturbanceMonitor:
     ) -> tuple[MinuteBin, list[Event]]:
         """The bin with its flags, and the events to report; `is_last` at the end of a recording."""
         self._follow(schedule, minute)
-        events = self._clouds(entry, light, settings)
-        if self._light.cloudy or events or entry.start_ns < self._settled_ns:
+        self._events, self._at_ns = [], end_of(minute)
+        self._clouds(light, settings)
+        if self._light.cloudy or self._events or entry.start_ns < self._settled_ns:
             entry = replace(entry, flags=entry.flags | Quality.CLOUD)
         reference_k = mean_of(entry.temperature_k[list(self._references)])
-        jump = self._reference.update(entry.minute, reference_k)
-        if jump is not None:
-            events.append(_jump_event(jump, minute, bool(entry.flags & Quality.CLOUD)))
-        below = self._below_horizon(entry, settings)
-        entry = self._shades(entry, reference_k, minute, events, below, is_last=is_last)
-        events += self._drifts(entry, reference_k, end_of(minute))
-        return self._frames(entry, minute, events), events
+        self._jumps(entry, reference_k)
+        entry = self._shades(entry, reference_k, self._below_horizon(entry, settings), is_last=is_last)
+        self._drifts(entry, reference_k)
+        if minute.last_frame is not None:
+            entry = self._frozen(entry, minute)
+            self._leaving(minute)
+            self._movement(minute)
+        return entry, self._events
+
+    def _report(
+        self,
+        text: str,
+        severity: Severity = Severity.INFO,
+        kind: EventKind = EventKind.ESTIMATOR,
+        **data: Any,
+    ) -> None:
+        self._events.append(Event(kind, *self._at_ns, text, severity=severity, data=data))
+
+    def _name(self, column: int) -> str:
+        return self._schedule.columns[column].name
 
     def _follow(self, schedule: RegionSchedule, minute: OpenBin) -> None:
         """Watch the regions that hold in this minute."""
@@ -109,32 +125,27 @@ class DisturbanceMonitor:
         self._drift = {column: self._drift.get(column) or ShadeMonitor() for column in targets}
         self._schedule, self._references = schedule, references
 
-    def _clouds(self, entry: MinuteBin, light: MinuteIrradiance, settings: EstimatorSettings) -> list[Event]:
-        events = []
+    def _clouds(self, light: MinuteIrradiance, settings: EstimatorSettings) -> None:
         for reading, clearness in zip(light.readings, light.clearness.tolist(), strict=True):
             change = self._light.update(reading.mono_ns, reading.time_ns, clearness)
             if change is None:
                 continue
             if change.kind == "end":
                 self._settled_ns = change.time_ns + round(settings.settle_s * 1e9)
-            data = {"phase": change.kind}
+            at_ns, text = (change.mono_ns, change.time_ns), f"cloud {change.kind}s: {change.text}"
             severity = Severity.WARNING if change.kind == "begin" else Severity.INFO
-            text = f"cloud {change.kind}s: {change.text}"
-            events.append(
-                Event(EventKind.CLOUD, change.mono_ns, change.time_ns, text, reading.stream, severity, data)
-            )
-        return events
+            data = {"phase": change.kind}
+            self._events.append(Event(EventKind.CLOUD, *at_ns, text, reading.stream, severity, data))
 
-    def _shades(
-        self,
-        entry: MinuteBin,
-        reference_k: float,
-        minute: OpenBin,
-        events: list[Event],
-        below: set[int],
-        *,
-        is_last: bool,
-    ) -> MinuteBin:
+    def _jumps(self, entry: MinuteBin, reference_k: float) -> None:
+        jump = self._reference.update(entry.minute, reference_k)
+        if jump is None:
+            return
+        off_k, is_clouded = jump.found - jump.expected, bool(entry.flags & Quality.CLOUD)
+        why = ", and so does the light" if is_clouded else " in steady light: wind, shade or a drift"
+        self._report(f"the reference's temperature deviates from its trend by {off_k:+.1f} K{why}")
+
+    def _shades(self, entry: MinuteBin, reference_k: float, below: set[int], *, is_last: bool) -> MinuteBin:
         # a ridge's shadow is known already, and no board
         kelvin = entry.temperature_k.copy()
         kelvin[list(below)] = np.nan
@@ -144,9 +155,9 @@ class DisturbanceMonitor:
         self._marked = set(marked)
         slow = self._slow_shades(entry, reference_k, tested | below) | below
         shaded, reflagged = self._minutes.update(entry.minute, self._tests.shaded, slow, marked)
-        events += self._shade_events(shaded, ended, end_of(minute))
+        self._report_shades(shaded, ended)
         if not (entry.flags & (Quality.CLOUD | Quality.LOW_SUN)):
-            events += self._uncooled(entry.minute, marked, end_of(minute))
+            self._report_uncooled(entry.minute, marked)
         flags = [
             flag | Quality.SHADED if column in shaded else flag
             for column, flag in enumerate(entry.region_flags)
@@ -160,10 +171,7 @@ class DisturbanceMonitor:
         return {
             column
             for column in (*self._references, *self._shade)
-            if sunlit_share(
-                settings.horizon_of(self._schedule.columns[column].name), entry.sun, MINUTE_EDGE_DEG
-            )
-            < 1.0
+            if sunlit_share(settings.horizon_of(self._name(column)), entry.sun, MINUTE_EDGE_DEG) < 1.0
         }
 
     def _slow_shades(self, entry: MinuteBin, reference_k: float, tested: set[int]) -> set[int]:
@@ -181,30 +189,28 @@ class DisturbanceMonitor:
             if column not in tested and monitor.update(entry.minute, float(over_k[column]))
         }
 
-    def _shade_events(self, shaded: set[int], ended: list[ShadeTest], at_ns: tuple[int, int]) -> list[Event]:
-        tests = {test.column: self._test_event(test, at_ns) for test in ended}
-        changed, self._shaded = sorted((shaded ^ self._shaded) - set(tests)), shaded
-        warnings = [self._shade_event(column, column in shaded, at_ns) for column in changed]
-        return [*warnings, *tests.values()]
+    def _report_shades(self, shaded: set[int], ended: list[ShadeTest]) -> None:
+        changed, self._shaded = shaded ^ self._shaded, shaded
+        for column in sorted(changed - {test.column for test in ended}):
+            name, begins = self._name(column), column in shaded
+            text = f"{name} is {'shaded' if begins else 'sunlit again'}"
+            self._report(text, Severity.WARNING, shaded=name, phase="begin" if begins else "end")
+        for test in ended:
+            name = self._name(test.column)
+            text = f"shade test of {name}, {test.minutes:.0f} min"
+            self._report(text, shade_test=name, begin_ns=test.begin_ns, end_ns=test.end_ns)
 
-    def _shade_event(self, column: int, is_shaded: bool, at_ns: tuple[int, int]) -> Event:
-        name = self._schedule.columns[column].name
-        text = f"{name} is {'shaded' if is_shaded else 'sunlit again'}"
-        return _estimator_event(
-            at_ns, text, Severity.WARNING, shaded=name, phase="begin" if is_shaded else "end"
-        )
-
-    def _uncooled(self, minute: int, marked: list[ShadeTest], at_ns: tuple[int, int]) -> Iterator[Event]:
-        """Events for shade tests, marked in the minute before, that cool nothing in a whole minute."""
+    def _report_uncooled(self, minute: int, marked: list[ShadeTest]) -> None:
+        """Shade tests, marked in the minute before, that cool nothing in a whole minute."""
         whole = {test.column for test in marked if test.end_ns >= (minute + 1) * MINUTE_NS}
         for column in sorted(whole & self._marks.just_begun(minute, self._schedule)):
             if self._tests.cooling_k(minute, column) < UNCOOLED_K:
-                name = self._schedule.columns[column].name
+                name = self._name(column)
                 text = f"{name} does not cool in its shade test: check the board, or take the mark back"
-                yield _estimator_event(at_ns, text, Severity.WARNING, uncooled=name)
+                self._report(text, Severity.WARNING, uncooled=name)
 
-    def _drifts(self, entry: MinuteBin, reference_k: float, at_ns: tuple[int, int]) -> list[Event]:
-        """Events for targets that begin or end to be warmer than their trend: the opposite of a shade."""
+    def _drifts(self, entry: MinuteBin, reference_k: float) -> None:
+        """Targets that begin or end to be warmer than their trend: the opposite of a shade."""
         if entry.flags & Quality.CLOUD or self._shaded:
             self._steady_from = entry.minute + round(NEW_WEATHER_S / 60.0)
         unsteady = entry.minute < self._steady_from
@@ -216,68 +222,49 @@ class DisturbanceMonitor:
             for column, monitor in self._drift.items()
             if monitor.update(entry.minute, -float(over_k[column]))
         }
-        changed, self._drifting = sorted(found ^ self._drifting), found
-        return [self._drift_event(column, column in found, at_ns) for column in changed]
+        changed, self._drifting = found ^ self._drifting, found
+        for column in sorted(changed):
+            name, begins = self._name(column), column in found
+            text = f"{name} {'became warmer than its trend' if begins else 'follows its trend again'}"
+            severity = Severity.WARNING if begins else Severity.INFO
+            self._report(text, severity, drift=name, phase="begin" if begins else "end")
 
-    def _drift_event(self, column: int, begins: bool, at_ns: tuple[int, int]) -> Event:
-        name = self._schedule.columns[column].name
-        text = f"{name} {'became warmer than its trend' if begins else 'follows its trend again'}"
-        severity = Severity.WARNING if begins else Severity.INFO
-        return _estimator_event(at_ns, text, severity, drift=name, phase="begin" if begins else "end")
-
-    def _test_event(self, test: ShadeTest, at_ns: tuple[int, int]) -> Event:
-        name = self._schedule.columns[test.column].name
-        text = f"shade test of {name}, {test.minutes:.0f} min"
-        begin_ns, end_ns = test.begin_ns, test.end_ns
-        return _estimator_event(at_ns, text, shade_test=name, begin_ns=begin_ns, end_ns=end_ns)
-
-    def _frames(self, entry: MinuteBin, minute: OpenBin, events: list[Event]) -> MinuteBin:
-        if minute.last_frame is None:
+    def _frozen(self, entry: MinuteBin, minute: OpenBin) -> MinuteBin:
+        """The bin, flagged and without temperatures where its frames are those of the bin before."""
+        last, self._last_sums = self._last_sums, (minute.frame_sums.frames, minute.frame_sums.totals)
+        if self._last_sums != last or not entry.frames:
             return entry
-        sums = (minute.frame_sums.frames, minute.frame_sums.totals)
-        if sums == self._last_sums and entry.frames:
-            blank = np.full_like(entry.temperature_k, np.nan)
-            entry = replace(entry, flags=entry.flags | Quality.FROZEN, temperature_k=blank)
-        self._last_sums = sums
-        events.extend(self._movement(minute))
-        return entry
+        blank = np.full_like(entry.temperature_k, np.nan)
+        return replace(entry, flags=entry.flags | Quality.FROZEN, temperature_k=blank)
 
-    def _leaving(self, minute: OpenBin) -> Iterator[Event]:
-        """Events where single regions leave the frame, and where they are back."""
+    def _leaving(self, minute: OpenBin) -> None:
+        """Single regions that leave the frame, and that are back."""
         if not minute.frame_sums.frames:
             return
         before, self._outside = self._outside, minute.not_whole
         for column in sorted(before ^ self._outside):
-            name = self._schedule.columns[column].name
+            name = self._name(column)
             if column in self._outside:
                 text = f"{name} left the frame and is lost"
-                yield _moved(minute, text, Severity.WARNING, phase="lost", region=name)
+                self._report(text, Severity.WARNING, EventKind.MOVED, phase="lost", region=name)
             elif column in minute.columns:
                 text = f"{name} is in the frame again"
-                yield _moved(minute, text, Severity.INFO, phase="back", region=name)
+                self._report(text, Severity.INFO, EventKind.MOVED, phase="back", region=name)
 
-    def _movement(self, minute: OpenBin) -> Iterator[Event]:
-        """Events where regions are lost, are found again, or followed by `MOVED_PX` more."""
-        yield from self._leaving(minute)
+    def _movement(self, minute: OpenBin) -> None:
+        """Regions that are lost, are found again, or followed by `MOVED_PX` more."""
         was_lost, self._is_lost = self._is_lost, bool(minute.loss)
         if minute.loss and not was_lost:
             text = f"{minute.loss}: regions are lost, such minutes enter no slope"
-            yield _moved(minute, text, Severity.WARNING, phase="lost")
+            self._report(text, Severity.WARNING, EventKind.MOVED, phase="lost")
         if minute.loss or not (was_lost or minute.shift_px > self._shift_px + MOVED_PX):
             return
         self._shift_px = max(minute.shift_px, self._shift_px)
-        text = f"the camera moved: regions corrected by {minute.shift_px:.1f} px"
-        yield _moved(minute, text, Severity.INFO, phase="corrected", shift_px=round(minute.shift_px, 2))
-
-
-def _estimator_event(
-    at_ns: tuple[int, int], text: str, severity: Severity = Severity.INFO, **data: Any
-) -> Event:
-    return Event(EventKind.ESTIMATOR, *at_ns, text, severity=severity, data=data)
-
-
-def _moved(minute: OpenBin, text: str, severity: Severity, **data: Any) -> Event:
-    return Event(EventKind.MOVED, *end_of(minute), text, severity=severity, data=data)
+        text, shift_px = (
+            f"the camera moved: regions corrected by {minute.shift_px:.1f} px",
+            round(minute.shift_px, 2),
+        )
+        self._report(text, Severity.INFO, EventKind.MOVED, phase="corrected", shift_px=shift_px)
 
 
 def end_of(minute: OpenBin) -> tuple[int, int]:
@@ -287,14 +274,6 @@ def end_of(minute: OpenBin) -> tuple[int, int]:
         samples.append(minute.last_frame)
     last = max(samples, key=lambda sample: sample.time_ns, default=None)
     return (last.mono_ns, last.time_ns) if last is not None else (0, minute.time_ns)
-
-
-def _jump_event(jump: Jump, minute: OpenBin, clouded: bool) -> Event:
-    change = f"the reference's temperature deviates from its trend by {jump.found - jump.expected:+.1f} K"
-    text = (
-        f"{change}, and so does the light" if clouded else f"{change} in steady light: wind, shade or a drift"
-    )
-    return _estimator_event(end_of(minute), text)
 
 
 @dataclass(frozen=True, slots=True)
@@ -365,11 +344,10 @@ class CloudMonitor:
 
 @dataclass(frozen=True, slots=True)
 class Jump:
-    """A value off its forecast: expected, found, and the difference in standard deviations (`score`)."""
+    """A value off its forecast: expected and found."""
 
     expected: float
     found: float
-    score: float
 
 
 @dataclass(slots=True)
@@ -406,16 +384,16 @@ class Cusum:
         jump = None
         if len(self._values) >= MIN_VALUES:
             expected, leverage = _forecast(self._values, minute)
-            score = self._accumulate((value - expected) / np.sqrt(1.0 + leverage))
-            jump = Jump(expected, value, score) if score else None
+            if self._accumulate((value - expected) / np.sqrt(1.0 + leverage)):
+                jump = Jump(expected, value)
         if jump is not None:
             self._values.clear()
             self._errors.clear()
         self._values.append((minute, value))
         return jump
 
-    def _accumulate(self, error: float) -> float:
-        """The score when the sums pass the limit, else 0."""
+    def _accumulate(self, error: float) -> bool:
+        """True if a sum passes the limit; both begin anew then."""
         scatter = float(np.std(self._errors)) if len(self._errors) >= MIN_VALUES else 0.0
         score = error / max(self.least_sd, scatter)
         self._errors.append(error)
@@ -424,9 +402,9 @@ class Cusum:
         self.high = max(0.0, self.high + score - self.slack)
         self.low = max(0.0, self.low - score - self.slack)
         if max(self.high, self.low) <= self.limit:
-            return 0.0
+            return False
         self.high = self.low = 0.0
-        return score
+        return True
 
 
 def _forecast(values: Sequence[tuple[float, float]], minute: int) -> tuple[float, float]:

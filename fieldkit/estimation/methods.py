@@ -33,7 +33,7 @@ from fieldkit.estimation.likelihood import (
     regions_known_azimuth,
     with_systematics,
 )
-from fieldkit.estimation.normal import LOWEST_COS_INCIDENCE, Misfit, choose, solve, solve_known_azimuth
+from fieldkit.estimation.normal import LOWEST_COS_INCIDENCE, Choice, Misfit, choose, choose_along, solve
 from fieldkit.estimation.settings import PAPER_SCALE_SD, EstimatorSettings
 from fieldkit.model.confidence import misfit_drop, percent
 from fieldkit.model.site import Region
@@ -60,12 +60,12 @@ class Solution:
 
     state: SlopeState
     reason: str
-    best: FloatArray | None
-    second: FloatArray | None
-    whole: LikelihoodRegion
-    noise: LikelihoodRegion
     chi_square: float
     used: int
+    best: FloatArray | None = None
+    second: FloatArray | None = None
+    whole: LikelihoodRegion = NOWHERE
+    noise: LikelihoodRegion = NOWHERE
     explained: bool = True
 
 
@@ -101,7 +101,7 @@ def _solved(problem: _Problem) -> list[Solution]:
     return [one if ok else _undecided(one) for one, ok in zip(found, stands.tolist(), strict=True)]
 
 
-def _of_sunlit_rows(problem: _Problem) -> tuple[_Problem, _Fit, NDArray[np.bool_]]:
+def _of_sunlit_rows(problem: _Problem) -> tuple[_Problem, Choice, NDArray[np.bool_]]:
     """Each target's rows in which the sun shines on the slope that they give, and whether there are any.
 
     Whether a row is in the facet's own shade depends on its slope, which depends on the rows: they are chosen
@@ -125,7 +125,7 @@ def _undecided(found: Solution) -> Solution:
     return replace(found, state=SlopeState.NO_INTERSECTION, reason=reason, explained=False)
 
 
-def _by_method(problem: _Problem, fit: _Fit) -> list[Solution]:
+def _by_method(problem: _Problem, fit: Choice) -> list[Solution]:
     ratio = _noise_ratios(problem, fit)
     if (ratio > 1.0).any():
         problem = replace(problem, weights=problem.weights / ratio[:, np.newaxis])
@@ -135,7 +135,7 @@ def _by_method(problem: _Problem, fit: _Fit) -> list[Solution]:
     return [_by_other_method(problem.only(place)) for place in range(len(problem.indices))]
 
 
-def _noise_ratios(problem: _Problem, fit: _Fit) -> FloatArray:
+def _noise_ratios(problem: _Problem, fit: Choice) -> FloatArray:
     """`noise_ratio` of each target's residuals."""
     residuals = (problem.y - fit.best @ problem.design.T) * np.sqrt(problem.weights)
     return np.array([noise_ratio(one[used]) for one, used in zip(residuals, problem.used, strict=True)])
@@ -260,39 +260,12 @@ class _Problem:
         return misfit_drop(self.settings.confidence, 2 if self.azimuth_deg is None else 1)
 
 
-@dataclass(frozen=True, slots=True)
-class _Fit:
-    """Least squares: preferred normals (m, 3), other branches within the limit or NaN, their misfits (m,)."""
-
-    best: FloatArray
-    other: FloatArray
-    misfit: FloatArray
-    other_misfit: FloatArray
-    steeper: FloatArray  # the better branch if both exceed the limit; else best
-
-
-def _least_squares(problem: _Problem) -> _Fit:
+def _least_squares(problem: _Problem) -> Choice:
+    """Preferred normals (m, 3), other branches, their misfits (m,)."""
     limit, misfit = problem.settings.tilt_limit_deg, problem.misfit
     if problem.azimuth_deg is not None:
-        return _along_azimuth(misfit, problem.azimuth_deg, limit, problem.drop)
-    branches = solve(misfit)
-    choice = choose(misfit, branches, limit, at_limit=bool(problem.rows.light.size))
-    is_single = np.isnan(choice.other).any(axis=1)
-    is_steeper = is_single & (branches.first_misfit < choice.misfit)
-    steeper = np.where(is_steeper[:, np.newaxis], branches.first, choice.best)
-    return _Fit(choice.best, choice.other, choice.misfit, choice.other_misfit, steeper)
-
-
-def _along_azimuth(misfit: Misfit, azimuth_deg: FloatArray, limit: float, drop: float) -> _Fit:
-    """Along known azimuths; if two tilts fit, the flatter one is preferred."""
-    tilt, other = solve_known_azimuth(misfit, azimuth_deg, limit)
-    best, second = normal(tilt, azimuth_deg), normal(other, azimuth_deg)
-    value, second_value = misfit(best), misfit(second)
-    swap = (other < tilt) & (second_value - value < drop)
-    swapped = swap[:, np.newaxis]
-    best, second = np.where(swapped, second, best), np.where(swapped, best, second)
-    value, second_value = np.where(swap, second_value, value), np.where(swap, value, second_value)
-    return _Fit(best, second, value, second_value, best)
+        return choose_along(misfit, problem.azimuth_deg, limit, problem.drop)
+    return choose(misfit, solve(misfit), limit, at_limit=bool(problem.rows.light.size))
 
 
 def _scored(problem: _Problem) -> tuple[FloatArray | None, str]:
@@ -313,22 +286,12 @@ def _scored(problem: _Problem) -> tuple[FloatArray | None, str]:
     return winners.normals[0], ""
 
 
-def _nowhere(problem: _Problem, fit: _Fit, place: int, reason: str) -> Solution:
-    chi_square = float(fit.misfit[place]) / int(problem.freedom[place])
-    used = int(problem.used[place].sum())
-    return Solution(
-        state=SlopeState.NO_INTERSECTION,
-        reason=reason,
-        best=None,
-        second=None,
-        whole=NOWHERE,
-        noise=NOWHERE,
-        chi_square=chi_square,
-        used=used,
-    )
+def _nowhere(problem: _Problem, fit: Choice, place: int, reason: str) -> Solution:
+    chi_square = max(float(fit.misfit[place]), 0.0) / int(problem.freedom[place])  # rounding
+    return Solution(SlopeState.NO_INTERSECTION, reason, chi_square, int(problem.used[place].sum()))
 
 
-def _judged(problem: _Problem, fit: _Fit, best: FloatArray) -> list[Solution]:
+def _judged(problem: _Problem, fit: Choice, best: FloatArray) -> list[Solution]:
     """States and regions of a method's best normals (m, 3)."""
     alarm = np.array([chi_square_limit(freedom) for freedom in problem.freedom.tolist()])
     chi_square = np.maximum(fit.misfit, 0.0) / problem.freedom  # rounding may make it negative
@@ -348,31 +311,16 @@ def _judged(problem: _Problem, fit: _Fit, best: FloatArray) -> list[Solution]:
     found = []
     for place, normal_ in enumerate(best):
         if is_too_steep[place]:
-            found.append(
-                _nowhere(problem, fit, place, f"what fits best is steeper than the limit of {limit:g}°")
-            )
+            reason = f"what fits best is steeper than the limit of {limit:g}°"
+            found.append(_nowhere(problem, fit, place, reason))
             continue
         second = fit.other[place] if is_second[place] else None
-        state, reason = SlopeState.NO_INTERSECTION, ""
         if is_bad[place]:
-            reason = _misfit_reason(problem, place, float(chi_square[place]))
+            state, reason = SlopeState.NO_INTERSECTION, _misfit_reason(problem, place, chi_square[place])
         else:
             state, reason = _state(normal_, second, whole[place], problem.settings.confidence)
-        used = int(problem.used[place].sum())
-        explained = not is_bad[place]
-        found.append(
-            Solution(
-                state=state,
-                reason=reason,
-                best=normal_,
-                second=second,
-                whole=whole[place],
-                noise=noise[place],
-                chi_square=float(chi_square[place]),
-                used=used,
-                explained=explained,
-            )
-        )
+        one = replace(_nowhere(problem, fit, place, reason), state=state, explained=not is_bad[place])
+        found.append(replace(one, best=normal_, second=second, whole=whole[place], noise=noise[place]))
     return found
 
 

@@ -213,12 +213,16 @@ def _ordered(normals: list[FloatArray], misfits: list[FloatArray], known: NDArra
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """The preferred normal (..., 3), its misfit, and the other branch if within the tilt limit, else NaN."""
+    """The preferred normal (..., 3), its misfit, and the other branch if within the tilt limit, else NaN.
+
+    `steeper` is the branch that would fit better but for the limit, else the preferred normal.
+    """
 
     best: FloatArray
     misfit: FloatArray
     other: FloatArray
     other_misfit: FloatArray
+    steeper: FloatArray
 
 
 def choose(misfit: Misfit, branches: Branches, tilt_limit_deg: float, *, at_limit: bool = False) -> Choice:
@@ -252,7 +256,9 @@ def choose(misfit: Misfit, branches: Branches, tilt_limit_deg: float, *, at_limi
         is_single &= ~has_flatter
         best = np.where(steep[..., np.newaxis], edge, best)
         misfit_best = np.where(steep, edge_misfit, misfit_best)
-    return Choice(best, misfit_best, other, np.where(is_single, np.nan, misfit_other))
+    is_steeper = is_single & (branches.first_misfit < misfit_best)
+    steeper = np.where(is_steeper[..., np.newaxis], branches.first, best)
+    return Choice(best, misfit_best, other, np.where(is_single, np.nan, misfit_other), steeper)
 
 
 def _price(tilt_deg: ArrayLike) -> FloatArray:
@@ -305,6 +311,18 @@ def solve_known_azimuth(
     return minima[first], minima[np.where(has_other, first + 1, -1)]
 
 
+def choose_along(misfit: Misfit, azimuth_deg: FloatArray, tilt_limit_deg: float, drop: float) -> Choice:
+    """The preferred tilts of m slopes, each along its azimuth: of two that fit within `drop` the flatter."""
+    tilt, other = solve_known_azimuth(misfit, azimuth_deg, tilt_limit_deg)
+    best, second = normal(tilt, azimuth_deg), normal(other, azimuth_deg)
+    value, second_value = misfit(best), misfit(second)
+    swap = (other < tilt) & (second_value - value < drop)
+    swapped = swap[:, np.newaxis]
+    best, second = np.where(swapped, second, best), np.where(swapped, best, second)
+    value, second_value = np.where(swap, second_value, value), np.where(swap, value, second_value)
+    return Choice(best, value, second, second_value, steeper=best)
+
+
 def _along(H: FloatArray, b: FloatArray, tilt: FloatArray) -> FloatArray:
     """Misfit less its constant along azimuths; H (2, 2, ...), b (2, ...) in their direction and upwards."""
     sine, cosine = np.sin(tilt), np.cos(tilt)
@@ -343,10 +361,8 @@ def tangents(normals: ArrayLike) -> tuple[FloatArray, FloatArray]:
 
     At the vertical, where azimuth is undefined, those of azimuth 0.
     """
-    tilt, azimuth = (np.radians(angle) for angle in tilt_azimuth(normals))
-    level = np.zeros_like(tilt)
-    along = np.stack([np.cos(tilt) * np.sin(azimuth), np.cos(tilt) * np.cos(azimuth), -np.sin(tilt)], axis=-1)
-    return along, np.stack([np.cos(azimuth), -np.sin(azimuth), level], axis=-1)
+    tilt, azimuth = tilt_azimuth(normals)
+    return normal(tilt + 90.0, azimuth), normal(90.0, azimuth + 90.0)
 
 
 def cramer_rao(H: FloatArray, normals: ArrayLike) -> FloatArray:

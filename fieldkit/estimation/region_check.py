@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any, Literal
 
 import numpy as np
@@ -147,13 +148,8 @@ class _Rims:
     """The rims of a region made smaller and smaller; each smaller one is masked once, and only if needed."""
 
     def __init__(self, region: Region, frame: FrameK) -> None:
-        self._region, self._shape, self._box = (
-            region,
-            (frame.shape[0], frame.shape[1]),
-            region.box(frame.shape),
-        )
-        self._around = frame[self._box]
-        self._known: dict[int, tuple[int, float]] = {}
+        self._region, self._frame, self._box = region, frame, region.box(frame.shape)
+        self._sums = cache(self._summed)
 
     def edge_k(self, pixels: int) -> float:
         """Difference of the outer pixels of the smaller region from those inside; NaN without either."""
@@ -178,16 +174,11 @@ class _Rims:
                 found = pixels
         return found
 
-    def _sums(self, pixels: int) -> tuple[int, float]:
-        """Number of pixels and sum of kelvin of the region so many pixels smaller."""
-        if pixels not in self._known:
-            self._known[pixels] = self._summed(pixels)
-        return self._known[pixels]
-
     def _summed(self, pixels: int) -> tuple[int, float]:
+        """Number of pixels and sum of kelvin of the region so many pixels smaller."""
         try:
             smaller = self._region.shrunk(pixels) if pixels else self._region
         except ValueError:
             return 0, 0.0
-        kelvin = self._around[smaller.mask(self._shape, self._box)]
+        kelvin = self._frame[self._box][smaller.mask(self._frame.shape, self._box)]
         return kelvin.size, float(kelvin.sum())

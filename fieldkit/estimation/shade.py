@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldkit.estimation.bins import padded
 from fieldkit.model.marks import SHADE_TEST_S, corrected
 from fieldkit.model.region_schedule import RegionSchedule
 from fieldkit.model.samples import Event
@@ -148,10 +149,10 @@ class ShadeTestMonitor:
         """Give a region that was drawn later its place in what is remembered."""
         if not self._kelvin or self._kelvin[0][1].size == regions:
             return
-        self._kelvin = deque((minute, _wider(kelvin, regions)) for minute, kelvin in self._kelvin)
-        self._lit = deque((_wider(one, regions) for one in self._lit), maxlen=LEAST_LIT)
+        self._kelvin = deque((minute, padded(kelvin, regions)) for minute, kelvin in self._kelvin)
+        self._lit = deque((padded(one, regions) for one in self._lit), maxlen=LEAST_LIT)
         if self._before is not None:
-            self._before = self._before[0], _wider(self._before[1], regions)
+            self._before = self._before[0], padded(self._before[1], regions)
 
     def _sunlight_w_m2(self, minute: int, temperature_k: FloatArray) -> FloatArray:
         """Absorbed sunlight of the regions up to a constant, as of nominal sand."""
@@ -164,12 +165,9 @@ class ShadeTestMonitor:
         # what the sand takes up, and what a warmer region loses more than another
         return np.asarray(conducted_flux(NOMINAL, even, 60.0)[-1] + LOSS_W_M2_K * temperature_k)
 
-    def _levels(self) -> FloatArray:
-        return np.asarray(np.mean(list(self._lit)[-LEVEL_OF:], axis=0))
-
     def _begin(self, minute: int, sunlight: FloatArray) -> None:
         """Begin the shade of the region that has fallen most, if it did so alone and sharply."""
-        levels = self._levels()
+        levels = np.asarray(np.mean(list(self._lit)[-LEVEL_OF:], axis=0))
         falls = levels - sunlight
         falls[list(self._active)] = np.nan
         if np.isfinite(falls).sum() < 2:
@@ -220,10 +218,6 @@ class ShadeTestMonitor:
                 self.shaded -= {(lit, column) for lit in shade.trimmed(fall)}
                 ended += [shade.test(column)] if shade.is_sharp else []
         return ended
-
-
-def _wider(values: FloatArray, size: int) -> FloatArray:
-    return np.concatenate([values, np.full(size - values.size, np.nan)])
 
 
 def _filled(minutes: NDArray[np.int64], found_at: NDArray[np.int64], kelvin: FloatArray) -> FloatArray:

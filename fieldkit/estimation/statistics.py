@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-FloatArray = NDArray[np.float64]
+from fieldkit.physics.facet import FloatArray
 
 SdKind = Literal["paper", "usual"]
 """The standard deviation of eq. (9) as printed, or the ordinary one."""

@@ -120,16 +120,15 @@ def _history(table: TemperatureTable, site: Site, settings: EstimatorSettings) -
     time_ns, rows = table.time_ns, table.time_ns.size
     flags = table.flags if table.flags.size else np.zeros(rows, np.int64)
     sun = sun_vectors(time_ns, site, refraction=settings.refraction).reshape(-1, 3)
-    nothing = np.full(rows, np.nan)
-    columns = [
-        _direct(table, sun, settings),
-        _or(table.diffuse_w_m2, nothing),
-        _or(table.longwave_w_m2, nothing),
-        _or(table.air_k, nothing),
-        _or(table.wind_m_s, nothing),
-    ]
-    columns += [table.reference_k, *table.targets_k.values()]
-    values = np.column_stack(columns)
+    weather = {
+        "dni_w_m2": _direct(table, sun, settings),
+        "dhi_w_m2": table.diffuse_w_m2,
+        "longwave_down_w_m2": table.longwave_w_m2,
+        "air_k": table.air_k,
+        "wind_m_s": table.wind_m_s,
+    }
+    given = {name: column for name, column in weather.items() if column is not None}
+    values = np.column_stack([*given.values(), table.reference_k, *table.targets_k.values()])
     values[~is_usable(flags)] = np.nan
     minutes, start = np.unique(time_ns // MINUTE_NS, return_index=True)
     means = _means(values, start)
@@ -140,14 +139,9 @@ def _history(table: TemperatureTable, site: Site, settings: EstimatorSettings) -
         minute=minutes,
         time_ns=middle,
         sun=sun_vectors(middle, site, refraction=settings.refraction).reshape(-1, 3),
-        temperature_k=means[:, 5:],
-        dni_w_m2=means[:, 0],
-        dhi_w_m2=means[:, 1],
-        longwave_down_w_m2=means[:, 2],
+        temperature_k=means[:, len(given) :],
         flags=merged,
-        region_flags=np.zeros((minutes.size, values.shape[1] - 5), np.int64),
-        air_k=means[:, 3],
-        wind_m_s=means[:, 4],
+        **dict(zip(given, means.T, strict=False)),
     )
 
 
@@ -170,12 +164,8 @@ def _direct(table: TemperatureTable, sun: FloatArray, settings: EstimatorSetting
     nothing = np.full(table.time_ns.size, np.nan)
     columns = (table.irradiance_w_m2, table.ghi_w_m2, table.illuminance_lx)
     reading = next((column for column in columns if column is not None), nothing)
-    diffuse = _or(table.diffuse_w_m2, nothing)
+    diffuse = nothing if table.diffuse_w_m2 is None else table.diffuse_w_m2
     return direct_normal(settings.irradiance, reading, sun, table.time_ns, diffuse)
-
-
-def _or(column: FloatArray | None, otherwise: FloatArray) -> FloatArray:
-    return otherwise if column is None else column
 
 
 def _means(values: FloatArray, start: NDArray[np.intp]) -> FloatArray:

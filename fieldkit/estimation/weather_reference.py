@@ -23,8 +23,6 @@ from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.slab import surface_series
 
 NAME = "level surface by the weather"
-
-
 INPUTS = ("level gain", "level exchange", "longwave", "air", "level inertia", "level model")
 """What is uncertain of the level surface."""
 MODEL_SD_K = 1.83
@@ -75,8 +73,8 @@ def level_k(history: History, settings: EstimatorSettings, shifts: FloatArray = 
     conductivity = settings.slab.conductivity_w_m_k * math.exp(2.0 * inertia)
     slab = replace(settings.slab, conductivity_w_m_k=conductivity)
     air_k = _every_minute(history, history.air_k) + air
-    if (is_measured := np.isfinite(history.longwave_down_w_m2)).any():
-        down = _every_minute(history, np.where(is_measured, history.longwave_down_w_m2, np.nan))
+    if np.isfinite(history.longwave_down_w_m2).any():
+        down = _every_minute(history, history.longwave_down_w_m2)
     else:
         down = clear_sky_longwave(air_k) + longwave
     absorbed = (

@@ -13,7 +13,7 @@ from fieldkit.model.site import Site
 from fieldkit.physics.energy_balance import SurfaceParameters
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.regolith import Regolith
-from fieldkit.physics.subsolar import SOL_S, mars_sun, moon_subsolar
+from fieldkit.physics.subsolar import SOL_S, mars_subsolar, moon_subsolar
 
 Subsolar = Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray]]
 """Declination, subsolar longitude east and distance of the sun (degrees, degrees, au) at UTC seconds (n,)."""
@@ -91,11 +91,6 @@ class Body:
         )  # fmt: skip
 
 
-def _over_mars(unix_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    sun = mars_sun(unix_s)
-    return sun.declination_deg, sun.subsolar_longitude_deg, sun.distance_au
-
-
 EARTH = Body(
     name="earth",
     day_s=86_400.0,
@@ -119,7 +114,7 @@ EARTH = Body(
 MARS = Body(
     name="mars",
     day_s=SOL_S,
-    subsolar=_over_mars,
+    subsolar=mars_subsolar,
     refracts=False,
     rising_deg=-0.175,  # half the sun's width at 1.52 au
     dust_optical_depth=0.5,  # clear season, Viking landers; Appelbaum and Flood, Solar Energy 45, 1990

@@ -60,6 +60,13 @@ class Camera:
         return 0.5 * self.shape[1] / float(np.tan(np.radians(0.5 * self.hfov_deg)))
 
     @property
+    def intrinsics(self) -> FloatArray:
+        """Matrix (3, 3) from right, down and forward to pixels x, y, 1, without the distortion."""
+        rows, cols = self.shape
+        middle = 0.5 * (cols - 1), 0.5 * (rows - 1)
+        return np.array([[self.focal_px, 0.0, middle[0]], [0.0, self.focal_px, middle[1]], [0.0, 0.0, 1.0]])
+
+    @property
     def axes(self) -> FloatArray:
         """Unit vectors to the right of the frame, downwards in it and along the optical axis, as rows."""
         yaw, pitch, roll = np.radians([self.yaw_deg, self.pitch_deg, self.roll_deg])
@@ -74,11 +81,10 @@ def rays(camera: Camera) -> FloatArray:
     """Unit vectors from the camera through its pixels, shape (rows, cols, 3)."""
     rows, cols = camera.shape
     x, y = np.meshgrid(np.arange(cols) - 0.5 * (cols - 1), np.arange(rows) - 0.5 * (rows - 1))
+    x, y = x / camera.focal_px, y / camera.focal_px
     if camera.distortion:
-        x, y = (
-            camera.focal_px * one for one in _undistorted(camera, x / camera.focal_px, y / camera.focal_px)
-        )
-    lines = np.stack([x, y, np.full(camera.shape, camera.focal_px)], axis=-1) @ camera.axes
+        x, y = _undistorted(camera, x, y)
+    lines = np.stack([x, y, np.ones(camera.shape)], axis=-1) @ camera.axes
     return np.asarray(lines / np.linalg.norm(lines, axis=-1, keepdims=True))
 
 
@@ -96,12 +102,13 @@ def project(camera: Camera, points_m: ArrayLike) -> tuple[FloatArray, FloatArray
     away = np.asarray(points_m, np.float64) - camera.position_m
     away = away / (camera.grid_scale, camera.grid_scale, 1.0)
     right, down, forward = np.moveaxis(away @ camera.axes.T, -1, 0)
-    scale = np.divide(camera.focal_px, forward, out=np.full(forward.shape, np.nan), where=forward > 0.0)
-    x, y = right * scale, down * scale
+    ahead = np.where(forward > 0.0, forward, np.nan)
+    x, y = right / ahead, down / ahead
     if camera.distortion:
-        x, y = (camera.focal_px * one for one in _distorted(camera, x / camera.focal_px, y / camera.focal_px))
+        x, y = _distorted(camera, x, y)
     rows, cols = camera.shape
-    return x + 0.5 * (cols - 1), y + 0.5 * (rows - 1), np.linalg.norm(away, axis=-1)
+    x, y = camera.focal_px * x + 0.5 * (cols - 1), camera.focal_px * y + 0.5 * (rows - 1)
+    return x, y, np.linalg.norm(away, axis=-1)
 
 
 def angles_of_quaternion(quaternion: Sequence[float]) -> tuple[float, float, float]:

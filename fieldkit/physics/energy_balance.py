@@ -133,8 +133,6 @@ def surface_temperature(
     longwave_down_w_m2: ArrayLike,
     air_temperature_k: ArrayLike,
     parameters: SurfaceParameters,
-    *,
-    exchange_w_m2_k: ArrayLike | None = None,
 ) -> FloatArray:
     """Eq. (7): temperature of a dry surface without heat storage.
 
@@ -148,14 +146,12 @@ def surface_temperature(
         Air temperature. [K]
     parameters
         Properties of surface and air.
-    exchange_w_m2_k
-        Replaces the parameters' C_p rho C_H U where it varies with the wind. [W m-2 K-1]
 
     Returns
     -------
     Shape of the arguments, broadcast; NaN where no temperature balances. [K]
     """
-    exchange = parameters.exchange_w_m2_k if exchange_w_m2_k is None else exchange_w_m2_k
+    exchange = parameters.exchange_w_m2_k
     absorbed = (1.0 - parameters.albedo) * np.asarray(shortwave_down_w_m2, np.float64)
     absorbed = absorbed + parameters.emissivity_broadband * np.asarray(longwave_down_w_m2, np.float64)
     supply = absorbed + np.multiply(exchange, air_temperature_k)

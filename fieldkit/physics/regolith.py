@@ -153,13 +153,3 @@ def _with_emission(bands: FloatArray, heat: FloatArray, guess_k: float, quartic:
         if abs(found[0] - guess_k) < CONVERGED_K:
             return found
         guess_k = float(found[0])
-
-
-def lunar_albedo(cos_incidence: ArrayLike, normal_albedo: float = 0.12) -> FloatArray:
-    """Albedo of the Moon, which grows from its normal value to 0.85 as the sun gets low; any shape.
-
-    Below 0 the cosine counts as 0. S. J. Keihm, Icarus 60, 568-589, 1984; A. R. Vasavada et al., J. Geophys.
-    Res. 117, 2012, with the coefficients of Hayne et al. 2017: 0.06 and 0.25.
-    """
-    incidence = np.degrees(np.arccos(np.clip(cos_incidence, 0.0, 1.0)))
-    return np.asarray(normal_albedo + 0.06 * (incidence / 45.0) ** 3 + 0.25 * (incidence / 90.0) ** 8)

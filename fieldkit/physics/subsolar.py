@@ -7,7 +7,6 @@ Mars in closed form: the fit of Allison and McEwen with the corrections that NAS
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
 
 import erfa  # type: ignore[import-untyped]
 import numpy as np
@@ -52,55 +51,31 @@ _PERTURBERS = np.array(
 """Amplitude in degrees, period in Julian years and phase in degrees of the planets' pull; table 5."""
 
 
-@dataclass(frozen=True, slots=True)
-class MarsSun:
-    """Position of the sun over Mars at n times, each array (n,).
+def mars_subsolar(unix_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Declination of the sun, longitude below it and its distance from Mars at UTC seconds since 1970 (n,).
 
-    `ls_deg` is the areocentric solar longitude, `mean_anomaly_deg` M, `centre_deg` the equation of the
-    centre, `time_deg` the equation of time, `mtc_h` the mean solar time of the prime meridian in hours of a
-    24th of a sol, `declination_deg` the sun's declination (planetocentric), `subsolar_longitude_deg` east
-    positive, `distance_au` the distance to the sun.
-    """
-
-    mean_anomaly_deg: FloatArray
-    centre_deg: FloatArray
-    ls_deg: FloatArray
-    time_deg: FloatArray
-    mtc_h: FloatArray
-    declination_deg: FloatArray
-    subsolar_longitude_deg: FloatArray
-    distance_au: FloatArray
-
-
-def mars_sun(unix_s: FloatArray) -> MarsSun:
-    """The sun over Mars at UTC seconds since 1970 (n,).
+    Planetocentric, degrees, the longitude east in [-180, 180), and au, (n,) each.
 
     M. Allison and M. McEwen, "A post-Pathfinder evaluation of areocentric solar coordinates with improved
     timing recipes for Mars seasonal/diurnal climate studies", Planet. Space Sci. 48, 215-235, 2000,
     doi:10.1016/S0032-0633(99)00092-6; with the constants of Mars24, NASA GISS.
     """
     days = days_of_tt(unix_s)
-    anomaly = 19.3871 + 0.52402073 * days
     amplitude, period_y, phase = _PERTURBERS.T
     pull = np.cos(np.radians(np.multiply.outer(days, 0.985626 / period_y) + phase)) @ amplitude
-    m = np.radians(anomaly)
+    m = np.radians(19.3871 + 0.52402073 * days)  # mean anomaly
     centre = (10.691 + 3.0e-7 * days) * np.sin(m) + pull
     for order, size in enumerate((0.623, 0.050, 0.005, 0.0005), start=2):
         centre = centre + size * np.sin(order * m)
-    ls_deg = (270.3871 + 0.524038496 * days + centre) % 360.0
-    ls = np.radians(ls_deg)
+    ls = np.radians((270.3871 + 0.524038496 * days + centre) % 360.0)  # areocentric solar longitude
+    # equation of time, and mean solar time of the prime meridian
     time_deg = 2.861 * np.sin(2 * ls) - 0.071 * np.sin(4 * ls) + 0.002 * np.sin(6 * ls) - centre
     mtc_h = 24.0 * ((days - 4.5) / _SOL_D + 44796.0 - 0.0009626) % 24.0
     orbit = 1.00436 - 0.09309 * np.cos(m) - 0.004336 * np.cos(2 * m)
-    return MarsSun(
-        mean_anomaly_deg=anomaly % 360.0,
-        centre_deg=centre,
-        ls_deg=ls_deg,
-        time_deg=time_deg,
-        mtc_h=mtc_h,
-        declination_deg=np.degrees(np.arcsin(0.42565 * np.sin(ls))),
-        subsolar_longitude_deg=-(15.0 * mtc_h + time_deg) % 360.0 - 180.0,
-        distance_au=1.52367934 * (orbit - 0.00031 * np.cos(3 * m) - 0.00003 * np.cos(4 * m)),
+    return (
+        np.degrees(np.arcsin(0.42565 * np.sin(ls))),
+        -(15.0 * mtc_h + time_deg) % 360.0 - 180.0,
+        1.52367934 * (orbit - 0.00031 * np.cos(3 * m) - 0.00003 * np.cos(4 * m)),
     )
 
 

@@ -83,15 +83,4 @@ def homography_over_level(one: Camera, other: Camera, height_m: float) -> FloatA
     moved_m = np.subtract(one.position_m, other.position_m) / (one.grid_scale, one.grid_scale, 1.0)
     down = -one.axes[:, 2] / above_m
     turned = other.axes @ (one.axes.T + np.outer(moved_m, down))
-    return np.asarray(_intrinsics(other) @ turned @ np.linalg.inv(_intrinsics(one)))
-
-
-def _intrinsics(camera: Camera) -> FloatArray:
-    rows, cols = camera.shape
-    return np.array(
-        [
-            [camera.focal_px, 0.0, 0.5 * (cols - 1)],
-            [0.0, camera.focal_px, 0.5 * (rows - 1)],
-            [0.0, 0.0, 1.0],
-        ]
-    )
+    return np.asarray(other.intrinsics @ turned @ np.linalg.inv(one.intrinsics))

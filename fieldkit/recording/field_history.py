@@ -43,7 +43,6 @@ def history_of(field: FieldMinutes, site: Site) -> History:
         dni_w_m2=field.dni_w_m2,
         dhi_w_m2=field.dhi_w_m2,
         longwave_down_w_m2=field.longwave_down_w_m2,
-        flags=np.zeros(field.time_ns.size, np.int64),
         region_flags=np.where(field.is_shaded, int(Quality.SHADED), 0),
         air_k=field.air_k,
         wind_m_s=field.wind_m_s,

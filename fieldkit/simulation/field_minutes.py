@@ -37,20 +37,11 @@ def field_minutes(model: SceneModel, start_ns: int, minutes: int) -> FieldMinute
     below = np.cumsum(0.5 * (series.rows[:, 1:] + series.rows[:, :-1]) * np.diff(series.time_s), axis=1)
     below = np.hstack([np.zeros((len(below), 1)), below])
     columns = np.diff(below[:, np.searchsorted(series.time_s, edges_s)], axis=1) / 60.0
-    dni_w_m2, dhi_w_m2, longwave, air_k, wind_m_s, _ = columns[:6]
+    dni_w_m2, dhi_w_m2, longwave, air_k, wind_m_s = columns[:5]
     time_ns = start_ns + np.arange(minutes) * MINUTE_NS + MINUTE_NS // 2
     surface_k = columns[6 : 6 + len(model.beds)].T
     shaded = _is_shaded(model, edges_s)
-    return FieldMinutes(
-        time_ns=time_ns,
-        surface_k=surface_k,
-        dni_w_m2=dni_w_m2,
-        dhi_w_m2=dhi_w_m2,
-        longwave_down_w_m2=longwave,
-        air_k=air_k,
-        wind_m_s=wind_m_s,
-        is_shaded=shaded,
-    )
+    return FieldMinutes(time_ns, surface_k, dni_w_m2, dhi_w_m2, longwave, air_k, wind_m_s, shaded)
 
 
 def _is_shaded(model: SceneModel, edges_s: FloatArray) -> NDArray[np.bool_]:

@@ -176,14 +176,13 @@ class Scene:
 
     @cached_property
     def _series(self) -> SceneSeries:
-        return self._model.series(self._origin_ns, LEAD_S + self.duration_s + AFTER_S)
+        return self._model.series(self._origin_ns, self._length_s)
 
     @cached_property
     def _terrain_series(self) -> TerrainSeries | None:
         if self.terrain is None:
             return None
-        length_s = LEAD_S + self.duration_s + AFTER_S
-        return self._model.terrain_series(self.terrain, self._origin_ns, length_s)
+        return self._model.terrain_series(self.terrain, self._origin_ns, self._length_s)
 
     @cached_property
     def _camera(self) -> CameraModel:
@@ -193,24 +192,25 @@ class Scene:
     def _origin_ns(self) -> int:
         return self.start_ns - round(LEAD_S * SECOND_NS)
 
-    def _cloud_transmissions(self) -> list[CloudTransmission]:
-        def since_origin_s(time_ns: int) -> float:
-            return (time_ns - self._origin_ns) / SECOND_NS
+    @property
+    def _length_s(self) -> float:
+        return LEAD_S + self.duration_s + AFTER_S
 
-        steps = [step_transmission(since_origin_s(step.time_ns), step.factor) for step in self.light_steps]
-        clouds = self.fault_spans(FaultKind.CLOUD)
-        return steps + [
-            cloud_transmission(since_origin_s(begin), since_origin_s(end)) for begin, end in clouds
-        ]
+    def _spans_s(self, kind: FaultKind) -> list[tuple[float, float]]:
+        return [(self._at_s(begin), self._at_s(end)) for begin, end in self.fault_spans(kind)]
+
+    def _at_s(self, time_ns: int) -> float:
+        """Seconds after the origin of the series."""
+        return (time_ns - self._origin_ns) / SECOND_NS
+
+    def _cloud_transmissions(self) -> list[CloudTransmission]:
+        steps = [step_transmission(self._at_s(step.time_ns), step.factor) for step in self.light_steps]
+        return steps + [cloud_transmission(*span) for span in self._spans_s(FaultKind.CLOUD)]
 
     def _boards(self) -> tuple[Board, ...]:
         """The boards that shade the last facet."""
-        spans = self.fault_spans(FaultKind.SHADE)
-        origin_ns, name = self._origin_ns, self.facets[-1].name if self.facets else ""
-        return tuple(
-            Board(name, (begin - origin_ns) / SECOND_NS, (end - origin_ns) / SECOND_NS)
-            for begin, end in spans
-        )
+        name = self.facets[-1].name if self.facets else ""
+        return tuple(Board(name, *span) for span in self._spans_s(FaultKind.SHADE))
 
     def _random(self, time_ns: int, purpose: int) -> np.random.Generator:
         return np.random.Generator(np.random.SFC64([self.seed, time_ns, purpose]))

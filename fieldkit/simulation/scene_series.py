@@ -86,19 +86,7 @@ class SceneSeries:
         before_s, after_s = self.time_s[after - 1], self.time_s[after]
         share = (time_s - before_s) / (after_s - before_s)
         column = (1.0 - share) * self.rows[:, after - 1] + share * self.rows[:, after]
-        surface, brightness, contact = column[6:].reshape(3, -1)
-        dni_w_m2, dhi_w_m2, longwave, air, wind, lux = column[:6].tolist()
-        return SceneState(
-            dni_w_m2=dni_w_m2,
-            dhi_w_m2=dhi_w_m2,
-            longwave_down_w_m2=longwave,
-            air_temperature_k=air,
-            wind_m_s=wind,
-            illuminance_lx=lux,
-            surface_k=surface,
-            brightness_k=brightness,
-            contact_k=contact,
-        )
+        return SceneState(*column[:6].tolist(), *column[6:].reshape(3, -1))
 
 
 @dataclass(frozen=True, slots=True)

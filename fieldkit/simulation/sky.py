@@ -111,11 +111,11 @@ class ClearSky:
         """See `Sky`."""
         dni_w_m2, dhi_w_m2 = clear_day(cos_zenith, time_ns, site, turbidity=self.linke_turbidity)
         body = body_of(site)
-        if body is not EARTH:
-            air, longwave = (
-                np.full(time_ns.shape, value) for value in (body.air_temperature_k, body.longwave_down_w_m2)
-            )
-            return SkyState(dni_w_m2, dhi_w_m2, longwave, air, np.full_like(air, self.wind_m_s))
-        solar_h = time_ns / 3.6e12 + site.longitude_deg / 15.0
-        air = self.air_temperature_k + self.swing_k * np.cos(2 * np.pi * (solar_h - _WARMEST_H) / _DAY_H)
-        return SkyState(dni_w_m2, dhi_w_m2, clear_sky_longwave(air), air, np.full_like(air, self.wind_m_s))
+        if body is EARTH:
+            solar_h = time_ns / 3.6e12 + site.longitude_deg / 15.0
+            air = self.air_temperature_k + self.swing_k * np.cos(2 * np.pi * (solar_h - _WARMEST_H) / _DAY_H)
+            longwave = clear_sky_longwave(air)
+        else:
+            air = np.full(time_ns.shape, body.air_temperature_k)
+            longwave = np.full_like(air, body.longwave_down_w_m2)
+        return SkyState(dni_w_m2, dhi_w_m2, longwave, air, np.full_like(air, self.wind_m_s))

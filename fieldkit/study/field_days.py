@@ -146,18 +146,7 @@ def _minutes(scene: Scene, times: np.ndarray, settings: EstimatorSettings) -> li
     surface_k = surface_temperature_k(seen, surface.emissivity, settings.reflected_temperature_k)
     lux = np.array([scene.lux_reading(time) for time in times.tolist()])
     dni_w_m2 = direct_normal(settings.irradiance, lux, sun, times)
-    unknown, good = np.full(times.size, np.nan), np.zeros(times.size, np.int64)
-    history = History(
-        minute=times // MINUTE_NS,
-        time_ns=times,
-        sun=sun,
-        temperature_k=surface_k,
-        dni_w_m2=dni_w_m2,
-        dhi_w_m2=unknown,
-        longwave_down_w_m2=unknown,
-        flags=good,
-        region_flags=np.zeros(surface_k.shape, np.int64),
-    )
+    history = History(times // MINUTE_NS, times, sun, surface_k, dni_w_m2)
     zenith, azimuth = tilt_azimuth(sun)
     chain = SlopeChain(regions, settings)
     return [

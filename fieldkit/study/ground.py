@@ -194,21 +194,14 @@ def surface_k(ground: MeasuredGround, values: FloatArray) -> FloatArray:
     reflected = ground.shortwave_up_w_m2 + albedo_error * ground.shortwave_down_w_m2
     absorbed = ground.shortwave_down_w_m2 - reflected + EMISSIVITY * ground.longwave_down_w_m2
     exchange = still + per_wind * ground.wind_m_s
-    rows = _with_spin_up(absorbed.size)
+    rows = np.concatenate([np.tile(np.arange(DAY_MIN), SPIN_UP_DAYS), np.arange(absorbed.size)])
     slab = replace(DEEP, conductivity_w_m_k=inertia**2 / HEAT_CAPACITY_J_M3_K)
-    start_k = _mean_balance_k((absorbed + exchange * ground.air_k)[:DAY_MIN], exchange[:DAY_MIN])
+    supply = (absorbed + exchange * ground.air_k)[:DAY_MIN]
+    start_k = balance_temperature(supply.mean(), exchange[:DAY_MIN].mean(), EMISSIVITY)
     surface = surface_series(
-        (slab,), start_k, 60.0, absorbed[rows], exchange[rows], ground.air_k[rows], EMISSIVITY
+        (slab,), float(start_k), 60.0, absorbed[rows], exchange[rows], ground.air_k[rows], EMISSIVITY
     )
     return _delayed(surface, response_min)[-absorbed.size :]
-
-
-def _with_spin_up(count: int) -> NDArray[np.intp]:
-    return np.concatenate([np.tile(np.arange(DAY_MIN), SPIN_UP_DAYS), np.arange(count)])
-
-
-def _mean_balance_k(supply_w_m2: FloatArray, exchange_w_m2_k: FloatArray) -> float:
-    return float(balance_temperature(supply_w_m2.mean(), exchange_w_m2_k.mean(), EMISSIVITY))
 
 
 def _delayed(series: FloatArray, response_min: float) -> FloatArray:

@@ -137,9 +137,9 @@ class PaperStudy:
         drawn = _of_the_method(self.options)
         for method in self.options.estimators:
             mine = [run for run in self.runs if run.method == method]
-            errors = {f"{run.start:%H:%M}": run.outcome.tilt_error_deg for run in mine}
+            errors = {run.begin: run.outcome.tilt_error_deg for run in mine}
             drawn[f"figure-09-{method}"] = study_figures.cumulative(errors)
-            turned = {f"{run.start:%H:%M}": run.outcome.by_direction() for run in mine}
+            turned = {run.begin: run.outcome.by_direction() for run in mine}
             drawn[f"figure-10-{method}"] = study_figures.directions(turned)
         return drawn | _of_the_field(self.days)
 
@@ -196,7 +196,6 @@ def summary_rows(runs: Sequence[Run]) -> Rows:
         tilt, angle = (
             summarise(errors) for errors in (run.outcome.tilt_error_deg, run.outcome.normal_error_deg)
         )
-        start = f"{run.start:%H:%M}"
         both = {
             f"tilt_{name}": value
             for name, value in asdict(tilt).items()
@@ -204,20 +203,15 @@ def summary_rows(runs: Sequence[Run]) -> Rows:
         }
         both |= {f"normal_{name}": getattr(angle, name) for name in ("mae", "p50", "p90", "largest")}
         counts = {"slopes": tilt.slopes, "unsolved": tilt.unsolved}
-        paper = PAPER_P90_DEG.get(start, float("nan")) if run.method == "contours" else float("nan")
-        rows.append({"start": start, "estimator": run.method, **counts, **both, "paper_tilt_p90": paper})
+        paper = PAPER_P90_DEG.get(run.begin, float("nan")) if run.method == "contours" else float("nan")
+        rows.append({**run.key, **counts, **both, "paper_tilt_p90": paper})
     return rows
 
 
 def direction_rows(runs: Sequence[Run]) -> Rows:
     """Fig. 10 as numbers: mean absolute tilt error per start, estimator and direction."""
     return [
-        {
-            "start": f"{run.start:%H:%M}",
-            "estimator": run.method,
-            "direction_deg": centre,
-            "tilt_mae_deg": error,
-        }
+        {**run.key, "direction_deg": centre, "tilt_mae_deg": error}
         for run in runs
         for centre, error in zip(*run.outcome.by_direction(), strict=True)
     ]
@@ -231,12 +225,7 @@ def cumulative_rows(runs: Sequence[Run]) -> Rows:
         errors = np.nan_to_num(run.outcome.tilt_error_deg, nan=np.inf)  # an unsolved slope is within no error
         reached = np.percentile(errors, percents, method="lower")
         rows += [
-            {
-                "start": f"{run.start:%H:%M}",
-                "estimator": run.method,
-                "percent": percent,
-                "tilt_error_deg": error,
-            }
+            {**run.key, "percent": percent, "tilt_error_deg": error}
             for percent, error in zip(percents.tolist(), reached.tolist(), strict=True)
         ]
     return rows

@@ -103,6 +103,16 @@ class Run:
     method: Method
     outcome: Outcome
 
+    @property
+    def begin(self) -> str:
+        """Local start, ``09:00``."""
+        return f"{self.start:%H:%M}"
+
+    @property
+    def key(self) -> dict[str, Any]:
+        """The columns that name it in a table."""
+        return {"start": self.begin, "estimator": self.method}
+
 
 def conditions(options: StudyOptions, start: time) -> Conditions:
     """Sun and weather of the minutes from a local start on.
@@ -166,6 +176,6 @@ def sensitivity(options: StudyOptions) -> list[dict[str, Any]]:
             )
             row: dict[str, Any] = {"irradiance": tried.irradiance, "tolerance_w_m2": tolerance}
             for run in run_all(tried):
-                row[f"p90_{run.start:%H:%M}"] = summarise(run.outcome.tilt_error_deg).p90
+                row[f"p90_{run.begin}"] = summarise(run.outcome.tilt_error_deg).p90
             rows.append(row)
     return rows

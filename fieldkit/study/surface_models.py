@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
-from fieldkit.physics.energy_balance import SurfaceParameters, balance_temperature, surface_temperature
+from fieldkit.physics.energy_balance import SurfaceParameters, balance_temperature
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.slab import Slab, surface_series
 
@@ -120,30 +120,28 @@ class Ground:
         )
 
 
-def as_printed(station: Station, emissivity: float, *, with_diffuse: bool) -> FloatArray:
-    """Eq. (7) with Table 1 on flat ground, kelvin; diffuse irradiance is not in the paper."""
-    parameters = replace(TABLE_1, emissivity_broadband=emissivity)
-    shortwave = station.global_w_m2 if with_diffuse else station.beam_w_m2
-    return surface_temperature(shortwave, station.longwave_down_w_m2, station.air_k, parameters)
+def as_printed(emissivity: float, *, with_diffuse: bool) -> Ground:
+    """Eq. (7) with Table 1; diffuse irradiance is not in the paper."""
+    return Ground(emissivity, TABLE_1.albedo, TABLE_1.exchange_w_m2_k, with_diffuse=with_diffuse)
 
 
-Maker = Callable[..., Ground]
+Range = tuple[float, float, float]
+"""Lowest value of a parameter, the one to begin with, and the highest."""
 
 
 @dataclass(frozen=True, slots=True)
 class Family:
-    """A model with free parameters: how to make it, where to begin, within what bounds."""
+    """A model with free parameters: how to make it, and the range of each."""
 
     name: str
-    make: Maker
-    start: tuple[float, ...]
-    low: tuple[float, ...]
-    high: tuple[float, ...]
+    make: Callable[..., Ground]
+    ranges: tuple[Range, ...]
     whole_day: bool = False  # transient models learn from the night as well
 
     def fitted(self, station: Station, chosen: Mask) -> Ground:
         """The ground whose parameters leave the least squares on the chosen minutes."""
-        measured = station.surface_k(self.make(*self.start).emissivity)
+        low, start, high = zip(*self.ranges, strict=True)
+        measured = station.surface_k(self.make(*start).emissivity)
         known = chosen & np.isfinite(measured)
 
         def residuals(values: FloatArray) -> FloatArray:
@@ -151,10 +149,10 @@ class Family:
 
         found = least_squares(
             residuals,
-            self.start,
-            bounds=(self.low, self.high),
-            x_scale=np.subtract(self.high, self.low),
-            diff_step=[1e-3] * len(self.start),
+            start,
+            bounds=(low, high),
+            x_scale=np.subtract(high, low),
+            diff_step=[1e-3] * len(start),
             max_nfev=15,
         )
         return self.make(*found.x.tolist())
@@ -166,33 +164,17 @@ def families(emissivity: float) -> tuple[Family, ...]:
     def ground(albedo: float | None, still: float, **more: float | bool) -> Ground:
         return Ground(emissivity, albedo, still, **more)  # type: ignore[arg-type]
 
+    def stored(still: float, inertia: float, start_k: float, per_wind: float = 0.0) -> Ground:
+        return ground(None, still, inertia=inertia, start_k=start_k, per_wind=per_wind)
+
     albedo, exchange, wind = (0.0, 0.2, 0.6), (1.0, 25.0, 100.0), (0.0, 2.0, 30.0)
-    stored = (exchange, (100.0, 600.0, 2500.0), (240.0, 280.0, 290.0))
-    steady = "steady, A measured"
+    of_store = (exchange, (100.0, 600.0, 2500.0), (240.0, 280.0, 290.0))
+    direct, measured = partial(ground, with_diffuse=False), partial(ground, None)
     return (
-        _family(
-            "steady, A and C_HU fitted, direct only", partial(ground, with_diffuse=False), albedo, exchange
-        ),
-        _family("steady, A and C_HU fitted", ground, albedo, exchange),
-        _family(f"{steady}, C_HU fitted", partial(ground, None), exchange),
-        _family(f"{steady}, h = a + bU", lambda h, b: ground(None, h, per_wind=b), exchange, wind),
-        _family(
-            "conduction, A measured, h fitted",
-            lambda h, g, t: ground(None, h, inertia=g, start_k=t),
-            *stored,
-            whole_day=True,
-        ),
-        _family(
-            "conduction, A measured, h = a + bU",
-            lambda h, g, t, b: ground(None, h, inertia=g, start_k=t, per_wind=b),
-            *stored,
-            wind,
-            whole_day=True,
-        ),
+        Family("steady, A and C_HU fitted, direct only", direct, (albedo, exchange)),
+        Family("steady, A and C_HU fitted", ground, (albedo, exchange)),
+        Family("steady, A measured, C_HU fitted", measured, (exchange,)),
+        Family("steady, A measured, h = a + bU", lambda h, b: measured(h, per_wind=b), (exchange, wind)),
+        Family("conduction, A measured, h fitted", stored, of_store, whole_day=True),
+        Family("conduction, A measured, h = a + bU", stored, (*of_store, wind), whole_day=True),
     )
-
-
-def _family(name: str, make: Maker, *ranges: tuple[float, float, float], whole_day: bool = False) -> Family:
-    """Ranges are (lowest, start, highest) of each parameter."""
-    low, start, high = zip(*ranges, strict=True)
-    return Family(name, make, start, low, high, whole_day)

@@ -18,6 +18,7 @@ import numpy as np
 from fieldkit.model.errors import ConfigError, message_of
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.sun import sun_vectors
+from fieldkit.study.output import Rows
 from fieldkit.study.surface_models import Score, Station, as_printed, families
 from fieldkit.weather import Weather, read_station_file
 
@@ -25,7 +26,6 @@ EMISSIVITIES = (0.90, 0.97)
 FITTED_EMISSIVITY = 0.97
 _INCOMING_COLUMN, _REFLECTED_COLUMN = 8, 10
 _DARK_W_M2 = 20.0  # below, the ratio of two small numbers is noise
-Rows = list[dict[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,8 @@ def within_sample(name: str, day: tuple[Weather, FloatArray]) -> Rows:
     for emissivity in EMISSIVITIES:
         measured = station.surface_k(emissivity)
         for with_diffuse, words in ((False, "direct only"), (True, "plus diffuse")):
-            score = Score.of(as_printed(station, emissivity, with_diffuse=with_diffuse), measured, midday)
+            printed = as_printed(emissivity, with_diffuse=with_diffuse).temperature_k(station)
+            score = Score.of(printed, measured, midday)
             rows.append(_row(name, f"eq. (7), Table 1, {words}", emissivity, score))
     measured = station.surface_k(FITTED_EMISSIVITY)
     for family in families(FITTED_EMISSIVITY):
@@ -80,13 +81,14 @@ def _trained(station: Station, weather: Weather) -> Rows:
     train, test = day == day[0] + 1, day == day[0] + 2
     emissivity, rows = FITTED_EMISSIVITY, []
     spans = {"daylight": test & station.daylight, "midday": station.midday(test), "all": test}
-    modelled = {"eq. (7), Table 1, direct only": as_printed(station, emissivity, with_diffuse=False)}
+    grounds = {"eq. (7), Table 1, direct only": as_printed(emissivity, with_diffuse=False)}
     for family in families(emissivity):
         learnt = train if family.whole_day else train & station.daylight
-        modelled[f"{family.name}"] = family.fitted(station, learnt).temperature_k(station)
+        grounds[family.name] = family.fitted(station, learnt)
     measured = station.surface_k(emissivity)
-    for name, temperature in modelled.items():
-        scores = {span: Score.of(temperature, measured, chosen).rmse_k for span, chosen in spans.items()}
+    for name, ground in grounds.items():
+        modelled = ground.temperature_k(station)
+        scores = {span: Score.of(modelled, measured, chosen).rmse_k for span, chosen in spans.items()}
         rows.append(
             {"model, trained the day before": name} | {f"{span}, RMSE K": v for span, v in scores.items()}
         )

@@ -244,6 +244,18 @@ def minute_inputs(
     )
 
 
+def minutes_between(
+    history: History, first: int, end: int, layout: Layout, settings: EstimatorSettings
+) -> list[MinuteInputs]:
+    """Inputs of all minutes of the rows from `first` to before `end`, with those that have no bin."""
+    start = int(history.minute[first])
+    made = [minute_inputs(history, first, layout, settings, None, start)]
+    for row in range(first + 1, end):
+        later = minute_inputs(history, row, layout, settings, made[-1], start)
+        made.extend((*bridge(made[-1], later), later))
+    return made
+
+
 def _begin_k(kelvin: FloatArray, layout: Layout) -> FloatArray:
     """Temperatures to begin with: a region that is not measured is taken to be as warm as the references."""
     return np.where(np.isfinite(kelvin), kelvin, kelvin[: layout.references].mean())

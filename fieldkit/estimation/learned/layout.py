@@ -29,9 +29,10 @@ Indices = NDArray[np.int64]
 STORES = 1 + MODES
 """Places of a layer: its level before the first minute, and what flowed in since."""
 SHARED = (
-    *("gust", "longer_gust", "longest_gust", "slow_gust", "common_flux", "air_change"),
+    *GUSTS,
+    *SMOOTH,
     *("beam", "moment", "edge", "board", "camera"),
-    *("slow_gust_drive", "common_flux_drive", "air_change_drive"),
+    *(f"{name}_drive" for name in SMOOTH),
     *("gain", "diffuse", "circumsolar", "brightening", "longwave", "air", "air_drift", "wind"),
     "session_exchange",
 )

@@ -24,7 +24,7 @@ from scipy.linalg import block_diag, solve_triangular
 from fieldkit.estimation.bins import History, RegionColumns
 from fieldkit.estimation.learned.bank import JUMP_SDS
 from fieldkit.estimation.learned.hypotheses import Hypotheses
-from fieldkit.estimation.learned.inputs import MinuteInputs, bridge, logged, minute_inputs
+from fieldkit.estimation.learned.inputs import logged, minutes_between
 from fieldkit.estimation.learned.layout import GUSTS, Layout
 from fieldkit.estimation.learned.noise import OWN_MINUTES, noise_of
 from fieldkit.estimation.learned.prior_state import prior_covariance, prior_mean, processes
@@ -113,7 +113,7 @@ class _Pair:
         self._chosen, self._normals = chosen, normals
         self._learnt = {one.name: one for one in learnt.parameters}
         self._layout = Layout.of(columns, columns.targets, settings)
-        self._minutes = _minutes(history, self._layout, settings)
+        self._minutes = minutes_between(history, 0, len(history), self._layout, settings)
         self._frames: NDArray[np.int64] = history.minute - history.minute[0]
         steps = np.arange(len(self._minutes), dtype=np.float64)
         self._apart: FloatArray = np.abs(np.subtract.outer(steps, steps))
@@ -321,16 +321,6 @@ class _Pair:
         lasting = layout.own_exchange(0)
         slow = _following(self._apart, *_of(self._processes[layout.slow_exchange_drive(0)]))
         return np.asarray(slow + self._prior[lasting, lasting])
-
-
-def _minutes(history: History, layout: Layout, settings: EstimatorSettings) -> list[MinuteInputs]:
-    """Inputs of all minutes from the first to the last."""
-    start = int(history.minute[0])
-    made = [minute_inputs(history, 0, layout, settings, None, start)]
-    for row in range(1, len(history)):
-        later = minute_inputs(history, row, layout, settings, made[-1], start)
-        made.extend((*bridge(made[-1], later), later))
-    return made
 
 
 def _whitening(covariance: FloatArray, at: NDArray[np.int64]) -> FloatArray:

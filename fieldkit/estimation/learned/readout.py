@@ -333,14 +333,19 @@ def misfit(standardised: FloatArray) -> FloatArray:
     and G. M. Jenkins, Time Series Analysis, Holden-Day, 1970, section 2.1). A model that is wrong can also
     fit by parameters that nothing has: see `surprise`.
     """
-    known = np.isfinite(standardised)
-    filled = np.nan_to_num(standardised)
-    squares = (filled**2).sum(axis=0)
-    count = known.sum(axis=0)
+    count = np.isfinite(standardised).sum(axis=0)
     # below zero it would excuse a misfit, at one the quotient has no bound
-    correlation = np.clip((filled[1:] * filled[:-1]).sum(axis=0) / np.maximum(squares, 1e-12), 0.0, 0.95)
-    found = squares / np.maximum(count, 1) * (1.0 + correlation) / (1.0 - correlation)
-    return np.where(count < 10, 1.0, found)
+    correlation = np.clip(autocorrelation(standardised), 0.0, 0.95)
+    found = np.nansum(standardised**2, axis=0) / np.maximum(count, 1)
+    return np.where(count < 10, 1.0, found * (1.0 + correlation) / (1.0 - correlation))
+
+
+def autocorrelation(values: FloatArray) -> FloatArray:
+    """Of columns (n, m) from one row to the next, (m,), NaN skipped; 0 with fewer than three rows."""
+    if len(values) < 3:
+        return np.zeros(values.shape[1])
+    filled = np.nan_to_num(values)
+    return np.asarray((filled[1:] * filled[:-1]).sum(axis=0) / np.maximum((filled**2).sum(axis=0), 1e-12))
 
 
 def surprise(found: Moments, settings: EstimatorSettings, prior_sds: dict[str, float]) -> Surprise | None:

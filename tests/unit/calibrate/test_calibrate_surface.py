@@ -25,18 +25,7 @@ def test_exchange_of_heat_is_not_told_from_minutes_in_own_shade():
     sunlight = np.maximum(sun @ np.stack([VERTICAL, normal(*BED)]).T, 0.0)
     assert (sunlight[:, 1] == 0.0).sum() > 60
     kelvin = surface_temperature(800.0 * sunlight, 400.0, 303.15, SURFACE)
-    nothing, good = np.full(320, np.nan), np.zeros((320, 2), np.int64)
-    history = History(
-        time_ns // 60_000_000_000,
-        time_ns,
-        sun,
-        kelvin,
-        np.full(320, 800.0),
-        nothing,
-        nothing,
-        good[:, 0],
-        good,
-    )
+    history = History(time_ns // 60_000_000_000, time_ns, sun, kelvin, np.full(320, 800.0))
     regions = (
         Region("flat", RegionKind.REFERENCE, CORNERS),
         Region("bed", RegionKind.TARGET, CORNERS, *BED),

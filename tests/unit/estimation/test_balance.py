@@ -32,11 +32,7 @@ def history() -> History:
     minute = 25_000_000 + np.arange(MINUTES)
     sun = np.tile(normal(40.0, 180.0), (MINUTES, 1))
     kelvin = np.tile([REFERENCE_K, REFERENCE_K, REFERENCE_K, TARGET_K], (MINUTES, 1))
-    nothing = np.full(MINUTES, np.nan)
-    return History(
-        minute, minute * MINUTE_NS, sun, kelvin, np.full(MINUTES, DIRECT_W_M2), nothing, nothing,
-        np.zeros(MINUTES, np.int64), np.zeros((MINUTES, 4), np.int64),
-    )  # fmt: skip
+    return History(minute, minute * MINUTE_NS, sun, kelvin, np.full(MINUTES, DIRECT_W_M2))
 
 
 def made(history: History, references: int = 1, **changes: object) -> Rows:

@@ -6,7 +6,6 @@ import pytest
 from fieldkit.estimation.day_plan import (
     PlanSettings,
     bound,
-    bounds_over_day,
     cosine_noise,
     expected_temperature,
     sensitivity,
@@ -95,6 +94,6 @@ def test_facet_in_its_own_shade_has_no_bound():
 def test_longer_windows_are_never_worse():
     sun = suns("2017-08-30T00:00", 361)
     sigma = np.full((1, 361), 0.005)
-    bounds = [bounds_over_day(TEN_SOUTH, sun, sigma, [0], minutes)[0] for minutes in (20, 60, 360)]
+    bounds = [bound(TEN_SOUTH, sun[: minutes + 1], sigma[:, : minutes + 1]) for minutes in (20, 60, 360)]
     spans = [np.hypot(one.tilt_deg, one.direction_deg)[0] for one in bounds]
     assert spans[0] > spans[1] > spans[2]

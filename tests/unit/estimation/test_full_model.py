@@ -49,18 +49,8 @@ def clear_day() -> History:
     series = model.series(start, 300 * 60.0)
     columns = series.rows[:, : 300 * 6].reshape(len(series.rows), 300, 6).mean(axis=2)
     time_ns = start + np.arange(300) * MINUTE_NS + MINUTE_NS // 2
-    surface = columns[6:10].T
-    return History(
-        time_ns // MINUTE_NS,
-        time_ns,
-        sun_vectors(time_ns, weather.site),
-        surface,
-        columns[0],
-        columns[1],
-        columns[2],
-        np.zeros(300, np.int64),
-        np.zeros(surface.shape, np.int64),
-    )
+    sun, kelvin = sun_vectors(time_ns, weather.site), columns[6:10].T
+    return History(time_ns // MINUTE_NS, time_ns, sun, kelvin, *columns[:3])
 
 
 def tilt_errors(history: History, settings: EstimatorSettings) -> np.ndarray:

@@ -83,12 +83,7 @@ def minute(time_ns: int, *normals, flags: int = 0) -> History:
         sun=sun,
         temperature_k=kelvin[np.newaxis],
         dni_w_m2=np.array([800.0]),
-        dhi_w_m2=np.array([np.nan]),
-        longwave_down_w_m2=np.array([np.nan]),
         flags=np.array([flags]),
-        region_flags=np.zeros((1, len(normals) + 1), np.int64),
-        air_k=np.array([np.nan]),
-        wind_m_s=np.array([np.nan]),
     )
 
 

@@ -41,8 +41,6 @@ def steady(minutes: int, **changes: object) -> History:
         dni_w_m2=full(700.0),
         dhi_w_m2=full(90.0),
         longwave_down_w_m2=full(310.0),
-        flags=np.zeros(minutes, np.int64),
-        region_flags=np.zeros((minutes, 1), np.int64),
         air_k=full(290.0),
     )
     return replace(history, **changes)  # type: ignore[arg-type]

@@ -68,12 +68,6 @@ def test_moisture_and_ground_flux_are_outputs():
     assert balance(500.0, 300.0, 400.0, 100.0, 30.0, 150.0, 70.0, 50.0) == 0.0
 
 
-def test_wind_may_change_the_exchange_by_the_minute():
-    calm, windy = surface_temperature(640.0, 400.0, 303.15, TABLE_1, exchange_w_m2_k=np.array([18.15, 36.3]))
-    assert calm == pytest.approx(321.248030, abs=1e-6)
-    assert 303.15 < windy < calm
-
-
 def test_no_air_and_a_cold_sky_need_no_starting_value():
     # without exchange the balance is sigma T^4 = supply
     cold = balance_temperature(np.array([1e-6, 5.670374419]), 0.0, 1.0)
