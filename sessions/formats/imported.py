@@ -147,7 +147,7 @@ def _chain(first: Sample, rest: Iterator[Sample]) -> Iterator[Sample]:
 
 
 def _add_note(writer: SessionWriter, clock: StampedClock, severity: Severity, text: str) -> None:
-    writer.event(Event(EventKind.IMPORTED, clock.now_ns, clock.now_ns, text, "", severity))
+    writer.put(Event(EventKind.IMPORTED, clock.now_ns, clock.now_ns, text, "", severity))
 
 
 def usual_rate_hz(time_ns: Sequence[int] | NDArray[np.int64]) -> float:

@@ -85,7 +85,7 @@ def merge(session: SessionReader, imported: ImportedRecording, path: Path, sourc
                 writer.put(entry)
         for severity, text in ((Severity.INFO, f"stream added from {source}"), *imported.notes):
             now = clock.mono_ns()
-            writer.event(Event(EventKind.IMPORTED, now, clock.to_utc_ns(now), text, "", severity))
+            writer.put(Event(EventKind.IMPORTED, now, clock.to_utc_ns(now), text, "", severity))
         for sample in _by_time(session, imported.samples, steps):
             writer.append(sample)
             clock.now_ns = sample.mono_ns
