@@ -551,6 +551,18 @@ def test_mcap_holds_what_the_data_taught(tmp_path: Path) -> None:
     assert found["chi_square"] is None
 
 
+def test_mcap_has_null_for_details_that_are_not_numbers(tmp_path: Path) -> None:
+    reading = pytest.importorskip("mcap.reader")
+    writer = SessionWriter(tmp_path / "field.h5", HEADER, CountedClock())
+    writer.put(Event(EventKind.MARK, 0, START_NS, "wind", data={"wind_m_s": math.nan}))
+    writer.close()
+    with open_session(tmp_path / "field.h5") as session:
+        (path,) = export_mcap(session, tmp_path)
+    with path.open("rb") as file:
+        ((_, _, message),) = reading.make_reader(file).iter_messages(topics=["/events"])
+    assert json.loads(message.data)["data"] == {"wind_m_s": None}
+
+
 def test_netcdf_and_xarray_have_what_the_data_taught(tmp_path: Path) -> None:
     xr = pytest.importorskip("xarray")
     with taught(tmp_path / "field.h5") as session:
