@@ -246,14 +246,14 @@ def _region_series(
 
 
 def minute_means(
-    session: SessionReader, meter: str, *, recorded: bool = False
+    session: SessionReader, meter: str, channel: int = 0, *, recorded: bool = False
 ) -> tuple[NDArray[np.int64], FloatArray]:
-    """Middle (UTC ns) and mean of every minute of a meter's first channel, of its usable readings.
+    """Middle (UTC ns) and mean of every minute of a meter's channel, of its usable readings.
 
     `recorded` takes the times as recorded, without the active time map.
     """
     readings = session.readings(meter, recorded=recorded)
-    values = readings.values[:, 0]
+    values = readings.values[:, channel]
     good = is_usable(readings.flags) & np.isfinite(values)
     minutes, place = np.unique(readings.time_ns[good] // MINUTE_NS, return_inverse=True)
     means = np.bincount(place, values[good]) / np.bincount(place) if minutes.size else np.empty(0)

@@ -248,13 +248,10 @@ class TableWriter:
         self._writers = [(column, _ColumnWriter(group[column.name], column)) for column in ordered]
         self._as_column = as_column
         self._waiting: list[Mapping[str, Any]] = []
-        self.length: int = 0
-        """Rows so far."""
 
     def append(self, *rows: Mapping[str, Any]) -> None:
         """Take rows, each with a value for every column."""
         self._waiting += rows
-        self.length += len(rows)
         if len(self._waiting) >= _ROWS_WAITING:
             self._pass_on()
 

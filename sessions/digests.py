@@ -36,29 +36,19 @@ def object_paths(file: h5py.File) -> list[str]:
     return paths
 
 
-def object_digest(file: h5py.File, path: str, groups: dict[str, h5py.Group] | None = None) -> str:
-    """The digest of one object, in hexadecimal; `groups` keeps those that were met, for the next object.
+def object_digest(file: h5py.File, path: str) -> str:
+    """The digest of one object, in hexadecimal.
 
     Raises `SessionError` where there is none, or it claims what is not there; `OSError`, `RuntimeError` or
     `KeyError` where HDF5 cannot read it.
     """
-    node = file if path == ROOT else _found(file, path, {} if groups is None else groups)
+    node = file if path == ROOT else stored_here(file, path)
     digest = sha256()
     for part in _attributes(node):
         digest.update(part)
     for part in _members(node) if isinstance(node, h5py.Group) else _data(node, path):
         digest.update(part)
     return digest.hexdigest()
-
-
-def _found(file: h5py.File, path: str, groups: dict[str, h5py.Group]) -> Any:
-    """The object at a path: finding the group again for each of its members would cost as much as they do."""
-    folder, _, name = path.rpartition("/")
-    if not folder:
-        return stored_here(file, path)
-    if folder not in groups:
-        groups[folder] = stored_here(file, folder)
-    return stored_here(groups[folder], name)
 
 
 def _attributes(node: h5py.Group | h5py.Dataset) -> Iterator[bytes]:

@@ -7,7 +7,8 @@ cut stands whole among its details; details that do not fit are omitted, and the
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import h5py
@@ -209,17 +210,23 @@ def _json(data: Mapping[str, Any]) -> bytes:
     return json.dumps(data, default=str, ensure_ascii=False).encode(errors="replace") if data else b""
 
 
+def _rows(table: Table) -> Iterator[Row]:
+    """The rows of a table, one after the other, as plain numbers, bytes and lists."""
+    columns = [values.tolist() for values in table.values()]
+    return (dict(zip(table, row, strict=True)) for row in zip(*columns, strict=False))
+
+
 def events_from(table: Table) -> list[Event]:
     """The events of a table."""
-    details = [_details_from(decode_text(data)) for data in table["data"]]
-    return [
-        Event(
-            EventKind(int(table["kind"][n])), int(table["mono_ns"][n]), int(table["time_ns"][n]),
-            str(details[n].pop(_WHOLE_TEXT, decode_text(table["text"][n]))), decode_text(table["stream"][n]),
-            Severity(int(table["severity"][n])), details[n],
-        )
-        for n in range(len(details))
-    ]  # fmt: skip
+    return [_event(row, _details_from(decode_text(row["data"]))) for row in _rows(table)]
+
+
+def _event(row: Row, details: dict[str, Any]) -> Event:
+    return Event(
+        EventKind(row["kind"]), row["mono_ns"], row["time_ns"],
+        str(details.pop(_WHOLE_TEXT, decode_text(row["text"]))), decode_text(row["stream"]),
+        Severity(row["severity"]), details,
+    )  # fmt: skip
 
 
 def _details_from(text: str) -> dict[str, Any]:
@@ -237,14 +244,14 @@ def health_from(table: Table, streams: tuple[str, ...]) -> list[Health]:
     """The health of a recording, second by second."""
     return [
         Health(
-            int(table["mono_ns"][n]), int(table["time_ns"][n]),
+            row["mono_ns"], row["time_ns"],
             tuple(
-                StreamHealth(name, **{key: int(table[key][n][place]) for key in _PER_STREAM})
+                StreamHealth(name, **{key: row[key][place] for key in _PER_STREAM})
                 for place, name in enumerate(streams)
             ),
-            **{name: table[name][n].item() for name in _HEALTH},
+            **{name: row[name] for name in _HEALTH},
         )
-        for n in range(len(table["time"]))
+        for row in _rows(table)
     ]  # fmt: skip
 
 
@@ -252,80 +259,71 @@ def clock_checks_from(table: Table) -> list[ClockCheck]:
     """The comparisons of the clocks."""
     return [
         ClockCheck(
-            int(table["mono_ns"][n]), int(table["utc_minus_mono_ns"][n]), int(table["offset_error_ns"][n]),
-            decode_text(table["source"][n]), int(table["suspended_ns"][n]),
+            row["mono_ns"], row["utc_minus_mono_ns"], row["offset_error_ns"], decode_text(row["source"]),
+            row["suspended_ns"],
         )
-        for n in range(len(table["time"]))
+        for row in _rows(table)
     ]  # fmt: skip
 
 
 def regions_from(table: Table) -> list[RegionRecord]:
     """Every outline of every region, in the order they were drawn."""
-    records = []
-    for n in range(len(table["time"])):
-        corners, corners_m = (
-            table[name][n][: int(table["n_vertices"][n])] for name in ("vertices", "vertices_m")
-        )
-        region = Region(
-            decode_text(table["label"][n]), RegionKind(int(table["kind"][n])),
-            tuple((float(x), float(y)) for x, y in corners), float(table["tilt_deg"][n]),
-            float(table["azimuth_deg"][n]), float(table["emissivity"][n]),
-            () if np.isnan(corners_m).any() else tuple((e, n, up) for e, n, up in corners_m.tolist()),
-        )  # fmt: skip
-        records.append(RegionRecord(region, int(table["time_ns"][n]), bool(table["removed"][n])))
-    return records
+    return [RegionRecord(_region(row), row["time_ns"], bool(row["removed"])) for row in _rows(table)]
+
+
+def _region(row: Row) -> Region:
+    corners, corners_m = (row[name][: row["n_vertices"]] for name in ("vertices", "vertices_m"))
+    return Region(
+        decode_text(row["label"]), RegionKind(row["kind"]), tuple(map(tuple, corners)), row["tilt_deg"],
+        row["azimuth_deg"], row["emissivity"],
+        () if np.isnan(corners_m).any() else tuple(map(tuple, corners_m)),
+    )  # fmt: skip
 
 
 def estimates_from(table: Table, regions: tuple[str, ...]) -> list[SlopeEstimate]:
     """The estimates of every minute and region that has one."""
     return [
-        _estimate(table, n, place, region)
-        for n in range(len(table["time"]))
+        _estimate(region, {name: one[place] if isinstance(one, list) else one for name, one in row.items()})
+        for row in _rows(table)
         for place, region in enumerate(regions)
-        if decode_text(table["model"][n][place]) or table["state"][n][place] != SlopeState.NO_DATA
+        if row["model"][place] or row["state"][place] != SlopeState.NO_DATA
     ]
 
 
 def later_estimates_from(table: Table) -> list[SlopeEstimate]:
     """The estimates of regions that were drawn during the recording."""
-    columns = {
-        name: values[:, np.newaxis] for name, values in table.items() if name not in ("time_ns", "region")
-    }
-    by_place = {"time_ns": table["time_ns"], **columns}
-    return [_estimate(by_place, n, 0, decode_text(region)) for n, region in enumerate(table["region"])]
+    return [_estimate(decode_text(row["region"]), row) for row in _rows(table)]
 
 
-def _estimate(table: Table, n: int, place: int, region: str) -> SlopeEstimate:
+def _estimate(region: str, row: Row) -> SlopeEstimate:
     return SlopeEstimate(
-        int(table["time_ns"][n]), region, SlopeState(int(table["state"][n][place])),
-        **{name: table[name][n][place].item() for name in _NUMBERS},
-        flags=Quality(int(table["flags"][n][place])),
-        window_start_ns=int(table["window_start_ns"][n][place]),
-        model=decode_text(table["model"][n][place]), reason=decode_text(table["reason"][n][place]),
+        row["time_ns"], region, SlopeState(row["state"]), **{name: row[name] for name in _NUMBERS},
+        flags=Quality(row["flags"]), window_start_ns=row["window_start_ns"],
+        model=decode_text(row["model"]), reason=decode_text(row["reason"]),
     )  # fmt: skip
 
 
 def learnt_from(table: Table, regions: tuple[str, ...]) -> dict[int, Learnt]:
     """Parameters learnt, by the UTC nanoseconds of each minute that has it."""
-    return {int(time_ns): _learnt(table, n, regions) for n, time_ns in enumerate(table["time_ns"])}
+    return {row["time_ns"]: _learnt(row, regions) for row in _rows(table)}
 
 
-def _learnt(table: Table, n: int, regions: tuple[str, ...]) -> Learnt:
+def _learnt(row: Row, regions: tuple[str, ...]) -> Learnt:
     parameters = tuple(
         LearntParameter(
             decode_text(name),
-            decode_text(table["unit"][n][place]),
-            **{number: table[number][n][place].item() for number in LEARNT_NUMBERS},
+            decode_text(row["unit"][place]),
+            **{number: row[number][place] for number in LEARNT_NUMBERS},
         )
-        for place, name in enumerate(table["name"][n])
+        for place, name in enumerate(row["name"])
         if name
     )
     by_region = {
         name: {
-            region: value.item()
-            for region, value in zip(regions, table[name][n], strict=False)  # without regions, one place
-            if not np.isnan(value)
+            region: value
+            for region, value in zip(regions, row[name], strict=False)  # without regions, one place
+            if not math.isnan(value)
         }
         for name in _BY_REGION
     }
-    return Learnt(parameters, **by_region, chi_square=table["chi_square"][n].item())
+    return Learnt(parameters, **by_region, chi_square=row["chi_square"])

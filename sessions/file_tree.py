@@ -7,6 +7,7 @@ import platform
 from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 from functools import cache
+from hashlib import sha256
 from importlib import metadata
 from typing import Any
 
@@ -36,6 +37,8 @@ from fieldkit.sessions.layout import (
 )
 
 ISO_WIDTH = 32
+
+_STATES = "recording_or_interrupted sealed recovered"
 
 _PACKAGES = ("fieldkit", "h5py", "numpy", "scipy", "astropy", "opencv-python-headless", "pyserial", "pyusb")
 
@@ -89,11 +92,10 @@ def _entry(file: h5py.File, identity: SessionIdentity) -> None:
     put_text(entry, "program_name", "fieldkit", version=fieldkit.__version__)
     put_text(entry, "start_time", iso_utc(identity.start_ns), ISO_WIDTH)
     put_text(entry, "end_time", "", ISO_WIDTH)
-    complete = entry.create_dataset("complete", data=np.uint8(RECORDING), track_order=True)
-    meanings = "recording_or_interrupted sealed recovered"
-    set_attributes(complete, {"flag_values": np.arange(3, dtype="u1"), "flag_meanings": meanings})
-    anchor = entry.create_dataset("utc_minus_mono_ns", data=np.int64(identity.anchor_ns), track_order=True)
-    set_attributes(anchor, {"units": "ns", "long_name": "UTC less host monotonic clock, taken at the start"})
+    meanings = {"flag_values": np.arange(3, dtype="u1"), "flag_meanings": _STATES}
+    put_data(entry, "complete", np.uint8(RECORDING), **meanings)
+    about_anchor = "UTC less host monotonic clock, taken at the start"
+    put_data(entry, "utc_minus_mono_ns", np.int64(identity.anchor_ns), units="ns", long_name=about_anchor)
     put_text(put_group(entry, "user", "NXuser"), "name", header.operator)
     put_text(put_group(entry, "sample", "NXsample"), "description", header.description)
     site = put_group(entry, "site", "NXcollection")
@@ -102,7 +104,7 @@ def _entry(file: h5py.File, identity: SessionIdentity) -> None:
         ("longitude", header.site.longitude_deg, "degree_east"),
         ("elevation", header.site.elevation_m, "m"),
     ):
-        set_attributes(site.create_dataset(name, data=float(value), track_order=True), {"units": units})
+        put_data(site, name, float(value), units=units)
     put_text(site, "timezone", header.site.timezone)
     put_text(site, "body", header.site.body)
     instrument = put_group(entry, "instrument", "NXinstrument")
@@ -120,7 +122,7 @@ def _instrument(parent: h5py.Group, info: StreamInfo) -> None:
         ("latency_s", info.latency_s, "s"), ("wire_time_s", info.wire_time_s, "s"),
         ("response_s", info.response_s, "s"),
     ):  # fmt: skip
-        set_attributes(group.create_dataset(name, data=float(value), track_order=True), {"units": units})
+        put_data(group, name, float(value), units=units)
 
 
 def _stream_group(file: h5py.File, info: StreamInfo) -> None:
@@ -138,8 +140,8 @@ def _stream_group(file: h5py.File, info: StreamInfo) -> None:
     for column in columns:
         if column.name == "value" and column.dims:
             put_scale(group, "channel", np.arange(info.shape[0], dtype="<i4"), units="1")
-            label = group.create_dataset("label", data=labels(info.channels, 32), track_order=True)
-            attach(group, label, *(("channel",) if len(info.channels) == info.shape[0] else ()))
+            is_named = len(info.channels) == info.shape[0]
+            put_data(group, "label", labels(info.channels, 32), *(("channel",) if is_named else ()))
         if column.name == "raw":
             put_scale(group, "byte", np.arange(column.shape[0], dtype="<i4"), units="1")
     put_columns(group, columns)
@@ -191,9 +193,8 @@ def _masks(file: h5py.File, header: SessionHeader) -> None:
     put_scale(group, "y", np.arange(rows, dtype="<i4"), units="1")
     put_scale(group, "x", np.arange(cols, dtype="<i4"), units="1")
     zeros = np.zeros((group["region_name"].size, rows, cols), "u1")
-    mask = group.create_dataset("mask", data=zeros, track_order=True)
-    set_attributes(mask, {"long_name": f"1 where a pixel of {camera.name} belongs to the region"})
-    attach(group, mask, "region_name", "y", "x")
+    about = f"1 where a pixel of {camera.name} belongs to the region"
+    put_data(group, "mask", zeros, "region_name", "y", "x", long_name=about)
 
 
 def _calibration(file: h5py.File, header: SessionHeader) -> None:
@@ -202,15 +203,12 @@ def _calibration(file: h5py.File, header: SessionHeader) -> None:
         group = put_group(parent, info.name, "NXcalibration")
         coefficients = np.array([info.offset, info.scale])
         put_scale(group, "term", labels(["offset", "scale"]))
-        data = group.create_dataset("coefficients", data=coefficients, track_order=True)
-        set_attributes(data, {"units": info.unit, "long_name": "value = stored * scale + offset"})
-        attach(group, data, "term")
+        about = {"units": info.unit, "long_name": "value = stored * scale + offset"}
+        put_data(group, "coefficients", coefficients, "term", **about)
         put_text(group, "law", info.law)
 
 
 def _config(file: h5py.File, header: SessionHeader) -> None:
-    from hashlib import sha256
-
     group = put_group(file, "config", "NXcollection")
     digest = sha256(header.config_toml.encode(errors="replace")).hexdigest()
     put_text(group, "session_toml", header.config_toml, sha256=digest)
@@ -237,16 +235,13 @@ def _integrity(file: h5py.File, header: SessionHeader) -> None:
     streams = max(1, len(header.streams))
     put_scale(group, "stream", labels(info.name for info in header.streams))
     for column in INTEGRITY_COLUMNS:
-        dataset = group.create_dataset(column.name, data=column.unknown(streams), track_order=True)
-        set_attributes(dataset, column.attributes)
-        attach(group, dataset, "stream")
+        put_data(group, column.name, column.unknown(streams), "stream", **column.attributes)
     tables = list(entry_columns(header))
     put_scale(group, "table", labels(tables))
-    crc = group.create_dataset("table_crc32", data=np.zeros(len(tables), "<u4"), track_order=True)
-    set_attributes(crc, {"long_name": "CRC-32 over the columns of the table", "units": "1"})
-    attach(group, crc, "table")
-    verified = group.create_dataset("journal_verified", data=np.uint8(0), track_order=True)
-    set_attributes(verified, {"long_name": "1: every sample was compared with the journal when sealing"})
+    about_crc = {"long_name": "CRC-32 over the columns of the table", "units": "1"}
+    put_data(group, "table_crc32", np.zeros(len(tables), "<u4"), "table", **about_crc)
+    about_verified = "1: every sample was compared with the journal when sealing"
+    put_data(group, "journal_verified", np.uint8(0), long_name=about_verified)
 
 
 def put_digests(file: h5py.File) -> None:
@@ -255,9 +250,8 @@ def put_digests(file: h5py.File) -> None:
     paths = [*object_paths(file), "integrity/object", "integrity/object_sha256"]
     put_scale(group, "object", labels(paths, max(len(path.encode()) for path in paths)))
     empty = labels([""] * len(paths), DIGEST_CHARS)
-    digests = group.create_dataset("object_sha256", data=empty, track_order=True)
-    set_attributes(digests, {"long_name": "SHA-256 over what a reader gets of the object, hexadecimal"})
-    attach(group, digests, "object")
+    about = "SHA-256 over what a reader gets of the object, hexadecimal"
+    put_data(group, "object_sha256", empty, "object", long_name=about)
 
 
 def _time_map(file: h5py.File) -> None:
@@ -297,11 +291,17 @@ def put_text(group: h5py.Group, name: str, text: str, width: int = 0, **attribut
     return dataset
 
 
+def put_data(group: h5py.Group, name: str, values: Any, *axes: str, **attributes: Any) -> h5py.Dataset:
+    """A dataset of given values; the scales of its axes stand in the same group."""
+    dataset = group.create_dataset(name, data=values, track_order=True)
+    set_attributes(dataset, attributes)
+    attach(group, dataset, *axes)
+    return dataset
+
+
 def put_scale(group: h5py.Group, name: str, values: Any, **attributes: Any) -> None:
     """A dimension scale of given values."""
-    dataset = group.create_dataset(name, data=values, track_order=True)
-    set_attributes(dataset, {"long_name": _words(name), **attributes})
-    dataset.make_scale(name)
+    put_data(group, name, values, **{"long_name": _words(name), **attributes}).make_scale(name)
 
 
 def put_columns(group: h5py.Group, columns: Iterable[Column]) -> None:

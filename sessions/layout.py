@@ -35,21 +35,11 @@ MAX_LEARNT = 16
 """Parameters that a row of what was learnt has room for."""
 
 RESERVED_NAMES = frozenset(
-    {
-        "entry",
-        "irradiance",
-        "estimates",
-        "later_estimates",
-        "later_events",
-        "learnt",
-        "regions",
-        "events",
-        "clock",
-        "health",
-        "calibration",
-    }
-    | {"config", "integrity", "time_map"}
-)
+    (
+        "entry", "irradiance", "estimates", "later_estimates", "later_events", "learnt", "regions", "events",
+        "clock", "health", "calibration", "config", "integrity", "time_map",
+    )
+)  # fmt: skip
 """Groups of the file itself; no stream may have such a name."""
 
 

@@ -19,13 +19,13 @@ from fieldkit.model.device import StreamInfo
 from fieldkit.model.finding import Finding
 from fieldkit.model.limits import RARE, is_rare
 from fieldkit.model.radiation import measured
-from fieldkit.model.samples import is_usable
 from fieldkit.model.site import Site, known_zone
 from fieldkit.model.units import CELSIUS_ZERO_K, MINUTE_NS
 from fieldkit.physics.bodies import EARTH, body_of
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.daylight import extraterrestrial
 from fieldkit.physics.sun import sun_vectors
+from fieldkit.sessions.analysis import minute_means
 from fieldkit.sessions.reader import SessionReader
 
 HIGH_SUN, LOWEST_SUN = np.cos(np.radians([75.0, 93.0]))
@@ -110,10 +110,8 @@ def _components(info: StreamInfo) -> tuple[str, ...]:
 
 
 def _mean_of(session: SessionReader, info: StreamInfo, channel: int, minute: NDArray[np.int64]) -> FloatArray:
-    readings = session.readings(info.name)
-    values = readings.values[:, channel] + (CELSIUS_ZERO_K if info.unit in CELSIUS_UNITS else 0.0)
-    good = is_usable(readings.flags) & np.isfinite(values)
-    place = np.clip(readings.time_ns[good] // MINUTE_NS - minute[0], 0, minute.size - 1)
-    count = np.bincount(place, minlength=minute.size)
-    total = np.bincount(place, values[good], minlength=minute.size)
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+    """Of one channel, kelvin of temperatures."""
+    middle_ns, means = minute_means(session, info.name, channel)
+    found = np.full(minute.size, np.nan)
+    found[np.clip(middle_ns // MINUTE_NS - minute[0], 0, minute.size - 1)] = means
+    return found + (CELSIUS_ZERO_K if info.unit in CELSIUS_UNITS else 0.0)

@@ -13,7 +13,7 @@ import logging
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from datetime import UTC, datetime, timedelta
+from datetime import datetime
 from difflib import get_close_matches
 from functools import cached_property
 from itertools import compress
@@ -25,7 +25,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.model.clock import ClockCheck
+from fieldkit.model.clock import ClockCheck, utc_ns
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import SessionError
 from fieldkit.model.learnt import Learnt
@@ -68,7 +68,7 @@ from fieldkit.sessions.stored import (
 )
 from fieldkit.sessions.stream_reader import Readings, StreamReader
 from fieldkit.sessions.superblock import CHECK_PATH, MendedFile, is_clean
-from fieldkit.sessions.time_map import StoredTimes, TimeStep, check_rows, mapped_event
+from fieldkit.sessions.time_map import StoredTimes, TimeStep, corrections, mapped_event
 
 _MAX_HEADER_BYTES = 16_000_000
 
@@ -144,7 +144,6 @@ class SessionReader:
         self.anchor_ns: int = int(scalar(file, "entry/utc_minus_mono_ns"))
         self._handle = file
         self._salvage = salvage
-        self._groups: dict[str, h5py.Group] = {}
         self.site: Site = self.header.site
         self.streams: Mapping[str, StreamInfo] = {info.name: info for info in self.header.streams}
         self.session_id: str = str(attribute(file, "session_id"))
@@ -212,8 +211,7 @@ class SessionReader:
     def identity(self) -> SessionIdentity:
         """Whose journal this session's is."""
         start = datetime.fromisoformat(decode_text(scalar(self._file, "entry/start_time")))
-        start_us = (start - datetime.fromtimestamp(0, UTC)) // timedelta(microseconds=1)
-        return SessionIdentity(self.session_id, start_us * 1000, self.anchor_ns, self.header)
+        return SessionIdentity(self.session_id, utc_ns(start), self.anchor_ns, self.header)
 
     @property
     def regions(self) -> tuple[Region, ...]:
@@ -356,9 +354,7 @@ class SessionReader:
         if link_of(self._file, LATER_EVENTS) is None:
             return []
         with self._explaining():
-            datasets = columns_of(self.group(LATER_EVENTS), LATER_EVENT_COLUMNS)
-            columns = {name: dataset[:] for name, dataset in datasets.items()}
-            check_rows(columns, "marks")
+            columns = corrections(self.group(LATER_EVENTS), LATER_EVENT_COLUMNS, "marks")
         time_ns = self._times.utc_ns(columns["time"], columns["mono_ns"], recorded=True)
         return entry_rows.events_from({**columns, "time_ns": time_ns})
 
@@ -454,7 +450,7 @@ class SessionReader:
 
     def object_digest(self, path: str) -> str:
         """The digest of an object as it is now; see `fieldkit.sessions.digests`."""
-        return object_digest(self._file, path, self._groups)
+        return object_digest(self._file, path)
 
     def minutes(self, *, recorded: bool = False) -> list[MinuteRecord]:
         """The estimates made while recording, minute by minute."""

@@ -121,9 +121,8 @@ def stored_crc32s(
 def encode_sample(sample: Sample) -> tuple[tuple[bytes, memoryview, memoryview], int]:
     """A sample as the journal keeps it, in parts, and its checksum; its number is the record's."""
     data, more = sample_bytes(sample)
-    stamps = stamps_of(sample)
-    crc = with_stamps(crc32(more, crc32(data)), stamps)
-    return (to_journal(stamps, crc, len(data)), data, more), crc
+    crc = sample_crc32(sample, data, more)
+    return (to_journal(stamps_of(sample), crc, len(data)), data, more), crc
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,9 +148,8 @@ class SampleRow:
         """The sample, or None where its bytes are gone or do not match their checksum."""
         if self.data is None or self.more is None:
             return None
-        build = build_frame if info.is_camera else build_reading
         try:
-            sample = build(info, self.stamps, self.data, self.more)
+            sample = build_sample(info, self.stamps, self.data, self.more)
             matches = sample_crc32(sample, *sample_bytes(sample)) == self.crc32
         except (ValueError, TypeError, OverflowError, struct.error):
             return None
@@ -166,14 +164,11 @@ class SampleRow:
         return replace(self, data=data, more=more)
 
 
-def build_frame(info: StreamInfo, stamps: Stamps, data: bytes, more: bytes) -> Frame:
-    """A frame from its stored bytes; raises `ValueError` if they do not fill the declared shape."""
-    counts = np.frombuffer(data, "<u2").reshape(info.shape)
-    rows = np.frombuffer(more, "<u2").reshape(info.metadata_shape)
-    return Frame(info.name, counts=counts, metadata_rows=rows, **of_frame(stamps))
-
-
-def build_reading(info: StreamInfo, stamps: Stamps, data: bytes, raw: bytes) -> Reading:
-    """A reading from its stored bytes; raises `ValueError` if they do not fill the declared channels."""
+def build_sample(info: StreamInfo, stamps: Stamps, data: bytes, more: bytes) -> Sample:
+    """A sample from its stored bytes; raises `ValueError` if they do not fill what was declared."""
+    if info.is_camera:
+        counts = np.frombuffer(data, "<u2").reshape(info.shape)
+        rows = np.frombuffer(more, "<u2").reshape(info.metadata_shape)
+        return Frame(info.name, counts=counts, metadata_rows=rows, **of_frame(stamps))
     values = np.frombuffer(data, "<f8").reshape(info.shape)
-    return Reading(info.name, values=tuple(values.tolist()), raw=raw, **of_reading(stamps))
+    return Reading(info.name, values=tuple(values.tolist()), raw=more, **of_reading(stamps))

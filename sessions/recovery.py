@@ -217,7 +217,7 @@ def _rebuild(
             f"the session {path} could not be finished: {error.strerror or error}",
             fix="make room beside it, then run recovery again; nothing is lost",
         ) from error
-    return SealReport(path, report.counts, report.bytes, report.verified), salvage
+    return replace(report, path=path), salvage
 
 
 def _take_place(fresh: Path, path: Path, keep_as: Path | None) -> None:

@@ -41,7 +41,7 @@ from fieldkit.sessions.records import (
 from fieldkit.sessions.sample_fields import of_frame
 from fieldkit.sessions.sqlite_journal import SqliteJournal
 from fieldkit.sessions.stored import columns_of, whole_rows
-from fieldkit.sessions.time_map import check_rows, row_crc32s
+from fieldkit.sessions.time_map import corrections, row_crc32s
 
 _KINDS: tuple[type[Entry], ...] = (RegionRecord, Event, ClockCheck, Health, MinuteRecord)
 
@@ -139,7 +139,8 @@ class Salvage:
         loose = LooseChunks(self._path, self._session, self._journal, info)
         journalled = self._journal.numbers(place) if self._journal is not None else np.empty(0, np.int64)
         numbers = np.union1d(journalled, stored.numbers)
-        for wanted in _blocks(numbers, chunk_shape(info)[0] if info.is_camera else _READING_BLOCK):
+        depth = chunk_shape(info)[0] if info.is_camera else _READING_BLOCK
+        for wanted in _parts(numbers, numbers // depth):
             rows = self._rows(place, wanted)
             block = self._whole_block(info, loose, wanted, rows, stats)
             if block is not None:
@@ -175,8 +176,7 @@ class Salvage:
         if chunks is None:
             return None
         for row in rows.values():
-            stamps = of_frame(row.stamps)
-            stats.keep(row.seq, stamps["mono_ns"], stamps["time_ns"], row.crc32)
+            stats.keep(row.seq, of_frame(row.stamps)["time_ns"], row.crc32)
         return PackedBlock(info.name, [row.columns() for row in rows.values()], chunks)
 
     def entries(self) -> Iterator[Entry]:
@@ -235,15 +235,14 @@ def _time_map(session: SessionReader) -> dict[str, NDArray[Any]]:
         raise SessionError(f"the {length} corrections of the clock are lost: apply them again")
     if not length:
         return {}
-    columns = {name: dataset[:] for name, dataset in datasets.items()}
-    check_rows(columns)
+    columns = corrections(group, TIME_MAP_COLUMNS)
     return {**columns, "crc32": np.array(row_crc32s(columns), np.uint32)}
 
 
-def _blocks(numbers: NDArray[np.int64], depth: int) -> list[NDArray[np.int64]]:
-    """Sorted numbers, those of each block together."""
-    borders = np.flatnonzero(np.diff(numbers // depth)) + 1
-    return [block for block in np.split(numbers, borders) if block.size]
+def _parts(numbers: NDArray[np.int64], keys: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    """Numbers cut where their keys change."""
+    borders = np.flatnonzero(np.diff(keys)) + 1
+    return [part for part in np.split(numbers, borders) if part.size]
 
 
 def _found(
@@ -315,21 +314,20 @@ class RecoveryStatistics:
     from_journal: int = 0
     lost: list[LostRange] = field(default_factory=list)
     crc32s: list[int] = field(default_factory=list)
-    last_mono_ns: int = 0
     last_ns: int = 0
     _next: int = 0
 
-    def keep(self, seq: int, mono_ns: int, time_ns: int, crc32: int) -> None:
+    def keep(self, seq: int, time_ns: int, crc32: int) -> None:
         """Count a sample; numbers between it and the one before are lost."""
         self._lose(seq, time_ns)
         self.kept += 1
         self.crc32s.append(crc32)
-        self.last_mono_ns, self.last_ns, self._next = mono_ns, time_ns, seq + 1
+        self.last_ns, self._next = time_ns, seq + 1
 
     def keep_sample(self, sample: Sample) -> None:
         """Count a sample that was looked at by itself."""
         crc32 = sample_crc32(sample, *sample_bytes(sample))
-        self.keep(sample.seq, sample.mono_ns, sample.time_ns, crc32)
+        self.keep(sample.seq, sample.time_ns, crc32)
 
     def finish(self, total: int) -> None:
         """Set how many numbers were given: those after the last kept one are lost."""
@@ -374,7 +372,8 @@ class StoredSamples:
     def _count_up(self, end: int) -> None:
         assert self._reader is not None
         self._whole = self._reader.whole_rows(end)
-        spans = [(int(span[0]), int(span[-1]) + 1) for span in _runs(self._whole)]
+        runs = _parts(self._whole, self._whole - np.arange(len(self._whole)))
+        spans = [(int(run[0]), int(run[-1]) + 1) for run in runs]
         numbers = [self._reader.column("seq", start, stop) for start, stop in spans]
         self.numbers = np.concatenate([self.numbers, *numbers])
         self.total = self._reader.claimed
@@ -405,11 +404,6 @@ class StoredSamples:
         except (SessionError, OSError, RuntimeError, ValueError) as error:
             self._damage.append(f"{self._reader.info.name}, rows from {first}: {message_of(error)}")
             return []
-
-
-def _runs(rows: NDArray[np.int64]) -> list[NDArray[np.int64]]:
-    """Runs of consecutive rows."""
-    return [run for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1) if run.size]
 
 
 class LooseChunks:

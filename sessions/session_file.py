@@ -28,7 +28,7 @@ from fieldkit.sessions.file_tree import ISO_WIDTH, file_image, iso_utc
 from fieldkit.sessions.guarded_file import GuardedFile, write_in_place, write_new
 from fieldkit.sessions.journal import Chunk, Journal, SessionIdentity
 from fieldkit.sessions.journal_reader import JournalReader
-from fieldkit.sessions.layout import encode_text, entry_columns, raw_width, stream_columns
+from fieldkit.sessions.layout import FRAME_DATASETS, encode_text, entry_columns, raw_width, stream_columns
 from fieldkit.sessions.records import Entry, Record, RegionRecord, SampleRow, sample_bytes, sample_crc32
 from fieldkit.sessions.sample_fields import stamps_of, to_columns
 
@@ -75,11 +75,6 @@ class SessionFile:
             return self.path.stat().st_size
         except OSError:
             return 0
-
-    @property
-    def counts(self) -> dict[str, int]:
-        """Samples so far, per stream."""
-        return {name: stream.count for name, stream in self._streams.items()}
 
     def put(self, record: Record, crc32: int | None = None) -> list[Chunk]:
         """Take a record, with its checksum where that is known; returns the chunks written for it."""
@@ -139,15 +134,11 @@ class _Stream:
 
     def __init__(self, group: h5py.Group, info: Any, pool: Executor) -> None:
         self._table = TableWriter(group, stream_columns(info))
-        names = [name for name in ("counts", "metadata_rows") if name in group]
+        names = [name for name in FRAME_DATASETS if name in group]
         self._writers = [FrameWriter(group[name], pool) for name in names]
         self._raw_width = raw_width(info)
         self._waiting: list[dict[str, Any]] = []
         self._waiting_since = 0.0
-
-    @property
-    def count(self) -> int:
-        return self._table.length + len(self._waiting)
 
     def put(self, sample: Sample, crc32: int) -> list[Chunk]:
         row = self._row(sample, crc32)

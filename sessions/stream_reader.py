@@ -34,7 +34,7 @@ from fieldkit.sessions.layout import (
     chunk_shape,
     stream_columns,
 )
-from fieldkit.sessions.records import build_frame, build_reading, stored_crc32s
+from fieldkit.sessions.records import build_sample, stored_crc32s
 from fieldkit.sessions.sample_fields import from_columns
 from fieldkit.sessions.stored import check_inflation, closed, columns_of, dataset_of, stored_here, whole_rows
 from fieldkit.sessions.time_map import StoredTimes
@@ -201,9 +201,10 @@ class StreamReader:
 
     def samples(self, start: int = 0, stop: int | None = None, *, recorded: bool = False) -> Iterator[Sample]:
         """The samples from row `start` up to `stop`, in the order they were recorded."""
-        build = self._frames if self.info.is_camera else self._readings
         for part in self._timed_parts(start, stop, recorded):
-            yield from build(part)
+            bodies = _bodies(part.columns, part.frames)
+            for stamps, (data, more) in zip(from_columns(part.columns), bodies, strict=True):
+                yield build_sample(self.info, stamps, data.tobytes(), more.tobytes())
 
     def frame(self, row: int) -> Frame:
         """One frame."""
@@ -319,15 +320,6 @@ class StreamReader:
                 return np.concatenate(frames), np.concatenate(lost)
         missing = np.broadcast_to(np.uint16(FILL_COUNT), (stop - start, *dataset.shape[1:]))
         return missing[(slice(None), *box)].copy(), np.ones(stop - start, np.bool_)
-
-    def _readings(self, part: _Part) -> Iterator[Sample]:
-        for stamps, (values, raw) in zip(from_columns(part.columns), _bodies(part.columns, []), strict=True):
-            yield build_reading(self.info, stamps, values.tobytes(), raw.tobytes())
-
-    def _frames(self, part: _Part) -> Iterator[Sample]:
-        bodies = _bodies(part.columns, part.frames)
-        for stamps, (counts, more) in zip(from_columns(part.columns), bodies, strict=True):
-            yield build_frame(self.info, stamps, counts.tobytes(), more.tobytes())
 
 
 def _bodies(

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from fieldkit.model.errors import SessionError
 from fieldkit.model.samples import Event
-from fieldkit.sessions.layout import TIME_MAP_COLUMNS, decode_text, exact_time_ns
+from fieldkit.sessions.layout import TIME_MAP_COLUMNS, Column, decode_text, exact_time_ns
 from fieldkit.sessions.stored import columns_of, explained, stored_here
 
 _FOREVER_NS = 2**63 - 1
@@ -42,10 +42,17 @@ def row_crc32s(columns: Mapping[str, NDArray[Any]]) -> list[int]:
     return [zlib.crc32(b"".join(cell.tobytes() for cell in row)) for row in zip(*others, strict=False)]
 
 
-def check_rows(columns: Mapping[str, NDArray[Any]], of: str = "the clock") -> None:
-    """Raise `SessionError` where a row of corrections is not as written; older time maps have no checksum."""
-    if "crc32" in columns and row_crc32s(columns) != columns["crc32"].tolist():
+def corrections(
+    group: h5py.Group, columns: Sequence[Column], of: str = "the clock"
+) -> dict[str, NDArray[Any]]:
+    """The rows of a group of corrections; raises `SessionError` where one is not as written.
+
+    Older time maps have no checksums.
+    """
+    found = {name: dataset[:] for name, dataset in columns_of(group, columns).items()}
+    if "crc32" in found and row_crc32s(found) != found["crc32"].tolist():
         raise SessionError(f"the corrections of {of} are damaged", fix="take another copy of the session")
+    return found
 
 
 def added_ns(steps: Sequence[TimeStep], mono_ns: int) -> int:
@@ -107,9 +114,7 @@ class StoredTimes:
     def steps(self) -> list[TimeStep]:
         """The active corrections; an open file never gets others, because a changed one takes its place."""
         try:
-            datasets = columns_of(stored_here(self._file, "time_map"), TIME_MAP_COLUMNS)
-            columns = {name: dataset[:] for name, dataset in datasets.items()}
-            check_rows(columns)
+            columns = corrections(stored_here(self._file, "time_map"), TIME_MAP_COLUMNS)
         except SessionError as error:
             raise explained(self.path, error) from error
         latest = columns["version"].max(initial=0)

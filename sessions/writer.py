@@ -24,7 +24,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from fieldkit.disk import sync
-from fieldkit.model.clock import Clock, ClockCheck
+from fieldkit.model.clock import Clock
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import (
     FieldkitError,
@@ -34,9 +34,7 @@ from fieldkit.model.errors import (
     StorageError,
     message_of,
 )
-from fieldkit.model.learnt import Learnt
-from fieldkit.model.samples import Event, EventKind, Frame, Health, Quality, Sample, Severity
-from fieldkit.model.site import Region
+from fieldkit.model.samples import Event, EventKind, Frame, Sample, Severity
 from fieldkit.model.slope import SlopeEstimate
 from fieldkit.sessions.journal import Journal, SessionIdentity, SyncThread
 from fieldkit.sessions.journal_reader import JournalReader
@@ -72,7 +70,7 @@ class SessionWriter:
         self._clock = clock
         self._counts = {info.name: 0 for info in header.streams}
         self._region_names = set(header.region_names)
-        self._check = SampleCheck(header.streams)
+        self._streams = {info.name: info for info in header.streams}
         self._lock = threading.Lock()
         self._report: SealReport | None = None
         self._folder = journal_path(path)
@@ -80,7 +78,7 @@ class SessionWriter:
         atexit.register(self.abandon)
         clock.hold_until(self._file_thread.caught_up)
         for region in header.regions:
-            self.region(region, self._identity.start_ns)
+            self.put(RegionRecord(region, self._identity.start_ns))
 
     def _open(self, start_mono_ns: int) -> None:
         start, anchor = self._clock.to_utc_ns(start_mono_ns), self._clock.to_utc_ns(0)
@@ -139,49 +137,29 @@ class SessionWriter:
 
     def append(self, sample: Sample) -> None:
         """Store a sample: in the journal when this returns. It gets the next number of its stream."""
-        self._check(sample)
+        check_sample(self._streams.get(sample.stream), sample)
         with self._lock:
             self._store(sample._replace(seq=self._counts[sample.stream]))
             self._counts[sample.stream] += 1
 
-    def event(self, event: Event) -> None:
-        """Store what happened."""
-        self.put(event)
+    def put(self, entry: Entry) -> None:
+        """Store anything but a sample; clock checks correct nothing.
 
-    def minute(
-        self,
-        time_ns: int,
-        estimates: Sequence[SlopeEstimate],
-        irradiance_w_m2: float = float("nan"),
-        irradiance_model: str = "",
-        flags: Quality = Quality.GOOD,
-        learnt: Learnt | None = None,
-    ) -> None:
-        """Store the estimates made when a minute closed, and what the data had taught by then."""
+        Raises `ValueError` for estimates of regions that the session does not have, and for an outline for
+        which the file has no room.
+        """
+        if isinstance(entry, MinuteRecord):
+            self._check_regions(entry.estimates)
+        elif isinstance(entry, RegionRecord):
+            check_region(entry.region)
+            self._region_names.add(entry.region.name)
+        with self._lock:
+            self._store(entry)
+
+    def _check_regions(self, estimates: Sequence[SlopeEstimate]) -> None:
         unknown = {estimate.region for estimate in estimates} - self._region_names
         if unknown:
             raise ValueError(f"estimates for regions the session does not have: {', '.join(sorted(unknown))}")
-        self.put(MinuteRecord(time_ns, tuple(estimates), irradiance_w_m2, irradiance_model, flags, learnt))
-
-    def clock_check(self, check: ClockCheck) -> None:
-        """Store a comparison of the clocks; nothing is corrected by it."""
-        self.put(check)
-
-    def health(self, health: Health) -> None:
-        """Store how the recording is doing."""
-        self.put(health)
-
-    def region(self, region: Region, time_ns: int) -> None:
-        """Store an outline that holds from `time_ns` on; raises `ValueError` for one that does not fit."""
-        check_region(region)
-        self.put(RegionRecord(region, time_ns))
-
-    def put(self, entry: Entry) -> None:
-        """Store an entry of any kind."""
-        with self._lock:
-            self._store(entry)
-        if isinstance(entry, RegionRecord):
-            self._region_names.add(entry.region.name)
 
     def _store(self, record: Record) -> None:
         if self.is_closed:
@@ -285,7 +263,7 @@ class SessionWriter:
         now = self._clock.mono_ns()
         event = Event(EventKind.DISK, now, self._clock.to_utc_ns(now), text, "", severity)
         with contextlib.suppress(StorageError, SessionError):
-            self.event(event)
+            self.put(event)
 
 
 def _delete(path: Path) -> None:
@@ -315,39 +293,30 @@ def _reserve(folder: Path) -> None:
 _LOWEST, _HIGHEST = -(2**63), 2**63 - 1
 
 
-class SampleCheck:
-    """Refuses samples that are not as their stream was declared: they could not be read back."""
+def check_sample(info: StreamInfo | None, sample: Sample) -> None:
+    """Raise `ValueError` for a sample of another shape or type, or with numbers that no column holds.
 
-    def __init__(self, streams: Sequence[StreamInfo]) -> None:
-        self._shapes = {info.name: info.shape for info in streams}
-        self._row_shapes = {info.name: info.metadata_shape for info in streams}
-        self._raw_widths = {info.name: raw_width(info) for info in streams}
+    That it is as its stream was declared is the driver's promise; other samples could not be read back.
+    """
+    numbers = (sample.mono_ns, sample.time_ns, sample.device_time, sample.device_seq)
+    if not (min(numbers) >= _LOWEST and max(numbers) <= _HIGHEST):
+        raise ValueError(f"stream {sample.stream!r}: a time or counter needs more than 64 bits: {numbers}")
+    shape = sample.counts.shape if isinstance(sample, Frame) else (len(sample.values),)
+    if info is None or shape != info.shape:
+        declared = None if info is None else info.shape
+        raise ValueError(f"stream {sample.stream!r} was declared as {declared}, the sample has {shape}")
+    if isinstance(sample, Frame):
+        _check_frame(info, sample)
+    elif len(sample.raw) > raw_width(info):
+        raise ValueError(f"stream {sample.stream!r}: {len(sample.raw)} raw bytes, more than declared")
 
-    def __call__(self, sample: Sample) -> None:
-        """Raise `ValueError` for a sample of another shape or type, or with numbers that no column holds.
 
-        That is the driver's promise.
-        """
-        numbers = (sample.mono_ns, sample.time_ns, sample.device_time, sample.device_seq)
-        if not (min(numbers) >= _LOWEST and max(numbers) <= _HIGHEST):
-            raise ValueError(
-                f"stream {sample.stream!r}: a time or counter needs more than 64 bits: {numbers}"
-            )
-        declared = self._shapes.get(sample.stream)
-        shape = sample.counts.shape if isinstance(sample, Frame) else (len(sample.values),)
-        if shape != declared:
-            raise ValueError(f"stream {sample.stream!r} was declared as {declared}, the sample has {shape}")
-        if isinstance(sample, Frame):
-            self._check_frame(sample)
-        elif len(sample.raw) > self._raw_widths[sample.stream]:
-            raise ValueError(f"stream {sample.stream!r}: {len(sample.raw)} raw bytes, more than declared")
-
-    def _check_frame(self, frame: Frame) -> None:
-        declared, shape = self._row_shapes[frame.stream], frame.metadata_rows.shape
-        if shape != declared and (frame.metadata_rows.size or math.prod(declared)):
-            raise ValueError(
-                f"stream {frame.stream!r} was declared with {declared} metadata rows, the sample has {shape}"
-            )
-        for counts in (frame.counts, frame.metadata_rows):
-            if (counts.dtype.kind, counts.dtype.itemsize) != ("u", 2):
-                raise ValueError(f"stream {frame.stream!r}: counts are {counts.dtype}, not uint16")
+def _check_frame(info: StreamInfo, frame: Frame) -> None:
+    declared, shape = info.metadata_shape, frame.metadata_rows.shape
+    if shape != declared and (frame.metadata_rows.size or math.prod(declared)):
+        raise ValueError(
+            f"stream {frame.stream!r} was declared with {declared} metadata rows, the sample has {shape}"
+        )
+    for counts in (frame.counts, frame.metadata_rows):
+        if (counts.dtype.kind, counts.dtype.itemsize) != ("u", 2):
+            raise ValueError(f"stream {frame.stream!r}: counts are {counts.dtype}, not uint16")

@@ -9,6 +9,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import reduce
 from typing import Self
 
 from fieldkit.model.samples import Event, EventKind, Severity
@@ -178,7 +179,5 @@ def present_after(present: tuple[Alarm, ...], event: Event) -> tuple[Alarm, ...]
 
 def present_alarms(events: Iterable[Event]) -> tuple[Alarm, ...]:
     """The alarms present after all events, in the order in which they were raised."""
-    present: tuple[Alarm, ...] = ()
-    for event in events:
-        present = present_after(present, event)
-    return present
+    nothing: tuple[Alarm, ...] = ()
+    return reduce(present_after, events, nothing)

@@ -38,49 +38,18 @@ CALLS = {
 }
 """The call that does what a command does; ``{}`` is a session, or the file named behind the command."""
 
+_NAMED_ALIKE = (
+    "camera_emissivity", "cell_m", "channel", "drive_deg", "encoding", "every", "gps", "hfov_deg", "keep",
+    "kelvin_at_zero", "kelvin_per_count", "limit_deg", "measures", "name", "out", "palette", "pose",
+    "reflected", "region", "session", "site", "speed", "stream", "thermometer", "time_format", "times",
+    "title", "to", "unit", "until", "window", "zone",
+)  # fmt: skip
+"""Arguments that have the names of their options."""
 ARGUMENTS = {
-    "--as": "name",
-    "--camera-emissivity": "camera_emissivity",
-    "--campaign": "present=True",
-    "--cell-m": "cell_m",
-    "--channel": "channel",
-    "--clock-offset": "offset_s",
-    "--column": "columns",
-    "--drive-deg": "drive_deg",
-    "--encoding": "encoding",
-    "--every": "every",
-    "--facet": "facets",
-    "--for": "duration",
-    "--from": "begin",
-    "--gps": "gps",
-    "--hfov-deg": "hfov_deg",
-    "--keep": "keep",
-    "--kelvin-at-zero": "kelvin_at_zero",
-    "--kelvin-per-count": "kelvin_per_count",
-    "--limit-deg": "limit_deg",
-    "--measures": "measures",
-    "--name": "name",
-    "--out": "out",
-    "--palette": "palette",
-    "--pose": "pose",
-    "--reflected": "reflected",
-    "--region": "region",
-    "--session": "session",
-    "--site": "site",
-    "--speed": "speed",
-    "--stream": "stream",
-    "--thermometer": "thermometer",
-    "--time": "time_columns",
-    "--time-format": "time_format",
-    "--times": "times",
-    "--title": "title",
-    "--to": "to",
-    "--unit": "unit",
-    "--until": "until",
-    "--window": "window",
-    "--zone": "zone",
-    "-j": "jobs",
-}
+    **{f"--{name.replace('_', '-')}": name for name in _NAMED_ALIKE},
+    "--as": "name", "--campaign": "present=True", "--clock-offset": "offset_s", "--column": "columns",
+    "--facet": "facets", "--for": "duration", "--from": "begin", "--time": "time_columns", "-j": "jobs",
+}  # fmt: skip
 """The argument that is what an option is."""
 
 PHRASES = {

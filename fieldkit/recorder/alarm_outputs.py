@@ -14,12 +14,13 @@ import signal
 import subprocess
 import threading
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, wait
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 from urllib.error import HTTPError
 from urllib.parse import urlsplit
 from urllib.request import Request, urlopen
@@ -44,23 +45,31 @@ QUEUE_SIZE = 100
 """Alarms that wait for one output; the oldest is dropped for a new one."""
 
 
-class AlarmOutput(Protocol):
-    """One place that alarms are sent to; used by one thread at a time, apart from `cancel` and what hangs."""
+class AlarmOutput(ABC):
+    """One place that alarms are sent to; used by one thread at a time, apart from `cancel` and what hangs.
+
+    What an output does not define does nothing.
+    """
 
     @property
+    @abstractmethod
     def name(self) -> str:
         """Name in failures."""
 
-    def open(self) -> None:
+    def open(self) -> None:  # noqa: B027  # need not be defined
         """Get ready, such as connect; a failure is reported, and `send` is tried nevertheless."""
 
+    @abstractmethod
     def send(self, event: Event) -> None:
         """Send one alarm within `WITHIN_S`; raises `OSError`."""
 
-    def cancel(self) -> None:
-        """End a `send` that is under way: the recording is over. Called from another thread."""
+    def cancel(self) -> None:  # noqa: B027  # need not be defined
+        """End a `send` that is under way: the recording is over. Called from another thread.
 
-    def close(self) -> None:
+        Not needed where it ends by its own time limit: its thread does not hold up the program.
+        """
+
+    def close(self) -> None:  # noqa: B027  # need not be defined
         """The recording is over."""
 
 
@@ -181,7 +190,7 @@ def _act(act: Callable[[], None], done: Future[None]) -> None:
 
 
 @dataclass
-class CommandOutput:
+class CommandOutput(AlarmOutput):
     """Starts a program for every alarm, without a shell; the alarm is in its environment.
 
     The variables are named ``FIELDKIT_ALARM``, ``FIELDKIT_PHASE``, ``FIELDKIT_TEXT`` … after `document`. A
@@ -192,9 +201,6 @@ class CommandOutput:
     within_s: float = WITHIN_S
     name: str = "the command"
     _process: subprocess.Popen[bytes] | None = field(default=None, repr=False)
-
-    def open(self) -> None:
-        """Nothing to prepare."""
 
     def send(self, event: Event) -> None:
         """Run the program."""
@@ -224,15 +230,12 @@ class CommandOutput:
             with suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGKILL)
 
-    def close(self) -> None:
-        """Nothing to close."""
-
 
 _NTFY_PRIORITY = {Severity.INFO: "2", Severity.WARNING: "4", Severity.ERROR: "5"}
 
 
 @dataclass
-class NtfyOutput:
+class NtfyOutput(AlarmOutput):
     """Posts every alarm to an ntfy topic: one HTTP request, the text as its body."""
 
     url: str
@@ -243,9 +246,6 @@ class NtfyOutput:
     def name(self) -> str:
         """The server; the topic may be a secret."""
         return f"ntfy at {urlsplit(self.url).netloc}"
-
-    def open(self) -> None:
-        """Nothing to prepare."""
 
     def send(self, event: Event) -> None:
         """Post the alarm."""
@@ -260,15 +260,9 @@ class NtfyOutput:
         except HTTPError as error:  # whose text may quote the address, which is a secret
             raise OSError(f"the server answered with status {error.code}") from None
 
-    def cancel(self) -> None:
-        """The request ends by its own time limit, in a thread that does not hold up the program."""
-
-    def close(self) -> None:
-        """Nothing to close."""
-
 
 @dataclass
-class MqttOutput:
+class MqttOutput(AlarmOutput):
     """Publishes every alarm as retained JSON under ``BASE/alarm/CONDITION/SUBJECT``.
 
     ``BASE/recorder`` is ``recording`` meanwhile, ``ended`` afterwards and, by the broker's will, ``lost`` if
@@ -348,9 +342,6 @@ class MqttOutput:
             message.wait_for_publish(max(0.1, deadline - time.monotonic()))
         if not (is_connected and message.is_published()):
             raise ConnectionError(f"no response within {self.within_s:g} s")
-
-    def cancel(self) -> None:
-        """Sending ends by its own time limit, in a thread that does not hold up the program."""
 
     def close(self) -> None:
         """Report the end and disconnect."""

@@ -145,28 +145,22 @@ class DeviceReader:
 
     def _read(self) -> None:
         if self._sampling.every_s is not None and isinstance(self._device, Camera):
-            self._read_bursts(self._device, self._sampling.every_s)
+            self._read_burst(self._device, round(self._sampling.every_s * SECOND_NS))
         else:
-            self._read_all()
-
-    def _read_all(self) -> None:
-        while self._is_active():
             self._read_one()
 
-    def _read_bursts(self, camera: Camera, every_s: float) -> None:
-        period_ns = round(every_s * SECOND_NS)
-        while self._is_active():
-            late_ns = self._clock.mono_ns() - self._next_burst_ns
-            self._next_burst_ns += max(0, late_ns // period_ns) * period_ns
-            if self._sampling.shutter_before_burst:
-                self._skip(camera, self._next_burst_ns - round(SHUTTER_LEAD_S * SECOND_NS))
-                if self._is_active() and self._clock.mono_ns() < self._next_burst_ns:
-                    camera.run_shutter()
-            self._skip(camera, self._next_burst_ns)
-            for _ in range(self._sampling.burst_frames):
-                if self._is_active():
-                    self._read_one()
-            self._next_burst_ns += period_ns
+    def _read_burst(self, camera: Camera, period_ns: int) -> None:
+        late_ns = self._clock.mono_ns() - self._next_burst_ns
+        self._next_burst_ns += max(0, late_ns // period_ns) * period_ns
+        if self._sampling.shutter_before_burst:
+            self._skip(camera, self._next_burst_ns - round(SHUTTER_LEAD_S * SECOND_NS))
+            if self._is_active() and self._clock.mono_ns() < self._next_burst_ns:
+                camera.run_shutter()
+        self._skip(camera, self._next_burst_ns)
+        for _ in range(self._sampling.burst_frames):
+            if self._is_active():
+                self._read_one()
+        self._next_burst_ns += period_ns
 
     def _skip(self, camera: Camera, until_ns: int) -> None:
         """Skip frames, at most a second at a time so that `stop` takes effect."""

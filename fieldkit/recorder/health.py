@@ -44,7 +44,6 @@ _FLAG_EVENTS = {
         "no value: open probe, overload, relative display or unknown scale",
     ),
 }
-_REPORTED_FLAGS = Quality(sum(_FLAG_EVENTS))
 
 
 @dataclass
@@ -59,9 +58,7 @@ class FlagMonitor:
         if sample.quality == before:
             return
         self._flags[sample.stream] = sample.quality
-        begun = sample.quality & ~before & _REPORTED_FLAGS
-        if not begun:
-            return
+        begun = sample.quality & ~before
         for flag, (kind, severity, text) in _FLAG_EVENTS.items():
             if flag in begun:
                 message = f"{sample.stream}: {text}"

@@ -33,6 +33,7 @@ from fieldkit.recorder.health import (
     StorageMonitor,
 )
 from fieldkit.recorder.sample_queue import Item, SampleQueue, queue_limit
+from fieldkit.sessions.records import MinuteRecord
 from fieldkit.sessions.seal import SealReport
 from fieldkit.sessions.writer import SessionWriter
 
@@ -251,7 +252,7 @@ class Recorder:
         self._pass_on(sample)
 
     def _keep_event(self, event: Event) -> None:
-        self._stored(lambda: self.writer.event(event))
+        self._stored(lambda: self.writer.put(event))
         self._pass_on(event)
 
     def _carry_out(self, requests: Iterable[Event | RegionRecord | ShutterRequest]) -> bool:
@@ -300,9 +301,9 @@ class Recorder:
         snapshot = self._health.update()
         if snapshot is None:
             return
-        self._stored(lambda: self.writer.health(snapshot.health))
+        self._stored(lambda: self.writer.put(snapshot.health))
         for check in snapshot.clock_checks:
-            self._stored(partial(self.writer.clock_check, check))
+            self._stored(partial(self.writer.put, check))
         health = snapshot.health
         now, utc = health.mono_ns, health.time_ns
         late = self._late.update(self._estimating.waited_s(), now, utc) if self._estimating else ()
@@ -365,16 +366,11 @@ class Recorder:
 
     def _keep_minute(self, minute: Minute) -> None:
         self._last_minute = minute
-        self._stored(
-            lambda: self.writer.minute(
-                minute.time_ns,
-                minute.estimates,
-                minute.dni_w_m2,
-                minute.irradiance_model,
-                minute.flags,
-                minute.learnt,
-            )
-        )
+        record = MinuteRecord(
+            minute.time_ns, tuple(minute.estimates), minute.dni_w_m2, minute.irradiance_model, minute.flags,
+            minute.learnt,
+        )  # fmt: skip
+        self._stored(lambda: self.writer.put(record))
         for notice in minute.events:
             self._keep_event(notice)
         self._pass_on(minute)

@@ -6,16 +6,15 @@ they came: frames that waited somewhere and arrived in bunches are flagged, not 
 
 from __future__ import annotations
 
-import select
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.model.clock import ClockCheck
+from fieldkit.model.clock import ClockCheck, HostClock
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.limits import bounds_of, excesses, labels_of
@@ -25,6 +24,8 @@ from fieldkit.physics.sun import sun_vectors
 from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.seal import SealReport
 from fieldkit.sessions.writer import SessionWriter
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,40 +82,21 @@ def _place(reading: Reading) -> str:
     return f"{time}Z" if reading.device_seq == NO_COUNTER else f"{time}Z (line {reading.device_seq})"
 
 
-class StampedClock:
-    """A clock that stands where the imported stamps are; `anchor_ns` is UTC less its monotonic time."""
+class StampedClock(HostClock):
+    """A clock that stands where the imported stamps are; `anchor_ns` is UTC less its monotonic time.
+
+    Nothing waits for it: the thread of the session file reads back from the journal what it missed.
+    """
 
     is_real = False
 
     def __init__(self, start_ns: int, anchor_ns: int = 0) -> None:
         self.now_ns = start_ns
-        self._anchor_ns = anchor_ns
+        self.anchor = ClockCheck(start_ns, anchor_ns, 0, "imported")
 
     def mono_ns(self) -> int:
         """The last stamp."""
         return self.now_ns
-
-    def to_utc_ns(self, mono_ns: int) -> int:
-        """That plus the anchor."""
-        return mono_ns + self._anchor_ns
-
-    def check(self) -> ClockCheck:
-        """Nothing to compare."""
-        return ClockCheck(self.now_ns, 0, 0, "imported")
-
-    def sleep(self, seconds: float) -> None:
-        """Nothing waits for this clock."""
-
-    def wait_readable(self, fd: int, timeout_s: float) -> bool:
-        """True if there is something to read now."""
-        return bool(select.select([fd], [], [], 0)[0])
-
-    def taking_part(self) -> AbstractContextManager[None]:
-        """Nothing to do."""
-        return nullcontext()
-
-    def hold_until(self, settled: Callable[[float], bool]) -> None:
-        """Nothing to do: the writer reads back from the journal what it missed."""
 
 
 def write_imported(path: Path, header: SessionHeader, imported: ImportedRecording, source: str) -> SealReport:
@@ -147,7 +129,7 @@ def _chain(first: Sample, rest: Iterator[Sample]) -> Iterator[Sample]:
 
 
 def _add_note(writer: SessionWriter, clock: StampedClock, severity: Severity, text: str) -> None:
-    writer.event(Event(EventKind.IMPORTED, clock.now_ns, clock.now_ns, text, "", severity))
+    writer.put(Event(EventKind.IMPORTED, clock.now_ns, clock.now_ns, text, "", severity))
 
 
 def usual_rate_hz(time_ns: Sequence[int] | NDArray[np.int64]) -> float:
@@ -169,15 +151,13 @@ def bunched(time_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
 
 
 @dataclass(frozen=True, slots=True)
-class _Flagged:
-    """Frames that are read again whenever they are asked for, the late ones flagged."""
+class ReadAgain(Generic[T]):
+    """Samples that are read anew, by `read`, whenever they are asked for: never all are in memory."""
 
-    read: Callable[[], Iterable[Frame]]
-    late: NDArray[np.bool_]
+    read: Callable[[], Iterator[T]]
 
-    def __iter__(self) -> Iterator[Frame]:
-        for is_late, frame in zip(self.late, self.read(), strict=False):  # what came after was excluded
-            yield frame._replace(quality=frame.quality | Quality.INTERPOLATED) if is_late else frame
+    def __iter__(self) -> Iterator[T]:
+        return self.read()
 
 
 def flag_bunched(
@@ -188,10 +168,15 @@ def flag_bunched(
     `time_ns` are their stamps, known from a first pass; also a note on bunches.
     """
     late = bunched(np.array(time_ns, np.int64))
+
+    def flagged() -> Iterator[Frame]:
+        for is_late, frame in zip(late, read(), strict=False):  # what came after was excluded
+            yield frame._replace(quality=frame.quality | Quality.INTERPOLATED) if is_late else frame
+
     if not late.any():
-        return _Flagged(read, late), ()
+        return ReadAgain(flagged), ()
     text = f"{int(late.sum())} of {late.size} frames came in bunches: stamps of arrival, flagged interpolated"
-    return _Flagged(read, late), ((Severity.WARNING, text),)
+    return ReadAgain(flagged), ((Severity.WARNING, text),)
 
 
 _ALWAYS_BYTES, _MOST_TIMES = 100_000_000, 100  # the noise of a sensor packs to a third or so

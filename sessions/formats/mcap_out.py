@@ -12,13 +12,13 @@ import heapq
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError
-from fieldkit.model.learnt import Learnt, LearntParameter
+from fieldkit.model.learnt import LearntParameter
 from fieldkit.model.samples import NO_COUNTER, Event, Frame, Sample, Severity
 from fieldkit.model.slope import SLOPE_FIELDS, SlopeEstimate
 from fieldkit.sessions.analysis import channel_names
@@ -130,7 +130,7 @@ def _messages(writer: Writer, session: SessionReader, names: tuple[str, ...], ev
         _put(writer, estimates, estimate.time_ns, number, _slope(estimate))
     learnt = _channel(writer, "learnt", "fieldkit.Learnt", _LEARNT, {})
     for number, (time_ns, found) in enumerate(session.learnt().items()):
-        _put(writer, learnt, time_ns, number, _learnt(found))
+        _put(writer, learnt, time_ns, number, asdict(found))
 
 
 def _stream_channel(writer: Writer, info: StreamInfo) -> int:
@@ -157,7 +157,7 @@ def _channel(
 
 def _put(writer: Writer, channel: int, time_ns: int, number: int, message: Mapping[str, Any]) -> None:
     stamped = {"timestamp": {"sec": time_ns // 10**9, "nsec": time_ns % 10**9}, **message}
-    data = json.dumps(stamped, allow_nan=False, ensure_ascii=False).encode()
+    data = json.dumps(_plain(stamped), allow_nan=False, ensure_ascii=False).encode()
     writer.add_message(channel, time_ns, data, time_ns, number % 2**32)
 
 
@@ -168,7 +168,7 @@ def _sample(sample: Sample, info: StreamInfo) -> dict[str, Any]:
     }  # fmt: skip
     if isinstance(sample, Frame):
         return {**stamps, **_frame(sample)}
-    values = dict(zip(channel_names(info), map(_number, sample.values), strict=True))
+    values = dict(zip(channel_names(info), sample.values, strict=True))
     return {**stamps, "values": values, "raw": _base64(sample.raw)}
 
 
@@ -178,7 +178,7 @@ def _frame(frame: Frame) -> dict[str, Any]:
         "frame_id": frame.stream, "width": cols, "height": rows, "encoding": "mono16", "step": 2 * cols,
         "data": _base64(frame.counts.astype("<u2").tobytes()),
         "metadata_rows": _base64(frame.metadata_rows.astype("<u2").tobytes()),
-        "sensor_temperature_k": _number(frame.fpa_temperature_k),
+        "sensor_temperature_k": frame.fpa_temperature_k,
     }  # fmt: skip
 
 
@@ -186,26 +186,15 @@ def _event(event: Event) -> dict[str, Any]:
     return {
         "level": _LEVELS.get(event.severity, 3), "message": event.text, "name": event.stream,
         "file": "", "line": 0,
-        "mono_ns": event.mono_ns, "kind": event.kind.name.lower(), "data": dict(event.data),
+        "mono_ns": event.mono_ns, "kind": event.kind.name.lower(), "data": event.data,
     }  # fmt: skip
 
 
 def _slope(estimate: SlopeEstimate) -> dict[str, Any]:
-    numbers = {name: _number(getattr(estimate, name)) for name in SLOPE_FIELDS}
+    numbers = {name: getattr(estimate, name) for name in SLOPE_FIELDS}
     return {
         "region": estimate.region, "state": estimate.state.name.lower(), "model": estimate.model,
         "reason": estimate.reason, "minutes": estimate.n_bins, **numbers,
-    }  # fmt: skip
-
-
-def _learnt(found: Learnt) -> dict[str, Any]:
-    return {
-        "parameters": [
-            {field.name: _plain(getattr(one, field.name)) for field in fields(one)}
-            for one in found.parameters
-        ],
-        "residual_k": dict(found.residual_k), "autocorrelation": dict(found.autocorrelation),
-        "chi_square": _number(found.chi_square),
     }  # fmt: skip
 
 
@@ -213,12 +202,13 @@ def _counter(value: int) -> int | None:
     return None if value == NO_COUNTER else value
 
 
-def _number(value: float) -> float | None:
-    return value if math.isfinite(value) else None
-
-
-def _plain(value: str | float) -> str | float | None:
-    return value if isinstance(value, str) else _number(value)
+def _plain(value: Any) -> Any:
+    """A value with null for each number that JSON lacks."""
+    if isinstance(value, Mapping):
+        return {name: _plain(one) for name, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(one) for one in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _base64(data: bytes) -> str:

@@ -16,7 +16,7 @@ from fieldkit.model.limits import Bounds, bounds_of
 from fieldkit.model.samples import Event, EventKind, Reading, Sample, Severity, is_usable
 from fieldkit.sessions.analysis import region_series
 from fieldkit.sessions.finished_file import apply_time_map
-from fieldkit.sessions.formats.imported import ImportedRecording, StampedClock
+from fieldkit.sessions.formats.imported import ImportedRecording, ReadAgain, StampedClock
 from fieldkit.sessions.reader import SessionReader
 from fieldkit.sessions.records import RegionRecord
 from fieldkit.sessions.seal import SealReport
@@ -26,27 +26,18 @@ from fieldkit.sessions.writer import SessionWriter
 FloatArray = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True)
-class _Cut:
-    """The samples between two times, read again whenever they are asked for."""
-
-    samples: Iterable[Sample]
-    between_ns: dict[str, tuple[int, int]]
-
-    def __iter__(self) -> Iterator[Sample]:
-        for one in self.samples:
-            first_ns, last_ns = self.between_ns[one.stream]
-            if first_ns <= one.time_ns <= last_ns:
-                yield one
-
-
 def cut_to(session: SessionReader, imported: ImportedRecording) -> ImportedRecording:
     """Part of a recording that belongs to the session's time, and two intervals more on either side."""
     margin_ns = {info.name: round(2e9 / info.rate_hz) if info.rate_hz else 0 for info in imported.streams}
     first_ns, last_ns = session.start_ns, session.end_ns
-    kept = _Cut(
-        imported.samples, {name: (first_ns - more, last_ns + more) for name, more in margin_ns.items()}
-    )
+
+    def within() -> Iterator[Sample]:
+        for one in imported.samples:
+            more = margin_ns[one.stream]
+            if first_ns - more <= one.time_ns <= last_ns + more:
+                yield one
+
+    kept = ReadAgain(within)
     excluded = sum(1 for _ in imported.samples) - sum(1 for _ in kept)
     if not excluded:
         return imported
@@ -85,7 +76,7 @@ def merge(session: SessionReader, imported: ImportedRecording, path: Path, sourc
                 writer.put(entry)
         for severity, text in ((Severity.INFO, f"stream added from {source}"), *imported.notes):
             now = clock.mono_ns()
-            writer.event(Event(EventKind.IMPORTED, now, clock.to_utc_ns(now), text, "", severity))
+            writer.put(Event(EventKind.IMPORTED, now, clock.to_utc_ns(now), text, "", severity))
         for sample in _by_time(session, imported.samples, steps):
             writer.append(sample)
             clock.now_ns = sample.mono_ns

@@ -91,7 +91,6 @@ def _tables(session: SessionReader) -> Iterator[tuple[str, Callable[[], pd.DataF
 
 
 def _index(time_ns: object) -> pd.DatetimeIndex:
-    import numpy as np
     import pandas as pd
 
     return pd.DatetimeIndex(np.asarray(time_ns, np.int64).view("datetime64[ns]"), tz="UTC", name="time")

@@ -7,14 +7,13 @@ import itertools
 import re
 import statistics
 from collections.abc import Iterator, Mapping, Sequence
-from datetime import UTC, datetime, timedelta, timezone, tzinfo
+from datetime import datetime, timedelta, timezone, tzinfo
 from pathlib import Path
 from typing import NamedTuple
 
+from fieldkit.model import clock
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import known_zone
-
-_EPOCH = datetime.fromtimestamp(0, UTC)
 
 _COARSE_S = 1800.0
 """Rows so far apart cannot go back within an hour that comes twice."""
@@ -150,7 +149,7 @@ def _fixed_offset(moment: datetime) -> str:
 
 def utc_ns(moment: datetime) -> int:
     """UTC nanoseconds since 1970 of a moment with a zone, exact to the microsecond; raises `ConfigError`."""
-    return plausible_ns((moment - _EPOCH) // timedelta(microseconds=1) * 1000)
+    return plausible_ns(clock.utc_ns(moment))
 
 
 def plausible_ns(time_ns: int) -> int:

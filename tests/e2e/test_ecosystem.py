@@ -15,6 +15,7 @@ import h5py
 import pytest
 
 from fieldkit.model.slope import SlopeEstimate, SlopeState
+from fieldkit.sessions.records import MinuteRecord
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.recording import CountedClock, fill, header, picture
 
@@ -49,9 +50,8 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     clock = CountedClock()
     writer = SessionWriter(path, header(), clock)
     fill(writer, FRAMES, clock)
-    writer.minute(
-        60_000_000_000, [SlopeEstimate(60_000_000_000, "b05", SlopeState.OK, 5.25, 180.5)], 800.0, "eq10"
-    )
+    slope = SlopeEstimate(60_000_000_000, "b05", SlopeState.OK, 5.25, 180.5)
+    writer.put(MinuteRecord(60_000_000_000, (slope,), 800.0, "eq10"))
     writer.close()
     return path
 

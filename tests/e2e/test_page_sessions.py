@@ -43,7 +43,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory, recorded: Callable[[Path], 
     fill(writer, 10, clock)
     for text in ("wind", "cloud"):
         now = clock.mono_ns()
-        writer.event(Event(EventKind.MARK, now, clock.to_utc_ns(now), text, data={"label": text}))
+        writer.put(Event(EventKind.MARK, now, clock.to_utc_ns(now), text, data={"label": text}))
     writer.close()
     return folder
 

@@ -19,6 +19,7 @@ from fieldkit.sessions.check import check
 from fieldkit.sessions.digests import ROOT, object_digest, object_paths
 from fieldkit.sessions.finished_file import apply_time_map
 from fieldkit.sessions.layout import FRAME_DATASETS
+from fieldkit.sessions.records import MinuteRecord
 from fieldkit.sessions.time_map import TimeStep
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.recording import CountedClock, fill, header
@@ -32,9 +33,9 @@ def small_session(path: Path) -> Path:
     now = clock.mono_ns()
     time_ns = clock.to_utc_ns(now)
     slope = SlopeEstimate(time_ns, "b05", SlopeState.OK, 5.1, 181.0, 4.0, 6.0, 170.0, 190.0, model="paper")
-    writer.minute(time_ns, [slope], 812.5, "clear sky")
-    writer.clock_check(ClockCheck(now, clock.to_utc_ns(0), 1_000_000, "ntp"))
-    writer.health(Health(now, time_ns, (StreamHealth("camera", 10, 0, 0),), 10**9, 10**5, 1.5, 2.5, 3.5))
+    writer.put(MinuteRecord(time_ns, (slope,), 812.5, "clear sky"))
+    writer.put(ClockCheck(now, clock.to_utc_ns(0), 1_000_000, "ntp"))
+    writer.put(Health(now, time_ns, (StreamHealth("camera", 10, 0, 0),), 10**9, 10**5, 1.5, 2.5, 3.5))
     writer.close()
     apply_time_map(path, [TimeStep(0, 2_500_000_000, "gps")])
     return path

@@ -119,7 +119,7 @@ def fill(writer: SessionWriter, frames: int, clock: HostClock | CountedClock) ->
     for item in appended:
         writer.append(item)
     now = clock.mono_ns()
-    writer.event(Event(EventKind.MARK, now, clock.to_utc_ns(now), "wolke über b05", data={"from": 3}))
+    writer.put(Event(EventKind.MARK, now, clock.to_utc_ns(now), "wolke über b05", data={"from": 3}))
     return appended
 
 

@@ -81,7 +81,7 @@ def interrupted(folder: Path, shape: tuple[int, int], frames: int, part_bytes: i
         for info in head.streams[:2]:
             writer.append(sample(info, seq))
         if seq % 20 == 3:
-            writer.event(Event(EventKind.MARK, seq, seq, f"mark {seq}"))
+            writer.put(Event(EventKind.MARK, seq, seq, f"mark {seq}"))
     writer.abandon()
     (folder / "a.h5.journal" / "reserve").unlink()
     return Recorded(folder, head, frames)

@@ -64,7 +64,7 @@ def test_a_mark_reaches_the_session_that_is_recorded(campaign, recording):
 def stored(folder: Path, event: Event) -> Event:
     """The event as a session gives it back."""
     writer = SessionWriter(folder / "a.h5", header((24, 32)), CountedClock())
-    writer.event(event)
+    writer.put(event)
     writer.close()
     with open_session(folder / "a.h5") as session:
         return session.events()[0]
@@ -243,7 +243,7 @@ def noted(campaign):
     path.parent.mkdir(exist_ok=True)
     writer = SessionWriter(path, header((24, 32)), clock)
     fill(writer, 10, clock)
-    writer.event(Event(EventKind.MARK, 9 * 10**9, clock.to_utc_ns(9 * 10**9), "wind"))
+    writer.put(Event(EventKind.MARK, 9 * 10**9, clock.to_utc_ns(9 * 10**9), "wind"))
     yield path, writer
     writer.abandon()
 

@@ -165,7 +165,7 @@ def recorded(path: Path, seconds: int, shut_at_s: int) -> list[EventKind]:
             assert snapshot is not None
             kinds += [event.kind for event in snapshot.events]
             for check in snapshot.clock_checks:
-                writer.clock_check(check)
+                writer.put(check)
             if second == shut_at_s:
                 clock.shut_for(SLEPT_S)
             clock.sleep(1.0)

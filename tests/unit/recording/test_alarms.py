@@ -29,6 +29,7 @@ from fieldkit.recording.record import RecordedSession, prepare
 from fieldkit.recording.replay import replay
 from fieldkit.recording.requests import Acknowledgement, sent
 from fieldkit.sessions.reader import open_session
+from fieldkit.sessions.records import Entry
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.seldom import SELDOM
 
@@ -166,15 +167,15 @@ def test_alarms_that_fail_do_not_end_the_recording(tmp_path, monkeypatch):
 
 
 def test_an_acknowledgement_is_stored_and_replayed(tmp_path, monkeypatch):
-    genuine = SessionWriter.event
+    genuine = SessionWriter.put
 
-    def acknowledging(self: SessionWriter, event: Event) -> None:
-        genuine(self, event)
-        if phase_of(event) is Phase.RAISED:
-            sent(self.path.parent, Acknowledgement(event.data["alarm"]))
+    def acknowledging(self: SessionWriter, entry: Entry) -> None:
+        genuine(self, entry)
+        if isinstance(entry, Event) and phase_of(entry) is Phase.RAISED:
+            sent(self.path.parent, Acknowledgement(entry.data["alarm"]))
 
     # only here does simulated time wait for who acknowledges
-    monkeypatch.setattr(SessionWriter, "event", acknowledging)
+    monkeypatch.setattr(SessionWriter, "put", acknowledging)
     done = recording_of(tmp_path / "field", 8, 'simulation.faults=["cable"]')
     live = alarms_of(done.path)
     assert [phase_of(event) for event in live] == [Phase.RAISED, Phase.ACKNOWLEDGED, Phase.CLEARED]

@@ -32,7 +32,7 @@ def test_bursts_of_a_small_camera_with_meters_take_no_more_than_planned(tmp_path
         for info in streams[1:]:
             writer.append(sample(info, second))
         health = tuple(StreamHealth(name, second, 0, 0) for name in STREAMS)
-        writer.health(Health(second, second, health, 10**11, 10**9, 1.5, 2.5, 3.5))
+        writer.put(Health(second, second, health, 10**11, 10**9, 1.5, 2.5, 3.5))
     writer.abandon(at_once=False)
     grown, counted = on_disk(path) - empty, writer.bytes_written - counted
     planned = SECONDS * bytes_per_second(streams, Sampling(every_s=60.0))

@@ -39,7 +39,7 @@ def marked(tmp_path_factory: pytest.TempPathFactory) -> Path:
         mark(clock, "wind", label="air"),
         mark(clock, "wind"),
     ):
-        writer.event(one)
+        writer.put(one)
     writer.close()
     return path
 

@@ -40,7 +40,7 @@ def recorded(
         frame = sample(camera, seq, mono, clock.to_utc_ns(mono))
         writer.append(frame._replace(quality=(flags or {}).get(seq, Quality.GOOD)))
     for event in more.get("events", ()):  # type: ignore[attr-defined]
-        writer.event(event)
+        writer.put(event)
     writer.close()
     return path
 

@@ -29,7 +29,7 @@ def recorded(path: Path, times_ns: list[int], checks: list[ClockCheck]) -> Path:
     for seq, mono_ns in enumerate(times_ns):
         writer.append(sample(HEADER.streams[0], seq, mono_ns, clock.to_utc_ns(mono_ns)))
     for compared in checks:
-        writer.clock_check(compared)
+        writer.put(compared)
     writer.close()
     return path
 

@@ -30,6 +30,7 @@ from fieldkit.sessions.file_tree import LIBVER
 from fieldkit.sessions.layout import MAX_LEARNT
 from fieldkit.sessions.lock import SessionLock, journal_path
 from fieldkit.sessions.reader import SessionReader
+from fieldkit.sessions.records import MinuteRecord
 from fieldkit.sessions.recovery import recover
 from fieldkit.sessions.seal import SealReport, seal
 from fieldkit.sessions.writer import SessionWriter
@@ -185,7 +186,7 @@ def test_the_window_of_an_estimate_begins_when_it_began(tmp_path: Path) -> None:
     now_ns = clock.to_utc_ns(clock.mono_ns())
     began_ns = now_ns // 1000 * 1000 - 1_200_000_000_000
     slope = SlopeEstimate(now_ns, "b05", SlopeState.OK, 5.0, 180.0, window_start_ns=began_ns)
-    writer.minute(now_ns, [slope], 800.0, "clear sky")
+    writer.put(MinuteRecord(now_ns, (slope,), 800.0, "clear sky"))
     writer.close()
     with open_session(tmp_path / "field.h5") as session:
         assert [one.window_start_ns for one in session.estimates()] == [began_ns]
@@ -204,9 +205,9 @@ def test_what_was_learnt_comes_back_minute_by_minute(tmp_path: Path, how: str) -
     fill(writer, 2, clock)
     start_ns = clock.to_utc_ns(clock.mono_ns()) // 1000 * 1000
     expected = {start_ns + n: in_session(learnt(n // 50)) for n in (0, 1000, 2000)}
-    writer.minute(start_ns - 1000, [])
+    writer.put(MinuteRecord(start_ns - 1000, ()))
     for time_ns, found in expected.items():
-        writer.minute(time_ns, [], learnt=found)
+        writer.put(MinuteRecord(time_ns, (), learnt=found))
     if how == "sealed":
         writer.close()
     else:
@@ -223,7 +224,7 @@ def test_more_parameters_than_a_row_holds_are_cut_and_end_no_recording(tmp_path:
     writer = SessionWriter(tmp_path / "field.h5", header((24, 32)), clock)
     fill(writer, 2, clock)
     many = replace(learnt(), parameters=learnt().parameters * 2, residual_k={"elsewhere": 1.0})
-    writer.minute(clock.to_utc_ns(clock.mono_ns()), [], learnt=many)
+    writer.put(MinuteRecord(clock.to_utc_ns(clock.mono_ns()), (), learnt=many))
     writer.close()
     with open_session(tmp_path / "field.h5") as session:
         (found,) = session.learnt().values()
@@ -247,7 +248,7 @@ def test_slopes_and_what_was_learnt_without_a_confidence_have_the_former_one(
     writer = SessionWriter(tmp_path / "field.h5", header((24, 32)), clock)
     slope = SlopeEstimate(clock.to_utc_ns(clock.mono_ns()), "b05", SlopeState.OK, 5.0, confidence=0.95)
     found = replace(learnt(), parameters=tuple(replace(one, confidence=0.95) for one in learnt().parameters))
-    writer.minute(slope.time_ns, [slope], learnt=found)
+    writer.put(MinuteRecord(slope.time_ns, (slope,), learnt=found))
     writer.close()
     with open_session(tmp_path / "field.h5") as session:
         assert {one.confidence for one in session.estimates()} == {0.95}

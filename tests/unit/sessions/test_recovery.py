@@ -41,7 +41,7 @@ def recorded(path: Path, frames: int, *, sealed: bool) -> None:
             writer.append(sample(info, seq))
         if seq % 100 == 0:
             mono_ns = seq * 5_000_000
-            writer.event(Event(EventKind.MARK, mono_ns, START_NS + mono_ns, f"mark {seq}"))
+            writer.put(Event(EventKind.MARK, mono_ns, START_NS + mono_ns, f"mark {seq}"))
     if sealed:
         writer.close()
     else:
@@ -282,7 +282,7 @@ def test_events_that_a_torn_journal_lost_come_from_the_file_once_and_in_order(
     monkeypatch.setattr(session_file, "FLUSH_EVERY_S", 0.0)  # all that is taken is in the file
     writer = SessionWriter(path, HEADER, CountedClock())
     for n in range(200):
-        writer.event(Event(EventKind.MARK, n, START_NS + n, f"mark {n} {'about the wind ' * 12}"))
+        writer.put(Event(EventKind.MARK, n, START_NS + n, f"mark {n} {'about the wind ' * 12}"))
         writer.append(sample(HEADER.streams[0], n))
     writer.abandon(at_once=False)
     log = journal_path(path) / "000001.log"

@@ -27,6 +27,7 @@ from fieldkit.sessions.formats.imported import ImportedRecording
 from fieldkit.sessions.formats.merged import merge
 from fieldkit.sessions.layout import RECOVERED
 from fieldkit.sessions.reader import open_session
+from fieldkit.sessions.records import MinuteRecord, RegionRecord
 from fieldkit.sessions.recovery import rebuild
 from fieldkit.sessions.time_map import TimeStep
 from fieldkit.sessions.writer import SessionWriter
@@ -48,8 +49,8 @@ def corrected(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for n in range(5):
         writer.append(sample(CAMERA, n, n * S, clock.to_utc_ns(n * S)))
     until = {"end_ns": clock.to_utc_ns(4 * S)}
-    writer.event(Event(EventKind.MARK, 2 * S, clock.to_utc_ns(2 * S), "cloud", data=until))
-    writer.health(Health(4 * S, clock.to_utc_ns(4 * S), (), 0, 0, 0.0, 0.0, 0.0))
+    writer.put(Event(EventKind.MARK, 2 * S, clock.to_utc_ns(2 * S), "cloud", data=until))
+    writer.put(Health(4 * S, clock.to_utc_ns(4 * S), (), 0, 0, 0.0, 0.0, 0.0))
     writer.close()
     apply_time_map(path, STEPS)
     return path
@@ -160,19 +161,19 @@ def full_session(path: Path, ahead_ns: int) -> Path:
     for n in range(5):
         for info in HEADER.streams:
             writer.append(sample(info, n, n * S, utc_ns[n]))
-    writer.event(Event(EventKind.MARK, 2 * S, utc_ns[2], "cloud", data=dict.fromkeys(MOMENTS, utc_ns[4])))
-    writer.event(Event(EventKind.SLEPT, 2 * S, utc_ns[2], "slept", data={"slept_ns": 5}))
-    writer.health(Health(4 * S, utc_ns[4], (), 0, 0, 0.0, 0.0, 0.0))
-    writer.clock_check(ClockCheck(3 * S, utc_ns[0] - ahead_ns + LATE_NS, 50, "gps"))
+    writer.put(Event(EventKind.MARK, 2 * S, utc_ns[2], "cloud", data=dict.fromkeys(MOMENTS, utc_ns[4])))
+    writer.put(Event(EventKind.SLEPT, 2 * S, utc_ns[2], "slept", data={"slept_ns": 5}))
+    writer.put(Health(4 * S, utc_ns[4], (), 0, 0, 0.0, 0.0, 0.0))
+    writer.put(ClockCheck(3 * S, utc_ns[0] - ahead_ns + LATE_NS, 50, "gps"))
     _, target = HEADER.regions
     moved = replace(target, vertices=tuple((x + 1.0, y) for x, y in target.vertices))
-    writer.region(moved, utc_ns[60])
-    writer.region(replace(target, name="later"), utc_ns[60])
+    writer.put(RegionRecord(moved, utc_ns[60]))
+    writer.put(RegionRecord(replace(target, name="later"), utc_ns[60]))
     slopes = [
         SlopeEstimate(utc_ns[4], name, SlopeState.OK, 5.0, 180.0, window_start_ns=utc_ns[1])
         for name in (target.name, "later")
     ]
-    writer.minute(utc_ns[4], slopes, 800.0, "eq10", learnt=learnt())
+    writer.put(MinuteRecord(utc_ns[4], tuple(slopes), 800.0, "eq10", learnt=learnt()))
     writer.close()
     return path
 

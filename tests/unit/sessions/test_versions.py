@@ -23,6 +23,7 @@ from fieldkit.sessions.file_tree import LIBVER, put_columns, put_rows
 from fieldkit.sessions.guarded_file import write_in_place
 from fieldkit.sessions.layout import SEALED, Column
 from fieldkit.sessions.reader import open_session
+from fieldkit.sessions.records import MinuteRecord
 from fieldkit.sessions.recovery import recover
 from fieldkit.sessions.seal import seal
 from fieldkit.sessions.writer import SessionWriter
@@ -58,8 +59,9 @@ def sealed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     fill(writer, 10, clock)
     now = clock.mono_ns()
     time_ns = clock.to_utc_ns(now)
-    writer.event(Event(NEW_KIND, now, time_ns, "the drone came back", "camera", Severity(9), {"height": [1]}))
-    writer.minute(time_ns, [SlopeEstimate(time_ns, "b05", NEW_STATE, 5.0, 180.0, model="next")])
+    writer.put(Event(NEW_KIND, now, time_ns, "the drone came back", "camera", Severity(9), {"height": [1]}))
+    slope = SlopeEstimate(time_ns, "b05", NEW_STATE, 5.0, 180.0, model="next")
+    writer.put(MinuteRecord(time_ns, (slope,)))
     writer.close()
     return path
 

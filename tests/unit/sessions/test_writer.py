@@ -19,6 +19,7 @@ from fieldkit.sessions import journal, session_file
 from fieldkit.sessions import seal as seal_module
 from fieldkit.sessions.lock import journal_path
 from fieldkit.sessions.reader import open_session
+from fieldkit.sessions.records import MinuteRecord, RegionRecord
 from fieldkit.sessions.recovery import recover
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.disk import full_disk
@@ -67,11 +68,11 @@ def test_entries_are_the_same(tmp_path: Path) -> None:
         chi_square=2.0, flags=Quality.CLOUD, n_bins=4, model="paper", reason="two slopes fit ☼",
     )  # fmt: skip
     moved = dataclasses.replace(HEADER.regions[1], vertices=((2.0, 2.0), (9.0, 2.0), (9.0, 9.5)))
-    writer.event(event)
-    writer.health(health)
-    writer.clock_check(check)
-    writer.minute(60_000_000_000, [estimate], 812.25, "eq10 /0.44", Quality.LOW_SUN)
-    writer.region(moved, utc)
+    writer.put(event)
+    writer.put(health)
+    writer.put(check)
+    writer.put(MinuteRecord(60_000_000_000, (estimate,), 812.25, "eq10 /0.44", Quality.LOW_SUN))
+    writer.put(RegionRecord(moved, utc))
     writer.close()
     with open_session(tmp_path / "a.h5") as session:
         assert session.state == "sealed"
@@ -96,7 +97,7 @@ def test_entries_are_the_same(tmp_path: Path) -> None:
 def test_long_text_is_cut_between_characters(tmp_path: Path) -> None:
     clock = CountedClock()
     writer = SessionWriter(tmp_path / "a.h5", HEADER, clock)
-    writer.event(Event(EventKind.MARK, 1, clock.to_utc_ns(1), "é" * 300, data={"long": "x" * 2000}))
+    writer.put(Event(EventKind.MARK, 1, clock.to_utc_ns(1), "é" * 300, data={"long": "x" * 2000}))
     writer.close()
     with open_session(tmp_path / "a.h5") as session:
         (event,) = session.events()
@@ -112,12 +113,12 @@ def test_entries_that_no_column_holds_keep_nothing_from_being_stored(tmp_path: P
     writer = SessionWriter(path, strange, clock)
     appended = fill(writer, 20, clock)
     utc = clock.to_utc_ns(1)
-    writer.event(Event(EventKind.MARK, 28 * 10**18, 30 * 10**18, f"file {path.name}"))
-    writer.event(Event(EventKind.MARK, -(10**30), -(10**30), 3))  # type: ignore[arg-type]
+    writer.put(Event(EventKind.MARK, 28 * 10**18, 30 * 10**18, f"file {path.name}"))
+    writer.put(Event(EventKind.MARK, -(10**30), -(10**30), 3))  # type: ignore[arg-type]
     streams = tuple(StreamHealth(name, 10**20, 0, 0) for name in ("camera", "lux", "thermometer"))
-    writer.health(Health(1, utc, streams, -(10**20)))
-    writer.region(dataclasses.replace(HEADER.regions[1], name="new"), utc)
-    writer.minute(utc, [SlopeEstimate(utc, "b05", SlopeState.OK, n_bins=2**31)])
+    writer.put(Health(1, utc, streams, -(10**20)))
+    writer.put(RegionRecord(dataclasses.replace(HEADER.regions[1], name="new"), utc))
+    writer.put(MinuteRecord(utc, (SlopeEstimate(utc, "b05", SlopeState.OK, n_bins=2**31),)))
     if is_killed:
         writer.abandon()
         assert recover(path).lost_samples == 0
@@ -160,10 +161,10 @@ def test_sample_that_is_not_as_declared_is_refused(tmp_path: Path) -> None:
         with pytest.raises(ValueError, match="int32, not uint16"):
             writer.append(frame._replace(**{name: getattr(frame, name).astype("i4")}))
     with pytest.raises(ValueError, match="b99"):
-        writer.minute(0, [SlopeEstimate(0, "b99", SlopeState.OK)])
+        writer.put(MinuteRecord(0, (SlopeEstimate(0, "b99", SlopeState.OK),)))
     many = tuple((float(n), float(n % 7)) for n in range(65))
     with pytest.raises(ValueError, match="65 corners"):
-        writer.region(Region("big", RegionKind.TARGET, many), 0)
+        writer.put(RegionRecord(Region("big", RegionKind.TARGET, many), 0))
     assert writer.close().verified == 0
 
 

@@ -33,6 +33,7 @@ from fieldkit.sessions.formats.tables_out import as_text, export_netcdf, export_
 from fieldkit.sessions.formats.tiff import read_pages
 from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.reader import SessionReader
+from fieldkit.sessions.records import MinuteRecord
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.faults import small_session
 from tests.harness.learnt import learnt
@@ -175,8 +176,8 @@ def test_table_of_events_has_kind_and_end_of_a_mark(tmp_path: Path, kind: str) -
     writer = SessionWriter(tmp_path / "field.h5", HEADER, clock)
     fill(writer, 1, clock)
     data = {"label": "cloud", "end_ns": START_NS + 60 * 10**9 + 1_000}
-    writer.event(Event(EventKind.MARK, 0, START_NS, "over b05", data=data))
-    writer.event(Event(EventKind.MARK, 1, START_NS + 1, "lightning"))
+    writer.put(Event(EventKind.MARK, 0, START_NS, "over b05", data=data))
+    writer.put(Event(EventKind.MARK, 1, START_NS + 1, "lightning"))
     writer.close()
     with open_session(tmp_path / "field.h5") as session:
         path = next(path for path in export_tables(session, tmp_path, kind) if "events" in path.name)
@@ -326,7 +327,7 @@ def test_a_spreadsheet_computes_nothing_that_somebody_typed(tmp_path: Path) -> N
     writer = SessionWriter(tmp_path / "field.h5", replace(HEADER, streams=(lux,)), CountedClock())
     writer.append(sample(lux, 0)._replace(values=(3.0, 1.0)))
     for text in ('=HYPERLINK("http://a.example")', "+1", "-2", "@SUM(A1)", "\tx", "5 = 5"):
-        writer.event(Event(EventKind.MARK, 0, START_NS, text))
+        writer.put(Event(EventKind.MARK, 0, START_NS, text))
     writer.close()
     with open_session(tmp_path / "field.h5") as session:
         paths = {path.stem.removeprefix("field-"): path for path in export_tables(session, tmp_path, "csv")}
@@ -528,8 +529,8 @@ def taught(path: Path) -> SessionReader:
     clock = CountedClock()
     writer = SessionWriter(path, HEADER, clock)
     fill(writer, 2, clock)
-    writer.minute(START_NS, [])
-    writer.minute(START_NS + 60 * 10**9, [], learnt=replace(learnt(), chi_square=math.nan))
+    writer.put(MinuteRecord(START_NS, ()))
+    writer.put(MinuteRecord(START_NS + 60 * 10**9, (), learnt=replace(learnt(), chi_square=math.nan)))
     writer.close()
     return open_session(path)
 
@@ -548,6 +549,18 @@ def test_mcap_holds_what_the_data_taught(tmp_path: Path) -> None:
     assert found["parameters"] == [asdict(one) for one in learnt().parameters]
     assert found["residual_k"] == {"flat": 0.05}
     assert found["chi_square"] is None
+
+
+def test_mcap_has_null_for_details_that_are_not_numbers(tmp_path: Path) -> None:
+    reading = pytest.importorskip("mcap.reader")
+    writer = SessionWriter(tmp_path / "field.h5", HEADER, CountedClock())
+    writer.put(Event(EventKind.MARK, 0, START_NS, "wind", data={"wind_m_s": math.nan}))
+    writer.close()
+    with open_session(tmp_path / "field.h5") as session:
+        (path,) = export_mcap(session, tmp_path)
+    with path.open("rb") as file:
+        ((_, _, message),) = reading.make_reader(file).iter_messages(topics=["/events"])
+    assert json.loads(message.data)["data"] == {"wind_m_s": None}
 
 
 def test_netcdf_and_xarray_have_what_the_data_taught(tmp_path: Path) -> None:

@@ -104,13 +104,13 @@ def recorded(tmp_path_factory, site, regions, streams):
     for sample in samples(regions, site):
         writer.append(sample)
     lost = Event(EventKind.LOST, 9, ANCHOR_NS + 9, "camera lost", "camera", Severity.WARNING)
-    writer.event(lost)
-    writer.event(Event(EventKind.GAP, 10, ANCHOR_NS + 10, "camera back after 14 s", "camera"))
+    writer.put(lost)
+    writer.put(Event(EventKind.GAP, 10, ANCHOR_NS + 10, "camera back after 14 s", "camera"))
     for minute in range(3):
         offset_ns = ANCHOR_NS + minute * 2_000_000
-        writer.clock_check(ClockCheck(minute * 60 * SECOND_NS, offset_ns, 50_000, "system"))
+        writer.put(ClockCheck(minute * 60 * SECOND_NS, offset_ns, 50_000, "system"))
     counts = (StreamHealth("camera", 270, 3, 0), StreamHealth("lux", 270, 0, 0, rejected=2))
-    writer.health(Health(60, ANCHOR_NS + 60, (*counts, StreamHealth("thermometer", 270, 0, 0)), 10**9))
+    writer.put(Health(60, ANCHOR_NS + 60, (*counts, StreamHealth("thermometer", 270, 0, 0)), 10**9))
     writer.close()
     return path
 
