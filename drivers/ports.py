@@ -37,6 +37,7 @@ from fieldkit.drivers.identity import (
     permission_fix,
     usb_parent,
 )
+from fieldkit.drivers.opening import close_on_failure
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, DiscoveredDevice
 from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
@@ -268,6 +269,7 @@ class SerialPort:
             self._serial.close()
             raise open_failure(path, error) from error
         self.usb_latency_ms: int | None = _shorten_usb_latency(self._serial)
+        close_on_failure(self.close)
 
     @property
     def byte_ns(self) -> int:

@@ -14,6 +14,7 @@ from pathlib import Path
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras.v4l2 import V4l2Source
 from fieldkit.drivers.identity import NO_USB, SYSFS, UsbIdentity, fitting, only_one, usb_parent
+from fieldkit.drivers.opening import close_on_failure
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import Buffer, DeviceSettings, DiscoveredDevice, FrameSource
 from fieldkit.model.errors import DeviceError, DeviceLostError, DeviceNotFoundError
@@ -145,6 +146,9 @@ class OpenedSource:
     source: FrameSource
     identity: str
     usb: UsbIdentity = NO_USB
+
+    def __post_init__(self) -> None:
+        close_on_failure(self.source.close)
 
 
 WITHOUT_TEMPERATURES = {

@@ -217,8 +217,7 @@ def first_reply(port: Port, request: bytes, layout: Layout, name: str, hint: str
 def first_record(port: Port, layout: Layout, name: str, hint: str) -> Stamped:
     """The first record of a meter that has just been opened, within `FIRST_RECORD_S`.
 
-    Raises `DeviceTimeoutError` if nothing arrives, `DecodeError` if what arrives is not a record;
-    the port is closed then.
+    Raises `DeviceTimeoutError` if nothing arrives, `DecodeError` if what arrives is not a record.
     """
     return _require(port.read(layout, FIRST_RECORD_S), port, name, hint, FIRST_RECORD_S)
 
@@ -226,7 +225,6 @@ def first_record(port: Port, layout: Layout, name: str, hint: str) -> Stamped:
 def _require(found: Stamped | None, port: Port, name: str, hint: str, timeout_s: float) -> Stamped:
     if found is not None:
         return found
-    port.close()
     if port.framer.received:
         raise DecodeError(
             f"{name}: {port.framer.received} bytes from {port.path}, none of them a record"
