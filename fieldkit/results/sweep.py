@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from fieldkit.model.errors import ConfigError, FieldkitError
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SOLVED, SlopeState
+from fieldkit.physics.facet import FloatArray
 from fieldkit.results.batch import (
     Estimate,
     Progress,
@@ -282,8 +283,6 @@ def _counted(setting: str, low: Decimal, high: Decimal, step: Decimal) -> list[s
 # Ranking. A set's error is the mean over sessions of the mean over regions of the median absolute tilt
 # error, so a long session weighs no more than a short one. A set that estimates much less often than the
 # others is not ranked: it would win by excluding the difficult minutes.
-
-FloatArray = NDArray[np.float64]
 
 OVERFIT_RATIO = 1.2
 """Cross-validated error over the best set's error, above which the choice is called overfitted."""
