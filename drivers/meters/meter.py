@@ -17,7 +17,7 @@ from fieldkit.drivers.decoding import Channel, Layout
 from fieldkit.drivers.ports import Port, Stamped
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, StreamInfo
-from fieldkit.model.errors import DecodeError, DeviceTimeoutError
+from fieldkit.model.errors import ConfigError, DecodeError, DeviceTimeoutError
 from fieldkit.model.samples import Quality, Reading
 from fieldkit.model.units import CELSIUS_ZERO_K, FAHRENHEIT_TO_K, FOOT2_M2
 
@@ -70,7 +70,8 @@ class Meter:
     """An opened meter; `keys` are its own names of the stream's channels, in order.
 
     `units` are the channels' own where the stream has more than one. `states` are the states that the meter
-    reported with its last values: "hold", "relative", "low_battery".
+    reported with its last values: "hold", "relative", "low_battery". Raises `ConfigError` where the stream
+    has another number of channels.
     """
 
     def __init__(
@@ -84,6 +85,11 @@ class Meter:
         units: Sequence[str] = (),
         poll: PollSettings | None = None,
     ) -> None:
+        if info.shape != (len(keys),):
+            raise ConfigError(
+                f"{info.name}: {info.shape[0]} names are given, the meter has {len(keys)} channels",
+                fix=f"labels = at most {len(keys)} names, in the meter's own order",
+            )
         self.info = info
         self._port = port
         self._layout = layout

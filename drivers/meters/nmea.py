@@ -160,7 +160,8 @@ class Nmea(SerialDriver):
         line = Line(int(options.number(settings, "baud", LINE.baud)))
         port = open_port(settings, line, clock)
         meter.first_record(port, LAYOUT, settings.name, _HINT)
-        keys = [name for name, _ in CHANNELS]
-        info = meter.describe(settings, port, LAYOUT, "position", UNIT, options.labels(settings, keys))
+        names = options.labels(settings, [name for name, _ in CHANNELS])
+        info = meter.describe(settings, port, LAYOUT, "position", UNIT, names)
         info = replace(info, device_time_unit="ns since 1970 UTC")
-        return meter.Meter(info, port, LAYOUT, clock, keys, units=[unit for _, unit in CHANNELS])
+        keys, units = zip(*CHANNELS[: len(names)], strict=True)
+        return meter.Meter(info, port, LAYOUT, clock, keys, units=units)
