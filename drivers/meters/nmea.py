@@ -45,16 +45,11 @@ def parse(buffer: bytes) -> Parsed:
     if again > 0 and (end < 0 or again < end):
         return Rejected(again, "a sentence begins before this one ends")
     if end < 0:
-        return _unfinished(buffer)
+        return None if len(buffer) < LONGEST else Rejected(1, "no line end in sight")
     sentence = _SENTENCE.fullmatch(buffer[:end].rstrip(b"\r"))
     if sentence is None:
         return Rejected(end + 1, "not of the form $...*check")
     return _checked(sentence, end + 1)
-
-
-def _unfinished(buffer: bytes) -> Parsed:
-    """Wait for the line end; a whole sentence at the end of a file needs none."""
-    return None if len(buffer) < LONGEST else Rejected(1, "no line end in sight")
 
 
 def _checked(sentence: re.Match[bytes], length: int) -> Parsed:
