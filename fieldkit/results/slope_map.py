@@ -50,7 +50,7 @@ from fieldkit.results.cache import code_version
 from fieldkit.results.executors import THIS_PROCESS, Workers, results
 from fieldkit.results.map_file import BOUNDS, VARIABLES, write_map
 from fieldkit.results.minutes import SessionMinutes
-from fieldkit.results.result_files import command_line, writing
+from fieldkit.results.result_files import campaign_folder, command_line, writing
 from fieldkit.results.session_estimates import Estimates
 from fieldkit.results.sources import SessionOrFile, Settings, config_for, log_warning, reading, settings_from
 from fieldkit.sessions.file_tree import iso_utc
@@ -406,10 +406,8 @@ def default_base(session: Path, window: Window = None, overrides: Sequence[str] 
 
     A window and settings that are not the configured ones are in the name: one map is not taken for another.
     """
-    parent, name = session.resolve().parent, "slope-map" + variant(window, overrides)
-    if parent.name == "recordings":
-        return parent.parent / "results" / session.stem / name
-    return parent / f"{session.stem}-{name}"
+    results, name = campaign_folder(session, "results"), "slope-map" + variant(window, overrides)
+    return results / session.stem / name if results else session.resolve().parent / f"{session.stem}-{name}"
 
 
 def variant(window: Window, overrides: Sequence[str] = ()) -> str:
