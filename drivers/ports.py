@@ -29,7 +29,8 @@ from fieldkit.drivers.decoding import Channel, Layout, Record, RecordDriver
 from fieldkit.drivers.identity import (
     SYSFS,
     UDEV_FIX,
-    UsbIdentity,
+    Found,
+    Kind,
     fitting,
     group_of,
     listing,
@@ -366,26 +367,20 @@ class SerialPort:
 
 
 def open_port(
-    settings: DeviceSettings,
-    line: Line,
-    clock: Clock,
-    *,
-    kinds: Sequence[tuple[int, int]] = (),
+    settings: DeviceSettings, line: Line, clock: Clock, *, kinds: Sequence[Kind] = ()
 ) -> SerialPort:
     """The port at `port_path`, opened."""
     return SerialPort(port_path(settings, kinds), line, clock)
 
 
-def serial_ports() -> list[tuple[str, UsbIdentity]]:
+def serial_ports() -> list[Found]:
     """(path, identity) of every USB serial port of this computer."""
     nodes = sorted((SYSFS / "class/tty").glob("tty[UA]*"))
     found = ((f"/dev/{node.name}", usb_parent((node / "device").resolve())) for node in nodes)
     return [(path, identity) for path, identity in found if identity is not None]
 
 
-def find_ports(
-    driver: str, title: str, kinds: Sequence[tuple[int, int]], caveat: str
-) -> list[DiscoveredDevice]:
+def find_ports(driver: str, title: str, kinds: Sequence[Kind], caveat: str) -> list[DiscoveredDevice]:
     """USB serial ports whose adapter is one of `kinds` (all if empty), as candidates for `driver`."""
     ports = serial_ports()
     present = [identity for _, identity in ports]
@@ -406,7 +401,7 @@ class SerialDriver(RecordDriver):
 
     name: str
     title: str
-    kinds: Sequence[tuple[int, int]] = ()
+    kinds: Sequence[Kind] = ()
     caveat: str
 
     def find(self) -> list[DiscoveredDevice]:
@@ -414,7 +409,7 @@ class SerialDriver(RecordDriver):
         return find_ports(self.name, self.title, self.kinds, self.caveat)
 
 
-def port_path(settings: DeviceSettings, kinds: Sequence[tuple[int, int]] = ()) -> str:
+def port_path(settings: DeviceSettings, kinds: Sequence[Kind] = ()) -> str:
     """Path of the port that `settings` names, by path or identity; with neither, of the only matching one.
 
     `kinds` are the (vendor, product) pairs that a meter's own adapter may have. Raises
@@ -427,7 +422,7 @@ def port_path(settings: DeviceSettings, kinds: Sequence[tuple[int, int]] = ()) -
     return only_one(settings, fitting(settings, ports, kinds), ports, "USB serial port")[0]
 
 
-def _refuse_another(settings: DeviceSettings, ports: list[tuple[str, UsbIdentity]]) -> None:
+def _refuse_another(settings: DeviceSettings, ports: list[Found]) -> None:
     """A port that is given with an identity must have it: node numbers change at every boot."""
     real, present = os.path.realpath(settings.port), [usb for _, usb in ports]
     usb = next((usb for path, usb in ports if path == real), None)

@@ -15,7 +15,7 @@ import cv2
 
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras.v4l2 import V4l2Source
-from fieldkit.drivers.identity import NO_USB, SYSFS, UsbIdentity, fitting, only_one, usb_parent
+from fieldkit.drivers.identity import NO_USB, SYSFS, Found, Kind, UsbIdentity, fitting, only_one, usb_parent
 from fieldkit.drivers.opening import close_on_failure
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import Buffer, DeviceSettings, DiscoveredDevice, FrameSource
@@ -110,7 +110,7 @@ class CameraFormat:
     `otherwise` is what a camera of these kinds without these sizes is, where others share the identity.
     """
 
-    kinds: tuple[tuple[int, int], ...]
+    kinds: tuple[Kind, ...]
     fourcc: str
     sizes: tuple[tuple[int, int], ...]
     otherwise: str = ""
@@ -153,9 +153,9 @@ WITHOUT_TEMPERATURES = {
 """Cameras that are refused, and why, whatever their frames look like; by USB kind."""
 
 
-def cameras(sysfs: Path = SYSFS) -> list[tuple[str, UsbIdentity]]:
+def cameras(sysfs: Path = SYSFS) -> list[Found]:
     """(path, identity) of the frame node of every USB camera."""
-    found: list[tuple[str, UsbIdentity]] = []
+    found: list[Found] = []
     for node in sorted(
         (sysfs / "class/video4linux").glob("video*"), key=lambda node: (len(node.name), node.name)
     ):
@@ -200,9 +200,7 @@ def open_source(settings: DeviceSettings, wanted: CameraFormat, clock: Clock) ->
         raise DeviceNotFoundError(f"{error.message}: {wanted.otherwise}", fix=_ANOTHER_CAMERA) from error
 
 
-def _pick(
-    settings: DeviceSettings, wanted: CameraFormat, present: list[tuple[str, UsbIdentity]]
-) -> tuple[str, UsbIdentity]:
+def _pick(settings: DeviceSettings, wanted: CameraFormat, present: list[Found]) -> Found:
     """The node that identity or port name; another camera in its place is an error, not a fallback."""
     if settings.port and not settings.identity:
         real = os.path.realpath(settings.port)
