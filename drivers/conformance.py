@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from fieldkit.drivers.decoding import Decodes
+from fieldkit.drivers.opening import opened_by
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import Device, DeviceSettings, DiscoveredDevice, Driver, StreamInfo
 from fieldkit.model.errors import ConfigError, DeviceError, DeviceLostError, DeviceNotFoundError, message_of
@@ -127,7 +128,7 @@ def _bytes(driver: Driver) -> str:
 
 def _missing(driver: Driver, clock: Clock) -> str:
     try:
-        device = driver.open(DeviceSettings("selftest", driver.name, identity=ABSENT_IDENTITY), clock)
+        device = opened_by(driver, DeviceSettings("selftest", driver.name, identity=ABSENT_IDENTITY), clock)
     except DeviceNotFoundError as error:
         _need(bool(error.fix), f"no fix is named: {error.message}")
         return error.message
@@ -141,7 +142,7 @@ def _device(driver: Driver, clock: Clock, settings: DeviceSettings, cable: Cable
     opened: list[Device] = []
 
     def opens() -> str:
-        device = driver.open(settings, clock)
+        device = opened_by(driver, settings, clock)
         opened.append(device)
         _need(isinstance(device, Device), "open() does not return a Device")
         return _declared(device.info, settings)
@@ -212,7 +213,7 @@ def _closes(device: Device) -> str:
 
 
 def _again(driver: Driver, clock: Clock, settings: DeviceSettings, before: StreamInfo) -> str:
-    device = driver.open(settings, clock)
+    device = opened_by(driver, settings, clock)
     try:
         for name in ("identity", "serial_number", "shape", "unit"):
             old, new = getattr(before, name), getattr(device.info, name)
@@ -224,7 +225,7 @@ def _again(driver: Driver, clock: Clock, settings: DeviceSettings, before: Strea
 
 
 def _lost(driver: Driver, clock: Clock, settings: DeviceSettings, cable: Cable) -> str:
-    device = driver.open(settings, clock)
+    device = opened_by(driver, settings, clock)
     cable.unplug()
     deadline_ns = clock.mono_ns() + int(HAND_S * 1e9)
     try:

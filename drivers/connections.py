@@ -6,6 +6,7 @@ import os
 import socket
 
 from fieldkit.drivers.decoding import Layout
+from fieldkit.drivers.opening import close_on_failure
 from fieldkit.drivers.ports import CHUNK_BYTES, Framer, Stamped
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings
@@ -44,6 +45,7 @@ class SocketPort:
         except OSError as error:
             raise DeviceNotFoundError(f"no {peer} at {self.path}: {error}", fix=advice) from error
         self._socket.setblocking(False)
+        close_on_failure(self.close)
 
     def write(self, data: bytes) -> None:
         """Send bytes."""

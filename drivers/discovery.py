@@ -15,7 +15,7 @@ from pathlib import Path
 from fieldkit.drivers import registry
 from fieldkit.drivers.cameras import thermal_master
 from fieldkit.drivers.cameras.source import WITHOUT_TEMPERATURES, cameras
-from fieldkit.drivers.identity import SYSFS, UDEV_FIX, UsbIdentity, permission_fix, usb_parent
+from fieldkit.drivers.identity import SYSFS, UDEV_FIX, Found, Kind, UsbIdentity, permission_fix, usb_parent
 from fieldkit.drivers.meters import ut325
 from fieldkit.drivers.ports import serial_ports
 from fieldkit.model.device import DeviceSettings
@@ -89,9 +89,7 @@ def discover() -> tuple[list[ConnectedDevice], list[str]]:
     return [*devices.values(), *others], problems
 
 
-def _unrecognised(
-    present: list[tuple[str, UsbIdentity]], recognised: set[str], note: str
-) -> list[ConnectedDevice]:
+def _unrecognised(present: list[Found], recognised: set[str], note: str) -> list[ConnectedDevice]:
     units = [usb for _, usb in present]
     return [
         ConnectedDevice(
@@ -194,7 +192,7 @@ def _raw_node(usb: UsbIdentity, sysfs: Path) -> Iterator[Finding]:
             yield Finding("warn", node, "no permission for camera commands; frames still work", UDEV_FIX)
 
 
-def _raw_nodes(sysfs: Path, kinds: Collection[tuple[int, int]]) -> Iterator[tuple[UsbIdentity, str]]:
+def _raw_nodes(sysfs: Path, kinds: Collection[Kind]) -> Iterator[tuple[UsbIdentity, str]]:
     """(identity, node path) of each USB device that is one of `kinds`."""
     for folder in sorted((sysfs / "bus/usb/devices").glob("*-*")):
         usb = usb_parent(folder)

@@ -29,7 +29,8 @@ from fieldkit.drivers.decoding import Channel, Layout, Record, RecordDriver
 from fieldkit.drivers.identity import (
     SYSFS,
     UDEV_FIX,
-    UsbIdentity,
+    Found,
+    Kind,
     fitting,
     group_of,
     listing,
@@ -37,6 +38,7 @@ from fieldkit.drivers.identity import (
     permission_fix,
     usb_parent,
 )
+from fieldkit.drivers.opening import close_on_failure
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, DiscoveredDevice
 from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
@@ -268,6 +270,7 @@ class SerialPort:
             self._serial.close()
             raise open_failure(path, error) from error
         self.usb_latency_ms: int | None = _shorten_usb_latency(self._serial)
+        close_on_failure(self.close)
 
     @property
     def byte_ns(self) -> int:
@@ -364,26 +367,20 @@ class SerialPort:
 
 
 def open_port(
-    settings: DeviceSettings,
-    line: Line,
-    clock: Clock,
-    *,
-    kinds: Sequence[tuple[int, int]] = (),
+    settings: DeviceSettings, line: Line, clock: Clock, *, kinds: Sequence[Kind] = ()
 ) -> SerialPort:
     """The port at `port_path`, opened."""
     return SerialPort(port_path(settings, kinds), line, clock)
 
 
-def serial_ports() -> list[tuple[str, UsbIdentity]]:
+def serial_ports() -> list[Found]:
     """(path, identity) of every USB serial port of this computer."""
     nodes = sorted((SYSFS / "class/tty").glob("tty[UA]*"))
     found = ((f"/dev/{node.name}", usb_parent((node / "device").resolve())) for node in nodes)
     return [(path, identity) for path, identity in found if identity is not None]
 
 
-def find_ports(
-    driver: str, title: str, kinds: Sequence[tuple[int, int]], caveat: str
-) -> list[DiscoveredDevice]:
+def find_ports(driver: str, title: str, kinds: Sequence[Kind], caveat: str) -> list[DiscoveredDevice]:
     """USB serial ports whose adapter is one of `kinds` (all if empty), as candidates for `driver`."""
     ports = serial_ports()
     present = [identity for _, identity in ports]
@@ -404,7 +401,7 @@ class SerialDriver(RecordDriver):
 
     name: str
     title: str
-    kinds: Sequence[tuple[int, int]] = ()
+    kinds: Sequence[Kind] = ()
     caveat: str
 
     def find(self) -> list[DiscoveredDevice]:
@@ -412,7 +409,7 @@ class SerialDriver(RecordDriver):
         return find_ports(self.name, self.title, self.kinds, self.caveat)
 
 
-def port_path(settings: DeviceSettings, kinds: Sequence[tuple[int, int]] = ()) -> str:
+def port_path(settings: DeviceSettings, kinds: Sequence[Kind] = ()) -> str:
     """Path of the port that `settings` names, by path or identity; with neither, of the only matching one.
 
     `kinds` are the (vendor, product) pairs that a meter's own adapter may have. Raises
@@ -425,7 +422,7 @@ def port_path(settings: DeviceSettings, kinds: Sequence[tuple[int, int]] = ()) -
     return only_one(settings, fitting(settings, ports, kinds), ports, "USB serial port")[0]
 
 
-def _refuse_another(settings: DeviceSettings, ports: list[tuple[str, UsbIdentity]]) -> None:
+def _refuse_another(settings: DeviceSettings, ports: list[Found]) -> None:
     """A port that is given with an identity must have it: node numbers change at every boot."""
     real, present = os.path.realpath(settings.port), [usb for _, usb in ports]
     usb = next((usb for path, usb in ports if path == real), None)

@@ -10,12 +10,12 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from fieldkit.drivers.identity import UsbIdentity, fitting, only_one, permission_fix
+from fieldkit.drivers.identity import Kind, UsbIdentity, fitting, only_one, permission_fix
 from fieldkit.model.device import DeviceSettings, DiscoveredDevice
 from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceLostError
 
 
-def usb_instruments(kinds: Sequence[tuple[int, int]]) -> list[tuple[Any, UsbIdentity]]:
+def usb_instruments(kinds: Sequence[Kind]) -> list[tuple[Any, UsbIdentity]]:
     """(pyusb device, identity) of every connected device that is one of `kinds`."""
     try:
         import usb.core
@@ -26,9 +26,7 @@ def usb_instruments(kinds: Sequence[tuple[int, int]]) -> list[tuple[Any, UsbIden
     return [(unit, _identity(unit)) for unit in present if (unit.idVendor, unit.idProduct) in kinds]
 
 
-def find_usb(
-    driver: str, title: str, kinds: Sequence[tuple[int, int]], caveat: str = ""
-) -> list[DiscoveredDevice]:
+def find_usb(driver: str, title: str, kinds: Sequence[Kind], caveat: str = "") -> list[DiscoveredDevice]:
     """Connected instruments of `kinds`, for `Driver.find`."""
     units = [identity for _, identity in usb_instruments(kinds)]
     return [
@@ -37,7 +35,7 @@ def find_usb(
     ]
 
 
-def pick_usb(settings: DeviceSettings, kinds: Sequence[tuple[int, int]]) -> tuple[Any, UsbIdentity]:
+def pick_usb(settings: DeviceSettings, kinds: Sequence[Kind]) -> tuple[Any, UsbIdentity]:
     """The instrument that `settings` name, or the only one of `kinds`; raises `DeviceNotFoundError`."""
     units = usb_instruments(kinds)
     present = [(f"usb:{usb.path}", usb) for _, usb in units]

@@ -207,13 +207,11 @@ class Boson(CameraDriver):
         radiometric = options.flag(settings, "radiometric", False)
         opened = open_source(settings, WANTED, clock)
         serial, facts = connect(opened.usb, clock)
-        with camera.closed_on_error(opened.source):
-            if radiometric:
-                scale = make_radiometric(serial, facts, scale)
+        if radiometric:
+            scale = make_radiometric(serial, facts, scale)
         read = partial(decode, scale=scale)
         first = camera.first_frame(opened.source, read, settings.name, clock)
         if radiometric and first.quality & Quality.NO_VALUE:
-            opened.source.close()
             raise DeviceError(
                 f"{settings.name}: TLinear was requested, but the frames hold no temperatures",
                 fix="is it a radiometric model? if not, omit radiometric: counts are recorded",

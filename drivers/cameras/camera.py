@@ -6,8 +6,7 @@ The family's own module defines what the bytes mean, a `FrameSource` where they 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, cast
 
 import cv2
@@ -358,25 +357,9 @@ def describe(
 def first_frame(source: FrameSource, decode: Decode, name: str, clock: Clock) -> DecodedFrame:
     """The first frame of a camera that has just been opened; it has shape and scale.
 
-    Raises `DeviceTimeoutError` if none comes, `DecodeError` if what comes is none; the source is
-    closed then.
+    Some cameras begin with frames of another kind, so a wrong one is an error only after a while. Raises
+    `DeviceTimeoutError` if none comes, `DecodeError` if what comes is none.
     """
-    with closed_on_error(source):
-        return _wait_for_frame(source, decode, name, clock)
-
-
-@contextmanager
-def closed_on_error(source: FrameSource) -> Iterator[None]:
-    """Close a source that cannot be set up."""
-    try:
-        yield
-    except DeviceError:
-        source.close()
-        raise
-
-
-def _wait_for_frame(source: FrameSource, decode: Decode, name: str, clock: Clock) -> DecodedFrame:
-    """Some cameras begin with frames of another kind, so a wrong one is an error only after a while."""
     deadline_ns = clock.mono_ns() + int(FIRST_FRAME_S * 1e9)
     wrong, raw = "", b""
     while (remaining_ns := deadline_ns - clock.mono_ns()) > 0:

@@ -147,15 +147,14 @@ class Genicam(CameraDriver):
                 f"{settings.name}: genicam needs the camera's address", fix='port = "192.168.1.20"'
             )
         source = GenicamSource(settings.port, clock)
-        with camera.closed_on_error(source):
-            facts = _set_up(source.camera, settings)
-            source.start()
+        opened = OpenedSource(source, settings.identity)
+        facts = _set_up(source.camera, settings)
+        source.start()
         per_count = {"kelvin_per_count": facts.pop("kelvin_per_count")}
         width, height = facts.pop("size")
         scaled = DeviceSettings(settings.name, self.name, options={**settings.options, **per_count})
         read = decoder(scaled, width, height)
         first = camera.first_frame(source, read, settings.name, clock)
-        opened = OpenedSource(source, settings.identity)
         rate_hz = facts.pop("rate_hz")
         info = camera.describe(settings, opened, first, facts, vendor=facts.pop("vendor"), rate_hz=rate_hz)
         return camera.ThermalCamera(info, source, read, clock)

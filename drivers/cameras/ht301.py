@@ -96,11 +96,10 @@ class Ht301(CameraDriver):
         """Open the camera and switch it to temperatures."""
         chosen = options.text(settings, "range", "normal", tuple(RANGES))
         opened = open_source(settings, WANTED, clock)
-        with camera.closed_on_error(opened.source):
-            command = _zoom_of(opened.source)
-            clock.sleep(SETTLES_S)
-            command(RANGES[chosen])
-            command(TEMPERATURES)
+        command = _zoom_of(opened.source)
+        clock.sleep(SETTLES_S)
+        command(RANGES[chosen])
+        command(TEMPERATURES)
         read = partial(decode, law="ht301" if chosen == "normal" else "ht301-high")
         first = camera.first_frame(opened.source, read, settings.name, clock)
         facts = {"range": chosen, **user_block(first.metadata_rows)}

@@ -267,8 +267,7 @@ class P2Pro(CameraDriver):
         wanted = requested_settings(settings)
         opened = open_source(settings, WANTED, clock)
         first = camera.first_frame(opened.source, decode, settings.name, clock)
-        with camera.closed_on_error(opened.source):
-            commands, facts = connect(opened.usb, clock, wanted)
+        commands, facts = connect(opened.usb, clock, wanted)
         info = camera.describe(settings, opened, first, facts, vendor="InfiRay", rate_hz=RATE_HZ)
         return camera.ThermalCamera(
             info, opened.source, decode, clock, commands.calibrate if commands else None

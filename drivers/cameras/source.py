@@ -11,9 +11,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
+
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras.v4l2 import V4l2Source
-from fieldkit.drivers.identity import NO_USB, SYSFS, UsbIdentity, fitting, only_one, usb_parent
+from fieldkit.drivers.identity import NO_USB, SYSFS, Found, Kind, UsbIdentity, fitting, only_one, usb_parent
+from fieldkit.drivers.opening import close_on_failure
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import Buffer, DeviceSettings, DiscoveredDevice, FrameSource
 from fieldkit.model.errors import DeviceError, DeviceLostError, DeviceNotFoundError
@@ -34,15 +37,11 @@ class OpenCvSource:
     backend = "opencv"
 
     def __init__(self, port: str, fourcc: str, sizes: Sequence[tuple[int, int]], clock: Clock) -> None:
-        import cv2
-
         self.port = port
         self._clock = clock
-        self._position = cv2.CAP_PROP_POS_MSEC
-        self._zoom = cv2.CAP_PROP_ZOOM
         self._capture = cv2.VideoCapture()
         for size in sizes:
-            if self._start(cv2, fourcc, size):
+            if self._start(fourcc, size):
                 self.size = size
                 return
         self.close()
@@ -72,28 +71,26 @@ class OpenCvSource:
 
     def set_zoom(self, value: int) -> None:
         """Write the absolute zoom, which some cameras take as a command."""
-        if not self._capture.set(self._zoom, float(value)):
+        if not self._capture.set(cv2.CAP_PROP_ZOOM, float(value)):
             raise DeviceError(f"the camera at {self.port} refused zoom command {value:#06x}")
 
     def close(self) -> None:
         """Release the camera; a second call does nothing."""
         self._capture.release()
 
-    def _start(self, cv2: object, fourcc: str, size: tuple[int, int]) -> bool:
+    def _start(self, fourcc: str, size: tuple[int, int]) -> bool:
         """Open and set in the order that works; changing the format restarts the stream."""
-        import cv2 as cv
-
-        capture, code = self._capture, cv.VideoWriter.fourcc(*fourcc.ljust(4))
+        capture, code = self._capture, cv2.VideoWriter.fourcc(*fourcc.ljust(4))
         linux = sys.platform == "linux"
         where = self.port if linux or not self.port.isdigit() else int(self.port)
-        if not capture.open(where, cv.CAP_V4L2 if linux else cv.CAP_ANY):
+        if not capture.open(where, cv2.CAP_V4L2 if linux else cv2.CAP_ANY):
             return False
         for key, value in (
-            (cv.CAP_PROP_CONVERT_RGB, 0),
-            (cv.CAP_PROP_FOURCC, code),
-            (cv.CAP_PROP_FRAME_WIDTH, size[0]),
-            (cv.CAP_PROP_FRAME_HEIGHT, size[1]),
-            (cv.CAP_PROP_CONVERT_RGB, 0),
+            (cv2.CAP_PROP_CONVERT_RGB, 0),
+            (cv2.CAP_PROP_FOURCC, code),
+            (cv2.CAP_PROP_FRAME_WIDTH, size[0]),
+            (cv2.CAP_PROP_FRAME_HEIGHT, size[1]),
+            (cv2.CAP_PROP_CONVERT_RGB, 0),
         ):
             capture.set(key, value)
         good, image = capture.read()
@@ -102,7 +99,7 @@ class OpenCvSource:
     def _stamp_ns(self) -> int:
         """The kernel's stamp where the backend passes it on, else now."""
         now_ns = self._clock.mono_ns()
-        stamp_ns = int(self._capture.get(self._position) * 1e6)
+        stamp_ns = int(self._capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6)
         return stamp_ns if 0 <= now_ns - stamp_ns < 10_000_000_000 else now_ns
 
 
@@ -113,7 +110,7 @@ class CameraFormat:
     `otherwise` is what a camera of these kinds without these sizes is, where others share the identity.
     """
 
-    kinds: tuple[tuple[int, int], ...]
+    kinds: tuple[Kind, ...]
     fourcc: str
     sizes: tuple[tuple[int, int], ...]
     otherwise: str = ""
@@ -146,6 +143,9 @@ class OpenedSource:
     identity: str
     usb: UsbIdentity = NO_USB
 
+    def __post_init__(self) -> None:
+        close_on_failure(self.source.close)
+
 
 WITHOUT_TEMPERATURES = {
     (0x04B4, 0x0100): "an InfiRay T2S+ of the second version sends uncorrected data, not temperatures"
@@ -153,9 +153,9 @@ WITHOUT_TEMPERATURES = {
 """Cameras that are refused, and why, whatever their frames look like; by USB kind."""
 
 
-def cameras(sysfs: Path = SYSFS) -> list[tuple[str, UsbIdentity]]:
+def cameras(sysfs: Path = SYSFS) -> list[Found]:
     """(path, identity) of the frame node of every USB camera."""
-    found: list[tuple[str, UsbIdentity]] = []
+    found: list[Found] = []
     for node in sorted(
         (sysfs / "class/video4linux").glob("video*"), key=lambda node: (len(node.name), node.name)
     ):
@@ -200,9 +200,7 @@ def open_source(settings: DeviceSettings, wanted: CameraFormat, clock: Clock) ->
         raise DeviceNotFoundError(f"{error.message}: {wanted.otherwise}", fix=_ANOTHER_CAMERA) from error
 
 
-def _pick(
-    settings: DeviceSettings, wanted: CameraFormat, present: list[tuple[str, UsbIdentity]]
-) -> tuple[str, UsbIdentity]:
+def _pick(settings: DeviceSettings, wanted: CameraFormat, present: list[Found]) -> Found:
     """The node that identity or port name; another camera in its place is an error, not a fallback."""
     if settings.port and not settings.identity:
         real = os.path.realpath(settings.port)

@@ -102,8 +102,8 @@ class TCam(CameraDriver, RecordDriver):
     def open(self, settings: DeviceSettings, clock: Clock) -> camera.ThermalCamera:
         """Connect, switch AGC off, and let the camera stream as fast as it can."""
         source, facts, run_shutter = _simulated(settings.source) or _connected(settings, clock)
-        first = camera.first_frame(source, decode, settings.name, clock)
         opened = OpenedSource(source, settings.identity)
+        first = camera.first_frame(source, decode, settings.name, clock)
         info = camera.describe(
             settings, opened, first, facts, vendor="danjulio / FLIR", rate_hz=purethermal.RATE_HZ
         )

@@ -197,7 +197,6 @@ def open_thermometer(
     layout, channels = others.get(model, usual)
     driver = DRIVERS.get(model, settings.driver)
     if driver != settings.driver:
-        port.close()
         raise DeviceNotFoundError(
             f"{settings.name}: the meter at {port.path} is a Center {model}",
             fix=f'driver = "{driver}"' if driver else "this model has no driver",

@@ -105,7 +105,8 @@ class Gpsd(RecordDriver):
         port = SocketPort(address_of(settings, PORT, "localhost"), clock, "gpsd", _ADVICE)
         port.write(WATCH)
         meter.first_record(port, LAYOUT, settings.name, _HINT)
-        keys = [name for name, _ in CHANNELS]
-        info = meter.describe(settings, port, LAYOUT, "position", UNIT, options.labels(settings, keys))
+        names = options.labels(settings, [name for name, _ in CHANNELS])
+        info = meter.describe(settings, port, LAYOUT, "position", UNIT, names)
         info = replace(info, device_time_unit="ns since 1970 UTC", raw_bytes=1024)
-        return meter.Meter(info, port, LAYOUT, clock, keys, units=[unit for _, unit in CHANNELS])
+        keys, units = zip(*CHANNELS[: len(names)], strict=True)
+        return meter.Meter(info, port, LAYOUT, clock, keys, units=units)

@@ -184,12 +184,8 @@ class KonicaMinolta(SerialDriver):
         model = options.text(settings, "model", "t-10", ("t-10", "cl-200"))
         head = int(options.number(settings, "head", 0))
         port = open_port(settings, LINE, clock, kinds=KINDS)
-        try:
-            _enter_pc_mode(port, clock, settings.name)
-            poll = _prepare(port, clock, model, head, settings.every_s)
-        except BaseException:
-            port.close()
-            raise
+        _enter_pc_mode(port, clock, settings.name)
+        poll = _prepare(port, clock, model, head, settings.every_s)
         names = options.labels(settings, ("lux",))
         info = meter.describe(
             settings, port, LAYOUT, "illuminance", "lx", names, model=model, latency_s=LATENCY_S

@@ -115,7 +115,6 @@ class Lutron(SerialDriver):
             names = options.labels(settings, ("T1", "T2", "T3", "T4"))
             info = meter.describe(settings, port, LAYOUT, "temperature", "K", names)
         else:
-            port.close()
             raise DecodeError(
                 f"{settings.name}: the meter sends {unit}, neither light nor temperature",
                 raw=first.raw,

@@ -17,7 +17,7 @@ from fieldkit.drivers.decoding import Channel, Layout
 from fieldkit.drivers.ports import Port, Stamped
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, StreamInfo
-from fieldkit.model.errors import DecodeError, DeviceTimeoutError
+from fieldkit.model.errors import ConfigError, DecodeError, DeviceTimeoutError
 from fieldkit.model.samples import Quality, Reading
 from fieldkit.model.units import CELSIUS_ZERO_K, FAHRENHEIT_TO_K, FOOT2_M2
 
@@ -70,7 +70,8 @@ class Meter:
     """An opened meter; `keys` are its own names of the stream's channels, in order.
 
     `units` are the channels' own where the stream has more than one. `states` are the states that the meter
-    reported with its last values: "hold", "relative", "low_battery".
+    reported with its last values: "hold", "relative", "low_battery". Raises `ConfigError` where the stream
+    has another number of channels.
     """
 
     def __init__(
@@ -84,6 +85,11 @@ class Meter:
         units: Sequence[str] = (),
         poll: PollSettings | None = None,
     ) -> None:
+        if info.shape != (len(keys),):
+            raise ConfigError(
+                f"{info.name}: {info.shape[0]} names are given, the meter has {len(keys)} channels",
+                fix=f"labels = at most {len(keys)} names, in the meter's own order",
+            )
         self.info = info
         self._port = port
         self._layout = layout
@@ -217,8 +223,7 @@ def first_reply(port: Port, request: bytes, layout: Layout, name: str, hint: str
 def first_record(port: Port, layout: Layout, name: str, hint: str) -> Stamped:
     """The first record of a meter that has just been opened, within `FIRST_RECORD_S`.
 
-    Raises `DeviceTimeoutError` if nothing arrives, `DecodeError` if what arrives is not a record;
-    the port is closed then.
+    Raises `DeviceTimeoutError` if nothing arrives, `DecodeError` if what arrives is not a record.
     """
     return _require(port.read(layout, FIRST_RECORD_S), port, name, hint, FIRST_RECORD_S)
 
@@ -226,7 +231,6 @@ def first_record(port: Port, layout: Layout, name: str, hint: str) -> Stamped:
 def _require(found: Stamped | None, port: Port, name: str, hint: str, timeout_s: float) -> Stamped:
     if found is not None:
         return found
-    port.close()
     if port.framer.received:
         raise DecodeError(
             f"{name}: {port.framer.received} bytes from {port.path}, none of them a record"

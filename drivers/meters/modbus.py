@@ -12,7 +12,7 @@ import struct
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -284,20 +284,18 @@ REFUSALS = {
     10: "no path through the gateway",
     11: "no reply behind the gateway",
 }
-_CRC_TABLE: list[int] = []
 _HINT = "check A and B of the wiring, the unit number and the line settings of the instrument"
 
 
 def crc16(data: bytes) -> int:
     """CRC-16 of Modbus: polynomial A001 reflected, start FFFF."""
-    if not _CRC_TABLE:
-        _CRC_TABLE.extend(_crc_of_byte(byte) for byte in range(256))
     crc = 0xFFFF
     for byte in data:
-        crc = crc >> 8 ^ _CRC_TABLE[(crc ^ byte) & 0xFF]
+        crc = crc >> 8 ^ _crc_of_byte((crc ^ byte) & 0xFF)
     return crc
 
 
+@cache
 def _crc_of_byte(crc: int) -> int:
     for _ in range(8):
         crc = crc >> 1 ^ (0xA001 if crc & 1 else 0)

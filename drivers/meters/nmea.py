@@ -45,16 +45,11 @@ def parse(buffer: bytes) -> Parsed:
     if again > 0 and (end < 0 or again < end):
         return Rejected(again, "a sentence begins before this one ends")
     if end < 0:
-        return _unfinished(buffer)
+        return None if len(buffer) < LONGEST else Rejected(1, "no line end in sight")
     sentence = _SENTENCE.fullmatch(buffer[:end].rstrip(b"\r"))
     if sentence is None:
         return Rejected(end + 1, "not of the form $...*check")
     return _checked(sentence, end + 1)
-
-
-def _unfinished(buffer: bytes) -> Parsed:
-    """Wait for the line end; a whole sentence at the end of a file needs none."""
-    return None if len(buffer) < LONGEST else Rejected(1, "no line end in sight")
 
 
 def _checked(sentence: re.Match[bytes], length: int) -> Parsed:
@@ -160,7 +155,8 @@ class Nmea(SerialDriver):
         line = Line(int(options.number(settings, "baud", LINE.baud)))
         port = open_port(settings, line, clock)
         meter.first_record(port, LAYOUT, settings.name, _HINT)
-        keys = [name for name, _ in CHANNELS]
-        info = meter.describe(settings, port, LAYOUT, "position", UNIT, options.labels(settings, keys))
+        names = options.labels(settings, [name for name, _ in CHANNELS])
+        info = meter.describe(settings, port, LAYOUT, "position", UNIT, names)
         info = replace(info, device_time_unit="ns since 1970 UTC")
-        return meter.Meter(info, port, LAYOUT, clock, keys, units=[unit for _, unit in CHANNELS])
+        keys, units = zip(*CHANNELS[: len(names)], strict=True)
+        return meter.Meter(info, port, LAYOUT, clock, keys, units=units)

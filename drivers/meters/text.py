@@ -400,7 +400,6 @@ def _first_values(port: Port, grammar: Grammar, name: str, clock: Clock) -> tupl
             return grammar, first
         before = first
         grammar = replace(grammar, columns=given or header([first.note]) or grammar.columns)
-    port.close()
     raise DecodeError(
         f"{name}: only comments and headers from {port.path}, the last one {before.note[:60]!r}",
         raw=before.note.encode(),

@@ -26,6 +26,7 @@ import re
 from fieldkit.drivers import options
 from fieldkit.drivers.decoding import Layout, Parsed, Record, RecordDriver, Rejected, Value
 from fieldkit.drivers.meters import meter
+from fieldkit.drivers.opening import close_on_failure
 from fieldkit.drivers.ports import Framer, Line, Stamped
 from fieldkit.drivers.usb import find_usb, pick_usb, read_until, usb_errors
 from fieldkit.model.clock import Clock
@@ -81,6 +82,7 @@ class HidBridge:
         self.facts: dict[str, str] = {"line": str(LINE), "backend": "pyusb"}
         self.framer: Framer = Framer(self.byte_ns)
         self._clock = clock
+        close_on_failure(self.close)
         with usb_errors(self.path):
             if self._unit.is_kernel_driver_active(0):
                 self._unit.detach_kernel_driver(0)

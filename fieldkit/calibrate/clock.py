@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -45,7 +45,7 @@ class ClockCalibration(Calibration):
     @property
     def is_significant(self) -> bool:
         """True if the offset is larger than its expanded uncertainty."""
-        return _is_significant(self.offset)
+        return abs(self.offset.offset_s) > self.offset.expanded
 
     def apply(self) -> None:
         """Correct the session's times from now on when reading; the recorded times stay as they are.
@@ -110,10 +110,7 @@ def clock(
         notify_damage(opened, notify)
         _warn_of_another_day(found, notify)
         record = _record(name, end_of(opened), found, method, (record_source(opened.path),))
-        used_by = "apply() corrects the session's times" if _is_significant(found) else NOTHING_TO_DO
-        return ClockCalibration(
-            record, _summary(found, method), used_by, config.calibration, found, opened.path
-        )
+        return _calibration(record, found, "apply() corrects the session's times", config, opened.path)
 
 
 def host_clock(
@@ -138,11 +135,10 @@ def host_clock(
     """
     own, true = np.array([host_ns], np.int64), np.array([utc_ns(shown)], np.int64)
     found = offset_from_times(own, true, BY_HAND_S, "other clock by hand")
-    method = "another clock, read by hand"
     _warn_of_another_day(found, notify)
-    record = _record(name, datetime.fromtimestamp(host_ns // 10**9, UTC), found, method)
-    used_by = "set this computer's clock before recording" if _is_significant(found) else NOTHING_TO_DO
-    return ClockCalibration(record, _summary(found, method), used_by, config.calibration, found)
+    date = datetime.fromtimestamp(host_ns // 10**9, UTC)
+    record = _record(name, date, found, "another clock, read by hand")
+    return _calibration(record, found, "set this computer's clock before recording", config)
 
 
 def _record(
@@ -165,12 +161,12 @@ def _record(
     )
 
 
-def _summary(found: ClockOffset, method: str) -> str:
-    return f"add {found.offset_s:+.1f} ± {found.expanded:.1f} s (k=2)   {method}"
-
-
-def _is_significant(found: ClockOffset) -> bool:
-    return abs(found.offset_s) > found.expanded
+def _calibration(
+    record: CalibrationRecord, found: ClockOffset, use: str, config: Config, session: Path | None = None
+) -> ClockCalibration:
+    summary = f"add {found.offset_s:+.1f} ± {found.expanded:.1f} s (k=2)   {record.method}"
+    made = ClockCalibration(record, summary, use, config.calibration, found, session)
+    return made if made.is_significant else replace(made, used_by=NOTHING_TO_DO)
 
 
 def _warn_of_another_day(found: ClockOffset, notify: Callable[[str], None]) -> None:

@@ -129,7 +129,7 @@ def emissivity(
             collector.add(one)
         notify_damage(opened, notify)
         pairs, remarks = pairs_of(steady_intervals(_checked_readings(collector)))
-        found = _fitted(pairs, setup, options)
+        found = _fitted(pairs, setup)
         found = replace(found, remarks=(*remarks, *found.remarks))
         record = CalibrationRecord(
             kind="emissivity",
@@ -165,7 +165,8 @@ def _checked_readings(collector: ReadingCollector) -> Readings:
     return readings
 
 
-def _fitted(pairs: Pairs, setup: MeasurementSetup, options: MeasurementOptions) -> Emissivity:
+def _fitted(pairs: Pairs, setup: MeasurementSetup) -> Emissivity:
+    options = setup.options
     shared = SharedUncertainties(
         camera_k=options.camera_sd_k,
         thermometer_k=options.thermometer_sd_k,
@@ -179,7 +180,7 @@ def _fitted(pairs: Pairs, setup: MeasurementSetup, options: MeasurementOptions) 
         shared,
         reflected="free" if setup.is_reflected_fitted else "fixed",
         band=setup.band,
-        tape_emissivity=setup.tape_emissivity,
+        tape_emissivity=options.tape_emissivity,
         tape_emissivity_sd=options.tape_sd if setup.tape is not None else 0.0,
         foil_emissivity_sd=options.foil_sd if setup.foil is not None else 0.0,
     )

@@ -103,7 +103,6 @@ class PreparedMeasurement:
 
     recording: PreparedRecording
     setup: MeasurementSetup
-    options: MeasurementOptions
 
     @property
     def steps(self) -> str:
@@ -120,7 +119,8 @@ class PreparedMeasurement:
     def view(self, on_minute: Callable[[str], None], stop: Callable[[], None]) -> SteadyView:
         """A view of the recording that reports every minute, and calls `stop` when there is enough."""
         span_k = MIN_SPAN_K if self.setup.is_reflected_fitted else 0.0
-        return SteadyView(ReadingCollector(self.setup), on_minute, stop, self.options.temperatures, span_k)
+        wanted = self.setup.options.temperatures
+        return SteadyView(ReadingCollector(self.setup), on_minute, stop, wanted, span_k)
 
 
 @contextmanager
@@ -131,7 +131,7 @@ def prepare_emissivity(
     duration_s = None if options.duration is None else as_seconds(options.duration)
     with prepare(config, name=sample, duration_s=duration_s, notify=notify) as recording:
         inventory = Inventory(config.path, recording.instruments.streams, config.regions)
-        yield PreparedMeasurement(recording, measurement_setup(inventory, options), options)
+        yield PreparedMeasurement(recording, measurement_setup(inventory, options))
 
 
 @dataclass

@@ -17,11 +17,11 @@ from fieldkit.disk import replacing, sha256
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, StorageError
 from fieldkit.model.site import Region
+from fieldkit.physics.facet import FloatArray
 from fieldkit.sessions import analysis
 from fieldkit.sessions.reader import SessionReader
 
 Times = NDArray[np.int64]
-FloatArray = NDArray[np.float64]
 
 
 def read_columns(path: Path, names: Sequence[str]) -> FloatArray:

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.calibrate.inputs import Times, end_of, minute_means, one_stream, record_source
 from fieldkit.calibrate.result import Calibration, stamped
@@ -16,6 +15,7 @@ from fieldkit.calibration.light_meter import LightFactor, light_factor, on_plane
 from fieldkit.config import Config
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.radiation import UNKNOWN, measured
+from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.recording.simulated_scene import measured_weather
 from fieldkit.results.sources import (
@@ -28,7 +28,6 @@ from fieldkit.results.sources import (
 )
 from fieldkit.sessions.reader import SessionReader
 
-FloatArray = NDArray[np.float64]
 Against = Literal["pyranometer", "pyrheliometer", "station"]
 DIFFUSE_SD = {"none": 0.03, "fraction": 0.05, "erbs": 0.04}
 """Relative standard uncertainty of the diffuse part where it is modelled, by model."""

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.calibrate.inputs import one_region
 from fieldkit.calibration.band import (
@@ -38,8 +37,8 @@ from fieldkit.model.samples import Frame, Sample, is_usable
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.units import CELSIUS_ZERO_K, kelvin_if_fahrenheit
 from fieldkit.physics.camera_laws import frame_k
+from fieldkit.physics.facet import FloatArray
 
-FloatArray = NDArray[np.float64]
 FITTED = "free"
 """Value of `reflected` that leaves the reflected temperature to the fit."""
 NOT_MEASURED_K = 150.0
@@ -151,28 +150,25 @@ _RECORDED = {
 class MeasurementSetup:
     """Streams and regions of a measurement, and what lies between surface and camera.
 
-    `foil` is None if the reflected temperature is not measured by the camera; `foil_emissivity` is the
-    foil's own. `tape` is the region used instead of a thermometer. `fahrenheit` marks a thermometer whose
-    °F were recorded as °C. `camera_emissivity` and `camera_reflected_k` were already applied by the camera.
+    `foil` is None if the reflected temperature is not measured by the camera. `tape` is the region used
+    instead of a thermometer. `camera_emissivity` was already applied by the camera.
     """
 
+    options: MeasurementOptions
     camera: StreamInfo
     sample: Region
     band: Band
+    foil: Region | None
+    tape: Region | None
+    reflected_k: float
+    camera_emissivity: float
     thermometer: StreamInfo | None = None
     channel: int = 0
-    foil: Region | None = None
-    tape: Region | None = None
-    tape_emissivity: float = 0.95
-    foil_emissivity: float = FOIL_EMISSIVITY
-    reflected_k: float = math.nan
-    is_reflected_fitted: bool = False
-    fahrenheit: bool = False
-    camera_emissivity: float = 1.0
-    camera_reflected_k: float = 293.15
-    distance_m: float = 0.0
-    air_k: float = 293.15
-    humidity: float = 0.5
+
+    @property
+    def is_reflected_fitted(self) -> bool:
+        """True if the reflected temperature is left to the fit."""
+        return self.options.reflected == FITTED
 
     @property
     def channel_names(self) -> tuple[str, ...]:
@@ -203,28 +199,20 @@ def measurement_setup(inventory: Inventory, options: MeasurementOptions) -> Meas
     reference = next((one.name for one in regions if one.kind is RegionKind.REFERENCE), "")
     foil, reflected_k = _reflected(options.reflected, regions, where)
     setup = MeasurementSetup(
+        options,
         camera,
         one_region(regions, options.region or reference, where),
         band_of(options.band),
-        foil=foil,
-        tape=one_region(regions, options.tape, where) if options.tape else None,
-        reflected_k=reflected_k,
-        is_reflected_fitted=options.reflected == FITTED,
-        tape_emissivity=options.tape_emissivity,
-        foil_emissivity=options.foil_emissivity,
-        fahrenheit=options.unit == "F",
-        camera_emissivity=_applied_emissivity(camera, options.camera_emissivity),
-        camera_reflected_k=options.camera_reflected_c + CELSIUS_ZERO_K,
-        distance_m=options.distance_m,
-        air_k=options.air_c + CELSIUS_ZERO_K,
-        humidity=options.humidity_percent / 100.0,
+        foil,
+        one_region(regions, options.tape, where) if options.tape else None,
+        reflected_k,
+        _applied_emissivity(camera, options.camera_emissivity),
     )
-    return setup if setup.tape is not None else _with_thermometer(setup, inventory, options)
+    return setup if setup.tape is not None else _with_thermometer(setup, inventory)
 
 
-def _with_thermometer(
-    setup: MeasurementSetup, inventory: Inventory, options: MeasurementOptions
-) -> MeasurementSetup:
+def _with_thermometer(setup: MeasurementSetup, inventory: Inventory) -> MeasurementSetup:
+    options = setup.options
     found = [info for info in inventory.streams if info.quantity == "temperature"]
     chosen = [info for info in found if options.thermometer in (None, info.name)]
     if len(chosen) != 1:
@@ -332,10 +320,10 @@ class ReadingCollector:
         reflected = (
             np.full(times.size, setup.reflected_k)
             if setup.foil is None
-            else mirrored_temperature_k(foil, apparent, setup.foil_emissivity, setup.band)
+            else mirrored_temperature_k(foil, apparent, setup.options.foil_emissivity, setup.band)
         )
         if setup.tape is not None:
-            contact = own_part_k(tape, setup.tape_emissivity, reflected, setup.band)
+            contact = own_part_k(tape, setup.options.tape_emissivity, reflected, setup.band)
             return Readings(times, apparent, reflected, times, contact)
         probe_ns = np.array([time_ns for time_ns, _ in self._probes], np.int64)
         return Readings(times, apparent, reflected, probe_ns, self.probes_k()[:, setup.channel])
@@ -346,7 +334,7 @@ class ReadingCollector:
         probe = self.setup.thermometer
         assert probe is not None
         kelvin = values + (0.0 if probe.unit == "K" else CELSIUS_ZERO_K)
-        if self.setup.fahrenheit:
+        if self.setup.options.unit == "F":
             kelvin = kelvin_if_fahrenheit(kelvin)
         return np.where(bounds_by_name(["probe_temperature"], probe.limits).exceeded(kelvin), np.nan, kelvin)
 
@@ -364,12 +352,12 @@ class ReadingCollector:
 
     def _at_surface(self, seen_k: FloatArray) -> FloatArray:
         """Brightness temperature at the surface, before air and camera settings changed it, kelvin."""
-        setup, surface_k = self.setup, np.array(seen_k)
+        setup, options, surface_k = self.setup, self.setup.options, np.array(seen_k)
         if setup.camera_emissivity != 1.0:
-            surface_k = before_camera_settings(
-                surface_k, setup.camera_emissivity, setup.camera_reflected_k, setup.band
-            )
-        if setup.distance_m > 0.0:
-            through = transmission(setup.distance_m, setup.air_k, setup.humidity)
-            surface_k = own_part_k(surface_k, through, setup.air_k, setup.band)
+            reflected_k = options.camera_reflected_c + CELSIUS_ZERO_K
+            surface_k = before_camera_settings(surface_k, setup.camera_emissivity, reflected_k, setup.band)
+        if options.distance_m > 0.0:
+            air_k = options.air_c + CELSIUS_ZERO_K
+            through = transmission(options.distance_m, air_k, options.humidity_percent / 100.0)
+            surface_k = own_part_k(surface_k, through, air_k, setup.band)
         return surface_k

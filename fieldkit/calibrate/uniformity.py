@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.calibrate.inputs import end_of, record_source
 from fieldkit.calibrate.result import Calibration, stamped
@@ -16,11 +15,11 @@ from fieldkit.estimation.scale import offsets_from_uniform
 from fieldkit.model.errors import CalibrationError, ConfigError
 from fieldkit.model.samples import is_usable
 from fieldkit.model.site import RegionKind
+from fieldkit.physics.facet import FloatArray
 from fieldkit.results.sources import config_for, log_warning, notify_damage
 from fieldkit.sessions.analysis import region_series
 from fieldkit.sessions.reader import SessionReader
 
-FloatArray = NDArray[np.float64]
 BLOCK_NS = 10_000_000_000
 """Frames of ten seconds count as one, because errors of neighbouring frames are correlated."""
 LEAST_BLOCKS = 3

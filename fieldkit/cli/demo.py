@@ -65,11 +65,12 @@ def _introduce(config: Config, fault: str | None) -> None:
 def _conclude(
     path: Path, report: Path, minutes: Sequence[Minute], regions: Sequence[Region], took_s: float
 ) -> None:
-    from fieldkit.recording.simulate import judged_against_truth, mean_tilt_error_deg
     from fieldkit.results.estimate import as_document, estimates_of
+    from fieldkit.views.report.assessment import mean_error, truths_held
+    from fieldkit.views.report.series import series
 
-    slopes = final_estimates(estimates_of(minutes), regions)
-    mean_error = mean_tilt_error_deg(minutes, regions)
+    slopes, columns = final_estimates(estimates_of(minutes), regions), series(minutes, regions)
+    error_deg = mean_error(columns)
     if common.options().json:
         by_name = {region.name: region for region in regions}
         documents = [as_document(one, by_name[name]) for name, one in slopes.items()]
@@ -78,7 +79,7 @@ def _conclude(
                 "session": str(path),
                 "report": str(report),
                 "slopes": documents,
-                "mean_tilt_error_deg": mean_error,
+                "mean_tilt_error_deg": error_deg,
             }
         )
         return
@@ -86,8 +87,8 @@ def _conclude(
     print_slopes(slopes, regions)
     print_learnt(minutes[-1].learnt if minutes else None)
     explain_slopes(slopes.values())
-    click.echo(f"mean error of tilt, all beds, all afternoon: {mean_error:.1f}° (the report compares models)")
-    click.echo(judged_against_truth(minutes, regions))
+    click.echo(f"mean error of tilt, all beds, all afternoon: {error_deg:.1f}° (the report compares models)")
+    click.echo(truths_held(columns))
     click.echo(f"session  {path}\nreport   {report}")
     named = shlex.quote(str(path))
     common.say(f"next: fieldkit show {named}  |  fieldkit replay {named}  |  fieldkit init my-campaign")

@@ -111,7 +111,7 @@ def command(
 
 def _waited(prepared: PreparedRecording, at: time, theme: ThemeName) -> bool:
     """Show the instruments until the recording is to begin; False if that was called off."""
-    from fieldkit.recording.waiting import await_begin
+    from fieldkit.recording.preview import await_begin
 
     wait_s, title = prepared.begins_in_s(), f"waiting until {at:%H:%M}, not recorded"
     common.say(f"the instruments are ready; recording begins at {at:%H:%M}     Ctrl-C calls it off")

@@ -223,9 +223,7 @@ def _inertia(slopes: SlopeMap, regions: Sequence[Region], inertia: LearntParamet
             fix="add --set estimator.model=learned, or omit inertia",
         )
     rows, cols = slopes.state.shape
-    inside = np.zeros((rows, cols), np.bool_)
-    for region in regions:
-        inside |= region.mask((rows, cols))
+    inside = np.any([region.mask((rows, cols)) for region in regions], axis=0)
     inside &= np.isfinite(slopes.tilt_deg)
     values, sd = (
         np.where(inside, number, np.nan).astype(np.float32) for number in (inertia.value, inertia.sd)

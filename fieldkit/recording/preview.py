@@ -1,10 +1,12 @@
 """Preview: what the instruments measure now, without recording.
 
-`live` shows samples, minutes and slopes to views as a recording would; `current_frame` reads one frame.
+`live` shows samples, minutes and slopes to views as a recording would; `current_frame` reads one frame; a
+recorder that waits for its time shows its instruments by `await_begin`.
 """
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
@@ -23,8 +25,9 @@ from fieldkit.recorder.device_reader import DeviceReader
 from fieldkit.recorder.estimator_thread import LONGEST_WAIT_S
 from fieldkit.recording.last_samples import LastSamples
 from fieldkit.recording.opening import Instruments, open_instruments
-from fieldkit.recording.record import MinuteView, config_of
-from fieldkit.recording.running import previewing
+from fieldkit.recording.record import MinuteView, PreparedRecording, config_of
+from fieldkit.recording.running import WAITING_NAME, previewing
+from fieldkit.sessions.lock import SessionLock
 from fieldkit.views import frame_image
 
 if TYPE_CHECKING:
@@ -75,6 +78,20 @@ def live(
     ):
         shown.append(LastSamples(config, instruments))
         LivePreview(config, instruments, shown).run(duration_s, recorder_waits)
+
+
+def await_begin(prepared: PreparedRecording, views: Sequence[View], stopping: threading.Event) -> bool:
+    """Show the instruments until the recording is to begin; False if `stopping` is set before.
+
+    They are read all the time, so that the first samples of the recording are not old ones from a buffer.
+    """
+    waiting = SessionLock(prepared.path.parent, WAITING_NAME)
+    try:
+        preview = LivePreview(prepared.config, prepared.instruments, views)
+        preview.run(prepared.begins_in_s(), stopping.is_set)
+    finally:
+        waiting.release()
+    return not stopping.is_set()
 
 
 def current_frame(campaign: Campaign | Config | str | Path = ".") -> Frame:

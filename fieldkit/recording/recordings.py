@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from fieldkit.disk import is_regular
 from fieldkit.model.errors import ConfigError, SessionError
 from fieldkit.model.units import SECOND_NS
+from fieldkit.sessions.lock import is_locked, journal_path
 
 if TYPE_CHECKING:
     from fieldkit.config import Config
@@ -44,10 +45,9 @@ def sessions_in(folder: Path, notify: Callable[[str], None] = log.info) -> list[
 
 def is_interrupted(path: Path) -> bool:
     """True if a session was never sealed and no process is writing it."""
-    from fieldkit.sessions.lock import is_locked
     from fieldkit.sessions.superblock import is_clean
 
-    journal = path.with_name(path.name + JOURNAL)
+    journal = journal_path(path)
     if is_locked(journal):
         return False
     try:
@@ -63,7 +63,7 @@ def is_interrupted(path: Path) -> bool:
 
 def exists(path: Path) -> bool:
     """True if there is a file or folder, or the journal of a session of that name."""
-    return path.exists() or path.with_name(f"{path.name}{JOURNAL}").exists()
+    return path.exists() or journal_path(path).exists()
 
 
 def began(path: Path) -> tuple[int, int, str]:

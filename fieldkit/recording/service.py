@@ -12,7 +12,7 @@ import os
 import pwd
 import subprocess
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -96,10 +96,7 @@ def install_service(unit: Unit, notify: Notify = log.warning) -> ServiceStatus:
     manager.systemctl("daemon-reload")
     manager.systemctl("enable", NAME)
     manager.systemctl("restart", "--no-block", NAME)
-    for warning in (
-        *_folder_warnings(unit),
-        *(_owner_warnings(unit) if is_system else _user_warnings()),
-    ):
+    for warning in _warnings(unit):
         notify(warning)
     return _settled(manager)
 
@@ -250,32 +247,27 @@ def _settled(manager: _Manager) -> ServiceStatus:
     return status
 
 
-def _folder_warnings(unit: Unit) -> list[str]:
-    if not is_temporary(unit.campaign):
-        return []
-    return [f"{unit.campaign} is emptied when the computer starts: move the campaign, then install again"]
+def _warnings(unit: Unit) -> Iterator[str]:
+    if is_temporary(unit.campaign):
+        yield f"{unit.campaign} is emptied when the computer starts: move the campaign, then install again"
+    if unit.owner == "root":
+        remedy = "better: give the folder to another user (chown), then install again"
+        yield f"the service runs as root, who owns {unit.campaign}; {remedy}"
+    if unit.owner is None:
+        yield from _user_warnings()
 
 
-def _owner_warnings(unit: Unit) -> list[str]:
-    if unit.owner != "root":
-        return []
-    remedy = "better: give the folder to another user (chown), then install again"
-    return [f"the service runs as root, who owns {unit.campaign}; {remedy}"]
-
-
-def _user_warnings() -> list[str]:
+def _user_warnings() -> Iterator[str]:
     """Obstacles that keep a user's service from its instruments, or from starting at boot."""
     user = _user_name(os.geteuid())
     missing = [name for name in GROUPS if _is_group(name) and grp.getgrnam(name).gr_gid not in os.getgroups()]
-    joined = f"sudo usermod --append --groups {','.join(missing)} {user}"
-    warnings = [f"without a login this user may not use the instruments: {joined}"] if missing else []
+    if missing:
+        joined = f"sudo usermod --append --groups {','.join(missing)} {user}"
+        yield f"without a login this user may not use the instruments: {joined}"
     if not _lingers():
         subprocess.run(["loginctl", "enable-linger"], capture_output=True, check=False)
     if not _lingers():
-        warnings.append(
-            f"the service starts at login only; at boot after: sudo loginctl enable-linger {user}"
-        )
-    return warnings
+        yield f"the service starts at login only; at boot after: sudo loginctl enable-linger {user}"
 
 
 def _lingers() -> bool:

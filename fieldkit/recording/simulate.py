@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Literal
 
@@ -11,12 +11,9 @@ from fieldkit.config import FILE_NAME, Config, load_config
 from fieldkit.config.template import SIMULATED
 from fieldkit.estimation.estimator import Minute
 from fieldkit.model.errors import ConfigError
-from fieldkit.model.site import Region
 from fieldkit.recording.campaign import create_campaign
 from fieldkit.recording.record import record
 from fieldkit.results.session import Session
-from fieldkit.views.report.assessment import mean_error, truths_held
-from fieldkit.views.report.series import series
 
 PAPER_WINDOW_S = 1200.0
 """The paper estimates over 20 minutes; the report compares its model with the learned one."""
@@ -95,13 +92,3 @@ def demo_campaign(folder: Path, *, speed: float | Literal["max"], fault: str | N
     if fault is not None:
         settings.append(f'simulation.faults=["{fault}"]')
     return load_config(folder / FILE_NAME, settings=settings)
-
-
-def mean_tilt_error_deg(minutes: Sequence[Minute], regions: Sequence[Region]) -> float:
-    """Mean absolute error of tilt over the estimates of all beds of known tilt, as in a report, degrees."""
-    return mean_error(series(minutes, regions))
-
-
-def judged_against_truth(minutes: Sequence[Minute], regions: Sequence[Region]) -> str:
-    """Share of the final likelihood regions that hold the given tilt, as in a report."""
-    return truths_held(series(minutes, regions))

@@ -12,11 +12,10 @@ import numpy as np
 from fieldkit.model.errors import ConfigError, FieldkitError, IntegrityError
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import RegionKind
-from fieldkit.results.budgets import budget_columns
 from fieldkit.results.executors import THIS_PROCESS, Workers
 from fieldkit.results.minutes import Failure, Outcome, Run, estimate_runs, run_of
 from fieldkit.results.result_files import provenance, write_results
-from fieldkit.results.session_estimates import Estimates
+from fieldkit.results.session_estimates import Estimates, budget_columns
 from fieldkit.results.sources import Source, source_of
 
 if TYPE_CHECKING:

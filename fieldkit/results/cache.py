@@ -12,15 +12,16 @@ import io
 import json
 import logging
 import platform
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from importlib import metadata
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import platformdirs
 from numpy.typing import NDArray
+from pydantic import TypeAdapter
 
 import fieldkit.estimation
 import fieldkit.model
@@ -28,15 +29,13 @@ import fieldkit.physics
 import fieldkit.sessions
 from fieldkit import __version__
 from fieldkit.disk import replacing
-from fieldkit.sessions.json_forms import build
 
-T = TypeVar("T")
 Arrays = dict[str, NDArray[Any]]
 
 PACKAGES = ("numpy", "scipy", "astropy", "h5py")
 """Libraries whose version can change the last digits of a slope."""
 
-_HERE = ("budgets", "cache", "minutes", "session_estimates", "sources", "together")
+_HERE = ("cache", "minutes", "session_estimates", "sources", "together")
 """Files of this room that the numbers depend on."""
 
 _CHECKSUM_BYTES = hashlib.sha256().digest_size
@@ -89,14 +88,19 @@ class Cache:
         return self.folder / key[:2] / f"{key}.arrays"
 
 
-def as_texts(values: Iterable[Any]) -> NDArray[np.bytes_]:
-    """Dataclasses as an array of JSON, every number exact."""
-    return np.array([json.dumps(asdict(one)) for one in values], np.bytes_)
+def as_text(value: Any) -> NDArray[np.bytes_]:
+    """A value of dataclasses, lists and dictionaries as JSON in an array, every number exact."""
+    return np.array([json.dumps(value, default=asdict)], np.bytes_)
 
 
-def of_texts(kind: type[T], texts: NDArray[Any]) -> list[T]:
-    """The dataclasses that `as_texts` made texts of."""
-    return [build(kind, json.loads(text)) for text in texts.tolist()]
+def of_text(kind: Any, text: NDArray[Any]) -> Any:
+    """The value of type `kind` that `as_text` made a text of."""
+    return _adapter(kind).validate_json(text.item())
+
+
+@functools.cache
+def _adapter(kind: Any) -> TypeAdapter[Any]:
+    return TypeAdapter(kind)  # made once: it takes longer than a text of three hours
 
 
 def digest(*made_of: object) -> str:

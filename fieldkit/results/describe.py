@@ -12,6 +12,7 @@ from fieldkit.model.radiation import measured
 from fieldkit.model.site import Site
 from fieldkit.model.slope import SlopeEstimate, final_estimates
 from fieldkit.results.json_document import learnt_document
+from fieldkit.sessions.lock import journal_path
 from fieldkit.sessions.reader import SessionReader, open_session
 from fieldkit.views import formatting
 from fieldkit.views.formatting import by_time
@@ -87,8 +88,7 @@ def describe_briefly(path: Path) -> dict[str, Any]:
             times_ns, title = (session.start_ns, session.end_ns), session.header.title
             return brief(path, session.state, session.site, *times_ns, counts, title)
     except SessionError as error:
-        waits = path.with_name(path.name + ".journal").exists()
-        state = "interrupted" if waits else "unreadable"
+        state = "interrupted" if journal_path(path).exists() else "unreadable"
         unknown = {"began": "", "length": "", "samples": {}, "bytes": _size(path)}
         return {"name": path.name, "state": state, **unknown, "problem": error.message}
 

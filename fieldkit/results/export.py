@@ -10,6 +10,7 @@ from pathlib import Path
 
 from fieldkit.model.errors import ConfigError, IncompleteError, StorageError
 from fieldkit.model.mark_times import parse_when
+from fieldkit.results.result_files import campaign_folder
 from fieldkit.results.sources import SessionOrFile, path_of, reading
 from fieldkit.sessions.formats.exports import EXPORTS, ExportFormat
 from fieldkit.sessions.reader import SessionReader
@@ -98,10 +99,8 @@ def export(
 
 
 def _default_folder(session: Path) -> Path:
-    parent = session.resolve().parent
-    if parent.name == "recordings":
-        return parent.parent / "results" / session.stem
-    return parent / f"{session.stem}-export"
+    results = campaign_folder(session, "results")
+    return results / session.stem if results else session.resolve().parent / f"{session.stem}-export"
 
 
 def _refuse_unused(to: str, given: Mapping[str, object]) -> None:

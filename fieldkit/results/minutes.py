@@ -8,7 +8,6 @@ the code; they are those of the `Estimator`, to the last bit. A recording that e
 
 from __future__ import annotations
 
-import json
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
@@ -36,10 +35,9 @@ from fieldkit.model.region_schedule import Regions, RegionSchedule
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.slope import SlopeEstimate
 from fieldkit.physics.energy_balance import SurfaceParameters
-from fieldkit.results.budgets import Budgets, packed_budgets, unpacked_budgets
-from fieldkit.results.cache import Arrays, Cache, as_texts, digest, of_texts
+from fieldkit.results.cache import Arrays, Cache, as_text, digest, of_text
 from fieldkit.results.executors import results
-from fieldkit.results.session_estimates import Estimates, LearntSeries
+from fieldkit.results.session_estimates import Budgets, Estimates, LearntSeries
 from fieldkit.results.sources import SessionOrFile, Source, config_for, marks_of, reading, regions_for
 from fieldkit.sessions.reader import SessionReader, open_session
 
@@ -122,19 +120,15 @@ class Measured:
 
     def arrays(self) -> Arrays:
         """As arrays, every number exact."""
-        about = {
-            "damaged": dict(self.damaged), "irradiance_model": self.irradiance_model,
-            "is_recordings": self.is_recordings,
-        }  # fmt: skip
-        about_text = np.array([json.dumps(about)], np.bytes_)
-        return {"minutes": as_texts(self.minutes), "about": about_text, **self.history.arrays()}
+        about = self.minutes, self.damaged, self.irradiance_model, self.is_recordings
+        return {"about": as_text(about), **self.history.arrays()}
 
     @classmethod
     def of(cls, arrays: Arrays) -> Measured:
         """Minutes of which `arrays` made arrays."""
-        about = json.loads(arrays["about"].tolist()[0])
+        minutes, *about = of_text(tuple[tuple[Minute, ...], dict[str, int], str, bool], arrays["about"])
         history = History(**{one.name: arrays[one.name] for one in fields(History)})
-        return cls(tuple(of_texts(Minute, arrays["minutes"])), history, **about)
+        return cls(minutes, history, *about)
 
 
 def measure(
@@ -243,15 +237,13 @@ def _keep_slopes(run: Run, made: Estimates) -> Estimates:
 
 def packed_slopes(made: Estimates) -> Arrays:
     """Slopes as arrays for the cache, without the regions."""
-    texts = np.array(made.texts, np.str_)
-    return {"rows": made.rows, "texts": texts, **made.learnt.packed(), **packed_budgets(made.budgets)}
+    return {"rows": made.rows, "about": as_text((made.texts, made.learnt.by_time_ns, made.budgets))}
 
 
 def unpacked_slopes(arrays: Arrays, regions: tuple[Region, ...]) -> Estimates:
     """Slopes of which `packed_slopes` made arrays."""
-    texts = tuple(str(text) for text in arrays["texts"])
-    learnt, budgets = LearntSeries.unpacked(arrays), unpacked_budgets(arrays)
-    return Estimates(arrays["rows"], texts, regions, learnt, budgets)
+    texts, learnt, budgets = of_text(tuple[tuple[str, ...], dict[int, Learnt], Budgets], arrays["about"])
+    return Estimates(arrays["rows"], texts, regions, LearntSeries(learnt), budgets)
 
 
 def keep_recorded(path: Path, estimator: Estimator) -> None:

@@ -16,7 +16,7 @@ from fieldkit.model.samples import is_usable
 from fieldkit.palettes import INFERNO
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.results.minutes import SessionMinutes
-from fieldkit.results.result_files import command_line, writing
+from fieldkit.results.result_files import campaign_folder, command_line, writing
 from fieldkit.results.slope_map import slope_map
 from fieldkit.results.sources import (
     SessionOrFile,
@@ -219,9 +219,7 @@ def report_part(path: Path, options: ReportOptions = DEFAULTS) -> Part:
 
 def default_path(session: Path) -> Path:
     """``reports/NAME.html`` beside the recordings folder, or ``NAME.html`` beside a session elsewhere."""
-    folder = session.resolve().parent
-    name = f"{session.stem}.html"
-    return folder.parent / "reports" / name if folder.name == "recordings" else session.parent / name
+    return (campaign_folder(session, "reports") or session.parent) / f"{session.stem}.html"
 
 
 def middle_frame(session: SessionReader) -> Frame | None:

@@ -32,10 +32,15 @@ def base_path(out: Path, endings: Sequence[str] = ENDINGS) -> Path:
     return out.with_suffix("") if out.suffix in endings else out
 
 
+def campaign_folder(session: Path, name: str) -> Path | None:
+    """The folder of that name of the campaign in whose recordings a session lies; None elsewhere."""
+    folder = session.resolve().parent
+    return folder.parent / name if folder.name == "recordings" else None
+
+
 def results_folder(session: Path) -> Path:
     """The ``results`` folder of the campaign a session lies in, or the session's own folder elsewhere."""
-    folder = session.resolve().parent
-    return folder.parent / "results" if folder.name == "recordings" else folder
+    return campaign_folder(session, "results") or session.resolve().parent
 
 
 @contextmanager

@@ -11,12 +11,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fieldkit.estimation.budget import BudgetTerm
 from fieldkit.model.learnt import Learnt, LearntParameter
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region, Site
 from fieldkit.model.slope import SHORT_FIELDS, SLOPE_FIELDS, SlopeEstimate, SlopeState, final_estimates
-from fieldkit.results.budgets import Budgets
-from fieldkit.results.cache import as_texts, of_texts
 from fieldkit.views import formatting, html, learnt_words, plots
 
 if TYPE_CHECKING:
@@ -39,6 +38,8 @@ ROW = np.dtype(
     ]
 )
 """One estimate; `region`, `model` and `reason` are indices into the lists beside the rows."""
+Budgets = Mapping[str, tuple[BudgetTerm, ...]]
+"""The terms of each target's slope, by its name."""
 _LEARNT_NUMBERS = tuple(one.name for one in fields(LearntParameter) if one.type == "float")
 
 
@@ -107,17 +108,6 @@ class LearntSeries:
     def _repr_html_(self) -> str:
         rows = learnt_words.rows(self.final)
         return html.table_html(html.Table(learnt_words.COLUMNS, rows, learnt_words.meaning(self.final)))
-
-    def packed(self) -> dict[str, NDArray[Any]]:
-        """The series as arrays, every number exact."""
-        learnt = as_texts(self.by_time_ns.values())
-        return {"learnt_ns": np.array([*self.by_time_ns], np.int64), "learnt": learnt}
-
-    @classmethod
-    def unpacked(cls, arrays: Mapping[str, NDArray[Any]]) -> LearntSeries:
-        """The series that `packed` made arrays of."""
-        learnt = of_texts(Learnt, arrays["learnt"])
-        return cls(dict(zip(arrays["learnt_ns"].tolist(), learnt, strict=True)))
 
 
 @dataclass(frozen=True)
@@ -291,6 +281,20 @@ class Estimates:
         grid["state"] = SlopeState.NO_DATA
         grid[row, [places[place] for place in self.rows["region"].tolist()]] = self.rows
         return time_ns, grid
+
+
+def budget_columns(found: Budgets) -> dict[str, list[Any]]:
+    """The budgets as a table, a row for each term of each region."""
+    rows = [(name, term) for name, terms in found.items() for term in terms]
+    return {
+        "region": [name for name, _ in rows],
+        "term": [term.name for _, term in rows],
+        "type": [term.kind for _, term in rows],
+        "standard_uncertainty": [term.uncertainty for _, term in rows],
+        "unit": [term.unit for _, term in rows],
+        "sensitivity_deg_per_unit": [term.sensitivity for _, term in rows],
+        "share_of_variance": [term.share for _, term in rows],
+    }
 
 
 def _attributes(name: str) -> dict[str, str]:

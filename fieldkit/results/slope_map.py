@@ -50,7 +50,7 @@ from fieldkit.results.cache import code_version
 from fieldkit.results.executors import THIS_PROCESS, Workers, results
 from fieldkit.results.map_file import BOUNDS, VARIABLES, write_map
 from fieldkit.results.minutes import SessionMinutes
-from fieldkit.results.result_files import command_line, writing
+from fieldkit.results.result_files import campaign_folder, command_line, writing
 from fieldkit.results.session_estimates import Estimates
 from fieldkit.results.sources import SessionOrFile, Settings, config_for, log_warning, reading, settings_from
 from fieldkit.sessions.file_tree import iso_utc
@@ -406,10 +406,8 @@ def default_base(session: Path, window: Window = None, overrides: Sequence[str] 
 
     A window and settings that are not the configured ones are in the name: one map is not taken for another.
     """
-    parent, name = session.resolve().parent, "slope-map" + variant(window, overrides)
-    if parent.name == "recordings":
-        return parent.parent / "results" / session.stem / name
-    return parent / f"{session.stem}-{name}"
+    results, name = campaign_folder(session, "results"), "slope-map" + variant(window, overrides)
+    return results / session.stem / name if results else session.resolve().parent / f"{session.stem}-{name}"
 
 
 def variant(window: Window, overrides: Sequence[str] = ()) -> str:
@@ -555,9 +553,17 @@ def surface_of_pixels(
 ) -> Callable[[FloatArray], FloatArray]:
     """Surface temperatures of a frame (rows, cols) of brightness temperatures, both in kelvin.
 
-    NaN in regions of another kind of surface than the reference's.
+    Emissivity and known offset are a region's own inside it. NaN in regions of another kind of surface than
+    the reference's.
     """
-    emissivity, offset_k = _of_pixels(regions, shape, settings)
+    emissivity, offset_k = np.full(shape, settings.surface.emissivity), np.zeros(shape)
+    for region in regions:
+        inside = region.mask(shape)
+        # pixels are compared with the reference's surface
+        unknown = region.name in settings.kinds
+        offset_k[inside] = math.nan if unknown else settings.offsets_k.get(region.name, 0.0)
+        if np.isfinite(region.emissivity):
+            emissivity[inside] = region.emissivity
 
     def surface_k(brightness: FloatArray) -> FloatArray:
         # the offset is of brightness temperature, and a kelvin of it is more than one of the grey surface
@@ -569,26 +575,9 @@ def surface_of_pixels(
 def _within_regions(slopes: SlopeMap, regions: Sequence[Region]) -> SlopeMap:
     """Outside the regions the ground may differ from the reference's material: uncertain."""
     state = slopes.state.copy()
-    drawn = np.zeros((state.shape[0], state.shape[1]), np.bool_)
-    for region in regions:
-        drawn |= region.mask((state.shape[0], state.shape[1]))
+    drawn = np.any([region.mask((state.shape[0], state.shape[1])) for region in regions], axis=0)
     state[~drawn & np.isin(state, CERTAIN)] = SlopeState.UNCERTAIN
     return replace(slopes, state=state)
-
-
-def _of_pixels(
-    regions: Sequence[Region], shape: tuple[int, int], settings: EstimatorSettings
-) -> tuple[FloatArray, FloatArray]:
-    """Emissivity and known offset (kelvin of brightness) of every pixel: a region's own inside it."""
-    emissivity, offset_k = np.full(shape, settings.surface.emissivity), np.zeros(shape)
-    for region in regions:
-        inside = region.mask(shape)
-        # pixels are compared with the reference's surface
-        unknown = region.name in settings.kinds
-        offset_k[inside] = math.nan if unknown else settings.offsets_k.get(region.name, 0.0)
-        if np.isfinite(region.emissivity):
-            emissivity[inside] = region.emissivity
-    return emissivity, offset_k
 
 
 def mean_of_minute_k(session: SessionReader, camera: StreamInfo, minute: int) -> FloatArray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from decimal import Decimal
 from functools import partial
 from pathlib import Path
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from fieldkit.model.errors import ConfigError, FieldkitError
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SOLVED, SlopeState
+from fieldkit.physics.facet import FloatArray
 from fieldkit.results.batch import (
     Estimate,
     Progress,
@@ -175,11 +176,41 @@ def _configured(setting: Sequence[str]) -> list[str]:
 
 def _taught(runs: Sequence[Run], grid: Grid, estimate: Estimate) -> Iterator[Run]:
     """The runs with what the other sessions taught."""
-    # the estimator takes a second to import
-    from fieldkit.results.prior_of_others import prior_of_others
-
     for run, prior in prior_of_others(runs, estimate):
         yield run_of(run.source, [*_configured(grid.sets[run.number]), *prior], run.number)
+
+
+def prior_of_others(runs: Sequence[Run], estimate: Estimate) -> Iterator[tuple[Run, list[str]]]:
+    """Each run with the ``KEY=VALUE`` that the other sessions of its set taught of sand and light meter.
+
+    Each session is learnt from once for each set of parameters, with its known slopes as references. The one
+    that is estimated keeps them as targets, so that its errors are those of unknown slopes. Raises
+    `ConfigError` with a single session, and with another model than the learned.
+    """
+    from fieldkit.estimation.carried import carried, keys  # takes a second
+
+    if len({run.source.path for run in runs}) < 2:
+        raise ConfigError("prior=others needs two sessions or more", fix="name the other sessions too")
+    if any(run.settings.model != "learned" for run in runs):
+        raise ConfigError("prior=others needs the learned model", fix="add --set estimator.model=learned")
+    outcomes = list(estimate([_learning(run) for run in runs]))
+    for run in runs:
+        others = [
+            (one.run.settings, learnt)
+            for one in outcomes
+            if one.run.number == run.number and one.run.source.path != run.source.path
+            if (learnt := one.estimates.learnt.final) is not None
+        ]
+        known = keys(carried(run.settings, others), run.settings)
+        yield run, [f"{key}={value!r}" for key, value in known.items()]
+
+
+def _learning(run: Run) -> Run:
+    """The run with its known slopes as references."""
+    from fieldkit.estimation.scale import known_slopes, with_known
+
+    known = known_slopes(run.source.regions.latest, (), run.source.path)
+    return replace(run, source=replace(run.source, regions=with_known(run.source.regions, known)))
 
 
 # Grids of parameters
@@ -282,8 +313,6 @@ def _counted(setting: str, low: Decimal, high: Decimal, step: Decimal) -> list[s
 # Ranking. A set's error is the mean over sessions of the mean over regions of the median absolute tilt
 # error, so a long session weighs no more than a short one. A set that estimates much less often than the
 # others is not ranked: it would win by excluding the difficult minutes.
-
-FloatArray = NDArray[np.float64]
 
 OVERFIT_RATIO = 1.2
 """Cross-validated error over the best set's error, above which the choice is called overfitted."""

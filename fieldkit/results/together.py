@@ -16,8 +16,7 @@ from fieldkit.estimation.together import Part, slopes_together
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import Region
 from fieldkit.results.batch import Progress, no_progress, session_names
-from fieldkit.results.budgets import budget_columns
-from fieldkit.results.cache import Cache, as_texts, digest, of_texts
+from fieldkit.results.cache import Cache, as_text, digest, of_text
 from fieldkit.results.minutes import (
     Run,
     final_estimates_of,
@@ -27,7 +26,7 @@ from fieldkit.results.minutes import (
     unpacked_slopes,
 )
 from fieldkit.results.result_files import provenance, write_results
-from fieldkit.results.session_estimates import Estimates
+from fieldkit.results.session_estimates import Estimates, budget_columns
 from fieldkit.results.sources import SessionOrFile, Settings, log_warning, path_of, settings_from, source_of
 
 
@@ -145,10 +144,10 @@ def _joined(runs: Sequence[Run], parts: Sequence[Part]) -> Estimates:
     cache = Cache(checksums=[run.source.checksum for run in runs])
     key = digest("together", *(run.key for run in runs))
     if (entry := cache.load(key)) is not None:
-        return unpacked_slopes(entry, tuple(of_texts(Region, entry["regions"])))
+        return unpacked_slopes(entry, of_text(tuple[Region, ...], entry["regions"]))
     found = slopes_together(parts)
     made = final_estimates_of(found)
-    cache.store(key, {"regions": as_texts(found.regions), **packed_slopes(made)})
+    cache.store(key, {"regions": as_text(found.regions), **packed_slopes(made)})
     return made
 
 

@@ -13,11 +13,12 @@ from click.testing import CliRunner, Result
 from fieldkit.cli import main
 from fieldkit.config.template import SIMULATED, campaign_toml
 from fieldkit.model.samples import Sample
-from fieldkit.recording.simulate import mean_tilt_error_deg
 from fieldkit.results.estimate import estimator_for, minutes_of
 from fieldkit.results.sources import config_for
 from fieldkit.sessions.formats.imported import ImportedRecording, write_imported
 from fieldkit.sessions.reader import open_session
+from fieldkit.views.report.assessment import mean_error
+from fieldkit.views.report.series import series
 from tests.harness.seldom import SET_SELDOM
 
 TRUE_EMISSIVITY = 0.80
@@ -41,7 +42,7 @@ def record_beds(folder: Path, **given: Any) -> Result:
 def mean_error_deg(session: Path, *settings: str) -> float:
     with open_session(session) as opened:
         estimator = estimator_for(opened, config_for(opened, settings))
-        return mean_tilt_error_deg(list(minutes_of(opened, estimator)), estimator.regions)
+        return mean_error(series(list(minutes_of(opened, estimator)), estimator.regions))
 
 
 def rewritten(source: Path, to: Path, change: Callable[[Sample], Sample]) -> Path:

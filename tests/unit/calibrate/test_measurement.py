@@ -189,4 +189,3 @@ def test_bands_as_they_are_typed(tmp_path: Path) -> None:
     assert band_of("1428,1.0") == CameraBand(1428.0, 1.0)
     assert band_of("16556,1428,1.0,-342") == CameraBand(b=1428.0, f=1.0, r=16556.0, o=-342.0)
     assert isinstance(band_of(str(table)), ResponseBand)
-    assert made(humidity_percent=40.0).humidity == pytest.approx(0.4)

@@ -14,9 +14,8 @@ from fieldkit.model.errors import CalibrationError, ConfigError
 from fieldkit.model.samples import Frame, Quality, Sample
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.results.minutes import Outcome, Run, run_of
-from fieldkit.results.prior_of_others import prior_of_others
 from fieldkit.results.sources import source_of
-from fieldkit.results.sweep import read_grid, sweep
+from fieldkit.results.sweep import prior_of_others, read_grid, sweep
 from tests.harness.calibration_days import rewritten
 
 CORNERS = ((0.0, 0.0), (9.0, 0.0), (9.0, 9.0))

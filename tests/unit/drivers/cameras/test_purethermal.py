@@ -8,6 +8,7 @@ import pytest
 
 from fieldkit.drivers.cameras.purethermal import PureThermal, decode
 from fieldkit.drivers.decoding import Rejected
+from fieldkit.drivers.opening import opened_by
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import Buffer, Camera, DeviceSettings
 from fieldkit.model.errors import DecodeError, DeviceTimeoutError
@@ -29,7 +30,7 @@ def frame(counts=None, **words):
 
 def opened(source, **options):
     settings = DeviceSettings("ir", "purethermal", source=source, options=options)
-    return PureThermal().open(settings, HostClock())
+    return opened_by(PureThermal(), settings, HostClock())
 
 
 def test_telemetry_documents_every_frame():

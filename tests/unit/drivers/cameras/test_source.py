@@ -69,8 +69,16 @@ def present(monkeypatch):
         ("/dev/video2", UsbIdentity(0x1E4E, 0x0100, "ABC", "1-2", "PureThermal (fw:v1.3.0)")),
     ]
     opened = []
+
+    class NoSource:  # no such node is there
+        def __init__(self, path, *_):
+            opened.append(path)
+
+        def close(self):
+            """Nothing to close."""
+
     plugged_in(monkeypatch, cameras=plugged)
-    monkeypatch.setattr(source, "V4l2Source", lambda path, *_: opened.append(path))  # no such node is there
+    monkeypatch.setattr(source, "V4l2Source", NoSource)
     return opened
 
 

@@ -6,7 +6,7 @@ from fieldkit.drivers.decoding import Record, Rejected
 from fieldkit.drivers.meters.center import Center309, parse
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
-from fieldkit.model.errors import DeviceNotFoundError, DeviceTimeoutError
+from fieldkit.model.errors import ConfigError, DeviceNotFoundError, DeviceTimeoutError
 from fieldkit.model.samples import Quality
 
 RECORD = bytes.fromhex("02 80 80 00 00 00 00 00 FD FF CC 03 ED 7F FF" + "00" * 24 + "08 00 00 00 00 03")
@@ -30,6 +30,12 @@ def test_model_and_channels_are_declared(device):
     assert device.info.model == "309"
     assert device.info.channels == ("reference", "b05", "b15")
     assert (device.info.quantity, device.info.unit, device.info.shape) == ("temperature", "K", (3,))
+
+
+def test_more_names_than_probes_are_refused_before_anything_is_recorded(wire):
+    wire.reply({b"K": b"309\r", b"A": RECORD})
+    with pytest.raises(ConfigError, match="5 names are given, the meter has 4 channels"):
+        Center309().open(settings(wire, options={"labels": ["a", "b", "c", "d", "e"]}), HostClock())
 
 
 def test_a_record_has_every_field():

@@ -58,6 +58,14 @@ def test_position_and_clock_error_are_recorded_until_it_hangs_up(daemon):
     device.close()
 
 
+def test_fewer_names_than_channels_leave_the_others_out(daemon):
+    labels = {"labels": ["latitude", "longitude"]}
+    device = Gpsd().open(DeviceSettings("gps", "gpsd", port=daemon, options=labels), HostClock())
+    assert device.info.shape == (2,)
+    assert device.read(1.0).values == (35.689447, 139.75502)
+    device.close()
+
+
 def test_no_gpsd_says_how_to_start_it():
     with pytest.raises(DeviceNotFoundError) as caught:
         Gpsd().open(DeviceSettings("gps", "gpsd", port="127.0.0.1:1"), HostClock())
