@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
+from fieldkit.model.clock import require_storable
 from fieldkit.model.durations import parse_duration, parse_offset, parse_time_of_day
 from fieldkit.model.errors import ConfigError, FieldkitError
 
@@ -21,10 +22,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from fieldkit.model.site import Site
-
-
-YEARS = range(1700, 2251)
-"""64 bits of nanoseconds since 1970 reach from 1677 to 2262."""
 
 
 class _Typed(click.ParamType):  # type: ignore[type-arg]
@@ -95,7 +92,7 @@ def parse_moment(text: str) -> datetime:
         raise ValueError("expected a time like 2017-08-30T12:00+09:00") from None
     if moment.tzinfo is None:
         raise ValueError(f"has no zone; write {text}Z for UTC, or add the offset like {text}+09:00")
-    _refuse_far(moment)
+    require_storable(moment)
     return moment
 
 
@@ -105,7 +102,7 @@ def parse_day(text: str) -> date:
         day = date.fromisoformat(text)
     except ValueError:
         raise ValueError("expected a day like 2017-08-30") from None
-    _refuse_far(day)
+    require_storable(day)
     return day
 
 
@@ -203,11 +200,6 @@ def parse_instrument(text: str) -> tuple[str, dict[str, Any]]:
     if not (identity and driver):
         raise ConfigError(f"{text!r} is not IDENTITY=DRIVER, such as 10c4:ea60:A7=lutron")
     return identity, {"driver": driver, **dict(map(parse_key_value, pairs))}
-
-
-def _refuse_far(when: date) -> None:
-    if when.year not in YEARS:
-        raise ValueError(f"the year must lie within {YEARS[0]}..{YEARS[-1]}")
 
 
 def _numbers(text: str, counts: tuple[int, ...], expected: str) -> list[float]:

@@ -9,6 +9,7 @@ import functools
 import zoneinfo
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from datetime import datetime
 from difflib import get_close_matches
 from typing import Any
 
@@ -19,6 +20,7 @@ from fieldkit.config.toml_lines import KeyPath, regions_in
 from fieldkit.config.toml_schema import expected, known_keys, node_at
 from fieldkit.drivers import registry
 from fieldkit.estimation.surface_kinds import SAND
+from fieldkit.model.clock import require_storable
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import Region, RegionKind
 
@@ -172,6 +174,7 @@ def cross_check(document: Mapping[str, Any]) -> list[Mistake]:
         _method,
         _irradiance,
         _incomplete_pairs,
+        _simulated_field,
     )
     return [mistake for check in checks for mistake in check(document)]
 
@@ -335,6 +338,15 @@ def _incomplete_pairs(document: Mapping[str, Any]) -> Iterator[Mistake]:
         tilt, is_reference = region.get("tilt_deg"), region.get("kind") == "reference"
         if is_reference and isinstance(tilt, int | float) and tilt > 0 and "azimuth_deg" not in region:
             yield Mistake((*path, "tilt_deg"), "a tilted reference also needs azimuth_deg")
+
+
+def _simulated_field(document: Mapping[str, Any]) -> Iterator[Mistake]:
+    start = _table(document, "simulation").get("start")
+    if isinstance(start, datetime):
+        try:
+            require_storable(start)
+        except ValueError as error:
+            yield Mistake(("simulation", "start"), f"got {start.isoformat()}: {error}")
 
 
 def _table(document: Mapping[str, Any], name: str) -> Mapping[str, Any]:

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from fieldkit.estimation.table import TemperatureTable
+from fieldkit.model.clock import utc_ns
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.physics.facet import FloatArray
@@ -95,17 +96,17 @@ def _temperature_columns(path: Path, names: list[str], needs_reference: bool) ->
 
 
 def _time_ns(path: Path, line: int, row: Row) -> int:
-    text = (row["time"] or "").strip()
+    text, fix = (row["time"] or "").strip(), "write times like 2017-08-30T12:00:00+09:00"
     try:
         time = datetime.fromisoformat(text)
     except ValueError:
         time = None
     if time is None or time.utcoffset() is None:
-        raise ConfigError(
-            f"{path}, line {line}: time '{text}' is not ISO 8601 with a zone",
-            fix="write times like 2017-08-30T12:00:00+09:00",
-        )
-    return round(time.timestamp() * 1e6) * 1000
+        raise ConfigError(f"{path}, line {line}: time '{text}' is not ISO 8601 with a zone", fix=fix)
+    try:
+        return utc_ns(time)
+    except ValueError as error:
+        raise ConfigError(f"{path}, line {line}: time '{text}': {error}", fix=fix) from error
 
 
 def _column(path: Path, rows: Sequence[tuple[int, Row]], name: str) -> FloatArray:

@@ -160,6 +160,14 @@ def test_two_rows_are_too_few_and_say_so(table):
         ("time,reference_k,irradiance_w_m2\n", "one NAME_k"),
         (CASE_1.splitlines()[0], "no rows"),
         (CASE_1.replace("+09:00", ""), "line 2: time '2017-08-30T12:00:00' is not ISO 8601 with a zone"),
+        (
+            CASE_1.replace("2017-08-30", "1500-08-30"),
+            "line 2: time '1500-08-30T12:00:00+09:00': the year must lie",
+        ),
+        (
+            CASE_1.replace("2017-08-30", "3000-08-30"),
+            "line 2: time '3000-08-30T12:00:00+09:00': the year must lie",
+        ),
         (CASE_1.replace("322.50984", "warm"), "line 3: reference_k 'warm' is not a number"),
     ],
 )
