@@ -34,6 +34,7 @@ from fieldkit.config.validation import (
     cross_check,
     crossed_outlines,
     explain,
+    repeated_azimuths,
     unknown_drivers,
 )
 from fieldkit.model.errors import ConfigError
@@ -72,7 +73,7 @@ def read_config(
             document.add(read_text(file), file)
     for origin, keys, value in (*_from_environment(environment), *_from_settings(settings)):
         document.put(origin, keys, value)
-    return document.check(path, unknown_drivers, crossed_outlines)
+    return document.check(path, unknown_drivers, crossed_outlines, repeated_azimuths)
 
 
 def config_from_text(text: str, path: Path, *, settings: Sequence[str] = ()) -> Config:

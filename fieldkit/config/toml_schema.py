@@ -581,7 +581,7 @@ def expected(node: Node | None) -> str:
 
 def _step(node: Node, part: str | int) -> Node | None:
     if isinstance(part, int):
-        below = node.get("items")
+        below = dict(enumerate(node.get("prefixItems", ()))).get(part, node.get("items"))
     else:
         named = node.get("patternProperties", {"": node.get("additionalProperties")})
         below = node.get("properties", {}).get(part, *named.values())
@@ -599,7 +599,8 @@ def kind(node: Node) -> str:
     if node.get("format") == "date-time":
         return "a time with its offset from UTC, such as 2016-01-01T12:00:00-07:00"
     if node["type"] == "array":
-        return f"a list of at least {node['minItems']} values" if "minItems" in node else "a list"
+        least, most = node.get("minItems"), node.get("maxItems")
+        return "a list" + (f" of {'' if least == most else 'at least '}{least} values" if least else "")
     words = {"number": "a number", "integer": "a whole number", "string": "text", "boolean": "true or false"}
     return words.get(node["type"], "a table") + _range(node)
 

@@ -204,6 +204,17 @@ def crossed_outlines(document: Mapping[str, Any]) -> Iterator[Mistake]:
             yield Mistake((*path, "points_px"), message)
 
 
+def repeated_azimuths(document: Mapping[str, Any]) -> Iterator[Mistake]:
+    """Horizons with two elevations of one azimuth: allowed in an old session, not in a new one."""
+    for path, table in ((("site",), _table(document, "site")), *regions_in(document)):
+        pairs = table.get("horizon")
+        given = pairs if isinstance(pairs, list) else ()
+        azimuths = [pair[0] for pair in given if isinstance(pair, list) and pair]
+        turns = [azimuth % 360.0 for azimuth in azimuths if isinstance(azimuth, int | float)]
+        if len(set(turns)) < len(turns):
+            yield Mistake((*path, "horizon"), "every azimuth may stand once (0 and 360 are the same)")
+
+
 def outline(points: Any) -> list[tuple[float, float]] | None:
     """The corners of a region as pairs, or None if they are not at least three pairs of numbers."""
     if not isinstance(points, list) or len(points) < 3:
