@@ -61,14 +61,19 @@ def parse_window(text: str) -> float | str:
 
 
 def parse_site(text: str) -> Site:
-    """``LAT,LON[,ALT]`` in degrees north, degrees east, metres; the zone is UTC."""
+    """``LAT,LON[,ALT]`` in degrees north, degrees east (also 0 to 360), metres; the zone is UTC."""
     numbers = _numbers(text, (2, 3), "LAT,LON,ALT like 35.558675,139.395232,9")
     latitude, longitude = numbers[:2]
     if abs(latitude) > 90.0 or abs(longitude) > 360.0:
         raise ValueError("latitude must lie within -90..90 and longitude within -180..180, latitude first")
-    from fieldkit.model.site import Site  # numpy comes with it
+    from fieldkit.model.site import ELEVATIONS_M, Site  # numpy comes with it
 
-    return Site(latitude, longitude, numbers[2] if len(numbers) == 3 else 0.0)
+    elevation = numbers[2] if len(numbers) == 3 else 0.0
+    if not ELEVATIONS_M[0] <= elevation <= ELEVATIONS_M[1]:
+        raise ValueError("elevation must lie within {:g}..{:g} metres".format(*ELEVATIONS_M))
+    return Site(
+        latitude, longitude if abs(longitude) <= 180.0 else (longitude + 180.0) % 360.0 - 180.0, elevation
+    )
 
 
 def parse_storable_text(text: str) -> str:

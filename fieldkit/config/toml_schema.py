@@ -21,6 +21,7 @@ from fieldkit.estimation.surface_kinds import SAND, Kind
 from fieldkit.model.alarm import Condition
 from fieldkit.model.limits import shown
 from fieldkit.model.radiation import Component
+from fieldkit.model.site import ELEVATIONS_M
 
 Degrees = Annotated[float, Field(ge=0, le=360)]
 Positive = Annotated[float, Field(gt=0)]
@@ -68,7 +69,10 @@ class SiteTable(Table):
     latitude_deg: float = Field(examples=[35.558675], ge=-90, le=90, description="degrees, north positive")
     longitude_deg: float = Field(examples=[139.395232], ge=-180, le=180, description="degrees, east positive")
     elevation_m: float = Field(
-        default=0.0, ge=-10_000, le=25_000, description="metres above sea level, elsewhere above the datum"
+        default=0.0,
+        ge=ELEVATIONS_M[0],
+        le=ELEVATIONS_M[1],
+        description="metres above sea level, elsewhere above the datum",
     )
     body: Literal["earth", "mars", "moon"] = Field(
         default="earth", description="the world; latitude and longitude are planetographic, east positive"
