@@ -13,7 +13,7 @@ import click
 from fieldkit.calibration.foil import FOIL_EMISSIVITY, FOIL_EMISSIVITY_SD
 from fieldkit.cli import common
 from fieldkit.cli.session_paths import find_session
-from fieldkit.cli.types import DURATION, RECORD_NAME
+from fieldkit.cli.types import DURATION, RECORD_NAME, Number, NumberRange
 
 if TYPE_CHECKING:
     from fieldkit.calibrate import MeasurementOptions
@@ -24,7 +24,7 @@ Command = Callable[..., Any]
 def _kelvin(name: str, field: str, default: float, help: str) -> Callable[[Command], Command]:
     """An option for a standard uncertainty in kelvin."""
     return click.option(
-        name, field, type=click.FloatRange(0), default=default, show_default=True, metavar="K", help=help
+        name, field, type=NumberRange(0), default=default, show_default=True, metavar="K", help=help
     )
 
 
@@ -51,28 +51,28 @@ def _kelvin(name: str, field: str, default: float, help: str) -> Callable[[Comma
 @click.option("--tape", metavar="REGION", help="Tape or paint of known emissivity instead of a thermometer.")
 @click.option(
     "--tape-emissivity",
-    type=click.FloatRange(0.5, 1),
+    type=NumberRange(0.5, 1),
     default=0.95,
     show_default=True,
     help="Emissivity of the tape.",
 )
 @click.option(
     "--tape-sd",
-    type=click.FloatRange(0.001),
+    type=NumberRange(0.001),
     default=0.01,
     show_default=True,
     help="Standard uncertainty of the tape's emissivity.",
 )
 @click.option(
     "--foil-emissivity",
-    type=click.FloatRange(0, 0.5),
+    type=NumberRange(0, 0.5),
     default=FOIL_EMISSIVITY,
     show_default=True,
     help="Emissivity of the foil itself, which has the surface's temperature.",
 )
 @click.option(
     "--foil-sd",
-    type=click.FloatRange(0),
+    type=NumberRange(0),
     default=FOIL_EMISSIVITY_SD,
     show_default=True,
     help="Standard uncertainty of the foil's emissivity.",
@@ -85,12 +85,12 @@ def _kelvin(name: str, field: str, default: float, help: str) -> Callable[[Comma
     help="Spectral band of the camera: flat, a response, or the camera's constants.",
 )
 @click.option(
-    "--camera-emissivity", type=click.FloatRange(0.05, 1), help="Emissivity already applied by the camera."
+    "--camera-emissivity", type=NumberRange(0.05, 1), help="Emissivity already applied by the camera."
 )
 @click.option(
     "--camera-reflected",
     "camera_reflected_c",
-    type=float,
+    type=Number(),
     default=20.0,
     show_default=True,
     metavar="°C",
@@ -99,7 +99,7 @@ def _kelvin(name: str, field: str, default: float, help: str) -> Callable[[Comma
 @click.option(
     "--distance",
     "distance_m",
-    type=click.FloatRange(0),
+    type=NumberRange(0),
     default=0.0,
     metavar="M",
     help="Path through the air, if above a few metres.",
@@ -107,7 +107,7 @@ def _kelvin(name: str, field: str, default: float, help: str) -> Callable[[Comma
 @click.option(
     "--air",
     "air_c",
-    type=float,
+    type=Number(),
     default=20.0,
     show_default=True,
     metavar="°C",
@@ -116,7 +116,7 @@ def _kelvin(name: str, field: str, default: float, help: str) -> Callable[[Comma
 @click.option(
     "--humidity",
     "humidity_percent",
-    type=click.FloatRange(0, 100),
+    type=NumberRange(0, 100),
     default=50.0,
     show_default=True,
     metavar="%",
@@ -125,7 +125,7 @@ def _kelvin(name: str, field: str, default: float, help: str) -> Callable[[Comma
 @click.option(
     "--angle",
     "angle_deg",
-    type=click.FloatRange(0, 90),
+    type=NumberRange(0, 90),
     metavar="DEG",
     help="Viewing angle from the surface normal.",
 )

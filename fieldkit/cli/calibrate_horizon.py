@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from fieldkit.cli import common
-from fieldkit.cli.types import MOMENT
+from fieldkit.cli.types import MOMENT, Number
 
 _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 
@@ -18,9 +18,12 @@ _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 @click.option("--dem", type=_FILE, help="GeoTIFF of heights.")
 @click.option("--crs", help="Projected system of the DEM in metres, such as EPSG:32654.")
 @click.option(
-    "--place", type=(float, float), metavar="EAST NORTH", help="Place of the regions in the DEM, in metres."
+    "--place",
+    type=(Number(), Number()),
+    metavar="EAST NORTH",
+    help="Place of the regions in the DEM, in metres.",
 )
-@click.option("--nearest-m", type=float, default=0.0, help="Nearer ground is omitted.", show_default=True)
+@click.option("--nearest-m", type=Number(), default=0.0, help="Nearer ground is omitted.", show_default=True)
 @click.option("--skyline", type=_FILE, help="CSV file of pixels on the skyline: x_px, y_px.")
 @click.option("--pose", "pose_file", type=_FILE, help="Pose of the camera that saw them.")
 @click.option("--at", "moment", type=MOMENT, help="When, if the camera moves [default: now].")

@@ -8,7 +8,7 @@ import click
 
 from fieldkit.cli import common
 from fieldkit.cli.session_paths import find_session
-from fieldkit.cli.types import RECORD_NAME
+from fieldkit.cli.types import RECORD_NAME, NumberRange
 
 
 @click.command(cls=common.Command)
@@ -17,7 +17,7 @@ from fieldkit.cli.types import RECORD_NAME
 @click.option("--region", "beds", multiple=True, metavar="REGION", help="Only this region; may be repeated.")
 @click.option(
     "--tilt-sd",
-    type=click.FloatRange(0, min_open=True),
+    type=NumberRange(0, min_open=True),
     default=0.5,
     show_default=True,
     metavar="DEG",

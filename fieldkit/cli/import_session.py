@@ -9,7 +9,7 @@ import click
 
 from fieldkit.cli.common import Command, options, print_json, say
 from fieldkit.cli.session_paths import find_session
-from fieldkit.cli.types import CLOCK_OFFSET, KELVIN_PER_COUNT, SITE, STREAM_NAME, ZONE
+from fieldkit.cli.types import CLOCK_OFFSET, KELVIN_PER_COUNT, SITE, STREAM_NAME, ZONE, Number
 from fieldkit.model.radiation import COMPONENTS
 from fieldkit.model.samples import Severity
 
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     metavar="K|none",
     help="Scale of TIFF, PNG or IRG counts; none if it is not known. Never guessed.",
 )
-@click.option("--kelvin-at-zero", type=float, default=0.0, help="Kelvin of count 0 [default: 0].")
+@click.option("--kelvin-at-zero", type=Number(), default=0.0, help="Kelvin of count 0 [default: 0].")
 @click.option(
     "--times",
     type=click.Path(exists=True, dir_okay=False, path_type=Path),

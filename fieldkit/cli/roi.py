@@ -11,7 +11,7 @@ import click
 
 from fieldkit.cli.common import CommandGroup, options, print_json, print_table, say
 from fieldkit.cli.session_paths import find_session
-from fieldkit.cli.types import OR_RECORD, RECT, XY
+from fieldkit.cli.types import OR_RECORD, RECT, XY, NumberRange
 from fieldkit.model.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -21,11 +21,9 @@ if TYPE_CHECKING:
 
 Point = tuple[float, float]
 
-_TILT = click.option(
-    "--tilt", type=click.FloatRange(0, 90), help="Tilt by inclinometer, degrees from horizontal."
-)
+_TILT = click.option("--tilt", type=NumberRange(0, 90), help="Tilt by inclinometer, degrees from horizontal.")
 _AZIMUTH = click.option(
-    "--azimuth", type=click.FloatRange(0, 360), help="Azimuth by compass, degrees from north, clockwise."
+    "--azimuth", type=NumberRange(0, 360), help="Azimuth by compass, degrees from north, clockwise."
 )
 _EMISSIVITY = click.option(
     "--emissivity",
@@ -183,9 +181,7 @@ def suggest(ctx: click.Context, names: tuple[str, ...], accept: bool, session: P
 
 @command.command("edit")
 @click.argument("name")
-@click.option(
-    "--shrink", type=click.FloatRange(0, min_open=True), metavar="PX", help="Move every edge inwards."
-)
+@click.option("--shrink", type=NumberRange(0, min_open=True), metavar="PX", help="Move every edge inwards.")
 @_TILT
 @_AZIMUTH
 @_EMISSIVITY

@@ -43,6 +43,27 @@ class _Typed(click.ParamType):  # type: ignore[type-arg]
             self.fail(f"{value!r}: {error}", param, ctx)
 
 
+class _Finite:
+    """What click's number types do, without the ``nan`` and ``inf`` that Python reads as numbers."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The number; fails for text that is none, is not finite, or is out of range."""
+        if isinstance(value, str):
+            try:
+                value = _number(value)
+            except ValueError as error:
+                self.fail(f"{value!r}: {error}", param, ctx)  # type: ignore[attr-defined]
+        return super().convert(value, param, ctx)  # type: ignore[misc]
+
+
+class Number(_Finite, click.types.FloatParamType):
+    """A finite number."""
+
+
+class NumberRange(_Finite, click.FloatRange):
+    """A finite number of a range."""
+
+
 def minutes(low: int, high: int) -> click.ParamType:  # type: ignore[type-arg]
     """A type of durations in whole minutes within a range."""
 
@@ -149,8 +170,7 @@ def parse_or_record(text: str) -> float | str:
     """A number, or ``@NAME`` of a calibration record."""
     if text.startswith("@") and len(text) > 1:
         return text
-    (number,) = _numbers(text, (1,), "a number, or a record like @uniformity")
-    return number
+    return _number(text, "a number, or a record like @uniformity")
 
 
 def parse_record_name(text: str) -> str:
@@ -173,10 +193,7 @@ def parse_stream_name(text: str) -> str:
 
 def parse_kelvin_per_count(text: str) -> float:
     """Kelvin per count; NaN for ``none``, if it is not known."""
-    try:
-        return float("nan") if text == "none" else float(text)
-    except ValueError:
-        raise ConfigError(f"{text!r} is not a number or none") from None
+    return nan if text == "none" else _number(text, "a number, or none")
 
 
 def parse_clock_offset(text: str) -> float | Literal["auto"]:
@@ -205,6 +222,10 @@ def parse_instrument(text: str) -> tuple[str, dict[str, Any]]:
     if not (identity and driver):
         raise ConfigError(f"{text!r} is not IDENTITY=DRIVER, such as 10c4:ea60:A7=lutron")
     return identity, {"driver": driver, **dict(map(parse_key_value, pairs))}
+
+
+def _number(text: str, expected: str = "a number") -> float:
+    return _numbers(text, (1,), expected)[0]
 
 
 def _numbers(text: str, counts: tuple[int, ...], expected: str) -> list[float]:
