@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fieldkit.cli.common import CommandGroup, options, print_json, print_table, say
+from fieldkit.cli.common import CommandGroup, options, print_json, print_table, say, say_warning
 from fieldkit.cli.session_paths import find_session
 from fieldkit.cli.types import OR_RECORD, RECT, XY, NumberRange
 from fieldkit.model.errors import ConfigError
@@ -89,6 +89,8 @@ def add(
     With --ground corners on the ground are kept, and projected into each frame by camera.pose; with --pose,
     as for fieldkit map, they are drawn where the camera sees them now. Needs fieldkit[terrain], and
     width_px and height_px of the camera.
+
+    Other keys of a region, such as surface_kind and probes, are written in fieldkit.toml.
     """
     from fieldkit.recording.redrawing import change_regions
     from fieldkit.recording.regions import add_region
@@ -198,8 +200,8 @@ def edit(
 ) -> None:
     """Change the region NAME in fieldkit.toml: its size or its measured properties.
 
-    A running recording uses the change from the next full minute on. Finished sessions keep the regions they
-    were recorded with; with --campaign, estimate, report and map use the new ones.
+    A running recording uses the change from the next full minute on, but keeps its offsets. Finished sessions
+    keep the regions they were recorded with; with --campaign, estimate, report and map use the new ones.
     """
     from fieldkit.recording.redrawing import change_regions
     from fieldkit.recording.regions import edit_region
@@ -295,6 +297,11 @@ def _request(sent: SentRequest | None) -> dict[str, str]:
 def _say_sent(sent: SentRequest | None) -> None:
     if sent is not None:
         say(f"sent to the recording {sent.session.name}, which uses it from the next full minute on")
+        if sent.unused:
+            say_warning(
+                f"{', '.join(sent.unused)}: used from the next recording on; "
+                f"of this one: fieldkit estimate {sent.session.name} --campaign, once it is sealed"
+            )
 
 
 def _known(**values: float | str | None) -> dict[str, Any]:
