@@ -20,7 +20,7 @@ from fieldkit.config.toml_lines import KeyPath, regions_in
 from fieldkit.config.toml_schema import expected, known_keys, node_at
 from fieldkit.drivers import registry
 from fieldkit.estimation.surface_kinds import SAND
-from fieldkit.model.clock import require_storable
+from fieldkit.model.clock import YEARS
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import Region, RegionKind
 
@@ -353,11 +353,9 @@ def _incomplete_pairs(document: Mapping[str, Any]) -> Iterator[Mistake]:
 
 def _simulated_field(document: Mapping[str, Any]) -> Iterator[Mistake]:
     start = _table(document, "simulation").get("start")
-    if isinstance(start, datetime):
-        try:
-            require_storable(start)
-        except ValueError as error:
-            yield Mistake(("simulation", "start"), f"got {start.isoformat()}: {error}")
+    if isinstance(start, datetime) and not 1970 < start.year <= YEARS[-1]:  # sessions count from 1970 on
+        message = f"got {start.isoformat()}, the year must lie within 1971..{YEARS[-1]}"
+        yield Mistake(("simulation", "start"), message)
 
 
 def _table(document: Mapping[str, Any], name: str) -> Mapping[str, Any]:
