@@ -210,7 +210,10 @@ class SessionReader:
     @property
     def identity(self) -> SessionIdentity:
         """Whose journal this session's is."""
-        start = datetime.fromisoformat(decode_text(scalar(self._file, "entry/start_time")))
+        try:
+            start = datetime.fromisoformat(decode_text(scalar(self._file, "entry/start_time")))
+        except (SessionError, ValueError) as error:
+            raise explained(self.path, error) from error
         return SessionIdentity(self.session_id, utc_ns(start), self.anchor_ns, self.header)
 
     @property
@@ -243,10 +246,11 @@ class SessionReader:
         """Provenance of the file: fieldkit, packages, platform, command line."""
         root = ("fieldkit_version", "h5py_version", "hdf5_version", "history")
         config = ("command_line", "packages", "platform")
-        return {
-            **{name: str(attribute(self._file, name)) for name in root},
-            **{name: decode_text(scalar(self._file, f"config/{name}")) for name in config},
-        }
+        with self._explaining():
+            return {
+                **{name: str(attribute(self._file, name)) for name in root},
+                **{name: decode_text(scalar(self._file, f"config/{name}")) for name in config},
+            }
 
     # --- samples
 

@@ -26,6 +26,8 @@ _FOREVER_NS = 2**63 - 1
 _TIMES = ("begin_ns", "end_ns", "from_ns", "since_ns", "noted_ns", "after_ns", "before_ns")
 """Details of an event that are moments; others in nanoseconds are durations."""
 
+COLUMNS_OF_STEPS = ("version", "mono_ns", "add_ns", "reason")
+
 
 @dataclass(frozen=True, slots=True)
 class TimeStep:
@@ -115,10 +117,12 @@ class StoredTimes:
         """The active corrections; an open file never gets others, because a changed one takes its place."""
         try:
             columns = corrections(stored_here(self._file, "time_map"), TIME_MAP_COLUMNS)
+            if missing := [name for name in COLUMNS_OF_STEPS if name not in columns]:
+                raise SessionError(f"time_map has no {' and no '.join(missing)}")
         except SessionError as error:
             raise explained(self.path, error) from error
         latest = columns["version"].max(initial=0)
-        rows = zip(*(columns[name] for name in ("version", "mono_ns", "add_ns", "reason")), strict=False)
+        rows = zip(*(columns[name] for name in COLUMNS_OF_STEPS), strict=False)
         return [TimeStep(int(m), int(a), decode_text(r)) for v, m, a, r in rows if v == latest]
 
     def utc_ns(

@@ -12,7 +12,7 @@ import click
 from fieldkit.calibration.foil import FOIL_EMISSIVITY, FOIL_EMISSIVITY_SD
 from fieldkit.cli import common
 from fieldkit.cli.session_paths import find_session
-from fieldkit.cli.types import DURATION, PATH, RECORD_NAME
+from fieldkit.cli.types import DURATION, NUMBER, PATH, RECORD_NAME, NumberRange
 
 if TYPE_CHECKING:
     from fieldkit.calibrate import MeasurementOptions
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 def _number(
     name: str, field: str, default: float, help: str, *,
-    metavar: str | None = None, within: click.ParamType[float] | type = float,
+    metavar: str | None = None, within: click.ParamType[float] = NUMBER,
 ) -> common.Decorator:  # fmt: skip
     """An option for a number that has a default."""
     return click.option(
@@ -28,7 +28,7 @@ def _number(
     )
 
 
-_kelvin = partial(_number, metavar="K", within=click.FloatRange(0))
+_kelvin = partial(_number, metavar="K", within=NumberRange(0))
 """An option for a standard uncertainty."""
 
 
@@ -53,20 +53,18 @@ _kelvin = partial(_number, metavar="K", within=click.FloatRange(0))
     help="Reflected temperature: a foil's region, a temperature, or free to fit it.",
 )
 @click.option("--tape", metavar="REGION", help="Tape or paint of known emissivity instead of a thermometer.")
-@_number(
-    "--tape-emissivity", "tape_emissivity", 0.95, "Emissivity of the tape.", within=click.FloatRange(0.5, 1)
-)
+@_number("--tape-emissivity", "tape_emissivity", 0.95, "Emissivity of the tape.", within=NumberRange(0.5, 1))
 @_number(
     "--tape-sd", "tape_sd", 0.01, "Standard uncertainty of the tape's emissivity.",
-    within=click.FloatRange(0.001),
+    within=NumberRange(0.001),
 )  # fmt: skip
 @_number(
     "--foil-emissivity", "foil_emissivity", FOIL_EMISSIVITY,
-    "Emissivity of the foil itself, which has the surface's temperature.", within=click.FloatRange(0, 0.5),
+    "Emissivity of the foil itself, which has the surface's temperature.", within=NumberRange(0, 0.5),
 )  # fmt: skip
 @_number(
     "--foil-sd", "foil_sd", FOIL_EMISSIVITY_SD, "Standard uncertainty of the foil's emissivity.",
-    within=click.FloatRange(0),
+    within=NumberRange(0),
 )  # fmt: skip
 @click.option(
     "--band",
@@ -76,7 +74,7 @@ _kelvin = partial(_number, metavar="K", within=click.FloatRange(0))
     help="Spectral band of the camera: flat, a response, or the camera's constants.",
 )
 @click.option(
-    "--camera-emissivity", type=click.FloatRange(0.05, 1), help="Emissivity already applied by the camera."
+    "--camera-emissivity", type=NumberRange(0.05, 1), help="Emissivity already applied by the camera."
 )
 @_number(
     "--camera-reflected", "camera_reflected_c", 20.0, "Reflected temperature already applied by the camera.",
@@ -85,7 +83,7 @@ _kelvin = partial(_number, metavar="K", within=click.FloatRange(0))
 @click.option(
     "--distance",
     "distance_m",
-    type=click.FloatRange(0),
+    type=NumberRange(0),
     default=0.0,
     metavar="M",
     help="Path through the air, if above a few metres.",
@@ -93,12 +91,12 @@ _kelvin = partial(_number, metavar="K", within=click.FloatRange(0))
 @_number("--air", "air_c", 20.0, "Air temperature along the path.", metavar="°C")
 @_number(
     "--humidity", "humidity_percent", 50.0, "Relative humidity along the path.",
-    metavar="%", within=click.FloatRange(0, 100),
+    metavar="%", within=NumberRange(0, 100),
 )  # fmt: skip
 @click.option(
     "--angle",
     "angle_deg",
-    type=click.FloatRange(0, 90),
+    type=NumberRange(0, 90),
     metavar="DEG",
     help="Viewing angle from the surface normal.",
 )

@@ -9,7 +9,7 @@ import click
 
 from fieldkit.cli import common
 from fieldkit.cli.session_paths import find_session
-from fieldkit.cli.types import PATH, RECORD_NAME
+from fieldkit.cli.types import PATH, RECORD_NAME, NumberRange
 
 if TYPE_CHECKING:
     from fieldkit.calibrate.irradiance import Against
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--reference-sd",
-    type=click.FloatRange(0),
+    type=NumberRange(0),
     default=0.02,
     show_default=True,
     help="Relative standard uncertainty of the reference.",

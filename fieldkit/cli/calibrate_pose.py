@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from fieldkit.cli import common
-from fieldkit.cli.types import FILE, NEW_FILE, parse_frame
+from fieldkit.cli.types import FILE, NEW_FILE, NUMBER, NumberRange, parse_frame
 
 
 @click.command(cls=common.Command)
@@ -16,16 +16,16 @@ from fieldkit.cli.types import FILE, NEW_FILE, parse_frame
 @click.option("--crs", required=True, help="Projected system of the points in metres, such as EPSG:32654.")
 @click.option("--frame", required=True, metavar="COLSxROWS", help="Size of the camera's frame: 160x120.")
 @click.option(
-    "--hfov-deg", type=click.FloatRange(0, 180, min_open=True, max_open=True), metavar="DEG",
+    "--hfov-deg", type=NumberRange(0, 180, min_open=True, max_open=True), metavar="DEG",
     help="Horizontal field of view [default: found as well].",
 )  # fmt: skip
 @click.option(
-    "--mark-sd-px", type=click.FloatRange(0, min_open=True), default=1.0, show_default=True, metavar="PX",
+    "--mark-sd-px", type=NumberRange(0, min_open=True), default=1.0, show_default=True, metavar="PX",
     help="Standard uncertainty of a mark.",
 )  # fmt: skip
 @click.option("--distortion", metavar="K1,K2,P1,P2,K3", help="Of the lens, as OpenCV's calibration gives it.")
-@click.option("--range-m", type=float, default=100.0, show_default=True, help="Farther ground is omitted.")
-@click.option("--ground-m", type=float, metavar="M", help="Height of level ground; or give --dem.")
+@click.option("--range-m", type=NUMBER, default=100.0, show_default=True, help="Farther ground is omitted.")
+@click.option("--ground-m", type=NUMBER, metavar="M", help="Height of level ground; or give --dem.")
 @click.option("--dem", metavar="FILE", help="GeoTIFF of heights, by its path from the folder of the pose.")
 @click.option("-o", "--out", type=NEW_FILE, default="pose.toml", show_default=True, help="File to write.")
 def command(

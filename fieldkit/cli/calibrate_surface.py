@@ -9,7 +9,7 @@ import click
 
 from fieldkit.cli import common
 from fieldkit.cli.session_paths import find_session
-from fieldkit.cli.types import PATH, RECORD_NAME
+from fieldkit.cli.types import PATH, RECORD_NAME, NumberRange
 
 
 # options are named as the arguments of `calibrate.surface`
@@ -20,7 +20,7 @@ from fieldkit.cli.types import PATH, RECORD_NAME
 @click.option(
     "--tilt-sd",
     "tilt_sd_deg",
-    type=click.FloatRange(0, min_open=True),
+    type=NumberRange(0, min_open=True),
     default=0.5,
     show_default=True,
     metavar="DEG",

@@ -72,7 +72,12 @@ def command(
     With -o all of them go into one table, BASE.csv (and BASE.parquet with fieldkit[lab]), and BASE.json
     records what made it: code, parameters, checksums of the sessions, command line.
     """
-    if all(path.suffix.lower() == ".csv" for path in sessions) and (together or len(sessions) == 1):
+    are_tables = [path.suffix.lower() == ".csv" for path in sessions]
+    if any(are_tables) and not (all(are_tables) and (together or len(sessions) == 1)):
+        raise click.UsageError(
+            "give one table alone, or several of one place with --together; sessions apart"
+        )
+    if all(are_tables):
         if out is not None:
             raise click.UsageError("-o is for sessions; the slopes of a table are printed: --json > FILE")
         if any(chosen.values()) or jobs is not None or address is not None:

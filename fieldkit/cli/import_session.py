@@ -9,7 +9,7 @@ import click
 
 from fieldkit.cli.common import Command, options, print_json, say, working_folder
 from fieldkit.cli.session_paths import find_session
-from fieldkit.cli.types import CLOCK_OFFSET, FILE, KELVIN_PER_COUNT, PATH, SITE, STREAM_NAME, ZONE
+from fieldkit.cli.types import CLOCK_OFFSET, FILE, KELVIN_PER_COUNT, NUMBER, PATH, SITE, STREAM_NAME, ZONE
 from fieldkit.model.radiation import COMPONENTS
 from fieldkit.model.samples import Severity
 
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     metavar="K|none",
     help="Scale of TIFF, PNG or IRG counts; none if it is not known. Never guessed.",
 )
-@click.option("--kelvin-at-zero", type=float, default=0.0, help="Kelvin of count 0 [default: 0].")
+@click.option("--kelvin-at-zero", type=NUMBER, default=0.0, help="Kelvin of count 0 [default: 0].")
 @click.option("--times", type=FILE, metavar="FILE.csv", help="Table of the frames' file names and times.")
 @click.option("--time-format", metavar="FORMAT", help='Time in the frames\' names, such as "%Y%m%dT%H%M%S".')
 @click.option("--zone", type=ZONE, help="Zone of times that have none.")

@@ -12,7 +12,7 @@ import click
 
 from fieldkit.cli import batch, common
 from fieldkit.cli.session_paths import find_sessions, latest_session
-from fieldkit.cli.types import FILE, PATH, WINDOW
+from fieldkit.cli.types import FILE, NUMBER, PATH, WINDOW, NumberRange
 from fieldkit.model.errors import NoAnswerError
 
 if TYPE_CHECKING:
@@ -38,9 +38,9 @@ if TYPE_CHECKING:
     help="Add to the arrays, each with its uncertainty and an image: "
     "slope, heading, rdir, ntilt, solar, uvw, ptilt, inertia.",
 )  # fmt: skip
-@click.option("--limit-deg", type=float, default=math.nan, metavar="DEG", help="Tilt whose risk ptilt is.")
+@click.option("--limit-deg", type=NUMBER, default=math.nan, metavar="DEG", help="Tilt whose risk ptilt is.")
 @click.option(
-    "--drive-deg", type=float, default=math.nan, metavar="DEG",
+    "--drive-deg", type=NUMBER, default=math.nan, metavar="DEG",
     help="Direction of the drive that rdir is the slope along, from north, clockwise.",
 )  # fmt: skip
 @click.option(
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     "[default: camera.pose].",
 )  # fmt: skip
 @click.option(
-    "--cell-m", type=click.FloatRange(min=0, min_open=True), metavar="M",
+    "--cell-m", type=NumberRange(min=0, min_open=True), metavar="M",
     help="Side of the cells of NAME.tif [default: as far apart as the pixels are].",
 )  # fmt: skip
 @common.present_option

@@ -19,7 +19,7 @@ from fieldkit.cli.common import (
     print_table,
     say,
 )
-from fieldkit.cli.types import DAY, FACET, HOUR, NEW_FILE, SITE, ZONE, minutes
+from fieldkit.cli.types import DAY, FACET, HOUR, NEW_FILE, NUMBER, SITE, ZONE, NumberRange, minutes
 from fieldkit.model.site import Site, with_zone
 
 if TYPE_CHECKING:
@@ -47,22 +47,22 @@ if TYPE_CHECKING:
     "--facet", "facets", type=FACET, multiple=True, help="A region's slope [default: the campaign's targets]."
 )
 @click.option(
-    "--dni", "dni_w_m2", type=click.FloatRange(1.0), default=800.0, show_default=True,
+    "--dni", "dni_w_m2", type=NumberRange(1.0), default=800.0, show_default=True,
     help="Direct normal irradiance assumed over the day, W/m².",
 )  # fmt: skip
 @click.option(
-    "--clear-sky", "turbidity", type=click.FloatRange(1.0), metavar="TURBIDITY",
+    "--clear-sky", "turbidity", type=NumberRange(1.0), metavar="TURBIDITY",
     help="Clear-sky model instead; Linke 2..6. A session always has one, by default of 3.",
 )  # fmt: skip
 @click.option(
-    "--noise", "noise_k", type=click.FloatRange(1e-4),
+    "--noise", "noise_k", type=NumberRange(1e-4),
     help="Noise of a region's minute mean, K [default: estimator.noise_k].",
 )  # fmt: skip
 @click.option(
     "--window", "window_min", type=minutes(3, 360), default="20m", show_default=True,
     help="Length of the best window.",
 )  # fmt: skip
-@click.option("--air-c", default=15.0, show_default=True, help="Air temperature expected, °C.")
+@click.option("--air-c", type=NUMBER, default=15.0, show_default=True, help="Air temperature expected, °C.")
 @click.option(
     "--step", "step_min", type=minutes(1, 1440), default="30m", show_default=True, help="Time between rows."
 )

@@ -18,9 +18,10 @@ from fieldkit.cli.common import (
     print_json,
     print_table,
     say,
+    say_warning,
 )
 from fieldkit.cli.session_paths import find_session
-from fieldkit.cli.types import FILE, OR_RECORD, PATH, RECT, XY
+from fieldkit.cli.types import FILE, OR_RECORD, PATH, RECT, XY, NumberRange
 from fieldkit.model.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -32,11 +33,11 @@ Point = tuple[float, float]
 
 _property_options = options_together(
     click.option(
-        "--tilt", "tilt_deg", type=click.FloatRange(0, 90),
+        "--tilt", "tilt_deg", type=NumberRange(0, 90),
         help="Tilt by inclinometer, degrees from horizontal.",
     ),
     click.option(
-        "--azimuth", "azimuth_deg", type=click.FloatRange(0, 360),
+        "--azimuth", "azimuth_deg", type=NumberRange(0, 360),
         help="Azimuth by compass, degrees from north, clockwise.",
     ),
     click.option(
@@ -94,6 +95,8 @@ def add(
     With --ground corners on the ground are kept, and projected into each frame by camera.pose; with --pose,
     as for fieldkit map, they are drawn where the camera sees them now. Needs fieldkit[terrain], and
     width_px and height_px of the camera.
+
+    Other keys of a region, such as surface_kind and probes, are written in fieldkit.toml.
     """
     from fieldkit.recording.redrawing import change_regions
     from fieldkit.recording.regions import add_region
@@ -177,15 +180,13 @@ def suggest(names: tuple[str, ...], accept: bool, session: Path | None) -> None:
 
 @command.command("edit")
 @click.argument("name")
-@click.option(
-    "--shrink", type=click.FloatRange(0, min_open=True), metavar="PX", help="Move every edge inwards."
-)
+@click.option("--shrink", type=NumberRange(0, min_open=True), metavar="PX", help="Move every edge inwards.")
 @_property_options
 def edit(name: str, shrink: float | None, **properties: float | str | None) -> None:
     """Change the region NAME in fieldkit.toml: its size or its measured properties.
 
-    A running recording uses the change from the next full minute on. Finished sessions keep the regions they
-    were recorded with; with --campaign, estimate, report and map use the new ones.
+    A running recording uses the change from the next full minute on, but keeps its offsets. Finished sessions
+    keep the regions they were recorded with; with --campaign, estimate, report and map use the new ones.
     """
     from fieldkit.recording.redrawing import change_regions
     from fieldkit.recording.regions import edit_region
@@ -269,6 +270,11 @@ def _request(sent: SentRequest | None) -> dict[str, str]:
 def _say_sent(sent: SentRequest | None) -> None:
     if sent is not None:
         say(f"sent to the recording {sent.session.name}, which uses it from the next full minute on")
+        if sent.unused:
+            say_warning(
+                f"{', '.join(sent.unused)}: used from the next recording on; "
+                f"of this one: fieldkit estimate {sent.session.name} --campaign, once it is sealed"
+            )
 
 
 def _known(properties: Mapping[str, float | str | None]) -> dict[str, Any]:

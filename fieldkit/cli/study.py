@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from fieldkit.cli.common import Command, options, print_json, print_table, progress, say
-from fieldkit.cli.types import DAY, FILE, HOUR, SITE, ZONE, minutes
+from fieldkit.cli.types import DAY, FILE, HOUR, SITE, ZONE, NumberRange, minutes
 from fieldkit.model.site import Site, with_zone
 
 SHOWN = {
@@ -37,15 +37,11 @@ WORLD_DAY = "2024-06-01"
 @click.option(
     "--window", "minutes", type=minutes(2, 720), default="20m", show_default=True, help="Length of a window."
 )
-@click.option(
-    "--dni", "dni_w_m2", type=click.FloatRange(1.0), help="Constant direct normal irradiance, W/m²."
-)
-@click.option("--turbidity", type=click.FloatRange(1.0), help="Linke turbidity of the clear sky.")
+@click.option("--dni", "dni_w_m2", type=NumberRange(1.0), help="Constant direct normal irradiance, W/m².")
+@click.option("--turbidity", type=NumberRange(1.0), help="Linke turbidity of the clear sky.")
 @click.option("--weather", type=FILE, help="SURFRAD or BSRN file instead; sets site and day.")
 @click.option("--slopes", type=click.IntRange(1), help="Number of random slopes [default: 61x361].")
-@click.option(
-    "--noise", "noise_k", type=click.FloatRange(0.0), default=0.0, show_default=True, help="Noise, K."
-)
+@click.option("--noise", "noise_k", type=NumberRange(0.0), default=0.0, show_default=True, help="Noise, K.")
 @click.option(
     "--estimator", "estimators", type=click.Choice(["contours", "unit-norm", "posterior"]), multiple=True,
     default=("contours", "unit-norm"), show_default=True, help="May be repeated.",
@@ -66,7 +62,7 @@ WORLD_DAY = "2024-06-01"
     help="Only try the surface model on measured ground, a CSV file.",
 )  # fmt: skip
 @click.option("--body", type=click.Choice(["mars", "moon"]), help="Study this world instead of the paper.")
-@click.option("--dust", type=click.FloatRange(0.0, 6.0), help="Optical depth of dust, for --body.")
+@click.option("--dust", type=NumberRange(0.0, 6.0), help="Optical depth of dust, for --body.")
 @click.option(
     "-o", "--out", type=click.Path(file_okay=False, path_type=Path), default=Path("study"), show_default=True
 )

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
+from fieldkit.model.clock import require_storable
 from fieldkit.model.durations import parse_duration, parse_offset, parse_time_of_day
 from fieldkit.model.errors import ConfigError, FieldkitError
 
@@ -22,10 +23,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from fieldkit.model.site import Site
-
-
-YEARS = range(1700, 2251)
-"""64 bits of nanoseconds since 1970 reach from 1677 to 2262."""
 
 
 class _Typed(click.ParamType):  # type: ignore[type-arg]
@@ -47,6 +44,30 @@ class _Typed(click.ParamType):  # type: ignore[type-arg]
             self.fail(f"{value!r}: {error}", param, ctx)
 
 
+class _Finite:
+    """What click's number types do, without the ``nan`` and ``inf`` that Python reads as numbers."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The number; fails for text that is none, is not finite, or is out of range."""
+        if isinstance(value, str):
+            try:
+                value = _number(value)
+            except ValueError as error:
+                self.fail(f"{value!r}: {error}", param, ctx)  # type: ignore[attr-defined]
+        return super().convert(value, param, ctx)  # type: ignore[misc]
+
+
+class _Number(_Finite, click.types.FloatParamType):
+    """A finite number."""
+
+
+NUMBER = _Number()
+
+
+class NumberRange(_Finite, click.FloatRange):
+    """A finite number of a range."""
+
+
 def minutes(low: int, high: int) -> click.ParamType:  # type: ignore[type-arg]
     """A type of durations in whole minutes within a range."""
 
@@ -65,14 +86,19 @@ def parse_window(text: str) -> float | str:
 
 
 def parse_site(text: str) -> Site:
-    """``LAT,LON[,ALT]`` in degrees north, degrees east, metres; the zone is UTC."""
+    """``LAT,LON[,ALT]`` in degrees north, degrees east (also 0 to 360), metres; the zone is UTC."""
     numbers = _numbers(text, (2, 3), "LAT,LON,ALT like 35.558675,139.395232,9")
     latitude, longitude = numbers[:2]
     if abs(latitude) > 90.0 or abs(longitude) > 360.0:
         raise ValueError("latitude must lie within -90..90 and longitude within -180..180, latitude first")
-    from fieldkit.model.site import Site  # numpy comes with it
+    from fieldkit.model.site import ELEVATIONS_M, Site  # numpy comes with it
 
-    return Site(latitude, longitude, numbers[2] if len(numbers) == 3 else 0.0)
+    elevation = numbers[2] if len(numbers) == 3 else 0.0
+    if not ELEVATIONS_M[0] <= elevation <= ELEVATIONS_M[1]:
+        raise ValueError("elevation must lie within {:g}..{:g} metres".format(*ELEVATIONS_M))
+    return Site(
+        latitude, longitude if abs(longitude) <= 180.0 else (longitude + 180.0) % 360.0 - 180.0, elevation
+    )
 
 
 def parse_storable_text(text: str) -> str:
@@ -96,7 +122,7 @@ def parse_moment(text: str) -> datetime:
         raise ValueError("expected a time like 2017-08-30T12:00+09:00") from None
     if moment.tzinfo is None:
         raise ValueError(f"has no zone; write {text}Z for UTC, or add the offset like {text}+09:00")
-    _refuse_far(moment)
+    require_storable(moment)
     return moment
 
 
@@ -106,7 +132,7 @@ def parse_day(text: str) -> date:
         day = date.fromisoformat(text)
     except ValueError:
         raise ValueError("expected a day like 2017-08-30") from None
-    _refuse_far(day)
+    require_storable(day)
     return day
 
 
@@ -148,8 +174,7 @@ def parse_or_record(text: str) -> float | str:
     """A number, or ``@NAME`` of a calibration record."""
     if text.startswith("@") and len(text) > 1:
         return text
-    (number,) = _numbers(text, (1,), "a number, or a record like @uniformity")
-    return number
+    return _number(text, "a number, or a record like @uniformity")
 
 
 def parse_record_name(text: str) -> str:
@@ -172,10 +197,7 @@ def parse_stream_name(text: str) -> str:
 
 def parse_kelvin_per_count(text: str) -> float:
     """Kelvin per count; NaN for ``none``, if it is not known."""
-    try:
-        return float("nan") if text == "none" else float(text)
-    except ValueError:
-        raise ConfigError(f"{text!r} is not a number or none") from None
+    return nan if text == "none" else _number(text, "a number, or none")
 
 
 def parse_clock_offset(text: str) -> float | Literal["auto"]:
@@ -206,9 +228,8 @@ def parse_instrument(text: str) -> tuple[str, dict[str, Any]]:
     return identity, {"driver": driver, **dict(map(parse_key_value, pairs))}
 
 
-def _refuse_far(when: date) -> None:
-    if when.year not in YEARS:
-        raise ValueError(f"the year must lie within {YEARS[0]}..{YEARS[-1]}")
+def _number(text: str, expected: str = "a number") -> float:
+    return _numbers(text, (1,), expected)[0]
 
 
 def _numbers(text: str, counts: tuple[int, ...], expected: str) -> list[float]:

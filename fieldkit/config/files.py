@@ -18,7 +18,8 @@ def read_text(file: Path, *, newline: str | None = None) -> str:
         with file.open(encoding="utf-8-sig", newline=newline) as opened:
             return opened.read()
     except OSError as error:
-        raise ConfigError(f"cannot read {file}: {error.strerror}") from error
+        fix = "check its path, and who may read it"
+        raise ConfigError(f"cannot read {file}: {error.strerror}", fix=fix) from error
     except UnicodeDecodeError as error:
         raise ConfigError(f"{file} is not UTF-8 text: {error.reason}", fix="save it as UTF-8") from error
 

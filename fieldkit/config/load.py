@@ -34,6 +34,7 @@ from fieldkit.config.validation import (
     cross_check,
     crossed_outlines,
     explain,
+    repeated_azimuths,
     unknown_drivers,
 )
 from fieldkit.model.errors import ConfigError
@@ -41,6 +42,8 @@ from fieldkit.model.errors import ConfigError
 SET = "--set "
 log: logging.Logger = logging.getLogger(__name__)
 ENVIRONMENT = "FIELDKIT_"
+OF_CAMPAIGNS = (unknown_drivers, crossed_outlines, repeated_azimuths)
+"""Checks of a campaign's file that the configuration in a session need not pass."""
 
 
 def user_file() -> Path:
@@ -72,7 +75,7 @@ def read_config(
             document.add(read_text(file), file)
     for origin, keys, value in (*_from_environment(environment), *_from_settings(settings)):
         document.put(origin, keys, value)
-    return document.check(path, unknown_drivers, crossed_outlines)
+    return document.check(path, *OF_CAMPAIGNS)
 
 
 def config_from_text(text: str, path: Path, *, settings: Sequence[str] = ()) -> Config:
@@ -107,7 +110,7 @@ def mistakes_in(text: str, path: Path) -> list[tuple[str, Mistake]]:
     """
     document = _Document()
     document.add(text, path)
-    return document.check(path)[1]
+    return document.check(path, *OF_CAMPAIGNS)[1]
 
 
 def _checked(config: Config | None, mistakes: list[tuple[str, Mistake]], fix: str) -> Config:

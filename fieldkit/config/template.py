@@ -10,11 +10,15 @@ import tomllib
 from collections.abc import Iterator, Mapping
 from datetime import datetime
 from importlib import resources
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import tomlkit
+from tomlkit.exceptions import ConvertError
 
 from fieldkit.config.toml_schema import Node, json_schema, node_at, resolve
+from fieldkit.model.errors import ConfigError
 
 HEADING = """\
 # fieldkit campaign configuration. Every key stands here with its default, commented:
@@ -94,7 +98,26 @@ def _line(key: str, value: Any, field: Node) -> str:
 
 
 def assignment(key: str, value: Any) -> str:
-    """``key = value`` on one line, as TOML writes it."""
+    """``key = value`` on one line, as TOML writes it; numpy's numbers and arrays, and paths, as Python's own.
+
+    Raises `ConfigError` for a value that TOML has no form for.
+    """
     inline = tomlkit.inline_table()
-    inline.update({key: value})
+    try:
+        inline.update({key: _plain(value)})
+    except ConvertError as error:
+        what = f"{key}: TOML has no form for {value!r}, a {type(value).__name__}"
+        raise ConfigError(
+            what, fix="give a number, text, a time, True or False, or a list of them"
+        ) from error
     return inline.as_string().removeprefix("{").removesuffix("}").strip()
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _plain(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(one) for one in value]
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    return str(value) if isinstance(value, Path) else value

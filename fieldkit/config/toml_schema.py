@@ -21,6 +21,7 @@ from fieldkit.estimation.surface_kinds import SAND, Kind
 from fieldkit.model.alarm import Condition
 from fieldkit.model.limits import shown
 from fieldkit.model.radiation import Component
+from fieldkit.model.site import ELEVATIONS_M
 
 Degrees = Annotated[float, Field(ge=0, le=360)]
 Tilt = Annotated[float, Field(ge=0, le=90)]
@@ -75,7 +76,10 @@ class SiteTable(Table):
     latitude_deg: float = Field(examples=[35.558675], ge=-90, le=90, description="degrees, north positive")
     longitude_deg: float = Field(examples=[139.395232], ge=-180, le=180, description="degrees, east positive")
     elevation_m: float = Field(
-        default=0.0, ge=-10_000, le=25_000, description="metres above sea level, elsewhere above the datum"
+        default=0.0,
+        ge=ELEVATIONS_M[0],
+        le=ELEVATIONS_M[1],
+        description="metres above sea level, elsewhere above the datum",
     )
     body: Literal["earth", "mars", "moon"] = Field(
         default="earth", description="the world; latitude and longitude are planetographic, east positive"
@@ -535,7 +539,7 @@ def expected(node: Node | None) -> str:
 
 def _step(node: Node, part: str | int) -> Node | None:
     if isinstance(part, int):
-        below = node.get("items")
+        below = dict(enumerate(node.get("prefixItems", ()))).get(part, node.get("items"))
     else:
         named = node.get("patternProperties", {"": node.get("additionalProperties")})
         below = node.get("properties", {}).get(part, *named.values())
@@ -553,7 +557,8 @@ def kind(node: Node) -> str:
     if node.get("format") == "date-time":
         return "a time with its offset from UTC, such as 2016-01-01T12:00:00-07:00"
     if node["type"] == "array":
-        return f"a list of at least {node['minItems']} values" if "minItems" in node else "a list"
+        least, most = node.get("minItems"), node.get("maxItems")
+        return "a list" + (f" of {'' if least == most else 'at least '}{least} values" if least else "")
     words = {"number": "a number", "integer": "a whole number", "string": "text", "boolean": "true or false"}
     return words.get(node["type"], "a table") + _range(node)
 

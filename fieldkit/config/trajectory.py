@@ -14,6 +14,7 @@ from datetime import UTC, datetime
 from decimal import Decimal, InvalidOperation
 from functools import lru_cache
 
+from fieldkit.model.clock import utc_ns
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.units import SECOND_NS
 from fieldkit.physics.camera_geometry import quaternion_of_angles
@@ -79,7 +80,7 @@ def _rows(text: str) -> Iterator[tuple[int, Mapping[str, str]]]:
 
 
 def _pose(row: Mapping[str, str]) -> tuple[int, Point, Quaternion]:
-    time_ns = round(Decimal(row["timestamp"]) * SECOND_NS) if "timestamp" in row else _utc_ns(row["time"])
+    time_ns = _unix_ns(row["timestamp"]) if "timestamp" in row else _utc_ns(row["time"])
     east, north, up = (float(row[name]) for name in PLACE)
     if ANGLES[0] in row:
         angles = [float(row[name]) for name in ANGLES]
@@ -101,7 +102,14 @@ def _utc_ns(text: str) -> int:
     time = datetime.fromisoformat(text)
     if time.tzinfo is None:
         raise ValueError(f"the time {text} has no offset from UTC, such as Z")
-    return round(Decimal(str(time.timestamp())) * SECOND_NS)
+    return utc_ns(time)
+
+
+def _unix_ns(text: str) -> int:
+    seconds = Decimal(text)
+    if not abs(seconds) < 2**63 // SECOND_NS:
+        raise ValueError(f"{text} s since 1970 is no time of a recording")
+    return round(seconds * SECOND_NS)
 
 
 def _wrong(name: str, line: int, what: str) -> ConfigError:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import zoneinfo
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from datetime import datetime
 from difflib import get_close_matches
 from typing import Any
 
@@ -18,6 +19,7 @@ from fieldkit.config.toml_lines import KeyPath, regions_in, table_in
 from fieldkit.config.toml_schema import expected, known_keys, node_at
 from fieldkit.drivers import registry
 from fieldkit.estimation.surface_kinds import SAND
+from fieldkit.model.clock import YEARS
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import Region, RegionKind, known_zone
 
@@ -171,6 +173,7 @@ def cross_check(document: Mapping[str, Any]) -> list[Mistake]:
         _method,
         _irradiance,
         _incomplete_pairs,
+        _simulated_field,
     )
     return [mistake for check in checks for mistake in check(document)]
 
@@ -198,6 +201,17 @@ def crossed_outlines(document: Mapping[str, Any]) -> Iterator[Mistake]:
         if corners and Region("", RegionKind.TARGET, tuple(corners)).crosses_itself:
             message = "the outline crosses itself; list the corners in order around the region"
             yield Mistake((*path, "points_px"), message)
+
+
+def repeated_azimuths(document: Mapping[str, Any]) -> Iterator[Mistake]:
+    """Horizons with two elevations of one azimuth: allowed in an old session, not in a new one."""
+    for path, table in ((("site",), table_in(document, "site")), *regions_in(document)):
+        pairs = table.get("horizon")
+        given = pairs if isinstance(pairs, list) else ()
+        azimuths = [pair[0] for pair in given if isinstance(pair, list) and pair]
+        turns = [azimuth % 360.0 for azimuth in azimuths if isinstance(azimuth, int | float)]
+        if len(set(turns)) < len(turns):
+            yield Mistake((*path, "horizon"), "every azimuth may stand once (0 and 360 are the same)")
 
 
 def outline(points: Any) -> list[tuple[float, float]] | None:
@@ -329,3 +343,10 @@ def _incomplete_pairs(document: Mapping[str, Any]) -> Iterator[Mistake]:
         tilt, is_reference = region.get("tilt_deg"), region.get("kind") == "reference"
         if is_reference and isinstance(tilt, int | float) and tilt > 0 and "azimuth_deg" not in region:
             yield Mistake((*path, "tilt_deg"), "a tilted reference also needs azimuth_deg")
+
+
+def _simulated_field(document: Mapping[str, Any]) -> Iterator[Mistake]:
+    start = table_in(document, "simulation").get("start")
+    if isinstance(start, datetime) and not 1970 < start.year <= YEARS[-1]:  # sessions count from 1970 on
+        message = f"got {start.isoformat()}, the year must lie within 1971..{YEARS[-1]}"
+        yield Mistake(("simulation", "start"), message)

@@ -12,12 +12,25 @@ import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
 from typing import Protocol
+
+YEARS = range(1700, 2251)
+"""64 bits of nanoseconds since 1970 reach from 1677 to 2262."""
+
+
+def require_storable(when: date) -> None:
+    """Raise `ValueError` unless the year lies within `YEARS`."""
+    if when.year not in YEARS:
+        raise ValueError(f"the year must lie within {YEARS[0]}..{YEARS[-1]}")
 
 
 def utc_ns(moment: datetime) -> int:
-    """UTC nanoseconds since 1970 of a moment with a zone, exact to the microsecond."""
+    """UTC nanoseconds since 1970 of a moment with a zone, exact to the microsecond.
+
+    Raises `ValueError` outside `YEARS`.
+    """
+    require_storable(moment)
     since = moment - datetime(1970, 1, 1, tzinfo=UTC)
     return (since.days * 86_400 + since.seconds) * 1_000_000_000 + since.microseconds * 1000
 

@@ -19,6 +19,8 @@ from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import NumberedEnum
 
 EARTH_RADIUS_M = 6_371_000.0
+ELEVATIONS_M = (-10_000.0, 25_000.0)
+"""From the deepest ground of the three worlds to above the highest, the summit of Olympus Mons on Mars."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +61,8 @@ def as_site(site: Site | Sequence[float]) -> Site:
     if not (abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 180.0):
         raise ConfigError(f"{site!r} is not a site", fix="give latitude first, then longitude, in degrees")
     elevation_m = site[2] if len(site) == 3 else 0.0
+    if not ELEVATIONS_M[0] <= elevation_m <= ELEVATIONS_M[1]:
+        raise ConfigError(f"{site!r} is not a site", fix="give the elevation in metres")
     return Site(latitude_deg, longitude_deg, elevation_m, zone_by_longitude(longitude_deg))
 
 

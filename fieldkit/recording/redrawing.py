@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar, TypeVar
 
-from fieldkit.config import read_config
+from fieldkit.config import Config, read_config
 from fieldkit.config.edit import restoring
+from fieldkit.config.toml_schema import RegionTable
 from fieldkit.estimation.region_check import check_regions
 from fieldkit.model.samples import Event, EventKind, Severity
 from fieldkit.model.site import Region, RegionRecord, Site
@@ -21,6 +22,8 @@ from fieldkit.sessions.layout import MAX_REGIONS, check_region
 from fieldkit.views import formatting
 
 T = TypeVar("T")
+SETTINGS_OF_REGIONS = ("offset_k", "emissivity_sd", "surface_kind", "probes", "horizon")
+"""Keys of a region that are settings of the estimator, which a recording keeps as it began."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,4 +161,15 @@ def change_regions(file: Path, change: Callable[[Path], T]) -> tuple[T, SentRequ
         made = change(file)
         changed = read_regions(file)[0]
         check_configured(changed, unless=config)
-    return made, sent(config.recordings, NewRegions(changed.regions))
+    asked = sent(config.recordings, NewRegions(changed.regions))
+    return made, replace(asked, unused=tuple(_unused(config, changed)))
+
+
+def _unused(before: Config, after: Config) -> Iterator[str]:
+    """Changed keys of regions that a recording keeps as it began: those that are no part of a `Region`."""
+    known = {region.name: region for region in before.tables.region}
+    for region in after.tables.region:
+        was = known.get(region.name, RegionTable.model_construct())
+        for key in SETTINGS_OF_REGIONS:
+            if getattr(region, key) != getattr(was, key):
+                yield f"{region.name}: {key}"

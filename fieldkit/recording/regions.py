@@ -68,7 +68,7 @@ def add_region(
     ConfigError
         The region or the configuration with it would be invalid; nothing is written.
     """
-    if bool(points) == (rect is not None):
+    if (len(points) > 0) == (rect is not None):
         raise ConfigError("a region needs its corners or a rectangle", fix="give points or rect, not both")
     corners = points if rect is None else _corners(*rect)
     table = {
@@ -160,7 +160,7 @@ def _written(corners: Sequence[Point]) -> list[list[int | float]]:
 
 def _short(value: float) -> int | float:
     """A whole number without its decimal point, as people write pixels."""
-    return int(value) if float(value).is_integer() else value
+    return int(value) if float(value).is_integer() else float(value)
 
 
 def check_configured(config: Config, *, unless: Config) -> None:

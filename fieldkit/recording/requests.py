@@ -89,10 +89,14 @@ def _check_length(request: Request, number: str) -> None:
 
 @dataclass(frozen=True, slots=True)
 class SentRequest:
-    """A request on its way: the session, and the id that the event that answers will carry."""
+    """A request on its way: the session, and the id that the event that answers will carry.
+
+    `unused` are the changed keys of regions that the recording does not use, such as ``b15: offset_k``.
+    """
 
     session: Path
     id: str
+    unused: tuple[str, ...] = ()
 
 
 def sent(recordings: Path, request: Request) -> SentRequest:

@@ -10,9 +10,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import tomlkit
-
 from fieldkit.config import Config, config_from_text, find_campaign, load_config
+from fieldkit.config.template import assignment
 from fieldkit.config.toml_schema import known_keys
 from fieldkit.disk import sha256
 from fieldkit.estimation.region_check import check_regions
@@ -160,7 +159,12 @@ def settings_from(values: Settings) -> list[str]:
     """``KEY=VALUE`` of Python values by key; a key may omit its table where only one table has it."""
     if not isinstance(values, Mapping):
         return [values] if isinstance(values, str) else list(values)
-    return [f"{qualified_key(name)}={tomlkit.item(value).as_string()}" for name, value in values.items()]
+    return [_setting(qualified_key(name), value) for name, value in values.items()]
+
+
+def _setting(key: str, value: Any) -> str:
+    *_, last = key.split(".")
+    return f"{key}={assignment(last, value).removeprefix(f'{last} = ')}"
 
 
 def qualified_key(name: str) -> str:

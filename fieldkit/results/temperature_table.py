@@ -10,13 +10,16 @@ Empty cells are missing values.
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 
 import numpy as np
 
+from fieldkit.config.files import read_text
 from fieldkit.estimation.table import TemperatureTable
+from fieldkit.model.clock import utc_ns
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.physics.facet import FloatArray
@@ -28,14 +31,17 @@ OTHER_COLUMNS = (*LIGHT_COLUMNS, "diffuse_w_m2", "longwave_w_m2", "wind_m_s")
 
 def read_table(path: Path, *, needs_reference: bool = True) -> TemperatureTable:
     """Read and check a table; rows are put in order of time. Without a reference its temperature is NaN."""
+    text = read_text(path, newline="")
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.DictReader(file, skipinitialspace=True)
-            names = [name.strip() for name in reader.fieldnames or []]
-            reader.fieldnames = names
-            rows = list(_filled(path, reader))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise ConfigError(f"{path}: cannot be read as a table: {error}") from error
+        reader = csv.DictReader(io.StringIO(text, newline=""), skipinitialspace=True)
+        names = [name.strip() for name in reader.fieldnames or []]
+        reader.fieldnames = names
+        rows = list(_filled(path, reader))
+    except csv.Error as error:
+        raise ConfigError(
+            f"{path}: cannot be read as a table: {error}", fix="export it again as CSV"
+        ) from error
+    _refuse_repeated(path, names)
     temperatures = _temperature_columns(path, names, needs_reference)
     if not rows:
         raise ConfigError(f"{path}: the table has no rows", fix="give one row per measurement")
@@ -69,6 +75,19 @@ def _filled(path: Path, reader: csv.DictReader[str]) -> Iterator[tuple[int, Row]
         yield reader.line_num, row
 
 
+def _refuse_repeated(path: Path, names: Sequence[str]) -> None:
+    """Raise `ConfigError` for columns of one name, or a temperature in kelvin and in degrees Celsius."""
+    seen: dict[str, str] = {}
+    for name in filter(None, names):
+        quantity = f"{name[:-2]}_k" if name.endswith("_c") else name
+        if quantity in seen:
+            raise ConfigError(
+                f"{path}: the columns {seen[quantity]} and {name} are of the same quantity",
+                fix="give each column a name of its own, or remove one of them",
+            )
+        seen[quantity] = name
+
+
 def _temperature_columns(path: Path, names: list[str], needs_reference: bool) -> dict[str, tuple[str, float]]:
     """Column and its zero in kelvin by region; all missing columns are reported at once."""
     found = {
@@ -95,17 +114,17 @@ def _temperature_columns(path: Path, names: list[str], needs_reference: bool) ->
 
 
 def _time_ns(path: Path, line: int, row: Row) -> int:
-    text = (row["time"] or "").strip()
+    text, fix = (row["time"] or "").strip(), "write times like 2017-08-30T12:00:00+09:00"
     try:
         time = datetime.fromisoformat(text)
     except ValueError:
         time = None
     if time is None or time.utcoffset() is None:
-        raise ConfigError(
-            f"{path}, line {line}: time '{text}' is not ISO 8601 with a zone",
-            fix="write times like 2017-08-30T12:00:00+09:00",
-        )
-    return round(time.timestamp() * 1e6) * 1000
+        raise ConfigError(f"{path}, line {line}: time '{text}' is not ISO 8601 with a zone", fix=fix)
+    try:
+        return utc_ns(time)
+    except ValueError as error:
+        raise ConfigError(f"{path}, line {line}: time '{text}': {error}", fix=fix) from error
 
 
 def _column(path: Path, rows: Sequence[tuple[int, Row]], name: str) -> FloatArray:

@@ -63,6 +63,15 @@ def test_a_table_without_its_site_is_a_wrong_usage(tmp_path):
     assert "--site" in done.output
 
 
+@pytest.mark.parametrize("others", [["b.csv"], ["x.h5"], ["x.h5", "--together"]])
+def test_several_tables_need_together_and_no_sessions_among_them(tmp_path, others):
+    path = tmp_path / "table.csv"
+    path.write_text(table_of(*CASES[10.0, 180.0]))
+    done = CliRunner().invoke(command, [str(path), "--site", SITE, *others])
+    assert done.exit_code == 2
+    assert "--together" in done.output
+
+
 def estimated(path, *arguments):
     return fieldkit("estimate", path, "--site", SITE, *arguments)
 

@@ -196,3 +196,18 @@ def test_an_old_spelling_is_warned_of_and_the_command_runs():
     assert "warning: --step 120 is now --step 120m" in old.stderr
     assert "warning" not in new.stderr
     assert "warning" not in fieldkit(*words, "--step", "120", "--quiet").stderr
+
+
+def test_no_option_of_a_number_takes_one_that_is_not_finite():
+    options = {
+        (name, one.opts[0]): kind
+        for name, context in contexts().items()
+        for one in context.command.params
+        for kind in (one.type.types if isinstance(one.type, click.Tuple) else [one.type])
+        if isinstance(kind, click.types.FloatParamType)
+    }
+    assert len(options) > 30
+    for (name, option), kind in options.items():
+        for text in ("nan", "inf", "-inf"):
+            with pytest.raises(click.BadParameter, match=r"expected a number"):
+                pytest.fail(f"{name} {option} takes {kind.convert(text, None, None)}")

@@ -250,10 +250,17 @@ def test_an_offset_is_given_as_kelvin_or_by_the_name_of_its_record(roi, tmp_path
     assert roi("edit", "b15", "--offset", "warm").exit_code == 2
 
 
-def test_a_region_that_crosses_itself_is_refused_with_what_to_do(roi):
-    tie = ("--points", "6,30", "37,90", "37,30", "6,90")
-    added = roi("add", "flat", "--reference", *tie)
-    assert "its outline crosses itself" in added.stderr
+def test_a_region_that_crosses_itself_is_refused_with_what_to_do(roi, tmp_path):
+    file = tmp_path / "fieldkit.toml"
+    before = file.read_text(encoding="utf-8")
+    added = roi("add", "flat", "--reference", "--points", "6,30", "37,90", "37,30", "6,90")
+    assert added.exit_code == 3
+    assert "the outline crosses itself; list the corners in order" in added.stderr
+    assert file.read_text(encoding="utf-8") == before
+    tie = (
+        '[[region]]\nname = "flat"\nkind = "reference"\npoints_px = [[6, 30], [37, 90], [37, 30], [6, 90]]\n'
+    )
+    file.write_text(before + tie, encoding="utf-8")
     checked = roi("check")
     assert checked.exit_code == 3
     assert "give the corners in order" in checked.stdout

@@ -4,6 +4,7 @@ import pytest
 from click.testing import CliRunner
 
 from fieldkit.cli.sun import command
+from fieldkit.cli.types import parse_site
 
 PAPER = ["--site", "35.558675,139.395232,9"]
 
@@ -49,6 +50,11 @@ def test_facets_may_be_left_away():
         (["--at", "2017-08-30T03:00Z", "--site", "Tokyo"], "LAT,LON,ALT"),
         (["--at", "2017-08-30T03:00Z", "--site", "nan,nan"], "LAT,LON,ALT"),
         (["--at", "2017-08-30T03:00Z", "--site", "35,139,inf"], "LAT,LON,ALT"),
+        (
+            ["--at", "2017-08-30T03:00Z", "--site", "35,139,1e9"],
+            "elevation must lie within -10000..25000 metres",
+        ),
+        (["--at", "2017-08-30T03:00Z", "--site", "35,139,-1e9"], "elevation must lie within"),
         (["--at", "2500-01-01T00:00Z"], "1700..2250"),
         (["--at", "0001-01-01T00:00Z"], "1700..2250"),
     ],
@@ -57,3 +63,8 @@ def test_what_was_mistyped_is_said(words, told):
     done = run(*PAPER, *words)
     assert done.exit_code == 2
     assert told in done.stderr
+
+
+def test_a_longitude_counted_to_360_is_the_same_place():
+    assert parse_site("37.7,254.08").longitude_deg == pytest.approx(-105.92)
+    assert parse_site("37.7,180").longitude_deg == 180.0

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from fieldkit.config.horizon import load_horizon, with_horizons
-from fieldkit.config.load import load_config
+from fieldkit.config.load import config_from_text, load_config
 from fieldkit.model.errors import ConfigError
 
 
@@ -33,7 +33,23 @@ def test_pairs_in_the_configuration_are_checked(tmp_path: Path) -> None:
     file = tmp_path / "fieldkit.toml"
     file.write_text(f"{site}[[0, 5], [90, 12.5]]\n", encoding="utf-8")
     assert load_config(file, environment={}).estimator_settings().horizon == ((0.0, 5.0), (90.0, 12.5))
-    for pairs in ("[[0, 95]]", "[[400, 5]]", "[[0]]", "3"):
+    elevation, azimuth = "a number above -90 and below 90", "a number from 0 to 360"
+    for pairs, words in (
+        ("[[0, 95]]", rf"\[0\]\[1\]: got 95, expected {elevation}"),
+        ("[[0, 5], [400, 5]]", rf"\[1\]\[0\]: got 400, expected {azimuth}"),
+        ("[[0]]", rf"\[0\]\[1\]: missing; expected {elevation}"),
+        ("[[0, 5, 1]]", r"\[0\]: got \[0, 5, 1\], expected a list of 2 values"),
+        ("3", ": got 3, expected a list"),
+        ("[[0, 5], [360, 7]]", ": every azimuth may stand once"),
+    ):
         file.write_text(f"{site}{pairs}\n", encoding="utf-8")
-        with pytest.raises(ConfigError, match=r"site\.horizon"):
+        with pytest.raises(ConfigError, match=rf"site\.horizon{words}"):
             load_config(file, environment={})
+
+
+def test_a_session_with_two_elevations_of_one_azimuth_still_opens() -> None:
+    site = "[site]\nlatitude_deg = 0.0\nlongitude_deg = 0.0\nhorizon = [[0, 5], [360, 7]]\n"
+    assert config_from_text(site, Path("session.h5")).estimator_settings().horizon == (
+        (0.0, 5.0),
+        (360.0, 7.0),
+    )

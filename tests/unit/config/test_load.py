@@ -71,6 +71,13 @@ def test_every_mistake_is_told_at_once_with_its_line(campaign):
     assert "expected a list of at least 3 values" in told[5]
 
 
+@pytest.mark.parametrize("year", ["0001", "1500", "1969", "9999"])
+def test_a_simulated_field_begins_in_years_that_a_session_can_hold(campaign, year):
+    (told,) = mistakes(campaign(SITE + f"[simulation]\nstart = {year}-01-01T12:00:00Z\n"))
+    assert "simulation.start: got" in told
+    assert "the year must lie within 1971..2250" in told
+
+
 def test_a_session_may_name_a_driver_that_is_not_installed_here(campaign):
     text = SITE + '[device.net]\ndriver = "of-another-package"\n'
     (told,) = mistakes(campaign(text))

@@ -6,6 +6,8 @@ import pytest
 from fieldkit.config import ConfigMistakesError, config_from_text, load_config
 from fieldkit.config.edit import change_region
 from fieldkit.config.pose import load_pose
+from fieldkit.config.trajectory import trajectory_from
+from fieldkit.model.errors import ConfigError
 from fieldkit.recording.campaign import open_campaign
 
 rasterio = pytest.importorskip("rasterio")
@@ -126,6 +128,7 @@ def test_corners_have_the_heights_of_a_dem_and_are_not_seen_behind_a_wall(tmp_pa
         (LENS + DOWN + 'dem = "dem.tif"', "", "either ground_m"),
         (LENS + 'trajectory = "none.csv"', "", "camera.pose: cannot read"),
         (LENS + 'trajectory = "run.csv"', "", "run.csv:3: its time is not after"),
+        (LENS + 'trajectory = "far.csv"', "", "far.csv:3: the year must lie within"),
         (LENS.replace("32613", "99999") + DOWN, REGION + CORNERS, "unknown coordinate reference system"),
         (LENS + DOWN.replace("-90.0", "20.0"), REGION + CORNERS, "does not see 499999,4171999"),
         (LENS + DOWN, REGION + CORNERS.replace("500001", "500051"), "does not see 500051,4171999"),
@@ -135,10 +138,18 @@ def test_corners_have_the_heights_of_a_dem_and_are_not_seen_behind_a_wall(tmp_pa
 )  # fmt: skip
 def test_a_bad_pose_and_corners_that_it_does_not_see_are_mistakes_of_their_key(tmp_path, pose, region, words):
     (tmp_path / "run.csv").write_text(RUN.replace("T20", "T18"))
+    (tmp_path / "far.csv").write_text(RUN.replace("2016-01-01T20", "3000-01-01T20"))
     with pytest.raises(ConfigMistakesError) as error:
         loaded(campaign(tmp_path, pose, region))
     assert words in error.value.message
     assert len(error.value.mistakes) == 1
+
+
+@pytest.mark.parametrize("time", ["Infinity", "1e30", "-1e11", "NaN"])
+def test_a_pose_of_no_time_that_a_session_can_hold_is_named_with_its_line(time):
+    text = f"0 1 2 3 0 0 0 1\n{time} 1 2 3 0 0 0 1\n"
+    with pytest.raises(ConfigError, match=r"run\.tum:2: "):
+        trajectory_from(text, "run.tum")
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from fieldkit.model.site import Region, RegionKind
+from fieldkit.model.errors import ConfigError
+from fieldkit.model.site import Region, RegionKind, as_site
 
 RIGHT_TRIANGLE = ((0.0, 0.0), (30.0, 0.0), (0.0, 40.0))
 CORNER_PIECE = ((0.0, 0.0), (20.0, 0.0), (20.0, 10.0), (10.0, 10.0), (10.0, 20.0), (0.0, 20.0))
@@ -58,3 +59,9 @@ def test_what_has_no_inside_does_not_shrink(corners: tuple[tuple[float, float], 
 )
 def test_an_outline_that_crosses_itself_is_seen(corners, crosses):
     assert Region("b", RegionKind.TARGET, tuple(corners)).crosses_itself is crosses
+
+
+@pytest.mark.parametrize("place", [(91.0, 0.0), (0.0, 200.0), (0.0, 0.0, 1e9), (0.0, 0.0, float("nan"))])
+def test_numbers_of_no_place_are_no_site(place: tuple[float, ...]) -> None:
+    with pytest.raises(ConfigError, match="is not a site"):
+        as_site(place)

@@ -7,6 +7,7 @@ import re
 import shutil
 from dataclasses import replace
 from datetime import date, datetime
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -77,6 +78,31 @@ def test_settings_are_values_by_key_or_key_value_texts(sessions):
     assert by_key.tilt_deg.equals(as_text.tilt_deg)
     assert settings_from("surface.albedo=0.4") == ["surface.albedo=0.4"]
     assert not by_key.tilt_deg.equals(slope_map(sessions[0], "all").to_xarray().tilt_deg)
+
+
+def test_numbers_of_numpy_paths_and_tables_are_values_of_settings():
+    values = {
+        "albedo": np.float32(0.25),
+        "estimator.min_minutes": np.int64(7),
+        "refraction": np.bool_(True),
+        "site.horizon": np.array([[0, 5], [90, 7]]),
+        "camera.pose": Path("poses/a.toml"),
+        "measures": {"sun": "ghi"},
+    }
+    assert settings_from(values) == [
+        "surface.albedo=0.25",
+        "estimator.min_minutes=7",
+        "estimator.refraction=true",
+        "site.horizon=[[0, 5], [90, 7]]",
+        'camera.pose="poses/a.toml"',
+        'irradiance.measures={sun = "ghi"}',
+    ]
+
+
+@pytest.mark.parametrize("value", [None, {1, 2}, b"x", object()])
+def test_a_value_that_no_setting_can_have_is_named_with_its_key(value):
+    with pytest.raises(ConfigError, match="albedo: TOML has no form"):
+        settings_from({"albedo": value})
 
 
 def test_a_session_and_its_file_give_the_same(sessions, tmp_path):

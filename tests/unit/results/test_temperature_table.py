@@ -160,6 +160,23 @@ def test_two_rows_are_too_few_and_say_so(table):
         ("time,reference_k,irradiance_w_m2\n", "one NAME_k"),
         (CASE_1.splitlines()[0], "no rows"),
         (CASE_1.replace("+09:00", ""), "line 2: time '2017-08-30T12:00:00' is not ISO 8601 with a zone"),
+        (
+            CASE_1.replace("2017-08-30", "1500-08-30"),
+            "line 2: time '1500-08-30T12:00:00+09:00': the year must lie",
+        ),
+        (
+            CASE_1.replace("2017-08-30", "3000-08-30"),
+            "line 2: time '3000-08-30T12:00:00+09:00': the year must lie",
+        ),
+        (
+            CASE_1.replace("bed_k", "reference_k"),
+            "the columns reference_k and reference_k are of the same quantity",
+        ),
+        (
+            CASE_1.replace("bed_k", "reference_c"),
+            "the columns reference_k and reference_c are of the same quantity",
+        ),
+        (CASE_1.replace("bed_k", "bed_k,bed_k"), "the columns bed_k and bed_k are of the same quantity"),
         (CASE_1.replace("322.50984", "warm"), "line 3: reference_k 'warm' is not a number"),
     ],
 )
@@ -170,8 +187,9 @@ def test_what_is_wrong_with_a_table_is_said_with_its_line(table, text, complaint
 
 
 def test_a_file_that_is_not_there_is_a_config_error(tmp_path):
-    with pytest.raises(ConfigError, match="cannot be read"):
+    with pytest.raises(ConfigError, match="cannot read") as caught:
         read_table(tmp_path / "nothing.csv")
+    assert caught.value.fix
 
 
 def test_a_table_that_runs_into_the_night_ends_with_its_last_sun(table):

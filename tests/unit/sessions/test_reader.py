@@ -80,6 +80,27 @@ def test_a_recording_that_has_just_begun_is_waited_for(path: Path, tmp_path: Pat
     lock.release()
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "read"),
+    [
+        ("entry/start_time", None, lambda session: session.identity),
+        ("entry/start_time", b"\xff\xfe", lambda session: session.identity),
+        ("config/packages", None, lambda session: session.provenance),
+        ("time_map/add_ns", None, lambda session: session.time_map()),
+    ],
+)
+def test_what_another_program_took_from_a_header_is_named_with_the_next_step(
+    path: Path, name: str, value: bytes | None, read: Callable[[SessionReader], object]
+) -> None:
+    with h5py.File(path, "r+") as file:
+        del file[name]
+        if value is not None:
+            file[name] = value
+    with open_session(path) as session, pytest.raises(SessionError, match=r"field\.h5 is damaged") as error:
+        read(session)
+    assert "recover" in (error.value.fix or "")
+
+
 def test_other_hdf5_files_are_refused(tmp_path: Path) -> None:
     for name, libver in (("old.h5", "earliest"), ("new.h5", LIBVER)):
         with h5py.File(tmp_path / name, "w", libver=libver) as file:
