@@ -123,7 +123,7 @@ def test_a_gitignore_that_is_there_is_kept(init, tmp_path):
     ("arguments", "code", "said"),
     [
         (("--site", "35,139", "--zone", "Asia/Tokio"), 3, "did you mean Asia/Tokyo?"),
-        (("--site", "35,400"), 3, "from -180 to 180"),
+        (("--site", "35,400"), 2, "longitude within -180..180"),
         (("--zone", "Asia/Tokyo"), 2, "needs --site"),
         (("--simulated", "--site", "35,139"), 2, "brings its own site"),
     ],
