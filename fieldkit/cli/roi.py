@@ -119,8 +119,7 @@ def add(
         **_known(properties),
     )
     region, sent = change_regions(file, added)
-    _print_change(file, {"region": region}, f"region {name} added to {file}", sent)
-    _report_issues(file, name)
+    _print_change(file, name, {"region": region}, "added to", sent)
 
 
 def _on_frame(file: Path, pose: Path, corners: list[Point]) -> list[Point]:
@@ -196,8 +195,7 @@ def edit(name: str, shrink: float | None, **properties: float | str | None) -> N
         raise click.UsageError("give what to change: --shrink, --tilt, --azimuth, --emissivity or --offset")
     file = campaign_file()
     changes, sent = change_regions(file, partial(edit_region, name=name, shrink_px=shrink, **known))
-    _print_change(file, {"region": {"name": name, **changes}}, f"region {name} changed in {file}", sent)
-    _report_issues(file, name)
+    _print_change(file, name, {"region": {"name": name, **changes}}, "changed in", sent)
 
 
 @command.command("remove")
@@ -209,7 +207,7 @@ def remove(name: str) -> None:
 
     file = campaign_file()
     _, sent = change_regions(file, partial(remove_region, name=name))
-    _print_change(file, {"removed": name}, f"region {name} removed from {file}", sent)
+    _print_change(file, name, {"removed": name}, "removed from", sent)
 
 
 @command.command("list")
@@ -256,11 +254,14 @@ def check(ctx: click.Context, session: Path | None) -> None:
     ctx.exit(ConfigError.exit_code if failed else 0)
 
 
-def _print_change(file: Path, changed: Mapping[str, Any], words: str, sent: SentRequest | None) -> None:
+def _print_change(
+    file: Path, name: str, changed: Mapping[str, Any], how: str, sent: SentRequest | None
+) -> None:
     if options().json:
         print_json({"config": str(file), **changed, **_request(sent)})
-    say(words)
+    say(f"region {name} {how} {file}")
     _say_sent(sent)
+    _report_issues(file, name)
 
 
 def _request(sent: SentRequest | None) -> dict[str, str]:
@@ -282,12 +283,13 @@ def _known(properties: Mapping[str, float | str | None]) -> dict[str, Any]:
 
 
 def _report_issues(file: Path, name: str) -> None:
-    """Print at once why the region cannot be used as it is now."""
-    from fieldkit.config import read_config
-    from fieldkit.recording.regions import inspect_regions
+    """Print at once why the region, or the regions together, cannot be used as they are now."""
+    from fieldkit.recording.regions import inspect_regions, read_regions
 
-    config, _ = read_config(file)
-    for inspection in inspect_regions(config) if config else ():
+    config, mistakes = read_regions(file)
+    for mistake in mistakes:
+        say_warning(mistake)
+    for inspection in inspect_regions(config):
         if inspection.region.name == name and inspection.level != "ok":
             issues = "; ".join(inspection.failures + inspection.warnings)
             say(f"  {name}: {inspection.pixels} px; {issues}; see fieldkit roi check")

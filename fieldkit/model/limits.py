@@ -11,6 +11,7 @@ physically possible limits; WMO the World Weather and Climate Extremes Archive.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -40,7 +41,7 @@ EFFICACY_LM_W = 120.0
 class Limit(NamedTuple):
     """Least and greatest value of a quantity in K, W/m2, lx or m/s.
 
-    Sunlight on level ground also depends on the sun: at a sine `s` of its elevation no more than
+    Sunlight also depends on the sun: at a sine `s` of its elevation no more than
     ``by_sun[0] * max(s, 0)**1.2 + by_sun[1]``.
     """
 
@@ -56,6 +57,10 @@ def _sunlight(share: float, offset_w_m2: float) -> Limit:
 
 
 _GLOBAL = _sunlight(1.5, 100.0)  # with light from the edges of clouds; BSRN
+_BEAM = (SUN_W_M2 / math.sin(math.radians(0.5)) ** 1.2, 100.0)
+"""All of the sun's light from half a degree on; a summit sees it, weak, two degrees below the horizontal."""
+_ILLUMINANCE = (EFFICACY_LM_W * _BEAM[0], EFFICACY_LM_W * _BEAM[1])
+"""The same for a meter, which may face the sun."""
 _HOTTEST_K = 440.0
 """A black surface that only radiates, under all that sun and sky give: (1408 + 700) W/m2 / sigma, 439 K."""
 
@@ -63,8 +68,8 @@ LIMITS: Mapping[str, Limit] = {
     "air_temperature": Limit(183.9, 350.0),  # -89.2 degC, Vostok 1983, WMO; 350 K, BSRN: housings in the sun
     "probe_temperature": Limit(175.0, _HOTTEST_K),  # -98 degC, Scambos et al., Geophys. Res. Lett. 45, 2018
     "surface_temperature": Limit(175.0, _HOTTEST_K),
-    "illuminance": Limit(0.0, EFFICACY_LM_W * _GLOBAL.high),
-    "dni": Limit(ZERO_OFFSET_W_M2, SUN_W_M2),  # BSRN
+    "illuminance": Limit(0.0, EFFICACY_LM_W * _GLOBAL.high, _ILLUMINANCE),
+    "dni": Limit(ZERO_OFFSET_W_M2, SUN_W_M2, _BEAM),  # BSRN, and none from a sun that is down
     "ghi": _GLOBAL,
     "gti": _GLOBAL._replace(by_sun=None),  # the plane may face a sun that is low
     "dhi": _sunlight(0.95, 50.0),  # BSRN
@@ -190,7 +195,10 @@ class Excess:
         count = f"{self.count} implausible {'value' if self.count == 1 else 'values'}"
         low, high = self.limit
         value = f"{self.value:.6g} {self.unit}".rstrip()
-        return f"{self.channel}: {count}, the first {value} at {where}; possible: {low:.4g} to {high:.4g}"
+        possible = f"possible: {low:.4g} to {high:.4g}"
+        if low <= self.value <= high:
+            possible = "more than the sun gives at its height then; are place and time right?"
+        return f"{self.channel}: {count}, the first {value} at {where}; {possible}"
 
 
 def excesses(

@@ -164,6 +164,12 @@ def test_a_region_is_removed(roi, tmp_path):
     assert roi("remove", "flat").exit_code == 3
 
 
+def test_what_is_missing_of_the_regions_together_is_reported_with_each_change(roi):
+    assert "no reference" in roi("add", "b15", "--rect", "82,30,32,61").stderr
+    assert not roi("add", "flat", "--reference", "--rect", "6,30,32,61").stderr.count("warning")
+    assert "no reference" in roi("remove", "flat").stderr
+
+
 def test_a_region_is_changed_and_the_file_keeps_its_comments(roi, tmp_path):
     roi("add", "b15", "--reference", "--rect", "82,30,32,61", "--tilt", "15", "--azimuth", "180")
     file = tmp_path / "fieldkit.toml"

@@ -165,6 +165,13 @@ def test_a_dem_that_holds_no_heights_in_the_poses_system_says_what_to_do(tmp_pat
     assert re.search(words, f"{error.value.message} {error.value.fix}")
 
 
+def test_a_tile_that_ends_at_the_place_gives_no_level_horizon(tmp_path):
+    """On its western edge nothing is known of the ground to the west, which may be a mountain."""
+    write_dem(tmp_path / "dem.tif", np.zeros((120, 220)), west=354500.0, north=3936260.0)
+    with pytest.raises(ConfigError, match=r"no heights beyond the place at azimuths \d+° to \d+°"):
+        horizon_from_dem(tmp_path / "dem.tif", "EPSG:32654", 354500.5, 3936200.5)
+
+
 def test_a_wall_in_feet_is_as_high_for_every_reader(tmp_path):
     """20 m high from 97.5 m to the east on: 11.6 degrees, where 65.6 taken for metres gave 34."""
     band = np.zeros((120, 220))

@@ -8,6 +8,9 @@ import pytest
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.limits import bounds_of, excesses, flagged, labels_of, rows_of
 from fieldkit.model.samples import Frame, Quality, Reading
+from fieldkit.model.site import Site
+from fieldkit.physics.sun import sun_vectors
+from fieldkit.weather import packaged
 
 STREAMS = {
     "air": StreamInfo("logger", "temperature", "K", (1,), channels=("air",)),
@@ -88,6 +91,24 @@ def test_light_of_level_ground_is_limited_by_the_height_of_the_sun() -> None:
     assert exceeds("ghi", 120.0, -0.3)  # at night
     assert not exceeds("gti", 900.0, 0.2)  # a plane that faces the low sun
     assert not exceeds("dni", 900.0, 0.2)
+
+
+def test_no_beam_comes_from_a_sun_that_is_down() -> None:
+    """Alamosa, 2016-01-01, from before sunrise to after sunset: what SURFRAD measured is possible."""
+    weather = packaged()
+    site = Site(37.6969, -105.9231, 2317.0)  # of the station's file
+    sine = sun_vectors(weather.time_ns, site)[:, 2]
+    assert sine.min() < -0.05 < 0.45 < sine.max()
+    assert not bounds_of(STREAMS["dni"]).exceeded(weather.dni_w_m2[:, np.newaxis], sine).any()
+    for name, value in (("dni", 300.0), ("lux", 30_000.0)):  # as where the clock is off by half a day
+        assert exceeds(name, value, -0.3)
+        assert not exceeds(name, value, 0.02)
+    bounds = bounds_of(STREAMS["dni"])
+    values = np.array([[300.0]])
+    (found,) = excesses(labels_of(STREAMS["dni"]), bounds, values, bounds.exceeded(values, -0.3))
+    assert found.words("row 1").endswith(
+        "more than the sun gives at its height then; are place and time right?"
+    )
 
 
 def test_a_stream_of_degrees_celsius_has_the_same_limits() -> None:

@@ -272,6 +272,16 @@ def test_a_cell_that_cannot_be_is_as_an_empty_one_and_is_named_by_its_line(table
     assert len(told) == 1
 
 
+def test_light_of_a_table_in_another_zone_is_refused_and_said(table):
+    """Stamps of UTC taken for those of Japan: the sun is down in half of its rows, or never so high."""
+    told: list[str] = []
+    path = table(CASE_1.replace("+09:00", "-03:00"))
+    (bed,) = estimate_tables([path], SITE, settings=["estimator.model=paper"], notify=told.append)
+    assert bed.state is SlopeState.LOW_SUN or bed.state is SlopeState.NO_DATA
+    assert "irradiance_w_m2: 4 implausible values" in told[0]
+    assert "are place and time right?" in told[0]
+
+
 def test_a_hot_plate_is_possible_where_the_limits_say_so(table):
     hot = CASE_1.replace("325.23205", "455.0")
     told: list[str] = []
