@@ -29,7 +29,7 @@ from benchmarks.estimation_learned import (
 )
 from fieldkit.model.confidence import CONFIDENCE, interval_sds
 from fieldkit.physics.facet import FloatArray
-from fieldkit.views.plotting import colour, dashes, legend, panels, svg
+from fieldkit.views.plotting import legend, line, panels, svg
 
 DOCS = Path(__file__).parent
 PAGE, FIGURE = DOCS / "explanation" / "trust.md", DOCS / "images" / "reliability.svg"
@@ -86,7 +86,7 @@ def diagram(found: Found) -> Figure:
         scenario, worlds = found[name]
         errors = [one.scaled_error for cell in scenario.cells for one in estimates(worlds, "learned", cell)]
         shares = np.mean(np.array(errors)[:, np.newaxis] <= limits, axis=0)
-        axes.plot(100.0 * PROBABILITIES, 100.0 * shares, color=colour(number), ls=dashes(number), label=name)
+        axes.plot(100.0 * PROBABILITIES, 100.0 * shares, **line(number, name))
     axes.set(xlabel="stated probability of the region, %", ylabel="regions that hold the tilt, %")
     legend(axes)
     return figure

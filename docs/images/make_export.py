@@ -7,7 +7,7 @@ from demo_day import DemoDay, command_svg
 from matplotlib.figure import Figure
 
 from fieldkit.model.units import CELSIUS_ZERO_K
-from fieldkit.views.plotting import colour, dashes, legend, panels, svg
+from fieldkit.views.plotting import legend, line, panels, svg
 
 IMAGES = ("export.svg", "terminal-import.svg")
 
@@ -33,7 +33,7 @@ def temperatures(table: pd.DataFrame) -> Figure:
             pd.to_datetime(rows["time"]) - pd.to_datetime(table["time"].iloc[0])
         ).dt.total_seconds() / 3600
         celsius = rows["temperature [K]"] - CELSIUS_ZERO_K
-        axes.plot(hours, celsius, color=colour(number), ls=dashes(number), label=str(region))
+        axes.plot(hours, celsius, **line(number, str(region)))
     axes.set(xlabel="hours of the session", ylabel="temperature, °C")
     legend(axes)
     return figure

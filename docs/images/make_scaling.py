@@ -9,7 +9,7 @@ from demo_day import DemoDay
 from matplotlib.figure import Figure
 
 from benchmarks.scaling import Growth, growths
-from fieldkit.views.plotting import colour, dashes, legend, marker, panels, svg
+from fieldkit.views.plotting import legend, line, marks, panels, svg
 
 IMAGES = ("scaling.svg",)
 
@@ -29,8 +29,8 @@ def diagram(found: Sequence[Growth]) -> Figure:
     for number, growth in enumerate(found):
         sizes, seconds = np.array(growth.sizes), np.array(growth.seconds)
         label = f"{growth.row.id}, from {sizes[0]}"
-        style = {"color": colour(number), "ls": dashes(number), "marker": marker(number)}
-        axes.loglog(sizes / sizes[0], seconds / seconds[0], label=label, **style)
+        style = line(number, label) | marks(number, label)
+        axes.loglog(sizes / sizes[0], seconds / seconds[0], **style)
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_formatter("{x:g}")
         axis.set_minor_formatter("")

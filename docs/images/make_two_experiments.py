@@ -18,7 +18,7 @@ from fieldkit.simulation.facets import GROUND
 from fieldkit.simulation.scene import ALAMOSA_NOON_NS, BEDS
 from fieldkit.simulation.scene_series import EXCHANGE, SceneModel, SceneSeries
 from fieldkit.simulation.sky import MeasuredSky
-from fieldkit.views.plotting import colour, dashes, legend, panels, svg
+from fieldkit.views.plotting import legend, line, panels, svg
 from fieldkit.weather import packaged
 
 IMAGES = ("shade-test.svg", "after-sunset.svg")
@@ -41,7 +41,7 @@ def temperatures(scene: SceneSeries, hours: NDArray[np.float64]) -> Figure:
     surface = scene.rows[6 : 6 + len(BEDS)]
     for number, (bed, kelvin) in enumerate(zip(BEDS, surface, strict=True)):
         celsius = np.interp(3600.0 * hours + NOON_S, scene.time_s, kelvin) - CELSIUS_ZERO_K
-        axes.plot(12.0 + hours, celsius, color=colour(number), ls=dashes(number), label=bed.name)
+        axes.plot(12.0 + hours, celsius, **line(number, bed.name))
     ticks = np.linspace(hours[0], hours[-1], 5)
     axes.set_xticks(12.0 + ticks, [f"{12 + int(at)}:{round(at % 1 * 60):02d}" for at in ticks])
     axes.set_ylabel("surface temperature, °C")
