@@ -411,9 +411,10 @@ class _Group:
         """The measurement that would narrow a tilt most, known to `half_deg`."""
         found, name = self._moments, f"tilt{index}"
         sd = found.sd(name)
+        stated = f"with prior.longwave_sd_w_m2 = {LONGWAVE_MEASURED_SD_W_M2:g}"
         offers = {
             "an air temperature logged in the shade": found.sd_if_known(name, "air", AIR_LOGGED_SD_K),
-            "a pyrgeometer": found.sd_if_known(name, "longwave", LONGWAVE_MEASURED_SD_W_M2),
+            f"a pyrgeometer {stated}": found.sd_if_known(name, "longwave", LONGWAVE_MEASURED_SD_W_M2),
             "the depth of the sand": found.sd_if_known(name, "depth", DEPTH_MEASURED_SD),
         }
         for other in range(self._targets.size):

@@ -36,8 +36,9 @@ class Prior:
     wind_w_m2_k_per_m_s, wind_sd_w_m2_k_per_m_s
         Heat exchange by the logged wind. [W m-2 K-1 per m/s]
     longwave_sd_w_m2
-        Of longwave that is stated, not measured: formulas from air temperature and humidity scatter by 20 to
-        30 W/m2 under all skies (Flerchinger et al. 2009, doi:10.1029/2008WR007394). [W/m2]
+        Of longwave, also where it is logged: formulas from air temperature and humidity scatter by 20 to
+        30 W/m2 under all skies (Flerchinger et al. 2009, doi:10.1029/2008WR007394); with a pyrgeometer state
+        10. [W/m2]
     air_sd_k, air_unlogged_sd_k
         Of the air temperature at the beds: logged by a shaded thermometer nearby, or unknown, within the
         daily range. [K]
@@ -105,7 +106,7 @@ class Prior:
     wind_w_m2_k_per_m_s: float = key(1.8, "heat exchange by the logged wind: measured ground", gt=0)
     wind_sd_w_m2_k_per_m_s: float = key(1.0, "of wind_w_m2_k_per_m_s", gt=0)
     longwave_sd_w_m2: float = key(
-        30.0, "of longwave that is not measured (Flerchinger et al. 2009: 20 to 30)", gt=0
+        30.0, "of longwave, by formulas 20 to 30 (Flerchinger et al. 2009); 10 with a pyrgeometer", gt=0
     )
     air_sd_k: float = key(0.7, "of a logged air temperature, at the beds", gt=0)
     air_unlogged_sd_k: float = key(8.0, "of an air temperature that is not logged: the daily range", gt=0)
