@@ -36,13 +36,14 @@ from fieldkit.config.validation import (
     explain,
     repeated_azimuths,
     unknown_drivers,
+    unknown_foil,
 )
 from fieldkit.model.errors import ConfigError
 
 SET = "--set "
 log: logging.Logger = logging.getLogger(__name__)
 ENVIRONMENT = "FIELDKIT_"
-OF_CAMPAIGNS = (unknown_drivers, crossed_outlines, repeated_azimuths)
+OF_CAMPAIGNS = (unknown_drivers, crossed_outlines, repeated_azimuths, unknown_foil)
 """Checks of a campaign's file that the configuration in a session need not pass."""
 
 

@@ -214,6 +214,14 @@ def repeated_azimuths(document: Mapping[str, Any]) -> Iterator[Mistake]:
             yield Mistake((*path, "horizon"), "every azimuth may stand once (0 and 360 are the same)")
 
 
+def unknown_foil(document: Mapping[str, Any]) -> Iterator[Mistake]:
+    """A simulated foil on no region: it may have been removed since an old session, not in a campaign."""
+    foil = table_in(document, "simulation").get("foil")
+    names = [str(region.get("name")) for _, region in regions_in(document)]
+    if foil and foil not in names:
+        yield Mistake(("simulation", "foil"), f"there is no region {foil!r}, only {', '.join(names)}")
+
+
 def outline(points: Any) -> list[tuple[float, float]] | None:
     """The corners of a region as pairs, or None if they are not at least three pairs of numbers."""
     if not isinstance(points, list) or len(points) < 3:

@@ -135,14 +135,17 @@ def report(
     if not paths:
         raise ConfigError("no sessions to report", fix="give a session, its file, or several")
     target = None if out is None else Path(out)
-    pdf = target if target is not None and target.suffix == ".pdf" else None
+    kind = ".html" if target is None else target.suffix.lower()
+    if kind not in (".html", ".pdf", ".png"):
+        raise ConfigError(f"{target}: a report is HTML, PDF or an image", fix="-o FILE.html, .pdf or .png")
+    pdf = target if kind == ".pdf" else None
     page = target if pdf is None else pdf.with_suffix(".html")
     if pdf is not None:
         require_weasyprint()
     failures: dict[Path, FieldkitError] = {}
-    if len(paths) > 1 and page is not None and page.suffix == ".png":
+    if len(paths) > 1 and kind == ".png":
         raise ConfigError("an image is of one session", fix="name one session, or -o FILE.html")
-    if options.palette is not None and (target is None or target.suffix != ".png"):
+    if options.palette is not None and kind != ".png":
         raise ConfigError("--palette is for an image", fix="-o FILE.png, or omit --palette")
     if len(paths) == 1:
         written = _report_session(paths[0], page, options, notify)
@@ -163,7 +166,7 @@ def _report_session(
         config = config_for(session, options.settings, present=options.present)
         known = SessionMinutes(session, config, present=options.present)
         notify_damage(session, notify, known.measured.damaged)
-        if out.suffix == ".png":
+        if out.suffix.lower() == ".png":
             image = _image(session, known, options, notify)
             with writing(out):
                 out.write_bytes(image)

@@ -98,6 +98,9 @@ def test_one_image_for_a_slide_has_frames_map_and_slopes(session, tmp_path):
     refused = fieldkit("report", session, session, "-o", tmp_path / "two.png")
     assert refused.exit_code == 3
     assert "an image is of one session" in refused.stderr
+    refused = fieldkit("report", session, "-o", tmp_path / "day.docx")
+    assert refused.exit_code == 3
+    assert "HTML, PDF or an image" in refused.stderr
     refused = fieldkit("report", session, "-o", tmp_path / "day.html", "--palette", "white-hot")
     assert refused.exit_code == 3
     assert "--palette is for an image" in refused.stderr

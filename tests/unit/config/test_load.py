@@ -71,6 +71,11 @@ def test_every_mistake_is_told_at_once_with_its_line(campaign):
     assert "expected a list of at least 3 values" in told[5]
 
 
+def test_a_simulated_foil_lies_on_a_region(campaign):
+    (told,) = mistakes(campaign(SITE + '[simulation]\nfoil = "nobody"\n'))
+    assert "simulation.foil: there is no region 'nobody'" in told
+
+
 @pytest.mark.parametrize("year", ["0001", "1500", "1969", "9999"])
 def test_a_simulated_field_begins_in_years_that_a_session_can_hold(campaign, year):
     (told,) = mistakes(campaign(SITE + f"[simulation]\nstart = {year}-01-01T12:00:00Z\n"))
