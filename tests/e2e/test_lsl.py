@@ -11,6 +11,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -22,6 +23,7 @@ import fieldkit
 from fieldkit.config import FILE_NAME, load_config
 from fieldkit.config.template import SIMULATED
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.site import Site
 from fieldkit.model.slope import SLOPE_FIELDS
 from fieldkit.recording.campaign import create_campaign
 from fieldkit.recording.record import prepare
@@ -97,7 +99,6 @@ def test_readings_slopes_and_events_arrive_and_come_back_as_xdf(lsl: ModuleType,
         stored = session["lux"].readings()
         slopes = [one for one in session.estimates() if one.region == "b15"]
         events = {event.text for event in session.events()}
-        site = session.site
     came = listener.received["lux"]
     assert len(came) >= len(stored.values) - 1  # the first may come before the inlet
     assert [values for _, values in came] == stored.values[-len(came) :].tolist()
@@ -120,7 +121,9 @@ def test_readings_slopes_and_events_arrive_and_come_back_as_xdf(lsl: ModuleType,
             for number, name in enumerate(("lux", "region b15"), 1)
         ))
     )  # fmt: skip
-    made = fieldkit.import_recording(path, tmp_path / "day.h5", fieldkit.ImportOptions(site=site))
+    # a file of LabRecorder is of today, whatever day was simulated: a place where it is day now
+    noon = Site(0.0, 15.0 * (12 - datetime.now(UTC).hour))
+    made = fieldkit.import_recording(path, tmp_path / "day.h5", fieldkit.ImportOptions(site=noon))
     with made.open() as imported:
         assert imported["lux"].readings().values.tolist() == stored.values[-len(came) :].tolist()
         kelvin = imported["region-b15"].readings().values.ravel()
