@@ -95,7 +95,9 @@ class CommandGroup(click.Group):
     command_class = Command
 
 
-set_option = click.option(
+Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
+
+set_option: Decorator = click.option(
     "--set",
     "settings",
     multiple=True,
@@ -105,7 +107,7 @@ set_option = click.option(
 """``--set KEY=VALUE`` for commands that read the configuration; pass `settings` to `campaign`."""
 
 
-theme_option = click.option(
+theme_option: Decorator = click.option(
     "--theme",
     type=click.Choice(["dark", "paper"]),
     default="dark",
@@ -114,13 +116,10 @@ theme_option = click.option(
 """``--theme`` for commands with a live view."""
 
 
-present_option = click.option(
+present_option: Decorator = click.option(
     "--campaign", "present", is_flag=True, help="Use the campaign's fieldkit.toml as it is now, regions too."
 )
 """``--campaign`` for commands that estimate recorded sessions; pass `present` to `config_for`."""
-
-
-Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 
 def options_together(*single: Decorator) -> Decorator:
@@ -134,12 +133,12 @@ def options_together(*single: Decorator) -> Decorator:
     return decorated
 
 
-jobs_option = click.option(
+jobs_option: Decorator = click.option(
     "-j", "--jobs", type=click.IntRange(min=1), metavar="N", help="Processes [default: one for each core]."
 )
 
 
-workers_options = options_together(
+workers_options: Decorator = options_together(
     jobs_option,
     click.option(
         "--executor", "kind", type=click.Choice(["local", "dask"]), default="local", show_default=True,

@@ -188,8 +188,12 @@ class RegionSums:
 
     def __init__(self, regions: int) -> None:
         self.regions = regions
-        self.frames = self.offset_ns = 0
-        self.seen, self.samples, self.totals, self.squares = ([0] * regions for _ in range(4))
+        self.frames: int = 0
+        self.offset_ns: int = 0
+        self.seen: list[int] = [0] * regions
+        self.samples: list[int] = [0] * regions
+        self.totals: list[int] = [0] * regions
+        self.squares: list[int] = [0] * regions
 
     def add(self, sums: Sums, offset_ns: int) -> None:
         """Add one frame's sums over the regions, taken `offset_ns` after the minute's start."""

@@ -63,8 +63,8 @@ class KalmanBank:
     """Filters with `mean` (p, n) and `covariance` (p, n, n)."""
 
     def __init__(self, mean: FloatArray, covariance: FloatArray) -> None:
-        self.mean = mean
-        self.covariance = covariance
+        self.mean: FloatArray = mean
+        self.covariance: FloatArray = covariance
 
     def predict(self, transition: Transition, noise: FloatArray) -> None:
         """Move the states by a transition; `noise` (p, n) is the diagonal of Q."""

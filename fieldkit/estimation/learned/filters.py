@@ -80,7 +80,8 @@ class Filters(KalmanBank):
         self.noise: Noise = noise or Noise(settings.noise_k, OWN_K)
         mean = prior_mean(layout, settings, first, logged)
         covariance = prior_covariance(layout, settings, hypotheses, logged, self.noise)
-        self.mean, self.covariance = np.tile(mean, (len(covariance), 1)), covariance
+        self.mean: FloatArray = np.tile(mean, (len(covariance), 1))
+        self.covariance: FloatArray = covariance
         self.model: SurfaceModel = SurfaceModel(
             layout, hypotheses, settings, logged, mean if around is None else around, self.noise
         )
