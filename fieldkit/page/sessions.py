@@ -170,4 +170,5 @@ async def _fieldkit(*arguments: str) -> tuple[int, str, str]:
     finally:
         if process.returncode is None:
             process.kill()
+            await process.wait()  # or a page that ends would leave it and its pipes behind
     return process.returncode or 0, output.decode(errors="replace"), errors.decode(errors="replace")
