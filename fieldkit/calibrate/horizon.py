@@ -53,9 +53,9 @@ def horizon_from_dem(
     azimuths = np.arange(0.0, 360.0)
     on_grid = azimuths + grid.true_north_deg
     elevations = horizon_of_ground(ground, east_m, north_m, on_grid, nearest_m)
-    if (unknown := azimuths[np.isnan(elevations)]).size:
+    if unknown := int(np.isnan(elevations).sum()):
         raise ConfigError(
-            f"{dem} has no heights beyond the place at azimuths {unknown[0]:.0f}° to {unknown[-1]:.0f}°",
+            f"{dem} has no heights beyond the place in {unknown} of {azimuths.size} directions",
             fix="take a DEM that reaches around the place",
         )
     return list(zip(azimuths.tolist(), elevations.round(2).tolist(), strict=True))
