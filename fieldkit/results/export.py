@@ -116,20 +116,33 @@ def _refuse_unused(to: str, given: Mapping[str, object]) -> None:
 
 
 def _between_ns(session: SessionReader, begin: str | None, until: str | None) -> tuple[float, float]:
-    """Two times as people write them, in UTC nanoseconds; the session's end is now."""
-    end = formatting.local_time(session.end_ns, session.site)
-
-    def ns(text: str | None, otherwise: float) -> float:
-        if text is None:
-            return otherwise
-        when = parse_when(text, end)
-        moment = datetime.fromisoformat(when) if isinstance(when, str) else end + timedelta(seconds=when)
-        return round(moment.timestamp() * 1e6) * 1000
-
-    between = ns(begin, -math.inf), ns(until, math.inf)
-    if between[0] > between[1]:
+    """Two times as people write them, in UTC nanoseconds; `ConfigError` for one outside."""
+    first, last = (formatting.local_time(ns, session.site) for ns in (session.start_ns, session.end_ns))
+    start = first if begin is None else _moment(begin, first, last)
+    end = last if until is None else _moment(until, first, last)
+    if begin and until and start > end:
         raise ConfigError("the end lies before the start", fix="give the earlier time to --from")
-    return between
+    if start > last or end < first:
+        raise ConfigError(
+            f"no sample lies then: the session lasts from {first:%Y-%m-%d %X} to {last:%Y-%m-%d %X}",
+            fix="give --from and --until a time of the session",
+        )
+    return (
+        -math.inf if begin is None else round(start.timestamp() * 1e6) * 1000,
+        math.inf if until is None else round(end.timestamp() * 1e6) * 1000,
+    )
+
+
+def _moment(text: str, first: datetime, last: datetime) -> datetime:
+    """The moment of a time as people write it; 12:31 is that of the session, or the one nearest to it."""
+    found, next_day = (_from_end(text, end) for end in (last, last + timedelta(days=1)))
+    is_clock_time = ":" in text[:3]
+    return next_day if is_clock_time and first - found > next_day - last else found
+
+
+def _from_end(text: str, end: datetime) -> datetime:
+    when = parse_when(text, end)
+    return datetime.fromisoformat(when) if isinstance(when, str) else end + timedelta(seconds=when)
 
 
 def _written(

@@ -30,7 +30,7 @@ ROW = np.dtype(
         ("window_start_ns", "<i8"),
         ("region", "<i2"),
         ("state", "i1"),
-        ("flags", "<i4"),
+        ("flags", "<u4"),
         ("n_bins", "<i4"),
         ("model", "<i4"),
         ("reason", "<i4"),

@@ -16,6 +16,7 @@ from datetime import datetime
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fieldkit.config.files import read_text
 from fieldkit.estimation.table import TemperatureTable
@@ -51,9 +52,7 @@ def read_table(path: Path, *, needs_reference: bool = True) -> TemperatureTable:
         name: _column(path, rows, column)[order] + zero for name, (column, zero) in temperatures.items()
     }
     others = {name: _column(path, rows, name)[order] for name in OTHER_COLUMNS if name in names}
-    flags = np.zeros(0, np.int64)
-    if "flags" in names:
-        flags = np.nan_to_num(_column(path, rows, "flags")).astype(np.int64)[order]
+    flags = _flags(path, rows)[order] if "flags" in names else np.zeros(0, np.int64)
     reference = kelvin.pop("reference", np.full(times.size, np.nan))
     air_k = kelvin.pop("air", None)
     lines = np.array([line for line, _ in rows], np.int64)[order]
@@ -137,3 +136,16 @@ def _column(path: Path, rows: Sequence[tuple[int, Row]], name: str) -> FloatArra
             message = f"{path}, line {line}: {name} '{cell}' is not a number"
             raise ConfigError(message, fix="leave a missing value empty") from error
     return values
+
+
+def _flags(path: Path, rows: Sequence[tuple[int, Row]]) -> NDArray[np.int64]:
+    """Flags of the rows, 0 for an empty cell."""
+    values = np.nan_to_num(_column(path, rows, "flags"))
+    wrong = np.flatnonzero((values % 1.0 != 0.0) | (values < 0.0) | (values >= 2.0**32))
+    if wrong.size:
+        line, row = rows[wrong[0]]
+        raise ConfigError(
+            f"{path}, line {line}: flags '{(row['flags'] or '').strip()}' is not a sum of flags",
+            fix="add the values of Quality, such as 2048 for shaded, or leave the cell empty",
+        )
+    return values.astype(np.int64)

@@ -272,14 +272,34 @@ def test_frames_of_a_span_are_exported(campaign: Path, tmp_path: Path) -> None:
     spans = {
         "late": ("--from", after.isoformat()),
         "early": ("--until", after.isoformat()),
-        "no": ("--until", "-1h"),
+        # clock times of the session's day, as near to it as they can be
+        "whole": ("--from", clock_time(times[0], -1), "--until", clock_time(times[0], 1)),
     }
     for name, span in spans.items():
         assert run(export, path, "--to", "png", "-o", tmp_path / name, *span).exit_code == 0
     written = {name: len(list((tmp_path / name).glob("*.png"))) for name in spans}
-    assert written == {"late": 10, "early": 10, "no": 0}
+    assert written == {"late": 10, "early": 10, "whole": 20}
     turned = run(export, path, "--to", "png", "--from", "-1s", "--until", "-5s")
     assert "the end lies before the start" in str(turned.exception)
+
+
+def clock_time(moment: datetime, hours: float) -> str:
+    """What clocks in Greenwich show so many hours later."""
+    return f"{moment + timedelta(hours=hours):%H:%M}+00:00"
+
+
+@pytest.mark.parametrize(
+    ("option", "hours"), [("--from", 1), ("--from", 11), ("--until", -1), ("--until", -11)]
+)
+def test_a_span_outside_the_session_is_refused(
+    campaign: Path, tmp_path: Path, option: str, hours: float
+) -> None:
+    path = campaign / "recordings" / "20261211T025512Z-a.h5"
+    with open_session(path) as session:
+        first = datetime.fromtimestamp(session.start_ns / 1e9, UTC)
+    done = run(export, path, "--to", "png", "-o", tmp_path / "none", option, clock_time(first, hours))
+    assert "no sample lies then: the session lasts from" in str(done.exception)
+    assert not (tmp_path / "none").exists()
 
 
 def test_session_of_which_only_the_journal_is_left_is_offered_too(campaign: Path) -> None:

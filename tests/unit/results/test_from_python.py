@@ -15,7 +15,9 @@ import pytest
 import fieldkit
 from fieldkit.model.clock import utc_ns
 from fieldkit.model.errors import ConfigError
-from fieldkit.model.site import Site
+from fieldkit.model.samples import Quality
+from fieldkit.model.site import Region, RegionKind, Site
+from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.model.units import SECOND_NS
 from fieldkit.recording.plan import PlanOptions, plan
 from fieldkit.results import minutes as minutes_service
@@ -24,12 +26,20 @@ from fieldkit.results.describe import describe
 from fieldkit.results.estimate import estimate
 from fieldkit.results.report import report
 from fieldkit.results.session import open_session
-from fieldkit.results.session_estimates import LearntSeries
+from fieldkit.results.session_estimates import Estimates, LearntSeries
 from fieldkit.results.slope_map import slope_map
 from fieldkit.results.sources import settings_from
 from fieldkit.sessions.finished_file import apply_time_map
 from fieldkit.sessions.time_map import TimeStep
 from tests.harness.learnt import learnt
+
+
+def test_an_estimate_keeps_all_32_flags_as_a_file_may_state_them():
+    every, bed = Quality(2**32 - 1), Region("bed", RegionKind.TARGET, ((0.0, 0.0),))
+    measured = {"temperature_k": np.nan, "irradiance_w_m2": np.nan}
+    found = SlopeEstimate(0, "bed", SlopeState.NO_DATA, flags=every)
+    estimates = Estimates.of([found], measured, (bed,))
+    assert estimates["bed"].flags == every
 
 
 def test_estimates_are_found_by_region_and_changed_by_parameters(sessions):

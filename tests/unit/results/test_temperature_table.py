@@ -141,9 +141,18 @@ def test_flagged_and_empty_cells_are_left_out(table):
     flagged = [lines[0] + ",flags", *(line + ",0" for line in lines[1:])]
     flagged.append("2017-08-30T14:30:00+09:00,318.0,340.0,800,32")
     flagged.append("2017-08-30T14:40:00+09:00,,340.0,800,")
+    flagged.append(f"2017-08-30T14:50:00+09:00,318.0,340.0,800,{2**32 - 1}")
     (bed,) = slopes_of(table("\n".join(flagged)), SITE, WHOLE)
     assert bed.tilt_deg == pytest.approx(10.0, abs=0.001)
     assert bed.n_bins == 4
+
+
+@pytest.mark.parametrize("flags", ["-1", "0.5", "4294967296", "inf"])
+def test_flags_that_are_no_flags_are_refused_with_their_line(table, flags):
+    lines = CASE_1.splitlines()
+    flagged = [lines[0] + ",flags", lines[1] + ",32", *(f"{line},{flags}" for line in lines[2:])]
+    with pytest.raises(ConfigError, match=f"line 3: flags '{flags}' is not a sum of flags"):
+        read_table(table("\n".join(flagged)))
 
 
 def test_two_rows_are_too_few_and_say_so(table):
