@@ -19,7 +19,7 @@ from fieldkit.cli.common import (
     print_table,
     say,
 )
-from fieldkit.cli.types import DAY, FACET, HOUR, NEW_FILE, NUMBER, SITE, ZONE, NumberRange, minutes
+from fieldkit.cli.types import DAY, FACET, HOUR, NEW_FILE, SITE, ZONE, NumberRange, minutes
 from fieldkit.model.site import Site, with_zone
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     "--facet", "facets", type=FACET, multiple=True, help="A region's slope [default: the campaign's targets]."
 )
 @click.option(
-    "--dni", "dni_w_m2", type=NumberRange(1.0), default=800.0, show_default=True,
+    "--dni", "dni_w_m2", type=NumberRange(1.0, 1408.0), default=800.0, show_default=True,
     help="Direct normal irradiance assumed over the day, W/m².",
 )  # fmt: skip
 @click.option(
@@ -62,7 +62,10 @@ if TYPE_CHECKING:
     "--window", "window_min", type=minutes(3, 360), default="20m", show_default=True,
     help="Length of the best window.",
 )  # fmt: skip
-@click.option("--air-c", type=NUMBER, default=15.0, show_default=True, help="Air temperature expected, °C.")
+@click.option(
+    "--air-c", type=NumberRange(-90.0, 60.0), default=15.0, show_default=True,
+    help="Air temperature expected, °C.",
+)  # fmt: skip
 @click.option(
     "--step", "step_min", type=minutes(1, 1440), default="30m", show_default=True, help="Time between rows."
 )

@@ -33,6 +33,8 @@ WEAK_K_PER_DEG = 1.0 / 30.0
 FLAT_DEG = 3.0
 """The azimuth of a flatter facet is not worth estimating."""
 FINE_DEG, LONGEST_MIN = 10.0, 360
+DARK_W_M2 = 1e-9
+"""Dust at the horizon leaves of the sun less than a quotient can hold."""
 TABLE_1 = SurfaceParameters()
 
 
@@ -97,14 +99,18 @@ class DayPlan:
 
     @property
     def best_row(self) -> int | None:
-        """The one of `rows` that starts the window with the smallest bound for the worst facet."""
+        """The one of `rows` that starts the window with the smallest bound for the worst facet.
+
+        Of the facets that a window bounds; one that bounds more of them comes first.
+        """
         last = self.rows + self.settings.window_min
         whole = [
             row for row in range(self.rows.size) if last[row] < self.usable.size and self._is_usable(row)
         ]
-        worst = {row: float(np.max(self.tilt_sd_deg(row))) for row in whole}
-        known = {row: value for row, value in worst.items() if np.isfinite(value)}
-        return min(known, key=known.__getitem__) if known else None
+        found = {row: self.tilt_sd_deg(row) for row in whole}
+        bounded = {row: sd[np.isfinite(sd)] for row, sd in found.items() if np.isfinite(sd).any()}
+        worst = {row: (-sd.size, float(np.max(sd))) for row, sd in bounded.items()}
+        return min(worst, key=worst.__getitem__) if worst else None
 
     def _is_usable(self, row: int) -> bool:
         first = self.rows[row]
@@ -182,7 +188,8 @@ def plan_day(
     """Plan of one day for some facets, tilt and azimuth of each in degrees.
 
     `time_ns` (n,), UTC, are the day's minutes, equally spaced, `sun` (n, 3) unit vectors towards the sun
-    then, `dni_w_m2` (n,) direct normal irradiance. Rows are the multiples of `step_min` with the sun up.
+    then, `dni_w_m2` (n,) direct normal irradiance. Rows are the multiples of `step_min` with the sun up, or
+    the minute of its highest if it is up between two of them.
     """
     normals = _normals(facets)
     elevation = _elevation_deg(sun)
@@ -191,7 +198,7 @@ def plan_day(
     surface_k = expected_temperature(normals, sun, light, settings)
     sigma = cosine_noise(light, surface_k, settings.noise_k, settings.surface)
     on_step = (time_ns - time_ns[0]) % (step_min * MINUTE_NS) == 0
-    rows = np.flatnonzero(up & on_step)
+    rows = np.flatnonzero(up & (on_step if (up & on_step).any() else elevation == elevation.max()))
     usable_sigma = np.where(elevation < settings.low_sun_deg, np.inf, sigma)
     windows = [slice(row, row + settings.window_min + 1) for row in rows.tolist()]
     return DayPlan(
@@ -290,7 +297,7 @@ def cosine_noise(
     """
     direct = np.asarray(dni_w_m2, np.float64)
     noise = np.sqrt(2.0) * noise_k * irradiance_per_kelvin(temperature_k, surface)
-    return np.where(direct > 0.0, noise / np.where(direct > 0.0, direct, 1.0), np.inf)
+    return np.where(direct > DARK_W_M2, noise / np.maximum(direct, DARK_W_M2), np.inf)
 
 
 def bound(normals: FloatArray, sun: FloatArray, sigma: ArrayLike) -> Bound:

@@ -126,7 +126,9 @@ def moon_subsolar(unix_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArra
 def _to_sun(unix_s: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Apparent unit vector from Moon to sun in the ICRS, (n, 3), and distance in au, (n,)."""
     tt = tt_of_utc(unix_s)
-    heliocentric, barycentric = erfa.epv00(*tt)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", erfa.ErfaWarning)  # arcseconds off in 1700 and 2250
+        heliocentric, barycentric = erfa.epv00(*tt)
     moon = erfa.moon98(*tt)
     position, velocity = -(heliocentric["p"] + moon["p"]), barycentric["v"] + moon["v"]
     distance = np.linalg.norm(position, axis=1)

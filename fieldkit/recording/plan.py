@@ -311,7 +311,7 @@ def plan(
     Raises
     ------
     ConfigError
-        If the site or the day is not a valid one.
+        If the site or the day is not a valid one, or there is no facet.
     NoAnswerError
         If the sun does not rise.
 
@@ -325,6 +325,8 @@ def plan(
     """
     site = as_site(site)
     day = _day(day, site)
+    if facets is not None and not len(facets):
+        raise ConfigError("there is no facet to plan for", fix="give pairs of tilt and azimuth")
     if facets is None:
         equator = 180.0 if site.latitude_deg >= 0.0 else 0.0
         facets = [(tilt, equator) for tilt in PAPER_TILTS_DEG]
@@ -408,7 +410,7 @@ def _ends_ns(site: Site, day: date) -> tuple[int, int]:
     start = datetime(day.year, day.month, day.day, tzinfo=formatting.zone(site))
     ahead_h = (start.utcoffset() or timedelta()) / timedelta(hours=1) - site.longitude_deg / 15.0
     moved_ns = round((ahead_h + 12.0) % 24.0 - 12.0) * HOUR_NS
-    return utc_ns(start) + moved_ns, utc_ns(start + timedelta(days=1)) + moved_ns
+    return utc_ns(start) + moved_ns, utc_ns(start) + moved_ns + DAY_S * SECOND_NS
 
 
 def _dni(sun: FloatArray, time_ns: NDArray[np.int64], site: Site, options: PlanOptions) -> FloatArray:

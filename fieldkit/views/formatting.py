@@ -45,8 +45,8 @@ _STATES = {
 
 
 def number(value: float, digits: int = 0) -> str:
-    """`value` with `digits` decimals and a space every three digits; a dash for NaN."""
-    return f"{value:,.{digits}f}".replace(",", " ") if math.isfinite(value) else UNKNOWN
+    """`value` with `digits` decimals and a space every three digits; a dash for NaN, no minus before 0."""
+    return f"{value:z,.{digits}f}".replace(",", " ") if math.isfinite(value) else UNKNOWN
 
 
 def celsius(temperature_k: float, digits: int = 2) -> str:
@@ -184,17 +184,24 @@ def of_day_ns(time_ns: int, site: Site) -> int:
     return ((local.hour * 60 + local.minute) * 60 + local.second) * 10**9 + time_ns % 10**9
 
 
-def clock_time(time_ns: int, site: Site, *, seconds: bool = False) -> str:
-    """``12:04`` or ``12:04:31`` at the site; name the zone beside it with `zone_name`."""
-    return local_time(time_ns, site).strftime("%H:%M:%S" if seconds else "%H:%M")
+def clock_time(time_ns: int, site: Site, *, seconds: bool = False, since_ns: int | None = None) -> str:
+    """``12:04`` or ``12:04:31`` at the site; name the zone beside it with `zone_name`.
+
+    With its date where that is another than the one of `since_ns`, if given.
+    """
+    local = local_time(time_ns, site)
+    is_dated = since_ns is not None and local.date() != local_time(since_ns, site).date()
+    return local.strftime(("%Y-%m-%d " if is_dated else "") + ("%H:%M:%S" if seconds else "%H:%M"))
 
 
-def zone_name(time_ns: int, site: Site) -> str:
-    """The time zone at `time_ns` with its offset: ``JST, UTC+09:00``."""
+def zone_name(time_ns: int, site: Site, until_ns: int | None = None) -> str:
+    """The time zone at `time_ns` with its offset: ``JST, UTC+09:00``; two where it is another `until_ns`."""
+    if until_ns is not None:
+        return ", then ".join(dict.fromkeys((zone_name(time_ns, site), zone_name(until_ns, site))))
     local = local_time(time_ns, site)
     offset = local.strftime("%z")
     name = local.tzname() or site.timezone
-    words = f"UTC{offset[:3]}:{offset[3:]}"
+    words = f"UTC{offset[:3]}:{offset[3:5]}"
     return "UTC" if name == "UTC" else words if name[0] in "+-" else f"{name}, {words}"
 
 

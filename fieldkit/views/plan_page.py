@@ -13,14 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.estimation.day_plan import WEAK_K_PER_DEG, DayPlan, label
+from fieldkit.estimation.day_plan import FINE_DEG, FLAT_DEG, WEAK_K_PER_DEG, DayPlan, label
 from fieldkit.model.site import Site
 from fieldkit.model.units import MINUTE_NS
+from fieldkit.physics.facet import angle_between_deg, normal
 from fieldkit.views import formatting, plotting
 from fieldkit.views.html import Figure, Table, render
 
 COLUMNS = ("at", "sun", "azimuth", "W/m² per °", "K per °", "hour")
-NOTHING = "nothing can be measured on this day"
 MEANINGLESS_SD_DEG = 45.0
 """Above this standard deviation of tilt the linear bound has no meaning: the window determines nothing."""
 
@@ -61,13 +61,14 @@ def _sun_up(plan: DayPlan, site: Site, noon: int) -> str:
 def rows(plan: DayPlan, site: Site) -> list[Sequence[str]]:
     """One row per planned time for `COLUMNS`; values of the facets side by side."""
     table: list[Sequence[str]] = []
-    bearing = np.degrees(np.arctan2(plan.sun[:, 0], plan.sun[:, 1])) % 360.0
+    bearing = np.degrees(np.arctan2(plan.sun[:, 0], plan.sun[:, 1]))
     for index, minute in enumerate(plan.rows):
+        before_ns = int(plan.time_ns[plan.rows[max(index - 1, 0)]])
         table.append(
             (
-                formatting.clock_time(int(plan.time_ns[minute]), site),
-                f"{plan.elevation_deg[minute]:.0f}°",
-                f"{bearing[minute]:.0f}°",
+                formatting.clock_time(int(plan.time_ns[minute]), site, since_ns=before_ns),
+                f"{formatting.number(plan.elevation_deg[minute])}°",
+                f"{round(bearing[minute]) % 360}°",
                 _beside(plan.sensitivity.irradiance_w_m2[:, minute], 1),
                 _beside(plan.sensitivity.temperature_k[:, minute], 2),
                 plan.verdict(index),
@@ -89,10 +90,11 @@ def _deviations(tilt_sd_deg: Sequence[float] | np.ndarray) -> str:
 
 def warnings(plan: DayPlan, site: Site) -> list[str]:
     """Warnings for that day, one sentence each."""
-    found = []
-    if not plan.usable.any():
-        found.append(f"the sun stays below {plan.settings.low_sun_deg:g}°: nothing can be measured")
+    found = [_no_window(plan)] if plan.best_row is None else []
     for index, facet in enumerate(plan.facets):
+        if facet[0] > plan.settings.tilt_limit_deg:
+            limit = f"estimator.tilt_limit_deg = {plan.settings.tilt_limit_deg:g}"
+            found.append(f"{label(facet)} is steeper than {limit}: no estimate reaches it")
         intervals = plan.intervals(plan.weak[index])
         if intervals:
             found.append(
@@ -103,16 +105,32 @@ def warnings(plan: DayPlan, site: Site) -> list[str]:
     return found
 
 
+def _no_window(plan: DayPlan) -> str:
+    settings = plan.settings
+    if plan.usable.any():
+        return f"no window of {settings.window_min} min determines any of these slopes"
+    is_low = plan.elevation_deg.max() < settings.low_sun_deg
+    why = f"the sun stays below {settings.low_sun_deg:g}°" if is_low else "the horizon hides the sun"
+    return f"{why}: nothing can be measured"
+
+
 def _twin(plan: DayPlan, index: int, facet: tuple[float, float]) -> list[str]:
     if plan.best_row is None:
         return []
     found = plan.bounds[plan.best_row]
-    other = (float(found.mirror_tilt_deg[index]), float(found.mirror_azimuth_deg[index]))
-    if not other[0] <= plan.settings.tilt_limit_deg:
+    tilt, azimuth = float(found.mirror_tilt_deg[index]), float(found.mirror_azimuth_deg[index])
+    apart = angle_between_deg(normal(*facet), normal(tilt, azimuth))
+    if not (tilt <= plan.settings.tilt_limit_deg and apart >= FLAT_DEG):
         return []
+    turned = abs((azimuth - facet[1] + 180.0) % 360.0 - 180.0)
+    remedies = [
+        *([f"limit the tilt below {tilt:.0f}°"] if tilt > facet[0] + 1.0 else ()),
+        *(["give the azimuth"] if turned > FINE_DEG else ()),
+        "record for hours",
+    ]
     return [
-        f"{label(facet)} has a twin: {other[0]:.0f}°/{other[1]:.0f}° fits the best window as well; "
-        f"limit the tilt below {other[0]:.0f}°, give the azimuth, or record for hours"
+        f"{label(facet)} has a twin: {tilt:.0f}°/{round(azimuth) % 360}° fits the best window as well; "
+        f"{' or '.join(remedies)}"
     ]
 
 
@@ -174,7 +192,7 @@ def _azimuth_words(plan: DayPlan) -> str:
 def page(plan: DayPlan, site: Site, title: str, light: str, session: Session | None = None) -> str:
     """The whole page: where and when, the session, warnings, chart, the day, checklist."""
     targets = ", ".join(label(facet) for facet in plan.facets)
-    best = [NOTHING if plan.best_row is None else _best_window(plan, site)]
+    best = [_no_window(plan) if plan.best_row is None else _best_window(plan, site)]
     return render(
         "plan.html",
         title=title,
@@ -214,12 +232,16 @@ def _drawn(plan: DayPlan, site: Site, session: Session | None) -> str:
     upper.axhspan(-WEAK_K_PER_DEG, WEAK_K_PER_DEG, color="0.88", label="weak")
     upper.set_ylabel("K per ° of tilt")
     plotting.clock_ticks(lower)
-    lower.set_xlabel(f"local time ({formatting.zone_name(int(plan.time_ns[0]), site)})")
+    lower.set_xlabel(f"local time ({formatting.zone_name(_middle_ns(plan), site)})")
     plotting.legend(upper)
     return plotting.svg(figure)
 
 
 def _hours(time_ns: NDArray[np.int64], plan: DayPlan, site: Site) -> np.ndarray:
-    first = formatting.local_time(int(plan.time_ns[0]), site)
-    since = (time_ns - plan.time_ns[0]) / 3.6e12
-    return np.asarray(first.hour + first.minute / 60.0 + since)
+    """Hours since midnight, of the clocks at noon: they may have changed in the night before."""
+    middle_ns = _middle_ns(plan)
+    return np.asarray((formatting.of_day_ns(middle_ns, site) + time_ns - middle_ns) / 3.6e12)
+
+
+def _middle_ns(plan: DayPlan) -> int:
+    return int(plan.time_ns[plan.time_ns.size // 2])

@@ -13,7 +13,7 @@ import io
 from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from datetime import UTC
+from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -113,16 +113,19 @@ def over_time(figure: Figure, axes: Axes, time_ns: NDArray[np.int64]) -> OverTim
 
 
 def local_axis(axes: Axes, site: Site | None, time_ns: NDArray[np.int64]) -> None:
-    """Label a horizontal axis of dates by the site's clocks, UTC without a site."""
+    """Label a horizontal axis by the site's clocks, UTC without a site; with its dates if there are two."""
     from matplotlib.dates import AutoDateLocator, DateFormatter
 
     zone = UTC if site is None else formatting.zone(site)
+    ends_ns = (int(time_ns.min()), int(time_ns.max())) if time_ns.size else ()
+    dates = {datetime.fromtimestamp(end / 1e9, zone).date() for end in ends_ns}
+    shown = "%H:%M\n%Y-%m-%d" if len(dates) > 1 else "%H:%M"
     axes.xaxis.set_major_locator(AutoDateLocator(tz=zone, minticks=3, maxticks=7))  # type: ignore[no-untyped-call]
-    axes.xaxis.set_major_formatter(DateFormatter("%H:%M", tz=zone))  # type: ignore[no-untyped-call]
+    axes.xaxis.set_major_formatter(DateFormatter(shown, tz=zone))  # type: ignore[no-untyped-call]
     if site is None:
         axes.set_xlabel("UTC")
-    elif time_ns.size:
-        axes.set_xlabel(f"local time ({formatting.zone_name(int(time_ns.min()), site)})")
+    elif ends_ns:
+        axes.set_xlabel(f"local time ({formatting.zone_name(ends_ns[0], site, ends_ns[1])})")
 
 
 def mark_part(index: int, artists: Iterable[Artist]) -> None:
@@ -142,7 +145,9 @@ def plain_log_ticks(axis: Axis) -> None:
 
 def clock_ticks(axes: Axes) -> None:
     """Write the ticks of a horizontal axis in hours since midnight as 09:30."""
-    axes.xaxis.set_major_formatter(lambda hour, _position: f"{int(hour) % 24:02d}:{round(hour % 1 * 60):02d}")
+    axes.xaxis.set_major_formatter(
+        lambda hour, _position: "{:02d}:{:02d}".format(*divmod(round(hour * 60) % 1440, 60))
+    )
 
 
 def days(time_ns: NDArray[np.int64]) -> FloatArray:

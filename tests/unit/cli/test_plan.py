@@ -11,6 +11,8 @@ from click.testing import CliRunner
 
 from fieldkit.cli import main
 from fieldkit.cli.plan import command
+from fieldkit.model.errors import ConfigError
+from fieldkit.model.site import Site
 from fieldkit.recording import plan as planning
 from fieldkit.recording.experiments import Experiment
 from fieldkit.views import plotting
@@ -227,6 +229,8 @@ def test_polar_night_has_no_plan():
         ["--zone", "Mars/Jezero"],
         ["--dni", "-1"],
         ["--on", "2500-01-01"],
+        ["--air-c", "-300"],
+        ["--dni", "8000"],
     ],
 )
 def test_impossible_numbers_are_refused(words):
@@ -264,3 +268,94 @@ def test_a_day_without_a_usable_window_has_no_session():
     found = document("--site", "63.4,10.4", "--on", "2026-12-21", "--facet", "15,180")
     assert found["experiments"] is None
     assert any("nothing can be measured" in line for line in found["warnings"])
+
+
+def test_a_slope_that_the_sun_never_reaches_hides_no_window():
+    # at noon of midwinter the sun stands at 21 degrees: behind a slope of 30 degrees to the north all day
+    words = ("--site", "45,10,100", "--on", "2026-12-21", "--facet", "15,180")
+    alone, beside = document(*words), document(*words, "--facet", "30,0")
+    assert beside["best_window_start"] == alone["best_window_start"] == "2026-12-21T12:00:00+01:00"
+    assert len(beside["experiments"]) == 2
+    assert any("30°/0° region is weak all day" in line for line in beside["warnings"])
+
+
+def test_a_window_that_is_longer_than_the_day_is_named():
+    found = document("--site", "55,10,100", "--on", "2026-12-21", "--facet", "15,180", "--window", "6h")
+    assert found["warnings"][0] == "no window of 360 min determines any of these slopes"
+
+
+def test_a_remedy_for_a_twin_excludes_the_twin_alone():
+    # at 34 degrees south the sun of late November passes 12 degrees north of the zenith
+    facets = ("--facet", "5,0", "--facet", "15,0", "--facet", "25,0", "--facet", "5,90")
+    words = ("--site", "-33.9,18.4,10", "--on", "2026-11-28", *facets)
+    twins = [line for line in document(*words)["warnings"] if "twin" in line]
+    assert [line.split("; ")[1] for line in twins] == [
+        "limit the tilt below 20° or record for hours",
+        "record for hours",
+        "give the azimuth or record for hours",
+        "limit the tilt below 26° or give the azimuth or record for hours",
+    ]
+
+
+def test_a_twin_of_a_level_slope_that_is_level_too_is_no_twin():
+    words = ("--site", "0,0,0", "--on", "2026-03-20", "--facet", "0,0")
+    assert not any("twin" in line for line in document(*words)["warnings"])
+
+
+def test_a_slope_beyond_the_limit_is_named():
+    lines = document(*WINTER, "--facet", "60,180")["warnings"]
+    assert "60°/180° is steeper than estimator.tilt_limit_deg = 45: no estimate reaches it" in lines
+
+
+def test_a_sun_that_is_up_between_two_rows_alone_has_a_row():
+    (row,) = document(*WINTER, "--step", "24h")["rows"]
+    assert row["time"] == "2026-12-11T11:35:00+09:00"
+
+
+def test_directions_and_zeros_are_written_as_one_number():
+    rows = run("--site", "90,0,0", "--on", "2026-03-20", "--facet", "0,0").stdout.splitlines()[2:]
+    assert not [line for line in rows if "-0°" in line or "360°" in line or " -0.0 " in line]
+
+
+def test_a_row_of_the_next_day_has_its_date():
+    words = ["--site", "64.8378,-147.7164", "--zone", "America/Anchorage", "--facet", "10,180"]
+    lines = CliRunner().invoke(command, [*words, "--on", "2026-06-21"], catch_exceptions=False).stdout
+    assert re.findall(r"^(2026-\S+ \S+)", lines, re.M) == ["2026-06-22 00:00"]
+
+
+def test_the_chart_shows_the_clocks_as_they_are_at_noon(tmp_path, monkeypatch):
+    # on 8 March 2026 the clocks of Denver go from MST to MDT at two in the morning
+    drawn = []
+    svg = plotting.svg
+    monkeypatch.setattr(plotting, "svg", lambda figure: drawn.append(figure) or svg(figure))
+    words = ["--site", "37.7,-105.9,2317", "--zone", "America/Denver", "--on", "2026-03-08"]
+    done = CliRunner().invoke(
+        command, [*words, "--facet", "0,180", "--out", str(tmp_path / "plan.html")], catch_exceptions=False
+    )
+    assert "noon 13:14" in done.stdout
+    upper, lower = drawn[0].axes
+    # the sun is at 6 degrees at eight and at 8 degrees, from where on light is known, ten minutes later
+    assert upper.lines[0].get_xdata()[0] == pytest.approx(8.2, abs=0.1)
+    assert lower.get_xlabel() == "local time (MDT, UTC-06:00)"
+    assert lower.xaxis.get_major_formatter()(12.9999, 0) == "13:00"
+
+
+def test_a_day_that_the_calendar_of_a_place_skips_is_planned():
+    found = document(
+        "--site", "-13.8,-172", "--zone", "Pacific/Apia", "--on", "2011-12-30", "--facet", "15,0"
+    )
+    assert found["rows"]
+
+
+@pytest.mark.parametrize(
+    ("body", "longitude_deg", "day"), [("mars", 137.4, "2026-06-21"), ("moon", 0.0, "2150-01-10")]
+)
+def test_other_worlds_are_planned_without_warnings_of_libraries(body, longitude_deg, day):
+    # dust at the horizon leaves less light than a quotient can hold; the ephemeris ends in 2100
+    site = Site(4.5, longitude_deg, -4500.0, body=body)
+    assert planning.plan(site, day, [(15.0, 180.0)]).rows
+
+
+def test_a_plan_needs_a_facet():
+    with pytest.raises(ConfigError, match="no facet"):
+        planning.plan((35.56, 139.40), "2026-12-11", [])

@@ -19,3 +19,9 @@ def test_minutes_behind_the_horizon_are_not_planned_with() -> None:
     best = made.day_plan.best_row
     assert best is not None
     assert not 165.0 < made.rows[best]["sun_azimuth_deg"] < 220.0
+
+
+def test_a_horizon_above_the_sun_is_named_as_such() -> None:
+    settings = EstimatorSettings(horizon=((0.0, 60.0), (180.0, 60.0)))
+    made = plan((37.70, -105.92, 2317.0), "2016-01-01", [(15.0, 180.0)], estimator=settings)
+    assert made.warnings == ["the horizon hides the sun: nothing can be measured"]

@@ -78,6 +78,29 @@ def test_time_is_local_and_names_its_zone():
     assert formatting.zone_name(NEW_YEAR_NS, alamosa) == "MST, UTC-07:00"
 
 
+def test_a_time_of_another_day_has_its_date():
+    # New Year in UTC is still the last evening of 2015 in Alamosa: its midnight comes seven hours later
+    alamosa = Site(37.70, -105.92, 2317.0, "America/Denver")
+    after_ns = NEW_YEAR_NS + 7 * 3600 * 10**9
+    assert formatting.clock_time(after_ns - 1_000, alamosa, since_ns=NEW_YEAR_NS) == "23:59"
+    assert formatting.clock_time(after_ns, alamosa, since_ns=NEW_YEAR_NS) == "2016-01-01 00:00"
+
+
+def test_clocks_that_change_have_two_zones():
+    alamosa, july_ns = Site(37.70, -105.92, 2317.0, "America/Denver"), NEW_YEAR_NS + 190 * 86_400 * 10**9
+    assert formatting.zone_name(NEW_YEAR_NS, alamosa, july_ns) == "MST, UTC-07:00, then MDT, UTC-06:00"
+    assert formatting.zone_name(NEW_YEAR_NS, alamosa, NEW_YEAR_NS + 1) == "MST, UTC-07:00"
+
+
+def test_an_offset_with_seconds_is_told_to_the_minute():
+    # Liberia's clocks were 44 min 30 s behind until 1972
+    assert formatting.zone_name(0, Site(6.3, -10.8, timezone="Africa/Monrovia")) == "MMT, UTC-00:44"
+
+
+def test_what_is_rounded_to_zero_has_no_sign():
+    assert [formatting.number(-0.04, 1), formatting.number(-0.06, 1)] == ["0.0", "-0.1"]
+
+
 def test_time_of_day_is_that_of_the_sites_clocks():
     alamosa = Site(37.70, -105.92, 2317.0, "America/Denver")
     assert formatting.of_day_ns(NEW_YEAR_NS + 90 * 10**9 + 5, alamosa) == (17 * 3600 + 90) * 10**9 + 5
