@@ -63,7 +63,8 @@ def radiation_findings(session: SessionReader) -> Iterator[Finding]:
 def _failed(name: str, flags: Flags, time_ns: NDArray[np.int64], site: Site) -> Finding:
     first = datetime.fromtimestamp(time_ns[flags][0] / 1e9, known_zone(site.timezone) or UTC)
     count = int(flags.sum())
-    text = f"{name} in {count} {'minute' if count == 1 else 'minutes'}, first at {first:%H:%M %Z} (BSRN)"
+    minutes = "minute" if count == 1 else "minutes"
+    text = f"{name} in {count} {minutes}, first at {first:%Y-%m-%d %H:%M %Z} (BSRN)"
     return Finding("warn", "radiation", text, "level, clean and unshade the instruments; check their units")
 
 

@@ -37,9 +37,14 @@ def parse_when(text: str, now: datetime) -> When:
 def _last(shown: time_of_day, now: datetime) -> datetime:
     """When clocks last showed a time, in its own zone if it has one."""
     own_zone = shown.tzinfo or now.tzinfo
-    latest = (now + CLOCKS_DIFFER).timestamp()
+    latest = now.timestamp() + CLOCKS_DIFFER.total_seconds()
     day = now.astimezone(own_zone).date()
-    moments = [datetime.combine(day + timedelta(days), shown, own_zone) for days in (1, 0, -1)]
+    # an hour that clocks show twice has two moments, the later of them with a fold
+    moments = [
+        datetime.combine(day + timedelta(days), shown.replace(fold=fold), own_zone)
+        for days in (1, 0, -1)
+        for fold in (1, 0)
+    ]
     return next(moment for moment in moments if moment.timestamp() <= latest)
 
 

@@ -142,7 +142,9 @@ def _moment(text: str, first: datetime, last: datetime) -> datetime:
 
 def _from_end(text: str, end: datetime) -> datetime:
     when = parse_when(text, end)
-    return datetime.fromisoformat(when) if isinstance(when, str) else end + timedelta(seconds=when)
+    if isinstance(when, str):
+        return datetime.fromisoformat(when)
+    return datetime.fromtimestamp(end.timestamp() + when, end.tzinfo)  # also where the clocks change before
 
 
 def _written(

@@ -268,8 +268,9 @@ def _image(
         notify(f"the image has no map: {error.message}")
         mapped = None
     site, start, end = known.site, session.start_ns, session.end_ns
-    day, until = formatting.local_time(start, site), formatting.clock_time(end, site)
-    subtitle = f"{day:%Y-%m-%d %H:%M} to {until} {formatting.zone_name(end, site)}   {formatting.place(site)}"
+    day, until = formatting.local_time(start, site), formatting.clock_time(end, site, since_ns=start)
+    zone = formatting.zone_name(start, site, end)
+    subtitle = f"{day:%Y-%m-%d %H:%M} to {until} {zone}   {formatting.place(site)}"
     estimates = list(known.estimates().final.values())
     regions = known.schedule.latest
     return session_image(session.path.stem, subtitle, frames, regions, mapped, estimates, palette)
@@ -292,5 +293,6 @@ def _shown(session: SessionReader, known: SessionMinutes) -> Iterator[ShownFrame
     }  # one that is two of them is the earlier
     for row in sorted(by_row):
         frame = reader.frame(row)
-        words = f"{by_row[row]}, {formatting.clock_time(frame.time_ns, known.site)}"
+        at = formatting.clock_time(frame.time_ns, known.site, since_ns=session.start_ns)
+        words = f"{by_row[row]}, {at}"
         yield ShownFrame(words, frame_image.values(frame, camera), frame_image.unit(camera))

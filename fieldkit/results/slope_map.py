@@ -647,10 +647,10 @@ def _layer_image(found: MappedSession, layer: Layer) -> bytes:
 
 
 def _caption(found: MappedSession) -> str:
-    begin, end = (formatting.clock_time(time_ns, found.site) for time_ns in (found.start_ns, found.end_ns))
-    day = formatting.local_time(found.start_ns, found.site).date()
-    zone = formatting.zone_name(found.start_ns, found.site)
-    return f"{day} {begin}-{end} {zone}, {found.minutes} min"
+    begin = formatting.local_time(found.start_ns, found.site)
+    end = formatting.clock_time(found.end_ns, found.site, since_ns=found.start_ns)
+    zone = formatting.zone_name(found.start_ns, found.site, found.end_ns)
+    return f"{begin:%Y-%m-%d %H:%M}-{end} {zone}, {found.minutes} min"
 
 
 def _provenance(found: MappedSession, session: SessionReader) -> dict[str, Any]:

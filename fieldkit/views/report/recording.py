@@ -173,8 +173,8 @@ def events(data: ReportData) -> EventList:
         (data.clock_time(event.time_ns, seconds=True), event.stream, formatting.event_line(event))
         for event in data.events
     ]
-    zone = formatting.zone_name(data.events[0].time_ns, data.site) if rows else ""
-    return EventList(len(rows), Table((f"time ({zone})", "stream", "what happened"), rows[:SHOWN_EVENTS]))
+    columns = f"time ({data.zone})", "stream", "what happened"
+    return EventList(len(rows), Table(columns, rows[:SHOWN_EVENTS]))
 
 
 def streams(data: ReportData) -> Table:

@@ -311,8 +311,8 @@ class ReportData:
         return [event for event in self.events if event.kind in kinds]
 
     def clock_time(self, time_ns: int, *, seconds: bool = False) -> str:
-        """A time of day at the site."""
-        return formatting.clock_time(time_ns, self.site, seconds=seconds)
+        """A time of day at the site, with its date after the first day."""
+        return formatting.clock_time(time_ns, self.site, seconds=seconds, since_ns=self.session.start_ns)
 
     def drawn(self, draw: Callable[[ReportData], Iterator[Figure]]) -> list[Figure] | None:
         """The figures that `draw` yields; None without matplotlib."""
@@ -320,8 +320,8 @@ class ReportData:
 
     @property
     def zone(self) -> str:
-        """The time zone at the start, with its offset."""
-        return formatting.zone_name(self.session.start_ns, self.site)
+        """The time zone of the session with its offset; two where the clocks change in it."""
+        return formatting.zone_name(self.session.start_ns, self.site, self.session.end_ns)
 
     @property
     def channels(self) -> tuple[str, ...]:

@@ -40,6 +40,16 @@ def test_around_midnight_a_clock_time_is_the_one_nearby():
     assert parse_when("00:01", before) == "2026-12-11T00:01:00+09:00"
 
 
+def test_an_hour_that_clocks_show_twice_is_the_later_of_those_that_were():
+    # in Denver 2026-11-01 02:00 MDT is 01:00 MST
+    first, second = (
+        datetime(2026, 11, 1, 1, 40, fold=fold, tzinfo=ZoneInfo("America/Denver")) for fold in (0, 1)
+    )
+    assert parse_when("01:30", first) == "2026-11-01T01:30:00-06:00"
+    assert parse_when("01:30", second) == "2026-11-01T01:30:00-07:00"
+    assert parse_when("01:55", second) == "2026-11-01T01:55:00-06:00"
+
+
 def test_an_iso_time_keeps_its_zone_and_without_one_is_the_sites():
     assert parse_when("2026-12-11T12:31-07:00", NOON) == "2026-12-11T12:31:00-07:00"
     assert parse_when("2026-12-11T12:31", NOON) == "2026-12-11T12:31:00+09:00"

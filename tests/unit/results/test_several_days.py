@@ -1,0 +1,95 @@
+"""A session over midnight and a change of the clocks in the same night: times have their dates and zones."""
+
+from __future__ import annotations
+
+from datetime import datetime, timedelta
+from pathlib import Path
+from types import SimpleNamespace
+from zoneinfo import ZoneInfo
+
+import numpy as np
+import pytest
+
+from fieldkit.model.clock import utc_ns
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.samples import Frame, Reading, Sample
+from fieldkit.model.site import Site
+from fieldkit.results.export import _between_ns
+from fieldkit.results.report import report
+from fieldkit.results.slope_map import _caption
+from fieldkit.sessions.formats.imported import ImportedRecording, write_imported
+from fieldkit.sessions.layout import SessionHeader
+from fieldkit.sessions.reader import open_session
+from fieldkit.views import plotting
+
+DENVER = ZoneInfo("America/Denver")
+SITE = Site(37.7, -105.9, 2317.0, "America/Denver")
+START_NS, END_NS = (utc_ns(datetime(2026, 3, day, hour, tzinfo=DENVER)) for day, hour in ((7, 23), (8, 9)))
+"""From 23:00 MST to 09:00 MDT: nine hours, as two o'clock is three o'clock."""
+CONFIG = 'schema = 1\n[site]\nlatitude_deg = 37.7\nlongitude_deg = -105.9\ntimezone = "America/Denver"\n'
+BOTH = "MST, UTC-07:00, then MDT, UTC-06:00"
+
+
+@pytest.fixture(scope="module")
+def night(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    camera = StreamInfo("camera", "brightness_temperature", "K", (12, 16), 0.01)
+    lux = StreamInfo("lux", "illuminance", "lx", (1,))
+    counts = np.full((12, 16), 28_000, "<u2") + np.arange(16, dtype="<u2")
+    samples: list[Sample] = []
+    for at in range(START_NS, END_NS + 1, 30 * 60 * 10**9):
+        seq = len(samples) // 2
+        samples.append(Frame("camera", at, at, counts, np.zeros((0, 16), "<u2"), seq=seq))
+        samples.append(Reading("lux", at, at, (1000.0,), seq=seq))
+    path = tmp_path_factory.mktemp("night") / "night.h5"
+    header = SessionHeader("night", SITE, (camera, lux), config_toml=CONFIG)
+    write_imported(path, header, ImportedRecording(header.streams, samples), "a test")
+    return path
+
+
+def test_the_report_dates_what_is_after_midnight(night: Path, tmp_path: Path) -> None:
+    page = report(night, tmp_path / "night.html").path.read_text(encoding="utf-8")
+    assert f"2026-03-07 23:00 to 2026-03-08 09:00 ({BOTH}), 9 h 00 min" in page
+    assert f"time ({BOTH})" in page
+    assert ">23:00:00<" in page  # when it was imported, on the first day
+    assert f"local time ({BOTH})" in page
+    assert "2026-03-08 09:00\n" in page  # the values by minute
+
+
+def test_the_image_for_a_slide_dates_what_is_after_midnight(
+    night: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    words = []
+    image = "fieldkit.results.report.session_image"
+    monkeypatch.setattr(image, lambda *drawn: words.append(drawn) or b"")
+    report(night, tmp_path / "night.png")
+    ((_, subtitle, frames, *_),) = words
+    assert subtitle.startswith(f"2026-03-07 23:00 to 2026-03-08 09:00 {BOTH}")
+    assert [one.words for one in frames] == ["first, 23:00", "highest sun, 2026-03-08 09:00"]
+
+
+def test_a_map_of_two_days_has_both_dates() -> None:
+    found = SimpleNamespace(site=SITE, start_ns=START_NS, end_ns=END_NS, minutes=540)
+    assert _caption(found) == f"2026-03-07 23:00-2026-03-08 09:00 {BOTH}, 540 min"
+    found.end_ns = START_NS + 30 * 60 * 10**9
+    assert _caption(found) == "2026-03-07 23:00-23:30 MST, UTC-07:00, 540 min"
+
+
+def test_hours_before_the_end_are_hours_also_where_the_clocks_change(night: Path) -> None:
+    with open_session(night) as session:
+        assert _between_ns(session, "-8h", None)[0] == END_NS - 8 * 3600 * 10**9
+
+
+@pytest.mark.parametrize(
+    ("days", "first"), [(0, "10:00"), (1, "12:00\n2026-03-07"), (6, "00:00\n2026-03-08")]
+)
+def test_an_axis_of_several_days_has_their_dates(days: int, first: str) -> None:
+    start = datetime(2026, 3, 7, 9, 0, tzinfo=DENVER)
+    ends_ns = np.array([utc_ns(start), utc_ns(start + timedelta(days=days, hours=8))])
+    figure, (axes,) = plotting.panels(1, 3.0, plotting.WIDE_IN)
+    axes.plot(plotting.days(ends_ns), [0.0, 1.0])
+    plotting.local_axis(axes, SITE, ends_ns)
+    plotting.svg(figure)  # which chooses the ticks
+    low, high = axes.get_xlim()
+    inside = [tick for tick in axes.get_xticks() if low <= tick <= high]
+    assert axes.xaxis.get_major_formatter()(inside[0]) == first
+    assert axes.get_xlabel() == f"local time ({BOTH if days else 'MST, UTC-07:00'})"
