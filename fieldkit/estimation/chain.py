@@ -222,6 +222,7 @@ class _Group:
         self._learner: Learner | None = None
         self._found: list[KnownSlope] = []
         self._moments = Moments((), np.empty(0), np.empty((0, 0)))
+        self._errors: tuple[FloatArray, FloatArray] = np.empty((0, 0)), np.empty((0, 0))
         self._first = 0
         self._shade: NDArray[np.bool_] = np.zeros((0, 2, 0), np.bool_)
         self._has_failed = False
@@ -241,18 +242,18 @@ class _Group:
 
     def _take_last(self, history: History) -> None:
         row = len(history) - 1
-        learner = self._learner
-        if learner is not None and history.minute[row] - history.minute[row - 1] > BRIDGED_MINUTES:
-            learner = self._learner = None
+        if row and history.minute[row] - history.minute[row - 1] > BRIDGED_MINUTES:
+            self._learner, self._first = None, row
+        learner, shaded = self._learner, shade(history, self._layout)
         if learner is None:
             self._start(history, row)
         else:
             # shade that is known only now lay over minutes that were taken without it
-            if not np.array_equal(shade(history, self._layout)[self._first : -1], self._shade):
+            if not np.array_equal(shaded[self._first : -1], self._shade):
                 learner.reshade(self._inputs(history, self._first, row))
             start = int(history.minute[self._first])
             learner.add(minute_inputs(history, row, self._layout, self._settings, learner.last, start))
-        self._read(history)
+        self._read(shaded)
 
     def take_at_once(self, history: History, starts: Sequence[int]) -> None:
         """Take a whole history in which all regions hold, as sessions that begin in the rows `starts`."""
@@ -270,14 +271,15 @@ class _Group:
             if sessions:
                 self._learner = Learner(self._layout, self._settings, sessions)
                 self._learner.draw_for_all()
-            self._read(history)
+            self._read(shade(history, self._layout))
         except np.linalg.LinAlgError:  # other regions go on
             self._learner, self._has_failed = None, True
 
-    def _read(self, history: History) -> None:
-        """Slopes and moments of what is learned by now."""
+    def _read(self, shaded: NDArray[np.bool_]) -> None:
+        """Slopes and moments of what is learned by now, with the `shade` of the minutes."""
         if self._learner is not None:
-            self._shade = shade(history, self._layout)[self._first :]
+            self._shade = shaded[self._first :]
+            self._errors = _errors(self._learner)
             self._found = [known_slope(self._learner, index) for index in range(self._targets.size)]
             self._moments = moments(self._learner)
 
@@ -318,7 +320,8 @@ class _Group:
             flags=Quality(int(history.flags[-1] | history.region_flags[-1, column])),
         )
         if self._learner is None:
-            reason = FAILED if self._has_failed else _missing(history, self._layout, region)
+            since = history.since(self._first)
+            reason = FAILED if self._has_failed else _missing(since, self._layout, region)
             return replace(blank, reason=reason)
         used = int(np.isfinite(history.temperature_k[self._first :, column]).sum())
         if used < self._settings.min_minutes:
@@ -340,7 +343,7 @@ class _Group:
             tilt_high_deg=max(found.region.tilt_high_deg, tilt),
             azimuth_low_deg=found.region.azimuth_low_deg,
             azimuth_high_deg=found.region.azimuth_high_deg,
-            chi_square=_mean_square(_errors(learner)[1][:, self._layout.references + index]),
+            chi_square=_mean_square(self._errors[1][:, self._layout.references + index]),
             kelvin_per_degree=_kelvin_per_degree(learner, index, tilt, azimuth),
         )
         if not self._has_seen_the_sun(learner, found.best):
@@ -392,7 +395,7 @@ class _Group:
     def _contradiction(self, learner: Learner, index: int) -> str:
         """Why no slope of a target explains the minutes; "" if one does."""
         # the reference's errors too: every slope rests on it
-        found = misfit(_errors(learner)[1])[[0, self._layout.references + index]].max()
+        found = misfit(self._errors[1])[[0, self._layout.references + index]].max()
         if found <= MOST_MISFIT:
             return ""
         question = cause(learner.minutes, self._surprise(learner))
@@ -437,7 +440,7 @@ class _Group:
         if learner is None:
             return None
         names = [self._columns.regions[column].name for column in self._layout.columns]
-        kelvin, standard = _errors(learner)
+        kelvin, standard = self._errors
         return Learnt(
             learnt_parameters(learner, self._moments),
             dict(zip(names, _rms(kelvin).tolist(), strict=True)),

@@ -33,7 +33,7 @@ from fieldkit.physics.horizon import MINUTE_EDGE_DEG, sunlit_share
 UNKNOWN_CHANGE = 5.0
 """Change of the light of a minute without a reading, as a share of the last one."""
 BRIDGED_MINUTES = 120
-EVERY_REGION = slice(None)
+EVERY_REGION = EVERY_ROW = slice(None)
 AIR_HOLDS_MIN = 10.0
 """How long an air temperature is taken to be as it was last logged."""
 
@@ -202,7 +202,8 @@ def minute_inputs(
         if not is_known:
             direct, diffuse = before.direct / absorptance, before.diffuse / absorptance
             change = UNKNOWN_CHANGE * before.direct
-    is_shaded, is_moved = shade(history, layout)[row]
+    beside = slice(max(row - 1, 0), row + 2)
+    is_shaded, is_moved = shade(history, layout, beside)[min(row, 1)]
     visible = sunlit(history.sun[row], layout)
     is_edge = is_moved | ((visible > 0.0) & (visible < 1.0))
     logged_k, stale_h = _logged_air_k(history, row, start, settings)
@@ -267,14 +268,14 @@ def _wind_change(history: History, row: int) -> float:
     return float(history.wind_m_s[known[-1]] - history.wind_m_s[known[0]]) if known.size else 0.0
 
 
-def shade(history: History, layout: Layout) -> NDArray[np.bool_]:
+def shade(history: History, layout: Layout, chosen: slice = EVERY_ROW) -> NDArray[np.bool_]:
     """Regions shaded in each row, and those whose shade begins or ends there (n, 2, regions).
 
-    Apart from the shadow of their horizon.
+    Apart from the shadow of their horizon. Of some rows, the first and last of which have no neighbours then.
     """
-    flagged = history.is_shaded()[:, layout.columns]
+    flagged = history.is_shaded()[chosen, layout.columns]
     rows = flagged.any(axis=1)
-    flagged[rows] &= sunlit(history.sun[rows], layout) == 1.0
+    flagged[rows] &= sunlit(history.sun[chosen][rows], layout) == 1.0
     before, after = np.vstack([flagged[:1], flagged[:-1]]), np.vstack([flagged[1:], flagged[-1:]])
     return np.stack([flagged, flagged & ~(before & after)], axis=1)
 

@@ -1,0 +1,51 @@
+"""Histories of several days: what is said after a night, and what a minute costs late in a long session."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.drawn_worlds import CLEAR
+from fieldkit.estimation.bins import RegionColumns, joined
+from fieldkit.estimation.chain import SlopeChain
+from fieldkit.estimation.learned import inputs
+from fieldkit.estimation.learned.layout import Layout
+from fieldkit.model.samples import Quality
+from fieldkit.model.units import DAY_S, MINUTE_NS, SECOND_NS
+from tests.harness.drawn import drawn_world
+
+
+def test_after_a_night_the_reason_is_that_of_the_new_day() -> None:
+    world = drawn_world(5, CLEAR, minutes=12)
+    day = world.history
+    later = replace(
+        day,
+        minute=day.minute + DAY_S * SECOND_NS // MINUTE_NS,
+        time_ns=day.time_ns + DAY_S * SECOND_NS,
+        temperature_k=np.full_like(day.temperature_k, np.nan),
+    )
+    chain = SlopeChain(world.regions, replace(world.settings, model="learned"))
+    for one in chain.at(joined([day, later])).slopes:
+        assert one.reason == "no temperatures of the reference yet"
+        assert one.window_start_ns == later.time_ns[0]
+
+
+def test_shade_is_looked_up_beside_a_minute_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Looking through the whole session for each minute took two minutes to begin a third day anew."""
+    world, minutes = drawn_world(5, CLEAR, minutes=40), 40
+    settings = replace(world.settings, horizon=((0.0, 1.0), (180.0, 1.0)))
+    columns = RegionColumns(world.regions)
+    layout = Layout.of(columns, columns.targets, settings)
+    shaded = np.random.default_rng(1).random((minutes, len(world.regions))) < 0.7
+    history = replace(world.history, region_flags=np.where(shaded, int(Quality.SHADED), 0))
+    whole = inputs.shade(history, layout)
+    looked_up, sunlit = [], inputs.sunlit
+    monkeypatch.setattr(
+        inputs, "sunlit", lambda sun, of: looked_up.append(np.size(sun) // 3) or sunlit(sun, of)
+    )
+    found = inputs.minutes_between(history, 0, minutes, layout, settings)
+    assert sum(looked_up) <= 4 * minutes
+    np.testing.assert_array_equal([one.shaded > 0.0 for one in found], whole[:, 0])
+    np.testing.assert_array_equal([one.is_edge for one in found], whole[:, 1])
