@@ -256,8 +256,8 @@ def _clock(latest: Latest) -> Text:
     """True if UTC was steady; the recorder reports every step and every suspend."""
     event = latest.clock_event
     if event is not None:
-        return Text(f"{formatting.clock_time(event.time_ns, latest.site)} {event.text}", "warning")
-    since = formatting.clock_time(latest.start_ns, latest.site)
+        return Text(f"{_at(event.time_ns, latest)} {event.text}", "warning")
+    since = _at(latest.start_ns, latest)
     return Text(f"steady since {since}" if latest.start_ns else formatting.UNKNOWN)
 
 
@@ -376,7 +376,7 @@ def _alarms(latest: Latest) -> Text:
     """The oldest alarm of the highest severity, those not acknowledged first, and how many others."""
     worst = max(latest.alarms, key=lambda alarm: (not alarm.acknowledged, alarm.severity))
     others = len(latest.alarms) - 1
-    since = formatting.clock_time(worst.since_ns, latest.site)
+    since = _at(worst.since_ns, latest)
     text = f"ALARM since {since}: {worst.text}" + (f", and {others} more" if others else "")
     if worst.acknowledged:
         text += " (acknowledged)"
@@ -385,8 +385,14 @@ def _alarms(latest: Latest) -> Text:
 
 def _event(event: Event, latest: Latest) -> Text:
     text = Text(no_wrap=True, overflow="ellipsis")
-    text.append(formatting.clock_time(event.time_ns, latest.site, seconds=True) + "  ", "quiet")
+    text.append(_at(event.time_ns, latest, seconds=True) + "  ", "quiet")
     return text.append(formatting.event_line(event), _SEVERITY_STYLE.get(event.severity, "warning"))
+
+
+def _at(time_ns: int, latest: Latest, *, seconds: bool = False) -> str:
+    """A time at the site, with its date if that is not today's."""
+    now_ns = latest.time_ns or time_ns
+    return formatting.clock_time(time_ns, latest.site, seconds=seconds, since_ns=now_ns)
 
 
 def _progress(latest: Latest) -> RenderableType:
@@ -395,7 +401,7 @@ def _progress(latest: Latest) -> RenderableType:
     if latest.planned_end_ns is None:
         return Text(f"{lasted}, no planned end: {STOP_KEY}", "quiet")
     total_s = max(1.0, (latest.planned_end_ns - (latest.start_ns or latest.planned_end_ns)) / 1e9)
-    ends = formatting.clock_time(latest.planned_end_ns, latest.site)
+    ends = _at(latest.planned_end_ns, latest)
     line = Table.grid(expand=True, padding=(0, 1, 0, 0))
     line.add_column(ratio=1)
     line.add_column(no_wrap=True)

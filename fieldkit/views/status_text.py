@@ -13,7 +13,7 @@ from fieldkit.views.screen import THEMES, snapshot
 
 def status_text(name: str, latest: Latest, start_ns: int, end_ns: int, warning: str, cols: int) -> str:
     """Which recording, since when, how long, the warning if there is one, then what is known now."""
-    began = formatting.clock_time(start_ns, latest.site)
+    began = formatting.clock_time(start_ns, latest.site, since_ns=end_ns)
     last = formatting.clock_time(end_ns, latest.site, seconds=True)
     lines = [
         f"recording {name} since {began} {formatting.zone_name(start_ns, latest.site)}",

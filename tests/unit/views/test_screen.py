@@ -152,6 +152,20 @@ def test_clock_is_steady_until_it_is_not(latest):
     assert "12:08 clock stepped by +3600 s" in "\n".join(letters(latest, 80, 24))
 
 
+@pytest.mark.parametrize(("cols", "rows"), SIZES)
+def test_times_of_other_days_have_their_dates(latest, cols, rows):
+    now, latest.planned_end_ns = START_NS + 26 * 3600 * SECOND_NS, START_NS + 72 * 3600 * SECOND_NS
+    latest.update(Reading("lux", now, now, (1.0,)))
+    latest.update(Event(EventKind.MARK, now, now, "the second day"))
+    lines = letters(latest, cols, rows)
+    assert {cell_len(line) for line in lines} == {cols}
+    text = "\n".join(lines)
+    assert "steady since 2017-12-11 12:08" in text
+    assert "26 h 00 min of 72 h 00 min, ends 2017-12-14 12:08" in text
+    assert "\n2017-12-11 12:08:00  recording" in text
+    assert "\n14:08:00  mark the second day" in text
+
+
 def test_newest_events_are_last_and_old_ones_go(latest):
     for number in range(20):
         latest.update(Event(EventKind.MARK, 1, START_NS + number, f"mark number {number:02d}"))
