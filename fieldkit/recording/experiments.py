@@ -42,6 +42,8 @@ LEAD_MIN = 180
 """Time before the session at which the sand begins to store heat."""
 PER_WIND = 1.8
 """Exchange per m/s of wind on measured ground, W m-2 K-1: with the default gusts about the prior's median."""
+LEAST_STILL = 0.5
+"""Least share of the exchange that does not depend on the wind."""
 UNDISTURBED_MIN, BOARD_MIN, BETWEEN_BOARDS_MIN = 10, 5, 15
 AFTER_SUNSET_MIN = 60
 EVERY_MIN = 30
@@ -322,7 +324,10 @@ def _regions(session: PlannedSession, known: int | None = None) -> tuple[Region,
 def _model(session: PlannedSession, boards: tuple[Board, ...] = ()) -> SceneModel:
     """The field that the settings expect."""
     settings, facets = session.settings, (*session.references, *session.facets)
-    exchange = Exchange(settings.prior.exchange_w_m2_k - PER_WIND * session.sky.wind_m_s, PER_WIND)
+    whole, wind_m_s = settings.prior.exchange_w_m2_k, session.sky.wind_m_s
+    # in thin air a lull would turn the exchange negative
+    per_wind = min(PER_WIND, LEAST_STILL * whole / max(wind_m_s, 0.1))
+    exchange = Exchange(whole - per_wind * wind_m_s, per_wind)
     return expected_field(
         session.site, GustySky(session.sky, Gusts(SEED)), facets, settings, exchange, boards
     )

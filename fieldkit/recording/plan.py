@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.config import Config
+from fieldkit.config import FILE_NAME, Config, config_from_text
 from fieldkit.estimation.day_plan import DayPlan, PlanSettings, label, plan_day
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.air import is_air_temperature
@@ -347,7 +347,16 @@ def plan(
     found = plan_day(tuple(facets), time_ns, sun, light, settings, options.step_min)
     if not found.rows.size:
         raise NoAnswerError(f"the sun does not rise on {day} at this site", fix="choose another day")
-    return MeasuringPlan(site, day, options, found, estimator or EstimatorSettings())
+    return MeasuringPlan(site, day, options, found, estimator or _default_settings(site))
+
+
+def _default_settings(site: Site) -> EstimatorSettings:
+    """Those of dry sand on the Earth; elsewhere those of a campaign there."""
+    if body_of(site) is EARTH:
+        return EstimatorSettings()
+    place = f"latitude_deg = {site.latitude_deg}\nlongitude_deg = {site.longitude_deg}"
+    text = f'schema = 1\n[site]\n{place}\nbody = "{site.body}"\n'
+    return config_from_text(text, Path(FILE_NAME)).estimator_settings()
 
 
 def _day(day: date | str | None, site: Site) -> date:

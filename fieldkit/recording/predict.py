@@ -46,8 +46,8 @@ def predict(
     minutes
         How many; by default to the end of the weather.
     settings
-        Surface, slab, priors and the ground's albedo, such as ``campaign.config.estimator_settings()``; by
-        default those of dry sand.
+        Surface, slab, priors, horizon and the ground's albedo, such as
+        ``campaign.config.estimator_settings()``; by default those of dry sand.
     exchange
         With the air: a number [W m-2 K-1] or an `Exchange` by wind; by default the median of the prior.
 
@@ -60,7 +60,7 @@ def predict(
     Raises
     ------
     ConfigError
-        If there is no facet, or the weather lacks a quantity or is of another day.
+        If there is no facet, or the weather lacks a quantity, is of another day or ends before.
 
     Examples
     --------
@@ -76,10 +76,13 @@ def predict(
     first_ns, last_ns = (int(weather.time_ns[end]) for end in (0, -1))
     start_ns = utc_ns(moment(start)) if start else first_ns
     start_ns = -(-start_ns // MINUTE_NS) * MINUTE_NS
+    most = (last_ns - start_ns) // MINUTE_NS
+    if minutes is not None and most > 0 and not 1 <= minutes <= most:
+        raise ConfigError(f"the weather gives 1 to {most} min from the start on, not {minutes}")
     found = used.prior.exchange_w_m2_k if exchange is None else exchange
     by_wind = found if isinstance(found, Exchange) else Exchange(found, 0.0)
     model = expected_field(weather.site, MeasuredSky(weather), facets, used, by_wind)
-    return field_minutes(model, start_ns, minutes or max((last_ns - start_ns) // MINUTE_NS, 1))
+    return field_minutes(model, start_ns, minutes or max(most, 1))
 
 
 def expected_field(
@@ -99,7 +102,7 @@ def expected_field(
     facets
         Tilt and azimuth of each bed. [degrees]
     settings
-        Surface, slab, the ground's albedo and the circumsolar share.
+        Surface, slab, horizon, the ground's albedo and the circumsolar share.
     exchange
         With the air, by wind.
     boards
@@ -124,4 +127,5 @@ def _bed(name: str, tilt_deg: float, azimuth_deg: float, settings: EstimatorSett
         depth_m=slab.depth_m,
         conductivity_w_m_k=slab.conductivity_w_m_k,
         heat_capacity_j_m3_k=slab.heat_capacity_j_m3_k,
+        horizon=settings.horizon,
     )

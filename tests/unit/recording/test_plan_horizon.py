@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from datetime import time
+
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.recording.experiments import _measured, _model
 from fieldkit.recording.plan import plan
 
 
@@ -25,3 +28,15 @@ def test_a_horizon_above_the_sun_is_named_as_such() -> None:
     settings = EstimatorSettings(horizon=((0.0, 60.0), (180.0, 60.0)))
     made = plan((37.70, -105.92, 2317.0), "2016-01-01", [(15.0, 180.0)], estimator=settings)
     assert made.warnings == ["the horizon hides the sun: nothing can be measured"]
+
+
+def test_a_session_behind_a_ridge_is_predicted_in_its_shadow() -> None:
+    ridge = ((179.0, 0.0), (180.0, 40.0), (300.0, 40.0), (301.0, 0.0))
+    found = []
+    for horizon in ((), ridge):
+        settings = EstimatorSettings(horizon=horizon)
+        made = plan((37.70, -105.92, 2317.0), "2016-01-01", [(15.0, 180.0)], estimator=settings)
+        session = made.session(60, at=time(14, 0))
+        found.append(_measured(session, _model(session), 60).temperature_k[-1])
+    in_the_sun, behind = found
+    assert (behind < in_the_sun - 5.0).all()

@@ -19,6 +19,7 @@ from fieldkit.model.units import HOUR_NS
 from fieldkit.physics.facet import VERTICAL
 from fieldkit.physics.terrain import sunlit_cosine
 from fieldkit.recording.campaign import create_campaign
+from fieldkit.recording.experiments import _model
 from fieldkit.recording.plan import plan
 from fieldkit.recording.record import record
 from fieldkit.sessions.reader import open_session
@@ -114,6 +115,13 @@ def test_a_plan_on_the_moon_has_its_ground_and_no_air():
     assert settings.surface.albedo == 0.12
     assert settings.sky_emissivity == 0.0
     assert settings.rising_deg == pytest.approx(-0.267)  # half of the sun's width, without refraction
+
+
+def test_a_session_planned_on_mars_has_what_is_known_of_mars():
+    session = plan(Site(4.5, 137.4, -4500.0, body="mars"), "2026-06-21", [(15.0, 180.0)]).session()
+    assert (session.settings.body, session.settings.prior.exchange_w_m2_k) == ("mars", 1.0)
+    lull, usual = _model(session).exchange.at(np.array([0.0, session.sky.wind_m_s]))
+    assert 0.0 < lull < usual == 1.0
 
 
 def test_a_plan_on_mars_has_the_noon_of_mars_in_its_middle():
