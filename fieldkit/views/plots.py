@@ -45,11 +45,12 @@ def tilts(
     time_ns: NDArray[np.int64], regions: Mapping[str, TiltSeries], site: Site | None, ax: Axes | None = None
 ) -> Axes:
     """Tilt of each region over time, its likelihood region shaded, the true tilt dashed."""
-    axes, days = new_axes(ax), plotting.days(time_ns)
+    axes = new_axes(ax)
     for index, (name, one) in enumerate(regions.items()):
         colour = plotting.colour(index)
-        axes.fill_between(days, one.low_deg, one.high_deg, color=colour, alpha=0.2, linewidth=0)
-        axes.plot(days, one.tilt_deg, color=colour, label=name)
+        days, tilt, low, high = plotting.broken(time_ns, one.tilt_deg, one.low_deg, one.high_deg)
+        axes.fill_between(days, low, high, color=colour, alpha=0.2, linewidth=0)
+        axes.plot(days, tilt, color=colour, label=name)
         if np.isfinite(one.true_deg):
             axes.axhline(one.true_deg, color=colour, linestyle="--", linewidth=1.0)
     axes.set_ylabel("tilt, °")
@@ -66,7 +67,7 @@ def lines(
     """Some time series of one quantity."""
     axes = new_axes(ax)
     for index, (name, series) in enumerate(values.items()):
-        axes.plot(plotting.days(time_ns), np.asarray(series), **plotting.line(index, name))
+        axes.plot(*plotting.broken(time_ns, series), **plotting.line(index, name))
     axes.set_ylabel(label)
     return over_time(axes, time_ns, site)
 

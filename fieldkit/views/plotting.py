@@ -17,9 +17,10 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from fieldkit.model.site import Site
+from fieldkit.model.units import HOUR_NS
 from fieldkit.physics.facet import FloatArray
 from fieldkit.views import formatting
 
@@ -153,6 +154,12 @@ def clock_ticks(axes: Axes) -> None:
 def days(time_ns: NDArray[np.int64]) -> FloatArray:
     """Days since 1970, which is how matplotlib counts dates."""
     return time_ns / 86_400e9
+
+
+def broken(time_ns: NDArray[np.int64], *values: ArrayLike) -> list[FloatArray]:
+    """Days (n,) and values of a line, NaN between those that lie an hour apart: it breaks there."""
+    after = np.flatnonzero(np.diff(time_ns) > HOUR_NS) + 1
+    return [np.insert(np.asarray(one, np.float64), after, np.nan) for one in (days(time_ns), *values)]
 
 
 def legend(axes: Axes) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from fieldkit.model.air import is_air_temperature
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.slope import SOLVED, SlopeEstimate
-from fieldkit.model.units import CELSIUS_ZERO_K
+from fieldkit.model.units import CELSIUS_ZERO_K, MINUTE_NS
 from fieldkit.views import plotting
 from fieldkit.views.report.series import FloatArray, Series, TargetSeries
 
@@ -25,11 +25,8 @@ def temperatures(columns: Series, channels: Sequence[str], site: Site) -> plotti
     """Surface temperature of each region, and the contact probes, over local time."""
     figure, (axes,) = plotting.panels(1, 3.0, plotting.WIDE_IN)
     for index, region in enumerate(columns.regions):
-        lines = axes.plot(
-            plotting.days(columns.time_ns),
-            columns.temperature_k[region.name] - CELSIUS_ZERO_K,
-            **_line(index, region),
-        )
+        celsius = columns.temperature_k[region.name] - CELSIUS_ZERO_K
+        lines = axes.plot(*plotting.broken(columns.time_ns, celsius), **_line(index, region))
         plotting.mark_part(index, lines)
     for channel in np.flatnonzero(np.isfinite(columns.contact_k).any(axis=0)).tolist():
         if is_air_temperature(channels[channel]):
@@ -56,7 +53,7 @@ def irradiance(columns: Series, site: Site) -> plotting.OverTime:
     known = [line for line in lines if np.isfinite(line[1]).any()]
     figure, panels = plotting.panels(len(known), 0.6 + 1.3 * len(known), plotting.WIDE_IN)
     for axes, (name, values, colour) in zip(panels, known, strict=True):
-        axes.plot(plotting.days(columns.time_ns), values, color=colour)
+        axes.plot(*plotting.broken(columns.time_ns, values), color=colour)
         axes.set_ylabel(name)
     return over_time(figure, panels, columns, site, legend=False)
 
@@ -99,10 +96,10 @@ def _angle(
     given_deg: float, colour: str,
 ) -> None:  # fmt: skip
     """An angle by minute with the ends of its likelihood region, its unreliable minutes, the given one."""
-    days, (middle, low, high) = plotting.days(columns.time_ns), found
+    days, middle, low, high = plotting.broken(columns.time_ns, *found)
     axes.fill_between(days, low, high, color=colour, alpha=0.22, linewidth=0)
     axes.plot(days, middle, color=colour, linewidth=1.6)
-    _unreliable(axes, columns, target, middle)
+    _unreliable(axes, columns, target, found[0])
     if np.isfinite(given_deg):
         axes.axhline(given_deg, color="black", linestyle=(0, (5, 3)), linewidth=1.2)
 
@@ -175,8 +172,7 @@ def over_time(
 def _shade_clouds(axes: Axes, columns: Series) -> None:
     edges = np.flatnonzero(np.diff(np.concatenate([[False], columns.cloudy, [False]]).astype(np.int8)))
     for first, after in edges.reshape(-1, 2):
-        last = min(after, columns.time_ns.size - 1)
-        start, end = plotting.days(columns.time_ns[[first, last]])
+        start, end = plotting.days(columns.time_ns[[first, after - 1]] + [0, MINUTE_NS])
         axes.axvspan(start, end, color=CLOUD_COLOUR, alpha=0.45, linewidth=0)
 
 

@@ -14,13 +14,15 @@ from fieldkit.model.clock import utc_ns
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Frame, Reading, Sample
 from fieldkit.model.site import Site
+from fieldkit.model.units import HOUR_NS, MINUTE_NS
 from fieldkit.results.export import _between_ns
 from fieldkit.results.report import report
 from fieldkit.results.slope_map import _caption
 from fieldkit.sessions.formats.imported import ImportedRecording, write_imported
 from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.reader import open_session
-from fieldkit.views import plotting
+from fieldkit.views import plots, plotting
+from fieldkit.views.report import session_figures
 
 DENVER = ZoneInfo("America/Denver")
 SITE = Site(37.7, -105.9, 2317.0, "America/Denver")
@@ -93,3 +95,23 @@ def test_an_axis_of_several_days_has_their_dates(days: int, first: str) -> None:
     inside = [tick for tick in axes.get_xticks() if low <= tick <= high]
     assert axes.xaxis.get_major_formatter()(inside[0]) == first
     assert axes.get_xlabel() == f"local time ({BOTH if days else 'MST, UTC-07:00'})"
+
+
+def test_lines_break_where_nothing_was_measured_for_hours() -> None:
+    """A straight line through the night would look like a measurement."""
+    hours = np.array([9, 10, 11, 33, 34])
+    time_ns = START_NS + hours * HOUR_NS
+    found = plots.TiltSeries(hours + 0.0, hours - 1.0, hours + 1.0, np.nan)
+    axes = plots.tilts(time_ns, {"b15": found}, SITE)
+    (line,), (band,) = axes.lines, axes.collections
+    np.testing.assert_array_equal(np.isnan(line.get_ydata()), [False, False, False, True, False, False])
+    assert len(band.get_paths()) == 2
+
+
+def test_a_cloud_of_the_evening_does_not_last_until_the_morning() -> None:
+    time_ns = START_NS + np.array([0, 1, 900, 901]) * MINUTE_NS
+    columns = SimpleNamespace(time_ns=time_ns, cloudy=np.array([False, True, False, False]))
+    _, (axes,) = plotting.panels(1, 3.0)
+    session_figures._shade_clouds(axes, columns)
+    (cloud,) = axes.patches
+    assert cloud.get_width() == pytest.approx(1.0 / 1440.0, rel=1e-6)
