@@ -9,6 +9,7 @@ from fieldkit.model.mark_times import parse_when, reject_impossible, reject_unkn
 from fieldkit.model.marks import SHADE_TEST_S, Mark, When, mark_event, marks_made, numbers_named, shade_test
 from fieldkit.model.samples import Event
 from fieldkit.model.site import known_zone
+from fieldkit.model.units import HOUR_NS
 from fieldkit.sessions.finished_file import add_later_events
 from fieldkit.sessions.reader import SessionReader
 from fieldkit.sessions.time_map import mapped_event, recorded_event
@@ -34,11 +35,14 @@ def edited(
 ) -> Mark:
     """What takes the place of the mark with that number or text: the same but for what is given.
 
-    Times are ISO 8601 or ``12:31`` at the site, or ``-30s`` before the session's last sample; with `at` alone
-    the mark has no end any more. A mark that was taken back counts again. Raises `ConfigError`.
+    Times are ISO 8601 or ``12:31`` at the site, the one nearest to the mark, or ``-30s`` before the session's
+    last sample; with `at` alone the mark has no end any more. A mark that was taken back counts again. Raises
+    `ConfigError`.
     """
     number, mark = _named(session, name)
-    now = _utc(session.end_ns).astimezone(known_zone(session.site.timezone) or UTC)
+    # clocks show a time once in the half days around the mark
+    latest_ns = min(session.end_ns, mark.time_ns + 12 * HOUR_NS)
+    now = _utc(latest_ns).astimezone(known_zone(session.site.timezone) or UTC)
     start, end = _ends(mark) if at is None else (parse_when(at, now), parse_when(to, now) if to else None)
     kept = str(mark.data.get("label", "")) if label is None else label
     longest_s = float(mark.data.get("for_s", SHADE_TEST_S))

@@ -12,12 +12,14 @@ import pytest
 
 from fieldkit.model.clock import utc_ns
 from fieldkit.model.device import StreamInfo
-from fieldkit.model.samples import Frame, Reading, Sample
+from fieldkit.model.samples import Event, EventKind, Frame, Reading, Sample
 from fieldkit.model.site import Site
 from fieldkit.model.units import HOUR_NS, MINUTE_NS
 from fieldkit.results.export import _between_ns
+from fieldkit.results.marks import edited
 from fieldkit.results.report import report
 from fieldkit.results.slope_map import _caption
+from fieldkit.sessions.finished_file import add_later_events
 from fieldkit.sessions.formats.imported import ImportedRecording, write_imported
 from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.reader import open_session
@@ -115,3 +117,18 @@ def test_a_cloud_of_the_evening_does_not_last_until_the_morning() -> None:
     session_figures._shade_clouds(axes, columns)
     (cloud,) = axes.patches
     assert cloud.get_width() == pytest.approx(1.0 / 1440.0, rel=1e-6)
+
+
+def test_a_clock_time_that_edits_a_mark_is_the_nearest_to_the_mark(tmp_path: Path) -> None:
+    """It was the last one of the session: a shade test of the first day moved to the third."""
+    lux, path = StreamInfo("lux", "illuminance", "lx", (1,)), tmp_path / "days.h5"
+    times_ns = [START_NS + hours * HOUR_NS for hours in (0, 24, 60)]
+    readings = [Reading("lux", at, at, (1000.0,), seq=seq) for seq, at in enumerate(times_ns)]
+    header = SessionHeader("days", SITE, (lux,), config_toml=CONFIG)
+    write_imported(path, header, ImportedRecording(header.streams, readings), "a test")
+    noted_ns = START_NS + 30 * MINUTE_NS
+    add_later_events(path, [Event(EventKind.MARK, noted_ns, noted_ns, "gust")])
+    with open_session(path) as session:
+        assert edited(session, "gust", at="23:25").at == "2026-03-07T23:25:00-07:00"
+        edit = edited(session, "gust", at="23:55", to="00:05")
+        assert (edit.at, edit.to) == ("2026-03-07T23:55:00-07:00", "2026-03-08T00:05:00-07:00")
