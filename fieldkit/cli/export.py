@@ -32,7 +32,10 @@ FORMATS = "\n".join(f"{name:<8} {one.meaning}" for name, one in EXPORTS.items())
     help="Which camera, if there are several; for mcap and ros2, only this stream.",
 )
 @click.option("--every", type=click.IntRange(1), default=1, help="Only every n-th frame.")
-@click.option("--from", "begin", metavar="TIME", help="Only frames from then on: 12:31, -5m before the end.")
+@click.option(
+    "--from", "begin", metavar="TIME",
+    help="Only frames from then on: 12:31 (the last one), 2026-12-11T12:31, -5m before the end.",
+)  # fmt: skip
 @click.option("--until", metavar="TIME", help="Only frames up to then.")
 @click.option(
     "--speed", default="max", show_default=True, metavar="N|max",
