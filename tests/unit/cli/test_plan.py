@@ -279,6 +279,12 @@ def test_a_slope_that_the_sun_never_reaches_hides_no_window():
     assert any("30°/0° region is weak all day" in line for line in beside["warnings"])
 
 
+def test_the_best_window_has_the_sun_on_as_many_slopes_as_possible():
+    # 60 degrees to the east and to the west: both are lit around noon alone
+    words = ("--site", "37.7,-105.9,2317", "--on", "2026-06-21", "--facet", "60,90", "--facet", "60,270")
+    assert document(*words)["best_window_start"][11:13] in ("11", "12")
+
+
 def test_a_window_that_is_longer_than_the_day_is_named():
     found = document("--site", "55,10,100", "--on", "2026-12-21", "--facet", "15,180", "--window", "6h")
     assert found["warnings"][0] == "no window of 360 min determines any of these slopes"
