@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     type=WINDOW,
     metavar="TIME",
     help="How far back from the last usable minute: 20m, 1h, all, or weather: as far as the regions' "
-    "slopes look [default: as configured].",
+    "slopes look [default: as configured]. By the learned model no further than a day or a gap of two hours.",
 )
 @click.option(
     "--products", metavar="LIST",

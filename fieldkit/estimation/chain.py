@@ -118,7 +118,7 @@ class SlopeChain:
 
         Widths differ by a tenth from those of minutes taken one by one, which draw other hypotheses.
         """
-        return self._at_once(history, [max(_after_gaps(history), default=0)])
+        return self._at_once(history, [max(rows_after_gaps(history), default=0)])
 
     def together(self, sessions: Sequence[History]) -> Estimated:
         """Slopes of the targets at the last minute of sessions with the same columns, in order of time.
@@ -129,7 +129,7 @@ class SlopeChain:
         """
         history = joined(sessions)
         ends = np.cumsum([len(one) for one in sessions])[:-1]
-        return self._at_once(history, sorted({0, *ends.tolist(), *_after_gaps(history)}))
+        return self._at_once(history, sorted({0, *ends.tolist(), *rows_after_gaps(history)}))
 
     def _at_once(self, history: History, starts: Sequence[int]) -> Estimated:
         corrected = remove_offsets(history.in_place(), self.schedule.columns, self._settings)
@@ -191,8 +191,8 @@ class SlopeChain:
         return estimate
 
 
-def _after_gaps(history: History) -> list[int]:
-    """Rows that follow a gap too long to be bridged."""
+def rows_after_gaps(history: History) -> list[int]:
+    """Rows that follow a gap too long to be bridged: the learned model begins anew there."""
     gaps: list[int] = (np.flatnonzero(np.diff(history.minute) > BRIDGED_MINUTES) + 1).tolist()
     return gaps
 

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 import fieldkit
 from fieldkit.disk import replacing
 from fieldkit.estimation.bins import History, RegionColumns
+from fieldkit.estimation.chain import rows_after_gaps
 from fieldkit.estimation.disturbances import MOVED_PX
 from fieldkit.estimation.estimator_keys import Model
 from fieldkit.estimation.instant import AlongSun
@@ -70,6 +71,8 @@ SURFACE_MODELS: Mapping[Model, str] = {
     "full": "full, unit-norm",
     "learned": "learned, unit-norm",
 }
+LEARNED_MINUTES = 1440
+"""Longest window of the learned model: its covariances are of all minutes by all, 66 MB each of a day."""
 LEAST_MINUTES = 3
 """Below these a map is of the last of them alone, and of the component along the sun."""
 ONE_MINUTE = (
@@ -328,7 +331,8 @@ def slope_map(
         A session or its file; it may still be recording.
     window
         How far back from the last usable minute: seconds, "20m", "all", or "weather" for as far as the
-        regions' own slopes look; as configured by default.
+        regions' own slopes look; as configured by default. By the learned model a day at most, and no
+        further than the last gap of two hours.
     settings
         Other values for keys of ``fieldkit.toml``: ``{"albedo": 0.25}``, or ``KEY=VALUE``.
     present
@@ -530,6 +534,9 @@ def _window(known: SessionMinutes, estimates: Estimates, window: Window) -> NDAr
         return useful
     minutes = history.minute[useful]
     first = weather_ns // MINUTE_NS if window_s is None else minutes[-1] - window_s / 60.0
+    if known.settings.model == "learned":
+        anew = history.minute[max(rows_after_gaps(history), default=0)]
+        first = max(first, anew, minutes[-1] - LEARNED_MINUTES)
     return useful[minutes >= first]
 
 

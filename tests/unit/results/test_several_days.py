@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
 from types import SimpleNamespace
@@ -10,6 +11,8 @@ from zoneinfo import ZoneInfo
 import numpy as np
 import pytest
 
+from benchmarks.drawn_worlds import CLEAR
+from fieldkit.estimation.bins import joined
 from fieldkit.model.clock import utc_ns
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Event, EventKind, Frame, Reading, Sample
@@ -18,13 +21,14 @@ from fieldkit.model.units import HOUR_NS, MINUTE_NS
 from fieldkit.results.export import _between_ns
 from fieldkit.results.marks import edited
 from fieldkit.results.report import report
-from fieldkit.results.slope_map import _caption
+from fieldkit.results.slope_map import _caption, _window
 from fieldkit.sessions.finished_file import add_later_events
 from fieldkit.sessions.formats.imported import ImportedRecording, write_imported
 from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.reader import open_session
 from fieldkit.views import plots, plotting
 from fieldkit.views.report import session_figures
+from tests.harness.drawn import drawn_world
 
 DENVER = ZoneInfo("America/Denver")
 SITE = Site(37.7, -105.9, 2317.0, "America/Denver")
@@ -132,3 +136,18 @@ def test_a_clock_time_that_edits_a_mark_is_the_nearest_to_the_mark(tmp_path: Pat
         assert edited(session, "gust", at="23:25").at == "2026-03-07T23:25:00-07:00"
         edit = edited(session, "gust", at="23:55", to="00:05")
         assert (edit.at, edit.to) == ("2026-03-07T23:55:00-07:00", "2026-03-08T00:05:00-07:00")
+
+
+def test_a_map_of_the_learned_model_is_of_the_last_day() -> None:
+    """Its covariances are of all minutes by all: those of three days took gigabytes."""
+    world = drawn_world(5, CLEAR, minutes=20)
+    day, learned = world.history, replace(world.settings, model="learned")
+    moved = {"minute": day.minute + 1440, "time_ns": day.time_ns + 1440 * MINUTE_NS}
+    known = SimpleNamespace(
+        settings=learned, regions=world.regions, history=joined([day, replace(day, **moved)])
+    )
+    np.testing.assert_array_equal(_window(known, [], "all"), np.arange(20, 40))
+    known.history = replace(day, minute=day.minute[0] + 100 * np.arange(20))
+    np.testing.assert_array_equal(_window(known, [], "all"), np.arange(5, 20))
+    known.settings = replace(learned, model="full")
+    np.testing.assert_array_equal(_window(known, [], "all"), np.arange(20))
