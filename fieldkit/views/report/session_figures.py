@@ -172,7 +172,7 @@ def over_time(
 def _shade_clouds(axes: Axes, columns: Series) -> None:
     edges = np.flatnonzero(np.diff(np.concatenate([[False], columns.cloudy, [False]]).astype(np.int8)))
     for first, after in edges.reshape(-1, 2):
-        start, end = plotting.days(columns.time_ns[[first, after - 1]] + [0, MINUTE_NS])
+        start, end = plotting.days(columns.time_ns[[first, after - 1]] + np.array([0, MINUTE_NS]))
         axes.axvspan(start, end, color=CLOUD_COLOUR, alpha=0.45, linewidth=0)
 
 
