@@ -60,9 +60,9 @@ def command(
 ) -> None:
     """Estimate the slopes of recorded SESSIONS or folders of them, as configured or with --set.
 
-    --together joins sessions of one place, such as a field on several days: slopes, absorbed light and
-    thermal inertia are those of all; weather and the camera's offsets begin anew in each. It needs the
-    learned model.
+    --together joins sessions of one place, such as a field on several days, or the days of one: slopes,
+    absorbed light and thermal inertia are those of all; weather and the camera's offsets begin anew in each.
+    It needs the learned model.
 
     A single table FILE.csv with --site works as well, and several with --together: columns time (ISO 8601
     with its zone), reference_k, one NAME_k for each target (or _c), irradiance_w_m2 (direct normal), ghi_w_m2
@@ -119,7 +119,7 @@ def _estimate_together(
     from fieldkit.results.together import estimate_together
 
     base = None if out is None else batch.base_of(out)
-    with batch.progress_bar(f"estimating {len(paths)} sessions together") as on_progress:
+    with batch.progress_bar("estimating together") as on_progress:
         found = estimate_together(
             paths, settings, **chosen, notify=common.say_warning, on_progress=on_progress
         )

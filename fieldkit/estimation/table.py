@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.estimation.bins import History
-from fieldkit.estimation.chain import SlopeChain
+from fieldkit.estimation.chain import SlopeChain, rows_after_gaps
 from fieldkit.estimation.instruments import pyranometer
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.together import Part
@@ -54,8 +54,11 @@ class TemperatureTable:
 
 
 def slopes_of_part(part: Part) -> tuple[SlopeEstimate, ...]:
-    """Slope of every target over a whole table, or over the settings' window at its end."""
-    return SlopeChain(part.regions, part.settings).at(part.history).slopes
+    """Slope of every target over a whole table, also of several days, or over the window at its end."""
+    chain = SlopeChain(part.regions, part.settings)
+    if part.settings.model == "learned" and rows_after_gaps(part.history):
+        return chain.together([part.history]).slopes
+    return chain.at(part.history).slopes
 
 
 def as_part(

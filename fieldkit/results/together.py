@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from fieldkit.estimation.chain import rows_after_gaps
 from fieldkit.estimation.estimator_keys import Model
 from fieldkit.estimation.together import Part, slopes_together
 from fieldkit.model.errors import ConfigError
@@ -105,8 +106,8 @@ def estimate_together(
     SessionError
         If a session cannot be read or is still being recorded.
     ConfigError
-        With fewer than two sessions; if they are not of one place (sites more than 100 m apart, other
-        references), overlap in time, or differ in their settings; as for `fieldkit.estimate`.
+        With one session that has no such gap, or none; if they are not of one place (sites more than 100 m
+        apart, other references), overlap in time, or differ in their settings; as for `fieldkit.estimate`.
 
     Examples
     --------
@@ -117,13 +118,13 @@ def estimate_together(
     keys = values if model is None else {**values, "estimator.model": model}
     texts = [*settings_from(settings), *settings_from(keys)]
     paths = list(dict.fromkeys(path_of(one).resolve() for one in sessions))
-    if len(paths) < 2:
-        raise ConfigError("one session cannot be joined", fix="name two sessions or more")
     runs = [run_of(source_of(path, present=present, without_marks=without_marks), texts) for path in paths]
     parts = []
     for run in runs:
         parts.append(_part(run, notify))
         on_progress(len(parts), len(runs) + 1)
+    if len(parts) < 2 and not any(rows_after_gaps(part.history) for part in parts):
+        raise ConfigError("one session without a gap of two hours cannot be joined", fix="name two or more")
     begun = {part.name: part.history.time_ns[:1].tolist() for part in parts}
     runs.sort(key=lambda run: begun[str(run.source.path)])
     made = _joined(runs, parts)

@@ -13,6 +13,8 @@ from fieldkit.cli import main
 from fieldkit.model.errors import ConfigError
 from fieldkit.results.batch import estimate_sessions
 from fieldkit.sessions.finished_file import apply_time_map
+from fieldkit.sessions.formats.imported import ImportedRecording, write_imported
+from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.time_map import TimeStep
 
 DAY_NS = 86_400_000_000_000
@@ -64,6 +66,19 @@ def test_the_command_prints_the_slopes_and_names_the_sessions(days):
     assert [one["minutes"] for one in document["slopes"]] == [22, 22, 22]
 
 
+def test_a_session_of_two_days_is_joined_as_two_sessions_are(days, tmp_path):
+    samples = []
+    for path in reversed(days):
+        with open_session(path) as session:
+            header = session.header
+            samples += [one._replace(mono_ns=one.time_ns) for one in session.samples()]
+    recording = ImportedRecording(header.streams, samples)
+    write_imported(tmp_path / "both.h5", header, recording, "two sessions")
+    both, apart = fieldkit.estimate_together([tmp_path / "both.h5"]), fieldkit.estimate_together(days)
+    assert both["b15"].n_bins == apart["b15"].n_bins == 22
+    assert both["b15"].tilt_deg == pytest.approx(apart["b15"].tilt_deg, abs=0.5)
+
+
 def test_sessions_of_the_same_minutes_are_refused_by_name(sessions):
     done = typed(*sessions, "--together")
     assert done.exit_code == 3
@@ -72,7 +87,7 @@ def test_sessions_of_the_same_minutes_are_refused_by_name(sessions):
 
 
 def test_one_session_or_another_model_cannot_be_joined(days):
-    with pytest.raises(ConfigError, match="one session cannot be joined"):
+    with pytest.raises(ConfigError, match="one session without a gap of two hours"):
         fieldkit.estimate_together(days[:1])
     with pytest.raises(ConfigError, match="only the learned model") as refused:
         fieldkit.estimate_together(days, model="full")
