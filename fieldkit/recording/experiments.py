@@ -24,6 +24,7 @@ from fieldkit.model.errors import FieldkitError
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.slope import SlopeEstimate, SlopeState, is_too_wide
 from fieldkit.model.units import MINUTE_NS
+from fieldkit.physics.bodies import body_of
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.irradiance import direct_normal, shares_on_plane
 from fieldkit.recording.field_history import field_history
@@ -132,9 +133,10 @@ class Experiments:
         session = self.session
         measured = [word for word in (AIR, DIFFUSE, LONGWAVE) if word in session.logged]
         sure, turbidity = percent(session.settings.confidence), session.sky.linke_turbidity
+        air = f" of Linke turbidity {turbidity:g}" if body_of(session.site).has_air_of_earth else ""
         return (
-            f"Half of the {sure} region of each tilt on a simulated clear day of Linke turbidity "
-            f"{turbidity:g}; measured beside frames and light: {', '.join(measured) or 'nothing'}."
+            f"Half of the {sure} region of each tilt on a simulated clear day{air}; measured beside frames and "
+            f"light: {', '.join(measured) or 'nothing'}."
         )
 
     @property
