@@ -135,8 +135,8 @@ class Experiments:
         sure, turbidity = percent(session.settings.confidence), session.sky.linke_turbidity
         air = f" of Linke turbidity {turbidity:g}" if body_of(session.site).has_air_of_earth else ""
         return (
-            f"Half of the {sure} region of each tilt on a simulated clear day{air}; measured beside frames and "
-            f"light: {', '.join(measured) or 'nothing'}."
+            f"Half of the {sure} region of each tilt on a simulated clear day{air}; measured beside frames "
+            f"and light: {', '.join(measured) or 'nothing'}."
         )
 
     @property

@@ -142,6 +142,14 @@ def test_the_palette_is_chosen_and_kept_on_the_device(browser: Browser, page: Se
     assert watched.page.evaluate(first) == [255, 255, 255, 255]
 
 
+def test_times_after_the_first_day_of_a_recording_have_their_date(browser: Browser, page: Served) -> None:
+    watched = opened(browser, page.link())
+    watched.wait_for_picture()
+    watched.page.evaluate("status.state.started_ms = Date.parse('2026-03-07T12:00+09:00')")
+    shown = "(hours) => clockTime(status.state.started_ms + hours * 3600e3)"
+    assert [watched.page.evaluate(shown, hours) for hours in (1, 24)] == ["13:00:00", "8 Mar 12:00:00"]
+
+
 @pytest.mark.parametrize(
     "size",
     [SMALLEST, LAPTOP, *(pytest.param(one, marks=pytest.mark.slow) for one in (PHONE, PHONE_ON_ITS_SIDE))],

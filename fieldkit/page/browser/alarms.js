@@ -18,7 +18,7 @@ function alarmRow({ id, severity, text, since_ms: since, acknowledged }) {
   const answer = async () => showAnswer(await request({ do: "acknowledge", alarm: id }));
   const button = el("button", { type: "button", class: "control", "aria-label": `Acknowledge: ${text}`, onclick: answer }, "Acknowledge");
   button.hidden = link.role !== "control";
-  const about = `since ${localTime(since)}${acknowledged ? ", acknowledged" : ""}`;
+  const about = `since ${clockTime(since)}${acknowledged ? ", acknowledged" : ""}`;
   return el("div", { class: `alarm ${acknowledged ? "info" : severity}` }, el("p", {}, text, el("span", {}, about)), acknowledged ? null : button);
 }
 

@@ -35,7 +35,7 @@ async function correctMark(what) {
 }
 
 function markItem(mark) {
-  const words = `${mark.mark}: ${localTime(mark.time_ms)} ${mark.words}`;
+  const words = `${mark.mark}: ${clockTime(mark.time_ms)} ${mark.words}`;
   const button = (text, onclick) => el("button", { type: "button", "aria-label": `${text} mark ${words}`, onclick }, text);
   return el("li", { class: mark.counts ? null : "gone" }, el("p", {}, words, mark.counts ? null : el("small", {}, " taken back")),
     el("div", { class: "buttons" }, ...(mark.counts

@@ -17,7 +17,7 @@ function drawPlot() {
   const width = chart.clientWidth || 300, [from, to] = viewed();
   const x = (ms) => BOX.left + ((ms - from) / (to - from)) * (width - BOX.left - BOX.right);
   chart.setAttribute("viewBox", `0 0 ${width} ${2 * (BOX.top + BOX.height) + BOX.between}`);
-  chart.setAttribute("aria-label", `Temperatures and tilts of ${Object.keys(regions.series).join(", ")} from ${minuteTime(from)} to ${minuteTime(to)}`);
+  chart.setAttribute("aria-label", `Temperatures and tilts of ${Object.keys(regions.series).join(", ")} from ${clockTime(from, minuteTime)} to ${clockTime(to, minuteTime)}`);
   chart.replaceChildren(...PANELS.map((panel, i) => panelOf(panel, BOX.top + i * (BOX.height + BOX.between), x, width)));
   $("plot-names").replaceChildren(...Object.keys(regions.series).map((name, i) => el("li", { class: `line-${i % LINES}` }, name)));
 }
@@ -49,18 +49,19 @@ function valueAxis(low, high, step, y, width) {
 }
 
 function timeAxis(x, top) {
-  const [from, to] = viewed(), wanted = (to - from) / 60e3 / Math.max(2, Math.floor((x(to) - x(from)) / 70));
+  const [from, to] = viewed(), wanted = (to - from) / 60e3 / Math.max(2, Math.floor((x(to) - x(from)) / 84));
   const step = 60e3 * (TIME_STEPS_MIN.find((minutes) => minutes >= wanted) ?? 1440);
   const first = Math.ceil(from / step) * step, count = Math.max(0, Math.floor((to - first) / step) + 1);
   return Array.from({ length: count }, (_, i) => first + i * step).flatMap((ms) => [
     el("path", { class: "grid", d: `M${x(ms)} ${top}v${BOX.height}` }),
-    el("text", { x: x(ms), y: top + BOX.height + 14, class: "of-time" }, minuteTime(ms))]);
+    el("text", { x: x(ms), y: top + BOX.height + 14, class: "of-time" }, clockTime(ms, minuteTime))]);
 }
 
 /** The polylines of a series, one for each stretch without a gap. */
 function curves(values, number, shown, x, y) {
   const stretches = [[]];
   regions.minutes.forEach((ms, i) => {
+    if (ms - regions.minutes[i - 1] > 3600e3) stretches.push([]);
     if (shown[i] && Number.isFinite(values[i])) stretches.at(-1).push(`${x(ms).toFixed(1)},${y(values[i]).toFixed(1)}`);
     else if (stretches.at(-1).length) stretches.push([]);
   });

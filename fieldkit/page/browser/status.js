@@ -32,12 +32,18 @@ on("state", (state) => {
 function showState() {
   const { phase, session, started_ms: started, planned_end_ms: end, problem } = status.state;
   const since = phase === "recording" && started ? `${session}, ${duration(Math.floor(((status.atMs ?? started) - started) / 60e3) * 60)}` : session;
-  const until = phase === "recording" && end ? `ends ${minuteTime(end)}` : "";
+  const until = phase === "recording" && end ? `ends ${clockTime(end, minuteTime)}` : "";
   const bar = $("time-bar");
   bar.hidden = !until;
   if (until) Object.assign(bar, { max: end - started, value: Math.max(0, (status.atMs ?? started) - started) });
   say($("state"), [PHASES[phase] ?? phase, since, until, problem].filter(Boolean).join(" · "));
   $("state").className = phase;
+}
+
+/** A time with its date, where that is not the first of the recording. */
+function clockTime(ms, shown = localTime) {
+  const day = (one) => localTime(one, { day: "numeric", month: "short" });
+  return day(ms) === day(status.state.started_ms ?? ms) ? shown(ms) : `${day(ms)} ${shown(ms)}`;
 }
 
 /** One line of the conditions; an unknown value is a dash. */
@@ -96,7 +102,7 @@ function streamRow({ name, is_camera: isCamera, rows, cols, quantity }, now) {
 }
 
 on("event", (event) => {
-  const when = el("time", { datetime: new Date(event.time_ms).toISOString() }, localTime(event.time_ms));
+  const when = el("time", { datetime: new Date(event.time_ms).toISOString() }, clockTime(event.time_ms));
   const severity = { warning: "Warning: ", error: "Error: " }[event.severity] ?? "";
   const text = `${severity}${event.kind === "mark" ? "mark " : ""}${event.text}`;
   $("event-list").prepend(el("li", { class: event.severity }, when, el("span", {}, text)));
