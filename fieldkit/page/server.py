@@ -36,7 +36,7 @@ from fieldkit.page.document import document
 from fieldkit.page.hub import MAX_VIEWERS, Hub
 from fieldkit.page.keys import SESSION_LASTS_S, Keys
 from fieldkit.page.pictures import still
-from fieldkit.page.protocol import HEADERS_MAX_BYTES, CarefulProtocol
+from fieldkit.page.protocol import HEADERS_MAX_BYTES, CarefulProtocol, CarefulSocket
 from fieldkit.page.sessions import PastSessions
 from fieldkit.page.unattended import keep_recording
 from fieldkit.page.viewer import Role, Viewer, ViewerLeftError
@@ -246,11 +246,11 @@ class Page:
             return
         await socket.accept()
         viewer = Viewer(known[0], known[1])
-        if not self.hub.join(viewer):
-            await socket.close(FULL, f"{MAX_VIEWERS} browsers are connected already")
-            return
         try:
-            await self._serve(socket, viewer)
+            if self.hub.join(viewer):
+                await self._serve(socket, viewer)
+            else:
+                await socket.close(FULL, f"{MAX_VIEWERS} browsers are connected already")
         finally:
             self.hub.leave(viewer)
 
@@ -313,7 +313,7 @@ def server(page: Page) -> uvicorn.Server:
         uvicorn.Config(
             page.app(),
             http=partial(CarefulProtocol, set()),  # type: ignore[arg-type]  # it takes whatever makes one
-            ws="websockets-sansio",
+            ws=CarefulSocket,
             loop="asyncio",
             lifespan="on",
             log_config=None,

@@ -51,6 +51,18 @@ def refused(open_it: Callable[[], object]) -> int:
     return error.value.response.status_code
 
 
+def raw_socket(page: Served, cookie: str, host: str = "") -> socket.socket:
+    """A WebSocket whose frames a test writes itself, with a host that no client library would send."""
+    host = host or page.host
+    raw = socket.create_connection((HOST, page.port), PATIENCE_S)
+    raw.sendall(
+        f"GET /socket HTTP/1.1\r\nHost: {host}\r\nOrigin: http://{host}\r\nUpgrade: websocket\r\n"
+        f"Connection: Upgrade\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n"
+        f"Sec-WebSocket-Version: 13\r\nCookie: {cookie}\r\n\r\n".encode()
+    )
+    return raw
+
+
 # --- 1. only this computer unless an address is named
 
 
@@ -88,13 +100,7 @@ def test_a_name_that_was_rebound_to_this_computer_gets_nothing(page: Served, ung
 
 def test_a_rebound_name_opens_no_socket(page: Served, unguarded) -> None:
     def upgrade(running: Served, host: str) -> bytes:
-        """Raw, since a client library sends the host it connects to."""
-        with socket.create_connection((HOST, running.port), PATIENCE_S) as raw:
-            raw.sendall(
-                f"GET /socket HTTP/1.1\r\nHost: {host}\r\nOrigin: http://{host}\r\nUpgrade: websocket\r\n"
-                f"Connection: Upgrade\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n"
-                f"Sec-WebSocket-Version: 13\r\nCookie: {running.cookie()}\r\n\r\n".encode()
-            )
+        with raw_socket(running, running.cookie(), host) as raw:
             return raw.recv(12)
 
     with unguarded(known_host) as open_page:
@@ -411,6 +417,42 @@ def test_viewers_are_counted_and_who_controls_takes_the_place_of_one_who_looks(f
             assert browsers[1].next("now")
         for browser in browsers:
             browser.close()
+
+
+def test_a_browser_that_takes_nothing_gives_up_its_place(folder: Path, monkeypatch) -> None:
+    monkeypatch.setattr(protocol, "TAKEN_WITHIN_S", 0.5)  # a shorter wait
+    with served(folder) as page, raw_socket(page, page.cookie()):
+        hub = page.page.hub
+        wait_until(lambda: hub.viewers, "it does not connect")
+        for number in range(20):  # more than its kernel and ours hold for it
+            hub.become(problem=f"{number}" * 1_000_000)
+        wait_until(lambda: not hub.viewers, "it keeps its place", 30.0)
+
+
+PING, PART = b"\x89\x80\0\0\0\0", b"\x00\x80\0\0\0\0"
+
+
+@pytest.mark.parametrize(
+    "flood", [b"\x01\x80\0\0\0\0" + 2000 * PART, 100_000 * PING], ids=["parts without end", "pings"]
+)
+def test_what_is_no_message_is_limited_too(page: Served, flood: bytes) -> None:
+    ends = time.monotonic() + 8.0  # before the server misses the answer to its own ping
+    with raw_socket(page, page.cookie("view")) as raw, suppress(ConnectionError):
+        assert raw.recv(12) == b"HTTP/1.1 101"
+        raw.sendall(flood)
+        while raw.recv(100_000):
+            assert time.monotonic() < ends, "the connection stays"
+
+
+def test_connections_that_became_websockets_are_counted_too(folder: Path, monkeypatch) -> None:
+    monkeypatch.setattr(protocol, "MOST_CONNECTIONS", 20)
+    with served(folder) as page, ExitStack() as opened:
+        cookie, answered = page.cookie("view"), []
+        for _ in range(40):  # eight are served; the others do not answer when they are closed
+            raw = opened.enter_context(raw_socket(page, cookie))
+            with suppress(ConnectionError):
+                answered.append(raw.recv(12))
+    assert answered.count(b"HTTP/1.1 101") <= 20
 
 
 def lasts(page: Served, *parts: bytes, at_most_s: float = 3.0) -> float:
