@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import select
 import socket
 import stat
@@ -659,3 +660,40 @@ def test_nothing_that_leads_out_of_the_folders_is_offered(tmp_path: Path) -> Non
             for what in ("download", "report", "picture"):
                 path = f"/session/{identifier(recordings / name)}/{what}"
                 assert page.ask("GET", path, Cookie=cookie).status == 404
+
+
+def test_files_of_any_name_are_listed_and_a_session_without_a_file_is_explained(tmp_path: Path) -> None:
+    folder = campaign(
+        tmp_path / "m\udce4rz"
+    )  # a folder of a Latin-1 system, after which the campaign is named
+    toml = folder / "fieldkit.toml"
+    toml.write_text(re.sub(r"(?m)^title.*", "", toml.read_text(encoding="utf-8")), encoding="utf-8")
+    latin, left = (folder / "recordings" / name for name in ("m\udce4rz.h5", "left.h5"))
+    left.with_name("left.h5.journal").mkdir(parents=True)
+    latin.write_bytes(b"not a session")
+    with served(folder) as page:
+        cookie = page.cookie()
+        with page.opened(Cookie=cookie) as browser:
+            assert browser.next("hello")["campaign"] == "m\udce4rz"
+            assert {one["id"] for one in browser.request(do="sessions")["data"]} == set(
+                map(identifier, (latin, left))
+            )
+            assert "m\udce4rz.h5" in browser.request(do="marks", session=identifier(latin))["text"]
+        answers = {
+            (path, what): page.ask("GET", f"/session/{identifier(path)}/{what}", Cookie=cookie)
+            for path in (latin, left)
+            for what in ("download", "report", "picture", "thumbnail")
+        }
+        assert answers[latin, "download"].body == b"not a session"
+        assert [answers[latin, what].status for what in ("report", "picture", "thumbnail")] == [202, 404, 404]
+        for what in ("download", "report", "picture", "thumbnail"):
+            assert answers[left, what].body.startswith(b"only the journal of left is left")
+
+
+def test_a_file_that_cannot_be_served_for_any_other_reason_is_explained(page: Served, monkeypatch) -> None:
+    def fail(*_: object) -> None:
+        raise ZeroDivisionError("no file at all")
+
+    monkeypatch.setattr(page.page.past, "sealed", fail)  # only a mistake of ours does
+    answer = page.ask("GET", "/session/0123456789abcdef/download", Cookie=page.cookie())
+    assert (answer.status, b"no file at all" in answer.body) == (500, True)

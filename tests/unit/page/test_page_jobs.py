@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import gc
+import os
 from pathlib import Path
 
 import pytest
 
-from fieldkit.page.sessions import _fieldkit
+from fieldkit.config import load_config
+from fieldkit.page import sessions
+from fieldkit.page.sessions import PastSessions, _fieldkit, identifier
+from fieldkit.recording.campaign import init_campaign
+from fieldkit.results.report import default_path
 
 
 def test_a_command_of_a_page_that_ends_is_ended_and_its_pipes_are_closed(
@@ -24,3 +29,30 @@ def test_a_command_of_a_page_that_ends_is_ended_and_its_pipes_are_closed(
     asyncio.run(page())
     assert ended[0].cancelled()
     gc.collect()  # what is left open warns here, and a warning is an error
+
+
+def test_a_report_opens_once_it_is_made_though_the_clock_is_behind_that_of_the_session(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "field"
+    init_campaign(folder, simulated=True)
+    session = folder / "recordings/day.h5"
+    session.parent.mkdir(exist_ok=True)
+    session.write_bytes(b"")
+    os.utime(session, (2e9, 2e9))  # as after a start without network or battery-backed clock
+
+    async def made(*_: str) -> tuple[int, str, str]:
+        default_path(session).write_text("made", encoding="utf-8")
+        return 0, "", ""
+
+    async def asked() -> Path:
+        past = PastSessions(load_config(folder / "fieldkit.toml"))
+        making = past.report(identifier(session))
+        assert isinstance(making, asyncio.Task)
+        await making
+        report = past.report(identifier(session))
+        assert isinstance(report, Path), "it is made again and again"
+        return report
+
+    monkeypatch.setattr(sessions, "_fieldkit", made)
+    assert asyncio.run(asked()).read_text(encoding="utf-8") == "made"
