@@ -126,7 +126,7 @@ def test_other_names_are_not(page: Served, name: str) -> None:
 @pytest.mark.parametrize(
     ("name", "is_known"), [("127.0.0.1", True), ("localhost", True), ("[::1]", False), ("127.0.0.2", False)]
 )
-def test_an_address_of_ipv4_is_known_on_a_socket_of_both_kinds(page: Served, name: str, is_known: bool) -> None:
+def test_ipv4_is_known_on_a_socket_of_both_kinds(page: Served, name: str, is_known: bool) -> None:
     scope = {"type": "http", "headers": [(b"host", name.encode())], "server": ("::ffff:127.0.0.1", 8765)}
     assert (known_host(scope, page.page.keys) is None) == is_known
 
