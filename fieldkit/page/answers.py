@@ -7,9 +7,9 @@ import logging
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -47,7 +47,10 @@ from fieldkit.views import formatting, frame_image
 log: logging.Logger = logging.getLogger(__name__)
 ANSWERS_WITHIN_S = 5.0
 """The recorder looks at its requests once a second."""
+LOOKS_AT_ONCE = 2
+"""More would take all threads, and a mark or the end of the recording would wait behind everybody's lists."""
 Document = dict[str, Any]
+T = TypeVar("T")
 
 
 class Done(NamedTuple):
@@ -77,6 +80,7 @@ class Answers:
     conductor: Conductor
     past: PastSessions
     keys: Keys
+    _looking: asyncio.Semaphore = field(default_factory=lambda: asyncio.Semaphore(LOOKS_AT_ONCE))
 
     async def to(self, viewer: Viewer, request: requests.Request) -> Document:
         """Do what is asked and answer; an error becomes an answer."""
@@ -95,18 +99,18 @@ class Answers:
             case requests.Value():
                 return Done(data={"temperature_c": self._value_c(request)})
             case requests.CheckRegion():
-                return Done(data=await asyncio.to_thread(self._verdict, request))
+                return Done(data=await self._looked(self._verdict, request))
             case requests.Sessions():
-                return Done(data=await asyncio.to_thread(self.past.listed, viewer.role))
+                return Done(data=await self._looked(self.past.listed, viewer.role))
             case requests.CheckSession():
                 ok, text = await self.past.check(request.session)
                 return Done(text, ok=ok)
             case requests.EstimateSession():
                 return Done(data=await self.past.estimate(request.session))
             case requests.SessionSlopes():
-                return Done(data=await asyncio.to_thread(self.past.slopes, request.session))
+                return Done(data=await self._looked(self.past.slopes, request.session))
             case requests.Marks():
-                return Done(data=await asyncio.to_thread(self._marks, request.session))
+                return Done(data=await self._looked(self._marks, request.session))
             case requests.TakeBack() | requests.EditMark():
                 return await self._corrected(request)
             case requests.Start() | requests.Stop():
@@ -126,6 +130,11 @@ class Answers:
                 return Done(f"a link that works once, to {request.role}", {"key": key})
             case _:
                 return await self._redrawn(request)
+
+    async def _looked(self, look: Callable[..., T], *arguments: Any) -> T:
+        """What a function finds in a thread; it changes nothing."""
+        async with self._looking:
+            return await asyncio.to_thread(look, *arguments)
 
     # --- the recording
 

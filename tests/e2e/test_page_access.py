@@ -7,6 +7,7 @@ import re
 import select
 import socket
 import stat
+import threading
 import time
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
@@ -275,6 +276,22 @@ def test_who_may_look_may_not_control(
 
 async def done_by_nobody(_: object, request: requests.Request) -> answers.Done:
     return answers.Done("done")
+
+
+def test_who_looks_does_not_hold_up_who_controls(page: Served, monkeypatch: pytest.MonkeyPatch) -> None:
+    listed = threading.Event()
+    monkeypatch.setattr(page.page.past, "listed", lambda _: [listed.wait()])  # as long as of a slow disk
+    with ExitStack() as opened, page.browser() as control:
+        for looking in [opened.enter_context(page.browser("view")) for _ in range(5)]:
+            for _ in range(page_server.ANSWERS_AT_ONCE - 1):
+                looking.socket.send('{"do": "sessions"}')
+            looking.request(do="value", x=1, y=1)
+        given_up = threading.Timer(5.0, listed.set)
+        given_up.start()
+        assert control.request(do="mark", text="x")["text"] == "no recording is running in this campaign"
+        assert not listed.is_set(), "it waits behind their lists"
+        given_up.cancel()
+        listed.set()
 
 
 def test_who_may_look_receives_no_files(page: Served) -> None:
