@@ -53,10 +53,11 @@ class Viewer:
 
     def text(self, message: str) -> None:
         """Queue a text; a viewer that does not read is disconnected."""
-        self._texts.append(message)
-        if len(self._texts) > TEXTS_WAITING:
+        if len(self._texts) < TEXTS_WAITING:
+            self._texts.append(message)
+            self._wake.set()
+        else:
             self.leave("it does not read")
-        self._wake.set()
 
     def picture(self, message: bytes) -> None:
         """Offer a picture in place of one that still waits."""
