@@ -48,6 +48,7 @@ class PastSessions:
 
     config: Config
     _one_job: asyncio.Lock = field(default_factory=asyncio.Lock)
+    _one_check: asyncio.Lock = field(default_factory=asyncio.Lock)
     _frames: dict[Path, FrameK] = field(default_factory=dict)
     _thumbnails: dict[tuple[Path, int], bytes] = field(default_factory=dict)
     _reports: dict[Path, asyncio.Task[str]] = field(default_factory=dict)
@@ -93,7 +94,7 @@ class PastSessions:
     async def check(self, wanted: str) -> tuple[bool, str]:
         """Whether a session is without failures, and the findings in words."""
         path = self.sealed(wanted)
-        async with self._one_job:
+        async with self._one_check, self._one_job:  # reports wait for one at most, whoever asks for checks
             _, output, errors = await _fieldkit("check", str(path))
         try:
             findings = json.loads(output)["sessions"][0]["findings"]

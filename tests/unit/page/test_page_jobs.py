@@ -31,14 +31,23 @@ def test_a_command_of_a_page_that_ends_is_ended_and_its_pipes_are_closed(
     gc.collect()  # what is left open warns here, and a warning is an error
 
 
-def test_a_report_opens_once_it_is_made_though_the_clock_is_behind_that_of_the_session(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    folder = tmp_path / "field"
-    init_campaign(folder, simulated=True)
-    session = folder / "recordings/day.h5"
+@pytest.fixture
+def session(tmp_path: Path) -> Path:
+    """The only session of a campaign."""
+    init_campaign(tmp_path / "field", simulated=True)
+    session = tmp_path / "field/recordings/day.h5"
     session.parent.mkdir(exist_ok=True)
     session.write_bytes(b"")
+    return session
+
+
+def sessions_beside(session: Path) -> PastSessions:
+    return PastSessions(load_config(session.parents[1] / "fieldkit.toml"))
+
+
+def test_a_report_opens_once_it_is_made_though_the_clock_is_behind_that_of_the_session(
+    session: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     os.utime(session, (2e9, 2e9))  # as after a start without network or battery-backed clock
 
     async def made(*_: str) -> tuple[int, str, str]:
@@ -46,7 +55,7 @@ def test_a_report_opens_once_it_is_made_though_the_clock_is_behind_that_of_the_s
         return 0, "", ""
 
     async def asked() -> Path:
-        past = PastSessions(load_config(folder / "fieldkit.toml"))
+        past = sessions_beside(session)
         making = past.report(identifier(session))
         assert isinstance(making, asyncio.Task)
         await making
@@ -56,3 +65,24 @@ def test_a_report_opens_once_it_is_made_though_the_clock_is_behind_that_of_the_s
 
     monkeypatch.setattr(sessions, "_fieldkit", made)
     assert asyncio.run(asked()).read_text(encoding="utf-8") == "made"
+
+
+def test_a_report_waits_for_one_check_at_most(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    began: list[str] = []
+
+    async def works(command: str, *_: str) -> tuple[int, str, str]:
+        began.append(command)
+        await asyncio.sleep(0)
+        return 0, '{"sessions": [{"findings": []}]}', ""
+
+    async def asked() -> None:
+        past = sessions_beside(session)
+        checks = [asyncio.create_task(past.check(identifier(session))) for _ in range(5)]
+        await asyncio.sleep(0)  # they begin, or wait
+        report = past.report(identifier(session))
+        assert isinstance(report, asyncio.Task)
+        await asyncio.gather(report, *checks)
+
+    monkeypatch.setattr(sessions, "_fieldkit", works)
+    asyncio.run(asked())
+    assert began == ["check", "report", "check", "check", "check", "check"]
