@@ -266,14 +266,19 @@ class Answers:
         return shown.shape, shown + CELSIUS_ZERO_K if is_known else None
 
     async def _redrawn(self, request: requests.Request) -> Done:
-        """Change the campaign's regions, and those of its recording if one runs."""
+        """Change the campaign's regions, and those of its recording if one runs.
+
+        What they lack together, such as a reference, may come with the next change.
+        """
         words, change = _change(request)
         with self._listening() as events:
             _, asked = await asyncio.to_thread(change_regions, self.config.path, change)
-            self.config = load_config(self.config.path, settings=self.conductor.settings)
+            self.config, missing = await asyncio.to_thread(
+                campaign_regions.read_regions, self.config.path, self.conductor.settings
+            )
             await asyncio.to_thread(self.conductor.use, self.config)
             if asked is None:
-                return Done(words)
+                return Done("; ".join([words, *missing]))
             return await self._stored(asked, events)
 
     # --- the horizon

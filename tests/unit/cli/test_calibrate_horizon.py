@@ -66,7 +66,7 @@ def test_pixels_of_the_skyline_become_azimuths_and_elevations(tmp_path: Path) ->
 
 
 def test_of_pixels_above_each_other_the_highest_counts(tmp_path: Path) -> None:
-    """As at a cliff, or tapped twice: a horizon has every azimuth once, or no configuration with it is valid."""
+    """As at a cliff, or tapped twice; a horizon that has an azimuth twice makes its configuration invalid."""
     (tmp_path / "pose.toml").write_text(POSE)
     (tmp_path / "clicks.csv").write_text("x_px,y_px\n79.5,59.5\n79.5,39.5\n79.5,39.5\n79.5,49.5\n")
     files = ("--skyline", str(tmp_path / "clicks.csv"), "--pose", str(tmp_path / "pose.toml"))
