@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from fieldkit.calibrate.horizon import set_skyline
-from fieldkit.config import Config, edit, load_config
+from fieldkit.config import Config, edit
 from fieldkit.estimation.region_check import FrameK, check_region
 from fieldkit.model.durations import parse_duration, parse_time_of_day
 from fieldkit.model.errors import ConfigError, FieldkitError, RefusedError
@@ -273,13 +273,16 @@ class Answers:
         words, change = _change(request)
         with self._listening() as events:
             _, asked = await asyncio.to_thread(change_regions, self.config.path, change)
-            self.config, missing = await asyncio.to_thread(
-                campaign_regions.read_regions, self.config.path, self.conductor.settings
-            )
-            await asyncio.to_thread(self.conductor.use, self.config)
+            missing = await asyncio.to_thread(self._reread)
             if asked is None:
                 return Done("; ".join([words, *missing]))
             return await self._stored(asked, events)
+
+    def _reread(self) -> list[str]:
+        """Use the configuration as it was changed; what its regions still lack."""
+        self.config, missing = campaign_regions.read_regions(self.config.path, self.conductor.settings)
+        self.conductor.use(self.config)
+        return missing
 
     # --- the horizon
 
@@ -297,10 +300,8 @@ class Answers:
         shape = self._frame_k()[0]
         assert shape is not None
         horizon = set_skyline(self.config, request.points, (shape[0], shape[1]), frame.time_ns)
-        self.config = load_config(self.config.path, settings=self.conductor.settings)
-        self.conductor.use(self.config)
         highest = max(elevation for _, elevation in horizon)
-        return Done(f"the horizon is the skyline, up to {highest:.1f}°")
+        return Done("; ".join([f"the horizon is the skyline, up to {highest:.1f}°", *self._reread()]))
 
 
 class _Events:
