@@ -90,7 +90,8 @@ def horizon_of_pixels(
 ) -> Horizon:
     """The horizon by pixels (x, y) on the skyline of a frame (rows, cols), from the camera's place.
 
-    Level left and right of them. Raises `ConfigError`, which names their source.
+    Level left and right of them; of those above each other the highest. Raises `ConfigError`, which names
+    their source.
     """
     table = np.asarray(pixels, np.float64).reshape(-1, 2)
     inside = (table >= -0.5).all() and (table < np.array(shape[::-1]) - 0.5).all()
@@ -107,8 +108,10 @@ def horizon_of_pixels(
     order = np.argsort((azimuth - camera.yaw_deg + 180.0) % 360.0)
     pairs = [(float(azimuth[i]), float(90.0 - zenith[i])) for i in order]
     first, last = (pairs[0][0] - 0.1) % 360.0, (pairs[-1][0] + 0.1) % 360.0
-    rounded = [(round(at, 2), round(up, 2)) for at, up in pairs]
-    return [(round(first, 2), 0.0), *rounded, (round(last, 2), 0.0)]
+    highest: dict[float, float] = {}
+    for at, up in ((round(at, 2) % 360.0, round(up, 2)) for at, up in pairs):
+        highest[at] = max(up, highest.get(at, up))
+    return [(round(first, 2), 0.0), *highest.items(), (round(last, 2), 0.0)]
 
 
 def horizons_of_regions(config: Config) -> dict[str, Horizon]:

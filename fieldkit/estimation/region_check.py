@@ -21,6 +21,8 @@ UNEVEN_EDGE_K = 1.0
 CLEAN_EDGE_K = 0.2
 """A larger edge difference is a warning; shrinking should bring it below the smaller value."""
 MOST_SHRUNK_PX = 10
+LARGEST_PX = 4096
+"""Rows and columns of a frame whose size is not known: no thermal camera has more, and masks take memory."""
 FrameK = NDArray[np.float64]
 Level = Literal["ok", "warn", "FAIL"]
 
@@ -114,9 +116,9 @@ def check_region(
 
 
 def _around(region: Region) -> tuple[int, int]:
-    """A frame large enough for a region."""
+    """A frame large enough for a region, if any camera's is."""
     xs, ys = zip(*region.vertices, strict=True)
-    return math.ceil(max(ys)) + 1, math.ceil(max(xs)) + 1
+    return min(math.ceil(max(ys)) + 1, LARGEST_PX), min(math.ceil(max(xs)) + 1, LARGEST_PX)
 
 
 def _check_size(inspection: RegionInspection, rows: int, cols: int) -> None:

@@ -7,14 +7,14 @@ import logging
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
 from fieldkit.calibrate.horizon import set_skyline
-from fieldkit.config import Config, edit, load_config
+from fieldkit.config import Config, edit
 from fieldkit.estimation.region_check import FrameK, check_region
 from fieldkit.model.durations import parse_duration, parse_time_of_day
 from fieldkit.model.errors import ConfigError, FieldkitError, RefusedError
@@ -47,7 +47,10 @@ from fieldkit.views import formatting, frame_image
 log: logging.Logger = logging.getLogger(__name__)
 ANSWERS_WITHIN_S = 5.0
 """The recorder looks at its requests once a second."""
+LOOKS_AT_ONCE = 2
+"""More would take all threads, and a mark or the end of the recording would wait behind everybody's lists."""
 Document = dict[str, Any]
+T = TypeVar("T")
 
 
 class Done(NamedTuple):
@@ -77,6 +80,7 @@ class Answers:
     conductor: Conductor
     past: PastSessions
     keys: Keys
+    _looking: asyncio.Semaphore = field(default_factory=lambda: asyncio.Semaphore(LOOKS_AT_ONCE))
 
     async def to(self, viewer: Viewer, request: requests.Request) -> Document:
         """Do what is asked and answer; an error becomes an answer."""
@@ -95,18 +99,18 @@ class Answers:
             case requests.Value():
                 return Done(data={"temperature_c": self._value_c(request)})
             case requests.CheckRegion():
-                return Done(data=await asyncio.to_thread(self._verdict, request))
+                return Done(data=await self._looked(self._verdict, request))
             case requests.Sessions():
-                return Done(data=await asyncio.to_thread(self.past.listed, viewer.role))
+                return Done(data=await self._looked(self.past.listed, viewer.role))
             case requests.CheckSession():
                 ok, text = await self.past.check(request.session)
                 return Done(text, ok=ok)
             case requests.EstimateSession():
                 return Done(data=await self.past.estimate(request.session))
             case requests.SessionSlopes():
-                return Done(data=await asyncio.to_thread(self.past.slopes, request.session))
+                return Done(data=await self._looked(self.past.slopes, request.session))
             case requests.Marks():
-                return Done(data=await asyncio.to_thread(self._marks, request.session))
+                return Done(data=await self._looked(self._marks, request.session))
             case requests.TakeBack() | requests.EditMark():
                 return await self._corrected(request)
             case requests.Start() | requests.Stop():
@@ -126,6 +130,11 @@ class Answers:
                 return Done(f"a link that works once, to {request.role}", {"key": key})
             case _:
                 return await self._redrawn(request)
+
+    async def _looked(self, look: Callable[..., T], *arguments: Any) -> T:
+        """What a function finds in a thread; it changes nothing."""
+        async with self._looking:
+            return await asyncio.to_thread(look, *arguments)
 
     # --- the recording
 
@@ -257,15 +266,23 @@ class Answers:
         return shown.shape, shown + CELSIUS_ZERO_K if is_known else None
 
     async def _redrawn(self, request: requests.Request) -> Done:
-        """Change the campaign's regions, and those of its recording if one runs."""
+        """Change the campaign's regions, and those of its recording if one runs.
+
+        What they lack together, such as a reference, may come with the next change.
+        """
         words, change = _change(request)
         with self._listening() as events:
             _, asked = await asyncio.to_thread(change_regions, self.config.path, change)
-            self.config = load_config(self.config.path, settings=self.conductor.settings)
-            await asyncio.to_thread(self.conductor.use, self.config)
+            missing = await asyncio.to_thread(self._reread)
             if asked is None:
-                return Done(words)
+                return Done("; ".join([words, *missing]))
             return await self._stored(asked, events)
+
+    def _reread(self) -> list[str]:
+        """Use the configuration as it was changed; what its regions still lack."""
+        self.config, missing = campaign_regions.read_regions(self.config.path, self.conductor.settings)
+        self.conductor.use(self.config)
+        return missing
 
     # --- the horizon
 
@@ -283,10 +300,8 @@ class Answers:
         shape = self._frame_k()[0]
         assert shape is not None
         horizon = set_skyline(self.config, request.points, (shape[0], shape[1]), frame.time_ns)
-        self.config = load_config(self.config.path, settings=self.conductor.settings)
-        self.conductor.use(self.config)
         highest = max(elevation for _, elevation in horizon)
-        return Done(f"the horizon is the skyline, up to {highest:.1f}°")
+        return Done("; ".join([f"the horizon is the skyline, up to {highest:.1f}°", *self._reread()]))
 
 
 class _Events:

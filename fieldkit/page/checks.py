@@ -60,10 +60,12 @@ def own_names(address: str) -> set[str]:
 
 
 def _ip(text: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
+    """An address; one of IPv4 also where a socket of both kinds writes it as ``::ffff:192.168.4.1``."""
     try:
-        return ipaddress.ip_address(text)
+        address = ipaddress.ip_address(text)
     except ValueError:
         return None
+    return getattr(address, "ipv4_mapped", None) or address
 
 
 def same_origin(scope: Scope, keys: Keys) -> str | None:

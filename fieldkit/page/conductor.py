@@ -58,6 +58,7 @@ class Conductor:
         self.settings: tuple[str, ...] = tuple(settings)
         self._previews = preview
         self._ending = threading.Event()
+        self._starting = threading.Lock()
         self._child: BackgroundRecording | None = None
         self._preview: LivePreview | None = None
         self._reader: FeedReader | None = None
@@ -113,12 +114,14 @@ class Conductor:
 
         Raises `RefusedError` if something is recorded already, or with what the recorder said.
         """
-        if self._is_starting() or is_recorder_present(self.config.recordings):
-            raise RefusedError("this campaign is being recorded already", fix="stop that recording first")
         options = [f"--name={name}", *times, *(["--allow-missing"] if allow_missing else [])]
-        self._forget_child()
-        self._child = BackgroundRecording(self.config.directory, [*options, *self._set_options()])
-        session = self._child.await_start(self.config.recordings)
+        with self._starting:
+            if self._is_starting() or is_recorder_present(self.config.recordings):
+                raise RefusedError("this campaign is being recorded already", fix="stop that recording first")
+            self._forget_child()
+            child = BackgroundRecording(self.config.directory, [*options, *self._set_options()])
+            self._child = child
+        session = child.await_start(self.config.recordings)
         assert session is not None  # it was not told to wait for a time
         return session
 

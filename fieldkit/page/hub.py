@@ -11,6 +11,7 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
@@ -28,6 +29,7 @@ from fieldkit.page.viewer import Role, Viewer
 from fieldkit.physics.radiance import surface_temperature_k
 from fieldkit.recording.preflight import sampling_of
 from fieldkit.results.json_document import plain_json
+from fieldkit.sessions.layout import MAX_REGIONS
 from fieldkit.views import frame_image
 from fieldkit.views.latest import Item, Latest
 
@@ -62,7 +64,7 @@ class Hub:
         self._loop: asyncio.AbstractEventLoop | None = None
         self._pictures: dict[Mode, int] = {}
         self._last_picture_s = 0.0
-        self._masks: dict[tuple[Region, tuple[int, int]], NDArray[np.bool_]] = {}
+        self._mask = lru_cache(MAX_REGIONS)(Region.mask)
 
     # --- from the thread that has the items
 
@@ -233,11 +235,7 @@ class Hub:
         return {region.name: self._mean_c(region, shown) for region in latest.regions}
 
     def _mean_c(self, region: Region, shown: NDArray[np.float64]) -> float:
-        shape = (shown.shape[0], shown.shape[1])
-        key = (region, shape)
-        if key not in self._masks:
-            self._masks[key] = region.mask(shape)
-        inside = shown[self._masks[key]]
+        inside = shown[self._mask(region, (shown.shape[0], shown.shape[1]))]
         settings, own = self._settings, region.emissivity
         emissivity = settings.surface.emissivity if math.isnan(own) else own
         if not len(inside):

@@ -1,4 +1,4 @@
-"""HTTP connections that must not hold up others: late headers, too many at once, unread answers."""
+"""Connections that must not hold up others: late headers, too many at once, unread answers, floods."""
 
 from __future__ import annotations
 
@@ -10,6 +10,10 @@ from typing import Any
 
 import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
+from websockets.frames import Frame
+
+from fieldkit.page.viewer import BURST, PER_SECOND, Allowance
 
 HEADERS_WITHIN_S = 10.0
 MOST_CONNECTIONS, MOST_OF_ONE = 100, 20
@@ -17,6 +21,12 @@ MOST_CONNECTIONS, MOST_OF_ONE = 100, 20
 UNSENT_BYTES = 32_768
 """What the kernel may hold for a slow connection: a second of pictures, so that the newest is never far."""
 HEADERS_MAX_BYTES = 16_384
+TAKEN_WITHIN_S = 20.0
+"""A browser that takes nothing for this long is gone, or asleep in a pocket."""
+REQUEST_BYTES = 3_000
+"""The largest that a browser sends, a region of 64 corners."""
+MOST_PARTS = 1_000
+"""Of one message: their size is limited, but they may be empty."""
 
 
 class CarefulProtocol(asyncio.Protocol):
@@ -75,7 +85,10 @@ class CarefulProtocol(asyncio.Protocol):
         self._http.connection_lost(exc)
 
     def _make_room(self) -> None:
-        """Abort a connection of this address if it has too many, else one of all if there are too many."""
+        """Abort a connection of this address if it has too many, else one of all if there are too many.
+
+        Where all are WebSockets, that is the new one.
+        """
         # one that became a WebSocket has another protocol, which receives the end
         self._connections -= {one for one in self._connections if one.transport.is_closing()}
         requests = [one for one in self._connections if one.transport.get_protocol() is one]
@@ -86,8 +99,7 @@ class CarefulProtocol(asyncio.Protocol):
             return
         # first those whose request is not complete, of the address that has most
         requests.sort(key=lambda one: (one._late is None, -count[one.host], one._since_s))
-        for one in requests[:1]:
-            one.transport.abort()
+        (requests or [self])[0].transport.abort()
 
     def _after_request(self, data: bytes) -> bytes:
         """Follow the request that arrives; what comes behind its end, where its time ends."""
@@ -109,3 +121,53 @@ class CarefulProtocol(asyncio.Protocol):
         if self._late is not None:
             self._late.cancel()
             self._late = None
+
+
+class CarefulSocket(WebSocketsSansIOProtocol):
+    """A WebSocket that is aborted where its browser takes nothing, or sends more than requests need.
+
+    Whoever takes nothing never takes the message that would close the connection either. Parts of messages
+    and pings are kept and answered by uvicorn; the application, which counts requests, never sees them.
+    """
+
+    _untaken: asyncio.TimerHandle | None = None
+    _parts: int = 0
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Accept a connection."""
+        super().connection_made(transport)
+        self._allowance = Allowance(BURST * REQUEST_BYTES, PER_SECOND * REQUEST_BYTES)
+
+    def data_received(self, data: bytes) -> None:
+        """Read on, unless there is too much."""
+        if self._allowance.allows(len(data)):
+            super().data_received(data)
+        else:
+            self.transport.abort()
+
+    def handle_cont(self, event: Frame) -> None:
+        """Add a part to a message."""
+        super().handle_cont(event)
+        self._parts = 0 if event.fin else self._parts + 1
+        if self._parts > MOST_PARTS:
+            self.transport.abort()
+
+    def pause_writing(self) -> None:
+        """Wait for the browser to take what it was sent, but not for ever."""
+        super().pause_writing()
+        self._untaken = self.loop.call_later(TAKEN_WITHIN_S, self.transport.abort)
+
+    def resume_writing(self) -> None:
+        """Go on sending."""
+        super().resume_writing()
+        self._stop_waiting()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Forget the connection."""
+        self._stop_waiting()
+        super().connection_lost(exc)
+
+    def _stop_waiting(self) -> None:
+        if self._untaken is not None:
+            self._untaken.cancel()
+            self._untaken = None

@@ -28,18 +28,30 @@ MAX_BYTES = 16_384
 _CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f]")
 _HALF = re.compile(r"\\u[dD][89a-fA-F]")
 """Half of a letter beyond 16 bits, as JSON writes it: alone it makes a message invalid."""
+_NOT_TEXT = "has a character that is not text"
 _ID = re.compile(r'"id"\s*:\s*(\d{1,16})\b')
+
+
+_FIXES = {"empty": "fill it in", "too_long": "shorten it", "not_text": "type it anew"}
+"""What to do about what a person typed; other mistakes are of a page of another version."""
 
 
 def _plain(text: str) -> str:
     if _CONTROL.search(text):
-        raise PydanticCustomError("not_text", "not text")
+        raise PydanticCustomError("not_text", _NOT_TEXT)
+    return text
+
+
+def _filled(text: str) -> str:
+    if not text:
+        raise PydanticCustomError("empty", "is empty")
     return text
 
 
 Text = Annotated[str, AfterValidator(_plain)]
 """Without control characters but tabs and line breaks: names of files and programs cannot have them."""
-Word = Annotated[Text, Field(min_length=1, max_length=80)]
+Word = Annotated[Text, AfterValidator(_filled), Field(max_length=80)]
+Note = Annotated[Text, AfterValidator(_filled), Field(max_length=2000)]
 Pixel = Annotated[float, Field(ge=-1, le=65_535, allow_inf_nan=False)]
 Number = Annotated[float, Field(allow_inf_nan=False)]
 
@@ -149,7 +161,7 @@ class EditMark(_Request):
 
     do: Literal["edit_mark"]
     mark: Annotated[int, Field(ge=1)]
-    text: Annotated[Text, Field(min_length=1, max_length=2000)] | None = None
+    text: Note | None = None
     kind: Annotated[Text, Field(max_length=80)] | None = None
     at: Word | None = None
     session: Word | None = None
@@ -186,7 +198,7 @@ class AddMark(_Request):
     """A note on the recording at a time, or from `at` to `to`."""
 
     do: Literal["mark"]
-    text: Annotated[Text, Field(min_length=1, max_length=2000)]
+    text: Note
     kind: Annotated[Text, Field(max_length=80)] = ""
     at: Word = "-0s"
     to: Word | None = None
@@ -289,6 +301,7 @@ def _refusal(error: ValidationError, text: str) -> BadRequestError:
     where = ".".join(map(str, first["loc"])) or "the message"
     number = _ID.search(text)  # also of a message that is not JSON: its browser waits for an answer
     id = int(number[1]) if number else None
-    if first["type"] == "not_text" or (first["type"] == "json_invalid" and _HALF.search(text)):
-        return BadRequestError(f"{where}: has a character that is not text", id, fix="type it anew")
-    return BadRequestError(f"{where}: {first['msg']}", id)
+    kind, words = first["type"], first["msg"]
+    if kind == "json_invalid" and _HALF.search(text):
+        kind, words = "not_text", _NOT_TEXT
+    return BadRequestError(f"{where}: {words}", id, *([_FIXES[kind]] if kind in _FIXES else []))

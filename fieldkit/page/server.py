@@ -10,7 +10,7 @@ import logging
 import secrets
 import socket
 import threading
-from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
@@ -36,7 +36,7 @@ from fieldkit.page.document import document
 from fieldkit.page.hub import MAX_VIEWERS, Hub
 from fieldkit.page.keys import SESSION_LASTS_S, Keys
 from fieldkit.page.pictures import still
-from fieldkit.page.protocol import HEADERS_MAX_BYTES, CarefulProtocol
+from fieldkit.page.protocol import HEADERS_MAX_BYTES, CarefulProtocol, CarefulSocket
 from fieldkit.page.sessions import PastSessions
 from fieldkit.page.unattended import keep_recording
 from fieldkit.page.viewer import Role, Viewer, ViewerLeftError
@@ -205,8 +205,9 @@ class Page:
             return PlainTextResponse("only for those who may control the page", 403)
         try:
             return await serve(request.path_params["session"])
-        except FieldkitError as error:
-            return PlainTextResponse(str(error), 404)
+        except Exception as error:
+            status = 404 if isinstance(error, FieldkitError) else 500
+            return _text(str(_in_words(error, request.url.path)), status)
 
     async def report(self, session: str) -> Response:
         """A session's report; while it is made, a page that asks again."""
@@ -215,15 +216,17 @@ class Page:
             return FileResponse(report, headers={"content-security-policy": REPORT_POLICY})
         headers = {"content-security-policy": WAITING_POLICY}
         if report.done() and report.result():
-            return PlainTextResponse(report.result(), 500, headers)
+            return _text(report.result(), 500, headers)
         name = escape(self.past.path(session).stem)
         waited = f"{self.past.waited_s(session):.0f} s"
-        return HTMLResponse(WAITING.format(name=name, waited=waited), 202, {**headers, "refresh": "2"})
+        waiting = WAITING.format(name=name, waited=waited).encode(errors="replace")
+        return HTMLResponse(waiting, 202, {**headers, "refresh": "2"})
 
     async def download(self, session: str) -> Response:
         """A session's file."""
         path = self.past.sealed(session)
-        return FileResponse(path, media_type="application/x-hdf5", filename=path.name)
+        name = path.name.encode(errors="replace").decode()
+        return FileResponse(path, media_type="application/x-hdf5", filename=name)
 
     async def still(self, session: str) -> Response:
         """A frame of a session, to draw on."""
@@ -246,11 +249,11 @@ class Page:
             return
         await socket.accept()
         viewer = Viewer(known[0], known[1])
-        if not self.hub.join(viewer):
-            await socket.close(FULL, f"{MAX_VIEWERS} browsers are connected already")
-            return
         try:
-            await self._serve(socket, viewer)
+            if self.hub.join(viewer):
+                await self._serve(socket, viewer)
+            else:
+                await socket.close(FULL, f"{MAX_VIEWERS} browsers are connected already")
         finally:
             self.hub.leave(viewer)
 
@@ -292,12 +295,22 @@ class Page:
         try:
             answered = await self.answers.to(viewer, request)
         except Exception as error:  # the browser waits for an answer, whatever fails
-            log.exception("a request failed: %s", request.do)
-            answered = failure(
-                request.id, FieldkitError(f"the page failed: {error!r}", fix="look at its log")
-            )
+            answered = failure(request.id, _in_words(error, request.do))
         if request.id is not None:
             viewer.text(plain_json(answered))
+
+
+def _in_words(error: Exception, asked: str) -> FieldkitError:
+    """What went wrong with what was asked for; what nobody expected is logged."""
+    if isinstance(error, FieldkitError):
+        return error
+    log.error("a request failed: %s", asked, exc_info=error)
+    return FieldkitError(f"the page failed: {error!r}", fix="look at its log")
+
+
+def _text(words: str, status: int, headers: Mapping[str, str] | None = None) -> Response:
+    """Words that may name a file whose name is not UTF-8."""
+    return PlainTextResponse(words.encode(errors="replace"), status, headers)
 
 
 def _policy(nonce: str) -> str:
@@ -313,7 +326,7 @@ def server(page: Page) -> uvicorn.Server:
         uvicorn.Config(
             page.app(),
             http=partial(CarefulProtocol, set()),  # type: ignore[arg-type]  # it takes whatever makes one
-            ws="websockets-sansio",
+            ws=CarefulSocket,
             loop="asyncio",
             lifespan="on",
             log_config=None,

@@ -39,7 +39,7 @@ SHOWN = 200
 
 def identifier(path: Path) -> str:
     """The id of a session: letters and digits that tell nothing of its path."""
-    return hashlib.sha256(path.name.encode()).hexdigest()[:16]
+    return hashlib.sha256(os.fsencode(path.name)).hexdigest()[:16]
 
 
 @dataclass
@@ -48,6 +48,7 @@ class PastSessions:
 
     config: Config
     _one_job: asyncio.Lock = field(default_factory=asyncio.Lock)
+    _one_check: asyncio.Lock = field(default_factory=asyncio.Lock)
     _frames: dict[Path, FrameK] = field(default_factory=dict)
     _thumbnails: dict[tuple[Path, int], bytes] = field(default_factory=dict)
     _reports: dict[Path, asyncio.Task[str]] = field(default_factory=dict)
@@ -66,10 +67,12 @@ class PastSessions:
         return found
 
     def sealed(self, wanted: str) -> Path:
-        """The same for a session that is complete; raises `RefusedError` while it is being recorded."""
+        """The same for one that has a file; raises `RefusedError` while it is being recorded."""
         path = self.path(wanted)
         if is_locked(journal_path(path)):
             raise RefusedError(f"{path.stem} is being recorded", fix="stop the recording first")
+        if not path.exists():
+            raise SessionError(f"only the journal of {path.stem} is left", fix=f"fieldkit recover {path}")
         return path
 
     def listed(self, role: Role) -> list[dict[str, Any]]:
@@ -91,7 +94,7 @@ class PastSessions:
     async def check(self, wanted: str) -> tuple[bool, str]:
         """Whether a session is without failures, and the findings in words."""
         path = self.sealed(wanted)
-        async with self._one_job:
+        async with self._one_check, self._one_job:  # reports wait for one at most, whoever asks for checks
             _, output, errors = await _fieldkit("check", str(path))
         try:
             findings = json.loads(output)["sessions"][0]["findings"]
@@ -137,14 +140,16 @@ class PastSessions:
         report = default_path(session)
         if os.path.lexists(report) and not is_regular(report):  # it may lead anywhere
             raise RefusedError(f"{report} is a link, a folder or a device", fix="delete it, then ask again")
-        if report.exists() and report.stat().st_mtime >= session.stat().st_mtime:
-            return report
         making = self._reports.get(session)
         if making is None:
+            if report.exists() and report.stat().st_mtime >= session.stat().st_mtime:
+                return report
             making = self._reports[session] = asyncio.create_task(self._make(session))
             self._asked_s[session] = time.monotonic()
         elif making.done():
             del self._reports[session]  # reported once; asking again tries again
+            if not making.result():
+                return report  # whichever is the newer by a clock that was corrected meanwhile
         return making
 
     def waited_s(self, wanted: str) -> float:

@@ -13,14 +13,29 @@ from fieldkit.page.pictures import Mode
 
 Role = Literal["view", "control"]
 TEXTS_WAITING = 256
-SEND_WITHIN_S = 20.0
-"""A browser that takes nothing for this long is gone, or asleep in a pocket."""
 BURST, PER_SECOND = 80, 40
 """Requests that may come at once, and as a rate: dragging a corner asks some ten times a second."""
 
 
 class ViewerLeftError(Exception):
     """A viewer is to be disconnected; the text says why."""
+
+
+@dataclass
+class Allowance:
+    """What may come: a `burst` at once, and `per_second` from then on."""
+
+    burst: float
+    per_second: float
+    _left: float = float("inf")
+    _counted_at: float = 0.0
+
+    def allows(self, amount: float = 1.0) -> bool:
+        """Count what came; whether that much was allowed."""
+        now = time.monotonic()
+        left = self._left + (now - self._counted_at) * self.per_second
+        self._left, self._counted_at = min(self.burst, left) - amount, now
+        return self._left >= 0
 
 
 @dataclass(eq=False)
@@ -34,15 +49,15 @@ class Viewer:
     _picture: bytes | None = None
     _wake: asyncio.Event = field(default_factory=asyncio.Event)
     _reason: str = ""
-    _allowance: float = BURST
-    _counted_at: float = 0.0
+    _requests: Allowance = field(default_factory=lambda: Allowance(BURST, PER_SECOND))
 
     def text(self, message: str) -> None:
         """Queue a text; a viewer that does not read is disconnected."""
-        self._texts.append(message)
-        if len(self._texts) > TEXTS_WAITING:
+        if len(self._texts) < TEXTS_WAITING:
+            self._texts.append(message)
+            self._wake.set()
+        else:
             self.leave("it does not read")
-        self._wake.set()
 
     def picture(self, message: bytes) -> None:
         """Offer a picture in place of one that still waits."""
@@ -56,24 +71,17 @@ class Viewer:
 
     def count_request(self) -> None:
         """Raise `ViewerLeftError` if requests come faster than a person can make them."""
-        now = time.monotonic()
-        self._allowance = min(BURST, self._allowance + (now - self._counted_at) * PER_SECOND) - 1
-        self._counted_at = now
-        if self._allowance < 0:
+        if not self._requests.allows():
             raise ViewerLeftError("too many requests")
 
     async def send(
         self, text: Callable[[str], Awaitable[None]], picture: Callable[[bytes], Awaitable[None]]
     ) -> None:
-        """Send what comes in, until `leave`; raises `ViewerLeftError`, also for one that takes nothing."""
+        """Send what comes in, until `leave`; raises `ViewerLeftError`."""
         while True:
             await self._wake.wait()
             self._wake.clear()
-            try:
-                async with asyncio.timeout(SEND_WITHIN_S):
-                    await self._send_waiting(text, picture)
-            except TimeoutError:
-                raise ViewerLeftError("it takes nothing") from None
+            await self._send_waiting(text, picture)
             if self._reason:
                 raise ViewerLeftError(self._reason)
 

@@ -10,6 +10,7 @@ from typing import ClassVar, TypeVar
 from fieldkit.config import Config, read_config
 from fieldkit.config.edit import restoring
 from fieldkit.config.toml_schema import RegionTable
+from fieldkit.disk import one_at_a_time
 from fieldkit.estimation.region_check import check_regions
 from fieldkit.model.samples import Event, EventKind, Severity
 from fieldkit.model.site import Region, RegionRecord, Site
@@ -157,11 +158,12 @@ def change_regions(file: Path, change: Callable[[Path], T]) -> tuple[T, SentRequ
     config, _ = read_config(file)
     if config is None or session_in_progress(config.recordings) is None:
         return change(file), None
-    with restoring(file):
-        made = change(file)
-        changed = read_regions(file)[0]
-        check_configured(changed, unless=config)
-    asked = sent(config.recordings, NewRegions(changed.regions))
+    with one_at_a_time(config.recordings):  # the last request must have the regions that the file ends with
+        with restoring(file):
+            made = change(file)
+            changed = read_regions(file)[0]
+            check_configured(changed, unless=config)
+        asked = sent(config.recordings, NewRegions(changed.regions))
     return made, replace(asked, unused=tuple(_unused(config, changed)))
 
 

@@ -113,12 +113,12 @@ def remove_region(file: Path, name: str) -> None:
     edit.remove_region(file, name)
 
 
-def read_regions(file: Path) -> tuple[Config, list[str]]:
+def read_regions(file: Path, settings: Sequence[str] = ()) -> tuple[Config, list[str]]:
     """The configuration with its regions, and what is wrong with the regions, for those who mend them.
 
     Raises `ConfigMistakesError` if no configuration can be read at all.
     """
-    config, mistakes = read_config(file)
+    config, mistakes = read_config(file, settings=settings)
     if config is None:
         raise ConfigMistakesError(mistakes, fix=f"edit {file}")
     return config, [mistake.message for _, mistake in mistakes if mistake.path[:1] == ("region",)]

@@ -19,8 +19,11 @@ def to_json(document: Mapping[str, Any], indent: int | None = 2) -> str:
 
 
 def plain_json(document: Mapping[str, Any]) -> str:
-    """A JSON document as it is, on one line, for a message that is not kept; NaN becomes null."""
-    return json.dumps(_plain(document), allow_nan=False, ensure_ascii=False, separators=(",", ":"))
+    """A JSON document as it is, on one line, for a message that is not kept; NaN becomes null.
+
+    In ASCII: a message is sent as UTF-8, in which the name of a file need not be.
+    """
+    return json.dumps(_plain(document), allow_nan=False, separators=(",", ":"))
 
 
 def learnt_document(learnt: Learnt | None) -> dict[str, Any] | None:

@@ -230,6 +230,19 @@ def test_a_page_that_is_killed_leaves_its_recording_alone(tmp_path: Path) -> Non
     lost_nothing(folder)
 
 
+def test_regions_may_lack_a_reference_until_the_next_change(tmp_path: Path) -> None:
+    folder = campaign(tmp_path / "field")
+    bed = {"name": "bed", "role": "target", "vertices": [[2, 98], [20, 98], [20, 112], [2, 112]]}
+    with served(folder) as page, page.browser() as browser:
+        removed = browser.request(do="remove_region", name="flat", confirm=True)
+        added = browser.request(do="add_region", region=bed)
+        assert [one["ok"] for one in (removed, added)] == [True, True]
+        assert "added bed; no reference among the regions" in added["text"]
+        assert [region.name for region in page.page.hub.latest.regions] == ["b05", "b15", "b25", "bed"]
+        level = {**bed, "role": "reference", "tilt_deg": 0.0}
+        assert browser.request(do="edit_region", name="bed", region=level)["text"] == "changed bed"
+
+
 def come_and_go(page: Served, cookie: str, count: int) -> None:
     """Connections that do something different each time, mostly nothing sensible."""
     rng = random.Random(1)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+import re
 import select
 import socket
 import stat
+import threading
 import time
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
@@ -51,6 +53,18 @@ def refused(open_it: Callable[[], object]) -> int:
     return error.value.response.status_code
 
 
+def raw_socket(page: Served, cookie: str, host: str = "") -> socket.socket:
+    """A WebSocket whose frames a test writes itself, with a host that no client library would send."""
+    host = host or page.host
+    raw = socket.create_connection((HOST, page.port), PATIENCE_S)
+    raw.sendall(
+        f"GET /socket HTTP/1.1\r\nHost: {host}\r\nOrigin: http://{host}\r\nUpgrade: websocket\r\n"
+        f"Connection: Upgrade\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n"
+        f"Sec-WebSocket-Version: 13\r\nCookie: {cookie}\r\n\r\n".encode()
+    )
+    return raw
+
+
 # --- 1. only this computer unless an address is named
 
 
@@ -88,13 +102,7 @@ def test_a_name_that_was_rebound_to_this_computer_gets_nothing(page: Served, ung
 
 def test_a_rebound_name_opens_no_socket(page: Served, unguarded) -> None:
     def upgrade(running: Served, host: str) -> bytes:
-        """Raw, since a client library sends the host it connects to."""
-        with socket.create_connection((HOST, running.port), PATIENCE_S) as raw:
-            raw.sendall(
-                f"GET /socket HTTP/1.1\r\nHost: {host}\r\nOrigin: http://{host}\r\nUpgrade: websocket\r\n"
-                f"Connection: Upgrade\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n"
-                f"Sec-WebSocket-Version: 13\r\nCookie: {running.cookie()}\r\n\r\n".encode()
-            )
+        with raw_socket(running, running.cookie(), host) as raw:
             return raw.recv(12)
 
     with unguarded(known_host) as open_page:
@@ -114,6 +122,14 @@ def test_its_own_names_are_known(page: Served, name: str) -> None:
 )
 def test_other_names_are_not(page: Served, name: str) -> None:
     assert page.ask("GET", "/", Host=f"{name}:{page.port}").status == 403
+
+
+@pytest.mark.parametrize(
+    ("name", "is_known"), [("127.0.0.1", True), ("localhost", True), ("[::1]", False), ("127.0.0.2", False)]
+)
+def test_ipv4_is_known_on_a_socket_of_both_kinds(page: Served, name: str, is_known: bool) -> None:
+    scope = {"type": "http", "headers": [(b"host", name.encode())], "server": ("::ffff:127.0.0.1", 8765)}
+    assert (known_host(scope, page.page.keys) is None) == is_known
 
 
 # --- 3. origin of every upgrade and every POST
@@ -260,6 +276,22 @@ def test_who_may_look_may_not_control(
 
 async def done_by_nobody(_: object, request: requests.Request) -> answers.Done:
     return answers.Done("done")
+
+
+def test_who_looks_does_not_hold_up_who_controls(page: Served, monkeypatch: pytest.MonkeyPatch) -> None:
+    listed = threading.Event()
+    monkeypatch.setattr(page.page.past, "listed", lambda _: [listed.wait()])  # as long as of a slow disk
+    with ExitStack() as opened, page.browser() as control:
+        for looking in [opened.enter_context(page.browser("view")) for _ in range(5)]:
+            for _ in range(page_server.ANSWERS_AT_ONCE - 1):
+                looking.socket.send('{"do": "sessions"}')
+            looking.request(do="value", x=1, y=1)
+        given_up = threading.Timer(5.0, listed.set)
+        given_up.start()
+        assert control.request(do="mark", text="x")["text"] == "no recording is running in this campaign"
+        assert not listed.is_set(), "it waits behind their lists"
+        given_up.cancel()
+        listed.set()
 
 
 def test_who_may_look_receives_no_files(page: Served) -> None:
@@ -411,6 +443,54 @@ def test_viewers_are_counted_and_who_controls_takes_the_place_of_one_who_looks(f
             assert browsers[1].next("now")
         for browser in browsers:
             browser.close()
+
+
+def test_a_browser_that_takes_nothing_gives_up_its_place(folder: Path, monkeypatch) -> None:
+    monkeypatch.setattr(protocol, "TAKEN_WITHIN_S", 0.5)  # a shorter wait
+    with served(folder) as page, raw_socket(page, page.cookie()):
+        hub = page.page.hub
+        wait_until(lambda: hub.viewers, "it does not connect")
+        for number in range(20):  # more than its kernel and ours hold for it
+            hub.become(problem=f"{number}" * 1_000_000)
+        wait_until(lambda: not hub.viewers, "it keeps its place", 30.0)
+
+
+PING, PART = b"\x89\x80\0\0\0\0", b"\x00\x80\0\0\0\0"
+
+
+@pytest.mark.parametrize(
+    "flood", [b"\x01\x80\0\0\0\0" + 2000 * PART, 100_000 * PING], ids=["parts without end", "pings"]
+)
+def test_what_is_no_message_is_limited_too(page: Served, flood: bytes) -> None:
+    ends = time.monotonic() + 8.0  # before the server misses the answer to its own ping
+    with raw_socket(page, page.cookie("view")) as raw, suppress(ConnectionError):
+        assert raw.recv(12) == b"HTTP/1.1 101"
+        raw.sendall(flood)
+        while raw.recv(100_000):
+            assert time.monotonic() < ends, "the connection stays"
+
+
+def is_open(raw: socket.socket) -> bool:
+    """Whether the server keeps a connection, once all that it sent is read."""
+    raw.settimeout(0.0)
+    with suppress(ConnectionError):
+        try:
+            while raw.recv(100_000):
+                pass
+        except BlockingIOError:
+            return True
+    return False
+
+
+def test_connections_that_became_websockets_are_counted_too(folder: Path, monkeypatch) -> None:
+    monkeypatch.setattr(protocol, "MOST_CONNECTIONS", 20)
+    with served(folder) as page, ExitStack() as opened:
+        cookie, sockets = page.cookie("view"), []
+        for _ in range(40):  # eight are served; the others do not answer when they are closed
+            sockets.append(opened.enter_context(raw_socket(page, cookie)))
+            with suppress(ConnectionError):
+                sockets[-1].recv(12)
+        assert sum(map(is_open, sockets)) <= 20
 
 
 def lasts(page: Served, *parts: bytes, at_most_s: float = 3.0) -> float:
@@ -605,3 +685,40 @@ def test_nothing_that_leads_out_of_the_folders_is_offered(tmp_path: Path) -> Non
             for what in ("download", "report", "picture"):
                 path = f"/session/{identifier(recordings / name)}/{what}"
                 assert page.ask("GET", path, Cookie=cookie).status == 404
+
+
+def test_files_of_any_name_are_listed_and_a_session_without_a_file_is_explained(tmp_path: Path) -> None:
+    folder = campaign(
+        tmp_path / "m\udce4rz"
+    )  # a folder of a Latin-1 system, after which the campaign is named
+    toml = folder / "fieldkit.toml"
+    toml.write_text(re.sub(r"(?m)^title.*", "", toml.read_text(encoding="utf-8")), encoding="utf-8")
+    latin, left = (folder / "recordings" / name for name in ("m\udce4rz.h5", "left.h5"))
+    left.with_name("left.h5.journal").mkdir(parents=True)
+    latin.write_bytes(b"not a session")
+    with served(folder) as page:
+        cookie = page.cookie()
+        with page.opened(Cookie=cookie) as browser:
+            assert browser.next("hello")["campaign"] == "m\udce4rz"
+            assert {one["id"] for one in browser.request(do="sessions")["data"]} == set(
+                map(identifier, (latin, left))
+            )
+            assert "m\udce4rz.h5" in browser.request(do="marks", session=identifier(latin))["text"]
+        answers = {
+            (path, what): page.ask("GET", f"/session/{identifier(path)}/{what}", Cookie=cookie)
+            for path in (latin, left)
+            for what in ("download", "report", "picture", "thumbnail")
+        }
+        assert answers[latin, "download"].body == b"not a session"
+        assert [answers[latin, what].status for what in ("report", "picture", "thumbnail")] == [202, 404, 404]
+        for what in ("download", "report", "picture", "thumbnail"):
+            assert answers[left, what].body.startswith(b"only the journal of left is left")
+
+
+def test_a_file_that_cannot_be_served_for_any_other_reason_is_explained(page: Served, monkeypatch) -> None:
+    def fail(*_: object) -> None:
+        raise ZeroDivisionError("no file at all")
+
+    monkeypatch.setattr(page.page.past, "sealed", fail)  # only a mistake of ours does
+    answer = page.ask("GET", "/session/0123456789abcdef/download", Cookie=page.cookie())
+    assert (answer.status, b"no file at all" in answer.body) == (500, True)

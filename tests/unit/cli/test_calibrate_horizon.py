@@ -65,6 +65,17 @@ def test_pixels_of_the_skyline_become_azimuths_and_elevations(tmp_path: Path) ->
     np.testing.assert_allclose(found, expected, atol=0.02)
 
 
+def test_of_pixels_above_each_other_the_highest_counts(tmp_path: Path) -> None:
+    """As at a cliff, or tapped twice; a horizon that has an azimuth twice makes its configuration invalid."""
+    (tmp_path / "pose.toml").write_text(POSE)
+    (tmp_path / "clicks.csv").write_text("x_px,y_px\n79.5,59.5\n79.5,39.5\n79.5,39.5\n79.5,49.5\n")
+    files = ("--skyline", str(tmp_path / "clicks.csv"), "--pose", str(tmp_path / "pose.toml"))
+    done = calibrate(tmp_path, *files, "--frame", "160x120")
+    assert done.exit_code == 0, done.output
+    (found,) = load_horizon(tmp_path / "horizon.csv")[1:-1]
+    np.testing.assert_allclose(found, (90.0, np.degrees(np.arctan(20.0 / 80.0))), atol=0.02)
+
+
 def test_half_of_the_options_is_an_error(tmp_path: Path) -> None:
     assert "give --dem, --crs and --place" in calibrate(tmp_path, "--crs", "EPSG:32654").output
 

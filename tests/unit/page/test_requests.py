@@ -89,6 +89,22 @@ def test_what_is_incomplete_or_unknown_is_refused_with_its_number(body):
 
 
 @pytest.mark.parametrize(
+    ("body", "words", "fix"),
+    [
+        ({"do": "start", "until": ""}, "start.until: is empty", "fill it in"),
+        ({"do": "start", "duration": ""}, "start.duration: is empty", "fill it in"),
+        ({"do": "mark", "text": "a cloud", "at": ""}, "mark.at: is empty", "fill it in"),
+        ({"do": "mark", "text": "x" * 2001}, "at most 2000", "shorten it"),
+        ({"do": "mark", "text": "\x00"}, "mark.text: has a character that is not text", "type it anew"),
+    ],
+)
+def test_what_a_person_typed_is_refused_with_what_to_do_about_it(body, words, fix):
+    with pytest.raises(BadRequestError, match=words) as error:
+        parse(json.dumps(body))
+    assert error.value.fix == fix
+
+
+@pytest.mark.parametrize(
     "text",
     [
         '{"do": "mark", "text": "\\ud800", "id": 3}',

@@ -1,5 +1,6 @@
 """Settings of a region that are changed while a recording runs, which keeps them as it began."""
 
+import threading
 from functools import partial
 from pathlib import Path
 
@@ -45,3 +46,28 @@ def test_what_a_recording_uses_is_not_named(file):
     change = partial(edit_region, name="b05", tilt_deg=6.0, azimuth_deg=170.0, emissivity=0.93, shrink_px=1.0)
     assert unused(file, change) == ()
     assert unused(file, partial(remove_region, name="b15")) == ()
+
+
+def test_of_two_changes_at_once_the_last_request_has_the_regions_of_both(file, monkeypatch):
+    """As of two browsers: the second change comes while the first is checked."""
+    requested, second = [], []
+    monkeypatch.setattr(
+        redrawing, "sent", lambda _, wanted: requested.append(names(wanted)) or SentRequest(file, "1")
+    )
+
+    def names(wanted):
+        return {region.name for region in wanted.regions}
+
+    def check(*_, unless):
+        if not second:
+            second.append(threading.Thread(target=redrawing.change_regions, args=(file, addition("b", 90))))
+            second[0].start()
+            second[0].join(1.0)
+
+    def addition(name, y):
+        return partial(add_region, name=name, points=[(0, y), (20, y), (20, y + 9), (0, y + 9)])
+
+    monkeypatch.setattr(redrawing, "check_configured", check)
+    redrawing.change_regions(file, addition("a", 100))
+    second[0].join()
+    assert requested[-1] == {region.name for region in load_config(file).regions} > {"a", "b"}

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from fieldkit.estimation.region_check import check_region, check_regions
+from fieldkit.estimation.region_check import LARGEST_PX, check_region, check_regions
 from fieldkit.model.site import Region, RegionKind
 
 
@@ -34,6 +34,11 @@ def test_without_a_frame_size_regions_are_checked_against_each_other():
     inspections = check_regions([square("a", 0, 20), square("b", 500, 20)], None)
     assert [inspection.level for inspection in inspections] == ["ok", "ok"]
     assert check_regions([], None) == []
+
+
+def test_a_region_larger_than_any_frame_fails_before_its_pixels_take_all_memory():
+    (inspection,) = check_regions([square("a", 0, 10**9)], None)
+    assert inspection.failures == [f"outside the frame of {LARGEST_PX} x {LARGEST_PX} pixels"]
 
 
 def test_a_rim_that_sees_something_else_is_a_warning():
