@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import re
 import threading
 import time
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -145,9 +147,16 @@ def test_the_palette_is_chosen_and_kept_on_the_device(browser: Browser, page: Se
 def test_times_after_the_first_day_of_a_recording_have_their_date(browser: Browser, page: Served) -> None:
     watched = opened(browser, page.link())
     watched.wait_for_picture()
-    watched.page.evaluate("status.state.started_ms = Date.parse('2026-03-07T12:00+09:00')")
-    shown = "(hours) => clockTime(status.state.started_ms + hours * 3600e3)"
-    assert [watched.page.evaluate(shown, hours) for hours in (1, 24)] == ["13:00:00", "8 Mar 12:00:00"]
+    browser_code = resources.files("fieldkit.page") / "browser"
+    times = (browser_code / "dom.js").read_text(encoding="utf-8")
+    clock = re.search(
+        r"^function clockTime.*?^}", (browser_code / "status.js").read_text("utf-8"), re.M | re.S
+    )
+    assert clock is not None
+    noon = "Date.UTC(2026, 2, 7, 12)"
+    code = f"{times} const status = {{ state: {{ started_ms: {noon} }} }}; {clock[0]}"
+    shown = f"(() => {{ {code} return [1, 24].map((hours) => clockTime({noon} + hours * 3600e3)); }})()"
+    assert watched.page.evaluate(shown) == ["13:00:00", "8 Mar 12:00:00"]
 
 
 @pytest.mark.parametrize(
