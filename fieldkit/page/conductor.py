@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from fieldkit.config import Config, load_config
+from fieldkit.config import Config
 from fieldkit.model.errors import (
     ConfigError,
     DeviceError,
@@ -28,6 +28,7 @@ from fieldkit.recording.background import BackgroundRecording
 from fieldkit.recording.last_samples import LastSamples
 from fieldkit.recording.opening import open_instruments
 from fieldkit.recording.preview import LivePreview, missing_instruments
+from fieldkit.recording.regions import read_regions
 from fieldkit.recording.running import (
     LOOK_EVERY_S,
     is_recorder_present,
@@ -193,16 +194,17 @@ class Conductor:
     def _show_preview(self) -> None:
         """Show the instruments until a recorder wants them; what is missing is a problem, not an end."""
         try:
-            self.config = load_config(self.config.path, settings=self.settings)
+            # a reference that was removed is drawn anew on the picture
+            self.config, problems = read_regions(self.config.path, self.settings)
             with (
                 previewing(self.config.recordings) as recorder_waits,
                 open_instruments(self.config, allow_missing=True) as instruments,
             ):
-                missing = missing_instruments(self.config, instruments)
-                problem = f"not plugged in: {', '.join(missing)}" if missing else None
+                if missing := missing_instruments(self.config, instruments):
+                    problems.append(f"not plugged in: {', '.join(missing)}")
                 self.hub.begin(Latest(self.config.site, self.config.regions, instruments.streams))
                 phase = "preview" if instruments.devices else "no-instruments"
-                self.hub.become(phase=phase, session=None, problem=problem)
+                self.hub.become(phase=phase, session=None, problem="; ".join(problems) or None)
                 self._preview = LivePreview(
                     self.config, instruments, [self.hub, LastSamples(self.config, instruments)]
                 )

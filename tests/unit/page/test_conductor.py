@@ -1,7 +1,8 @@
-"""A recording is started once, however many browsers ask for it."""
+"""A recording is started once, however many browsers ask for it; a preview needs no reference."""
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -9,12 +10,14 @@ from pathlib import Path
 
 import pytest
 
-from fieldkit.config import load_config
+from fieldkit.config import Config, load_config
 from fieldkit.model.errors import RefusedError
 from fieldkit.page import conductor
 from fieldkit.page.conductor import Conductor
 from fieldkit.page.hub import Hub
 from fieldkit.recording.campaign import init_campaign
+from fieldkit.recording.regions import remove_region
+from tests.harness.waiting import wait_until
 
 
 class SlowToBegin:
@@ -29,11 +32,15 @@ class SlowToBegin:
         return recordings / "day.h5"
 
 
-def test_two_browsers_that_start_at_once_begin_one_recording(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.fixture
+def config(tmp_path: Path) -> Config:
     init_campaign(tmp_path / "field", simulated=True)
-    config = load_config(tmp_path / "field/fieldkit.toml")
+    return load_config(tmp_path / "field/fieldkit.toml")
+
+
+def test_two_browsers_that_start_at_once_begin_one_recording(
+    config: Config, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(conductor, "BackgroundRecording", SlowToBegin)
     starting = Conductor(config, Hub(config), preview=False)
     with ThreadPoolExecutor() as browsers:
@@ -42,3 +49,18 @@ def test_two_browsers_that_start_at_once_begin_one_recording(
     assert begun.result().name == "day.h5"
     with pytest.raises(RefusedError, match="is being recorded already"):
         refused.result()
+
+
+def test_the_picture_on_which_a_removed_reference_is_drawn_anew_is_shown(config: Config) -> None:
+    remove_region(config.path, "flat")
+    hub = Hub(config)
+    conducting = Conductor(config, hub)
+    thread = threading.Thread(target=conducting.run)
+    thread.start()
+    try:
+        wait_until(lambda: hub.latest.frame is not None, f"there is none: {hub.state}", 60.0)
+        assert hub.state.phase == "preview"
+        assert "no reference among the regions" in (hub.state.problem or "")
+    finally:
+        conducting.close()
+        thread.join()
