@@ -63,7 +63,7 @@ if TYPE_CHECKING:
     help="Length of the best window.",
 )  # fmt: skip
 @click.option(
-    "--air-c", type=NumberRange(-90.0, 60.0), default=15.0, show_default=True,
+    "--air-c", type=NumberRange(-150.0, 60.0), default=15.0, show_default=True,
     help="Air temperature expected, °C.",
 )  # fmt: skip
 @click.option(
