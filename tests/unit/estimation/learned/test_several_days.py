@@ -47,7 +47,7 @@ def test_all_days_of_a_table_count() -> None:
 
 
 def test_shade_is_looked_up_beside_a_minute_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Looking through the whole session for each minute took two minutes to begin a third day anew."""
+    """Looking through the whole session for each minute takes a time that grows with its square."""
     world, minutes = drawn_world(5, CLEAR, minutes=40), 40
     settings = replace(world.settings, horizon=((0.0, 1.0), (180.0, 1.0)))
     columns = RegionColumns(world.regions)
