@@ -104,7 +104,7 @@ class Gpsd(RecordDriver):
         """Connect, start watching, and wait for the first report."""
         port = SocketPort(address_of(settings, PORT, "localhost"), clock, "gpsd", _ADVICE)
         port.write(WATCH)
-        meter.first_record(port, LAYOUT, settings.name, _HINT)
+        meter.first_record(port, LAYOUT, settings.name, _HINT, settings.every_s)
         names = options.labels(settings, [name for name, _ in CHANNELS])
         info = meter.describe(settings, port, LAYOUT, "position", UNIT, names)
         info = replace(info, device_time_unit="ns since 1970 UTC", raw_bytes=1024)

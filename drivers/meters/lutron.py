@@ -106,7 +106,7 @@ class Lutron(SerialDriver):
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
         """Open the port and wait for the first record, which shows what the meter measures."""
         port = open_port(settings, LINE, clock)
-        first = meter.first_record(port, LAYOUT, settings.name, _HINT)
+        first = meter.first_record(port, LAYOUT, settings.name, _HINT, settings.every_s)
         unit = first.record.channels[0].unit
         if unit in ("lx", "fc"):
             names = options.labels(settings, ("lux",))

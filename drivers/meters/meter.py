@@ -47,6 +47,8 @@ TO_SI = {
 
 
 FIRST_RECORD_S = 5.0
+SLOW_S = 5.0
+"""A meter with a longer interval is waited for, and must not count as silent."""
 REPLY_TIMEOUT_S = 1.0
 OPTIONS = ("labels", "latency_s", "response_s", "accuracy", "range_max_lx")
 """Options that every meter has; `range_max_lx` is the end of a light meter's range, to flag `overrange`."""
@@ -220,12 +222,14 @@ def first_reply(port: Port, request: bytes, layout: Layout, name: str, hint: str
     return _require(port.read(layout, REPLY_TIMEOUT_S, request), port, name, hint, REPLY_TIMEOUT_S)
 
 
-def first_record(port: Port, layout: Layout, name: str, hint: str) -> Stamped:
+def first_record(port: Port, layout: Layout, name: str, hint: str, every_s: float = 1.0) -> Stamped:
     """The first record of a meter that has just been opened, within `FIRST_RECORD_S`.
 
-    Raises `DeviceTimeoutError` if nothing arrives, `DecodeError` if what arrives is not a record.
+    A slow one, which sends every `every_s` seconds, has two of them. Raises `DeviceTimeoutError` if nothing
+    arrives, `DecodeError` if what arrives is not a record.
     """
-    return _require(port.read(layout, FIRST_RECORD_S), port, name, hint, FIRST_RECORD_S)
+    within_s = 2.0 * every_s if every_s > SLOW_S else FIRST_RECORD_S
+    return _require(port.read(layout, within_s), port, name, hint, within_s)
 
 
 def _require(found: Stamped | None, port: Port, name: str, hint: str, timeout_s: float) -> Stamped:
@@ -261,6 +265,7 @@ def describe(
         unit=unit,
         shape=(len(channels),),
         channels=tuple(channels),
+        rate_hz=1.0 / settings.every_s if settings.every_s > SLOW_S else 0.0,
         driver=settings.driver,
         model=model,
         port=port.path,

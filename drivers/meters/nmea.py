@@ -154,7 +154,7 @@ class Nmea(SerialDriver):
         """Open the port and wait for the first sentence."""
         line = Line(int(options.number(settings, "baud", LINE.baud)))
         port = open_port(settings, line, clock)
-        meter.first_record(port, LAYOUT, settings.name, _HINT)
+        meter.first_record(port, LAYOUT, settings.name, _HINT, settings.every_s)
         names = options.labels(settings, [name for name, _ in CHANNELS])
         info = meter.describe(settings, port, LAYOUT, "position", UNIT, names)
         info = replace(info, device_time_unit="ns since 1970 UTC")

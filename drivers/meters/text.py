@@ -89,7 +89,10 @@ _NO_VALUES = re.compile(
 _COLUMNS = "columns "
 _LONGEST_NAME = 32
 _LONGEST_CLOCK = 18  # digits: 64 bits hold them, and boards restart within thirty million years
-_HINT = "does the board print lines? boards restart when the port opens and need two seconds"
+_HINT = (
+    "does the board print lines? boards restart when the port opens and need two seconds; "
+    "state an interval of more than 5 s as every_s"
+)
 
 
 class _Field(NamedTuple):
@@ -371,7 +374,7 @@ class Text(SerialDriver):
         settings = _completed(settings)
         grammar = _grammar(settings)
         port = open_port(settings, Line(int(options.number(settings, "baud", LINE.baud))), clock)
-        grammar, first = _first_values(port, grammar, settings.name, clock)
+        grammar, first = _first_values(port, grammar, settings, clock)
         shown = _quantity(first) or first.channels[0].unit
         unit = STREAM_UNITS.get(shown, shown)
         keys = [one.name for one in first.channels if one.unit == shown]
@@ -387,29 +390,32 @@ class Text(SerialDriver):
         return meter.Meter(info, port, grammar.layout, clock, keys[: len(names)])
 
 
-def _first_values(port: Port, grammar: Grammar, name: str, clock: Clock) -> tuple[Grammar, Record]:
+def _first_values(
+    port: Port, grammar: Grammar, settings: DeviceSettings, clock: Clock
+) -> tuple[Grammar, Record]:
     """The first line with values, and how to read those after it: by the header before it.
 
     Without a known unit it may be a message of a board that starts: two alike are taken for values.
     """
-    end_ns, given, before = clock.mono_ns() + int(PREAMBLE_S * 1e9), grammar.columns, Record(0)
+    within_s, given, before = max(PREAMBLE_S, 3.0 * settings.every_s), grammar.columns, Record(0)
+    end_ns = clock.mono_ns() + int(within_s * 1e9)
     while clock.mono_ns() < end_ns:
-        first = _next(port, grammar, name)
+        first = _next(port, grammar, settings)
         has_value = any(Quality.NO_VALUE not in one.quality for one in first.channels)
         if has_value and (_quantity(first) or first.channels == before.channels):
             return grammar, first
         before = first
         grammar = replace(grammar, columns=given or header([first.note]) or grammar.columns)
     raise DecodeError(
-        f"{name}: only comments and headers from {port.path}, the last one {before.note[:60]!r}",
+        f"{settings.name}: only comments and headers from {port.path}, the last one {before.note[:60]!r}",
         raw=before.note.encode(),
         fix=f"print lines with values every few seconds: {FORMS}",
     )
 
 
-def _next(port: Port, grammar: Grammar, name: str) -> Record:
+def _next(port: Port, grammar: Grammar, settings: DeviceSettings) -> Record:
     try:
-        return meter.first_record(port, grammar.layout, name, _HINT).record
+        return meter.first_record(port, grammar.layout, settings.name, _HINT, settings.every_s).record
     except DecodeError as error:
         raise DecodeError(error.message, raw=error.raw, fix=f"print lines such as {FORMS}") from error
 

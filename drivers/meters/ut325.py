@@ -141,7 +141,7 @@ class Ut325(RecordDriver):
         """Open the bridge, start the live stream and wait for its first record."""
         port = HidBridge(settings, clock)
         port.write(START_LIVE)
-        meter.first_record(port, LAYOUT, settings.name, _HINT)
+        meter.first_record(port, LAYOUT, settings.name, _HINT, settings.every_s)
         names = options.labels(settings, CHANNELS)
         info = meter.describe(settings, port, LAYOUT, "temperature", "K", names, "UT325")
         return meter.Meter(info, port, LAYOUT, clock, CHANNELS[: len(names)])

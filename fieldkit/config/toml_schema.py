@@ -155,7 +155,12 @@ class CameraTable(DeviceTable):
 class MeterTable(DeviceTable):
     """A meter that is polled at an interval, or sends at its own."""
 
-    every_s: float = Field(default=1.0, gt=0, le=3600, description="seconds between two polls of the meter")
+    every_s: float = Field(
+        default=1.0,
+        gt=0,
+        le=3600,
+        description="seconds between two polls of the meter, or two records of one that sends by itself",
+    )
 
 
 class LuxTable(MeterTable):

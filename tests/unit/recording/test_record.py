@@ -3,13 +3,17 @@ import subprocess
 import sys
 from datetime import UTC, datetime, time
 
+import numpy as np
 import pytest
 
 import fieldkit
+from fieldkit.config import load_config
 from fieldkit.config.template import SIMULATED
+from fieldkit.model.samples import EventKind
 from fieldkit.model.site import Site
 from fieldkit.recording.campaign import create_campaign
 from fieldkit.recording.record import ns_until
+from fieldkit.sessions.reader import open_session
 
 
 def utc_ns(moment: datetime) -> int:
@@ -68,3 +72,19 @@ def test_an_interrupted_record_in_a_notebook_is_sealed_and_returned(tmp_path):
     (path,) = (tmp_path / "recordings").glob("*.h5")
     with fieldkit.open_session(path) as session:
         assert session.state == "sealed"
+
+
+def test_meters_slower_than_usual_are_waited_for_and_not_taken_for_silent(tmp_path):
+    """One that sends by itself, and one that is polled."""
+    intervals = [f"{key}={value}" for key, value in (("lux.every_s", 20), ("thermometer.every_s", 30))]
+    fieldkit.init_campaign(tmp_path / "sand", simulated=True)
+    config = load_config(tmp_path / "sand/fieldkit.toml", settings=["simulation.speed=max", *intervals])
+    session = fieldkit.record(config, duration="3m")
+    with open_session(session.path) as stored:
+        assert not [
+            event.text for event in stored.events() if event.kind in (EventKind.LOST, EventKind.ALARM)
+        ]
+        for name, every_s in (("lux", 20.0), ("thermometer", 30.0)):
+            times_s = stored.times_ns(name) / 1e9
+            assert times_s.size >= 5
+            assert np.diff(times_s) == pytest.approx(every_s, abs=0.5)

@@ -9,7 +9,7 @@ from fieldkit.drivers.decoding import Record, Rejected
 from fieldkit.drivers.meters.text import Grammar, Text
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
-from fieldkit.model.errors import ConfigError, DecodeError
+from fieldkit.model.errors import ConfigError, DecodeError, DeviceTimeoutError
 from fieldkit.model.samples import Quality
 
 
@@ -55,6 +55,12 @@ def test_a_clock_that_64_bits_do_not_hold_is_rejected():
     grammar = Grammar(("ms", "T1_c"))
     assert grammar.parse(b"999999999999999999,21.5\n").device_time == 10**18 - 1
     assert isinstance(grammar.parse(b"9999999999999999999,21.5\n"), Rejected)
+
+
+def test_a_board_that_prints_nothing_in_time_may_be_a_slow_one(wire, impatient):
+    with pytest.raises(DeviceTimeoutError, match=r"nothing received") as caught:
+        Text().open(settings(wire), HostClock())
+    assert "state an interval of more than 5 s as every_s" in caught.value.fix
 
 
 def test_board_with_header_and_clock_is_recorded(wire):
