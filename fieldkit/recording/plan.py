@@ -38,6 +38,7 @@ from fieldkit.recording.experiments import (
     measures,
     predicted,
 )
+from fieldkit.recording.predict import checked_facets
 from fieldkit.results.executors import THIS_PROCESS, Workers
 from fieldkit.simulation.sky import ClearSky
 from fieldkit.views import formatting, html, plan_page, plots
@@ -54,7 +55,7 @@ class PlanOptions:
     Elsewhere than on the Earth light and air are those of the body's clear season instead.
     `noise_k` is that of a region's minute mean, by default the estimator's; `window_min` the length of the
     windows for which noise alone is stated, `air_c` the air temperature expected, `step_min` the time between
-    rows.
+    rows. Raises `ConfigError` for numbers that are not finite, or, but for the air, not above 0.
 
     Examples
     --------
@@ -71,6 +72,11 @@ class PlanOptions:
     window_min: int = 20
     air_c: float = 15.0
     step_min: int = 30
+
+    def __post_init__(self) -> None:
+        for name, value in asdict(self).items():
+            if value is not None and not (isfinite(value) and (value > 0.0 or name == "air_c")):
+                raise ConfigError(f"{name} = {value} cannot be planned with", fix="give a number above 0")
 
     @property
     def irradiance(self) -> str:
@@ -311,7 +317,7 @@ def plan(
     Raises
     ------
     ConfigError
-        If the site or the day is not a valid one, or there is no facet.
+        If the site or the day is not a valid one; as `fieldkit.recording.predict.checked_facets`.
     NoAnswerError
         If the sun does not rise.
 
@@ -325,11 +331,10 @@ def plan(
     """
     site = as_site(site)
     day = _day(day, site)
-    if facets is not None and not len(facets):
-        raise ConfigError("there is no facet to plan for", fix="give pairs of tilt and azimuth")
     if facets is None:
         equator = 180.0 if site.latitude_deg >= 0.0 else 0.0
         facets = [(tilt, equator) for tilt in PAPER_TILTS_DEG]
+    facets = checked_facets(facets)
     time_ns = np.arange(*_ends_ns(site, day), MINUTE_NS, dtype=np.int64)
     noise_k = options.noise_k or (estimator or EstimatorSettings()).noise_k
     settings = replace(_settings(site, options), noise_k=noise_k)
@@ -344,7 +349,7 @@ def plan(
     light = _dni(sun, time_ns, site, options)
     if estimator is not None:
         light = np.where(sunlit_share(estimator.horizon, sun, MINUTE_EDGE_DEG) == 1.0, light, 0.0)
-    found = plan_day(tuple(facets), time_ns, sun, light, settings, options.step_min)
+    found = plan_day(facets, time_ns, sun, light, settings, options.step_min)
     if not found.rows.size:
         raise NoAnswerError(f"the sun does not rise on {day} at this site", fix="choose another day")
     return MeasuringPlan(site, day, options, found, estimator or _default_settings(site))

@@ -60,7 +60,8 @@ def predict(
     Raises
     ------
     ConfigError
-        If there is no facet, or the weather lacks a quantity, is of another day or ends before.
+        As `checked_facets`; for an exchange below 0 or NaN; if the weather lacks a quantity, is of another
+        day or ends before.
 
     Examples
     --------
@@ -70,8 +71,7 @@ def predict(
     >>> found.surface_k[-1].round(1).tolist()
     [285.5, 294.8]
     """
-    if not facets:
-        raise ConfigError("there is no facet to predict", fix="give pairs of tilt and azimuth")
+    facets = checked_facets(facets)
     used = settings or EstimatorSettings()
     first_ns, last_ns = (int(weather.time_ns[end]) for end in (0, -1))
     start_ns = utc_ns(moment(start)) if start else first_ns
@@ -81,8 +81,20 @@ def predict(
         raise ConfigError(f"the weather gives 1 to {most} min from the start on, not {minutes}")
     found = used.prior.exchange_w_m2_k if exchange is None else exchange
     by_wind = found if isinstance(found, Exchange) else Exchange(found, 0.0)
+    if not (by_wind.still_w_m2_k >= 0.0 and by_wind.per_wind >= 0.0):
+        raise ConfigError(f"{by_wind} is no exchange with the air", fix="give numbers of 0 or more")
     model = expected_field(weather.site, MeasuredSky(weather), facets, used, by_wind)
     return field_minutes(model, start_ns, minutes or max(most, 1))
+
+
+def checked_facets(facets: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
+    """Tilts of 0 to 90° and azimuths of -360 to 360°; raises `ConfigError` for others, or for none."""
+    found = tuple((float(tilt), float(azimuth)) for tilt, azimuth in facets)
+    wrong = [one for one in found if not (0.0 <= one[0] <= 90.0 and -360.0 <= one[1] <= 360.0)]
+    if wrong or not found:
+        what = "{}°/{}° is no facet".format(*wrong[0]) if wrong else "there is no facet"
+        raise ConfigError(what, fix="give pairs of tilt, 0 to 90°, and azimuth, 0 to 360°")
+    return found
 
 
 def expected_field(

@@ -1,4 +1,5 @@
 import json
+import math
 import re
 import subprocess
 import sys
@@ -362,6 +363,15 @@ def test_other_worlds_are_planned_without_warnings_of_libraries(body, longitude_
     assert planning.plan(site, day, [(15.0, 180.0)]).rows
 
 
-def test_a_plan_needs_a_facet():
+@pytest.mark.parametrize("facets", [[], [(15.0, math.nan)], [(95.0, 180.0)]])
+def test_a_plan_needs_facets_that_can_be(facets):
     with pytest.raises(ConfigError, match="no facet"):
-        planning.plan((35.56, 139.40), "2026-12-11", [])
+        planning.plan((35.56, 139.40), "2026-12-11", facets)
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"dni_w_m2": math.nan}, {"turbidity": 0.0}, {"air_c": math.inf}, {"step_min": -30}]
+)
+def test_assumptions_of_a_plan_are_possible_numbers(wrong):
+    with pytest.raises(ConfigError, match="cannot be planned with"):
+        planning.PlanOptions(**wrong)
