@@ -11,7 +11,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
-from datetime import time, timedelta
+from datetime import datetime, time, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -327,11 +327,14 @@ class MinuteView:
 def ns_until(time_of_day: time, site: Site, utc_ns: int) -> int:
     """Nanoseconds from a time to the next one at which the site's clocks show `time_of_day`."""
     now = formatting.local_time(utc_ns, site)
-    end = now.replace(hour=time_of_day.hour, minute=time_of_day.minute, second=0, microsecond=0)
-    if end <= now:
-        end += timedelta(days=1)
+    shown = [  # the second of an hour that clocks show twice has a fold
+        datetime.combine(now.date() + timedelta(days), time_of_day.replace(fold=fold), now.tzinfo)
+        for days in (0, 1)
+        for fold in (0, 1)
+    ]
     # by timestamps: local times differ by an hour more or less where clocks change in between
-    return round((end.timestamp() - now.timestamp()) * SECOND_NS)
+    left_s = [end.timestamp() - now.timestamp() for end in shown]
+    return round(next(one for one in left_s if one > 0.0) * SECOND_NS)
 
 
 def header_of(config: Config, title: str, streams: Sequence[StreamInfo], command_line: str) -> SessionHeader:

@@ -276,7 +276,8 @@ def _stream_words(latest: Latest, name: str) -> Text:
     if counts := " ".join(f"{trouble} {count}" for trouble, count in troubles.items() if count):
         return text.append(counts, "warning")
     age_s = latest.age_s(name)
-    return text.append(f"{age_s:.0f} s ago", "quiet") if age_s >= 3 else text.append("none lost", "good")
+    ago = f"{formatting.rounded_duration(age_s)} ago"
+    return text.append(ago, "quiet") if age_s >= 3 else text.append("none lost", "good")
 
 
 # ---------------------------------------------------------------------- regions

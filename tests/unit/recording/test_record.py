@@ -26,6 +26,8 @@ def utc_ns(moment: datetime) -> int:
         # Zurich, 22:00 until 06:00: clocks go forward on 2026-03-29 and back on 2026-10-25
         (datetime(2026, 3, 28, 21, tzinfo=UTC), "06:00", 7.0),
         (datetime(2026, 10, 24, 20, tzinfo=UTC), "06:00", 9.0),
+        (datetime(2026, 10, 25, 0, 45, tzinfo=UTC), "02:30", 0.75),
+        (datetime(2026, 10, 25, 1, 45, tzinfo=UTC), "02:30", 23.75),
         (datetime(2026, 7, 1, 20, tzinfo=UTC), "06:00", 8.0),
         (datetime(2026, 7, 1, 20, tzinfo=UTC), "23:30", 1.5),
     ],
