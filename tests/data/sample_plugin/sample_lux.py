@@ -37,6 +37,6 @@ class SampleLux(SerialDriver):
     def open(self, settings, clock):
         """Open the port and wait for the first line."""
         port = open_port(settings, LINE, clock)
-        meter.first_record(port, LAYOUT, settings.name, "switch the meter on")
+        meter.first_record(port, LAYOUT, settings.name, "switch the meter on", settings.every_s)
         info = meter.describe(settings, port, LAYOUT, "illuminance", "lx", ("lux",))
         return meter.Meter(info, port, LAYOUT, clock, ("lux",))
