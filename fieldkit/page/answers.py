@@ -47,7 +47,7 @@ from fieldkit.views import formatting, frame_image
 log: logging.Logger = logging.getLogger(__name__)
 ANSWERS_WITHIN_S = 5.0
 """The recorder looks at its requests once a second."""
-LOOKS_AT_ONCE = 2
+QUERIES_AT_ONCE = 2
 """More would take all threads, and a mark or the end of the recording would wait behind everybody's lists."""
 Document = dict[str, Any]
 T = TypeVar("T")
@@ -80,7 +80,7 @@ class Answers:
     conductor: Conductor
     past: PastSessions
     keys: Keys
-    _looking: asyncio.Semaphore = field(default_factory=lambda: asyncio.Semaphore(LOOKS_AT_ONCE))
+    _queries: asyncio.Semaphore = field(default_factory=lambda: asyncio.Semaphore(QUERIES_AT_ONCE))
 
     async def to(self, viewer: Viewer, request: requests.Request) -> Document:
         """Do what is asked and answer; an error becomes an answer."""
@@ -99,18 +99,18 @@ class Answers:
             case requests.Value():
                 return Done(data={"temperature_c": self._value_c(request)})
             case requests.CheckRegion():
-                return Done(data=await self._looked(self._verdict, request))
+                return Done(data=await self._queried(self._verdict, request))
             case requests.Sessions():
-                return Done(data=await self._looked(self.past.listed, viewer.role))
+                return Done(data=await self._queried(self.past.listed, viewer.role))
             case requests.CheckSession():
                 ok, text = await self.past.check(request.session)
                 return Done(text, ok=ok)
             case requests.EstimateSession():
                 return Done(data=await self.past.estimate(request.session))
             case requests.SessionSlopes():
-                return Done(data=await self._looked(self.past.slopes, request.session))
+                return Done(data=await self._queried(self.past.slopes, request.session))
             case requests.Marks():
-                return Done(data=await self._looked(self._marks, request.session))
+                return Done(data=await self._queried(self._marks, request.session))
             case requests.TakeBack() | requests.EditMark():
                 return await self._corrected(request)
             case requests.Start() | requests.Stop():
@@ -131,10 +131,10 @@ class Answers:
             case _:
                 return await self._redrawn(request)
 
-    async def _looked(self, look: Callable[..., T], *arguments: Any) -> T:
+    async def _queried(self, query: Callable[..., T], *arguments: Any) -> T:
         """What a function finds in a thread; it changes nothing."""
-        async with self._looking:
-            return await asyncio.to_thread(look, *arguments)
+        async with self._queries:
+            return await asyncio.to_thread(query, *arguments)
 
     # --- the recording
 

@@ -126,8 +126,9 @@ class CarefulProtocol(asyncio.Protocol):
 class CarefulSocket(WebSocketsSansIOProtocol):
     """A WebSocket that is aborted where its browser takes nothing, or sends more than requests need.
 
-    Whoever takes nothing never takes the message that would close the connection either. Parts of messages
-    and pings are kept and answered by uvicorn; the application, which counts requests, never sees them.
+    A browser that takes nothing never takes the message that would close the connection either. Parts of
+    messages and pings are kept and answered by uvicorn; the application, which counts requests, never sees
+    them.
     """
 
     _untaken: asyncio.TimerHandle | None = None

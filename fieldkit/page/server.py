@@ -301,7 +301,7 @@ class Page:
 
 
 def _in_words(error: Exception, asked: str) -> FieldkitError:
-    """What went wrong with what was asked for; what nobody expected is logged."""
+    """What went wrong with what was asked for; what was not expected is logged."""
     if isinstance(error, FieldkitError):
         return error
     log.error("a request failed: %s", asked, exc_info=error)

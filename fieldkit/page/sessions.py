@@ -94,7 +94,7 @@ class PastSessions:
     async def check(self, wanted: str) -> tuple[bool, str]:
         """Whether a session is without failures, and the findings in words."""
         path = self.sealed(wanted)
-        async with self._one_check, self._one_job:  # reports wait for one at most, whoever asks for checks
+        async with self._one_check, self._one_job:  # a report waits for one check at most
             _, output, errors = await _fieldkit("check", str(path))
         try:
             findings = json.loads(output)["sessions"][0]["findings"]
