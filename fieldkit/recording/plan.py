@@ -76,7 +76,10 @@ class PlanOptions:
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():
             if value is not None and not (isfinite(value) and (value > 0.0 or name == "air_c")):
-                raise ConfigError(f"{name} = {value} cannot be planned with", fix="give a number above 0")
+                raise ConfigError(
+                    f"{name} = {value} cannot be planned with",
+                    fix="give a finite number, above 0 but for the air",
+                )
 
     @property
     def irradiance(self) -> str:

@@ -78,11 +78,14 @@ def predict(
     start_ns = -(-start_ns // MINUTE_NS) * MINUTE_NS
     most = (last_ns - start_ns) // MINUTE_NS
     if minutes is not None and most > 0 and not 1 <= minutes <= most:
-        raise ConfigError(f"the weather gives 1 to {most} min from the start on, not {minutes}")
+        raise ConfigError(
+            f"the weather gives 1 to {most} min from the start on, not {minutes}",
+            fix="give fewer minutes, or an earlier start",
+        )
     found = used.prior.exchange_w_m2_k if exchange is None else exchange
     by_wind = found if isinstance(found, Exchange) else Exchange(found, 0.0)
     if not (by_wind.still_w_m2_k >= 0.0 and by_wind.per_wind >= 0.0):
-        raise ConfigError(f"{by_wind} is no exchange with the air", fix="give numbers of 0 or more")
+        raise ConfigError(f"{by_wind} is not an exchange with the air", fix="give numbers of 0 or more")
     model = expected_field(weather.site, MeasuredSky(weather), facets, used, by_wind)
     return field_minutes(model, start_ns, minutes or max(most, 1))
 
@@ -92,7 +95,7 @@ def checked_facets(facets: Sequence[tuple[float, float]]) -> tuple[tuple[float, 
     found = tuple((float(tilt), float(azimuth)) for tilt, azimuth in facets)
     wrong = [one for one in found if not (0.0 <= one[0] <= 90.0 and -360.0 <= one[1] <= 360.0)]
     if wrong or not found:
-        what = "{}°/{}° is no facet".format(*wrong[0]) if wrong else "there is no facet"
+        what = "{}°/{}° is not a facet".format(*wrong[0]) if wrong else "there is no facet"
         raise ConfigError(what, fix="give pairs of tilt, 0 to 90°, and azimuth, 0 to 360°")
     return found
 

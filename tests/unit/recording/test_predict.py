@@ -83,10 +83,10 @@ def test_estimators_take_what_is_predicted():
 def test_what_cannot_be_predicted_is_refused():
     nan = float("nan")
     for facets in ([], [(nan, 0)], [(15, 180), (91, 180)], [(15, float("inf"))], [(-1, 0)], [(15, 361)]):
-        with pytest.raises(ConfigError, match="no facet"):
+        with pytest.raises(ConfigError, match=r"facet"):
             fieldkit.predict(facets, constant(NOON_NS))
     for exchange in (nan, -1.0, Exchange(10.0, nan)):
-        with pytest.raises(ConfigError, match="no exchange"):
+        with pytest.raises(ConfigError, match="not an exchange"):
             fieldkit.predict([(0, 0)], constant(NOON_NS), exchange=exchange)
     with pytest.raises(ConfigError, match="the weather was measured from 2026-03-21"):
         fieldkit.predict([(0, 0)], constant(NOON_NS), start="2026-04-01T00:00Z")
