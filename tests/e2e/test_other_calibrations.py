@@ -140,6 +140,21 @@ def test_the_light_meters_factor_from_a_pyranometer_and_a_pyrheliometer(
     assert "it has chp1" in refused.output
 
 
+def test_minutes_far_from_any_value_of_the_reference_do_not_count(three_beds: Path, tmp_path: Path) -> None:
+    """A logger that missed ten minutes: nobody knows whether the sky was steady in them."""
+    weather = packaged()
+    logger = with_logger(three_beds, tmp_path / "whole.h5", "cmp11", weather.time_ns, weather.ghi_w_m2)
+    whole = watts_per_lux(logger, "--pyranometer", "cmp11")
+    with open_session(three_beds) as opened:
+        middle_ns = (opened.start_ns + opened.end_ns) // 2
+    kept = np.abs(weather.time_ns - middle_ns) > 300 * 10**9
+    logger = with_logger(
+        three_beds, tmp_path / "gap.h5", "cmp11", weather.time_ns[kept], weather.ghi_w_m2[kept]
+    )
+    missed = watts_per_lux(logger, "--pyranometer", "cmp11", "--name", "gap")
+    assert missed["details"]["minutes"] == whole["details"]["minutes"] - np.count_nonzero(~kept)
+
+
 def test_the_light_meters_factor_from_the_stations_own_file(
     three_beds: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
