@@ -34,18 +34,20 @@ def parse_when(text: str, now: datetime) -> When:
     return (moment if moment.tzinfo else moment.replace(tzinfo=now.tzinfo)).isoformat()
 
 
+def shown_at(shown: time_of_day, now: datetime) -> list[datetime]:
+    """When clocks in the zone of `now` show a time, from yesterday to tomorrow."""
+    return [  # an hour that clocks show twice has two moments, the later of them with a fold
+        datetime.combine(now.date() + timedelta(days), shown.replace(fold=fold), now.tzinfo)
+        for days in (-1, 0, 1)
+        for fold in (0, 1)
+    ]
+
+
 def _last(shown: time_of_day, now: datetime) -> datetime:
     """When clocks last showed a time, in its own zone if it has one."""
-    own_zone = shown.tzinfo or now.tzinfo
-    latest = now.timestamp() + CLOCKS_DIFFER.total_seconds()
-    day = now.astimezone(own_zone).date()
-    # an hour that clocks show twice has two moments, the later of them with a fold
-    moments = [
-        datetime.combine(day + timedelta(days), shown.replace(fold=fold), own_zone)
-        for days in (1, 0, -1)
-        for fold in (1, 0)
-    ]
-    return next(moment for moment in moments if moment.timestamp() <= latest)
+    latest_s = now.timestamp() + CLOCKS_DIFFER.total_seconds()
+    moments = shown_at(shown, now.astimezone(shown.tzinfo) if shown.tzinfo else now)
+    return next(moment for moment in reversed(moments) if moment.timestamp() <= latest_s)
 
 
 def reject_impossible(mark: Mark, now: datetime) -> None:

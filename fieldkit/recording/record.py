@@ -11,7 +11,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
-from datetime import datetime, time, timedelta
+from datetime import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +19,7 @@ from fieldkit.config import Config, find_campaign, load_config
 from fieldkit.estimation.estimator import Estimator, Minute
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.durations import as_seconds
+from fieldkit.model.mark_times import shown_at
 from fieldkit.model.radiation import with_components
 from fieldkit.model.site import Site
 from fieldkit.model.units import SECOND_NS
@@ -327,13 +328,8 @@ class MinuteView:
 def ns_until(time_of_day: time, site: Site, utc_ns: int) -> int:
     """Nanoseconds from a time to the next one at which the site's clocks show `time_of_day`."""
     now = formatting.local_time(utc_ns, site)
-    shown = [  # the second of an hour that clocks show twice has a fold
-        datetime.combine(now.date() + timedelta(days), time_of_day.replace(fold=fold), now.tzinfo)
-        for days in (0, 1)
-        for fold in (0, 1)
-    ]
     # by timestamps: local times differ by an hour more or less where clocks change in between
-    left_s = [end.timestamp() - now.timestamp() for end in shown]
+    left_s = [moment.timestamp() - now.timestamp() for moment in shown_at(time_of_day, now)]
     return round(next(one for one in left_s if one > 0.0) * SECOND_NS)
 
 
