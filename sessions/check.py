@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from fieldkit.model.clock import ClockCheck
 from fieldkit.model.device import StreamInfo
+from fieldkit.model.durations import precise_duration, rounded_duration
 from fieldkit.model.errors import SessionError, message_of
 from fieldkit.model.finding import Finding
 from fieldkit.model.samples import NO_COUNTER, EventKind, Quality, Severity
@@ -272,8 +273,8 @@ def _times(name: str, reader: StreamReader) -> Iterator[Finding]:
     )  # bursts have two intervals: the long one is usual
     gaps = intervals[intervals > limit]
     if gaps.size:
-        text = f"{gaps.size} gaps, the longest {gaps.max():.1f} s, together {gaps.sum():.0f} s"
-        yield Finding("warn", name, text)
+        longest, together = precise_duration(gaps.max()), rounded_duration(gaps.sum())
+        yield Finding("warn", name, f"{gaps.size} gaps, the longest {longest}, together {together}")
     yield from _rate(name, reader.info, intervals, median)
 
 
@@ -357,7 +358,7 @@ def _sleep(checks: Sequence[ClockCheck], is_corrected: bool) -> Iterator[Finding
     slept_ns = checks[-1].suspended_ns - checks[0].suspended_ns
     if slept_ns <= STEP_NS:
         return
-    slept = f"the computer slept {slept_ns / 1e9:.0f} s"
+    slept = f"the computer slept {rounded_duration(slept_ns / 1e9)}"
     if is_corrected:
         yield Finding("ok", "clock", f"{slept}, which the active time map adds to its times after that")
     else:

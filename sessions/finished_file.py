@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from fieldkit.disk import one_at_a_time, put_in_place
 from fieldkit.model.clock import ClockCheck
+from fieldkit.model.durations import rounded_duration
 from fieldkit.model.errors import StorageError
 from fieldkit.model.samples import Event
 from fieldkit.model.units import SECOND_NS
@@ -145,7 +146,9 @@ def _asleep(checks: Sequence[ClockCheck]) -> list[TimeStep]:
         more = after.suspended_ns - before.suspended_ns
         if more > STEP_NS:
             slept += more
-            steps.append(TimeStep(before.mono_ns, slept, f"the computer slept {more / 1e9:.0f} s"))
+            steps.append(
+                TimeStep(before.mono_ns, slept, f"the computer slept {rounded_duration(more / 1e9)}")
+            )
     return steps
 
 

@@ -12,7 +12,8 @@ import click
 from fieldkit.cli.common import Command, options, print_json, say
 from fieldkit.cli.session_paths import latest_session
 from fieldkit.cli.types import PATH
-from fieldkit.views.formatting import by_time, event_text, precise_duration
+from fieldkit.model.durations import precise_duration
+from fieldkit.views.formatting import by_time, event_text
 
 if TYPE_CHECKING:
     from fieldkit.model.samples import Event

@@ -54,6 +54,22 @@ def as_seconds(duration: str | float) -> float:
     return float(duration)
 
 
+def precise_duration(seconds: float) -> str:
+    """``4.2 s``, ``12 min 30 s`` or ``3 h 09 min``: of a recording, a gap, a nap of the computer."""
+    if seconds < 60:
+        return f"{seconds:.1f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes} min {rest:02} s" if minutes < 60 else f"{minutes // 60} h {minutes % 60:02} min"
+
+
+def rounded_duration(seconds: float) -> str:
+    """``14 s``, ``9 min`` or ``3 h 09 min``: how long something has lasted, at a glance."""
+    if seconds < 90:
+        return f"{max(0.0, seconds):.0f} s"
+    minutes = round(seconds / 60)
+    return f"{minutes} min" if minutes < 60 else f"{minutes // 60} h {minutes % 60:02d} min"
+
+
 def parse_time_of_day(text: str) -> time:
     """A time of day ``HH:MM``; raises `ConfigError`."""
     try:

@@ -16,6 +16,7 @@ import numpy as np
 
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import Camera, Device, StreamInfo
+from fieldkit.model.durations import precise_duration
 from fieldkit.model.errors import DeviceError, DeviceLostError, FieldkitError
 from fieldkit.model.limits import bounds_of, flagged
 from fieldkit.model.samples import Event, EventKind, Frame, Quality, Sample, Severity, is_usable
@@ -252,7 +253,7 @@ class DeviceReader:
             if self._is_active() and (device := self._reopened()) is not None:
                 self._device, self._before_loss = device, self._last
                 gap_s = (self._clock.mono_ns() - lost_ns) / SECOND_NS
-                self._report(EventKind.BACK, f"back after {gap_s:.1f} s", data={"gap_s": gap_s})
+                self._report(EventKind.BACK, f"back after {precise_duration(gap_s)}", data={"gap_s": gap_s})
                 self._flag_another_scale(device.info)
                 return
 

@@ -14,6 +14,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 
 from fieldkit.model.clock import Clock, ClockCheck
+from fieldkit.model.durations import rounded_duration
 from fieldkit.model.errors import StorageError, message_of
 from fieldkit.model.samples import Event, EventKind, Health, Quality, Sample, Severity, StreamHealth
 from fieldkit.model.units import MINUTE_NS, SECOND_NS
@@ -160,7 +161,7 @@ class ClockMonitor:
         slept_ns = check.suspended_ns - last.suspended_ns
         step_ns = check.utc_minus_mono_ns - last.utc_minus_mono_ns - slept_ns
         if slept_ns >= SUSPENDED_NS:
-            text = f"the computer slept for {slept_ns / SECOND_NS:.0f} s"
+            text = f"the computer slept for {rounded_duration(slept_ns / SECOND_NS)}"
             yield Event(
                 EventKind.SLEPT, check.mono_ns, time_ns, text, "", Severity.WARNING, {"slept_ns": slept_ns}
             )

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from fieldkit.model.durations import precise_duration
 from fieldkit.model.errors import SessionError
 from fieldkit.model.learnt import Learnt
 from fieldkit.model.radiation import measured
@@ -101,7 +102,7 @@ def brief(
     return {
         "name": path.name, "state": state, "began": local_time(site, start_ns),
         "start": iso_time(site, start_ns), "end": iso_time(site, end_ns),
-        "length": formatting.precise_duration(length_s), "length_s": length_s,
+        "length": precise_duration(length_s), "length_s": length_s,
         "samples": counts, "bytes": _size(path), "title": title,
     }  # fmt: skip
 

@@ -11,6 +11,7 @@ from collections.abc import Iterable
 from datetime import UTC, datetime, tzinfo
 
 from fieldkit.model.confidence import percent
+from fieldkit.model.durations import rounded_duration
 from fieldkit.model.samples import Event, EventKind, Severity
 from fieldkit.model.site import Region, Site, known_zone
 from fieldkit.model.slope import (
@@ -212,22 +213,6 @@ def place(site: Site) -> str:
     return (
         f"{abs(site.latitude_deg):.4f} {north} {abs(site.longitude_deg):.4f} {east}, {site.elevation_m:.0f} m"
     )
-
-
-def precise_duration(seconds: float) -> str:
-    """``4.2 s``, ``12 min 30 s`` or ``3 h 09 min``: the length of a recording."""
-    if seconds < 60:
-        return f"{seconds:.1f} s"
-    minutes, rest = divmod(round(seconds), 60)
-    return f"{minutes} min {rest:02} s" if minutes < 60 else f"{minutes // 60} h {minutes % 60:02} min"
-
-
-def rounded_duration(seconds: float) -> str:
-    """``14 s``, ``9 min`` or ``3 h 09 min``: how long something has lasted, at a glance."""
-    if seconds < 90:
-        return f"{max(0.0, seconds):.0f} s"
-    minutes = round(seconds / 60)
-    return f"{minutes} min" if minutes < 60 else f"{minutes // 60} h {minutes % 60:02d} min"
 
 
 def rate(rate_hz: float) -> str:

@@ -22,6 +22,7 @@ from rich.text import Text
 from rich.theme import Theme
 
 from fieldkit.model.device import StreamInfo
+from fieldkit.model.durations import rounded_duration
 from fieldkit.model.learnt import Learnt, LearntParameter
 from fieldkit.model.samples import Event, Frame, Reading, Severity
 from fieldkit.model.site import Region, RegionKind
@@ -276,7 +277,7 @@ def _stream_words(latest: Latest, name: str) -> Text:
     if counts := " ".join(f"{trouble} {count}" for trouble, count in troubles.items() if count):
         return text.append(counts, "warning")
     age_s = latest.age_s(name)
-    ago = f"{formatting.rounded_duration(age_s)} ago"
+    ago = f"{rounded_duration(age_s)} ago"
     return text.append(ago, "quiet") if age_s >= 3 else text.append("none lost", "good")
 
 
@@ -398,7 +399,7 @@ def _at(time_ns: int, latest: Latest, *, seconds: bool = False) -> str:
 
 def _progress(latest: Latest) -> RenderableType:
     done_s = (latest.time_ns - latest.start_ns) / 1e9
-    lasted = formatting.rounded_duration(done_s)
+    lasted = rounded_duration(done_s)
     if latest.planned_end_ns is None:
         return Text(f"{lasted}, no planned end: {STOP_KEY}", "quiet")
     total_s = max(1.0, (latest.planned_end_ns - (latest.start_ns or latest.planned_end_ns)) / 1e9)
@@ -408,6 +409,6 @@ def _progress(latest: Latest) -> RenderableType:
     line.add_column(no_wrap=True)
     line.add_row(
         ProgressBar(total=total_s, completed=min(done_s, total_s)),
-        Text(f"{lasted} of {formatting.rounded_duration(total_s)}, ends {ends}, {STOP_KEY}"),
+        Text(f"{lasted} of {rounded_duration(total_s)}, ends {ends}, {STOP_KEY}"),
     )
     return line

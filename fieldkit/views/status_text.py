@@ -6,6 +6,7 @@ import io
 
 from rich.console import Console
 
+from fieldkit.model.durations import rounded_duration
 from fieldkit.views import formatting
 from fieldkit.views.latest import Latest
 from fieldkit.views.screen import THEMES, snapshot
@@ -17,7 +18,7 @@ def status_text(name: str, latest: Latest, start_ns: int, end_ns: int, warning: 
     last = formatting.clock_time(end_ns, latest.site, seconds=True)
     lines = [
         f"recording {name} since {began} {formatting.zone_name(start_ns, latest.site)}",
-        f"  last sample {last}, {formatting.rounded_duration((end_ns - start_ns) / 1e9)} so far",
+        f"  last sample {last}, {rounded_duration((end_ns - start_ns) / 1e9)} so far",
         *([f"warning: {warning}"] if warning else []),
     ]
     return "\n".join(lines) + "\n" + _drawn(latest, cols)

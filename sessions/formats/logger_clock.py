@@ -13,8 +13,10 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from fieldkit.model.durations import precise_duration
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import Severity
+from fieldkit.model.units import SECOND_NS
 
 Keep = Literal["first", "last"]
 Notes = list[tuple[Severity, str]]
@@ -154,6 +156,6 @@ def _longest_gap(rows: Sequence[TimedRow]) -> Notes:
     if not long:
         return []
     gap_ns, row = max(long)
-    lasts = timedelta(microseconds=gap_ns // 1000)
+    lasts = precise_duration(gap_ns / SECOND_NS)
     which = f"a gap of {lasts}" if len(long) == 1 else f"{len(long)} gaps, the longest of {lasts},"
     return [(Severity.INFO, f"{which} before {row}: nothing recorded, or a clock set forward")]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from fieldkit.model.durations import rounded_duration
 from fieldkit.views import formatting
 from fieldkit.views.html import render
 from fieldkit.views.report import recording, results
@@ -55,6 +56,6 @@ def _facts(data: ReportData) -> str:
     """Place and time of the session in one line."""
     session = data.session
     start = formatting.local_time(session.start_ns, data.site)
-    lasted = formatting.rounded_duration((session.end_ns - session.start_ns) / 1e9)
+    lasted = rounded_duration((session.end_ns - session.start_ns) / 1e9)
     when = f"{start:%Y-%m-%d %H:%M} to {data.clock_time(session.end_ns)} ({data.zone}), {lasted}"
     return f"{formatting.place(data.site)} · {when}"

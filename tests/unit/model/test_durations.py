@@ -1,6 +1,13 @@
 import pytest
 
-from fieldkit.model.durations import as_seconds, parse_duration, parse_offset, parse_time_of_day
+from fieldkit.model.durations import (
+    as_seconds,
+    parse_duration,
+    parse_offset,
+    parse_time_of_day,
+    precise_duration,
+    rounded_duration,
+)  # fmt: skip
 from fieldkit.model.errors import ConfigError
 
 
@@ -57,3 +64,17 @@ def test_from_python_a_duration_may_be_a_number_of_seconds():
 def test_anything_else_is_not_a_time_of_day(text):
     with pytest.raises(ConfigError, match="is not a valid time of day"):
         parse_time_of_day(text)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "said"), [(14, "14 s"), (540, "9 min"), (3 * 3600 + 540, "3 h 09 min"), (3599, "1 h 00 min")]
+)
+def test_rounded_durations(seconds, said):
+    assert rounded_duration(seconds) == said
+
+
+@pytest.mark.parametrize(
+    ("seconds", "said"), [(4.23, "4.2 s"), (750, "12 min 30 s"), (57_630, "16 h 00 min")]
+)
+def test_precise_durations(seconds, said):
+    assert precise_duration(seconds) == said

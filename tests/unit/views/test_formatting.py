@@ -121,13 +121,6 @@ def test_places_have_letters_for_their_halves():
 
 
 @pytest.mark.parametrize(
-    ("seconds", "said"), [(14, "14 s"), (540, "9 min"), (3 * 3600 + 540, "3 h 09 min"), (3599, "1 h 00 min")]
-)
-def test_durations(seconds, said):
-    assert formatting.rounded_duration(seconds) == said
-
-
-@pytest.mark.parametrize(
     ("n_bytes", "said"), [(11.2e9, "11.2 GB"), (28e6, "28.0 MB"), (640e3, "640 kB"), (12, "12 B")]
 )
 def test_sizes(n_bytes, said):
