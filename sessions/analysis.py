@@ -23,7 +23,7 @@ from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.camera_laws import frames_k, needs_metadata_rows
 from fieldkit.sessions.layout import chunk_shape
 from fieldkit.sessions.reader import SessionReader
-from fieldkit.sessions.stream_reader import FrameBlock, StreamReader
+from fieldkit.sessions.stream_reader import FrameBlock, Readings, StreamReader
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -252,7 +252,11 @@ def minute_means(
 
     `recorded` takes the times as recorded, without the active time map.
     """
-    readings = session.readings(meter, recorded=recorded)
+    return means_by_minute(session.readings(meter, recorded=recorded), channel)
+
+
+def means_by_minute(readings: Readings, channel: int = 0) -> tuple[NDArray[np.int64], FloatArray]:
+    """Middle (UTC ns) and mean of every minute of a channel, of the usable readings."""
     values = readings.values[:, channel]
     good = is_usable(readings.flags) & np.isfinite(values)
     minutes, place = np.unique(readings.time_ns[good] // MINUTE_NS, return_inverse=True)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,7 @@ from fieldkit.model.site import RegionKind, Site
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.camera_laws import frame_k
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.sessions.analysis import minute_means
+from fieldkit.sessions.analysis import means_by_minute
 from fieldkit.sessions.finished_file import STEP_NS, TOLERANCE_NS, propose_time_map, stepped_ns
 from fieldkit.sessions.lock import journal_path
 from fieldkit.sessions.radiation_check import radiation_findings
@@ -384,7 +385,9 @@ def sun_findings(session: SessionReader) -> Iterator[Finding]:
     stream = next((name for name, info in session.streams.items() if info.quantity == "illuminance"), None)
     if stream is None or not session.count(stream):
         return
-    time_ns, lux = minute_means(session, stream)
+    reader = session.stream(stream)
+    # the limits by the height of the sun rest on the times that are judged here
+    time_ns, lux = means_by_minute(replace(reader.readings(recorded=True), time_ns=reader.time_ns()))
     if not (lux > _LIT_LX).any():
         return
     shift = best_shift_min(time_ns, lux, session.site)

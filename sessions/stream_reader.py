@@ -218,11 +218,16 @@ class StreamReader:
         return np.concatenate([np.empty(0, np.uint32), *parts])
 
     def readings(self, start: int = 0, stop: int | None = None, *, recorded: bool = False) -> Readings:
-        """The readings of a meter as arrays; raises `SessionError` for a camera."""
+        """The readings of a meter as arrays; raises `SessionError` for a camera.
+
+        At the times `recorded` no limit by the height of the sun applies: they may be wrong.
+        """
         if self.info.is_camera:
             raise SessionError(f"stream {self.info.name!r} is a camera", fix="read its frames: kelvin()")
         parts = [part.columns for part in self._timed_parts(start, stop, recorded)]
-        values = np.concatenate([np.empty((0, *self.info.shape)), *(self._possible(part) for part in parts)])
+        values = np.concatenate(
+            [np.empty((0, *self.info.shape)), *(self._possible(part, recorded) for part in parts)]
+        )
         return Readings(
             np.concatenate([np.empty(0, np.int64), *(part["time_ns"] for part in parts)]),
             values,
@@ -272,15 +277,16 @@ class StreamReader:
                 part.columns["flags"] = part.columns["flags"] | exceeded * np.uint32(Quality.IMPLAUSIBLE)
             yield part
 
-    def _exceeded(self, columns: Columns) -> NDArray[np.bool_]:
+    def _exceeded(self, columns: Columns, recorded: bool = False) -> NDArray[np.bool_]:
         """True for values (n, channels) beyond what their quantity can be, whatever the flags."""
         values = columns["value"].reshape(-1, *self.info.shape)
-        sun = sun_vectors(columns["time_ns"], self._site) if self.bounds.depend_on_sun else None
-        return self.bounds.exceeded(values, None if sun is None else sun.reshape(-1, 3)[:, 2])
+        if recorded or not self.bounds.depend_on_sun:
+            return self.bounds.exceeded(values)
+        return self.bounds.exceeded(values, sun_vectors(columns["time_ns"], self._site).reshape(-1, 3)[:, 2])
 
-    def _possible(self, columns: Columns) -> NDArray[np.float64]:
+    def _possible(self, columns: Columns, recorded: bool) -> NDArray[np.float64]:
         values = columns["value"].reshape(-1, *self.info.shape)
-        return np.where(self._exceeded(columns), np.nan, values)
+        return np.where(self._exceeded(columns, recorded), np.nan, values)
 
     def _parts(self, start: int, stop: int | None) -> Iterator[_Part]:
         """The rows from `start` to `stop`, each compared with its checksum."""

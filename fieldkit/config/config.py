@@ -192,7 +192,7 @@ class Config:
             return None
         from fieldkit.config.ground import camera_path
 
-        return camera_path(self.pose)
+        return camera_path(self.pose, self.site)
 
     def _relative_factor_sd(self) -> float:
         """Relative standard uncertainty of the light meter's factor; zero where another model is used."""

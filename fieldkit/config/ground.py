@@ -22,6 +22,7 @@ from fieldkit.config.toml_lines import regions_in, table_in
 from fieldkit.config.toml_schema import PoseTable
 from fieldkit.config.validation import Mistake
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.site import Site
 from fieldkit.physics.camera_geometry import Heights, is_hidden, project
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.trajectory import CameraPath
@@ -116,10 +117,15 @@ class Ground:
         ]
 
 
-def camera_path(pose: CameraPose) -> CameraPath:
-    """The camera over time, in the axes of its reference system's grid. Raises `ConfigError`."""
-    east_m, north_m, _ = pose.trajectory.position_m[0]
-    return pose.path(geotiff.grid_at(geotiff.projected_crs(pose.table.crs), east_m, north_m))
+def camera_path(pose: CameraPose, site: Site | None = None) -> CameraPath:
+    """The camera over time, in the axes of its reference system's grid.
+
+    Raises `ConfigError`, also for a pose that is not at the site.
+    """
+    crs, (east_m, north_m, _) = geotiff.projected_crs(pose.table.crs), pose.trajectory.position_m[0]
+    if site is not None:
+        geotiff.require_near(site, crs, east_m, north_m)
+    return pose.path(geotiff.grid_at(crs, east_m, north_m))
 
 
 def with_regions(values: dict[str, Any], path: Path) -> list[Mistake]:

@@ -55,6 +55,7 @@ from fieldkit.results.result_files import campaign_folder, command_line, writing
 from fieldkit.results.session_estimates import Estimates
 from fieldkit.results.sources import SessionOrFile, Settings, config_for, log_warning, reading, settings_from
 from fieldkit.sessions.file_tree import iso_utc
+from fieldkit.sessions.formats import geotiff
 from fieldkit.sessions.reader import SessionReader, open_session
 from fieldkit.views import formatting, plots, slope_map_image
 
@@ -238,8 +239,8 @@ class MappedSession:
     def on_ground(self, pose: CameraPose, cell_m: float | None = None) -> GroundView:
         """Ground that the pixels saw in the middle of the window.
 
-        Raises `NoAnswerError` if the camera moved: one pose cannot place its pixels. Otherwise as
-        `fieldkit.ground.on_ground.ground_view`.
+        Raises `NoAnswerError` if the camera moved: one pose cannot place its pixels. Raises `ConfigError` for
+        a pose that is not at the site, otherwise as `fieldkit.ground.on_ground.ground_view`.
         """
         if self.has_moved:
             raise NoAnswerError(
@@ -248,7 +249,9 @@ class MappedSession:
                 fix="choose another --window, in which it stood still, or omit --pose",
             )
         rows, cols = self.slopes.state.shape
-        return ground_view(pose.at((self.start_ns + self.end_ns) // 2), (rows, cols), cell_m)
+        at = pose.at((self.start_ns + self.end_ns) // 2)
+        geotiff.require_near(self.site, geotiff.projected_crs(at.table.crs), *at.position_m[:2])
+        return ground_view(at, (rows, cols), cell_m)
 
     def write(
         self,

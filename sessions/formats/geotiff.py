@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.site import Site, apart_m
 from fieldkit.physics.camera_geometry import Grid, Heights
 
 if TYPE_CHECKING:
@@ -22,6 +24,8 @@ if TYPE_CHECKING:
 
 MOST_STRETCHED = 0.01
 """Largest difference from 1 of a projection's scale, in any direction, that is corrected by one factor."""
+MOST_AWAY_M = 50_000.0
+"""From the site to the camera: the sun is half a degree elsewhere there."""
 STEP_M = 10.0
 UNITS_M = {
     **dict.fromkeys(("m", "metre", "metres", "meter", "meters"), 1.0),
@@ -76,6 +80,17 @@ def grid_at(crs: CRS, east_m: float, north_m: float) -> Grid:
             fix=f"use a projection made for the site, on the Earth {_utm(longitude, latitude)}",
         )
     return grid
+
+
+def require_near(site: Site, crs: CRS, east_m: float, north_m: float) -> None:
+    """Raise `ConfigError` for a place further than `MOST_AWAY_M` from the site."""
+    (longitude,), (latitude,) = _transformed(crs, _geographic(crs), [east_m], [north_m])
+    if apart_m(site, replace(site, latitude_deg=latitude, longitude_deg=longitude)) > MOST_AWAY_M:
+        raise ConfigError(
+            f"the camera's pose lies at latitude {latitude:.4f}, longitude {longitude:.4f}, the site at "
+            f"{site.latitude_deg:.4f}, {site.longitude_deg:.4f}",
+            fix="correct crs, east_m and north_m of the pose, or the place under [site]",
+        )
 
 
 def _geographic(crs: CRS) -> CRS:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from fieldkit.model.clock import ClockCheck, HostClock
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError
-from fieldkit.model.limits import bounds_of, excesses, labels_of
+from fieldkit.model.limits import bounds_of, excesses, flagged, labels_of
 from fieldkit.model.samples import NO_COUNTER, Event, EventKind, Frame, Quality, Reading, Sample, Severity
 from fieldkit.model.site import Site
 from fieldkit.physics.sun import sun_vectors
@@ -68,10 +68,9 @@ def possible(
         bounds = bounds_of(info)
         values = np.array([one.values for one in readings], np.float64).reshape(-1, *info.shape)
         sine = sun_vectors([one.time_ns for one in readings], site).reshape(-1, 3)[:, 2]
-        exceeded = bounds.exceeded(values, sine)
-        for row in np.flatnonzero(exceeded.any(axis=1)).tolist():
-            samples[places[row]] = readings[row]._replace(quality=readings[row].quality | Quality.IMPLAUSIBLE)
-        found = excesses(labels_of(info), bounds, values, exceeded)
+        for place, reading in zip(places, readings, strict=True):
+            samples[place] = flagged(reading, bounds)  # whatever the sun's height: times may be corrected
+        found = excesses(labels_of(info), bounds, values, bounds.exceeded(values, sine))
         words = (one.words(_place(readings[one.first])) for one in found)
         notes += [(Severity.WARNING, f"{text}; stored, not used") for text in words]
     return replace(imported, streams=streams, samples=samples, notes=tuple(notes))

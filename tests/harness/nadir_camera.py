@@ -15,12 +15,12 @@ from fieldkit.simulation.motion import FOCAL_PX, Motion
 
 PIXEL_M = 0.1
 LENS = {
-    "crs": "EPSG:32613",
+    "crs": "+proj=tmerc +lon_0=-105.92 +k=0.9996 +x_0=500000 +datum=WGS84 +units=m",
     "hfov_deg": float(np.degrees(2.0 * np.arctan(80.0 / FOCAL_PX))),
     "range_m": 100.0,
     "ground_m": 0.0,
 }
-"""On the central meridian, where the grid's north is true north."""
+"""On the central meridian, at the simulated site, where the grid's north is true north."""
 EAST_M, NORTH_M = 500_000.0, 4_172_000.0
 AXES = np.diag([1.0, -1.0, -1.0])
 """Right, down, forward of a camera that looks down, north up."""

@@ -16,6 +16,7 @@ from fieldkit.estimation.pixel_slopes import SlopeMap
 from fieldkit.ground.on_ground import ground_view, write_on_ground
 from fieldkit.ground.terrain_products import Layer
 from fieldkit.model.errors import ConfigError, NoAnswerError
+from fieldkit.model.site import Site
 from fieldkit.physics.camera_geometry import Grid, horizon_of_ground, project
 from fieldkit.physics.facet import tilt_azimuth
 from fieldkit.results.slope_map import MappedSession
@@ -236,6 +237,24 @@ def test_a_projection_that_stretches_the_site_is_refused(crs, east_m, north_m, w
     with pytest.raises(ConfigError) as error:
         geotiff.grid_at(geotiff.projected_crs(crs), east_m, north_m)
     assert re.search(words, f"{error.value.message} {error.value.fix}")
+
+
+@pytest.mark.parametrize(
+    ("crs", "east_m", "north_m", "lies_at"),
+    [
+        ("EPSG:32653", 354_600.0, 3_936_200.0, "latitude 35.5588, longitude 133.3957"),  # a zone is 6° wide
+        ("EPSG:32654", 3_936_200.0, 354_600.0, None),  # exchanged
+        ("EPSG:32754", 354_600.0, 3_936_200.0, None),  # the southern half
+        ("EPSG:32654", 35_460.0, 3_936_200.0, None),  # a digit is missing
+    ],
+)
+def test_a_pose_that_is_not_at_the_site_is_refused(crs, east_m, north_m, lies_at):
+    site = Site(35.5587, 139.3952, 9.0)
+    at_home = geotiff.projected_crs("EPSG:32654")
+    geotiff.require_near(site, at_home, 354_600.0, 3_936_200.0)
+    with pytest.raises(ConfigError, match=r"the site at 35\.5587, 139\.3952") as error:
+        geotiff.require_near(site, geotiff.projected_crs(crs), east_m, north_m)
+    assert lies_at is None or lies_at in error.value.message
 
 
 @pytest.mark.parametrize("ground", ["ground_m = 0.0", 'dem = "dem.tif"'])
