@@ -25,6 +25,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
+from fieldkit.drivers import options
 from fieldkit.drivers.decoding import Channel, Layout, Record, RecordDriver
 from fieldkit.drivers.identity import (
     SYSFS,
@@ -219,6 +220,9 @@ class Framer:
 
 CHUNK_BYTES = 4096
 _LONGEST_TENTHS = 255
+BAUDS = range(50, 4_000_001)
+"""From the slowest to the fastest line that Linux names."""
+PARITIES = ("N", "E", "O")
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,6 +233,13 @@ class Line:
     bits: int = 8
     parity: str = "N"
     stop: int = 1
+
+    def __post_init__(self) -> None:
+        """Raise `ValueError` for settings that no line has."""
+        if self.baud not in BAUDS:
+            raise ValueError(f"baud {self.baud!r} is not a whole number from {BAUDS[0]} to {BAUDS[-1]}")
+        if self.bits not in (5, 6, 7, 8) or self.parity not in PARITIES or self.stop not in (1, 2):
+            raise ValueError(f"no line has bits {self.bits!r}, parity {self.parity!r}, stop {self.stop!r}")
 
     @property
     def byte_ns(self) -> int:
@@ -371,6 +382,11 @@ def open_port(
 ) -> SerialPort:
     """The port at `port_path`, opened."""
     return SerialPort(port_path(settings, kinds), line, clock)
+
+
+def baud(settings: DeviceSettings, usual: int) -> int:
+    """The option `baud`; raises `ConfigError`."""
+    return options.whole(settings, "baud", usual, (BAUDS[0], BAUDS[-1]))
 
 
 def serial_ports() -> list[Found]:

@@ -348,8 +348,8 @@ def describe(
         firmware=str(facts.pop("firmware", "")),
         port=opened.source.port,
         identity=opened.identity,
-        latency_s=options.number(settings, "latency_s", 0.0),
-        accuracy=options.number(settings, "accuracy", math.nan),
+        latency_s=options.number(settings, "latency_s", 0.0, options.POSITIVE),
+        accuracy=options.number(settings, "accuracy", math.nan, options.POSITIVE),
         settings=facts,
     )
 

@@ -20,7 +20,7 @@ from fieldkit.drivers import options
 from fieldkit.drivers.decoding import Decoded, Layout, Parsed, Record, Rejected, Value, decode_records
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.meters.meter import STREAM_UNITS
-from fieldkit.drivers.ports import Line, Port, SerialDriver, open_port
+from fieldkit.drivers.ports import PARITIES, Line, Port, SerialDriver, baud, open_port
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import ConfigError, message_of
@@ -417,7 +417,7 @@ class Modbus(SerialDriver):
 
 def _unit(settings: DeviceSettings) -> int:
     """The number of the instrument on its line; 0 addresses all of them and is never answered."""
-    return int(options.number(settings, "unit", 1, (1, HIGHEST_UNIT)))
+    return options.whole(settings, "unit", 1, (1, HIGHEST_UNIT))
 
 
 def _component(settings: DeviceSettings, port: Port, register_map: RegisterMap) -> str:
@@ -433,5 +433,5 @@ def _component(settings: DeviceSettings, port: Port, register_map: RegisterMap) 
 
 def _line(settings: DeviceSettings, register_map: RegisterMap) -> Line:
     line = register_map.line
-    parity = options.text(settings, "parity", line.parity, ("N", "E", "O"))
-    return Line(int(options.number(settings, "baud", line.baud)), line.bits, parity, line.stop)
+    parity = options.text(settings, "parity", line.parity, PARITIES)
+    return Line(baud(settings, line.baud), line.bits, parity, line.stop)

@@ -20,7 +20,7 @@ from typing import Any
 from fieldkit.drivers import options
 from fieldkit.drivers.decoding import Decoded, Layout, Parsed, Record, Rejected, Value, decode_records
 from fieldkit.drivers.meters import meter
-from fieldkit.drivers.ports import Line, SerialDriver, open_port
+from fieldkit.drivers.ports import Line, SerialDriver, baud, open_port
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import ConfigError
@@ -152,8 +152,7 @@ class Nmea(SerialDriver):
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
         """Open the port and wait for the first sentence."""
-        line = Line(int(options.number(settings, "baud", LINE.baud)))
-        port = open_port(settings, line, clock)
+        port = open_port(settings, Line(baud(settings, LINE.baud)), clock)
         meter.first_record(port, LAYOUT, settings.name, _HINT, settings.every_s)
         names = options.labels(settings, [name for name, _ in CHANNELS])
         info = meter.describe(settings, port, LAYOUT, "position", UNIT, names)

@@ -36,7 +36,7 @@ from fieldkit.drivers.meters import meter
 from fieldkit.drivers.meters.board_sensors import SENSORS, Sensor
 from fieldkit.drivers.meters.meter import STREAM_UNITS
 from fieldkit.drivers.options import decoding_settings
-from fieldkit.drivers.ports import Line, Port, SerialDriver, open_port
+from fieldkit.drivers.ports import Line, Port, SerialDriver, baud, open_port
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DecodeError
@@ -373,7 +373,7 @@ class Text(SerialDriver):
         """
         settings = _completed(settings)
         grammar = _grammar(settings)
-        port = open_port(settings, Line(int(options.number(settings, "baud", LINE.baud))), clock)
+        port = open_port(settings, Line(baud(settings, LINE.baud)), clock)
         grammar, first = _first_values(port, grammar, settings, clock)
         shown = _quantity(first) or first.channels[0].unit
         unit = STREAM_UNITS.get(shown, shown)
