@@ -31,7 +31,7 @@ from fieldkit.model.units import SECOND_NS
 IR_FORMATS = {"10mK": ("TemperatureLinear10mK", 0.01), "100mK": ("TemperatureLinear100mK", 0.1)}
 """Values of FLIR's ``IRFormat`` and kelvin per count, by the option `resolution`."""
 
-MONO16 = "Mono16"
+MONO16, EMISSIVITY = "Mono16", "ObjectEmissivity"
 BUFFERS = 16
 BLOCK_IDS = 65_535  # of GigE Vision 1: 0 is never used
 LATE_NS = SECOND_NS  # an older stamp is of a clock that was set
@@ -194,4 +194,7 @@ def _temperatures(found: Any, settings: DeviceSettings) -> dict[str, Any]:
             f"{settings.name}: the camera keeps IRFormat {read_back}, not {wanted}",
             fix="end the maker's program, which may hold the camera's settings",
         )
-    return {"kelvin_per_count": scale, "scale_from": "camera", "ir_format": wanted}
+    facts = {"kelvin_per_count": scale, "scale_from": "camera", "ir_format": wanted}
+    if found.is_feature_available(EMISSIVITY):  # the camera has applied it
+        facts["emissivity"] = round(found.get_float(EMISSIVITY), 4)
+    return facts

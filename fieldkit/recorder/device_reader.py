@@ -73,6 +73,7 @@ class DeviceReader:
         self._indicators: tuple[str, ...] = ()
         self._indicators_until_ns = 0
         self._rejected_before = 0
+        self._has_begun = False
         self._started_ns = self._next_burst_ns = clock.mono_ns()
         self._thread = threading.Thread(target=self._run, name=f"read-{self.info.name}", daemon=True)
         self.ready: threading.Event = threading.Event()
@@ -114,7 +115,6 @@ class DeviceReader:
         with self._clock.taking_part():
             self.ready.set()
             try:
-                self._handling_loss(self._begin)
                 while self._is_active():
                     self._handling_loss(self._read)
             except Exception as error:  # becomes an event, so that the other devices continue
@@ -127,8 +127,11 @@ class DeviceReader:
                 self._close()
 
     def _begin(self) -> None:
-        """Skip what was buffered since the device was opened: its time of arrival is unknown."""
-        self._started_ns = self._clock.mono_ns()
+        """Skip what was buffered while the device was opened.
+
+        Its time of arrival is unknown, and it may be of before the driver's commands (gain, temperatures).
+        """
+        self._started_ns, self._has_begun = self._clock.mono_ns(), True
         if isinstance(self._device, Camera):
             period_s = 1.0 / self.info.rate_hz if self.info.rate_hz > 0 else 0.0
             self._device.skip_until(self._started_ns + round(period_s * SECOND_NS))
@@ -144,6 +147,8 @@ class DeviceReader:
             self._reconnect(error)
 
     def _read(self) -> None:
+        if not self._has_begun:
+            self._begin()
         if self._sampling.every_s is not None and isinstance(self._device, Camera):
             self._read_burst(self._device, round(self._sampling.every_s * SECOND_NS))
         else:
@@ -250,9 +255,12 @@ class DeviceReader:
             self._pause(wait_s)
             wait_s = min(2.0 * wait_s, LONGEST_BACK_OFF_S)
             if self._is_active() and (device := self._reopened()) is not None:
-                self._device, self._before_loss = device, self._last
+                self._device, self._before_loss, self._has_begun = device, self._last, False
                 gap_s = (self._clock.mono_ns() - lost_ns) / SECOND_NS
-                self._report(EventKind.BACK, f"back after {gap_s:.1f} s", data={"gap_s": gap_s})
+                changed = _changes(self.info, device.info)
+                text = "; ".join([f"back after {gap_s:.1f} s", *changed])
+                severity = Severity.WARNING if changed else Severity.INFO
+                self._report(EventKind.BACK, text, severity, {"gap_s": gap_s})
                 self._flag_another_scale(device.info)
                 return
 
@@ -299,3 +307,17 @@ class DeviceReader:
         utc = self._clock.to_utc_ns(now)
         name = self.info.name
         self._queue.put_event(Event(kind, now, utc, f"{name}: {text}", name, severity, data or {}))
+
+
+def _changes(before: StreamInfo, now: StreamInfo) -> list[str]:
+    """What a reopened instrument reports otherwise than before: it is another, or lost its settings."""
+    old, new = (
+        {"model": one.model, "serial_number": one.serial_number, "firmware": one.firmware, **one.settings}
+        for one in (before, now)
+    )
+    both = [key for key in old if old[key] != "" and new.get(key, "") != ""]
+    return [
+        f"its {key.replace('_', ' ')} is {new[key]}, was {old[key]}"
+        for key in both
+        if repr(old[key]) != repr(new[key])  # NaN is as before
+    ]
