@@ -39,6 +39,7 @@ NOT_IMPLEMENTED = {
     "f32": (),
 }
 """Counts of a type that stand for no value, as in SunSpec's information model, and for beyond the range."""
+MOST_DECIMALS = 9  # a scale of more was not written by an instrument that measures
 _QUALITIES = {"": Quality.GOOD, "stale": Quality.STALE, "overrange": Quality.OVERRANGE}
 _KEYS = (
     "title",
@@ -134,18 +135,21 @@ class RegisterMap:
         raw = list(registers[place : place + channel.width])
         if channel.words_low_first:
             raw.reverse()
-        (number,) = struct.unpack(f">{TYPES[channel.type]}", struct.pack(f">{channel.width}H", *raw))
+        packed = struct.pack(f">{channel.width}H", *raw)
+        (number,) = struct.unpack(f">{TYPES[channel.type]}", packed)
+        counts = {number, int.from_bytes(packed, "big")}  # a map may write FFFF or -1
         decimals = (
             0
             if channel.decimals_register is None
             else _signed(registers[channel.decimals_register - self.first])
         )
         # 234 tenths are 23.4 by division; by multiplication they would be 23.400000000000002
-        value = number / (1 / channel.scale) / 10.0 ** max(-9, min(decimals, 9)) + channel.offset
+        power = 10.0**decimals if abs(decimals) <= MOST_DECIMALS else math.nan
+        value = number / (1 / channel.scale) / power + channel.offset
         low, high = self.limits
         if not math.isfinite(value):
             states = ("not_a_number", *states)
-        elif raw[0] in self.no_value or number in NOT_IMPLEMENTED[channel.type] or not low <= value <= high:
+        elif counts & {*self.no_value, *NOT_IMPLEMENTED[channel.type]} or not low <= value <= high:
             states = ("open", *states)
         else:
             return Value(value, channel.unit, channel.name, quality, states)
@@ -308,8 +312,11 @@ def pack_request(unit: int, function: int, first: int, count: int) -> bytes:
     return body + crc16(body).to_bytes(2, "little")
 
 
-def parse(buffer: bytes, register_map: RegisterMap | None = None) -> Parsed:
-    """The reply (or a request) at the start of `buffer`; without a map its registers as they are."""
+def parse(buffer: bytes, register_map: RegisterMap | None = None, asked: bytes = b"") -> Parsed:
+    """The reply (or a request) at the start of `buffer`; without a map its registers as they are.
+
+    `asked` are unit and function of the only replies that count, where they are known.
+    """
     if len(buffer) < 2:
         return None
     unit, function = buffer[0], buffer[1]
@@ -322,7 +329,7 @@ def parse(buffer: bytes, register_map: RegisterMap | None = None) -> Parsed:
     length = 5 + buffer[2]
     if buffer[2] and buffer[2] % 2 == 0:
         if len(buffer) >= length and _is_whole(buffer[:length]):
-            return _reply(buffer[:length], register_map)
+            return _reply(buffer[:length], register_map, asked)
     else:
         length = 0
     if len(buffer) >= REQUEST_LENGTH and _is_whole(buffer[:REQUEST_LENGTH]):
@@ -350,9 +357,11 @@ def _request(buffer: bytes) -> Record:
     )
 
 
-def _reply(frame: bytes, register_map: RegisterMap | None) -> Parsed:
+def _reply(frame: bytes, register_map: RegisterMap | None, asked: bytes) -> Parsed:
     registers = struct.unpack(f">{frame[2] // 2}H", frame[3:-2])
     note = f"reply of unit {frame[0]}, function {frame[1]}, {len(registers)} registers"
+    if not frame.startswith(asked):
+        return Rejected(len(frame), f"{note}; asked were unit {asked[0]}, function {asked[1]}")
     if register_map is None:
         values = (Value(float(count), "", f"register {place}") for place, count in enumerate(registers))
         return Record.of(len(frame), values, note)
@@ -363,9 +372,9 @@ def _reply(frame: bytes, register_map: RegisterMap | None) -> Parsed:
     return Record.of(len(frame), register_map.values(registers), note)
 
 
-def layout(register_map: RegisterMap | None) -> Layout:
-    """The layout of replies; with a map, what they mean."""
-    return Layout(partial(parse, register_map=register_map), LONGEST)
+def layout(register_map: RegisterMap | None, request: bytes = b"") -> Layout:
+    """The layout of replies, those to `request` alone if it is given; with a map, what they mean."""
+    return Layout(partial(parse, register_map=register_map, asked=request[:2]), LONGEST)
 
 
 class Modbus(SerialDriver):
@@ -403,7 +412,7 @@ class Modbus(SerialDriver):
         register_map = load_map(name)
         request = pack_request(_unit(settings), register_map.function, register_map.first, register_map.count)
         port = open_port(settings, _line(settings, register_map), clock)
-        replies = layout(register_map)
+        replies = layout(register_map, request)
         meter.first_reply(port, request, replies, settings.name, _HINT)
         keys = [channel.name for channel in register_map.channels if channel.unit == register_map.unit]
         names = options.labels(settings, keys)
@@ -425,9 +434,10 @@ def _component(settings: DeviceSettings, port: Port, register_map: RegisterMap) 
     if register_map.type_register is None:
         return register_map.measures.get("", "")
     request = pack_request(_unit(settings), register_map.function, register_map.type_register, 1)
-    found = port.read(layout(None), meter.REPLY_TIMEOUT_S, request)
+    replies = layout(None, request)
+    found = port.read(replies, meter.REPLY_TIMEOUT_S, request)
     while found is not None and not found.record.numbers:  # some adapters echo the request
-        found = port.read(layout(None), meter.REPLY_TIMEOUT_S)
+        found = port.read(replies, meter.REPLY_TIMEOUT_S)
     return "" if found is None else register_map.measures.get(int(found.record.numbers[0]), "")
 
 
