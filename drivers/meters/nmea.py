@@ -2,8 +2,8 @@
 
 4800 or 9600 8N1; ``$`` ... ``*`` check CR LF. RMC, GGA and ZDA are read (by pynmeagps), the others let by.
 A sentence without its check, or one the receiver itself calls invalid or not measured, gives no value. The
-moment a sentence arrives is off by up to 0.7 s and wanders, so its time is recorded as the device's own and never
-sets a clock.
+moment a sentence arrives is off by up to 0.7 s and wanders, so its time is recorded as the device's own and
+never sets a clock.
 """
 
 from __future__ import annotations
