@@ -67,12 +67,11 @@ class SocketPort:
             self.framer.discard()
             self.write(request)
         deadline_ns = self._clock.mono_ns() + int(timeout_s * 1e9)
-        found = self.framer.next_record(layout)
-        while found is None:
-            remaining_s = max((deadline_ns - self._clock.mono_ns()) / 1e9, 0.0)
-            if not self._clock.wait_readable(self._socket.fileno(), remaining_s):
-                return None
-            found = self.framer.feed(layout, self._chunk(), self._clock.mono_ns())
+        found, left_s = self.framer.next_record(layout), timeout_s
+        while found is None and left_s >= 0.0 and self._clock.wait_readable(self._socket.fileno(), left_s):
+            chunk, now_ns = self._chunk(), self._clock.mono_ns()
+            found = self.framer.feed(layout, chunk, now_ns)
+            left_s = (deadline_ns - now_ns) / 1e9
         return found
 
     def close(self) -> None:

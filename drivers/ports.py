@@ -323,7 +323,9 @@ class SerialPort:
                 os.write(self._fd, request)
             found = framer.next_record(layout) if framer.left else None
             left_s, started_ns = timeout_s, clock.mono_ns()
-            while found is None and (left_s == self._blocks_for_s or self._will_wait(left_s)):
+            while (
+                found is None and left_s >= 0.0 and (left_s == self._blocks_for_s or self._will_wait(left_s))
+            ):
                 chunk = os.read(self._fd, CHUNK_BYTES) or self._late_bytes()
                 if not chunk:
                     break
@@ -349,7 +351,7 @@ class SerialPort:
         The terminal's own time-out saves a system call for every reading.
         """
         if not self._clock.is_real:
-            return self._clock.wait_readable(self._fd, max(timeout_s, 0.0))
+            return self._clock.wait_readable(self._fd, timeout_s)
         self._block_for(timeout_s)
         return True
 
@@ -365,7 +367,7 @@ class SerialPort:
     def _block_for(self, timeout_s: float) -> None:
         """Let a read wait that long, to the next tenth of a second."""
         attributes = termios.tcgetattr(self._fd)
-        tenths = min(max(math.ceil(timeout_s * 10.0), 0), _LONGEST_TENTHS)
+        tenths = min(math.ceil(timeout_s * 10.0), _LONGEST_TENTHS)
         if tenths != attributes[6][termios.VTIME]:
             attributes[6][termios.VTIME] = tenths
             termios.tcsetattr(self._fd, termios.TCSANOW, attributes)

@@ -367,9 +367,10 @@ def first_frame(source: FrameSource, decode: Decode, name: str, clock: Clock) ->
         if buffer is None:
             break
         frame = decode(buffer.data)
-        if not isinstance(frame, Rejected):
+        if isinstance(frame, Rejected):
+            wrong, raw = frame.reason, buffer.data[:64]
+        elif not buffer.error:  # a damaged one would declare shape and scale of the whole recording
             return frame
-        wrong, raw = frame.reason, buffer.data[:64]
     if wrong:
         raise DecodeError(
             f"{name}: the camera at {source.port} sends something else: {wrong}",
