@@ -1,7 +1,7 @@
 """One device's reading thread: read, stamp, queue; a lost device is reopened.
 
-A device is lost when its driver reports it, when it stays silent past its deadline, or when its image is
-frozen. It is closed, and reopened by its identity after 1, 2, 4 ... 30 s for as long as the recording lasts;
+A device is lost when its driver reports it or fails, when it stays silent past its deadline, or when its image
+is frozen. It is closed, and reopened by its identity after 1, 2, 4 ... 30 s for as long as the recording lasts;
 the other devices continue.
 """
 
@@ -16,7 +16,7 @@ import numpy as np
 
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import Camera, Device, StreamInfo
-from fieldkit.model.errors import DeviceError, DeviceLostError, FieldkitError
+from fieldkit.model.errors import DeviceError, DeviceLostError
 from fieldkit.model.limits import bounds_of, flagged
 from fieldkit.model.samples import Event, EventKind, Frame, Quality, Sample, Severity, is_usable
 from fieldkit.model.units import MINUTE_NS, SECOND_NS
@@ -144,7 +144,9 @@ class DeviceReader:
         try:
             work()
         except DeviceError as error:
-            self._reconnect(error)
+            self._reconnect(error.message)
+        except Exception as error:  # a driver's mistake costs a moment, not the stream
+            self._reconnect(f"unexpected error: {error!r}", Severity.ERROR)
 
     def _read(self) -> None:
         if not self._has_begun:
@@ -246,9 +248,9 @@ class DeviceReader:
         interval_s = 1.0 / self.info.rate_hz if self.info.rate_hz > 0 else 5.0
         return max(2.0 * interval_s, 2.0)
 
-    def _reconnect(self, error: DeviceError) -> None:
+    def _reconnect(self, reason: str, severity: Severity = Severity.WARNING) -> None:
         lost_ns = self._clock.mono_ns()
-        self._report(EventKind.LOST, f"lost: {error.message}", Severity.WARNING)
+        self._report(EventKind.LOST, f"lost: {reason}", severity)
         self._close()
         wait_s = 1.0
         while self._is_active():
@@ -268,7 +270,7 @@ class DeviceReader:
         """The reopened device, or None while it does not respond or its samples do not fit the stream."""
         try:
             device = self._reopen()
-        except FieldkitError:
+        except Exception:  # a driver may fail in any way; the next try is due
             return None
         if self.info.has_the_columns_of(device.info):
             return device

@@ -193,6 +193,31 @@ def test_an_unreadable_register_map_is_tried_again() -> None:
     assert [event.kind for event in events] == [EventKind.LOST, EventKind.BACK]
 
 
+def test_a_mistake_of_a_driver_costs_a_moment_and_not_the_stream() -> None:
+    class Mistaken(Meter):
+        def read(self, timeout_s: float) -> Reading | None:
+            reading = super().read(timeout_s)
+            if self.clock.mono_ns() - self.start_ns == 5 * S:
+                raise KeyError("a byte that its author did not know")
+            return reading
+
+    tries = []
+
+    def reopen(device: Device) -> Device:
+        tries.append(1)
+        if len(tries) < 2:
+            raise ValueError("unplugged while it was looked for")
+        return device
+
+    samples, events, start_ns = run(Mistaken, reopen, 20.0)
+    assert [(event.kind, event.severity) for event in events] == [
+        (EventKind.LOST, Severity.ERROR),
+        (EventKind.BACK, Severity.INFO),
+    ]
+    assert "a byte that its author did not know" in events[0].text
+    assert (samples[-1].mono_ns - start_ns) / S >= 19.0
+
+
 def test_stop_while_lost_does_not_open_the_device_once_more() -> None:
     opened = []
     run(

@@ -264,7 +264,9 @@ def test_a_damaged_first_frame_declares_nothing(reel):
     assert (camera.info.metadata_shape, camera.info.scale) == ((2, 160), 0.01)
 
 
-@pytest.mark.parametrize("other", [bytes(2 * 80 * 63), frame()[: 2 * 120 * 160]], ids=["80x60", "no telemetry"])
+@pytest.mark.parametrize(
+    "other", [bytes(2 * 80 * 63), frame()[: 2 * 120 * 160]], ids=["80x60", "no telemetry"]
+)
 def test_frames_of_another_size_than_declared_are_none_so_that_the_camera_is_opened_again(reel, other):
     camera = opened(reel(frame(), other, frame(w20=30)))
     assert camera.read(1.0) is None
