@@ -1,8 +1,8 @@
 """One device's reading thread: read, stamp, queue; a lost device is reopened.
 
 A device is lost when its driver reports it or fails, when it stays silent past its deadline, or when its
-image is frozen. It is closed, and reopened by its identity after 1, 2, 4 ... 30 s for as long as the recording
-lasts; the other devices continue.
+image is frozen. It is closed, and reopened by its identity after 1, 2, 4 ... 30 s for as long as the
+recording lasts; the other devices continue.
 """
 
 from __future__ import annotations
