@@ -22,6 +22,7 @@ from fieldkit.model.device import DeviceSettings, DiscoveredDevice
 from fieldkit.model.samples import NO_COUNTER, Quality
 
 LONGEST = 16_384
+LONGEST_KEPT = 2048  # a TPV with all of its fields has 1100 bytes
 PORT = 2947
 WATCH = b'?WATCH={"enable":true,"json":true,"pps":true};\n'
 CHANNELS = (("latitude", "°"), ("longitude", "°"), ("altitude", "m"), ("clock error", "s"))
@@ -113,6 +114,6 @@ class Gpsd(RecordDriver):
         meter.first_record(port, LAYOUT, settings.name, _HINT, settings.every_s)
         names = options.labels(settings, [name for name, _ in CHANNELS])
         info = meter.describe(settings, port, LAYOUT, "position", UNIT, names)
-        info = replace(info, device_time_unit="ns since 1970 UTC", raw_bytes=1024)
+        info = replace(info, device_time_unit="ns since 1970 UTC", raw_bytes=LONGEST_KEPT)
         keys, units = zip(*CHANNELS[: len(names)], strict=True)
         return meter.Meter(info, port, LAYOUT, clock, keys, units=units)

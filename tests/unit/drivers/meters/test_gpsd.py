@@ -66,6 +66,29 @@ def test_fewer_names_than_channels_leave_the_others_out(daemon):
     device.close()
 
 
+def test_a_report_with_every_field_has_room_in_the_recording(daemon):
+    """Fields of gpsd_json(5), from a receiver by the name that udev links."""
+    names = (
+        "altHAE altMSL alt epx epy epv epd eps epc eph sep track magtrack magvar speed climb ecefx ecefy "
+        "ecefz ecefvx ecefvy ecefvz ecefpAcc ecefvAcc velN velE velD geoidSep relN relE relD dgpsAge dgpsSta baseS "
+        "clockbias clockdrift jam temp"
+    )
+    device = "/dev/serial/by-id/usb-u-blox_AG_-_www.u-blox.com_u-blox_GNSS_receiver-if00"
+    fields = {
+        "class": "TPV",
+        "device": device,
+        "mode": 3,
+        "time": "2026-11-21T02:15:30.000Z",
+        "lat": -35.689447123,
+        "lon": -179.755020123,
+        **dict.fromkeys(names.split(), -3961234.1234),
+    }
+    reading = json.dumps(fields, separators=(",", ":")).encode()
+    meter = Gpsd().open(DeviceSettings("gps", "gpsd", port=daemon), HostClock())
+    assert 1024 < len(reading) <= meter.info.raw_bytes
+    meter.close()
+
+
 def test_no_gpsd_says_how_to_start_it():
     with pytest.raises(DeviceNotFoundError) as caught:
         Gpsd().open(DeviceSettings("gps", "gpsd", port="127.0.0.1:1"), HostClock())
