@@ -70,8 +70,8 @@ def test_a_report_with_every_field_has_room_in_the_recording(daemon):
     """Fields of gpsd_json(5), from a receiver by the name that udev links."""
     names = (
         "altHAE altMSL alt epx epy epv epd eps epc eph sep track magtrack magvar speed climb ecefx ecefy "
-        "ecefz ecefvx ecefvy ecefvz ecefpAcc ecefvAcc velN velE velD geoidSep relN relE relD dgpsAge dgpsSta baseS "
-        "clockbias clockdrift jam temp"
+        "ecefz ecefvx ecefvy ecefvz ecefpAcc ecefvAcc velN velE velD geoidSep relN relE relD dgpsAge "
+        "dgpsSta baseS clockbias clockdrift jam temp"
     )
     device = "/dev/serial/by-id/usb-u-blox_AG_-_www.u-blox.com_u-blox_GNSS_receiver-if00"
     fields = {
