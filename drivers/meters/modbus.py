@@ -40,6 +40,7 @@ NOT_IMPLEMENTED = {
 }
 """Counts of a type that stand for no value, as in SunSpec's information model, and for beyond the range."""
 MOST_DECIMALS = 9  # a scale of more was not written by an instrument that measures
+LEAST_MEASURED = 1e-12  # of a float; nearer to zero are only those whose words are in the wrong order
 _QUALITIES = {"": Quality.GOOD, "stale": Quality.STALE, "overrange": Quality.OVERRANGE}
 _KEYS = (
     "title",
@@ -147,7 +148,7 @@ class RegisterMap:
         power = 10.0**decimals if abs(decimals) <= MOST_DECIMALS else math.nan
         value = number / (1 / channel.scale) / power + channel.offset
         low, high = self.limits
-        if not math.isfinite(value):
+        if not math.isfinite(value) or 0.0 < abs(number) < LEAST_MEASURED:
             states = ("not_a_number", *states)
         elif counts & {*self.no_value, *NOT_IMPLEMENTED[channel.type]} or not low <= value <= high:
             states = ("open", *states)

@@ -149,6 +149,15 @@ def test_counts_that_mean_no_value_are_those_of_the_whole_channel(kind, no_value
     assert math.isnan(own.values(registers)[0].value) is is_open
 
 
+@pytest.mark.parametrize("registers", [(0x43FA, 0x0000), (0x43FA, 0x2000), (0x4452, 0xECCD)])
+def test_a_float_read_with_its_words_in_the_wrong_order_is_not_zero(registers):
+    """500, 500.25 and 843.7 W/m2 by IEEE 754; exchanged they are 2.4e-41, 1.1e-19 and -2e27."""
+    for low_first in (False, True):
+        channel = Channel("sun", 0, "f32", "W/m²", words_low_first=low_first)
+        own = RegisterMap("x", "irradiance", "W/m²", Line(), 3, 0, 2, (channel,), limits=(-100.0, 2000.0))
+        assert math.isnan(own.values(registers)[0].value) is low_first
+
+
 def test_void_data_are_stale(wire):
     wire.reply({pack_request(1, 4, 2, 8): VOID})
     device = Modbus().open(settings(wire, map="kipp-smp"), HostClock())
