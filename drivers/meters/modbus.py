@@ -11,10 +11,11 @@ import math
 import struct
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cache, partial
+from operator import index
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from fieldkit.drivers import options
 from fieldkit.drivers.decoding import Decoded, Layout, Parsed, Record, Rejected, Value, decode_records
@@ -42,6 +43,16 @@ NOT_IMPLEMENTED = {
 MOST_DECIMALS = 9  # a scale of more was not written by an instrument that measures
 LEAST_MEASURED = 1e-12  # of a float; nearer to zero are only those whose words are in the wrong order
 _QUALITIES = {"": Quality.GOOD, "stale": Quality.STALE, "overrange": Quality.OVERRANGE}
+_KINDS: Mapping[str, tuple[tuple[type, ...], str]] = {
+    "str": ((str,), "a text"),
+    "int": ((int,), "a whole number"),
+    "int | None": ((int,), "a whole number"),
+    "float": ((int, float), "a number"),
+    "bool": ((bool,), "true or false"),
+}
+"""By the type of a field: those of its value in a map, and their name."""
+MOST_REGISTERS = 125  # of one reply
+T = TypeVar("T")
 _KEYS = (
     "title",
     "quantity",
@@ -177,7 +188,7 @@ def load_map(name: str) -> RegisterMap:
         ) from error
     try:
         return _read_map(table)
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         reason = f"{error.args[0]!r} is missing" if isinstance(error, KeyError) else message_of(error)
         raise ConfigError(
             f"{path}: {reason}", fix="compare with the map rtd-8 that comes with fieldkit"
@@ -190,23 +201,40 @@ def _read_map(table: Mapping[str, Any]) -> RegisterMap:
         raise ValueError(f"unknown keys: {', '.join(sorted(unknown))}; known are {', '.join(_KEYS)}")
     status = table.get("status", {})
     low, high = table.get("range", (-math.inf, math.inf))
+    _check_types(RegisterMap, table)
     found = RegisterMap(
         title=table["title"],
         quantity=table["quantity"],
         unit=table["unit"],
         line=Line(**table.get("line", {})),
-        function=int(table["function"]),
-        first=int(table["first"]),
-        count=int(table["count"]),
-        channels=tuple(one for entry in table["channel"] for one in _repeated(Channel(**entry))),
+        function=table["function"],
+        first=table["first"],
+        count=table["count"],
+        channels=tuple(one for entry in table["channel"] for one in _repeated(_typed(Channel, entry))),
         no_value=tuple(int(count) for count in table.get("no_value", ())),
         **_measures(table.get("measures", {})),
         limits=(float(low), float(high)),
-        status_register=status.get("register"),
-        status_bits=tuple(StatusBit(**entry) for entry in status.get("bits", ())),
+        status_register=index(status["register"]) if "register" in status else None,
+        status_bits=tuple(_typed(StatusBit, entry) for entry in status.get("bits", ())),
     )
     _check(found)
     return found
+
+
+def _typed(kind: type[T], entry: Mapping[str, Any]) -> T:
+    """A dataclass of a table."""
+    _check_types(kind, entry)
+    return kind(**entry)
+
+
+def _check_types(kind: type[Any], entry: Mapping[str, Any]) -> None:
+    """Raise `ValueError` for a key whose value is not of its field's type."""
+    for one in fields(kind):
+        types, words = _KINDS.get(str(one.type), ((), ""))
+        value = entry.get(one.name)
+        is_finite = not isinstance(value, float) or math.isfinite(value)
+        if one.name in entry and types and not (type(value) in types and is_finite):
+            raise ValueError(f"{one.name} = {value!r} is not {words}")
 
 
 def _measures(given: str | Mapping[str, Any]) -> dict[str, Any]:
@@ -229,6 +257,10 @@ def _repeated(channel: Channel) -> list[Channel]:
     """T1 ... Tn from one entry: number and register count up."""
     if channel.repeat == 1:
         return [channel]
+    if not 1 < channel.repeat <= MOST_REGISTERS:
+        raise ValueError(
+            f"channel {channel.name}: repeat {channel.repeat} is not between 1 and {MOST_REGISTERS}"
+        )
     stem = channel.name.rstrip("0123456789")
     if channel.type not in TYPES:
         raise ValueError(f"channel {channel.name}: type {channel.type!r} is none of {', '.join(TYPES)}")
@@ -243,8 +275,10 @@ def _repeated(channel: Channel) -> list[Channel]:
 def _check(found: RegisterMap) -> None:
     if found.function not in (3, 4):
         raise ValueError(f"function {found.function} does not read registers; use 3 or 4")
-    if not 1 <= found.count <= 125:
-        raise ValueError(f"count {found.count} is not between 1 and 125")
+    if not 1 <= found.count <= MOST_REGISTERS:
+        raise ValueError(f"count {found.count} is not between 1 and {MOST_REGISTERS}")
+    if not 0 <= found.first <= 0x10000 - found.count:
+        raise ValueError(f"first {found.first} and count {found.count} are not within 65536 registers")
     for channel in found.channels:
         if channel.type not in TYPES:
             raise ValueError(f"channel {channel.name}: type {channel.type!r} is none of {', '.join(TYPES)}")
@@ -263,6 +297,8 @@ def _check(found: RegisterMap) -> None:
                     f"{found.first + found.count - 1} that are read"
                 )
     for entry in found.status_bits:
+        if not 0 <= entry.bit < 16:
+            raise ValueError(f"status bit {entry.bit}: a register has bits 0 to 15")
         if entry.quality not in _QUALITIES:
             raise ValueError(
                 f"status bit {entry.bit}: quality {entry.quality!r} is neither stale nor overrange"

@@ -158,6 +158,31 @@ def test_a_float_read_with_its_words_in_the_wrong_order_is_not_zero(registers):
         assert math.isnan(own.values(registers)[0].value) is low_first
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("first = 0", "first = -1", "first -1 and count 8"),
+        ("first = 0", "first = 65530", "not within 65536 registers"),
+        ("count = 8", "count = inf", "count = inf is not a whole number"),
+        ("register = 0", "register = 1.5", "register = 1.5 is not a whole number"),
+        ("scale = 0.1", 'scale = "0.1"', "scale = '0.1' is not a number"),
+        ("scale = 0.1", "scale = inf", "scale = inf is not a number"),
+        ("scale = 0.1", "offset = [1]", r"offset = \[1\] is not a number"),
+        ("repeat = 8", "repeat = 1000000000000", "is not between 1 and 125"),
+        ("repeat = 8", "repeat = true", "repeat = True is not a whole number"),
+        ("[[channel]]", "[status]\nregister = 1.5\n[[channel]]", "cannot be interpreted as an integer"),
+        ("[[channel]]", "[status]\nbits = [{bit = -1, word = 'x'}]\n[[channel]]", "bits 0 to 15"),
+    ],
+)
+def test_values_that_no_map_can_have_are_named_when_it_is_read(tmp_path, old, new, said):
+    from fieldkit.drivers.meters.modbus import FOLDER
+
+    mine = tmp_path / "mine.toml"
+    mine.write_text((FOLDER / "rtd-8.toml").read_text().replace(old, new, 1))
+    with pytest.raises(ConfigError, match=said):
+        load_map(str(mine))
+
+
 def test_void_data_are_stale(wire):
     wire.reply({pack_request(1, 4, 2, 8): VOID})
     device = Modbus().open(settings(wire, map="kipp-smp"), HostClock())
