@@ -17,7 +17,7 @@ from fieldkit.drivers.decoding import Decodes
 from fieldkit.drivers.opening import opened_by
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import Device, DeviceSettings, DiscoveredDevice, Driver, StreamInfo
-from fieldkit.model.errors import ConfigError, DeviceError, DeviceLostError, DeviceNotFoundError, message_of
+from fieldkit.model.errors import ConfigError, DeviceError, DeviceLostError, DeviceNotFoundError
 from fieldkit.model.radiation import COMPONENTS, UNIT, UNKNOWN
 from fieldkit.model.samples import Frame, Reading
 
@@ -77,8 +77,8 @@ def _outcome(what: str, check: Callable[[], str]) -> Outcome:
         return Outcome("fail", what, str(failure))
     except SkipError as skipped:
         return Outcome("skip", what, str(skipped))
-    except Exception as error:  # a driver may fail in any way; reporting how is the point
-        return Outcome("fail", what, f"{type(error).__name__}: {message_of(error)}")
+    except Exception as error:  # a driver may fail in any way; reporting how, and what to do, is the point
+        return Outcome("fail", what, f"{type(error).__name__}: {error}")
 
 
 def _need(fact: bool, message: str) -> None:

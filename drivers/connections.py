@@ -13,17 +13,24 @@ from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import ConfigError, DeviceLostError, DeviceNotFoundError
 
 CONNECT_S = 5.0
+LAST_PORT = 65_535
 
 
 def address_of(settings: DeviceSettings, usual_port: int, usual_host: str = "") -> tuple[str, int]:
     """(host, port) of ``port = "host:port"`` or ``"host"``; raises `ConfigError` if no host is known."""
-    host, _, number = (settings.port or usual_host).partition(":")
+    host, colon, number = (settings.port or usual_host).partition(":")
     if not host:
         raise ConfigError(
             f"{settings.name}: the driver {settings.driver} needs the instrument's address",
             fix='port = "192.168.4.1", or with another port "192.168.4.1:5001"',
         )
-    return host, int(number) if number.isdigit() else usual_port
+    if colon and not (number.isdecimal() and 0 < int(number) <= LAST_PORT):
+        raise ConfigError(
+            f"{settings.name}: port = {settings.port!r}: behind the host stands {number!r}, "
+            f"not a number from 1 to {LAST_PORT}",
+            fix=f'port = "{host}:{usual_port}"',
+        )
+    return host, int(number) if colon else usual_port
 
 
 class SocketPort:
@@ -42,7 +49,7 @@ class SocketPort:
         self._clock, self._peer, self._advice = clock, peer, advice
         try:
             self._socket = socket.create_connection(address, timeout=CONNECT_S)
-        except OSError as error:
+        except (OSError, UnicodeError) as error:  # no name of a host
             raise DeviceNotFoundError(f"no {peer} at {self.path}: {error}", fix=advice) from error
         self._socket.setblocking(False)
         close_on_failure(self.close)
@@ -60,12 +67,11 @@ class SocketPort:
             self.framer.discard()
             self.write(request)
         deadline_ns = self._clock.mono_ns() + int(timeout_s * 1e9)
-        found = self.framer.next_record(layout)
-        while found is None:
-            remaining_s = max((deadline_ns - self._clock.mono_ns()) / 1e9, 0.0)
-            if not self._clock.wait_readable(self._socket.fileno(), remaining_s):
-                return None
-            found = self.framer.feed(layout, self._chunk(), self._clock.mono_ns())
+        found, left_s = self.framer.next_record(layout), timeout_s
+        while found is None and left_s >= 0.0 and self._clock.wait_readable(self._socket.fileno(), left_s):
+            chunk, now_ns = self._chunk(), self._clock.mono_ns()
+            found = self.framer.feed(layout, chunk, now_ns)
+            left_s = (deadline_ns - now_ns) / 1e9
         return found
 
     def close(self) -> None:

@@ -18,7 +18,8 @@ from fieldkit.drivers.cameras.source import WITHOUT_TEMPERATURES, cameras
 from fieldkit.drivers.identity import SYSFS, UDEV_FIX, Found, Kind, UsbIdentity, permission_fix, usb_parent
 from fieldkit.drivers.meters import ut325
 from fieldkit.drivers.ports import serial_ports
-from fieldkit.model.device import DeviceSettings
+from fieldkit.model.device import DeviceSettings, DiscoveredDevice, Driver
+from fieldkit.model.errors import message_of
 from fieldkit.model.finding import Finding
 
 PROC = Path("/proc")
@@ -75,7 +76,7 @@ def discover() -> tuple[list[ConnectedDevice], list[str]]:
     drivers, problems = registry.load_all()
     devices: dict[tuple[str, str], ConnectedDevice] = {}
     for driver in drivers:
-        for found in driver.find():
+        for found in _found(driver, problems):
             key = (found.identity, found.port)
             before = devices.get(key)
             names = (*(before.drivers if before else ()), found.driver)
@@ -87,6 +88,17 @@ def discover() -> tuple[list[ConnectedDevice], list[str]]:
         *_unrecognised(serial_ports(), recognised, NO_DRIVER),
     ]
     return [*devices.values(), *others], problems
+
+
+def _found(driver: Driver, problems: list[str]) -> list[DiscoveredDevice]:
+    """The instruments of a driver; what keeps it from looking is a problem of its own, not of the others."""
+    try:
+        return driver.find()
+    except Exception as error:  # another package's code may fail in any way
+        problems.append(
+            f"the driver {driver.name!r} finds nothing: {type(error).__name__}: {message_of(error)}"
+        )
+        return []
 
 
 def _unrecognised(present: list[Found], recognised: set[str], note: str) -> list[ConnectedDevice]:

@@ -136,9 +136,12 @@ def usb_parent(node: Path) -> UsbIdentity | None:
     """The USB device that a sysfs node (a tty, a video node) hangs on, or None."""
     for folder in (node, *node.parents):
         if (folder / "idVendor").is_file():
+            vendor, product = _line(folder / "idVendor"), _line(folder / "idProduct")
+            if not (vendor and product):  # unplugged just now
+                return None
             return UsbIdentity(
-                vendor=int(_line(folder / "idVendor"), 16),
-                product=int(_line(folder / "idProduct"), 16),
+                vendor=int(vendor, 16),
+                product=int(product, 16),
                 serial=_line(folder / "serial"),
                 path=folder.name,
                 title=f"{_line(folder / 'manufacturer')} {_line(folder / 'product')}".strip(),

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import difflib
 import math
+import sys
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import ConfigError
+
+POSITIVE = (0.0, math.inf)
+"""Ends of an option that is not negative."""
+_GREATEST = sys.float_info.max  # neither NaN nor infinity lies within
 
 
 def reject_unknown(settings: DeviceSettings, allowed: Sequence[str]) -> None:
@@ -26,12 +31,24 @@ def number(
     settings: DeviceSettings, key: str, default: float, within: tuple[float, float] | None = None
 ) -> float:
     """The option `key` as a number, `within` two ends if given; raises `ConfigError`."""
-    value = settings.options.get(key, default)
-    if isinstance(value, bool) or not isinstance(value, int | float):
+    if key not in settings.options:
+        return float(default)
+    value = settings.options[key]
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= _GREATEST:
         raise wrong(settings, key, value, "a number")
-    if within and key in settings.options and not within[0] <= value <= within[1]:
-        raise wrong(settings, key, value, f"a number from {within[0]:g} to {within[1]:g}")
+    if within and not within[0] <= value <= within[1]:
+        least, most = (f"{end:.7g}" for end in within)
+        ends = f"from {least} to {most}" if within[1] <= _GREATEST else f"of at least {least}"
+        raise wrong(settings, key, value, f"a number {ends}")
     return float(value)
+
+
+def whole(settings: DeviceSettings, key: str, default: int, within: tuple[int, int]) -> int:
+    """The option `key` as a whole number `within` two ends; raises `ConfigError`."""
+    value = number(settings, key, default, within)
+    if not value.is_integer():
+        raise wrong(settings, key, value, "a whole number")
+    return int(value)
 
 
 def flag(settings: DeviceSettings, key: str, default: bool) -> bool:
@@ -54,8 +71,9 @@ def text(settings: DeviceSettings, key: str, default: str, choices: Sequence[str
 def labels(settings: DeviceSettings, default: Sequence[str]) -> tuple[str, ...]:
     """The names given to a meter's channels (option `labels`), in its own order."""
     value = settings.options.get("labels", tuple(default))
-    if not isinstance(value, list | tuple) or not value or not all(isinstance(name, str) for name in value):
-        raise wrong(settings, "labels", value, 'a list of names such as ["reference", "b05"]')
+    is_list = isinstance(value, list | tuple) and all(isinstance(name, str) and name for name in value)
+    if not is_list or not value or len(set(value)) < len(value):
+        raise wrong(settings, "labels", value, 'a list of different names such as ["reference", "b05"]')
     return tuple(value)
 
 
@@ -66,7 +84,7 @@ def decoding_settings(driver: str, given: Mapping[str, Any]) -> DeviceSettings:
 
 def kelvin_per_count(settings: DeviceSettings) -> float:
     """The option `kelvin_per_count` of cameras that do not report it; NaN without."""
-    return number(settings, "kelvin_per_count", math.nan)
+    return number(settings, "kelvin_per_count", math.nan, (1e-6, 100.0))
 
 
 def wrong(settings: DeviceSettings, key: str, value: Any, expected: str) -> ConfigError:

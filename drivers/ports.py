@@ -25,6 +25,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
+from fieldkit.drivers import options
 from fieldkit.drivers.decoding import Channel, Layout, Record, RecordDriver
 from fieldkit.drivers.identity import (
     SYSFS,
@@ -219,6 +220,9 @@ class Framer:
 
 CHUNK_BYTES = 4096
 _LONGEST_TENTHS = 255
+BAUDS = range(50, 4_000_001)
+"""From the slowest to the fastest line that Linux names."""
+PARITIES = ("N", "E", "O")
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,6 +233,13 @@ class Line:
     bits: int = 8
     parity: str = "N"
     stop: int = 1
+
+    def __post_init__(self) -> None:
+        """Raise `ValueError` for settings that no line has."""
+        if self.baud not in BAUDS:
+            raise ValueError(f"baud {self.baud!r} is not a whole number from {BAUDS[0]} to {BAUDS[-1]}")
+        if self.bits not in (5, 6, 7, 8) or self.parity not in PARITIES or self.stop not in (1, 2):
+            raise ValueError(f"no line has bits {self.bits!r}, parity {self.parity!r}, stop {self.stop!r}")
 
     @property
     def byte_ns(self) -> int:
@@ -312,7 +323,9 @@ class SerialPort:
                 os.write(self._fd, request)
             found = framer.next_record(layout) if framer.left else None
             left_s, started_ns = timeout_s, clock.mono_ns()
-            while found is None and (left_s == self._blocks_for_s or self._will_wait(left_s)):
+            while (
+                found is None and left_s >= 0.0 and (left_s == self._blocks_for_s or self._will_wait(left_s))
+            ):
                 chunk = os.read(self._fd, CHUNK_BYTES) or self._late_bytes()
                 if not chunk:
                     break
@@ -338,7 +351,7 @@ class SerialPort:
         The terminal's own time-out saves a system call for every reading.
         """
         if not self._clock.is_real:
-            return self._clock.wait_readable(self._fd, max(timeout_s, 0.0))
+            return self._clock.wait_readable(self._fd, timeout_s)
         self._block_for(timeout_s)
         return True
 
@@ -354,7 +367,7 @@ class SerialPort:
     def _block_for(self, timeout_s: float) -> None:
         """Let a read wait that long, to the next tenth of a second."""
         attributes = termios.tcgetattr(self._fd)
-        tenths = min(max(math.ceil(timeout_s * 10.0), 0), _LONGEST_TENTHS)
+        tenths = min(math.ceil(timeout_s * 10.0), _LONGEST_TENTHS)
         if tenths != attributes[6][termios.VTIME]:
             attributes[6][termios.VTIME] = tenths
             termios.tcsetattr(self._fd, termios.TCSANOW, attributes)
@@ -371,6 +384,11 @@ def open_port(
 ) -> SerialPort:
     """The port at `port_path`, opened."""
     return SerialPort(port_path(settings, kinds), line, clock)
+
+
+def baud(settings: DeviceSettings, usual: int) -> int:
+    """The option `baud`; raises `ConfigError`."""
+    return options.whole(settings, "baud", usual, (BAUDS[0], BAUDS[-1]))
 
 
 def serial_ports() -> list[Found]:

@@ -24,15 +24,22 @@ from typing import Any, NamedTuple
 
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera
-from fieldkit.drivers.cameras.camera import DecodedFrame, decode_frames, extremes, pixel_view, quality_flags
+from fieldkit.drivers.cameras.camera import (
+    Decode,
+    DecodedFrame,
+    decode_frames,
+    extremes,
+    pixel_view,
+    quality_flags,
+)
 from fieldkit.drivers.cameras.source import CameraDriver, CameraFormat, open_source
 from fieldkit.drivers.decoding import Decoded, Layout, Parsed, Record, Rejected, text_of
 from fieldkit.drivers.identity import UsbIdentity
 from fieldkit.drivers.options import decoding_settings, kelvin_per_count
 from fieldkit.drivers.ports import Line, SerialPort, serial_ports
 from fieldkit.model.clock import Clock
-from fieldkit.model.device import DeviceSettings
-from fieldkit.model.errors import DeviceError, DeviceTimeoutError
+from fieldkit.model.device import DeviceSettings, FrameSource
+from fieldkit.model.errors import DecodeError, DeviceError, DeviceTimeoutError
 from fieldkit.model.samples import Quality
 from fieldkit.model.units import CELSIUS_ZERO_K, SECOND_NS
 
@@ -119,7 +126,7 @@ class BosonSerial:
         self._port.write(pack(self._sequence, function, payload))
         while found := self._port.read(LAYOUT, REPLY_TIMEOUT_S):
             message = unpack(found.raw)
-            if isinstance(message, str) or message.sequence != self._sequence:
+            if isinstance(message, str) or message[:2] != (self._sequence, function):
                 continue
             if message.status:
                 reason = ERRORS.get(message.status, f"error {message.status:#x}")
@@ -210,12 +217,7 @@ class Boson(CameraDriver):
         if radiometric:
             scale = make_radiometric(serial, facts, scale)
         read = partial(decode, scale=scale)
-        first = camera.first_frame(opened.source, read, settings.name, clock)
-        if radiometric and first.quality & Quality.NO_VALUE:
-            raise DeviceError(
-                f"{settings.name}: TLinear was requested, but the frames hold no temperatures",
-                fix="is it a radiometric model? if not, omit radiometric: counts are recorded",
-            )
+        first = _first_frame(opened.source, read, settings.name, clock, radiometric)
         info = camera.describe(settings, opened, first, facts, vendor="FLIR")
         run = partial(serial.request, RUN_FFC) if serial else None
         return BosonCamera(info, opened.source, read, clock, run, serial)
@@ -282,16 +284,37 @@ def connect(usb: UsbIdentity, clock: Clock) -> tuple[BosonSerial | None, dict[st
         return None, {"commands": error.message}
 
 
+def _first_frame(
+    source: FrameSource, read: Decode, name: str, clock: Clock, radiometric: bool
+) -> DecodedFrame:
+    """The first frame, of a camera that was switched to temperatures the first one after the switch."""
+
+    def temperatures(data: bytes) -> DecodedFrame | Rejected:
+        frame = read(data)
+        is_without = isinstance(frame, DecodedFrame) and frame.quality & Quality.NO_VALUE
+        return Rejected(len(data), "no temperatures") if is_without else frame
+
+    try:
+        return camera.first_frame(source, temperatures if radiometric else read, name, clock)
+    except DecodeError as error:
+        if not radiometric:
+            raise
+        raise DeviceError(
+            f"{name}: TLinear was requested, but the frames hold no temperatures",
+            fix="is it a radiometric model? if not, omit radiometric: counts are recorded",
+        ) from error
+
+
 def make_radiometric(serial: BosonSerial | None, facts: Mapping[str, str], configured_scale: float) -> float:
-    """Request TLinear; returns K per count, which in low gain must be configured (NaN if not)."""
+    """Request TLinear; returns K per count, which in any gain but high must be configured (NaN if not)."""
     if serial is None:
         raise DeviceError(
             f"the Boson cannot be switched to temperatures; its commands: {facts['commands']}",
             fix="fieldkit doctor",
         )
-    if facts["gain"] == "low" and math.isnan(configured_scale):
+    if facts["gain"] != "high" and math.isnan(configured_scale):
         raise DeviceError(
-            "the Boson is in low gain, where public sources disagree about its kelvin per count",
+            f"the Boson is in {facts['gain']} gain; public sources disagree about the low one's scale",
             fix="set it to high gain, or compare a known temperature and set kelvin_per_count = 0.01 or 0.02",
         )
     serial.make_radiometric()

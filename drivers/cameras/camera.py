@@ -262,7 +262,7 @@ class ThermalCamera:
         if buffer is None:
             return None
         frame = None if buffer.error else self._decode(buffer.data)
-        if frame is None or isinstance(frame, Rejected):
+        if frame is None or isinstance(frame, Rejected) or not self._fits(frame):
             self.rejected += 1
             return None
         frame = self.with_housekeeping(frame, buffer.mono_ns)
@@ -301,6 +301,13 @@ class ThermalCamera:
     def with_housekeeping(self, frame: DecodedFrame, mono_ns: int) -> DecodedFrame:
         """The frame with what a second channel of the camera reports; most have none."""
         return frame
+
+    def _fits(self, frame: DecodedFrame) -> bool:
+        """True for a frame as declared; one of another size is of a camera that has to be opened again."""
+        rows = frame.metadata_rows
+        declared = self.info.metadata_shape
+        same_rows = rows.shape == declared or not (rows.size or declared[0])
+        return frame.counts.shape == self.info.shape and same_rows
 
     def _scale_quality(self, frame: DecodedFrame) -> Quality:
         """`NO_VALUE` where a frame's own scale is not the one the stream declared."""
@@ -348,8 +355,8 @@ def describe(
         firmware=str(facts.pop("firmware", "")),
         port=opened.source.port,
         identity=opened.identity,
-        latency_s=options.number(settings, "latency_s", 0.0),
-        accuracy=options.number(settings, "accuracy", math.nan),
+        latency_s=options.number(settings, "latency_s", 0.0, options.POSITIVE),
+        accuracy=options.number(settings, "accuracy", math.nan, options.POSITIVE),
         settings=facts,
     )
 
@@ -367,9 +374,10 @@ def first_frame(source: FrameSource, decode: Decode, name: str, clock: Clock) ->
         if buffer is None:
             break
         frame = decode(buffer.data)
-        if not isinstance(frame, Rejected):
+        if isinstance(frame, Rejected):
+            wrong, raw = frame.reason, buffer.data[:64]
+        elif not buffer.error:  # a damaged one would declare shape and scale of the whole recording
             return frame
-        wrong, raw = frame.reason, buffer.data[:64]
     if wrong:
         raise DecodeError(
             f"{name}: the camera at {source.port} sends something else: {wrong}",

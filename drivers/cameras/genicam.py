@@ -21,7 +21,7 @@ from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera
 from fieldkit.drivers.cameras.source import CameraDriver, OpenedSource
 from fieldkit.drivers.cameras.streaming import StreamSource
-from fieldkit.drivers.cameras.y16 import Y16, decoder
+from fieldkit.drivers.cameras.y16 import Y16, decoder, size_of
 from fieldkit.drivers.decoding import Decoded
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import Buffer, DeviceSettings
@@ -31,7 +31,7 @@ from fieldkit.model.units import SECOND_NS
 IR_FORMATS = {"10mK": ("TemperatureLinear10mK", 0.01), "100mK": ("TemperatureLinear100mK", 0.1)}
 """Values of FLIR's ``IRFormat`` and kelvin per count, by the option `resolution`."""
 
-MONO16 = "Mono16"
+MONO16, EMISSIVITY = "Mono16", "ObjectEmissivity"
 BUFFERS = 16
 BLOCK_IDS = 65_535  # of GigE Vision 1: 0 is never used
 LATE_NS = SECOND_NS  # an older stamp is of a clock that was set
@@ -171,7 +171,7 @@ def _set_up(found: Any, settings: DeviceSettings) -> dict[str, Any]:
                 fix=f"only cameras with {MONO16} are recorded",
             )
         found.set_pixel_format_from_string(MONO16)
-        width, height = (int(options.number(settings, key, 0)) for key in ("width", "height"))
+        width, height = size_of(settings)
         if width > 0 and height > 0:
             found.set_region(0, 0, width, height)
         region = found.get_region()
@@ -185,7 +185,7 @@ def _set_up(found: Any, settings: DeviceSettings) -> dict[str, Any]:
 def _temperatures(found: Any, settings: DeviceSettings) -> dict[str, Any]:
     """Kelvin per count, by FLIR's ``IRFormat`` as read back, else by the configuration; NaN if unknown."""
     if not found.is_feature_available("IRFormat"):
-        scale = options.number(settings, "kelvin_per_count", math.nan)
+        scale = options.kelvin_per_count(settings)
         return {"kelvin_per_count": scale, "scale_from": "unknown" if math.isnan(scale) else "configuration"}
     wanted, scale = IR_FORMATS[options.text(settings, "resolution", "10mK", tuple(IR_FORMATS))]
     found.set_string("IRFormat", wanted)
@@ -194,4 +194,7 @@ def _temperatures(found: Any, settings: DeviceSettings) -> dict[str, Any]:
             f"{settings.name}: the camera keeps IRFormat {read_back}, not {wanted}",
             fix="end the maker's program, which may hold the camera's settings",
         )
-    return {"kelvin_per_count": scale, "scale_from": "camera", "ir_format": wanted}
+    facts = {"kelvin_per_count": scale, "scale_from": "camera", "ir_format": wanted}
+    if found.is_feature_available(EMISSIVITY):  # the camera has applied it
+        facts["emissivity"] = round(found.get_float(EMISSIVITY), 4)
+    return facts

@@ -71,7 +71,7 @@ class UdpSource(StreamSource):
             self._socket.bind(("", PORT))
         try:
             self._socket.connect(address)
-        except OSError as error:
+        except (OSError, UnicodeError) as error:  # no name of a host
             self._socket.close()
             raise DeviceNotFoundError(f"no way to {self.port}: {error}", fix=_ADVICE) from error
         self._socket.setblocking(False)

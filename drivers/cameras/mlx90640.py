@@ -24,7 +24,7 @@ from fieldkit.drivers.cameras.camera import DecodedFrame, extremes, quality_flag
 from fieldkit.drivers.cameras.source import OpenedSource
 from fieldkit.drivers.cameras.streaming import PortSource
 from fieldkit.drivers.decoding import Layout, Parsed, Record, Rejected, skip_to
-from fieldkit.drivers.ports import Line, SerialDriver, SerialPort, open_port
+from fieldkit.drivers.ports import Line, SerialDriver, SerialPort, baud, open_port
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.units import CELSIUS_ZERO_K
@@ -149,7 +149,7 @@ class Mlx90640(SerialDriver):
     def open(self, settings: DeviceSettings, clock: Clock) -> camera.ThermalCamera:
         """Open the port, set what the options request, and wait for a frame."""
         commands = _requested(settings)
-        port = open_port(settings, Line(int(options.number(settings, "baud", LINE.baud))), clock)
+        port = open_port(settings, Line(baud(settings, LINE.baud)), clock)
         for one in commands:
             port.write(one)
         facts = {"model": "MLX9064x", **_emissivity(port, clock)}

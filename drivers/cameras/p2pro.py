@@ -52,6 +52,9 @@ GAINS = ("low", "high")
 PER_UNIT = 128
 """Counts of emissivity 1, and of one metre, by the maker's header."""
 
+FEWEST_OF_1 = 127
+"""Counts from which an emissivity is 1 by one of the two readings."""
+
 LONGEST_M = 200.0
 ITEMS = {"firmware": (1, 8), "model": (6, 48), "serial_number": (7, 16)}
 READ_BACK = {
@@ -202,6 +205,8 @@ def _facts(commands: Commands) -> dict[str, Any]:
     facts["gain"] = GAINS[gain] if gain < len(GAINS) else f"unknown ({gain})"
     facts.update({key: commands.get(PROPERTIES, item) for key, item in READ_BACK.items()})
     facts["auto_shutter"] = commands.get(AUTO_SHUTTER, 0)
+    if counts := facts["camera_emissivity_counts"]:
+        facts["emissivity"] = 1.0 if counts >= FEWEST_OF_1 else round(counts / PER_UNIT, 4)
     return facts
 
 

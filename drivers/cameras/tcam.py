@@ -76,6 +76,9 @@ def parse(buffer: bytes) -> Parsed:
     if not buffer.startswith(START[: len(buffer)]):
         return Rejected(skip_to(START, buffer), "does not begin with 02")
     end = buffer.find(END) + 1
+    again = buffer.find(START, 1, end or len(buffer))
+    if again > 0:  # JSON has no such byte: the rest of this one was lost
+        return Rejected(again, "a packet begins before this one ends")
     if not end:
         return None if len(buffer) < LONGEST else Rejected(skip_to(START, buffer), "no end of packet found")
     data = buffer[:end]

@@ -38,6 +38,7 @@ SIZES = (
     (160, 120),
     (80, 60),
 )
+LONGEST_SIDE = 16_384
 
 
 def decode(
@@ -54,8 +55,14 @@ def decode(
 
 def _sizes(settings: DeviceSettings) -> tuple[tuple[int, int], ...]:
     """The size that is wanted, else the usual ones."""
-    width, height = (int(options.number(settings, key, 0)) for key in ("width", "height"))
+    width, height = size_of(settings)
     return ((width, height),) if width > 0 and height > 0 else SIZES
+
+
+def size_of(settings: DeviceSettings) -> tuple[int, int]:
+    """The options `width` and `height`, 0 where they are not given."""
+    width, height = (options.whole(settings, key, 0, (0, LONGEST_SIDE)) for key in ("width", "height"))
+    return width, height
 
 
 def decoder(settings: DeviceSettings, width: int, height: int) -> Decode:
@@ -109,6 +116,6 @@ class Y16(CameraDriver):
         read = decoder(settings, width, height)
         first = camera.first_frame(opened.source, read, settings.name, clock)
         facts = {"scale_from": "unknown" if math.isnan(first.scale) else "configuration"}
-        rate_hz = options.number(settings, "rate_hz", 0.0)
+        rate_hz = options.number(settings, "rate_hz", 0.0, options.POSITIVE)
         info = camera.describe(settings, opened, first, facts, rate_hz=rate_hz)
         return camera.ThermalCamera(info, opened.source, read, clock)

@@ -17,15 +17,19 @@ from fieldkit.drivers import options
 from fieldkit.drivers.connections import SocketPort, address_of
 from fieldkit.drivers.decoding import Layout, Parsed, Record, RecordDriver, Rejected, Value
 from fieldkit.drivers.meters import meter
-from fieldkit.model.clock import Clock
+from fieldkit.model.clock import Clock, utc_ns
 from fieldkit.model.device import DeviceSettings, DiscoveredDevice
 from fieldkit.model.samples import NO_COUNTER, Quality
 
 LONGEST = 16_384
+LONGEST_KEPT = 2048  # a TPV with all of its fields has 1100 bytes
 PORT = 2947
 WATCH = b'?WATCH={"enable":true,"json":true,"pps":true};\n'
 CHANNELS = (("latitude", "°"), ("longitude", "°"), ("altitude", "m"), ("clock error", "s"))
 UNIT = "degree degree m s"
+NOT_MEASURED = (5, 8)
+"""Values of `status` that are no fix: dead reckoning, simulated."""
+
 _ADVICE = "sudo systemctl start gpsd, or give port = host:port"
 _HINT = "is a receiver attached to gpsd? cgps shows it"
 
@@ -53,19 +57,22 @@ def _meaning(report: dict[str, Any], length: int) -> Record:
     if kind == "PPS":
         seconds = float(report["clock_sec"] - report["real_sec"])
         error_s = seconds + float(report["clock_nsec"] - report["real_nsec"]) * 1e-9
+        if not math.isfinite(error_s):
+            raise ValueError("the clock's error is not a number")
         return Record.of(length, (Value(error_s, "s", "clock error"),), "PPS")
     return Record(length, note=f"{str(kind)[:20]}: not read")
 
 
 def _position(report: dict[str, Any], length: int) -> Record:
-    mode = report.get("mode", 0)
+    mode = report.get("mode", 0) if report.get("status") not in NOT_MEASURED else 0
     known = {"latitude": mode in (2, 3), "longitude": mode in (2, 3), "altitude": mode == 3}
     given = {"latitude": "lat", "longitude": "lon", "altitude": "alt" if "alt" in report else "altMSL"}
     values = []
     for name, unit in CHANNELS[:3]:
         number = float(report.get(given[name], math.nan)) if known[name] else math.nan
-        quality = Quality.GOOD if math.isfinite(number) else Quality.NO_VALUE
-        values.append(Value(number, unit, name, quality))
+        is_known = math.isfinite(number)
+        quality = Quality.GOOD if is_known else Quality.NO_VALUE
+        values.append(Value(number if is_known else math.nan, unit, name, quality))
     latitude, longitude = values[0].value, values[1].value
     if abs(latitude) > 90 or abs(longitude) > 180:  # NaN is beyond nothing
         raise ValueError("position is not on the Earth")
@@ -73,9 +80,9 @@ def _position(report: dict[str, Any], length: int) -> Record:
 
 
 def _time_ns(text: Any) -> int:
-    """UTC; a position without a time, or in a leap second, which no datetime can hold, is still one."""
+    """UTC; a position without a time, or with one that cannot be held (a leap second), is still one."""
     try:
-        return round(datetime.fromisoformat(text).timestamp() * 1e9)
+        return utc_ns(datetime.fromisoformat(text))
     except (ValueError, TypeError):
         return NO_COUNTER
 
@@ -107,6 +114,6 @@ class Gpsd(RecordDriver):
         meter.first_record(port, LAYOUT, settings.name, _HINT, settings.every_s)
         names = options.labels(settings, [name for name, _ in CHANNELS])
         info = meter.describe(settings, port, LAYOUT, "position", UNIT, names)
-        info = replace(info, device_time_unit="ns since 1970 UTC", raw_bytes=1024)
+        info = replace(info, device_time_unit="ns since 1970 UTC", raw_bytes=LONGEST_KEPT)
         keys, units = zip(*CHANNELS[: len(names)], strict=True)
         return meter.Meter(info, port, LAYOUT, clock, keys, units=units)

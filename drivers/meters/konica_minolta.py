@@ -30,6 +30,7 @@ from fieldkit.model.samples import Quality
 
 SHORT, LONG = 14, 32
 LINE = Line(9600, 7, "E")
+HEADS = (0, 29)
 KINDS = ((0x0403, 0x6001),)
 LATENCY_S = 0.25  # half of the 500 ms after which the meter refreshes its value
 FIELDS = {  # command: (channel, unit) of its three data fields
@@ -182,7 +183,7 @@ class KonicaMinolta(SerialDriver):
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
         """Open the port and put the meter into its PC mode."""
         model = options.text(settings, "model", "t-10", ("t-10", "cl-200"))
-        head = int(options.number(settings, "head", 0))
+        head = options.whole(settings, "head", 0, HEADS)
         port = open_port(settings, LINE, clock, kinds=KINDS)
         _enter_pc_mode(port, clock, settings.name)
         poll = _prepare(port, clock, model, head, settings.every_s)

@@ -32,7 +32,7 @@ from typing import NamedTuple
 from fieldkit.drivers import options
 from fieldkit.drivers.decoding import Channel, Layout, Parsed, Record, Rejected, skip_to
 from fieldkit.drivers.meters import meter
-from fieldkit.drivers.ports import Line, SerialDriver, open_port
+from fieldkit.drivers.ports import Line, Port, SerialDriver, Stamped, open_port
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DecodeError
@@ -41,6 +41,7 @@ from fieldkit.model.samples import Quality
 LENGTH = 16
 LINE = Line(9600)
 UNITS = {"01": "°C", "02": "°F", "03": "%", "15": "lx", "16": "fc", "17": "dB", "19": "ppm", "57": "g"}
+LIGHT, TEMPERATURE = ("lx", "fc"), ("°C", "°F")
 _START = b"\x02"
 _HEAD = re.compile(rb"\x024([1-9ABC])([0-9]{2})([01])([0-3])")
 _END = 0x0D
@@ -90,6 +91,17 @@ def _head(start: bytes) -> Head | None:
 LAYOUT = Layout(parse, LENGTH)
 
 
+def _unit_shown(port: Port, first: Stamped) -> str:
+    """The unit that decides what is recorded: light before temperature, as a light meter may show both."""
+    units: dict[str, str] = {}
+    found: Stamped | None = first
+    while found is not None and (shown := found.record.channels[0]).name not in units:
+        units[shown.name] = shown.unit
+        found = port.read(LAYOUT, meter.FIRST_RECORD_S) if shown.unit not in LIGHT else None
+    known = sorted(units.values(), key=lambda unit: (unit not in LIGHT, unit not in TEMPERATURE))
+    return known[0]
+
+
 class Lutron(SerialDriver):
     """Driver of meters with the 16-character stream.
 
@@ -104,14 +116,14 @@ class Lutron(SerialDriver):
     caveat = "any adapter: only its stream decides"
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
-        """Open the port and wait for the first record, which shows what the meter measures."""
+        """Open the port and wait for the records of all displays, which show what the meter measures."""
         port = open_port(settings, LINE, clock)
         first = meter.first_record(port, LAYOUT, settings.name, _HINT, settings.every_s)
-        unit = first.record.channels[0].unit
-        if unit in ("lx", "fc"):
+        unit = _unit_shown(port, first)
+        if unit in LIGHT:
             names = options.labels(settings, ("lux",))
             info = meter.describe(settings, port, LAYOUT, "illuminance", "lx", names)
-        elif unit in ("°C", "°F"):
+        elif unit in TEMPERATURE:
             names = options.labels(settings, ("T1", "T2", "T3", "T4"))
             info = meter.describe(settings, port, LAYOUT, "temperature", "K", names)
         else:

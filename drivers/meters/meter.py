@@ -258,7 +258,7 @@ def describe(
     """The stream of a meter, from its configuration and port."""
     facts = dict(port.facts)
     if "range_max_lx" in settings.options:
-        facts["range_max_lx"] = options.number(settings, "range_max_lx", math.inf)
+        facts["range_max_lx"] = options.number(settings, "range_max_lx", math.inf, options.POSITIVE)
     return StreamInfo(
         name=settings.name,
         quantity=quantity,
@@ -270,10 +270,10 @@ def describe(
         model=model,
         port=port.path,
         identity=settings.identity or port.identity,
-        latency_s=options.number(settings, "latency_s", latency_s),
+        latency_s=options.number(settings, "latency_s", latency_s, options.POSITIVE),
         wire_time_s=layout.longest * port.byte_ns / 1e9,
-        response_s=options.number(settings, "response_s", 0.0),
-        accuracy=options.number(settings, "accuracy", math.nan),
+        response_s=options.number(settings, "response_s", 0.0, options.POSITIVE),
+        accuracy=options.number(settings, "accuracy", math.nan, options.POSITIVE),
         raw_bytes=layout.longest,
         settings=facts,
     )

@@ -11,16 +11,17 @@ import math
 import struct
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cache, partial
+from operator import index
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from fieldkit.drivers import options
 from fieldkit.drivers.decoding import Decoded, Layout, Parsed, Record, Rejected, Value, decode_records
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.meters.meter import STREAM_UNITS
-from fieldkit.drivers.ports import Line, Port, SerialDriver, open_port
+from fieldkit.drivers.ports import PARITIES, Line, Port, SerialDriver, baud, open_port
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import ConfigError, message_of
@@ -39,7 +40,19 @@ NOT_IMPLEMENTED = {
     "f32": (),
 }
 """Counts of a type that stand for no value, as in SunSpec's information model, and for beyond the range."""
+MOST_DECIMALS = 9  # a scale of more was not written by an instrument that measures
+LEAST_MEASURED = 1e-12  # of a float; nearer to zero are only those whose words are in the wrong order
 _QUALITIES = {"": Quality.GOOD, "stale": Quality.STALE, "overrange": Quality.OVERRANGE}
+_KINDS: Mapping[str, tuple[tuple[type, ...], str]] = {
+    "str": ((str,), "a text"),
+    "int": ((int,), "a whole number"),
+    "int | None": ((int,), "a whole number"),
+    "float": ((int, float), "a number"),
+    "bool": ((bool,), "true or false"),
+}
+"""By the type of a field: those of its value in a map, and their name."""
+MOST_REGISTERS = 125  # of one reply
+T = TypeVar("T")
 _KEYS = (
     "title",
     "quantity",
@@ -134,18 +147,21 @@ class RegisterMap:
         raw = list(registers[place : place + channel.width])
         if channel.words_low_first:
             raw.reverse()
-        (number,) = struct.unpack(f">{TYPES[channel.type]}", struct.pack(f">{channel.width}H", *raw))
+        packed = struct.pack(f">{channel.width}H", *raw)
+        (number,) = struct.unpack(f">{TYPES[channel.type]}", packed)
+        counts = {number, int.from_bytes(packed, "big")}  # a map may write FFFF or -1
         decimals = (
             0
             if channel.decimals_register is None
             else _signed(registers[channel.decimals_register - self.first])
         )
         # 234 tenths are 23.4 by division; by multiplication they would be 23.400000000000002
-        value = number / (1 / channel.scale) / 10.0 ** max(-9, min(decimals, 9)) + channel.offset
+        power = 10.0**decimals if abs(decimals) <= MOST_DECIMALS else math.nan
+        value = number / (1 / channel.scale) / power + channel.offset
         low, high = self.limits
-        if not math.isfinite(value):
+        if not math.isfinite(value) or 0.0 < abs(number) < LEAST_MEASURED:
             states = ("not_a_number", *states)
-        elif raw[0] in self.no_value or number in NOT_IMPLEMENTED[channel.type] or not low <= value <= high:
+        elif counts & {*self.no_value, *NOT_IMPLEMENTED[channel.type]} or not low <= value <= high:
             states = ("open", *states)
         else:
             return Value(value, channel.unit, channel.name, quality, states)
@@ -172,7 +188,7 @@ def load_map(name: str) -> RegisterMap:
         ) from error
     try:
         return _read_map(table)
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         reason = f"{error.args[0]!r} is missing" if isinstance(error, KeyError) else message_of(error)
         raise ConfigError(
             f"{path}: {reason}", fix="compare with the map rtd-8 that comes with fieldkit"
@@ -185,23 +201,40 @@ def _read_map(table: Mapping[str, Any]) -> RegisterMap:
         raise ValueError(f"unknown keys: {', '.join(sorted(unknown))}; known are {', '.join(_KEYS)}")
     status = table.get("status", {})
     low, high = table.get("range", (-math.inf, math.inf))
+    _check_types(RegisterMap, table)
     found = RegisterMap(
         title=table["title"],
         quantity=table["quantity"],
         unit=table["unit"],
         line=Line(**table.get("line", {})),
-        function=int(table["function"]),
-        first=int(table["first"]),
-        count=int(table["count"]),
-        channels=tuple(one for entry in table["channel"] for one in _repeated(Channel(**entry))),
+        function=table["function"],
+        first=table["first"],
+        count=table["count"],
+        channels=tuple(one for entry in table["channel"] for one in _repeated(_typed(Channel, entry))),
         no_value=tuple(int(count) for count in table.get("no_value", ())),
         **_measures(table.get("measures", {})),
         limits=(float(low), float(high)),
-        status_register=status.get("register"),
-        status_bits=tuple(StatusBit(**entry) for entry in status.get("bits", ())),
+        status_register=index(status["register"]) if "register" in status else None,
+        status_bits=tuple(_typed(StatusBit, entry) for entry in status.get("bits", ())),
     )
     _check(found)
     return found
+
+
+def _typed(kind: type[T], entry: Mapping[str, Any]) -> T:
+    """A dataclass of a table."""
+    _check_types(kind, entry)
+    return kind(**entry)
+
+
+def _check_types(kind: type[Any], entry: Mapping[str, Any]) -> None:
+    """Raise `ValueError` for a key whose value is not of its field's type."""
+    for one in fields(kind):
+        types, words = _KINDS.get(str(one.type), ((), ""))
+        value = entry.get(one.name)
+        is_finite = not isinstance(value, float) or math.isfinite(value)
+        if one.name in entry and types and not (type(value) in types and is_finite):
+            raise ValueError(f"{one.name} = {value!r} is not {words}")
 
 
 def _measures(given: str | Mapping[str, Any]) -> dict[str, Any]:
@@ -224,6 +257,10 @@ def _repeated(channel: Channel) -> list[Channel]:
     """T1 ... Tn from one entry: number and register count up."""
     if channel.repeat == 1:
         return [channel]
+    if not 1 < channel.repeat <= MOST_REGISTERS:
+        raise ValueError(
+            f"channel {channel.name}: repeat {channel.repeat} is not between 1 and {MOST_REGISTERS}"
+        )
     stem = channel.name.rstrip("0123456789")
     if channel.type not in TYPES:
         raise ValueError(f"channel {channel.name}: type {channel.type!r} is none of {', '.join(TYPES)}")
@@ -238,8 +275,10 @@ def _repeated(channel: Channel) -> list[Channel]:
 def _check(found: RegisterMap) -> None:
     if found.function not in (3, 4):
         raise ValueError(f"function {found.function} does not read registers; use 3 or 4")
-    if not 1 <= found.count <= 125:
-        raise ValueError(f"count {found.count} is not between 1 and 125")
+    if not 1 <= found.count <= MOST_REGISTERS:
+        raise ValueError(f"count {found.count} is not between 1 and {MOST_REGISTERS}")
+    if not 0 <= found.first <= 0x10000 - found.count:
+        raise ValueError(f"first {found.first} and count {found.count} are not within 65536 registers")
     for channel in found.channels:
         if channel.type not in TYPES:
             raise ValueError(f"channel {channel.name}: type {channel.type!r} is none of {', '.join(TYPES)}")
@@ -258,6 +297,8 @@ def _check(found: RegisterMap) -> None:
                     f"{found.first + found.count - 1} that are read"
                 )
     for entry in found.status_bits:
+        if not 0 <= entry.bit < 16:
+            raise ValueError(f"status bit {entry.bit}: a register has bits 0 to 15")
         if entry.quality not in _QUALITIES:
             raise ValueError(
                 f"status bit {entry.bit}: quality {entry.quality!r} is neither stale nor overrange"
@@ -308,8 +349,11 @@ def pack_request(unit: int, function: int, first: int, count: int) -> bytes:
     return body + crc16(body).to_bytes(2, "little")
 
 
-def parse(buffer: bytes, register_map: RegisterMap | None = None) -> Parsed:
-    """The reply (or a request) at the start of `buffer`; without a map its registers as they are."""
+def parse(buffer: bytes, register_map: RegisterMap | None = None, asked: bytes = b"") -> Parsed:
+    """The reply (or a request) at the start of `buffer`; without a map its registers as they are.
+
+    `asked` are unit and function of the only replies that count, where they are known.
+    """
     if len(buffer) < 2:
         return None
     unit, function = buffer[0], buffer[1]
@@ -322,7 +366,7 @@ def parse(buffer: bytes, register_map: RegisterMap | None = None) -> Parsed:
     length = 5 + buffer[2]
     if buffer[2] and buffer[2] % 2 == 0:
         if len(buffer) >= length and _is_whole(buffer[:length]):
-            return _reply(buffer[:length], register_map)
+            return _reply(buffer[:length], register_map, asked)
     else:
         length = 0
     if len(buffer) >= REQUEST_LENGTH and _is_whole(buffer[:REQUEST_LENGTH]):
@@ -350,9 +394,11 @@ def _request(buffer: bytes) -> Record:
     )
 
 
-def _reply(frame: bytes, register_map: RegisterMap | None) -> Parsed:
+def _reply(frame: bytes, register_map: RegisterMap | None, asked: bytes) -> Parsed:
     registers = struct.unpack(f">{frame[2] // 2}H", frame[3:-2])
     note = f"reply of unit {frame[0]}, function {frame[1]}, {len(registers)} registers"
+    if not frame.startswith(asked):
+        return Rejected(len(frame), f"{note}; asked were unit {asked[0]}, function {asked[1]}")
     if register_map is None:
         values = (Value(float(count), "", f"register {place}") for place, count in enumerate(registers))
         return Record.of(len(frame), values, note)
@@ -363,9 +409,9 @@ def _reply(frame: bytes, register_map: RegisterMap | None) -> Parsed:
     return Record.of(len(frame), register_map.values(registers), note)
 
 
-def layout(register_map: RegisterMap | None) -> Layout:
-    """The layout of replies; with a map, what they mean."""
-    return Layout(partial(parse, register_map=register_map), LONGEST)
+def layout(register_map: RegisterMap | None, request: bytes = b"") -> Layout:
+    """The layout of replies, those to `request` alone if it is given; with a map, what they mean."""
+    return Layout(partial(parse, register_map=register_map, asked=request[:2]), LONGEST)
 
 
 class Modbus(SerialDriver):
@@ -403,7 +449,7 @@ class Modbus(SerialDriver):
         register_map = load_map(name)
         request = pack_request(_unit(settings), register_map.function, register_map.first, register_map.count)
         port = open_port(settings, _line(settings, register_map), clock)
-        replies = layout(register_map)
+        replies = layout(register_map, request)
         meter.first_reply(port, request, replies, settings.name, _HINT)
         keys = [channel.name for channel in register_map.channels if channel.unit == register_map.unit]
         names = options.labels(settings, keys)
@@ -417,7 +463,7 @@ class Modbus(SerialDriver):
 
 def _unit(settings: DeviceSettings) -> int:
     """The number of the instrument on its line; 0 addresses all of them and is never answered."""
-    return int(options.number(settings, "unit", 1, (1, HIGHEST_UNIT)))
+    return options.whole(settings, "unit", 1, (1, HIGHEST_UNIT))
 
 
 def _component(settings: DeviceSettings, port: Port, register_map: RegisterMap) -> str:
@@ -425,13 +471,14 @@ def _component(settings: DeviceSettings, port: Port, register_map: RegisterMap) 
     if register_map.type_register is None:
         return register_map.measures.get("", "")
     request = pack_request(_unit(settings), register_map.function, register_map.type_register, 1)
-    found = port.read(layout(None), meter.REPLY_TIMEOUT_S, request)
+    replies = layout(None, request)
+    found = port.read(replies, meter.REPLY_TIMEOUT_S, request)
     while found is not None and not found.record.numbers:  # some adapters echo the request
-        found = port.read(layout(None), meter.REPLY_TIMEOUT_S)
+        found = port.read(replies, meter.REPLY_TIMEOUT_S)
     return "" if found is None else register_map.measures.get(int(found.record.numbers[0]), "")
 
 
 def _line(settings: DeviceSettings, register_map: RegisterMap) -> Line:
     line = register_map.line
-    parity = options.text(settings, "parity", line.parity, ("N", "E", "O"))
-    return Line(int(options.number(settings, "baud", line.baud)), line.bits, parity, line.stop)
+    parity = options.text(settings, "parity", line.parity, PARITIES)
+    return Line(baud(settings, line.baud), line.bits, parity, line.stop)

@@ -1,9 +1,9 @@
 """Position and time of an NMEA 0183 receiver.
 
 4800 or 9600 8N1; ``$`` ... ``*`` check CR LF. RMC, GGA and ZDA are read (by pynmeagps), the others let by.
-A sentence without its check, or one the receiver itself calls invalid, gives no value. The moment a
-sentence arrives is off by up to 0.7 s and wanders, so its time is recorded as the device's own and never
-sets a clock.
+A sentence without its check, or one the receiver itself calls invalid or not measured, gives no value. The
+moment a sentence arrives is off by up to 0.7 s and wanders, so its time is recorded as the device's own and
+never sets a clock.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from typing import Any
 from fieldkit.drivers import options
 from fieldkit.drivers.decoding import Decoded, Layout, Parsed, Record, Rejected, Value, decode_records
 from fieldkit.drivers.meters import meter
-from fieldkit.drivers.ports import Line, SerialDriver, open_port
-from fieldkit.model.clock import Clock
+from fieldkit.drivers.ports import Line, SerialDriver, baud, open_port
+from fieldkit.model.clock import Clock, utc_ns
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import Quality
@@ -31,6 +31,10 @@ LINE = Line(9600)
 CHANNELS = (("latitude", "°"), ("longitude", "°"), ("altitude", "m"))
 UNIT = "degree degree m"
 READ = ("RMC", "GGA", "ZDA")
+NOT_MEASURED = ("E", "M", "S", "N")
+QUALITY_NOT_MEASURED = (0, 6, 7, 8)
+"""Modes of RMC and qualities of GGA that are no fix: none, estimated, entered by hand, simulated."""
+
 _SENTENCE = re.compile(rb"\$([A-Z0-9]{3,}(?:,[\x20-\x7e]*?)?)\*([0-9A-Fa-f]{2})")
 _HINT = "give the receiver a view of the sky; baud = 4800 for older ones"
 
@@ -82,14 +86,15 @@ def _parse(sentence: bytes) -> Any:
 def _meaning(message: Any, length: int) -> Parsed:
     if message.msgID == "GGA":
         return _gga(message, length)
-    valid = message.msgID == "ZDA" or message.status == "A"
+    measured = getattr(message, "posMode", "") not in NOT_MEASURED  # absent before NMEA 2.3
+    valid = message.msgID == "ZDA" or (message.status == "A" and measured)
     place = () if message.msgID == "ZDA" else _place(message.lat, message.lon, valid)
     moment = _moment(message)
     if moment is None:
         return Record.of(length, place, f"{message.msgID} without a time")
     when = (Value(moment.timestamp(), "s since 1970", "utc"),) if valid else ()
     note = f"{message.msgID} {moment:%Y-%m-%d %H:%M:%S.%f} UTC"
-    return Record.of(length, (*place, *when), note, round(moment.timestamp() * 1e9))
+    return Record.of(length, (*place, *when), note, utc_ns(moment))
 
 
 def _moment(message: Any) -> datetime | None:
@@ -103,7 +108,7 @@ def _moment(message: Any) -> datetime | None:
 
 
 def _gga(message: Any, length: int) -> Record:
-    valid = message.quality not in ("", 0)
+    valid = message.quality not in ("", *QUALITY_NOT_MEASURED)
     altitude = _number(message.alt) if valid else math.nan
     height = Value(altitude, "m", "altitude", _quality(math.isfinite(altitude)))
     counts = (Value(_number(message.quality), "", "fix"), Value(_number(message.numSV), "", "satellites"))
@@ -152,8 +157,7 @@ class Nmea(SerialDriver):
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
         """Open the port and wait for the first sentence."""
-        line = Line(int(options.number(settings, "baud", LINE.baud)))
-        port = open_port(settings, line, clock)
+        port = open_port(settings, Line(baud(settings, LINE.baud)), clock)
         meter.first_record(port, LAYOUT, settings.name, _HINT, settings.every_s)
         names = options.labels(settings, [name for name, _ in CHANNELS])
         info = meter.describe(settings, port, LAYOUT, "position", UNIT, names)

@@ -36,7 +36,7 @@ from fieldkit.drivers.meters import meter
 from fieldkit.drivers.meters.board_sensors import SENSORS, Sensor
 from fieldkit.drivers.meters.meter import STREAM_UNITS
 from fieldkit.drivers.options import decoding_settings
-from fieldkit.drivers.ports import Line, Port, SerialDriver, open_port
+from fieldkit.drivers.ports import Line, Port, SerialDriver, baud, open_port
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DecodeError
@@ -373,7 +373,7 @@ class Text(SerialDriver):
         """
         settings = _completed(settings)
         grammar = _grammar(settings)
-        port = open_port(settings, Line(int(options.number(settings, "baud", LINE.baud))), clock)
+        port = open_port(settings, Line(baud(settings, LINE.baud)), clock)
         grammar, first = _first_values(port, grammar, settings, clock)
         shown = _quantity(first) or first.channels[0].unit
         unit = STREAM_UNITS.get(shown, shown)
@@ -395,16 +395,20 @@ def _first_values(
 ) -> tuple[Grammar, Record]:
     """The first line with values, and how to read those after it: by the header before it.
 
-    Without a known unit it may be a message of a board that starts: two alike are taken for values.
+    Without a known unit it may be a message of a board that starts: two alike are taken for values. A line
+    that was being printed when the port was opened lacks its first channels, so the first of all is not taken
+    but from a board that prints rarely.
     """
     within_s, given, before = max(PREAMBLE_S, 3.0 * settings.every_s), grammar.columns, Record(0)
+    is_whole = settings.every_s > meter.SLOW_S
     end_ns = clock.mono_ns() + int(within_s * 1e9)
     while clock.mono_ns() < end_ns:
         first = _next(port, grammar, settings)
-        has_value = any(Quality.NO_VALUE not in one.quality for one in first.channels)
+        is_whole = is_whole or port.framer.rejected > 0
+        has_value = is_whole and any(Quality.NO_VALUE not in one.quality for one in first.channels)
         if has_value and (_quantity(first) or first.channels == before.channels):
             return grammar, first
-        before = first
+        before, is_whole = first, True
         grammar = replace(grammar, columns=given or header([first.note]) or grammar.columns)
     raise DecodeError(
         f"{settings.name}: only comments and headers from {port.path}, the last one {before.note[:60]!r}",

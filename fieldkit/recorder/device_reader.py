@@ -1,8 +1,8 @@
 """One device's reading thread: read, stamp, queue; a lost device is reopened.
 
-A device is lost when its driver reports it, when it stays silent past its deadline, or when its image is
-frozen. It is closed, and reopened by its identity after 1, 2, 4 ... 30 s for as long as the recording lasts;
-the other devices continue.
+A device is lost when its driver reports it or fails, when it stays silent past its deadline, or when its
+image is frozen. It is closed, and reopened by its identity after 1, 2, 4 ... 30 s for as long as the
+recording lasts; the other devices continue.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import Camera, Device, StreamInfo
 from fieldkit.model.durations import precise_duration
-from fieldkit.model.errors import DeviceError, DeviceLostError, FieldkitError
+from fieldkit.model.errors import DeviceError, DeviceLostError
 from fieldkit.model.limits import bounds_of, flagged
 from fieldkit.model.samples import Event, EventKind, Frame, Quality, Sample, Severity, is_usable
 from fieldkit.model.units import MINUTE_NS, SECOND_NS
@@ -74,6 +74,7 @@ class DeviceReader:
         self._indicators: tuple[str, ...] = ()
         self._indicators_until_ns = 0
         self._rejected_before = 0
+        self._has_begun = False
         self._started_ns = self._next_burst_ns = clock.mono_ns()
         self._thread = threading.Thread(target=self._run, name=f"read-{self.info.name}", daemon=True)
         self.ready: threading.Event = threading.Event()
@@ -115,7 +116,6 @@ class DeviceReader:
         with self._clock.taking_part():
             self.ready.set()
             try:
-                self._handling_loss(self._begin)
                 while self._is_active():
                     self._handling_loss(self._read)
             except Exception as error:  # becomes an event, so that the other devices continue
@@ -128,8 +128,11 @@ class DeviceReader:
                 self._close()
 
     def _begin(self) -> None:
-        """Skip what was buffered since the device was opened: its time of arrival is unknown."""
-        self._started_ns = self._clock.mono_ns()
+        """Skip what was buffered while the device was opened.
+
+        Its time of arrival is unknown, and it may be of before the driver's commands (gain, temperatures).
+        """
+        self._started_ns, self._has_begun = self._clock.mono_ns(), True
         if isinstance(self._device, Camera):
             period_s = 1.0 / self.info.rate_hz if self.info.rate_hz > 0 else 0.0
             self._device.skip_until(self._started_ns + round(period_s * SECOND_NS))
@@ -142,9 +145,13 @@ class DeviceReader:
         try:
             work()
         except DeviceError as error:
-            self._reconnect(error)
+            self._reconnect(error.message)
+        except Exception as error:  # a driver's mistake costs a moment, not the stream
+            self._reconnect(f"unexpected error: {error!r}", Severity.ERROR)
 
     def _read(self) -> None:
+        if not self._has_begun:
+            self._begin()
         if self._sampling.every_s is not None and isinstance(self._device, Camera):
             self._read_burst(self._device, round(self._sampling.every_s * SECOND_NS))
         else:
@@ -242,18 +249,21 @@ class DeviceReader:
         interval_s = 1.0 / self.info.rate_hz if self.info.rate_hz > 0 else 5.0
         return max(2.0 * interval_s, 2.0)
 
-    def _reconnect(self, error: DeviceError) -> None:
+    def _reconnect(self, reason: str, severity: Severity = Severity.WARNING) -> None:
         lost_ns = self._clock.mono_ns()
-        self._report(EventKind.LOST, f"lost: {error.message}", Severity.WARNING)
+        self._report(EventKind.LOST, f"lost: {reason}", severity)
         self._close()
         wait_s = 1.0
         while self._is_active():
             self._pause(wait_s)
             wait_s = min(2.0 * wait_s, LONGEST_BACK_OFF_S)
             if self._is_active() and (device := self._reopened()) is not None:
-                self._device, self._before_loss = device, self._last
+                self._device, self._before_loss, self._has_begun = device, self._last, False
                 gap_s = (self._clock.mono_ns() - lost_ns) / SECOND_NS
-                self._report(EventKind.BACK, f"back after {precise_duration(gap_s)}", data={"gap_s": gap_s})
+                changed = _changes(self.info, device.info)
+                text = "; ".join([f"back after {precise_duration(gap_s)}", *changed])
+                severity = Severity.WARNING if changed else Severity.INFO
+                self._report(EventKind.BACK, text, severity, {"gap_s": gap_s})
                 self._flag_another_scale(device.info)
                 return
 
@@ -261,7 +271,7 @@ class DeviceReader:
         """The reopened device, or None while it does not respond or its samples do not fit the stream."""
         try:
             device = self._reopen()
-        except FieldkitError:
+        except Exception:  # a driver may fail in any way; the next try is due
             return None
         if self.info.has_the_columns_of(device.info):
             return device
@@ -300,3 +310,17 @@ class DeviceReader:
         utc = self._clock.to_utc_ns(now)
         name = self.info.name
         self._queue.put_event(Event(kind, now, utc, f"{name}: {text}", name, severity, data or {}))
+
+
+def _changes(before: StreamInfo, now: StreamInfo) -> list[str]:
+    """What a reopened instrument reports otherwise than before: it is another, or lost its settings."""
+    old, new = (
+        {"model": one.model, "serial_number": one.serial_number, "firmware": one.firmware, **one.settings}
+        for one in (before, now)
+    )
+    both = [key for key in old if old[key] != "" and new.get(key, "") != ""]
+    return [
+        f"its {key.replace('_', ' ')} is {new[key]}, was {old[key]}"
+        for key in both
+        if repr(old[key]) != repr(new[key])  # NaN is as before
+    ]

@@ -17,7 +17,7 @@ from fieldkit.drivers import registry
 from fieldkit.drivers.discovery import ConnectedDevice, discover, is_device
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings, StreamInfo
-from fieldkit.model.errors import ConfigError, DeviceError
+from fieldkit.model.errors import ConfigError, DeviceError, DeviceNotFoundError
 from fieldkit.model.radiation import COMPONENTS, measured
 from fieldkit.recording.opening import SIMULATED
 from fieldkit.recording.preflight import STATE_UNIT, UNKNOWN_UNIT
@@ -97,14 +97,20 @@ def add_devices(file: Path, stated: Stated | None = None, ask: Ask = Question.re
     ConfigError
         The configuration is invalid, or its instruments are simulated.
     """
-    done = AddedDevices()
+    done, left = AddedDevices(), dict(stated or {})
     for device in discover()[0]:
         config = _config(file)
         try:
-            _add(config, device, {**(stated or {}).get(id_of(device), {})}, ask, done)
+            _add(config, device, {**left.pop(id_of(device), {})}, ask, done)
         except (ConfigError, DeviceError) as error:
             done.failures.append(error)
+    done.failures.extend(map(_not_connected, left))
     return done
+
+
+def _not_connected(identity: str) -> DeviceNotFoundError:
+    fix = "fieldkit devices shows the identities of what is connected"
+    return DeviceNotFoundError(f"no instrument {identity} is connected", fix=fix)
 
 
 def id_of(device: ConnectedDevice) -> str:

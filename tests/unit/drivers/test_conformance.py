@@ -11,6 +11,7 @@ from fieldkit.drivers import conformance, registry
 from fieldkit.drivers.conformance import check_driver
 from fieldkit.drivers.meters.center import Center309
 from fieldkit.drivers.meters.lutron import Lutron
+from fieldkit.drivers.meters.modbus import Modbus
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceLostError
@@ -42,6 +43,12 @@ def test_meter_that_answers_conforms_on_its_port(wire):
     settings = DeviceSettings("t", "center-309", port=wire.path, every_s=0.05)
     outcomes = list(check_driver(Center309(), HostClock(), settings, wire))
     assert set(levels(outcomes).values()) == {"ok"}, outcomes
+
+
+def test_an_instrument_that_does_not_open_is_reported_with_what_to_do(wire):
+    settings = DeviceSettings("t", "modbus", port=wire.path)
+    (failed,) = [one for one in check_driver(Modbus(), HostClock(), settings) if one.level == "fail"]
+    assert failed.text.splitlines()[1].startswith("  fix: map = one of")
 
 
 @pytest.fixture

@@ -2,7 +2,9 @@
 
 import pytest
 
-from fieldkit.drivers import discovery
+from fieldkit.drivers import discovery, registry
+from fieldkit.drivers.identity import usb_parent
+from fieldkit.drivers.meters.lutron import Lutron
 from tests.harness.connected import plugged_in
 
 
@@ -54,3 +56,24 @@ def test_other_usb_devices_are_none_of_its_business(sysfs):
     assert not [
         fact for fact in discovery.check_instruments(sysfs("1-2", "046d", "c52b")) if "/dev/bus" in fact.what
     ]
+
+
+def test_an_instrument_that_is_unplugged_while_it_is_looked_at_is_none(sysfs):
+    folder = sysfs("1-2", "1a86", "e008") / "bus/usb/devices/1-2"
+    assert usb_parent(folder).product == 0xE008
+    (folder / "idProduct").unlink()
+    assert usb_parent(folder) is None
+
+
+def test_a_driver_that_cannot_look_for_its_instruments_does_not_hide_those_of_others(monkeypatch):
+    class Broken(Lutron):
+        name = "broken"
+
+        def find(self):
+            raise OSError("no library")
+
+    plugged_in(monkeypatch)
+    monkeypatch.setattr(registry, "load_all", lambda: ([Broken(), Lutron()], []))
+    devices, problems = discovery.discover()
+    assert devices == []
+    assert problems == ["the driver 'broken' finds nothing: OSError: no library"]

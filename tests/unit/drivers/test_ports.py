@@ -3,11 +3,13 @@ import os
 import subprocess
 import sys
 import time
+from socket import create_server
 from types import SimpleNamespace
 
 import pytest
 
 from fieldkit.drivers import identity, ports
+from fieldkit.drivers.connections import SocketPort
 from fieldkit.drivers.identity import UsbIdentity
 from fieldkit.drivers.meters.lutron import LAYOUT
 from fieldkit.drivers.ports import Line, SerialPort, Stamped, open_failure, open_port
@@ -97,6 +99,40 @@ def test_a_record_that_comes_just_as_the_wait_for_it_ends_is_no_lost_port(wire):
     port = SerialPort(wire.path, Line(9600), Late())
     assert port.read(LAYOUT, 0.05).raw == RECORD
     port.close()
+
+
+class Endless(HostClock):
+    """Whenever something waits, more noise arrives from `say`."""
+
+    is_real = False
+
+    def __init__(self, say):
+        super().__init__()
+        self.say, self.waits = say, 0
+
+    def wait_readable(self, fd, timeout_s):
+        self.waits += 1
+        assert self.waits < 20_000, "it reads on and on"
+        self.say(b"x" * 64)
+        return super().wait_readable(fd, timeout_s)
+
+
+def test_a_line_that_never_falls_silent_does_not_hold_the_reader_up(wire):
+    port = SerialPort(wire.path, Line(9600), Endless(wire.say))
+    assert port.read(LAYOUT, 0.05) is None
+    assert port.framer.rejected
+    port.close()
+
+
+def test_a_connection_that_never_falls_silent_does_not_hold_the_reader_up():
+    with create_server(("127.0.0.1", 0)) as server:
+        clock = Endless(None)
+        port = SocketPort(server.getsockname(), clock, "instrument", "switch it on")
+        far, _ = server.accept()
+        clock.say = far.sendall
+        with far:
+            assert port.read(LAYOUT, 0.05) is None
+        port.close()
 
 
 def test_old_bytes_are_discarded(wire, port):

@@ -8,7 +8,7 @@ import pytest
 
 from fieldkit.model.device import Device, StreamInfo
 from fieldkit.model.errors import ConfigError, DeviceLostError, DeviceNotFoundError
-from fieldkit.model.samples import Event, EventKind, Frame, Quality, Reading
+from fieldkit.model.samples import Event, EventKind, Frame, Quality, Reading, Severity
 from fieldkit.recorder.device_reader import DeviceReader, Sampling
 from fieldkit.recorder.sample_queue import SampleQueue
 from fieldkit.simulation.simulated_clock import SimulatedClock
@@ -193,6 +193,31 @@ def test_an_unreadable_register_map_is_tried_again() -> None:
     assert [event.kind for event in events] == [EventKind.LOST, EventKind.BACK]
 
 
+def test_a_mistake_of_a_driver_costs_a_moment_and_not_the_stream() -> None:
+    class Mistaken(Meter):
+        def read(self, timeout_s: float) -> Reading | None:
+            reading = super().read(timeout_s)
+            if self.clock.mono_ns() - self.start_ns == 5 * S:
+                raise KeyError("a byte that its author did not know")
+            return reading
+
+    tries = []
+
+    def reopen(device: Device) -> Device:
+        tries.append(1)
+        if len(tries) < 2:
+            raise ValueError("unplugged while it was looked for")
+        return device
+
+    samples, events, start_ns = run(Mistaken, reopen, 20.0)
+    assert [(event.kind, event.severity) for event in events] == [
+        (EventKind.LOST, Severity.ERROR),
+        (EventKind.BACK, Severity.INFO),
+    ]
+    assert "a byte that its author did not know" in events[0].text
+    assert (samples[-1].mono_ns - start_ns) / S >= 19.0
+
+
 def test_stop_while_lost_does_not_open_the_device_once_more() -> None:
     opened = []
     run(
@@ -233,6 +258,51 @@ def test_what_waited_since_the_opening_is_left_out() -> None:
 
     samples, _, _ = run(Late, lambda device: device, 3.5)
     assert [sample.values for sample in samples if isinstance(sample, Reading)] == [(1.0,)] * 3
+
+
+def test_what_waited_since_the_device_was_opened_again_is_left_out_too() -> None:
+    """A camera that lost its power buffers frames of its old mode until the driver has set it up again."""
+
+    class Buffering(Camera):
+        def __init__(self, clock: SimulatedClock, start_ns: int) -> None:
+            super().__init__(clock, start_ns)
+            clock.sleep(0.5)  # commands
+            self.buffered = [clock.mono_ns() - n * S // 10 for n in (5, 4, 3, 2, 1)]
+
+        def skip_until(self, mono_ns: int) -> None:
+            """As of a camera without a rate: nothing that is here is let go."""
+
+        def read(self, timeout_s: float) -> Frame | None:  # type: ignore[override]
+            if self.buffered:
+                stamp = self.buffered.pop(0)
+                return Frame("camera", stamp, self.clock.to_utc_ns(stamp), PICTURE + 1, PICTURE[:0])
+            return super().read(timeout_s)
+
+    samples, events, _ = run(
+        lambda c, s: Camera(c, s, frozen=True),
+        lambda device: Buffering(device.clock, device.start_ns),  # type: ignore[attr-defined]
+        4.0,
+    )
+    assert [event.kind for event in events] == [EventKind.LOST, EventKind.BACK]
+    assert len(samples) > 10
+    assert not [one for one in samples if isinstance(one, Frame) and one.counts.any()]
+
+
+def test_another_instrument_or_a_lost_setting_is_reported_when_the_device_is_back() -> None:
+    class Spare(Camera):
+        info = replace(Camera.info, serial_number="22", settings={"emissivity": 1.0, "gain": "high"})
+
+    class First(Camera):
+        info = replace(Spare.info, serial_number="11", settings={"emissivity": 0.95, "gain": "high"})
+
+    _, events, _ = run(
+        lambda c, s: First(c, s, frozen=True),
+        lambda device: Spare(device.clock, device.start_ns),  # type: ignore[attr-defined]
+        3.0,
+    )
+    assert [event.kind for event in events] == [EventKind.LOST, EventKind.BACK]
+    assert events[1].severity is Severity.WARNING
+    assert events[1].text.endswith("; its serial number is 22, was 11; its emissivity is 1.0, was 0.95")
 
 
 def test_stamps_never_decrease_and_never_lie_in_the_future_whatever_a_driver_says() -> None:

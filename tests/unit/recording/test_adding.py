@@ -117,6 +117,14 @@ def test_one_that_fails_keeps_no_other_out(plug, file):
     assert "10c4:ea60:A8" in found["failures"][0]["message"]
 
 
+def test_one_that_is_stated_and_not_connected_is_an_error_by_its_identity(plug, file):
+    plug("A7").talk(LUX)
+    answer = run(file, "--instrument", "10c4:ea60:A7=lutron", "--instrument", "10c4:ea60:A9=lutron")
+    assert answer.exit_code == 4
+    assert "added lux" in answer.stderr
+    assert "no instrument 10c4:ea60:A9 is connected" in answer.stderr
+
+
 def test_a_board_whose_lines_have_no_unit_is_asked_for_it_once(plug, file):
     plug("B1").talk(b"21.5\r\n")
     stated = {"10c4:ea60:B1": {"driver": "text"}}

@@ -132,11 +132,16 @@ def test_serial_side_tells_sensor_and_shutter(reel, serial):
     assert serial.asked == ["radiometric", 0x00050007, "close"]
 
 
-def test_low_gain_needs_its_scale_told(reel, serial):
-    serial.gain = "low"
-    with pytest.raises(DeviceError, match="low gain") as caught:
+@pytest.mark.parametrize("gain", ["low", "automatic", "dual", "manual", "unknown"])
+def test_a_gain_that_is_or_may_become_low_needs_its_scale_told(reel, serial, gain):
+    serial.gain = gain
+    with pytest.raises(DeviceError, match=f"{gain} gain") as caught:
         opened(reel(frame()), radiometric=True)
     assert "kelvin_per_count" in caught.value.fix
+
+
+def test_low_gain_has_the_scale_it_is_told(reel, serial):
+    serial.gain = "low"
     hot = frame(count=14757)  # 295.15 K x 50
     camera = opened(reel(hot, hot), radiometric=True, kelvin_per_count=0.02)
     assert (camera.info.scale, camera.info.settings["gain"]) == (0.02, "low")
@@ -158,6 +163,22 @@ def test_commands_that_fall_silent_are_not_asked_again(reel, serial):
     assert serial.questions == before + 1
     assert math.isnan(later[-1].fpa_temperature_k)
     assert later[-1].quality == Quality.GOOD
+
+
+def test_frames_from_before_the_switch_to_temperatures_are_let_go(reel, serial):
+    """The kernel has buffered frames while the commands were sent; counts at 8192 are 82 K by TLinear."""
+    camera = opened(reel(frame(8192), frame(8192, seed=1), frame(seed=2), frame(seed=3)), radiometric=True)
+    assert camera.info.unit == "K"
+    assert camera.read(1.0).quality == Quality.GOOD
+
+
+def test_answer_to_another_question_of_the_same_number_is_not_taken(wire):
+    """As of before the camera was opened again, when the numbers begin anew."""
+    late = answering(0x0005000C, (2).to_bytes(4, "big"))
+    wire.reply({pack(1, 0x00050030): late + answering(0x00050030, (251).to_bytes(2, "big"))})
+    serial = BosonSerial(wire.path, HostClock())
+    assert serial.fpa_temperature_k() == pytest.approx(298.25)
+    serial.close()
 
 
 def test_radiometric_that_gives_no_temperatures_is_refused(reel, serial):

@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from fieldkit.drivers.cameras.genicam import Genicam, passed
+from fieldkit.drivers.cameras.genicam import Genicam, _temperatures, passed
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import ConfigError, DeviceAccessError
@@ -23,3 +23,27 @@ def test_what_is_missing_is_named_with_how_to_get_it(monkeypatch):
     with pytest.raises(DeviceAccessError, match=r"need aravis 0\.8") as caught:
         Genicam().open(DeviceSettings("ir", "genicam", port="127.0.0.1"), HostClock())
     assert "gir1.2-aravis-0.8" in caught.value.fix
+
+
+class Camera:
+    """FLIR's features, as of an A-series."""
+
+    def __init__(self, emissivity):
+        self.features = {"IRFormat": "Radiometric", "ObjectEmissivity": emissivity}
+
+    def is_feature_available(self, name):
+        return self.features.get(name) is not None
+
+    def set_string(self, name, value):
+        self.features[name] = value
+
+    def get_string(self, name):
+        return self.features[name]
+
+    get_float = get_string
+
+
+@pytest.mark.parametrize(("emissivity", "reported"), [(0.95, 0.95), (1.0, 1.0), (None, None)])
+def test_the_emissivity_that_the_camera_applies_is_reported(emissivity, reported):
+    facts = _temperatures(Camera(emissivity), DeviceSettings("ir", "genicam"))
+    assert (facts["kelvin_per_count"], facts.get("emissivity")) == (0.01, reported)

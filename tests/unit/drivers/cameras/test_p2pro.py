@@ -196,6 +196,15 @@ def test_emissivity_may_be_read_back_one_count_lower(far, monkeypatch):
     assert connected(far, monkeypatch, emissivity=1.0)[1]["camera_emissivity_counts"] == 127
 
 
+@pytest.mark.parametrize(("counts", "applied"), [(128, 1.0), (127, 1.0), (122, 0.9531), (64, 0.5)])
+def test_the_emissivity_that_the_camera_applies_is_reported(far, monkeypatch, counts, applied):
+    """128 counts are 1 by the maker's header, 127 by the public program: neither is a correction."""
+    far.properties[3] = counts
+    assert connected(far, monkeypatch)[1]["emissivity"] == applied
+    far.properties[3] = 0  # no reply
+    assert "emissivity" not in connected(far, monkeypatch)[1]
+
+
 @pytest.mark.parametrize(
     "options", [{"gain": "medium"}, {"emissivity": 95}, {"distance_m": -1}, {"auto_shutter": "off"}]
 )

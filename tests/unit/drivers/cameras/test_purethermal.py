@@ -255,3 +255,20 @@ def test_public_recording_of_a_purethermal_3(reel):
     kelvin = frames[0].counts * camera.info.scale
     assert kelvin.mean() - 273.15 == pytest.approx(22.760, abs=0.001)
     assert dataclasses.replace(camera.info).shape == tuple(expected["shape"])
+
+
+def test_a_damaged_first_frame_declares_nothing(reel):
+    """Cut before its telemetry and marked so by the kernel, it has the length of a frame without."""
+    cut = Buffer(frame()[: 2 * 120 * 160], 10**9, 0, error=True)
+    camera = opened(reel(cut, frame(w20=28), frame(w20=29)))
+    assert (camera.info.metadata_shape, camera.info.scale) == ((2, 160), 0.01)
+
+
+@pytest.mark.parametrize(
+    "other", [bytes(2 * 80 * 63), frame()[: 2 * 120 * 160]], ids=["80x60", "no telemetry"]
+)
+def test_frames_of_another_size_than_declared_are_none_so_that_the_camera_is_opened_again(reel, other):
+    camera = opened(reel(frame(), other, frame(w20=30)))
+    assert camera.read(1.0) is None
+    assert camera.rejected == 1
+    assert camera.read(1.0).counts.shape == camera.info.shape

@@ -94,6 +94,14 @@ def test_packets_are_found_among_replies_and_noise():
     assert decoded.values[1].value == pytest.approx(302.43)
 
 
+def test_half_a_packet_does_not_take_the_next_one_with_it():
+    decoded = TCam().decode(image()[:20_000] + image(), {})
+    assert decoded.notes == ("frame of 160x120",)
+    assert [(one.length, one.reason) for one in decoded.rejected] == [
+        (20_000, "a packet begins before this one ends")
+    ]
+
+
 def test_bytes_without_an_end_are_dropped_at_once():
     parsed = parse(b"\x02" + bytes([65]) * (LAYOUT.longest - 1))
     assert isinstance(parsed, Rejected)

@@ -66,6 +66,29 @@ def test_fewer_names_than_channels_leave_the_others_out(daemon):
     device.close()
 
 
+def test_a_report_with_every_field_has_room_in_the_recording(daemon):
+    """Fields of gpsd_json(5), from a receiver by the name that udev links."""
+    names = (
+        "altHAE altMSL alt epx epy epv epd eps epc eph sep track magtrack magvar speed climb ecefx ecefy "
+        "ecefz ecefvx ecefvy ecefvz ecefpAcc ecefvAcc velN velE velD geoidSep relN relE relD dgpsAge "
+        "dgpsSta baseS clockbias clockdrift jam temp"
+    )
+    device = "/dev/serial/by-id/usb-u-blox_AG_-_www.u-blox.com_u-blox_GNSS_receiver-if00"
+    fields = {
+        "class": "TPV",
+        "device": device,
+        "mode": 3,
+        "time": "2026-11-21T02:15:30.000Z",
+        "lat": -35.689447123,
+        "lon": -179.755020123,
+        **dict.fromkeys(names.split(), -3961234.1234),
+    }
+    reading = json.dumps(fields, separators=(",", ":")).encode()
+    meter = Gpsd().open(DeviceSettings("gps", "gpsd", port=daemon), HostClock())
+    assert 1024 < len(reading) <= meter.info.raw_bytes
+    meter.close()
+
+
 def test_no_gpsd_says_how_to_start_it():
     with pytest.raises(DeviceNotFoundError) as caught:
         Gpsd().open(DeviceSettings("gps", "gpsd", port="127.0.0.1:1"), HostClock())
@@ -77,7 +100,9 @@ def test_position_without_a_fix_is_no_value():
     assert {value.quality for value in record.values} == {Quality.NO_VALUE}
 
 
-@pytest.mark.parametrize("time", ["2016-12-31T23:59:60.000Z", 1479695730.0, None])
+@pytest.mark.parametrize(
+    "time", ["2016-12-31T23:59:60.000Z", "9999-12-31T23:59:59Z", "2026-11-21T02:15:30", 1479695730.0, None]
+)
 def test_position_with_a_time_that_cannot_be_held_is_still_one(time):
     record = parse(line(**{"class": "TPV", "mode": 2, "time": time, "lat": 46.5, "lon": 7.5}))
     assert (record.values[0].value, record.device_time) == (46.5, NO_COUNTER)
@@ -90,6 +115,7 @@ def test_position_with_a_time_that_cannot_be_held_is_still_one(time):
         (b"[]\n", "not an object"),
         (b"17\n", "not an object"),
         (b'{"class":"PPS"}\n', "'clock_sec' is missing"),
+        (b'{"class":"PPS","real_sec":1,"real_nsec":0,"clock_sec":1,"clock_nsec":1e999}\n', "not a number"),
         (b'{"class":"TPV","mode":3,"lat":"x"}\n', "not a gpsd report"),
         (b'{"class":"TPV","mode":3,"lat":95.0,"lon":7.0}\n', "not on the Earth"),
     ],
@@ -98,3 +124,17 @@ def test_what_is_no_report_is_rejected(text, reason):
     rejected = parse(text)
     assert isinstance(rejected, Rejected)
     assert reason in rejected.reason
+
+
+@pytest.mark.parametrize(("status", "is_fix"), [(1, True), (2, True), (5, False), (8, False)])
+def test_a_position_that_is_reckoned_or_simulated_is_no_value(status, is_fix):
+    """gpsd_json(5): status 1 normal, 2 DGPS, 5 DR, 8 simulated."""
+    record = parse(
+        line(**{"class": "TPV", "mode": 3, "status": status, "lat": 46.5, "lon": 7.5, "altMSL": 600})
+    )
+    assert [value.quality == Quality.GOOD for value in record.values] == [is_fix] * 3
+
+
+def test_a_height_beyond_numbers_is_none():
+    record = parse(b'{"class":"TPV","mode":3,"lat":46.5,"lon":7.5,"altMSL":1e999}\n')
+    assert str(record.values[2].value) == "nan"

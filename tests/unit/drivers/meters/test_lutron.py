@@ -66,6 +66,11 @@ def test_thermometer_stores_kelvin_per_display(opened):
     assert values[1] == pytest.approx(273.15 - 12.7)
 
 
+@pytest.mark.parametrize("turn", [LUX + T2, T2 + LUX], ids=["light first", "temperature first"])
+def test_a_light_meter_with_a_thermocouple_is_one_of_light_whatever_comes_first(opened, turn):
+    assert opened(turn).info.quantity == "illuminance"
+
+
 def test_open_probe_is_no_value(opened):
     reading = opened(NO_PROBE, labels=["reference", "bed"]).read(1.0)
     assert all(math.isnan(value) for value in reading.values)

@@ -101,6 +101,88 @@ def test_map_that_says_badly_what_it_measures_is_refused(tmp_path, given, compla
         load_map(str(mine))
 
 
+def sealed(hexadecimal):
+    body = bytes.fromhex(hexadecimal)
+    return body + crc16(body).to_bytes(2, "little")
+
+
+@pytest.mark.parametrize("head", ["02 04", "01 03"], ids=["unit 2", "function 3"])
+def test_reply_of_another_instrument_or_function_on_the_line_is_not_ours(wire, head):
+    """Modbus over Serial Line 1.02, 2.4.1: a reply of an unexpected slave does not end the waiting."""
+    other = sealed(f"{head} 10 00 01 00 00 00 00 00 64 00 64 00 00 00 F8 00 EA")
+    wire.reply({pack_request(1, 4, 2, 8): other + SMP})
+    device = Modbus().open(settings(wire, map="kipp-smp"), HostClock())
+    assert device.read(1.0).values == (997.0, 997.0)
+    assert device.rejected == 2
+    assert "asked were unit 1, function 4" in device.rejected_because
+    device.close()
+
+
+@pytest.mark.parametrize("scale", ["7F FF", "00 0A", "80 00"])
+def test_a_scale_register_without_a_scale_leaves_no_value(scale):
+    reply = sealed(f"01 04 10 00 01 00 00 {scale} 03 E5 03 E5 00 00 00 F8 00 EA")
+    irradiance = Modbus().decode(reply, OPTIONS).values[0]
+    assert math.isnan(irradiance.value)
+    assert Quality.NO_VALUE in irradiance.quality
+
+
+@pytest.mark.parametrize(
+    ("kind", "no_value", "registers", "is_open"),
+    [
+        (
+            "s16",
+            0xD8F1,
+            [0xD8F1],
+            True,
+        ),  # -9999, as the instrument's paper may write it, or as a program shows it
+        ("s16", -9999, [0xD8F1], True),
+        ("f32", -9999, [0xC61C, 0x3C00], True),  # IEEE 754: C61C3C00
+        ("s32", 0x7FFFFFFF, [0x7FFF, 0xFFFF], True),
+        ("u32", 0, [0x0000, 0xEA60], False),  # 60000: its high word is zero, it is not
+        ("u32", 0, [0x0000, 0x0000], True),
+    ],
+)
+def test_counts_that_mean_no_value_are_those_of_the_whole_channel(kind, no_value, registers, is_open):
+    own = RegisterMap(
+        "x", "temperature", "°C", Line(), 3, 0, len(registers), (Channel("T1", 0, kind),), (no_value,)
+    )
+    assert math.isnan(own.values(registers)[0].value) is is_open
+
+
+@pytest.mark.parametrize("registers", [(0x43FA, 0x0000), (0x43FA, 0x2000), (0x4452, 0xECCD)])
+def test_a_float_read_with_its_words_in_the_wrong_order_is_not_zero(registers):
+    """500, 500.25 and 843.7 W/m2 by IEEE 754; exchanged they are 2.4e-41, 1.1e-19 and -2e27."""
+    for low_first in (False, True):
+        channel = Channel("sun", 0, "f32", "W/m²", words_low_first=low_first)
+        own = RegisterMap("x", "irradiance", "W/m²", Line(), 3, 0, 2, (channel,), limits=(-100.0, 2000.0))
+        assert math.isnan(own.values(registers)[0].value) is low_first
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("first = 0", "first = -1", "first -1 and count 8"),
+        ("first = 0", "first = 65530", "not within 65536 registers"),
+        ("count = 8", "count = inf", "count = inf is not a whole number"),
+        ("register = 0", "register = 1.5", "register = 1.5 is not a whole number"),
+        ("scale = 0.1", 'scale = "0.1"', "scale = '0.1' is not a number"),
+        ("scale = 0.1", "scale = inf", "scale = inf is not a number"),
+        ("scale = 0.1", "offset = [1]", r"offset = \[1\] is not a number"),
+        ("repeat = 8", "repeat = 1000000000000", "is not between 1 and 125"),
+        ("repeat = 8", "repeat = true", "repeat = True is not a whole number"),
+        ("[[channel]]", "[status]\nregister = 1.5\n[[channel]]", "cannot be interpreted as an integer"),
+        ("[[channel]]", "[status]\nbits = [{bit = -1, word = 'x'}]\n[[channel]]", "bits 0 to 15"),
+    ],
+)
+def test_values_that_no_map_can_have_are_named_when_it_is_read(tmp_path, old, new, said):
+    from fieldkit.drivers.meters.modbus import FOLDER
+
+    mine = tmp_path / "mine.toml"
+    mine.write_text((FOLDER / "rtd-8.toml").read_text().replace(old, new, 1))
+    with pytest.raises(ConfigError, match=said):
+        load_map(str(mine))
+
+
 def test_void_data_are_stale(wire):
     wire.reply({pack_request(1, 4, 2, 8): VOID})
     device = Modbus().open(settings(wire, map="kipp-smp"), HostClock())

@@ -103,3 +103,27 @@ def test_a_receiver_that_still_shows_its_last_place_without_a_fix_gives_no_value
     ]
     assert len(places) == 3
     assert all(math.isnan(one.value) and one.quality == Quality.NO_VALUE for one in places)
+
+
+@pytest.mark.parametrize(
+    ("mode", "is_fix"),
+    [(b"A", True), (b"D", True), (b"R", True), *((one, False) for one in (b"E", b"M", b"S", b"N"))],
+)
+def test_a_mode_without_a_measured_position_gives_neither_place_nor_time(mode, is_fix):
+    """NMEA 0183 3.0, RMC: status is V for all modes but A, D, F, P, R; some receivers write A."""
+    record = parse(signed(b"GPRMC,021530.00,A,3541.3668,N,13945.3012,E,0.02,77.52,211126,,," + mode))
+    assert [value.quality == Quality.GOOD for value in record.values[:2]] == [is_fix] * 2
+    assert [value.channel for value in record.values[2:]] == ["utc"] * is_fix
+
+
+@pytest.mark.parametrize(
+    ("quality", "is_fix"), [(1, True), (5, True), (9, True), (0, False), (6, False), (7, False), (8, False)]
+)
+def test_a_quality_without_a_measured_position_gives_no_place(quality, is_fix):
+    """NMEA 0183 3.0, GGA: 6 estimated (dead reckoning), 7 manual input, 8 simulator; NovAtel's 9 is SBAS."""
+    sentence = b"GPGGA,021530.00,3541.3668,N,13945.3012,E,%d,11,0.86,38.4,M,39.5,M,,0000" % quality
+    assert [value.quality == Quality.GOOD for value in parse(signed(sentence)).values[:3]] == [is_fix] * 3
+
+
+def test_a_date_that_no_session_can_hold_is_a_rejected_sentence():
+    assert isinstance(parse(signed(b"GPZDA,021530.00,21,11,9999,00,00")), Rejected)

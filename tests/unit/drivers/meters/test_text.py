@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fieldkit.drivers.decoding import Record, Rejected
-from fieldkit.drivers.meters.text import Grammar, Text
+from fieldkit.drivers.meters.text import Grammar, Text, _first_values
+from fieldkit.drivers.ports import Framer
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import ConfigError, DecodeError, DeviceTimeoutError
@@ -310,3 +311,36 @@ def test_whatever_a_board_prints_is_a_record_or_a_reason(line):
     parsed = Grammar(("a_c", "b")).parse(line.encode() + b"\n")
     assert parsed.length == len(line.encode()) + 1
     assert isinstance(parsed, Record) or parsed.reason
+
+
+class Lines:
+    """A port that was opened in the middle of the first line."""
+
+    path = "the test"
+
+    def __init__(self, *lines):
+        self.lines, self.framer = list(lines), Framer(0)
+
+    def read(self, layout, timeout_s):
+        return self.framer.feed(layout, self.lines.pop(0), 0) if self.lines else None
+
+
+@pytest.mark.parametrize(
+    ("part", "line", "unit", "names"),
+    [
+        (b" C, T2=22.5 C, T3=23 C\n", b"T1=21.5 C, T2=22.5 C, T3=23 C\n", "", ["T1", "T2", "T3"]),
+        (b"=22.5 C, T3=23 C\n", b"T1=21.5 C, T2=22.5 C, T3=23 C\n", "", ["T1", "T2", "T3"]),
+        (b".5\n", b"21.5,22.5\n", "°C", ["column 1", "column 2"]),
+    ],
+)
+def test_the_line_that_was_being_printed_when_the_port_was_opened_declares_nothing(part, line, unit, names):
+    board = DeviceSettings("board", "text")
+    _, first = _first_values(Lines(part, line, line), Grammar(unit=unit), board, HostClock())
+    assert [channel.name for channel in first.channels] == names
+
+
+@pytest.mark.parametrize(("before", "every_s"), [(b"# ready\n", 1.0), (b"temp_c\n", 1.0), (b"", 30.0)])
+def test_a_line_behind_another_is_whole_and_that_of_a_slow_board_is_not_missed(before, every_s):
+    lines = Lines(*filter(None, [before, b"T1=21.5 C\n", b"T1=22.5 C\n"]))
+    board = DeviceSettings("board", "text", every_s=every_s)
+    assert _first_values(lines, Grammar(), board, HostClock())[1].numbers == (21.5,)
