@@ -140,10 +140,32 @@ def test_a_second_header_is_refused_where_its_columns_are_others(tmp_path: Path)
         readings(tmp_path, first + again.replace("T1 [C],T2 [C]", "T2 [C],T1 [C]"))
 
 
+def test_a_second_header_is_refused_where_its_units_are_others(tmp_path: Path) -> None:
+    first = "time,T1,n\n,[C],\n2026-06-11 12:00:00,20.5,9\n2026-06-11 12:01:00,21.5,9\n"
+    again = "time,T1,n\n,[C],\n2026-06-11 12:02:00,22.5,9\n2026-06-11 12:03:00,23.5,9\n"
+    assert len(readings(tmp_path, first + again)) == 4
+    assert len(readings(tmp_path, first + again.replace(",[C],\n", ""))) == 4
+    with pytest.raises(ConfigError, match="row 5 is a header with other columns"):
+        readings(tmp_path, first + again.replace("[C]", "[F]"))
+
+
+@pytest.mark.parametrize("closed", ["", '"'])
+def test_a_quote_that_swallows_rows_is_refused(tmp_path: Path, closed: str) -> None:
+    rows = [f"2026-06-11 12:0{m}:00,20.{m},{note}\n" for m, note in enumerate(["", '"dry', "", closed, ""])]
+    with pytest.raises(ConfigError, match=f"a quote opens a cell that goes on to line {5 if closed else 6}"):
+        readings(tmp_path, "".join(["time,T [C],note\n", *rows]))
+    comment = [*rows[:1], '2026-06-11 12:01:00,20.1,"dry,\nthen wet"\n', *rows[4:]]
+    assert len(readings(tmp_path, "".join(["time,T [C],note\n", *comment]))) == 3
+
+
 def test_columns_of_one_name_are_told_apart(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     path.write_text("time,T [C],T [C]\n2026-06-11 12:00:00,20.5,21\n2026-06-11 12:01:00,21.5,22\n")
     assert read_log(path, "x", LogOptions(zone=UTC)).streams[0].channels == ("T", "T 2")
+    path.write_text(
+        "time,T [C],T [C],T 2 [C]\n2026-06-11 12:00:00,20.5,21,9\n2026-06-11 12:01:00,21.5,22,9\n"
+    )
+    assert read_log(path, "x", LogOptions(zone=UTC)).streams[0].channels == ("T", "T 2", "T 2 2")
     second = read_log(path, "x", LogOptions(zone=UTC, columns=LogColumns(values=("T 2",))))
     assert [one.values[0] for one in second.samples if isinstance(one, Reading)] == [294.15, 295.15]
 
