@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, fields, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, get_args
 from zoneinfo import ZoneInfo
 
 from fieldkit.config import Config, find_campaign, load_config
@@ -16,8 +17,9 @@ from fieldkit.estimation.instruments import sunlight_source
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.errors import ConfigError, FieldkitError
 from fieldkit.model.limits import rows_of
+from fieldkit.model.radiation import COMPONENTS
 from fieldkit.model.samples import Severity
-from fieldkit.model.site import Site, apart_m
+from fieldkit.model.site import Site, apart_m, known_zone
 from fieldkit.results import import_flir
 from fieldkit.results.session import Session, open_session
 from fieldkit.results.sources import SessionOrFile, log_warning, reading
@@ -45,7 +47,7 @@ NEAR_M = 2000.0
 class ImportOptions:
     """Facts that an imported recording does not state itself.
 
-    An option that its format does not use is refused.
+    An option that its format does not use is refused. Raises `ConfigError` for a value that no recording has.
 
     Parameters
     ----------
@@ -102,6 +104,20 @@ class ImportOptions:
     keep: Keep | None = None
     measures: str = ""
     encoding: str = "utf-8-sig"
+
+    def __post_init__(self) -> None:
+        scale = 1.0 if self.kelvin_per_count is None else self.kelvin_per_count
+        offset_s = 0.0 if self.offset_s == AUTO else self.offset_s
+        for is_wrong, field, fix in (
+            (self.zone and known_zone(self.zone) is None, "zone", "--zone Asia/Tokyo, or --zone UTC"),
+            (scale <= 0.0 or math.isinf(scale), "kelvin_per_count", "--kelvin-per-count 0.01, or none"),
+            (not math.isfinite(self.kelvin_at_zero), "kelvin_at_zero", "--kelvin-at-zero 273.15"),
+            (not math.isfinite(offset_s), "offset_s", "--clock-offset +83s, or auto"),
+            (self.keep not in (None, *get_args(Keep)), "keep", "--keep first, or last"),
+            (self.measures not in ("", *COMPONENTS), "measures", f"--measures of {', '.join(COMPONENTS)}"),
+        ):
+            if is_wrong:
+                raise ConfigError(f"{getattr(self, field)!r} is not a valid value of {_flag(field)}", fix=fix)
 
 
 @dataclass(frozen=True)

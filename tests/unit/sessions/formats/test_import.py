@@ -7,6 +7,7 @@ import json
 import struct
 from datetime import UTC
 from pathlib import Path
+from typing import Any
 from zoneinfo import ZoneInfo
 
 import cv2
@@ -16,7 +17,8 @@ import pytest
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import EventKind, Frame, Quality, Severity
 from fieldkit.model.site import Site
-from fieldkit.sessions.formats.imported import bunched, flag_bunched, write_imported
+from fieldkit.results.importing import ImportOptions
+from fieldkit.sessions.formats.imported import bunched, flag_bunched, possible, write_imported
 from fieldkit.sessions.formats.purethermal_files import is_purethermal, read_purethermal
 from fieldkit.sessions.formats.stills import Scale, read_stills
 from fieldkit.sessions.formats.times import parse_times_ns
@@ -559,3 +561,27 @@ def test_tags_that_opencv_does_not_know_are_no_news(
     found = read_stills(path, Scale(0.01), time_format="%Y%m%dT%H%M%S", zone=UTC)
     assert len(list(found.samples)) == 1
     assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize(
+    ("given", "wrong"),
+    [
+        ({"zone": "Mars/Utopia"}, "'Mars/Utopia' is not a valid value of zone"),
+        ({"kelvin_per_count": 0.0}, "0.0 is not a valid value of kelvin_per_count"),
+        ({"kelvin_per_count": -0.01}, "-0.01 is not a valid value of kelvin_per_count"),
+        ({"kelvin_at_zero": float("nan")}, "nan is not a valid value of kelvin_at_zero"),
+        ({"offset_s": float("inf")}, "inf is not a valid value of offset_s"),
+        ({"keep": "middle"}, "'middle' is not a valid value of keep"),
+        ({"measures": "par"}, "'par' is not a valid value of measures"),
+    ],
+)
+def test_options_that_no_recording_has_are_refused(given: dict[str, Any], wrong: str) -> None:
+    with pytest.raises(ConfigError, match=wrong):
+        ImportOptions(**given)
+
+
+@pytest.mark.parametrize(("scale", "is_named"), [(0.04, False), (0.01, True), (float("nan"), False)])
+def test_frames_that_cannot_be_are_named(tmp_path: Path, scale: float, is_named: bool) -> None:
+    folder = tiffs(tmp_path / "f", ["20260512.tif"])
+    imported = possible(read_stills(folder, Scale(scale), time_format="%Y%m%d", zone=UTC), {}, SITE)
+    assert any("possible: 175 to 440" in text for _, text in imported.notes) is is_named
