@@ -42,13 +42,18 @@ class ImportedRecording:
 
 
 def imported_reading(
-    stream: str, time_ns: int, values: tuple[float, ...], raw: bytes = b"", row: int = NO_COUNTER
+    stream: str,
+    time_ns: int,
+    values: tuple[float, ...],
+    raw: bytes = b"",
+    row: int = NO_COUNTER,
+    quality: Quality = Quality.GOOD,
 ) -> Reading:
     """A reading of a table or file, by which every importer makes its readings.
 
     `row` is its line in the source, the first being 1; the session keeps it as `device_seq`.
     """
-    return Reading(stream, time_ns, time_ns, values, raw, device_seq=row)
+    return Reading(stream, time_ns, time_ns, values, raw, quality, device_seq=row)
 
 
 def possible(

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from fieldkit.model.errors import ConfigError, SessionError
-from fieldkit.model.samples import Event, EventKind, Frame, Reading
+from fieldkit.model.samples import Event, EventKind, Frame, Quality, Reading
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.palettes import palette
 from fieldkit.physics.camera_laws import ht301
@@ -27,6 +27,7 @@ from fieldkit.results.session import open_session
 from fieldkit.sessions.file_tree import LIBVER
 from fieldkit.sessions.formats.exports import EXPORTS
 from fieldkit.sessions.formats.images_out import export_pngs, export_tiffs, export_video
+from fieldkit.sessions.formats.logs import read_log
 from fieldkit.sessions.formats.mcap_out import export_mcap
 from fieldkit.sessions.formats.stills import Scale, read_stills
 from fieldkit.sessions.formats.tables_out import as_text, export_netcdf, export_tables
@@ -143,6 +144,23 @@ def test_tables_are_tidy_and_come_back(session: SessionReader, tmp_path: Path, k
 @pytest.fixture(scope="module")
 def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return small_session(tmp_path_factory.mktemp("small") / "field.h5")
+
+
+def test_tables_of_meters_come_back_with_times_values_and_flags(tmp_path: Path) -> None:
+    lux = HEADER.streams[1]
+    clock = CountedClock()
+    writer = SessionWriter(tmp_path / "a.h5", replace(HEADER, streams=(lux,)), clock)
+    flags = [Quality.GOOD, Quality.OVERRANGE, Quality.STALE | Quality.DROPPED_BEFORE]
+    for seq, quality in enumerate(flags):
+        now = clock.mono_ns()
+        writer.append(sample(lux, seq, now, clock.to_utc_ns(now))._replace(quality=quality))
+    writer.close()
+    with open_session(tmp_path / "a.h5") as session:
+        table, stored = export_tables(session, tmp_path, "csv")[0], session.readings(lux.name)
+    imported = [one for one in read_log(table, "x").samples if isinstance(one, Reading)]
+    assert [one.quality for one in imported] == flags == stored.flags.tolist()
+    assert [one.time_ns // 1000 for one in imported] == [at // 1000 for at in stored.time_ns.tolist()]
+    np.testing.assert_allclose([one.values for one in imported], stored.values, rtol=1e-11)
 
 
 @pytest.mark.parametrize("name", EXPORTS)
