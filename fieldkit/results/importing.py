@@ -32,7 +32,7 @@ from fieldkit.sessions.formats.merged import aligned, cut_to, merge
 from fieldkit.sessions.formats.purethermal_files import is_purethermal, read_purethermal
 from fieldkit.sessions.formats.stations import read_station
 from fieldkit.sessions.formats.xdf import read_xdf
-from fieldkit.sessions.layout import SessionHeader
+from fieldkit.sessions.layout import SessionHeader, is_stream_name
 from fieldkit.sessions.reader import SessionReader
 from fieldkit.sessions.seal import SealReport
 from fieldkit.weather import is_station_file
@@ -109,6 +109,7 @@ class ImportOptions:
         scale = 1.0 if self.kelvin_per_count is None else self.kelvin_per_count
         offset_s = 0.0 if self.offset_s == AUTO else self.offset_s
         for is_wrong, field, fix in (
+            (self.name and not is_stream_name(self.name), "name", "--as logger2"),
             (self.zone and known_zone(self.zone) is None, "zone", "--zone Asia/Tokyo, or --zone UTC"),
             (scale <= 0.0 or math.isinf(scale), "kelvin_per_count", "--kelvin-per-count 0.01, or none"),
             (not math.isfinite(self.kelvin_at_zero), "kelvin_at_zero", "--kelvin-at-zero 273.15"),
@@ -366,7 +367,7 @@ def _refuse_unused(source: Path, options: ImportOptions, unused: AbstractSet[str
 
 def _flag(field: str) -> str:
     """The option of the command line that sets a field of `ImportOptions`."""
-    others = {"offset_s": "--clock-offset", "columns": "--column", "time_columns": "--time"}
+    others = {"name": "--as", "offset_s": "--clock-offset", "columns": "--column", "time_columns": "--time"}
     return others.get(field, f"--{field.replace('_', '-')}")
 
 

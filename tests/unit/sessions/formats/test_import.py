@@ -566,6 +566,8 @@ def test_tags_that_opencv_does_not_know_are_no_news(
 @pytest.mark.parametrize(
     ("given", "wrong"),
     [
+        ({"name": "events"}, "'events' is not a valid value of name"),
+        ({"name": "a/b"}, "'a/b' is not a valid value of name"),
         ({"zone": "Mars/Utopia"}, "'Mars/Utopia' is not a valid value of zone"),
         ({"kelvin_per_count": 0.0}, "0.0 is not a valid value of kelvin_per_count"),
         ({"kelvin_per_count": -0.01}, "-0.01 is not a valid value of kelvin_per_count"),
