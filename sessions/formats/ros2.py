@@ -16,6 +16,7 @@ from typing import IO, TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldkit.disk import replacing
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import Event, Frame, Reading, Severity
@@ -92,7 +93,11 @@ def export_ros2(
     """
     path = folder / f"{session.path.stem}{'' if stream is None else f'-{stream}'}-ros2.mcap"
     names = tuple(session.streams) if stream is None else (session.stream(stream).info.name,)
-    with path.open("wb") as file, ros2_writer(file) as writer:
+    with (
+        replacing(path, synced=False) as draft,
+        draft.open("wb") as file,
+        ros2_writer(file) as writer,
+    ):
         schemas = {
             kind: writer.register_msgdef(kind, definition({"": text})) for kind, text in _DEFINITIONS.items()
         }
@@ -200,7 +205,11 @@ def write_maps(
     if risk is not None:
         grid = _occupancy_grid(layers[risk], ground, time_ns)
         messages.append(("/occupancy_grid", "nav_msgs/msg/OccupancyGrid", _OCCUPANCY_GRID, grid))
-    with path.open("wb") as file, ros2_writer(file) as writer:
+    with (
+        replacing(path, synced=False) as draft,
+        draft.open("wb") as file,
+        ros2_writer(file) as writer,
+    ):
         for topic, kind, parts, message in messages:
             schema = writer.register_msgdef(kind, definition(parts))
             writer.write_message(topic, schema, {"header": head, **message}, time_ns, time_ns)

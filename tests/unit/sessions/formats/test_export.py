@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import math
+import resource
 import shutil
 from collections.abc import Callable
 from dataclasses import asdict, replace
@@ -16,7 +17,7 @@ import h5py
 import numpy as np
 import pytest
 
-from fieldkit.model.errors import ConfigError, SessionError
+from fieldkit.model.errors import ConfigError, SessionError, StorageError
 from fieldkit.model.samples import Event, EventKind, Frame, Quality, Reading
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.palettes import palette
@@ -161,6 +162,24 @@ def test_tables_of_meters_come_back_with_times_values_and_flags(tmp_path: Path) 
     assert [one.quality for one in imported] == flags == stored.flags.tolist()
     assert [one.time_ns // 1000 for one in imported] == [at // 1000 for at in stored.time_ns.tolist()]
     np.testing.assert_allclose([one.values for one in imported], stored.values, rtol=1e-11)
+
+
+@pytest.mark.parametrize("name", EXPORTS)
+def test_a_disk_that_takes_no_more_leaves_no_part_of_a_file(name: str, small: Path, tmp_path: Path) -> None:
+    """The limit of a process's files stands for a full disk."""
+    pytest.importorskip("mcap_ros2")
+    export(small, name, tmp_path / "whole")
+    whole = {path.name: path.stat().st_size for path in (tmp_path / "whole").iterdir()}
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (max(whole.values()) * 3 // 4, before[1]))
+    try:
+        with pytest.raises(StorageError, match="cannot write") as caught:
+            export(small, name, tmp_path / "full")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert caught.value.fix
+    left = {path.name: path.stat().st_size for path in (tmp_path / "full").iterdir()}
+    assert all(whole[name] == pytest.approx(size, rel=0.02) for name, size in left.items())
 
 
 @pytest.mark.parametrize("name", EXPORTS)
