@@ -11,7 +11,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime, tzinfo
-from itertools import chain, pairwise
+from itertools import chain, groupby, pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -97,6 +97,7 @@ def read_log(path: Path, name: str, options: LogOptions = AS_WRITTEN) -> Importe
     channels, about_columns = channels_of(path, table, options)
     _refuse_marks(path, table, channels)
     rows, about_times = _timed_rows(path, table, options)
+    _refuse_several_things(path, table, rows)
     notes = [*about_times, *about_columns]
     return recording_of(path.name, name, channels, rows, options, notes, _flags_at(table))
 
@@ -155,16 +156,37 @@ def _timed_rows(path: Path, table: Table, options: LogOptions) -> tuple[list[Tim
     return ordered, notes + about_order
 
 
+def _refuse_several_things(path: Path, table: Table, rows: Sequence[TimedRow]) -> None:
+    """Refuse rows that are of several things at one time, which a column of words tells apart."""
+    groups = [list(group) for _, group in groupby(rows, key=lambda row: row.time_ns)]
+    several = [group for group in groups if len(group) > 1]
+    if 2 * sum(map(len, several)) < len(rows):
+        return
+    for place in _free(table):
+        words = [[cell_of(row.cells, place) for row in group] for group in several]
+        is_telling = all(len(set(group)) == len(group) for group in words)
+        if is_telling and all(math.isnan(_number(_cell(row.cells, place))) for row in rows):
+            head = table.columns[place].head
+            raise ConfigError(
+                f"{path}: rows of one time are of several things, told apart by {head!r}",
+                fix="give each a column of its own, or import the rows of each on their own",
+            )
+
+
 def _too_long(table: Table) -> dict[int, ConfigError]:
-    """Rows with more cells than the header, in which no cell can be trusted to stand in its column."""
+    """Rows with more cells than the header, in which no cell can be trusted to stand in its column.
+
+    A header that ends in a separator names nothing there: digits below that may be a number's decimals.
+    """
     width = len(table.columns)
+    named_width = max((place for place, one in enumerate(table.columns, start=1) if one.head), default=0)
     return {
         place: ConfigError(
-            f"it has {len(row.cells)} cells, the header {width}",
+            f"it has {len(row.cells)} cells, the header {named_width}",
             fix="quote cells with a separator in them, and write decimals with points",
         )
         for place, row in enumerate(table.rows)
-        if any(row.cells[width:])
+        if any(row.cells[width:]) or any(cell.isdecimal() for cell in row.cells[named_width:])
     }
 
 

@@ -132,6 +132,24 @@ def test_a_row_longer_than_the_header_is_excluded_by_its_number(tmp_path: Path) 
         readings(tmp_path, "time,T [C]\n2026-06-11 12:00:00,20,5\n2026-06-11 12:01:00,21,5\n")
 
 
+def test_decimals_below_a_header_that_ends_in_a_separator_are_no_column(tmp_path: Path) -> None:
+    rows = "".join(f"2026-06-11 12:0{m}:00,20,5,\n" for m in range(3))
+    with pytest.raises(ConfigError, match="row 2: it has 4 cells, the header 2"):
+        readings(tmp_path, f"time,T [C],\n{rows}")
+    assert len(readings(tmp_path, "time,T [C],\n" + rows.replace(",5,", ",wet"))) == 3
+
+
+@pytest.mark.parametrize("order", ["time,region", "region,time"])
+def test_rows_of_several_things_at_one_time_are_refused(tmp_path: Path, order: str) -> None:
+    """As `fieldkit export --to csv` writes the temperatures of regions."""
+    cells = [(f"2026-06-11 12:0{m}:00.5", region) for m in range(3) for region in ("flat", "b05")]
+    place = 1 if order == "time,region" else -1
+    rows = "".join(f"{','.join(row[::place])},20.5\n" for row in cells)
+    with pytest.raises(ConfigError, match="of several things, told apart by 'region'"):
+        readings(tmp_path, f"{order},T [C]\n{rows}")
+    assert len(readings(tmp_path, f"{order},T [C]\n{rows}".replace("b05", "flat"))) == 6
+
+
 def test_a_second_header_is_refused_where_its_columns_are_others(tmp_path: Path) -> None:
     first = "time,T1 [C],T2 [C]\n2026-06-11 12:00:00,20.5,9\n2026-06-11 12:01:00,21.5,9\n"
     again = "time,T1 [C],T2 [C]\n2026-06-11 12:02:00,22.5,9\n2026-06-11 12:03:00,23.5,9\n"
