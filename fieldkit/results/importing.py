@@ -344,6 +344,8 @@ def read_source(source: Path, options: ImportOptions) -> ImportedRecording:
 
     Raises `ConfigError` if none does, or if an option is given that the format does not use.
     """
+    if not source.is_file() and not source.is_dir():  # a pipe or a device may never end
+        raise ConfigError(f"{source} is neither a file nor a folder", fix="check the path")
     for found in _FORMATS:
         if found.fits(source):
             unused = {field.name for field in fields(options)} - _OF_ALL - found.uses

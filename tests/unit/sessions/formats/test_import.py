@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import json
+import os
 import struct
 from datetime import UTC
 from pathlib import Path
@@ -17,7 +18,7 @@ import pytest
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import EventKind, Frame, Quality, Severity
 from fieldkit.model.site import Site
-from fieldkit.results.importing import ImportOptions
+from fieldkit.results.importing import ImportOptions, read_source
 from fieldkit.sessions.formats.imported import bunched, flag_bunched, possible, write_imported
 from fieldkit.sessions.formats.purethermal_files import is_purethermal, read_purethermal
 from fieldkit.sessions.formats.stills import Scale, read_stills
@@ -580,6 +581,14 @@ def test_tags_that_opencv_does_not_know_are_no_news(
 def test_options_that_no_recording_has_are_refused(given: dict[str, Any], wrong: str) -> None:
     with pytest.raises(ConfigError, match=wrong):
         ImportOptions(**given)
+
+
+def test_pipes_and_devices_are_refused_before_they_are_read(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "log.csv")
+    (tmp_path / "zero.csv").symlink_to("/dev/zero")
+    for name in ("log.csv", "zero.csv", "missing.csv"):
+        with pytest.raises(ConfigError, match="is neither a file nor a folder"):
+            read_source(tmp_path / name, ImportOptions())
 
 
 @pytest.mark.parametrize(("scale", "is_named"), [(0.04, False), (0.01, True), (float("nan"), False)])
