@@ -98,7 +98,7 @@ def read_log(path: Path, name: str, options: LogOptions = AS_WRITTEN) -> Importe
     _refuse_marks(path, table, channels)
     rows, about_times = _timed_rows(path, table, options)
     _refuse_several_things(path, table, rows)
-    notes = [*about_times, *about_columns]
+    notes = [*about_times, *about_columns, *_on_end(table)]
     return recording_of(path.name, name, channels, rows, options, notes, _flags_at(table))
 
 
@@ -414,6 +414,13 @@ def middles_ns(ends_ns: Sequence[int]) -> list[int]:
 
 
 # --- notes
+
+
+def _on_end(table: Table) -> Notes:
+    if table.has_end:
+        return []
+    text = f"row {table.rows[-1].number} does not end its line: was the file cut off within its last number?"
+    return [(Severity.INFO, text)]
 
 
 def _on_option(option: str, given: str, applied: Sequence[str], stated: Sequence[str]) -> Notes:

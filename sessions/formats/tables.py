@@ -72,7 +72,7 @@ class Table:
     """Columns, rows, and the places of the time: one column, or date, time of day, fraction of the second.
 
     `has_decimal_commas`: a comma in a number is its decimal point; `zone` is of the times, where the file
-    states it.
+    states it. Without `has_end` the file ends within its last line.
     """
 
     columns: list[Column]
@@ -80,6 +80,7 @@ class Table:
     time_at: tuple[int, ...]
     has_decimal_commas: bool
     zone: tzinfo | None = None
+    has_end: bool = True
 
     def time_text(self, row: Row) -> str:
         """The cells of a row's time as one text."""
@@ -128,7 +129,8 @@ def read_table(
     time_at = tuple(place_of(path, columns, name) for name in time_names) or _time_at(
         path, columns, body, date
     )
-    return Table(columns, body, time_at, delimiter != ",", _zone((names, *below), rows[:first], time_at))
+    zone = _zone((names, *below), rows[:first], time_at)
+    return Table(columns, body, time_at, delimiter != ",", zone, text.endswith(("\n", "\r")))
 
 
 def place_of(path: Path, columns: Sequence[Column], name: str) -> int:

@@ -150,6 +150,12 @@ def test_rows_of_several_things_at_one_time_are_refused(tmp_path: Path, order: s
     assert len(readings(tmp_path, f"{order},T [C]\n{rows}".replace("b05", "flat"))) == 6
 
 
+def test_a_file_that_ends_within_a_line_is_named(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text("time,T [C]\n2026-06-11 12:00:00,20.5\n2026-06-11 12:01:00,2")
+    notes = [text for _, text in read_log(tmp_path / "log.csv", "x", LogOptions(zone=UTC)).notes]
+    assert any("row 3 does not end its line" in text for text in notes)
+
+
 def test_a_second_header_is_refused_where_its_columns_are_others(tmp_path: Path) -> None:
     first = "time,T1 [C],T2 [C]\n2026-06-11 12:00:00,20.5,9\n2026-06-11 12:01:00,21.5,9\n"
     again = "time,T1 [C],T2 [C]\n2026-06-11 12:02:00,22.5,9\n2026-06-11 12:03:00,23.5,9\n"
