@@ -157,7 +157,7 @@ def _timed_rows(path: Path, table: Table, options: LogOptions) -> tuple[list[Tim
 
 
 def _refuse_several_things(path: Path, table: Table, rows: Sequence[TimedRow]) -> None:
-    """Refuse rows that are of several things at one time, which a column of words tells apart."""
+    """Refuse rows of several things at one time, as a column of words shows."""
     groups = [list(group) for _, group in groupby(rows, key=lambda row: row.time_ns)]
     several = [group for group in groups if len(group) > 1]
     if 2 * sum(map(len, several)) < len(rows):
@@ -168,7 +168,7 @@ def _refuse_several_things(path: Path, table: Table, rows: Sequence[TimedRow]) -
         if is_telling and all(math.isnan(_number(_cell(row.cells, place))) for row in rows):
             head = table.columns[place].head
             raise ConfigError(
-                f"{path}: rows of one time are of several things, told apart by {head!r}",
+                f"{path}: rows of one time are of several things, by their {head!r}",
                 fix="give each a column of its own, or import the rows of each on their own",
             )
 

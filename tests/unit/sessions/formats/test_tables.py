@@ -145,7 +145,7 @@ def test_rows_of_several_things_at_one_time_are_refused(tmp_path: Path, order: s
     cells = [(f"2026-06-11 12:0{m}:00.5", region) for m in range(3) for region in ("flat", "b05")]
     place = 1 if order == "time,region" else -1
     rows = "".join(f"{','.join(row[::place])},20.5\n" for row in cells)
-    with pytest.raises(ConfigError, match="of several things, told apart by 'region'"):
+    with pytest.raises(ConfigError, match="of several things, by their 'region'"):
         readings(tmp_path, f"{order},T [C]\n{rows}")
     assert len(readings(tmp_path, f"{order},T [C]\n{rows}".replace("b05", "flat"))) == 6
 
