@@ -43,6 +43,11 @@ RESERVED_NAMES = frozenset(
 """Groups of the file itself; no stream may have such a name."""
 
 
+def is_stream_name(name: str) -> bool:
+    """True if a stream of a session may have that name, which is its group's in the file."""
+    return bool(name) and name not in RESERVED_NAMES and "/" not in name and not name.startswith(".")
+
+
 @dataclass(frozen=True, slots=True)
 class SessionHeader:
     """Facts known about a session before its first sample.
@@ -67,7 +72,7 @@ class SessionHeader:
         if len(set(names)) < len(names):
             raise ValueError(f"two streams have the same name: {', '.join(names)}")
         for name in names:
-            if not name or name in RESERVED_NAMES or "/" in name or name.startswith("."):
+            if not is_stream_name(name):
                 raise ValueError(f"{name!r} cannot be the name of a stream")
         for info in self.streams:
             _check_stream(info)

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from fieldkit.model.clock import ClockCheck
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import SessionError, message_of
-from fieldkit.model.samples import Event, Health, Quality, Sample
+from fieldkit.model.samples import Event, EventKind, Health, Quality, Sample
 from fieldkit.sessions.chunks import PackedBlock, PackedChunk, corners, read_chunk, unpack
 from fieldkit.sessions.journal import Chunk, SessionIdentity
 from fieldkit.sessions.journal_reader import JournalReader
@@ -46,6 +46,7 @@ from fieldkit.sessions.time_map import corrections, row_crc32s
 _KINDS: tuple[type[Entry], ...] = (RegionRecord, Event, ClockCheck, Health, MinuteRecord)
 
 _READING_BLOCK = 1024
+_CUT_IMPORT = "it was being imported, and the rest of its source is missing: delete it and import it again"
 
 Log = JournalReader | SqliteJournal
 
@@ -66,6 +67,7 @@ class Salvage:
         self._journal = self._try_journal()
         self._session = self._try_session()
         self._is_finished = self._session is not None and self._session.was_finished
+        self._is_import = False
         self.identity: SessionIdentity = self._identity()
         nothing = (0,) * (len(self.identity.header.streams) + 1)
         self._written = self._journal.written if self._journal is not None else nothing
@@ -81,8 +83,9 @@ class Salvage:
 
     @property
     def damage(self) -> list[str]:
-        """In words, what could not be read, of the file and of the journal."""
-        return [*dict.fromkeys(self._file_damage), *self._journal_damage]
+        """In words, what could not be read, of the file and of the journal, or was not yet written."""
+        cut = [_CUT_IMPORT] if self._is_cut_import else []
+        return [*dict.fromkeys(self._file_damage), *self._journal_damage, *cut]
 
     @property
     def losses(self) -> list[str]:
@@ -93,7 +96,14 @@ class Salvage:
     @property
     def has_end(self) -> bool:
         """True if the last record there ever was is known: from the journal, or from a file once finished."""
-        return self._is_finished if self._journal is None else self._journal.has_end
+        if self._journal is None:
+            return self._is_finished
+        return self._journal.has_end and not self._is_cut_import
+
+    @property
+    def _is_cut_import(self) -> bool:
+        """True if the entries are of an import that ended before its source did: its journal looks whole."""
+        return self._is_import and self._journal is not None and not self._is_finished
 
     @property
     def _journal_damage(self) -> list[str]:
@@ -189,6 +199,7 @@ class Salvage:
             theirs = [entry for entry in stored if isinstance(entry, kind)]
             more = _together(ours, theirs) if self._journal_damage else max(ours, theirs, key=len)
             found += len(more)
+            self._is_import |= any(isinstance(one, Event) and one.kind is EventKind.IMPORTED for one in more)
             yield from more
         if (lost := self._written[-1] - found) > 0:
             what = "events, slopes and records of health"

@@ -94,7 +94,10 @@ def export(
             target.mkdir(parents=True, exist_ok=True)
             files, problems = _written(opened, target, chosen, used)
         except OSError as error:
-            raise StorageError(f"cannot write into {target}: {error.strerror or error}") from error
+            raise StorageError(
+                f"cannot write into {target}: {error.strerror or error}",
+                fix="name a folder that can be written and has room: -o DIR",
+            ) from error
         return Export(target, tuple(files), (*problems, *_damage(opened, chosen)))
 
 

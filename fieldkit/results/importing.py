@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, fields, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, get_args
 from zoneinfo import ZoneInfo
 
 from fieldkit.config import Config, find_campaign, load_config
@@ -16,8 +17,9 @@ from fieldkit.estimation.instruments import sunlight_source
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.errors import ConfigError, FieldkitError
 from fieldkit.model.limits import rows_of
+from fieldkit.model.radiation import COMPONENTS
 from fieldkit.model.samples import Severity
-from fieldkit.model.site import Site, apart_m
+from fieldkit.model.site import Site, apart_m, known_zone
 from fieldkit.results import import_flir
 from fieldkit.results.session import Session, open_session
 from fieldkit.results.sources import SessionOrFile, log_warning, reading
@@ -30,7 +32,7 @@ from fieldkit.sessions.formats.merged import aligned, cut_to, merge
 from fieldkit.sessions.formats.purethermal_files import is_purethermal, read_purethermal
 from fieldkit.sessions.formats.stations import read_station
 from fieldkit.sessions.formats.xdf import read_xdf
-from fieldkit.sessions.layout import SessionHeader
+from fieldkit.sessions.layout import SessionHeader, is_stream_name
 from fieldkit.sessions.reader import SessionReader
 from fieldkit.sessions.seal import SealReport
 from fieldkit.weather import is_station_file
@@ -45,7 +47,7 @@ NEAR_M = 2000.0
 class ImportOptions:
     """Facts that an imported recording does not state itself.
 
-    An option that its format does not use is refused.
+    An option that its format does not use is refused. Raises `ConfigError` for a value that no recording has.
 
     Parameters
     ----------
@@ -102,6 +104,21 @@ class ImportOptions:
     keep: Keep | None = None
     measures: str = ""
     encoding: str = "utf-8-sig"
+
+    def __post_init__(self) -> None:
+        scale = 1.0 if self.kelvin_per_count is None else self.kelvin_per_count
+        offset_s = 0.0 if self.offset_s == AUTO else self.offset_s
+        for is_wrong, field, fix in (
+            (self.name and not is_stream_name(self.name), "name", "--as logger2"),
+            (self.zone and known_zone(self.zone) is None, "zone", "--zone Asia/Tokyo, or --zone UTC"),
+            (scale <= 0.0 or math.isinf(scale), "kelvin_per_count", "--kelvin-per-count 0.01, or none"),
+            (not math.isfinite(self.kelvin_at_zero), "kelvin_at_zero", "--kelvin-at-zero 273.15"),
+            (not math.isfinite(offset_s), "offset_s", "--clock-offset +83s, or auto"),
+            (self.keep not in (None, *get_args(Keep)), "keep", "--keep first, or last"),
+            (self.measures not in ("", *COMPONENTS), "measures", f"--measures of {', '.join(COMPONENTS)}"),
+        ):
+            if is_wrong:
+                raise ConfigError(f"{getattr(self, field)!r} is not a valid value of {_flag(field)}", fix=fix)
 
 
 @dataclass(frozen=True)
@@ -327,6 +344,8 @@ def read_source(source: Path, options: ImportOptions) -> ImportedRecording:
 
     Raises `ConfigError` if none does, or if an option is given that the format does not use.
     """
+    if not source.is_file() and not source.is_dir():  # a pipe or a device may never end
+        raise ConfigError(f"{source} is neither a file nor a folder", fix="check the path")
     for found in _FORMATS:
         if found.fits(source):
             unused = {field.name for field in fields(options)} - _OF_ALL - found.uses
@@ -350,7 +369,7 @@ def _refuse_unused(source: Path, options: ImportOptions, unused: AbstractSet[str
 
 def _flag(field: str) -> str:
     """The option of the command line that sets a field of `ImportOptions`."""
-    others = {"offset_s": "--clock-offset", "columns": "--column", "time_columns": "--time"}
+    others = {"name": "--as", "offset_s": "--clock-offset", "columns": "--column", "time_columns": "--time"}
     return others.get(field, f"--{field.replace('_', '-')}")
 
 

@@ -24,6 +24,7 @@ from fieldkit.model.clock import utc_ns
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.physics.facet import FloatArray
+from fieldkit.sessions.formats.tables import refuse_swallowed
 
 Row = Mapping[str, str | None]
 LIGHT_COLUMNS = ("irradiance_w_m2", "ghi_w_m2", "illuminance_lx")
@@ -66,6 +67,7 @@ def _filled(path: Path, reader: csv.DictReader[str]) -> Iterator[tuple[int, Row]
         surplus = row.pop(None, [])
         if not any((cell or "").strip() for cell in (*row.values(), *surplus)):
             continue
+        refuse_swallowed(path, reader.line_num, (cell or "" for cell in row.values()), len(row), ",")
         if surplus:
             raise ConfigError(
                 f"{path}, line {reader.line_num} has more cells than columns",

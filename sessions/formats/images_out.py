@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import fieldkit
+from fieldkit.disk import replacing
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, StorageError
 from fieldkit.model.samples import Frame, is_damaged
@@ -63,7 +64,8 @@ def export_tiffs(
         path, time = folder / f"{_stem(session, info)}-{frame.seq:07}.tiff", iso_utc(frame.time_ns)
         flags = tuple(str(flag.name).lower() for flag in frame.quality)
         counts = _tiff_counts(frame, info, step)
-        write_tiff(path, counts, TiffTags(time, step, flags=flags), f"fieldkit {fieldkit.__version__}")
+        with replacing(path, synced=False) as draft:
+            write_tiff(draft, counts, TiffTags(time, step, flags=flags), f"fieldkit {fieldkit.__version__}")
         paths.append(path)
         rows.append((path.name, time))
     return [*paths, _write_times(folder / "times.csv", rows)]
@@ -133,7 +135,7 @@ def export_video(
     import cv2
 
     info = _camera(session, stream)
-    path, film = folder / f"{_stem(session, info)}.mp4", None
+    path, film, count = folder / f"{_stem(session, info)}.mp4", None, 0
     for image in _at_speed(_drawn(session, info, palette, **chosen), speed):
         if film is None:
             code = cv2.VideoWriter.fourcc(*"vp09")
@@ -141,9 +143,13 @@ def export_video(
             if not film.isOpened():
                 raise StorageError(f"cannot write {path}", fix="export --to png, and make a film of them")
         film.write(image)
+        count += 1
     if film is None:
         raise ConfigError(f"{session.path} has no frames", fix=_TABLES)
     film.release()
+    if cv2.VideoCapture(str(path)).get(cv2.CAP_PROP_FRAME_COUNT) < count:  # OpenCV reports no full disk
+        path.unlink()
+        raise StorageError(f"cannot write {path}", fix=_ROOM)
     return [path]
 
 
@@ -197,7 +203,7 @@ def _write_times(table: Path, rows: list[tuple[str, str]]) -> Path:
         with table.open(newline="", encoding="utf-8") as file:
             known = {row[0]: row[1] for row in csv.reader(file) if len(row) == 2}
     known = {"file": "time", **known, **dict(rows)}
-    with table.open("w", newline="", encoding="utf-8") as file:
+    with replacing(table, synced=False) as draft, draft.open("w", newline="", encoding="utf-8") as file:
         csv.writer(file).writerows(known.items())
     return table
 

@@ -42,13 +42,18 @@ class ImportedRecording:
 
 
 def imported_reading(
-    stream: str, time_ns: int, values: tuple[float, ...], raw: bytes = b"", row: int = NO_COUNTER
+    stream: str,
+    time_ns: int,
+    values: tuple[float, ...],
+    raw: bytes = b"",
+    row: int = NO_COUNTER,
+    quality: Quality = Quality.GOOD,
 ) -> Reading:
     """A reading of a table or file, by which every importer makes its readings.
 
     `row` is its line in the source, the first being 1; the session keeps it as `device_seq`.
     """
-    return Reading(stream, time_ns, time_ns, values, raw, device_seq=row)
+    return Reading(stream, time_ns, time_ns, values, raw, quality, device_seq=row)
 
 
 def possible(
@@ -56,12 +61,14 @@ def possible(
 ) -> ImportedRecording:
     """The recording with its implausible readings flagged (`fieldkit.model.limits`), a note on each channel.
 
-    `limits` are rows that differ from the table. Recordings of frames are returned as they are.
+    `limits` are rows that differ from the table. Frames are as they were, with a note where the first of them
+    cannot be: its scale or unit is another.
     """
-    if any(info.is_camera for info in imported.streams):
-        return imported
-    samples, notes = list(imported.samples), list(imported.notes)
     streams = tuple(replace(info, limits=limits) for info in imported.streams)
+    if any(info.is_camera for info in imported.streams):
+        about = tuple(_on_first_frame(next(iter(imported.samples), None), streams[0]))
+        return replace(imported, notes=(*imported.notes, *about))
+    samples, notes = list(imported.samples), list(imported.notes)
     for info in streams:
         places = [place for place, one in enumerate(samples) if one.stream == info.name]
         readings = [one for place in places if isinstance(one := samples[place], Reading)]
@@ -74,6 +81,19 @@ def possible(
         words = (one.words(_place(readings[one.first])) for one in found)
         notes += [(Severity.WARNING, f"{text}; stored, not used") for text in words]
     return replace(imported, streams=streams, samples=samples, notes=tuple(notes))
+
+
+def _on_first_frame(frame: Sample | None, info: StreamInfo) -> Iterator[tuple[Severity, str]]:
+    if not isinstance(frame, Frame):
+        return
+    median_k = (
+        float(np.median(frame.counts)) * info.scale + info.offset
+    )  # NaN where it is not known from counts
+    bounds = bounds_of(info)
+    if bounds.exceeded(np.array([median_k])).any():
+        possible_k = f"possible: {bounds.low[0]:.4g} to {bounds.high[0]:.4g}"
+        text = f"{info.name}: the median of the first frame is {median_k:.6g} K; {possible_k}"
+        yield Severity.WARNING, f"{text}; are its unit and scale right? stored, not used"
 
 
 def _place(reading: Reading) -> str:

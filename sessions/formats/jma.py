@@ -210,7 +210,7 @@ def _notes(
         if marked:
             words = f"{len(marked)} cells that are not plain numbers were excluded, the first {marked[0]!r}"
             yield Severity.WARNING, f"{item.label}: {words}"
-        if len({_cell(row, item.homogeneity) for _, row in body if item.homogeneity >= 0}) > 1:
+        if len({_cell(row, item.homogeneity) for _, row in body if item.homogeneity >= 0} - {""}) > 1:
             yield Severity.WARNING, f"{item.label}: station or instrument changed within the file (均質番号)"
 
 

@@ -11,7 +11,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime, tzinfo
-from itertools import chain, pairwise
+from itertools import chain, groupby, pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,7 +20,7 @@ import numpy as np
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.radiation import UNIT, how_to_state, named
-from fieldkit.model.samples import Reading, Severity
+from fieldkit.model.samples import Quality, Reading, Severity
 from fieldkit.sessions.formats.imported import ImportedRecording, imported_reading, usual_rate_hz
 from fieldkit.sessions.formats.logger_clock import Keep, Notes, TimedRow, counted, in_clock_order, listed
 from fieldkit.sessions.formats.table_units import KNOWN, Unit, known_unit
@@ -35,6 +35,11 @@ from fieldkit.sessions.formats.tables import (
     read_table,
 )
 from fieldkit.sessions.formats.times import Times, plausible_ns, read_times
+
+_EXPORTED = ("seq", "flags", "mono_ns")
+"""The last columns of the tables that fieldkit exports (`fieldkit.sessions.analysis.to_pandas`)."""
+_ALL_FLAGS = 2**32 - 1
+_MOST_RAW = 255
 
 _WITH_COMMA = re.compile(r"[+-]?\d+(,\d+)+(\.\d*)?")
 
@@ -82,8 +87,9 @@ def read_log(path: Path, name: str, options: LogOptions = AS_WRITTEN) -> Importe
     The table has one header line; those of Campbell (TOA5) and HOBOware are recognised. `name` is that of the
     stream, or of the streams with their quantity behind it; `options` give what the table does not: by
     default the time and every column with a known unit are read. Readings are in order of time, cells without
-    a number NaN; averages stamped at the end of their interval are moved into its middle. Raises
-    `ConfigError` with what was found if the table is ambiguous, contradicts an option or cannot be read.
+    a number NaN; averages stamped at the end of their interval are moved into its middle. Tables that
+    fieldkit exported keep their flags. Raises `ConfigError` with what was found if the table is ambiguous,
+    contradicts an option or cannot be read.
     """
     table = read_table(
         path, options.encoding, time_names=options.columns.time, time_format=options.time_format
@@ -91,7 +97,9 @@ def read_log(path: Path, name: str, options: LogOptions = AS_WRITTEN) -> Importe
     channels, about_columns = channels_of(path, table, options)
     _refuse_marks(path, table, channels)
     rows, about_times = _timed_rows(path, table, options)
-    return recording_of(path.name, name, channels, rows, options, [*about_times, *about_columns])
+    _refuse_several_things(path, table, rows)
+    notes = [*about_times, *about_columns, *_on_end(table)]
+    return recording_of(path.name, name, channels, rows, options, notes, _flags_at(table))
 
 
 def recording_of(
@@ -101,10 +109,16 @@ def recording_of(
     rows: Sequence[TimedRow],
     options: LogOptions,
     notes: Notes,
+    flags_at: int = -1,
 ) -> ImportedRecording:
-    """The recording of `read_log`, of a table whose columns and times are known; `what` has the rows."""
-    streams = _streams(name, channels, options.measures, usual_rate_hz([row.time_ns for row in rows]))
-    readings = list(chain.from_iterable(_readings(one, rows) for one in streams))
+    """The recording of `read_log`, of a table whose columns and times are known; `what` has the rows.
+
+    `flags_at` is the column of their `Quality`, -1 without one.
+    """
+    rate_hz = usual_rate_hz([row.time_ns for row in rows])
+    raw_bytes = max(len(_raw(row)) for row in rows)
+    streams = _streams(name, channels, options.measures, rate_hz, raw_bytes)
+    readings = list(chain.from_iterable(_readings(one, rows, flags_at) for one in streams))
     readings.sort(key=lambda reading: reading.time_ns)
     applied = f", clock offset {options.offset_ns / 1e9:+g} s applied" if options.offset_ns else ""
     all_notes = (
@@ -142,16 +156,37 @@ def _timed_rows(path: Path, table: Table, options: LogOptions) -> tuple[list[Tim
     return ordered, notes + about_order
 
 
+def _refuse_several_things(path: Path, table: Table, rows: Sequence[TimedRow]) -> None:
+    """Refuse rows of several things at one time, as a column of words shows."""
+    groups = [list(group) for _, group in groupby(rows, key=lambda row: row.time_ns)]
+    several = [group for group in groups if len(group) > 1]
+    if 2 * sum(map(len, several)) < len(rows):
+        return
+    for place in _free(table):
+        words = [[cell_of(row.cells, place) for row in group] for group in several]
+        is_telling = all(len(set(group)) == len(group) for group in words)
+        if is_telling and all(math.isnan(_number(_cell(row.cells, place))) for row in rows):
+            head = table.columns[place].head
+            raise ConfigError(
+                f"{path}: rows of one time are of several things, by their {head!r}",
+                fix="give each a column of its own, or import the rows of each on their own",
+            )
+
+
 def _too_long(table: Table) -> dict[int, ConfigError]:
-    """Rows with more cells than the header, in which no cell can be trusted to stand in its column."""
+    """Rows with more cells than the header, in which no cell can be trusted to stand in its column.
+
+    A header that ends in a separator names nothing there: digits below that may be a number's decimals.
+    """
     width = len(table.columns)
+    named_width = max((place for place, one in enumerate(table.columns, start=1) if one.head), default=0)
     return {
         place: ConfigError(
-            f"it has {len(row.cells)} cells, the header {width}",
+            f"it has {len(row.cells)} cells, the header {named_width}",
             fix="quote cells with a separator in them, and write decimals with points",
         )
         for place, row in enumerate(table.rows)
-        if any(row.cells[width:])
+        if any(row.cells[width:]) or any(cell.isdecimal() for cell in row.cells[named_width:])
     }
 
 
@@ -313,7 +348,9 @@ class _Stream(NamedTuple):
     channels: list[Channel]
 
 
-def _streams(name: str, channels: Sequence[Channel], measures: str, rate_hz: float) -> list[_Stream]:
+def _streams(
+    name: str, channels: Sequence[Channel], measures: str, rate_hz: float, raw_bytes: int
+) -> list[_Stream]:
     """A stream for each quantity, and one of its own for averages beside samples of it."""
     groups: dict[tuple[str, bool], list[Channel]] = {}
     for one in channels:
@@ -322,28 +359,41 @@ def _streams(name: str, channels: Sequence[Channel], measures: str, rate_hz: flo
     for (quantity, is_average), ours in groups.items():
         suffix = "-mean" if is_average and (quantity, False) in groups else ""
         stream = name if len(groups) == 1 else f"{name}-{quantity}{suffix}"
-        streams.append(_Stream(_info(stream, ours, measures, rate_hz), ours))
+        streams.append(_Stream(_info(stream, ours, measures, rate_hz, raw_bytes), ours))
     return streams
 
 
-def _info(name: str, channels: Sequence[Channel], measures: str, rate_hz: float) -> StreamInfo:
+def _info(
+    name: str, channels: Sequence[Channel], measures: str, rate_hz: float, raw_bytes: int
+) -> StreamInfo:
     labels, first = tuple(one.label for one in channels), channels[0].meaning
     stated = named(labels) or ("",) * len(labels)
     components = tuple(one or measures for one in stated) if first.unit == UNIT else ()
     return StreamInfo(
         name, first.quantity, first.unit, (len(labels),), channels=labels,
-        measures=components if any(components) else (), rate_hz=rate_hz, driver="import", raw_bytes=255,
+        measures=components if any(components) else (), rate_hz=rate_hz, driver="import", raw_bytes=raw_bytes,
     )  # fmt: skip
 
 
-def _readings(stream: _Stream, rows: Sequence[TimedRow]) -> Iterator[Reading]:
+def _flags_at(table: Table) -> int:
+    """The column of the flags in a table that fieldkit exported; -1 in any other."""
+    labels = [column.label for column in table.columns]
+    return labels.index("flags") if labels[-len(_EXPORTED) :] == [*_EXPORTED] else -1
+
+
+def _readings(stream: _Stream, rows: Sequence[TimedRow], flags_at: int) -> Iterator[Reading]:
     time_ns = [row.time_ns for row in rows]
     if stream.channels[0].is_average:
         time_ns = middles_ns(time_ns)
     for stamp, row in zip(time_ns, rows, strict=True):
         values = tuple(one.value(row.cells) for one in stream.channels)
-        raw = ",".join(row.cells).encode()[:255]
-        yield imported_reading(stream.info.name, stamp, values, raw, row.number)
+        flags = row.cells[flags_at] if flags_at >= 0 else ""
+        quality = Quality(int(flags) & _ALL_FLAGS if flags.isdecimal() else 0)
+        yield imported_reading(stream.info.name, stamp, values, _raw(row), row.number, quality)
+
+
+def _raw(row: TimedRow) -> bytes:
+    return ",".join(row.cells).encode()[:_MOST_RAW]
 
 
 def middles_ns(ends_ns: Sequence[int]) -> list[int]:
@@ -364,6 +414,13 @@ def middles_ns(ends_ns: Sequence[int]) -> list[int]:
 
 
 # --- notes
+
+
+def _on_end(table: Table) -> Notes:
+    if table.has_end:
+        return []
+    text = f"row {table.rows[-1].number} does not end its line: was the file cut off within its last number?"
+    return [(Severity.INFO, text)]
 
 
 def _on_option(option: str, given: str, applied: Sequence[str], stated: Sequence[str]) -> Notes:

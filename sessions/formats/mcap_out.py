@@ -16,6 +16,7 @@ from dataclasses import asdict, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fieldkit.disk import replacing
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.learnt import LearntParameter
@@ -90,7 +91,7 @@ def export_mcap(
         raise ConfigError("MCAP needs the mcap package", fix="pip install 'fieldkit[lab]'") from error
     path = folder / (f"{session.path.stem}.mcap" if stream is None else f"{session.path.stem}-{stream}.mcap")
     names = tuple(session.streams) if stream is None else (session.stream(stream).info.name,)
-    with path.open("wb") as file:
+    with replacing(path, synced=False) as draft, draft.open("wb") as file:
         writer = Writer(file)
         writer.start(library=f"fieldkit {session.provenance['fieldkit_version']}")
         _about(writer, session)

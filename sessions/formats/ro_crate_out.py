@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from fieldkit import __version__
+from fieldkit.disk import replacing
 from fieldkit.model.site import Site
 from fieldkit.sessions.file_tree import iso_utc
 from fieldkit.sessions.formats.tables_out import export_csv
@@ -31,7 +32,8 @@ def export_ro_crate(session: SessionReader, folder: Path) -> list[Path]:
     files = export_csv(session, folder)
     metadata = folder / METADATA
     document = {"@context": f"{VERSION}/context", "@graph": list(_entities(session, files))}
-    metadata.write_text(json.dumps(document, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    with replacing(metadata, synced=False) as draft:
+        draft.write_text(json.dumps(document, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
     return [*files, metadata]
 
 

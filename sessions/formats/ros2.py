@@ -9,13 +9,16 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import count
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldkit.disk import replacing
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import Event, Frame, Reading, Severity
@@ -92,24 +95,45 @@ def export_ros2(
     """
     path = folder / f"{session.path.stem}{'' if stream is None else f'-{stream}'}-ros2.mcap"
     names = tuple(session.streams) if stream is None else (session.stream(stream).info.name,)
-    with path.open("wb") as file, ros2_writer(file) as writer:
+    topics = _topics(session.streams)
+    with (
+        replacing(path, synced=False) as draft,
+        draft.open("wb") as file,
+        ros2_writer(file) as writer,
+    ):
         schemas = {
             kind: writer.register_msgdef(kind, definition({"": text})) for kind, text in _DEFINITIONS.items()
         }
         for item in heapq.merge(session.samples(*names), session.events(), key=lambda item: item.mono_ns):
             if not isinstance(item, Frame) or item.seq % every == 0:
-                for topic, kind, fields in _messages(item, session.streams):
+                for topic, kind, fields in _messages(item, session.streams, topics):
                     writer.write_message(topic, schemas[kind], fields, item.time_ns, item.time_ns)
     return [path]
 
 
-def _messages(item: Frame | Reading | Event, streams: Mapping[str, StreamInfo]) -> Iterator[Message]:
+def _topics(streams: Mapping[str, StreamInfo]) -> dict[str, list[str]]:
+    """The topics of each stream: of its images, or one for each channel; a number tells equal ones apart."""
+    topics: dict[str, list[str]] = {}
+    taken: set[str] = set()
+    for info in streams.values():
+        for channel in ("image_raw",) if info.is_camera else channel_names(info):
+            topic = f"/{_name(info.name)}/{_name(channel)}"
+            numbered = (f"{topic.rstrip('_')}_{number}" for number in count(2))
+            free = topic if topic not in taken else next(one for one in numbered if one not in taken)
+            taken.add(free)
+            topics.setdefault(info.name, []).append(free)
+    return topics
+
+
+def _messages(
+    item: Frame | Reading | Event, streams: Mapping[str, StreamInfo], topics: Mapping[str, Sequence[str]]
+) -> Iterator[Message]:
     if isinstance(item, Event):
         yield "/rosout", "rcl_interfaces/msg/Log", _log(item)
     elif isinstance(item, Frame):
-        yield f"/{item.stream}/image_raw", "sensor_msgs/msg/Image", _image(item, streams[item.stream])
+        yield topics[item.stream][0], "sensor_msgs/msg/Image", _image(item, streams[item.stream])
     else:
-        yield from _readings(item, streams[item.stream])
+        yield from _readings(item, streams[item.stream], topics[item.stream])
 
 
 def _log(event: Event) -> dict[str, Any]:
@@ -134,12 +158,11 @@ def _image(frame: Frame, info: StreamInfo) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _readings(reading: Reading, info: StreamInfo) -> Iterator[Message]:
+def _readings(reading: Reading, info: StreamInfo, topics: Sequence[str]) -> Iterator[Message]:
     """A message for each channel; a variance of 0 is unknown, as ROS has it."""
     variance = info.accuracy**2 if math.isfinite(info.accuracy) else 0.0
     head = header(reading.time_ns, reading.stream)
-    for name, value in zip(channel_names(info), reading.values, strict=True):
-        topic = f"/{reading.stream}/{_name(name)}"
+    for topic, value in zip(topics, reading.values, strict=True):
         match info.unit:
             case "K":
                 fields = {"header": head, "temperature": value - CELSIUS_ZERO_K, "variance": variance}
@@ -151,9 +174,12 @@ def _readings(reading: Reading, info: StreamInfo) -> Iterator[Message]:
                 yield topic, "std_msgs/msg/Float64", {"data": value}
 
 
-def _name(channel: str) -> str:
-    """A channel as a part of a topic: letters, digits and underscores, no digit first."""
-    name = "".join(one if one.isascii() and one.isalnum() else "_" for one in channel)
+def _name(written: str) -> str:
+    """A stream or channel as a part of a topic: letters, digits, single underscores, no digit first.
+
+    As https://design.ros2.org/articles/topic_and_service_names.html has it.
+    """
+    name = re.sub("[^A-Za-z0-9]+", "_", written)
     return f"_{name}" if name[:1].isdigit() else name
 
 
@@ -200,7 +226,11 @@ def write_maps(
     if risk is not None:
         grid = _occupancy_grid(layers[risk], ground, time_ns)
         messages.append(("/occupancy_grid", "nav_msgs/msg/OccupancyGrid", _OCCUPANCY_GRID, grid))
-    with path.open("wb") as file, ros2_writer(file) as writer:
+    with (
+        replacing(path, synced=False) as draft,
+        draft.open("wb") as file,
+        ros2_writer(file) as writer,
+    ):
         for topic, kind, parts, message in messages:
             schema = writer.register_msgdef(kind, definition(parts))
             writer.write_message(topic, schema, {"header": head, **message}, time_ns, time_ns)

@@ -16,10 +16,10 @@ import csv
 import io
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import tzinfo
-from itertools import islice
+from itertools import islice, takewhile
 from pathlib import Path
 from typing import NamedTuple
 
@@ -72,7 +72,7 @@ class Table:
     """Columns, rows, and the places of the time: one column, or date, time of day, fraction of the second.
 
     `has_decimal_commas`: a comma in a number is its decimal point; `zone` is of the times, where the file
-    states it.
+    states it. Without `has_end` the file ends within its last line.
     """
 
     columns: list[Column]
@@ -80,6 +80,7 @@ class Table:
     time_at: tuple[int, ...]
     has_decimal_commas: bool
     zone: tzinfo | None = None
+    has_end: bool = True
 
     def time_text(self, row: Row) -> str:
         """The cells of a row's time as one text."""
@@ -122,11 +123,14 @@ def read_table(
         )
     columns = _columns(names, below, is_campbell=rows[0].cells[0] in _CAMPBELL)
     body = rows[first:]
-    _refuse_another_header(path, names, body, date)
+    for row in body:
+        refuse_swallowed(path, row.number, row.cells, len(names), delimiter)
+    _refuse_another_header(path, names, below, body, date)
     time_at = tuple(place_of(path, columns, name) for name in time_names) or _time_at(
         path, columns, body, date
     )
-    return Table(columns, body, time_at, delimiter != ",", _zone((names, *below), rows[:first], time_at))
+    zone = _zone((names, *below), rows[:first], time_at)
+    return Table(columns, body, time_at, delimiter != ",", zone, text.endswith(("\n", "\r")))
 
 
 def place_of(path: Path, columns: Sequence[Column], name: str) -> int:
@@ -169,6 +173,19 @@ def _stated_encoding(path: Path, start: bytes, given: str) -> str:
     if given != DEFAULT_ENCODING and codecs.lookup(given).name[:6] != codecs.lookup(stated).name[:6]:
         raise ConfigError(f"{path} begins as {stated}, the option states {given}", fix="omit --encoding")
     return stated
+
+
+def refuse_swallowed(path: Path, line: int, cells: Iterable[str], width: int, delimiter: str) -> None:
+    """Raise `ConfigError` where a quote that nothing closed has made whole rows part of a cell.
+
+    `cells` are of the row that ends at `line`, of a table `width` columns wide.
+    """
+    for after in (after for cell in cells for after in cell.splitlines()[1:]):
+        if after.count(delimiter) >= max(1, width - 2):  # rows may end before their last cell
+            raise ConfigError(
+                f"{path}: a quote opens a cell that goes on to line {line}, over whole rows",
+                fix=f"close the quote before the row {after.strip()[:40]!r}, or delete it",
+            )
 
 
 def _unreadable(path: Path, why: str) -> ConfigError:
@@ -263,10 +280,16 @@ def _is_below_names(cells: Sequence[str], names: Sequence[str], place: int) -> b
     return is_table and _BELOW_TIME.fullmatch(cell_of(cells, place)) is not None
 
 
-def _refuse_another_header(path: Path, names: Sequence[str], rows: Sequence[Row], place: int) -> None:
-    """Refuse a second table with other columns; the same header again is only a row without a time."""
-    for number, cells in rows:
-        if cell_of(cells, place) == names[place] and cells != names:
+def _refuse_another_header(
+    path: Path, names: list[str], below: list[list[str]], rows: Sequence[Row], place: int
+) -> None:
+    """Refuse a second table of other columns or units; the same header again is only rows without a time."""
+    for at, (number, cells) in enumerate(rows):
+        if cell_of(cells, place) != names[place]:
+            continue
+        after = [row.cells for row in rows[at + 1 : at + 1 + len(below)]]
+        units = list(takewhile(lambda cells: not re.search(r"\d", cell_of(cells, place)), after))
+        if cells != names or (units and units != below):
             raise ConfigError(
                 f"{path}: row {number} is a header with other columns",
                 fix=f"import the rows before and after row {number} on their own",
@@ -308,16 +331,19 @@ def _columns(names: list[str], below: Sequence[list[str]], *, is_campbell: bool)
     processes = next((row for row in below if _has_processes(row)), [])
     units = next((row for row in below if not _has_processes(row)), [])
     columns: list[Column] = []
-    count: Counter[str] = Counter()
     for place, name in enumerate(_of_onset(names)):
         column = _column(name, cell_of(units, place), cell_of(processes, place), is_campbell=is_campbell)
-        count[column.label] += 1
-        same = f" {count[column.label]}" if count[column.label] > 1 else ""
-        columns.append(column._replace(label=column.label + same))
+        columns.append(column._replace(label=_once(column.label, [one.label for one in columns])))
     for after, column in enumerate(columns[:-1], start=1):
         if not column.unit and _UNIT_COLUMN.search(columns[after].label):
             columns[after - 1] = column._replace(unit_at=after)
     return columns
+
+
+def _once(label: str, before: Sequence[str]) -> str:
+    """The label, with the first number behind it that tells it from those before it."""
+    numbered = (f"{label} {number}" for number in range(2, len(before) + 2))
+    return next(one for one in (label, *numbered) if one not in before)
 
 
 def _has_processes(cells: Sequence[str]) -> bool:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import h5py
 import numpy as np
 
+from fieldkit.disk import replacing
 from fieldkit.model.errors import ConfigError, IncompleteError, SessionError, message_of
 from fieldkit.model.slope import SLOPE_FIELDS
 from fieldkit.sessions.analysis import region_series, to_pandas
@@ -28,6 +29,8 @@ _NUMBER = "%.12g"
 """Twelve digits are more than any sensor has, and leave out what binary fractions add: 280.55."""
 
 _UNSEEN = r"\s\x00-\x1f\x7f-\x9f\xad\u180e\u200b-\u200f\u202a-\u202e\u2060-\u2064\ufeff"
+_SYSTEM_ERROR = re.compile("error message = '([^']+)'")
+"""The system's error in the text of HDF5's, such as that of a full disk."""
 _FORMULA = re.compile(rf"[\t\r\n]|[{_UNSEEN}]*[=+\-@\uff1d\uff0b\uff0d\uff20]")
 """Beginnings of cells that a spreadsheet may compute, text or not (OWASP, CSV injection).
 
@@ -56,7 +59,8 @@ export_csv, export_parquet = partial(export_tables, kind="csv"), partial(export_
 def _export(
     make: Callable[[], pd.DataFrame], path: Path, write: Callable[[pd.DataFrame, Path], None]
 ) -> Path:
-    write(make(), path)
+    with replacing(path, synced=False) as draft:
+        write(make(), draft)
     return path
 
 
@@ -169,7 +173,10 @@ def export_netcdf(session: SessionReader, folder: Path) -> list[Path]:
 def _netcdf(session: SessionReader, name: str, path: Path) -> Path:
     source = session.group(name)
     datasets = session.datasets(name)
-    with h5py.File(path, "w", libver=LIBVER, track_order=True) as file:
+    with (
+        replacing(path, synced=False) as draft,
+        h5py.File(draft, "w", libver=LIBVER, track_order=True) as file,
+    ):
         _copy_attributes(source.file, file)
         _copy_attributes(source, file)
         for own, dataset in datasets.items():
@@ -250,7 +257,9 @@ def all_but_unreadable(parts: Iterable[tuple[str, Callable[[], Path]]]) -> list[
         try:
             written.append(write())
         except (SessionError, OSError, RuntimeError) as error:
-            if "errno" in message_of(error).lower():  # HDF5 names the system's error in its text: a full disk
+            if found := _SYSTEM_ERROR.search(str(error)):
+                raise OSError(found[1]) from error
+            if "errno" in message_of(error).lower():
                 raise
             missing.append(f"{name}: {message_of(error)}")
     if missing:

@@ -6,8 +6,10 @@ import csv
 import itertools
 import re
 import statistics
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime, timedelta, timezone, tzinfo
+from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -25,10 +27,13 @@ _LEAP_SECOND = re.compile(r"(?<=:59):60(?!\d)")
 # dates whose year comes first have one order only; of others it must be given
 _YEAR_FIRST = re.compile(r"(\d{4})[-/.](\d{1,2})[-/.](\d{1,2})(?=$|[T ])(?:[T ]+(\d{1,2}:.+))?")
 _DATED = re.compile(
-    r"(\d{4}[-/.]\d{1,2}[-/.]\d{1,2}|\d{1,2}[-/.]\d{1,2}[-/.]\d{2,4}|(19|20)\d\d[01]\d[0-3]\d)(?=$|[T ])"
+    r"(\d{4}[-/.]\d{1,2}[-/.]\d{1,2}|\d{1,2}[-/.]\d{1,2}[-/.]\d{2,4}|(19|20)\d\d[01]\d[0-3]\d"
+    r"|20\d\d[01]\d[0-3]\d(\d\d){1,3})(?=$|[T ])"
 )
 _DATE_DIGITS = 8  # 20260512
-_UNIX = re.compile(r"\d{9,11}(\.\d+)?")
+_WIDTHS = {"Y": 4, "j": 3}  # other numbers of strptime have two digits
+_IN_DIGITS = {10: "%Y%m%d%H", 12: "%Y%m%d%H%M", 14: "%Y%m%d%H%M%S"}
+_UNIX = re.compile(r"\d{9,11}([.,]\d+)?|\d{13}(\d{3}){0,2}")
 _CLOCK = re.compile(r"\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?( ?[AP]M)?", re.IGNORECASE)
 
 
@@ -51,10 +56,11 @@ def parse_times_ns(texts: Sequence[str], zone: tzinfo | None, time_format: str |
 def read_times(texts: Sequence[str], zone: tzinfo | None, time_format: str | None = None) -> Times:
     """The times of a log in the order of its rows.
 
-    They are ISO 8601, also with slashes or points in a date whose year comes first, Unix seconds, or as
-    `time_format` describes: for strptime (``%Y-%m-%d``) or in plain letters (``yyyy/mm/dd HH:MM:SS``).
-    24:00 is midnight of the next day, a leap second 23:59:60 the second before. Of the hour that comes twice
-    at the end of summer time, the rows up to where the clock goes back belong to the first.
+    They are ISO 8601, also with slashes or points in a date whose year comes first, Unix seconds (or ms, µs,
+    ns by their number of digits), or as `time_format` describes: for strptime (``%Y-%m-%d``) or in plain
+    letters (``yyyy/mm/dd HH:MM:SS``). 24:00 is midnight of the next day, a leap second 23:59:60 the second
+    before. Of the hour that comes twice at the end of summer time, the rows up to where the clock goes back
+    belong to the first.
 
     Raises `ConfigError` where a time has no offset and no `zone` is given, names an hour that was skipped, or
     one that came twice and the order of the rows leaves open which.
@@ -64,7 +70,7 @@ def read_times(texts: Sequence[str], zone: tzinfo | None, time_format: str | Non
     unreadable: dict[int, ConfigError] = {}
     for row, text in enumerate(texts):
         try:
-            if time_format is None and _UNIX.fullmatch(text):
+            if time_format is None and is_unix(text):
                 known_ns[row] = _unix_ns(text)
             else:
                 written[row] = _parsed(text, time_format)
@@ -93,7 +99,9 @@ def _in_zone(
 
 
 def _unix_ns(text: str) -> int:
-    seconds, _, fraction = text.partition(".")
+    seconds, _, fraction = text.replace(",", ".").partition(".")
+    if len(seconds) > 11:
+        return plausible_ns(int(seconds.ljust(19, "0")))
     return plausible_ns(int(seconds) * 10**9 + int(fraction[:9].ljust(9, "0")))
 
 
@@ -165,13 +173,15 @@ def plausible_ns(time_ns: int) -> int:
 def _parsed(text: str, time_format: str | None) -> datetime:
     plain, midnights = _END_OF_DAY.subn("00:00", text)
     plain = _LEAP_SECOND.sub(":59", plain)
+    pattern = None if time_format is None else _pattern(time_format)
     try:
-        moment = _iso(plain) if time_format is None else datetime.strptime(plain, _pattern(time_format))
+        moment = _iso(plain) if pattern is None else _by_pattern(plain, pattern)
         return moment + timedelta(days=midnights)
     except (ValueError, OverflowError) as error:
         expected = time_format or "ISO 8601, such as 2026-12-11T12:00:00+09:00"
         date = "%Y/%m/%d" if _YEAR_FIRST.match(text) else "%m/%d/%y"
-        example = f"{date} %I:%M:%S %p" if text.endswith(("AM", "PM")) else "%d.%m.%Y %H:%M:%S"
+        usual = _IN_DIGITS.get(len(text) if text.isdigit() else 0, "%d.%m.%Y %H:%M:%S")
+        example = f"{date} %I:%M:%S %p" if text.upper().endswith(("AM", "PM")) else usual
         raise ConfigError(
             f"{text!r} is not a time as expected: {expected}",
             fix=f'give the format of the times, such as --time-format "{example}"',
@@ -187,11 +197,39 @@ def _iso(text: str) -> datetime:
     return datetime.fromisoformat(f"{year}-{month:0>2}-{day:0>2}T{clock}")
 
 
+def _by_pattern(text: str, pattern: str) -> datetime:
+    """A time by a strptime pattern; raises `ValueError`, also where too few digits stand side by side.
+
+    There strptime takes one digit where two belong: 1530 as ``%H%M%S`` would be 15:03:00.
+    """
+    longest = max(map(len, re.findall(r"\d+", text)), default=0)
+    for run in re.findall(r"(?:%[YymdHIMSj])+", pattern):
+        if len(run) > 2 and longest < sum(_WIDTHS.get(code, 2) for code in run[1::2]):
+            raise ValueError(f"{text} has too few digits for {run}")
+    return datetime.strptime(text, pattern)
+
+
+@lru_cache
 def _pattern(time_format: str) -> str:
-    """A format as strptime has it, also of plain letters such as ``yyyy/mm/dd HH:MM:SS``."""
-    if "%" in time_format:
-        return time_format
-    return re.sub("|".join(_WORDS), lambda found: _WORDS[found[0]], time_format)
+    """A format as strptime has it, also of plain letters such as ``yyyy/mm/dd HH:MM:SS``.
+
+    Raises `ConfigError` where strptime would read times wrongly without a word: AM and PM count with ``%I``
+    alone, and the zone of ``%Z`` is dropped.
+    """
+    pattern = time_format
+    if "%" not in time_format:
+        pattern = re.sub("|".join(_WORDS), lambda found: _WORDS[found[0]], time_format)
+    codes = re.findall("%(.)", pattern)
+    twice = next((code for code, count in Counter(codes).items() if count > 1 and code != "%"), None)
+    if twice is not None:
+        wrong, fix = f"has %{twice} twice", "%m is the month, %M the minute; %d the day, %H the hour"
+    elif ("I" in codes) != ("p" in codes):
+        wrong, fix = "has only one of %I and %p", "write %I with %p for hours up to 12, else %H"
+    elif "Z" in codes:
+        wrong, fix = "has %Z, which reads no zone", "write the letters for %Z and add --zone, or %z for +0900"
+    else:
+        return pattern
+    raise ConfigError(f"the format of the times, {time_format!r}, {wrong}", fix=fix)
 
 
 # --- what cells of a table look like before their order and zone are known
@@ -216,8 +254,8 @@ def is_date_alone(text: str) -> bool:
 
 
 def is_unix(text: str) -> bool:
-    """True if a text may be seconds since 1970."""
-    return _UNIX.fullmatch(text) is not None
+    """True if a text may be seconds since 1970, or ms, µs, ns; 2026051215 is a date and an hour."""
+    return _UNIX.fullmatch(text) is not None and not is_dated(text)
 
 
 def is_clock(text: str) -> bool:
@@ -275,8 +313,12 @@ def _from_table(frames: Mapping[Path, int], times: Path, zone: tzinfo | None) ->
     by_name = {path.name: path for path in frames}
     rows = [(by_name[name], time) for name, time in _rows(times) if name in by_name]
     found: dict[Path, list[int]] = {path: [] for path in frames}
-    for (path, _), time_ns in zip(rows, parse_times_ns([time for _, time in rows], zone), strict=True):
-        found[path].append(time_ns)
+    read = read_times([time for _, time in rows], zone)
+    for row, error in read.unreadable.items():  # `time_format` is for names
+        fix = "write its times in ISO 8601, such as 2026-12-11T12:00:00+09:00"
+        raise ConfigError(f"{times}, {rows[row][0].name}: {error.message}", fix=fix)
+    for row, (path, _) in enumerate(rows):
+        found[path].append(read.known_ns[row])
     wrong = [path for path, count in frames.items() if len(found[path]) != count]
     if wrong:
         first = f"{wrong[0].name}: {len(found[wrong[0]])} times for {frames[wrong[0]]} frames"

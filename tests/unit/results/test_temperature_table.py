@@ -187,6 +187,10 @@ def test_two_rows_are_too_few_and_say_so(table):
         ),
         (CASE_1.replace("bed_k", "bed_k,bed_k"), "the columns bed_k and bed_k are of the same quantity"),
         (CASE_1.replace("322.50984", "warm"), "line 3: reference_k 'warm' is not a number"),
+        (
+            CASE_1.replace("irradiance_w_m2", "irradiance_w_m2,note").replace(",800", ',800,"dry', 1),
+            "a quote opens a cell that goes on to line 5, over whole rows",
+        ),
     ],
 )
 def test_what_is_wrong_with_a_table_is_said_with_its_line(table, text, complaint):

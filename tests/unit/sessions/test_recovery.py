@@ -447,3 +447,17 @@ def test_end_that_is_not_known_is_said(interrupted: Path) -> None:
     with open_session(interrupted) as session:
         text = session.events()[-1].text
     assert text.endswith("samples behind the last one may be lost")
+
+
+def test_import_that_was_interrupted_is_never_whole(tmp_path: Path) -> None:
+    path = tmp_path / "a.h5"
+    clock = CountedClock()
+    writer = SessionWriter(path, header(), clock)
+    writer.put(Event(EventKind.IMPORTED, clock.mono_ns(), START_NS, "imported from log.csv"))
+    fill(writer, 5, clock)
+    writer.abandon(at_once=False)
+    report = recover(path)
+    assert not report.end_is_known
+    assert "import it again" in report.damage[-1]
+    with open_session(path) as session:
+        assert "samples behind the last one may be lost" in session.events()[-1].text

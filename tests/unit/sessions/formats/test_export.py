@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import math
+import resource
 import shutil
 from collections.abc import Callable
 from dataclasses import asdict, replace
@@ -16,8 +17,8 @@ import h5py
 import numpy as np
 import pytest
 
-from fieldkit.model.errors import ConfigError, SessionError
-from fieldkit.model.samples import Event, EventKind, Frame, Reading
+from fieldkit.model.errors import ConfigError, SessionError, StorageError
+from fieldkit.model.samples import Event, EventKind, Frame, Quality, Reading
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.palettes import palette
 from fieldkit.physics.camera_laws import ht301
@@ -27,6 +28,7 @@ from fieldkit.results.session import open_session
 from fieldkit.sessions.file_tree import LIBVER
 from fieldkit.sessions.formats.exports import EXPORTS
 from fieldkit.sessions.formats.images_out import export_pngs, export_tiffs, export_video
+from fieldkit.sessions.formats.logs import read_log
 from fieldkit.sessions.formats.mcap_out import export_mcap
 from fieldkit.sessions.formats.stills import Scale, read_stills
 from fieldkit.sessions.formats.tables_out import as_text, export_netcdf, export_tables
@@ -143,6 +145,41 @@ def test_tables_are_tidy_and_come_back(session: SessionReader, tmp_path: Path, k
 @pytest.fixture(scope="module")
 def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return small_session(tmp_path_factory.mktemp("small") / "field.h5")
+
+
+def test_tables_of_meters_come_back_with_times_values_and_flags(tmp_path: Path) -> None:
+    lux = HEADER.streams[1]
+    clock = CountedClock()
+    writer = SessionWriter(tmp_path / "a.h5", replace(HEADER, streams=(lux,)), clock)
+    flags = [Quality.GOOD, Quality.OVERRANGE, Quality.STALE | Quality.DROPPED_BEFORE]
+    for seq, quality in enumerate(flags):
+        now = clock.mono_ns()
+        writer.append(sample(lux, seq, now, clock.to_utc_ns(now))._replace(quality=quality))
+    writer.close()
+    with open_session(tmp_path / "a.h5") as session:
+        table, stored = export_tables(session, tmp_path, "csv")[0], session.readings(lux.name)
+    imported = [one for one in read_log(table, "x").samples if isinstance(one, Reading)]
+    assert [one.quality for one in imported] == flags == stored.flags.tolist()
+    assert [one.time_ns // 1000 for one in imported] == [at // 1000 for at in stored.time_ns.tolist()]
+    np.testing.assert_allclose([one.values for one in imported], stored.values, rtol=1e-11)
+
+
+@pytest.mark.parametrize("name", EXPORTS)
+def test_a_disk_that_takes_no_more_leaves_no_part_of_a_file(name: str, small: Path, tmp_path: Path) -> None:
+    """The limit of a process's files stands for a full disk."""
+    pytest.importorskip("mcap_ros2")
+    export(small, name, tmp_path / "whole")
+    whole = {path.name: path.stat().st_size for path in (tmp_path / "whole").iterdir()}
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (max(whole.values()) * 3 // 4, before[1]))
+    try:
+        with pytest.raises(StorageError, match="cannot write") as caught:
+            export(small, name, tmp_path / "full")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert caught.value.fix
+    left = {path.name: path.stat().st_size for path in (tmp_path / "full").iterdir()}
+    assert all(whole[name] == pytest.approx(size, rel=0.02) for name, size in left.items())
 
 
 @pytest.mark.parametrize("name", EXPORTS)

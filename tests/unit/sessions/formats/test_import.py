@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import gzip
 import json
+import os
 import struct
 from datetime import UTC
 from pathlib import Path
+from typing import Any
 from zoneinfo import ZoneInfo
 
 import cv2
@@ -16,7 +18,8 @@ import pytest
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import EventKind, Frame, Quality, Severity
 from fieldkit.model.site import Site
-from fieldkit.sessions.formats.imported import bunched, flag_bunched, write_imported
+from fieldkit.results.importing import ImportOptions, read_source
+from fieldkit.sessions.formats.imported import bunched, flag_bunched, possible, write_imported
 from fieldkit.sessions.formats.purethermal_files import is_purethermal, read_purethermal
 from fieldkit.sessions.formats.stills import Scale, read_stills
 from fieldkit.sessions.formats.times import parse_times_ns
@@ -199,6 +202,10 @@ def test_trouble_with_tiffs_is_told(tmp_path: Path) -> None:
         read_stills(folder, Scale(1.0), times=times)
     with pytest.raises(ConfigError, match="taken is not known"):
         read_stills(folder, Scale(1.0))
+    times.write_text("a.tif,12/05/2026 10:00\nb.tif,12/05/2026 10:01\n")
+    with pytest.raises(ConfigError, match=r"times\.csv, a\.tif: '12/05/2026 10:00' is not") as caught:
+        read_stills(folder, Scale(1.0), times=times, zone=UTC)
+    assert "ISO 8601" in (caught.value.fix or "")  # a format would be of the names
     with pytest.raises(ConfigError, match="one way"):
         read_stills(folder, Scale(1.0), times=times, time_format="%Y")
     with pytest.raises(ConfigError, match="no zone"):
@@ -411,6 +418,12 @@ def test_bunched_stamps() -> None:
         ("2026-05-12T01:00:00Z", None, None, 1_778_547_600_000_000_000),
         ("2026-05-12T10:00:00+09:00", None, None, 1_778_547_600_000_000_000),
         ("1778547600.25", None, None, 1_778_547_600_250_000_000),
+        ("1778547600,25", None, None, 1_778_547_600_250_000_000),
+        ("1778547600250", None, None, 1_778_547_600_250_000_000),
+        ("1778547600250001", None, None, 1_778_547_600_250_001_000),
+        ("1778547600250000001", None, None, 1_778_547_600_250_000_001),
+        ("202605121000", "%Y%m%d%H%M", ZoneInfo("Asia/Tokyo"), 1_778_547_600_000_000_000),
+        ("20260512T100000250", "%Y%m%dT%H%M%S%f", ZoneInfo("Asia/Tokyo"), 1_778_547_600_250_000_000),
         ("2026/05/12 10:00:00", "yyyy/mm/dd HH:MM:SS", ZoneInfo("Asia/Tokyo"), 1_778_547_600_000_000_000),
         ("12.05.26 03:00", "%d.%m.%y %H:%M", ZoneInfo("Europe/Berlin"), 1_778_547_600_000_000_000),
     ],
@@ -419,6 +432,32 @@ def test_times_of_many_kinds(
     text: str, time_format: str | None, zone: ZoneInfo | None, expected: int
 ) -> None:
     assert parse_times_ns([text], zone, time_format) == [expected]
+
+
+@pytest.mark.parametrize(
+    ("text", "fix"),
+    [("2026051210", "%Y%m%d%H"), ("202605121000", "%Y%m%d%H%M"), ("20260512100000", "%Y%m%d%H%M%S")],
+)
+def test_date_and_hour_in_digits_are_never_unix_seconds(text: str, fix: str) -> None:
+    with pytest.raises(ConfigError, match="is not a time") as caught:  # 2026051210 s is March 2034
+        parse_times_ns([text], UTC)
+    assert f'"{fix}"' in (caught.value.fix or "")
+
+
+@pytest.mark.parametrize(
+    ("text", "time_format", "wrong"),
+    [
+        ("2026-05-12 01:00 PM", "%Y-%m-%d %H:%M %p", "only one of %I and %p"),  # strptime: 01:00
+        ("2026-05-12 12:00", "%Y-%m-%d %I:%M", "only one of %I and %p"),  # strptime: 00:00
+        ("2026-05-12 12:00 UTC", "%Y-%m-%d %H:%M %Z", "%Z, which reads no zone"),  # strptime: no zone
+        ("2026-05-12 12:05", "yyyy-mm-dd HH:mm", "%m twice"),  # strptime: re.error
+        ("202605121530", "%Y%m%d%H%M%S", "is not a time as expected"),  # strptime: 15:03:00
+        ("2026051", "%Y%m%d", "is not a time as expected"),  # strptime: the 1st
+    ],
+)
+def test_what_strptime_would_read_wrongly_is_refused(text: str, time_format: str, wrong: str) -> None:
+    with pytest.raises(ConfigError, match=wrong):
+        parse_times_ns([text], UTC, time_format)
 
 
 def test_time_without_a_zone_is_refused() -> None:
@@ -523,3 +562,37 @@ def test_tags_that_opencv_does_not_know_are_no_news(
     found = read_stills(path, Scale(0.01), time_format="%Y%m%dT%H%M%S", zone=UTC)
     assert len(list(found.samples)) == 1
     assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize(
+    ("given", "wrong"),
+    [
+        ({"name": "events"}, "'events' is not a valid value of name"),
+        ({"name": "a/b"}, "'a/b' is not a valid value of name"),
+        ({"zone": "Mars/Utopia"}, "'Mars/Utopia' is not a valid value of zone"),
+        ({"kelvin_per_count": 0.0}, "0.0 is not a valid value of kelvin_per_count"),
+        ({"kelvin_per_count": -0.01}, "-0.01 is not a valid value of kelvin_per_count"),
+        ({"kelvin_at_zero": float("nan")}, "nan is not a valid value of kelvin_at_zero"),
+        ({"offset_s": float("inf")}, "inf is not a valid value of offset_s"),
+        ({"keep": "middle"}, "'middle' is not a valid value of keep"),
+        ({"measures": "par"}, "'par' is not a valid value of measures"),
+    ],
+)
+def test_options_that_no_recording_has_are_refused(given: dict[str, Any], wrong: str) -> None:
+    with pytest.raises(ConfigError, match=wrong):
+        ImportOptions(**given)
+
+
+def test_pipes_and_devices_are_refused_before_they_are_read(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "log.csv")
+    (tmp_path / "zero.csv").symlink_to("/dev/zero")
+    for name in ("log.csv", "zero.csv", "missing.csv"):
+        with pytest.raises(ConfigError, match="is neither a file nor a folder"):
+            read_source(tmp_path / name, ImportOptions())
+
+
+@pytest.mark.parametrize(("scale", "is_named"), [(0.04, False), (0.01, True), (float("nan"), False)])
+def test_frames_that_cannot_be_are_named(tmp_path: Path, scale: float, is_named: bool) -> None:
+    folder = tiffs(tmp_path / "f", ["20260512.tif"])
+    imported = possible(read_stills(folder, Scale(scale), time_format="%Y%m%d", zone=UTC), {}, SITE)
+    assert any("possible: 175 to 440" in text for _, text in imported.notes) is is_named

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
 from fieldkit.model.samples import Frame
+from fieldkit.model.site import Site
 from fieldkit.physics.camera_laws import frame_k
+from fieldkit.sessions.formats.imported import write_imported
+from fieldkit.sessions.formats.logs import read_log
 from fieldkit.sessions.formats.ros2 import export_ros2
+from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.recording import CountedClock, fill, header
@@ -54,6 +60,21 @@ def test_frames_and_readings_come_back_as_ros_has_them(session, tmp_path):
         topics = [topic for topic in found if topic.startswith(f"/{other}/")]
         assert len(topics) == (1 if info.is_camera else info.shape[0])
     assert all(np.isin(log.level, (20, 30, 40)) for _, log in found.get("/rosout", []))
+
+
+def test_streams_and_channels_of_any_name_have_topics_of_their_own(tmp_path):
+    """By https://design.ros2.org/articles/topic_and_service_names.html, where Japanese is not allowed."""
+    text = "time,気温 [C],地温 [C],T-1 [C],T 1 [C]\n2026-05-12T12:00:00Z,20,21,22,23\n"
+    (tmp_path / "log.csv").write_text(text, encoding="utf-8")
+    recording = read_log(tmp_path / "log.csv", "logger-temperature")
+    head = SessionHeader("t", Site(47.1, 8.5), recording.streams)
+    write_imported(tmp_path / "a.h5", head, recording, "log.csv")
+    with open_session(tmp_path / "a.h5") as opened:
+        found = messages(export_ros2(opened, tmp_path)[0])
+    topics = [topic for topic in found if topic != "/rosout"]
+    assert all(re.fullmatch("(/[A-Za-z_][A-Za-z0-9_]*)+", topic) and "__" not in topic for topic in topics)
+    celsius = [message.temperature for topic in topics for _, message in found[topic]]
+    assert celsius == pytest.approx([20.0, 21.0, 22.0, 23.0])
 
 
 def test_only_every_other_frame_of_one_stream(session, tmp_path):

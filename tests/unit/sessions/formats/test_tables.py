@@ -132,6 +132,30 @@ def test_a_row_longer_than_the_header_is_excluded_by_its_number(tmp_path: Path) 
         readings(tmp_path, "time,T [C]\n2026-06-11 12:00:00,20,5\n2026-06-11 12:01:00,21,5\n")
 
 
+def test_decimals_below_a_header_that_ends_in_a_separator_are_no_column(tmp_path: Path) -> None:
+    rows = "".join(f"2026-06-11 12:0{m}:00,20,5,\n" for m in range(3))
+    with pytest.raises(ConfigError, match="row 2: it has 4 cells, the header 2"):
+        readings(tmp_path, f"time,T [C],\n{rows}")
+    assert len(readings(tmp_path, "time,T [C],\n" + rows.replace(",5,", ",wet"))) == 3
+
+
+@pytest.mark.parametrize("order", ["time,region", "region,time"])
+def test_rows_of_several_things_at_one_time_are_refused(tmp_path: Path, order: str) -> None:
+    """As `fieldkit export --to csv` writes the temperatures of regions."""
+    cells = [(f"2026-06-11 12:0{m}:00.5", region) for m in range(3) for region in ("flat", "b05")]
+    place = 1 if order == "time,region" else -1
+    rows = "".join(f"{','.join(row[::place])},20.5\n" for row in cells)
+    with pytest.raises(ConfigError, match="of several things, by their 'region'"):
+        readings(tmp_path, f"{order},T [C]\n{rows}")
+    assert len(readings(tmp_path, f"{order},T [C]\n{rows}".replace("b05", "flat"))) == 6
+
+
+def test_a_file_that_ends_within_a_line_is_named(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text("time,T [C]\n2026-06-11 12:00:00,20.5\n2026-06-11 12:01:00,2")
+    notes = [text for _, text in read_log(tmp_path / "log.csv", "x", LogOptions(zone=UTC)).notes]
+    assert any("row 3 does not end its line" in text for text in notes)
+
+
 def test_a_second_header_is_refused_where_its_columns_are_others(tmp_path: Path) -> None:
     first = "time,T1 [C],T2 [C]\n2026-06-11 12:00:00,20.5,9\n2026-06-11 12:01:00,21.5,9\n"
     again = "time,T1 [C],T2 [C]\n2026-06-11 12:02:00,22.5,9\n2026-06-11 12:03:00,23.5,9\n"
@@ -140,10 +164,32 @@ def test_a_second_header_is_refused_where_its_columns_are_others(tmp_path: Path)
         readings(tmp_path, first + again.replace("T1 [C],T2 [C]", "T2 [C],T1 [C]"))
 
 
+def test_a_second_header_is_refused_where_its_units_are_others(tmp_path: Path) -> None:
+    first = "time,T1,n\n,[C],\n2026-06-11 12:00:00,20.5,9\n2026-06-11 12:01:00,21.5,9\n"
+    again = "time,T1,n\n,[C],\n2026-06-11 12:02:00,22.5,9\n2026-06-11 12:03:00,23.5,9\n"
+    assert len(readings(tmp_path, first + again)) == 4
+    assert len(readings(tmp_path, first + again.replace(",[C],\n", ""))) == 4
+    with pytest.raises(ConfigError, match="row 5 is a header with other columns"):
+        readings(tmp_path, first + again.replace("[C]", "[F]"))
+
+
+@pytest.mark.parametrize("closed", ["", '"'])
+def test_a_quote_that_swallows_rows_is_refused(tmp_path: Path, closed: str) -> None:
+    rows = [f"2026-06-11 12:0{m}:00,20.{m},{note}\n" for m, note in enumerate(["", '"dry', "", closed, ""])]
+    with pytest.raises(ConfigError, match=f"a quote opens a cell that goes on to line {5 if closed else 6}"):
+        readings(tmp_path, "".join(["time,T [C],note\n", *rows]))
+    comment = [*rows[:1], '2026-06-11 12:01:00,20.1,"dry,\nthen wet"\n', *rows[4:]]
+    assert len(readings(tmp_path, "".join(["time,T [C],note\n", *comment]))) == 3
+
+
 def test_columns_of_one_name_are_told_apart(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     path.write_text("time,T [C],T [C]\n2026-06-11 12:00:00,20.5,21\n2026-06-11 12:01:00,21.5,22\n")
     assert read_log(path, "x", LogOptions(zone=UTC)).streams[0].channels == ("T", "T 2")
+    path.write_text(
+        "time,T [C],T [C],T 2 [C]\n2026-06-11 12:00:00,20.5,21,9\n2026-06-11 12:01:00,21.5,22,9\n"
+    )
+    assert read_log(path, "x", LogOptions(zone=UTC)).streams[0].channels == ("T", "T 2", "T 2 2")
     second = read_log(path, "x", LogOptions(zone=UTC, columns=LogColumns(values=("T 2",))))
     assert [one.values[0] for one in second.samples if isinstance(one, Reading)] == [294.15, 295.15]
 
