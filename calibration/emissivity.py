@@ -342,12 +342,17 @@ def _refuse_before(pairs: Pairs, reflected_sd_k: float, reflected: Reflected) ->
 
     The surface must differ from what it reflects by 10 K, and by three standard uncertainties of that.
     """
-    count, contrast_k, span_k = len(pairs), pairs.contrast_k, pairs.span_k
-    if count < MIN_PAIRS:
+    if (count := len(pairs)) < MIN_PAIRS:
         raise CalibrationError(
             f"{count} steady pair{'s' * (count != 1)} cannot show whether they agree",
             fix=f"measure at {MIN_PAIRS} temperatures or more, each steady for a minute",
         )
+    if not all(np.isfinite(one).all() for one in (pairs.apparent_k, pairs.contact_k, pairs.reflected_k)):
+        raise CalibrationError(
+            "some of the pairs have no temperature in this band",
+            fix="check band, path through the air, what the camera has applied, and the foil's emissivity",
+        )
+    contrast_k, span_k = pairs.contrast_k, pairs.span_k
     least_k = max(MIN_CONTRAST_K, 3.0 * reflected_sd_k)
     if contrast_k < least_k:
         raise CalibrationError(

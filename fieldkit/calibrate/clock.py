@@ -21,6 +21,7 @@ from fieldkit.model.samples import NO_COUNTER, Quality, Reading, Sample, is_usab
 from fieldkit.model.units import DAY_S
 from fieldkit.physics.bodies import EARTH, body_of
 from fieldkit.results.sources import SessionOrFile, config_for, log_warning, notify_damage, reading
+from fieldkit.results.sun_angles import moment
 from fieldkit.sessions.finished_file import apply_time_map
 from fieldkit.sessions.reader import SessionReader
 from fieldkit.sessions.time_map import TimeStep
@@ -123,7 +124,8 @@ def host_clock(
 ) -> ClockCalibration:
     """Find the offset of this computer's clock against another one, read by hand.
 
-    `host_ns` is this computer's UTC, nanoseconds since 1970, at the moment the other clock showed `shown`.
+    `host_ns` is this computer's UTC, nanoseconds since 1970, at the moment the other clock showed `shown`, a
+    time with its zone. Raises `ConfigError` without one.
 
     Examples
     --------
@@ -133,7 +135,7 @@ def host_clock(
     >>> fieldkit.calibrate.host_clock(campaign.config, host_ns=host_ns, shown=shown)
     <ClockCalibration: add +5.0 ± 1.0 s (k=2)   another clock, read by hand>
     """
-    own, true = np.array([host_ns], np.int64), np.array([utc_ns(shown)], np.int64)
+    own, true = np.array([host_ns], np.int64), np.array([utc_ns(moment(shown))], np.int64)
     found = offset_from_times(own, true, BY_HAND_S, "other clock by hand")
     _warn_of_another_day(found, notify)
     date = datetime.fromtimestamp(host_ns // 10**9, UTC)

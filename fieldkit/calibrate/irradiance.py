@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from fieldkit.calibrate.inputs import Times, end_of, minute_means, one_stream, r
 from fieldkit.calibrate.result import Calibration, stamped
 from fieldkit.calibration.calibration_record import CalibrationRecord, instrument_of
 from fieldkit.calibration.light_meter import LightFactor, light_factor, on_plane
+from fieldkit.calibration.ranges import require_ranges
 from fieldkit.config import Config
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.radiation import UNKNOWN, measured
@@ -70,7 +71,8 @@ def irradiance(
     Raises
     ------
     ConfigError
-        If a stream or station does not measure what is needed, or not at the session's times.
+        If a stream or station does not measure what is needed, or not at the session's times; for an
+        uncertainty below 0.
     CalibrationError
         If the readings do not determine a factor.
 
@@ -79,6 +81,11 @@ def irradiance(
     >>> fieldkit.calibrate.irradiance(session, against="station", reference="alamosa-2016-01-01")
     <Calibration: 0.009156 ± 0.000458 W/m² per lx (k=2)   109 lm/W   scatter 0.1%   21 minutes>
     """
+    require_ranges({"reference_sd": reference_sd})
+    if against not in get_args(Against):
+        raise ConfigError(
+            f"{against!r} is not a kind of reference", fix=f"give {', '.join(get_args(Against))}"
+        )
     with reading(session) as opened:
         config = config_for(opened, settings)
         files = [Path(reference).resolve()] if against == "station" and Path(reference).is_file() else []

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from fieldkit.calibrate.inputs import read_columns, write_lines
 from fieldkit.calibration.pose import QUANTITIES, PoseFit, fit_pose
+from fieldkit.calibration.ranges import require_ranges
 from fieldkit.physics.camera_geometry import Grid
 from fieldkit.sessions.formats import geotiff
 
@@ -86,6 +87,7 @@ def pose(
     {'east_m': 354600, 'north_m': 3936200, 'height_m': 112, 'yaw_deg': 19, 'pitch_deg': -25, 'roll_deg': 4,
      'hfov_deg': 50}
     """
+    require_ranges({"hfov_deg": hfov_deg, "mark_sd_px": mark_sd_px})
     system = geotiff.projected_crs(crs)
     table = read_columns(points, COLUMNS)
     grid = geotiff.grid_at(system, *table[:, 2:4].mean(axis=0)) if len(table) else Grid()

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import fieldkit
 from fieldkit.calibration.calibration_record import CalibrationRecord, expiry, save
+from fieldkit.calibration.ranges import require_name
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -55,6 +56,10 @@ class Calibration:
 
 
 def stamped(record: CalibrationRecord) -> CalibrationRecord:
-    """The record with its date of expiry and the version of this software."""
+    """The record with its date of expiry and the version of this software.
+
+    Raises `ConfigError` for a name that no file can have.
+    """
+    require_name(record.name)
     version = f"fieldkit {fieldkit.__version__}"
     return replace(record, software=version, expires=expiry(record.kind, record.date))

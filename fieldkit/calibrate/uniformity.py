@@ -10,6 +10,7 @@ from fieldkit.calibrate.inputs import end_of, record_source
 from fieldkit.calibrate.result import Calibration, stamped
 from fieldkit.calibration import uniformity as offsets
 from fieldkit.calibration.calibration_record import CalibrationRecord, instrument_of
+from fieldkit.calibration.ranges import require_ranges
 from fieldkit.calibration.uniformity import TargetView, Uniformity
 from fieldkit.estimation.scale import offsets_from_uniform
 from fieldkit.model.errors import CalibrationError, ConfigError
@@ -62,6 +63,7 @@ def uniformity(
     >>> fieldkit.calibrate.uniformity(board)
     <Calibration: bias relative to the reference (k=2):  b05 -0.03 ± 0.10 K   b15 +0.04 ± 0.10 K>
     """
+    require_ranges({"target_sd_k": target_sd_k})
     sessions = [before] if after is None else [before, after]
     views = []
     for session in sessions:

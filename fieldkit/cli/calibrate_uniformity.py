@@ -9,7 +9,7 @@ import click
 
 from fieldkit.cli import common
 from fieldkit.cli.session_paths import find_session
-from fieldkit.cli.types import PATH, RECORD_NAME, NumberRange
+from fieldkit.cli.types import PATH, RECORD_NAME, argument_range
 
 
 @click.command(cls=common.Command)
@@ -18,7 +18,7 @@ from fieldkit.cli.types import PATH, RECORD_NAME, NumberRange
 @click.option("--name", type=RECORD_NAME, default="uniformity", show_default=True, help="Name of the record.")
 @click.option(
     "--target-sd",
-    type=NumberRange(0),
+    type=argument_range("target_sd_k"),
     default=0.05,
     show_default=True,
     metavar="K",

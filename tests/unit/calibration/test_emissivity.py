@@ -286,3 +286,13 @@ def test_the_median_error_of_a_good_day_is_below_a_hundredth():
         )  # fmt: skip
         errors.append(abs(fit_emissivity(day.pairs, good).value - day.emissivity))
     assert np.median(errors) <= 0.01
+
+
+def test_no_steady_pair_at_all_is_refused_for_that_reason():
+    with pytest.raises(CalibrationError, match="0 steady pairs cannot show"):
+        fit_emissivity(pairs(()))
+
+
+def test_pairs_without_a_temperature_in_the_band_are_not_called_pairs_that_disagree():
+    with pytest.raises(CalibrationError, match="no temperature in this band"):
+        fit_emissivity(replace(pairs(), reflected_k=np.full(3, np.nan)))
