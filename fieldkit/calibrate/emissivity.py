@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fieldkit.calibrate.inputs import end_of, record_source
+from fieldkit.calibrate.inputs import end_of, record_source, write_lines
 from fieldkit.calibrate.measurement import (
     Inventory,
     MeasurementOptions,
@@ -61,8 +61,7 @@ class EmissivityCalibration(Calibration):
         """Write the record file, and beside it the figure if matplotlib is installed; the record's path."""
         path = super().save(folder)
         if available():
-            figure = svg(self.plot())
-            path.with_suffix(".svg").write_text(figure, encoding="utf-8")
+            write_lines(path.with_suffix(".svg"), [svg(self.plot())])
         return path
 
 

@@ -41,8 +41,8 @@ CALLS = {
 _NAMED_ALIKE = (
     "camera_emissivity", "cell_m", "channel", "drive_deg", "encoding", "every", "gps", "hfov_deg", "keep",
     "kelvin_at_zero", "kelvin_per_count", "limit_deg", "measures", "name", "out", "palette", "pose",
-    "reflected", "region", "session", "site", "speed", "stream", "tape", "thermometer", "time_format",
-    "times", "title", "to", "unit", "until", "window", "zone",
+    "reflected", "region", "sample", "session", "site", "speed", "stream", "tape", "thermometer",
+    "time_format", "times", "title", "to", "unit", "until", "window", "zone",
 )  # fmt: skip
 """Arguments that have the names of their options."""
 ARGUMENTS = {
