@@ -180,7 +180,7 @@ class _ClearSkyFit:
         return np.asarray(self.log_light - (unknown[1] + np.log(height) - unknown[2] * mass))
 
     def budget(self, shift_s: float, used: NDArray[np.bool_], scatter: float) -> tuple[Contribution, ...]:
-        """Scatter, effects of a meter out of level, of changing haze and of the law; other shifts that fit."""
+        """Scatter, effects of a meter out of level, changing haze and the law; other shifts that fit."""
         sun, later = self.sun(shift_s)[used], self.height(shift_s + 1.0)[used]
         mass, later_mass = (air_mass(height, self.site.elevation_m) for height in (sun[:, 2], later))
         k = float(np.clip(-np.polyfit(mass, self.log_light[used] - np.log(sun[:, 2]), 1)[0], 0.0, MAX_HAZE))
