@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 from pathlib import Path
 
 import click
@@ -34,10 +33,6 @@ def command(before: Path, after: Path | None, name: str, target_sd: float) -> No
     """
     from fieldkit import calibrate
     from fieldkit.cli.calibration_output import save_and_print
-    from fieldkit.sessions.reader import open_session
 
     paths = [find_session(path) for path in (before, after) if path is not None]
-    with ExitStack() as stack:
-        sessions = [stack.enter_context(open_session(path)) for path in paths]
-        found = calibrate.uniformity(*sessions, name=name, target_sd_k=target_sd, notify=common.say_warning)
-    save_and_print(found)
+    save_and_print(calibrate.uniformity(*paths, name=name, target_sd_k=target_sd, notify=common.say_warning))

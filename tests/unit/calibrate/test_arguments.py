@@ -23,7 +23,7 @@ def test_a_standard_uncertainty_is_a_number_of_at_least_0(sd: float) -> None:
     with pytest.raises(ConfigError, match="reference_sd"):
         calibrate.irradiance(NOWHERE, reference_sd=sd, **STATION)
     with pytest.raises(ConfigError, match="target_sd_k"):
-        calibrate.uniformity(NOWHERE, target_sd_k=sd)  # type: ignore[arg-type]
+        calibrate.uniformity(NOWHERE, target_sd_k=sd)
     with pytest.raises(ConfigError, match="tilt_sd_deg"):
         calibrate.surface(NOWHERE, tilt_sd_deg=sd)
     with pytest.raises(ConfigError, match="mark_sd_px"):
