@@ -25,15 +25,21 @@ Times = NDArray[np.int64]
 
 
 def read_columns(path: Path, names: Sequence[str]) -> FloatArray:
-    """The columns of these names of a CSV file of numbers, shape (rows, names); raises `ConfigError`."""
+    """The columns of these names of a CSV file of finite numbers, shape (rows, names).
+
+    Raises `ConfigError`.
+    """
     rows = list(csv.DictReader(io.StringIO(read_text(path))))
     try:
-        return np.array([[float(row[name]) for name in names] for row in rows]).reshape(-1, len(names))
+        table = np.array([[float(row[name]) for name in names] for row in rows]).reshape(-1, len(names))
     except (KeyError, TypeError, ValueError) as error:
         raise ConfigError(
             f"{path}: not a table of numbers with the columns {', '.join(names)} ({error})",
             fix=f"begin the file with {','.join(names)}",
         ) from error
+    for number in np.flatnonzero(~np.isfinite(table).all(axis=1)):
+        raise ConfigError(f"{path}: row {number + 2} has a number that is not finite", fix="correct that row")
+    return table
 
 
 def write_lines(path: Path, lines: Sequence[str]) -> None:

@@ -277,7 +277,7 @@ INSTRUMENT = _Typed("IDENTITY=DRIVER", parse_instrument)
 def parse_frame(text: str) -> tuple[int, int]:
     """Rows and columns of ``COLSxROWS``; raises `click.UsageError`."""
     size = re.fullmatch(r"(\d+)x(\d+)", text)
-    if size is None:
+    if size is None or not (int(size[1]) and int(size[2])):
         raise click.UsageError(f"--frame {text}: write columns x rows, such as 160x120")
     return int(size[2]), int(size[1])
 

@@ -27,5 +27,5 @@ def test_the_camera_of_both_views_is_that_of_the_record():
 
 @pytest.mark.parametrize("other", [{"serial_number": "13"}, {"settings": {"gain": "low"}}])
 def test_views_of_two_cameras_or_ranges_are_not_averaged(other):
-    with pytest.raises(ConfigError, match="a.h5 is of the camera Lepton 3.5 12 high"):
+    with pytest.raises(ConfigError, match=r"a\.h5 is of the camera Lepton 3\.5 12 high"):
         _one_camera([session("a.h5", CAMERA), session("b.h5", replace(CAMERA, **other))])
