@@ -57,6 +57,7 @@ RANGES: Mapping[str, Range] = {
     "target_sd_k": Range(0),
     "tilt_sd_deg": Range(0, above=True),
     "mark_sd_px": Range(0, above=True),
+    "nearest_m": Range(0),
     "hfov_deg": Range(0, 180, above=True, below=True),
 }
 """By argument of the functions in `fieldkit.calibrate`; those that may be left out may be None."""
