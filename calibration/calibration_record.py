@@ -261,12 +261,21 @@ def expiry_warnings(record: CalibrationRecord, now: datetime) -> list[str]:
     return warnings
 
 
-def model_warnings(record: CalibrationRecord, model: str) -> list[str]:
-    """A warning if a scale was found with another surface model than it is used with."""
-    made_with = record.details.get("model", model)
-    if made_with == model:
-        return []
-    return [f"{record.name} is the scale of the {made_with} model, not of {model}: calibrate surface again"]
+def model_warnings(record: CalibrationRecord, model: str, light: str) -> list[str]:
+    """Warnings if a scale was found with another surface model or other light than it is used with.
+
+    `light` is the label of the irradiance model.
+    """
+    made_with, by_light = record.details.get("model", model), record.details.get("irradiance", light)
+    if made_with != model:
+        return [
+            f"{record.name} is the scale of the {made_with} model, not of {model}: calibrate surface again"
+        ]
+    if by_light != light:
+        return [
+            f"{record.name} is the scale for light by {by_light}, not by {light}: calibrate surface again"
+        ]
+    return []
 
 
 def _other_instrument(record: CalibrationRecord, streams: Sequence[StreamInfo]) -> list[str]:
@@ -274,7 +283,12 @@ def _other_instrument(record: CalibrationRecord, streams: Sequence[StreamInfo]) 
     if not made_with.model and not made_with.serial_number:
         return []
     here = [instrument_of(info) for info in streams if info.name == made_with.stream]
-    here = here or [instrument_of(info) for info in streams if info.is_camera]
+    is_of_camera = record.kind in ("emissivity", "uniformity")
+    here = here or [
+        instrument_of(info)
+        for info in streams
+        if (info.is_camera if is_of_camera else info.quantity == "illuminance")
+    ]
     if not here:
         return [f"{record.name} was made with {_title(made_with)}, which is not connected"]
     found = here[0]

@@ -166,10 +166,32 @@ def test_age_and_mismatch_are_warnings(streams, days, said):
 
 def test_a_scale_of_another_surface_model_is_a_warning():
     scale = CalibrationRecord("surface", "beds", EARLIER, 1.1, 0.02, "1", "test", details={"model": "paper"})
-    (told,) = model_warnings(scale, "learned")
+    (told,) = model_warnings(scale, "learned", "eq10")
     assert told == "beds is the scale of the paper model, not of learned: calibrate surface again"
-    assert model_warnings(scale, "paper") == []
-    assert model_warnings(replace(scale, details={}), "learned") == []  # older records do not state it
+    assert model_warnings(scale, "paper", "eq10") == []
+    assert model_warnings(replace(scale, details={}), "learned", "") == []  # older records do not state it
+
+
+def test_a_scale_for_other_light_is_a_warning():
+    """kappa holds for one surface model and one irradiance: eq. (10) and a calibrated meter differ by 2 %."""
+    details = {"model": "paper", "irradiance": "eq10 /0.44, diffuse 15%, horizontal"}
+    scale = CalibrationRecord("surface", "beds", EARLIER, 1.1, 0.02, "1", "test", details=details)
+    assert model_warnings(scale, "paper", details["irradiance"]) == []
+    (told,) = model_warnings(scale, "paper", "pyranometer")
+    assert told == (
+        "beds is the scale for light by eq10 /0.44, diffuse 15%, horizontal, not by pyranometer: "
+        "calibrate surface again"
+    )
+
+
+def test_a_light_meter_under_another_name_is_compared_with_light_meters_alone():
+    """It was said to be made with the light meter where the camera is."""
+    of_lux = CalibrationRecord(
+        "irradiance", "roof", EARLIER, 0.009, 0.0002, "1", "test", instrument=instrument_of(LUX)
+    )
+    assert record_warnings(of_lux, [CAMERA, replace(LUX, name="light")], EARLIER) == []
+    (told,) = record_warnings(of_lux, [CAMERA], EARLIER)
+    assert told == "roof was made with LX-1128SD, which is not connected"
 
 
 def test_a_record_without_an_instrument_fits_any():
