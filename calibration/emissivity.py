@@ -400,9 +400,12 @@ def _refuse_after(found: Emissivity, chi_square: float, in_fahrenheit: float) ->
             fix=f"the largest contribution is {worst.name} ({abs(worst.effect):.3f}): work on it first, "
             "or make the surface warmer than what it reflects",
         )
+    remarks = []
     if value > DARK:
-        return ("blacker than any dry soil: check that the camera applies no emissivity of its own",)
-    return ()
+        remarks.append("blacker than any dry soil: check that the camera applies no emissivity of its own")
+    if value > 1.0:
+        remarks.append("above 1, as no surface is, within its uncertainty: write surface.emissivity = 1.0")
+    return tuple(remarks)
 
 
 def mirrored_temperature_k(

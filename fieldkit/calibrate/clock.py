@@ -48,16 +48,22 @@ class ClockCalibration(Calibration):
         """True if the offset is larger than its expanded uncertainty."""
         return abs(self.offset.offset_s) > self.offset.expanded
 
+    @property
+    def applied_s(self) -> float:
+        """The offset to apply: 0 if it is within its uncertainty, as the clock may then be right."""
+        return self.offset.offset_s if self.is_significant else 0.0
+
     def apply(self) -> None:
         """Correct the session's times from now on when reading; the recorded times stay as they are.
 
-        The session must not be open. Raises `ConfigError` for an offset of this computer's clock.
+        By nothing where the offset is not significant. The session must not be open. Raises `ConfigError` for
+        an offset of this computer's clock.
         """
         if self.session is None:
             raise ConfigError(
                 "this offset is not of a session", fix="set this computer's clock before recording"
             )
-        step = TimeStep(0, round(self.offset.offset_s * 1e9), self.record.method)
+        step = TimeStep(0, round(self.applied_s * 1e9), self.record.method)
         apply_time_map(self.session, [step])
 
 
