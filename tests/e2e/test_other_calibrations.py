@@ -293,7 +293,7 @@ def test_a_clock_that_is_right_is_left_as_it_is(three_beds: Path) -> None:
 
 
 def test_an_offset_within_its_uncertainty_moves_no_times(three_beds: Path, tmp_path: Path) -> None:
-    """Minutes that haze looks like would spoil a clock that is right; what was applied before is taken back."""
+    """Minutes that haze looks like would spoil a clock that is right; an earlier offset is taken back."""
     session = shutil.copy(three_beds, tmp_path / three_beds.name)
     apply_time_map(session, [TimeStep(0, 3600 * 10**9, "by mistake")])
     said = fieldkit("calibrate", "clock", session, "--sun", "--apply").output
