@@ -393,7 +393,7 @@ def _refuse_after(found: Emissivity, chi_square: float, in_fahrenheit: float) ->
             fix="check for unsteady moments, a probe outside the region, clocks that differ between logs, "
             "or a reflected temperature from another sky",
         )
-    if found.standard_uncertainty > MAX_UNCERTAINTY:
+    if not found.standard_uncertainty <= MAX_UNCERTAINTY:
         worst = found.largest
         raise CalibrationError(
             f"the emissivity would be {value:.2f} ± {found.expanded:.2f} (k=2): not determined",

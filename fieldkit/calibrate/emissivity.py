@@ -121,7 +121,9 @@ def emissivity(
             reflected=options.reflected if reflected is None else reflected,
         )
         config = config_for(opened, settings)
-        inventory = Inventory(opened.path, tuple(opened.streams.values()), opened.regions or config.regions)
+        probes = config.estimator_settings().probes
+        regions = opened.regions or config.regions
+        inventory = Inventory(opened.path, tuple(opened.streams.values()), regions, probes)
         setup = measurement_setup(inventory, options)
         collector = ReadingCollector(setup)
         for one in opened.samples():
@@ -129,7 +131,7 @@ def emissivity(
         notify_damage(opened, notify)
         pairs, remarks = pairs_of(steady_intervals(_checked_readings(collector)))
         found = _fitted(pairs, setup)
-        found = replace(found, remarks=(*remarks, *found.remarks))
+        found = replace(found, remarks=(*setup.remarks, *remarks, *found.remarks))
         record = CalibrationRecord(
             kind="emissivity",
             name=sample,

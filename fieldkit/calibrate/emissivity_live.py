@@ -132,7 +132,8 @@ def prepare_emissivity(
     require_name(sample)
     duration_s = None if options.duration is None else as_seconds(options.duration)
     with prepare(config, name=sample, duration_s=duration_s, notify=notify) as recording:
-        inventory = Inventory(config.path, recording.instruments.streams, config.regions)
+        probes = config.estimator_settings().probes
+        inventory = Inventory(config.path, recording.instruments.streams, config.regions, probes)
         yield PreparedMeasurement(recording, measurement_setup(inventory, options))
 
 

@@ -6,7 +6,7 @@ Used alike for a recorded session and for instruments that are being read.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -57,9 +57,9 @@ class MeasurementOptions:
     region : str, optional
         Region of the sample; the reference region by default.
     thermometer : str, optional
-        Stream of the contact thermometer; needed if the session has several.
+        Stream of the contact thermometer; needed if the session has several and no `probes` of the region.
     channel : str or int, optional
-        Probe of the thermometer, by name or by number from 1; the first by default.
+        Probe of the thermometer, by name or by number from 1; the region's own by default, or else the first.
     reflected : str or float
         Region of a foil that shows the reflected temperature, that temperature in °C, or ``free`` to fit it.
     tape : str, optional
@@ -164,7 +164,8 @@ class MeasurementSetup:
     """Streams and regions of a measurement, and what lies between surface and camera.
 
     `foil` is None if the reflected temperature is not measured by the camera. `tape` is the region used
-    instead of a thermometer. `camera_emissivity` was already applied by the camera.
+    instead of a thermometer. `camera_emissivity` was already applied by the camera. `probe_is_in` is another
+    region in which the configuration has the chosen probe.
     """
 
     options: MeasurementOptions
@@ -177,6 +178,16 @@ class MeasurementSetup:
     camera_emissivity: float
     thermometer: StreamInfo | None = None
     channel: int = 0
+    probe_is_in: str = ""
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """A note if the configuration has the chosen probe in another region."""
+        if not self.probe_is_in:
+            return ()
+        return (
+            f"the probe {self.probe_name} is in {self.probe_is_in}, not in {self.sample.name}, by its probes",
+        )
 
     @property
     def is_reflected_fitted(self) -> bool:
@@ -196,11 +207,34 @@ class MeasurementSetup:
 
 @dataclass(frozen=True, slots=True)
 class Inventory:
-    """Choices of a measurement: streams and regions of a session or of a campaign at `path`."""
+    """Choices of a measurement: streams and regions of a session or of a campaign at `path`.
+
+    `probes` are those configured in regions, as ``stream:channel``.
+    """
 
     path: Path
     streams: Sequence[StreamInfo]
     regions: Sequence[Region]
+    probes: Mapping[str, Sequence[str]] = field(default_factory=dict)
+
+    def probe_in(self, region: str, streams: Sequence[StreamInfo]) -> tuple[StreamInfo, int] | None:
+        """The first probe in a region that is of these streams; None if there is none."""
+        for probe in self.probes.get(region, ()):
+            name, _, text = probe.partition(":")
+            for info in streams:
+                if info.name == name and (channel := info.channel(text)) is not None:
+                    return info, channel
+        return None
+
+    def other_region_of(self, info: StreamInfo, channel: int, region: str) -> str:
+        """Another region than this one in which that probe is; empty if there is none."""
+        for name, probes in self.probes.items():
+            if name != region and any(
+                stream == info.name and info.channel(text) == channel
+                for stream, _, text in (probe.partition(":") for probe in probes)
+            ):
+                return name
+        return ""
 
 
 def measurement_setup(inventory: Inventory, options: MeasurementOptions) -> MeasurementSetup:
@@ -240,10 +274,22 @@ def _with_thermometer(setup: MeasurementSetup, inventory: Inventory) -> Measurem
     options = setup.options
     found = [info for info in inventory.streams if info.quantity == "temperature"]
     chosen = [info for info in found if options.thermometer in (None, info.name)]
+    own = inventory.probe_in(setup.sample.name, chosen) if options.channel is None else None
+    if own is not None:
+        return replace(setup, thermometer=own[0], channel=own[1])
     if len(chosen) != 1:
         have = ", ".join(info.name for info in found) or "none"
         raise ConfigError(f"{inventory.path}: which thermometer?", fix=f"--thermometer; it has {have}")
-    return replace(setup, thermometer=chosen[0], channel=_channel(chosen[0], options.channel))
+    (info,) = chosen
+    channel = _channel(info, options.channel)
+    elsewhere = inventory.other_region_of(info, channel, setup.sample.name)
+    if elsewhere and options.channel is None:
+        first, region = f"{info.name}:{info.channel_names[channel]}", setup.sample.name
+        raise ConfigError(
+            f"no probe is in {region}; {first} is in {elsewhere}",
+            fix=f"name the one in {region} with --channel, or give that region its probes",
+        )
+    return replace(setup, thermometer=info, channel=channel, probe_is_in=elsewhere)
 
 
 def _applied_emissivity(camera: StreamInfo, given: float | None) -> float:

@@ -44,7 +44,9 @@ _kelvin = partial(_number, metavar="K")
 )
 @click.option("--region", metavar="REGION", help="Region of the sample [default: the reference].")
 @click.option("--thermometer", metavar="STREAM", help="Thermometer, if there are several.")
-@click.option("--channel", metavar="PROBE", help="Probe, by name or number [default: the first].")
+@click.option(
+    "--channel", metavar="PROBE", help="Probe, by name or number [default: the region's own, or the first]."
+)
 @click.option(
     "--reflected",
     default="foil",

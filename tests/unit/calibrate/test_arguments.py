@@ -1,7 +1,7 @@
 """Arguments that cannot be, in Python; the command line refuses the same ones by the same table."""
 
 import math
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ from fieldkit import calibrate
 from fieldkit.calibrate.result import stamped
 from fieldkit.calibration.calibration_record import CalibrationRecord
 from fieldkit.config import Config
-from fieldkit.model.errors import ConfigError
+from fieldkit.model.errors import CalibrationError, ConfigError
 
 NOWHERE = Path("no-such-session.h5")
 STATION: dict[str, Any] = {"against": "station", "reference": "alamosa-2016-01-01"}
@@ -39,6 +39,13 @@ def test_a_clock_that_was_read_without_its_zone_is_refused() -> None:
     config = Config.__new__(Config)
     with pytest.raises(ConfigError, match="has no zone"):
         calibrate.host_clock(config, host_ns=0, shown=datetime(2026, 12, 11, 11, 52))
+
+
+@pytest.mark.parametrize(("value", "sd"), [(math.nan, 0.1), (1.0, math.nan), (1.0, math.inf)])
+def test_a_result_that_is_no_number_is_not_saved(value: float, sd: float) -> None:
+    """A budget of 1e9 K gave 0.892 ± nan, and a record without an uncertainty."""
+    with pytest.raises(CalibrationError, match="not determined"):
+        stamped(CalibrationRecord("clock", "clock", datetime(2026, 1, 1, tzinfo=UTC), value, sd, "s", "test"))
 
 
 def test_a_record_has_a_name_that_a_file_can_have() -> None:

@@ -41,9 +41,9 @@ GRAIN = np.arange(12) - 5.5
 """Counts by which the pixels of a region differ: a foil without any is saturated."""
 
 
-def made(*streams: StreamInfo, **given: Any) -> MeasurementSetup:
+def made(*streams: StreamInfo, probes: dict[str, list[str]] | None = None, **given: Any) -> MeasurementSetup:
     options = MeasurementOptions(**{"foil_emissivity": 0.0, **given})
-    return measurement_setup(Inventory(WHERE, streams or (CAMERA, PROBES), REGIONS), options)
+    return measurement_setup(Inventory(WHERE, streams or (CAMERA, PROBES), REGIONS, probes or {}), options)
 
 
 def frame(second: int, quality: Quality = Quality.GOOD, **kelvin: float) -> Frame:
@@ -243,3 +243,30 @@ def test_constants_that_no_camera_has_are_refused(band: str) -> None:
 def test_a_response_that_is_not_there_is_not_taken_for_a_damaged_session() -> None:
     with pytest.raises(ConfigError, match="cannot read the band nofile"):
         band_of("nofile.csv")
+
+
+IN_REGIONS = {"sand": ["thermometer:sand"], "tape": ["thermometer:tape"]}
+
+
+@pytest.mark.parametrize(("region", "probe"), [("sand", "sand"), ("tape", "tape")])
+def test_a_regions_own_probe_is_chosen(region: str, probe: str) -> None:
+    """The first one gave a bed of 5 degrees 0.957 ± 0.035 for 0.90, by the probe of the bed beside it."""
+    setup = made(probes=IN_REGIONS, region=region)
+    assert (setup.probe_name, setup.remarks) == (probe, ())
+
+
+def test_of_several_thermometers_the_one_with_the_regions_probe_is_chosen() -> None:
+    other = replace(PROBES, name="logger")
+    setup = made(CAMERA, PROBES, other, probes={"sand": ["logger:air"]})
+    assert setup.thermometer == other
+    assert setup.probe_name == "air"
+
+
+def test_a_region_without_a_probe_is_not_given_that_of_another() -> None:
+    with pytest.raises(ConfigError, match="no probe is in foil; thermometer:sand is in sand"):
+        made(probes=IN_REGIONS, region="foil", reflected=-40.0)
+
+
+def test_a_probe_of_another_region_is_noted() -> None:
+    setup = made(probes=IN_REGIONS, channel="tape")
+    assert setup.remarks == ("the probe tape is in tape, not in sand, by its probes",)
