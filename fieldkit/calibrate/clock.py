@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fieldkit.calibrate.inputs import end_of, minute_means, one_stream, record_source
+from fieldkit.calibrate.inputs import end_of, light_meter, minute_means, record_source
 from fieldkit.calibrate.result import Calibration, stamped
 from fieldkit.calibration.calibration_record import CalibrationRecord, Source
 from fieldkit.calibration.clock_offset import ClockOffset, offset_from_sun, offset_from_times
@@ -111,7 +111,7 @@ def clock(
     with reading(session) as opened:
         config = config_for(opened)
         if gps is None:
-            found, method = _against_sun(opened), "the light against the sun's height"
+            found, method = _against_sun(opened, config), "the light against the sun's height"
         else:
             found, method = _against_gps(opened, gps), f"GPS receiver {gps}"
         notify_damage(opened, notify)
@@ -211,12 +211,12 @@ def _is_fix(sample: Sample) -> bool:
     )
 
 
-def _against_sun(session: SessionReader) -> ClockOffset:
+def _against_sun(session: SessionReader, config: Config) -> ClockOffset:
     if (body := body_of(session.site)) is not EARTH:
         raise ConfigError(
             f"{session.path.name} is of {body.name}; the clock is found by the light under the Earth's air",
             fix="give a GPS stream with --gps, or read another clock with --at",
         )
-    meter = one_stream(session, "illuminance").name
+    meter = light_meter(session, config).name
     minutes, illuminance = minute_means(session, meter, recorded=True)
     return offset_from_sun(minutes, illuminance, session.site)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.calibration.calibration_record import Source
+from fieldkit.config import Config
 from fieldkit.config.files import read_text
 from fieldkit.disk import replacing, sha256
 from fieldkit.model.device import StreamInfo
@@ -79,6 +80,21 @@ def one_stream(session: SessionReader, quantity: str, name: str | None = None) -
     have = ", ".join(info.name for info in found) or "none"
     which = f"no {quantity} stream {name!r}" if name else f"which {quantity} stream?"
     raise ConfigError(f"{session.path}: {which}", fix=f"it has {have}")
+
+
+def light_meter(session: SessionReader, config: Config) -> StreamInfo:
+    """The session's light meter: of several the one that ``irradiance.stream`` names.
+
+    Raises `ConfigError` without any, or if none of several is named.
+    """
+    names = [info.name for info in session.streams.values() if info.quantity == "illuminance"]
+    named = config.tables.irradiance.stream
+    if len(names) > 1 and named not in names:
+        raise ConfigError(
+            f"{session.path}: which light meter?",
+            fix=f"name it as irradiance.stream; it has {', '.join(names)}",
+        )
+    return one_stream(session, "illuminance", named if named in names else None)
 
 
 def minute_means(session: SessionReader, stream: str, *, recorded: bool = False) -> tuple[Times, FloatArray]:

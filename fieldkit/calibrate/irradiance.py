@@ -8,7 +8,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from fieldkit.calibrate.inputs import Times, end_of, minute_means, one_stream, record_source
+from fieldkit.calibrate.inputs import Times, end_of, light_meter, minute_means, one_stream, record_source
 from fieldkit.calibrate.result import Calibration, stamped
 from fieldkit.calibration.calibration_record import CalibrationRecord, instrument_of
 from fieldkit.calibration.light_meter import (
@@ -64,7 +64,7 @@ def irradiance(
     Parameters
     ----------
     session : Session or path
-        A recording with one illuminance stream.
+        A recording with an illuminance stream; of several the one that ``irradiance.stream`` names.
     against : {"pyranometer", "pyrheliometer", "station"}
         Kind of reference: a stream of global irradiance on the meter's plane, a stream of direct normal
         irradiance, or a station file.
@@ -102,7 +102,7 @@ def irradiance(
         files = [Path(reference).resolve()] if against == "station" and Path(reference).is_file() else []
         if files:  # relative paths are meant from the current folder, not from the campaign's
             reference = str(files[0])
-        meter = one_stream(opened, "illuminance")
+        meter = light_meter(opened, config)
         minutes, illuminance = minute_means(opened, meter.name)
         around = _with_margins(minutes)
         plane, method, diffuse_sd = _reference(opened, config, around, against, reference)
