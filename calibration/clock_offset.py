@@ -90,10 +90,13 @@ def offset_from_times(
             f"the clocks differ by {apart_s.min():+.0f} to {apart_s.max():+.0f} s: one was stepped",
             fix="fieldkit check shows when; compare them again after that",
         )
-    budget = (
+    drift_s = _change(apart_s[np.argsort(own_ns, kind="stable")])
+    budget: tuple[Contribution, ...] = (
         Contribution("scatter", scatter, "s", "A", scatter / own_ns.size**0.5),
         Contribution(f"reading the {source}", reading_sd_s, "s", "B", reading_sd_s),
     )
+    if drift_s:  # one offset for all times is half of it wrong at either end; rectangular
+        budget += (Contribution("drift of the clocks", drift_s, "s", "B", drift_s / 2.0 / math.sqrt(3.0)),)
     return ClockOffset(float(np.median(apart_s)), budget, int(own_ns.size))
 
 
@@ -123,6 +126,12 @@ def offset_from_sun(time_ns: NDArray[np.int64], illuminance_lx: FloatArray, site
             fix="use a session under a clear sky, or compare with a phone: --at",
         )
     return ClockOffset(shift_s, light.budget(shift_s, used, scatter), int(used.sum()))
+
+
+def _change(apart_s: FloatArray) -> float:
+    """Change of offsets (n,) from the first third to the last, by their medians; 0 for fewer than three."""
+    third = apart_s.size // 3
+    return abs(float(np.median(apart_s[-third:]) - np.median(apart_s[:third]))) * 1.5 if third else 0.0
 
 
 def _refuse_short(time_ns: NDArray[np.int64], what: str) -> None:

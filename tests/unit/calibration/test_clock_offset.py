@@ -184,3 +184,14 @@ def test_the_true_time_of_a_measured_clear_day_is_within_what_is_stated(hours, i
     assert abs(found.offset_s - wrong_s) < found.expanded
     if hours == (15, 24):
         assert found.expanded < 400.0
+
+
+def test_a_clock_that_drifts_is_as_uncertain_at_either_end_as_the_drift_makes_it():
+    """100 ppm over six hours are 2.2 s, of which the median is 1.1 s off at both ends; it stated 0.8 s."""
+    own = np.arange(0, 6 * 3600, 10) * 10**9
+    true = own + (own * 100e-6).astype(np.int64)
+    found = offset_from_times(own, true, 0.4, "receiver")
+    assert found.offset_s == pytest.approx(1.08, abs=0.01)
+    line = found.budget[-1]
+    assert line.uncertainty == pytest.approx(2.16, rel=0.01)  # median of the thirds, 2/3 of it apart
+    assert found.expanded == pytest.approx(2.0 * np.hypot(0.4, 2.16 / np.sqrt(12.0)), rel=0.02)
