@@ -12,6 +12,7 @@ from fieldkit.calibrate.result import Calibration, stamped
 from fieldkit.calibration import uniformity as offsets
 from fieldkit.calibration.calibration_record import CalibrationRecord, Instrument, instrument_of
 from fieldkit.calibration.ranges import require_ranges
+from fieldkit.calibration.uncertainty import students_factor
 from fieldkit.calibration.uniformity import TargetView, Uniformity
 from fieldkit.estimation.scale import offsets_from_uniform
 from fieldkit.model.errors import CalibrationError, ConfigError
@@ -139,11 +140,12 @@ def target_view(session: SessionReader) -> TargetView:
     means = np.array([np.bincount(place, column) for column in series.mean_k[good].T]).T / counts
     reference, targets = means[:, is_reference].mean(axis=1), means[:, ~is_reference]
     found = offsets_from_uniform(targets, reference)
+    offset_sd_k = students_factor(blocks.size - 1) * found.offset_sd_k
     names = [name for name, reference in zip(series.regions, is_reference, strict=True) if not reference]
     return TargetView(
         int(series.time_ns[good].mean()),
         dict(zip(names, found.offset_k.tolist(), strict=True)),
-        dict(zip(names, found.offset_sd_k.tolist(), strict=True)),
+        dict(zip(names, offset_sd_k.tolist(), strict=True)),
         _largest_change_k(targets - reference[:, np.newaxis]),
     )
 
