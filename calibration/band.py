@@ -80,10 +80,10 @@ class ResponseBand:
 
     def __init__(self, wavelength_um: ArrayLike, response: ArrayLike, label: str = "given response") -> None:
         wavelength, weight = np.asarray(wavelength_um, np.float64), np.asarray(response, np.float64)
-        if wavelength.size < 2 or np.any(np.diff(wavelength) <= 0.0) or wavelength[0] <= 0.0:
+        if wavelength.size < 2 or not (np.diff(wavelength, prepend=0.0) > 0.0).all():
             raise ConfigError("a response needs two or more increasing wavelengths in micrometres")
-        if np.any(weight < 0.0) or not np.any(weight > 0.0):
-            raise ConfigError("a response must not be negative, nor zero everywhere")
+        if not ((weight >= 0.0) & np.isfinite(weight)).all() or not np.any(weight > 0.0):
+            raise ConfigError("a response must be finite numbers of 0 or more, not zero everywhere")
         self.label = label
         fine = np.linspace(wavelength[0], wavelength[-1], 600)
         self._temperatures = np.arange(150.0, 500.0, 0.25)
@@ -93,9 +93,18 @@ class ResponseBand:
 
     @classmethod
     def read(cls, path: Path) -> ResponseBand:
-        """Read a table of wavelength in micrometres and response, comma-separated, with or without header."""
+        """Read a table of wavelength in micrometres and response, comma-separated, with or without header.
+
+        Raises `ConfigError`.
+        """
         try:
-            text = [line for line in path.read_text(encoding="utf-8").splitlines() if line[:1].isdigit()]
+            lines = path.read_text(encoding="utf-8").splitlines()
+        except OSError as error:
+            raise ConfigError(
+                f"cannot read the band {path}: {error.strerror}", fix="check its path, and who may read it"
+            ) from error
+        try:
+            text = [line for line in lines if line[:1].isdigit()]
             table = np.array([[float(cell) for cell in line.split(",")[:2]] for line in text])
             return cls(table[:, 0], table[:, 1], f"response {path.name}")
         except (ValueError, IndexError) as error:

@@ -7,20 +7,26 @@ sand"``, or an older one by its whole file name. Celsius in the file, for reader
 
 from __future__ import annotations
 
+import json
 import math
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from datetime import UTC, datetime, timedelta
+from functools import cache
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
 import tomlkit
+from pydantic import AwareDatetime, Field, TypeAdapter, ValidationError
 
 from fieldkit.calibration.uncertainty import COVERAGE_FACTOR, Contribution
+from fieldkit.disk import one_at_a_time, replacing
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, StorageError
 
+_Finite = Annotated[float, Field(allow_inf_nan=False)]
+_Spread = Annotated[float, Field(allow_inf_nan=False, ge=0)]
 Kind = Literal["emissivity", "uniformity", "irradiance", "surface", "clock"]
 SCHEMA = 1
 FOLDER = "calibration"
@@ -64,15 +70,15 @@ class CalibrationRecord:
 
     kind: Kind
     name: str
-    date: datetime
-    value: float
-    standard_uncertainty: float
+    date: AwareDatetime
+    value: _Finite
+    standard_uncertainty: _Spread
     unit: str
     method: str
     degrees_of_freedom: float = math.inf
     budget: tuple[Contribution, ...] = ()
-    values: Mapping[str, float] = field(default_factory=dict)
-    uncertainties: Mapping[str, float] = field(default_factory=dict)
+    values: Mapping[str, _Finite] = field(default_factory=dict)
+    uncertainties: Mapping[str, _Spread] = field(default_factory=dict)
     band: str = ""
     angle_deg: float = math.nan
     instrument: Instrument = field(default_factory=Instrument)
@@ -81,7 +87,7 @@ class CalibrationRecord:
     settings: Mapping[str, Any] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
     software: str = ""
-    expires: datetime | None = None
+    expires: AwareDatetime | None = None
 
     @property
     def expanded(self) -> float:
@@ -138,65 +144,97 @@ def from_toml(text: str, where: str) -> CalibrationRecord:
 
 
 def from_document(document: Mapping[str, Any], where: str) -> CalibrationRecord:
-    """The record in a parsed document. Raises `ConfigError` for another document, or a newer layout."""
+    """The record in a parsed document.
+
+    Raises `ConfigError` for a newer layout, and for a key that is absent or has a value that cannot be.
+    """
     if document.get("schema") != SCHEMA:
         raise ConfigError(
             f"{where} has layout {document.get('schema')!r}, this fieldkit reads {SCHEMA}",
             fix="calibrate again, or install a newer fieldkit",
         )
     given = {f.name: document[f.name] for f in fields(CalibrationRecord) if f.name in document}
+    if isinstance(lines := given.get("budget"), list | tuple):
+        given["budget"] = [{**UNKNOWN, **line} if isinstance(line, Mapping) else line for line in lines]
     try:
-        given["budget"] = tuple(Contribution(**{**UNKNOWN, **line}) for line in given.get("budget", ()))
-        given["sources"] = tuple(Source(**source) for source in given.get("sources", ()))
-        given["instrument"] = Instrument(**given.get("instrument", {}))
-        given["remarks"] = tuple(given.get("remarks", ()))
-        found = CalibrationRecord(**given)
-    except TypeError as error:
-        raise ConfigError(f"{where} is not a calibration record: {error}") from error
-    if found.kind not in get_args(Kind) or not _is_number(found.value, found.standard_uncertainty):
-        raise ConfigError(f"{where} is not a calibration record of a known kind")
-    return found
+        # as JSON, whose strict reading takes tables for dataclasses, lists for tuples, but no number for text
+        return _form().validate_json(json.dumps(given, default=_as_text), strict=True)
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"])
+        raise ConfigError(
+            f"{where} is not a calibration record: {key}: {first['msg']}",
+            fix=f"correct {key} in it, or calibrate again",
+        ) from None
 
 
-def _is_number(*values: Any) -> bool:
-    return all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
+@cache
+def _form() -> TypeAdapter[CalibrationRecord]:
+    return TypeAdapter(CalibrationRecord)
+
+
+def _as_text(value: Any) -> str:
+    return value.isoformat() if hasattr(value, "isoformat") else str(value)
 
 
 def save(record: CalibrationRecord, folder: Path) -> Path:
     """Write the record into the folder and return its path.
 
-    An identical record that exists is left as it is. Raises `StorageError` if another one is there.
+    An identical record that exists is left as it is. Raises `StorageError` if another one is there, or where
+    none can be written.
     """
-    path, text = folder / record.file_name, to_toml(record)
+    path, text = folder / record.file_name, to_toml(record).encode()
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with path.open("x", encoding="utf-8") as file:
-            file.write(text)
-    except FileExistsError as error:
-        if path.read_text(encoding="utf-8") == text:
-            return path
-        raise StorageError(
-            f"{path} already exists: a record is never changed", fix="give the calibration another --name"
-        ) from error
+        with one_at_a_time(folder):
+            if path.exists():
+                _require_same(path, text, "--sample" if record.kind == "emissivity" else "--name")
+            else:
+                # whole or not at all: a part of a record would be the latest of its name
+                with replacing(path) as draft:
+                    draft.write_bytes(text)
     except OSError as error:
-        raise StorageError(f"cannot write {path}: {error.strerror}") from error
+        fix = "make room there, or let yourself write there"
+        raise StorageError(f"cannot write {path}: {error.strerror}", fix=fix) from error
     return path
 
 
-def find(reference: str, folder: Path) -> tuple[CalibrationRecord, Path]:
+def _require_same(path: Path, text: bytes, option: str) -> None:
+    if path.read_bytes() != text:
+        raise StorageError(
+            f"{path} already exists: a record is never changed", fix=f"give the calibration another {option}"
+        )
+
+
+def find(reference: str, folder: Path, kind: str | None = None) -> tuple[CalibrationRecord, Path]:
     """The latest record named `reference`, or the one with that file name, both without ``@`` and suffix.
 
-    Raises `ConfigError` that lists the available names.
+    Of a `kind`, if there is one: what is measured of one sand may have one name. Raises `ConfigError` that
+    lists the available names.
     """
     files = sorted(folder.glob("*.toml")) if folder.is_dir() else []
-    for file in reversed(files):
-        if reference in (file.stem, file.stem.partition("-")[2]):
-            return from_toml(file.read_text(encoding="utf-8"), str(file)), file
+    named = [file for file in reversed(files) if reference in (file.stem, file.stem.partition("-")[2])]
+    records = ((_read(file), file) for file in named)
+    if latest := next(records, None):
+        if kind in (None, latest[0].kind):
+            return latest
+        return next((one for one in records if one[0].kind == kind), latest)
     names = sorted({file.stem.partition("-")[2] for file in files})
     raise ConfigError(
         f"no calibration named {reference!r} in {folder}",
         fix=f"available: {', '.join(names)}" if names else "make one: fieldkit calibrate",
     )
+
+
+def _read(file: Path) -> CalibrationRecord:
+    try:
+        text = file.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        fix = "check who may read it"
+        raise ConfigError(f"cannot read {file}: {error.strerror}", fix=fix) from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{file} is not UTF-8 text: {error.reason}", fix="save it as UTF-8") from error
+    return from_toml(text, str(file))
 
 
 def instrument_of(info: StreamInfo) -> Instrument:
@@ -223,12 +261,21 @@ def expiry_warnings(record: CalibrationRecord, now: datetime) -> list[str]:
     return warnings
 
 
-def model_warnings(record: CalibrationRecord, model: str) -> list[str]:
-    """A warning if a scale was found with another surface model than it is used with."""
-    made_with = record.details.get("model", model)
-    if made_with == model:
-        return []
-    return [f"{record.name} is the scale of the {made_with} model, not of {model}: calibrate surface again"]
+def model_warnings(record: CalibrationRecord, model: str, light: str) -> list[str]:
+    """Warnings if a scale was found with another surface model or other light than it is used with.
+
+    `light` is the label of the irradiance model.
+    """
+    made_with, by_light = record.details.get("model", model), record.details.get("irradiance", light)
+    if made_with != model:
+        return [
+            f"{record.name} is the scale of the {made_with} model, not of {model}: calibrate surface again"
+        ]
+    if by_light != light:
+        return [
+            f"{record.name} is the scale for light by {by_light}, not by {light}: calibrate surface again"
+        ]
+    return []
 
 
 def _other_instrument(record: CalibrationRecord, streams: Sequence[StreamInfo]) -> list[str]:
@@ -236,7 +283,12 @@ def _other_instrument(record: CalibrationRecord, streams: Sequence[StreamInfo]) 
     if not made_with.model and not made_with.serial_number:
         return []
     here = [instrument_of(info) for info in streams if info.name == made_with.stream]
-    here = here or [instrument_of(info) for info in streams if info.is_camera]
+    is_of_camera = record.kind in ("emissivity", "uniformity")
+    here = here or [
+        instrument_of(info)
+        for info in streams
+        if (info.is_camera if is_of_camera else info.quantity == "illuminance")
+    ]
     if not here:
         return [f"{record.name} was made with {_title(made_with)}, which is not connected"]
     found = here[0]

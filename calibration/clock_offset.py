@@ -9,13 +9,14 @@ formulation for the Linke turbidity coefficient", Solar Energy 73, 151-157, 2002
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from fieldkit.calibration.uncertainty import Budgeted, Contribution
+from fieldkit.calibration.uncertainty import Budgeted, Contribution, combined_uncertainty
 from fieldkit.model.errors import CalibrationError
 from fieldkit.model.site import Site
 from fieldkit.model.units import DAY_S
@@ -47,6 +48,12 @@ LAW_SD = 0.008
 A parabola of this size is what Perez's efficacies, or Littlefair's constant ones, leave of a clear sky.
 """
 MIN_HAZE, MAX_HAZE = 0.02, 0.8
+SKY_SD = 0.004
+"""Scatter about the law that a clear sky itself has: the best shift may fit better than the true one.
+
+Alamosa, 2016-01-01: 0.002 to 0.005 at its own times, of beam and diffuse light in windows of two hours.
+"""
+FARTHEST_S, FAR_STEP_S = 5400.0, 150.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,10 +90,13 @@ def offset_from_times(
             f"the clocks differ by {apart_s.min():+.0f} to {apart_s.max():+.0f} s: one was stepped",
             fix="fieldkit check shows when; compare them again after that",
         )
-    budget = (
+    drift_s = _change(apart_s[np.argsort(own_ns, kind="stable")])
+    budget: tuple[Contribution, ...] = (
         Contribution("scatter", scatter, "s", "A", scatter / own_ns.size**0.5),
         Contribution(f"reading the {source}", reading_sd_s, "s", "B", reading_sd_s),
     )
+    if drift_s:  # one offset for all times is half of it wrong at either end; rectangular
+        budget += (Contribution("drift of the clocks", drift_s, "s", "B", drift_s / 2.0 / math.sqrt(3.0)),)
     return ClockOffset(float(np.median(apart_s)), budget, int(own_ns.size))
 
 
@@ -116,6 +126,12 @@ def offset_from_sun(time_ns: NDArray[np.int64], illuminance_lx: FloatArray, site
             fix="use a session under a clear sky, or compare with a phone: --at",
         )
     return ClockOffset(shift_s, light.budget(shift_s, used, scatter), int(used.sum()))
+
+
+def _change(apart_s: FloatArray) -> float:
+    """Change of offsets (n,) from the first third to the last, by their medians; 0 for fewer than three."""
+    third = apart_s.size // 3
+    return abs(float(np.median(apart_s[-third:]) - np.median(apart_s[:third]))) * 1.5 if third else 0.0
 
 
 def _refuse_short(time_ns: NDArray[np.int64], what: str) -> None:
@@ -152,8 +168,7 @@ class _ClearSkyFit:
         """Mean deviation at one shift with the best haze; the sun is never taken as below the horizon."""
         height = np.maximum(self.height(shift_s), HORIZON)
         y, mass = self.log_light - np.log(height), air_mass(height, self.site.elevation_m)
-        slope = np.polyfit(mass, y, 1)[0] if np.ptp(mass) > 1e-6 else 0.0
-        left = y + np.clip(-slope, MIN_HAZE, MAX_HAZE) * mass
+        left = y + _haze(mass, y) * mass
         return float(np.mean(np.abs(left - np.median(left))))
 
     def fit(self, start_s: float, used: NDArray[np.bool_]) -> tuple[float, FloatArray]:
@@ -174,7 +189,7 @@ class _ClearSkyFit:
         return np.asarray(self.log_light - (unknown[1] + np.log(height) - unknown[2] * mass))
 
     def budget(self, shift_s: float, used: NDArray[np.bool_], scatter: float) -> tuple[Contribution, ...]:
-        """Scatter, and the effect on the best shift of a meter out of level and of changing haze."""
+        """Scatter, effects of a meter out of level, changing haze and the law; other shifts that fit."""
         sun, later = self.sun(shift_s)[used], self.height(shift_s + 1.0)[used]
         mass, later_mass = (air_mass(height, self.site.elevation_m) for height in (sun[:, 2], later))
         k = float(np.clip(-np.polyfit(mass, self.log_light[used] - np.log(sun[:, 2]), 1)[0], 0.0, MAX_HAZE))
@@ -189,9 +204,35 @@ class _ClearSkyFit:
         place = np.interp(mass, [mass.min(), mass.max()], [-1.0, 1.0])
         law = LAW_SD * float(np.log(mass.max() / mass.min()) * (gain @ place**2))
         noise = scatter * float(np.sqrt(correlated) * np.linalg.norm(gain))
-        return (
+        near = (
             Contribution("scatter of the light", scatter, "1", "A", noise),
             Contribution("level of the meter", LEVEL_SD_DEG, "deg", "B", level),
             Contribution("haze that changes", HAZE_SD, "1", "B", haze),
             Contribution("law of a clear sky", LAW_SD, "1", "B", law),
         )
+        # the slopes at the best shift say nothing of others, which haze makes fit on one side of noon;
+        # anywhere up to the farthest, rectangular, of which the slopes have explained a part
+        farthest_s = self._farthest_s(shift_s, used, math.hypot(scatter, SKY_SD))
+        beyond = max(0.0, farthest_s**2 / 3.0 - combined_uncertainty(near) ** 2)
+        return (*near, Contribution("other times that fit", farthest_s, "s", "B", math.sqrt(beyond)))
+
+    def _farthest_s(self, shift_s: float, used: NDArray[np.bool_], scatter: float) -> float:
+        """Distance to the farthest shift at which readings scatter no more, with the best haze for it."""
+        away = np.arange(-FARTHEST_S, FARTHEST_S + 1.0, FAR_STEP_S)
+        fits = [abs(float(far)) for far in away if self._scatter(shift_s + float(far), used) <= scatter]
+        return max(fits, default=0.0)
+
+    def _scatter(self, shift_s: float, used: NDArray[np.bool_]) -> float:
+        """Scatter of the readings for which the sun is high at a shift; infinite where they are too few."""
+        height = self.height(shift_s)
+        high = used & (height > LOWEST)
+        if high.sum() < MIN_READINGS:
+            return np.inf
+        y, mass = self.log_light[high] - np.log(height[high]), air_mass(height[high], self.site.elevation_m)
+        return float(np.std(y + _haze(mass, y) * mass))
+
+
+def _haze(mass: FloatArray, y: FloatArray) -> float:
+    """The best haze k of ``a - k m``, within its bounds."""
+    slope = np.polyfit(mass, y, 1)[0] if np.ptp(mass) > 1e-6 else 0.0
+    return float(np.clip(-slope, MIN_HAZE, MAX_HAZE))

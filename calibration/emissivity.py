@@ -342,12 +342,17 @@ def _refuse_before(pairs: Pairs, reflected_sd_k: float, reflected: Reflected) ->
 
     The surface must differ from what it reflects by 10 K, and by three standard uncertainties of that.
     """
-    count, contrast_k, span_k = len(pairs), pairs.contrast_k, pairs.span_k
-    if count < MIN_PAIRS:
+    if (count := len(pairs)) < MIN_PAIRS:
         raise CalibrationError(
             f"{count} steady pair{'s' * (count != 1)} cannot show whether they agree",
             fix=f"measure at {MIN_PAIRS} temperatures or more, each steady for a minute",
         )
+    if not all(np.isfinite(one).all() for one in (pairs.apparent_k, pairs.contact_k, pairs.reflected_k)):
+        raise CalibrationError(
+            "some of the pairs have no temperature in this band",
+            fix="check band, path through the air, what the camera has applied, and the foil's emissivity",
+        )
+    contrast_k, span_k = pairs.contrast_k, pairs.span_k
     least_k = max(MIN_CONTRAST_K, 3.0 * reflected_sd_k)
     if contrast_k < least_k:
         raise CalibrationError(
@@ -388,16 +393,19 @@ def _refuse_after(found: Emissivity, chi_square: float, in_fahrenheit: float) ->
             fix="check for unsteady moments, a probe outside the region, clocks that differ between logs, "
             "or a reflected temperature from another sky",
         )
-    if found.standard_uncertainty > MAX_UNCERTAINTY:
+    if not found.standard_uncertainty <= MAX_UNCERTAINTY:
         worst = found.largest
         raise CalibrationError(
             f"the emissivity would be {value:.2f} ± {found.expanded:.2f} (k=2): not determined",
             fix=f"the largest contribution is {worst.name} ({abs(worst.effect):.3f}): work on it first, "
             "or make the surface warmer than what it reflects",
         )
+    remarks = []
     if value > DARK:
-        return ("blacker than any dry soil: check that the camera applies no emissivity of its own",)
-    return ()
+        remarks.append("blacker than any dry soil: check that the camera applies no emissivity of its own")
+    if value > 1.0:
+        remarks.append("above 1, as no surface is, within its uncertainty: write surface.emissivity = 1.0")
+    return tuple(remarks)
 
 
 def mirrored_temperature_k(

@@ -18,7 +18,8 @@ from fieldkit.model.errors import CalibrationError
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.irradiance import IrradianceModel, direct_normal, shares_on_plane
 
-MIN_MINUTES = 10
+Times = NDArray[np.int64]
+MIN_MINUTES, DARK_W_M2 = 10, 20.0
 UNSTEADY = 0.05
 """Relative change between neighbouring minutes beyond which the response times of two instruments matter."""
 METER_SD, REFERENCE_NOISE = 0.01, 0.005
@@ -26,7 +27,12 @@ COSINE_SD = 0.015
 """Of cosine error and level of the meter, relative and common to all minutes."""
 MAX_SCATTER, MIN_CONSISTENT = 0.10, 0.7
 """Minutes farther from the median ratio had a cloud over one instrument; the share that must be nearer."""
-MAX_INTERCEPT = 0.05
+MAX_INTERCEPT, WORST_INTERCEPT = 0.05, 0.20
+MAX_LAG_S, LAG_STEP_S, SIGNIFICANT_LAG_S = 5400.0, 60.0, 90.0
+WORST_LAG_S = 900.0
+"""Level and cosine error of a meter look like some minutes; a quarter of an hour is a clock's."""
+BETTER_LAG, OVERLAP = 2.0, 0.7
+"""Factor by which another shift must fit better, with this share of the minutes, to be accepted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +68,53 @@ def on_plane(
     return guess
 
 
+def refuse_shifted_clocks(lag_s: float) -> None:
+    """Raise `CalibrationError` for a `clock_lag_s` that no level and no cosine error explains."""
+    if abs(lag_s) > WORST_LAG_S:
+        minutes = f"{lag_s / 60.0:+.0f} min"
+        raise CalibrationError(
+            f"the clocks differ: the meter fits its reference best with {minutes} added to its times",
+            fix="is a time zone wrong? fieldkit calibrate clock finds it for the session; import a logger "
+            f"again with --clock-offset {-lag_s:+.0f}s",
+        )
+
+
+def clock_lag_s(time_ns: Times, reading: FloatArray, reference_ns: Times, plane_w_m2: FloatArray) -> float:
+    """Seconds to add to a meter's times so that it fits its reference best.
+
+    From minutes (n,) of the meter and (m,) of the reference, which may begin before and end after them.
+    Shifts of up to 90 minutes either way are tried. 0 where no shift is twice as good.
+    """
+    kept = np.isfinite(reading) & (reading > 0.0) & _steady(reading)
+    known = np.isfinite(plane_w_m2) & (plane_w_m2 > DARK_W_M2)
+    if kept.sum() < MIN_MINUTES or not known.any():
+        return 0.0
+    meter_s, reference_s = ((times - time_ns[0]) / 1e9 for times in (time_ns[kept], reference_ns[known]))
+    steps = round(MAX_LAG_S / LAG_STEP_S)
+    lags = LAG_STEP_S * np.arange(-steps, steps + 1)
+    shifted = [np.interp(meter_s + lag, reference_s, plane_w_m2[known], np.nan, np.nan) for lag in lags]
+    misfits = np.array([_misfit(plane / reading[kept]) for plane in shifted])
+    if not misfits[steps] > BETTER_LAG * misfits.min():
+        return 0.0
+    best = float(lags[np.argmin(misfits)])
+    return best if abs(best) > SIGNIFICANT_LAG_S else 0.0
+
+
+def _misfit(ratio: FloatArray) -> float:
+    """Median relative deviation of ratios (n,) from their median; infinite if too few are known."""
+    known = ratio[np.isfinite(ratio)]
+    if known.size < max(MIN_MINUTES, OVERLAP * ratio.size):
+        return float("inf")
+    return float(np.median(np.abs(known / np.median(known) - 1.0)))
+
+
+def with_lag(found: LightFactor, shifted: LightFactor, lag_s: float) -> LightFactor:
+    """The factor with the change that a shift of the clocks would make in its budget."""
+    effect = shifted.value - found.value
+    line = Contribution("clocks or levels that differ", abs(lag_s), "s", "B", effect)
+    return replace(found, budget=(*found.budget, line))
+
+
 def light_factor(
     reading: FloatArray,
     plane_w_m2: FloatArray,
@@ -76,7 +129,7 @@ def light_factor(
     are relative standard uncertainties that all minutes share: of the reference, of the diffuse share. Raises
     `CalibrationError` with fewer than ten steady minutes, or if no single factor fits the two instruments.
     """
-    kept = np.isfinite(reading) & np.isfinite(plane_w_m2) & (reading > 0.0) & (plane_w_m2 > 20.0)
+    kept = np.isfinite(reading) & np.isfinite(plane_w_m2) & (reading > 0.0) & (plane_w_m2 > DARK_W_M2)
     kept &= _steady(reading) & _steady(plane_w_m2)
     if kept.sum() < MIN_MINUTES:
         raise CalibrationError(
@@ -117,13 +170,15 @@ def _steady(values: FloatArray) -> NDArray[np.bool_]:
 
 
 def _intercept(points: Points) -> tuple[str, ...]:
-    """A note where the free line misses the origin by more than 5 % of the mean."""
+    """A note where the free line misses the origin by more than 5 % of the mean; refused beyond 20 %."""
     if np.ptp(points.x) < 0.2 * points.x.mean():
         return ()
     free = fit_line(points, origin=False)
     miss = free.intercept / float(points.y.mean())
-    if abs(miss) < MAX_INTERCEPT:
-        return ()
-    return (
-        f"a free line misses the origin by {miss:+.0%} of the mean: cosine error, sky share or dark offset",
-    )
+    what = f"a free line misses the origin by {miss:+.0%} of the mean"
+    if abs(miss) > WORST_INTERCEPT:
+        raise CalibrationError(
+            f"the instruments disagree: {what}",
+            fix="compare their clocks (time zone?), levels and mounting; is one of them shaded?",
+        )
+    return (f"{what}: cosine error, sky share or dark offset",) if abs(miss) >= MAX_INTERCEPT else ()

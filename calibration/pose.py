@@ -16,7 +16,8 @@ from fieldkit.model.errors import CalibrationError
 from fieldkit.physics.camera_geometry import Camera, angles_of_axes, project
 from fieldkit.physics.facet import FloatArray
 
-LEAST_POINTS = 4
+LEAST_POINTS, WORST_MARK = 4, 10.0
+"""Points of a pose; standard uncertainties by which the worst mark may be off."""
 FIELDS_DEG = (10.0, 20.0, 35.0, 50.0, 70.0, 95.0)
 """Horizontal fields of view to start from where it is not known."""
 WORST_CONDITION = 1e7
@@ -46,12 +47,14 @@ def fit_pose(
     the standard uncertainty of a mark, in x and in y; the scatter, by Student's factor for few points, counts
     where it is larger. `distortion` of the lens, as of a `Camera`, is not found; `grid_scale` is metres on
     the grid of the points per metre on the ground. Raises `CalibrationError` if there are fewer than four
-    points, or they do not determine the pose.
+    points, a mark is outside the frame or off by ten standard uncertainties, or they do not determine the
+    pose.
     """
     if len(points_m) < LEAST_POINTS:
         raise CalibrationError(
             f"a pose needs {LEAST_POINTS} points, here are {len(points_m)}", fix="mark more of them"
         )
+    _refuse_outside(pixels, shape)
     centre, on_ground = points_m.mean(axis=0), np.array([grid_scale, grid_scale, 1.0])
     apart = (points_m - centre) / on_ground
     starts = [
@@ -68,7 +71,10 @@ def fit_pose(
 
     fits = [least_squares(misses, start[:count], x_scale="jac") for start in starts]
     if not fits:
-        raise CalibrationError("no pose sees the points where they are marked", fix="check their order")
+        raise CalibrationError(
+            "no pose sees the points where they are marked",
+            fix="check their order, that they are apart, the size of the frame and the lens",
+        )
     best = min(fits, key=lambda fit: float(fit.cost))
     slopes = np.asarray(best.jac, np.float64)
     information = slopes.T @ slopes
@@ -82,14 +88,35 @@ def fit_pose(
     scatter = students_factor(freedom) * float(np.sqrt(2.0 * best.cost / freedom))
     sd = np.zeros(len(QUANTITIES))
     sd[:count] = np.sqrt(np.diag(np.linalg.inv(information))) * max(1.0, scatter)
+    residuals = np.linalg.norm(best.fun.reshape(-1, 2), axis=1) * mark_sd_px
+    _refuse_wrong_point(residuals, mark_sd_px)
     camera = _camera(best.x, shape, hfov_deg, distortion)
     east, north, up = (float(one) for one in np.asarray(camera.position_m) * on_ground + centre)
-    residuals = np.linalg.norm(best.fun.reshape(-1, 2), axis=1) * mark_sd_px
     return PoseFit(
         replace(camera, position_m=(east, north, up), grid_scale=grid_scale),
         dict(zip(QUANTITIES, map(float, sd), strict=True)),
         residuals,
     )
+
+
+def _refuse_outside(pixels: FloatArray, shape: tuple[int, int]) -> None:
+    inside = ((pixels >= -0.5) & (pixels < np.array(shape[::-1]) - 0.5)).all(axis=1)
+    for number in np.flatnonzero(~inside):
+        x, y = pixels[number]
+        raise CalibrationError(
+            f"point {number + 1} at {x:g}, {y:g} is outside a frame of {shape[1]} x {shape[0]} pixels",
+            fix="check its row, and the size of the frame",
+        )
+
+
+def _refuse_wrong_point(residuals_px: FloatArray, mark_sd_px: float) -> None:
+    """Raise `CalibrationError` where no scatter of marks explains how far one is off."""
+    if residuals_px.max() > WORST_MARK * mark_sd_px:
+        raise CalibrationError(
+            f"no pose sees all points where they are marked: point {residuals_px.argmax() + 1} is off by "
+            f"{residuals_px.max():.0f} px",
+            fix="check marks and coordinates (east and north exchanged?), or give a larger --mark-sd-px",
+        )
 
 
 def _camera(
@@ -113,7 +140,10 @@ def _start(
     intrinsics = Camera((0.0, 0.0, 0.0), 0.0, 0.0, 0.0, hfov_deg, shape).intrinsics
     marks, points = (np.ascontiguousarray(one, np.float64) for one in (pixels, points_m))  # as OpenCV asks
     lens = np.array(distortion) if distortion else None
-    ok, turned, moved = cv2.solvePnP(points, marks, intrinsics, lens, flags=cv2.SOLVEPNP_SQPNP)
+    try:
+        ok, turned, moved = cv2.solvePnP(points, marks, intrinsics, lens, flags=cv2.SOLVEPNP_SQPNP)
+    except cv2.error:  # points or marks that are all at one place
+        return None
     if not ok:
         return None
     axes = cv2.Rodrigues(turned)[0]

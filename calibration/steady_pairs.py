@@ -116,8 +116,8 @@ def refuse_shifted_clocks(readings: Readings) -> None:
     if found is not None and abs(found) > SIGNIFICANT_LAG_S:
         raise CalibrationError(
             f"the thermometer's readings fit the camera's best when shifted by {found / 60.0:+.1f} min",
-            fix="the clocks of the two logs differ: import the thermometer again with --clock-offset "
-            f"{found:+.0f}s, or set its clock",
+            fix="the clocks of two logs differ: import the thermometer again with --clock-offset "
+            f"{found:+.0f}s; or, of one recording, the probe follows late: less sand over it, a thinner wire",
         )
 
 

@@ -86,6 +86,11 @@ def _refuse_no_target(views: list[TargetView]) -> None:
                 f"the regions drift apart by {view.change_k:.1f} K in one view: the target is not uniform",
                 fix="let the board settle for ten minutes in the shade, and keep hands and sun off it",
             )
+    if len(views) == 2 and views[0].time_ns == views[1].time_ns:
+        raise CalibrationError(
+            "before and after are of one time: they are the same recording",
+            fix="give a second recording of the board, or the first alone",
+        )
     if any(view.offset_k.keys() != views[0].offset_k.keys() for view in views):
         raise CalibrationError(
             "the regions before and after are not the same", fix="take both views with the same regions"

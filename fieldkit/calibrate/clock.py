@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fieldkit.calibrate.inputs import end_of, minute_means, one_stream, record_source
+from fieldkit.calibrate.inputs import end_of, light_meter, minute_means, record_source
 from fieldkit.calibrate.result import Calibration, stamped
 from fieldkit.calibration.calibration_record import CalibrationRecord, Source
 from fieldkit.calibration.clock_offset import ClockOffset, offset_from_sun, offset_from_times
@@ -21,6 +21,7 @@ from fieldkit.model.samples import NO_COUNTER, Quality, Reading, Sample, is_usab
 from fieldkit.model.units import DAY_S
 from fieldkit.physics.bodies import EARTH, body_of
 from fieldkit.results.sources import SessionOrFile, config_for, log_warning, notify_damage, reading
+from fieldkit.results.sun_angles import moment
 from fieldkit.sessions.finished_file import apply_time_map
 from fieldkit.sessions.reader import SessionReader
 from fieldkit.sessions.time_map import TimeStep
@@ -47,16 +48,22 @@ class ClockCalibration(Calibration):
         """True if the offset is larger than its expanded uncertainty."""
         return abs(self.offset.offset_s) > self.offset.expanded
 
+    @property
+    def applied_s(self) -> float:
+        """The offset to apply: 0 if it is within its uncertainty, as the clock may then be right."""
+        return self.offset.offset_s if self.is_significant else 0.0
+
     def apply(self) -> None:
         """Correct the session's times from now on when reading; the recorded times stay as they are.
 
-        The session must not be open. Raises `ConfigError` for an offset of this computer's clock.
+        By nothing where the offset is not significant. The session must not be open. Raises `ConfigError` for
+        an offset of this computer's clock.
         """
         if self.session is None:
             raise ConfigError(
                 "this offset is not of a session", fix="set this computer's clock before recording"
             )
-        step = TimeStep(0, round(self.offset.offset_s * 1e9), self.record.method)
+        step = TimeStep(0, round(self.applied_s * 1e9), self.record.method)
         apply_time_map(self.session, [step])
 
 
@@ -104,7 +111,7 @@ def clock(
     with reading(session) as opened:
         config = config_for(opened)
         if gps is None:
-            found, method = _against_sun(opened), "the light against the sun's height"
+            found, method = _against_sun(opened, config), "the light against the sun's height"
         else:
             found, method = _against_gps(opened, gps), f"GPS receiver {gps}"
         notify_damage(opened, notify)
@@ -123,7 +130,8 @@ def host_clock(
 ) -> ClockCalibration:
     """Find the offset of this computer's clock against another one, read by hand.
 
-    `host_ns` is this computer's UTC, nanoseconds since 1970, at the moment the other clock showed `shown`.
+    `host_ns` is this computer's UTC, nanoseconds since 1970, at the moment the other clock showed `shown`, a
+    time with its zone. Raises `ConfigError` without one.
 
     Examples
     --------
@@ -133,7 +141,7 @@ def host_clock(
     >>> fieldkit.calibrate.host_clock(campaign.config, host_ns=host_ns, shown=shown)
     <ClockCalibration: add +5.0 ± 1.0 s (k=2)   another clock, read by hand>
     """
-    own, true = np.array([host_ns], np.int64), np.array([utc_ns(shown)], np.int64)
+    own, true = np.array([host_ns], np.int64), np.array([utc_ns(moment(shown))], np.int64)
     found = offset_from_times(own, true, BY_HAND_S, "other clock by hand")
     _warn_of_another_day(found, notify)
     date = datetime.fromtimestamp(host_ns // 10**9, UTC)
@@ -203,12 +211,12 @@ def _is_fix(sample: Sample) -> bool:
     )
 
 
-def _against_sun(session: SessionReader) -> ClockOffset:
+def _against_sun(session: SessionReader, config: Config) -> ClockOffset:
     if (body := body_of(session.site)) is not EARTH:
         raise ConfigError(
             f"{session.path.name} is of {body.name}; the clock is found by the light under the Earth's air",
             fix="give a GPS stream with --gps, or read another clock with --at",
         )
-    meter = one_stream(session, "illuminance").name
+    meter = light_meter(session, config).name
     minutes, illuminance = minute_means(session, meter, recorded=True)
     return offset_from_sun(minutes, illuminance, session.site)

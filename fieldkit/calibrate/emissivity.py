@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fieldkit.calibrate.inputs import end_of, record_source
+from fieldkit.calibrate.inputs import end_of, record_source, write_lines
 from fieldkit.calibrate.measurement import (
     Inventory,
     MeasurementOptions,
@@ -61,8 +61,7 @@ class EmissivityCalibration(Calibration):
         """Write the record file, and beside it the figure if matplotlib is installed; the record's path."""
         path = super().save(folder)
         if available():
-            figure = svg(self.plot())
-            path.with_suffix(".svg").write_text(figure, encoding="utf-8")
+            write_lines(path.with_suffix(".svg"), [svg(self.plot())])
         return path
 
 
@@ -122,7 +121,9 @@ def emissivity(
             reflected=options.reflected if reflected is None else reflected,
         )
         config = config_for(opened, settings)
-        inventory = Inventory(opened.path, tuple(opened.streams.values()), opened.regions or config.regions)
+        probes = config.estimator_settings().probes
+        regions = opened.regions or config.regions
+        inventory = Inventory(opened.path, tuple(opened.streams.values()), regions, probes)
         setup = measurement_setup(inventory, options)
         collector = ReadingCollector(setup)
         for one in opened.samples():
@@ -130,7 +131,7 @@ def emissivity(
         notify_damage(opened, notify)
         pairs, remarks = pairs_of(steady_intervals(_checked_readings(collector)))
         found = _fitted(pairs, setup)
-        found = replace(found, remarks=(*remarks, *found.remarks))
+        found = replace(found, remarks=(*setup.remarks, *remarks, *found.remarks))
         record = CalibrationRecord(
             kind="emissivity",
             name=sample,

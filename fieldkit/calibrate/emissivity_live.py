@@ -20,6 +20,7 @@ from fieldkit.calibrate.measurement import (
     measurement_setup,
 )
 from fieldkit.calibration.emissivity import MIN_SPAN_K
+from fieldkit.calibration.ranges import require_name
 from fieldkit.calibration.steady_pairs import STEADY_K_MIN, Readings, drift_k_min, steady_intervals
 from fieldkit.config import Config, find_campaign, load_config
 from fieldkit.estimation.estimator import Minute
@@ -128,9 +129,11 @@ def prepare_emissivity(
     config: Config, sample: str, options: MeasurementOptions, notify: Callable[[str], None] = log_warning
 ) -> Iterator[PreparedMeasurement]:
     """Open a campaign's instruments and choose streams and regions; see `record_emissivity`."""
+    require_name(sample)
     duration_s = None if options.duration is None else as_seconds(options.duration)
     with prepare(config, name=sample, duration_s=duration_s, notify=notify) as recording:
-        inventory = Inventory(config.path, recording.instruments.streams, config.regions)
+        probes = config.estimator_settings().probes
+        inventory = Inventory(config.path, recording.instruments.streams, config.regions, probes)
         yield PreparedMeasurement(recording, measurement_setup(inventory, options))
 
 

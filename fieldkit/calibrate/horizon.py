@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from scipy.ndimage import map_coordinates
 
 from fieldkit.calibrate.inputs import read_columns, write_lines
+from fieldkit.calibration.ranges import require_ranges
 from fieldkit.config import Config
 from fieldkit.config.edit import change_region, set_key
 from fieldkit.config.horizon import COLUMNS
@@ -42,6 +43,7 @@ def horizon_from_dem(
     >>> round(dict(fieldkit.calibrate.horizon_from_dem("wall.tif", "EPSG:32654", 500000, 3936200))[90.0])
     22
     """
+    require_ranges({"nearest_m": nearest_m})
     dem = Path(dem)
     system = geotiff.projected_crs(crs)
     grid = geotiff.grid_at(system, east_m, north_m)

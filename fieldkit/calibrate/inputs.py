@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.calibration.calibration_record import Source
+from fieldkit.config import Config
 from fieldkit.config.files import read_text
 from fieldkit.disk import replacing, sha256
 from fieldkit.model.device import StreamInfo
@@ -25,15 +26,21 @@ Times = NDArray[np.int64]
 
 
 def read_columns(path: Path, names: Sequence[str]) -> FloatArray:
-    """The columns of these names of a CSV file of numbers, shape (rows, names); raises `ConfigError`."""
+    """The columns of these names of a CSV file of finite numbers, shape (rows, names).
+
+    Raises `ConfigError`.
+    """
     rows = list(csv.DictReader(io.StringIO(read_text(path))))
     try:
-        return np.array([[float(row[name]) for name in names] for row in rows]).reshape(-1, len(names))
+        table = np.array([[float(row[name]) for name in names] for row in rows]).reshape(-1, len(names))
     except (KeyError, TypeError, ValueError) as error:
         raise ConfigError(
             f"{path}: not a table of numbers with the columns {', '.join(names)} ({error})",
             fix=f"begin the file with {','.join(names)}",
         ) from error
+    for number in np.flatnonzero(~np.isfinite(table).all(axis=1)):
+        raise ConfigError(f"{path}: row {number + 2} has a number that is not finite", fix="correct that row")
+    return table
 
 
 def write_lines(path: Path, lines: Sequence[str]) -> None:
@@ -73,6 +80,21 @@ def one_stream(session: SessionReader, quantity: str, name: str | None = None) -
     have = ", ".join(info.name for info in found) or "none"
     which = f"no {quantity} stream {name!r}" if name else f"which {quantity} stream?"
     raise ConfigError(f"{session.path}: {which}", fix=f"it has {have}")
+
+
+def light_meter(session: SessionReader, config: Config) -> StreamInfo:
+    """The session's light meter: of several the one that ``irradiance.stream`` names.
+
+    Raises `ConfigError` without any, or if none of several is named.
+    """
+    names = [info.name for info in session.streams.values() if info.quantity == "illuminance"]
+    named = config.tables.irradiance.stream
+    if len(names) > 1 and named not in names:
+        raise ConfigError(
+            f"{session.path}: which light meter?",
+            fix=f"name it as irradiance.stream; it has {', '.join(names)}",
+        )
+    return one_stream(session, "illuminance", named if named in names else None)
 
 
 def minute_means(session: SessionReader, stream: str, *, recorded: bool = False) -> tuple[Times, FloatArray]:

@@ -4,17 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
-from fieldkit.calibrate.inputs import Times, end_of, minute_means, one_stream, record_source
+from fieldkit.calibrate.inputs import Times, end_of, light_meter, minute_means, one_stream, record_source
 from fieldkit.calibrate.result import Calibration, stamped
 from fieldkit.calibration.calibration_record import CalibrationRecord, instrument_of
-from fieldkit.calibration.light_meter import LightFactor, light_factor, on_plane
+from fieldkit.calibration.light_meter import (
+    MAX_LAG_S,
+    LightFactor,
+    clock_lag_s,
+    light_factor,
+    on_plane,
+    refuse_shifted_clocks,
+    with_lag,
+)
+from fieldkit.calibration.ranges import require_ranges
 from fieldkit.config import Config
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.radiation import UNKNOWN, measured
+from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.recording.simulated_scene import measured_weather
@@ -32,6 +42,8 @@ Against = Literal["pyranometer", "pyrheliometer", "station"]
 DIFFUSE_SD = {"none": 0.03, "fraction": 0.05, "erbs": 0.04}
 """Relative standard uncertainty of the diffuse part where it is modelled, by model."""
 NEAR_S = 90.0
+MARGIN = round(MAX_LAG_S / 60.0)
+"""Minutes before and after a session in which the reference is looked at, to compare the clocks."""
 
 
 def irradiance(
@@ -52,7 +64,7 @@ def irradiance(
     Parameters
     ----------
     session : Session or path
-        A recording with one illuminance stream.
+        A recording with an illuminance stream; of several the one that ``irradiance.stream`` names.
     against : {"pyranometer", "pyrheliometer", "station"}
         Kind of reference: a stream of global irradiance on the meter's plane, a stream of direct normal
         irradiance, or a station file.
@@ -70,7 +82,8 @@ def irradiance(
     Raises
     ------
     ConfigError
-        If a stream or station does not measure what is needed, or not at the session's times.
+        If a stream or station does not measure what is needed, or not at the session's times; for an
+        uncertainty below 0.
     CalibrationError
         If the readings do not determine a factor.
 
@@ -79,16 +92,30 @@ def irradiance(
     >>> fieldkit.calibrate.irradiance(session, against="station", reference="alamosa-2016-01-01")
     <Calibration: 0.009156 ± 0.000458 W/m² per lx (k=2)   109 lm/W   scatter 0.1%   21 minutes>
     """
+    require_ranges({"reference_sd": reference_sd})
+    if against not in get_args(Against):
+        raise ConfigError(
+            f"{against!r} is not a kind of reference", fix=f"give {', '.join(get_args(Against))}"
+        )
     with reading(session) as opened:
         config = config_for(opened, settings)
         files = [Path(reference).resolve()] if against == "station" and Path(reference).is_file() else []
         if files:  # relative paths are meant from the current folder, not from the campaign's
             reference = str(files[0])
-        meter = one_stream(opened, "illuminance")
+        meter = light_meter(opened, config)
         minutes, illuminance = minute_means(opened, meter.name)
-        plane, method, diffuse_sd = _reference(opened, config, minutes, against, reference)
+        around = _with_margins(minutes)
+        plane, method, diffuse_sd = _reference(opened, config, around, against, reference)
         notify_damage(opened, notify)
-        found = light_factor(illuminance, plane, reference_sd=reference_sd, diffuse_sd=diffuse_sd)
+        refuse_shifted_clocks(lag_s := clock_lag_s(minutes, illuminance, around, plane))
+
+        def factor(on_meter: FloatArray) -> LightFactor:
+            return light_factor(illuminance, on_meter, reference_sd=reference_sd, diffuse_sd=diffuse_sd)
+
+        found = factor(plane[MARGIN:-MARGIN])
+        if lag_s:
+            at_lag = np.interp(minutes + round(lag_s * 1e9), around, plane)
+            found = with_lag(found, factor(at_lag), lag_s)
         model = config.irradiance_model()
         record = CalibrationRecord(
             kind="irradiance",
@@ -131,7 +158,10 @@ def _summary(found: LightFactor) -> str:
 def _reference(
     session: SessionReader, config: Config, minute_ns: Times, against: Against, reference: str
 ) -> tuple[FloatArray, str, float]:
-    """Irradiance on the meter's plane at the minutes, the method, the uncertainty of the diffuse part."""
+    """Irradiance on the meter's plane at minutes, the method, the uncertainty of the diffuse part.
+
+    The minutes are those of the session `_with_margins`.
+    """
     model = config.irradiance_model()
     if against == "pyranometer":
         times, value = minute_means(session, _radiation(session, config, reference, ("ghi", "gti")))
@@ -144,7 +174,8 @@ def _reference(
         method = f"against the pyrheliometer {reference}, diffuse {model.diffuse}"
         return plane, method, DIFFUSE_SD[model.diffuse]
     weather = measured_weather(config, reference)
-    if minute_ns[0] > weather.time_ns[-1] or minute_ns[-1] < weather.time_ns[0]:
+    first_ns, last_ns = minute_ns[MARGIN], minute_ns[-MARGIN - 1]
+    if first_ns > weather.time_ns[-1] or last_ns < weather.time_ns[0]:
         raise ConfigError(
             f"{reference} is of another day than {session.path.name}", fix="give that day's file"
         )
@@ -163,6 +194,12 @@ def _radiation(session: SessionReader, config: Config, stream: str, components: 
             fix=f"name another stream, or correct irradiance.measures.{stream}",
         )
     return info.name
+
+
+def _with_margins(minute_ns: Times) -> Times:
+    """The minutes, and those around them in which the reference may have had the session's light."""
+    beside = MINUTE_NS * np.arange(1, MARGIN + 1)
+    return np.concatenate([minute_ns[0] - beside[::-1], minute_ns, minute_ns[-1] + beside])
 
 
 def _at(minute_ns: Times, time_ns: Times, value: FloatArray) -> FloatArray:

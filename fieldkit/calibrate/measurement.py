@@ -6,10 +6,10 @@ Used alike for a recorded session and for instruments that are being read.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -29,6 +29,7 @@ from fieldkit.calibration.emissivity import (
     refuse_saturated,
 )
 from fieldkit.calibration.foil import FOIL_EMISSIVITY, FOIL_EMISSIVITY_SD
+from fieldkit.calibration.ranges import TEMPERATURE_C, require_ranges
 from fieldkit.calibration.steady_pairs import Readings
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import CalibrationError, ConfigError
@@ -44,6 +45,8 @@ FITTED = "free"
 NOT_MEASURED_K = 150.0
 """Stands in for a reflected temperature that is left to the fit: colder than any sky."""
 
+_Unit = Literal["C", "F"]
+
 
 @dataclass(frozen=True, slots=True)
 class MeasurementOptions:
@@ -54,9 +57,9 @@ class MeasurementOptions:
     region : str, optional
         Region of the sample; the reference region by default.
     thermometer : str, optional
-        Stream of the contact thermometer; needed if the session has several.
-    channel : str, optional
-        Probe of the thermometer, by name or by number from 1; the first by default.
+        Stream of the contact thermometer; needed if the session has several and no `probes` of the region.
+    channel : str or int, optional
+        Probe of the thermometer, by name or by number from 1; the region's own by default, or else the first.
     reflected : str or float
         Region of a foil that shows the reflected temperature, that temperature in °C, or ``free`` to fit it.
     tape : str, optional
@@ -89,6 +92,11 @@ class MeasurementOptions:
     duration : str or float, optional
         While recording: stop after this time, such as ``3h``.
 
+    Raises
+    ------
+    ConfigError
+        For a number beyond its range in `fieldkit.calibration.ranges`, or another unit.
+
     Examples
     --------
     >>> options = fieldkit.calibrate.MeasurementOptions(region="flat", reflected=-42.0, probe_sd_k=0.2)
@@ -98,7 +106,7 @@ class MeasurementOptions:
 
     region: str | None = None
     thermometer: str | None = None
-    channel: str | None = None
+    channel: str | int | None = None
     reflected: str | float = "foil"
     tape: str | None = None
     tape_emissivity: float = 0.95
@@ -112,7 +120,7 @@ class MeasurementOptions:
     air_c: float = 20.0
     humidity_percent: float = 50.0
     angle_deg: float | None = None
-    unit: Literal["C", "F"] = "C"
+    unit: _Unit = "C"
     camera_sd_k: float = 0.3
     thermometer_sd_k: float = 0.3
     probe_sd_k: float = 0.5
@@ -121,6 +129,11 @@ class MeasurementOptions:
     sky_drift_sd_k: float = 5.0
     temperatures: int = 3
     duration: str | float | None = None
+
+    def __post_init__(self) -> None:
+        require_ranges(asdict(self))
+        if self.unit not in get_args(_Unit):
+            raise ConfigError(f"{self.unit!r} is not a unit of a thermometer", fix="give C or F")
 
     def recorded(self) -> dict[str, Any]:
         """The options by their names in a calibration record, to repeat it; empty ones are omitted."""
@@ -151,7 +164,8 @@ class MeasurementSetup:
     """Streams and regions of a measurement, and what lies between surface and camera.
 
     `foil` is None if the reflected temperature is not measured by the camera. `tape` is the region used
-    instead of a thermometer. `camera_emissivity` was already applied by the camera.
+    instead of a thermometer. `camera_emissivity` was already applied by the camera. `probe_is_in` is another
+    region in which the configuration has the chosen probe.
     """
 
     options: MeasurementOptions
@@ -164,6 +178,16 @@ class MeasurementSetup:
     camera_emissivity: float
     thermometer: StreamInfo | None = None
     channel: int = 0
+    probe_is_in: str = ""
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """A note if the configuration has the chosen probe in another region."""
+        if not self.probe_is_in:
+            return ()
+        return (
+            f"the probe {self.probe_name} is in {self.probe_is_in}, not in {self.sample.name}, by its probes",
+        )
 
     @property
     def is_reflected_fitted(self) -> bool:
@@ -183,11 +207,34 @@ class MeasurementSetup:
 
 @dataclass(frozen=True, slots=True)
 class Inventory:
-    """Choices of a measurement: streams and regions of a session or of a campaign at `path`."""
+    """Choices of a measurement: streams and regions of a session or of a campaign at `path`.
+
+    `probes` are those configured in regions, as ``stream:channel``.
+    """
 
     path: Path
     streams: Sequence[StreamInfo]
     regions: Sequence[Region]
+    probes: Mapping[str, Sequence[str]] = field(default_factory=dict)
+
+    def probe_in(self, region: str, streams: Sequence[StreamInfo]) -> tuple[StreamInfo, int] | None:
+        """The first probe in a region that is of these streams; None if there is none."""
+        for probe in self.probes.get(region, ()):
+            name, _, text = probe.partition(":")
+            for info in streams:
+                if info.name == name and (channel := info.channel(text)) is not None:
+                    return info, channel
+        return None
+
+    def other_region_of(self, info: StreamInfo, channel: int, region: str) -> str:
+        """Another region than this one in which that probe is; empty if there is none."""
+        for name, probes in self.probes.items():
+            if name != region and any(
+                stream == info.name and info.channel(text) == channel
+                for stream, _, text in (probe.partition(":") for probe in probes)
+            ):
+                return name
+        return ""
 
 
 def measurement_setup(inventory: Inventory, options: MeasurementOptions) -> MeasurementSetup:
@@ -208,17 +255,41 @@ def measurement_setup(inventory: Inventory, options: MeasurementOptions) -> Meas
         reflected_k,
         _applied_emissivity(camera, options.camera_emissivity),
     )
+    _require_different_regions(setup)
     return setup if setup.tape is not None else _with_thermometer(setup, inventory)
+
+
+def _require_different_regions(setup: MeasurementSetup) -> None:
+    """Raise `ConfigError` if a region is two of sample, foil and tape, and so compared with itself."""
+    names = [one.name for one in (setup.sample, setup.foil, setup.tape) if one is not None]
+    for name in names:
+        if names.count(name) > 1:
+            raise ConfigError(
+                f"the region {name} cannot be two of sample, foil and tape",
+                fix="draw one region on each, and name them: --region, --reflected, --tape",
+            )
 
 
 def _with_thermometer(setup: MeasurementSetup, inventory: Inventory) -> MeasurementSetup:
     options = setup.options
     found = [info for info in inventory.streams if info.quantity == "temperature"]
     chosen = [info for info in found if options.thermometer in (None, info.name)]
+    own = inventory.probe_in(setup.sample.name, chosen) if options.channel is None else None
+    if own is not None:
+        return replace(setup, thermometer=own[0], channel=own[1])
     if len(chosen) != 1:
         have = ", ".join(info.name for info in found) or "none"
         raise ConfigError(f"{inventory.path}: which thermometer?", fix=f"--thermometer; it has {have}")
-    return replace(setup, thermometer=chosen[0], channel=_channel(chosen[0], options.channel))
+    (info,) = chosen
+    channel = _channel(info, options.channel)
+    elsewhere = inventory.other_region_of(info, channel, setup.sample.name)
+    if elsewhere and options.channel is None:
+        first, region = f"{info.name}:{info.channel_names[channel]}", setup.sample.name
+        raise ConfigError(
+            f"no probe is in {region}; {first} is in {elsewhere}",
+            fix=f"name the one in {region} with --channel, or give that region its probes",
+        )
+    return replace(setup, thermometer=info, channel=channel, probe_is_in=elsewhere)
 
 
 def _applied_emissivity(camera: StreamInfo, given: float | None) -> float:
@@ -237,13 +308,19 @@ def _reflected(reflected: str | float, regions: Sequence[Region], where: Path) -
     if reflected == FITTED:
         return None, NOT_MEASURED_K
     try:
-        return None, float(reflected) + CELSIUS_ZERO_K
+        celsius = float(reflected)
     except ValueError:
         return one_region(regions, str(reflected), where), math.nan
+    if celsius not in TEMPERATURE_C:
+        raise ConfigError(
+            f"--reflected {reflected} is not a temperature",
+            fix=f"give one in °C {TEMPERATURE_C.words}, a foil's region, or free",
+        )
+    return None, celsius + CELSIUS_ZERO_K
 
 
-def _channel(thermometer: StreamInfo, text: str | None) -> int:
-    channel = 0 if text is None else thermometer.channel(text)
+def _channel(thermometer: StreamInfo, text: str | int | None) -> int:
+    channel = 0 if text is None else thermometer.channel(str(text))
     if channel is None:
         have = ", ".join(thermometer.channel_names)
         raise ConfigError(f"the thermometer has no probe {text!r}", fix=f"it has {have}")
@@ -258,10 +335,13 @@ def band_of(text: str) -> Band:
         numbers = [float(word) for word in text.split(",")]
     except ValueError:
         return ResponseBand.read(Path(text))
+    found = None
     if len(numbers) == 2:
-        return CameraBand(*numbers)
+        found = CameraBand(*numbers)
     if len(numbers) == 4:
-        return CameraBand(numbers[1], numbers[2], numbers[0], numbers[3])
+        found = CameraBand(numbers[1], numbers[2], numbers[0], numbers[3])
+    if found is not None and all(map(math.isfinite, numbers)) and found.b > 0.0 and found.r > 0.0:
+        return found
     raise ConfigError(f"{text!r} is not a valid band", fix="use 8-14, a file, B,F or R,B,F,O")
 
 

@@ -5,8 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+import tomlkit
+
 from fieldkit.calibrate.inputs import read_columns, write_lines
 from fieldkit.calibration.pose import QUANTITIES, PoseFit, fit_pose
+from fieldkit.calibration.ranges import require_ranges
+from fieldkit.config.pose import pose_table
+from fieldkit.model.errors import ConfigError
 from fieldkit.physics.camera_geometry import Grid
 from fieldkit.sessions.formats import geotiff
 
@@ -30,16 +35,28 @@ class PoseCalibration:
         return dict(zip(QUANTITIES, numbers, strict=True))
 
     def write(self, path: Path, *, range_m: float, ground_m: float | None, dem: str | None) -> None:
-        """Write the pose with its uncertainties and its ground. Raises `StorageError`."""
-        lines = [f'crs = "{self.crs}"']
+        """Write the pose with its uncertainties and its ground.
+
+        Raises `ConfigError` for what no pose can have, `StorageError`.
+        """
+        table = tomlkit.document()
+        table["crs"] = self.crs
         for name, value in self.values.items():
-            sd = self.fit.sd[name]
-            lines.append(f"{name} = {value:.4f}" + (f"  # standard uncertainty {sd:.2g}" if sd else ""))
+            table[name] = tomlkit.item(round(value, 4))
+            if sd := self.fit.sd[name]:
+                table[name].comment(f"standard uncertainty {sd:.2g}")
         if self.fit.camera.distortion:
-            lines.append(f"distortion = {list(self.fit.camera.distortion)}")
-        lines.append(f"range_m = {range_m}")
-        lines.append(f"ground_m = {ground_m}" if dem is None else f"dem = '{dem}'")
-        write_lines(path, lines)
+            table["distortion"] = list(self.fit.camera.distortion)
+        table["range_m"] = range_m
+        table.update({"ground_m": ground_m} if dem is None else {"dem": dem})
+        pose_table(table.unwrap(), path)
+        if ground_m is not None and ground_m >= self.values["height_m"]:
+            height = f"{self.values['height_m']:.1f} m"
+            raise ConfigError(
+                f"level ground at {ground_m:g} m is not below the camera at {height}",
+                fix="correct --ground-m",
+            )
+        write_lines(path, [tomlkit.dumps(table).rstrip()])
 
 
 def pose(
@@ -86,6 +103,7 @@ def pose(
     {'east_m': 354600, 'north_m': 3936200, 'height_m': 112, 'yaw_deg': 19, 'pitch_deg': -25, 'roll_deg': 4,
      'hfov_deg': 50}
     """
+    require_ranges({"hfov_deg": hfov_deg, "mark_sd_px": mark_sd_px})
     system = geotiff.projected_crs(crs)
     table = read_columns(points, COLUMNS)
     grid = geotiff.grid_at(system, *table[:, 2:4].mean(axis=0)) if len(table) else Grid()

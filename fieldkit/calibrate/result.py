@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import fieldkit
 from fieldkit.calibration.calibration_record import CalibrationRecord, expiry, save
+from fieldkit.calibration.ranges import require_name
+from fieldkit.model.errors import CalibrationError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -55,6 +58,15 @@ class Calibration:
 
 
 def stamped(record: CalibrationRecord) -> CalibrationRecord:
-    """The record with its date of expiry and the version of this software."""
+    """The record with its date of expiry and the version of this software.
+
+    Raises `ConfigError` for a name that no file can have, `CalibrationError` for a result that is no number.
+    """
+    require_name(record.name)
+    if not (math.isfinite(record.value) and math.isfinite(record.standard_uncertainty)):
+        raise CalibrationError(
+            f"{record.name} would be {record.value:g} ± {record.standard_uncertainty:g}: not determined",
+            fix="check the standard uncertainties given, and the data: fieldkit check",
+        )
     version = f"fieldkit {fieldkit.__version__}"
     return replace(record, software=version, expires=expiry(record.kind, record.date))

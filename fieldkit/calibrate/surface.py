@@ -15,6 +15,7 @@ import numpy as np
 from fieldkit.calibrate.inputs import end_of, record_source
 from fieldkit.calibrate.result import Calibration, stamped
 from fieldkit.calibration.calibration_record import CalibrationRecord
+from fieldkit.calibration.ranges import require_ranges
 from fieldkit.calibration.surface_scale import BedScale, PooledScale, pool
 from fieldkit.calibration.uncertainty import Contribution, combined_uncertainty
 from fieldkit.config import Config
@@ -100,6 +101,7 @@ def surface(
     <Calibration: kappa 1.132 ± 0.031 (k=2)   paper model, eq10 /0.44, diffuse 15%, horizontal
       b05 1.079   b15 1.118   b25 1.138>
     """
+    require_ranges({"tilt_sd_deg": tilt_sd_deg})
     with reading(session) as opened:
         config = config_for(opened, settings)
         if config.tables.estimator.model == "learned":

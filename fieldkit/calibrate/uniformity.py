@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 
 import numpy as np
 
 from fieldkit.calibrate.inputs import end_of, record_source
 from fieldkit.calibrate.result import Calibration, stamped
 from fieldkit.calibration import uniformity as offsets
-from fieldkit.calibration.calibration_record import CalibrationRecord, instrument_of
+from fieldkit.calibration.calibration_record import CalibrationRecord, Instrument, instrument_of
+from fieldkit.calibration.ranges import require_ranges
+from fieldkit.calibration.uncertainty import students_factor
 from fieldkit.calibration.uniformity import TargetView, Uniformity
 from fieldkit.estimation.scale import offsets_from_uniform
 from fieldkit.model.errors import CalibrationError, ConfigError
 from fieldkit.model.samples import is_usable
 from fieldkit.model.site import RegionKind
 from fieldkit.physics.facet import FloatArray
-from fieldkit.results.sources import config_for, log_warning, notify_damage
+from fieldkit.results.sources import SessionOrFile, config_for, log_warning, notify_damage, reading
 from fieldkit.sessions.analysis import region_series
 from fieldkit.sessions.reader import SessionReader
 
@@ -26,8 +29,8 @@ LEAST_BLOCKS = 3
 
 
 def uniformity(
-    before: SessionReader,
-    after: SessionReader | None = None,
+    before: SessionOrFile,
+    after: SessionOrFile | None = None,
     *,
     name: str = "uniformity",
     target_sd_k: float = 0.05,
@@ -37,7 +40,7 @@ def uniformity(
 
     Parameters
     ----------
-    before, after : Session
+    before, after : Session or path
         Recordings of a minute or more with one board over all regions; `after` is optional and bounds
         the drift.
     name : str
@@ -50,7 +53,7 @@ def uniformity(
     Raises
     ------
     ConfigError
-        Without a reference region and other regions.
+        Without a reference region and other regions, or if two cameras recorded the target.
     CalibrationError
         If a recording is too short, or the regions did not see one uniform target.
 
@@ -62,13 +65,23 @@ def uniformity(
     >>> fieldkit.calibrate.uniformity(board)
     <Calibration: bias relative to the reference (k=2):  b05 -0.03 ± 0.10 K   b15 +0.04 ± 0.10 K>
     """
-    sessions = [before] if after is None else [before, after]
+    require_ranges({"target_sd_k": target_sd_k})
+    with ExitStack() as stack:
+        given = [before] if after is None else [before, after]
+        sessions = [stack.enter_context(reading(one)) for one in given]
+        return _of_sessions(sorted(sessions, key=lambda one: one.end_ns), name, target_sd_k, notify)
+
+
+def _of_sessions(
+    sessions: Sequence[SessionReader], name: str, target_sd_k: float, notify: Callable[[str], None]
+) -> Calibration:
+    """The offsets from one session or two, in order of time."""
     views = []
     for session in sessions:
         views.append(target_view(session))
         notify_damage(session, notify)
     found = offsets.uniformity(*views, target_sd_k=target_sd_k)
-    last, worst = sessions[-1], found.worst
+    camera, last, worst = _one_camera(sessions), sessions[-1], found.worst
     sds = {region: found.standard_uncertainty_k(region) for region in found.offset_k}
     record = CalibrationRecord(
         "uniformity",
@@ -77,18 +90,33 @@ def uniformity(
         max(found.offset_k.values(), key=abs),
         sds[worst],
         "K",
-        "uniform target over all regions" + (", before and after" if after else ""),
+        "uniform target over all regions" + (", before and after" if len(sessions) == 2 else ""),
         budget=found.budget[worst],
         values=dict(found.offset_k),
         uncertainties=sds,
-        instrument=instrument_of(next(info for info in last.streams.values() if info.is_camera)),
+        instrument=camera,
         sources=tuple(record_source(session.path) for session in sessions),
         details={"drift_k_per_h": dict(found.drift_k_per_h)},
         settings={"name": name, "target_sd": target_sd_k},
     )
     used_by = f'offset_k = "@{name}" in each [[region]]'
-    summary = _summary(found, with_drift=after is not None)
+    summary = _summary(found, with_drift=len(sessions) == 2)
     return Calibration(stamped(record), summary, used_by, config_for(last).calibration)
+
+
+def _one_camera(sessions: Sequence[SessionReader]) -> Instrument:
+    """The camera of all sessions; raises `ConfigError` for two."""
+    cameras = [
+        instrument_of(next(info for info in session.streams.values() if info.is_camera))
+        for session in sessions
+    ]
+    if cameras[0] != cameras[-1]:
+        first, second = (f"{one.model} {one.serial_number} {one.range}".strip() for one in cameras)
+        raise ConfigError(
+            f"{sessions[0].path.name} is of the camera {first}, {sessions[1].path.name} of {second}",
+            fix="take both views with one camera in one range",
+        )
+    return cameras[0]
 
 
 def target_view(session: SessionReader) -> TargetView:
@@ -112,11 +140,12 @@ def target_view(session: SessionReader) -> TargetView:
     means = np.array([np.bincount(place, column) for column in series.mean_k[good].T]).T / counts
     reference, targets = means[:, is_reference].mean(axis=1), means[:, ~is_reference]
     found = offsets_from_uniform(targets, reference)
+    offset_sd_k = students_factor(blocks.size - 1) * found.offset_sd_k
     names = [name for name, reference in zip(series.regions, is_reference, strict=True) if not reference]
     return TargetView(
         int(series.time_ns[good].mean()),
         dict(zip(names, found.offset_k.tolist(), strict=True)),
-        dict(zip(names, found.offset_sd_k.tolist(), strict=True)),
+        dict(zip(names, offset_sd_k.tolist(), strict=True)),
         _largest_change_k(targets - reference[:, np.newaxis]),
     )
 

@@ -67,7 +67,7 @@ def command(
     save_and_print(found, _next_step(session, gps, name, found))
     if is_applied:
         found.apply()
-        common.say(f"{session.name}: {found.offset.offset_s:+.1f} s from now on when reading")
+        common.say(f"{session.name}: {found.applied_s:+.1f} s from now on when reading")
 
 
 def _next_step(session: Path, gps: str | None, name: str, found: ClockCalibration) -> str:

@@ -12,23 +12,23 @@ import click
 from fieldkit.calibration.foil import FOIL_EMISSIVITY, FOIL_EMISSIVITY_SD
 from fieldkit.cli import common
 from fieldkit.cli.session_paths import find_session
-from fieldkit.cli.types import DURATION, NUMBER, PATH, RECORD_NAME, NumberRange
+from fieldkit.cli.types import DURATION, PATH, RECORD_NAME, argument_range
 
 if TYPE_CHECKING:
     from fieldkit.calibrate import MeasurementOptions
 
 
 def _number(
-    name: str, field: str, default: float, help: str, *,
-    metavar: str | None = None, within: click.ParamType[float] = NUMBER,
-) -> common.Decorator:  # fmt: skip
+    name: str, field: str, default: float, help: str, *, metavar: str | None = None
+) -> common.Decorator:
     """An option for a number that has a default."""
+    within = argument_range(field)
     return click.option(
         name, field, type=within, default=default, show_default=True, metavar=metavar, help=help
     )
 
 
-_kelvin = partial(_number, metavar="K", within=NumberRange(0))
+_kelvin = partial(_number, metavar="K")
 """An option for a standard uncertainty."""
 
 
@@ -44,7 +44,9 @@ _kelvin = partial(_number, metavar="K", within=NumberRange(0))
 )
 @click.option("--region", metavar="REGION", help="Region of the sample [default: the reference].")
 @click.option("--thermometer", metavar="STREAM", help="Thermometer, if there are several.")
-@click.option("--channel", metavar="PROBE", help="Probe, by name or number [default: the first].")
+@click.option(
+    "--channel", metavar="PROBE", help="Probe, by name or number [default: the region's own, or the first]."
+)
 @click.option(
     "--reflected",
     default="foil",
@@ -53,19 +55,13 @@ _kelvin = partial(_number, metavar="K", within=NumberRange(0))
     help="Reflected temperature: a foil's region, a temperature, or free to fit it.",
 )
 @click.option("--tape", metavar="REGION", help="Tape or paint of known emissivity instead of a thermometer.")
-@_number("--tape-emissivity", "tape_emissivity", 0.95, "Emissivity of the tape.", within=NumberRange(0.5, 1))
-@_number(
-    "--tape-sd", "tape_sd", 0.01, "Standard uncertainty of the tape's emissivity.",
-    within=NumberRange(0.001),
-)  # fmt: skip
+@_number("--tape-emissivity", "tape_emissivity", 0.95, "Emissivity of the tape.")
+@_number("--tape-sd", "tape_sd", 0.01, "Standard uncertainty of the tape's emissivity.")
 @_number(
     "--foil-emissivity", "foil_emissivity", FOIL_EMISSIVITY,
-    "Emissivity of the foil itself, which has the surface's temperature.", within=NumberRange(0, 0.5),
+    "Emissivity of the foil itself, which has the surface's temperature.",
 )  # fmt: skip
-@_number(
-    "--foil-sd", "foil_sd", FOIL_EMISSIVITY_SD, "Standard uncertainty of the foil's emissivity.",
-    within=NumberRange(0),
-)  # fmt: skip
+@_number("--foil-sd", "foil_sd", FOIL_EMISSIVITY_SD, "Standard uncertainty of the foil's emissivity.")
 @click.option(
     "--band",
     default="8-14",
@@ -74,7 +70,9 @@ _kelvin = partial(_number, metavar="K", within=NumberRange(0))
     help="Spectral band of the camera: flat, a response, or the camera's constants.",
 )
 @click.option(
-    "--camera-emissivity", type=NumberRange(0.05, 1), help="Emissivity already applied by the camera."
+    "--camera-emissivity",
+    type=argument_range("camera_emissivity"),
+    help="Emissivity already applied by the camera.",
 )
 @_number(
     "--camera-reflected", "camera_reflected_c", 20.0, "Reflected temperature already applied by the camera.",
@@ -83,20 +81,19 @@ _kelvin = partial(_number, metavar="K", within=NumberRange(0))
 @click.option(
     "--distance",
     "distance_m",
-    type=NumberRange(0),
+    type=argument_range("distance_m"),
     default=0.0,
     metavar="M",
     help="Path through the air, if above a few metres.",
 )
 @_number("--air", "air_c", 20.0, "Air temperature along the path.", metavar="°C")
 @_number(
-    "--humidity", "humidity_percent", 50.0, "Relative humidity along the path.",
-    metavar="%", within=NumberRange(0, 100),
+    "--humidity", "humidity_percent", 50.0, "Relative humidity along the path.", metavar="%"
 )  # fmt: skip
 @click.option(
     "--angle",
     "angle_deg",
-    type=NumberRange(0, 90),
+    type=argument_range("angle_deg"),
     metavar="DEG",
     help="Viewing angle from the surface normal.",
 )

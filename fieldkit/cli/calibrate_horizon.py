@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from fieldkit.cli import common
-from fieldkit.cli.types import FILE, MOMENT, NEW_FILE, NUMBER, parse_frame
+from fieldkit.cli.types import FILE, MOMENT, NEW_FILE, NUMBER, argument_range, parse_frame
 
 
 @click.command(cls=common.Command)
@@ -20,7 +20,13 @@ from fieldkit.cli.types import FILE, MOMENT, NEW_FILE, NUMBER, parse_frame
     metavar="EAST NORTH",
     help="Place of the regions in the DEM, in metres.",
 )
-@click.option("--nearest-m", type=NUMBER, default=0.0, help="Nearer ground is omitted.", show_default=True)
+@click.option(
+    "--nearest-m",
+    type=argument_range("nearest_m"),
+    default=0.0,
+    help="Nearer ground is omitted.",
+    show_default=True,
+)
 @click.option("--skyline", type=FILE, help="CSV file of pixels on the skyline: x_px, y_px.")
 @click.option("--pose", "pose_file", type=FILE, help="Pose of the camera that saw them.")
 @click.option("--at", "moment", type=MOMENT, help="When, if the camera moves [default: now].")

@@ -9,7 +9,7 @@ import click
 
 from fieldkit.cli import common
 from fieldkit.cli.session_paths import find_session
-from fieldkit.cli.types import PATH, RECORD_NAME, NumberRange
+from fieldkit.cli.types import PATH, RECORD_NAME, argument_range
 
 if TYPE_CHECKING:
     from fieldkit.calibrate.irradiance import Against
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--reference-sd",
-    type=NumberRange(0),
+    type=argument_range("reference_sd"),
     default=0.02,
     show_default=True,
     help="Relative standard uncertainty of the reference.",

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from fieldkit.cli import common
-from fieldkit.cli.types import FILE, NEW_FILE, NUMBER, NumberRange, parse_frame
+from fieldkit.cli.types import FILE, NEW_FILE, NUMBER, argument_range, parse_frame
 
 
 @click.command(cls=common.Command)
@@ -16,11 +16,11 @@ from fieldkit.cli.types import FILE, NEW_FILE, NUMBER, NumberRange, parse_frame
 @click.option("--crs", required=True, help="Projected system of the points in metres, such as EPSG:32654.")
 @click.option("--frame", required=True, metavar="COLSxROWS", help="Size of the camera's frame: 160x120.")
 @click.option(
-    "--hfov-deg", type=NumberRange(0, 180, min_open=True, max_open=True), metavar="DEG",
+    "--hfov-deg", type=argument_range("hfov_deg"), metavar="DEG",
     help="Horizontal field of view [default: found as well].",
 )  # fmt: skip
 @click.option(
-    "--mark-sd-px", type=NumberRange(0, min_open=True), default=1.0, show_default=True, metavar="PX",
+    "--mark-sd-px", type=argument_range("mark_sd_px"), default=1.0, show_default=True, metavar="PX",
     help="Standard uncertainty of a mark.",
 )  # fmt: skip
 @click.option("--distortion", metavar="K1,K2,P1,P2,K3", help="Of the lens, as OpenCV's calibration gives it.")

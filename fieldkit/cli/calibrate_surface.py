@@ -9,7 +9,7 @@ import click
 
 from fieldkit.cli import common
 from fieldkit.cli.session_paths import find_session
-from fieldkit.cli.types import PATH, RECORD_NAME, NumberRange
+from fieldkit.cli.types import PATH, RECORD_NAME, argument_range
 
 
 # options are named as the arguments of `calibrate.surface`
@@ -20,7 +20,7 @@ from fieldkit.cli.types import PATH, RECORD_NAME, NumberRange
 @click.option(
     "--tilt-sd",
     "tilt_sd_deg",
-    type=NumberRange(0, min_open=True),
+    type=argument_range("tilt_sd_deg"),
     default=0.5,
     show_default=True,
     metavar="DEG",

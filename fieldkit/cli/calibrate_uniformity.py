@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 from pathlib import Path
 
 import click
 
 from fieldkit.cli import common
 from fieldkit.cli.session_paths import find_session
-from fieldkit.cli.types import PATH, RECORD_NAME, NumberRange
+from fieldkit.cli.types import PATH, RECORD_NAME, argument_range
 
 
 @click.command(cls=common.Command)
@@ -18,7 +17,7 @@ from fieldkit.cli.types import PATH, RECORD_NAME, NumberRange
 @click.option("--name", type=RECORD_NAME, default="uniformity", show_default=True, help="Name of the record.")
 @click.option(
     "--target-sd",
-    type=NumberRange(0),
+    type=argument_range("target_sd_k"),
     default=0.05,
     show_default=True,
     metavar="K",
@@ -34,10 +33,6 @@ def command(before: Path, after: Path | None, name: str, target_sd: float) -> No
     """
     from fieldkit import calibrate
     from fieldkit.cli.calibration_output import save_and_print
-    from fieldkit.sessions.reader import open_session
 
     paths = [find_session(path) for path in (before, after) if path is not None]
-    with ExitStack() as stack:
-        sessions = [stack.enter_context(open_session(path)) for path in paths]
-        found = calibrate.uniformity(*sessions, name=name, target_sd_k=target_sd, notify=common.say_warning)
-    save_and_print(found)
+    save_and_print(calibrate.uniformity(*paths, name=name, target_sd_k=target_sd, notify=common.say_warning))

@@ -68,6 +68,14 @@ class NumberRange(_Finite, click.FloatRange):
     """A finite number of a range."""
 
 
+def argument_range(name: str) -> NumberRange:
+    """The range of an argument of `fieldkit.calibrate`."""
+    from fieldkit.calibration.ranges import RANGES
+
+    low, high, above, below = RANGES[name]
+    return NumberRange(low, None if high == inf else high, min_open=above, max_open=below)
+
+
 def minutes(low: int, high: int) -> click.ParamType:  # type: ignore[type-arg]
     """A type of durations in whole minutes within a range."""
 
@@ -179,10 +187,9 @@ def parse_or_record(text: str) -> float | str:
 
 def parse_record_name(text: str) -> str:
     """The name of a calibration record, which becomes part of a file's name."""
-    plain = re.sub(r"[^\w.+-]+", "-", text).strip("-.")
-    if text != plain:
-        advice = f"write {plain!r}" if plain else "write one like dry-silica-sand"
-        raise ValueError(f"a record's name may contain letters, digits, - _ . + only; {advice}")
+    from fieldkit.calibration.ranges import require_name
+
+    require_name(text)
     return text
 
 
@@ -270,7 +277,7 @@ INSTRUMENT = _Typed("IDENTITY=DRIVER", parse_instrument)
 def parse_frame(text: str) -> tuple[int, int]:
     """Rows and columns of ``COLSxROWS``; raises `click.UsageError`."""
     size = re.fullmatch(r"(\d+)x(\d+)", text)
-    if size is None:
+    if size is None or not (int(size[1]) and int(size[2])):
         raise click.UsageError(f"--frame {text}: write columns x rows, such as 160x120")
     return int(size[2]), int(size[1])
 

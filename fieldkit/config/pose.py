@@ -121,6 +121,11 @@ def _table_in(path: Path) -> PoseTable:
         values = tomllib.loads(read_text(path))
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{path}: {error}", fix=f"correct {path}") from error
+    return pose_table(values, path)
+
+
+def pose_table(values: dict[str, Any], path: Path) -> PoseTable:
+    """The checked table with these keys, of a file at `path`; raises `ConfigError` with the first mistake."""
     for key, message in _contradictions(values):
         raise ConfigError(f"{path}: {key}: {message}", fix=f"correct {key} in {path}")
     try:

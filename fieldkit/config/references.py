@@ -57,19 +57,23 @@ def resolve(document: Mapping[str, Any], path: Path) -> tuple[dict[str, Any], li
     carried = values.pop("calibration", {})
     mistakes = [Mistake(("calibration", name), TYPED) for name in _typed(carried)]
     used = _still_used(values, {} if mistakes else carried)
+    brought_by_others: dict[KeyPath, float] = {}
     for place, key in _places(values):
         given = _get(values, place)
         if not (isinstance(given, str) and given.startswith("@")):
             continue
         try:
-            record, file = find(given[1:], calibration_folder(path))
-            value = _value(record, key)
+            record, file = find(given[1:], calibration_folder(path), key.kind)
+            value, document = _value(record, key), as_document(record)
+            brings = _brought(document, key)
         except ConfigError as error:
             mistakes.append(Mistake(place, f"{error.message}; {error.fix}" if error.fix else error.message))
             continue
-        document = as_document(record)
-        for brought, number in ((place, value), *_brought(document, key).items()):
-            _put(values, brought, number)
+        _put(values, place, value)
+        for brought, number in brings.items():
+            # regions of several records share one uncertainty: that of the worst
+            brought_by_others[brought] = max(number, brought_by_others.get(brought, number))
+            _put(values, brought, brought_by_others[brought])
         used[_name(values, place)] = {"reference": given, "file": file.name, **document}
     if used:
         values["calibration"] = used
@@ -108,8 +112,15 @@ def _value(record: CalibrationRecord, key: _Key) -> float:
 
 
 def _brought(record: Mapping[str, Any], key: _Key) -> dict[KeyPath, float]:
-    """Values that a record, as a document, puts beside the key that names it."""
+    """Values that a record, as a document, puts beside the key that names it.
+
+    Raises `ConfigError` where they are not numbers.
+    """
     learnt = record.get("details", {}).get("prior_sds", {})
+    if not isinstance(learnt, dict) or not all(isinstance(one, float | int) for one in learnt.values()):
+        raise ConfigError(
+            f"@{record['name']}: details.prior_sds is not a table of numbers", fix="calibrate again"
+        )
     uncertainty = record.get("standard_uncertainty")
     found = {place: learnt.get(".".join(map(str, place)), uncertainty) for place in key.brings}
     return {place: value for place, value in found.items() if value is not None}
@@ -130,7 +141,16 @@ def _typed(carried: Any) -> list[str]:
     """Entries of ``[calibration]`` that fieldkit did not write."""
     if not isinstance(carried, dict):
         return [""]
-    return [name for name, record in carried.items() if not isinstance(record, dict) or "kind" not in record]
+    return [name for name, record in carried.items() if not _is_document(record)]
+
+
+def _is_document(record: Any) -> bool:
+    tables = ("values", "details")
+    return (
+        isinstance(record, dict)
+        and {"kind", "name"} <= record.keys()
+        and all(isinstance(record.get(table, {}), dict) for table in tables)
+    )
 
 
 def _still_used(values: dict[str, Any], carried: Mapping[str, Any]) -> dict[str, Any]:
@@ -182,4 +202,6 @@ def _put(values: dict[str, Any], place: KeyPath, value: float) -> None:
     table: Any = values
     for part in place[:-1]:
         table = table[part] if isinstance(part, int) else table.setdefault(part, {})
+        if not isinstance(table, dict | list):
+            return  # what stands in place of the table is the schema's mistake
     table[place[-1]] = value

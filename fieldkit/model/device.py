@@ -73,7 +73,7 @@ class StreamInfo:
         names = self.channel_names
         if text in names:
             return names.index(text)
-        return int(text) - 1 if text.isdigit() and 1 <= int(text) <= len(names) else None
+        return int(text) - 1 if text.isdecimal() and 1 <= int(text) <= len(names) else None
 
     def has_the_columns_of(self, other: StreamInfo) -> bool:
         """True if samples of `other` can be stored in this stream."""

@@ -39,10 +39,10 @@ CALLS = {
 """The call that does what a command does; ``{}`` is a session, or the file named behind the command."""
 
 _NAMED_ALIKE = (
-    "camera_emissivity", "cell_m", "channel", "drive_deg", "encoding", "every", "gps", "hfov_deg", "keep",
-    "kelvin_at_zero", "kelvin_per_count", "limit_deg", "measures", "name", "out", "palette", "pose",
-    "reflected", "region", "session", "site", "speed", "stream", "thermometer", "time_format", "times",
-    "title", "to", "unit", "until", "window", "zone",
+    "camera_emissivity", "cell_m", "channel", "drive_deg", "encoding", "every", "gps", "ground_m",
+    "hfov_deg", "keep", "kelvin_at_zero", "kelvin_per_count", "limit_deg", "mark_sd_px", "measures", "name",
+    "out", "palette", "pose", "reflected", "region", "sample", "session", "site", "speed", "stream", "tape",
+    "thermometer", "time_format", "times", "title", "to", "unit", "until", "window", "zone",
 )  # fmt: skip
 """Arguments that have the names of their options."""
 ARGUMENTS = {

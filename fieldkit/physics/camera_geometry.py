@@ -312,6 +312,6 @@ def horizon_of_ground(
     found = np.empty((*eye.shape[:-1], azimuths_deg.size))
     for place, azimuth in enumerate(np.radians(azimuths_deg)):
         over = ground.at(east + away * np.sin(azimuth), north + away * np.cos(azimuth)) - eye
-        steepest = np.fmax.reduce(over / away, axis=-1) * ground.scale
+        steepest = np.fmax.reduce(over / away, axis=-1, initial=np.nan) * ground.scale
         found[..., place] = np.degrees(np.arctan(steepest))
     return found

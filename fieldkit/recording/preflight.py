@@ -6,7 +6,7 @@ import logging
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 
-from fieldkit.calibration.calibration_record import model_warnings, record_warnings
+from fieldkit.calibration.calibration_record import CalibrationRecord, model_warnings, record_warnings
 from fieldkit.config import Config
 from fieldkit.config.trajectory import outside
 from fieldkit.estimation.instruments import Instruments as EstimatorInstruments
@@ -58,9 +58,18 @@ def preflight(
     _check_trajectory(config, now_ns, duration_s or 0.0, notify)
     now = datetime.fromtimestamp(now_ns / SECOND_NS, UTC)
     for key, calibration in config.calibrations().items():
-        other = model_warnings(calibration, config.tables.estimator.model) if key == "estimator.scale" else []
-        for warning in (*record_warnings(calibration, streams, now), *other):
+        use = _use_warnings(key, calibration, config, meters.label)
+        for warning in (*record_warnings(calibration, streams, now), *use):
             notify(f"{key}: {warning}")
+
+
+def _use_warnings(key: str, record: CalibrationRecord, config: Config, light: str) -> list[str]:
+    """Warnings of a record in a configuration that it was not made for; `light` labels the irradiance."""
+    if key == "estimator.scale":
+        return model_warnings(record, config.tables.estimator.model, light)
+    if key == "irradiance.factor" and (model := config.tables.irradiance.model) != "calibrated":
+        return [f'{record.name} is not used: irradiance.model is "{model}"; write model = "calibrated"']
+    return []
 
 
 def _check_regions(config: Config, streams: Sequence[StreamInfo], notify: Notify) -> None:

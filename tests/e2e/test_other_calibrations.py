@@ -8,6 +8,7 @@ import math
 import os
 import pty
 import shlex
+import shutil
 import socket
 import subprocess
 import sys
@@ -31,8 +32,10 @@ from fieldkit.config.template import SIMULATED, campaign_toml
 from fieldkit.model.samples import Frame, Sample
 from fieldkit.recording.in_progress import status, stop
 from fieldkit.recording.running import session_in_progress
+from fieldkit.sessions.finished_file import apply_time_map
 from fieldkit.sessions.formats.imported import ImportedRecording, write_imported
 from fieldkit.sessions.reader import open_session
+from fieldkit.sessions.time_map import TimeStep
 from fieldkit.weather import packaged
 from tests.harness.calibration_days import (
     TRUE_EMISSIVITY,
@@ -287,6 +290,16 @@ def test_a_receiver_without_a_date_to_be_believed_is_refused(
 def test_a_clock_that_is_right_is_left_as_it_is(three_beds: Path) -> None:
     said = fieldkit("calibrate", "clock", three_beds, "--sun").output
     assert "nothing, the offset is within its uncertainty" in " ".join(said.split())
+
+
+def test_an_offset_within_its_uncertainty_moves_no_times(three_beds: Path, tmp_path: Path) -> None:
+    """Minutes that haze looks like would spoil a clock that is right; an earlier offset is taken back."""
+    session = shutil.copy(three_beds, tmp_path / three_beds.name)
+    apply_time_map(session, [TimeStep(0, 3600 * 10**9, "by mistake")])
+    said = fieldkit("calibrate", "clock", session, "--sun", "--apply").output
+    assert f"{session.name}: +0.0 s from now on when reading" in " ".join(said.split())
+    with open_session(session) as opened:
+        assert (opened.times_ns("lux") == opened.stream("lux").time_ns(recorded=True)).all()
 
 
 def test_the_clock_against_the_sun_and_applied(three_beds: Path, tmp_path: Path) -> None:

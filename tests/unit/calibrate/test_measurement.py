@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -40,9 +41,9 @@ GRAIN = np.arange(12) - 5.5
 """Counts by which the pixels of a region differ: a foil without any is saturated."""
 
 
-def made(*streams: StreamInfo, **given: Any) -> MeasurementSetup:
+def made(*streams: StreamInfo, probes: dict[str, list[str]] | None = None, **given: Any) -> MeasurementSetup:
     options = MeasurementOptions(**{"foil_emissivity": 0.0, **given})
-    return measurement_setup(Inventory(WHERE, streams or (CAMERA, PROBES), REGIONS), options)
+    return measurement_setup(Inventory(WHERE, streams or (CAMERA, PROBES), REGIONS, probes or {}), options)
 
 
 def frame(second: int, quality: Quality = Quality.GOOD, **kelvin: float) -> Frame:
@@ -87,12 +88,16 @@ def test_samples_that_are_not_usable_and_other_streams_are_left_out() -> None:
     assert collector.readings().contact_k == pytest.approx([310.0] * 3)
 
 
-@pytest.mark.parametrize(("channel", "kelvin"), [(None, 310.0), ("tape", 311.0), ("2", 311.0), ("3", 295.0)])
-def test_a_probe_is_chosen_by_its_name_or_its_number_on_the_meter(channel: str | None, kelvin: float) -> None:
+@pytest.mark.parametrize(
+    ("channel", "kelvin"), [(None, 310.0), ("tape", 311.0), ("2", 311.0), ("3", 295.0), (3, 295.0)]
+)
+def test_a_probe_is_chosen_by_its_name_or_its_number_on_the_meter(
+    channel: str | int | None, kelvin: float
+) -> None:
     assert collected(made(channel=channel)).readings().contact_k == pytest.approx([kelvin] * 3)
 
 
-@pytest.mark.parametrize("channel", ["0", "4", "sky"])
+@pytest.mark.parametrize("channel", ["0", "4", "sky", "\u00b2"])
 def test_a_probe_that_is_not_there_is_refused(channel: str) -> None:
     with pytest.raises(ConfigError, match=f"no probe '{channel}'"):
         made(channel=channel)
@@ -189,3 +194,79 @@ def test_bands_as_they_are_typed(tmp_path: Path) -> None:
     assert band_of("1428,1.0") == CameraBand(1428.0, 1.0)
     assert band_of("16556,1428,1.0,-342") == CameraBand(b=1428.0, f=1.0, r=16556.0, o=-342.0)
     assert isinstance(band_of(str(table)), ResponseBand)
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"camera_sd_k": -0.1},
+        {"probe_sd_k": math.nan},
+        {"reflected_sd_k": math.inf},
+        {"tape_emissivity": 1.01},
+        {"tape_sd": 0.0},  # the fit would take the tape for a thermometer
+        {"foil_emissivity": 1.0},
+        {"camera_emissivity": 0.0},
+        {"camera_reflected_c": -273.15},
+        {"air_c": -400.0},
+        {"distance_m": -1.0},
+        {"humidity_percent": 101.0},
+        {"angle_deg": 91.0},
+        {"temperatures": 0},
+        {"unit": "K"},
+    ],
+)
+def test_a_number_that_cannot_be_is_refused_in_python_as_on_the_command_line(given: dict[str, Any]) -> None:
+    with pytest.raises(ConfigError) as refused:
+        MeasurementOptions(**given)
+    assert refused.value.fix.startswith("give ")
+
+
+@pytest.mark.parametrize("reflected", ["nan", math.inf, "-400", -273.15])
+def test_a_reflected_temperature_that_is_none_is_refused(reflected: str | float) -> None:
+    with pytest.raises(ConfigError, match="is not a temperature"):
+        made(reflected=reflected)
+
+
+@pytest.mark.parametrize("given", [{"tape": "sand"}, {"reflected": "sand"}, {"tape": "foil"}])
+def test_a_region_is_not_compared_with_itself(given: dict[str, str]) -> None:
+    """Sand that is its own tape of 0.95 has an emissivity of 0.950, whatever it is."""
+    with pytest.raises(ConfigError, match="cannot be two of sample, foil and tape"):
+        made(**given)
+
+
+@pytest.mark.parametrize("band", ["-5,1", "nan,1", "0,1", "-1,1428,1,0", "1428,inf", "1,2,3"])
+def test_constants_that_no_camera_has_are_refused(band: str) -> None:
+    with pytest.raises(ConfigError, match="not a valid band"):
+        band_of(band)
+
+
+def test_a_response_that_is_not_there_is_not_taken_for_a_damaged_session() -> None:
+    with pytest.raises(ConfigError, match="cannot read the band nofile"):
+        band_of("nofile.csv")
+
+
+IN_REGIONS = {"sand": ["thermometer:sand"], "tape": ["thermometer:tape"]}
+
+
+@pytest.mark.parametrize(("region", "probe"), [("sand", "sand"), ("tape", "tape")])
+def test_a_regions_own_probe_is_chosen(region: str, probe: str) -> None:
+    """The first one gave a bed of 5 degrees 0.957 ± 0.035 for 0.90, by the probe of the bed beside it."""
+    setup = made(probes=IN_REGIONS, region=region)
+    assert (setup.probe_name, setup.remarks) == (probe, ())
+
+
+def test_of_several_thermometers_the_one_with_the_regions_probe_is_chosen() -> None:
+    other = replace(PROBES, name="logger")
+    setup = made(CAMERA, PROBES, other, probes={"sand": ["logger:air"]})
+    assert setup.thermometer == other
+    assert setup.probe_name == "air"
+
+
+def test_a_region_without_a_probe_is_not_given_that_of_another() -> None:
+    with pytest.raises(ConfigError, match="no probe is in foil; thermometer:sand is in sand"):
+        made(probes=IN_REGIONS, region="foil", reflected=-40.0)
+
+
+def test_a_probe_of_another_region_is_noted() -> None:
+    setup = made(probes=IN_REGIONS, channel="tape")
+    assert setup.remarks == ("the probe tape is in tape, not in sand, by its probes",)

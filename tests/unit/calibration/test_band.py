@@ -49,7 +49,8 @@ def test_a_response_is_read_from_a_table_with_a_heading(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "text", ["um,response\n", "8,1\n", "8,1\n7,1\n", "8,-1\n9,1\n", "8,0\n9,0\n", "8;1\n9;1\n"]
+    "text",
+    ["um,response\n", "8,1\n", "8,1\n7,1\n", "8,-1\n9,1\n", "8,0\n9,0\n", "8;1\n9;1\n", "8,nan\n9,1\n"],
 )
 def test_what_is_no_response_is_refused(tmp_path, text):
     table = tmp_path / "response.csv"

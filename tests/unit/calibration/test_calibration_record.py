@@ -1,7 +1,10 @@
+import errno
 import math
+import os
 import tomllib
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -110,7 +113,7 @@ def test_the_newest_of_a_name_is_found_and_an_older_one_by_its_file(tmp_path):
         ("schema = 2", "layout 2"),
         ("schema =", "not valid TOML"),
         ("schema = 1\nname = 'x'", "not a calibration record"),
-        (to_toml(SAND).replace('"emissivity"', '"colour"', 1), "of a known kind"),
+        (to_toml(SAND).replace('"emissivity"', '"colour"', 1), "kind: Input should be 'emissivity'"),
         (to_toml(SAND).replace("value = 0.915", "value = true"), "not a calibration record"),
     ],
 )
@@ -163,12 +166,108 @@ def test_age_and_mismatch_are_warnings(streams, days, said):
 
 def test_a_scale_of_another_surface_model_is_a_warning():
     scale = CalibrationRecord("surface", "beds", EARLIER, 1.1, 0.02, "1", "test", details={"model": "paper"})
-    (told,) = model_warnings(scale, "learned")
+    (told,) = model_warnings(scale, "learned", "eq10")
     assert told == "beds is the scale of the paper model, not of learned: calibrate surface again"
-    assert model_warnings(scale, "paper") == []
-    assert model_warnings(replace(scale, details={}), "learned") == []  # older records do not state it
+    assert model_warnings(scale, "paper", "eq10") == []
+    assert model_warnings(replace(scale, details={}), "learned", "") == []  # older records do not state it
+
+
+def test_a_scale_for_other_light_is_a_warning():
+    """kappa holds for one surface model and one irradiance: eq. (10) and a calibrated meter differ by 2 %."""
+    details = {"model": "paper", "irradiance": "eq10 /0.44, diffuse 15%, horizontal"}
+    scale = CalibrationRecord("surface", "beds", EARLIER, 1.1, 0.02, "1", "test", details=details)
+    assert model_warnings(scale, "paper", details["irradiance"]) == []
+    (told,) = model_warnings(scale, "paper", "pyranometer")
+    assert told == (
+        "beds is the scale for light by eq10 /0.44, diffuse 15%, horizontal, not by pyranometer: "
+        "calibrate surface again"
+    )
+
+
+def test_a_light_meter_under_another_name_is_compared_with_light_meters_alone():
+    """It was said to be made with the light meter where the camera is."""
+    of_lux = CalibrationRecord(
+        "irradiance", "roof", EARLIER, 0.009, 0.0002, "1", "test", instrument=instrument_of(LUX)
+    )
+    assert record_warnings(of_lux, [CAMERA, replace(LUX, name="light")], EARLIER) == []
+    (told,) = record_warnings(of_lux, [CAMERA], EARLIER)
+    assert told == "roof was made with LX-1128SD, which is not connected"
 
 
 def test_a_record_without_an_instrument_fits_any():
     bare = CalibrationRecord("surface", "beds", EARLIER, 1.1, 0.02, "1", "test")
     assert record_warnings(bare, [CAMERA], EARLIER) == []
+
+
+@pytest.mark.parametrize(
+    ("written", "by_hand", "key"),
+    [
+        ("value = 0.915", "value = nan", "value"),
+        ("value = 0.915", 'value = "0,915"', "value"),
+        ("value = 0.915\n", "", "value"),
+        ("standard_uncertainty = 0.015", "standard_uncertainty = -0.015", "standard_uncertainty"),
+        ("standard_uncertainty = 0.015", "standard_uncertainty = inf", "standard_uncertainty"),
+        ("date = 2026-12-10T01:30:00Z", "date = 2026-12-10T01:30:00", "date"),  # without its zone
+        ("date = 2026-12-10T01:30:00Z", 'date = "10 December"', "date"),
+        ("expires = 2027-12-10T01:30:00Z", "expires = 365", "expires"),
+        ('name = "dry-silica-sand"', "name = 12", "name"),
+        ("pairs = 5", "pairs = 5\n[values]\nb15 = nan", "values.b15"),
+        ('serial_number = "0012"', "serial_number = 12", "instrument.serial_number"),
+        ('kind = "B"', 'kind = "C"', "budget.0.kind"),
+    ],
+)
+def test_a_record_changed_by_hand_names_the_key_that_cannot_be(written, by_hand, key):
+    text = to_toml(SAND)
+    assert written in text
+    with pytest.raises(ConfigError, match=f"sand.toml is not a calibration record: {key}: ") as refused:
+        from_toml(text.replace(written, by_hand, 1), "sand.toml")
+    assert refused.value.fix == f"correct {key} in it, or calibrate again"
+
+
+def test_of_a_kind_the_latest_of_a_name_is_found(tmp_path):
+    """The slope of a sand may be measured after its emissivity."""
+    for record in (SAND, replace(SAND, kind="surface", date=DATE.replace(day=11))):
+        save(record, tmp_path)
+    assert [find(SAND.name, tmp_path, kind)[0].kind for kind in ("emissivity", "surface", None, "clock")] == [
+        "emissivity", "surface", "surface", "surface"
+    ]  # fmt: skip
+
+
+def test_a_record_saved_by_an_editor_with_a_byte_order_mark_is_read(tmp_path):
+    path = save(SAND, tmp_path)
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
+    assert find(SAND.name, tmp_path)[0] == SAND
+
+
+def test_a_file_that_cannot_be_read_is_named(tmp_path):
+    (tmp_path / "20261210T013000Z-latin.toml").write_bytes(b"name = '\xe9t\xe9'")
+    (tmp_path / "20261210T013000Z-folder.toml").mkdir()
+    for name, said in (("latin", "is not UTF-8"), ("folder", "cannot read")):
+        with pytest.raises(ConfigError, match=said):
+            find(name, tmp_path)
+
+
+def test_a_disk_that_is_full_leaves_no_part_of_a_record(tmp_path, monkeypatch):
+    """A part would be the latest of its name, and in the way of the whole."""
+
+    def half(path, data):
+        with path.open("wb") as file:
+            file.write(data[: len(data) // 2])
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as full:
+        full.setattr(Path, "write_bytes", half)
+        full.setattr(Path, "write_text", lambda path, text, **_: half(path, text.encode()))
+        with pytest.raises(StorageError, match="No space left") as refused:
+            save(SAND, tmp_path)
+    assert refused.value.fix
+    assert not any(tmp_path.iterdir())
+    assert from_toml(save(SAND, tmp_path).read_text(), "x") == SAND
+
+
+def test_what_names_an_emissivity_is_its_sample(tmp_path):
+    for kind, argument in (("emissivity", "sample"), ("surface", "name")):
+        save(replace(SAND, kind=kind), tmp_path / kind)
+        with pytest.raises(StorageError) as refused:
+            save(replace(SAND, kind=kind, value=0.9), tmp_path / kind)
+        assert refused.value.fix == f"give the calibration another {argument}"

@@ -10,6 +10,7 @@ from fieldkit.model.site import Site
 from fieldkit.physics.daylight import clear_sky
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.simulation.scene import sand_slopes
+from fieldkit.weather import packaged
 
 MINUTE = 60_000_000_000
 
@@ -162,3 +163,35 @@ def test_a_clock_that_was_stepped_in_between_and_no_moment_at_all_are_refused():
         offset_from_times(own, own + np.where(own > own[50], 3_600_000_000_000, 0), 0.4, "receiver")
     with pytest.raises(CalibrationError, match="no pair of readings"):
         offset_from_times(own[:0], own[:0], 0.4, "receiver")
+
+
+@pytest.mark.parametrize(
+    "hours",
+    [(15, 24), (16, 18), (16, 20), (18, 20), (19, 20.5), (19, 22), (20, 22), (20, 23), (21, 23), (21, 24)],
+)
+@pytest.mark.parametrize("instrument", ["pyranometer", "beam and diffuse"])
+@pytest.mark.parametrize("wrong_s", [0.0, 3600.0])
+def test_the_true_time_of_a_measured_clear_day_is_within_what_is_stated(hours, instrument, wrong_s):
+    """SURFRAD, Alamosa, 2016-01-01; 2 h of afternoon were 2043 s off at stated 1361 s, 3 h 1523 at 588."""
+    day = packaged()
+    hour = (day.time_ns - int(np.datetime64("2016-01-01", "ns").astype(np.int64))) / 3.6e12
+    rows = (hours[0] <= hour) & (hour < hours[1])
+    times = day.time_ns[rows]
+    sun = sun_vectors(times, day.site, refraction=True)[:, 2]
+    beam = day.dni_w_m2[rows] * np.maximum(sun, 0.0) + day.dhi_w_m2[rows]
+    light = beam if instrument == "beam and diffuse" else day.ghi_w_m2[rows]
+    found = offset_from_sun(times - round(wrong_s * 1e9), 109.0 * light, day.site)
+    assert abs(found.offset_s - wrong_s) < found.expanded
+    if hours == (15, 24):
+        assert found.expanded < 400.0
+
+
+def test_a_clock_that_drifts_is_as_uncertain_at_either_end_as_the_drift_makes_it():
+    """100 ppm over six hours are 2.2 s, of which the median is 1.1 s off at both ends; it stated 0.8 s."""
+    own = np.arange(0, 6 * 3600, 10) * 10**9
+    true = own + (own * 100e-6).astype(np.int64)
+    found = offset_from_times(own, true, 0.4, "receiver")
+    assert found.offset_s == pytest.approx(1.08, abs=0.01)
+    line = found.budget[-1]
+    assert line.uncertainty == pytest.approx(2.16, rel=0.01)  # median of the thirds, 2/3 of it apart
+    assert found.expanded == pytest.approx(2.0 * np.hypot(0.4, 2.16 / np.sqrt(12.0)), rel=0.02)

@@ -286,3 +286,20 @@ def test_the_median_error_of_a_good_day_is_below_a_hundredth():
         )  # fmt: skip
         errors.append(abs(fit_emissivity(day.pairs, good).value - day.emissivity))
     assert np.median(errors) <= 0.01
+
+
+def test_no_steady_pair_at_all_is_refused_for_that_reason():
+    with pytest.raises(CalibrationError, match="0 steady pairs cannot show"):
+        fit_emissivity(pairs(()))
+
+
+def test_pairs_without_a_temperature_in_the_band_are_not_called_pairs_that_disagree():
+    with pytest.raises(CalibrationError, match="no temperature in this band"):
+        fit_emissivity(replace(pairs(), reflected_k=np.full(3, np.nan)))
+
+
+def test_an_emissivity_above_1_within_its_uncertainty_says_what_to_write():
+    """fieldkit.toml takes at most 1, so its record cannot be named there."""
+    found = fit_emissivity(replace(pairs(emissivity=1.0), contact_k=pairs().contact_k - 0.3))
+    assert 1.0 < found.value < 1.0 + found.expanded
+    assert found.remarks[-1].endswith("write surface.emissivity = 1.0")

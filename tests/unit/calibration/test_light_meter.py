@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 
-from fieldkit.calibration.light_meter import light_factor, on_plane
+from fieldkit.calibration.light_meter import (
+    clock_lag_s,
+    light_factor,
+    on_plane,
+    refuse_shifted_clocks,
+    with_lag,
+)
 from fieldkit.model.errors import CalibrationError
 from fieldkit.model.site import Site
 from fieldkit.physics.irradiance import IrradianceModel, direct_normal
@@ -90,3 +96,67 @@ def test_minutes_around_a_step_of_the_reference_alone_are_left_out():
     reading = plane / 0.0091
     plane[20:25] *= 0.93
     assert light_factor(reading, plane).minutes == 60 - 4
+
+
+DAY = packaged()
+"""Alamosa, 2016-01-01, clear: global irradiance by its pyranometer."""
+HOUR_NS = 3_600_000_000_000
+WINDOWS = [(15, 24), (16, 17), (18, 20), (19, 20), (19, 22), (22, 23)]
+
+
+def beside(hours: tuple[int, int], wrong_min: float, efficacy: float = 109.0):
+    """Times, light by the meter, and by a reference whose clock is that much slow, of some hours UTC."""
+    random = np.random.default_rng(1)
+    light = DAY.ghi_w_m2 * efficacy * (1.0 + 0.003 * random.standard_normal(DAY.time_ns.size))
+    late = np.interp(DAY.time_ns, DAY.time_ns + round(wrong_min * 60e9), DAY.ghi_w_m2)
+    begin, end = (START + (hour - 17) * HOUR_NS for hour in hours)
+    rows = (begin <= DAY.time_ns) & (DAY.time_ns < end)
+    return DAY.time_ns[rows], light[rows], late
+
+
+@pytest.mark.parametrize("hours", WINDOWS)
+@pytest.mark.parametrize("wrong_min", [20.0, 30.0, 60.0, -60.0])
+def test_a_clock_that_is_wrong_is_not_taken_for_a_factor(hours, wrong_min):
+    """An hour of the afternoon, with a clock an hour off, gave a factor 38 % wrong at stated 18 % (k=2)."""
+    time_ns, light, late = beside(hours, wrong_min)
+    lag_s = clock_lag_s(time_ns, light, DAY.time_ns, late)
+    assert lag_s == pytest.approx(60.0 * wrong_min, abs=120.0)
+    with pytest.raises(CalibrationError, match="the clocks differ") as refused:
+        refuse_shifted_clocks(lag_s)
+    assert "clock_offset" in refused.value.fix or "offset_s" in refused.value.fix
+
+
+@pytest.mark.parametrize("hours", WINDOWS)
+@pytest.mark.parametrize("wrong_min", [0.0, 3.0, -5.0, 10.0])
+def test_minutes_that_level_and_cosine_error_may_look_like_are_in_the_uncertainty(hours, wrong_min):
+    time_ns, light, late = beside(hours, wrong_min)
+    plane, aligned = (np.interp(time_ns + shift, DAY.time_ns, late) for shift in (0, round(wrong_min * 60e9)))
+    refuse_shifted_clocks(lag_s := clock_lag_s(time_ns, light, DAY.time_ns, late))
+    found = light_factor(light, plane)
+    if lag_s:
+        found = with_lag(found, light_factor(light, aligned), lag_s)
+    assert 1.0 / found.value == pytest.approx(109.0, rel=found.expanded / found.value)
+    if not wrong_min:
+        assert lag_s == 0.0
+
+
+def test_three_instruments_of_one_day_are_not_called_clocks_that_differ():
+    """By beam and diffuse light the pyranometer of that day is 5 % low in the morning: level, not clock."""
+    for hours in WINDOWS:
+        time_ns, _, _ = beside(hours, 0.0)
+        sun = sun_vectors(time_ns, SITE)
+        dni, dhi, ghi = (
+            np.interp(time_ns, DAY.time_ns, one) for one in (DAY.dni_w_m2, DAY.dhi_w_m2, DAY.ghi_w_m2)
+        )
+        refuse_shifted_clocks(clock_lag_s(time_ns, dni * sun[:, 2] + dhi, time_ns, ghi))
+
+
+def test_a_line_that_misses_the_origin_by_a_fifth_is_no_factor():
+    plane = np.linspace(300.0, 600.0, 120)
+    with pytest.raises(CalibrationError, match="a free line misses the origin by"):
+        light_factor((plane + 120.0) / 0.0091, plane)
+
+
+@pytest.mark.parametrize("light", [np.full(240, np.nan), np.full(240, 50_000.0)])
+def test_light_that_tells_no_time_shifts_no_clock(light):
+    assert clock_lag_s(TIMES, light, TIMES, np.full(240, 500.0)) == 0.0

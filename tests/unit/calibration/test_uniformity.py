@@ -38,6 +38,7 @@ def test_two_looks_are_averaged_whatever_their_order_and_half_the_change_bounds_
         (view(math.nan), None, "b15"),
         (view(0.3, change_k=0.5), None, "drift apart by 0.5 K"),
         (view(0.3), TargetView(HOUR, {"b05": 0.0}, {"b05": 0.1}), "not the same"),
+        (view(0.3, 1.0), view(0.3, 1.0), "the same recording"),  # it showed no drift between two looks
     ],
 )
 def test_what_is_no_uniform_target_is_refused(before, after, said):

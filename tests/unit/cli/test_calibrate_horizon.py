@@ -50,6 +50,8 @@ def test_a_wall_in_the_east_is_as_high_as_its_triangle(tmp_path: Path) -> None:
     calibrate(tmp_path, *place, "--nearest-m", "80")
     far = dict(load_horizon(tmp_path / "horizon.csv"))[90.0]
     assert far == pytest.approx(np.degrees(np.arctan(20.0 / 80.0)), abs=0.3)
+    nothing = calibrate(tmp_path, *place, "--nearest-m", "1000")
+    assert (nothing.exit_code, "no heights beyond the place in 360 of 360" in nothing.output) == (3, True)
 
 
 def test_pixels_of_the_skyline_become_azimuths_and_elevations(tmp_path: Path) -> None:

@@ -65,6 +65,10 @@ def test_marks_twice_as_uncertain_give_a_pose_twice_as_uncertain(tmp_path, table
         (lambda text: "\n".join(text.split("\n")[:4]), OPTIONS, "needs 4 points"),
         (str, (*OPTIONS[:-2],), "--ground-m, --dem"),
         (str, (*OPTIONS, "--frame", "160"), "columns x rows"),
+        (str, (*OPTIONS, "--frame", "0x120"), "columns x rows"),
+        (lambda text: text.replace("354602.0", "nan"), OPTIONS, "row 2 has a number that is not finite"),
+        (str, (*OPTIONS, "--range-m", "-5"), "range_m"),
+        (str, (*OPTIONS[:-1], "500"), "level ground at 500 m is not below the camera"),
         (str, (*OPTIONS, "--distortion", "0.1,nan,0,0,0"), "five numbers"),
     ],
 )
@@ -79,3 +83,13 @@ def test_the_lens_given_is_that_of_the_pose_file(tmp_path, table):
     done = calibrate(tmp_path, table, *OPTIONS, "--distortion=-0.01,0,0,0,0")
     assert done.exit_code == 0, done.output
     assert load_pose(tmp_path / "pose.toml", 0).table.distortion == [-0.01, 0.0, 0.0, 0.0, 0.0]
+
+
+def test_a_pose_file_can_be_read_whatever_names_are_in_it(tmp_path, table):
+    """Quotation marks of a CRS in WKT, or of a file, are those of TOML as well."""
+    rasterio = pytest.importorskip("rasterio.crs")
+    wkt = rasterio.CRS.from_epsg(32654).to_wkt()
+    done = calibrate(tmp_path, table, "--crs", wkt, *OPTIONS[2:4], "--dem", 'it\'s "dem".tif')
+    assert done.exit_code == 0, done.output
+    found = load_pose(tmp_path / "pose.toml", 0)
+    assert (found.table.crs, found.table.dem) == (wkt, 'it\'s "dem".tif')
