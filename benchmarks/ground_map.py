@@ -210,10 +210,12 @@ def compared(folder: Path, times_ns: NDArray[np.int64]) -> list[Result]:
     telling = np.isfinite(tilt) & (worth >= LEAST_K_PER_DEG)
     off = (tilt - found.tilt_deg)[telling]
     turned = angle_between_deg(normal(tilt, azimuth), normal(found.tilt_deg, found.azimuth_deg))[telling]
-    steep = np.abs(off[found.tilt_deg[telling] > 5.0])
+    is_steep = found.tilt_deg[telling] > 5.0
+    steep, sd = np.abs(off[is_steep]), found.layers["slope_sd"][telling][is_steep]
     return [
         Result("tilt where a degree is worth 0.2 K", rms(off), "° RMSE", "<= 1.0", f"{telling.sum()} cells"),
         Result("  steeper than 5°", rms(steep), "° RMSE", "", f"{steep.size} cells"),
+        Result("  these within their 90 % bounds", 100.0 * float((steep < 1.645 * sd).mean()), "%", "90"),
         Result("  normal", rms(turned), "° RMSE", ""),
         Result(
             "place of the crater",
