@@ -690,5 +690,5 @@ def test_a_process_that_is_not_known_is_no_sample(tmp_path: Path) -> None:
 def test_years_that_no_session_holds_are_refused(tmp_path, year):
     path = tmp_path / "a.csv"
     path.write_text(f"time,T [K]\n{year}-05-12T01:00:00+00:00,300\n")
-    with pytest.raises(ConfigError, match="year must lie within|none of a recording"):
+    with pytest.raises(ConfigError, match=r"year must lie within|none of a recording"):
         read_log(path, "a", LogOptions())
