@@ -11,7 +11,6 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -121,8 +120,7 @@ def test_readings_slopes_and_events_arrive_and_come_back_as_xdf(lsl: ModuleType,
             for number, name in enumerate(("lux", "region b15"), 1)
         ))
     )  # fmt: skip
-    # a file of LabRecorder is of today, whatever day was simulated: a place where it is day now
-    noon = Site(0.0, 15.0 * (12 - datetime.now(UTC).hour))
+    noon = Site(0.0, 30.0)  # where it is day at the date of the file, whatever day was simulated
     made = fieldkit.import_recording(path, tmp_path / "day.h5", fieldkit.ImportOptions(site=noon))
     with made.open() as imported:
         assert imported["lux"].readings().values.tolist() == stored.values[-len(came) :].tolist()

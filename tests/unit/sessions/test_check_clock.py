@@ -87,7 +87,7 @@ def added_s(path: Path) -> np.ndarray:
 
 def test_sleep_asks_for_a_map_from_there_on(tmp_path: Path) -> None:
     path = slept_between(tmp_path / "a.h5", 100, 101, 660)
-    assert "slept 660 s: its times after that are late" in said(path, "clock")
+    assert "slept 11 min: its times after that are late" in said(path, "clock")
     assert "stepped" not in said(path, "clock")
     added = added_s(path)
     assert set(added[:100]) == {0.0}  # the sleep began after picture 100
