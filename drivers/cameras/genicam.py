@@ -15,13 +15,14 @@ import math
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from functools import partial
 from typing import Any
 
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera
 from fieldkit.drivers.cameras.source import CameraDriver, OpenedSource
 from fieldkit.drivers.cameras.streaming import StreamSource
-from fieldkit.drivers.cameras.y16 import Y16, decoder, size_of
+from fieldkit.drivers.cameras.y16 import Y16, decode, size_of
 from fieldkit.drivers.decoding import Decoded
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import Buffer, DeviceSettings
@@ -150,10 +151,9 @@ class Genicam(CameraDriver):
         opened = OpenedSource(source, settings.identity)
         facts = _set_up(source.camera, settings)
         source.start()
-        per_count = {"kelvin_per_count": facts.pop("kelvin_per_count")}
-        width, height = facts.pop("size")
-        scaled = DeviceSettings(settings.name, self.name, options={**settings.options, **per_count})
-        read = decoder(scaled, width, height)
+        (width, height), scale = facts.pop("size"), facts.pop("kelvin_per_count")
+        offset = options.number(settings, "kelvin_offset", 0.0)
+        read = partial(decode, width=width, height=height, scale=scale, offset=offset)
         first = camera.first_frame(source, read, settings.name, clock)
         rate_hz = facts.pop("rate_hz")
         info = camera.describe(settings, opened, first, facts, vendor=facts.pop("vendor"), rate_hz=rate_hz)
