@@ -158,9 +158,10 @@ def _fixed_offset(moment: datetime) -> str:
 def utc_ns(moment: datetime) -> int:
     """UTC nanoseconds since 1970 of a moment with a zone, exact to the microsecond; raises `ConfigError`."""
     try:
-        return plausible_ns(clock.utc_ns(moment))
+        time_ns = clock.utc_ns(moment)
     except ValueError as error:
         raise ConfigError(f"{moment.isoformat()}: {error}", fix="check its clock and format") from None
+    return plausible_ns(time_ns)
 
 
 def plausible_ns(time_ns: int) -> int:
