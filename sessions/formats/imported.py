@@ -86,9 +86,8 @@ def possible(
 def _on_first_frame(frame: Sample | None, info: StreamInfo) -> Iterator[tuple[Severity, str]]:
     if not isinstance(frame, Frame):
         return
-    median_k = (
-        float(np.median(frame.counts)) * info.scale + info.offset
-    )  # NaN where it is not known from counts
+    # NaN, and so possible, where counts alone do not give kelvin
+    median_k = float(np.median(frame.counts)) * info.scale + info.offset
     bounds = bounds_of(info)
     if bounds.exceeded(np.array([median_k])).any():
         possible_k = f"possible: {bounds.low[0]:.4g} to {bounds.high[0]:.4g}"
