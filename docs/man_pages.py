@@ -9,9 +9,9 @@ from pathlib import Path
 
 import click
 
-from fieldkit import __version__
 from fieldkit.cli import main
 from fieldkit.cli.common import Command, CommandGroup, Options
+from fieldkit.model.version import __version__
 
 DOCS = Path(__file__).parent
 MAN = DOCS / "man"

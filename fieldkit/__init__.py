@@ -10,6 +10,8 @@ Everything that the command line does is a function here. Nothing heavy is impor
 from importlib import import_module as _import_module
 from typing import TYPE_CHECKING as _TYPE_CHECKING
 
+from fieldkit.model.version import __version__ as __version__
+
 if _TYPE_CHECKING:
     from fieldkit import calibrate as calibrate
     from fieldkit.drivers.discovery import find_devices as find_devices
@@ -46,8 +48,6 @@ if _TYPE_CHECKING:
     from fieldkit.results.slope_map import slope_map as slope_map
     from fieldkit.results.sun_angles import sun as sun
     from fieldkit.results.together import estimate_together as estimate_together
-
-__version__ = "0.2.0"
 
 _HOMES = {
     "fieldkit.drivers.discovery": ("find_devices",),

@@ -15,8 +15,8 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-import fieldkit
 from fieldkit.model.device import StreamInfo
+from fieldkit.model.version import __version__
 from fieldkit.sessions.digests import DIGEST_CHARS, object_paths
 from fieldkit.sessions.journal import SessionIdentity
 from fieldkit.sessions.layout import (
@@ -75,10 +75,10 @@ def _root_attributes(file: h5py.File, identity: SessionIdentity) -> None:
             "NX_class": "NXroot", "default": "entry", "Conventions": "CF-1.11",
             "title": header.title, "institution": header.operator, "license": header.license,
             "source": "; ".join(f"{info.name}: {info.vendor} {info.model}" for info in header.streams),
-            "history": f"{iso_utc(identity.start_ns)} recorded by fieldkit {fieldkit.__version__}",
+            "history": f"{iso_utc(identity.start_ns)} recorded by fieldkit {__version__}",
             "references": header.references, "comment": header.description,
             "fieldkit_format": FORMAT_NAME, "fieldkit_format_version": FORMAT_VERSION,
-            "fieldkit_version": fieldkit.__version__, "h5py_version": h5py.version.version,
+            "fieldkit_version": __version__, "h5py_version": h5py.version.version,
             "hdf5_version": h5py.version.hdf5_version, "session_id": identity.session_id,
         },
     )  # fmt: skip
@@ -89,7 +89,7 @@ def _entry(file: h5py.File, identity: SessionIdentity) -> None:
     entry = put_group(file, "entry", "NXentry", default=next((s.name for s in header.streams), ""))
     put_text(entry, "title", header.title)
     put_text(entry, "definition", "NXfieldkit")
-    put_text(entry, "program_name", "fieldkit", version=fieldkit.__version__)
+    put_text(entry, "program_name", "fieldkit", version=__version__)
     put_text(entry, "start_time", iso_utc(identity.start_ns), ISO_WIDTH)
     put_text(entry, "end_time", "", ISO_WIDTH)
     meanings = {"flag_values": np.arange(3, dtype="u1"), "flag_meanings": _STATES}

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import fieldkit
 from fieldkit.calibration.calibration_record import CalibrationRecord, expiry, save
 from fieldkit.calibration.ranges import require_name
 from fieldkit.model.errors import CalibrationError
+from fieldkit.model.version import __version__
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -68,5 +68,5 @@ def stamped(record: CalibrationRecord) -> CalibrationRecord:
             f"{record.name} would be {record.value:g} ± {record.standard_uncertainty:g}: not determined",
             fix="check the standard uncertainties given, and the data: fieldkit check",
         )
-    version = f"fieldkit {fieldkit.__version__}"
+    version = f"fieldkit {__version__}"
     return replace(record, software=version, expires=expiry(record.kind, record.date))

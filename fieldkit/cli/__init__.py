@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fieldkit import __version__
 from fieldkit.cli.failure import explain_failures
+from fieldkit.model.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -142,7 +142,7 @@ def _write_log(error: Exception, command: str) -> Path:
 
     import platformdirs
 
-    from fieldkit import __version__
+    from fieldkit.model.version import __version__
 
     folder = platformdirs.user_state_path("fieldkit") / "log"
     folder.mkdir(parents=True, exist_ok=True)

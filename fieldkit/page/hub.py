@@ -17,12 +17,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit import __version__
 from fieldkit.config import Config
 from fieldkit.estimation.estimator import Minute
 from fieldkit.model.samples import Event, Frame, is_showable
 from fieldkit.model.site import Region
 from fieldkit.model.units import CELSIUS_ZERO_K
+from fieldkit.model.version import __version__
 from fieldkit.page import outgoing
 from fieldkit.page.pictures import Mode, picture
 from fieldkit.page.viewer import Role, Viewer

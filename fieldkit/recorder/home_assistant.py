@@ -15,12 +15,12 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 from urllib.parse import quote
 
-from fieldkit import __version__
 from fieldkit.estimation.estimator import Minute
 from fieldkit.model.alarm import Alarm, alarm_of, phase_of
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Event, Reading, Severity, is_usable
 from fieldkit.model.units import CELSIUS_ZERO_K
+from fieldkit.model.version import __version__
 
 PREFIX = "homeassistant"
 """Home Assistant's own prefix of discovery, unless it is configured otherwise there."""

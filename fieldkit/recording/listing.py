@@ -15,8 +15,8 @@ from typing import Any
 
 import platformdirs
 
-from fieldkit import __version__
 from fieldkit.disk import replacing
+from fieldkit.model.version import __version__
 from fieldkit.recording.status_request import recorder_status
 from fieldkit.sessions.lock import is_locked, journal_path
 

@@ -27,8 +27,8 @@ import fieldkit.estimation
 import fieldkit.model
 import fieldkit.physics
 import fieldkit.sessions
-from fieldkit import __version__
 from fieldkit.disk import replacing
+from fieldkit.model.version import __version__
 
 Arrays = dict[str, NDArray[Any]]
 

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from queue import SimpleQueue
 from typing import Any, TypeVar
 
-from fieldkit import __version__
 from fieldkit.model.errors import ConfigError, FieldkitError, RefusedError
+from fieldkit.model.version import __version__
 from fieldkit.results.cache import code_version
 
 Note = TypeVar("Note")

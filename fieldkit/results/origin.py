@@ -5,12 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import fieldkit
-
 if TYPE_CHECKING:
     from importlib.metadata import Distribution
 
-PACKAGE = Path(fieldkit.__file__).resolve().parent
+PACKAGE = Path(__file__).resolve().parents[1]
 STAMP = PACKAGE / "commit.txt"
 """Written by ``packaging/hatch_build.py`` into wheels and source archives; a checkout has none."""
 

@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-import fieldkit
 from fieldkit.disk import replacing
 from fieldkit.estimation.bins import History, RegionColumns
 from fieldkit.estimation.chain import rows_after_gaps
@@ -42,6 +41,7 @@ from fieldkit.model.samples import Frame, Quality, is_usable
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.slope import CERTAIN, WITH_SLOPE, SlopeState, final_estimates
 from fieldkit.model.units import MINUTE_NS
+from fieldkit.model.version import __version__
 from fieldkit.physics.camera_laws import frame_k
 from fieldkit.physics.facet import FloatArray, normal, tilt_azimuth
 from fieldkit.physics.horizon import MINUTE_EDGE_DEG, sunlit_share
@@ -671,7 +671,7 @@ def _provenance(found: MappedSession, session: SessionReader) -> dict[str, Any]:
         "institution": session.header.operator,
         "license": session.header.license,
         "source": f"{found.camera.name}: {found.camera.vendor} {found.camera.model}",
-        "history": f"made by fieldkit {fieldkit.__version__}: {command_line() or 'from Python'}",
+        "history": f"made by fieldkit {__version__}: {command_line() or 'from Python'}",
         "comment": "camera coordinates: rows and columns of the frame, not a map projection",
         "session": session.path.name,
         "session_id": session.session_id,

@@ -14,7 +14,6 @@ from typing import TypedDict, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
-import fieldkit
 from fieldkit.disk import replacing
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, StorageError
@@ -22,6 +21,7 @@ from fieldkit.model.samples import Frame, is_damaged
 from fieldkit.model.site import Region
 from fieldkit.model.slope import SlopeEstimate
 from fieldkit.model.units import CELSIUS_ZERO_K, SECOND_NS
+from fieldkit.model.version import __version__
 from fieldkit.palettes import INFERNO, NAMES, Colours, bgr
 from fieldkit.physics.camera_laws import frame_k, has_temperatures
 from fieldkit.pixel_axes import label, outline, with_axes
@@ -65,7 +65,7 @@ def export_tiffs(
         flags = tuple(str(flag.name).lower() for flag in frame.quality)
         counts = _tiff_counts(frame, info, step)
         with replacing(path, synced=False) as draft:
-            write_tiff(draft, counts, TiffTags(time, step, flags=flags), f"fieldkit {fieldkit.__version__}")
+            write_tiff(draft, counts, TiffTags(time, step, flags=flags), f"fieldkit {__version__}")
         paths.append(path)
         rows.append((path.name, time))
     return [*paths, _write_times(folder / "times.csv", rows)]

@@ -13,9 +13,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from fieldkit import __version__
 from fieldkit.disk import replacing
 from fieldkit.model.site import Site
+from fieldkit.model.version import __version__
 from fieldkit.sessions.file_tree import iso_utc
 from fieldkit.sessions.formats.tables_out import export_csv
 from fieldkit.sessions.reader import SessionReader
