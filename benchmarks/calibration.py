@@ -18,10 +18,11 @@ from benchmarks.result import Result
 from fieldkit.calibration.emissivity import SharedUncertainties, fit_emissivity, single_pair
 from fieldkit.estimation.normal import Misfit, choose, solve
 from fieldkit.estimation.scale import scale_from_known_bed
+from fieldkit.model.arrays import FloatArray
 from fieldkit.model.errors import CalibrationError
 from fieldkit.model.site import Site
 from fieldkit.physics.energy_balance import SurfaceParameters, irradiance_difference, surface_temperature
-from fieldkit.physics.facet import VERTICAL, FloatArray, normal, tilt_azimuth
+from fieldkit.physics.facet import VERTICAL, normal, tilt_azimuth
 from fieldkit.physics.radiance import band_radiance
 from fieldkit.physics.sun import sun_vectors
 from tests.harness.emissivity_days import Day, FreeCase, days, free_days, make_day

@@ -15,9 +15,9 @@ import numpy as np
 from benchmarks.estimation_outdoors import BROKEN, NOISE_K, STILL, Bed, regions
 from fieldkit.estimation.bins import History
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.arrays import FloatArray
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.units import MINUTE_NS
-from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.slab import Slab
 from fieldkit.recording.field_history import field_history
 from fieldkit.simulation import ClearSky, Facet, MeasuredSky, Sky

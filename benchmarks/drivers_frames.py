@@ -18,13 +18,13 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.result import Result, Row
 from benchmarks.sides import compared
 from fieldkit.drivers.cameras import boson, flir_file, ht301, p2pro, purethermal
 from fieldkit.drivers.cameras.camera import DecodedFrame, kelvin
 from fieldkit.drivers.decoding import Rejected
+from fieldkit.model.arrays import SingleArray
 
 FRAMES = 64
 ROUNDS = 31
@@ -63,7 +63,7 @@ class _Bed:
         self._box = slice(top, top + height // 9), slice(left, left + width // 9)
         self._pixels = (height // 9) * (width // 9)
 
-    def mean_k(self, image: NDArray[np.float32]) -> float:
+    def mean_k(self, image: SingleArray) -> float:
         """Mean temperature of the bed; the extremes of the whole frame are beside its flags."""
         return cv2.sumElems(image[self._box])[0] / self._pixels
 

@@ -22,7 +22,6 @@ from typing import Any
 
 import numpy as np
 import serial
-from numpy.typing import NDArray
 
 from benchmarks.result import Result, Row
 from benchmarks.sides import share
@@ -31,6 +30,7 @@ from fieldkit.drivers.meters import center, lutron
 from fieldkit.drivers.meters.center import Center309
 from fieldkit.drivers.meters.lutron import Lutron
 from fieldkit.drivers.ports import CHUNK_BYTES
+from fieldkit.model.arrays import FloatArray
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.samples import Reading
@@ -88,7 +88,7 @@ class FarEnd:
         os.write(self._far, record)
 
 
-def _measure(far: FarEnd, read: Read, *, pace: bool) -> NDArray[np.float64]:
+def _measure(far: FarEnd, read: Read, *, pace: bool) -> FloatArray:
     """(CPU time, delay) of each reading in microseconds, shape (READINGS, 2)."""
     read()
     rows = []

@@ -14,7 +14,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.estimation_outdoors import noisy, regions
 from benchmarks.result import Result
@@ -23,9 +22,10 @@ from fieldkit.estimation.bins import History, RegionColumns
 from fieldkit.estimation.scale import scale_from_known_bed
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.slopes import slopes
+from fieldkit.model.arrays import FloatArray, IntArray
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.units import MINUTE_NS
-from fieldkit.physics.facet import VERTICAL, FloatArray, normal
+from fieldkit.physics.facet import VERTICAL, normal
 from fieldkit.physics.slab import Slab
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.simulation import ClearSky, Exchange, Facet
@@ -49,7 +49,7 @@ class GustySky:
     exchange_w_m2_k: float
     seed: int
 
-    def sky_state(self, time_ns: NDArray[np.int64], cos_zenith: FloatArray, site: Site) -> SkyState:
+    def sky_state(self, time_ns: IntArray, cos_zenith: FloatArray, site: Site) -> SkyState:
         """See `fieldkit.simulation.sky.Sky`."""
         still = self.clear.sky_state(time_ns, cos_zenith, site)
         knots = np.arange(time_ns[0], time_ns[-1] + 60 * MINUTE_NS, 4 * MINUTE_NS)

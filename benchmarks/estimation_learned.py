@@ -29,9 +29,10 @@ from fieldkit.estimation.bins import History
 from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.slopes import slopes
+from fieldkit.model.arrays import FloatArray
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SOLVED, SlopeEstimate, is_certain
-from fieldkit.physics.facet import FloatArray, angle_between_deg, normal
+from fieldkit.physics.facet import angle_between_deg, normal
 
 WORLDS = int(os.environ.get("FIELDKIT_WORLDS", "200"))
 FIRST_SEED = 1000

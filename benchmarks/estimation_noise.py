@@ -18,6 +18,7 @@ from fieldkit.estimation.contours import RadiationTable, slope_grid
 from fieldkit.estimation.disturbances import Cusum
 from fieldkit.estimation.likelihood import posterior
 from fieldkit.estimation.normal import Choice, Misfit, choose, cramer_rao, solve
+from fieldkit.model.arrays import FloatArray
 from fieldkit.model.confidence import misfit_drop
 from fieldkit.model.site import Site
 from fieldkit.physics.daylight import clear_sky
@@ -27,7 +28,7 @@ from fieldkit.physics.energy_balance import (
     irradiance_per_kelvin,
     surface_temperature,
 )
-from fieldkit.physics.facet import VERTICAL, FloatArray, angle_between_deg, normal, tilt_azimuth
+from fieldkit.physics.facet import VERTICAL, angle_between_deg, normal, tilt_azimuth
 from fieldkit.physics.sun import sun_vectors
 
 SITE = Site(35.558675, 139.395232, 9.0)

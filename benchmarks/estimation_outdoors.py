@@ -19,10 +19,11 @@ from benchmarks.result import Result
 from fieldkit.estimation.bins import History
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.slopes import slopes
+from fieldkit.model.arrays import FloatArray
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SlopeEstimate
 from fieldkit.model.units import MINUTE_NS
-from fieldkit.physics.facet import FloatArray, angle_between_deg, normal
+from fieldkit.physics.facet import angle_between_deg, normal
 from fieldkit.physics.slab import Slab
 from fieldkit.recording.field_history import field_history
 from fieldkit.simulation import Exchange, Facet, MeasuredSky

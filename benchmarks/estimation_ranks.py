@@ -34,10 +34,10 @@ from benchmarks.harsh_worlds import harsh_world
 from benchmarks.result import Result
 from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.learned.readout import LOGARITHMS
+from fieldkit.model.arrays import FloatArray
 from fieldkit.model.confidence import interval_sds
 from fieldkit.model.site import Region
 from fieldkit.model.slope import SOLVED, SlopeEstimate
-from fieldkit.physics.facet import FloatArray
 
 WORLDS = int(os.environ.get("FIELDKIT_WORLDS", "500"))
 BINS = 10

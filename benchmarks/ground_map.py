@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 import rasterio
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from rasterio.transform import xy
 from scipy.optimize import least_squares
 
@@ -22,9 +22,10 @@ from benchmarks.result import Result
 from fieldkit.config.load import load_config
 from fieldkit.config.template import SIMULATED
 from fieldkit.ground.on_ground import GroundView, ground_view
+from fieldkit.model.arrays import FloatArray, IntArray, SingleArray
 from fieldkit.physics.camera_geometry import Heights
 from fieldkit.physics.energy_balance import irradiance_per_kelvin
-from fieldkit.physics.facet import FloatArray, angle_between_deg, normal, tilt_azimuth
+from fieldkit.physics.facet import angle_between_deg, normal, tilt_azimuth
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.recording.campaign import create_campaign
 from fieldkit.recording.record import record
@@ -129,7 +130,7 @@ DNI_W_M2, SURFACE_K = 850.0, 290.0
 class GroundMap:
     """Layers of ``ground.tif``, places of its cells, and the true slopes there, azimuth from true north."""
 
-    layers: dict[str, NDArray[np.float32]]
+    layers: dict[str, SingleArray]
     cell_m: float
     east_m: FloatArray
     north_m: FloatArray
@@ -168,7 +169,7 @@ class GroundMap:
         return float(np.std(off) / np.ptp(true))
 
 
-def kelvin_per_degree(view: GroundView, folder: Path, times_ns: NDArray[np.int64]) -> FloatArray:
+def kelvin_per_degree(view: GroundView, folder: Path, times_ns: IntArray) -> FloatArray:
     """Mean over times of what a degree of tilt is worth in each pixel, zero in shadows, (rows, cols)."""
     config = load_config(folder / "fieldkit.toml")
     assert config.pose is not None
@@ -199,7 +200,7 @@ def run() -> list[Result]:
         return compared(folder, begin_ns + np.arange(0, 180 * 60 * 10**9, STEP_NS))
 
 
-def compared(folder: Path, times_ns: NDArray[np.int64]) -> list[Result]:
+def compared(folder: Path, times_ns: IntArray) -> list[Result]:
     """The map of a recorded campaign against the formula."""
     config = load_config(folder / "fieldkit.toml")
     assert config.pose is not None

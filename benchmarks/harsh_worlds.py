@@ -27,11 +27,12 @@ from benchmarks.drawn_worlds import (
 from benchmarks.estimation_outdoors import NOISE_K, regions
 from fieldkit.estimation.bins import History
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.arrays import FloatArray
 from fieldkit.model.site import Site
 from fieldkit.model.units import MINUTE_NS, SECOND_NS
 from fieldkit.physics import daylight
 from fieldkit.physics.bodies import body_of
-from fieldkit.physics.facet import FloatArray, cos_incidence, normal
+from fieldkit.physics.facet import cos_incidence, normal
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.simulation import Facet, Sky
 from fieldkit.simulation.drawn_field import DrawnField, Range, drawn_field, with_stack

@@ -15,19 +15,19 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 import fieldkit
 from benchmarks.result import Result
 from fieldkit.estimation.pixel_slopes import MapSums
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.arrays import FloatArray, IntArray
 from fieldkit.model.confidence import interval_sds
 from fieldkit.model.site import Site
 from fieldkit.model.units import CELSIUS_ZERO_K, MINUTE_NS
 from fieldkit.physics.climate import usual_air_k
 from fieldkit.physics.daylight import clear_sky, clear_sky_longwave
 from fieldkit.physics.energy_balance import irradiance_per_kelvin
-from fieldkit.physics.facet import VERTICAL, FloatArray, normal, tilt_azimuth
+from fieldkit.physics.facet import VERTICAL, normal, tilt_azimuth
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.physics.terrain import climb_deg
 from fieldkit.weather import Weather
@@ -150,7 +150,7 @@ def _sun(utc: str, site: Site) -> FloatArray:
     return np.asarray(sun_vectors(_times(utc, 0), site)[0])
 
 
-def _times(utc: str, minutes: int) -> NDArray[np.int64]:
+def _times(utc: str, minutes: int) -> IntArray:
     """Minutes before a time and it itself, UTC nanoseconds since 1970."""
     last = int(np.datetime64(utc, "ns").astype(np.int64))
     return np.asarray(last + MINUTE_NS * np.arange(-minutes, 1), np.int64)

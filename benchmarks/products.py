@@ -6,10 +6,9 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.drawn_worlds import CLEAR, RANDOM, SOUTH, World
 from benchmarks.estimation_learned import without_wind
@@ -24,13 +23,14 @@ from fieldkit.estimation.minute_maps import MinuteMap
 from fieldkit.estimation.pixel_slopes import MapSums, PixelBounds, SlopeMap, posterior, with_bounds
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.ground.terrain_products import NAMES, Products
+from fieldkit.model.arrays import AnyArray, FloatArray
 from fieldkit.model.learnt import LearntParameter
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import WITH_SLOPE, SlopeEstimate, SlopeState
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.energy_balance import surface_temperature
-from fieldkit.physics.facet import VERTICAL, FloatArray, normal
+from fieldkit.physics.facet import VERTICAL, normal
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.results.slope_map import MappedSession
 
@@ -58,7 +58,7 @@ ALL = Row(
 )  # fmt: skip
 
 
-def mapped(frames_k: Sequence[FloatArray], rays: NDArray[Any]) -> MappedSession:
+def mapped(frames_k: Sequence[FloatArray], rays: AnyArray) -> MappedSession:
     """The map of some frames, as `fieldkit.slope_map` makes it of a session's."""
     (rows, cols), _ = LARGE
     sums = MapSums((rows, cols), PAPER, NOISE_K, SETTINGS.tilt_limit_deg)

@@ -25,7 +25,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 import fieldkit
 from benchmarks.estimation_learned import SUNSHINE_W_M2
@@ -38,12 +37,13 @@ from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.surface_kinds import Kind
 from fieldkit.estimation.table import TemperatureTable, as_part, slopes_of_part
 from fieldkit.estimation.together import slopes_together
+from fieldkit.model.arrays import BoolArray, FloatArray, IntArray
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.slope import CERTAIN, SOLVED, SlopeEstimate
 from fieldkit.model.units import CELSIUS_ZERO_K, MINUTE_NS, SECOND_NS
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.daylight import clear_sky_longwave
-from fieldkit.physics.facet import FloatArray, angle_between_deg, normal
+from fieldkit.physics.facet import angle_between_deg, normal
 from fieldkit.physics.irradiance import IrradianceModel, direct_normal
 from fieldkit.physics.slab import Slab
 from fieldkit.physics.sun import sun_vectors
@@ -175,7 +175,7 @@ def _days(table: TemperatureTable, longitude_deg: float) -> Iterator[Temperature
         yield _rows(table, day == one)
 
 
-def _rows(table: TemperatureTable, chosen: NDArray[np.bool_]) -> TemperatureTable:
+def _rows(table: TemperatureTable, chosen: BoolArray) -> TemperatureTable:
     names = ("irradiance_w_m2", "diffuse_w_m2", "air_k", "ghi_w_m2", "longwave_w_m2", "wind_m_s")
     columns = {name: value[chosen] for name in names if (value := getattr(table, name)) is not None}
     targets = {name: value[chosen] for name, value in table.targets_k.items()}
@@ -361,9 +361,7 @@ def _glob() -> Iterator[Result]:
         yield from Case(f"pyranometers of 45° at 79° N, {sky} sky", found, "<= 7", ">= 80").rows()
 
 
-def _pyranometers(
-    time_ns: NDArray[np.int64], ghi: FloatArray, planes: Columns, dhi: FloatArray
-) -> TemperatureTable:
+def _pyranometers(time_ns: IntArray, ghi: FloatArray, planes: Columns, dhi: FloatArray) -> TemperatureTable:
     """Pyranometers as surfaces beside a level one; without diffuse light it is that of Erbs et al. (1982)."""
     targets = {name: LIGHT_K + value for name, value in planes.items()}
     return TemperatureTable(time_ns, LIGHT_K + ghi, targets, ghi_w_m2=ghi, diffuse_w_m2=dhi)

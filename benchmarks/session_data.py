@@ -12,8 +12,8 @@ from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
+from fieldkit.model.arrays import CountArray
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Frame
@@ -21,7 +21,6 @@ from fieldkit.model.site import Site
 from fieldkit.sessions.layout import SessionHeader
 
 LARGE, MEDIUM, SMALL = ((512, 640), 30.0), ((192, 256), 25.0), ((120, 160), 9.0)
-Frames = NDArray[np.uint16]
 Camera = tuple[tuple[int, int], float]
 """Rows and columns, frames a second."""
 
@@ -36,7 +35,7 @@ def header(info: StreamInfo) -> SessionHeader:
     return SessionHeader("benchmark", Site(35.56, 139.4), (info,))
 
 
-def noisy_frames(shape: tuple[int, int], count: int = 60) -> Frames:
+def noisy_frames(shape: tuple[int, int], count: int = 60) -> CountArray:
     """Sky, ground and beds with 50 mK of noise, as counts of 10 mK; the same every time."""
     rng = np.random.default_rng(7)
     rows, cols = shape
@@ -46,13 +45,13 @@ def noisy_frames(shape: tuple[int, int], count: int = 60) -> Frames:
     return np.rint(scene + fixed + rng.normal(0, 5, (count, *shape))).astype("<u2")
 
 
-def frame(info: StreamInfo, counts: Frames, clock: HostClock) -> Frame:
+def frame(info: StreamInfo, counts: CountArray, clock: HostClock) -> Frame:
     """A frame stamped now."""
     now = clock.mono_ns()
     return Frame(info.name, now, clock.to_utc_ns(now), counts, np.empty((0, 0), np.uint16))
 
 
-def write_naively(path: Path, data: Frames, flush_every: int = 0) -> None:
+def write_naively(path: Path, data: CountArray, flush_every: int = 0) -> None:
     """What one writes first: resize, assign, gzip, h5py's own chunks, perhaps a flush each second."""
     with h5py.File(path, "w") as file:
         dataset = file.create_dataset(
@@ -68,7 +67,7 @@ def write_naively(path: Path, data: Frames, flush_every: int = 0) -> None:
         os.fsync(written)
 
 
-def write_mcap(path: Path, data: Frames, compression: str = "NONE") -> None:
+def write_mcap(path: Path, data: CountArray, compression: str = "NONE") -> None:
     """One message for each frame, in the chunks that the writer makes by itself, synced."""
     from mcap.writer import CompressionType, Writer
 

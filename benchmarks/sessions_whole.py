@@ -21,7 +21,6 @@ from benchmarks.session_data import (
     LARGE,
     MEDIUM,
     Camera,
-    Frames,
     camera,
     folder,
     frame,
@@ -31,6 +30,7 @@ from benchmarks.session_data import (
     write_naively,
 )
 from benchmarks.sides import Steal, times_as_fast
+from fieldkit.model.arrays import CountArray
 from fieldkit.model.clock import HostClock
 from fieldkit.sessions.writer import SessionWriter
 
@@ -93,7 +93,7 @@ def _costs(size: Camera, naive_frames: int) -> dict[str, list[Cost]]:
     return {name: [one[name] for one in rounds] for name in sides}
 
 
-def _cost(write: Callable[[Path, Frames], None], data: Frames) -> Cost:
+def _cost(write: Callable[[Path, CountArray], None], data: CountArray) -> Cost:
     with folder() as place:
         began, used = time.perf_counter(), time.process_time()
         write(place / "recording", data)
@@ -119,7 +119,7 @@ def _size(row: Row, costs: dict[str, list[Cost]]) -> Result:
     return row.measured(costs["ours"][0].file_bytes / costs["ZSTD"][0].file_bytes)
 
 
-def _session(size: Camera, path: Path, data: Frames) -> None:
+def _session(size: Camera, path: Path, data: CountArray) -> None:
     info, clock = camera(*size), HostClock()
     writer = SessionWriter(path, header(info), clock)
     for one in data:

@@ -25,7 +25,6 @@ from benchmarks.session_data import (
     MEDIUM,
     SMALL,
     Camera,
-    Frames,
     camera,
     folder,
     frame,
@@ -35,6 +34,7 @@ from benchmarks.session_data import (
     write_naively,
 )
 from benchmarks.sides import share
+from fieldkit.model.arrays import CountArray
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Reading
@@ -80,7 +80,7 @@ def run() -> list[Result]:
     return [*results, _size(), _journal_size()]
 
 
-def _rate(work: Callable[[Path], None], data: Frames) -> float:
+def _rate(work: Callable[[Path], None], data: CountArray) -> float:
     """Megabytes of frames a second, final sync included."""
     with folder() as place:
         before = time.perf_counter()
@@ -110,17 +110,17 @@ def _sustained() -> list[Result]:
     ]
 
 
-def _rates(ways: dict[str, Callable[[Path], None]], data: Frames) -> dict[str, list[float]]:
+def _rates(ways: dict[str, Callable[[Path], None]], data: CountArray) -> dict[str, list[float]]:
     """The rates of each, in rounds: a moment when the disk is slow is then slow for all."""
     rounds = [{name: _rate(work, data) for name, work in ways.items()} for _ in range(ROUNDS)]
     return {name: [one[name] for one in rounds] for name in ways}
 
 
-def _into(write: Callable[[Path, Frames], None], data: Frames) -> Callable[[Path], None]:
+def _into(write: Callable[[Path, CountArray], None], data: CountArray) -> Callable[[Path], None]:
     return lambda place: write(place / "other", data)
 
 
-def _os_write(path: Path, data: Frames) -> None:
+def _os_write(path: Path, data: CountArray) -> None:
     descriptor = os.open(path, os.O_WRONLY | os.O_CREAT)
     for one in data:
         os.write(descriptor, one.tobytes())
@@ -128,16 +128,16 @@ def _os_write(path: Path, data: Frames) -> None:
     os.close(descriptor)
 
 
-def _plain_pack(chunk: Frames) -> memoryview:
+def _plain_pack(chunk: CountArray) -> memoryview:
     return chunk.data.cast("B")
 
 
-def _os_write_twice(place: Path, data: Frames) -> None:
+def _os_write_twice(place: Path, data: CountArray) -> None:
     with ThreadPoolExecutor(2) as two:
         list(two.map(lambda name: _os_write(place / name, data), ("one", "other")))
 
 
-def _chunks(path: Path, info: StreamInfo, data: Frames) -> None:
+def _chunks(path: Path, info: StreamInfo, data: CountArray) -> None:
     with (
         h5py.File(path, "w", libver=LIBVER) as file,
         ThreadPoolExecutor(2) as pool,
@@ -168,7 +168,7 @@ def _plain_dataset(
     )
 
 
-def _session_uncompressed(path: Path, info: StreamInfo, data: Frames) -> None:
+def _session_uncompressed(path: Path, info: StreamInfo, data: CountArray) -> None:
     """A whole recording, journal included, up to where every byte is in both and synced."""
     clock = HostClock()
     with (
@@ -184,7 +184,7 @@ def _session_uncompressed(path: Path, info: StreamInfo, data: Frames) -> None:
         writer._session_lock.release()
 
 
-def _zarr(path: Path, data: Frames) -> None:
+def _zarr(path: Path, data: CountArray) -> None:
     import zarr
 
     array = zarr.create_array(
@@ -196,7 +196,7 @@ def _zarr(path: Path, data: Frames) -> None:
         _sync(file)
 
 
-def _compressed(path: Path, info: StreamInfo, data: Frames) -> None:
+def _compressed(path: Path, info: StreamInfo, data: CountArray) -> None:
     with h5py.File(path, "w", libver=LIBVER) as file, ThreadPoolExecutor(2) as pool:
         dataset = put_frames(file, "counts", chunk_shape(info), info.shape, 65535)
         writer = FrameWriter(dataset, pool)

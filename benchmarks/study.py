@@ -13,15 +13,15 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.result import Result, Row
 from benchmarks.sides import times_as_fast
 from fieldkit.estimation.contours import ContourWinners, RadiationTable, slope_grid
+from fieldkit.model.arrays import FloatArray, IntArray
 from fieldkit.model.site import Site
 from fieldkit.physics.daylight import clear_sky
 from fieldkit.physics.energy_balance import SurfaceParameters, irradiance_difference
-from fieldkit.physics.facet import VERTICAL, FloatArray
+from fieldkit.physics.facet import VERTICAL
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.study.estimators import (
     Conditions,
@@ -58,7 +58,7 @@ def _conditions(start: str) -> Conditions:
 
 def _plain_loop(
     cells: FloatArray, table: FloatArray, differences: FloatArray
-) -> tuple[FloatArray, NDArray[np.int64], NDArray[np.int64]]:
+) -> tuple[FloatArray, IntArray, IntArray]:
     normals, best, tied = np.empty((len(differences), 3)), [], []
     for row, difference in enumerate(differences):
         score = (np.abs(table - difference[:, np.newaxis]) <= TOLERANCE_W_M2).sum(axis=0)
@@ -128,8 +128,6 @@ def run() -> list[Result]:
     ]
 
 
-def _different(
-    ours: ContourWinners, normals: FloatArray, best: NDArray[np.int64], tied: NDArray[np.int64]
-) -> int:
+def _different(ours: ContourWinners, normals: FloatArray, best: IntArray, tied: IntArray) -> int:
     alike = np.abs(ours.normals[::EVERY] - normals).max(axis=1) < 1e-12
     return int(np.sum(~(alike & (ours.best[::EVERY] == best) & (ours.tied[::EVERY] == tied))))

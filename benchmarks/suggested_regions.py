@@ -12,11 +12,10 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from benchmarks.result import Result, Row
-from fieldkit.estimation.region_check import FrameK
+from fieldkit.model.arrays import BoolArray, ByteArray, FloatArray
 from fieldkit.model.errors import NoAnswerError
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.recording.suggesting import suggested
@@ -40,7 +39,7 @@ LEVEL = Row("level", "references suggested that are the level bed, where it is f
 class Drawn:
     """A frame, shape (120, 160), in kelvin, and the beds in it."""
 
-    frame: FrameK
+    frame: FloatArray
     beds: tuple[Facet, ...]
 
 
@@ -149,7 +148,7 @@ def moved_beds(random: np.random.Generator) -> tuple[Facet, ...]:
             return tuple(seen)
 
 
-def cluttered(frame: FrameK, random: np.random.Generator, count: int) -> FrameK:
+def cluttered(frame: FloatArray, random: np.random.Generator, count: int) -> FloatArray:
     """A frame with people, cables, vessels and boxes before it, mostly warmer than the ground."""
     for _ in range(count):
         shape = (_person, _cable, _vessel, _box)[random.integers(4)](random)
@@ -159,14 +158,14 @@ def cluttered(frame: FrameK, random: np.random.Generator, count: int) -> FrameK:
     return frame
 
 
-def _person(random: np.random.Generator) -> NDArray[np.uint8]:
+def _person(random: np.random.Generator) -> ByteArray:
     image, (x, y) = _place(random)
     angle, length, width = random.uniform(0.0, 180.0), random.integers(8, 25), random.integers(3, 8)
     cv2.ellipse(image, (x, y), (int(length), int(width)), angle, 0, 360, 1, cv2.FILLED)
     return image
 
 
-def _cable(random: np.random.Generator) -> NDArray[np.uint8]:
+def _cable(random: np.random.Generator) -> ByteArray:
     image, place = _place(random)
     points = np.cumsum(random.normal(0.0, 14.0, (8, 2)), axis=0) + place
     thickness = int(random.integers(1, 3))
@@ -174,13 +173,13 @@ def _cable(random: np.random.Generator) -> NDArray[np.uint8]:
     return image
 
 
-def _vessel(random: np.random.Generator) -> NDArray[np.uint8]:
+def _vessel(random: np.random.Generator) -> ByteArray:
     image, place = _place(random)
     cv2.circle(image, place, int(random.integers(2, 10)), 1, cv2.FILLED)
     return image
 
 
-def _box(random: np.random.Generator) -> NDArray[np.uint8]:
+def _box(random: np.random.Generator) -> ByteArray:
     image, place = _place(random)
     width, height = random.uniform(4.0, 20.0, 2)
     corners = cv2.boxPoints((place, (width, height), random.uniform(0.0, 90.0)))
@@ -188,16 +187,16 @@ def _box(random: np.random.Generator) -> NDArray[np.uint8]:
     return image
 
 
-def _place(random: np.random.Generator) -> tuple[NDArray[np.uint8], tuple[int, int]]:
+def _place(random: np.random.Generator) -> tuple[ByteArray, tuple[int, int]]:
     """An empty image and a pixel (x, y) of it."""
     rows, cols = FRAME_SHAPE
     return np.zeros(FRAME_SHAPE, np.uint8), (int(random.integers(cols)), int(random.integers(rows)))
 
 
-def _mask(vertices: Sequence[tuple[float, float]]) -> NDArray[np.bool_]:
+def _mask(vertices: Sequence[tuple[float, float]]) -> BoolArray:
     return Region("outline", RegionKind.TARGET, tuple(vertices)).mask(FRAME_SHAPE)
 
 
-def _bed_under(inside: NDArray[np.bool_], beds: Sequence[NDArray[np.bool_]]) -> int | None:
+def _bed_under(inside: BoolArray, beds: Sequence[BoolArray]) -> int | None:
     """Number of the bed that covers every pixel of a region; None where none does."""
     return next((number for number, bed in enumerate(beds) if bed[inside].all()), None)

@@ -14,9 +14,10 @@ from astropy.utils import iers
 
 from benchmarks.result import Result, Row
 from benchmarks.sides import compared
+from fieldkit.model.arrays import FloatArray
 from fieldkit.model.site import Site
 from fieldkit.physics import sun
-from fieldkit.physics.facet import FloatArray, angle_between_deg, normal
+from fieldkit.physics.facet import angle_between_deg, normal
 
 iers.conf.auto_download = False
 SITE = Site(35.558675, 139.395232, 9.0)

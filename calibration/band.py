@@ -13,10 +13,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldkit.model.arrays import FloatArray
 from fieldkit.model.errors import ConfigError
 from fieldkit.physics.camera_laws import Planck, path_transmission
 from fieldkit.physics.constants import SECOND_RADIATION
-from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.radiance import band_radiance, band_temperature
 
 

@@ -13,15 +13,14 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from fieldkit.calibration.uncertainty import Budgeted, Contribution, combined_uncertainty
+from fieldkit.model.arrays import BoolArray, FloatArray, IntArray
 from fieldkit.model.errors import CalibrationError
 from fieldkit.model.site import Site
 from fieldkit.model.units import DAY_S
 from fieldkit.physics.daylight import air_mass
-from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.sun import sun_vectors
 
 LOWEST = 0.15
@@ -65,9 +64,7 @@ class ClockOffset(Budgeted):
     readings: int
 
 
-def offset_from_times(
-    own_ns: NDArray[np.int64], true_ns: NDArray[np.int64], reading_sd_s: float, source: str
-) -> ClockOffset:
+def offset_from_times(own_ns: IntArray, true_ns: IntArray, reading_sd_s: float, source: str) -> ClockOffset:
     """Median offset, with its budget, against another clock read at the same moments.
 
     `own_ns` and `true_ns` are times (n,) by the recording computer and by the other clock, `source` its name
@@ -100,7 +97,7 @@ def offset_from_times(
     return ClockOffset(float(np.median(apart_s)), budget, int(own_ns.size))
 
 
-def offset_from_sun(time_ns: NDArray[np.int64], illuminance_lx: FloatArray, site: Site) -> ClockOffset:
+def offset_from_sun(time_ns: IntArray, illuminance_lx: FloatArray, site: Site) -> ClockOffset:
     """Offset at which a horizontal light meter, read over an hour or more, fits the sun's elevation.
 
     Of readings (n,) in lx at recorded times (n,), only those with the sun above 8.6 degrees count, and those
@@ -134,7 +131,7 @@ def _change(apart_s: FloatArray) -> float:
     return abs(float(np.median(apart_s[-third:]) - np.median(apart_s[:third]))) * 1.5 if third else 0.0
 
 
-def _refuse_short(time_ns: NDArray[np.int64], what: str) -> None:
+def _refuse_short(time_ns: IntArray, what: str) -> None:
     if time_ns.size < MIN_READINGS or np.ptp(time_ns) < MIN_SPAN_S * 1e9:
         raise CalibrationError(
             f"{what}: the sun does not determine the time",
@@ -147,7 +144,7 @@ def _refuse_short(time_ns: NDArray[np.int64], what: str) -> None:
 class _ClearSkyFit:
     """Logarithms of a horizontal meter's readings (n,) and the law of a clear sky that they should follow."""
 
-    time_ns: NDArray[np.int64]
+    time_ns: IntArray
     log_light: FloatArray
     site: Site
 
@@ -171,7 +168,7 @@ class _ClearSkyFit:
         left = y + _haze(mass, y) * mass
         return float(np.mean(np.abs(left - np.median(left))))
 
-    def fit(self, start_s: float, used: NDArray[np.bool_]) -> tuple[float, FloatArray]:
+    def fit(self, start_s: float, used: BoolArray) -> tuple[float, FloatArray]:
         """Best shift near a first guess by the readings `used`, and the residuals of all (n,)."""
         begin = [0.0, float(self.log_light.max()), 0.2]
         bounds = ([-2.0, 5.0, MIN_HAZE], [2.0, 20.0, MAX_HAZE])
@@ -188,7 +185,7 @@ class _ClearSkyFit:
         mass = air_mass(height, self.site.elevation_m)
         return np.asarray(self.log_light - (unknown[1] + np.log(height) - unknown[2] * mass))
 
-    def budget(self, shift_s: float, used: NDArray[np.bool_], scatter: float) -> tuple[Contribution, ...]:
+    def budget(self, shift_s: float, used: BoolArray, scatter: float) -> tuple[Contribution, ...]:
         """Scatter, effects of a meter out of level, changing haze and the law; other shifts that fit."""
         sun, later = self.sun(shift_s)[used], self.height(shift_s + 1.0)[used]
         mass, later_mass = (air_mass(height, self.site.elevation_m) for height in (sun[:, 2], later))
@@ -216,13 +213,13 @@ class _ClearSkyFit:
         beyond = max(0.0, farthest_s**2 / 3.0 - combined_uncertainty(near) ** 2)
         return (*near, Contribution("other times that fit", farthest_s, "s", "B", math.sqrt(beyond)))
 
-    def _farthest_s(self, shift_s: float, used: NDArray[np.bool_], scatter: float) -> float:
+    def _farthest_s(self, shift_s: float, used: BoolArray, scatter: float) -> float:
         """Distance to the farthest shift at which readings scatter no more, with the best haze for it."""
         away = np.arange(-FARTHEST_S, FARTHEST_S + 1.0, FAR_STEP_S)
         fits = [abs(float(far)) for far in away if self._scatter(shift_s + float(far), used) <= scatter]
         return max(fits, default=0.0)
 
-    def _scatter(self, shift_s: float, used: NDArray[np.bool_]) -> float:
+    def _scatter(self, shift_s: float, used: BoolArray) -> float:
         """Scatter of the readings for which the sun is high at a shift; infinite where they are too few."""
         height = self.height(shift_s)
         high = used & (height > LOWEST)

@@ -22,15 +22,14 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from fieldkit.calibration.band import FLAT, Band, own_part_k
 from fieldkit.calibration.line import Line, Points, fit_line
 from fieldkit.calibration.uncertainty import Budgeted, Contribution, effective_freedom, largest
+from fieldkit.model.arrays import CountArray, FloatArray
 from fieldkit.model.errors import CalibrationError
 from fieldkit.model.units import CELSIUS_ZERO_K, kelvin_if_fahrenheit
-from fieldkit.physics.facet import FloatArray
 
 Reflected = Literal["fixed", "free"]
 
@@ -420,7 +419,7 @@ def mirrored_temperature_k(
     return band.temperature((band.signal(foil_k) - own) / (1.0 - foil_emissivity))
 
 
-def is_saturated(counts: NDArray[np.uint16]) -> bool:
+def is_saturated(counts: CountArray) -> bool:
     """True if the foil's pixels (n,) of one frame are at the end of the camera's range."""
     return bool(np.mean(counts == counts.min()) >= SATURATED_SHARE)
 

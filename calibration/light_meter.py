@@ -10,15 +10,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.calibration.line import Points, fit_line
 from fieldkit.calibration.uncertainty import Budgeted, Contribution
+from fieldkit.model.arrays import BoolArray, FloatArray, IntArray
 from fieldkit.model.errors import CalibrationError
-from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.irradiance import IrradianceModel, direct_normal, shares_on_plane
 
-Times = NDArray[np.int64]
 MIN_MINUTES, DARK_W_M2 = 10, 20.0
 UNSTEADY = 0.05
 """Relative change between neighbouring minutes beyond which the response times of two instruments matter."""
@@ -51,7 +49,7 @@ def on_plane(
     dni_w_m2: FloatArray,
     dhi_w_m2: FloatArray | None,
     sun: FloatArray,
-    time_ns: NDArray[np.int64],
+    time_ns: IntArray,
 ) -> FloatArray:
     """Irradiance on the meter's plane from a measured beam, W/m2, shape (n,); NaN where the sun is too low.
 
@@ -79,7 +77,9 @@ def refuse_shifted_clocks(lag_s: float) -> None:
         )
 
 
-def clock_lag_s(time_ns: Times, reading: FloatArray, reference_ns: Times, plane_w_m2: FloatArray) -> float:
+def clock_lag_s(
+    time_ns: IntArray, reading: FloatArray, reference_ns: IntArray, plane_w_m2: FloatArray
+) -> float:
     """Seconds to add to a meter's times so that it fits its reference best.
 
     From minutes (n,) of the meter and (m,) of the reference, which may begin before and end after them.
@@ -161,7 +161,7 @@ def light_factor(
     return LightFactor(value, budget, scatter, int(consistent.sum()), _intercept(points))
 
 
-def _steady(values: FloatArray) -> NDArray[np.bool_]:
+def _steady(values: FloatArray) -> BoolArray:
     """Minutes that differ little from both neighbours."""
     with np.errstate(all="ignore"):
         change = np.abs(np.diff(values)) / np.maximum(np.abs(values[1:]), 1e-9)

@@ -12,9 +12,9 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from fieldkit.calibration.uncertainty import students_factor
+from fieldkit.model.arrays import FloatArray
 from fieldkit.model.errors import CalibrationError
 from fieldkit.physics.camera_geometry import Camera, angles_of_axes, project
-from fieldkit.physics.facet import FloatArray
 
 LEAST_POINTS, WORST_MARK = 4, 10.0
 """Points of a pose; standard uncertainties by which the worst mark may be off."""

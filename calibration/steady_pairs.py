@@ -12,13 +12,11 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.calibration.emissivity import Pairs
+from fieldkit.model.arrays import FloatArray, IntArray
 from fieldkit.model.errors import CalibrationError
-from fieldkit.physics.facet import FloatArray
 
-Times = NDArray[np.int64]
 STEADY_K_MIN = 0.1
 BLOCK_S, MAX_BLOCKS = 60.0, 5
 CAMERA_NOISE_K, PLACEMENT_K = 0.05, 0.15
@@ -33,10 +31,10 @@ MIN_VARIATION_K = 1.0
 class Readings:
     """Camera readings at times (n,): region and reflector; probe readings at times (m,). Kelvin, UTC ns."""
 
-    camera_ns: Times
+    camera_ns: IntArray
     apparent_k: FloatArray
     reflected_k: FloatArray
-    contact_ns: Times
+    contact_ns: IntArray
     contact_k: FloatArray
 
 
@@ -64,7 +62,7 @@ class SteadyInterval:
 class _Blocks:
     """Minutes that have frames and probe readings, side by side (b,)."""
 
-    start_ns: Times
+    start_ns: IntArray
     apparent_k: FloatArray
     reflected_k: FloatArray
     contact_k: FloatArray
@@ -96,7 +94,7 @@ def pairs_of(intervals: list[SteadyInterval]) -> tuple[Pairs, tuple[str, ...]]:
     return pairs, tuple(remarks)
 
 
-def drift_k_min(time_ns: Times, value_k: FloatArray) -> float:
+def drift_k_min(time_ns: IntArray, value_k: FloatArray) -> float:
     """Drift in K/min by a straight line through temperatures (n,), NaN where unknown.
 
     At UTC nanoseconds (n,); NaN for fewer than three values, or where all are of one instant.
@@ -194,7 +192,7 @@ def _blocks(readings: Readings) -> _Blocks:
     return _Blocks(np.array([row[0] for row in rows], np.int64), *table)
 
 
-def _within(time_ns: Times, start_ns: int, end_ns: int) -> slice:
+def _within(time_ns: IntArray, start_ns: int, end_ns: int) -> slice:
     """Rows of sorted times within a range."""
     first, last = np.searchsorted(time_ns, [start_ns, end_ns])
     return slice(int(first), int(last))
@@ -205,7 +203,7 @@ def _mean(values: FloatArray) -> float:
     return float(known.mean()) if known.size else float("nan")
 
 
-def _runs(blocks: _Blocks) -> Iterator[NDArray[np.int64]]:
+def _runs(blocks: _Blocks) -> Iterator[IntArray]:
     """Rows of consecutive steady minutes, five at most."""
     steady = np.abs(blocks.contact_drift_k_min) < STEADY_K_MIN
     run: list[int] = []
@@ -220,7 +218,7 @@ def _runs(blocks: _Blocks) -> Iterator[NDArray[np.int64]]:
         yield np.array(run)
 
 
-def _interval(blocks: _Blocks, rows: NDArray[np.int64]) -> SteadyInterval:
+def _interval(blocks: _Blocks, rows: IntArray) -> SteadyInterval:
     around = slice(max(0, rows[0] - 2), rows[-1] + 3)
     apparent, contact = blocks.apparent_k[rows], blocks.contact_k[rows]
     return SteadyInterval(

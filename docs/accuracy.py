@@ -27,8 +27,8 @@ from benchmarks.estimation_learned import (
     outcomes,
     scenarios,
 )
+from fieldkit.model.arrays import FloatArray
 from fieldkit.model.confidence import CONFIDENCE, interval_sds
-from fieldkit.physics.facet import FloatArray
 from fieldkit.views.plotting import legend, line, panels, svg
 
 DOCS = Path(__file__).parent

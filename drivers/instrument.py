@@ -25,8 +25,7 @@ from fieldkit.model.samples import Frame, Quality, Reading, is_usable
 from fieldkit.physics.camera_laws import frame_k
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+    from fieldkit.model.arrays import CountArray, FloatArray
 
 TIMEOUT_S = 5.0
 
@@ -39,7 +38,7 @@ class MeasuredFrame:
     info: StreamInfo
 
     @property
-    def kelvin(self) -> NDArray[np.float64]:
+    def kelvin(self) -> FloatArray:
         """Brightness temperature of each pixel for emissivity 1, in kelvin, float64, shape (rows, cols).
 
         NaN where the camera's scale is unknown; `quality` then has `NO_VALUE`.
@@ -47,7 +46,7 @@ class MeasuredFrame:
         return frame_k(self.info, self.frame.counts, self.frame.metadata_rows)
 
     @property
-    def counts(self) -> NDArray[np.uint16]:
+    def counts(self) -> CountArray:
         """The pixels as the camera sent them, shape (rows, cols)."""
         return self.frame.counts
 

@@ -32,6 +32,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldkit.model.arrays import FloatArray, IntArray
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import Site, zone_by_longitude
 from fieldkit.model.units import CELSIUS_ZERO_K, MINUTE_NS
@@ -40,7 +41,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-FloatArray = NDArray[np.float64]
 Rows = list[tuple[str, ...]]
 
 PACKAGED = "alamosa-20160101.csv"
@@ -105,7 +105,7 @@ class Weather:
     [320.3]
     """
 
-    time_ns: NDArray[np.int64]
+    time_ns: IntArray
     dni_w_m2: FloatArray
     dhi_w_m2: FloatArray
     longwave_down_w_m2: FloatArray
@@ -187,7 +187,7 @@ def _table_weather(
     )
 
 
-def half_step_ns(stamps_ns: NDArray[np.int64]) -> int:
+def half_step_ns(stamps_ns: IntArray) -> int:
     """Half of the averaging interval, from the median of the intervals; half a minute for a single row."""
     intervals = np.diff(np.unique(stamps_ns))
     return int(np.median(intervals)) // 2 if intervals.size else MINUTE_NS // 2

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fieldkit.model.arrays import CountArray, FlagArray, FloatArray, IntArray
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import IntegrityError, SessionError
 from fieldkit.model.region_schedule import RegionSchedule
@@ -29,8 +29,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-FloatArray = NDArray[np.float64]
-Calibration = Callable[[NDArray[np.uint16]], FloatArray]
+Calibration = Callable[[CountArray], FloatArray]
 """Kelvin from counts of any shape."""
 
 _BLOCK_BYTES = 32_000_000
@@ -57,11 +56,11 @@ class RegionSeries:
     """
 
     regions: tuple[str, ...]
-    time_ns: NDArray[np.int64]
+    time_ns: IntArray
     mean_k: FloatArray
     spread_k: FloatArray
-    pixels: NDArray[np.int64]
-    flags: NDArray[np.uint32]
+    pixels: IntArray
+    flags: FlagArray
 
 
 def camera_of(session: SessionReader, stream: str | None = None) -> StreamInfo:
@@ -194,7 +193,7 @@ def region_series(
 class _RegionSeries(NamedTuple):
     mean: FloatArray
     spread: FloatArray
-    flags: NDArray[np.uint32]
+    flags: FlagArray
     pixels: int
 
 
@@ -202,7 +201,7 @@ def _drawn_series(
     reader: StreamReader,
     schedule: RegionSchedule,
     region: Region,
-    minutes: NDArray[np.int64],
+    minutes: IntArray,
     convert: Callable[[FrameBlock], FloatArray],
 ) -> _RegionSeries:
     """Mean and spread of a region as it was drawn in each minute; NaN where it was not."""
@@ -247,7 +246,7 @@ def _region_series(
 
 def minute_means(
     session: SessionReader, meter: str, channel: int = 0, *, recorded: bool = False
-) -> tuple[NDArray[np.int64], FloatArray]:
+) -> tuple[IntArray, FloatArray]:
     """Middle (UTC ns) and mean of every minute of a meter's channel, of its usable readings.
 
     `recorded` takes the times as recorded, without the active time map.
@@ -255,7 +254,7 @@ def minute_means(
     return means_by_minute(session.readings(meter, recorded=recorded), channel)
 
 
-def means_by_minute(readings: Readings, channel: int = 0) -> tuple[NDArray[np.int64], FloatArray]:
+def means_by_minute(readings: Readings, channel: int = 0) -> tuple[IntArray, FloatArray]:
     """Middle (UTC ns) and mean of every minute of a channel, of the usable readings."""
     values = readings.values[:, channel]
     good = is_usable(readings.flags) & np.isfinite(values)

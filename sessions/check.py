@@ -12,8 +12,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fieldkit.model.arrays import FlagArray, FloatArray, IntArray
 from fieldkit.model.clock import ClockCheck
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.durations import precise_duration, rounded_duration
@@ -224,9 +224,7 @@ def _contents(reader: StreamReader) -> tuple[list[int], float, float]:
     return seq[is_bad].tolist(), float(known.min(initial=np.inf)), float(known.max(initial=-np.inf))
 
 
-def _middles_k(
-    reader: StreamReader, seq: NDArray[np.int64]
-) -> tuple[NDArray[np.uint32], NDArray[np.float64]]:
+def _middles_k(reader: StreamReader, seq: IntArray) -> tuple[FlagArray, FloatArray]:
     """Flags of all frames, and the middle of every n-th by the camera's law; NaN where that has no answer."""
     flags, middle_k = np.zeros(len(reader), np.uint32), np.full(len(reader), np.nan)
     for block in reader.frame_blocks():
@@ -279,7 +277,7 @@ def _times(name: str, reader: StreamReader) -> Iterator[Finding]:
     yield from _rate(name, reader.info, intervals, median)
 
 
-def _rate(name: str, info: StreamInfo, intervals: NDArray[np.float64], median: float) -> Iterator[Finding]:
+def _rate(name: str, info: StreamInfo, intervals: FloatArray, median: float) -> Iterator[Finding]:
     text = f"one sample each {median:.3g} s"
     if info.rate_hz <= 0:
         yield Finding("ok", name, text)
@@ -309,7 +307,7 @@ def _units(reader: StreamReader, lowest: float, highest: float) -> Iterator[Find
         yield Finding("warn", info.name, f"{excess.words(f'{at}Z')}; not used", _LIMITS)
 
 
-def _flags(name: str, flags: NDArray[np.uint32]) -> Iterator[Finding]:
+def _flags(name: str, flags: FlagArray) -> Iterator[Finding]:
     for flag in Quality:
         count = int(np.count_nonzero(flags & flag.value))
         if count and not flag & _REPORTED_ELSEWHERE:
@@ -377,8 +375,6 @@ _LIT_LX = 500.0
 _BRIGHT_LX = 20_000.0
 _LOW = np.sin(np.radians(5.0))
 
-FloatArray = NDArray[np.float64]
-
 
 def sun_findings(session: SessionReader) -> Iterator[Finding]:
     """True if the light fits the times as corrected, for the first illuminance stream."""
@@ -403,7 +399,7 @@ def sun_findings(session: SessionReader) -> Iterator[Finding]:
         )
 
 
-def best_shift_min(time_ns: NDArray[np.int64], lux: FloatArray, site: Site) -> int | None:
+def best_shift_min(time_ns: IntArray, lux: FloatArray, site: Site) -> int | None:
     """Minutes to add to the times so that the light fits the sun; 0 where they fit, None where unclear.
 
     Another shift must fit at least three times better than none; the smallest such is returned.
@@ -422,7 +418,7 @@ def best_shift_min(time_ns: NDArray[np.int64], lux: FloatArray, site: Site) -> i
     return int(good[np.argmin(np.abs(good))])
 
 
-def _misfit(time_ns: NDArray[np.int64], lux: FloatArray, site: Site, shift_min: int) -> float:
+def _misfit(time_ns: IntArray, lux: FloatArray, site: Site, shift_min: int) -> float:
     """Mean absolute misfit of log illuminance to the model; infinite if bright light had no sun."""
     height = sun_vectors(time_ns + shift_min * MINUTE_NS, site)[:, 2]
     if (height[lux > _BRIGHT_LX] < _LOW).any() or (height < -_LOW).any():

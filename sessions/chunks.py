@@ -19,9 +19,9 @@ from typing import Any
 import h5py
 import numpy as np
 from isal import isal_zlib
-from numpy.typing import NDArray
 
 from fieldkit.disk import BEGIN_BYTES, begin_sync
+from fieldkit.model.arrays import AnyArray, CountArray
 from fieldkit.sessions.journal import Chunk
 from fieldkit.sessions.layout import Column
 
@@ -48,7 +48,7 @@ class PackedBlock:
     chunks: list[PackedChunk]
 
 
-def pack(chunk: NDArray[np.uint16]) -> bytes:
+def pack(chunk: CountArray) -> bytes:
     """A chunk of 16-bit numbers that HDF5's gzip and shuffle filters read."""
     numbers = chunk.reshape(-1)
     planes = np.empty((2, numbers.size), np.uint8)
@@ -56,7 +56,7 @@ def pack(chunk: NDArray[np.uint16]) -> bytes:
     return isal_zlib.compress(planes.data, _LEVEL)
 
 
-def unpack(data: bytes, shape: tuple[int, ...]) -> NDArray[np.uint16]:
+def unpack(data: bytes, shape: tuple[int, ...]) -> CountArray:
     """The chunk that `pack` packed; raises `ValueError` where the bytes are none."""
     size = 2 * int(np.prod(shape))
     try:
@@ -67,7 +67,7 @@ def unpack(data: bytes, shape: tuple[int, ...]) -> NDArray[np.uint16]:
         raise ValueError(f"a chunk has {len(planes)} bytes instead of {size}")
     # HDF5's shuffle: all low bytes, then all high bytes
     low, high = np.frombuffer(planes, np.uint8).reshape(2, *shape)
-    numbers: NDArray[np.uint16] = high.astype("<u2")
+    numbers: CountArray = high.astype("<u2")
     numbers <<= 8
     numbers |= low
     return numbers
@@ -105,7 +105,7 @@ def is_packed(dataset: h5py.Dataset) -> bool:
     )
 
 
-def read_block(dataset: h5py.Dataset, start: int) -> NDArray[np.uint16]:
+def read_block(dataset: h5py.Dataset, start: int) -> CountArray:
     """The whole block of frames that begins at row `start`, of a dataset that `is_packed`.
 
     HDF5 reads the same, in twice the time and holding up all other threads. Raises `OSError`, `RuntimeError`
@@ -141,7 +141,7 @@ class FrameWriter:
         """True if the block has its last frame."""
         return self.length > 0 and self.length % self.depth == 0
 
-    def put(self, frame: NDArray[np.uint16]) -> None:
+    def put(self, frame: CountArray) -> None:
         """Take one frame; write the block before the next when it is full."""
         down, across, depth, rows, cols = self._chunks.shape
         self._chunks[:, :, self.length % depth] = frame.reshape(down, rows, across, cols).swapaxes(1, 2)
@@ -191,7 +191,7 @@ class FrameWriter:
         return int(self._dataset.id.get_chunk_info_by_coord(corner).byte_offset)
 
 
-def _packed(strip: NDArray[np.uint16]) -> list[tuple[bytes, int]]:
+def _packed(strip: CountArray) -> list[tuple[bytes, int]]:
     """Packed bytes of each chunk of a strip, and their checksum."""
     return [(data, isal_zlib.crc32(data)) for data in map(pack, strip)]
 
@@ -207,7 +207,7 @@ class _ColumnWriter:
         self.length = 0
         self.is_dirty = False
 
-    def append(self, values: NDArray[Any]) -> None:
+    def append(self, values: AnyArray) -> None:
         while len(values):
             place = self.length % self._rows
             part = values[: self._rows - place]
@@ -227,7 +227,7 @@ class _ColumnWriter:
             self.is_dirty = False
 
 
-def as_column(values: Sequence[Any], column: Column) -> NDArray[Any]:
+def as_column(values: Sequence[Any], column: Column) -> AnyArray:
     """The values of some rows as a column stores them."""
     return np.array(values, column.dtype).reshape(len(values), *column.shape)
 
@@ -242,7 +242,7 @@ class TableWriter:
         self,
         group: h5py.Group,
         columns: Iterable[Column],
-        as_column: Callable[[Sequence[Any], Column], NDArray[Any]] = as_column,
+        as_column: Callable[[Sequence[Any], Column], AnyArray] = as_column,
     ) -> None:
         ordered = sorted(columns, key=lambda column: column.name == "time")  # time last: it declares the row
         self._writers = [(column, _ColumnWriter(group[column.name], column)) for column in ordered]

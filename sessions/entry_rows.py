@@ -13,8 +13,8 @@ from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
+from fieldkit.model.arrays import AnyArray
 from fieldkit.model.clock import ClockCheck
 from fieldkit.model.learnt import Learnt, LearntParameter
 from fieldkit.model.samples import Event, EventKind, Health, Quality, Severity, StreamHealth
@@ -34,7 +34,7 @@ from fieldkit.sessions.layout import (
 )
 from fieldkit.sessions.records import Entry, MinuteRecord, RegionRecord
 
-Table = Mapping[str, NDArray[Any]]
+Table = Mapping[str, AnyArray]
 Row = dict[str, Any]
 _NUMBERS = (*SLOPE_FIELDS, "n_bins")
 _BY_REGION = ("residual_k", "autocorrelation")
@@ -138,7 +138,7 @@ class EntryRows:
         }  # fmt: skip
 
 
-def fitting_column(values: Sequence[Any], column: Column) -> NDArray[Any]:
+def fitting_column(values: Sequence[Any], column: Column) -> AnyArray:
     """The values of some rows; numbers too large or small for a column of integers as the outermost it holds.
 
     A journal may hold any number, and one entry must not keep all the rest from being stored.
@@ -177,7 +177,7 @@ def _event_row(event: Event) -> Row:
 
 def event_columns(events: Sequence[Event]) -> Table:
     """The columns of a table of these events, text marked as UTF-8."""
-    rows, columns = [_event_row(event) for event in events], dict[str, NDArray[Any]]()
+    rows, columns = [_event_row(event) for event in events], dict[str, AnyArray]()
     for one in EVENT_COLUMNS:
         values = [row[one.name] for row in rows]
         text = h5py.string_dtype("utf-8", np.dtype(one.dtype).itemsize)

@@ -13,8 +13,8 @@ from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
+from fieldkit.model.arrays import AnyArray
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.version import __version__
 from fieldkit.sessions.digests import DIGEST_CHARS, object_paths
@@ -322,7 +322,7 @@ def put_columns(group: h5py.Group, columns: Iterable[Column]) -> None:
             attach(group, dataset, "time", *column.dims)
 
 
-def put_rows(group: h5py.Group, rows: Mapping[str, NDArray[Any]]) -> None:
+def put_rows(group: h5py.Group, rows: Mapping[str, AnyArray]) -> None:
     """Fill the empty columns of a table."""
     for name, values in rows.items():
         group[name].resize((len(values),))

@@ -9,13 +9,12 @@ from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.disk import one_at_a_time, put_in_place
+from fieldkit.model.arrays import AnyArray, IntArray
 from fieldkit.model.clock import ClockCheck
 from fieldkit.model.durations import rounded_duration
 from fieldkit.model.errors import StorageError
@@ -63,7 +62,7 @@ def changing_path(path: Path) -> Path:
     return path.with_name(path.name + ".changing")
 
 
-def _append(group: h5py.Group, columns: Sequence[Column], rows: Mapping[str, NDArray[Any]]) -> None:
+def _append(group: h5py.Group, columns: Sequence[Column], rows: Mapping[str, AnyArray]) -> None:
     """Add rows, with their checksums, to those of the columns that the group has."""
     rows = {**rows, "crc32": np.array(row_crc32s(rows), np.uint32)}
     old = group["time"].shape[0]
@@ -101,15 +100,15 @@ _REASON = h5py.string_dtype("utf-8", 256)
 _TRUSTED = ("gps", "ptp", "ntp", "phone")
 
 
-def awake_offsets_ns(checks: Sequence[ClockCheck]) -> NDArray[np.int64]:
+def awake_offsets_ns(checks: Sequence[ClockCheck]) -> IntArray:
     """UTC minus monotonic time of each comparison, without what sleep since the first has added to it."""
     offsets = np.array([check.utc_minus_mono_ns for check in checks], np.int64)
     suspended = np.array([check.suspended_ns for check in checks], np.int64)
-    slept: NDArray[np.int64] = suspended - suspended[:1]
+    slept: IntArray = suspended - suspended[:1]
     return offsets - slept
 
 
-def stepped_ns(checks: Sequence[ClockCheck], anchor_ns: int) -> NDArray[np.int64]:
+def stepped_ns(checks: Sequence[ClockCheck], anchor_ns: int) -> IntArray:
     """Steps of the system clock from the anchor of the recorded times to the last comparison."""
     moved = np.diff(awake_offsets_ns(checks), prepend=np.int64(anchor_ns))
     return moved[np.abs(moved) > STEP_NS]
@@ -162,7 +161,7 @@ def apply_time_map(path: Path, steps: Sequence[TimeStep]) -> None:
 
 def _add_steps(steps: Sequence[TimeStep], file: h5py.File) -> None:
     group = file["time_map"]
-    rows: dict[str, NDArray[Any]] = {
+    rows: dict[str, AnyArray] = {
         "time": np.full(len(steps), time.time_ns() // 1000, np.int64),
         "mono_ns": np.array([step.mono_ns for step in steps], np.int64),
         "add_ns": np.array([step.add_ns for step in steps], np.int64),

@@ -20,8 +20,8 @@ from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
+from fieldkit.model.arrays import AnyArray
 from fieldkit.sessions.file_tree import LIBVER
 
 
@@ -43,7 +43,7 @@ def write_in_place(path: Path, values: Mapping[str, Any]) -> None:
 
 
 def _place(dataset: h5py.Dataset, value: Any) -> tuple[int, bytes]:
-    data: NDArray[Any] = np.asarray(value, dataset.dtype)
+    data: AnyArray = np.asarray(value, dataset.dtype)
     offset = dataset.id.get_offset()
     if data.shape != dataset.shape or offset is None:
         raise ValueError(

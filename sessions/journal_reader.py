@@ -14,8 +14,8 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fieldkit.model.arrays import IntArray, TableArray
 from fieldkit.model.errors import SessionError
 from fieldkit.sessions.journal import Chunk, SessionIdentity, decode_chunks
 from fieldkit.sessions.log import Head, Kind, LogReader, session_number
@@ -67,7 +67,7 @@ class JournalReader:
         """True if the last record there ever was is known: nothing unreadable stands behind it."""
         return self._index.has_end
 
-    def numbers(self, stream: int) -> NDArray[np.int64]:
+    def numbers(self, stream: int) -> IntArray:
         """The numbers of the samples of a stream that the journal has, in order."""
         return np.unique(self._index.places[stream]["seq"])
 
@@ -180,7 +180,7 @@ class _Index:
             for head in log.heads():
                 if head.session == session and len(head.counts) == streams:
                     self._take(number, log, head)
-        self.places: list[NDArray[np.void]] = [_sorted(found) for found in self._found]
+        self.places: list[TableArray] = [_sorted(found) for found in self._found]
         # another log that counts more than the parts have shows that they lost their end
         parts = [log for log in logs if log.name[0].isdigit()]
         self.has_end: bool = bool(parts) and parts[-1].is_whole and self._in_parts == sum(self.written)
@@ -196,7 +196,7 @@ class _Index:
             self._found[head.stream].extend((head.seq, head.kind, number, head.at))
 
 
-def _sorted(found: array[int]) -> NDArray[np.void]:
+def _sorted(found: array[int]) -> TableArray:
     """Places by number, and of one number first that with all its bytes."""
     places = np.frombuffer(found, _PLACE)
     return places[np.lexsort((places["kind"], places["seq"]))]

@@ -14,8 +14,8 @@ from dataclasses import MISSING, asdict, dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fieldkit.model.arrays import AnyArray, IntArray
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, SessionError, message_of
 from fieldkit.model.learnt import LearntParameter
@@ -178,14 +178,14 @@ class Column:
         """Bytes of one row."""
         return np.dtype(self.dtype).itemsize * math.prod(self.shape)
 
-    def unknown(self, rows: int) -> NDArray[Any]:
+    def unknown(self, rows: int) -> AnyArray:
         """Given number of rows of the fill value."""
         values = np.zeros((rows, *self.shape), self.dtype)
         if self.fill is not None:
             values[:] = self.fill
         return values
 
-    def read(self, values: NDArray[Any]) -> NDArray[Any]:
+    def read(self, values: AnyArray) -> AnyArray:
         """Stored values in the dtype of this version."""
         return values.astype(self.dtype, copy=False) if self.older else values
 
@@ -458,9 +458,7 @@ def decode_text(data: bytes) -> str:
     return data.rstrip(b"\0").decode(errors="replace")
 
 
-def exact_time_ns(
-    time_us: NDArray[np.int64], mono_ns: NDArray[np.int64], anchor_ns: int
-) -> NDArray[np.int64]:
+def exact_time_ns(time_us: IntArray, mono_ns: IntArray, anchor_ns: int) -> IntArray:
     """UTC nanoseconds of stored stamps: to the nanosecond by the anchor, else the microseconds as stored."""
     exact = mono_ns + anchor_ns
     return np.where(exact // 1000 == time_us, exact, time_us * 1000)

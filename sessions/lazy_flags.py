@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from xarray.backends import BackendArray
 from xarray.core.indexing import IndexingSupport, LazilyIndexedArray, explicit_indexing_adapter
 
+from fieldkit.model.arrays import FlagArray
 from fieldkit.sessions.reader import open_session
 
 
@@ -25,7 +25,7 @@ class _VerifiedFlags(BackendArray):
     def __getitem__(self, key: Any) -> Any:
         return explicit_indexing_adapter(key, self.shape, IndexingSupport.BASIC, self._read)
 
-    def _read(self, key: tuple[int | slice]) -> NDArray[np.uint32]:
+    def _read(self, key: tuple[int | slice]) -> FlagArray:
         wanted = np.arange(self.shape[0])[key]
         if not wanted.size:
             return np.empty(0, self.dtype)

@@ -12,9 +12,9 @@ from collections.abc import Iterator, Mapping
 from datetime import UTC, datetime
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.model.air import AIR_TEMPERATURE, CELSIUS_UNITS, of_air
+from fieldkit.model.arrays import BoolArray, FloatArray, IntArray
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.finding import Finding
 from fieldkit.model.limits import RARE, is_rare
@@ -38,9 +38,6 @@ DIFFUSE = 1.05, 1.10
 OF_AIR = 0.4, 25.0
 """Longwave over that of a black body as warm as the air: at least this share, at most this much more."""
 
-FloatArray = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-
 
 def radiation_findings(session: SessionReader) -> Iterator[Finding]:
     """A warning for each test that minutes fail, else that they pass; nothing without radiation."""
@@ -60,7 +57,7 @@ def radiation_findings(session: SessionReader) -> Iterator[Finding]:
         yield Finding("ok", "radiation", f"{', '.join(known)}: all minutes pass the tests of BSRN")
 
 
-def _failed(name: str, flags: Flags, time_ns: NDArray[np.int64], site: Site) -> Finding:
+def _failed(name: str, flags: BoolArray, time_ns: IntArray, site: Site) -> Finding:
     first = datetime.fromtimestamp(time_ns[flags][0] / 1e9, known_zone(site.timezone) or UTC)
     count = int(flags.sum())
     minutes = "minute" if count == 1 else "minutes"
@@ -68,9 +65,7 @@ def _failed(name: str, flags: Flags, time_ns: NDArray[np.int64], site: Site) -> 
     return Finding("warn", "radiation", text, "level, clean and unshade the instruments; check their units")
 
 
-def _tests(
-    means: Mapping[str, FloatArray], time_ns: NDArray[np.int64], site: Site
-) -> Iterator[tuple[str, Flags]]:
+def _tests(means: Mapping[str, FloatArray], time_ns: IntArray, site: Site) -> Iterator[tuple[str, BoolArray]]:
     """Each test that the components allow, with the minutes (n,) that fail it."""
     sine, top = sun_vectors(time_ns, site)[:, 2], extraterrestrial(time_ns)
     for name in (name for name in RARE if name in means):
@@ -94,7 +89,7 @@ def _tests(
         yield "longwave_down does not fit the air", (longwave < least * black) | (longwave > black + more)
 
 
-def _means(session: SessionReader) -> tuple[NDArray[np.int64], dict[str, FloatArray]]:
+def _means(session: SessionReader) -> tuple[IntArray, dict[str, FloatArray]]:
     """Minutes (n,) of the session, and the mean of each component in them, NaN where there is none."""
     first, last = session.start_ns // MINUTE_NS, session.end_ns // MINUTE_NS
     minute = np.arange(first, last + 1)
@@ -110,7 +105,7 @@ def _components(info: StreamInfo) -> tuple[str, ...]:
     return measured(info, {}) or of_air(info)
 
 
-def _mean_of(session: SessionReader, info: StreamInfo, channel: int, minute: NDArray[np.int64]) -> FloatArray:
+def _mean_of(session: SessionReader, info: StreamInfo, channel: int, minute: IntArray) -> FloatArray:
     """Of one channel, kelvin of temperatures."""
     middle_ns, means = minute_means(session, info.name, channel)
     found = np.full(minute.size, np.nan)

@@ -23,8 +23,8 @@ from typing import Any, Self, TypeVar
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
+from fieldkit.model.arrays import AnyArray, FlagArray, IntArray
 from fieldkit.model.clock import ClockCheck, utc_ns
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import SessionError
@@ -294,11 +294,11 @@ class SessionReader:
 
     # --- samples as arrays and tables
 
-    def times_ns(self, stream: str) -> NDArray[np.int64]:
+    def times_ns(self, stream: str) -> IntArray:
         """UTC of a stream's samples, corrected by the active time map."""
         return self.stream(stream).time_ns()
 
-    def flags(self, stream: str) -> NDArray[np.uint32]:
+    def flags(self, stream: str) -> FlagArray:
         """`Quality` of a stream's samples, each compared with its checksum, which reads all that it holds."""
         return self.stream(stream).flags()
 
@@ -400,7 +400,7 @@ class SessionReader:
         table = self.timed_table("learnt", recorded=recorded)
         return entry_rows.learnt_from(table, self.header.region_names)
 
-    def irradiance(self) -> dict[str, NDArray[Any]]:
+    def irradiance(self) -> dict[str, AnyArray]:
         """Direct irradiance as derived while recording: `time_ns`, `irradiance_w_m2`, `flags`, `model`."""
         table = self.timed_table("irradiance")
         models = np.array([decode_text(model) for model in table["model"]], dtype=object)
@@ -416,7 +416,7 @@ class SessionReader:
         self.require_open()
         return list(self._times.steps)
 
-    def integrity(self) -> dict[str, NDArray[Any]]:
+    def integrity(self) -> dict[str, AnyArray]:
         """Statistics written when the session was sealed, per stream and per table.
 
         Columns missing from older files are 0.
@@ -502,7 +502,7 @@ class SessionReader:
         except SessionError as error:
             raise explained(self.path, error) from error
 
-    def table(self, name: str) -> dict[str, NDArray[Any]]:
+    def table(self, name: str) -> dict[str, AnyArray]:
         """The columns of a table of entries as stored, as many rows as all of them have.
 
         Columns missing from files of an older version are their fill value, its missing tables are empty.
@@ -522,7 +522,7 @@ class SessionReader:
             for column in self._columns[name]
         }
 
-    def timed_table(self, name: str, *, recorded: bool = False) -> dict[str, NDArray[Any]]:
+    def timed_table(self, name: str, *, recorded: bool = False) -> dict[str, AnyArray]:
         """A table with its times in UTC nanoseconds beside those stored: `time_ns`, `window_start_ns`."""
         table = self.table(name)
         stored = [one.name for one in self._columns[name] if one.attributes.get("units") == TIME_UNITS]

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 from isal.isal_zlib import crc32
-from numpy.typing import NDArray
 
+from fieldkit.model.arrays import AnyArray, FlagArray
 from fieldkit.model.clock import ClockCheck
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import SessionError, message_of
@@ -93,7 +93,7 @@ def sample_bytes(sample: Sample) -> tuple[memoryview, memoryview]:
     return _bytes_of(np.array(sample.values, "<f8")), memoryview(sample.raw)
 
 
-def _bytes_of(array: NDArray[Any]) -> memoryview:
+def _bytes_of(array: AnyArray) -> memoryview:
     """The array's memory, little-endian; an empty array has none to cast."""
     kind = "<f8" if array.dtype.kind == "f" else "<u2"
     return memoryview(np.ascontiguousarray(array, kind).data).cast("B") if array.size else memoryview(b"")
@@ -108,9 +108,7 @@ def sample_crc32(sample: Sample, data: memoryview, more: memoryview) -> int:
     return with_stamps(crc32(more, crc32(data)), stamps_of(sample))
 
 
-def stored_crc32s(
-    columns: Mapping[str, NDArray[Any]], bodies: Iterable[tuple[NDArray[Any], NDArray[Any]]]
-) -> NDArray[np.uint32]:
+def stored_crc32s(columns: Mapping[str, AnyArray], bodies: Iterable[tuple[AnyArray, AnyArray]]) -> FlagArray:
     """`sample_crc32` of stored rows, from their columns and what was measured and came with it in each."""
     return with_stored([crc32(more.data, crc32(data.data)) for data, more in bodies], columns)
 

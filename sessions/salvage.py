@@ -18,8 +18,8 @@ from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
+from fieldkit.model.arrays import AnyArray, CountArray, IntArray
 from fieldkit.model.clock import ClockCheck
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import SessionError, message_of
@@ -164,7 +164,7 @@ class Salvage:
                     yield sample
         stats.finish(max(stored.total, self._written[place]))
 
-    def _rows(self, place: int, wanted: NDArray[np.int64]) -> dict[int, SampleRow]:
+    def _rows(self, place: int, wanted: IntArray) -> dict[int, SampleRow]:
         """The journal's rows of a block of samples, by number."""
         if self._journal is None:
             return {}
@@ -174,7 +174,7 @@ class Salvage:
         self,
         info: StreamInfo,
         loose: LooseChunks,
-        wanted: NDArray[np.int64],
+        wanted: IntArray,
         rows: dict[int, SampleRow],
         stats: RecoveryStatistics,
     ) -> PackedBlock | None:
@@ -207,7 +207,7 @@ class Salvage:
         if self._session is not None and self._journal is None:
             self._file_damage.extend(_lost_rows(self._session))
 
-    def time_map(self) -> dict[str, NDArray[Any]]:
+    def time_map(self) -> dict[str, AnyArray]:
         """The corrections of the clock written since, which only the file has; empty without any."""
         if self._session is None:
             return {}
@@ -237,7 +237,7 @@ def _key(entry: Entry) -> tuple[object, ...]:
     return (entry.mono_ns, entry.kind, entry.text) if isinstance(entry, Event) else (entry.mono_ns,)
 
 
-def _time_map(session: SessionReader) -> dict[str, NDArray[Any]]:
+def _time_map(session: SessionReader) -> dict[str, AnyArray]:
     """The columns of the corrections; a part of them would be a wrong map: raises `SessionError`."""
     group, end = session.group("time_map"), session.path.stat().st_size
     datasets = columns_of(group, TIME_MAP_COLUMNS)
@@ -250,7 +250,7 @@ def _time_map(session: SessionReader) -> dict[str, NDArray[Any]]:
     return {**columns, "crc32": np.array(row_crc32s(columns), np.uint32)}
 
 
-def _parts(numbers: NDArray[np.int64], keys: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+def _parts(numbers: IntArray, keys: IntArray) -> list[IntArray]:
     """Numbers cut where their keys change."""
     borders = np.flatnonzero(np.diff(keys)) + 1
     return [part for part in np.split(numbers, borders) if part.size]
@@ -370,8 +370,8 @@ class StoredSamples:
         self._damage = damage
         self._step = chunk_shape(info)[0] if info.is_camera else 1024
         self._first, self._block = -1, list[Sample]()
-        self.numbers: NDArray[np.int64] = np.empty(0, np.int64)
-        self._whole: NDArray[np.int64] = np.empty(0, np.int64)
+        self.numbers: IntArray = np.empty(0, np.int64)
+        self._whole: IntArray = np.empty(0, np.int64)
         self.total: int = 0
         if session is not None:
             try:
@@ -427,7 +427,7 @@ class LooseChunks:
         self._session = session
         self._journal = journal
         self._info = info
-        self._blocks: dict[str, tuple[int, NDArray[np.uint16]]] = {}
+        self._blocks: dict[str, tuple[int, CountArray]] = {}
         self._indexes: dict[str, Index] = {}
 
     def packed(self, start: int) -> list[PackedChunk] | None:
@@ -474,7 +474,7 @@ class LooseChunks:
 
     def _block(
         self, dataset: str, start: int, cut: tuple[int, int, int], shape: tuple[int, ...]
-    ) -> NDArray[np.uint16]:
+    ) -> CountArray:
         """The block with every chunk that can be read; later places of a chunk overrule earlier ones."""
         block = np.zeros((cut[0], *shape), "<u2")
         for chunk in sorted(self._noted(dataset, start), key=lambda chunk: chunk.offset):

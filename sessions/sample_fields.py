@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 from isal.isal_zlib import crc32
-from numpy.typing import NDArray
 
+from fieldkit.model.arrays import AnyArray, FlagArray
 from fieldkit.model.samples import NO_COUNTER, Frame, Quality, Sample
 
 Stamps = tuple[Any, ...]
@@ -103,7 +103,7 @@ def to_columns(stamps: Stamps) -> dict[str, Any]:
     return {**row, "time": row["time"] // 1000, "flags": int(row["flags"])}
 
 
-def from_columns(columns: Mapping[str, NDArray[Any]]) -> Iterator[Stamps]:
+def from_columns(columns: Mapping[str, AnyArray]) -> Iterator[Stamps]:
     """The numbers of rows of the session file, at ``time_ns``; unknown those whose column is missing."""
     values: list[Iterable[Any]] = [
         columns[one.column].tolist() if one.column in columns else repeat(one.fill) for one in SAMPLE_FIELDS
@@ -146,7 +146,7 @@ def with_stamps(crc: int, stamps: Stamps) -> int:
     return crc
 
 
-def with_stored(crcs: Sequence[int], columns: Mapping[str, NDArray[Any]]) -> NDArray[np.uint32]:
+def with_stored(crcs: Sequence[int], columns: Mapping[str, AnyArray]) -> FlagArray:
     """`with_stamps` of stored rows, from the CRC-32 of the bytes of each."""
     stamps = np.zeros(len(crcs), _CHECKED_COLUMNS)
     for one in SAMPLE_FIELDS[:_ALWAYS]:

@@ -12,9 +12,9 @@ from itertools import chain, zip_longest
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.disk import sync
+from fieldkit.model.arrays import FlagArray
 from fieldkit.model.errors import IntegrityError
 from fieldkit.model.samples import Quality
 from fieldkit.sessions.guarded_file import write_in_place
@@ -80,7 +80,7 @@ def remove_journal(folder: Path) -> None:
     sync(folder.parent)
 
 
-def crc_of_crcs(crc32s: NDArray[np.uint32]) -> int:
+def crc_of_crcs(crc32s: FlagArray) -> int:
     """One number for all samples of a stream."""
     return zlib.crc32(crc32s.astype("<u4").tobytes())
 

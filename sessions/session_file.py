@@ -17,9 +17,9 @@ from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.disk import sync
+from fieldkit.model.arrays import ByteArray
 from fieldkit.model.errors import message_of
 from fieldkit.model.samples import Frame, Reading, Sample
 from fieldkit.sessions.chunks import FrameWriter, PackedBlock, TableWriter, read_chunk
@@ -120,7 +120,7 @@ class SessionFile:
         """Close, and leave the file as the disk has it."""
         self._guarded.discard()
 
-    def _masks(self) -> dict[str, NDArray[np.uint8]]:
+    def _masks(self) -> dict[str, ByteArray]:
         camera = next((info for info in self._header.streams if info.is_camera), None)
         if camera is None or not self._header.regions:
             return {}

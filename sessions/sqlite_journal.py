@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fieldkit.model.arrays import IntArray
 from fieldkit.model.errors import RefusedError, SessionError, message_of
 from fieldkit.model.samples import Quality
 from fieldkit.sessions.journal import Chunk, SessionIdentity
@@ -58,7 +58,7 @@ class SqliteJournal:
     def __exit__(self, *_: object) -> None:
         self._stack.close()
 
-    def numbers(self, stream: int) -> NDArray[np.int64]:
+    def numbers(self, stream: int) -> IntArray:
         """The numbers of the samples of a stream that the journal has, in order."""
         found = self._select("SELECT id, seq FROM sample WHERE stream = ? ORDER BY id", stream)
         return np.array([seq for _, seq in found], np.int64)

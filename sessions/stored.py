@@ -15,8 +15,8 @@ from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
+from fieldkit.model.arrays import IntArray
 from fieldkit.model.errors import SessionError, message_of
 from fieldkit.sessions.layout import Column
 
@@ -141,9 +141,9 @@ def check_inflation(dataset: h5py.Dataset) -> None:
                 raise SessionError(text, fix="take another copy of the session; this one was tampered with")
 
 
-def whole_rows(dataset: h5py.Dataset, end: int) -> NDArray[np.int64]:
+def whole_rows(dataset: h5py.Dataset, end: int) -> IntArray:
     """Rows of an uncompressed growing dataset whose bytes lie in the first `end` bytes of the file."""
-    spans: list[NDArray[np.int64]] = []
+    spans: list[IntArray] = []
     row_bytes = dataset.dtype.itemsize * math.prod(dataset.shape[1:])
 
     def visit(chunk: Any) -> None:

@@ -15,12 +15,11 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import repeat
-from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
+from fieldkit.model.arrays import AnyArray, BoolArray, CountArray, FlagArray, FloatArray, IntArray
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import SessionError
 from fieldkit.model.limits import Bounds, Excess, bounds_of, excesses, labels_of, rows_of
@@ -39,7 +38,7 @@ from fieldkit.sessions.sample_fields import from_columns
 from fieldkit.sessions.stored import check_inflation, closed, columns_of, dataset_of, stored_here, whole_rows
 from fieldkit.sessions.time_map import StoredTimes
 
-Columns = dict[str, NDArray[Any]]
+Columns = dict[str, AnyArray]
 _BLOCK_ROWS = 1024
 _NOTHING = np.empty(0, np.uint8)
 
@@ -52,9 +51,9 @@ class Readings:
     `flags` (n,) as `Quality`.
     """
 
-    time_ns: NDArray[np.int64]
-    values: NDArray[np.float64]
-    flags: NDArray[np.uint32]
+    time_ns: IntArray
+    values: FloatArray
+    flags: FlagArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,9 +64,9 @@ class FrameBlock:
     """
 
     start: int
-    counts: NDArray[np.uint16]
-    metadata_rows: NDArray[np.uint16]
-    flags: NDArray[np.uint32]
+    counts: CountArray
+    metadata_rows: CountArray
+    flags: FlagArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +75,7 @@ class _Part:
 
     start: int
     columns: Columns
-    frames: list[NDArray[np.uint16]]
+    frames: list[CountArray]
 
     def __len__(self) -> int:
         return len(self.columns["seq"])
@@ -142,7 +141,7 @@ class StreamReader:
         """Samples that the longest dataset of the stream claims to have."""
         return max(int(dataset.shape[0]) for dataset in self._datasets())
 
-    def whole_rows(self, end: int) -> NDArray[np.int64]:
+    def whole_rows(self, end: int) -> IntArray:
         """Rows of which everything but the frame lies in the first `end` bytes of the file."""
         rows = np.arange(0)
         for place, dataset in enumerate(self._columns.values()):
@@ -155,7 +154,7 @@ class StreamReader:
         for dataset in self._datasets():
             dataset.refresh()
 
-    def column(self, name: str, start: int = 0, stop: int | None = None) -> NDArray[Any]:
+    def column(self, name: str, start: int = 0, stop: int | None = None) -> AnyArray:
         """Values of a column as stored, compared with no checksum; raises `SessionError` where unreadable.
 
         What enters a result comes from `samples`, `readings`, `frame_blocks` or `flags`.
@@ -174,9 +173,7 @@ class StreamReader:
                 crc = zlib.crc32(_rows(dataset, start, stop).data, crc)
         return crc
 
-    def time_ns(
-        self, start: int = 0, stop: int | None = None, *, recorded: bool = False
-    ) -> NDArray[np.int64]:
+    def time_ns(self, start: int = 0, stop: int | None = None, *, recorded: bool = False) -> IntArray:
         """UTC nanoseconds of the samples."""
         time_us, mono_ns = self.column("time", start, stop), self.column("mono_ns", start, stop)
         return self._times.utc_ns(time_us, mono_ns, recorded=recorded)
@@ -212,7 +209,7 @@ class StreamReader:
         assert isinstance(frame, Frame)
         return frame
 
-    def flags(self, start: int = 0, stop: int | None = None) -> NDArray[np.uint32]:
+    def flags(self, start: int = 0, stop: int | None = None) -> FlagArray:
         """`Quality` of the samples (n,), each compared with its checksum, which reads all that it holds."""
         parts = (part.columns["flags"] for part in self._timed_parts(start, stop, recorded=False))
         return np.concatenate([np.empty(0, np.uint32), *parts])
@@ -277,14 +274,14 @@ class StreamReader:
                 part.columns["flags"] = part.columns["flags"] | exceeded * np.uint32(Quality.IMPLAUSIBLE)
             yield part
 
-    def _exceeded(self, columns: Columns, recorded: bool = False) -> NDArray[np.bool_]:
+    def _exceeded(self, columns: Columns, recorded: bool = False) -> BoolArray:
         """True for values (n, channels) beyond what their quantity can be, whatever the flags."""
         values = columns["value"].reshape(-1, *self.info.shape)
         if recorded or not self.bounds.depend_on_sun:
             return self.bounds.exceeded(values)
         return self.bounds.exceeded(values, sun_vectors(columns["time_ns"], self._site).reshape(-1, 3)[:, 2])
 
-    def _possible(self, columns: Columns, recorded: bool) -> NDArray[np.float64]:
+    def _possible(self, columns: Columns, recorded: bool) -> FloatArray:
         values = columns["value"].reshape(-1, *self.info.shape)
         return np.where(self._exceeded(columns, recorded), np.nan, values)
 
@@ -300,7 +297,7 @@ class StreamReader:
                 columns["flags"] = self._flagged(columns["flags"], first, bad)
                 yield _Part(first, columns, frames)
 
-    def _frames_of_chunk(self, dataset: h5py.Dataset, first: int, until: int) -> NDArray[np.uint16]:
+    def _frames_of_chunk(self, dataset: h5py.Dataset, first: int, until: int) -> CountArray:
         """Frames within one chunk; those that cannot be read are the fill value."""
         whole = first % self._depth == 0 and until == min(first + self._depth, len(self))
         if whole and dataset.name in self._packed and dataset.chunks[0] == self._depth:
@@ -308,14 +305,14 @@ class StreamReader:
                 return read_block(dataset, first)[: until - first]
         return self._read(dataset, first, until)[0]
 
-    def _flagged(self, flags: NDArray[np.uint32], start: int, bad: NDArray[np.bool_]) -> NDArray[np.uint32]:
+    def _flagged(self, flags: FlagArray, start: int, bad: BoolArray) -> FlagArray:
         """Flags of the rows from `start` on with what was found out about them, which is remembered."""
         self.damaged.update((start + np.flatnonzero(bad)).tolist())
         return np.where(bad, flags | np.uint32(Quality.BAD_CRC), flags)
 
     def _read(
         self, dataset: h5py.Dataset, start: int, stop: int, box: tuple[slice, ...] = ()
-    ) -> tuple[NDArray[np.uint16], NDArray[np.bool_]]:
+    ) -> tuple[CountArray, BoolArray]:
         """Frames, or a `box` of them, and which cannot be read: those are the fill value."""
         try:
             return dataset[(slice(start, stop), *box)], np.zeros(stop - start, np.bool_)
@@ -328,9 +325,7 @@ class StreamReader:
         return missing[(slice(None), *box)].copy(), np.ones(stop - start, np.bool_)
 
 
-def _bodies(
-    columns: Columns, frames: list[NDArray[np.uint16]]
-) -> Iterable[tuple[NDArray[Any], NDArray[Any]]]:
+def _bodies(columns: Columns, frames: list[CountArray]) -> Iterable[tuple[AnyArray, AnyArray]]:
     """Measured values and what came with them, row by row: see `fieldkit.sessions.records.sample_bytes`."""
     if frames:
         return zip(frames[0], frames[1] if len(frames) > 1 else repeat(_NOTHING), strict=False)
@@ -345,9 +340,9 @@ def _spans(start: int, stop: int, step: int) -> Iterator[tuple[int, int]]:
         yield max(first, start), min(first + step, stop)
 
 
-def _rows(dataset: h5py.Dataset, start: int, stop: int) -> NDArray[Any]:
+def _rows(dataset: h5py.Dataset, start: int, stop: int) -> AnyArray:
     try:
-        values: NDArray[Any] = dataset[start:stop]
+        values: AnyArray = dataset[start:stop]
     except (OSError, RuntimeError) as error:
         raise SessionError(f"{dataset.name} cannot be read: {error}") from error
     return values

@@ -11,12 +11,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
+from fieldkit.model.arrays import AnyArray, IntArray
 from fieldkit.model.errors import SessionError
 from fieldkit.model.samples import Event
 from fieldkit.sessions.layout import TIME_MAP_COLUMNS, Column, decode_text, exact_time_ns
@@ -38,15 +37,13 @@ class TimeStep:
     reason: str
 
 
-def row_crc32s(columns: Mapping[str, NDArray[Any]]) -> list[int]:
+def row_crc32s(columns: Mapping[str, AnyArray]) -> list[int]:
     """CRC-32 of every row of corrections as stored, over its columns in order but for the checksum itself."""
     others = [values for name, values in columns.items() if name != "crc32"]
     return [zlib.crc32(b"".join(cell.tobytes() for cell in row)) for row in zip(*others, strict=False)]
 
 
-def corrections(
-    group: h5py.Group, columns: Sequence[Column], of: str = "the clock"
-) -> dict[str, NDArray[Any]]:
+def corrections(group: h5py.Group, columns: Sequence[Column], of: str = "the clock") -> dict[str, AnyArray]:
     """The rows of a group of corrections; raises `SessionError` where one is not as written.
 
     Older time maps have no checksums.
@@ -91,13 +88,11 @@ def recorded_mono_ns(steps: Sequence[TimeStep], time_ns: int, anchor_ns: int) ->
     return min(time_ns - anchor_ns, before_ns)
 
 
-def mapped_ns(
-    steps: Sequence[TimeStep], mono_ns: NDArray[np.int64], time_ns: NDArray[np.int64]
-) -> NDArray[np.int64]:
+def mapped_ns(steps: Sequence[TimeStep], mono_ns: IntArray, time_ns: IntArray) -> IntArray:
     """Times corrected by a map, steps in order of `mono_ns`."""
     begins = np.array([step.mono_ns for step in steps], np.int64)
     add = np.array([0, *(step.add_ns for step in steps)], np.int64)
-    corrected: NDArray[np.int64] = time_ns + add[np.searchsorted(begins, mono_ns, side="right")]
+    corrected: IntArray = time_ns + add[np.searchsorted(begins, mono_ns, side="right")]
     return corrected
 
 
@@ -126,8 +121,8 @@ class StoredTimes:
         return [TimeStep(int(m), int(a), decode_text(r)) for v, m, a, r in rows if v == latest]
 
     def utc_ns(
-        self, time_us: NDArray[np.int64], mono_ns: NDArray[np.int64] | None = None, *, recorded: bool = False
-    ) -> NDArray[np.int64]:
+        self, time_us: IntArray, mono_ns: IntArray | None = None, *, recorded: bool = False
+    ) -> IntArray:
         """UTC nanoseconds of stored microseconds, corrected unless `recorded`.
 
         What was stored without a monotonic time has that which the anchor gives.

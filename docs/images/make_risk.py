@@ -6,7 +6,7 @@ import numpy as np
 from demo_day import DemoDay
 from matplotlib.figure import Figure
 
-from fieldkit.physics.facet import FloatArray
+from fieldkit.model.arrays import FloatArray
 from fieldkit.views.plotting import colour, panels, svg
 from tests.harness.pixels import drawn, simulated
 

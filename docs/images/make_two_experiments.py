@@ -8,10 +8,9 @@ from __future__ import annotations
 import numpy as np
 from demo_day import DemoDay
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from fieldkit.model.arrays import FloatArray
 from fieldkit.model.units import CELSIUS_ZERO_K, SECOND_NS
-from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.simulation.boards import Board
 from fieldkit.simulation.facets import GROUND
@@ -35,7 +34,7 @@ def afternoon() -> SceneSeries:
     return model.series(ALAMOSA_NOON_NS - round(NOON_S * SECOND_NS), LENGTH_S)
 
 
-def temperatures(scene: SceneSeries, hours: NDArray[np.float64]) -> Figure:
+def temperatures(scene: SceneSeries, hours: FloatArray) -> Figure:
     """Surface temperatures of the beds over hours after noon."""
     figure, (axes,) = panels(1, 3.2)
     surface = scene.rows[6 : 6 + len(BEDS)]

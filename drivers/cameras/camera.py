@@ -11,11 +11,11 @@ from typing import Any, NamedTuple, cast
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras.source import OpenedSource
 from fieldkit.drivers.decoding import Decoded, Rejected, Value
+from fieldkit.model.arrays import CountArray, SingleArray
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import Buffer, DeviceSettings, FrameSource, StreamInfo
 from fieldkit.model.errors import DecodeError, DeviceError, DeviceTimeoutError
@@ -43,9 +43,9 @@ class DecodedFrame(NamedTuple):
     `shutter` is whether a correction runs or has just run, None where the camera does not report it.
     """
 
-    counts: NDArray[np.uint16]
+    counts: CountArray
     extremes: tuple[float, float]
-    metadata_rows: NDArray[np.uint16] = NO_ROWS
+    metadata_rows: CountArray = NO_ROWS
     scale: float = math.nan
     offset: float = 0.0
     law: str = "linear"
@@ -61,12 +61,12 @@ class DecodedFrame(NamedTuple):
 Decode = Callable[[bytes], DecodedFrame | Rejected]
 
 
-def pixel_view(data: bytes, shape: tuple[int, int], start: int = 0) -> NDArray[np.uint16]:
+def pixel_view(data: bytes, shape: tuple[int, int], start: int = 0) -> CountArray:
     """Bytes from `start`, at least as many as that shape needs, as little-endian words, without copying."""
     return np.ndarray(shape, _WORD, data, start)
 
 
-def extremes(counts: NDArray[np.uint16]) -> tuple[float, float]:
+def extremes(counts: CountArray) -> tuple[float, float]:
     """Coldest and hottest pixel; OpenCV finds both in one pass, numpy in two."""
     coldest, hottest, _, _ = cv2.minMaxLoc(counts)
     return coldest, hottest
@@ -149,7 +149,7 @@ def summary(frame: DecodedFrame) -> list[Value]:
     return values
 
 
-def kelvin(frame: DecodedFrame) -> NDArray[np.float32]:
+def kelvin(frame: DecodedFrame) -> SingleArray:
     """Brightness temperature of a frame, float32.
 
     OpenCV converts and scales in one pass where numpy needs two, but only for a given largest value.
@@ -158,7 +158,7 @@ def kelvin(frame: DecodedFrame) -> NDArray[np.float32]:
         return law_named(frame.law)(frame.counts, frame.metadata_rows, {})
     hottest_k = frame.extremes[1] * frame.scale
     made = cv2.normalize(frame.counts, _NEW, hottest_k, 0.0, cv2.NORM_INF, cv2.CV_32F)
-    image = cast("NDArray[np.float32]", made)
+    image = cast("SingleArray", made)
     if frame.offset:
         image += frame.offset
     return image
@@ -175,7 +175,7 @@ class FrameMonitor:
     """Keeps what is needed of the last frames; restart it after frames were skipped."""
 
     def __init__(self) -> None:
-        self._counts: NDArray[np.uint16] | None = None
+        self._counts: CountArray | None = None
         self._counter = (NO_COUNTER, NO_COUNTER)
         self._sequence = -1
         self._changed_ns = 0

@@ -14,9 +14,9 @@ from mmap import mmap
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.drivers.decoding import text_of
+from fieldkit.model.arrays import CountArray, SingleArray
 from fieldkit.model.errors import DecodeError
 from fieldkit.physics.camera_laws import Planck, path_transmission, planck_k
 
@@ -47,14 +47,14 @@ class FlirFrame:
     `time_ns` is UTC nanoseconds since 1970 as the camera's clock had it, 0 if the file has no time.
     """
 
-    counts: NDArray[np.uint16]
+    counts: CountArray
     constants: Planck
     model: str = ""
     serial_number: str = ""
     time_ns: int = 0
     rate_hz: float = 0.0
 
-    def temperature_k(self) -> NDArray[np.float32]:
+    def temperature_k(self) -> SingleArray:
         """Object temperature in kelvin with the emissivity and path stored in the file."""
         return planck_k(self.counts, self.constants)
 
@@ -170,7 +170,7 @@ def _order(record: bytes) -> str:
     return "<" if record[:2] == b"\x02\0" else ">"
 
 
-def _pixels(record: bytes) -> NDArray[np.uint16]:
+def _pixels(record: bytes) -> CountArray:
     if len(record) < RAW_HEADER:
         raise DecodeError("the raw frame has no header", record)
     order = _order(record)
@@ -191,7 +191,7 @@ def _pixels(record: bytes) -> NDArray[np.uint16]:
     )
 
 
-def _png(body: bytes, height: int, width: int) -> NDArray[np.uint16]:
+def _png(body: bytes, height: int, width: int) -> CountArray:
     """A frame stored as PNG, whose samples FLIR writes in the other byte order."""
     import cv2
 
@@ -203,7 +203,7 @@ def _png(body: bytes, height: int, width: int) -> NDArray[np.uint16]:
     return np.asarray(image, np.uint16).byteswap()
 
 
-def _with_information(counts: NDArray[np.uint16], record: bytes) -> FlirFrame:
+def _with_information(counts: CountArray, record: bytes) -> FlirFrame:
     if len(record) < _INFORMATION_END:
         raise DecodeError("the camera information is too short", record[:32])
     order = _order(record)

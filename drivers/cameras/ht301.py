@@ -19,13 +19,13 @@ from functools import partial
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera
 from fieldkit.drivers.cameras.camera import PLAUSIBLE_K, DecodedFrame, decode_frames, extremes, pixel_view
 from fieldkit.drivers.cameras.source import CameraDriver, CameraFormat, cannot_command, open_source
 from fieldkit.drivers.decoding import Decoded, Rejected, text_of
+from fieldkit.model.arrays import CountArray
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, FrameSource
 from fieldkit.model.samples import Quality
@@ -65,7 +65,7 @@ def decode(data: bytes, law: str = "ht301") -> DecodedFrame | Rejected:
     return DecodedFrame(counts, found, rows, law=law, quality=quality, fpa_temperature_k=fpa_k)
 
 
-def user_block(rows: NDArray[np.uint16]) -> dict[str, Any]:
+def user_block(rows: CountArray) -> dict[str, Any]:
     """Settings of the camera itself, recorded and not applied; and its firmware and serial number."""
     flat = np.ascontiguousarray(rows).ravel()
     area = flat[ht301_area(rows.shape[1]) :]

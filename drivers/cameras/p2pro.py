@@ -27,7 +27,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera
@@ -36,6 +35,7 @@ from fieldkit.drivers.cameras.source import CameraDriver, CameraFormat, open_sou
 from fieldkit.drivers.decoding import Decoded, Rejected, text_of
 from fieldkit.drivers.identity import UsbIdentity, permission_fix
 from fieldkit.drivers.usb import usb_errors, usb_instruments
+from fieldkit.model.arrays import CountArray
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceTimeoutError
@@ -233,7 +233,7 @@ def decode(data: bytes) -> DecodedFrame | Rejected:
     return DecodedFrame(counts, found, scale=SCALE, quality=flags(counts, found))
 
 
-def flags(counts: NDArray[np.uint16], found: tuple[float, float], scale: float = SCALE) -> Quality:
+def flags(counts: CountArray, found: tuple[float, float], scale: float = SCALE) -> Quality:
     """Flags by the temperatures alone: end of scale, not started, not corrected, or the grey half."""
     quality = quality_flags(found, (0, 0xFFFF), scale)
     middle = len(counts) // 2
@@ -245,7 +245,7 @@ def flags(counts: NDArray[np.uint16], found: tuple[float, float], scale: float =
     return quality
 
 
-def _is_grey(row: NDArray[np.uint16]) -> bool:
+def _is_grey(row: CountArray) -> bool:
     coldest, hottest = extremes(row)
     return GREY[0] <= coldest <= hottest <= GREY[1]
 

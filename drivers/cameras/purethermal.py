@@ -21,14 +21,12 @@ from dataclasses import replace
 from functools import partial
 from typing import Any, Protocol, runtime_checkable
 
-import numpy as np
-from numpy.typing import NDArray
-
 from fieldkit.drivers.cameras import camera
 from fieldkit.drivers.cameras.camera import DecodedFrame, decode_frames, extremes, pixel_view, quality_flags
 from fieldkit.drivers.cameras.source import CameraDriver, CameraFormat, cannot_command, open_source
 from fieldkit.drivers.decoding import Decoded, Rejected, text_of
 from fieldkit.drivers.options import decoding_settings, kelvin_per_count
+from fieldkit.model.arrays import CountArray
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, FrameSource
 from fieldkit.model.errors import DeviceError
@@ -84,7 +82,7 @@ def decode(data: bytes, default_scale: float = math.nan) -> DecodedFrame | Rejec
     return tuple.__new__(DecodedFrame, fields)
 
 
-def _without_telemetry(counts: NDArray[np.uint16], rows: NDArray[np.uint16], scale: float) -> DecodedFrame:
+def _without_telemetry(counts: CountArray, rows: CountArray, scale: float) -> DecodedFrame:
     """A frame without telemetry."""
     found = extremes(counts)
     quality = quality_flags(found, TLINEAR_ENDS if scale > 0 else _ends(found), scale)

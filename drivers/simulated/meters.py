@@ -24,11 +24,11 @@ from numpy.typing import ArrayLike
 
 from fieldkit.drivers.ports import Line
 from fieldkit.model.air import is_air_temperature
+from fieldkit.model.arrays import FloatArray
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceAccessError
 from fieldkit.model.fault_kind import FaultKind
 from fieldkit.model.units import CELSIUS_ZERO_K, SECOND_NS
-from fieldkit.physics.facet import FloatArray
 from fieldkit.simulation import Scene
 from fieldkit.simulation.simulated_clock import SimulatedClock
 

@@ -9,20 +9,17 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.calibration.calibration_record import Source
 from fieldkit.config import Config
 from fieldkit.config.files import read_text
 from fieldkit.disk import replacing, sha256
+from fieldkit.model.arrays import FloatArray, IntArray
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, StorageError
 from fieldkit.model.site import Region
-from fieldkit.physics.facet import FloatArray
 from fieldkit.sessions import analysis
 from fieldkit.sessions.reader import SessionReader
-
-Times = NDArray[np.int64]
 
 
 def read_columns(path: Path, names: Sequence[str]) -> FloatArray:
@@ -97,7 +94,9 @@ def light_meter(session: SessionReader, config: Config) -> StreamInfo:
     return one_stream(session, "illuminance", named if named in names else None)
 
 
-def minute_means(session: SessionReader, stream: str, *, recorded: bool = False) -> tuple[Times, FloatArray]:
+def minute_means(
+    session: SessionReader, stream: str, *, recorded: bool = False
+) -> tuple[IntArray, FloatArray]:
     """Middle and mean of every minute of a meter's first channel; raises `ConfigError` without any.
 
     `recorded` takes the times as they were recorded, without an active time map.

@@ -8,7 +8,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from fieldkit.calibrate.inputs import Times, end_of, light_meter, minute_means, one_stream, record_source
+from fieldkit.calibrate.inputs import end_of, light_meter, minute_means, one_stream, record_source
 from fieldkit.calibrate.result import Calibration, stamped
 from fieldkit.calibration.calibration_record import CalibrationRecord, instrument_of
 from fieldkit.calibration.light_meter import (
@@ -22,10 +22,10 @@ from fieldkit.calibration.light_meter import (
 )
 from fieldkit.calibration.ranges import require_ranges
 from fieldkit.config import Config
+from fieldkit.model.arrays import FloatArray, IntArray
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.radiation import UNKNOWN, measured
 from fieldkit.model.units import MINUTE_NS
-from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.recording.simulated_scene import measured_weather
 from fieldkit.results.sources import (
@@ -156,7 +156,7 @@ def _summary(found: LightFactor) -> str:
 
 
 def _reference(
-    session: SessionReader, config: Config, minute_ns: Times, against: Against, reference: str
+    session: SessionReader, config: Config, minute_ns: IntArray, against: Against, reference: str
 ) -> tuple[FloatArray, str, float]:
     """Irradiance on the meter's plane at minutes, the method, the uncertainty of the diffuse part.
 
@@ -196,13 +196,13 @@ def _radiation(session: SessionReader, config: Config, stream: str, components: 
     return info.name
 
 
-def _with_margins(minute_ns: Times) -> Times:
+def _with_margins(minute_ns: IntArray) -> IntArray:
     """The minutes, and those around them in which the reference may have had the session's light."""
     beside = MINUTE_NS * np.arange(1, MARGIN + 1)
     return np.concatenate([minute_ns[0] - beside[::-1], minute_ns, minute_ns[-1] + beside])
 
 
-def _at(minute_ns: Times, time_ns: Times, value: FloatArray) -> FloatArray:
+def _at(minute_ns: IntArray, time_ns: IntArray, value: FloatArray) -> FloatArray:
     """Values interpolated at the minutes; NaN farther than a minute and a half from any value."""
     known = np.isfinite(value)
     if not known.any():

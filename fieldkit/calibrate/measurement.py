@@ -31,6 +31,7 @@ from fieldkit.calibration.emissivity import (
 from fieldkit.calibration.foil import FOIL_EMISSIVITY, FOIL_EMISSIVITY_SD
 from fieldkit.calibration.ranges import TEMPERATURE_C, require_ranges
 from fieldkit.calibration.steady_pairs import Readings
+from fieldkit.model.arrays import FloatArray
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import CalibrationError, ConfigError
 from fieldkit.model.limits import bounds_by_name
@@ -38,7 +39,6 @@ from fieldkit.model.samples import Frame, Sample, is_usable
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.units import CELSIUS_ZERO_K, kelvin_if_fahrenheit
 from fieldkit.physics.camera_laws import frame_k
-from fieldkit.physics.facet import FloatArray
 
 FITTED = "free"
 """Value of `reflected` that leaves the reflected temperature to the fit."""

@@ -36,11 +36,11 @@ from fieldkit.estimation.scale import (
     with_known,
 )
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.arrays import FloatArray
 from fieldkit.model.errors import CalibrationError
 from fieldkit.model.learnt import Learnt
 from fieldkit.model.region_schedule import Regions
 from fieldkit.model.samples import Quality
-from fieldkit.physics.facet import FloatArray
 from fieldkit.results.minutes import SessionMinutes
 from fieldkit.results.sources import (
     SessionOrFile,

@@ -15,10 +15,10 @@ from fieldkit.calibration.ranges import require_ranges
 from fieldkit.calibration.uncertainty import students_factor
 from fieldkit.calibration.uniformity import TargetView, Uniformity
 from fieldkit.estimation.scale import offsets_from_uniform
+from fieldkit.model.arrays import FloatArray
 from fieldkit.model.errors import CalibrationError, ConfigError
 from fieldkit.model.samples import is_usable
 from fieldkit.model.site import RegionKind
-from fieldkit.physics.facet import FloatArray
 from fieldkit.results.sources import SessionOrFile, config_for, log_warning, notify_damage, reading
 from fieldkit.sessions.analysis import region_series
 from fieldkit.sessions.reader import SessionReader

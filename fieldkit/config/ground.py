@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from fieldkit.config.pose import CameraPose
@@ -21,10 +20,10 @@ from fieldkit.config.references import campaign_folder
 from fieldkit.config.toml_lines import regions_in, table_in
 from fieldkit.config.toml_schema import PoseTable
 from fieldkit.config.validation import Mistake
+from fieldkit.model.arrays import BoolArray, FloatArray
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import Site
 from fieldkit.physics.camera_geometry import Heights, is_hidden, project
-from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.trajectory import CameraPath
 from fieldkit.sessions.formats import geotiff
 
@@ -95,7 +94,7 @@ class Ground:
         assert self.pose.table.ground_m is not None
         return self.pose.table.ground_m
 
-    def _unseen(self, time_ns: int, corners: FloatArray) -> NDArray[np.bool_]:
+    def _unseen(self, time_ns: int, corners: FloatArray) -> BoolArray:
         camera = self.path.camera(time_ns, self.shape)
         assert camera is not None
         x, y, away = project(camera, corners)

@@ -24,10 +24,10 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.estimation.bins import History, RegionColumns
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.arrays import BoolArray, FloatArray, IntArray
 from fieldkit.physics.bodies import BODIES
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.daylight import (
@@ -35,7 +35,7 @@ from fieldkit.physics.daylight import (
     extraterrestrial,
     perez_brightening,
 )
-from fieldkit.physics.facet import VERTICAL, FloatArray
+from fieldkit.physics.facet import VERTICAL
 from fieldkit.physics.slab import Slab, conducted_flux
 
 MINUTE_S = 60.0
@@ -181,7 +181,7 @@ def least_squares_rows(
     )
 
 
-def _measured_references(history: History, first: int, columns: RegionColumns) -> NDArray[np.bool_]:
+def _measured_references(history: History, first: int, columns: RegionColumns) -> BoolArray:
     """References with any temperature in the window; all if none has, so that their mean is NaN."""
     measured = np.isfinite(history.temperature_k[first:, columns.references]).any(axis=0)
     return np.asarray(measured | ~measured.any())
@@ -362,7 +362,7 @@ def _perturbed_slabs(settings: EstimatorSettings) -> list[Slab]:
     ]
 
 
-def conducted(minutes: NDArray[np.int64], difference_k: FloatArray, slab: Slab) -> FloatArray:
+def conducted(minutes: IntArray, difference_k: FloatArray, slab: Slab) -> FloatArray:
     """Heat flux into the layer of a target less that into the same layer of the reference, W/m2.
 
     `minutes` (n,) since 1970 increase; gaps are bridged by straight lines. `difference_k` (n, m) are surface

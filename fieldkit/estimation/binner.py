@@ -11,13 +11,13 @@ from collections.abc import Iterator, Sequence
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.estimation.bins import CameraStream, Follower, MinuteBin, OpenBin
 from fieldkit.estimation.disturbances import DisturbanceMonitor, end_of
 from fieldkit.estimation.instruments import Instruments, MinuteIrradiance, mean_of
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.air import AIR_TEMPERATURE, WIND_SPEED
+from fieldkit.model.arrays import IntArray
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.radiation import how_to_state
 from fieldkit.model.region_schedule import Regions, RegionSchedule
@@ -90,7 +90,7 @@ class Binner:
             minute.add_frame(sample, camera, self._follower)
         return closed
 
-    def _camera(self, columns: NDArray[np.int64]) -> CameraStream | None:
+    def _camera(self, columns: IntArray) -> CameraStream | None:
         """The camera that looks at these regions, None without a camera."""
         return self._camera_of(tuple(columns.tolist()))
 

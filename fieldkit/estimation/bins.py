@@ -17,12 +17,12 @@ from copy import copy
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.estimation.following import GroundFollower, RegionFollower
+from fieldkit.model.arrays import AnyArray, AnyIntArray, BoolArray, FloatArray, IndexArray, IntArray
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.limits import bounds_of
 from fieldkit.model.region_schedule import RegionSchedule
@@ -30,7 +30,7 @@ from fieldkit.model.samples import Frame, Quality, Reading, is_usable
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.camera_laws import frame_k
-from fieldkit.physics.facet import FloatArray, normal
+from fieldkit.physics.facet import normal
 from fieldkit.physics.radiance import surface_temperature_k
 from fieldkit.physics.trajectory import CameraPath
 
@@ -78,7 +78,7 @@ class MinuteBin:
     sun: FloatArray
     temperature_k: FloatArray
     spread_k: FloatArray
-    pixels: NDArray[np.int64]
+    pixels: IntArray
     frames: int
     dni_w_m2: float
     illuminance_lx: float = float("nan")
@@ -99,7 +99,7 @@ class MinuteBin:
         return self.minute * MINUTE_NS
 
 
-def padded(values: NDArray[Any], columns: int, fill: float = math.nan) -> NDArray[Any]:
+def padded(values: AnyArray, columns: int, fill: float = math.nan) -> AnyArray:
     """Values of a bin in so many columns, of which it was made before the last were drawn."""
     return np.append(values, np.full(columns - values.size, fill, values.dtype))
 
@@ -118,9 +118,7 @@ class RegionPixels:
     def __init__(self, regions: Sequence[Region], shape: tuple[int, int]) -> None:
         self._hold([_pixels_of(region, shape) for region in regions], shape)
 
-    def moved(
-        self, steps: NDArray[np.int64], redrawn: Mapping[int, Region] = MappingProxyType({})
-    ) -> RegionPixels:
+    def moved(self, steps: IntArray, redrawn: Mapping[int, Region] = MappingProxyType({})) -> RegionPixels:
         """The regions moved by whole pixels to the right and down (n, 2); one that leaves the frame is empty.
 
         They keep their shape and their number of pixels, so regions at rest give the same sums to the bit.
@@ -135,27 +133,25 @@ class RegionPixels:
         other._hold(masks, self._shape)
         return other
 
-    def _moved(self, mask: NDArray[np.intp], step: NDArray[np.int64]) -> NDArray[np.intp]:
+    def _moved(self, mask: IndexArray, step: IntArray) -> IndexArray:
         rows, cols = np.divmod(mask, self._shape[1])
         rows, cols = rows + step[1], cols + step[0]
         inside = (rows >= 0) & (rows < self._shape[0]) & (cols >= 0) & (cols < self._shape[1])
         return np.asarray(rows * self._shape[1] + cols if inside.all() else mask[:0], np.intp)
 
-    def _hold(self, masks: list[NDArray[np.intp]], shape: tuple[int, int]) -> None:
+    def _hold(self, masks: list[IndexArray], shape: tuple[int, int]) -> None:
         self._masks, self._shape = masks, shape
-        self.pixels: NDArray[np.int64] = np.array([mask.size for mask in masks], np.int64)
+        self.pixels: IntArray = np.array([mask.size for mask in masks], np.int64)
         self._indices = np.concatenate([*masks, np.array([], np.intp)])
         # an empty region would make reduceat repeat its neighbour, so only the others are summed
         self._filled = np.flatnonzero(self.pixels)
         self._starts = (np.cumsum(self.pixels) - self.pixels)[self._filled]
 
-    def gather(self, frame: NDArray[Any]) -> NDArray[Any]:
+    def gather(self, frame: AnyArray) -> AnyArray:
         """The pixels of all regions, one region after the other."""
         return np.asarray(frame.ravel()[self._indices])
 
-    def sums(
-        self, numbers: NDArray[np.integer[Any]], possible: tuple[float, float] = (-math.inf, math.inf)
-    ) -> Sums:
+    def sums(self, numbers: AnyIntArray, possible: tuple[float, float] = (-math.inf, math.inf)) -> Sums:
         """Sums over each region of a frame of whole numbers, exact in float64, of the pixels that can be."""
         totals, squares, pixels = np.zeros((3, self.pixels.size))
         if self._filled.size:
@@ -171,7 +167,7 @@ class RegionPixels:
         return Sums(*([int(one) for one in sums] for sums in (totals, squares, pixels)))
 
 
-def _pixels_of(region: Region, shape: tuple[int, int]) -> NDArray[np.intp]:
+def _pixels_of(region: Region, shape: tuple[int, int]) -> IndexArray:
     """Flat indices of its pixels, in order; none without corners."""
     if not region.vertices:
         return np.empty(0, np.intp)
@@ -245,7 +241,7 @@ class CameraStream:
             return None
         return outline.sums(np.rint(np.nan_to_num(kelvin) / LAW_STEP_K).astype(np.int64), self._possible)
 
-    def mean_pixels(self, sums: RegionSums) -> NDArray[np.int64]:
+    def mean_pixels(self, sums: RegionSums) -> IntArray:
         """Pixels of each region in the frames in which it lay, else those of its outline."""
         seen, samples = np.array(sums.seen, np.int64), np.array(sums.samples, np.int64)
         return np.where(seen > 0, samples // np.maximum(seen, 1), self.outline.pixels)
@@ -281,7 +277,7 @@ class Follower:
             return "the trajectory has no pose of this time"
         return "the camera moved too far to be followed"
 
-    def update(self, frame: Frame, camera: CameraStream, columns: NDArray[np.int64]) -> RegionPixels | None:
+    def update(self, frame: Frame, camera: CameraStream, columns: IntArray) -> RegionPixels | None:
         """The pixels of the regions in a frame; None where they cannot be found."""
         if self._ground is None:
             steps = self._drawn.update(frame.counts, columns)
@@ -301,7 +297,7 @@ class Follower:
 class OpenBin:
     """One bin while its samples arrive, in any order; `columns` are the regions that hold in its minute."""
 
-    def __init__(self, minute: int, columns: NDArray[np.int64]) -> None:
+    def __init__(self, minute: int, columns: IntArray) -> None:
         self.minute = minute
         self.columns = columns
         self.frame_sums: RegionSums = RegionSums(columns.size)
@@ -362,12 +358,12 @@ class RegionColumns:
     regions: tuple[Region, ...]
 
     @cached_property
-    def references(self) -> NDArray[np.int64]:
+    def references(self) -> IntArray:
         """Columns of the references."""
         return self._columns(RegionKind.REFERENCE)
 
     @cached_property
-    def targets(self) -> NDArray[np.int64]:
+    def targets(self) -> IntArray:
         """Columns of the targets."""
         return self._columns(RegionKind.TARGET)
 
@@ -378,7 +374,7 @@ class RegionColumns:
         angles = [(one.tilt_deg, one.azimuth_deg) for one in references]
         return normal(*np.nan_to_num(np.reshape(angles, (-1, 2)).T))
 
-    def _columns(self, kind: RegionKind) -> NDArray[np.int64]:
+    def _columns(self, kind: RegionKind) -> IntArray:
         return np.array([i for i, region in enumerate(self.regions) if region.kind == kind], np.int64)
 
 
@@ -395,20 +391,20 @@ class History:
     (k, 3): the minute in which that became known, minute and column of the `SHADED` flag that it reverses.
     """
 
-    minute: NDArray[np.int64]
-    time_ns: NDArray[np.int64]
+    minute: IntArray
+    time_ns: IntArray
     sun: FloatArray
     temperature_k: FloatArray
     dni_w_m2: FloatArray
     dhi_w_m2: FloatArray = field(default_factory=lambda: np.empty(0))
     longwave_down_w_m2: FloatArray = field(default_factory=lambda: np.empty(0))
-    flags: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
-    region_flags: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
+    flags: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
+    region_flags: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
     air_k: FloatArray = field(default_factory=lambda: np.empty(0))
     wind_m_s: FloatArray = field(default_factory=lambda: np.empty(0))
     probe_k: FloatArray = field(default_factory=lambda: np.empty(0))
     shift_px: FloatArray = field(default_factory=lambda: np.empty(0))
-    shade_ledger: NDArray[np.int64] = field(default_factory=lambda: np.empty((0, 3), np.int64))
+    shade_ledger: IntArray = field(default_factory=lambda: np.empty((0, 3), np.int64))
 
     def __post_init__(self) -> None:
         shapes = dict.fromkeys((*_REAL, "flags"), self.dni_w_m2.shape)
@@ -424,7 +420,7 @@ class History:
         A region that was drawn later is without frames before.
         """
         regions = max((b.temperature_k.size for b in bins), default=columns)
-        by_minute: dict[str, NDArray[Any]] = {
+        by_minute: dict[str, AnyArray] = {
             name: np.array([getattr(b, name) for b in bins], kind)
             for kind, names in ((np.int64, _WHOLE), (np.float64, _REAL))
             for name in names
@@ -444,11 +440,11 @@ class History:
     def __len__(self) -> int:
         return self.minute.size
 
-    def arrays(self) -> dict[str, NDArray[Any]]:
+    def arrays(self) -> dict[str, AnyArray]:
         """Every array by its name; ``History(**arrays)`` is the same history."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
-    def at(self, rows: slice | NDArray[np.int64]) -> History:
+    def at(self, rows: slice | IntArray) -> History:
         """Some of the rows, given by index."""
         by_row = {name: values for name, values in self.arrays().items() if name != "shade_ledger"}
         return replace(self, **{name: values[rows] for name, values in by_row.items()})
@@ -461,7 +457,7 @@ class History:
         """The rows before index `last`."""
         return self.at(slice(last))
 
-    def only(self, columns: NDArray[np.int64]) -> History:
+    def only(self, columns: IntArray) -> History:
         """Some of the regions, given as columns."""
         if np.array_equal(columns, np.arange(self.temperature_k.shape[1])):
             return self
@@ -489,9 +485,9 @@ class History:
         ledger[:, 2] = np.array(places, np.int64)[ledger[:, 2]]
         return replace(self, **by_region, shade_ledger=ledger)
 
-    def is_shaded(self) -> NDArray[np.bool_]:
+    def is_shaded(self) -> BoolArray:
         """Regions that alone are in the shade (n, regions), as known at the last minute."""
-        shaded: NDArray[np.bool_] = (self.region_flags & int(Quality.SHADED)) != 0
+        shaded: BoolArray = (self.region_flags & int(Quality.SHADED)) != 0
         known = self.shade_ledger[:, 0] <= self.minute.max(initial=0)
         _, minute, column = self.shade_ledger[known].T
         rows, entries = np.nonzero(self.minute[:, np.newaxis] == minute)

@@ -24,7 +24,7 @@ from fieldkit.estimation.learned.readout import LOGARITHMS, STATES, Moments, pri
 from fieldkit.estimation.normal import tangents
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.weather_reference import INPUTS
-from fieldkit.physics.facet import FloatArray
+from fieldkit.model.arrays import FloatArray
 
 REST = "noise, drift and passing fluxes"
 UNITS: Mapping[str, str] = {"longwave": "W/m²", "air": "K", "offset": "K", "drift": "K/h", REST: "°"}

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.estimation.bins import History, RegionColumns, joined
 from fieldkit.estimation.budget import BudgetTerm, slope_budget
@@ -28,7 +27,7 @@ from fieldkit.estimation.learned.inputs import (
     minutes_between,
     shade,
 )
-from fieldkit.estimation.learned.layout import Indices, Layout
+from fieldkit.estimation.learned.layout import Layout
 from fieldkit.estimation.learned.learner import Learner, Recorded
 from fieldkit.estimation.learned.prior_state import prior_sds
 from fieldkit.estimation.learned.readout import (
@@ -48,6 +47,7 @@ from fieldkit.estimation.methods import kelvin_per_degree
 from fieldkit.estimation.region_temperatures import remove_offsets
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.slopes import budgets, label_of, slopes
+from fieldkit.model.arrays import BoolArray, FloatArray, IntArray
 from fieldkit.model.confidence import percent
 from fieldkit.model.learnt import Learnt
 from fieldkit.model.region_schedule import Regions, RegionSchedule
@@ -55,7 +55,7 @@ from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SlopeEstimate, SlopeState, is_too_wide
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
-from fieldkit.physics.facet import FloatArray, tilt_azimuth
+from fieldkit.physics.facet import tilt_azimuth
 
 TOGETHER = 4
 """Targets that learn together with the references; more share no more, and the cost grows with the square."""
@@ -162,7 +162,7 @@ class SlopeChain:
         found.sort(key=lambda one: order.index(one.region))
         return Estimated(tuple(found), self._groups[0].learnt() if len(history) else None)
 
-    def _regroup(self, active: NDArray[np.int64]) -> None:
+    def _regroup(self, active: IntArray) -> None:
         """Follow a change of the regions: targets that hold on stay together, new ones form groups."""
         if tuple(active.tolist()) == self._active:
             return
@@ -210,7 +210,7 @@ class _Group:
         self,
         schedule: RegionSchedule,
         references: Sequence[int],
-        targets: Indices,
+        targets: IntArray,
         settings: EstimatorSettings,
     ) -> None:
         self.targets = set(targets.tolist())
@@ -224,7 +224,7 @@ class _Group:
         self._moments = Moments((), np.empty(0), np.empty((0, 0)))
         self._errors: tuple[FloatArray, FloatArray] = np.empty((0, 0)), np.empty((0, 0))
         self._first = 0
-        self._shade: NDArray[np.bool_] = np.zeros((0, 2, 0), np.bool_)
+        self._shade: BoolArray = np.zeros((0, 2, 0), np.bool_)
         self._has_failed = False
 
     def goes_on(self, references: Sequence[int], targets: Sequence[int]) -> bool:
@@ -275,7 +275,7 @@ class _Group:
         except np.linalg.LinAlgError:  # other regions go on
             self._learner, self._has_failed = None, True
 
-    def _read(self, shaded: NDArray[np.bool_]) -> None:
+    def _read(self, shaded: BoolArray) -> None:
         """Slopes and moments of what is learned by now, with the `shade` of the minutes."""
         if self._learner is not None:
             self._shade = shaded[self._first :]

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fieldkit.physics.facet import FloatArray, normal
+from fieldkit.model.arrays import FloatArray, IndexArray, IntArray
+from fieldkit.physics.facet import normal
 
 TILT_STEP_DEG = 0.5
 AZIMUTH_STEP_DEG = 1.0
@@ -36,8 +36,8 @@ class ContourWinners:
     """
 
     normals: FloatArray
-    best: NDArray[np.int64]
-    tied: NDArray[np.int64]
+    best: IntArray
+    tied: IntArray
 
 
 class RadiationTable:
@@ -63,7 +63,7 @@ class RadiationTable:
     def _by_cell(self) -> FloatArray:
         return np.ascontiguousarray(self.values.T)
 
-    def scores(self, difference_w_m2: FloatArray, tolerance_w_m2: float | FloatArray) -> NDArray[np.int64]:
+    def scores(self, difference_w_m2: FloatArray, tolerance_w_m2: float | FloatArray) -> IntArray:
         """Contour score (cells,) of every cell for one slope: the paper's Fig. 8.
 
         Measured differences (times,) that are NaN score nowhere; the tolerance, half the width of the
@@ -89,7 +89,7 @@ class RadiationTable:
         )
 
     @cached_property
-    def _order(self) -> NDArray[np.intp]:
+    def _order(self) -> IndexArray:
         """Cells of every time (times, cells), sorted by value."""
         return np.argsort(self.values, axis=1)
 
@@ -119,9 +119,7 @@ class RadiationTable:
             contours = min(2 * contours, times)
         return _winning(sums, best, tied, threshold * times)
 
-    def _bands(
-        self, differences: FloatArray, tolerance: FloatArray
-    ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    def _bands(self, differences: FloatArray, tolerance: FloatArray) -> tuple[IndexArray, IndexArray]:
         """Begin and end of each contour (m, times) among the cells sorted by their value."""
         low, high = np.zeros((2, *differences.shape), np.intp)
         # slightly wider than the tolerance: the comparison that scores decides on rounding
@@ -137,10 +135,10 @@ class RadiationTable:
         self,
         differences: FloatArray,
         tolerance: FloatArray,
-        low: NDArray[np.intp],
-        high: NDArray[np.intp],
-        chosen: NDArray[np.intp],
-    ) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray]:
+        low: IndexArray,
+        high: IndexArray,
+        chosen: IndexArray,
+    ) -> tuple[IntArray, IntArray, FloatArray]:
         """Best score, ties and sum of the tied normals among the cells of the chosen contours."""
         slope, cell = self._candidates(low, high, chosen)
         near = np.abs(self._by_cell[cell] - differences[slope]) <= tolerance
@@ -154,8 +152,8 @@ class RadiationTable:
         return best, tied, np.column_stack(sums)
 
     def _candidates(
-        self, low: NDArray[np.intp], high: NDArray[np.intp], chosen: NDArray[np.intp]
-    ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        self, low: IndexArray, high: IndexArray, chosen: IndexArray
+    ) -> tuple[IndexArray, IndexArray]:
         """Pairs (slope, cell), each once, of all cells on the chosen contours (m, contours)."""
         slopes = np.arange(len(chosen))[:, np.newaxis]
         start, count = low[slopes, chosen], (high - low)[slopes, chosen]
@@ -170,9 +168,7 @@ class RadiationTable:
         return pairs // len(self.cells), pairs % len(self.cells)
 
 
-def _winning(
-    sums: FloatArray, best: NDArray[np.int64], tied: NDArray[np.int64], needed: float
-) -> ContourWinners:
+def _winning(sums: FloatArray, best: IntArray, tied: IntArray, needed: float) -> ContourWinners:
     """Mean normals from the sums (m, 3) over the tied cells, NaN below the score needed."""
     length = np.linalg.norm(sums, axis=1, keepdims=True)
     enough = ((best > 0) & (best >= needed))[:, np.newaxis]

@@ -11,9 +11,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldkit.estimation.normal import LOWEST_COS_INCIDENCE, cramer_rao, mirror, tangents
+from fieldkit.model.arrays import BoolArray, FloatArray, IntArray
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.bodies import EARTH
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
@@ -23,7 +24,7 @@ from fieldkit.physics.energy_balance import (
     irradiance_per_kelvin,
     surface_temperature,
 )
-from fieldkit.physics.facet import FloatArray, cos_incidence, normal, tilt_azimuth
+from fieldkit.physics.facet import cos_incidence, normal, tilt_azimuth
 
 SKY_EMISSIVITY = 0.85
 """Of a clear sky of average humidity, for planning: downward longwave over sigma T_a^4."""
@@ -69,12 +70,12 @@ class DayPlan:
 
     facets: tuple[tuple[float, float], ...]
     settings: PlanSettings
-    time_ns: NDArray[np.int64]
+    time_ns: IntArray
     sun: FloatArray
     dni_w_m2: FloatArray
     sensitivity: Sensitivity
     sigma: FloatArray
-    rows: NDArray[np.int64]
+    rows: IntArray
     bounds: tuple[Bound, ...]
 
     @property
@@ -83,12 +84,12 @@ class DayPlan:
         return _elevation_deg(self.sun)
 
     @property
-    def usable(self) -> NDArray[np.bool_]:
+    def usable(self) -> BoolArray:
         """Minutes (n,) with the sun high enough for its light to be known, and not behind the horizon."""
         return (self.elevation_deg >= self.settings.low_sun_deg) & (self.dni_w_m2 > 0.0)
 
     @property
-    def weak(self) -> NDArray[np.bool_]:
+    def weak(self) -> BoolArray:
         """Facets and minutes (f, n) at which temperature hardly depends on tilt."""
         return np.abs(self.sensitivity.temperature_k) < WEAK_K_PER_DEG
 
@@ -139,7 +140,7 @@ class DayPlan:
                 return minutes
         return None
 
-    def intervals(self, condition: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    def intervals(self, condition: BoolArray) -> list[tuple[int, int]]:
         """First and last usable minute of every interval in which `condition` (n,) holds, UTC nanoseconds."""
         minutes = np.flatnonzero(self.usable)
         inside = np.concatenate([[False], condition[minutes], [False]])
@@ -171,7 +172,7 @@ class DayPlan:
             return "fair: low sun, long shadows"
         return "usable"
 
-    def _named(self, chosen: NDArray[np.bool_]) -> str:
+    def _named(self, chosen: BoolArray) -> str:
         if chosen.all() and chosen.size > 1:
             return "all"
         return ", ".join(label(self.facets[facet]) for facet in np.flatnonzero(chosen))
@@ -179,7 +180,7 @@ class DayPlan:
 
 def plan_day(
     facets: Sequence[tuple[float, float]],
-    time_ns: NDArray[np.int64],
+    time_ns: IntArray,
     sun: FloatArray,
     dni_w_m2: FloatArray,
     settings: PlanSettings,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fieldkit.physics.facet import FloatArray
+from fieldkit.model.arrays import FloatArray
 
 
 def normal_cdf(value: FloatArray | float) -> FloatArray:

@@ -16,9 +16,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldkit.model.arrays import AnyArray, AnyIntArray, FloatArray, IntArray, SingleArray
 from fieldkit.model.site import Region
 from fieldkit.physics.camera_geometry import Camera, project
-from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.trajectory import CameraPath, homography_over_level
 
 CLEAR_PEAK = 8.0
@@ -78,7 +78,7 @@ class FrameFollower:
         self._is_clear = False
         self._is_lost = False
 
-    def update(self, counts: NDArray[np.integer[Any]]) -> Shift | None:
+    def update(self, counts: AnyIntArray) -> Shift | None:
         """The shift of a frame (rows, cols); None where it cannot be followed.
 
         A frame without edges to compare says nothing: it counts as where the one before was.
@@ -107,7 +107,7 @@ class FrameFollower:
         return self._at
 
 
-def _spectrum(counts: NDArray[np.integer[Any]], scale: int) -> tuple[Spectrum, tuple[int, int]]:
+def _spectrum(counts: AnyIntArray, scale: int) -> tuple[Spectrum, tuple[int, int]]:
     """Of the root of the gradient, faded out towards the border (else the border itself is matched)."""
     from scipy import fft
 
@@ -121,7 +121,7 @@ def _spectrum(counts: NDArray[np.integer[Any]], scale: int) -> tuple[Spectrum, t
 
 
 @lru_cache(maxsize=4)
-def _fade(rows: int, cols: int) -> NDArray[np.float32]:
+def _fade(rows: int, cols: int) -> SingleArray:
     return np.outer(np.hanning(rows), np.hanning(cols)).astype(np.float32)
 
 
@@ -156,9 +156,7 @@ class RegionFollower:
         self.shift_px = 0.0
         """Shift of the last frame that was followed from the first region's. [pixels]"""
 
-    def update(
-        self, counts: NDArray[np.integer[Any]], columns: NDArray[np.int64]
-    ) -> NDArray[np.int64] | None:
+    def update(self, counts: AnyIntArray, columns: IntArray) -> IntArray | None:
         """Whole pixels to the right and down by which the regions of some columns moved, (columns, 2).
 
         None where they cannot be found in this frame (rows, cols). If all are redrawn, following begins anew.
@@ -203,10 +201,10 @@ class GroundFollower:
 
     def update(
         self,
-        counts: NDArray[np.integer[Any]],
+        counts: AnyIntArray,
         time_ns: int,
         regions: Sequence[Region],
-        columns: NDArray[np.int64],
+        columns: IntArray,
     ) -> list[Region] | None:
         """The regions as they lie in a frame (rows, cols), without corners where they are not wholly in it.
 
@@ -251,7 +249,7 @@ def _overlaps(camera: Camera, view: Camera, height_m: float) -> bool:
     return bool(inside.sum() >= LEAST_OVERLAP * inside.size)
 
 
-def _from_there(counts: NDArray[np.integer[Any]], back: FloatArray) -> NDArray[Any]:
+def _from_there(counts: AnyIntArray, back: FloatArray) -> AnyArray:
     """A frame as it would look from another pose; beyond its edge it is mirrored, which shows no edge."""
     if np.allclose(back, np.eye(3), atol=1e-12):
         return counts
@@ -261,7 +259,7 @@ def _from_there(counts: NDArray[np.integer[Any]], back: FloatArray) -> NDArray[A
     )
 
 
-def _placed(camera: Camera, region: Region, back: FloatArray, step: NDArray[np.int64]) -> FloatArray:
+def _placed(camera: Camera, region: Region, back: FloatArray, step: IntArray) -> FloatArray:
     """Corners (n, 2) by the pose, and by whole pixels from there by what the frames show."""
     x, y, _ = project(camera, region.points_m)
     corners: FloatArray = np.column_stack([x, y])

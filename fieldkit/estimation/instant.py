@@ -14,7 +14,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.estimation.balance import least_squares_rows
 from fieldkit.estimation.bins import History, RegionColumns
@@ -22,11 +21,12 @@ from fieldkit.estimation.normal import LOWEST_COS_INCIDENCE
 from fieldkit.estimation.region_temperatures import remove_offsets, shifted_temperatures
 from fieldkit.estimation.settings import PAPER_SCALE_SD, EstimatorSettings
 from fieldkit.estimation.slopes import shaded_rows
+from fieldkit.model.arrays import BoolArray, FloatArray, IntArray
 from fieldkit.model.confidence import interval_sds
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region
 from fieldkit.model.slope import SlopeEstimate, SlopeState
-from fieldkit.physics.facet import FloatArray, tilt_azimuth
+from fieldkit.physics.facet import tilt_azimuth
 
 EDGE = 25
 """Points along the edge of the region of cosine and lean: its ends are met within one part in a hundred."""
@@ -44,7 +44,7 @@ class AlongSun:
     tilt_deg: FloatArray
     low_deg: FloatArray
     high_deg: FloatArray
-    resolved: NDArray[np.bool_]
+    resolved: BoolArray
     azimuth_deg: float
 
 
@@ -124,8 +124,8 @@ def with_along_sun(
 
 
 def _is_usable(
-    history: History, columns: RegionColumns, target: NDArray[np.int64], settings: EstimatorSettings
-) -> NDArray[np.bool_]:
+    history: History, columns: RegionColumns, target: IntArray, settings: EstimatorSettings
+) -> BoolArray:
     """Minutes (n,) with steady sun on the target and a reference, and frames of both."""
     kelvin = np.isfinite(history.temperature_k)
     seen = kelvin[:, target[0]] & kelvin[:, columns.references].any(axis=1)

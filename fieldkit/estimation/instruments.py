@@ -6,11 +6,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.estimation.bins import OpenBin
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.air import AIR_TEMPERATURE, CELSIUS_UNITS, of_air
+from fieldkit.model.arrays import FloatArray
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.limits import Bounds, bounds_of
@@ -18,7 +18,7 @@ from fieldkit.model.radiation import UNIT, UNKNOWN, how_to_state, measured
 from fieldkit.model.samples import Quality, Reading
 from fieldkit.model.site import Region, Site
 from fieldkit.model.units import CELSIUS_ZERO_K
-from fieldkit.physics.facet import VERTICAL, FloatArray, normal
+from fieldkit.physics.facet import VERTICAL, normal
 from fieldkit.physics.irradiance import IrradianceModel, direct_normal
 from fieldkit.physics.sun import sun_vectors
 
@@ -213,7 +213,7 @@ def without_spikes(values: FloatArray, *, is_temperature: bool) -> FloatArray:
     return cleaned
 
 
-def mean_of(values: NDArray[np.float64]) -> float:
+def mean_of(values: FloatArray) -> float:
     """Mean of the finite values; NaN if there are none."""
     known = values[np.isfinite(values)]
     return float(known.mean()) if known.size else float("nan")

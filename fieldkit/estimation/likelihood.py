@@ -18,10 +18,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.estimation.normal import Branches, Misfit, solve
-from fieldkit.physics.facet import VERTICAL, FloatArray, angle_between_deg, normal, tilt_azimuth
+from fieldkit.model.arrays import BoolArray, FloatArray, IntArray
+from fieldkit.physics.facet import VERTICAL, angle_between_deg, normal, tilt_azimuth
 
 TILTS = 2001
 """Tilts on the grid along a known azimuth: steps of 0.02 degrees up to the default limit."""
@@ -223,7 +223,7 @@ class _Boxes:
         """Solid angle of a cell: equal everywhere, since height and turn preserve area (Archimedes)."""
         return np.asarray(np.ptp(self.height, axis=1) / heights * np.ptp(self.turn, axis=1) / turns)
 
-    def closer(self, inside: NDArray[np.bool_]) -> _Boxes:
+    def closer(self, inside: BoolArray) -> _Boxes:
         """The part of each box that contains its region (m, heights, turns), with a margin of a cell."""
         height = _closer(self.height, np.asarray(inside.any(axis=2)))
         return _Boxes(self.axes, height, _closer(self.turn, np.asarray(inside.any(axis=1))))
@@ -234,7 +234,7 @@ def _centres(spans: FloatArray, cells: int) -> FloatArray:
     return np.asarray(spans[:, :1] + width * (np.arange(cells) + 0.5) / cells)
 
 
-def _closer(spans: FloatArray, lines: NDArray[np.bool_]) -> FloatArray:
+def _closer(spans: FloatArray, lines: BoolArray) -> FloatArray:
     cells = lines.shape[1]
     step = (spans[:, 1] - spans[:, 0]) / cells
     first, last = np.argmax(lines, axis=1), cells - 1 - np.argmax(lines[:, ::-1], axis=1)
@@ -283,9 +283,7 @@ def patches(
     return Patches(grid, misfit(grid), boxes.cell(heights, turns))
 
 
-def _touch(
-    inside: NDArray[np.bool_], axis: int, low: NDArray[np.bool_], high: NDArray[np.bool_]
-) -> NDArray[np.bool_]:
+def _touch(inside: BoolArray, axis: int, low: BoolArray, high: BoolArray) -> BoolArray:
     """True for regions (m, heights, turns) at an end of their box that may move, along the other axis."""
     lines = np.asarray(inside.any(axis=axis))
     return np.asarray((low & lines[:, 0]) | (high & lines[:, -1]))
@@ -327,9 +325,9 @@ def _near(vertical: FloatArray, best: FloatArray, normals: FloatArray) -> bool:
 
 def project(
     normals: FloatArray,
-    starts: NDArray[np.int64],
+    starts: IntArray,
     best: FloatArray,
-    flat: NDArray[np.bool_],
+    flat: BoolArray,
     tilt_limit_deg: float,
 ) -> list[LikelihoodRegion]:
     """Ranges of tilt and azimuth of m regions, cut at the tilt limit.
@@ -372,7 +370,7 @@ def regions_known_azimuth(
     ]
 
 
-def _ends(start: FloatArray, tilts: FloatArray, root: FloatArray, beyond: NDArray[np.bool_]) -> FloatArray:
+def _ends(start: FloatArray, tilts: FloatArray, root: FloatArray, beyond: BoolArray) -> FloatArray:
     """Tilts at which the root of the excess misfit, 0 at `start` (m, 1), first exceeds 1; else the last.
 
     `root` and `beyond`, the tilts on this side of the start, are (m, k) over `tilts` (k,).

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldkit.estimation.balance import Rows
 from fieldkit.estimation.contours import RadiationTable, slope_grid
@@ -35,10 +35,11 @@ from fieldkit.estimation.likelihood import (
 )
 from fieldkit.estimation.normal import LOWEST_COS_INCIDENCE, Choice, Misfit, choose, choose_along, solve
 from fieldkit.estimation.settings import PAPER_SCALE_SD, EstimatorSettings
+from fieldkit.model.arrays import BoolArray, FloatArray, IntArray
 from fieldkit.model.confidence import misfit_drop, percent
 from fieldkit.model.site import Region
 from fieldkit.model.slope import SlopeState, is_too_wide
-from fieldkit.physics.facet import FloatArray, angle_between_deg, normal, tilt_azimuth
+from fieldkit.physics.facet import angle_between_deg, normal, tilt_azimuth
 
 ALARM_PROBABILITY = 0.01
 """Probability that chi-square rejects a good window."""
@@ -101,7 +102,7 @@ def _solved(problem: _Problem) -> list[Solution]:
     return [one if ok else _undecided(one) for one, ok in zip(found, stands.tolist(), strict=True)]
 
 
-def _of_sunlit_rows(problem: _Problem) -> tuple[_Problem, Choice, NDArray[np.bool_]]:
+def _of_sunlit_rows(problem: _Problem) -> tuple[_Problem, Choice, BoolArray]:
     """Each target's rows in which the sun shines on the slope that they give, and whether there are any.
 
     Whether a row is in the facet's own shade depends on its slope, which depends on the rows: they are chosen
@@ -168,13 +169,13 @@ class _Problem:
     """
 
     rows: Rows
-    indices: NDArray[np.int64]
+    indices: IntArray
     weights: FloatArray
     azimuth_deg: FloatArray | None
     settings: EstimatorSettings
     slopes: FloatArray
 
-    def of(self, slopes: FloatArray, lit: NDArray[np.bool_]) -> _Problem:
+    def of(self, slopes: FloatArray, lit: BoolArray) -> _Problem:
         """The rows that are lit, as certain as the light on these slopes is."""
         passing = np.sum(self.rows.light_effects(slopes) ** 2, axis=0)
         # variances add: 1 / w' = 1 / w + passing
@@ -198,7 +199,7 @@ class _Problem:
         )
 
     @cached_property
-    def used(self) -> NDArray[np.bool_]:
+    def used(self) -> BoolArray:
         """Rows of each target that are used (m, n)."""
         return self.weights > 0.0
 
@@ -245,7 +246,7 @@ class _Problem:
         return np.where(self.used, self.rows.light_effects(slopes), 0.0)
 
     @cached_property
-    def freedom(self) -> NDArray[np.int64]:
+    def freedom(self) -> IntArray:
         """Degrees of freedom (m,): rows less fitted angles."""
         return np.asarray(self.used.sum(axis=1) - (2 if self.azimuth_deg is None else 1))
 
@@ -390,7 +391,7 @@ def kelvin_per_degree(
     return float(np.radians(1.0) * (steeper @ direction) / y_per_kelvin)
 
 
-def sunlit(y: FloatArray, sigma: FloatArray, shade: FloatArray) -> NDArray[np.bool_]:
+def sunlit(y: FloatArray, sigma: FloatArray, shade: FloatArray) -> BoolArray:
     """Rows (n, m) with more light than a facet in its own shade can have, which only shows ``n . s < 0``.
 
     `y` and `sigma` (n, m) and `shade` (n,) as of `Rows`; a cosine near that of grazing light does not count.

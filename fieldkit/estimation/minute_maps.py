@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.estimation.balance import absorbed_light, conducted, smoothed_kernel
 from fieldkit.estimation.bins import History, RegionColumns
@@ -19,10 +18,11 @@ from fieldkit.estimation.learned.pixels import pixel_rows
 from fieldkit.estimation.pixel_posterior import PixelPosterior
 from fieldkit.estimation.pixel_slopes import MapSums, PixelBounds, SlopeMap, posterior, with_bounds
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.arrays import BoolArray, FloatArray, IntArray, SingleArray
 from fieldkit.model.learnt import Learnt
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.physics.energy_balance import irradiance_per_kelvin
-from fieldkit.physics.facet import VERTICAL, FloatArray
+from fieldkit.physics.facet import VERTICAL
 
 BEFORE_MINUTES = 120
 """Minutes before the first of a map whose warmth the sand remembers."""
@@ -43,7 +43,7 @@ class MinuteMap:
 
     history: History
     regions: tuple[Region, ...]
-    chosen: NDArray[np.int64]
+    chosen: IntArray
     shape: tuple[int, int]
     settings: EstimatorSettings
     normals: Mapping[str, FloatArray]
@@ -66,7 +66,7 @@ class MinuteMap:
         return *with_bounds(slopes, likelihood, settings), likelihood, along_sun
 
     @property
-    def _explained(self) -> NDArray[np.bool_]:
+    def _explained(self) -> BoolArray:
         """Pixels of the references, and of the targets that have a slope."""
         explained = np.zeros(self.shape, np.bool_)
         for region in self.regions:
@@ -79,7 +79,7 @@ class MinuteMap:
         return RegionColumns(self.regions)
 
     @property
-    def _seen(self) -> NDArray[np.bool_]:
+    def _seen(self) -> BoolArray:
         """References with any temperature, as for regions: the others are averaged."""
         table = self.history.temperature_k[np.ix_(self.chosen, self._columns.references)]
         return np.asarray(np.isfinite(table).any(axis=0))
@@ -111,7 +111,7 @@ class MinuteMap:
             sums.add(kelvin, reference_k[row], history.sun[row], dni_w_m2, self._reference_normal)
 
     @property
-    def rows(self) -> NDArray[np.int64]:
+    def rows(self) -> IntArray:
         """Rows of the minutes whose frames are needed: those with a reference, and for heat those before."""
         minute, is_known = self.history.minute, np.isfinite(self._reference_k)
         if self.settings.model == "paper" or self.chosen.size == 1:
@@ -119,7 +119,7 @@ class MinuteMap:
         first, last = minute[self.chosen[[0, -1]]]
         return np.flatnonzero((minute >= first - BEFORE_MINUTES) & (minute <= last) & is_known)
 
-    def _over_k(self, surface_k: SurfaceK) -> NDArray[np.float32]:
+    def _over_k(self, surface_k: SurfaceK) -> SingleArray:
         """Temperatures of all pixels over the reference (rows, pixels)."""
         minute, base_k = self.history.minute, self._reference_k
         return np.array(
@@ -165,7 +165,7 @@ class MinuteMap:
         )
 
 
-def _pieces(columns: NDArray[np.float32]) -> Iterator[FloatArray]:
+def _pieces(columns: SingleArray) -> Iterator[FloatArray]:
     """A few thousand columns at a time: the transforms need several times their memory."""
     for begin in range(0, columns.shape[1], 4096):
         yield columns[:, begin : begin + 4096].astype(np.float64)

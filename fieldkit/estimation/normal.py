@@ -15,9 +15,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from fieldkit.physics.facet import VERTICAL, FloatArray, normal, tilt_azimuth
+from fieldkit.model.arrays import BoolArray, FloatArray, IntArray
+from fieldkit.physics.facet import VERTICAL, normal, tilt_azimuth
 
 LOWEST_COS_INCIDENCE = 0.03
 """Cosine of incidence below which a facet counts as self-shaded."""
@@ -40,7 +41,7 @@ class Misfit:
     H: FloatArray
     b: FloatArray
     c: FloatArray
-    count: NDArray[np.int64]
+    count: IntArray
 
     @classmethod
     def of_rows(cls, design: ArrayLike, y: ArrayLike, weights: ArrayLike = 1.0) -> Misfit:
@@ -86,7 +87,7 @@ class Branches:
     second: FloatArray
     first_misfit: FloatArray
     second_misfit: FloatArray
-    merged: NDArray[np.bool_]
+    merged: BoolArray
 
 
 def solve(misfit: Misfit) -> Branches:
@@ -197,7 +198,7 @@ def _times(matrices: FloatArray, rows: FloatArray) -> FloatArray:
     return np.asarray(np.matmul(matrices, rows[..., np.newaxis])[..., 0])
 
 
-def _ordered(normals: list[FloatArray], misfits: list[FloatArray], known: NDArray[np.bool_]) -> Branches:
+def _ordered(normals: list[FloatArray], misfits: list[FloatArray], known: BoolArray) -> Branches:
     swap = misfits[1] < misfits[0]
     blank = np.where(known, 0.0, np.nan)
     first = np.where(swap[..., np.newaxis], normals[1], normals[0]) + blank[..., np.newaxis]
@@ -266,9 +267,7 @@ def _price(tilt_deg: ArrayLike) -> FloatArray:
     return np.asarray(2.0 * np.log(np.sin(np.radians(np.clip(tilt_deg, 0.1, 90.0)))))
 
 
-def _on_limit(
-    misfit: Misfit, tilt_limit_deg: float, wanted: NDArray[np.bool_]
-) -> tuple[FloatArray, FloatArray]:
+def _on_limit(misfit: Misfit, tilt_limit_deg: float, wanted: BoolArray) -> tuple[FloatArray, FloatArray]:
     """Normal of least misfit on the tilt limit and that misfit, for the slopes wanted; NaN for the others."""
     rim = normal(tilt_limit_deg, np.arange(0.0, 360.0, 0.1))
     best, least = np.full((*wanted.shape, 3), np.nan), np.full(wanted.shape, np.nan)

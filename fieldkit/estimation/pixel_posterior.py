@@ -12,15 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.estimation.distributions import normal_quantile
-from fieldkit.physics.facet import FloatArray
+from fieldkit.model.arrays import AnyArray, BoolArray, FloatArray, IndexArray, SingleArray
 
-Measure = Callable[[NDArray[Any]], NDArray[Any]]
+Measure = Callable[[AnyArray], AnyArray]
 """A number of every unit normal: (..., 3) to (...)."""
 
 NODES, GENERATOR = 55, 34
@@ -46,14 +44,14 @@ class PixelPosterior:
     `tilt_limit_deg` the largest tilt considered.
     """
 
-    known: NDArray[np.bool_]
+    known: BoolArray
     at: FloatArray
     covariance: FloatArray
     second: FloatArray
     axes: FloatArray
     tilt_limit_deg: float
 
-    def pieces(self) -> Iterator[tuple[NDArray[np.intp], NDArray[np.float32], NDArray[np.float32]]]:
+    def pieces(self) -> Iterator[tuple[IndexArray, SingleArray, SingleArray]]:
         """Some pixels at a time: their numbers (p,), normals (k, p, 3) and weights (k, p) that sum to 1."""
         has_two = self.second > NO_SECOND
         for pixels, sides in ((np.flatnonzero(~has_two), 1), (np.flatnonzero(has_two), 2)):
@@ -61,7 +59,7 @@ class PixelPosterior:
                 some = pixels[begin : begin + PIECE]
                 yield some, *self._nodes(some, sides)
 
-    def _nodes(self, pixels: NDArray[np.intp], sides: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    def _nodes(self, pixels: IndexArray, sides: int) -> tuple[SingleArray, SingleArray]:
         half_axes = np.linalg.cholesky(self.covariance[pixels]).astype(np.float32)
         plane = np.moveaxis(half_axes @ _lattice().T, 2, 0) + self.at[pixels, :2].astype(np.float32)
         # beyond the unit circle there is no normal: the nearest one is on it
@@ -78,7 +76,7 @@ class PixelPosterior:
 
     def deviations(
         self, measures: Mapping[str, Measure], *, cyclic: frozenset[str] = frozenset()
-    ) -> dict[str, NDArray[np.float32]]:
+    ) -> dict[str, SingleArray]:
         """Standard uncertainties of numbers that follow from the normal, by name, (rows, cols); NaN without a
         slope.
 
@@ -95,7 +93,7 @@ class PixelPosterior:
                 found[name][pixels] = np.sqrt((weights * off * off).sum(axis=0))
         return {name: self._on_map(values) for name, values in found.items()}
 
-    def risk(self, limit_deg: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    def risk(self, limit_deg: float) -> tuple[SingleArray, SingleArray]:
         """P(tilt > limit) of each pixel, and the mean of the steepest tenth of the tilts that fit, in
         degrees.
 
@@ -109,27 +107,27 @@ class PixelPosterior:
             worst[pixels] = _tail_mean_deg(up, weights)
         return self._on_map(steeper), self._on_map(worst)
 
-    def _on_map(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
+    def _on_map(self, values: SingleArray) -> SingleArray:
         plane = np.full(self.known.shape, np.nan, np.float32)
         plane[self.known] = values
         return plane
 
 
-def _lattice() -> NDArray[np.float32]:
+def _lattice() -> SingleArray:
     """Pairs of independent standard normal deviates, shape (NODES, 2)."""
     steps = np.arange(NODES)
     shares = np.column_stack([steps, steps * GENERATOR % NODES]) + 0.5
     return normal_quantile(shares / NODES).astype(np.float32)
 
 
-def _prior(normals: NDArray[np.float32], limit_deg: float) -> NDArray[np.float32]:
+def _prior(normals: SingleArray, limit_deg: float) -> SingleArray:
     """Per solid angle, uniform in tilt and azimuth; beyond the limit as good as none."""
     up = normals[..., 2]
     sine = np.sqrt(np.maximum(1.0 - up * up, LEAST_SINE**2))
     return np.asarray(np.where(up < np.cos(np.radians(limit_deg)), 1e-6, 1.0) / sine, np.float32)
 
 
-def _tail_mean_deg(up: NDArray[np.float32], weights: NDArray[np.float32]) -> FloatArray:
+def _tail_mean_deg(up: SingleArray, weights: SingleArray) -> FloatArray:
     """Mean tilt of the weight `TAIL` with the least upward components, by column."""
     order = np.argsort(up, axis=0)
     tilt = np.degrees(np.arccos(np.clip(np.take_along_axis(up, order, 0), -1.0, 1.0)))

@@ -18,17 +18,17 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.estimation.instant import AlongSun, along_sun, instant_scale_sd
 from fieldkit.estimation.normal import LOWEST_COS_INCIDENCE
 from fieldkit.estimation.pixel_posterior import PixelPosterior
 from fieldkit.estimation.settings import PAPER_SCALE_SD, EstimatorSettings
+from fieldkit.model.arrays import BoolArray, ByteArray, FloatArray, SingleArray
 from fieldkit.model.confidence import CONFIDENCE, misfit_drop
 from fieldkit.model.slope import SlopeState, is_too_wide
 from fieldkit.physics.bodies import BODIES
 from fieldkit.physics.energy_balance import SurfaceParameters, irradiance_per_kelvin
-from fieldkit.physics.facet import FloatArray, normal, tilt_azimuth
+from fieldkit.physics.facet import normal, tilt_azimuth
 
 PIECE = 32_768
 DEGREES = np.float32(180.0 / np.pi)
@@ -46,11 +46,11 @@ class SlopeMap:
     other branch's tilt, shown in the state `NOT_RESOLVED`: it is within the limit and fits about as well.
     """
 
-    tilt_deg: NDArray[np.float32]
-    azimuth_deg: NDArray[np.float32]
-    second_tilt_deg: NDArray[np.float32]
-    chi_square: NDArray[np.float32]
-    state: NDArray[np.uint8]
+    tilt_deg: SingleArray
+    azimuth_deg: SingleArray
+    second_tilt_deg: SingleArray
+    chi_square: SingleArray
+    state: ByteArray
 
 
 class MapSums:
@@ -122,9 +122,7 @@ class MapSums:
         self._weight_per_kelvin += weight * steepness / dni_w_m2
         self.count += 1
 
-    def add_rows(
-        self, design: FloatArray, sun: FloatArray, values: Callable[[slice], NDArray[np.float32]]
-    ) -> None:
+    def add_rows(self, design: FloatArray, sun: FloatArray, values: Callable[[slice], SingleArray]) -> None:
         """Add rows ``design n = value`` of unit variance, with a design (k, 3) that all pixels share.
 
         `sun` (3,) is the mean vector towards the sun; `values` gives those (k, pixels) of a slice of the
@@ -162,11 +160,11 @@ class MapSums:
         unscaled = np.hypot(values[0] ** -0.5, settings.offset_sd_k * self.per_kelvin)
         return along_sun(sun, cosine, np.hypot(scaled, unscaled), settings)
 
-    def pull(self, direction: FloatArray, pixels: NDArray[np.bool_]) -> FloatArray:
+    def pull(self, direction: FloatArray, pixels: BoolArray) -> FloatArray:
         """Half the gradient of the misfit of these pixels against a direction (3,), at the origin."""
         return direction @ self._b[:, pixels.ravel()]
 
-    def solve(self, explained: NDArray[np.bool_] | None = None) -> SlopeMap:
+    def solve(self, explained: BoolArray | None = None) -> SlopeMap:
         """The map of all frames so far; the state is `TOO_FEW` with fewer than three.
 
         `explained` are pixels (rows, cols) of regions of which a slope was found: neither a misfit refuses
@@ -193,9 +191,9 @@ class MapSums:
         piece: slice,
         values: FloatArray,
         vectors: FloatArray,
-        planes: NDArray[np.float32],
-        state: NDArray[np.uint8],
-        refused: NDArray[np.bool_],
+        planes: SingleArray,
+        state: ByteArray,
+        refused: BoolArray,
     ) -> None:
         y1, y2, pull, left = self._resolved(piece, values, vectors)
         m, e2, e1 = vectors.T.astype(np.float32)
@@ -239,9 +237,7 @@ class MapSums:
         unknown = state >= np.uint8(SlopeState.NO_INTERSECTION)  # else all are converted to integers
         tilt[unknown] = azimuth[unknown] = np.nan  # they lie together
 
-    def _resolved(
-        self, piece: slice, values: FloatArray, vectors: FloatArray
-    ) -> Iterator[NDArray[np.float32]]:
+    def _resolved(self, piece: slice, values: FloatArray, vectors: FloatArray) -> Iterator[SingleArray]:
         """Each pixel's components in the plane of the sun's motion, its gradient across, and its misfit.
 
         Once the ill-conditioned sums are resolved into these, single precision is enough.
@@ -253,13 +249,13 @@ class MapSums:
 
     def _set_states(
         self,
-        chosen: NDArray[np.float32],
-        other: NDArray[np.float32],
-        chi_square: NDArray[np.float32],
-        gain: NDArray[np.float32],
-        is_alone: NDArray[np.bool_],
-        refused: NDArray[np.bool_],
-        state: NDArray[np.uint8],
+        chosen: SingleArray,
+        other: SingleArray,
+        chi_square: SingleArray,
+        gain: SingleArray,
+        is_alone: BoolArray,
+        refused: BoolArray,
+        state: ByteArray,
     ) -> None:
         """States of lit pixels; `gain` is the misfit of the other branch less the chosen one's."""
         # a misfit beyond noise inflates the variance, and with it the significant difference
@@ -270,7 +266,7 @@ class MapSums:
         _raise_state(state, refused & too_steep, SlopeState.NO_INTERSECTION)
 
 
-def _raise_state(state: NDArray[np.uint8], where: NDArray[np.bool_], value: SlopeState) -> None:
+def _raise_state(state: ByteArray, where: BoolArray, value: SlopeState) -> None:
     """Set the state of some pixels; of two states the one of the larger number stays.
 
     By arithmetic: where neighbouring pixels differ, a masked assignment takes thirty times as long.
@@ -282,12 +278,12 @@ _NAN_UNLESS_NOT_RESOLVED = np.full(len(SlopeState), np.nan, np.float32)
 _NAN_UNLESS_NOT_RESOLVED[SlopeState.NOT_RESOLVED] = 0.0
 
 
-def _square_sine(cosine: NDArray[np.float32]) -> NDArray[np.float32]:
+def _square_sine(cosine: SingleArray) -> SingleArray:
     """The prior of `choose` adds its logarithm to the misfit; below a tenth of a degree it is constant."""
     return np.asarray(np.maximum(np.float32(1.0) - cosine * cosine, np.float32(3e-6)))
 
 
-def _arc_cosine(cosine: NDArray[np.float32], out: NDArray[np.float32]) -> None:
+def _arc_cosine(cosine: SingleArray, out: SingleArray) -> None:
     """In degrees."""
     np.minimum(cosine, np.float32(1.0), out=out)
     np.arccos(out, out=out)
@@ -306,10 +302,10 @@ class PixelBounds:
     Azimuths are unwrapped, low <= azimuth <= high; a whole turn apart where the vertical normal fits too.
     """
 
-    tilt_low_deg: NDArray[np.float32]
-    tilt_high_deg: NDArray[np.float32]
-    azimuth_low_deg: NDArray[np.float32]
-    azimuth_high_deg: NDArray[np.float32]
+    tilt_low_deg: SingleArray
+    tilt_high_deg: SingleArray
+    azimuth_low_deg: SingleArray
+    azimuth_high_deg: SingleArray
     confidence: float = CONFIDENCE
 
 
@@ -378,13 +374,13 @@ def with_bounds(
     )
 
 
-def _where_they_touch(touches: NDArray[np.bool_], own: FloatArray, other: FloatArray) -> Iterator[FloatArray]:
+def _where_they_touch(touches: BoolArray, own: FloatArray, other: FloatArray) -> Iterator[FloatArray]:
     """Least and greatest values, of both branches where one region joins them."""
     for extreme, one, beyond in zip((np.minimum, np.maximum), own, other, strict=True):
         yield np.where(touches, extreme(one, beyond), one)
 
 
-def _within_limit(slopes: SlopeMap, bounds: NDArray[np.float32], limit_deg: float) -> SlopeMap:
+def _within_limit(slopes: SlopeMap, bounds: SingleArray, limit_deg: float) -> SlopeMap:
     """Pixels beyond the tilt limit: on it where their bounds reach it, else, with their bounds, NaN."""
     state, tilt, azimuth = slopes.state.copy(), slopes.tilt_deg.copy(), slopes.azimuth_deg.copy()
     is_beyond = tilt > limit_deg
@@ -429,7 +425,7 @@ def _along_edge(
     covariance: FloatArray,
     axes: FloatArray,
     drop: float,
-) -> tuple[_Extent, _Extent, NDArray[np.bool_]]:
+) -> tuple[_Extent, _Extent, BoolArray]:
     """Extremes along each ellipse on its own branch and on the other, and whether it joins the two."""
     own, other = _Extent(tilt, azimuth), _Extent(tilt, azimuth)
     touches = np.zeros(tilt.size, np.bool_)
@@ -445,13 +441,13 @@ def _along_edge(
     return own, other, touches
 
 
-def _contains(away: FloatArray, covariance: FloatArray, drop: float) -> NDArray[np.bool_]:
+def _contains(away: FloatArray, covariance: FloatArray, drop: float) -> BoolArray:
     """True for points (m, 2) from the centre that lie within the ellipse."""
     solved = np.linalg.solve(covariance, away[:, :, np.newaxis])[:, :, 0]
     return np.asarray((away * solved).sum(axis=1) <= drop)
 
 
-def _with_states(slopes: SlopeMap, bounds: NDArray[np.float32], is_flat: NDArray[np.bool_]) -> SlopeMap:
+def _with_states(slopes: SlopeMap, bounds: SingleArray, is_flat: BoolArray) -> SlopeMap:
     state, is_ok = slopes.state.copy(), slopes.state == SlopeState.OK
     state[is_ok & is_flat] = SlopeState.FLAT
     state[is_ok & is_too_wide(slopes.tilt_deg, bounds[0], bounds[1])] = SlopeState.UNCERTAIN

@@ -8,9 +8,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import Any, Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
+from fieldkit.model.arrays import BoolArray, FloatArray
 from fieldkit.model.site import Region
 
 MIN_PIXELS = 100
@@ -23,7 +21,6 @@ CLEAN_EDGE_K = 0.2
 MOST_SHRUNK_PX = 10
 LARGEST_PX = 4096
 """Rows and columns of a frame whose size is not known: no thermal camera has more, and masks take memory."""
-FrameK = NDArray[np.float64]
 Level = Literal["ok", "warn", "FAIL"]
 
 
@@ -78,7 +75,7 @@ def slope_text(region: Region) -> str:
 
 
 def check_regions(
-    regions: Sequence[Region], shape: tuple[int, ...] | None, frame: FrameK | None = None
+    regions: Sequence[Region], shape: tuple[int, ...] | None, frame: FloatArray | None = None
 ) -> list[RegionInspection]:
     """Check each region in a frame of `shape` (rows, cols); `frame` holds kelvin of that shape.
 
@@ -90,7 +87,7 @@ def check_regions(
 def check_region(
     region: Region,
     shape: tuple[int, ...] | None,
-    frame: FrameK | None = None,
+    frame: FloatArray | None = None,
     others: Sequence[Region] = (),
 ) -> RegionInspection:
     """Check one region in a frame of `shape` (rows, cols), as fast as a finger draws it.
@@ -131,7 +128,7 @@ def _check_size(inspection: RegionInspection, rows: int, cols: int) -> None:
 
 
 def _check_evenness(
-    inspection: RegionInspection, mask: NDArray[np.bool_], around: FrameK, frame: FrameK
+    inspection: RegionInspection, mask: BoolArray, around: FloatArray, frame: FloatArray
 ) -> None:
     """Temperature spread of the region, and whether its rim differs from its inside."""
     inspection.spread_k = float(around[mask].std())
@@ -149,7 +146,7 @@ def _check_evenness(
 class _Rims:
     """The rims of a region made smaller and smaller; each smaller one is masked once, and only if needed."""
 
-    def __init__(self, region: Region, frame: FrameK) -> None:
+    def __init__(self, region: Region, frame: FloatArray) -> None:
         self._region, self._frame, self._box = region, frame, region.box(frame.shape)
         self._sums = cache(self._summed)
 

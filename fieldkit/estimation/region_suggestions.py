@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from fieldkit.estimation.region_check import MIN_PIXELS, FrameK, check_region
+from fieldkit.estimation.region_check import MIN_PIXELS, check_region
+from fieldkit.model.arrays import BoolArray, FloatArray, SingleArray
 from fieldkit.model.errors import NoAnswerError
 from fieldkit.model.site import Region, RegionKind
 
@@ -30,10 +30,6 @@ _ALONG = np.linspace(0.12, 0.88, 32)
 _INSIDE_PX, _OUTSIDE_PX = (-3.0, -2.0, -1.0), (3.0, 4.0, 5.0)
 """Of an even area, which ends up to two pixels before the edge of its bed."""
 FIX = "try again when the sun has warmed the beds apart, or draw them: fieldkit roi add"
-
-Mask = NDArray[np.bool_]
-_Corners = NDArray[np.float64]
-_Image = NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +52,7 @@ class FoundBed:
         return self.contrast_k >= max(LEAST_CONTRAST_K, CONTRAST_OVER_SPREAD * self.spread_k)
 
 
-def find_beds(frame: FrameK) -> list[FoundBed]:
+def find_beds(frame: FloatArray) -> list[FoundBed]:
     """The areas of a frame that look like beds, row by row from the top left.
 
     Areas are the connected parts in which the temperature changes little from pixel to pixel, at every limit
@@ -77,14 +73,14 @@ def find_beds(frame: FrameK) -> list[FoundBed]:
     return sorted(kept, key=lambda bed: _row_by_row(bed, frame.shape[0]))
 
 
-def _prepared(frame: FrameK, factor: int) -> _Image:
+def _prepared(frame: FloatArray, factor: int) -> SingleArray:
     """The frame at its working size, without single wrong pixels."""
     known = np.where(np.isfinite(frame), frame, np.nanmedian(frame)).astype(np.float32)
     size = frame.shape[1] // factor, frame.shape[0] // factor
     return np.asarray(cv2.medianBlur(cv2.resize(known, size, interpolation=cv2.INTER_AREA), 3), np.float32)
 
 
-def _quadrilaterals(image: _Image) -> Iterator[_Corners]:
+def _quadrilaterals(image: SingleArray) -> Iterator[FloatArray]:
     """Corners (4, 2) of the even areas that fill a quadrilateral."""
     smooth = cv2.GaussianBlur(image, (0, 0), _SMOOTHED_PX)
     # Sobel's weights add up to 8: an eighth is kelvin per pixel
@@ -97,7 +93,7 @@ def _quadrilaterals(image: _Image) -> Iterator[_Corners]:
                 yield corners
 
 
-def _areas(even: Mask) -> Iterator[Mask]:
+def _areas(even: BoolArray) -> Iterator[BoolArray]:
     """The connected parts that could be a bed: not too small or large, and away from the frame's edge."""
     _, labels, statistics, _ = cv2.connectedComponentsWithStats(even.astype(np.uint8), connectivity=4)
     rows, cols = even.shape
@@ -107,7 +103,7 @@ def _areas(even: Mask) -> Iterator[Mask]:
             yield labels == number
 
 
-def _corners(area: Mask) -> _Corners | None:
+def _corners(area: BoolArray) -> FloatArray | None:
     """The hull of an area reduced to four corners; None where fewer are left."""
     contours, _ = cv2.findContours(area.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     hull = cv2.convexHull(max(contours, key=cv2.contourArea))
@@ -119,12 +115,12 @@ def _corners(area: Mask) -> _Corners | None:
     return None
 
 
-def _is_filled(corners: _Corners, area: Mask) -> bool:
+def _is_filled(corners: FloatArray, area: BoolArray) -> bool:
     inside = _region(corners).mask(area.shape)
     return bool((inside & area).sum() >= _FILLED * (inside | area).sum())
 
 
-def _measured(corners: _Corners, image: _Image) -> FoundBed | None:
+def _measured(corners: FloatArray, image: SingleArray) -> FoundBed | None:
     """The inset outline with its contrast and spread; None where nothing is left inside."""
     try:
         region = _region(corners).shrunk(_INSET_PX)
@@ -136,7 +132,7 @@ def _measured(corners: _Corners, image: _Image) -> FoundBed | None:
     return FoundBed(region.vertices, inside.size, _contrast_k(corners, image), float(inside.std()))
 
 
-def _contrast_k(corners: _Corners, image: _Image) -> float:
+def _contrast_k(corners: FloatArray, image: SingleArray) -> float:
     """Difference across the least distinct side, but for the part of it that something may lie across."""
     along = np.roll(corners, -1, axis=0) - corners
     outwards = along[:, ::-1] * (1.0, -1.0) / np.linalg.norm(along, axis=1, keepdims=True)
@@ -146,7 +142,9 @@ def _contrast_k(corners: _Corners, image: _Image) -> float:
     return float(np.percentile(np.abs(outside - inside), _UNDISTURBED, axis=1).min())
 
 
-def _means(places: _Corners, outwards: _Corners, steps: tuple[float, ...], image: _Image) -> _Corners:
+def _means(
+    places: FloatArray, outwards: FloatArray, steps: tuple[float, ...], image: SingleArray
+) -> FloatArray:
     """Means over steps outwards from places along the sides, (4, n, 2); shape (4, n)."""
     at = places + np.multiply.outer(steps, outwards)[:, :, np.newaxis]
     x, y = np.moveaxis(at, -1, 0).astype(np.float32).reshape(2, len(steps), -1)
@@ -165,7 +163,7 @@ def _apart(beds: list[FoundBed], shape: tuple[int, ...]) -> list[FoundBed]:
     return kept
 
 
-def _is_usable(bed: FoundBed, image: _Image) -> bool:
+def _is_usable(bed: FoundBed, image: SingleArray) -> bool:
     region = _region(np.array(bed.vertices))
     return check_region(region, image.shape, image.astype(np.float64)).level == "ok"
 
@@ -183,7 +181,7 @@ def _row_by_row(bed: FoundBed, rows: int) -> tuple[int, float]:
     return round(4.0 * float(y) / rows), float(x)
 
 
-def _region(corners: _Corners) -> Region:
+def _region(corners: FloatArray) -> Region:
     return Region("bed", RegionKind.TARGET, tuple((float(x), float(y)) for x, y in corners))
 
 

@@ -16,8 +16,8 @@ import numpy as np
 
 from fieldkit.estimation.bins import History
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.arrays import FloatArray
 from fieldkit.model.site import Region, RegionKind
-from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.radiance import brightness_temperature_k, kelvin_per_emissivity, surface_temperature_k
 
 

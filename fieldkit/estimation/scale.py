@@ -17,10 +17,11 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from fieldkit.estimation.normal import LOWEST_COS_INCIDENCE
+from fieldkit.model.arrays import FloatArray
 from fieldkit.model.errors import CalibrationError, ConfigError
 from fieldkit.model.region_schedule import Regions, RegionSchedule
 from fieldkit.model.site import Region, RegionKind
-from fieldkit.physics.facet import FloatArray, normal
+from fieldkit.physics.facet import normal
 
 LEAST_TILT_DEG = 3.0
 """Flatter regions hardly differ from the reference, whatever kappa is."""

@@ -14,14 +14,13 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.estimation.bins import padded
+from fieldkit.model.arrays import FloatArray, IntArray
 from fieldkit.model.marks import SHADE_TEST_S, corrected
 from fieldkit.model.region_schedule import RegionSchedule
 from fieldkit.model.samples import Event
 from fieldkit.model.units import MINUTE_NS, SECOND_NS
-from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.slab import Slab, conducted_flux
 
 NOMINAL = Slab()
@@ -220,7 +219,7 @@ class ShadeTestMonitor:
         return ended
 
 
-def _filled(minutes: NDArray[np.int64], found_at: NDArray[np.int64], kelvin: FloatArray) -> FloatArray:
+def _filled(minutes: IntArray, found_at: IntArray, kelvin: FloatArray) -> FloatArray:
     """A temperature at every minute, linear across minutes without one; NaN if there is none at all."""
     known = np.isfinite(kelvin)
     if not known[-1]:

@@ -21,7 +21,6 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.estimation.balance import Rows, least_squares_rows
 from fieldkit.estimation.bins import History, RegionColumns
@@ -31,10 +30,11 @@ from fieldkit.estimation.normal import Misfit, choose, cramer_rao, solve, tangen
 from fieldkit.estimation.region_temperatures import remove_offsets, shifted_temperatures
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.weather_reference import beside_level, shifted_levels
+from fieldkit.model.arrays import BoolArray, FloatArray, IntArray
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region
 from fieldkit.model.slope import SOLVED, SlopeEstimate, SlopeState
-from fieldkit.physics.facet import FloatArray, normal, tilt_azimuth
+from fieldkit.physics.facet import normal, tilt_azimuth
 from fieldkit.physics.horizon import MINUTE_EDGE_DEG, sunlit_share
 
 DISTURBED_WEIGHT = 0.01
@@ -83,7 +83,7 @@ def budgets(
 
 
 def _held_clouded(
-    history: History, columns: RegionColumns, clear: NDArray[np.bool_], settings: EstimatorSettings
+    history: History, columns: RegionColumns, clear: BoolArray, settings: EstimatorSettings
 ) -> tuple[SlopeEstimate, ...]:
     last = int(np.flatnonzero(clear)[-1]) + 1 if clear.any() else 0
     window = Window(history, last, columns, settings)
@@ -116,7 +116,7 @@ def _held_shaded(
     )
 
 
-def shaded_rows(history: History, columns: RegionColumns, targets: NDArray[np.int64]) -> NDArray[np.bool_]:
+def shaded_rows(history: History, columns: RegionColumns, targets: IntArray) -> BoolArray:
     """Minutes (n, m) in which a target or a reference is shaded alone: they cannot be compared."""
     shaded = history.is_shaded()
     return np.asarray(shaded[:, targets] | shaded[:, columns.references].any(axis=1, keepdims=True))
@@ -249,7 +249,7 @@ class Window:
         return [_drifting(one, float(kelvin)) for one, kelvin in zip(estimates, drifts, strict=True)]
 
     @cached_property
-    def _used(self) -> NDArray[np.bool_]:
+    def _used(self) -> BoolArray:
         """Rows of each target that can be used (n, targets)."""
         if self.rows is None:
             return np.zeros((0, self.columns.targets.size), np.bool_)
@@ -257,7 +257,7 @@ class Window:
         lit = np.column_stack([self._above_horizon(index) for index in range(y.shape[1])])
         return np.asarray(np.isfinite(y) & self._high_sun[:, np.newaxis] & lit & sunlit(y, sigma, shade))
 
-    def _above_horizon(self, index: int) -> NDArray[np.bool_]:
+    def _above_horizon(self, index: int) -> BoolArray:
         """Minutes (n,) in which no horizon of the target or of a reference hides any of the sun.
 
         Without the beam nothing depends on the slope; while the ground warms up again, an error of its heat
@@ -273,7 +273,7 @@ class Window:
         return np.asarray(minute - hidden_at >= WARMING_MINUTES)[self.first :]
 
     @cached_property
-    def _high_sun(self) -> NDArray[np.bool_]:
+    def _high_sun(self) -> BoolArray:
         low = np.sin(np.radians(self.settings.low_sun_deg))
         return np.asarray(self.past.sun[self.first :, 2] >= low)
 
@@ -319,12 +319,12 @@ class Window:
         return None
 
     @cached_property
-    def _seen(self) -> NDArray[np.bool_]:
+    def _seen(self) -> BoolArray:
         """Regions that have a temperature in the window."""
         return np.asarray(np.isfinite(self.past.temperature_k[self.first :]).any(axis=0))
 
     @cached_property
-    def _shaded(self) -> NDArray[np.bool_]:
+    def _shaded(self) -> BoolArray:
         """Minutes (n, targets) in which a target or a reference is shaded alone."""
         return shaded_rows(self.past, self.columns, self.columns.targets)
 
@@ -398,9 +398,7 @@ def _angles(found: FloatArray, known_azimuth: float) -> tuple[float, float]:
 # One region alone off its own prediction: a drift, a shade that creeps in, a foot in the sand
 
 
-def drifts_k(
-    rows: Rows, weights: FloatArray, minutes: NDArray[np.int64], tilt_limit_deg: float
-) -> FloatArray:
+def drifts_k(rows: Rows, weights: FloatArray, minutes: IntArray, tilt_limit_deg: float) -> FloatArray:
     """Deviation (m,) of each target alone from its own prediction in the last 20 minutes, K.
 
     Of the least-squares rows (n, m) of a window with inverse variances `weights` (n, m), zero to exclude one,

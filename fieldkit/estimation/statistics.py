@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldkit.physics.facet import FloatArray
+from fieldkit.model.arrays import FloatArray
 
 SdKind = Literal["paper", "usual"]
 """The standard deviation of eq. (9) as printed, or the ordinary one."""

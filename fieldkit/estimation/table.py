@@ -11,20 +11,19 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.estimation.bins import History
 from fieldkit.estimation.chain import SlopeChain, rows_after_gaps
 from fieldkit.estimation.instruments import pyranometer
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.together import Part
+from fieldkit.model.arrays import FloatArray, IndexArray, IntArray
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.limits import Excess, bounds_by_name, excesses
 from fieldkit.model.samples import is_usable
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.slope import SlopeEstimate
 from fieldkit.model.units import MINUTE_NS
-from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.irradiance import IrradianceModel, direct_normal
 from fieldkit.physics.sun import sun_vectors
 
@@ -39,7 +38,7 @@ class TemperatureTable:
     `lines` are those of a file that the rows stand in.
     """
 
-    time_ns: NDArray[np.int64]
+    time_ns: IntArray
     reference_k: FloatArray
     targets_k: Mapping[str, FloatArray]
     irradiance_w_m2: FloatArray | None = None
@@ -49,8 +48,8 @@ class TemperatureTable:
     longwave_w_m2: FloatArray | None = None
     air_k: FloatArray | None = None
     wind_m_s: FloatArray | None = None
-    flags: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
-    lines: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+    flags: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    lines: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
 
 
 def slopes_of_part(part: Part) -> tuple[SlopeEstimate, ...]:
@@ -171,7 +170,7 @@ def _direct(table: TemperatureTable, sun: FloatArray, settings: EstimatorSetting
     return direct_normal(settings.irradiance, reading, sun, table.time_ns, diffuse)
 
 
-def _means(values: FloatArray, start: NDArray[np.intp]) -> FloatArray:
+def _means(values: FloatArray, start: IndexArray) -> FloatArray:
     """Means of the groups of rows that begin at `start`, without NaN."""
     known = np.isfinite(values)
     total = np.add.reduceat(np.where(known, values, 0.0), start, axis=0)

@@ -17,9 +17,9 @@ import numpy as np
 from fieldkit.estimation.balance import MINUTE_S, MinuteLight
 from fieldkit.estimation.bins import History, RegionColumns
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.arrays import FloatArray
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.physics.daylight import clear_sky_longwave
-from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.slab import surface_series
 
 NAME = "level surface by the weather"

@@ -20,6 +20,7 @@ from fieldkit.config.toml_schema import PoseTable
 from fieldkit.disk import replacing
 from fieldkit.estimation.pixel_slopes import SlopeMap
 from fieldkit.ground.terrain_products import Layer
+from fieldkit.model.arrays import BoolArray, FloatArray, IndexArray, SingleArray
 from fieldkit.model.errors import ConfigError, NoAnswerError
 from fieldkit.physics.camera_geometry import (
     Camera,
@@ -30,7 +31,7 @@ from fieldkit.physics.camera_geometry import (
     ground_points,
     seen_by,
 )
-from fieldkit.physics.facet import FloatArray, normal
+from fieldkit.physics.facet import normal
 from fieldkit.physics.heights import heights_from_normals
 from fieldkit.sessions.formats import geotiff, ply, ros2
 
@@ -67,7 +68,7 @@ class GroundView:
         """Ground points of the pixels in metres, shape (rows, cols, 3)."""
         return ground_points(self.camera, self.distances_m)
 
-    def on_cells(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
+    def on_cells(self, values: SingleArray) -> SingleArray:
         """Values (rows, cols) of the frame on the cells of the ground; NaN where the camera sees none."""
         row, col, seen = self._seen()
         return np.where(seen, values[row, col], np.float32(np.nan))
@@ -81,7 +82,7 @@ class GroundView:
         normals = normal(tilt_deg, azimuth_deg + self.grid.true_north_deg)
         return heights_from_normals(normals, self.ground.cell_m / self.grid.scale, self.ground.heights_m)
 
-    def _seen(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.bool_]]:
+    def _seen(self) -> tuple[IndexArray, IndexArray, BoolArray]:
         rows, cols = self.ground.heights_m.shape
         cell = self.ground.cell_m
         east = self.ground.west_m + cell * (np.arange(cols) + 0.5)
@@ -183,7 +184,7 @@ def write_on_ground(
 
 
 def _columns(
-    view: GroundView, planes: Sequence[tuple[str, str, NDArray[np.float32]]]
+    view: GroundView, planes: Sequence[tuple[str, str, SingleArray]]
 ) -> dict[str, NDArray[np.floating]]:
     """Place and layers of each pixel that meets the ground."""
     met = np.isfinite(view.distances_m)

@@ -13,18 +13,18 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.estimation.instant import AlongSun
 from fieldkit.estimation.pixel_posterior import TAIL, Measure, PixelPosterior
 from fieldkit.estimation.pixel_slopes import SlopeMap
+from fieldkit.model.arrays import FloatArray, SingleArray
 from fieldkit.model.confidence import interval_sds
 from fieldkit.model.errors import ConfigError, NoAnswerError
 from fieldkit.model.learnt import LearntParameter
 from fieldkit.model.site import Region, Site
 from fieldkit.model.units import SECOND_NS
 from fieldkit.physics.bodies import body_of
-from fieldkit.physics.facet import FloatArray, normal, tilt_azimuth
+from fieldkit.physics.facet import normal, tilt_azimuth
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.physics.terrain import climb_deg, northerly_tilt_deg, sunlit_cosine
 
@@ -71,8 +71,8 @@ class Layer:
     name: str
     long_name: str
     units: str
-    values: NDArray[np.float32]
-    sd: NDArray[np.float32] | None = None
+    values: SingleArray
+    sd: SingleArray | None = None
     standard_name: str = ""
     is_cyclic: bool = False
 
@@ -154,11 +154,11 @@ def _kinds(wanted: Products, suns: FloatArray) -> Iterator[_Kind]:
             yield _Kind(name, f"component of the unit normal, {direction}", "1", _component(axis))
 
 
-def _quick_tilt(normals: NDArray[np.float32]) -> NDArray[np.float32]:
+def _quick_tilt(normals: SingleArray) -> SingleArray:
     return np.asarray(np.degrees(np.arctan2(np.hypot(normals[..., 0], normals[..., 1]), normals[..., 2])))
 
 
-def _quick_azimuth(normals: NDArray[np.float32]) -> NDArray[np.float32]:
+def _quick_azimuth(normals: SingleArray) -> SingleArray:
     return np.asarray(np.degrees(np.arctan2(normals[..., 0], normals[..., 1])))
 
 
@@ -179,7 +179,7 @@ def _tabulated(suns: FloatArray) -> Measure:
     up = np.sqrt(np.maximum(1.0 - east**2 - north**2, 0.0))
     table = sunlit_cosine(np.stack([east, north, up], axis=-1), suns).astype(np.float32)
 
-    def look_up(normals: NDArray[np.float32]) -> NDArray[np.float32]:
+    def look_up(normals: SingleArray) -> SingleArray:
         import cv2
 
         at = np.float32(TABLE_SIZE // 2) * (normals[..., :2] + np.float32(1.0))

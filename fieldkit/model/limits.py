@@ -15,18 +15,17 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.model.air import CELSIUS_UNITS, of_air
+from fieldkit.model.arrays import AnyIntArray, BoolArray, FloatArray
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.radiation import UNIT, measured
 from fieldkit.model.samples import Frame, Quality, Sample, is_usable
 from fieldkit.model.units import CELSIUS_ZERO_K
 
-FloatArray = NDArray[np.float64]
 Range = tuple[float, float]
 S = TypeVar("S", bound=Sample)
 
@@ -101,7 +100,7 @@ RARE: Mapping[str, Rare] = {  # BSRN, extremely rare limits
 }
 
 
-def is_rare(name: str, values: FloatArray, sine: FloatArray, top_w_m2: FloatArray) -> NDArray[np.bool_]:
+def is_rare(name: str, values: FloatArray, sine: FloatArray, top_w_m2: FloatArray) -> BoolArray:
     """True where a component of `RARE` is possible, but extremely rare; False for NaN."""
     rare = RARE[name]
     high = rare.share * top_w_m2 * np.maximum(sine, 0.0) ** rare.power + rare.high
@@ -157,7 +156,7 @@ class Bounds:
         """True if a channel's limit depends on the sun's elevation."""
         return bool((self.rise > 0.0).any())
 
-    def exceeded(self, values: FloatArray, sine: FloatArray | float | None = None) -> NDArray[np.bool_]:
+    def exceeded(self, values: FloatArray, sine: FloatArray | float | None = None) -> BoolArray:
         """True for values (..., channels) that cannot be; False for NaN.
 
         `sine`, (...) or one for all, is of the sun's elevation, if known.
@@ -171,7 +170,7 @@ class Bounds:
     def usable(
         self,
         values: FloatArray,
-        flags: NDArray[np.integer[Any]],
+        flags: AnyIntArray,
         sine: FloatArray | float | None = None,
     ) -> FloatArray:
         """Values (..., channels) for whatever computes: NaN where flags (...) or limits exclude them."""
@@ -202,7 +201,7 @@ class Excess:
 
 
 def excesses(
-    labels: Sequence[tuple[str, str]], bounds: Bounds, values: FloatArray, exceeded: NDArray[np.bool_]
+    labels: Sequence[tuple[str, str]], bounds: Bounds, values: FloatArray, exceeded: BoolArray
 ) -> list[Excess]:
     """Each channel with values (n, channels) beyond its limits; `labels` are names and units of all channels.
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fieldkit.model.arrays import IntArray
 from fieldkit.model.site import Region, RegionKind, RegionRecord
 from fieldkit.model.units import MINUTE_NS
 
@@ -50,7 +50,7 @@ class RegionSchedule:
             return ended
         return RegionSchedule((*ended.columns, record.region), (*ended.since, minute), (*ended.until, _NEVER))
 
-    def at(self, minute: int) -> NDArray[np.int64]:
+    def at(self, minute: int) -> IntArray:
         """Columns that hold in a minute, in the order in which their names came first."""
         names = self.names
         active = [i for i in range(len(self.columns)) if self.since[i] <= minute < self.until[i]]

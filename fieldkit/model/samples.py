@@ -13,8 +13,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple, Self, overload
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+    from fieldkit.model.arrays import AnyIntArray, BoolArray, CountArray
 
 NO_COUNTER = -(2**63)
 """Stands for "the device has no clock or counter of its own" in int64 columns."""
@@ -68,8 +67,8 @@ _UNSHOWABLE_BITS = int(UNUSABLE & ~(Quality.SATURATED | Quality.NO_VALUE))
 @overload
 def is_usable(flags: int) -> bool: ...
 @overload
-def is_usable(flags: NDArray[np.integer[Any]]) -> NDArray[np.bool_]: ...
-def is_usable(flags: int | NDArray[np.integer[Any]]) -> bool | NDArray[np.bool_]:
+def is_usable(flags: AnyIntArray) -> BoolArray: ...
+def is_usable(flags: int | AnyIntArray) -> bool | BoolArray:
     """True if a sample's numbers may enter a result, from its `Quality`.
 
     One sample's flags, or an array of them as stored (any shape, any integer type).
@@ -80,8 +79,8 @@ def is_usable(flags: int | NDArray[np.integer[Any]]) -> bool | NDArray[np.bool_]
 @overload
 def is_damaged(flags: int) -> bool: ...
 @overload
-def is_damaged(flags: NDArray[np.integer[Any]]) -> NDArray[np.bool_]: ...
-def is_damaged(flags: int | NDArray[np.integer[Any]]) -> bool | NDArray[np.bool_]:
+def is_damaged(flags: AnyIntArray) -> BoolArray: ...
+def is_damaged(flags: int | AnyIntArray) -> bool | BoolArray:
     """True if stored bytes do not match their checksum: the numbers are not those that were measured."""
     return (flags & int(Quality.BAD_CRC)) != 0
 
@@ -154,8 +153,8 @@ class Frame(NamedTuple):
     stream: str
     mono_ns: int
     time_ns: int
-    counts: NDArray[np.uint16]
-    metadata_rows: NDArray[np.uint16]
+    counts: CountArray
+    metadata_rows: CountArray
     quality: Quality = Quality.GOOD
     device_time: int = NO_COUNTER
     device_seq: int = NO_COUNTER

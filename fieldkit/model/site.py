@@ -13,8 +13,8 @@ from functools import lru_cache
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fieldkit.model.arrays import BoolArray, FloatArray, IntArray
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import NumberedEnum
 
@@ -88,9 +88,6 @@ def known_zone(name: str) -> ZoneInfo | None:
         return None
 
 
-_Point = NDArray[np.float64]  # (x, y)
-
-
 class RegionKind(NumberedEnum):
     """Use of a region; the numbers are stored in the session file."""
 
@@ -130,7 +127,7 @@ class Region:
     emissivity: float = float("nan")
     points_m: tuple[tuple[float, float, float], ...] = ()
 
-    def mask(self, shape: tuple[int, int], within: tuple[slice, slice] | None = None) -> NDArray[np.bool_]:
+    def mask(self, shape: tuple[int, int], within: tuple[slice, slice] | None = None) -> BoolArray:
         """Pixels whose centre lies inside the polygon or on its edge, shape (rows, cols).
 
         Even-odd rule, so an outline that crosses itself is still defined. `within` asks for a part of the
@@ -169,7 +166,7 @@ class Region:
         return any(_meet(*first, *second) for first, second in apart)
 
     @property
-    def _corners(self) -> NDArray[np.float64]:
+    def _corners(self) -> FloatArray:
         """The vertices (n, 2), without immediate repetitions."""
         corners = np.array(self.vertices, np.float64)
         return corners[np.any(corners != np.roll(corners, 1, axis=0), axis=1)]
@@ -216,7 +213,7 @@ def _span(values: Sequence[float], size: int) -> slice:
 
 def _pixels_on(
     start: tuple[float, float], end: tuple[float, float], rows: slice, cols: slice
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+) -> tuple[IntArray, IntArray]:
     """Rows and columns within a part of the frame of the pixels whose centre lies on an edge.
 
     They are looked for along its longer side, beside the line.
@@ -237,9 +234,7 @@ def _pixels_on(
     return y[on_edge] - rows.start, x[on_edge] - cols.start
 
 
-def _meet(
-    a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64], d: NDArray[np.float64]
-) -> bool:
+def _meet(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray) -> bool:
     """True if the lines from `a` to `b` and from `c` to `d` cross or touch."""
     turns = [_turn(a, b, c), _turn(a, b, d), _turn(c, d, a), _turn(c, d, b)]
     if turns[0] != turns[1] and turns[2] != turns[3]:
@@ -251,6 +246,6 @@ def _meet(
     )
 
 
-def _turn(p: _Point, q: _Point, r: _Point) -> int:
+def _turn(p: FloatArray, q: FloatArray, r: FloatArray) -> int:
     """1 where `r` lies to the left of the line from `p` to `q`, -1 to the right, 0 on it."""
     return int(np.sign((q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])))

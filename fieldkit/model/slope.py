@@ -13,8 +13,9 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from fieldkit.model.arrays import BoolArray
 from fieldkit.model.confidence import CONFIDENCE
 from fieldkit.model.samples import NumberedEnum, Quality
 from fieldkit.model.site import Region, RegionKind
@@ -50,7 +51,7 @@ CERTAIN_SHARE = 0.2
 """The same for a steep slope, as a share of its tilt: 30 degrees within 27..33."""
 
 
-def is_too_wide(tilt_deg: ArrayLike, low_deg: ArrayLike, high_deg: ArrayLike) -> NDArray[np.bool_]:
+def is_too_wide(tilt_deg: ArrayLike, low_deg: ArrayLike, high_deg: ArrayLike) -> BoolArray:
     """True if a tilt with these bounds of its likelihood region is uncertain; true if a bound is NaN."""
     width = np.subtract(high_deg, low_deg)
     return ~np.asarray(width <= np.maximum(CERTAIN_WITHIN_DEG, np.multiply(CERTAIN_SHARE, tilt_deg)))

@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+    from fieldkit.model.arrays import FloatArray
 
 CELSIUS_ZERO_K = 273.15
 """0 °C on the kelvin scale."""
@@ -22,6 +21,6 @@ DAY_S = 86_400
 DAY_NS = DAY_S * SECOND_NS
 
 
-def kelvin_if_fahrenheit(kelvin: NDArray[np.float64]) -> NDArray[np.float64]:
+def kelvin_if_fahrenheit(kelvin: FloatArray) -> FloatArray:
     """Kelvin of a reading that was converted as °C although the instrument showed °F."""
     return (kelvin - CELSIUS_ZERO_K - 32.0) / 1.8 + CELSIUS_ZERO_K

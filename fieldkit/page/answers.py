@@ -15,7 +15,8 @@ import numpy as np
 
 from fieldkit.calibrate.horizon import set_skyline
 from fieldkit.config import Config, edit
-from fieldkit.estimation.region_check import FrameK, check_region
+from fieldkit.estimation.region_check import check_region
+from fieldkit.model.arrays import FloatArray
 from fieldkit.model.durations import parse_duration, parse_time_of_day
 from fieldkit.model.errors import ConfigError, FieldkitError, RefusedError
 from fieldkit.model.marks import Mark
@@ -249,7 +250,7 @@ class Answers:
 
     def _drawn_on(
         self, session: str | None
-    ) -> tuple[tuple[int, ...] | None, FrameK | None, Sequence[Region]]:
+    ) -> tuple[tuple[int, ...] | None, FloatArray | None, Sequence[Region]]:
         """Shape and kelvin of the frame that is drawn on, and the regions there already."""
         if session is None:
             return *self._frame_k(), self.hub.latest.regions

@@ -15,10 +15,10 @@ from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.config import Config
 from fieldkit.estimation.estimator import Minute
+from fieldkit.model.arrays import FloatArray
 from fieldkit.model.samples import Event, Frame, is_showable
 from fieldkit.model.site import Region
 from fieldkit.model.units import CELSIUS_ZERO_K
@@ -234,7 +234,7 @@ class Hub:
         shown = frame_image.values(frame, latest.streams[frame.stream])
         return {region.name: self._mean_c(region, shown) for region in latest.regions}
 
-    def _mean_c(self, region: Region, shown: NDArray[np.float64]) -> float:
+    def _mean_c(self, region: Region, shown: FloatArray) -> float:
         inside = shown[self._mask(region, (shown.shape[0], shown.shape[1]))]
         settings, own = self._settings, region.emissivity
         emissivity = settings.surface.emissivity if math.isnan(own) else own

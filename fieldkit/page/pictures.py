@@ -13,8 +13,8 @@ import zlib
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fieldkit.model.arrays import CountArray, FloatArray
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Frame
 from fieldkit.model.units import CELSIUS_ZERO_K
@@ -40,7 +40,7 @@ def picture(frame: Frame, info: StreamInfo, mode: Mode, seq: int) -> bytes:
     return _message({**header, "scale": scale, "offset": offset}, _exact(counts))
 
 
-def thumbnail(kelvin: NDArray[np.float64]) -> bytes:
+def thumbnail(kelvin: FloatArray) -> bytes:
     """A frame of a past session in few bytes, `THUMBNAIL_COLS` pixels wide at most."""
     rows, cols = kelvin.shape
     smaller = min(1.0, THUMBNAIL_COLS / cols)
@@ -49,14 +49,14 @@ def thumbnail(kelvin: NDArray[np.float64]) -> bytes:
     return _message(header, _jpeg(shown, header))
 
 
-def still(kelvin: NDArray[np.float64]) -> bytes:
+def still(kelvin: FloatArray) -> bytes:
     """A frame of a past session, as an exact picture; its time is no longer of interest."""
     shown = kelvin - CELSIUS_ZERO_K
     whole = {"seq": 0, "stream": "", "time_ms": None, "scale": 0.01, "offset": -CELSIUS_ZERO_K}
     return _message(_header(shown, "exact", "°C", **whole), _exact(_hundredths(shown)))
 
 
-def _header(shown: NDArray[np.float64], mode: Mode, unit: str, **more: Any) -> dict[str, Any]:
+def _header(shown: FloatArray, mode: Mode, unit: str, **more: Any) -> dict[str, Any]:
     (rows, cols), (low, high) = shown.shape, _ends(shown)
     return {"rows": rows, "cols": cols, "mode": mode, "unit": unit, "low_c": low, "high_c": high, **more}
 
@@ -66,7 +66,7 @@ def _message(header: dict[str, Any], body: bytes) -> bytes:
     return struct.pack("<H", len(text)) + text + body
 
 
-def _ends(shown: NDArray[np.float64]) -> tuple[float, float]:
+def _ends(shown: FloatArray) -> tuple[float, float]:
     """Whole values around nearly all of a frame: they change less often than its extremes."""
     finite = shown[np.isfinite(shown)]
     if not len(finite):
@@ -75,7 +75,7 @@ def _ends(shown: NDArray[np.float64]) -> tuple[float, float]:
     return math.floor(low), max(math.ceil(high), math.floor(low) + NARROWEST)
 
 
-def _jpeg(shown: NDArray[np.float64], header: dict[str, Any]) -> bytes:
+def _jpeg(shown: FloatArray, header: dict[str, Any]) -> bytes:
     import cv2
 
     low, high = header["low_c"], header["high_c"]
@@ -85,9 +85,7 @@ def _jpeg(shown: NDArray[np.float64], header: dict[str, Any]) -> bytes:
     return data.tobytes()
 
 
-def _linear(
-    counts: NDArray[np.uint16], shown: NDArray[np.float64], info: StreamInfo
-) -> tuple[NDArray[np.uint16], float, float]:
+def _linear(counts: CountArray, shown: FloatArray, info: StreamInfo) -> tuple[CountArray, float, float]:
     """Counts with the scale and offset that turn them into °C (or leave them counts).
 
     A camera of another law has none: its temperatures become counts of a hundredth of a kelvin.
@@ -99,13 +97,13 @@ def _linear(
     return _hundredths(shown), 0.01, -CELSIUS_ZERO_K
 
 
-def _hundredths(shown: NDArray[np.float64]) -> NDArray[np.uint16]:
+def _hundredths(shown: FloatArray) -> CountArray:
     """Degrees Celsius as hundredths of a kelvin."""
     kelvin = np.nan_to_num(shown) + CELSIUS_ZERO_K
     return np.clip(np.rint(kelvin * 100.0), 0, 65_535).astype(np.uint16)
 
 
-def _exact(counts: NDArray[np.uint16]) -> bytes:
+def _exact(counts: CountArray) -> bytes:
     """Each row as its first count and the differences to the left neighbour (16 bits), deflated."""
     differences = np.diff(counts.astype(np.uint16), axis=1, prepend=np.uint16(0))
     return zlib.compress(differences.astype("<u2").tobytes(), level=1)

@@ -20,7 +20,7 @@ from typing import Any
 
 from fieldkit.config import Config
 from fieldkit.disk import is_regular
-from fieldkit.estimation.region_check import FrameK
+from fieldkit.model.arrays import FloatArray
 from fieldkit.model.errors import RefusedError, SessionError
 from fieldkit.page import outgoing
 from fieldkit.page.pictures import thumbnail
@@ -49,7 +49,7 @@ class PastSessions:
     config: Config
     _one_job: asyncio.Lock = field(default_factory=asyncio.Lock)
     _one_check: asyncio.Lock = field(default_factory=asyncio.Lock)
-    _frames: dict[Path, FrameK] = field(default_factory=dict)
+    _frames: dict[Path, FloatArray] = field(default_factory=dict)
     _thumbnails: dict[tuple[Path, int], bytes] = field(default_factory=dict)
     _reports: dict[Path, asyncio.Task[str]] = field(default_factory=dict)
     _asked_s: dict[Path, float] = field(default_factory=dict)
@@ -104,7 +104,7 @@ class PastSessions:
         is_clean = not any(one["level"] == "fail" for one in findings)
         return is_clean, "; ".join(words) or f"ok: {len(findings)} checks passed"
 
-    def frame_k(self, wanted: str) -> FrameK:
+    def frame_k(self, wanted: str) -> FloatArray:
         """The mean of a session's first good frames in kelvin, to draw on."""
         path = self.sealed(wanted)
         if path not in self._frames:

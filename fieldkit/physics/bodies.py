@@ -8,10 +8,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from fieldkit.model.arrays import FloatArray
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import Site
 from fieldkit.physics.energy_balance import SurfaceParameters
-from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.regolith import Regolith
 from fieldkit.physics.subsolar import SOL_S, mars_subsolar, moon_subsolar
 

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from fieldkit.physics.facet import FloatArray
+from fieldkit.model.arrays import BoolArray, FloatArray, IndexArray
 
 _UNDISTORTING_STEPS = 50
 """Of the fixed-point iteration: each at least halves the error of a lens that bends rays moderately."""
@@ -252,7 +252,7 @@ def _halved(camera: Camera, ground: Heights, lines: FloatArray, away_m: float, s
 
 def seen_by(
     camera: Camera, points_m: FloatArray, distances_m: FloatArray, slack_m: float
-) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.bool_]]:
+) -> tuple[IndexArray, IndexArray, BoolArray]:
     """Row and column, (...) each, of the pixel that sees each point (..., 3), and whether it does; else 0.
 
     `distances_m` (rows, cols) are of the ground along each pixel's ray: what is farther is hidden, but for
@@ -267,7 +267,7 @@ def seen_by(
     return np.where(seen, row, 0), np.where(seen, col, 0), seen
 
 
-def is_hidden(ground: Heights, eye_m: ArrayLike, points_m: FloatArray, slack_m: float) -> NDArray[np.bool_]:
+def is_hidden(ground: Heights, eye_m: ArrayLike, points_m: FloatArray, slack_m: float) -> BoolArray:
     """Whether nearer ground hides points (n, 3) from an eye (3,), in metres east, north, up; shape (n,).
 
     In steps of half a cell. Unknown ground hides nothing, nor do the last `slack_m` before a point, its own

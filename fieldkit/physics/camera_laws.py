@@ -15,14 +15,12 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fieldkit.model.arrays import AnyArray, CountArray, FloatArray, SingleArray
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.units import CELSIUS_ZERO_K
 
-Counts = NDArray[np.uint16]
-Kelvin = NDArray[np.float32]
-Law = Callable[[Counts, Counts, Mapping[str, Any]], Kelvin]
+Law = Callable[[CountArray, CountArray, Mapping[str, Any]], SingleArray]
 
 HT301_COUNTS = 0x3FFF
 """The highest count: fourteen of the sixteen bits."""
@@ -41,8 +39,11 @@ def has_temperatures(info: StreamInfo) -> bool:
 
 
 def frame_k(
-    info: StreamInfo, counts: Counts, metadata_rows: Counts, dtype: type[np.floating[Any]] = np.float64
-) -> NDArray[Any]:
+    info: StreamInfo,
+    counts: CountArray,
+    metadata_rows: CountArray,
+    dtype: type[np.floating[Any]] = np.float64,
+) -> AnyArray:
     """Brightness temperature of one frame of a camera's stream, or of some of its pixels.
 
     Parameters
@@ -75,7 +76,7 @@ def needs_metadata_rows(info: StreamInfo) -> bool:
     return info.law == "ht301"
 
 
-def frames_k(info: StreamInfo, counts: Counts, metadata_rows: Counts) -> NDArray[np.float64]:
+def frames_k(info: StreamInfo, counts: CountArray, metadata_rows: CountArray) -> FloatArray:
     """Brightness temperature of several frames, counts (n, ...) with metadata rows (n, rows, cols); see
     `frame_k`.
     """
@@ -86,8 +87,8 @@ def frames_k(info: StreamInfo, counts: Counts, metadata_rows: Counts) -> NDArray
 
 
 def linear(
-    counts: Counts, scale: float, offset: float = 0.0, dtype: type[np.floating[Any]] = np.float32
-) -> NDArray[Any]:
+    counts: CountArray, scale: float, offset: float = 0.0, dtype: type[np.floating[Any]] = np.float32
+) -> AnyArray:
     """Counts x scale + offset, of any shape; in kelvin; single precision is good to 3e-5 K."""
     kelvin = counts.astype(dtype)  # then in place: half the time of multiplying mixed types
     kelvin *= scale
@@ -120,7 +121,7 @@ def ht301_area(width: int) -> int:
     return 3 * width if width in (384, 640) else width
 
 
-def ht301_parameters(metadata_rows: Counts) -> Ht301Parameters:
+def ht301_parameters(metadata_rows: CountArray) -> Ht301Parameters:
     """Parse the parameters of a frame from the four rows below the image, shape (4, width).
 
     Raises `ValueError` if the width is none of 640, 384, 256, 240 or there are fewer than four rows.
@@ -160,7 +161,7 @@ def ht301_curve(parameters: Ht301Parameters) -> tuple[float, float, float]:
     return g / parameters.c1, (s - offset * g) / parameters.c1 + p * p, CELSIUS_ZERO_K - p
 
 
-def ht301(counts: Counts, metadata_rows: Counts, settings: Mapping[str, Any]) -> Kelvin:
+def ht301(counts: CountArray, metadata_rows: CountArray, settings: Mapping[str, Any]) -> SingleArray:
     """Law of the HT-301, T3S, T2S+ and T2L; its parameters come with every frame, in metadata rows (4,
     width), K.
 
@@ -234,25 +235,25 @@ def _object_counts(constants: Planck) -> tuple[float, float]:
 
 
 @lru_cache(maxsize=4)
-def planck_table(constants: Planck) -> Kelvin:
+def planck_table(constants: Planck) -> SingleArray:
     """Kelvin of all 65536 counts, ``T = B / ln(R1 / (R2 (S + O)) + F)``; NaN without a solution."""
     gain, offset = _object_counts(constants)
     with np.errstate(all="ignore"):
         counts = np.arange(0x10000) * gain + offset
         kelvin = constants.b / np.log(constants.r1 / (constants.r2 * (counts + constants.o)) + constants.f)
-    table: Kelvin = kelvin.astype(np.float32)
+    table: SingleArray = kelvin.astype(np.float32)
     table[~np.isfinite(table) | (table <= 0)] = np.nan
     return table
 
 
-def planck(counts: Counts, metadata_rows: Counts, settings: Mapping[str, Any]) -> Kelvin:
+def planck(counts: CountArray, metadata_rows: CountArray, settings: Mapping[str, Any]) -> SingleArray:
     """Law of FLIR files; `settings` holds the fields of `Planck` by name."""
     names = {one.name for one in fields(Planck)}
     constants = Planck(**{key: float(value) for key, value in settings.items() if key in names})
     return planck_k(counts, constants)
 
 
-def planck_k(counts: NDArray[np.uint16], constants: Planck) -> Kelvin:
+def planck_k(counts: CountArray, constants: Planck) -> SingleArray:
     """Kelvin of counts of any shape by the constants of a FLIR file; NaN without a solution."""
     import cv2  # numpy's take needs five times as long
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldkit.model.arrays import FloatArray
 from fieldkit.model.site import Site
 from fieldkit.model.units import CELSIUS_ZERO_K
-from fieldkit.physics.facet import FloatArray
 
 _MEAN_C, _BY_LATITUDE_C, _SEASON_C = 14.9, 28.0, 15.5
 _COLDEST_DAY, _WARMEST_H = 20.0, 15.0

@@ -9,12 +9,12 @@ instead of angles, arrays that broadcast. Which correlation is used for a meter 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from fieldkit.model.arrays import FloatArray, IndexArray
 from fieldkit.model.site import Site
 from fieldkit.physics.bodies import EARTH, Body, body_of
 from fieldkit.physics.dust import dusty_sky
-from fieldkit.physics.facet import FloatArray
 
 SOLAR_CONSTANT_W_M2 = 1361.0
 """Kopp and Lean, "A new, lower value of total solar irradiance", 2011."""
@@ -255,7 +255,7 @@ def perez_efficacy(
     zenith, sky = np.arccos(cosine), np.maximum(dhi_w_m2, 1.0)
     clearness = _clearness(sky, dni_w_m2, zenith)
     brightness = sky / cosine / np.asarray(extraterrestrial_w_m2)
-    bins: NDArray[np.intp] = np.digitize(clearness, _CLEARNESS_EDGES)
+    bins: IndexArray = np.digitize(clearness, _CLEARNESS_EDGES)
     a, b, c, d = _GLOBAL[:, bins]
     of_global = a + b * precipitable_water_cm + c * cosine + d * np.log(brightness)
     a, b, c, d = _DIRECT[:, bins]

@@ -7,9 +7,9 @@ clockwise; both in degrees, radians never leave a function. Time and light are n
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-FloatArray = NDArray[np.float64]
+from fieldkit.model.arrays import FloatArray
 
 VERTICAL: FloatArray = np.array([0.0, 0.0, 1.0])
 VERTICAL.setflags(write=False)

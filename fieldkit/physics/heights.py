@@ -14,9 +14,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from fieldkit.physics.facet import FloatArray
+from fieldkit.model.arrays import FloatArray, IndexArray
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -61,7 +61,7 @@ def heights_from_normals(
     return heights.reshape(rise.shape[1:]), misclosure.reshape(rise.shape[1:])
 
 
-def _steps(rise_m: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
+def _steps(rise_m: FloatArray) -> tuple[IndexArray, FloatArray]:
     """Numbers of neighbouring cells (2, n), and the rise from the first to the second in metres (n,)."""
     east, north = rise_m
     cells = np.arange(east.size).reshape(east.shape)
@@ -73,7 +73,7 @@ def _steps(rise_m: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
     return ends[:, known], steps[known]
 
 
-def _differences(ends: NDArray[np.intp], count: int) -> csr_array:
+def _differences(ends: IndexArray, count: int) -> csr_array:
     """Matrix that takes heights to their steps."""
     from scipy.sparse import csr_array
 

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldkit.physics.facet import FloatArray, tilt_azimuth
+from fieldkit.model.arrays import FloatArray
+from fieldkit.physics.facet import tilt_azimuth
 
 Horizon = Sequence[tuple[float, float]]
 """Pairs of azimuth from north, clockwise, and elevation, in any order. [degrees]"""

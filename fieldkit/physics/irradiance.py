@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldkit.model.arrays import FloatArray
 from fieldkit.physics.daylight import (
     diffuse_fraction_erbs,
     extraterrestrial,
@@ -21,7 +22,7 @@ from fieldkit.physics.daylight import (
     perez_efficacy,
     sky_view,
 )
-from fieldkit.physics.facet import VERTICAL, FloatArray, normal
+from fieldkit.physics.facet import VERTICAL, normal
 
 Kind = Literal["eq10", "efficacy", "perez", "calibrated", "pyranometer", "pyrheliometer", "file"]
 Mounting = Literal["horizontal", "sun-pointing", "in-plane"]

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldkit.physics.facet import FloatArray
+from fieldkit.model.arrays import FloatArray
 
 MODES = 5
 RATES_PER_S: FloatArray = np.array([0.0, 1.0 / 7500.0, 1.0 / 1500.0, 1.0 / 300.0, 1.0 / 60.0])

@@ -12,8 +12,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldkit.model.arrays import FloatArray
 from fieldkit.physics.constants import FIRST_RADIATION, SECOND_RADIATION
-from fieldkit.physics.facet import FloatArray
 
 BAND_UM = (8.0, 14.0)
 TABLE_K = (100.0, 800.0)

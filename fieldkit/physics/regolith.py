@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldkit.model.arrays import FloatArray
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
-from fieldkit.physics.facet import FloatArray
 
 CONVERGED_K = 1e-3
 _AT_350_K = 350.0**3

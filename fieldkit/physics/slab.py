@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldkit.model.arrays import FloatArray
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.energy_balance import balance_temperature
-from fieldkit.physics.facet import FloatArray
 
 _DEEP = 0.01
 """Fourier number below which the bottom has no influence: its echo is exp(-1 / 0.01) of the step."""

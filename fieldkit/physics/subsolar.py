@@ -11,8 +11,8 @@ import warnings
 import erfa  # type: ignore[import-untyped]
 import numpy as np
 
+from fieldkit.model.arrays import FloatArray
 from fieldkit.model.units import DAY_S
-from fieldkit.physics.facet import FloatArray
 
 EPOCH_JD, MJD_0_JD, J2000_JD = 2440587.5, 2400000.5, 2451545.0
 """Julian dates of 1970-01-01, of modified Julian day 0 and of J2000."""

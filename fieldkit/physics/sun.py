@@ -22,12 +22,13 @@ import erfa  # type: ignore[import-untyped]
 import numpy as np
 from astropy_iers_data import IERS_A_FILE  # type: ignore[import-untyped]
 from numpy.polynomial import chebyshev
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from fieldkit.model.arrays import FloatArray, TableArray
 from fieldkit.model.site import Site
 from fieldkit.model.units import DAY_NS, DAY_S
 from fieldkit.physics.bodies import body_of
-from fieldkit.physics.facet import FloatArray, tilt_azimuth
+from fieldkit.physics.facet import tilt_azimuth
 from fieldkit.physics.subsolar import EPOCH_JD, MJD_0_JD
 
 COLUMNS = {"mjd": (7, 15), "x_arcsec": (18, 27), "y_arcsec": (37, 46), "ut1_utc_s": (58, 68)}
@@ -137,7 +138,7 @@ def refract(vectors: FloatArray, elevation_m: float = 0.0) -> FloatArray:
     return np.column_stack([horizontal * np.cos(apparent)[:, np.newaxis], np.sin(apparent)])
 
 
-def exact_vectors(unix_s: NDArray[np.float64], site: Site) -> FloatArray:
+def exact_vectors(unix_s: FloatArray, site: Site) -> FloatArray:
     """Geometric unit vectors (n, 3) to the sun straight from the ephemeris, at UTC seconds since 1970 (n,).
 
     About a second for 10 000 times on the Earth; `sun_vectors` interpolates and is tested against it. Within
@@ -177,7 +178,7 @@ def _over_point(site: Site, declination_deg: FloatArray, subsolar_longitude_deg:
     return np.stack([east, north, up], axis=-1)
 
 
-def _over_earth(unix_s: NDArray[np.float64], site: Site) -> FloatArray:
+def _over_earth(unix_s: FloatArray, site: Site) -> FloatArray:
     """Topocentric unit vectors by ERFA, (n, 3)."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", erfa.ErfaWarning)  # of years whose leap seconds are not known yet
@@ -191,7 +192,7 @@ def _over_earth(unix_s: NDArray[np.float64], site: Site) -> FloatArray:
     )
 
 
-def _observer(unix_s: NDArray[np.float64], site: Site) -> NDArray[np.void]:
+def _observer(unix_s: FloatArray, site: Site) -> TableArray:
     """ERFA's astrometry parameters of an observer without an atmosphere."""
     utc = EPOCH_JD + np.floor(unix_s / DAY_S), (unix_s % DAY_S) / DAY_S
     ut1_utc_s, x, y = earth_rotation().at(utc[0] - MJD_0_JD + utc[1])

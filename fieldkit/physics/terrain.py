@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldkit.physics.facet import FloatArray
+from fieldkit.model.arrays import FloatArray
 
 
 def climb_deg(normals: ArrayLike, azimuth_deg: ArrayLike) -> FloatArray:

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fieldkit.model.arrays import FloatArray
 from fieldkit.physics.camera_geometry import Camera, angles_of_quaternion
-from fieldkit.physics.facet import FloatArray
 
 Point = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]

@@ -13,19 +13,18 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.estimation.bins import History
 from fieldkit.estimation.chain import DEPTH_MEASURED_SD, LONGWAVE_MEASURED_SD_W_M2, SlopeChain
 from fieldkit.estimation.day_plan import label
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.arrays import FloatArray, IntArray
 from fieldkit.model.confidence import percent
 from fieldkit.model.errors import FieldkitError
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.slope import SlopeEstimate, SlopeState, is_too_wide
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.bodies import body_of
-from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.irradiance import direct_normal, shares_on_plane
 from fieldkit.recording.field_history import field_history
 from fieldkit.recording.predict import expected_field
@@ -156,7 +155,7 @@ class Experiments:
         return lines
 
     @property
-    def course(self) -> tuple[NDArray[np.int64], FloatArray]:
+    def course(self) -> tuple[IntArray, FloatArray]:
         """Times (m,) of the session as planned and half widths then (m, targets), UTC ns and degrees."""
         planned = [one for one in self.outcomes if one.name == AS_PLANNED]
         minutes = np.array([one.minutes for one in planned], np.int64)

@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.config import FILE_NAME, Config, config_from_text
 from fieldkit.estimation.day_plan import DayPlan, PlanSettings, label, plan_day
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.air import is_air_temperature
+from fieldkit.model.arrays import FloatArray, IntArray
 from fieldkit.model.clock import utc_ns
 from fieldkit.model.errors import ConfigError, NoAnswerError, StorageError
 from fieldkit.model.radiation import named
@@ -24,7 +24,7 @@ from fieldkit.model.units import CELSIUS_ZERO_K, DAY_S, HOUR_NS, MINUTE_NS, SECO
 from fieldkit.physics.bodies import EARTH, body_of
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.daylight import clear_day
-from fieldkit.physics.facet import FloatArray, tilt_azimuth
+from fieldkit.physics.facet import tilt_azimuth
 from fieldkit.physics.horizon import MINUTE_EDGE_DEG, sunlit_share
 from fieldkit.physics.sun import solar_time_h, sun_vectors
 from fieldkit.recording.experiments import (
@@ -430,7 +430,7 @@ def _ends_ns(site: Site, day: date) -> tuple[int, int]:
     return utc_ns(start) + moved_ns, utc_ns(start) + moved_ns + DAY_S * SECOND_NS
 
 
-def _dni(sun: FloatArray, time_ns: NDArray[np.int64], site: Site, options: PlanOptions) -> FloatArray:
+def _dni(sun: FloatArray, time_ns: IntArray, site: Site, options: PlanOptions) -> FloatArray:
     if options.turbidity or body_of(site) is not EARTH:
         return clear_day(sun[:, 2], time_ns, site, turbidity=options.turbidity or np.nan)[0]
     return np.full(len(sun), options.dni_w_m2)

@@ -10,7 +10,8 @@ from typing import Any, TypedDict, Unpack
 import numpy as np
 
 from fieldkit.config import Config, ConfigMistakesError, edit, read_config
-from fieldkit.estimation.region_check import FrameK, RegionInspection, check_regions
+from fieldkit.estimation.region_check import RegionInspection, check_regions
+from fieldkit.model.arrays import FloatArray
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, SessionError
 from fieldkit.model.samples import Frame, Sample, is_usable
@@ -175,7 +176,7 @@ def _failed(inspection: RegionInspection) -> str:
     return f"region {inspection.region.name}: {'; '.join(inspection.failures)}"
 
 
-def mean_of_first_frames_k(path: Path) -> FrameK:
+def mean_of_first_frames_k(path: Path) -> FloatArray:
     """Mean of the first good frames of a session's first camera, kelvin, shape (rows, cols).
 
     Raises `SessionError` if the session has no frames with a temperature.
@@ -191,7 +192,7 @@ def mean_of_first_frames_k(path: Path) -> FrameK:
     return np.asarray(np.mean(kept, axis=0, dtype=np.float64))
 
 
-def _usable_frames_k(samples: Iterable[Sample], camera: StreamInfo) -> Iterator[FrameK]:
+def _usable_frames_k(samples: Iterable[Sample], camera: StreamInfo) -> Iterator[FloatArray]:
     """The usable frames, as brightness temperatures."""
     if not has_temperatures(camera):
         return

@@ -9,13 +9,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.config import Config
 from fieldkit.config.pose import Pose
 from fieldkit.config.toml_schema import SimulationTable
 from fieldkit.drivers.simulated import SimulatedField
 from fieldkit.ground.on_ground import ground_view
+from fieldkit.model.arrays import BoolArray
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.fault_kind import FaultKind
 from fieldkit.model.site import Region, RegionKind, Site
@@ -179,7 +179,7 @@ def _undrawn(simulation: SimulationTable, drawn: Sequence[Facet]) -> Iterator[Fa
                 yield _of_sand(replace(bed, name=f"undrawn {bed.name}"), simulation)
 
 
-def _covered(bed: Facet) -> NDArray[np.bool_]:
+def _covered(bed: Facet) -> BoolArray:
     return Region(bed.name, RegionKind.TARGET, bed.vertices).mask(FRAME_SHAPE)
 
 

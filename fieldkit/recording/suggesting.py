@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fieldkit.config import Config
-from fieldkit.estimation.region_check import FrameK
 from fieldkit.estimation.region_suggestions import FIX, FoundBed, find_beds
+from fieldkit.model.arrays import FloatArray
 from fieldkit.model.errors import NoAnswerError
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.physics.camera_laws import frame_k, has_temperatures
@@ -70,7 +70,7 @@ def suggest_regions(
         return suggested(_next_frames_k(instruments), config.regions)
 
 
-def suggested(frame: FrameK, present: Sequence[Region]) -> list[SuggestedRegion]:
+def suggested(frame: FloatArray, present: Sequence[Region]) -> list[SuggestedRegion]:
     """Regions found in a frame (rows, cols) of kelvin apart from those `present`.
 
     The one that differs least from its surroundings is suggested as reference where there is none: level sand
@@ -105,7 +105,7 @@ def _outline(name: str, bed: FoundBed, is_reference: bool = False) -> Region:
     return Region(name, RegionKind.REFERENCE if is_reference else RegionKind.TARGET, bed.vertices)
 
 
-def _next_frames_k(instruments: Instruments) -> FrameK:
+def _next_frames_k(instruments: Instruments) -> FloatArray:
     """Mean of the camera's next usable frames."""
     frames = [usable_frame(instruments) for _ in range(FRAMES)]
     info = next(info for info in instruments.streams if info.name == frames[0].stream)

@@ -28,9 +28,10 @@ import fieldkit.model
 import fieldkit.physics
 import fieldkit.sessions
 from fieldkit.disk import replacing
+from fieldkit.model.arrays import AnyArray
 from fieldkit.model.version import __version__
 
-Arrays = dict[str, NDArray[Any]]
+Arrays = dict[str, AnyArray]
 
 PACKAGES = ("numpy", "scipy", "astropy", "h5py")
 """Libraries whose version can change the last digits of a slope."""
@@ -70,7 +71,7 @@ class Cache:
         except ValueError:  # objects, which are never executed
             return None
 
-    def store(self, key: str, arrays: Mapping[str, NDArray[Any]]) -> None:
+    def store(self, key: str, arrays: Mapping[str, AnyArray]) -> None:
         """Store arrays; if the write fails, the next run takes longer and nothing else happens."""
         if not self._is_used:
             return
@@ -93,7 +94,7 @@ def as_text(value: Any) -> NDArray[np.bytes_]:
     return np.array([json.dumps(value, default=asdict)], np.bytes_)
 
 
-def of_text(kind: Any, text: NDArray[Any]) -> Any:
+def of_text(kind: Any, text: AnyArray) -> Any:
     """The value of type `kind` that `as_text` made a text of."""
     return _adapter(kind).validate_json(text.item())
 

@@ -9,15 +9,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.estimation.estimator import Minute
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.arrays import BoolArray, FloatArray
 from fieldkit.model.errors import RefusedError, message_of
 from fieldkit.model.finding import Finding, worst
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SlopeEstimate
-from fieldkit.physics.facet import FloatArray, normal
+from fieldkit.physics.facet import normal
 from fieldkit.physics.horizon import MINUTE_EDGE_DEG, sunlit_share
 from fieldkit.results.minutes import SessionMinutes
 from fieldkit.results.sources import SessionOrFile, config_for, path_of
@@ -186,7 +186,7 @@ def horizon_findings(
             yield Finding("warn", region.name, text, "correct its horizon")
 
 
-def _shaded(minutes: Sequence[Minute], region: str) -> NDArray[np.bool_]:
+def _shaded(minutes: Sequence[Minute], region: str) -> BoolArray:
     """Minutes (n,) between the events that report the begin and the end of a shadow."""
     found, is_shaded = [], False
     for minute in minutes:
@@ -198,8 +198,8 @@ def _shaded(minutes: Sequence[Minute], region: str) -> NDArray[np.bool_]:
 
 
 def _sunlit_below(
-    minutes: Sequence[Minute], region: str, references: Sequence[str], below: NDArray[np.bool_]
-) -> NDArray[np.bool_]:
+    minutes: Sequence[Minute], region: str, references: Sequence[str], below: BoolArray
+) -> BoolArray:
     """Minutes (n,) below the horizon in which the region did not become colder against the references."""
     found = np.zeros_like(below)
     if region in references or not references:
@@ -219,14 +219,14 @@ def _over_k(minute: Minute, region: str, references: Sequence[str]) -> float:
     return kelvin.get(region, np.nan) - float(np.mean([kelvin.get(name, np.nan) for name in references]))
 
 
-def _runs(condition: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def _runs(condition: BoolArray) -> list[tuple[int, int]]:
     """First and last index of every run in which a condition (n,) holds."""
     edges: FloatArray = np.diff(np.concatenate([[0], condition.astype(int), [0]]))
     starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
     return [(int(start), int(end)) for start, end in zip(starts, ends, strict=True)]
 
 
-def _times(minutes: Sequence[Minute], chosen: NDArray[np.bool_]) -> str:
+def _times(minutes: Sequence[Minute], chosen: BoolArray) -> str:
     """``18:20-18:59Z, 20:03-20:05Z``."""
     at = [str(np.datetime64(minute.time_ns // 1_000_000_000, "s"))[11:16] for minute in minutes]
     return ", ".join(f"{at[first]}-{at[last]}Z" for first, last in _runs(chosen))

@@ -8,10 +8,10 @@ from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.estimation.pixel_slopes import PixelBounds, SlopeMap
 from fieldkit.ground.terrain_products import Layer
+from fieldkit.model.arrays import ByteArray
 from fieldkit.model.site import Region, Site
 from fieldkit.model.slope import SlopeState
 from fieldkit.sessions.file_tree import LIBVER, attach, put_scale, set_attributes
@@ -109,7 +109,7 @@ def _put_layer(file: h5py.File, layer: Layer) -> None:
         _put(file, f"{layer.name}_sd", layer.sd, {**place, **named, **about})
 
 
-def _region_numbers(regions: Sequence[Region], shape: tuple[int, int]) -> NDArray[np.uint8]:
+def _region_numbers(regions: Sequence[Region], shape: tuple[int, int]) -> ByteArray:
     numbers = np.zeros(shape, np.uint8)
     for number, region in enumerate(regions, start=1):
         numbers[region.mask(shape)] = number

@@ -11,9 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, overload
 
 import h5py
-import numpy as np
-from numpy.typing import NDArray
 
+from fieldkit.model.arrays import FlagArray, FloatArray, IntArray
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import SessionError
 from fieldkit.model.samples import Sample
@@ -80,11 +79,11 @@ class Stream:
     def __iter__(self) -> Iterator[Sample]:
         return self.samples()
 
-    def times_ns(self) -> NDArray[np.int64]:
+    def times_ns(self) -> IntArray:
         """UTC of the samples in nanoseconds since 1970, corrected by the active time map."""
         return self._session.times_ns(self.name)
 
-    def flags(self) -> NDArray[np.uint32]:
+    def flags(self) -> FlagArray:
         """`Quality` of the samples, each verified by its checksum; reads the whole stream."""
         return self._session.flags(self.name)
 
@@ -108,7 +107,7 @@ class Stream:
         *,
         calibration: Calibration | None = None,
         damaged: Literal["raise", "nan"] = "raise",
-    ) -> NDArray[np.float64]:
+    ) -> FloatArray:
         """Brightness temperature of frames, (n, rows, cols); see `Session.kelvin`."""
         return analysis.kelvin(
             self._session, start, stop, stream=self.name, calibration=calibration, damaged=damaged
@@ -226,7 +225,7 @@ class Session(SessionReader):
         stream: str | None = None,
         calibration: Calibration | None = None,
         damaged: Literal["raise", "nan"] = "raise",
-    ) -> NDArray[np.float64]:
+    ) -> FloatArray:
         """Brightness temperature of a camera's frames; see `fieldkit.sessions.analysis.kelvin`."""
         return analysis.kelvin(self, start, stop, stream=stream, calibration=calibration, damaged=damaged)
 

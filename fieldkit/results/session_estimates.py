@@ -9,9 +9,10 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldkit.estimation.budget import BudgetTerm
+from fieldkit.model.arrays import IntArray, TableArray
 from fieldkit.model.learnt import Learnt, LearntParameter
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region, Site
@@ -121,7 +122,7 @@ class Estimates:
     the learned model, `budgets` the uncertainty budget of each final slope, by the learned or full model.
     """
 
-    rows: NDArray[np.void]
+    rows: TableArray
     texts: tuple[str, ...]
     regions: tuple[Region, ...]
     learnt: LearntSeries = field(default_factory=lambda: LearntSeries({}))
@@ -221,7 +222,7 @@ class Estimates:
         """Number of minutes."""
         return int(np.unique(self.rows["time_ns"]).size)
 
-    def of_region(self, region: Region) -> NDArray[np.void]:
+    def of_region(self, region: Region) -> TableArray:
         """The rows of one target."""
         return np.asarray(self.rows[self.rows["region"] == self.regions.index(region)])
 
@@ -271,7 +272,7 @@ class Estimates:
             },
         )
 
-    def _grid(self) -> tuple[NDArray[np.int64], NDArray[np.void]]:
+    def _grid(self) -> tuple[IntArray, TableArray]:
         """Times, and rows over times and targets; without data where a region did not hold."""
         time_ns, row = np.unique(self.rows["time_ns"], return_inverse=True)
         places = {place: column for column, place in enumerate(dict.fromkeys(self.rows["region"].tolist()))}

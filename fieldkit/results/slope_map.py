@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.disk import replacing
 from fieldkit.estimation.bins import History, RegionColumns
@@ -33,6 +32,7 @@ from fieldkit.estimation.pixel_slopes import PixelBounds, SlopeMap
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.ground.on_ground import GroundView, ground_view, write_on_ground
 from fieldkit.ground.terrain_products import LAYERS, Layer, Products, layer_along_sun, layers
+from fieldkit.model.arrays import BoolArray, ByteArray, FloatArray, IntArray
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.durations import as_seconds
 from fieldkit.model.errors import ConfigError, FieldkitError, IntegrityError, NoAnswerError
@@ -43,7 +43,7 @@ from fieldkit.model.slope import CERTAIN, WITH_SLOPE, SlopeState, final_estimate
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.model.version import __version__
 from fieldkit.physics.camera_laws import frame_k
-from fieldkit.physics.facet import FloatArray, normal, tilt_azimuth
+from fieldkit.physics.facet import normal, tilt_azimuth
 from fieldkit.physics.horizon import MINUTE_EDGE_DEG, sunlit_share
 from fieldkit.physics.radiance import surface_temperature_k
 from fieldkit.results.batch import Failures, Progress, no_progress
@@ -516,7 +516,7 @@ def _inertia(settings: EstimatorSettings, learnt: Learnt | None) -> LearntParame
     return next((one for one in found if one.name == "thermal_inertia"), None)
 
 
-def _window(known: SessionMinutes, estimates: Estimates, window: Window) -> NDArray[np.int64]:
+def _window(known: SessionMinutes, estimates: Estimates, window: Window) -> IntArray:
     """The usable minutes of a window, as rows of `SessionMinutes.history`."""
     final = final_estimates(estimates, known.regions)
     weather_ns = max((one.window_start_ns for one in final.values() if one.state in WITH_SLOPE), default=0)
@@ -543,7 +543,7 @@ def _window(known: SessionMinutes, estimates: Estimates, window: Window) -> NDAr
     return useful[minutes >= first]
 
 
-def _is_sunlit(known: SessionMinutes, history: History) -> NDArray[np.bool_]:
+def _is_sunlit(known: SessionMinutes, history: History) -> BoolArray:
     """Minutes in which neither the site's horizon nor that of a reference hides any of the sun."""
     settings = known.settings
     references = (region.name for region in known.regions if region.kind is RegionKind.REFERENCE)
@@ -552,7 +552,7 @@ def _is_sunlit(known: SessionMinutes, history: History) -> NDArray[np.bool_]:
     return np.asarray(np.all(np.array(shares) == 1.0, axis=0))
 
 
-def _is_useful(history: History, field: RegionColumns) -> NDArray[np.bool_]:
+def _is_useful(history: History, field: RegionColumns) -> BoolArray:
     has_reference = np.isfinite(history.temperature_k[:, field.references]).any(axis=1)
     is_excluded = (history.flags & int(EXCLUDED)) != 0
     return np.asarray(np.isfinite(history.dni_w_m2) & has_reference & ~is_excluded)
@@ -632,7 +632,7 @@ def _mapped_region(found: MappedSession, region: Region) -> MappedRegion:
     )
 
 
-def _shares(states: NDArray[np.uint8]) -> dict[str, float]:
+def _shares(states: ByteArray) -> dict[str, float]:
     """The share of the pixels in each state that occurs."""
     shares = {state.name.lower(): float((states == state).mean()) for state in SlopeState if states.size}
     return {name: share for name, share in shares.items() if share}

@@ -13,12 +13,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import tomlkit
-from numpy.typing import NDArray
 
+from fieldkit.model.arrays import FloatArray, IntArray, TableArray
 from fieldkit.model.errors import ConfigError, FieldkitError
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SOLVED, SlopeState
-from fieldkit.physics.facet import FloatArray
 from fieldkit.results.batch import (
     Estimate,
     Progress,
@@ -406,8 +405,8 @@ class Ranking:
 def ranked(
     error_deg: FloatArray,
     worst_deg: FloatArray,
-    solved: NDArray[np.int64],
-    uncertain: NDArray[np.int64],
+    solved: IntArray,
+    uncertain: IntArray,
     grid: Grid,
     names: Sequence[str],
 ) -> Ranking | None:
@@ -518,7 +517,7 @@ class SweepTable:
         }
 
 
-def _region_row(region: Region, rows: NDArray[np.void]) -> dict[str, Any]:
+def _region_row(region: Region, rows: TableArray) -> dict[str, Any]:
     answered = rows[np.isin(rows["state"], [int(state) for state in SOLVED])]
     tilt, error = answered["tilt_deg"], np.abs(answered["tilt_deg"] - region.tilt_deg)
     known = error.size > 0 and np.isfinite(region.tilt_deg)

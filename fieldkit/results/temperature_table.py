@@ -16,14 +16,13 @@ from datetime import datetime
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.config.files import read_text
 from fieldkit.estimation.table import TemperatureTable
+from fieldkit.model.arrays import FloatArray, IntArray
 from fieldkit.model.clock import utc_ns
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.units import CELSIUS_ZERO_K
-from fieldkit.physics.facet import FloatArray
 from fieldkit.sessions.formats.tables import refuse_swallowed
 
 Row = Mapping[str, str | None]
@@ -140,7 +139,7 @@ def _column(path: Path, rows: Sequence[tuple[int, Row]], name: str) -> FloatArra
     return values
 
 
-def _flags(path: Path, rows: Sequence[tuple[int, Row]]) -> NDArray[np.int64]:
+def _flags(path: Path, rows: Sequence[tuple[int, Row]]) -> IntArray:
     """Flags of the rows, 0 for an empty cell."""
     values = np.nan_to_num(_column(path, rows, "flags"))
     wrong = np.flatnonzero((values % 1.0 != 0.0) | (values < 0.0) | (values >= 2.0**32))

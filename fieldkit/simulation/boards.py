@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fieldkit.model.arrays import FloatArray
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
-from fieldkit.physics.facet import FloatArray
 from fieldkit.simulation.sky import SkyState
 
 WITHIN_MIN = 0.5

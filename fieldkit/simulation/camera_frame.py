@@ -14,13 +14,10 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from fieldkit.physics.facet import FloatArray
+from fieldkit.model.arrays import FloatArray, SingleArray
 from fieldkit.simulation.facets import FRAME_SHAPE, Facet, pixel_shares
-
-FrameK = NDArray[np.float32]
 
 _NOISE_K = 0.045  # the maker's "below 50 mK"
 _PATTERN_K = 0.04  # left by each correction, pixel by pixel
@@ -59,8 +56,8 @@ class CameraModel:
         number: int,
         correction: Correction,
         homography: FloatArray | None = None,
-        ground_k: FrameK | None = None,
-    ) -> FrameK:
+        ground_k: SingleArray | None = None,
+    ) -> SingleArray:
         """Frame `number` of facets and ground at these brightness temperatures (k + 1,), in K.
 
         Ground in relief has one in every pixel, `ground_k` (pixels,). `homography` (3, 3) is where content
@@ -81,7 +78,7 @@ class CameraModel:
         frame += np.float32(_NOISE_K) * noise.standard_normal(frame.size, dtype=np.float32)
         return frame.reshape(FRAME_SHAPE)
 
-    def _static_pattern(self) -> tuple[FrameK, FrameK]:
+    def _static_pattern(self) -> tuple[SingleArray, SingleArray]:
         """The constant part, shading of the lens and texture of the ground; and the latter alone."""
         random = np.random.default_rng([self._seed, 2])
         shading = _unit(gaussian_filter(random.standard_normal(FRAME_SHAPE), 40.0, mode="nearest"))
@@ -89,10 +86,10 @@ class CameraModel:
         of_ground = self._shares[-1].reshape(FRAME_SHAPE)
         roughness = self._ground_texture * of_ground + _BED_TEXTURE * (1.0 - of_ground)
         ground = _TEXTURE_K * roughness * texture
-        still: FrameK = (_SHADING_K * shading + ground).astype(np.float32)
+        still: SingleArray = (_SHADING_K * shading + ground).astype(np.float32)
         return still.ravel(), ground.astype(np.float32).ravel()
 
-    def _draw_pattern(self, correction: int) -> tuple[FrameK, float, float]:
+    def _draw_pattern(self, correction: int) -> tuple[SingleArray, float, float]:
         """Fine pattern (pixels,), level error [K] and drift [K/s] after a correction."""
         random = np.random.default_rng([self._seed, correction, 3])
         pattern = np.float32(_PATTERN_K) * random.standard_normal(self._texture.size, dtype=np.float32)
@@ -100,7 +97,7 @@ class CameraModel:
         return pattern, _LEVEL_K * float(level), _DRIFT_K_S * float(drift)
 
 
-def moved(scene_k: FrameK, homography: FloatArray) -> FrameK:
+def moved(scene_k: SingleArray, homography: FloatArray) -> SingleArray:
     """A frame (rows, cols) as a camera sees it that has moved; beyond its edge the ground is mirrored."""
     size = scene_k.shape[1], scene_k.shape[0]
     warped = cv2.warpPerspective(

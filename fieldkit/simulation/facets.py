@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
+from fieldkit.model.arrays import SingleArray
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.physics.horizon import Horizon
 from fieldkit.physics.slab import Slab, Stack
@@ -70,7 +70,7 @@ GROUND = Facet("ground", (), albedo=0.19, depth_m=0.30)
 """The natural ground around the beds: flat, bottomless, and everywhere else in the frame."""
 
 
-def pixel_shares(facets: Sequence[Facet]) -> NDArray[np.float32]:
+def pixel_shares(facets: Sequence[Facet]) -> SingleArray:
     """Share of each pixel that shows each of k facets, (k + 1, pixels), the ground last; columns add up to 1.
 
     Each facet covers those before it; edges are blurred as by a lens.
@@ -82,5 +82,5 @@ def pixel_shares(facets: Sequence[Facet]) -> NDArray[np.float32]:
         seen[:, mask] = 0.0
         seen[number, mask] = 1.0
     soft = np.stack([gaussian_filter(layer, _BLUR_PX, mode="nearest") for layer in seen])
-    shares: NDArray[np.float32] = (soft / soft.sum(axis=0)).reshape(len(seen), -1).astype(np.float32)
+    shares: SingleArray = (soft / soft.sum(axis=0)).reshape(len(seen), -1).astype(np.float32)
     return shares

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fieldkit.model.arrays import FloatArray
 from fieldkit.model.fault_kind import FaultKind
 from fieldkit.model.units import MINUTE_NS, SECOND_NS
-from fieldkit.physics.facet import FloatArray
 
 LASTS_S = {
     FaultKind.CLOUD: 360.0,

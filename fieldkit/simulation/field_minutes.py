@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fieldkit.model.arrays import BoolArray, FloatArray, IntArray
 from fieldkit.model.units import MINUTE_NS
-from fieldkit.physics.facet import FloatArray
 from fieldkit.simulation.scene_series import SceneModel
 
 
@@ -20,14 +19,14 @@ class FieldMinutes:
     Temperatures are true ones of the surfaces. [K], [W/m2], [m/s]
     """
 
-    time_ns: NDArray[np.int64]
+    time_ns: IntArray
     surface_k: FloatArray
     dni_w_m2: FloatArray
     dhi_w_m2: FloatArray
     longwave_down_w_m2: FloatArray
     air_k: FloatArray
     wind_m_s: FloatArray
-    is_shaded: NDArray[np.bool_]
+    is_shaded: BoolArray
 
 
 def field_minutes(model: SceneModel, start_ns: int, minutes: int) -> FieldMinutes:
@@ -44,7 +43,7 @@ def field_minutes(model: SceneModel, start_ns: int, minutes: int) -> FieldMinute
     return FieldMinutes(time_ns, surface_k, dni_w_m2, dhi_w_m2, longwave, air_k, wind_m_s, shaded)
 
 
-def _is_shaded(model: SceneModel, edges_s: FloatArray) -> NDArray[np.bool_]:
+def _is_shaded(model: SceneModel, edges_s: FloatArray) -> BoolArray:
     shaded = np.zeros((edges_s.size - 1, len(model.beds)), np.bool_)
     names = [bed.name for bed in model.beds]
     for board in model.boards:

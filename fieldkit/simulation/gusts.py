@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fieldkit.model.arrays import FloatArray, IntArray
 from fieldkit.model.site import Site
 from fieldkit.model.units import SECOND_NS
-from fieldkit.physics.facet import FloatArray
 from fieldkit.simulation.sky import Sky, SkyState
 
 _EDGES_HZ = np.geomspace(1e-5, 0.05, 257)
@@ -39,13 +38,13 @@ class Gusts:
     convective_m_s: float = 0.5
     time_scale_s: float = 100.0
 
-    def speed_m_s(self, time_ns: NDArray[np.int64], mean_m_s: FloatArray) -> FloatArray:
+    def speed_m_s(self, time_ns: IntArray, mean_m_s: FloatArray) -> FloatArray:
         """Wind speed at times (n,) where the mean wind is `mean_m_s` (n,)."""
         spread = np.hypot(self.intensity * mean_m_s, self.convective_m_s)
         along, across = (self._component(time_ns, number) for number in range(2))
         return np.hypot(mean_m_s + spread * along, spread * across)
 
-    def _component(self, time_ns: NDArray[np.int64], number: int) -> FloatArray:
+    def _component(self, time_ns: IntArray, number: int) -> FloatArray:
         """One component of unit variance: waves of the spectrum with random phases and frequencies."""
         random = np.random.default_rng([self.seed, number])
         frequency = _EDGES_HZ[:-1] + np.diff(_EDGES_HZ) * random.random(_EDGES_HZ.size - 1)
@@ -62,7 +61,7 @@ class GustySky:
     sky: Sky
     gusts: Gusts
 
-    def sky_state(self, time_ns: NDArray[np.int64], cos_zenith: FloatArray, site: Site) -> SkyState:
+    def sky_state(self, time_ns: IntArray, cos_zenith: FloatArray, site: Site) -> SkyState:
         """See `Sky`."""
         state = self.sky.sky_state(time_ns, cos_zenith, site)
         return replace(state, wind_m_s=self.gusts.speed_m_s(time_ns, state.wind_m_s))

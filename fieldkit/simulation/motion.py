@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from fieldkit.physics.facet import FloatArray
+from fieldkit.model.arrays import FloatArray
 
 FOCAL_PX = 147.0
 """Of 160 pixels over 57 degrees, the FLIR Lepton's field of view (datasheet 500-0726-01)."""

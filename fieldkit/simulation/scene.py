@@ -9,12 +9,12 @@ from functools import cached_property
 
 import numpy as np
 
+from fieldkit.model.arrays import FloatArray, SingleArray
 from fieldkit.model.fault_kind import FaultKind
 from fieldkit.model.site import Region, Site
 from fieldkit.model.units import SECOND_NS
-from fieldkit.physics.facet import FloatArray
 from fieldkit.simulation.boards import Board
-from fieldkit.simulation.camera_frame import CameraModel, Correction, FrameK
+from fieldkit.simulation.camera_frame import CameraModel, Correction
 from fieldkit.simulation.facets import GROUND, Facet
 from fieldkit.simulation.faults import (
     COOLED_WITHIN_NS,
@@ -97,7 +97,7 @@ class Scene:
 
     # --- what instruments read
 
-    def frame(self, time_ns: int, number: int, correction: Correction | None = None) -> FrameK:
+    def frame(self, time_ns: int, number: int, correction: Correction | None = None) -> SingleArray:
         """Frame `number` as brightness temperatures, shape (120, 160), K."""
         last = correction or Correction(ended_ns=self.start_ns)
         brightness_k = self.at(time_ns).brightness_k + self._warmed_k(time_ns)

@@ -12,13 +12,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from fieldkit.model.arrays import FloatArray
 from fieldkit.model.site import Site
 from fieldkit.model.units import SECOND_NS
 from fieldkit.physics import daylight
 from fieldkit.physics.bodies import Body, body_of
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.energy_balance import balance_temperature
-from fieldkit.physics.facet import FloatArray, cos_incidence, normal
+from fieldkit.physics.facet import cos_incidence, normal
 from fieldkit.physics.horizon import sky_view_factor, sunlit_share
 from fieldkit.physics.radiance import band_radiance, band_temperature
 from fieldkit.physics.slab import SlabStep, surface_series

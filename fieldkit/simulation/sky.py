@@ -8,14 +8,13 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fieldkit.model.arrays import FloatArray, IntArray
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import Site
 from fieldkit.physics.bodies import EARTH, body_of
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.daylight import clear_day, clear_sky_longwave
-from fieldkit.physics.facet import FloatArray
 from fieldkit.weather import Weather
 
 _DAY_H = 24.0
@@ -50,7 +49,7 @@ class SkyState:
 class Sky(Protocol):
     """State of sky and air at any time."""
 
-    def sky_state(self, time_ns: NDArray[np.int64], cos_zenith: FloatArray, site: Site) -> SkyState:
+    def sky_state(self, time_ns: IntArray, cos_zenith: FloatArray, site: Site) -> SkyState:
         """Sky and air at times (n,), given the cosines of the sun's zenith angle (n,)."""
 
 
@@ -63,7 +62,7 @@ class MeasuredSky:
 
     weather: Weather
 
-    def sky_state(self, time_ns: NDArray[np.int64], cos_zenith: FloatArray, site: Site) -> SkyState:
+    def sky_state(self, time_ns: IntArray, cos_zenith: FloatArray, site: Site) -> SkyState:
         """See `Sky`; the position of the sun is part of the measurement."""
         day = self.weather
         if time_ns[-1] < day.time_ns[0] or time_ns[0] > day.time_ns[-1]:
@@ -80,7 +79,7 @@ class MeasuredSky:
             wind_m_s=self._at(time_ns, "wind_m_s"),
         )
 
-    def _at(self, time_ns: NDArray[np.int64], name: str) -> FloatArray:
+    def _at(self, time_ns: IntArray, name: str) -> FloatArray:
         column: FloatArray = getattr(self.weather, name)
         known = np.isfinite(column)
         if not known.any():
@@ -107,7 +106,7 @@ class ClearSky:
     swing_k: float = 4.0
     wind_m_s: float = 1.0
 
-    def sky_state(self, time_ns: NDArray[np.int64], cos_zenith: FloatArray, site: Site) -> SkyState:
+    def sky_state(self, time_ns: IntArray, cos_zenith: FloatArray, site: Site) -> SkyState:
         """See `Sky`."""
         dni_w_m2, dhi_w_m2 = clear_day(cos_zenith, time_ns, site, turbidity=self.linke_turbidity)
         body = body_of(site)

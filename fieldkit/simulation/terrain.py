@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fieldkit.model.arrays import FloatArray, SingleArray
 from fieldkit.model.units import SECOND_NS
-from fieldkit.physics.facet import FloatArray, tilt_azimuth
+from fieldkit.physics.facet import tilt_azimuth
 from fieldkit.physics.horizon import SUN_RADIUS_DEG, Horizon
 
 PIECE = 2000
@@ -65,9 +65,9 @@ class TerrainSeries:
 
     origin_ns: int
     time_s: FloatArray
-    brightness_k: NDArray[np.float32]
+    brightness_k: SingleArray
 
-    def at(self, time_ns: int) -> NDArray[np.float32]:
+    def at(self, time_ns: int) -> SingleArray:
         """Brightness temperatures (pixels,) at one time by linear interpolation; constant beyond the ends."""
         place = (time_ns - self.origin_ns) / SECOND_NS / (self.time_s[1] - self.time_s[0])
         place = min(max(place, 0.0), len(self.time_s) - 1.0)

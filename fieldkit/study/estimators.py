@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.estimation.contours import RadiationTable, slope_grid
 from fieldkit.estimation.day_plan import cosine_noise
@@ -20,20 +19,14 @@ from fieldkit.estimation.instruments import mean_of
 from fieldkit.estimation.likelihood import posterior
 from fieldkit.estimation.normal import LOWEST_COS_INCIDENCE, Misfit, choose, solve
 from fieldkit.estimation.statistics import mean_absolute_error, sd_of_absolute_error
+from fieldkit.model.arrays import BoolArray, FloatArray
 from fieldkit.physics.energy_balance import (
     SurfaceParameters,
     direct_irradiance,
     irradiance_difference,
     surface_temperature,
 )
-from fieldkit.physics.facet import (
-    VERTICAL,
-    FloatArray,
-    angle_between_deg,
-    cos_incidence,
-    normal,
-    tilt_azimuth,
-)
+from fieldkit.physics.facet import VERTICAL, angle_between_deg, cos_incidence, normal, tilt_azimuth
 
 Method = Literal["contours", "unit-norm", "posterior"]
 TABLE_1 = SurfaceParameters()
@@ -188,7 +181,7 @@ def _least_within(misfit: Misfit, limit_deg: float) -> FloatArray:
     return choose(misfit, solve(misfit), limit_deg).best
 
 
-def _lit(y: FloatArray, sigma: FloatArray, estimate: FloatArray, sun: FloatArray) -> NDArray[np.bool_]:
+def _lit(y: FloatArray, sigma: FloatArray, estimate: FloatArray, sun: FloatArray) -> BoolArray:
     """Minutes (m, n) that are an equation and not an inequality: the slope sees the sun."""
     return np.asarray((cos_incidence(estimate, sun) >= LOWEST_COS_INCIDENCE) & (y >= 2.0 * sigma))
 

@@ -19,12 +19,13 @@ from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.estimator import Minute
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.statistics import ErrorSpan, errors_over_time
+from fieldkit.model.arrays import FloatArray
 from fieldkit.model.clock import utc_ns
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region, Site
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.energy_balance import SurfaceParameters, surface_temperature
-from fieldkit.physics.facet import FloatArray, tilt_azimuth
+from fieldkit.physics.facet import tilt_azimuth
 from fieldkit.physics.irradiance import direct_normal
 from fieldkit.physics.radiance import surface_temperature_k
 from fieldkit.physics.sun import sun_vectors

@@ -15,18 +15,17 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
+from fieldkit.model.arrays import BoolArray, FloatArray
 from fieldkit.model.confidence import CONFIDENCE, interval_sds
 from fieldkit.model.errors import ConfigError, message_of
 from fieldkit.model.learnt import LearntParameter
 from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.physics.energy_balance import balance_temperature
-from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.slab import surface_series
-from fieldkit.study.surface_models import DEEP, HEAT_CAPACITY_J_M3_K, Mask, Score
+from fieldkit.study.surface_models import DEEP, HEAT_CAPACITY_J_M3_K, Score
 
 EMISSIVITY = 0.96
 """Of dry mineral ground, broadband: 0.966 and 0.96 are stated for the cinder and the clay of the docs."""
@@ -88,7 +87,7 @@ class GroundFit:
 
     ground: MeasuredGround
     fitted: str
-    chosen: Mask
+    chosen: BoolArray
     values: FloatArray
     covariance: FloatArray
     modelled_k: FloatArray
@@ -130,7 +129,7 @@ class GroundFit:
             if np.any(minutes & hours & np.isfinite(self.ground.surface_k))
         )
 
-    def _score(self, minutes: str, span: str, rows: Mask) -> GroundScore:
+    def _score(self, minutes: str, span: str, rows: BoolArray) -> GroundScore:
         rows = rows & np.isfinite(self.ground.surface_k)
         score = Score.of(self.modelled_k, self.ground.surface_k, rows)
         inside = np.abs(self.modelled_k - self.ground.surface_k) <= self.half_width_k
@@ -159,7 +158,7 @@ def steps(files: int) -> int:
 
 
 def fit(
-    ground: MeasuredGround, chosen: Mask, name: str = "", on_step: Callable[[str], None] = lambda _: None
+    ground: MeasuredGround, chosen: BoolArray, name: str = "", on_step: Callable[[str], None] = lambda _: None
 ) -> GroundFit:
     """Fit the five parameters to the chosen minutes, and find out how wrong the model is elsewhere.
 
@@ -211,7 +210,7 @@ def _delayed(series: FloatArray, response_min: float) -> FloatArray:
     return np.asarray(delayed)
 
 
-def _fitted(ground: MeasuredGround, chosen: Mask, start: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _fitted(ground: MeasuredGround, chosen: BoolArray, start: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Most probable values (5,), and the derivatives of the chosen minutes, K per unit, (m, 5)."""
     spread_k = ERROR_K * np.sqrt(ERROR_LASTS_MIN)
 
@@ -278,7 +277,7 @@ class MeasuredGround:
     shortwave_down_w_m2: FloatArray
     shortwave_up_w_m2: FloatArray
     longwave_down_w_m2: FloatArray
-    daylight: NDArray[np.bool_]
+    daylight: BoolArray
 
 
 def read_measured_ground(path: Path) -> MeasuredGround:

@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.estimation.day_plan import bound, cosine_noise
+from fieldkit.model.arrays import FloatArray, IntArray
 from fieldkit.model.errors import NoAnswerError
 from fieldkit.model.site import Site
 from fieldkit.model.units import MINUTE_NS, SECOND_NS
@@ -23,7 +23,7 @@ from fieldkit.physics.bodies import Body, body_of
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.daylight import clear_day
 from fieldkit.physics.energy_balance import SurfaceParameters, direct_irradiance, surface_temperature
-from fieldkit.physics.facet import FloatArray, normal
+from fieldkit.physics.facet import normal
 from fieldkit.physics.regolith import day_temperatures
 from fieldkit.physics.sun import solar_time_h, sun_vectors
 from fieldkit.results.json_document import to_json
@@ -292,7 +292,7 @@ def next_solar_time(site: Site, day: str, hour: float) -> int:
     return int(fine[np.argmax(is_past)])
 
 
-def _conditions(site: Site, time_ns: NDArray[np.int64], dust: float | None) -> Conditions:
+def _conditions(site: Site, time_ns: IntArray, dust: float | None) -> Conditions:
     body, sun = body_of(site), sun_vectors(time_ns, site)
     dni, _ = clear_day(sun[:, 2], time_ns, site, turbidity=3.0, dust=dust)
     longwave, air = (

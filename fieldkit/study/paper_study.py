@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fieldkit.model.arrays import FloatArray
 from fieldkit.model.errors import NoAnswerError
-from fieldkit.physics.facet import FloatArray, normal
+from fieldkit.physics.facet import normal
 from fieldkit.results.json_document import to_json
 from fieldkit.results.sun_angles import sun_rows
 from fieldkit.study.estimators import Conditions, summarise

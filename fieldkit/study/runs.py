@@ -7,14 +7,13 @@ from datetime import UTC, date, datetime, time
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fieldkit.model.arrays import FloatArray, IntArray
 from fieldkit.model.clock import utc_ns
 from fieldkit.model.errors import NoAnswerError
 from fieldkit.model.site import Site
 from fieldkit.model.units import CELSIUS_ZERO_K, MINUTE_NS
 from fieldkit.physics.daylight import clear_day
-from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.study.estimators import (
     Conditions,
@@ -132,7 +131,7 @@ def conditions(options: StudyOptions, start: time) -> Conditions:
 
 
 def _weather(
-    options: StudyOptions, times: NDArray[np.int64], sun: FloatArray
+    options: StudyOptions, times: IntArray, sun: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     if options.weather is not None:
         day = options.weather

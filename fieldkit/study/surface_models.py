@@ -12,12 +12,11 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from fieldkit.model.arrays import BoolArray, FloatArray
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.energy_balance import SurfaceParameters, balance_temperature
-from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.slab import Slab, surface_series
 
 TABLE_1 = SurfaceParameters()
@@ -26,8 +25,6 @@ LOWEST_SUN_DEG = 5.0
 HEAT_CAPACITY_J_M3_K = 1.3e6
 DEEP = Slab(depth_m=0.6, heat_capacity_j_m3_k=HEAT_CAPACITY_J_M3_K, layers=24, growth=1.25)
 """Soil without a bottom for two days; only its thermal inertia counts, the depth scale is arbitrary."""
-
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,11 +52,11 @@ class Station:
         return self.beam_w_m2 + np.maximum(self.diffuse_w_m2, 0.0)
 
     @property
-    def daylight(self) -> Mask:
+    def daylight(self) -> BoolArray:
         """Minutes with the sun at least five degrees high."""
         return np.asarray(self.cos_zenith > np.sin(np.radians(LOWEST_SUN_DEG)))
 
-    def midday(self, of: Mask) -> Mask:
+    def midday(self, of: BoolArray) -> BoolArray:
         """Minutes within three hours of the highest sun among the chosen ones."""
         noon = self.time_s[np.argmax(np.where(of, self.cos_zenith, -2.0))]
         return np.asarray(np.abs(self.time_s - noon) <= MIDDAY_S)
@@ -78,7 +75,7 @@ class Score:
     bias_k: float
 
     @classmethod
-    def of(cls, modelled_k: FloatArray, measured_k: FloatArray, chosen: Mask) -> Score:
+    def of(cls, modelled_k: FloatArray, measured_k: FloatArray, chosen: BoolArray) -> Score:
         """Errors where both are known."""
         error = (modelled_k - measured_k)[chosen]
         error = error[np.isfinite(error)]
@@ -138,7 +135,7 @@ class Family:
     ranges: tuple[Range, ...]
     whole_day: bool = False  # transient models learn from the night as well
 
-    def fitted(self, station: Station, chosen: Mask) -> Ground:
+    def fitted(self, station: Station, chosen: BoolArray) -> Ground:
         """The ground whose parameters leave the least squares on the chosen minutes."""
         low, start, high = zip(*self.ranges, strict=True)
         measured = station.surface_k(self.make(*start).emissivity)

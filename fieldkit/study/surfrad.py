@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
+from fieldkit.model.arrays import FloatArray
 from fieldkit.model.errors import ConfigError, message_of
-from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.study.output import Rows
 from fieldkit.study.surface_models import Score, Station, as_printed, families

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fieldkit.model.arrays import BoolArray, FloatArray
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Frame
 from fieldkit.model.site import Region
@@ -20,8 +20,6 @@ from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.palettes import INFERNO, Colours, palette
 from fieldkit.physics.camera_laws import frame_k, has_temperatures
 from fieldkit.pixel_axes import WHITE, Colour, label, letters, outline, with_axes
-
-FloatArray = NDArray[np.float64]
 
 PNG_WIDTH = 960
 OUTLINE = (0, 215, 215)
@@ -88,7 +86,7 @@ def on_grid(region: Region, shape: tuple[int, ...], rows: int, cols: int) -> Flo
     return on_grid
 
 
-def outline_mask(region: Region, shape: tuple[int, int], rows: int, cols: int) -> NDArray[np.bool_]:
+def outline_mask(region: Region, shape: tuple[int, int], rows: int, cols: int) -> BoolArray:
     """Cells of a grid of (rows, cols) that the outline of a region passes through."""
     import cv2
 

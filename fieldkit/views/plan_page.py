@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.estimation.day_plan import FINE_DEG, FLAT_DEG, WEAK_K_PER_DEG, DayPlan, label
+from fieldkit.model.arrays import FloatArray, IntArray
 from fieldkit.model.site import Site
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.facet import angle_between_deg, normal
@@ -34,7 +34,7 @@ class Session:
 
     summary: Sequence[str]
     table: Table
-    course: tuple[NDArray[np.int64], NDArray[np.float64]]
+    course: tuple[IntArray, FloatArray]
 
 
 def heading(plan: DayPlan, site: Site, light: str) -> str:
@@ -237,7 +237,7 @@ def _drawn(plan: DayPlan, site: Site, session: Session | None) -> str:
     return plotting.svg(figure)
 
 
-def _hours(time_ns: NDArray[np.int64], plan: DayPlan, site: Site) -> np.ndarray:
+def _hours(time_ns: IntArray, plan: DayPlan, site: Site) -> np.ndarray:
     """Hours since midnight, of the clocks at noon: they may have changed in the night before."""
     middle_ns = _middle_ns(plan)
     return np.asarray((formatting.of_day_ns(middle_ns, site) + time_ns - middle_ns) / 3.6e12)

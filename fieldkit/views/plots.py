@@ -11,15 +11,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from fieldkit.model.arrays import FloatArray, IntArray
 from fieldkit.model.site import Site
 from fieldkit.views import plotting
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -42,7 +41,7 @@ def new_axes(ax: Axes | None) -> Axes:
 
 
 def tilts(
-    time_ns: NDArray[np.int64], regions: Mapping[str, TiltSeries], site: Site | None, ax: Axes | None = None
+    time_ns: IntArray, regions: Mapping[str, TiltSeries], site: Site | None, ax: Axes | None = None
 ) -> Axes:
     """Tilt of each region over time, its likelihood region shaded, the true tilt dashed."""
     axes = new_axes(ax)
@@ -58,7 +57,7 @@ def tilts(
 
 
 def lines(
-    time_ns: NDArray[np.int64],
+    time_ns: IntArray,
     values: Mapping[str, ArrayLike],
     label: str,
     site: Site | None,
@@ -72,7 +71,7 @@ def lines(
     return over_time(axes, time_ns, site)
 
 
-def over_time(axes: Axes, time_ns: NDArray[np.int64], site: Site | None) -> Axes:
+def over_time(axes: Axes, time_ns: IntArray, site: Site | None) -> Axes:
     """Label the time axis by the site's clocks, UTC without a site; add a legend of the labelled lines."""
     plotting.local_axis(axes, site, time_ns)
     if axes.get_legend_handles_labels()[1]:

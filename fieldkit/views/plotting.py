@@ -17,11 +17,11 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from fieldkit.model.arrays import FloatArray, IntArray
 from fieldkit.model.site import Site
 from fieldkit.model.units import HOUR_NS
-from fieldkit.physics.facet import FloatArray
 from fieldkit.views import formatting
 
 if TYPE_CHECKING:
@@ -105,7 +105,7 @@ def svg(figure: Figure) -> str:
     return buffer.getvalue()
 
 
-def over_time(figure: Figure, axes: Axes, time_ns: NDArray[np.int64]) -> OverTime:
+def over_time(figure: Figure, axes: Axes, time_ns: IntArray) -> OverTime:
     """A figure whose `axes` run over dates, with the places of these times."""
     figure.align_ylabels()
     drawn = svg(figure)  # which lays out the axes
@@ -113,7 +113,7 @@ def over_time(figure: Figure, axes: Axes, time_ns: NDArray[np.int64]) -> OverTim
     return OverTime(drawn, axes.transData.transform(points)[:, 0] / figure.bbox.width)
 
 
-def local_axis(axes: Axes, site: Site | None, time_ns: NDArray[np.int64]) -> None:
+def local_axis(axes: Axes, site: Site | None, time_ns: IntArray) -> None:
     """Label a horizontal axis by the site's clocks, UTC without a site; with its dates if there are two."""
     from matplotlib.dates import AutoDateLocator, DateFormatter
 
@@ -151,12 +151,12 @@ def clock_ticks(axes: Axes) -> None:
     )
 
 
-def days(time_ns: NDArray[np.int64]) -> FloatArray:
+def days(time_ns: IntArray) -> FloatArray:
     """Days since 1970, which is how matplotlib counts dates."""
     return time_ns / 86_400e9
 
 
-def broken(time_ns: NDArray[np.int64], *values: ArrayLike) -> list[FloatArray]:
+def broken(time_ns: IntArray, *values: ArrayLike) -> list[FloatArray]:
     """Days (n,) and values of a line, NaN between those that lie an hour apart: it breaks there."""
     after = np.flatnonzero(np.diff(time_ns) > HOUR_NS) + 1
     return [np.insert(np.asarray(one, np.float64), after, np.nan) for one in (days(time_ns), *values)]

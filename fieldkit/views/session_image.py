@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fieldkit.model.arrays import FloatArray
 from fieldkit.model.site import Region
 from fieldkit.model.slope import SlopeEstimate
 from fieldkit.palettes import INFERNO, Colours
 from fieldkit.views import formatting, frame_image, plotting, slope_map_image
-from fieldkit.views.frame_image import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -10,9 +10,10 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldkit.estimation.pixel_slopes import PixelBounds, SlopeMap
+from fieldkit.model.arrays import ByteArray, SingleArray
 from fieldkit.model.confidence import percent
 from fieldkit.model.site import Region
 from fieldkit.model.slope import SlopeState
@@ -60,7 +61,7 @@ def png(
 
 
 def _page(
-    rgb: Colours, state: NDArray[np.uint8], panel: Colours, title: str, subtitle: str,
+    rgb: Colours, state: ByteArray, panel: Colours, title: str, subtitle: str,
     width: int = WIDTH, regions: Sequence[Region] = (),
 ) -> Colours:  # fmt: skip
     """Colours of pixels enlarged close to `width`, hatched by state, with regions and axes, and a legend."""
@@ -90,7 +91,7 @@ def tilt_uncertainty(bounds: PixelBounds, regions: Sequence[Region]) -> str:
     return f"{of_tilt}: +-{half_deg:.1f} deg for half of the pixels, {most}"
 
 
-def full_colour_deg(tilt_deg: NDArray[np.float32]) -> float:
+def full_colour_deg(tilt_deg: SingleArray) -> float:
     """Tilt shown in full colour: 98 % of the pixels are flatter; a multiple of 5 degrees, at least 10."""
     known = tilt_deg[np.isfinite(tilt_deg)]
     highest = float(np.percentile(known, 98.0)) if known.size else 0.0
@@ -152,7 +153,7 @@ def _wheel(panel: Colours, x: int, y: int, full_deg: float) -> None:
     letters(panel, "tilt in degrees", x + 30, y + WHEEL_RADIUS + 26, 0.45)
 
 
-def _state_rows(panel: Colours, state: NDArray[np.uint8], y: int) -> None:
+def _state_rows(panel: Colours, state: ByteArray, y: int) -> None:
     """The states of a map from `y` on, each in a line."""
     present = [one for one in MEANINGS if (state == one).any()]
     for row, one in enumerate(present):
@@ -171,7 +172,7 @@ def _state_row(panel: Colours, state: SlopeState, share: float, y: int) -> None:
     letters(panel, f"{MEANINGS[state]}: {percent}", 62, y + 16, 0.45)
 
 
-def hatch(canvas: Colours, state: NDArray[np.uint8]) -> None:
+def hatch(canvas: Colours, state: ByteArray) -> None:
     """Strokes at one slant for two slopes that fit, at the other for none, dots for an uncertain one."""
     rows, cols = np.ogrid[: state.shape[0], : state.shape[1]]
     canvas[(state == SlopeState.UNCERTAIN) & (rows % 6 == 0) & (cols % 6 == 0)] = WHITE
@@ -179,7 +180,7 @@ def hatch(canvas: Colours, state: NDArray[np.uint8]) -> None:
     canvas[(state == SlopeState.NO_INTERSECTION) & ((rows - cols) % 8 < 2)] = (175, 175, 175)
 
 
-def enlarged(image: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
+def enlarged(image: ByteArray, factor: int) -> ByteArray:
     """Each pixel as a square of `factor` pixels."""
     return np.ascontiguousarray(image.repeat(factor, axis=0).repeat(factor, axis=1))
 
@@ -202,7 +203,7 @@ BAR = slice(50, 300), slice(20, 54)
 
 
 def layer_png(
-    planes: Sequence[NDArray[np.float32]], state: NDArray[np.uint8], title: str, subtitle: str = "", *,
+    planes: Sequence[SingleArray], state: ByteArray, title: str, subtitle: str = "", *,
     units: str, is_cyclic: bool = False,
 ) -> bytes:  # fmt: skip
     """A PNG file: the values, below them their standard uncertainty if it is given.
@@ -220,7 +221,7 @@ def layer_png(
 
 
 def _framed_plane(
-    values: NDArray[np.float32], state: NDArray[np.uint8], title: str, subtitle: str, units: str,
+    values: SingleArray, state: ByteArray, title: str, subtitle: str, units: str,
     is_cyclic: bool,
 ) -> Colours:  # fmt: skip
     low, high = (0.0, 360.0) if is_cyclic else _range(values)
@@ -230,14 +231,14 @@ def _framed_plane(
     return _page(rgb, state, _legend(state, low, high, units, is_cyclic), title, subtitle)
 
 
-def _range(values: NDArray[np.float32]) -> tuple[float, float]:
+def _range(values: SingleArray) -> tuple[float, float]:
     """Limits of the colours: 96 % of the values lie between them."""
     known = values[np.isfinite(values)]
     low, high = (float(one) for one in np.percentile(known, (2.0, 98.0))) if known.size else (0.0, 1.0)
     return (low, high) if high > low else (low, low + 1.0)
 
 
-def _colours(values: NDArray[np.float32], low: float, high: float, is_cyclic: bool) -> Colours:
+def _colours(values: SingleArray, low: float, high: float, is_cyclic: bool) -> Colours:
     import cv2
 
     shares = np.clip((np.nan_to_num(values, nan=low) - low) / (high - low), 0.0, 1.0)
@@ -247,7 +248,7 @@ def _colours(values: NDArray[np.float32], low: float, high: float, is_cyclic: bo
     return rgb
 
 
-def _legend(state: NDArray[np.uint8], low: float, high: float, units: str, is_cyclic: bool) -> Colours:
+def _legend(state: ByteArray, low: float, high: float, units: str, is_cyclic: bool) -> Colours:
     """The scale of the colours, and the states in the map with their shares."""
     import cv2
 

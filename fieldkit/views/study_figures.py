@@ -10,12 +10,11 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.estimation.statistics import ErrorSpan
+from fieldkit.model.arrays import BoolArray, FloatArray
 from fieldkit.model.confidence import CONFIDENCE, percent
 from fieldkit.model.units import CELSIUS_ZERO_K
-from fieldkit.physics.facet import FloatArray
 from fieldkit.views import plotting
 
 if TYPE_CHECKING:
@@ -183,7 +182,7 @@ def _slope_axes(axes: Axes) -> None:
 
 
 def ground_temperatures(
-    measured_k: FloatArray, modelled_k: FloatArray, half_width_k: FloatArray, fitted: NDArray[np.bool_]
+    measured_k: FloatArray, modelled_k: FloatArray, half_width_k: FloatArray, fitted: BoolArray
 ) -> str:
     """Temperatures with their interval, and residuals below; fitted minutes are shaded.
 

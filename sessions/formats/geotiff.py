@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fieldkit.model.arrays import FloatArray, SingleArray
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import Site, apart_m
 from fieldkit.physics.camera_geometry import Grid, Heights
@@ -110,7 +110,7 @@ def _part(wkt: str, name: str) -> str:
 
 def _transformed(
     source: CRS, target: CRS, x: Sequence[float], y: Sequence[float]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[FloatArray, FloatArray]:
     from rasterio.warp import transform
 
     try:
@@ -124,7 +124,7 @@ def _transformed(
     return found[0], found[1]
 
 
-def _metres_per_degree(geographic: CRS, latitude_deg: float) -> NDArray[np.float64]:
+def _metres_per_degree(geographic: CRS, latitude_deg: float) -> FloatArray:
     """Of longitude and of latitude, on the system's ellipsoid."""
     _, axis_m, flattening = _part(geographic.to_wkt(), "SPHEROID").split(",")[:3]
     axis, inverse, latitude = float(axis_m), float(flattening.rstrip("]")), math.radians(latitude_deg)
@@ -188,7 +188,7 @@ def _metres_per_unit(path: Path, unit: str | None) -> float:
     return metres
 
 
-def _refuse_no_heights(path: Path, heights_m: NDArray[np.float64], band: NDArray[np.float64]) -> None:
+def _refuse_no_heights(path: Path, heights_m: FloatArray, band: FloatArray) -> None:
     """Raise `ConfigError` for a marker of missing heights that the file does not declare."""
     is_marker = np.isin(band, MARKERS) | (heights_m < LOWEST_M) | (heights_m > HIGHEST_M)
     if is_marker.any():
@@ -200,7 +200,7 @@ def _refuse_no_heights(path: Path, heights_m: NDArray[np.float64], band: NDArray
 
 
 def write_layers(
-    path: Path, layers: Sequence[tuple[str, str, NDArray[np.float32]]], crs: CRS, west_m: float,
+    path: Path, layers: Sequence[tuple[str, str, SingleArray]], crs: CRS, west_m: float,
     north_m: float, cell_m: float,
 ) -> None:  # fmt: skip
     """Write layers (name, units, values) as bands, north up, NaN where nothing is known. Raises `OSError`."""

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import TypedDict, Unpack
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.disk import replacing
+from fieldkit.model.arrays import ByteArray, CountArray, SingleArray
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, StorageError
 from fieldkit.model.samples import Frame, is_damaged
@@ -36,7 +36,6 @@ _ROOM = "make room, or name another folder: -o DIR"
 _TABLES = "export --to csv, for what it has"
 _FRAMES_PER_S = 25.0
 ALWAYS = (-math.inf, math.inf)
-Image = NDArray[np.uint8]
 log: logging.Logger = logging.getLogger(__name__)
 
 
@@ -88,7 +87,7 @@ def _hottest_k(frame: Frame, info: StreamInfo) -> float:
     return float(np.max(kelvin, where=np.isfinite(kelvin), initial=0.0))
 
 
-def _tiff_counts(frame: Frame, info: StreamInfo, step: float) -> NDArray[np.uint16]:
+def _tiff_counts(frame: Frame, info: StreamInfo, step: float) -> CountArray:
     if not has_temperatures(info):
         return frame.counts
     counts = np.rint(frame_k(info, frame.counts, frame.metadata_rows) / step)
@@ -153,7 +152,7 @@ def export_video(
     return [path]
 
 
-def _at_speed(drawn: Iterable[tuple[Frame, Image]], speed: float) -> Iterator[Image]:
+def _at_speed(drawn: Iterable[tuple[Frame, ByteArray]], speed: float) -> Iterator[ByteArray]:
     """The pictures of a video: each frame until the next one was taken, or once where `speed` is infinite."""
     first_ns, shown, before = 0, 0, None
     for frame, image in drawn:
@@ -233,7 +232,7 @@ def require_palette(name: str) -> None:
 
 def _drawn(
     session: SessionReader, info: StreamInfo, palette: str, **chosen: Unpack[Chosen]
-) -> Iterator[tuple[Frame, Image]]:
+) -> Iterator[tuple[Frame, ByteArray]]:
     require_palette(palette)
     colours = bgr(palette)
     low, high = _range(session, info)
@@ -255,7 +254,7 @@ def _with_slope(estimate: SlopeEstimate) -> str:
     return f"{estimate.region}{tilt}"
 
 
-def _shown(frame: Frame, info: StreamInfo) -> NDArray[np.float32]:
+def _shown(frame: Frame, info: StreamInfo) -> SingleArray:
     """Values that an image shows, (rows, cols): °C, or counts where the camera's scale is not known."""
     if not has_temperatures(info):
         return frame.counts.astype(np.float32)
@@ -280,19 +279,19 @@ def _range(session: SessionReader, info: StreamInfo) -> tuple[float, float]:
 def _draw(
     regions: Iterable[Region],
     frame: Frame,
-    shown: NDArray[np.float32],
+    shown: SingleArray,
     ends: tuple[float, float],
     words: list[str],
     names: Mapping[str, str],
     colours: Colours,
-) -> Image:
+) -> ByteArray:
     import cv2
 
     factor = max(1, round(_WIDTH / frame.counts.shape[1]))
     low, high = ends
     grey = np.clip(np.nan_to_num((shown - low) / (high - low)) * 255, 0, 255).astype(np.uint8)
     large = cv2.resize(grey, None, fx=factor, fy=factor, interpolation=cv2.INTER_NEAREST)
-    image: Image = colours[large]
+    image: ByteArray = colours[large]
     for region in regions:
         corners = np.trunc((np.array(region.vertices) + 0.5) * factor)
         outline(image, corners, thickness=1)
@@ -302,11 +301,11 @@ def _draw(
     return np.vstack([image, _bar(image.shape[1], words, iso_utc(frame.time_ns)[:19] + "Z", colours)])
 
 
-def _bar(width: int, words: list[str], moment: str, colours: Colours) -> Image:
+def _bar(width: int, words: list[str], moment: str, colours: Colours) -> ByteArray:
     """The colour scale with its ends, and the time."""
     ramp = np.tile(np.linspace(0, 255, width).astype(np.uint8), (_BAR // 3, 1))
     black = np.zeros((_BAR - _BAR // 3, width, 3), np.uint8)
-    bar: Image = np.vstack([colours[ramp], black])
+    bar: ByteArray = np.vstack([colours[ramp], black])
     label(bar, words[0], 4, _BAR - 8, 0.45, margin=2)
     label(bar, moment, width // 2 - 80, _BAR - 8, 0.45, margin=2)
     label(bar, words[1], width - 80, _BAR - 8, 0.45, margin=2)

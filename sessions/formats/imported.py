@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Generic, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fieldkit.model.arrays import BoolArray, IntArray
 from fieldkit.model.clock import ClockCheck, HostClock
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError
@@ -150,14 +150,14 @@ def _add_note(writer: SessionWriter, clock: StampedClock, severity: Severity, te
     writer.put(Event(EventKind.IMPORTED, clock.now_ns, clock.now_ns, text, "", severity))
 
 
-def usual_rate_hz(time_ns: Sequence[int] | NDArray[np.int64]) -> float:
+def usual_rate_hz(time_ns: Sequence[int] | IntArray) -> float:
     """Samples a second by the median interval; 0 where there is none."""
     intervals = np.diff(np.asarray(time_ns, np.int64))
     usual = float(np.median(intervals)) if intervals.size else 0.0
     return 1e9 / usual if usual > 0 else 0.0
 
 
-def bunched(time_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
+def bunched(time_ns: IntArray) -> BoolArray:
     """True for frames that came together, having waited: half the usual interval apart or less."""
     intervals = np.diff(time_ns)
     late = np.zeros(len(time_ns), np.bool_)

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fieldkit.model.arrays import FloatArray
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, NoAnswerError
 from fieldkit.model.limits import Bounds, bounds_of
@@ -22,8 +22,6 @@ from fieldkit.sessions.records import RegionRecord
 from fieldkit.sessions.seal import SealReport
 from fieldkit.sessions.time_map import TimeStep, added_ns, recorded_mono_ns
 from fieldkit.sessions.writer import SessionWriter
-
-FloatArray = NDArray[np.float64]
 
 
 def cut_to(session: SessionReader, imported: ImportedRecording) -> ImportedRecording:

@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.disk import replacing
+from fieldkit.model.arrays import SingleArray
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import Event, Frame, Reading, Severity
@@ -205,7 +205,7 @@ UNKNOWN = -1
 
 def write_maps(
     path: Path,
-    layers: Mapping[str, NDArray[np.float32]],
+    layers: Mapping[str, SingleArray],
     ground: Heights,
     time_ns: int,
     *,
@@ -243,7 +243,7 @@ def _pose(east_m: float, north_m: float) -> dict[str, Any]:
     }
 
 
-def _grid_map(layers: Mapping[str, NDArray[np.float32]], ground: Heights) -> dict[str, Any]:
+def _grid_map(layers: Mapping[str, SingleArray], ground: Heights) -> dict[str, Any]:
     """Its first index runs from east to west, its second from north to south, the first one fastest."""
     rows, cols = ground.heights_m.shape
     length_x, length_y = cols * ground.cell_m, rows * ground.cell_m
@@ -265,7 +265,7 @@ def _grid_map(layers: Mapping[str, NDArray[np.float32]], ground: Heights) -> dic
     }  # fmt: skip
 
 
-def _occupancy_grid(risk: NDArray[np.float32], ground: Heights, time_ns: int) -> dict[str, Any]:
+def _occupancy_grid(risk: SingleArray, ground: Heights, time_ns: int) -> dict[str, Any]:
     """From the south-western cell to the east, then northwards; percent."""
     rows, cols = risk.shape
     percent = np.where(np.isnan(risk), UNKNOWN, np.rint(100.0 * np.nan_to_num(risk)))

@@ -15,11 +15,10 @@ from datetime import tzinfo
 from functools import reduce
 from operator import or_
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fieldkit.model.arrays import AnyArray, CountArray
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, message_of
 from fieldkit.model.samples import Frame, Quality, Severity
@@ -88,7 +87,7 @@ class _Still:
         known = [Quality[name.upper()] for name in names if name.upper() in Quality.__members__]
         return reduce(or_, known, Quality.GOOD)
 
-    def counts(self) -> NDArray[np.uint16]:
+    def counts(self) -> CountArray:
         """Shape (rows, cols); raises `ConfigError` where it cannot be read."""
         if self.path.suffix.lower() == ".irg":
             return read_irg(self.path).counts
@@ -106,7 +105,7 @@ def image_files(source: Path) -> list[Path]:
     return [path for path in found if path.suffix.lower() in _FIRST_SUFFIXES] or found
 
 
-def _counts_of(values: NDArray[Any], unit: Unit) -> NDArray[np.uint16]:
+def _counts_of(values: AnyArray, unit: Unit) -> CountArray:
     """Temperatures as counts of 0.01 K; what is no temperature becomes an end of the range."""
     with np.errstate(invalid="ignore"):  # signalling NaNs
         kelvin = np.nan_to_num((values.astype(np.float64) + unit.add) / unit.by, nan=0.0)
@@ -114,7 +113,7 @@ def _counts_of(values: NDArray[Any], unit: Unit) -> NDArray[np.uint16]:
     return np.rint(np.clip(kelvin, 0.0, 0xFFFF * step_k) / step_k).astype(np.uint16)
 
 
-def _read_png(path: Path) -> NDArray[Any] | None:
+def _read_png(path: Path) -> AnyArray | None:
     import cv2
 
     return cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
@@ -356,7 +355,7 @@ _MOST_IRG_PIXELS = 1 << 22
 class IrgFrame:
     """Counts (rows, cols), kelvin per count (NaN where the file lacks it), the camera's emissivity."""
 
-    counts: NDArray[np.uint16]
+    counts: CountArray
     kelvin_per_count: float
     emissivity: float
 

@@ -18,7 +18,8 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
+
+from fieldkit.model.arrays import AnyArray, CountArray
 
 # TIFF 6.0, sections 4, 8, 12 and 19; 42112 is GDAL's
 _NEW_SUBFILE, _SUBFILE, _BITS, _ORIENTATION, _SAMPLES, _SAMPLE_FORMAT = 254, 255, 258, 274, 277, 339
@@ -45,7 +46,7 @@ class TiffTags:
     flags: tuple[str, ...] = ()
 
 
-def write_tiff(path: Path, counts: NDArray[np.uint16], tags: TiffTags, software: str) -> None:
+def write_tiff(path: Path, counts: CountArray, tags: TiffTags, software: str) -> None:
     """One frame (rows, cols) with its tags; raises `OSError`."""
     rows, cols = counts.shape
     strip = zlib.compress(counts.astype("<u2").tobytes(), 1)
@@ -125,7 +126,7 @@ class Page:
     _at: int
     _oriented_at: int
 
-    def read(self, path: Path) -> NDArray[Any] | None:
+    def read(self, path: Path) -> AnyArray | None:
         """The image as it is stored, (rows, cols); None where it does not decode. Raises `OSError`."""
         import cv2
 

@@ -21,8 +21,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fieldkit.model.arrays import FloatArray
 from fieldkit.model.errors import ConfigError, message_of
 from fieldkit.model.samples import Severity
 from fieldkit.sessions.formats.imported import ImportedRecording
@@ -48,8 +48,8 @@ class _Stream(NamedTuple):
     name: str
     columns: list[Column]
     values: list[list[float]]
-    raw_s: NDArray[np.float64]
-    stamps_s: NDArray[np.float64]
+    raw_s: FloatArray
+    stamps_s: FloatArray
 
     def __str__(self) -> str:
         units = dict.fromkeys(column.unit or "no unit" for column in self.columns)
@@ -178,9 +178,9 @@ def _loaded(path: Path) -> tuple[list[_Stream], Any, Notes]:
         raise ConfigError("XDF needs pyxdf", fix="pip install 'fieldkit[lsl]'") from error
     data = path.read_bytes()
     whole = _whole_part(path, data)
-    raw_s: defaultdict[int, list[NDArray[np.float64]]] = defaultdict(list)
+    raw_s: defaultdict[int, list[FloatArray]] = defaultdict(list)
 
-    def keep(values: Any, stamps: NDArray[np.float64], info: Any, number: int) -> tuple[Any, Any, Any]:
+    def keep(values: Any, stamps: FloatArray, info: Any, number: int) -> tuple[Any, Any, Any]:
         raw_s[number].append(stamps)
         return values, stamps, info
 
@@ -228,7 +228,7 @@ def _logged() -> Iterator[list[logging.LogRecord]]:
         logger.propagate = was
 
 
-def _stream(found: Any, raw_s: Sequence[NDArray[np.float64]]) -> _Stream:
+def _stream(found: Any, raw_s: Sequence[FloatArray]) -> _Stream:
     info, stamps_s = found["info"], found["time_stamps"]
     if not np.isfinite(stamps_s).all():
         raise ValueError("a stamp is not a number")

@@ -13,10 +13,10 @@ from functools import lru_cache
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.calibration.band import own_part_k
 from fieldkit.calibration.emissivity import Pairs, SharedUncertainties
+from fieldkit.model.arrays import FloatArray
 from fieldkit.model.site import Site
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.radiance import band_radiance, band_temperature, brightness_temperature_k
@@ -25,7 +25,6 @@ from fieldkit.simulation import ClearSky, Facet, MeasuredSky, Scene
 from fieldkit.simulation.scene import ALAMOSA_NOON_NS
 from fieldkit.weather import packaged
 
-FloatArray = NDArray[np.float64]
 STEADY_K_MIN = 0.1
 CAMERA_K, PLACEMENT_K, NOISE_K, FOIL_K, AIR = 0.3, 0.15, 0.05, 5.0, 0.004
 PROBE_K = 0.3  # one millimetre, give or take one, at 0.3 K/mm

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from fieldkit.model.arrays import FloatArray
 from fieldkit.simulation.motion import FOCAL_PX, Motion
 
 PIXEL_M = 0.1
@@ -31,7 +31,7 @@ def on_ground(points_px: Iterable[Iterable[float]]) -> list[list[float]]:
     return [[EAST_M + (x - 79.5) * PIXEL_M, NORTH_M - (y - 59.5) * PIXEL_M] for x, y in points_px]
 
 
-def pose(motion: Motion, share: float, error_deg: NDArray[np.float64]) -> tuple[list[float], list[float]]:
+def pose(motion: Motion, share: float, error_deg: FloatArray) -> tuple[list[float], list[float]]:
     """Position and quaternion after a share of the motion, without its shaking; turned by an error."""
     right, down = -PIXEL_M * share * np.asarray(motion.drift_px)
     turn = cv2.Rodrigues(np.array([0.0, np.radians(share * motion.pan_deg), 0.0]))[0]

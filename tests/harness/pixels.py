@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.estimation.pixel_posterior import PixelPosterior
 from fieldkit.estimation.pixel_slopes import MapSums, SlopeMap, posterior
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.arrays import AnyArray, FloatArray
 from fieldkit.model.site import Site
 from fieldkit.physics.energy_balance import SurfaceParameters, surface_temperature
-from fieldkit.physics.facet import VERTICAL, FloatArray, normal
+from fieldkit.physics.facet import VERTICAL, normal
 from fieldkit.physics.sun import sun_vectors
 
 SITE = Site(35.558675, 139.395232, 9.0)
@@ -21,7 +20,7 @@ PAPER = SurfaceParameters()
 SETTINGS = EstimatorSettings(model="full", scale_sd=0.0, offset_sd_k=0.0, drift_sd_k_per_h=0.0, noise_k=0.05)
 
 
-def temperatures(normals: NDArray[Any], ray: NDArray[Any]) -> FloatArray:
+def temperatures(normals: AnyArray, ray: AnyArray) -> FloatArray:
     """Surface temperatures of slopes under one sun, by the paper's eq. (7)."""
     return surface_temperature(800.0 * np.maximum(normals @ ray, 0.0), 400.0, 303.15, PAPER)
 

@@ -17,9 +17,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fieldkit.physics.facet import FloatArray
+from fieldkit.model.arrays import FloatArray, IntArray
 
 JUMP_SDS = 4.5
 JUMP_PROBABILITY = 0.01
@@ -86,7 +85,7 @@ class KalmanBank:
         design: Affine,
         measured: FloatArray,
         variance: FloatArray,
-        jumps: NDArray[np.int64] | None = None,
+        jumps: IntArray | None = None,
     ) -> Innovation:
         """Correct the states by measurements (m,) with independent noise (p, m), R's diagonal.
 

@@ -12,7 +12,7 @@ from fieldkit.estimation.learned.noise import OWN_K, Noise
 from fieldkit.estimation.learned.prior_state import DAY_TO_DAY, prior_covariance, prior_mean
 from fieldkit.estimation.learned.surface import SurfaceModel
 from fieldkit.estimation.settings import EstimatorSettings
-from fieldkit.physics.facet import FloatArray
+from fieldkit.model.arrays import FloatArray
 
 LEAST_EXCHANGE = 0.5
 """Of still air over level ground at night; a session's own exchange is a normal number, without a bound."""

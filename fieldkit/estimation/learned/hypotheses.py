@@ -21,7 +21,7 @@ import numpy as np
 
 from fieldkit.estimation.distributions import normal_cdf, normal_quantile
 from fieldkit.estimation.settings import EstimatorSettings
-from fieldkit.physics.facet import FloatArray
+from fieldkit.model.arrays import FloatArray
 
 UNKNOWNS = 5
 MOST_SDS = 5.0

@@ -11,12 +11,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.estimation.bins import History
 from fieldkit.estimation.learned.layout import Layout
 from fieldkit.estimation.region_temperatures import difference_covariance_k2
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.arrays import BoolArray, FloatArray
 from fieldkit.model.site import Region
 from fieldkit.physics.bodies import BODIES
 from fieldkit.physics.climate import usual_air_k
@@ -27,7 +27,6 @@ from fieldkit.physics.daylight import (
     extraterrestrial,
     perez_brightening,
 )
-from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.horizon import MINUTE_EDGE_DEG, sunlit_share
 
 UNKNOWN_CHANGE = 5.0
@@ -74,7 +73,7 @@ class MinuteInputs:
     hours: float
     sun: FloatArray
     temperature_k: FloatArray
-    measured: NDArray[np.bool_]
+    measured: BoolArray
     direct: float
     direct_change: float
     diffuse: float
@@ -85,7 +84,7 @@ class MinuteInputs:
     air_k: float
     shaded: FloatArray
     sunlit: FloatArray
-    is_edge: NDArray[np.bool_]
+    is_edge: BoolArray
     brightening: float
     horizon: float
     air_stale_h: float
@@ -160,9 +159,7 @@ def _longwave_per_k(history: History, row: int, settings: EstimatorSettings) -> 
     return 6.0 * float(clear_sky_longwave(air_k)) / air_k
 
 
-def can_start(
-    history: History, row: int, layout: Layout, wanted: NDArray[np.bool_] | slice = EVERY_REGION
-) -> bool:
+def can_start(history: History, row: int, layout: Layout, wanted: BoolArray | slice = EVERY_REGION) -> bool:
     """True if a row has all wanted regions, and light unless the sun is down."""
     is_lit = history.sun[row, 2] > 0.0
     kelvin = history.temperature_k[row, layout.columns][wanted]
@@ -268,7 +265,7 @@ def _wind_change(history: History, row: int) -> float:
     return float(history.wind_m_s[known[-1]] - history.wind_m_s[known[0]]) if known.size else 0.0
 
 
-def shade(history: History, layout: Layout, chosen: slice = EVERY_ROW) -> NDArray[np.bool_]:
+def shade(history: History, layout: Layout, chosen: slice = EVERY_ROW) -> BoolArray:
     """Regions shaded in each row, and those whose shade begins or ends there (n, 2, regions).
 
     Apart from the shadow of their horizon. Of some rows, the first and last of which have no neighbours then.

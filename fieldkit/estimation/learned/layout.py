@@ -12,20 +12,18 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.estimation.bins import RegionColumns
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.surface_kinds import Unlike
+from fieldkit.model.arrays import FloatArray, IntArray
 from fieldkit.model.site import Region
-from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.horizon import Horizon, sky_view_factor
 from fieldkit.physics.layer_modes import MODES
 
 GUSTS = ("gust", "longer_gust", "longest_gust")
 """Parts of the exchange's changes with the wind, from quick to slow."""
 SMOOTH = ("slow_gust", "common_flux", "air_change")
-Indices = NDArray[np.int64]
 STORES = 1 + MODES
 """Places of a layer: its level before the first minute, and what flowed in since."""
 SHARED = (
@@ -47,14 +45,14 @@ class Layout:
     `unlike` are of each region; the latter is its surface against that of the references.
     """
 
-    columns: Indices
+    columns: IntArray
     known: FloatArray
     facing: tuple[FloatArray, ...]
     horizons: tuple[Horizon, ...]
     unlike: tuple[Unlike, ...]
 
     @classmethod
-    def of(cls, columns: RegionColumns, targets: Indices, settings: EstimatorSettings) -> Layout:
+    def of(cls, columns: RegionColumns, targets: IntArray, settings: EstimatorSettings) -> Layout:
         """References and some of the targets, given as columns."""
         chosen = np.concatenate([columns.references, targets])
         is_known = settings.azimuth == "known"
@@ -144,18 +142,18 @@ class Layout:
         return self.own_response(self.targets) + target
 
     @cached_property
-    def own_places(self) -> Indices:
+    def own_places(self) -> IntArray:
         """Places of what each region's temperature does alone (regions,)."""
         return self.own(0) + np.arange(self.regions)
 
     @cached_property
-    def gain_and_normals(self) -> Indices:
+    def gain_and_normals(self) -> IntArray:
         """Places of the gain and of all normals times the gain."""
         normals = range(self.normal(0).start, self.normal(self.targets - 1).stop)
         return np.array([self.shared("gain"), *normals], np.int64)
 
     @cached_property
-    def lasting(self) -> Indices:
+    def lasting(self) -> IntArray:
         """Places of what one session leaves to the next: constants of the ground and of each bed.
 
         How much more one bed gives off than another depends on where the wind comes from.

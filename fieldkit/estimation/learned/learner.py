@@ -27,7 +27,8 @@ from fieldkit.estimation.learned.noise import noise_of
 from fieldkit.estimation.learned.normals import UnitNormals, unit_normals
 from fieldkit.estimation.normal import Misfit, solve
 from fieldkit.estimation.settings import EstimatorSettings
-from fieldkit.physics.facet import FloatArray, tilt_azimuth
+from fieldkit.model.arrays import FloatArray
+from fieldkit.physics.facet import tilt_azimuth
 
 FIRST_DRAW = 5
 """Minutes before the first hypotheses are judged."""

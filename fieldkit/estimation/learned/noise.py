@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fieldkit.estimation.learned.inputs import MinuteInputs
-from fieldkit.physics.facet import FloatArray
+from fieldkit.model.arrays import FloatArray
 
 OWN_MINUTES = 4.0
 NEAR, FAR = 1, 4

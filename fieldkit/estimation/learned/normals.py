@@ -12,11 +12,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.estimation.learned.filters import Filters
 from fieldkit.estimation.normal import tangent_pair
-from fieldkit.physics.facet import FloatArray
+from fieldkit.model.arrays import BoolArray, FloatArray
 
 LONGEST = 0.25
 """Longest step of the gain or of a turn in radians."""
@@ -169,9 +168,7 @@ def _step(fit: _Fit, information: FloatArray, damping: FloatArray) -> FloatArray
     return np.asarray(step / np.maximum(1.0, np.abs(step).max(axis=1, keepdims=True) / LONGEST))
 
 
-def _either(
-    mean: FloatArray, information: FloatArray, better: NDArray[np.bool_], trial: _Fit, fit: _Fit
-) -> _Fit:
+def _either(mean: FloatArray, information: FloatArray, better: BoolArray, trial: _Fit, fit: _Fit) -> _Fit:
     """The trial where it is better."""
     chosen = better[:, np.newaxis]
     units = [np.where(chosen, new, old) for new, old in zip(trial.units, fit.units, strict=True)]

@@ -18,7 +18,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag, solve_triangular
 
 from fieldkit.estimation.bins import History, RegionColumns
@@ -31,12 +30,11 @@ from fieldkit.estimation.learned.prior_state import prior_covariance, prior_mean
 from fieldkit.estimation.learned.surface import SurfaceModel
 from fieldkit.estimation.region_temperatures import remove_offsets
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.arrays import BoolArray, FloatArray, IntArray, SingleArray
 from fieldkit.model.learnt import Learnt
 from fieldkit.model.site import Region
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
-from fieldkit.physics.facet import FloatArray
 
-Single = NDArray[np.float32]
 JUMP_K = 10.0
 """Of the temperature in a jump: what it was then is no evidence any more."""
 LEAST_GUST = 1e-3
@@ -59,13 +57,13 @@ class PixelRows:
     exchange_w_m2_k: FloatArray
     emissivity: float
     design: FloatArray
-    by_temperature: Single
-    by_loss: Single
-    constant: Single
+    by_temperature: SingleArray
+    by_loss: SingleArray
+    constant: SingleArray
     towards_sun: FloatArray
     scale_sd: float
 
-    def values(self, over_k: Single) -> Single:
+    def values(self, over_k: SingleArray) -> SingleArray:
         """``design n`` of pixels (k, pixels), by their temperatures over the reference's (n, pixels)."""
         level = self.reference_k[:, np.newaxis].astype(np.float32)
         kelvin = level + over_k
@@ -79,7 +77,7 @@ class PixelRows:
 def pixel_rows(
     history: History,
     regions: Sequence[Region],
-    chosen: NDArray[np.bool_],
+    chosen: BoolArray,
     normals: Mapping[str, FloatArray],
     settings: EstimatorSettings,
     learnt: Learnt,
@@ -102,7 +100,7 @@ class _Pair:
         self,
         history: History,
         columns: RegionColumns,
-        chosen: NDArray[np.bool_],
+        chosen: BoolArray,
         normals: Mapping[str, FloatArray],
         settings: EstimatorSettings,
         learnt: Learnt,
@@ -114,7 +112,7 @@ class _Pair:
         self._learnt = {one.name: one for one in learnt.parameters}
         self._layout = Layout.of(columns, columns.targets, settings)
         self._minutes = minutes_between(history, 0, len(history), self._layout, settings)
-        self._frames: NDArray[np.int64] = history.minute - history.minute[0]
+        self._frames: IntArray = history.minute - history.minute[0]
         steps = np.arange(len(self._minutes), dtype=np.float64)
         self._apart: FloatArray = np.abs(np.subtract.outer(steps, steps))
         self._take_model()
@@ -211,7 +209,7 @@ class _Pair:
                 self._noise += JUMP_K**2 * np.outer(fades, fades)
 
     @cached_property
-    def _targets(self) -> list[tuple[FloatArray, FloatArray, NDArray[np.int64]]]:
+    def _targets(self) -> list[tuple[FloatArray, FloatArray, IntArray]]:
         """Of targets of known slope: temperature over the reference (m,), what is left of it, and when."""
         made = []
         for place in range(self._layout.references, self._layout.regions):
@@ -323,13 +321,13 @@ class _Pair:
         return np.asarray(slow + self._prior[lasting, lasting])
 
 
-def _whitening(covariance: FloatArray, at: NDArray[np.int64]) -> FloatArray:
+def _whitening(covariance: FloatArray, at: IntArray) -> FloatArray:
     """Matrix (k, k) that makes what scatters so at these places independent and of unit variance."""
     root = np.linalg.cholesky(covariance[np.ix_(at, at)])
     return np.asarray(solve_triangular(root, np.eye(len(root)), lower=True))
 
 
-def _interpolation(places: NDArray[np.int64], size: int) -> FloatArray:
+def _interpolation(places: IntArray, size: int) -> FloatArray:
     """Matrix (size, n) from values at n places to those of all, straight in between."""
     steps = np.arange(size)
     return np.column_stack([np.interp(steps, places, one) for one in np.eye(places.size)])

@@ -16,7 +16,7 @@ from fieldkit.estimation.learned.layout import GUSTS, Layout
 from fieldkit.estimation.learned.noise import OWN_MINUTES, Noise
 from fieldkit.estimation.prior import Prior
 from fieldkit.estimation.settings import EstimatorSettings
-from fieldkit.physics.facet import FloatArray
+from fieldkit.model.arrays import FloatArray
 from fieldkit.physics.layer_modes import RATES_PER_S
 
 GUST_MINUTES: FloatArray = np.array([2.0, 6.0, 20.0])

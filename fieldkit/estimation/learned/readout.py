@@ -21,9 +21,10 @@ from fieldkit.estimation.learned.normals import UnitNormals, tangent_basis
 from fieldkit.estimation.learned.prior_state import prior_sds
 from fieldkit.estimation.likelihood import LikelihoodRegion, project
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.arrays import FloatArray
 from fieldkit.model.confidence import interval_sds
 from fieldkit.model.learnt import LearntParameter
-from fieldkit.physics.facet import VERTICAL, FloatArray, angle_between_deg, normal, tilt_azimuth
+from fieldkit.physics.facet import VERTICAL, angle_between_deg, normal, tilt_azimuth
 
 POINTS = 32
 """Points for each hypothesis and branch."""

@@ -24,8 +24,8 @@ from fieldkit.estimation.learned.noise import Noise
 from fieldkit.estimation.learned.prior_state import AIR_CHANGE_K, SMOOTHED, processes
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.surface_kinds import Unlike
+from fieldkit.model.arrays import FloatArray
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
-from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.layer_modes import RATES_PER_S, layer_modes
 
 MINUTE_S = 60.0

@@ -17,6 +17,7 @@ from fieldkit.estimation.statistics import (
     mean_absolute_error,
     root_mean_square_error,
 )
+from fieldkit.model.arrays import FloatArray
 from fieldkit.model.site import Site
 from fieldkit.views import formatting, plotting, study_figures
 from fieldkit.views.html import Figure, Table, code, render, strong
@@ -24,13 +25,7 @@ from fieldkit.views.report import session_figures
 from fieldkit.views.report.error_budget import READING, budget, cause_rows, pooled
 from fieldkit.views.report.recording import versions
 from fieldkit.views.report.results import SPAN_S, sd_words
-from fieldkit.views.report.series import (
-    FloatArray,
-    Series,
-    TargetSeries,
-    modelled_temperature,
-    temperature_rmse_k,
-)
+from fieldkit.views.report.series import Series, TargetSeries, modelled_temperature, temperature_rmse_k
 from fieldkit.views.report.session_figures import FinalTilt
 
 

@@ -12,12 +12,12 @@ from dataclasses import dataclass, fields
 from typing import get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.estimation.budget import BudgetTerm
 from fieldkit.estimation.estimator_keys import Model
 from fieldkit.estimation.region_temperatures import difference_k
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.arrays import BoolArray, FloatArray
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics import daylight
 from fieldkit.physics.bodies import BODIES
@@ -28,8 +28,6 @@ from fieldkit.views import formatting, learnt_words
 from fieldkit.views.html import Table, strong
 from fieldkit.views.report.assessment import mean_error
 from fieldkit.views.report.series import ReportData, Series, TargetSeries
-
-FloatArray = NDArray[np.float64]
 
 OFFSET_K = 0.3
 SCALE = 0.10
@@ -127,7 +125,7 @@ def _model_row(name: object, columns: Series) -> list[object]:
     return [name, *tilts, formatting.number(mean_error(columns), 1), share]
 
 
-def _holds_truth(target: TargetSeries) -> NDArray[np.bool_]:
+def _holds_truth(target: TargetSeries) -> BoolArray:
     """Of the minutes with an estimate, whether the likelihood region holds the given tilt."""
     truth = target.region.tilt_deg
     held = (target.tilt_low_deg <= truth) & (truth <= target.tilt_high_deg)

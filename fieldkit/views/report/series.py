@@ -12,7 +12,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.estimation.budget import BudgetTerm
 from fieldkit.estimation.settings import EstimatorSettings
@@ -22,6 +21,7 @@ from fieldkit.estimation.statistics import (
     root_mean_square_error,
     sd_of_absolute_error,
 )
+from fieldkit.model.arrays import BoolArray, FloatArray, IntArray
 from fieldkit.model.learnt import Learnt
 from fieldkit.model.samples import Event, EventKind, Frame, Quality
 from fieldkit.model.site import Region, RegionKind, Site
@@ -40,9 +40,6 @@ if TYPE_CHECKING:
     from fieldkit.estimation.estimator import Minute
     from fieldkit.sessions.reader import SessionReader
 
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 _OF_ESTIMATES = (
     *("tilt_deg", "tilt_low_deg", "tilt_high_deg"),
@@ -107,14 +104,14 @@ class TargetSeries:
 class Series:
     """Everything by minute, shape (n,) each; `sun` are East-North-Up unit vectors (n, 3)."""
 
-    time_ns: NDArray[np.int64]
+    time_ns: IntArray
     illuminance_lx: FloatArray
     irradiance_w_m2: FloatArray
     diffuse_w_m2: FloatArray  # as measured, NaN where not
     longwave_w_m2: FloatArray  # downward, as measured, NaN where not
     irradiance_model: str
     sun: FloatArray
-    flags: NDArray[np.int64]
+    flags: IntArray
     temperature_k: Mapping[str, FloatArray]
     contact_k: FloatArray  # (n, channels)
     targets: tuple[TargetSeries, ...]
@@ -131,7 +128,7 @@ class Series:
         """Cosine of the sun's zenith angle."""
         return self.sun[:, 2]
 
-    def of_day_ns(self, site: Site) -> NDArray[np.int64]:
+    def of_day_ns(self, site: Site) -> IntArray:
         """Nanoseconds since midnight on the site's clocks."""
         return np.array([formatting.of_day_ns(time_ns, site) for time_ns in self.time_ns.tolist()], np.int64)
 

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from fieldkit.model.air import is_air_temperature
+from fieldkit.model.arrays import FloatArray
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.slope import SOLVED, SlopeEstimate
 from fieldkit.model.units import CELSIUS_ZERO_K, MINUTE_NS
 from fieldkit.views import plotting
-from fieldkit.views.report.series import FloatArray, Series, TargetSeries
+from fieldkit.views.report.series import Series, TargetSeries
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

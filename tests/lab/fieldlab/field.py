@@ -7,8 +7,8 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fieldkit.model.arrays import FloatArray
 from fieldkit.simulation import Correction, Scene, sand_slopes
 
 START = "2016-01-01T19:00:00"
@@ -30,17 +30,17 @@ class Field:
         """Take the time of day from the guest from now on."""
         self._utc_ns = utc_ns
 
-    def lepton(self, host_s: float) -> NDArray[np.float64]:
+    def lepton(self, host_s: float) -> FloatArray:
         """A picture of the Lepton's 120x160 pixels in kelvin, with its noise."""
         time_ns = self._utc_ns(host_s)
         corrected = Correction(CORRECTIONS, time_ns - CORRECTION_AGE_NS)
         return self.scene.frame(time_ns, next(self._numbers), corrected).astype(np.float64)
 
-    def wide(self, rows: int, cols: int) -> Callable[[float], NDArray[np.float64]]:
+    def wide(self, rows: int, cols: int) -> Callable[[float], FloatArray]:
         """The same scene for a camera of more pixels, by repeating those of the Lepton."""
         row, col = np.arange(rows) * 120 // rows, np.arange(cols) * 160 // cols
 
-        def kelvin(host_s: float) -> NDArray[np.float64]:
+        def kelvin(host_s: float) -> FloatArray:
             return self.lepton(host_s)[np.ix_(row, col)]
 
         return kelvin
@@ -49,6 +49,6 @@ class Field:
         """What the light meter shows now, lx."""
         return self.scene.lux_reading(self._utc_ns(time.monotonic()))
 
-    def probes_k(self) -> NDArray[np.float64]:
+    def probes_k(self) -> FloatArray:
         """What the contact thermometers show now, kelvin."""
         return self.scene.probe_readings(self._utc_ns(time.monotonic()))

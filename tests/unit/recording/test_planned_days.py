@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.drawn_worlds import CLEAR
 from fieldkit.estimation.chain import SlopeChain
-from fieldkit.physics.facet import FloatArray
+from fieldkit.model.arrays import FloatArray
 from fieldkit.recording.experiments import PlannedSession, Run, predicted
 from fieldkit.simulation.sky import ClearSky
 from fieldkit.weather import packaged

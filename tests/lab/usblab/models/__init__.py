@@ -10,12 +10,13 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-Kelvin = Callable[[float], NDArray[np.float64]]
+from fieldkit.model.arrays import CountArray, FloatArray
+
+Kelvin = Callable[[float], FloatArray]
 
 
-def luma(kelvin: NDArray[np.float64]) -> NDArray[np.uint16]:
+def luma(kelvin: FloatArray) -> CountArray:
     """White-hot YUYV words: brightness in the low byte, no colour (128) in the high byte."""
     low, high = float(kelvin.min()), float(kelvin.max())
     bright = (kelvin - low) * (255.0 / max(high - low, 1e-6))

@@ -10,8 +10,8 @@ import struct
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fieldkit.model.arrays import CountArray, FloatArray
 from usblab.models import Kelvin, luma
 from usblab.uvc.camera import Control, UvcCamera
 from usblab.uvc.descriptors import (
@@ -44,7 +44,7 @@ class Calibration:
     fpa_c: float = 25.0
     shutter_c: float = 30.05  # 303.2 K, in the tenths the camera tells
 
-    def counts(self, celsius: NDArray[np.float64]) -> NDArray[np.uint16]:
+    def counts(self, celsius: FloatArray) -> CountArray:
         """Counts the sensor gives for a black body: the public temperature law solved for them."""
         c1, c2, c3, c4, c5 = self.coefficients
         offset = self.cal_00 - max(0, int(390 - 7.05 * self.fpa_c))
@@ -62,7 +62,7 @@ class HT301(UvcCamera):
         self._kelvin = kelvin
         self._time_s = 0.0
         self._calibrated_s = float("-inf")
-        self._held: NDArray[np.float64] | None = None
+        self._held: FloatArray | None = None
         self._temperatures = False
         self.commands: list[int] = []
         self.controls = {ZOOM: Control(bytes(2), run=self._command)}
@@ -87,7 +87,7 @@ class HT301(UvcCamera):
         if code == CALIBRATE:
             self._calibrated_s = self._time_s
 
-    def _metadata(self, counts: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    def _metadata(self, counts: CountArray) -> CountArray:
         words = np.zeros(4 * WIDTH, np.uint16)
         words[0:2] = 7800 - 36 * (self.calibration.fpa_c - 20)
         for first, found in ((2, counts.argmax()), (5, counts.argmin())):
@@ -105,5 +105,5 @@ class HT301(UvcCamera):
         return words.reshape(4, WIDTH)
 
 
-def _floats(*values: float) -> NDArray[np.uint16]:
+def _floats(*values: float) -> CountArray:
     return np.frombuffer(struct.pack(f"<{len(values)}f", *values), "<u2")

@@ -9,8 +9,8 @@ from __future__ import annotations
 import struct
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fieldkit.model.arrays import CountArray, FloatArray
 from usblab.models import Kelvin, luma
 from usblab.uvc.camera import Control, UvcCamera
 from usblab.uvc.descriptors import (
@@ -105,7 +105,7 @@ class PureThermal(UvcCamera):
         self._time_s = 0.0
         self._ffc_time_s = float("-inf")
         self._number = 0
-        self._held: NDArray[np.uint16] | None = None
+        self._held: CountArray | None = None
         self.ffc_runs = 0
         self.controls = {key: Control(value) for key, value in DEFAULTS.items()}
         self.controls[RUN_FFC].run = lambda _: self._close_shutter()
@@ -134,10 +134,10 @@ class PureThermal(UvcCamera):
         rows = [self._held] if self.size == (160, 120) else [self._held, self._telemetry(self._held)]
         return np.vstack(rows).tobytes()
 
-    def _counts(self, kelvin: NDArray[np.float64]) -> NDArray[np.uint16]:
+    def _counts(self, kelvin: FloatArray) -> CountArray:
         return np.rint(kelvin * (100 if self._setting(TLINEAR_RESOLUTION) else 10)).astype(np.uint16)
 
-    def _telemetry(self, picture: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    def _telemetry(self, picture: CountArray) -> CountArray:
         words = np.zeros(320, np.uint16)
         words[0] = 14
         words[1:3] = _words(self._uptime_ms(self._time_s))
