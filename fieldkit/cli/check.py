@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from fieldkit.cli.common import Command, options, print_json, say
+from fieldkit.cli.next_steps import in_commands, typed
 from fieldkit.cli.session_paths import find_sessions
 from fieldkit.cli.types import PATH
 from fieldkit.model.errors import IntegrityError, RefusedError
@@ -46,7 +47,7 @@ def command(paths: tuple[Path, ...], strict: bool, apply_map: bool, no_estimates
                     {
                         "session": str(one.path),
                         "level": one.level,
-                        "findings": [asdict(finding) for finding in one.findings],
+                        "findings": [asdict(typed(finding)) for finding in one.findings],
                     }
                     for one in checked
                 ]
@@ -67,7 +68,7 @@ def _correct_clock(path: Path, *, is_only: bool) -> None:
     except RefusedError as error:
         if is_only:
             raise
-        say(error.message)
+        say(error.explanation)
         return
     if not steps:
         say(f"{path.name}: this time map is active already")
@@ -82,4 +83,4 @@ def _print(found: CheckedSession) -> None:
         text = click.style(mark, fg=colour) if colour and not options().no_color else mark
         click.echo(f"  {text}  {finding.what:<14} {finding.text}")
         if finding.fix and finding.level != "ok":
-            click.echo(f"        fix: {finding.fix}")
+            click.echo(f"        fix: {in_commands(finding.fix)}")

@@ -19,8 +19,10 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 import click
 
+from fieldkit.cli.next_steps import RUNNING, in_commands
 from fieldkit.cli.old_spellings import respelt
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.next_step import Text
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -75,6 +77,7 @@ class Command(click.Command):
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse the arguments; old spellings are noted in ``ctx.meta``."""
         path = ctx.command_path.removeprefix(ctx.find_root().command_path).strip()
+        ctx.meta[RUNNING] = self
         words, ctx.meta[_OLD_SPELLINGS] = respelt(path, args)
         return super().parse_args(ctx, words)
 
@@ -206,10 +209,10 @@ def discard(stream: TextIO) -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
-def say(text: str) -> None:
+def say(text: Text) -> None:
     """Print a message on stderr, unless ``--quiet``."""
     if not options().quiet:
-        to_stderr(text)
+        to_stderr(in_commands(text))
 
 
 @contextmanager
@@ -218,12 +221,12 @@ def usage_errors() -> Iterator[None]:
     try:
         yield
     except ConfigError as error:
-        raise click.UsageError(error.message) from error
+        raise click.UsageError(in_commands(error.explanation)) from error
 
 
-def say_warning(text: str) -> None:
+def say_warning(text: Text) -> None:
     """Print a warning on stderr, unless ``--quiet``."""
-    say(f"warning: {text}")
+    say("warning: " + text)
 
 
 def print_json(document: Mapping[str, Any], *, on_one_line: bool = False) -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fieldkit.cli.common import Command, campaign_file, is_interactive, options, print_json, print_table, say
+from fieldkit.cli.next_steps import in_commands
 from fieldkit.cli.types import INSTRUMENT
 
 if TYPE_CHECKING:
@@ -56,7 +57,10 @@ def add_connected(file: Path, stated: dict[str, dict[str, Any]]) -> None:
                 "added": [asdict(one) for one in done.added],
                 "configured": done.configured,
                 "skipped": [_row(one) for one in done.skipped],
-                "failures": [{"message": one.message, "fix": one.fix} for one in done.failures],
+                "failures": [
+                    {"message": in_commands(one.explanation), "fix": in_commands(one.fix or "") or None}
+                    for one in done.failures
+                ],
             }
         )
     _report(file, done)

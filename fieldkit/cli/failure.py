@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 import click
 
 from fieldkit.cli.common import discard, json_text, options, to_stderr
+from fieldkit.cli.next_steps import in_commands
 from fieldkit.model.errors import FieldkitError, StorageError
 from fieldkit.model.wording import typed
 
@@ -114,13 +115,13 @@ def explain(error: FieldkitError) -> None:
 
     With ``--json`` as JSON on one line: message, fix or null, exit code.
     """
+    message, fix = in_commands(error.explanation), in_commands(error.fix) if error.fix else None
     if options().json:
-        document = {"error": error.message, "fix": error.fix, "exit_code": error.exit_code}
-        to_stderr(json_text(document))
+        to_stderr(json_text({"error": message, "fix": fix, "exit_code": error.exit_code}))
         return
-    to_stderr(f"error: {error.message}")
-    if error.fix:
-        to_stderr("  fix: " + error.fix.replace("\n", "\n       "))
+    to_stderr(f"error: {message}")
+    if fix:
+        to_stderr("  fix: " + fix.replace("\n", "\n       "))
 
 
 def _report_unexpected(error: Exception, command: str) -> None:

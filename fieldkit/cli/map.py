@@ -134,7 +134,7 @@ def _follow(path: Path, map_now: Callable[[], None]) -> None:
         try:
             map_now()
         except NoAnswerError as error:
-            common.say(error.message)
+            common.say(error.explanation)
     common.say("the recording has ended")
 
 

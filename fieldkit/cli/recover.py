@@ -42,7 +42,7 @@ def command(paths: tuple[Path, ...], tidy: bool) -> None:
             reports.append(recover_session(path))
         except FieldkitError as error:  # the others are recovered all the same
             if len(found) > 1:
-                say(f"{path}: {error.message}")
+                say(f"{path}: " + error.explanation)
             refused = error
             continue
         if not options().json:

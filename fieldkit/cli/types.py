@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
+from fieldkit.cli.next_steps import in_commands
 from fieldkit.model.clock import require_storable
 from fieldkit.model.durations import parse_duration, parse_offset, parse_time_of_day
 from fieldkit.model.errors import ConfigError, FieldkitError
@@ -39,7 +40,7 @@ class _Typed(click.ParamType):  # type: ignore[type-arg]
         try:
             return self._parse(value)
         except FieldkitError as error:
-            self.fail(error.message, param, ctx)
+            self.fail(in_commands(error.explanation), param, ctx)
         except ValueError as error:
             self.fail(f"{value!r}: {error}", param, ctx)
 

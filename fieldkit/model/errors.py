@@ -26,6 +26,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from fieldkit.model.next_step import Phrase, Text
 from fieldkit.model.wording import worded
 
 if TYPE_CHECKING:  # every command would wait for it, also --help
@@ -33,9 +34,10 @@ if TYPE_CHECKING:  # every command would wait for it, also --help
 
 
 class FieldkitError(Exception):
-    """An error with an explanation: `message` is what happened, `fix` what to do next.
+    """An error with an explanation: `problem` happened at `place`, `fix` is what to do next.
 
-    Both name calls and arguments in Python, commands and options at the command line (`wording`).
+    `place` is a file, a key, a stream, a region or an argument. A fix that names an action or an argument has
+    it as data; `str` writes it as Python has it, the command line as a command or an option.
 
     Examples
     --------
@@ -48,19 +50,29 @@ class FieldkitError(Exception):
 
     exit_code = 1
 
-    def __init__(self, message: str, *, fix: str | None = None) -> None:
-        super().__init__(message)
-        self._message, self._fix = message, fix
+    def __init__(
+        self, problem: Text, *, place: str | Path | Phrase | None = None, fix: Text | None = None
+    ) -> None:
+        super().__init__(problem)
+        self.problem, self.place, self._fix = problem, place, fix
+
+    @property
+    def fix(self) -> Text | None:
+        """What to do next, if that is known."""
+        return worded(self._fix) if isinstance(self._fix, str) else self._fix
+
+    @property
+    def explanation(self) -> Text:
+        """What happened, and where: the text of `message` with its arguments as data."""
+        if self.place is None:
+            return self.problem
+        place = self.place if isinstance(self.place, Phrase) else str(self.place)
+        return place + ": " + self.problem
 
     @property
     def message(self) -> str:
         """What happened, to which thing."""
-        return worded(self._message)
-
-    @property
-    def fix(self) -> str | None:
-        """What to do next, if that is known."""
-        return worded(self._fix) if self._fix else None
+        return worded(str(self.explanation))
 
     def __str__(self) -> str:
         """Message and fix, so that a traceback or a notebook also shows what to do next."""
@@ -105,8 +117,10 @@ class DeviceLostError(DeviceError):
 class DecodeError(DeviceError):
     """Bytes that cannot be decoded, kept in `raw`."""
 
-    def __init__(self, message: str, raw: bytes = b"", *, fix: str | None = None) -> None:
-        super().__init__(message, fix=fix)
+    def __init__(
+        self, problem: Text, raw: bytes = b"", *, place: str | Path | None = None, fix: Text | None = None
+    ) -> None:
+        super().__init__(problem, place=place, fix=fix)
         self.raw = raw
 
 
@@ -125,8 +139,8 @@ class IntegrityError(SessionError):
 class IncompleteError(IntegrityError):
     """A part of a session could not be read; `files` hold the rest."""
 
-    def __init__(self, message: str, files: Sequence[Path], *, fix: str | None = None) -> None:
-        super().__init__(message, fix=fix)
+    def __init__(self, problem: Text, files: Sequence[Path], *, fix: Text | None = None) -> None:
+        super().__init__(problem, fix=fix)
         self.files: tuple[Path, ...] = tuple(files)
 
 

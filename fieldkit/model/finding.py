@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from fieldkit.model.next_step import Text
 from fieldkit.model.wording import worded
 
 
@@ -15,10 +16,11 @@ class Finding:
     level: str
     what: str
     text: str
-    fix: str = ""
+    fix: Text = ""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "fix", worded(self.fix))
+        if isinstance(self.fix, str):
+            object.__setattr__(self, "fix", worded(self.fix))
 
 
 def worst(findings: Sequence[Finding]) -> str:

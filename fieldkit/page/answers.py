@@ -27,6 +27,7 @@ from fieldkit.page import outgoing, requests
 from fieldkit.page.conductor import Conductor
 from fieldkit.page.hub import Hub
 from fieldkit.page.keys import Keys
+from fieldkit.page.outgoing import in_words
 from fieldkit.page.sessions import PastSessions, identifier
 from fieldkit.page.viewer import Viewer
 from fieldkit.recording import regions as campaign_regions
@@ -69,7 +70,8 @@ class Done(NamedTuple):
 
 def failure(id: int | None, error: FieldkitError) -> Document:
     """The answer that explains an error."""
-    return Done(error.message, ok=False, fix=error.fix).answer(id)
+    fix = in_words(error.fix) if error.fix else None
+    return Done(in_words(error.explanation), ok=False, fix=fix).answer(id)
 
 
 @dataclass

@@ -24,6 +24,7 @@ from fieldkit.model.errors import (
 )
 from fieldkit.model.samples import Event, EventKind
 from fieldkit.page.hub import Hub
+from fieldkit.page.outgoing import in_words
 from fieldkit.recording.background import BackgroundRecording
 from fieldkit.recording.last_samples import LastSamples
 from fieldkit.recording.opening import open_instruments
@@ -218,4 +219,4 @@ class Conductor:
 
 
 def _words(error: FieldkitError) -> str:
-    return f"{error.message}; {error.fix}" if error.fix else error.message
+    return f"{error.message}; {in_words(error.fix)}" if error.fix else error.message

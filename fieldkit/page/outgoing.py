@@ -12,6 +12,7 @@ from typing import Any
 from fieldkit.estimation.estimator import Minute
 from fieldkit.model.alarm import Alarm
 from fieldkit.model.device import StreamInfo
+from fieldkit.model.next_step import Argument, Sentence, Step, Text
 from fieldkit.model.samples import Event, Health
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SLOPE_FIELDS, SlopeEstimate
@@ -21,6 +22,18 @@ from fieldkit.views.latest import Latest
 from fieldkit.views.trend import Trend
 
 Document = dict[str, Any]
+
+
+def in_words(text: Text) -> str:
+    """A text with its actions and arguments in plain words: a browser has neither commands nor calls."""
+    match text:
+        case Sentence(parts):
+            return "".join(map(in_words, parts))
+        case Step(action, values):
+            return " ".join([action.name.lower().replace("_", " "), *map(str, values)])
+        case Argument(name, value):
+            return name.replace("_", " ") if value is None else f"{name.replace('_', ' ')} {value}"
+    return str(text)
 
 
 def streams(infos: Sequence[StreamInfo], frames_every_s: float | None = None) -> Document:

@@ -157,7 +157,7 @@ class Page:
         try:
             found = await asyncio.to_thread(self.keys.exchange, key) if key else None
         except StorageError as error:
-            return JSONResponse({"text": error.message, "fix": error.fix}, 507)
+            return JSONResponse({"text": error.message, "fix": str(error.fix)}, 507)
         if found is None:
             return await self._refused()
         self._wrong_tries = 0

@@ -19,6 +19,7 @@ from fieldkit.drivers.cameras import flir_file
 from fieldkit.drivers.cameras.flir_file import FlirFrame
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, DecodeError
+from fieldkit.model.next_step import Text
 from fieldkit.model.samples import Frame, Severity
 from fieldkit.sessions.formats.imported import ImportedRecording, flag_bunched, usual_rate_hz
 from fieldkit.sessions.formats.times import GIVE_TIMES, given_times_ns, plausible_ns
@@ -104,7 +105,8 @@ def _stamped(files: list[_File], given: Mapping[Path, list[int]] | None, offset_
 
 def _scanned(source: Path) -> tuple[FlirFrame, list[_File], tuple[tuple[Severity, str], ...]]:
     """The first frame, which all must be like; the files; a note on those skipped."""
-    first, files, others, fix = None, [], list[str](), _COPY
+    first, files, others = None, [], list[str]()
+    fix: Text = _COPY
     for path in files_in(source):
         try:
             found, file = _scanned_file(path, first)

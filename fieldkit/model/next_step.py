@@ -1,0 +1,94 @@
+"""The next step after a problem, as data: an action with its values, and the arguments that it concerns.
+
+An error has ``fix="check the path; " + Action.LIST_SESSIONS() + " shows the sessions"``: `str` writes calls
+and arguments of Python, the command line commands and options.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any, TypeAlias
+
+
+class Phrase:
+    """Part of a text that each reader sees in their own form; ``+`` joins it with others."""
+
+    def __add__(self, other: Text) -> Sentence:
+        return Sentence((*_parts(self), *_parts(other)))
+
+    def __radd__(self, other: str) -> Sentence:
+        return Sentence((other, *_parts(self)))
+
+
+Text: TypeAlias = str | Phrase
+
+
+@dataclass(frozen=True)
+class Sentence(Phrase):
+    """Words with actions and arguments between them."""
+
+    parts: tuple[Text, ...]
+
+    def __str__(self) -> str:
+        return "".join(map(str, self.parts))
+
+
+@dataclass(frozen=True)
+class Argument(Phrase):
+    """An argument of a function, which is an option of its command; None is without a value."""
+
+    name: str
+    value: Any = None
+
+    def __str__(self) -> str:
+        return self.name if self.value is None else f"{self.name}={_literal(self.value)}"
+
+
+class Action(Enum):
+    """What a person can do next; the value is its call in Python. Called with values, it is a `Step`."""
+
+    ADD_DEVICES = "campaign.add_devices()"
+    ADD_REGION = "campaign.add_region(name, points=[...])"
+    CALIBRATE = "fieldkit.calibrate"
+    CHECK = "fieldkit.check(session)"
+    CREATE_CAMPAIGN = "fieldkit.init_campaign(folder)"
+    DOCTOR = "fieldkit.doctor()"
+    ESTIMATE = "fieldkit.estimate(session)"
+    EXPORT = "fieldkit.export(session)"
+    FIND_DEVICES = "fieldkit.find_devices()"
+    IMPORT = "fieldkit.import_recording(source)"
+    IMPORT_INTO = "fieldkit.import_into(session, source)"
+    LIST_SESSIONS = "fieldkit.open_campaign().sessions"
+    RECORD = "fieldkit.record()"
+    RECOVER = "fieldkit.sessions.recovery.recover(session)"
+    STATUS = "fieldkit.status()"
+    STOP = "fieldkit.stop()"
+
+    def __call__(self, *values: Any, **arguments: Any) -> Step:
+        """The action with its values: of a session, its file."""
+        return Step(self, values, tuple(Argument(*item) for item in arguments.items()))
+
+
+@dataclass(frozen=True)
+class Step(Phrase):
+    """An action with its values."""
+
+    action: Action
+    values: tuple[Any, ...] = ()
+    arguments: tuple[Argument, ...] = ()
+
+    def __str__(self) -> str:
+        name, bracket, names = self.action.value.partition("(")
+        positional = ", ".join(map(_literal, self.values)) or names.rstrip(")")
+        inside = ", ".join(filter(None, (positional, *map(str, self.arguments))))
+        return f"{name}({inside})" if bracket else name
+
+
+def _parts(text: Text) -> tuple[Text, ...]:
+    return text.parts if isinstance(text, Sentence) else (text,)
+
+
+def _literal(value: Any) -> str:
+    return repr(os.fspath(value) if isinstance(value, os.PathLike) else value)

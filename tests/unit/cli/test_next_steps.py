@@ -1,0 +1,76 @@
+"""Next steps are data: `str` writes what Python has, the command line what its commands have."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+import pytest
+
+import fieldkit
+from fieldkit.cli import main
+from fieldkit.cli.next_steps import COMMANDS, RUNNING, in_commands
+from fieldkit.model.errors import ConfigError
+from fieldkit.model.next_step import Action, Argument, Text
+
+
+def test_every_action_is_a_call_that_exists():
+    names = {"campaign": fieldkit.Campaign, "fieldkit": fieldkit}
+    for action in Action:
+        first, *others = action.value.split("(")[0].split(".")
+        home: Any = names[first]
+        for name in others:
+            home = type(home()) if isinstance(home, type) and name == "sessions" else home
+            home = getattr(home, name)
+        assert callable(home) or action.value.endswith("calibrate")
+
+
+@pytest.mark.parametrize("action", Action)
+def test_every_action_is_a_command_with_options_that_exist(action):
+    context = click.Context(main)
+    command: click.Command | None = main
+    for word in COMMANDS[action].split():
+        if isinstance(command, click.Group):
+            command = command.get_command(context, word)
+        elif command is not None and word.startswith("--"):
+            assert word in {name for option in command.params for name in option.opts}
+    assert command is not main
+    assert command is not None
+
+
+@pytest.mark.parametrize(
+    ("text", "python", "typed"),
+    [
+        (Action.CHECK(Path("/a/my b.h5")), "fieldkit.check('/a/my b.h5')", "fieldkit check '/a/my b.h5'"),
+        (Action.STOP() + " ends it", "fieldkit.stop() ends it", "fieldkit stop ends it"),
+        (
+            Action.ESTIMATE(present=True),
+            "fieldkit.estimate(session, present=True)",
+            "fieldkit estimate --campaign",
+        ),
+        ("omit " + Argument("zone"), "omit zone", "omit --zone"),
+        (Argument("zone", "Asia/Tokyo"), "zone='Asia/Tokyo'", "--zone Asia/Tokyo"),
+        (Argument("name", "logger"), "name='logger'", "--as logger"),
+        (Argument("offset_s", 12.0), "offset_s=12.0", "--clock-offset 12.0"),
+    ],
+)
+def test_a_text_has_the_form_of_the_place_where_it_is_read(text: Text, python: str, typed: str) -> None:
+    with click.Context(main) as context:
+        context.meta[RUNNING] = main.get_command(context, "import")
+        assert (str(text), in_commands(text)) == (python, typed)
+
+
+def test_an_error_has_its_place_and_next_step_as_data():
+    error = ConfigError("holds counts", place=Path("a.tiff"), fix="omit " + Argument("unit"))
+    assert error.fix == "omit " + Argument("unit")
+    assert str(error) == "a.tiff: holds counts\n  fix: omit unit"
+
+
+def test_a_setting_has_the_form_of_the_place_where_it_is_read():
+    setting = Argument("settings", {"site.body": "moon"})
+    assert str(setting) == "settings={'site.body': 'moon'}"
+    with click.Context(main) as context:
+        context.meta[RUNNING] = main.get_command(context, "estimate")
+        assert (str(setting), in_commands(setting)) == (
+            "settings={'site.body': 'moon'}",
+            "--set site.body=moon",
+        )
