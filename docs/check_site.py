@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page, Request
 
 SITE = Path(__file__).resolve().parents[1] / "site"
-REQUIRED, AXE = "FIELDKIT_BROWSER_REQUIRED", "FIELDKIT_AXE"
+REQUIRED, AXE = "FIELDKIT_ALL_REQUIRED", "FIELDKIT_AXE"
 PHONE = {"width": 390, "height": 844}
 CARD, HOME = "how-to/field-card.html", "index.html"
 RULES = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from pathlib import Path
 
 import pytest
@@ -12,13 +13,28 @@ from hypothesis import HealthCheck, settings
 
 from fieldkit.cli import main
 from tests.harness.once import made_once
+from tests.shared_data import NO_SHARED_DATA
 
 # what hypothesis tries may take as long as a busy computer needs
 settings.register_profile("thorough", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.register_profile("quick", settings.get_profile("thorough"), max_examples=25)
 settings.load_profile("quick")
 
+ALL_REQUIRED = "FIELDKIT_ALL_REQUIRED"
 RECORD = ("record", "--for", "12m", "--name", "short", "-q", "--set", "simulation.speed=max", "-C")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(
+    item: pytest.Item,
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Where everything is installed, as in continuous integration, only missing hardware excuses a skip."""
+    report = yield
+    excused = item.get_closest_marker("hardware") or NO_SHARED_DATA in str(report.longrepr)
+    if report.skipped and os.environ.get(ALL_REQUIRED) and not excused and not hasattr(report, "wasxfail"):
+        report.outcome = "failed"
+        report.longrepr = f"skipped although {ALL_REQUIRED} is set: {report.longrepr}"
+    return report
 
 
 @pytest.fixture(scope="session")

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import pytest
 
+NO_SHARED_DATA = "no shared data beside the project"
 SHARED = Path(__file__).parents[2] / "shared"
 
 
 def shared(path: str) -> Path:
-    """A file of the shared folder; skips the test where it is not there."""
-    found = SHARED / path
-    if not found.exists():
-        pytest.skip(f"no shared/{path} beside the project")
-    return found
+    """A file of the shared folder; skips the test where there is no such folder."""
+    if not SHARED.exists():
+        pytest.skip(NO_SHARED_DATA)
+    return SHARED / path

@@ -58,7 +58,6 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("engine", ["h5netcdf", "netcdf4"])
 def test_xarray_reads_kelvin_and_times(session: Path, engine: str) -> None:
-    pytest.importorskip("xarray")
     done = subprocess.run(
         [sys.executable, "-c", OPEN, str(session), engine], capture_output=True, text=True, check=False
     )

@@ -9,9 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import rasterio
+from mcap.reader import make_reader
+from rosbags import typesys as rosbags_types
 
-rasterio = pytest.importorskip("rasterio")
-from benchmarks import ground_map  # noqa: E402 - it needs rasterio
+from benchmarks import ground_map
 
 
 @pytest.fixture(scope="module")
@@ -49,8 +51,6 @@ def test_rasterio_and_gdal_see_the_reference_system_with_north_up(campaign: Path
 
 def test_a_strict_reader_of_ros_2_finds_the_same_slopes(campaign: Path) -> None:
     """With ROS's own definitions of all types that it has."""
-    rosbags_types = pytest.importorskip("rosbags.typesys")
-    make_reader = pytest.importorskip("mcap.reader").make_reader
     store = rosbags_types.get_typestore(rosbags_types.Stores.ROS2_JAZZY)
     with (campaign / "ground.mcap").open("rb") as file:
         (schema, _, message), *_ = make_reader(file, validate_crcs=True).iter_messages(topics=["/grid_map"])

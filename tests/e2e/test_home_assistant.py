@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from paho.mqtt import client as client_module
 
 from fieldkit.config import FILE_NAME, load_config
 from fieldkit.config.template import SIMULATED
@@ -46,7 +47,6 @@ def broker(tmp_path: Path) -> Iterator[int]:
 
 def retained(port: int) -> dict[str, str]:
     """Every text that the broker keeps, by topic."""
-    client_module = pytest.importorskip("paho.mqtt.client")
     from paho.mqtt.enums import CallbackAPIVersion
 
     found: dict[str, str] = {}
@@ -67,7 +67,6 @@ def retained(port: int) -> dict[str, str]:
 
 
 def test_a_recording_is_found_with_its_meters_regions_and_alarms(broker: int, tmp_path: Path) -> None:
-    pytest.importorskip("paho.mqtt.client")
     create_campaign(tmp_path / "field", SIMULATED)
     given = (f"alarms.mqtt=mqtt://127.0.0.1:{broker}/my field", "alarms.home_assistant=true")
     settings = [

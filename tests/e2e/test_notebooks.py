@@ -13,13 +13,11 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import nbclient
+import nbformat
 import pytest
 
 from fieldkit.config.template import SIMULATED
-
-nbformat = pytest.importorskip("nbformat")
-nbclient = pytest.importorskip("nbclient")
-pytest.importorskip("xarray")
 
 NOTEBOOKS = Path(__file__).parents[2] / "docs" / "tutorial" / "notebooks"
 TRUE_TILT_DEG = {one["name"]: one["tilt_deg"] for one in SIMULATED["region"] if "tilt_deg" in one}

@@ -233,7 +233,6 @@ def nmea(moment: datetime, status: str) -> bytes:
 @pytest.fixture
 def talking(tmp_path: Path) -> Iterator[Callable[[Callable[[float], bytes]], Path]]:
     """Records an NMEA receiver that sends, five times a second, what a function says."""
-    pytest.importorskip("pynmeagps", reason="the extra [gps] is not installed")
     far, near = pty.openpty()
     tty.setraw(near)
     ended = threading.Event()

@@ -14,10 +14,11 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 import pytest
+from playwright.sync_api import sync_playwright
 
 from fieldkit.page.keys import Keys
 from fieldkit.page.viewer import Role
@@ -29,18 +30,10 @@ if TYPE_CHECKING:
 PHONE, PHONE_ON_ITS_SIDE, LAPTOP = (360, 740), (740, 360), (1280, 800)
 SMALLEST = (320, 568)
 PATIENCE_MS = 1000 * PATIENCE_S
-REQUIRED = "FIELDKIT_BROWSER_REQUIRED"
 AXE = "FIELDKIT_AXE"
 RULES = ["wcag2a", "wcag2aa", "wcag2aaa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]
 AXE_SCRIPT = """async (rules) => (await axe.run(document, {runOnly: rules})).violations.map(
     (violation) => violation.id + ": " + violation.nodes.map((node) => node.target).join(", "))"""
-
-
-def missing(what: str) -> NoReturn:
-    """Skip the test with the reason, or fail it where the browser is required."""
-    if os.environ.get(REQUIRED):
-        pytest.fail(f"{what}, and {REQUIRED} is set")
-    pytest.skip(what)
 
 
 @contextmanager
@@ -48,11 +41,7 @@ def chromium() -> Iterator[Browser]:
     """The system's Chromium without a window."""
     path = shutil.which("chromium")
     if path is None:
-        missing("no chromium here: apt-get install chromium")
-    try:
-        from playwright.sync_api import sync_playwright
-    except ModuleNotFoundError:
-        missing("playwright is not installed")
+        pytest.skip("no chromium here: apt-get install chromium")
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
         yield browser

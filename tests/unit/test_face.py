@@ -130,7 +130,6 @@ def test_samples_of_a_stream_by_their_place(session):
 
 
 def test_a_stream_plots_itself(session):
-    pytest.importorskip("matplotlib")
     from matplotlib.figure import Figure
 
     for name, info in session.streams.items():
@@ -139,7 +138,6 @@ def test_a_stream_plots_itself(session):
 
 
 def test_a_session_without_regions_plots_its_first_meter(session):
-    pytest.importorskip("matplotlib")
     from matplotlib.figure import Figure
 
     axes = session.plot(Figure().subplots())

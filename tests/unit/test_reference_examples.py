@@ -21,7 +21,6 @@ from fieldkit.drivers.identity import UsbIdentity
 from tests.harness.connected import plugged_in
 from tests.unit.test_face import REFERENCE, described
 
-pytest.importorskip("pandas", reason="the extra [lab] is not installed")
 HIDDEN = re.findall(r'^ +filters: \["!\^_", "!(.*)"\]$', REFERENCE.read_text("utf-8"), re.MULTILINE)[0]
 """Members that the reference leaves out: parts of the session file for the project's own use."""
 RECORDING = re.search(r"(?ms)^```python\n(.*?)^```", REFERENCE.read_text("utf-8"))
@@ -119,8 +118,6 @@ def names(recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> It
 @pytest.mark.usefixtures("instruments")
 @pytest.mark.parametrize("name", TESTS)
 def test_the_example_gives_what_it_shows(name, names):
-    if name.endswith(("pose", "dem", "skyline")):
-        pytest.importorskip("rasterio", reason="the extra [terrain] is not installed")
     test, printed = TESTS[name], []
     test.globs = names
     runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE)

@@ -8,6 +8,7 @@ from importlib import resources
 from pathlib import Path
 
 import numpy as np
+import pvlib
 import pytest
 
 from fieldkit import weather
@@ -61,7 +62,6 @@ def test_command_makes_the_packaged_table_from_the_file_of_noaa(tmp_path):
 
 
 def test_reader_agrees_with_pvlib():
-    pvlib = pytest.importorskip("pvlib")
     path = shared(SURFRAD)
     ours = weather.read_surfrad(path)
     with warnings.catch_warnings():
@@ -177,7 +177,6 @@ def test_minutes_that_stand_twice_or_late_are_read_once_and_in_order(tmp_path: P
 @pytest.mark.parametrize("year", ["00", "24", "99", "1899", "1960", "2262", "9999"])
 def test_a_year_that_no_network_has_is_refused(tmp_path: Path, year: str) -> None:
     """Years of two digits used to become 1754 or so, where nanoseconds of 64 bits overflow."""
-    pytest.importorskip("pvlib")
     (tmp_path / "a.dat").write_text(HEAD + row(f"{year} 182 6 30 18 0"))
     with pytest.raises(ConfigError, match=f"year {int(year)} is not from 1992 on"):
         read_station_file(tmp_path / "a.dat")
@@ -187,7 +186,6 @@ def test_a_year_that_no_network_has_is_refused(tmp_path: Path, year: str) -> Non
 
 
 def test_a_bsrn_month_cut_off_within_a_number_does_not_use_it(tmp_path: Path) -> None:
-    pytest.importorskip("pvlib")
     data = foreign_files.bsrn()
     for cut in range(1, 60):
         (tmp_path / "tat0624.dat").write_bytes(data[:-cut])
@@ -209,7 +207,6 @@ def bsrn(path: Path, *, longwave_up: bool = False) -> Path:
 # --- station files are identified by their content
 @pytest.mark.parametrize("packed", [False, True])
 def test_bsrn_month_is_read_by_pvlib_and_stamped_in_the_middle(tmp_path: Path, packed: bool) -> None:
-    pytest.importorskip("pvlib")
     path = bsrn(tmp_path / "tat0624.dat")
     if packed:
         plain, path = path, tmp_path / "tat0624.dat.gz"
@@ -229,7 +226,6 @@ def test_bsrn_month_is_read_by_pvlib_and_stamped_in_the_middle(tmp_path: Path, p
 
 def test_bsrn_minutes_that_only_the_further_record_has_stand_at_their_time(tmp_path: Path) -> None:
     """Layout: GCOS-174, records 0100 and 0300, which need not have the same minutes."""
-    pytest.importorskip("pvlib")
     lines = foreign_files.bsrn(longwave_up=True).decode().splitlines()
     basic = lines.index("*C0100")
     (tmp_path / "gap.dat").write_text("\n".join(lines[: basic + 3] + lines[basic + 5 :]))  # without minute 1
@@ -240,7 +236,6 @@ def test_bsrn_minutes_that_only_the_further_record_has_stand_at_their_time(tmp_p
 
 
 def test_bsrn_minute_that_stands_twice_counts_once(tmp_path: Path) -> None:
-    pytest.importorskip("pvlib")
     minutes = foreign_files.BSRN_MINUTES
     (tmp_path / "twice.dat").write_bytes(foreign_files.bsrn([*minutes[:2], minutes[1], minutes[2]]))
     assert read_station_file(tmp_path / "twice.dat").time_ns.size == len(minutes)
@@ -248,7 +243,6 @@ def test_bsrn_minute_that_stands_twice_counts_once(tmp_path: Path) -> None:
 
 def test_means_of_three_minutes_are_stamped_in_their_middle(tmp_path: Path) -> None:
     """SURFRAD README: stamps are the ends of averages, of three minutes before 2009; BSRN labels starts."""
-    pytest.importorskip("pvlib")
     lines = foreign_files.surfrad().decode().splitlines()
     rows = [
         line.replace(f" 19 {n:2} 19.{n:03}", f" 19 {3 * n:2} 19.{5 * n:02}")
@@ -267,7 +261,6 @@ def test_means_of_three_minutes_are_stamped_in_their_middle(tmp_path: Path) -> N
 
 
 def test_bsrn_long_wave_from_the_ground_is_read_where_it_is_there(tmp_path: Path) -> None:
-    pytest.importorskip("pvlib")
     assert np.isnan(read_station_file(bsrn(tmp_path / "a.dat")).longwave_up_w_m2).all()
     month = read_station_file(bsrn(tmp_path / "b.dat", longwave_up=True))
     assert month.longwave_up_w_m2.tolist() == [450.0, 451.0, 452.0]
@@ -295,7 +288,6 @@ def test_surfrad_station_is_identified_by_its_place(name: str, station: str) -> 
     ],
 )  # fmt: skip
 def test_damaged_and_other_files_are_refused(tmp_path: Path, content: bytes, words: str) -> None:
-    pytest.importorskip("pvlib")
     path = tmp_path / "a.dat"
     path.write_bytes(content)
     with pytest.raises(ConfigError, match=words) as caught:
@@ -318,7 +310,6 @@ def alamosa_as_bsrn(path: Path) -> Path:
 
 
 def test_a_day_is_the_same_from_either_network(tmp_path: Path) -> None:
-    pytest.importorskip("pvlib")
     day, found = weather.packaged(), read_station_file(alamosa_as_bsrn(tmp_path / "ala0116.dat"))
     assert np.array_equal(found.time_ns, day.time_ns[1:])
     for name in ("ghi_w_m2", "dni_w_m2", "dhi_w_m2", "longwave_down_w_m2"):
@@ -327,7 +318,6 @@ def test_a_day_is_the_same_from_either_network(tmp_path: Path) -> None:
 
 
 def test_bsrn_serves_the_calibration_and_not_the_scene_for_it_has_no_wind(tmp_path: Path) -> None:
-    pytest.importorskip("pvlib")
     from fieldkit.config import load_config
     from fieldkit.config.template import SIMULATED, campaign_toml
     from fieldkit.recording.simulated_scene import measured_weather

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import rasterio
 from click.testing import Result
 
 from fieldkit.config import load_config
@@ -13,7 +14,6 @@ from fieldkit.config.horizon import load_horizon
 from fieldkit.physics.horizon import horizon_elevation
 from tests.harness.command_line import fieldkit
 
-rasterio = pytest.importorskip("rasterio")
 POSE = """crs = "EPSG:32654"
 east_m = 500000.0
 north_m = 3936200.0

@@ -7,12 +7,12 @@ import json
 import cv2
 import numpy as np
 import pytest
+import rasterio.crs
 
 from fieldkit.config.pose import load_pose
 from fieldkit.physics.camera_geometry import Camera
 from tests.harness.command_line import fieldkit
 
-pytest.importorskip("rasterio")
 TRUTH = Camera((354600.0, 3936200.0, 112.0), 20.0, -25.0, 4.0, 50.0, (120, 160))
 POINTS = np.array([
     [354602.0, 3936215.0, 100.0], [354608.0, 3936217.0, 101.5], [354606.0, 3936228.0, 100.2],
@@ -87,8 +87,7 @@ def test_the_lens_given_is_that_of_the_pose_file(tmp_path, table):
 
 def test_a_pose_file_can_be_read_whatever_names_are_in_it(tmp_path, table):
     """Quotation marks of a CRS in WKT, or of a file, are those of TOML as well."""
-    rasterio = pytest.importorskip("rasterio.crs")
-    wkt = rasterio.CRS.from_epsg(32654).to_wkt()
+    wkt = rasterio.crs.CRS.from_epsg(32654).to_wkt()
     done = calibrate(tmp_path, table, "--crs", wkt, *OPTIONS[2:4], "--dem", 'it\'s "dem".tif')
     assert done.exit_code == 0, done.output
     found = load_pose(tmp_path / "pose.toml", 0)

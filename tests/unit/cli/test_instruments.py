@@ -86,7 +86,6 @@ def test_modbus_without_a_map_gives_raw_registers():
 
 
 def test_sentences_may_be_typed_as_they_are():
-    pytest.importorskip("pynmeagps", reason="the extra [gps] is not installed")
     sentence = "$GPGGA,021530.00,3541.3668,N,13945.3012,E,2,11,0.86,38.4,M,39.5,M,,0000*66"
     readings = {one["channel"]: one["value"] for one in decoded("nmea", sentence)["readings"]}
     assert (readings["altitude"], readings["fix"], readings["satellites"]) == (38.4, 2, 11)

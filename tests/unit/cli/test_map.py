@@ -12,6 +12,8 @@ import cv2
 import h5py
 import numpy as np
 import pytest
+import rasterio
+import xarray as xr
 
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.site import Region, RegionKind
@@ -129,8 +131,6 @@ def test_arrays_say_what_they_are_and_where_they_come_from(session, mapped):
 
 
 def test_arrays_open_as_netcdf(mapped):
-    xr = pytest.importorskip("xarray")
-    pytest.importorskip("h5netcdf")
     arrays = next(file for file in mapped["files"] if file.endswith(".nc"))
     with xr.open_dataset(arrays, engine="h5netcdf") as data:
         assert data["tilt_deg"].dims == ("y", "x")
@@ -352,7 +352,6 @@ POSE = (
 
 
 def test_map_on_the_ground_before_the_camera(session, tmp_path):
-    rasterio = pytest.importorskip("rasterio")
     (tmp_path / "pose.toml").write_text(POSE)
     done = fieldkit("map", session, "-o", tmp_path / "x", "--pose", tmp_path / "pose.toml", "--cell-m", 0.25)
     assert done.exit_code == 0, done.output
@@ -369,7 +368,6 @@ def test_map_on_the_ground_before_the_camera(session, tmp_path):
 
 
 def test_map_by_the_pose_of_the_configuration_and_without_ground_where_it_has_none_then(session, tmp_path):
-    pytest.importorskip("rasterio")
     campaign = session.parents[1]
     (campaign / "pose.toml").write_text(POSE)
     coarse = ("--cell-m", 0.5)
@@ -399,7 +397,6 @@ def test_map_by_the_pose_of_the_configuration_and_without_ground_where_it_has_no
 
 
 def test_several_sessions_are_mapped_as_each_alone_from_python_too(session, tmp_path):
-    rasterio = pytest.importorskip("rasterio")
     folder, maps = tmp_path / "recordings", tmp_path / "maps"
     for place in (folder, maps):
         place.mkdir()

@@ -7,8 +7,10 @@ from dataclasses import replace
 from datetime import datetime, timedelta
 from zoneinfo import ZoneInfo
 
+import pandas
 import pytest
 from click.testing import CliRunner
+from pvlib import solarposition
 
 from fieldkit.cli import main
 from fieldkit.cli.plan import command
@@ -241,8 +243,6 @@ def test_impossible_numbers_are_refused(words):
 
 
 def test_the_suns_azimuth_over_the_day_is_nrels():
-    solarposition = pytest.importorskip("pvlib.solarposition", reason="pvlib comes with the [lab] extra")
-    pandas = pytest.importorskip("pandas")
     shown = dict(re.findall(r"^(\d\d:\d\d) +\S+ +(\d+)°", run(*AUGUST, "--zone", "Asia/Tokyo").stdout, re.M))
     assert len(shown) > 20
     times = pandas.DatetimeIndex([f"2017-08-30T{at}" for at in shown], tz="Asia/Tokyo")

@@ -23,7 +23,6 @@ def cache(tmp_path_factory):
 
 
 def test_a_report_can_be_a_pdf_with_the_page_beside_it(session, tmp_path):
-    pytest.importorskip("weasyprint")
     found = fieldkit("report", session, "-o", tmp_path / "day.pdf")
     assert found.exit_code == 0, found.output
     assert found.stdout.strip() == str(tmp_path / "day.pdf")

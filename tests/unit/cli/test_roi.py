@@ -63,7 +63,6 @@ ground_m = 2317.0
 
 
 def test_corners_on_the_ground_are_drawn_where_the_pose_sees_them(roi, tmp_path):
-    pytest.importorskip("rasterio")
     (tmp_path / "pose.toml").write_text(LOOKING_DOWN)
     ground = ("500001,4172001", "500003,4172001", "500003,4171999", "500001,4171999")
     assert roi("add", "b15", "--rect", "1,1,20,20").exit_code == 0
@@ -74,7 +73,6 @@ def test_corners_on_the_ground_are_drawn_where_the_pose_sees_them(roi, tmp_path)
 
 
 def test_a_region_stays_on_the_ground_of_the_campaigns_pose(roi, tmp_path):
-    pytest.importorskip("rasterio")
     with (tmp_path / "fieldkit.toml").open("a") as file:
         file.write(f"\n[camera.pose]\n{LOOKING_DOWN}")
     ground = ("500001,4172001", "500003,4172001", "500003,4171999", "500001,4171999")
@@ -91,7 +89,6 @@ def test_a_region_stays_on_the_ground_of_the_campaigns_pose(roi, tmp_path):
 
 
 def test_a_corner_on_the_ground_that_the_camera_does_not_see_is_named(roi, tmp_path):
-    pytest.importorskip("rasterio")
     (tmp_path / "pose.toml").write_text(LOOKING_DOWN)
     ground = ("500001,4172001", "500009,4172001", "500003,4171999")
     result = roi("add", "b15", "--pose", str(tmp_path / "pose.toml"), "--points", *ground)

@@ -10,6 +10,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from pyarrow import parquet
 
 from fieldkit import __version__
 from fieldkit.results.minutes import solve
@@ -139,7 +140,6 @@ def test_provenance_names_content_and_code(recordings, swept):
 
 
 def test_parquet_is_the_same_table(swept):
-    parquet = pytest.importorskip("pyarrow.parquet")
     table = parquet.read_table(swept / "results" / "r.parquet").to_pylist()
     assert [{k: str(v) for k, v in row.items()} for row in table] == rows(swept / "results" / "r.csv")
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import rasterio
 
 from fieldkit.config import ConfigMistakesError, config_from_text, load_config
 from fieldkit.config.edit import change_region
@@ -9,8 +10,6 @@ from fieldkit.config.pose import load_pose
 from fieldkit.config.trajectory import trajectory_from
 from fieldkit.model.errors import ConfigError
 from fieldkit.recording.campaign import open_campaign
-
-rasterio = pytest.importorskip("rasterio")
 
 SITE = "[site]\nlatitude_deg = 37.7\nlongitude_deg = -105.9\n"
 CAMERA = '[camera]\ndriver = "purethermal"\nwidth_px = 160\nheight_px = 120\n'

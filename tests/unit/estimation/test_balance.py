@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pvlib
 import pytest
 
 from fieldkit.estimation.balance import LIGHT, Rows, least_squares_rows
@@ -95,7 +96,6 @@ def test_a_row_is_the_papers_eq_6_over_its_light(history, model, scale):
 
 def test_uncertain_light_is_what_another_sky_and_ground_would_send_after_pvlib(history):
     """Of a plane less a level one: even sky to Hay and Davies', theirs to Perez', more albedo."""
-    pvlib = pytest.importorskip("pvlib")
     diffuse, tilt, azimuth = 90.0, 35.0, 120.0
     used = replace(history, dhi_w_m2=np.full(MINUTES, diffuse))
     changes = dict(zip(LIGHT, made(used, model="full").light_effects(normal(tilt, [azimuth])), strict=True))

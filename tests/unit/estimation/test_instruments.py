@@ -1,6 +1,8 @@
 from dataclasses import replace
 
 import numpy as np
+import pandas
+import pvlib
 import pytest
 
 from fieldkit.estimation.binner import Binner
@@ -234,7 +236,6 @@ def test_global_light_on_the_horizontal_is_divided_by_the_suns_height_and_freed_
 
 @pytest.mark.parametrize("global_w_m2", [120.0, 250.0, 400.0])
 def test_global_light_by_erbs_gives_the_beam_of_pvlib(global_w_m2):
-    pvlib, pandas = pytest.importorskip("pvlib"), pytest.importorskip("pandas")
     at = pandas.DatetimeIndex([pandas.Timestamp(AT_22_DEGREES, tz="UTC")])
     zenith = pvlib.solarposition.get_solarposition(at, SITE.latitude_deg, SITE.longitude_deg, 9.0)["zenith"]
     expected = float(pvlib.irradiance.erbs(global_w_m2, zenith, at.day_of_year)["dni"][0])

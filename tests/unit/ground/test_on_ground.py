@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import rasterio
 
 from fieldkit.calibrate.horizon import horizon_from_dem
 from fieldkit.config.ground import Ground
@@ -21,8 +22,6 @@ from fieldkit.physics.camera_geometry import Grid, horizon_of_ground, project
 from fieldkit.physics.facet import tilt_azimuth
 from fieldkit.results.slope_map import MappedSession
 from fieldkit.sessions.formats import geotiff
-
-rasterio = pytest.importorskip("rasterio")
 
 POSE = """
 crs = "EPSG:32654"

@@ -4,12 +4,13 @@ import gzip
 import json
 import math
 import struct
-from pathlib import Path
 
 import numpy as np
 import pytest
 from usblab.models import ht301, p2pro, purethermal
 from usblab.uvc.camera import GET_CUR, SET_CUR, Setup, StallError
+
+from tests.shared_data import shared
 
 ROWS, COLS = np.mgrid[0:288, 0:384]
 
@@ -85,9 +86,7 @@ def test_purethermal_selectors_follow_the_commands_offsets():
 
 
 def test_purethermal_plays_a_real_recording_unchanged(lepton):
-    folder = Path(__file__).parents[4] / "shared/data/frames"
-    if not folder.exists():
-        pytest.skip("no recorded frames beside the project")
+    folder = shared("data/frames")
     name = "purethermal3/thermal_20260512_151542.raw.y16.gz"
     expected = json.loads((folder / "expected.json").read_text())[name]["frame_0"]
     data = gzip.decompress((folder / name).read_bytes())

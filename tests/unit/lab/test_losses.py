@@ -17,11 +17,6 @@ def test_a_picture_never_sent_or_out_of_order_is_an_error(received):
         places_in([7, 8], received)
 
 
-@pytest.fixture(autouse=True)
-def _not_required(monkeypatch):
-    monkeypatch.delenv("FIELDKIT_LAB_REQUIRED", raising=False)
-
-
 def test_the_first_attempt_without_a_loss_counts(monkeypatch):
     monkeypatch.setattr(losses.os, "getloadavg", lambda: (0.0, 0.0, 0.0))  # an idle computer
     attempts = iter([("first", 2), ("second", 0), ("third", 0)])
@@ -31,15 +26,10 @@ def test_the_first_attempt_without_a_loss_counts(monkeypatch):
 
 
 @pytest.mark.parametrize(("load", "idle_share"), [(9.0, 1.0), (0.0, 0.0)])
-def test_a_loss_without_processor_time_accuses_nobody_unless_the_lab_is_required(
-    monkeypatch, load, idle_share
-):
+def test_a_loss_without_processor_time_accuses_nobody(monkeypatch, load, idle_share):
     # an idle and a busy computer of two cores
     monkeypatch.setattr(losses.os, "getloadavg", lambda: (load, load, load))
     monkeypatch.setattr(losses.os, "cpu_count", lambda: 2)
     nothing_lost(0, idle_share)
     with pytest.raises(pytest.skip.Exception):
-        nothing_lost(1, idle_share)
-    monkeypatch.setenv("FIELDKIT_LAB_REQUIRED", "1")
-    with pytest.raises(AssertionError):
         nothing_lost(1, idle_share)

@@ -2,6 +2,7 @@ import math
 
 import numpy as np
 import pytest
+from pvlib import atmosphere, clearsky, irradiance
 
 from fieldkit.physics.daylight import (
     air_mass,
@@ -27,7 +28,6 @@ def test_erbs_share_is_found_from_the_direct_light_that_it_leaves():
 
 
 def test_erbs_agrees_with_pvlib():
-    irradiance = pytest.importorskip("pvlib.irradiance", reason="pvlib comes with the [lab] extra")
     zenith = np.linspace(5.0, 75.0, 15)
     flat = np.linspace(80.0, 900.0, 15)
     theirs = irradiance.erbs(flat, zenith, 180, min_cos_zenith=0.01, max_zenith=89)["dhi"] / flat
@@ -110,7 +110,6 @@ def test_air_mass_of_kasten_and_young():
 @pytest.mark.parametrize("elevation", [0.0, 9.0, 2317.0])
 @pytest.mark.parametrize("turbidity", [2.0, 3.5, 6.0])
 def test_clear_sky_agrees_with_pvlib(elevation, turbidity):
-    clearsky = pytest.importorskip("pvlib.clearsky", reason="pvlib comes with the [lab] extra")
     zenith = np.array([5.0, 27.0, 60.0, 80.0, 87.0])
     cosines = np.cos(np.radians(zenith))
     theirs = clearsky.ineichen(
@@ -129,8 +128,6 @@ def test_night_is_dark():
 
 def test_perez_on_facets_agrees_with_pvlib():
     """All bins of clearness, suns from 6 degrees on, tilts up to 90 degrees; the coefficients of 1990."""
-    irradiance = pytest.importorskip("pvlib.irradiance", reason="pvlib comes with the [lab] extra")
-    atmosphere = pytest.importorskip("pvlib.atmosphere", reason="pvlib comes with the [lab] extra")
     random = np.random.default_rng(1)
     zenith, azimuth = random.uniform(5.0, 84.0, 2000), random.uniform(0.0, 360.0, 2000)
     dhi, dni, tilt = (random.uniform(*limits, 2000) for limits in ((20, 400), (0, 1000), (0, 90)))

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from pvlib import irradiance
 
 from fieldkit.physics.daylight import (
     extraterrestrial,
@@ -29,7 +30,6 @@ def test_under_an_overcast_sky_hay_davies_is_isotropic():
 
 
 def test_hay_davies_agrees_with_pvlib():
-    irradiance = pytest.importorskip("pvlib.irradiance", reason="pvlib comes with the [lab] extra")
     tilt, zenith, azimuth = np.array([0.0, 5.0, 15.0, 25.0, 80.0]), 58.8, 186.6
     theirs = irradiance.haydavies(tilt, 180.0, 90.0, 850.0, 1400.0, zenith, azimuth)
     cos_incidence = np.cos(np.radians(irradiance.aoi(tilt, 180.0, zenith, azimuth)))
@@ -47,7 +47,6 @@ def test_facet_in_its_own_shade_has_no_circumsolar_light():
 @pytest.mark.parametrize("zenith", [80.0, 86.0, 88.9, 89.6])
 def test_circumsolar_light_of_a_low_sun_agrees_with_pvlib(zenith):
     # pvlib holds the ratio of cosines below one degree of elevation, as we do
-    irradiance = pytest.importorskip("pvlib.irradiance", reason="pvlib comes with the [lab] extra")
     theirs = irradiance.haydavies(30.0, 180.0, 40.0, 300.0, 1400.0, zenith, 180.0)
     cos_incidence, cos_tilt = np.cos(np.radians(zenith - 30.0)), np.cos(np.radians(30.0))
     ours = hay_davies_diffuse(40.0, 300.0, 1400.0, cos_incidence, np.cos(np.radians(zenith)), cos_tilt)
@@ -56,7 +55,6 @@ def test_circumsolar_light_of_a_low_sun_agrees_with_pvlib(zenith):
 
 def test_irradiance_at_the_top_of_the_air_is_pvlibs():
     # Spencer's series in both; pvlib takes 1366.1 W/m2 where we take Kopp and Lean's 1361
-    irradiance = pytest.importorskip("pvlib.irradiance", reason="pvlib comes with the [lab] extra")
     for day in (1, 60, 100, 200, 300, 365):
         at = np.datetime64("2025-01-01T00:00", "ns").astype(np.int64) + (day - 1) * 86_400 * 10**9
         theirs = irradiance.get_extra_radiation(day, solar_constant=1361.0, method="spencer")

@@ -15,6 +15,7 @@ import pytest
 from astropy.coordinates import AltAz, EarthLocation, get_sun
 from astropy.time import Time
 from astropy.utils import iers
+from pvlib import atmosphere
 
 from fieldkit.model.site import Site
 from fieldkit.physics.facet import angle_between_deg, incidence_deg, normal
@@ -188,7 +189,6 @@ def test_the_sun_stands_on_the_horizon_34_minutes_of_arc_below_it():
 
 
 def test_thin_air_of_mountains_lifts_less():
-    atmosphere = pytest.importorskip("pvlib.atmosphere", reason="pvlib comes with the [lab] extra")
     low = normal([85.0], [120.0])
     at_sea, in_alamosa = (refract(low, elevation)[0, 2] - low[0, 2] for elevation in (0.0, 2317.0))
     share = atmosphere.alt2pres(2317.0) / atmosphere.alt2pres(0.0)

@@ -189,7 +189,6 @@ def counts(done: RecordedSession) -> dict[str, int]:
 
 
 def test_a_command_that_hangs_and_a_broker_that_is_away_leave_the_recording_alone(tmp_path):
-    pytest.importorskip("paho.mqtt.client")
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]  # closed again: nothing listens there

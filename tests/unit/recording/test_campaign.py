@@ -6,6 +6,7 @@ import subprocess
 import sys
 
 import numpy as np
+import pandas as pd
 import pytest
 from click.testing import CliRunner
 
@@ -71,7 +72,6 @@ def test_other_parameters_give_other_slopes_and_the_cache_gives_them_again(campa
 
 
 def test_a_frame_has_a_row_for_each_minute_and_bed(campaign):
-    pytest.importorskip("pandas")
     estimates = campaign.sessions[0].estimate()
     frame = estimates.to_frame()
     assert len(frame) == len(estimates) == 3 * estimates.minutes
@@ -83,7 +83,6 @@ def test_a_frame_has_a_row_for_each_minute_and_bed(campaign):
 
 
 def test_a_dataset_has_time_and_region(campaign):
-    pytest.importorskip("xarray")
     estimates = campaign.sessions[0].estimate()
     dataset = estimates.to_xarray()
     assert dict(dataset.sizes) == {"time": estimates.minutes, "region": 3}
@@ -167,7 +166,6 @@ def test_a_pyrheliometers_log_beside_a_session_gives_its_light_and_says_so(folde
 
 
 def test_a_sweep_from_python_is_that_of_the_command_line(campaign, folder, tmp_path):
-    pd = pytest.importorskip("pandas")
     found = campaign.sweep({"albedo": np.array([0.20, 0.25]), "estimator.model": ["paper", "full"]})
     frame = found.to_frame()
     words = [

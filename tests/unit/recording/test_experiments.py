@@ -101,7 +101,6 @@ def test_minutes_taken_at_once_say_what_one_by_one_do():
 
 
 def test_the_table_and_the_frame_have_each_bed(found):
-    pytest.importorskip("pandas")
     rows = {row[0]: row[2:] for row in found.table.rows}
     assert rows[KNOWN][1] == "known"
     assert all(cell.startswith("±") for cell in rows["as planned"][:2])

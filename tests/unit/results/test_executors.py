@@ -8,6 +8,7 @@ import signal
 from functools import partial
 from pathlib import Path
 
+import distributed
 import pytest
 
 from fieldkit.model.errors import FieldkitError, RefusedError
@@ -24,7 +25,6 @@ def test_work_on_a_dask_cluster_comes_back_and_other_versions_are_refused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A scheduler, and first no worker, then one, in threads of this process, reached over loopback."""
-    distributed = pytest.importorskip("distributed", reason="Dask comes with the [dask] extra")
     cluster = distributed.LocalCluster(
         n_workers=0, threads_per_worker=1, processes=False, dashboard_address=None, protocol="tcp",
         host="127.0.0.1", silence_logs=50,

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 
 import fieldkit
 from fieldkit.model.clock import utc_ns
@@ -72,7 +73,6 @@ def test_several_sessions_are_estimated_together_and_a_torn_one_does_not_stop_th
 
 
 def test_a_slope_map_has_its_arrays_by_pixel(sessions):
-    xr = pytest.importorskip("xarray")
     found = slope_map(sessions[0], "all")
     arrays = found.to_xarray()
     assert isinstance(arrays, xr.Dataset)
@@ -132,7 +132,6 @@ def test_a_report_of_several_leaves_out_what_cannot_be_read(sessions, tmp_path):
 
 
 def test_a_plan_is_a_table_of_times_and_facets():
-    pytest.importorskip("pandas")
     site = Site(35.558675, 139.395232, 9.0, "Asia/Tokyo")
     made = plan(site, date(2026, 12, 11), [(5.0, 180.0), (15.0, 180.0)], PlanOptions(step_min=60))
     frame = made.to_frame()
@@ -143,7 +142,6 @@ def test_a_plan_is_a_table_of_times_and_facets():
 
 def test_what_the_data_taught_comes_with_the_slopes_and_from_the_cache(sessions, monkeypatch, tmp_path):
     """Each minute's synthetic one, through workers, cache, tables and files."""
-    pytest.importorskip("pandas")
     genuine = minutes_service.solve
 
     def with_learnt(history, regions, settings):

@@ -102,7 +102,6 @@ def test_a_kick_of_40_pixels_is_lost_within_a_minute(tmp_path):
 
 @pytest.mark.parametrize(("late_s", "is_reported"), [(0, False), (600, True), (-900, True), (-2400, True)])
 def test_a_trajectory_that_does_not_cover_a_recording_is_reported_before_it(tmp_path, late_s, is_reported):
-    pytest.importorskip("rasterio")
     tables = on_the_ground(tmp_path / "pose", 20, ALAMOSA_NOON_NS + late_s * 10**9)
     create_campaign(tmp_path / "pose", tables)
     warnings = []

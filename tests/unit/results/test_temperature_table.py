@@ -1,6 +1,8 @@
 """`fieldkit estimate table.csv`: the golden four hours, independent SPA sun and Table 1 parameters."""
 
 import numpy as np
+import pandas as pd
+import pvlib
 import pytest
 
 from fieldkit.estimation.settings import EstimatorSettings
@@ -224,7 +226,6 @@ FAR_AWAY = {
 @pytest.mark.parametrize("place", FAR_AWAY)
 def test_slopes_anywhere_on_earth_from_a_sun_that_is_not_ours(table, place):
     """Sun by pvlib's SPA, temperatures by eq. (7) solved here: nothing of the estimator's own."""
-    pvlib, pd = pytest.importorskip("pvlib"), pytest.importorskip("pandas")
     (latitude, longitude, elevation), begin, minutes = FAR_AWAY[place]
     reference = (35.0, 320.0) if "tilted" in place else (0.0, 0.0)
     times = pd.date_range(begin, periods=minutes + 1, freq="1min")

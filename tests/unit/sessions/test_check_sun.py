@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pandas
+import pvlib
 import pytest
 
 from fieldkit.model.device import StreamInfo
@@ -27,8 +29,6 @@ HOUR_NS = 3600 * 10**9
 
 def clear_light_lx(time_ns: np.ndarray) -> np.ndarray:
     """A flat meter under Haurwitz's cloudless sky, 110 lm/W, with the sun of NREL's SPA, both by pvlib."""
-    pvlib = pytest.importorskip("pvlib", reason="pvlib comes with the [lab] extra")
-    pandas = pytest.importorskip("pandas")
     stamps = pandas.DatetimeIndex(time_ns.astype("datetime64[ns]"), tz="UTC")
     sun = pvlib.solarposition.get_solarposition(stamps, SITE.latitude_deg, SITE.longitude_deg)
     ghi = pvlib.clearsky.haurwitz(sun["apparent_zenith"])["ghi"].to_numpy()

@@ -8,7 +8,9 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+import pandas as pd
 import pytest
+import xarray as xr
 
 from fieldkit.model.errors import IncompleteError, IntegrityError, SessionError
 from fieldkit.model.samples import Frame, Quality, Reading
@@ -185,7 +187,6 @@ def test_a_session_sealed_before_its_columns_were_is_read_and_checked(
 
 
 def test_tables_of_pandas_and_xarray_have_the_flag(damaged: Callable[..., SessionReader]) -> None:
-    pytest.importorskip("xarray")
     with damaged(flip("lux/value", 1, EXPONENT), spoil("camera/counts", 1)) as session:
         assert np.flatnonzero(session.to_pandas("lux")["flags"] & BAD).tolist() == [1]
         assert (session.to_pandas("camera")["flags"] & BAD).astype(bool).sum() == DEPTH
@@ -207,7 +208,6 @@ def test_light_is_not_averaged_over_a_meddled_reading(damaged: Callable[..., Ses
 
 
 def test_tables_are_written_with_the_flag(damaged: Callable[..., SessionReader], tmp_path: Path) -> None:
-    pd = pytest.importorskip("pandas")
     with damaged(flip("lux/value", 1, EXPONENT), spoil("camera/counts", 1)) as session:
         paths = {path.stem.removeprefix("field-"): path for path in export_tables(session, tmp_path, "csv")}
         assert session.damaged == {"lux": 1, "camera": DEPTH}
@@ -231,7 +231,6 @@ def test_pictures_are_written_without_the_damaged_ones(
 def test_netcdf_has_the_flag_and_the_fill_value(
     damaged: Callable[..., SessionReader], tmp_path: Path
 ) -> None:
-    xr = pytest.importorskip("xarray")
     with damaged(spoil("camera/counts", 1), flip("lux/value", 1, EXPONENT)) as session:
         export_netcdf(session, tmp_path)
         kelvin = session.kelvin(damaged="nan")
@@ -252,7 +251,6 @@ def remove_table(path: Path) -> None:
 def test_a_table_that_is_gone_does_not_stop_the_others(
     damaged: Callable[..., SessionReader], tmp_path: Path
 ) -> None:
-    pytest.importorskip("pandas")
     for export in (partial(export_tables, kind="csv"), export_netcdf):
         with damaged(remove_table) as session, pytest.raises(IncompleteError, match="not exported") as caught:
             export(session, tmp_path)

@@ -11,7 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import h5py
+import pandas as pd
 import pytest
+import xarray as xr
+from mcap.reader import make_reader
 
 from fieldkit.model.clock import ClockCheck
 from fieldkit.model.errors import SessionError, StorageError
@@ -224,14 +227,12 @@ def contents(path: Path) -> object:
     """What an exported file holds, but for what identifies the session."""
     match path.suffix:
         case ".parquet":
-            return pytest.importorskip("pandas").read_parquet(path).to_csv()
+            return pd.read_parquet(path).to_csv()
         case ".nc":
             with h5py.File(path, "r") as file:
                 return {name: file[name][()].tobytes() for name in file if name != "crc32"}
         case ".mcap":
-            messages = (
-                pytest.importorskip("mcap.reader").make_reader(BytesIO(path.read_bytes())).iter_messages()
-            )
+            messages = make_reader(BytesIO(path.read_bytes())).iter_messages()
             return [(channel.topic, message.log_time, message.data) for _, channel, message in messages]
         case ".json":
             graph = json.loads(path.read_text(encoding="utf-8"))["@graph"]
@@ -275,7 +276,6 @@ def test_every_export_has_corrected_times(
 
 
 def test_xarray_backend_has_corrected_times(corrected_and_right: tuple[Session, Session]) -> None:
-    xr = pytest.importorskip("xarray")
     corrected, right = (
         xr.open_dataset(session.path, engine="fieldkit", group="camera")["time"].values.tolist()
         for session in corrected_and_right

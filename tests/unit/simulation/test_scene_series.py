@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from pvlib import irradiance
 from scipy.special import erfcx
 
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
@@ -85,7 +86,6 @@ def test_sensor_of_first_order_lags_a_ramp_by_its_time_constant():
 
 
 def test_sunlight_on_a_tilted_bed_is_pvlibs_in_plane_irradiance():
-    irradiance = pytest.importorskip("pvlib.irradiance", reason="pvlib comes with the [lab] extra")
     zenith, azimuth, dni_w_m2, dhi_w_m2, top = 55.0, 140.0, 850.0, 90.0, 1400.0
     ghi = dni_w_m2 * np.cos(np.radians(zenith)) + dhi_w_m2
     theirs = irradiance.get_total_irradiance(

@@ -7,8 +7,6 @@ from fieldkit.calibration.band import FLAT
 from fieldkit.calibration.emissivity import Pairs, SharedUncertainties, fit_emissivity
 from fieldkit.physics.radiance import brightness_temperature_k
 
-pytest.importorskip("matplotlib", reason="the extra [lab] is not installed")
-
 
 @pytest.mark.parametrize("reflected", ["fixed", "free"])
 def test_every_word_and_number_of_the_picture_lies_inside_it_and_beside_the_others(reflected):

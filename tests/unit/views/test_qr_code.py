@@ -6,7 +6,6 @@ import pytest
 
 from fieldkit.views.qr_code import qr_lines
 
-pytest.importorskip("segno", reason="the extra [page] is not installed")
 ADDRESS = "http://192.168.4.20:8420/#pQ8x0Zt3V7cJm2LkYw9RbA"
 # upper and lower half of a character cell: whether the foreground colour covers it (Unicode, block elements)
 HALVES = {" ": (0, 0), "\u2580": (1, 0), "\u2584": (0, 1), "\u2588": (1, 1)}

@@ -1,3 +1,4 @@
+import cv2
 import numpy as np
 import pytest
 
@@ -36,7 +37,6 @@ def test_it_must_be_told_which_camera():
 
 
 def test_recorded_frame_of_unknown_scale_stays_counts():
-    cv2 = pytest.importorskip("cv2")
     image = cv2.imread(str(shared("data/frames/flir_file/example_radiometric.tiff")), cv2.IMREAD_UNCHANGED)
     decoded = Y16().decode(image.astype("<u2").tobytes(), {"width": 640, "height": 512})
     low, mean, high = decoded.values

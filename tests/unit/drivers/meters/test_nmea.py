@@ -10,8 +10,6 @@ from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.samples import NO_COUNTER, Quality
 
-pytest.importorskip("pynmeagps", reason="the extra [gps] is not installed")
-
 GGA = b"$GPGGA,021530.00,3541.3668,N,13945.3012,E,2,11,0.86,38.4,M,39.5,M,,0000*66\r\n"
 RMC = b"$GPRMC,021530.00,A,3541.3668,N,13945.3012,E,0.02,77.52,211126,,,A*6B\r\n"
 

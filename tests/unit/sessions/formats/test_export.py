@@ -15,7 +15,11 @@ from pathlib import Path
 import cv2
 import h5py
 import numpy as np
+import pandas as pd
 import pytest
+import xarray as xr
+from mcap import reader as reading
+from PIL import Image
 
 from fieldkit.model.errors import ConfigError, SessionError, StorageError
 from fieldkit.model.samples import Event, EventKind, Frame, Quality, Reading
@@ -110,7 +114,6 @@ def test_region_outside_the_picture_and_meters_are_refused(session: SessionReade
 
 
 def test_pandas_has_units_in_its_columns(session: SessionReader) -> None:
-    pytest.importorskip("pandas")
     table = session.to_pandas("thermometer")
     assert list(table.columns[:4]) == ["T1 [K]", "T2 [K]", "T3 [K]", "T4 [K]"]
     assert table["T3 [K]"].iloc[4] == 252 + 4 / 3
@@ -119,7 +122,6 @@ def test_pandas_has_units_in_its_columns(session: SessionReader) -> None:
 
 
 def test_meter_without_a_reading_is_an_empty_table(tmp_path: Path) -> None:
-    pytest.importorskip("pandas")
     SessionWriter(tmp_path / "a.h5", header((24, 32)), CountedClock()).close()
     with open_session(tmp_path / "a.h5") as session:
         table = session.to_pandas("thermometer")
@@ -128,7 +130,6 @@ def test_meter_without_a_reading_is_an_empty_table(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", ["csv", "parquet"])
 def test_tables_are_tidy_and_come_back(session: SessionReader, tmp_path: Path, kind: str) -> None:
-    pd = pytest.importorskip("pandas")
     paths = {path.stem.removeprefix("field-"): path for path in export_tables(session, tmp_path, kind)}
     assert set(paths) == {"camera-regions", "lux", "thermometer", "slopes", "events"}
     read = pd.read_csv if kind == "csv" else pd.read_parquet
@@ -167,7 +168,6 @@ def test_tables_of_meters_come_back_with_times_values_and_flags(tmp_path: Path) 
 @pytest.mark.parametrize("name", EXPORTS)
 def test_a_disk_that_takes_no_more_leaves_no_part_of_a_file(name: str, small: Path, tmp_path: Path) -> None:
     """The limit of a process's files stands for a full disk."""
-    pytest.importorskip("mcap_ros2")
     export(small, name, tmp_path / "whole")
     whole = {path.name: path.stat().st_size for path in (tmp_path / "whole").iterdir()}
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
@@ -184,8 +184,6 @@ def test_a_disk_that_takes_no_more_leaves_no_part_of_a_file(name: str, small: Pa
 
 @pytest.mark.parametrize("name", EXPORTS)
 def test_every_format_of_the_table_is_written(name: str, small: Path, tmp_path: Path) -> None:
-    pytest.importorskip("mcap")
-    pytest.importorskip("pyarrow")
     found = export(small, name, tmp_path / "out")
     assert found.problems == ()
     assert {path.name for path in found.files} == {path.name for path in (tmp_path / "out").iterdir()}
@@ -193,7 +191,6 @@ def test_every_format_of_the_table_is_written(name: str, small: Path, tmp_path: 
 
 
 def test_table_of_slopes_has_both_ends_of_each_region(small: Path, tmp_path: Path) -> None:
-    pd = pytest.importorskip("pandas")
     with open_session(small) as session:
         paths = {path.stem: path for path in export_tables(session, tmp_path, "csv")}
     (row,) = pd.read_csv(paths["field-slopes"]).to_dict("records")
@@ -208,7 +205,6 @@ def test_table_of_slopes_has_both_ends_of_each_region(small: Path, tmp_path: Pat
 
 @pytest.mark.parametrize("kind", ["csv", "parquet"])
 def test_table_of_events_has_kind_and_end_of_a_mark(tmp_path: Path, kind: str) -> None:
-    pd = pytest.importorskip("pandas")
     clock = CountedClock()
     writer = SessionWriter(tmp_path / "field.h5", HEADER, clock)
     fill(writer, 1, clock)
@@ -299,9 +295,8 @@ def test_pixels_without_a_temperature_are_zero_and_never_the_hottest(tmp_path: P
 
 def test_tiffs_are_read_by_other_programs_with_their_tags(session: SessionReader, tmp_path: Path) -> None:
     """Pillow, which knows nothing of fieldkit; tag 42112 is what GDAL takes scale and offset from."""
-    image = pytest.importorskip("PIL.Image")
     path = export_tiffs(session, tmp_path)[7]
-    with image.open(path) as opened:
+    with Image.open(path) as opened:
         tags, counts = dict(opened.tag_v2), np.array(opened)
     assert np.array_equal(counts, picture(7, (24, 32)))
     assert json.loads(tags[270])["flags"] == ["shutter"]
@@ -312,9 +307,8 @@ def test_tiffs_are_read_by_other_programs_with_their_tags(session: SessionReader
 
 @pytest.mark.parametrize("text", ["", "{}", "[1]", '{"time": 3}', "[" * 10_000, '{"time": "t", "flags": 1}'])
 def test_descriptions_of_other_programs_are_no_tags_of_ours(tmp_path: Path, text: str) -> None:
-    image = pytest.importorskip("PIL.Image")
     path = tmp_path / "other.tiff"
-    image.fromarray(np.full((4, 4), 30_000, np.uint16)).save(path, description=text)
+    Image.fromarray(np.full((4, 4), 30_000, np.uint16)).save(path, description=text)
     assert [page.tags for page in read_pages(path)] == [None]
     with pytest.raises(ConfigError, match="what one count"):
         read_stills(path, None)
@@ -351,7 +345,6 @@ def test_frames_of_the_ht301_have_kelvin_in_every_reader(tmp_path: Path) -> None
 
 
 def test_cells_of_a_table_are_as_short_as_the_number(session: SessionReader, tmp_path: Path) -> None:
-    pytest.importorskip("pandas")
     paths = {path.stem.removeprefix("field-"): path for path in export_tables(session, tmp_path, "csv")}
     cells = [row.split(",")[2] for row in paths["camera-regions"].read_text().splitlines()[1:]]
     assert max(map(len, cells)) <= len("295.123456789")
@@ -359,7 +352,6 @@ def test_cells_of_a_table_are_as_short_as_the_number(session: SessionReader, tmp
 
 
 def test_a_spreadsheet_computes_nothing_that_somebody_typed(tmp_path: Path) -> None:
-    pd = pytest.importorskip("pandas")
     lux = replace(HEADER.streams[1], shape=(2,), channels=("=1+1", "right"))
     writer = SessionWriter(tmp_path / "field.h5", replace(HEADER, streams=(lux,)), CountedClock())
     writer.append(sample(lux, 0)._replace(values=(3.0, 1.0)))
@@ -515,7 +507,6 @@ def test_bed_that_is_warm_for_a_while_only_is_not_beyond_the_scale(tmp_path: Pat
 
 
 def test_netcdf_files_open_by_themselves(session: SessionReader, tmp_path: Path) -> None:
-    xr = pytest.importorskip("xarray")
     names = {path.name for path in export_netcdf(session, tmp_path)}
     assert {"field-camera.nc", "field-lux.nc", "field-events.nc"} <= names
     with xr.open_dataset(tmp_path / "field-camera.nc", engine="h5netcdf") as camera:
@@ -527,7 +518,6 @@ def test_netcdf_files_open_by_themselves(session: SessionReader, tmp_path: Path)
 
 def test_mcap_holds_every_bit(session: SessionReader, tmp_path: Path) -> None:
     """Read back with the format's own reader, checksums on."""
-    reading = pytest.importorskip("mcap.reader")
     (path,) = export_mcap(session, tmp_path)
     with path.open("rb") as file:
         reader = reading.make_reader(file, validate_crcs=True)
@@ -573,7 +563,6 @@ def taught(path: Path) -> SessionReader:
 
 
 def test_mcap_holds_what_the_data_taught(tmp_path: Path) -> None:
-    reading = pytest.importorskip("mcap.reader")
     with taught(tmp_path / "field.h5") as session:
         (path,) = export_mcap(session, tmp_path)
     with path.open("rb") as file:
@@ -589,7 +578,6 @@ def test_mcap_holds_what_the_data_taught(tmp_path: Path) -> None:
 
 
 def test_mcap_has_null_for_details_that_are_not_numbers(tmp_path: Path) -> None:
-    reading = pytest.importorskip("mcap.reader")
     writer = SessionWriter(tmp_path / "field.h5", HEADER, CountedClock())
     writer.put(Event(EventKind.MARK, 0, START_NS, "wind", data={"wind_m_s": math.nan}))
     writer.close()
@@ -601,7 +589,6 @@ def test_mcap_has_null_for_details_that_are_not_numbers(tmp_path: Path) -> None:
 
 
 def test_netcdf_and_xarray_have_what_the_data_taught(tmp_path: Path) -> None:
-    xr = pytest.importorskip("xarray")
     with taught(tmp_path / "field.h5") as session:
         export_netcdf(session, tmp_path)
     for opened in (
@@ -616,7 +603,6 @@ def test_netcdf_and_xarray_have_what_the_data_taught(tmp_path: Path) -> None:
 
 
 def test_mcap_of_one_stream_and_every_nth_picture(session: SessionReader, tmp_path: Path) -> None:
-    reading = pytest.importorskip("mcap.reader")
     (path,) = export_mcap(session, tmp_path, stream="camera", every=5)
     assert path.name == "field-camera.mcap"
     with path.open("rb") as file:

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from rocrate import rocrate
 
 from fieldkit.sessions.formats.ro_crate_out import export_ro_crate
 from fieldkit.sessions.reader import open_session
@@ -63,7 +64,6 @@ def test_the_place_is_rounded_unless_it_may_be_known(tmp_path: Path, is_exact: b
 
 
 def test_the_reference_library_reads_it(tmp_path: Path) -> None:
-    rocrate = pytest.importorskip("rocrate.rocrate")
     crate(tmp_path, "")
     read = rocrate.ROCrate(tmp_path)
     assert read.name == "Sand beds"

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
+from rosbags import typesys as rosbags_types
 
 from fieldkit.physics.camera_geometry import Heights
 from fieldkit.sessions.formats.ros2 import write_maps
-
-pytest.importorskip("mcap_ros2")
-rosbags_types = pytest.importorskip("rosbags.typesys")
-make_reader = pytest.importorskip("mcap.reader").make_reader
 
 TIME_NS = 1_780_000_000_123_456_789
 SLOPE = np.array([[1.0, 2.0, 3.0], [4.0, np.nan, 6.0]], np.float32)  # north-west is 1, south-east 6

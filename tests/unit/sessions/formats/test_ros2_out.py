@@ -6,6 +6,8 @@ import re
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
+from rosbags import typesys
 
 from fieldkit.model.samples import Frame
 from fieldkit.model.site import Site
@@ -18,9 +20,6 @@ from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.recording import CountedClock, fill, header
 
-pytest.importorskip("mcap_ros2")
-typesys = pytest.importorskip("rosbags.typesys")
-make_reader = pytest.importorskip("mcap.reader").make_reader
 STORE = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
 
 
