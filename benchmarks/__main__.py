@@ -56,8 +56,8 @@ def _measured(name: str) -> list[Result]:
     """What a module measures, and the rows it declares and did not measure: something is not installed."""
     module, steal = importlib.import_module(f"benchmarks.{name}"), Steal()
     results: list[Result] = module.run()
-    results = [replace(one, steal=steal.share()) if one.steal is None else one for one in results]
-    measured = {one.id for one in results}
+    results = [replace(result, steal=steal.share()) if result.steal is None else result for result in results]
+    measured = {result.id for result in results}
     missing = [row for row in declared(module) if row.id not in measured]
     return [*results, *(row.measured(float("nan"), "not measured here") for row in missing)]
 

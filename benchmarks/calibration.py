@@ -168,7 +168,7 @@ def _errors(
     parameters: tuple[SurfaceParameters, SurfaceParameters], kappa: float,
 ) -> list[float]:  # fmt: skip
     warm, flat = (_temperature(bed, sun, random) for bed in (normal(tilt, azimuth), VERTICAL))
-    wrong, right = (irradiance_difference(warm, flat, one) / LIGHT_W_M2 for one in parameters)
+    wrong, right = (irradiance_difference(warm, flat, parameter) / LIGHT_W_M2 for parameter in parameters)
     return [abs(_tilt(sun, share + sun @ VERTICAL) - tilt) for share in (wrong, right, wrong / kappa)]
 
 

@@ -225,7 +225,8 @@ def run() -> list[Result]:
 def _compare(row: Row, record: bytes, readers: tuple[Any, Any]) -> Result:
     talks = record == LUX
     rounds = [
-        [_with(FarEnd(record, talks=talks), one, pace=not talks) for one in readers] for _ in range(ROUNDS)
+        [_with(FarEnd(record, talks=talks), reader, pace=not talks) for reader in readers]
+        for _ in range(ROUNDS)
     ]
     ours, theirs = (np.array([turn[side] for turn in rounds]) for side in (0, 1))
     delays = [

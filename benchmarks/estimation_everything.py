@@ -126,7 +126,7 @@ def run(trials: int = 40) -> list[Result]:
     for name in DAYS:
         random = np.random.default_rng(2017)
         errors = [trial(name, random) for _ in range(trials)]
-        mean = {kind: float(np.nanmean([e for one in errors for e in one[kind]])) for kind in errors[0]}
+        mean = {kind: float(np.nanmean([e for error in errors for e in error[kind]])) for kind in errors[0]}
         what = f"everything wrong, {name}, {MINUTES} min, one known bed"
         found += [
             Result(

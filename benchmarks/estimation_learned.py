@@ -158,7 +158,9 @@ def outcome(scenario: Scenario, seed: int) -> Outcome:
         history = replace(history, air_k=np.full(len(history), np.nan))
     settings = replace(world.settings, model="learned")
     run = [minute.slopes for minute in SlopeChain(world.regions, settings).series(history)]
-    silent = [[one.state not in SOLVED for one in estimates] for estimates in run[FIRST_MINUTE - 1 :]]
+    silent = [
+        [estimate.state not in SOLVED for estimate in estimates] for estimates in run[FIRST_MINUTE - 1 :]
+    ]
     learned = {cell.minutes: _found(run[cell.minutes - 1], world) for cell in scenario.cells}
     result = Outcome({"learned": learned}, float(np.mean(silent)))
     if scenario.with_others:
@@ -178,7 +180,7 @@ def _whole_window(world: World, history: History, model: Any, minutes: int) -> t
 
 def _found(estimates: Sequence[SlopeEstimate], world: World) -> list[Found]:
     truths = {region.name: region for region in world.regions}
-    return [_against(one, truths[one.region], world.settings) for one in estimates]
+    return [_against(estimate, truths[estimate.region], world.settings) for estimate in estimates]
 
 
 def _against(one: SlopeEstimate, truth: Region, settings: EstimatorSettings) -> Found:
@@ -226,7 +228,7 @@ def rows(scenario: Scenario, worlds: Sequence[Outcome]) -> Iterator[Result]:
         certain = 100.0 * float(np.mean([one.is_certain for one in found]))
         note = f"{answered} of {len(found)} estimates, {certain:.0f} % certain"
         yield Result(f"{name}: regions hold the truth", coverage_percent(found), "%", "85-95", note)
-    silent = 100.0 * float(np.mean([one.silent_share for one in worlds]))
+    silent = 100.0 * float(np.mean([world.silent_share for world in worlds]))
     yield Result(f"{scenario.name}: minutes without a slope", silent, "%", "≤ 10")
 
 
@@ -249,7 +251,9 @@ def mean_error_deg(found: Sequence[Found]) -> float:
 
 def _beside(worlds: Sequence[Outcome], cell: Cell) -> str:
     """90th percentile, mean angle between normals, bound; the other models and how often they are silent."""
-    answered = [one for one in estimates(worlds, "learned", cell) if not np.isnan(one.tilt_error_deg)]
+    answered = [
+        estimate for estimate in estimates(worlds, "learned", cell) if not np.isnan(estimate.tilt_error_deg)
+    ]
     parts = []
     if answered:
         p90 = np.percentile([one.tilt_error_deg for one in answered], 90)

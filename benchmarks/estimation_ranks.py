@@ -59,9 +59,9 @@ def world_ranks(seed: int) -> dict[str, float]:
     found = SlopeChain(world.regions, settings).at(without_wind(world.history))
     beds = {region.name: region for region in world.regions}
     ranks: dict[str, float] = {}
-    for one in found.slopes:
-        if one.state in SOLVED:
-            ranks |= _of_bed(one, beds[one.region])
+    for slope in found.slopes:
+        if slope.state in SOLVED:
+            ranks |= _of_bed(slope, beds[slope.region])
     truths = _truths(world)
     for learnt in found.learnt.parameters if found.learnt else ():
         if learnt.name in truths:

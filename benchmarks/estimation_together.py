@@ -51,12 +51,12 @@ def alone_and_together(worlds: Sequence[World]) -> tuple[Slopes, Slopes]:
     """Slopes by the last visit alone, and by all of them."""
     last = worlds[-1]
     alone = SlopeChain(last.regions, last.settings).at_once(last.history).slopes
-    return alone, slopes_together([as_part(one) for one in worlds]).estimated.slopes
+    return alone, slopes_together([as_part(world) for world in worlds]).estimated.slopes
 
 
 def half_widths(slopes: Slopes) -> list[float]:
     """Half widths of the tilts' regions. [degrees]."""
-    return [0.5 * (one.tilt_high_deg - one.tilt_low_deg) for one in slopes]
+    return [0.5 * (slope.tilt_high_deg - slope.tilt_low_deg) for slope in slopes]
 
 
 def run() -> list[Result]:
@@ -72,7 +72,7 @@ def _rows(name: str, first_day: str, second_day: str, beds: str) -> Iterator[Res
         worlds = visits(seed, first_day, second_day, beds)
         alone, together = alone_and_together(worlds)
         widths += zip(half_widths(alone), half_widths(together), strict=True)
-        truths = {one.name: one.tilt_deg for one in worlds[0].regions}
+        truths = {region.name: region.tilt_deg for region in worlds[0].regions}
         errors += [
             [abs(one.tilt_deg - truths[one.region]) for one in pair]
             for pair in zip(alone, together, strict=True)

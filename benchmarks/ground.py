@@ -31,7 +31,7 @@ def _record(name: str) -> list[Result]:
 
 
 def _held_out(fit: GroundFit) -> list[Result]:
-    score = next(one for one in fit.scores if (one.minutes, one.span) == ("held out", "all"))
+    score = next(score for score in fit.scores if (score.minutes, score.span) == ("held out", "all"))
     name, most_k = fit.ground.name, MOST_K[fit.ground.name]
     note = f"exchange {fit.exchange}"
     return [

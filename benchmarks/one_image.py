@@ -78,8 +78,8 @@ def _means(values: FloatArray, by: int) -> FloatArray:
 
 def _fitted(scenes: Sequence[Scene], directions: FloatArray) -> tuple[FloatArray, float]:
     """Temperature of level ground, its change per metre and along directions (3, k), and what is left."""
-    design = np.vstack([one.columns(directions) for one in scenes])
-    kelvin = np.concatenate([one.kelvin.ravel() for one in scenes])
+    design = np.vstack([scene.columns(directions) for scene in scenes])
+    kelvin = np.concatenate([scene.kelvin.ravel() for scene in scenes])
     known = np.isfinite(kelvin)
     found = np.linalg.lstsq(design[known], kelvin[known])[0]
     return found, float(np.std(kelvin[known] - design[known] @ found))
@@ -117,7 +117,7 @@ class Components:
         spread = np.std(np.concatenate([one.along_deg(found.azimuth_deg).ravel() for one in known]))
         truth = asked.along_deg(found.azimuth_deg)
         columns = (found.tilt_deg, truth, found.low_deg, found.high_deg, np.full(truth.shape, spread))
-        return cls(*(one[np.isfinite(found.tilt_deg)] for one in columns))
+        return cls(*(column[np.isfinite(found.tilt_deg)] for column in columns))
 
     def with_prior(self) -> Components:
         """The same if slopes are spread as in the other scenes: the product of two normal distributions."""
@@ -142,7 +142,7 @@ class Components:
 
 
 def _joined(parts: Sequence[Components]) -> Components:
-    columns = [[getattr(one, name) for one in parts] for name in Components.__slots__]
+    columns = [[getattr(part, name) for part in parts] for name in Components.__slots__]
     return Components(*map(np.concatenate, columns))
 
 
@@ -212,7 +212,7 @@ def desert(path: Path, settings: EstimatorSettings) -> Iterator[Result]:
         yield Result(name, azimuth - float(towards), "deg", "explained", note)
     parts = []
     for asked in tiles:
-        others = [one for one in tiles if one is not asked]
+        others = [tile for tile in tiles if tile is not asked]
         sun = normal(suns["winter time"][0], _warming(others)[1])
         parts.append(Components.of(others, asked, sun, settings))
     found = _joined(parts)

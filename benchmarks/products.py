@@ -102,9 +102,9 @@ def mapped_world(world: World, model: Model = "learned") -> WorldMap:
         shape,
         replace(world.settings, model=model),
         {
-            one.region: normal(one.tilt_deg, one.azimuth_deg)
-            for one in found.slopes
-            if one.state in WITH_SLOPE
+            slope.region: normal(slope.tilt_deg, slope.azimuth_deg)
+            for slope in found.slopes
+            if slope.state in WITH_SLOPE
         },
         found.learnt,
     )

@@ -75,7 +75,7 @@ def small_camera() -> list[Result]:
             DeviceSettings("lux", "lutron", port=lux),
             DeviceSettings("thermometer", "center-309", port=thermometer),
         )
-        devices = [registry.open_device(one, clock) for one in settings]
+        devices = [registry.open_device(setting, clock) for setting in settings]
         recording = _record(Path(folder) / "small.h5", devices, source, clock)
     return [
         SMALL_CPU.measured(100.0 * recording.cpu_s / recording.wall_s, recording.appends()),

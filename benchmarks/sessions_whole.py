@@ -90,7 +90,7 @@ def _costs(size: Camera, naive_frames: int) -> dict[str, list[Cost]]:
             name: partial(_cost, partial(write_mcap, compression=name), many) for name in ("ZSTD", "NONE")
         }
     rounds = [{name: side() for name, side in sides.items()} for _ in range(ROUNDS)]
-    return {name: [one[name] for one in rounds] for name in sides}
+    return {name: [round[name] for round in rounds] for name in sides}
 
 
 def _cost(write: Callable[[Path, CountArray], None], data: CountArray) -> Cost:

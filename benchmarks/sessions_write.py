@@ -113,7 +113,7 @@ def _sustained() -> list[Result]:
 def _rates(ways: dict[str, Callable[[Path], None]], data: CountArray) -> dict[str, list[float]]:
     """The rates of each, in rounds: a moment when the disk is slow is then slow for all."""
     rounds = [{name: _rate(work, data) for name, work in ways.items()} for _ in range(ROUNDS)]
-    return {name: [one[name] for one in rounds] for name in ways}
+    return {name: [round[name] for round in rounds] for name in ways}
 
 
 def _into(write: Callable[[Path, CountArray], None], data: CountArray) -> Callable[[Path], None]:

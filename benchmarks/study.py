@@ -113,10 +113,10 @@ def run() -> list[Result]:
     """All three starts in each round."""
     Start.at(STARTS[0])  # warm: the day's sun, the libraries' first calls
     rounds = [[Start.at(start) for start in STARTS] for _ in range(ROUNDS)]
-    every = [start for one in rounds for start in one]
+    every = [start for round in rounds for start in round]
 
     def seconds(name: str) -> list[float]:
-        return [sum(getattr(start, name) for start in one) for one in rounds]
+        return [sum(getattr(start, name) for start in round) for round in rounds]
 
     plain, simulated = seconds("plain_s"), seconds("simulated_s")
     whole = [one + other for one, other in zip(plain, simulated, strict=True)]

@@ -81,7 +81,7 @@ def scored(drawn: Drawn) -> Score:
     except NoAnswerError:
         suggestions = []
     beds = [_mask(bed.vertices) for bed in drawn.beds]
-    under = [_bed_under(_mask(one.vertices), beds) for one in suggestions]
+    under = [_bed_under(_mask(suggestion.vertices), beds) for suggestion in suggestions]
     level = next((number for number, bed in enumerate(drawn.beds) if bed.is_reference), None)
     references = [at for at, one in zip(under, suggestions, strict=True) if one.kind is RegionKind.REFERENCE]
     return Score(

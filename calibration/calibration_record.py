@@ -218,7 +218,7 @@ def find(reference: str, folder: Path, kind: str | None = None) -> tuple[Calibra
     if latest := next(records, None):
         if kind in (None, latest[0].kind):
             return latest
-        return next((one for one in records if one[0].kind == kind), latest)
+        return next((record for record in records if record[0].kind == kind), latest)
     names = sorted({file.stem.partition("-")[2] for file in files})
     raise ConfigError(
         f"no calibration named {reference!r} in {folder}",

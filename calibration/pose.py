@@ -122,7 +122,7 @@ def _refuse_wrong_point(residuals_px: FloatArray, mark_sd_px: float) -> None:
 def _camera(
     numbers: FloatArray, shape: tuple[int, int], hfov_deg: float | None, distortion: tuple[float, ...]
 ) -> Camera:
-    east, north, up, yaw, pitch, roll, *field = (float(one) for one in numbers)
+    east, north, up, yaw, pitch, roll, *field = (float(number) for number in numbers)
     field_deg = field[0] if hfov_deg is None else hfov_deg
     return Camera((east, north, up), yaw, pitch, roll, field_deg, shape, distortion)
 

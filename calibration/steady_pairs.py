@@ -80,7 +80,7 @@ def steady_intervals(readings: Readings) -> list[SteadyInterval]:
 
 def pairs_of(intervals: list[SteadyInterval]) -> tuple[Pairs, tuple[str, ...]]:
     """Pairs of the intervals that camera and probe agree on, and notes on the others."""
-    good = [one for one in intervals if one.agrees]
+    good = [interval for interval in intervals if interval.agrees]
     remarks = []
     if len(good) < len(intervals):
         count = len(intervals) - len(good)

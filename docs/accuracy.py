@@ -84,7 +84,11 @@ def diagram(found: Found) -> Figure:
         if name not in found:
             continue
         scenario, worlds = found[name]
-        errors = [one.scaled_error for cell in scenario.cells for one in estimates(worlds, "learned", cell)]
+        errors = [
+            estimate.scaled_error
+            for cell in scenario.cells
+            for estimate in estimates(worlds, "learned", cell)
+        ]
         shares = np.mean(np.array(errors)[:, np.newaxis] <= limits, axis=0)
         axes.plot(100.0 * PROBABILITIES, 100.0 * shares, **line(number, name))
     axes.set(xlabel="stated probability of the region, %", ylabel="regions that hold the tilt, %")

@@ -40,7 +40,7 @@ def modules() -> Iterator[tuple[str, str]]:
         cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
         yield (
             module_name(path),
-            "\n\n".join("".join(one["source"]) for one in cells if one["cell_type"] == "code"),
+            "\n\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"),
         )
     pages = (path for folder in ("docs", "examples") for path in sorted((ROOT / folder).rglob("*.md")))
     for path in (ROOT / "README.md", *pages):

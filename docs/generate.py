@@ -54,7 +54,8 @@ def slopes() -> str:
     """A table of the numbers of a slope, which every table and file has."""
     head = ["| number | unit | exported table | meaning |", "|---|---|---|---|"]
     rows = [
-        f"| `{one.key}` | {one.unit} | {one.heading} | {one.description} |" for one in SLOPE_FIELDS.values()
+        f"| `{field.key}` | {field.unit} | {field.heading} | {field.description} |"
+        for field in SLOPE_FIELDS.values()
     ]
     return "\n".join([*head, *rows]) + "\n"
 

@@ -77,7 +77,7 @@ class UsbIdentity:
         own = self.ports(alike)
         others = [one for one in alike if one not in own]
         port = f"-{self.interface}" if len(own) > 1 else ""
-        if self.serial and self.serial not in [one.serial for one in others]:
+        if self.serial and self.serial not in [other.serial for other in others]:
             return f"{kind}:{self.serial}{port}"
         return f"{self.path if others and self.path else kind}{port}"
 

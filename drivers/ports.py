@@ -446,7 +446,7 @@ def _refuse_another(settings: DeviceSettings, ports: list[Found]) -> None:
     usb = next((usb for path, usb in ports if path == real), None)
     if usb is None or not settings.identity:
         return
-    named = [one for one in usb.ports(present) if one.matches(settings.identity)]
+    named = [port for port in usb.ports(present) if port.matches(settings.identity)]
     if named == [usb]:
         return
     own = usb.as_text(present)

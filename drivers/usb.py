@@ -30,8 +30,8 @@ def find_usb(driver: str, title: str, kinds: Sequence[Kind], caveat: str = "") -
     """Connected instruments of `kinds`, for `Driver.find`."""
     units = [identity for _, identity in usb_instruments(kinds)]
     return [
-        DiscoveredDevice(driver, one.as_text(units), f"usb:{one.path}", one.title or title, caveat)
-        for one in units
+        DiscoveredDevice(driver, unit.as_text(units), f"usb:{unit.path}", unit.title or title, caveat)
+        for unit in units
     ]
 
 

@@ -178,10 +178,10 @@ def _event_row(event: Event) -> Row:
 def event_columns(events: Sequence[Event]) -> Table:
     """The columns of a table of these events, text marked as UTF-8."""
     rows, columns = [_event_row(event) for event in events], dict[str, AnyArray]()
-    for one in EVENT_COLUMNS:
-        values = [row[one.name] for row in rows]
-        text = h5py.string_dtype("utf-8", np.dtype(one.dtype).itemsize)
-        columns[one.name] = np.array(values, text) if one.is_text else fitting_column(values, one)
+    for column in EVENT_COLUMNS:
+        values = [row[column.name] for row in rows]
+        text = h5py.string_dtype("utf-8", np.dtype(column.dtype).itemsize)
+        columns[column.name] = np.array(values, text) if column.is_text else fitting_column(values, column)
     return columns
 
 

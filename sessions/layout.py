@@ -233,12 +233,17 @@ def _stamps(info: StreamInfo) -> list[Column]:
     """The time first, those of frames alone last: sealed files have a checksum over that order."""
     unit = {"units": info.device_time_unit} if info.device_time_unit else {}
     columns = {"time": _time()}
-    for one in SAMPLE_FIELDS:
-        own = unit if one.column == "device_time" else {}
-        column = Column(one.column, one.dtype, fill=one.fill, attributes={**one.about, **own})
-        columns.setdefault(one.column, column)
+    for sample_field in SAMPLE_FIELDS:
+        own = unit if sample_field.column == "device_time" else {}
+        column = Column(
+            sample_field.column,
+            sample_field.dtype,
+            fill=sample_field.fill,
+            attributes={**sample_field.about, **own},
+        )
+        columns.setdefault(sample_field.column, column)
     columns["flags"] = _flags()
-    of_frames = [columns.pop(one.column) for one in SAMPLE_FIELDS if one.of_frames]
+    of_frames = [columns.pop(field.column) for field in SAMPLE_FIELDS if field.of_frames]
     crc = Column("crc32", "<u4", attributes={"long_name": "CRC-32 of the sample's bytes and stamps"})
     return [*columns.values(), crc, *(of_frames if info.is_camera else ())]
 
@@ -348,8 +353,8 @@ def _estimate_columns(regions: int) -> list[Column]:
     states = meaning_attributes(SlopeState, "state of the slope")
     return [
         *(
-            by_region(one.key, "<f8", one.unknown, units=one.unit, long_name=one.description)
-            for one in SLOPE_FIELDS.values()
+            by_region(field.key, "<f8", field.unknown, units=field.unit, long_name=field.description)
+            for field in SLOPE_FIELDS.values()
         ),
         by_region("state", "u1", float(SlopeState.NO_DATA), **states),
         by_region("window_start", "<i8", units=TIME_UNITS, long_name="first minute used"),

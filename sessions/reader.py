@@ -525,7 +525,9 @@ class SessionReader:
     def timed_table(self, name: str, *, recorded: bool = False) -> dict[str, AnyArray]:
         """A table with its times in UTC nanoseconds beside those stored: `time_ns`, `window_start_ns`."""
         table = self.table(name)
-        stored = [one.name for one in self._columns[name] if one.attributes.get("units") == TIME_UNITS]
+        stored = [
+            column.name for column in self._columns[name] if column.attributes.get("units") == TIME_UNITS
+        ]
         mono_ns = {"time": table.get("mono_ns")}
         times = {
             f"{column}_ns": self._times.utc_ns(table[column], mono_ns.get(column), recorded=recorded)

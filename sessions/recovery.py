@@ -170,7 +170,7 @@ def _made_before(fresh: Path, path: Path) -> RecoveryReport | None:
     try:
         with open_session(fresh) as session:
             is_this = session.session_id in (_session_ids(path) or {session.session_id})
-            is_sound = all(one.level != "fail" for one in integrity_findings(session))
+            is_sound = all(finding.level != "fail" for finding in integrity_findings(session))
             if not (session.state == "recovered" and is_this and is_sound):
                 return None
             crc32s = {name: session.stream(name).column("crc32") for name in session.streams}
@@ -192,13 +192,13 @@ def _session_ids(path: Path) -> set[str]:
 
 def _report_of(session: SessionReader) -> RecoveryReport:
     """The report of a recovery, from the events that `_recovery_events` wrote."""
-    events = [one for one in session.events(recorded=True) if one.kind is EventKind.RECOVERED]
+    events = [event for event in session.events(recorded=True) if event.kind is EventKind.RECOVERED]
     counts = {name: session.count(name) for name in session.streams}
     summary = events[-1].data if events else {}
     lost = tuple(
-        LostRange(one.stream, *(int(one.data[key]) for key in ("first", "last", "after_ns", "before_ns")))
-        for one in events
-        if one.stream
+        LostRange(event.stream, *(int(event.data[key]) for key in ("first", "last", "after_ns", "before_ns")))
+        for event in events
+        if event.stream
     )
     from_journal = {name: int(summary.get(name, {}).get("from_journal", 0)) for name in counts}
     has_end = bool(summary.get("has_end", True))

@@ -63,17 +63,19 @@ It makes the stamps of the journal longer: recordings that an earlier version le
 recovered before. Earlier versions flag samples in which it is known as damaged.
 """
 
-ATTRIBUTES = tuple(one.attribute for one in SAMPLE_FIELDS)
-_OF_ALL = tuple(one.attribute for one in SAMPLE_FIELDS if not one.of_frames)
-_UNKNOWN = tuple(one.fill for one in SAMPLE_FIELDS if one.of_frames)
+ATTRIBUTES = tuple(field.attribute for field in SAMPLE_FIELDS)
+_OF_ALL = tuple(field.attribute for field in SAMPLE_FIELDS if not field.of_frames)
+_UNKNOWN = tuple(field.fill for field in SAMPLE_FIELDS if field.of_frames)
 _TIME, _SEQ, _FLAGS = (ATTRIBUTES.index(name) for name in ("time_ns", "seq", "quality"))
 _LOW_FLAGS = 0xFFFF
 _ALWAYS = 7
 """So many are in the checksum of every sample; later ones where they are known: earlier formats have none."""
 _LATER = SAMPLE_FIELDS[_ALWAYS:]
-_CHECKED = struct.Struct("<" + "".join(one.code for one in SAMPLE_FIELDS[:_ALWAYS]).replace("I", "H"))
-_CHECKED_COLUMNS = np.dtype([(one.column, one.dtype.replace("u4", "u2")) for one in SAMPLE_FIELDS[:_ALWAYS]])
-_JOURNAL = struct.Struct("<" + "".join(one.code for one in SAMPLE_FIELDS if one.column != "seq") + "II")
+_CHECKED = struct.Struct("<" + "".join(field.code for field in SAMPLE_FIELDS[:_ALWAYS]).replace("I", "H"))
+_CHECKED_COLUMNS = np.dtype(
+    [(field.column, field.dtype.replace("u4", "u2")) for field in SAMPLE_FIELDS[:_ALWAYS]]
+)
+_JOURNAL = struct.Struct("<" + "".join(field.code for field in SAMPLE_FIELDS if field.column != "seq") + "II")
 STAMPS_BYTES = _JOURNAL.size
 """Of a journalled sample, what stands before its bytes."""
 
@@ -106,7 +108,8 @@ def to_columns(stamps: Stamps) -> dict[str, Any]:
 def from_columns(columns: Mapping[str, AnyArray]) -> Iterator[Stamps]:
     """The numbers of rows of the session file, at ``time_ns``; unknown those whose column is missing."""
     values: list[Iterable[Any]] = [
-        columns[one.column].tolist() if one.column in columns else repeat(one.fill) for one in SAMPLE_FIELDS
+        columns[field.column].tolist() if field.column in columns else repeat(field.fill)
+        for field in SAMPLE_FIELDS
     ]
     values[_TIME], values[_FLAGS] = columns["time_ns"].tolist(), map(Quality, values[_FLAGS])
     return zip(*values, strict=False)
@@ -149,9 +152,11 @@ def with_stamps(crc: int, stamps: Stamps) -> int:
 def with_stored(crcs: Sequence[int], columns: Mapping[str, AnyArray]) -> FlagArray:
     """`with_stamps` of stored rows, from the CRC-32 of the bytes of each."""
     stamps = np.zeros(len(crcs), _CHECKED_COLUMNS)
-    for one in SAMPLE_FIELDS[:_ALWAYS]:
-        values: Any = columns.get(one.column, one.fill)  # a meter has no sensor temperature
-        stamps[one.column] = np.where(np.isnan(values), math.nan, values) if one.code == "d" else values
+    for sample_field in SAMPLE_FIELDS[:_ALWAYS]:
+        values: Any = columns.get(sample_field.column, sample_field.fill)  # a meter has no sensor temperature
+        stamps[sample_field.column] = (
+            np.where(np.isnan(values), math.nan, values) if sample_field.code == "d" else values
+        )
     stamps["flags"] = columns["flags"] & _LOW_FLAGS
     packed, size = stamps.tobytes(), _CHECKED_COLUMNS.itemsize
     flags = columns["flags"].tolist()

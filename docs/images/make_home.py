@@ -53,7 +53,7 @@ def draw_frame(axes: Axes, session: fieldkit.Session, at_ns: int) -> None:
     for region in session.regions:
         axes.add_patch(Polygon(region.vertices, fill=False, edgecolor="#00D7D7", linewidth=1.6))
         x, y = np.mean(region.vertices, axis=0)
-        slope = [f"{formatting.tilt(one)}°" for one in estimates(session, region.name, at_ns)[-1:]]
+        slope = [f"{formatting.tilt(estimate)}°" for estimate in estimates(session, region.name, at_ns)[-1:]]
         style = {"facecolor": "black", "alpha": 0.6, "edgecolor": "none", "boxstyle": "round,pad=0.25"}
         axes.text(
             x,
@@ -90,9 +90,9 @@ def draw_tilts(axes: Axes, session: fieldkit.Session, at_ns: int) -> None:
 def estimates(session: fieldkit.Session, region: str, until_ns: int | None = None) -> Sequence[SlopeEstimate]:
     """The slopes of one region as they were estimated while recording, where there is one."""
     return [
-        one
-        for one in session.estimates()
-        if one.region == region
-        and np.isfinite(one.tilt_deg)
-        and (until_ns is None or one.time_ns <= until_ns)
+        estimate
+        for estimate in session.estimates()
+        if estimate.region == region
+        and np.isfinite(estimate.tilt_deg)
+        and (until_ns is None or estimate.time_ns <= until_ns)
     ]

@@ -114,10 +114,12 @@ def _other_readings(size: int, length: int, lengths: tuple[int, ...]) -> list[st
     if not size:
         return []
     if not length or size % length:
-        sizes = " or ".join(str(one) for one in sorted(lengths))
+        sizes = " or ".join(str(length) for length in sorted(lengths))
         return [f"a frame of this family has {sizes} bytes"]
     others = [one for one in sorted(lengths) if one != length and size % one == 0]
-    return [f"could also be {size // one} frames of {one} bytes; cut the file to decide" for one in others]
+    return [
+        f"could also be {size // other} frames of {other} bytes; cut the file to decide" for other in others
+    ]
 
 
 def _note(frame: DecodedFrame) -> str:

@@ -133,7 +133,7 @@ class Genicam(CameraDriver):
     name = "genicam"
     title = "GenICam camera (GigE Vision, USB3 Vision)"
     options: tuple[str, ...] = (
-        *(one for one in camera.OPTIONS if one != "backend"),
+        *(option for option in camera.OPTIONS if option != "backend"),
         *("resolution", "width", "height", "kelvin_per_count", "kelvin_offset"),
     )
 

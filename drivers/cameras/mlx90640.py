@@ -150,8 +150,8 @@ class Mlx90640(SerialDriver):
         """Open the port, set what the options request, and wait for a frame."""
         commands = _requested(settings)
         port = open_port(settings, Line(baud(settings, LINE.baud)), clock)
-        for one in commands:
-            port.write(one)
+        for command in commands:
+            port.write(command)
         facts = {"model": "MLX9064x", **_emissivity(port, clock)}
         source = PortSource(port, LAYOUT, clock)
         first = camera.first_frame(source, decode, settings.name, clock)

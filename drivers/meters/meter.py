@@ -170,7 +170,7 @@ class Meter:
         _, numbers, channels, _, device_time = record
         if channels is not self._channels:
             self._channels, self._conversion = channels, conversion(channels, self._keys, self._units)
-            self.states = tuple(dict.fromkeys(word for one in channels for word in one.states))
+            self.states = tuple(dict.fromkeys(word for channel in channels for word in channel.states))
         if self._conversion is None:
             self._other_quantity += bool(numbers)  # a line without values is not an error
             return None

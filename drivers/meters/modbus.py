@@ -229,12 +229,12 @@ def _typed(kind: type[T], entry: Mapping[str, Any]) -> T:
 
 def _check_types(kind: type[Any], entry: Mapping[str, Any]) -> None:
     """Raise `ValueError` for a key whose value is not of its field's type."""
-    for one in fields(kind):
-        types, words = _KINDS.get(str(one.type), ((), ""))
-        value = entry.get(one.name)
+    for key in fields(kind):
+        types, words = _KINDS.get(str(key.type), ((), ""))
+        value = entry.get(key.name)
         is_finite = not isinstance(value, float) or math.isfinite(value)
-        if one.name in entry and types and not (type(value) in types and is_finite):
-            raise ValueError(f"{one.name} = {value!r} is not {words}")
+        if key.name in entry and types and not (type(value) in types and is_finite):
+            raise ValueError(f"{key.name} = {value!r} is not {words}")
 
 
 def _measures(given: str | Mapping[str, Any]) -> dict[str, Any]:

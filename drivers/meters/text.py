@@ -377,7 +377,7 @@ class Text(SerialDriver):
         grammar, first = _first_values(port, grammar, settings, clock)
         shown = _quantity(first) or first.channels[0].unit
         unit = STREAM_UNITS.get(shown, shown)
-        keys = [one.name for one in first.channels if one.unit == shown]
+        keys = [channel.name for channel in first.channels if channel.unit == shown]
         names = options.labels(settings, keys)
         info = meter.describe(
             settings, port, grammar.layout, QUANTITIES.get(unit, "number"), unit, names, model="text"
@@ -405,7 +405,7 @@ def _first_values(
     while clock.mono_ns() < end_ns:
         first = _next(port, grammar, settings)
         is_whole = is_whole or port.framer.rejected > 0
-        has_value = is_whole and any(Quality.NO_VALUE not in one.quality for one in first.channels)
+        has_value = is_whole and any(Quality.NO_VALUE not in channel.quality for channel in first.channels)
         if has_value and (_quantity(first) or first.channels == before.channels):
             return grammar, first
         before, is_whole = first, True
@@ -426,7 +426,7 @@ def _next(port: Port, grammar: Grammar, settings: DeviceSettings) -> Record:
 
 def _quantity(record: Record) -> str:
     """The first unit of a record that fieldkit knows, empty for none."""
-    return next((one.unit for one in record.channels if one.unit in _SPELLINGS), "")
+    return next((channel.unit for channel in record.channels if channel.unit in _SPELLINGS), "")
 
 
 def _completed(settings: DeviceSettings) -> DeviceSettings:

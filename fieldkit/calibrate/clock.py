@@ -187,7 +187,9 @@ def _against_gps(session: SessionReader, stream: str) -> ClockOffset:
     reader = session.stream(stream)
     if reader.info.device_time_unit != "ns since 1970 UTC":
         raise ConfigError(f"{session.path}: {stream} carries no UTC", fix="use the drivers gpsd or nmea")
-    moments = [(one.time_ns, one.device_time) for one in reader.samples(recorded=True) if _is_fix(one)]
+    moments = [
+        (sample.time_ns, sample.device_time) for sample in reader.samples(recorded=True) if _is_fix(sample)
+    ]
     if not moments:
         raise CalibrationError(
             f"{stream} never had a fix; without one a receiver's time is a guess",

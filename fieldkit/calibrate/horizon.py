@@ -121,7 +121,7 @@ def horizons_of_regions(config: Config) -> dict[str, Horizon]:
 
     Corners are the tops of beds; a region counts as shaded where any part of it is. Raises `ConfigError`.
     """
-    beds = {one.name: np.array(one.points_m) for one in config.regions if one.points_m}
+    beds = {region.name: np.array(region.points_m) for region in config.regions if region.points_m}
     if config.pose is None or len(beds) < 2:
         raise ConfigError(
             "regions that shade each other: give two or more with corners on the ground",

@@ -137,7 +137,7 @@ class MeasurementOptions:
 
     def recorded(self) -> dict[str, Any]:
         """The options by their names in a calibration record, to repeat it; empty ones are omitted."""
-        given = {_RECORDED.get(one.name, one.name): getattr(self, one.name) for one in fields(self)}
+        given = {_RECORDED.get(field.name, field.name): getattr(self, field.name) for field in fields(self)}
         given["reflected"] = str(self.reflected)
         return {key: value for key, value in given.items() if value not in (None, "", False)}
 
@@ -243,7 +243,7 @@ def measurement_setup(inventory: Inventory, options: MeasurementOptions) -> Meas
     camera = next((info for info in inventory.streams if info.is_camera), None)
     if camera is None:
         raise ConfigError(f"{where} has no camera", fix="an emissivity needs frames of a camera")
-    reference = next((one.name for one in regions if one.kind is RegionKind.REFERENCE), "")
+    reference = next((region.name for region in regions if region.kind is RegionKind.REFERENCE), "")
     foil, reflected_k = _reflected(options.reflected, regions, where)
     setup = MeasurementSetup(
         options,

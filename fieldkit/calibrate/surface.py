@@ -277,7 +277,7 @@ def _learnt(history: History, regions: Regions, settings: EstimatorSettings) -> 
 
 
 def _gain(learnt: Learnt) -> float:
-    return next(one.value for one in learnt.parameters if one.name == "gain")
+    return next(parameter.value for parameter in learnt.parameters if parameter.name == "gain")
 
 
 def _budget(gain: Carried, steeper: float, tilt_sd_deg: float) -> tuple[Contribution, ...]:
@@ -307,7 +307,7 @@ def _sand_details(
         "minutes": int(np.isfinite(history.temperature_k).all(axis=1).sum()),
         "heat_capacity_j_m3_k": settings.slab.heat_capacity_j_m3_k,
         "prior_sds": {key: value for key, value in brought.items() if key.endswith(("_sd", "_share"))},
-        "learnt": {one.name: asdict(one) for one in learnt.parameters},
+        "learnt": {parameter.name: asdict(parameter) for parameter in learnt.parameters},
     }
 
 

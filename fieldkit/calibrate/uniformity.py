@@ -111,7 +111,9 @@ def _one_camera(sessions: Sequence[SessionReader]) -> Instrument:
         for session in sessions
     ]
     if cameras[0] != cameras[-1]:
-        first, second = (f"{one.model} {one.serial_number} {one.range}".strip() for one in cameras)
+        first, second = (
+            f"{camera.model} {camera.serial_number} {camera.range}".strip() for camera in cameras
+        )
         raise ConfigError(
             f"{sessions[0].path.name} is of the camera {first}, {sessions[1].path.name} of {second}",
             fix="take both views with one camera in one range",

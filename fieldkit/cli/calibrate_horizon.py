@@ -85,7 +85,7 @@ def _of_regions() -> None:
     if common.options().json:
         common.print_json(
             {
-                "files": [str(one) for one in files],
+                "files": [str(file) for file in files],
                 "horizons": {name: list(one) for name, one in found.items()},
             }
         )

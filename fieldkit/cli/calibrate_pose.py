@@ -50,7 +50,7 @@ def command(
     lens = () if distortion is None else _lens(distortion)
     found = pose(points, crs, shape, hfov_deg=hfov_deg, mark_sd_px=mark_sd_px, distortion=lens)
     found.write(out, range_m=range_m, ground_m=ground_m, dem=dem)
-    residuals = [float(one) for one in found.fit.residuals_px]
+    residuals = [float(residual) for residual in found.fit.residuals_px]
     if common.options().json:
         document = {"file": str(out), "pose": found.values, "sd": found.fit.sd, "residuals_px": residuals}
         common.print_json(document)

@@ -58,8 +58,11 @@ def add_connected(file: Path, stated: dict[str, dict[str, Any]]) -> None:
                 "configured": done.configured,
                 "skipped": [_row(one) for one in done.skipped],
                 "failures": [
-                    {"message": in_commands(one.explanation), "fix": in_commands(one.fix or "") or None}
-                    for one in done.failures
+                    {
+                        "message": in_commands(failure.explanation),
+                        "fix": in_commands(failure.fix or "") or None,
+                    }
+                    for failure in done.failures
                 ],
             }
         )
@@ -92,7 +95,9 @@ def _list() -> None:
     things, problems = discover()
     drivers, _ = registry.load_all()
     if options().json:
-        known = [{"name": one.name, "title": one.title, "quantity": one.quantity} for one in drivers]
+        known = [
+            {"name": driver.name, "title": driver.title, "quantity": driver.quantity} for driver in drivers
+        ]
         print_json({"devices": [_row(thing) for thing in things], "drivers": known, "problems": problems})
         return
     if things:
@@ -103,7 +108,7 @@ def _list() -> None:
     else:
         say("no instrument is plugged in")
     click.echo()
-    print_table(["driver", "for"], [[one.name, one.title] for one in drivers])
+    print_table(["driver", "for"], [[driver.name, driver.title] for driver in drivers])
     for problem in problems:
         say(f"warning: {problem}")
 

@@ -152,10 +152,10 @@ def _estimate_tables(
     )
     if common.options().json:
         named = {"table": str(paths[0])} if len(paths) == 1 else {"together": list(map(str, paths))}
-        common.print_json({**named, "slopes": [as_document(one) for one in slopes]})
+        common.print_json({**named, "slopes": [as_document(slope) for slope in slopes]})
     else:
-        targets = [Region(one.region, RegionKind.TARGET, ()) for one in slopes]
-        print_slopes({one.region: one for one in slopes}, targets)
+        targets = [Region(slope.region, RegionKind.TARGET, ()) for slope in slopes]
+        print_slopes({slope.region: slope for slope in slopes}, targets)
         explain_slopes(slopes)
     require_slope(slopes)
 

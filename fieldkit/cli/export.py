@@ -50,7 +50,7 @@ def command(session: Path | None, kind: str, speed: str, **given: Any) -> None:
     path = latest_session(session)
     factor = None if speed == "max" else parse_speed(speed)
     with open_session(path) as opened, progress() as bar:
-        frames = sum(opened.count(one.name) for one in opened.streams.values() if one.is_camera)
+        frames = sum(opened.count(stream.name) for stream in opened.streams.values() if stream.is_camera)
         task = bar.add_task(f"writing {kind}", total=frames)
         found = export(opened, kind, speed=factor, on_frame=lambda: bar.advance(task), **given)
     _print(path, found)

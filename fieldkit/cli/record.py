@@ -150,9 +150,9 @@ def print_summary(path: Path, summary: Summary) -> None:
                 "dropped": summary.dropped,
                 "bytes": path.stat().st_size,
                 "estimates": [
-                    {"region": one.region, "state": one.state.name.lower(), "tilt_deg": one.tilt_deg,
-                     "azimuth_deg": one.azimuth_deg}
-                    for one in estimates
+                    {"region": slope.region, "state": slope.state.name.lower(), "tilt_deg": slope.tilt_deg,
+                     "azimuth_deg": slope.azimuth_deg}
+                    for slope in estimates
                 ],
                 "learnt": learnt_document(learnt),
             }

@@ -41,7 +41,7 @@ def command(session: Path, speed: str, settings: tuple[str, ...]) -> None:
         common.print_json(
             {
                 "session": str(session),
-                "slopes": [as_document(one) for one in slopes.values()],
+                "slopes": [as_document(slope) for slope in slopes.values()],
                 "learnt": learnt_document(done.learnt),
             }
         )

@@ -54,7 +54,7 @@ def command(
     outcomes = list(check_driver(found, HostClock(), instrument, CablePrompts() if unplug else None))
     passed = all(outcome.level != "fail" for outcome in outcomes)
     if options().json:
-        print_json({"driver": driver, "passed": passed, "checks": [asdict(one) for one in outcomes]})
+        print_json({"driver": driver, "passed": passed, "checks": [asdict(outcome) for outcome in outcomes]})
     else:
         for one in outcomes:
             click.echo(f"{one.level:<5} {one.what}: {one.text}")

@@ -11,7 +11,7 @@ from fieldkit.model.site import Region
 from fieldkit.model.slope import SHORT_FIELDS, SlopeEstimate, SlopeState
 from fieldkit.views import formatting, learnt_words
 
-SHORT = tuple(one.short for one in SHORT_FIELDS)
+SHORT = tuple(field.short for field in SHORT_FIELDS)
 COLUMNS = ("region", "truth", "tilt", "noise", "error", "azimuth", *SHORT, "state")
 
 
@@ -32,10 +32,10 @@ def print_learnt(learnt: Learnt | None) -> None:
 def explain_slopes(estimates: Iterable[SlopeEstimate]) -> None:
     """Print once, under the tables, what their ± include and what they do not."""
     estimates = tuple(estimates)
-    for one in estimates:
-        if math.isfinite(one.along_sun_deg):
-            common.say(f"{one.region}: {one.reason}")
-    found = [one for one in estimates if math.isfinite(one.tilt_deg)]
+    for estimate in estimates:
+        if math.isfinite(estimate.along_sun_deg):
+            common.say(f"{estimate.region}: {estimate.reason}")
+    found = [estimate for estimate in estimates if math.isfinite(estimate.tilt_deg)]
     sure = formatting.confidence(found)
     if found:
         common.say(

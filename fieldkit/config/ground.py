@@ -157,7 +157,7 @@ def _complete(region: dict[str, Any], ground: Ground) -> None:
 def _is_incomplete(region: dict[str, Any]) -> bool:
     """True if a region on the ground has no heights or pixels yet."""
     points: Any = region.get("points_m")
-    return bool(points) and not ("points_px" in region and all(_is_point(one, (3,)) for one in points))
+    return bool(points) and not ("points_px" in region and all(_is_point(point, (3,)) for point in points))
 
 
 def _is_point(point: Any, sizes: tuple[int, ...] = (2, 3)) -> bool:

@@ -371,7 +371,7 @@ class RegionColumns:
     def reference_normals(self) -> FloatArray:
         """Unit normals of the references, (r, 3); one without a tilt is level."""
         references = [self.regions[column] for column in self.references]
-        angles = [(one.tilt_deg, one.azimuth_deg) for one in references]
+        angles = [(reference.tilt_deg, reference.azimuth_deg) for reference in references]
         return normal(*np.nan_to_num(np.reshape(angles, (-1, 2)).T))
 
     def _columns(self, kind: RegionKind) -> IntArray:
@@ -506,4 +506,4 @@ class History:
 def joined(parts: Sequence[History]) -> History:
     """Histories of the same columns as one, in the order given."""
     arrays = [part.arrays() for part in parts]
-    return History(**{name: np.concatenate([one[name] for one in arrays]) for name in arrays[0]})
+    return History(**{name: np.concatenate([array[name] for array in arrays]) for name in arrays[0]})

@@ -141,7 +141,7 @@ class RowBudget:
         ]
         angles = tangents(self.slope)[: 1 if self.settings.azimuth == "known" else 2]
         is_open = [sd > 0.0 for sd in sds.values()]
-        columns = np.stack([*(rows.design @ np.radians(one) for one in angles), *effects])[:, used]
+        columns = np.stack([*(rows.design @ np.radians(angle) for angle in angles), *effects])[:, used]
         columns[len(angles) :] *= np.array(is_open)[:, np.newaxis]
         information = columns * self.weights[used] @ columns.T
         # few rows may leave an angle open: a prior so wide that it never counts keeps the matrix regular

@@ -102,11 +102,11 @@ class SlopeChain:
         of_active, regions = history.at_last(self.schedule)
         if found is None:
             found = Estimated(slopes(of_active, regions, self._of_bins))
-        explained = [self._with_reason(one, minute) for one in found.slopes]
+        explained = [self._with_reason(slope, minute) for slope in found.slopes]
         if any(one.state is SlopeState.TOO_FEW for one in explained):
             explained = [with_along_sun(one, of_active, regions, self._settings) for one in explained]
         if (history.flags & int(Quality.MOVED)).any() and not np.isfinite(history.temperature_k).any():
-            explained = [replace(one, reason=LOST) for one in found.slopes]
+            explained = [replace(slope, reason=LOST) for slope in found.slopes]
         return replace(found, slopes=tuple(explained))
 
     def series(self, history: History) -> Iterator[Estimated]:
@@ -128,7 +128,7 @@ class SlopeChain:
         have is without temperatures there.
         """
         history = joined(sessions)
-        ends = np.cumsum([len(one) for one in sessions])[:-1]
+        ends = np.cumsum([len(session) for session in sessions])[:-1]
         return self._at_once(history, sorted({0, *ends.tolist(), *rows_after_gaps(history)}))
 
     def _at_once(self, history: History, starts: Sequence[int]) -> Estimated:
@@ -388,9 +388,9 @@ class _Group:
     @staticmethod
     def _has_seen_the_sun(learner: Learner, best: FloatArray) -> bool:
         """True if the sun stood before a surface with this normal in any minute, and in a night alone."""
-        if any(one.sun[2] > 0.0 and one.sun @ best > GRAZING for one in learner.minutes):
+        if any(minute.sun[2] > 0.0 and minute.sun @ best > GRAZING for minute in learner.minutes):
             return True
-        return not any(one.sun[2] > 0.0 for one in learner.minutes)
+        return not any(minute.sun[2] > 0.0 for minute in learner.minutes)
 
     def _contradiction(self, learner: Learner, index: int) -> str:
         """Why no slope of a target explains the minutes; "" if one does."""
@@ -452,8 +452,8 @@ class _Group:
 def _errors(learner: Learner) -> tuple[FloatArray, FloatArray]:
     """Prediction errors (n, regions) under the heaviest hypothesis: kelvin, and standardised."""
     heaviest = int(np.argmax(learner.posterior.log_weights))
-    kelvin = np.array([one.difference[heaviest] for one in learner.innovations])
-    return kelvin, np.array([one.standardised[heaviest] for one in learner.innovations])
+    kelvin = np.array([innovation.difference[heaviest] for innovation in learner.innovations])
+    return kelvin, np.array([innovation.standardised[heaviest] for innovation in learner.innovations])
 
 
 def _rms(values: FloatArray) -> FloatArray:

@@ -65,8 +65,10 @@ class Minute:
     def __repr__(self) -> str:
         start = datetime.fromtimestamp(self.time_ns / 1e9, UTC)
         slopes = ", ".join(
-            f"{one.region} {one.tilt_deg:.1f}°" if one.tilt_deg == one.tilt_deg else f"{one.region} –°"
-            for one in self.estimates
+            f"{estimate.region} {estimate.tilt_deg:.1f}°"
+            if estimate.tilt_deg == estimate.tilt_deg
+            else f"{estimate.region} –°"
+            for estimate in self.estimates
         )
         return f"<Minute {start:%H:%M} UTC: {slopes or 'no slopes'}; {self.dni_w_m2:.0f} W/m² direct>"
 

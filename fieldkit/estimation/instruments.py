@@ -187,7 +187,7 @@ class Instruments:
 
     def contact_k(self, minute: OpenBin) -> tuple[float, ...]:
         """Mean of each channel of all contact thermometers, kelvin."""
-        return tuple(mean_of(one.values(minute)) + one.zero for one in self._contacts)
+        return tuple(mean_of(contact.values(minute)) + contact.zero for contact in self._contacts)
 
 
 def without_spikes(values: FloatArray, *, is_temperature: bool) -> FloatArray:
@@ -251,7 +251,7 @@ def _probes(
         if (info := streams.get(name)) is None:
             continue
         if info.quantity != "temperature":
-            have = ", ".join(one.name for one in streams.values() if one.quantity == "temperature")
+            have = ", ".join(stream.name for stream in streams.values() if stream.quantity == "temperature")
             raise ConfigError(
                 f"region {region}: {name} measures {info.quantity}, so {probe} is not a contact thermometer",
                 fix=f"thermometers: {have or 'none'}",
@@ -272,8 +272,8 @@ def _probes(
 
 def _unknown(sources: Sequence[Source]) -> tuple[str, ...]:
     """Streams of which no channel's component is known."""
-    known = {one.info.name for one in sources if one.measures != UNKNOWN}
-    return tuple(dict.fromkeys(one.info.name for one in sources if one.info.name not in known))
+    known = {source.info.name for source in sources if source.measures != UNKNOWN}
+    return tuple(dict.fromkeys(source.info.name for source in sources if source.info.name not in known))
 
 
 def sunlight_source(streams: Sequence[StreamInfo], settings: EstimatorSettings) -> Source | None:
@@ -289,12 +289,12 @@ def _light(sources: Sequence[Source], settings: EstimatorSettings) -> Source | N
 
 def _best(sources: Sequence[Source], *components: str) -> Source | None:
     """The best channel of these components: measured in most minutes, then first in the list."""
-    found = [one for one in sources if one.measures in components]
+    found = [source for source in sources if source.measures in components]
     return min(found, key=lambda one: (one.is_slow, components.index(one.measures)), default=None)
 
 
 def _candidates(sources: Sequence[Source], settings: EstimatorSettings) -> list[Source]:
-    return [one for one in sources if settings.light_stream in ("", one.info.name)]
+    return [source for source in sources if settings.light_stream in ("", source.info.name)]
 
 
 def _required_light(sources: Sequence[Source], settings: EstimatorSettings) -> Source | None:
@@ -302,9 +302,9 @@ def _required_light(sources: Sequence[Source], settings: EstimatorSettings) -> S
     found = _light(sources, settings)
     if found is not None:
         return found
-    for one in _candidates(sources, settings):
-        _refuse(one, settings.irradiance)
-    have = ", ".join(dict.fromkeys(one.info.name for one in sources if one.measures in SUNLIGHT))
+    for candidate in _candidates(sources, settings):
+        _refuse(candidate, settings.irradiance)
+    have = ", ".join(dict.fromkeys(source.info.name for source in sources if source.measures in SUNLIGHT))
     if settings.light_stream and have:  # without any light the frames alone may still be viewed
         raise ConfigError(
             f"irradiance.stream: {settings.light_stream!r} is not a stream of sunlight",

@@ -144,9 +144,9 @@ class Prior:
     probe_sd_k: float = key(0.5, "of a contact probe as the temperature of the bed's surface", gt=0)
 
     def __post_init__(self) -> None:
-        for one in fields(self):
-            value, is_share = getattr(self, one.name), "le" in one.metadata
+        for field in fields(self):
+            value, is_share = getattr(self, field.name), "le" in field.metadata
             if is_share and not 0.0 <= value <= 1.0:
-                raise ValueError(f"prior {one.name} must lie in [0, 1], not {value}")
+                raise ValueError(f"prior {field.name} must lie in [0, 1], not {value}")
             if not is_share and not (math.isfinite(value) and value > 0.0):
-                raise ValueError(f"prior {one.name} must be finite and above 0, not {value}")
+                raise ValueError(f"prior {field.name} must be finite and above 0, not {value}")

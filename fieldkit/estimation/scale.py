@@ -69,7 +69,7 @@ def with_known(regions: Regions, beds: Collection[str], steeper_deg: float = 0.0
     """
     schedule = RegionSchedule.of(regions)
     targets = [region for region in schedule.latest if region.kind is RegionKind.TARGET]
-    known = sorted((one for one in targets if one.name in beds), key=lambda region: region.tilt_deg)
+    known = sorted((target for target in targets if target.name in beds), key=lambda region: region.tilt_deg)
     if len(known) == len(targets):
         known = known[1:]
     names = {region.name for region in known}

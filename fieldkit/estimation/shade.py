@@ -185,7 +185,7 @@ class ShadeTestMonitor:
             shade.falls[minute - 1] = earlier
         shade.falls[minute] = fall
         self._active[column] = shade
-        self.shaded |= {(one, column) for one in shade.falls}
+        self.shaded |= {(fall, column) for fall in shade.falls}
 
     def _earlier(self, minute: int, column: int, levels: FloatArray) -> float:
         """The fall in the minute before, which may have been shaded in part; 0 if it was not measured."""
@@ -267,7 +267,7 @@ class ShadeMarks:
     def just_begun(self, minute: int, schedule: RegionSchedule) -> set[int]:
         """Columns whose test was marked as begun in the minute before."""
         begins = (one for one in corrected(self._events) if one.data.get("phase") == "begin")
-        names = (one.data["shade_test"] for one in begins if _noted(one) == minute - 1)
+        names = (begin.data["shade_test"] for begin in begins if _noted(begin) == minute - 1)
         return {column for name in names if (column := schedule.column(str(name), minute)) is not None}
 
 

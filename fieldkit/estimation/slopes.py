@@ -241,7 +241,8 @@ class Window:
             return estimates
         start = self.past.time_ns[self.first]
         if all(
-            one.state is not SlopeState.NO_INTERSECTION and one.window_start_ns <= start for one in estimates
+            estimate.state is not SlopeState.NO_INTERSECTION and estimate.window_start_ns <= start
+            for estimate in estimates
         ):
             return estimates
         limit = self.settings.tilt_limit_deg
@@ -268,7 +269,7 @@ class Window:
         if not any(horizons):
             return np.ones(len(self.past) - self.first, np.bool_)
         sun, minute = self.past.sun, self.past.minute
-        lit = np.all([sunlit_share(one, sun, MINUTE_EDGE_DEG) == 1.0 for one in horizons], axis=0)
+        lit = np.all([sunlit_share(horizon, sun, MINUTE_EDGE_DEG) == 1.0 for horizon in horizons], axis=0)
         hidden_at = np.maximum.accumulate(np.where(lit, minute[0] - WARMING_MINUTES, minute))
         return np.asarray(minute - hidden_at >= WARMING_MINUTES)[self.first :]
 

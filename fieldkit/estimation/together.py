@@ -70,10 +70,10 @@ def slopes_together(parts: Sequence[Part]) -> Together:
     for part in parts[:-1]:
         _require_same_place(part, last)
         _require_same_settings(part, last)
-    regions = tuple({one.name: one for part in parts for one in part.regions}.values())
+    regions = tuple({region.name: region for part in parts for region in part.regions}.values())
     places = {region.name: place for place, region in enumerate(regions)}
     histories = [
-        part.history.spread([places[one.name] for one in part.regions], len(regions)) for part in parts
+        part.history.spread([places[region.name] for region in part.regions], len(regions)) for part in parts
     ]
     chain = SlopeChain(regions, last.settings)
     return Together(regions, histories[-1], chain.together(histories), chain.budgets(histories[-1]))
@@ -110,13 +110,13 @@ def _require_same_place(part: Part, other: Part) -> None:
             f"other references: {part.name} has {_words(mine)}, {other.name} {_words(others)}",
             fix="state the same names, tilts and azimuths for both: fieldkit roi, then --campaign",
         )
-    kinds = {one.name: one for one in other.regions}
-    for one in part.regions:
-        same = kinds.get(one.name, one)
-        if one.kind is not same.kind or abs(one.azimuth_deg - same.azimuth_deg) > 1e-6:
+    kinds = {region.name: region for region in other.regions}
+    for region in part.regions:
+        same = kinds.get(region.name, region)
+        if region.kind is not same.kind or abs(region.azimuth_deg - same.azimuth_deg) > 1e-6:
             raise ConfigError(
-                f"{one.name} is not the same region in {part.name} and {other.name}: azimuth "
-                f"{one.azimuth_deg:g}° and {same.azimuth_deg:g}°",
+                f"{region.name} is not the same region in {part.name} and {other.name}: azimuth "
+                f"{region.azimuth_deg:g}° and {same.azimuth_deg:g}°",
                 fix="regions of one name must be one place: rename one of them with fieldkit roi",
             )
 
@@ -124,10 +124,10 @@ def _require_same_place(part: Part, other: Part) -> None:
 def _references(part: Part) -> dict[str, tuple[float, float]]:
     """Tilt and azimuth of each reference; without one it is level, and a level one has no azimuth."""
     found = {}
-    for one in part.regions:
-        if one.kind is RegionKind.REFERENCE:
-            tilt = 0.0 if math.isnan(one.tilt_deg) else one.tilt_deg
-            found[one.name] = tilt, one.azimuth_deg if tilt else 0.0
+    for region in part.regions:
+        if region.kind is RegionKind.REFERENCE:
+            tilt = 0.0 if math.isnan(region.tilt_deg) else region.tilt_deg
+            found[region.name] = tilt, region.azimuth_deg if tilt else 0.0
     return found
 
 

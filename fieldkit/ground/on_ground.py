@@ -167,7 +167,7 @@ def write_on_ground(
     the relief. Raises `OSError`.
     """
     planes = [(layer.name, layer.units, layer.values) for layer in layers]
-    planes += [(f"{one.name}_sd", one.units, one.sd) for one in layers if one.sd is not None]
+    planes += [(f"{layer.name}_sd", layer.units, layer.sd) for layer in layers if layer.sd is not None]
     planes.append(("state", "1", slopes.state.astype(np.float32)))
     on_cells = [(name, units, view.on_cells(values)) for name, units, values in planes]
     height, misclosure = (one.astype(np.float32) for one in view.relief(slopes))

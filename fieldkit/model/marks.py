@@ -80,13 +80,13 @@ def mark_details(mark: Mark, end_ns: int, noted_ns: int) -> dict[str, str | int 
 
 def marks_made(events: Iterable[Event]) -> dict[int, Event]:
     """The marks among a session's events by their numbers, as they were made."""
-    made = (one for one in events if one.kind is EventKind.MARK)
+    made = (event for event in events if event.kind is EventKind.MARK)
     return dict(enumerate((one for one in made if not one.data.keys() & _NO_NOTE), start=1))
 
 
 def marks_now(events: Collection[Event]) -> dict[int, Event]:
     """The marks among a session's events by their numbers, as corrected last; without those taken back."""
-    last = {one.data["corrects"]: one for one in events if isinstance(one.data.get("corrects"), int)}
+    last = {event.data["corrects"]: event for event in events if isinstance(event.data.get("corrects"), int)}
     now = {number: last.get(number, mark) for number, mark in marks_made(events).items()}
     return {number: _as_made(mark) for number, mark in now.items() if "takes_back" not in mark.data}
 
@@ -99,7 +99,7 @@ def corrected(events: Collection[Event]) -> list[Event]:
     """A session's events with every mark as corrected last, without those taken back."""
     now = marks_now(events)
     places = {id(mark): now.get(number) for number, mark in marks_made(events).items()}
-    found = (places.get(id(one), one) for one in events if "corrects" not in one.data)
+    found = (places.get(id(event), event) for event in events if "corrects" not in event.data)
     return [one for one in found if one is not None]
 
 

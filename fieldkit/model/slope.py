@@ -170,10 +170,10 @@ def _field(key: str, about: Mapping[str, Any]) -> SlopeField:
 
 
 SLOPE_FIELDS: Mapping[str, SlopeField] = MappingProxyType(
-    {one.name: _field(one.name, one.metadata) for one in fields(SlopeEstimate) if one.metadata}
+    {field.name: _field(field.name, field.metadata) for field in fields(SlopeEstimate) if field.metadata}
 )
 """The numbers of a slope by key, in the order of `SlopeEstimate`."""
-SHORT_FIELDS = tuple(one for one in SLOPE_FIELDS.values() if one.short)
+SHORT_FIELDS = tuple(field for field in SLOPE_FIELDS.values() if field.short)
 """Those with a column of their own in tables for people."""
 
 

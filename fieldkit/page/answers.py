@@ -183,7 +183,7 @@ class Answers:
         return Done(f"mark {request.mark} is now: {correction.text}")
 
     def _acknowledge(self, alarm: str) -> SentRequest:
-        if alarm not in (present := [one.id for one in self.hub.latest.alarms]):
+        if alarm not in (present := [alarm.id for alarm in self.hub.latest.alarms]):
             raise RefusedError(
                 f"there is no alarm {alarm!r}, or it is over", fix=f"present: {', '.join(present) or 'none'}"
             )

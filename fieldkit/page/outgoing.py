@@ -67,7 +67,7 @@ def _region(region: Region) -> Document:
 
 def minute(closed: Minute) -> Document:
     """A minute bin: irradiance, sun, contact temperatures, and each region's temperature and slope."""
-    slopes = {one.region: one for one in closed.estimates}
+    slopes = {estimate.region: estimate for estimate in closed.estimates}
     names = {**closed.temperature_k, **slopes}
     return {
         "type": "minute", "time_ms": ms(closed.time_ns),

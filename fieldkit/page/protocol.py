@@ -90,11 +90,17 @@ class CarefulProtocol(asyncio.Protocol):
         Where all are WebSockets, that is the new one.
         """
         # one that became a WebSocket has another protocol, which receives the end
-        self._connections -= {one for one in self._connections if one.transport.is_closing()}
-        requests = [one for one in self._connections if one.transport.get_protocol() is one]
-        count = Counter(one.host for one in requests)
+        self._connections -= {
+            connection for connection in self._connections if connection.transport.is_closing()
+        }
+        requests = [
+            connection
+            for connection in self._connections
+            if connection.transport.get_protocol() is connection
+        ]
+        count = Counter(request.host for request in requests)
         if count[self.host] >= MOST_OF_ONE:
-            requests = [one for one in requests if one.host == self.host]
+            requests = [request for request in requests if request.host == self.host]
         elif len(self._connections) < MOST_CONNECTIONS:
             return
         # first those whose request is not complete, of the address that has most

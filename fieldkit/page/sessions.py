@@ -88,7 +88,7 @@ class PastSessions:
             "id": name, "title": brief.get("title") or path.stem, "state": brief["state"],
             "started_ms": datetime.fromisoformat(start).timestamp() * 1000 if start else None,
             "duration_s": brief.get("length_s"), "bytes": brief["bytes"],
-            **{f"{one}_url": f"/session/{name}/{one}" if has_files else None for one in files},
+            **{f"{file}_url": f"/session/{name}/{file}" if has_files else None for file in files},
         }  # fmt: skip
 
     async def check(self, wanted: str) -> tuple[bool, str]:
@@ -100,8 +100,12 @@ class PastSessions:
             findings = json.loads(output)["sessions"][0]["findings"]
         except (ValueError, KeyError, IndexError):
             raise command_error(errors, f"{path.stem} could not be checked") from None
-        words = [f"{one['level']}: {one['what']}: {one['text']}" for one in findings if one["level"] != "ok"]
-        is_clean = not any(one["level"] == "fail" for one in findings)
+        words = [
+            f"{finding['level']}: {finding['what']}: {finding['text']}"
+            for finding in findings
+            if finding["level"] != "ok"
+        ]
+        is_clean = not any(finding["level"] == "fail" for finding in findings)
         return is_clean, "; ".join(words) or f"ok: {len(findings)} checks passed"
 
     def frame_k(self, wanted: str) -> FloatArray:
@@ -122,7 +126,7 @@ class PastSessions:
     def slopes(self, wanted: str) -> list[dict[str, Any]]:
         """The final slope of each target of a session, as recorded."""
         with open_session(self.sealed(wanted)) as session:
-            return [outgoing.slope(one) for one in recorded_slopes(session)]
+            return [outgoing.slope(slope) for slope in recorded_slopes(session)]
 
     async def estimate(self, wanted: str) -> list[dict[str, Any]]:
         """Slopes of a session with the campaign's regions as they are now."""

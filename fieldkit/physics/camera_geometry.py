@@ -307,7 +307,7 @@ def horizon_of_ground(
     rows, cols = ground.heights_m.shape
     step = 0.5 * ground.cell_m
     away = np.arange(max(nearest_m, step), ground.cell_m * float(np.hypot(rows, cols)), step)
-    east, north = (one[..., np.newaxis] for one in np.broadcast_arrays(east_m, north_m))
+    east, north = (array[..., np.newaxis] for array in np.broadcast_arrays(east_m, north_m))
     eye = ground.at(east, north)
     found = np.empty((*eye.shape[:-1], azimuths_deg.size))
     for place, azimuth in enumerate(np.radians(azimuths_deg)):

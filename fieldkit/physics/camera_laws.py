@@ -248,7 +248,7 @@ def planck_table(constants: Planck) -> SingleArray:
 
 def planck(counts: CountArray, metadata_rows: CountArray, settings: Mapping[str, Any]) -> SingleArray:
     """Law of FLIR files; `settings` holds the fields of `Planck` by name."""
-    names = {one.name for one in fields(Planck)}
+    names = {field.name for field in fields(Planck)}
     constants = Planck(**{key: float(value) for key, value in settings.items() if key in names})
     return planck_k(counts, constants)
 

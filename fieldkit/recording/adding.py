@@ -120,7 +120,7 @@ def id_of(device: ConnectedDevice) -> str:
 
 def _config(file: Path) -> Config:
     config = load_config(file)
-    if any(one.port == SIMULATED for one in config.devices):
+    if any(device.port == SIMULATED for device in config.devices):
         raise ConfigError(f"the instruments of {file} are simulated", fix="fieldkit init DIR, for real ones")
     return config
 
@@ -176,7 +176,7 @@ def _declared(
 def _written(config: Config, settings: DeviceSettings, info: StreamInfo, component: str) -> AddedDevice:
     """Write an instrument that is open no more; raises `ConfigError` if it cannot be configured so."""
     driver = settings.driver
-    path = _path(info, driver, {one.name for one in config.devices})
+    path = _path(info, driver, {device.name for device in config.devices})
     rows, cols = info.shape if path == ("camera",) else (0, 0)
     table = {
         "driver": driver, "identity": settings.identity, "port": settings.port,

@@ -83,7 +83,7 @@ def _rule(table: AlarmsTable, condition: Condition) -> Rule:
 
 
 def _limits(table: LimitsTable, otherwise: Limits | None = None) -> Limits:
-    names = [one.name for one in fields(Limits)]
+    names = [field.name for field in fields(Limits)]
     given = {name: getattr(table, name) for name in names if getattr(table, name) is not None}
     return replace(otherwise or Limits(), **given)
 

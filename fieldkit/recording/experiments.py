@@ -99,7 +99,7 @@ class Experiments:
     outcomes: tuple[Experiment, ...]
 
     def __getitem__(self, name: str) -> Experiment:
-        found = {one.name: one for one in self.outcomes}
+        found = {outcome.name: outcome for outcome in self.outcomes}
         try:
             return found[name]
         except KeyError:
@@ -117,13 +117,18 @@ class Experiments:
                 "linke_turbidity": session.sky.linke_turbidity,
                 "logged": sorted(session.logged),
             },
-            "experiments": [{**asdict(one), "verdict": self.verdict(one)} for one in self.outcomes],
+            "experiments": [
+                {**asdict(outcome), "verdict": self.verdict(outcome)} for outcome in self.outcomes
+            ],
         }
 
     @property
     def table(self) -> html.Table:
         """The predictions for people, a column for each target."""
-        rows = [(one.name, f"{one.minutes} min", *_cells(one), self.verdict(one)) for one in self.outcomes]
+        rows = [
+            (outcome.name, f"{outcome.minutes} min", *_cells(outcome), self.verdict(outcome))
+            for outcome in self.outcomes
+        ]
         columns = ("session", "after", *map(label, self.session.facets), "verdict")
         return html.Table(columns, rows, self._caption)
 
@@ -148,7 +153,7 @@ class Experiments:
             f"after {planned.minutes} min ({between}) tilt {'  '.join(_cells(planned))} "
             f"({percent(self.session.settings.confidence)}): {self.verdict(planned)}"
         ]
-        others = [one for one in self.outcomes if one.name != AS_PLANNED]
+        others = [outcome for outcome in self.outcomes if outcome.name != AS_PLANNED]
         if others:
             best = min(others, key=lambda one: _narrowing(one, planned))
             lines.append(f"narrowed most {best.name} ({best.minutes} min): {'  '.join(_cells(best))}")
@@ -157,7 +162,7 @@ class Experiments:
     @property
     def course(self) -> tuple[IntArray, FloatArray]:
         """Times (m,) of the session as planned and half widths then (m, targets), UTC ns and degrees."""
-        planned = [one for one in self.outcomes if one.name == AS_PLANNED]
+        planned = [outcome for outcome in self.outcomes if outcome.name == AS_PLANNED]
         minutes = np.array([one.minutes for one in planned], np.int64)
         return self.session.start_ns + minutes * MINUTE_NS, np.array([one.half_region_deg for one in planned])
 
@@ -183,16 +188,16 @@ class Experiments:
         return pd.DataFrame(
             [
                 {
-                    "experiment": one.name,
-                    "minutes": one.minutes,
+                    "experiment": outcome.name,
+                    "minutes": outcome.minutes,
                     "tilt_deg": tilt,
                     "azimuth_deg": azimuth,
                     "half_region_deg": half,
                     "known": known,
                 }
-                for one in self.outcomes
+                for outcome in self.outcomes
                 for (tilt, azimuth), half, known in zip(
-                    self.session.facets, one.half_region_deg, one.known, strict=True
+                    self.session.facets, outcome.half_region_deg, outcome.known, strict=True
                 )
             ]
         )
@@ -300,7 +305,7 @@ def _outcomes(run: Run) -> tuple[Experiment, ...]:
 
 
 def _named(mark: tuple[str, int], targets: Sequence[str], slopes: Sequence[SlopeEstimate]) -> Experiment:
-    by_region: Mapping[str, SlopeEstimate] = {one.region: one for one in slopes}
+    by_region: Mapping[str, SlopeEstimate] = {slope.region: slope for slope in slopes}
     found = [by_region.get(target) for target in targets]
     two = tuple(one is not None and one.state is SlopeState.NOT_RESOLVED for one in found)
     halves = tuple(

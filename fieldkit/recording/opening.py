@@ -75,7 +75,7 @@ def open_instruments(
 def _opened(
     settings: Sequence[DeviceSettings], clock: Clock, free: Callable[[], int], allow_missing: bool
 ) -> Iterator[Instruments]:
-    by_name = {one.name: one for one in settings}
+    by_name = {setting.name: setting for setting in settings}
     devices = open_all(settings, clock, allow_missing=allow_missing)
     try:
         yield Instruments(devices, clock, lambda name: registry.open_device(by_name[name], clock), free)
@@ -95,9 +95,9 @@ def open_all(
     opened: list[Device] = []
     failed: list[ConfigError | DeviceError] = []
     with clock.taking_part():
-        for one in settings:
+        for setting in settings:
             try:
-                opened.append(registry.open_device(one, clock))
+                opened.append(registry.open_device(setting, clock))
             except (ConfigError, DeviceError) as error:
                 if not (allow_missing and isinstance(error, DeviceNotFoundError)):
                     failed.append(error)

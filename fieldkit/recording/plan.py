@@ -392,8 +392,8 @@ def target_facets(config: Config) -> tuple[tuple[float, float], ...]:
 
 def reference_facets(config: Config) -> tuple[tuple[float, float], ...]:
     """Tilt and azimuth of a campaign's references, level if it has none."""
-    references = [one for one in config.regions if one.kind is RegionKind.REFERENCE]
-    return tuple((one.tilt_deg, one.azimuth_deg) for one in references) or (LEVEL,)
+    references = [region for region in config.regions if region.kind is RegionKind.REFERENCE]
+    return tuple((reference.tilt_deg, reference.azimuth_deg) for reference in references) or (LEVEL,)
 
 
 def logged_by(config: Config) -> frozenset[str]:

@@ -106,7 +106,7 @@ def current_frame(campaign: Campaign | Config | str | Path = ".") -> Frame:
 def missing_instruments(config: Config, instruments: Instruments) -> list[str]:
     """Names of configured instruments that are not open."""
     present = {info.name for info in instruments.streams}
-    return [one.name for one in config.devices if one.name not in present]
+    return [device.name for device in config.devices if device.name not in present]
 
 
 def write_png(path: Path, config: Config, instruments: Instruments) -> None:

@@ -91,7 +91,11 @@ class Redrawing:
         except ValueError as error:
             return [str(error)]
         inspections = check_regions(regions, self.shape)
-        return [f"{one.region.name}: {failure}" for one in inspections for failure in one.failures]
+        return [
+            f"{inspection.region.name}: {failure}"
+            for inspection in inspections
+            for failure in inspection.failures
+        ]
 
     def _words(self, done: dict[str, list[str]], since_ns: int) -> str:
         if not done:

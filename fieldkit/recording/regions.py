@@ -166,8 +166,12 @@ def _short(value: float) -> int | float:
 
 def check_configured(config: Config, *, unless: Config) -> None:
     """Raise `ConfigError` for regions that cannot be used, apart from what is wrong in `unless` already."""
-    before = {_failed(one) for one in inspect_regions(unless)}
-    found = [_failed(one) for one in inspect_regions(config) if one.failures and _failed(one) not in before]
+    before = {_failed(region) for region in inspect_regions(unless)}
+    found = [
+        _failed(region)
+        for region in inspect_regions(config)
+        if region.failures and _failed(region) not in before
+    ]
     if found:
         raise ConfigError("; ".join(found), fix="nothing was changed; draw it again")
 

@@ -126,7 +126,7 @@ def _middle_pixel(bed: Facet) -> int:
 
 def _facets(config: Config, simulation: SimulationTable) -> tuple[Facet, ...]:
     if simulation.terrain:
-        return tuple(_bed(config, one) for one in config.regions if math.isfinite(one.tilt_deg))
+        return tuple(_bed(config, region) for region in config.regions if math.isfinite(region.tilt_deg))
     drawn = tuple(_bed(config, region) for region in config.regions)
     return (*drawn, *_undrawn(simulation, drawn))
 

@@ -67,12 +67,13 @@ def status_reply(status: RecordingStatus, cols: int) -> dict[str, Any]:
 def _document(status: RecordingStatus) -> dict[str, Any]:
     latest, silent = status.latest, status.unresponsive
     minute, regions = latest.minute, {region.name: region for region in latest.regions}
+    slopes = minute.estimates if minute else ()
     return {
         "session": str(status.session),
         "counts": status.counts,
         "responds": silent is None,
         "silent_since_ns": None if silent is None else silent.since_ns,
-        "slopes": [as_document(one, regions.get(one.region)) for one in minute.estimates] if minute else [],
+        "slopes": [as_document(slope, regions.get(slope.region)) for slope in slopes],
         "learnt": learnt_document(minute.learnt if minute else None),
         "surface_temperature_k": dict(minute.temperature_k) if minute else {},
         "readings": {name: list(reading.values) for name, reading in latest.readings.items()},
@@ -117,7 +118,7 @@ def _last_minute(session: SessionReader) -> Minute | None:
     if not closed:
         return None
     estimates = session.estimates()
-    stored = [one for one in estimates if one.time_ns == estimates[-1].time_ns]
+    stored = [estimate for estimate in estimates if estimate.time_ns == estimates[-1].time_ns]
     return replace(closed[-1], estimates=tuple(stored), events=(), learnt=recorded_learnt(session))
 
 

@@ -59,8 +59,8 @@ class StatusServer:
 
     def _status(self) -> RecordingStatus | None:
         latest = self._latest
-        times_ns = [one.time_ns for one in latest.frames.values()]
-        times_ns += [one.time_ns for one in latest.readings.values()]
+        times_ns = [frame.time_ns for frame in latest.frames.values()]
+        times_ns += [reading.time_ns for reading in latest.readings.values()]
         if not times_ns:
             return None
         streams = latest.health.streams if latest.health else ()

@@ -96,9 +96,9 @@ def suggested(frame: FloatArray, present: Sequence[Region]) -> list[SuggestedReg
 
 def add_suggested(file: Path, suggestions: Iterable[SuggestedRegion]) -> None:
     """Add suggested regions to a ``fieldkit.toml``; raises as `add_region`."""
-    for one in suggestions:
-        is_reference = one.region.kind is RegionKind.REFERENCE
-        add_region(file, one.region.name, points=one.region.vertices, reference=is_reference)
+    for suggestion in suggestions:
+        is_reference = suggestion.region.kind is RegionKind.REFERENCE
+        add_region(file, suggestion.region.name, points=suggestion.region.vertices, reference=is_reference)
 
 
 def _outline(name: str, bed: FoundBed, is_reference: bool = False) -> Region:

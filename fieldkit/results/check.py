@@ -52,13 +52,13 @@ class CheckedSession:
         return worst(self.findings)
 
     def __repr__(self) -> str:
-        counts = Counter(one.level for one in self.findings)
+        counts = Counter(finding.level for finding in self.findings)
         return (
             f"<CheckedSession {self.path.stem}: {', '.join(f'{n} {level}' for level, n in counts.items())}>"
         )
 
     def _repr_html_(self) -> str:
-        rows = [(one.level, one.what, one.text, one.fix) for one in self.findings]
+        rows = [(finding.level, finding.what, finding.text, finding.fix) for finding in self.findings]
         return html.table_html(html.Table(("", "about", "finding", "fix"), rows, str(self.path)))
 
     def to_frame(self) -> pd.DataFrame:
@@ -85,7 +85,7 @@ def check(session: SessionOrFile, *, estimates: bool = True) -> CheckedSession:
     """
     path = path_of(session)
     findings = file_check.check(path)
-    if estimates and not any(one.what == "file" for one in findings):
+    if estimates and not any(finding.what == "file" for finding in findings):
         with open_session(path) as opened:
             findings += _estimate_findings(opened)
     return CheckedSession(path, tuple(findings))
@@ -106,7 +106,7 @@ def _compared(session: SessionReader) -> list[Finding]:
         return []
     known = _minutes(session)
     minutes = known.minutes()
-    computed = {_key(one): one for minute in minutes for one in minute.estimates}
+    computed = {_key(estimate): estimate for minute in minutes for estimate in minute.estimates}
     shadows = list(horizon_findings(minutes, session.regions, config_for(session).estimator_settings()))
     differing = sum(not _is_same(one, computed.get(_key(one))) for one in stored)
     if differing:
@@ -162,7 +162,9 @@ def horizon_findings(
     """Contradictions of the horizons, or, without one, minutes that were shaded; a line for each region."""
     if not minutes:
         return
-    sun = normal([one.sun_zenith_deg for one in minutes], [one.sun_azimuth_deg for one in minutes])
+    sun = normal(
+        [minute.sun_zenith_deg for minute in minutes], [minute.sun_azimuth_deg for minute in minutes]
+    )
     references = [region.name for region in regions if region.kind is RegionKind.REFERENCE]
     # a region in the same shadow as the reference cools with it
     shares = [sunlit_share(settings.horizon_of(name), sun, MINUTE_EDGE_DEG) for name in references]

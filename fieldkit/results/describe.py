@@ -42,10 +42,11 @@ def describe(session: SessionReader) -> dict[str, Any]:
         ],
         "slopes": [
             {
-                "region": one.region, "at": local_time(site, one.time_ns), "state": one.state.name.lower(),
-                "tilt_deg": one.tilt_deg, "azimuth_deg": one.azimuth_deg, "model": one.model,
+                "region": slope.region, "at": local_time(site, slope.time_ns),
+                "state": slope.state.name.lower(),
+                "tilt_deg": slope.tilt_deg, "azimuth_deg": slope.azimuth_deg, "model": slope.model,
             }
-            for one in recorded_slopes(session)
+            for slope in recorded_slopes(session)
         ],
         "learnt": learnt_document(recorded_learnt(session)),
         "events": [

@@ -156,9 +156,9 @@ def as_document(estimate: SlopeEstimate, region: Region | None = None) -> dict[s
     The regions include the systematic uncertainties of scale and offset; the noise regions do not.
     """
     numbers: dict[str, Any] = {}
-    for one in SLOPE_FIELDS.values():
-        value = getattr(estimate, one.key)
-        numbers[one.pair or one.key] = [*numbers.get(one.pair, ()), value] if one.pair else value
+    for field in SLOPE_FIELDS.values():
+        value = getattr(estimate, field.key)
+        numbers[field.pair or field.key] = [*numbers.get(field.pair, ()), value] if field.pair else value
     document: dict[str, Any] = {
         "region": estimate.region,
         "state": estimate.state.name.lower(),
@@ -188,6 +188,6 @@ def slopes_document(estimates: Estimates) -> dict[str, Any]:
 def require_slope(slopes: Iterable[SlopeEstimate]) -> None:
     """Raise `NoAnswerError` with the reasons if none of the estimates has a slope or a component of it."""
     slopes = tuple(slopes)
-    if not any(one.state in WITH_SLOPE or math.isfinite(one.along_sun_deg) for one in slopes):
-        reasons = {one.reason or one.state.name.lower() for one in slopes} or {"no targets"}
+    if not any(slope.state in WITH_SLOPE or math.isfinite(slope.along_sun_deg) for slope in slopes):
+        reasons = {slope.reason or slope.state.name.lower() for slope in slopes} or {"no targets"}
         raise NoAnswerError(f"no slope could be estimated: {', '.join(sorted(reasons))}")

@@ -360,7 +360,7 @@ def read_source(source: Path, options: ImportOptions) -> ImportedRecording:
 
 def _refuse_unused(source: Path, options: ImportOptions, unused: AbstractSet[str], name: str) -> None:
     """Refuse options other than their defaults that would have no effect."""
-    given = [one.name for one in fields(options) if getattr(options, one.name) != one.default]
+    given = [field.name for field in fields(options) if getattr(options, field.name) != field.default]
     flags = [_flag(field) for field in given if field in unused]
     if flags:
         listed = ", ".join(flags)

@@ -127,7 +127,7 @@ class Measured:
     def of(cls, arrays: Arrays) -> Measured:
         """Minutes of which `arrays` made arrays."""
         minutes, *about = of_text(tuple[tuple[Minute, ...], dict[str, int], str, bool], arrays["about"])
-        history = History(**{one.name: arrays[one.name] for one in fields(History)})
+        history = History(**{field.name: arrays[field.name] for field in fields(History)})
         return cls(minutes, history, *about)
 
 
@@ -288,7 +288,7 @@ class SessionMinutes:
         checksum = sha256(session.path) if is_finished else ""
         source = Source(session.path, checksum, session.session_id, config, self.schedule)
         is_part = 0 < len(streams) < len(session.streams)
-        names = tuple(one.name for one in streams) if is_part else ()
+        names = tuple(stream.name for stream in streams) if is_part else ()
         self.run: Run = Run(source, config.site, config.estimator_settings(), streams=names)
 
     @property
@@ -326,11 +326,11 @@ class SessionMinutes:
     def keep(self, estimator: Estimator) -> None:
         """Keep the minutes and slopes of the estimator that recorded the session."""
         minutes, history = estimator.minutes, estimator.history
-        measured = tuple(replace(one, estimates=(), learnt=None) for one in minutes)
+        measured = tuple(replace(minute, estimates=(), learnt=None) for minute in minutes)
         words = estimator.irradiance_model
         _keep_minutes(self.run, Measured(measured, history, {}, words, is_recordings=True))
-        learnt = {one.time_ns: one.learnt for one in minutes if one.learnt is not None}
-        slopes = [one.estimates for one in minutes]
+        learnt = {minute.time_ns: minute.learnt for minute in minutes if minute.learnt is not None}
+        slopes = [minute.estimates for minute in minutes]
         made = _as_estimates(history, estimator.schedule, slopes, learnt, estimator.budgets())
         _keep_slopes(self.run, made)
 
@@ -341,7 +341,7 @@ class SessionMinutes:
         minutes = zip(self.measured.minutes, self.measured.history.minute.tolist(), strict=True)
 
         def targets(minute: int) -> int:
-            return sum(one.kind is RegionKind.TARGET for one in self.schedule.regions_at(minute))
+            return sum(region.kind is RegionKind.TARGET for region in self.schedule.regions_at(minute))
 
         return [
             replace(

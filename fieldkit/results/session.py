@@ -72,7 +72,7 @@ class Stream:
             places = range(len(self))[place]
             if places.step == 1:
                 return list(reader.samples(places.start, places.stop))
-            return [self[one] for one in places]
+            return [self[place] for place in places]
         one = range(len(self))[place]
         return next(reader.samples(one, one + 1))
 

@@ -41,7 +41,7 @@ ROW = np.dtype(
 """One estimate; `region`, `model` and `reason` are indices into the lists beside the rows."""
 Budgets = Mapping[str, tuple[BudgetTerm, ...]]
 """The terms of each target's slope, by its name."""
-_LEARNT_NUMBERS = tuple(one.name for one in fields(LearntParameter) if one.type == "float")
+_LEARNT_NUMBERS = tuple(field.name for field in fields(LearntParameter) if field.type == "float")
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class LearntSeries:
         return len(self.by_time_ns)
 
     def __getitem__(self, name: str) -> LearntParameter:
-        found = {one.name: one for one in self.final.parameters} if self.final else {}
+        found = {parameter.name: parameter for parameter in self.final.parameters} if self.final else {}
         try:
             return found[name]
         except KeyError:
@@ -72,7 +72,11 @@ class LearntSeries:
 
     def columns(self) -> dict[str, list[Any]]:
         """The tidy table: a row for each minute and parameter, its prior and its estimate in `unit`."""
-        rows = [(time_ns, one) for time_ns, learnt in self.by_time_ns.items() for one in learnt.parameters]
+        rows = [
+            (time_ns, parameter)
+            for time_ns, learnt in self.by_time_ns.items()
+            for parameter in learnt.parameters
+        ]
         return {
             "time_ns": [time_ns for time_ns, _ in rows],
             "parameter": [one.name for _, one in rows],
@@ -103,7 +107,7 @@ class LearntSeries:
 
     def __repr__(self) -> str:
         parameters = self.final.parameters if self.final else ()
-        words = ", ".join(f"{one.name} {learnt_words.found(one)}" for one in parameters)
+        words = ", ".join(f"{parameter.name} {learnt_words.found(parameter)}" for parameter in parameters)
         return f"<Learnt in {len(self)} min: {words or 'nothing'}>"
 
     def _repr_html_(self) -> str:
@@ -144,11 +148,11 @@ class Estimates:
         places = {region.name: place for place, region in enumerate(regions)}
         texts = {text: place for place, text in enumerate(dict.fromkeys(_texts(estimates)))}
         rows = np.zeros(len(estimates), ROW)
-        rows["region"] = [places[one.region] for one in estimates]
+        rows["region"] = [places[estimate.region] for estimate in estimates]
         for name in ("model", "reason"):
-            rows[name] = [texts[getattr(one, name)] for one in estimates]
+            rows[name] = [texts[getattr(estimate, name)] for estimate in estimates]
         for name in ("time_ns", "window_start_ns", "state", "flags", "n_bins", *SLOPE_FIELDS):
-            rows[name] = [getattr(one, name) for one in estimates]
+            rows[name] = [getattr(estimate, name) for estimate in estimates]
         for name in MEASURED:
             rows[name] = measured[name]
         return cls(rows, tuple(texts), tuple(regions), LearntSeries(learnt or {}), budgets or {})
@@ -199,7 +203,7 @@ class Estimates:
             )
             for one in self.final.values()
         ]
-        short = [one.short for one in SHORT_FIELDS]
+        short = [field.short for field in SHORT_FIELDS]
         columns = ("region", "tilt, °", "azimuth, °", *short, "state")
         return html.table_html(html.Table(columns, rows, f"Final estimates of {self.minutes} minutes"))
 
@@ -314,8 +318,8 @@ def iso(time_ns: int) -> str:
 
 
 def _texts(estimates: Sequence[SlopeEstimate]) -> Iterator[str]:
-    for one in estimates:
-        yield from (one.model, one.reason)
+    for estimate in estimates:
+        yield from (estimate.model, estimate.reason)
 
 
 def _words(flags: int) -> str:

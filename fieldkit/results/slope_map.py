@@ -420,7 +420,7 @@ def default_base(session: Path, window: Window = None, overrides: Sequence[str] 
 def variant(window: Window, overrides: Sequence[str] = ()) -> str:
     """End of the name of a map by its window and settings, "" for the configured ones."""
     parts = [] if window is None else [window if isinstance(window, str) else f"{window / 60.0:g}m"]
-    given = [one.partition("=") for one in sorted(overrides)]
+    given = [override.partition("=") for override in sorted(overrides)]
     parts += [f"{key.rpartition('.')[2]}-{value}" for key, _, value in given]
     return "".join("-" + re.sub(r"[^\w.-]+", "_", part) for part in parts)
 
@@ -504,7 +504,7 @@ def _as_learnt(settings: EstimatorSettings, learnt: Learnt | None) -> EstimatorS
     """The settings with the gain and the exchange of all minutes that the learned model found."""
     if settings.model != "learned" or learnt is None:
         return settings
-    found = {one.name: one for one in learnt.parameters}
+    found = {parameter.name: parameter for parameter in learnt.parameters}
     surface, gain = settings.surface, found["gain"]
     exchange_m_s = found["exchange"].value / (surface.heat_capacity_j_kg_k * surface.air_density_kg_m3)
     surface = replace(surface, exchange_m_s=exchange_m_s)

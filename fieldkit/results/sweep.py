@@ -195,10 +195,10 @@ def prior_of_others(runs: Sequence[Run], estimate: Estimate) -> Iterator[tuple[R
     outcomes = list(estimate([_learning(run) for run in runs]))
     for run in runs:
         others = [
-            (one.run.settings, learnt)
-            for one in outcomes
-            if one.run.number == run.number and one.run.source.path != run.source.path
-            if (learnt := one.estimates.learnt.final) is not None
+            (outcome.run.settings, learnt)
+            for outcome in outcomes
+            if outcome.run.number == run.number and outcome.run.source.path != run.source.path
+            if (learnt := outcome.estimates.learnt.final) is not None
         ]
         known = keys(carried(run.settings, others), run.settings)
         yield run, [f"{key}={value!r}" for key, value in known.items()]

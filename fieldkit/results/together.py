@@ -117,7 +117,7 @@ def estimate_together(
     """
     keys = values if model is None else {**values, "estimator.model": model}
     texts = [*settings_from(settings), *settings_from(keys)]
-    paths = list(dict.fromkeys(path_of(one).resolve() for one in sessions))
+    paths = list(dict.fromkeys(path_of(session).resolve() for session in sessions))
     runs = [run_of(source_of(path, present=present, without_marks=without_marks), texts) for path in paths]
     parts = []
     for run in runs:

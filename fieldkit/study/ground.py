@@ -61,7 +61,7 @@ PARAMETERS = (
     Parameter("response_time", "min", 2.0, 3.0, 0.0),
 )
 _MEAN, _SD, _LEAST = (
-    np.array([getattr(one, name) for one in PARAMETERS]) for name in ("mean", "sd", "at_least")
+    np.array([getattr(parameter, name) for parameter in PARAMETERS]) for name in ("mean", "sd", "at_least")
 )
 
 

@@ -24,7 +24,7 @@ def document(fits: Sequence[GroundFit]) -> dict[str, Any]:
                 "record": fit.ground.name,
                 "fitted": fit.fitted,
                 "exchange": fit.exchange,
-                "parameters": [asdict(one) for one in fit.parameters],
+                "parameters": [asdict(parameter) for parameter in fit.parameters],
                 "scores": [asdict(score) for score in fit.scores],
             }
             for fit in fits
@@ -60,15 +60,15 @@ def parameter_rows(fits: Sequence[GroundFit]) -> list[list[str]]:
         [
             fit.ground.name,
             fit.fitted,
-            one.name.replace("_", " "),
-            f"{one.prior:.3g}",
-            f"{one.value:.3g}",
-            f"{one.low:.3g} to {one.high:.3g}",
-            one.unit or "–",
-            f"{one.share_of_prior:.0%}",
+            parameter.name.replace("_", " "),
+            f"{parameter.prior:.3g}",
+            f"{parameter.value:.3g}",
+            f"{parameter.low:.3g} to {parameter.high:.3g}",
+            parameter.unit or "–",
+            f"{parameter.share_of_prior:.0%}",
         ]
         for fit in fits
-        for one in fit.parameters
+        for parameter in fit.parameters
     ]
 
 

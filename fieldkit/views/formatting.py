@@ -80,7 +80,7 @@ def slope_number(estimate: SlopeEstimate, key: str) -> str:
 
 def short_columns(estimate: SlopeEstimate) -> list[str]:
     """The `SHORT_FIELDS` of an estimate."""
-    return [slope_number(estimate, one.key) for one in SHORT_FIELDS]
+    return [slope_number(estimate, field.key) for field in SHORT_FIELDS]
 
 
 def noise(estimate: SlopeEstimate) -> str:
@@ -121,7 +121,7 @@ def state(estimate: SlopeEstimate, *, second: bool = True) -> str:
 
 def confidence(estimates: Iterable[SlopeEstimate]) -> str:
     """The confidence of some estimates: ``90 %``, or ``90 % or 95 %`` where it differs."""
-    return " or ".join(percent(one) for one in sorted({one.confidence for one in estimates}))
+    return " or ".join(percent(one) for one in sorted({estimate.confidence for estimate in estimates}))
 
 
 def uncertain_means(sure: str) -> str:

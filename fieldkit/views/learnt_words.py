@@ -48,7 +48,7 @@ def short(parameter: LearntParameter) -> str:
 
 def main(learnt: Learnt) -> list[LearntParameter]:
     """The parameters that matter most, in the order of `FIRST`."""
-    by_name = {one.name: one for one in learnt.parameters}
+    by_name = {parameter.name: parameter for parameter in learnt.parameters}
     return [by_name[name] for name in FIRST if name in by_name]
 
 
@@ -86,7 +86,7 @@ def bar_and_percentage(share: float) -> str:
 
 def confidence(learnt: Learnt) -> str:
     """The confidence of the intervals: ``90 %``."""
-    return percent(next((one.confidence for one in learnt.parameters), CONFIDENCE))
+    return percent(next((parameter.confidence for parameter in learnt.parameters), CONFIDENCE))
 
 
 def meaning(learnt: Learnt | None) -> str:
@@ -99,7 +99,10 @@ def rows(
 ) -> list[tuple[object, ...]]:
     """For each parameter the `COLUMNS`, with how much the data said as `shown` renders shares."""
     parameters = learnt.parameters if learnt else ()
-    return [(name(one), shown(from_data(one)), found(one), before(one)) for one in parameters]
+    return [
+        (name(parameter), shown(from_data(parameter)), found(parameter), before(parameter))
+        for parameter in parameters
+    ]
 
 
 def residual_rows(learnt: Learnt) -> list[tuple[str, ...]]:

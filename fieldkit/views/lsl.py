@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 Channels = Sequence[tuple[str, str]]
 """Label and unit of each channel."""
-_OF_REGION: Channels = (("temperature", "K"), *((one.key, one.unit) for one in SLOPE_FIELDS.values()))
+_OF_REGION: Channels = (("temperature", "K"), *((field.key, field.unit) for field in SLOPE_FIELDS.values()))
 _NO_SLOPE = (math.nan,) * len(SLOPE_FIELDS)
 
 
@@ -46,7 +46,11 @@ class LslOutlets:
                 fix="pip install 'fieldkit[lsl]', conda install -c conda-forge liblsl, or record.lsl = false",
             ) from error
         self._source, self._begin_ns, self._begin_s = source, utc_ns, float(pylsl.local_clock())
-        self._meters = {one.name: one for one in streams if not one.is_camera and one.quantity != "position"}
+        self._meters = {
+            stream.name: stream
+            for stream in streams
+            if not stream.is_camera and stream.quantity != "position"
+        }
         self._outlets: dict[str, StreamOutlet] = {}
         self._outlet("events", "Markers", (("event", ""),))
         for info in self._meters.values():
@@ -62,7 +66,10 @@ class LslOutlets:
         elif isinstance(item, Event):
             self._outlets["events"].push_sample([item.text], self._stamp_s(item.time_ns))
         elif isinstance(item, Minute):
-            slopes = {one.region: [getattr(one, key) for key in SLOPE_FIELDS] for one in item.estimates}
+            slopes = {
+                estimate.region: [getattr(estimate, key) for key in SLOPE_FIELDS]
+                for estimate in item.estimates
+            }
             for name, kelvin in item.temperature_k.items():
                 values = (kelvin, *slopes.get(name, _NO_SLOPE))
                 outlet = self._outlet(f"region {name}", "slope", _OF_REGION)

@@ -48,7 +48,10 @@ def line(latest: Latest) -> str:
     minutes = (latest.time_ns - latest.start_ns) / 60e9
     planned = f" of {(latest.planned_end_ns - latest.start_ns) / 60e9:.0f}" if latest.planned_end_ns else ""
     estimates = latest.minute.estimates if latest.minute else ()
-    slopes = [f"{one.region} {formatting.tilt(one)}° {formatting.state(one)}" for one in estimates]
+    slopes = [
+        f"{estimate.region} {formatting.tilt(estimate)}° {formatting.state(estimate)}"
+        for estimate in estimates
+    ]
     alarms = [f"{alarm.condition} {alarm.subject}".strip() for alarm in latest.alarms]
     return "   ".join([f"{latest.title}  {minutes:.0f}{planned} min", *slopes, *alarms])
 

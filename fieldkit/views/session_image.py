@@ -46,7 +46,7 @@ def session_image(
     """A PNG file, its frames in a palette; without `slopes` the table has their place. Needs matplotlib."""
     from matplotlib.figure import Figure
 
-    scale = frame_image.scale_of(np.stack([one.values for one in frames]), frames[0].unit)
+    scale = frame_image.scale_of(np.stack([frame.values for frame in frames]), frames[0].unit)
     colours = f"colours from {scale.low:.0f} to {scale.text(scale.high)}"
     with plotting.styled():
         figure = Figure(figsize=SIZE_IN, dpi=DPI, layout="constrained")
@@ -86,7 +86,7 @@ def _image(axes: Axes, colours: Colours, regions: Sequence[Region], words: str) 
 def _table(axes: Axes, regions: Sequence[Region], estimates: Sequence[SlopeEstimate]) -> None:
     axes.set_axis_off()
     by_name = {region.name: region for region in regions}
-    rows = [_row(one, by_name[one.region]) for one in estimates if one.region in by_name]
+    rows = [_row(estimate, by_name[estimate.region]) for estimate in estimates if estimate.region in by_name]
     if rows:
         table = axes.table(rows, colLabels=COLUMNS, loc="center", cellLoc="left", edges="horizontal")
         table.auto_set_font_size(False)

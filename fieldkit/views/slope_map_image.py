@@ -155,7 +155,7 @@ def _wheel(panel: Colours, x: int, y: int, full_deg: float) -> None:
 
 def _state_rows(panel: Colours, state: ByteArray, y: int) -> None:
     """The states of a map from `y` on, each in a line."""
-    present = [one for one in MEANINGS if (state == one).any()]
+    present = [meaning for meaning in MEANINGS if (state == meaning).any()]
     for row, one in enumerate(present):
         _state_row(panel, one, float((state == one).mean()), y + 32 * row)
 

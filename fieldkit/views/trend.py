@@ -26,7 +26,7 @@ class Trend:
         """The same with a minute's values at its end; a minute that it has already changes nothing."""
         if minute.time_ns in self.times_ns[-1:]:
             return self
-        tilts = {one.region: one.tilt_deg for one in minute.estimates}
+        tilts = {estimate.region: estimate.tilt_deg for estimate in minute.estimates}
         temperature_k = self._extended(self.temperature_k, minute.temperature_k)
         return Trend([*self.times_ns, minute.time_ns], temperature_k, self._extended(self.tilt_deg, tilts))
 

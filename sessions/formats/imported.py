@@ -73,8 +73,8 @@ def possible(
         places = [place for place, one in enumerate(samples) if one.stream == info.name]
         readings = [one for place in places if isinstance(one := samples[place], Reading)]
         bounds = bounds_of(info)
-        values = np.array([one.values for one in readings], np.float64).reshape(-1, *info.shape)
-        sine = sun_vectors([one.time_ns for one in readings], site).reshape(-1, 3)[:, 2]
+        values = np.array([reading.values for reading in readings], np.float64).reshape(-1, *info.shape)
+        sine = sun_vectors([reading.time_ns for reading in readings], site).reshape(-1, 3)[:, 2]
         for place, reading in zip(places, readings, strict=True):
             samples[place] = flagged(reading, bounds)  # whatever the sun's height: times may be corrected
         found = excesses(labels_of(info), bounds, values, bounds.exceeded(values, sine))

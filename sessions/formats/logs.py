@@ -118,7 +118,7 @@ def recording_of(
     rate_hz = usual_rate_hz([row.time_ns for row in rows])
     raw_bytes = max(len(_raw(row)) for row in rows)
     streams = _streams(name, channels, options.measures, rate_hz, raw_bytes)
-    readings = list(chain.from_iterable(_readings(one, rows, flags_at) for one in streams))
+    readings = list(chain.from_iterable(_readings(stream, rows, flags_at) for stream in streams))
     readings.sort(key=lambda reading: reading.time_ns)
     applied = f", clock offset {options.offset_ns / 1e9:+g} s applied" if options.offset_ns else ""
     all_notes = (
@@ -126,9 +126,9 @@ def recording_of(
         *notes,
         *_on_measures(channels, options.measures),
         *_on_cells(rows, channels),
-        *chain.from_iterable(_on_stream(one, rows) for one in streams),
+        *chain.from_iterable(_on_stream(stream, rows) for stream in streams),
     )
-    return ImportedRecording(tuple(one.info for one in streams), readings, all_notes)
+    return ImportedRecording(tuple(stream.info for stream in streams), readings, all_notes)
 
 
 # --- rows and their times
@@ -353,8 +353,8 @@ def _streams(
 ) -> list[_Stream]:
     """A stream for each quantity, and one of its own for averages beside samples of it."""
     groups: dict[tuple[str, bool], list[Channel]] = {}
-    for one in channels:
-        groups.setdefault((one.meaning.quantity, one.is_average), []).append(one)
+    for channel in channels:
+        groups.setdefault((channel.meaning.quantity, channel.is_average), []).append(channel)
     streams = []
     for (quantity, is_average), ours in groups.items():
         suffix = "-mean" if is_average and (quantity, False) in groups else ""
@@ -366,7 +366,7 @@ def _streams(
 def _info(
     name: str, channels: Sequence[Channel], measures: str, rate_hz: float, raw_bytes: int
 ) -> StreamInfo:
-    labels, first = tuple(one.label for one in channels), channels[0].meaning
+    labels, first = tuple(channel.label for channel in channels), channels[0].meaning
     stated = named(labels) or ("",) * len(labels)
     components = tuple(one or measures for one in stated) if first.unit == UNIT else ()
     return StreamInfo(
@@ -386,7 +386,7 @@ def _readings(stream: _Stream, rows: Sequence[TimedRow], flags_at: int) -> Itera
     if stream.channels[0].is_average:
         time_ns = middles_ns(time_ns)
     for stamp, row in zip(time_ns, rows, strict=True):
-        values = tuple(one.value(row.cells) for one in stream.channels)
+        values = tuple(channel.value(row.cells) for channel in stream.channels)
         flags = row.cells[flags_at] if flags_at >= 0 else ""
         quality = Quality(int(flags) & _ALL_FLAGS if flags.isdecimal() else 0)
         yield imported_reading(stream.info.name, stamp, values, _raw(row), row.number, quality)
@@ -433,14 +433,19 @@ def _on_option(option: str, given: str, applied: Sequence[str], stated: Sequence
 
 
 def _on_measures(channels: Sequence[Channel], measures: str) -> Notes:
-    labels = [one.label for one in channels if one.meaning.unit == UNIT]
+    labels = [channel.label for channel in channels if channel.meaning.unit == UNIT]
     stated = [label for label in labels if named((label,))]
-    return _on_option("--measures", measures, [one for one in labels if one not in stated], stated)
+    return _on_option("--measures", measures, [label for label in labels if label not in stated], stated)
 
 
 def _on_cells(rows: Sequence[TimedRow], channels: Sequence[Channel]) -> Notes:
     """Number of cells that are not numbers at all, or have a unit that is not known."""
-    cells = [(cell, one, row) for row in rows for one in channels if (cell := _cell(row.cells, one.place))]
+    cells = [
+        (cell, channel, row)
+        for row in rows
+        for channel in channels
+        if (cell := _cell(row.cells, channel.place))
+    ]
     words = [cell for cell, _, _ in cells if math.isnan(_number(cell)) and cell.lower() != "nan"]
     units = [
         f"{cell_of(row.cells, one.unit_at)!r} (row {row.number})"
@@ -480,7 +485,9 @@ def _on_stream(stream: _Stream, rows: Sequence[TimedRow]) -> Notes:
 
 def _refuse_marks(path: Path, table: Table, channels: Sequence[Channel]) -> None:
     cells = [
-        (_cell(row.cells, one.place), table.columns[one.place].head) for row in table.rows for one in channels
+        (_cell(row.cells, channel.place), table.columns[channel.place].head)
+        for row in table.rows
+        for channel in channels
     ]
     (_refuse_points if table.has_decimal_commas else _refuse_commas)(path, cells)
 

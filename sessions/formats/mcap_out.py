@@ -57,7 +57,7 @@ _EVENT = {
 }  # fmt: skip
 _SLOPE = {
     "timestamp": _TIME, "region": _TEXT, "state": _TEXT, "model": _TEXT, "reason": _TEXT, "minutes": _INTEGER,
-    **{one.key: {**_NUMBER, "description": one.description} for one in SLOPE_FIELDS.values()},
+    **{field.key: {**_NUMBER, "description": field.description} for field in SLOPE_FIELDS.values()},
 }  # fmt: skip
 
 _BY_REGION = {"type": "object", "additionalProperties": _NUMBER}

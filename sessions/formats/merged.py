@@ -30,10 +30,10 @@ def cut_to(session: SessionReader, imported: ImportedRecording) -> ImportedRecor
     first_ns, last_ns = session.start_ns, session.end_ns
 
     def within() -> Iterator[Sample]:
-        for one in imported.samples:
-            more = margin_ns[one.stream]
-            if first_ns - more <= one.time_ns <= last_ns + more:
-                yield one
+        for sample in imported.samples:
+            more = margin_ns[sample.stream]
+            if first_ns - more <= sample.time_ns <= last_ns + more:
+                yield sample
 
     kept = ReadAgain(within)
     excluded = sum(1 for _ in imported.samples) - sum(1 for _ in kept)
@@ -55,7 +55,7 @@ def merge(session: SessionReader, imported: ImportedRecording, path: Path, sourc
         raise ConfigError(
             f"{session.path} has a stream {taken.pop()!r} already", fix="another name: --as NAME"
         )
-    time_ns = [one.time_ns for one in imported.samples]
+    time_ns = [sample.time_ns for sample in imported.samples]
     if not time_ns or max(time_ns) < session.start_ns or min(time_ns) > session.end_ns:
         raise ConfigError(
             f"{source} and {session.path} do not overlap in time",
@@ -112,7 +112,10 @@ def aligned(session: SessionReader, imported: ImportedRecording) -> ImportedReco
     readings = [sample for sample in imported.samples if isinstance(sample, Reading)]
     name, found = _best_stream(session, imported.streams, readings)
     shift_ns = round(found.offset_s * 1e9)
-    moved = [one._replace(time_ns=one.time_ns + shift_ns, mono_ns=one.mono_ns + shift_ns) for one in readings]
+    moved = [
+        reading._replace(time_ns=reading.time_ns + shift_ns, mono_ns=reading.mono_ns + shift_ns)
+        for reading in readings
+    ]
     note = (
         f"clock offset {found.offset_s:+.1f} s ± {found.uncertainty_s:.1f} s (k=2) found on {name}, "
         f"correlation {found.correlation:.3f}"
@@ -130,7 +133,7 @@ def _best_stream(
     start_ns = session.start_ns
     found, refused = [], ""
     for info in streams:
-        own = (one for one in readings if one.stream == info.name)
+        own = (reading for reading in readings if reading.stream == info.name)
         log = _time_series(_points(own, bounds_of(info)), start_ns)
         for name, series in _all_series(session, info.quantity, start_ns):
             try:
@@ -149,10 +152,10 @@ def _best_stream(
 
 def _points(readings: Iterable[Reading], bounds: Bounds) -> Iterator[tuple[int, float]]:
     """Time and mean over the channels of the readings that have one."""
-    for one in readings:
-        values = bounds.usable(np.array(one.values), np.array(int(one.quality)))
+    for reading in readings:
+        values = bounds.usable(np.array(reading.values), np.array(int(reading.quality)))
         if np.isfinite(values).any():
-            yield one.time_ns, float(np.nanmean(values))
+            yield reading.time_ns, float(np.nanmean(values))
 
 
 def _all_series(session: SessionReader, quantity: str, start_ns: int) -> Iterator[tuple[str, TimeSeries]]:

@@ -172,7 +172,7 @@ def _kind(paths: Sequence[Path]) -> str:
 
 def _irg_stills(paths: Sequence[Path]) -> tuple[list[_Still], list[Note]]:
     frames = [read_irg(path) for path in paths]
-    own = [None if math.isnan(one.kelvin_per_count) else Scale(one.kelvin_per_count) for one in frames]
+    own = [None if math.isnan(frame.kelvin_per_count) else Scale(frame.kelvin_per_count) for frame in frames]
     stills = [_Still(path, str(path), scale) for path, scale in zip(paths, own, strict=True)]
     set_to = f"the camera's emissivity was {frames[0].emissivity:g}"
     return stills, [(Severity.WARNING, f"{set_to}; whether the counts allow for it is not known")]

@@ -333,7 +333,7 @@ def _columns(names: list[str], below: Sequence[list[str]], *, is_campbell: bool)
     columns: list[Column] = []
     for place, name in enumerate(_of_onset(names)):
         column = _column(name, cell_of(units, place), cell_of(processes, place), is_campbell=is_campbell)
-        columns.append(column._replace(label=_once(column.label, [one.label for one in columns])))
+        columns.append(column._replace(label=_once(column.label, [column.label for column in columns])))
     for after, column in enumerate(columns[:-1], start=1):
         if not column.unit and _UNIT_COLUMN.search(columns[after].label):
             columns[after - 1] = column._replace(unit_at=after)

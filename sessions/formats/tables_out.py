@@ -124,13 +124,13 @@ def _slopes(session: SessionReader) -> pd.DataFrame:
     estimates = session.estimates()
     rows = [
         {
-            "region": one.region, "state": one.state.name.lower(),
-            **{about.heading: getattr(one, about.key) for about in SLOPE_FIELDS.values()},
-            "minutes": one.n_bins, "model": one.model, "reason": one.reason,
+            "region": estimate.region, "state": estimate.state.name.lower(),
+            **{about.heading: getattr(estimate, about.key) for about in SLOPE_FIELDS.values()},
+            "minutes": estimate.n_bins, "model": estimate.model, "reason": estimate.reason,
         }
-        for one in estimates
+        for estimate in estimates
     ]  # fmt: skip
-    return pd.DataFrame(rows, index=_index([one.time_ns for one in estimates]))
+    return pd.DataFrame(rows, index=_index([estimate.time_ns for estimate in estimates]))
 
 
 def _events(session: SessionReader) -> pd.DataFrame:
@@ -140,13 +140,13 @@ def _events(session: SessionReader) -> pd.DataFrame:
     events = session.events()
     rows = [
         {
-            "kind": one.kind.name.lower(), "severity": one.severity.name.lower(),
-            "stream": one.stream, "text": one.text, "label": str(one.data.get("label", "")),
+            "kind": event.kind.name.lower(), "severity": event.severity.name.lower(),
+            "stream": event.stream, "text": event.text, "label": str(event.data.get("label", "")),
         }
-        for one in events
+        for event in events
     ]  # fmt: skip
-    table = pd.DataFrame(rows, index=_index([one.time_ns for one in events]))
-    table["end"] = _index([one.data.get("end_ns", pd.NaT.value) for one in events])
+    table = pd.DataFrame(rows, index=_index([event.time_ns for event in events]))
+    table["end"] = _index([event.data.get("end_ns", pd.NaT.value) for event in events])
     return table
 
 

@@ -150,7 +150,7 @@ def _fixed_offset(moment: datetime) -> str:
     """Next step where a clock's zone leaves its times open: name the offset that it kept."""
     offsets = (moment.replace(fold=fold).utcoffset() or timedelta() for fold in (0, 1))
     hours = sorted(offset / timedelta(hours=1) for offset in offsets)
-    kept = " or ".join(f"--zone Etc/GMT{-int(one):+d}" for one in hours if one.is_integer())
+    kept = " or ".join(f"--zone Etc/GMT{-int(hour):+d}" for hour in hours if hour.is_integer())
     cut = "export it with times in UTC, or import what lies before and after on its own"
     return f"if its clock was never put forward or back: {kept}; else {cut}" if kept else cut
 

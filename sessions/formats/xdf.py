@@ -85,12 +85,12 @@ def read_xdf(path: Path, name: str | None, options: LogOptions) -> ImportedRecor
     is not XDF, has no date, or no channel of a known unit.
     """
     streams, header, notes = _loaded(path)
-    wanted = [one for one in streams if _is_wanted(one, options)]
-    unknown = set(options.columns.values) - set(chain.from_iterable(one.labels for one in streams))
+    wanted = [stream for stream in streams if _is_wanted(stream, options)]
+    unknown = set(options.columns.values) - set(chain.from_iterable(stream.labels for stream in streams))
     if unknown or not wanted:
         raise _nothing_read(path, streams, unknown)
     zero_ns = _zero_ns(path, header, streams, options, notes)
-    excluded = [str(one) for one in streams if not _is_wanted(one, options)]
+    excluded = [str(stream) for stream in streams if not _is_wanted(stream, options)]
     if excluded:
         notes.append((Severity.WARNING, f"streams excluded: {listed(excluded)}"))
     named = zip(_names(wanted, name), wanted, strict=True)
@@ -132,7 +132,7 @@ def _is_wanted(stream: _Stream, options: LogOptions) -> bool:
 def _nothing_read(path: Path, streams: Sequence[_Stream], unknown: set[str]) -> ConfigError:
     found = "; ".join(map(str, streams)) or "it has no streams"
     if unknown:
-        labels = ", ".join(chain.from_iterable(one.labels for one in streams))
+        labels = ", ".join(chain.from_iterable(stream.labels for stream in streams))
         return ConfigError(f"{path} has no channel {', '.join(sorted(unknown))}", fix=f"it has: {labels}")
     return ConfigError(
         f"{path}: no channel has samples in a unit that is read: {found}",
@@ -144,7 +144,7 @@ def _names(streams: Sequence[_Stream], given: str | None) -> list[str]:
     """Names in the session: the given one, or letters and digits of their own, each once."""
     if given and len(streams) == 1:
         return [given]
-    plain = [re.sub(r"[^\w.-]+", "-", one.name).strip("-.")[:_LONGEST_NAME] for one in streams]
+    plain = [re.sub(r"[^\w.-]+", "-", stream.name).strip("-.")[:_LONGEST_NAME] for stream in streams]
     often = Counter([*plain, "", "", *RESERVED_NAMES, *RESERVED_NAMES])
     own = [one if often[one] == 1 else f"{one}-{place}".strip("-") for place, one in enumerate(plain, 1)]
     return [f"{given}-{one}" if given else one for one in own]
@@ -152,7 +152,7 @@ def _names(streams: Sequence[_Stream], given: str | None) -> list[str]:
 
 def _zero_ns(path: Path, header: Any, streams: Sequence[_Stream], options: LogOptions, notes: Notes) -> int:
     """UTC at which the recorder's clock was 0: the date of the file is that of its earliest stamp."""
-    undated = [one.stamps_s for one in streams if not one.has_unix_time]
+    undated = [stream.stamps_s for stream in streams if not stream.has_unix_time]
     first_s = min(chain.from_iterable(map(np.ndarray.tolist, undated)), default=None)
     written = _text(header, "datetime")
     if first_s is None or (options.offset_ns and not written):
@@ -191,7 +191,7 @@ def _loaded(path: Path) -> tuple[list[_Stream], Any, Notes]:
     except Exception as error:  # whatever the library meets in damaged bytes
         fix = "copy it from the recorder again"
         raise ConfigError(f"{path} is damaged: {message_of(error) or repr(error)}", fix=fix) from error
-    texts = [text for one in records if not (text := one.getMessage()).endswith(_OF_NO_DAMAGE)]
+    texts = [text for record in records if not (text := record.getMessage()).endswith(_OF_NO_DAMAGE)]
     if len(whole) < len(data):
         texts.append(f"{len(data) - len(whole)} bytes after the last whole chunk are excluded")
     return (
@@ -262,4 +262,4 @@ def _elements(above: Any, *tags: str) -> list[Any]:
 
 
 def _text(above: Any, *tags: str) -> str:
-    return next((one.strip() for one in _elements(above, *tags) if isinstance(one, str)), "")
+    return next((element.strip() for element in _elements(above, *tags) if isinstance(element, str)), "")

@@ -96,7 +96,7 @@ class Learner:
     @property
     def minutes(self) -> Sequence[MinuteInputs]:
         """All minutes taken, with those that were bridged."""
-        return [minute for one in self._sessions for minute in one.minutes]
+        return [minute for session in self._sessions for minute in session.minutes]
 
     @property
     def last(self) -> MinuteInputs:
@@ -145,8 +145,8 @@ class Learner:
         """The state at the end of each session, with what lasts as it is known by now."""
         now, lasting = self.posterior.state, self.layout.lasting
         ends = [self.posterior.weights @ mean for mean in self._filters.ends]
-        for one in ends:
-            one[lasting] = now[lasting]
+        for end in ends:
+            end[lasting] = now[lasting]
         return [*ends, now]
 
     def _is_due(self) -> bool:
@@ -203,7 +203,7 @@ class Learner:
     def _directions(self) -> tuple[FloatArray, ...]:
         """Directions of the filters' own normals, a start that knows no branch."""
         vectors = [self._filters.mean[:, self.layout.normal(target)] for target in range(self.layout.targets)]
-        return tuple(one / np.linalg.norm(one, axis=1, keepdims=True) for one in vectors)
+        return tuple(vector / np.linalg.norm(vector, axis=1, keepdims=True) for vector in vectors)
 
     def _second_branches(self, normals: UnitNormals, log_weights: FloatArray) -> dict[int, FloatArray]:
         """The other direction in which each target fits nearly as well, under the heaviest hypothesis."""

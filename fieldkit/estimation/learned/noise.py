@@ -46,8 +46,8 @@ class Noise(NamedTuple):
 def noise_of(minutes: Sequence[MinuteInputs], configured_k: float) -> Noise:
     """Noise of a region's minutes in a row; the white part is never more than `configured_k`."""
     # a board over one region is no noise of it
-    alone = [one.measured & (one.shaded == 0.0) for one in minutes]
-    kelvin = np.where(alone, [one.temperature_k for one in minutes], np.nan)
+    alone = [minute.measured & (minute.shaded == 0.0) for minute in minutes]
+    kelvin = np.where(alone, [minute.temperature_k for minute in minutes], np.nan)
     if len(kelvin) <= 2 * FAR + 1 or kelvin.shape[1] < 2:
         return Noise(configured_k, OWN_K)
     near, far = (_alone(kelvin, lag) for lag in (NEAR, FAR))

@@ -48,7 +48,7 @@ class UnitNormals:
 
     def turn(self, target: int) -> slice:
         """Places of a target's turns in `covariance`."""
-        first = 1 + sum(one.shape[2] for one in self.tangents[:target])
+        first = 1 + sum(tangent.shape[2] for tangent in self.tangents[:target])
         return slice(first, first + self.tangents[target].shape[2])
 
 
@@ -77,7 +77,7 @@ class _Fit:
         scaled = [each[:, [target]] * unit for target, unit in enumerate(units)]
         residual = mean - np.column_stack([gain, *scaled, own])
         tangents = [tangent_basis(unit) for unit in units]
-        turns = sum(one.shape[2] for one in tangents)
+        turns = sum(tangent.shape[2] for tangent in tangents)
         jacobian = np.zeros((*mean.shape, 1 + turns + len(units)))
         jacobian[:, 0, 0] = 1.0
         row, column = 1, 1

@@ -109,7 +109,7 @@ class _Pair:
         settings = replace(settings, azimuth="free")
         self._history, self._columns, self._settings = history, columns, settings
         self._chosen, self._normals = chosen, normals
-        self._learnt = {one.name: one for one in learnt.parameters}
+        self._learnt = {parameter.name: parameter for parameter in learnt.parameters}
         self._layout = Layout.of(columns, columns.targets, settings)
         self._minutes = minutes_between(history, 0, len(history), self._layout, settings)
         self._frames: IntArray = history.minute - history.minute[0]
@@ -243,7 +243,7 @@ class _Pair:
 
     @property
     def _wind_change(self) -> FloatArray:
-        return np.array([one.wind_change for one in self._minutes])
+        return np.array([minute.wind_change for minute in self._minutes])
 
     # --- a target against the reference
 
@@ -288,10 +288,10 @@ class _Pair:
     def _alone(self, over_k: FloatArray) -> FloatArray:
         """Covariance (m, m) of ``dT + R F`` by what a target does alone, so much over the reference."""
         layout, target, kelvin = self._layout, self._layout.references, self._reference_k + over_k
-        hours = np.array([one.hours for one in self._minutes])
+        hours = np.array([minute.hours for minute in self._minutes])
         offset, drift = (self._prior[place, place] for place in (layout.offset(target), layout.drift(target)))
         read = self._lost @ (offset + drift * np.outer(hours, hours)) @ self._lost.T
-        over_air = kelvin - np.array([one.air_k for one in self._minutes])
+        over_air = kelvin - np.array([minute.air_k for minute in self._minutes])
         flux = self._own_exchange * np.outer(over_air, over_air)
         place, warmed = layout.own_response(0), kelvin - kelvin[0]
         response = self._prior[place, place] * np.outer(warmed, warmed)

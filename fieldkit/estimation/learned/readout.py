@@ -361,7 +361,7 @@ def surprise(found: Moments, settings: EstimatorSettings, prior_sds: dict[str, f
 
 def cause(minutes: Sequence[MinuteInputs], unusual: Surprise | None) -> str:
     """The likeliest reason of a misfit, as a question to whoever measured."""
-    dark = [one for one in minutes if one.sun[2] <= 0.0]
+    dark = [minute for minute in minutes if minute.sun[2] <= 0.0]
     kelvin = np.array([one.temperature_k[0] for one in dark])
     if kelvin.size and kelvin.max() - kelvin[: int(kelvin.argmax()) + 1].min() > NIGHT_RISE_K:
         return "the ground warms while the sun is down: are clock, time zone and site right?"

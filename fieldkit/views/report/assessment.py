@@ -93,7 +93,7 @@ def _is_held(target: TargetSeries) -> bool:
 
 def _all_held(finals: Sequence[SlopeEstimate]) -> str:
     """That all are right, and the widest region."""
-    widths = {one.region: formatting.half_region(one) for one in finals}
+    widths = {final.region: formatting.half_region(final) for final in finals}
     widest = max(widths, key=lambda name: widths[name])
     some = {1: "The slope was", 2: "Both slopes were"}
     every = some.get(len(finals), f"All {len(finals)} slopes were")

@@ -88,7 +88,7 @@ def _headline(parts: Sequence[Part]) -> str:
 def _confidence(parts: Sequence[Part]) -> str:
     """Confidence of the final estimates in words; "likelihood" where there are none."""
     finals = (target.final_estimate for part in parts for target in part.columns.targets)
-    return formatting.confidence(one for one in finals if one) or "likelihood"
+    return formatting.confidence(final for final in finals if final) or "likelihood"
 
 
 def _targets(parts: Sequence[Part], sd: SdKind) -> Table:
@@ -142,7 +142,7 @@ def _slope_figures(parts: Sequence[Part]) -> list[Figure]:
     if not tilts:
         return []
     words = "; ".join(f"{session} {one.region} {one.tilt_deg:.1f}°" for session, one, _ in tilts)
-    targets = list(dict.fromkeys(one.estimate.region for one in tilts))
+    targets = list(dict.fromkeys(tilt.estimate.region for tilt in tilts))
     return [
         Figure(
             session_figures.final_tilts(tilts),

@@ -71,7 +71,7 @@ def error_budget(data: ReportData) -> BudgetSection | None:
         return None
     budgets = [budget(data.columns, target, data.settings) for target in data.columns.targets]
     contributions = Table(
-        ("cause", *(one.name for one in budgets)),
+        ("cause", *(budget.name for budget in budgets)),
         cause_rows(budgets),
         f"Degrees of tilt, medians over the session, {READING}",
     )
@@ -155,7 +155,7 @@ def _calibrated(budgets: Sequence[ErrorBudget]) -> Iterator[list[object]]:
         "light meter as calibrated": lambda b: (b.of_scale(b.factor_sd), f"{b.factor_sd:.1%}"),
     }
     for name, of in contributions.items():
-        cells = [of(one) for one in budgets]
+        cells = [of(budget) for budget in budgets]
         if any(degrees for degrees, _ in cells):
             yield [name, *(f"{_either_way(degrees)} ({amount})" for degrees, amount in cells)]
 
@@ -284,9 +284,9 @@ def budget(columns: Series, target: TargetSeries, settings: EstimatorSettings) -
 
 def pooled(name: str, budgets: Sequence[ErrorBudget]) -> ErrorBudget:
     """The medians over several sessions, under one name."""
-    numbers = [one.name for one in fields(ErrorBudget) if one.name != "name"]
+    numbers = [field.name for field in fields(ErrorBudget) if field.name != "name"]
     return ErrorBudget(
-        name, **{one: _median(np.array([getattr(b, one) for b in budgets])) for one in numbers}
+        name, **{number: _median(np.array([getattr(b, number) for b in budgets])) for number in numbers}
     )
 
 

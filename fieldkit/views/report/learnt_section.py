@@ -48,7 +48,7 @@ def _figures(data: ReportData) -> Iterator[Figure]:
     learnt = data.columns.final_learnt
     assert learnt is not None
     sure = learnt_words.confidence(learnt)
-    words = "; ".join(f"{one.name} {learnt_words.found(one)}" for one in learnt.parameters)
+    words = "; ".join(f"{parameter.name} {learnt_words.found(parameter)}" for parameter in learnt.parameters)
     yield Figure(
         _prior_and_posterior(learnt),
         f"Each parameter on the scale of its prior: grey the {sure} interval before the data, blue after "
@@ -79,7 +79,7 @@ def _prior_and_posterior(learnt: Learnt) -> str:
     figure, (axes,) = plotting.panels(1, 1.1 + 0.38 * len(learnt.parameters))
     for row, parameter in enumerate(learnt.parameters):
         _interval(axes, row, parameter)
-    names = [learnt_words.SHORT.get(one.name, one.name) for one in learnt.parameters]
+    names = [learnt_words.SHORT.get(parameter.name, parameter.name) for parameter in learnt.parameters]
     axes.set_yticks(range(len(names)), names)
     axes.invert_yaxis()
     axes.grid(visible=False, axis="y")
@@ -118,7 +118,9 @@ def _on_prior(parameter: LearntParameter, number: float) -> float:
 
 def _learning(axes: Axes, columns: Series, name: str, colour: str) -> None:
     found = [
-        next((one for one in learnt.parameters if one.name == name), None) if learnt else None
+        next((parameter for parameter in learnt.parameters if parameter.name == name), None)
+        if learnt
+        else None
         for learnt in columns.learnt
     ]
     low, value, high = (

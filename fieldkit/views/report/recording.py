@@ -195,7 +195,7 @@ def _stream_row(data: ReportData, info: StreamInfo, health: StreamHealth | None)
         f"{info.quantity}, {info.unit}",
         *(map(formatting.number, counts) if counts else [formatting.UNKNOWN] * 3),
         sum(event.stream == info.name for event in data.events_of(*_GAPS)),
-        sum(one.count for one in data.session.stream(info.name).excesses()),
+        sum(excess.count for excess in data.session.stream(info.name).excesses()),
     ]
 
 

@@ -86,7 +86,9 @@ class TargetSeries:
     @property
     def uncertain(self) -> int:
         """Minutes whose region was too wide to rely on their slope."""
-        return sum(one is not None and one.state is SlopeState.UNCERTAIN for one in self.estimates)
+        return sum(
+            estimate is not None and estimate.state is SlopeState.UNCERTAIN for estimate in self.estimates
+        )
 
     @property
     def final_estimate(self) -> SlopeEstimate | None:

@@ -116,10 +116,10 @@ class FinalTilt(NamedTuple):
 def final_tilts(tilts: Sequence[FinalTilt]) -> str:
     """Final tilts of several sessions side by side, as SVG text."""
     figure, (axes,) = plotting.panels(1, 3.0, plotting.WIDE_IN)
-    sessions = list(dict.fromkeys(one.session for one in tilts))
-    targets = list(dict.fromkeys(one.estimate.region for one in tilts))
+    sessions = list(dict.fromkeys(tilt.session for tilt in tilts))
+    targets = list(dict.fromkeys(tilt.estimate.region for tilt in tilts))
     for index, target in enumerate(targets):
-        of_target = [one for one in tilts if one.estimate.region == target]
+        of_target = [tilt for tilt in tilts if tilt.estimate.region == target]
         aside = 0.6 * ((index + 0.5) / len(targets) - 0.5)  # bars beside each other
         at = np.array([sessions.index(one.session) for one in of_target]) + aside
         ends = [(one.tilt_deg, one.tilt_low_deg, one.tilt_high_deg) for _, one, _ in of_target]
