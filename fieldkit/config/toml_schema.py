@@ -268,10 +268,6 @@ class RecordTable(Table):
     shutter_before_burst: bool = Field(
         default=True, description="run the shutter correction before each burst"
     )
-    lsl: bool = Field(
-        default=False,
-        description="send meters, regions and events to the Lab Streaming Layer; needs fieldkit[lsl]",
-    )
 
 
 class LimitsTable(Table):

@@ -43,7 +43,6 @@ from fieldkit.sessions.writer import SessionWriter
 from fieldkit.views import formatting
 from fieldkit.views.feed import Feed, feed_path
 from fieldkit.views.latest import Latest
-from fieldkit.views.lsl import LslOutlets
 from fieldkit.views.notebook_line import NotebookLine, is_notebook
 
 if TYPE_CHECKING:
@@ -190,7 +189,7 @@ class PreparedRecording:
         a disk that fills up later is in ``summary.failure``.
         """
         config, instruments = self.config, self.instruments
-        alarms, outlets = alarm_watch(config, instruments.streams), self._outlets()
+        alarms = alarm_watch(config, instruments.streams)
         start_ns = instruments.clock.mono_ns()
         header = header_of(config, self.name, instruments.streams, command_line)
         included = self.included or Included(start_ns, iter(()))
@@ -209,7 +208,7 @@ class PreparedRecording:
                 clock=instruments.clock,
                 free_bytes=instruments.free_bytes,
                 sampling=sampling_of(config),
-                views=(*views, *self._followed(end_ns, header.title), *outlets),
+                views=(*views, *self._followed(end_ns, header.title)),
                 end_ns=end_ns,
                 requests=requests,
                 last_requests=requests.close,
@@ -229,17 +228,6 @@ class PreparedRecording:
             keep_recorded(self.path, estimator)
         except Exception as error:  # the session is sealed: nothing may make its recording look failed
             log.info("the recording's own minutes were not kept: %s", error)
-
-    def _outlets(self) -> list[View]:
-        if not self.config.record.lsl:
-            return []
-        names = [region.name for region in self.config.regions]
-        source, now_ns = self.config.directory.name, self.instruments.utc_ns()
-        try:
-            return [LslOutlets(source, self.instruments.streams, names, now_ns)]
-        except RuntimeError as error:  # such as no free port
-            log.warning("nothing is sent to the Lab Streaming Layer: %s", error)
-            return []
 
     def _followed(self, end_ns: int | None, title: str) -> list[View]:
         """Views by which other programs follow the recording, as far as they can be opened."""
