@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     "name",
     type=STREAM_NAME,
     metavar="NAME",
-    help="Name of the stream [default: camera, station or logger; in .xdf its own].",
+    help="Name of the stream [default: camera, station or logger].",
 )
 @click.option(
     "--site",
@@ -83,7 +83,7 @@ def command(source: Path, out: Path | None, into: Path | None, **given: Any) -> 
     """Turn SOURCE into a session: frames, tables of loggers, files of weather stations.
 
     PureThermal .raw.y16.gz; FLIR .fff, .seq, radiometric .jpg, TIFF (16 bits, floats), 16-bit PNG and .irg,
-    or folders of them; tables, also of Campbell and HOBO loggers; .xdf of LabRecorder; SURFRAD, BSRN;
+    or folders of them; tables, also of Campbell and HOBO loggers; SURFRAD, BSRN;
     downloads and radiation tables of the Japan Meteorological Agency.
 
     The session gets the regions of the campaign; draw them before or after (fieldkit roi).

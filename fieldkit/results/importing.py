@@ -31,7 +31,6 @@ from fieldkit.sessions.formats.logs import LogColumns, LogOptions, read_log
 from fieldkit.sessions.formats.merged import aligned, cut_to, merge
 from fieldkit.sessions.formats.purethermal_files import is_purethermal, read_purethermal
 from fieldkit.sessions.formats.stations import read_station
-from fieldkit.sessions.formats.xdf import read_xdf
 from fieldkit.sessions.layout import SessionHeader, is_stream_name
 from fieldkit.sessions.reader import SessionReader
 from fieldkit.sessions.seal import SealReport
@@ -52,7 +51,7 @@ class ImportOptions:
     Parameters
     ----------
     name : str, optional
-        Name of the stream; ``camera``, ``station`` or ``logger`` by default, in XDF its own.
+        Name of the stream; ``camera``, ``station`` or ``logger`` by default.
     title : str
         Title of the session; the source's name by default.
     site : Site, optional
@@ -354,7 +353,7 @@ def read_source(source: Path, options: ImportOptions) -> ImportedRecording:
     raise ConfigError(
         f"{source} has no format that fieldkit reads",
         fix="it reads .raw.y16.gz, .fff, .seq, radiometric .jpg, TIFF, 16-bit PNG and .irg frames, "
-        "tables of loggers, .xdf, files of SURFRAD, BSRN and the Japan Meteorological Agency",
+        "tables of loggers, files of SURFRAD, BSRN and the Japan Meteorological Agency",
     )
 
 
@@ -435,19 +434,7 @@ def _is_table(source: Path) -> bool:
 
 
 def _table(source: Path, options: ImportOptions) -> ImportedRecording:
-    return read_log(source, options.name or "logger", _log_options(options))
-
-
-def _is_xdf(source: Path) -> bool:
-    return source.suffix.lower() == ".xdf"
-
-
-def _xdf(source: Path, options: ImportOptions) -> ImportedRecording:
-    return read_xdf(source, options.name, _log_options(options))
-
-
-def _log_options(options: ImportOptions) -> LogOptions:
-    return LogOptions(
+    log_options = LogOptions(
         zone=_zone(options),
         time_format=options.time_format,
         unit=options.unit,
@@ -457,6 +444,7 @@ def _log_options(options: ImportOptions) -> LogOptions:
         encoding=options.encoding,
         measures=options.measures,
     )
+    return read_log(source, options.name or "logger", log_options)
 
 
 def _offset_ns(options: ImportOptions) -> int:
@@ -486,19 +474,14 @@ class _Format(NamedTuple):
 
 _OF_ALL = {"name", "title", "site"}
 _TIMES = frozenset({"times", "time_format", "zone", "offset_s"})
-_READINGS = frozenset({"zone", "offset_s", "unit", "columns", "keep", "measures"})
+_FRAMES = _TIMES | {"kelvin_per_count", "kelvin_at_zero", "unit"}
+_READINGS = {"zone", "offset_s", "unit", "columns", "keep", "measures"}
+_TABLE = frozenset({*_READINGS, "time_format", "time_columns", "encoding"})
 _FORMATS = (
     _Format("a FLIR recording", _is_flir, _flir, _TIMES),
-    _Format(
-        "a recording of TIFF, PNG or IRG frames", _is_stills, _stills,
-        _TIMES | {"kelvin_per_count", "kelvin_at_zero", "unit"},
-    ),
+    _Format("a recording of TIFF, PNG or IRG frames", _is_stills, _stills, _FRAMES),
     _Format("a station's file (SURFRAD, BSRN)", is_station_file, _station),
     _Format("a file of the Japan Meteorological Agency", _is_jma, _jma),
     _Format("a PureThermal recording", is_purethermal, _purethermal, frozenset({"offset_s"})),
-    _Format("a recording of LSL (XDF)", _is_xdf, _xdf, _READINGS),
-    _Format(
-        "a table", _is_table, _table,  # last: other formats have the same suffixes
-        _READINGS | {"time_format", "time_columns", "encoding"},
-    ),
-)  # fmt: skip
+    _Format("a table", _is_table, _table, _TABLE),  # last: other formats have the same suffixes
+)

@@ -94,36 +94,21 @@ def read_log(path: Path, name: str, options: LogOptions = AS_WRITTEN) -> Importe
     table = read_table(
         path, options.encoding, time_names=options.columns.time, time_format=options.time_format
     )
-    channels, about_columns = channels_of(path, table, options)
+    channels, about_columns = _channels(path, table, options)
     _refuse_marks(path, table, channels)
     rows, about_times = _timed_rows(path, table, options)
     _refuse_several_things(path, table, rows)
-    notes = [*about_times, *about_columns, *_on_end(table)]
-    return recording_of(path.name, name, channels, rows, options, notes, _flags_at(table))
-
-
-def recording_of(
-    what: str,
-    name: str,
-    channels: Sequence[Channel],
-    rows: Sequence[TimedRow],
-    options: LogOptions,
-    notes: Notes,
-    flags_at: int = -1,
-) -> ImportedRecording:
-    """The recording of `read_log`, of a table whose columns and times are known; `what` has the rows.
-
-    `flags_at` is the column of their `Quality`, -1 without one.
-    """
     rate_hz = usual_rate_hz([row.time_ns for row in rows])
     raw_bytes = max(len(_raw(row)) for row in rows)
     streams = _streams(name, channels, options.measures, rate_hz, raw_bytes)
-    readings = list(chain.from_iterable(_readings(stream, rows, flags_at) for stream in streams))
+    readings = list(chain.from_iterable(_readings(stream, rows, _flags_at(table)) for stream in streams))
     readings.sort(key=lambda reading: reading.time_ns)
     applied = f", clock offset {options.offset_ns / 1e9:+g} s applied" if options.offset_ns else ""
     all_notes = (
-        (Severity.INFO, f"{what}: {len(rows)} rows{applied}"),
-        *notes,
+        (Severity.INFO, f"{path.name}: {len(rows)} rows{applied}"),
+        *about_times,
+        *about_columns,
+        *_on_end(table),
         *_on_measures(channels, options.measures),
         *_on_cells(rows, channels),
         *chain.from_iterable(_on_stream(stream, rows) for stream in streams),
@@ -229,7 +214,7 @@ class Channel(NamedTuple):
         return (_number(_cell(cells, self.place)) + meaning.add) / meaning.by
 
 
-def channels_of(path: Path, table: Table, options: LogOptions) -> tuple[list[Channel], Notes]:
+def _channels(path: Path, table: Table, options: LogOptions) -> tuple[list[Channel], Notes]:
     """The columns that are read, and notes on the others."""
     if options.unit and known_unit(options.unit) is None:
         raise ConfigError(f"{options.unit!r} is not a known unit", fix=f"--unit of {KNOWN}")

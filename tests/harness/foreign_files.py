@@ -188,57 +188,6 @@ def tiff_pages(
     return data
 
 
-def xdf_chunk(tag: int, content: bytes, stream: int | None = None) -> bytes:
-    """A chunk: bytes of its length (4), length, tag, number of the stream, content."""
-    body = struct.pack("<H", tag) + (b"" if stream is None else struct.pack("<I", stream)) + content
-    return b"\4" + struct.pack("<I", len(body)) + body
-
-
-def xdf_samples(
-    stamps: Sequence[float | None], rows: Sequence[Sequence[float]], form: str = "double64"
-) -> bytes:
-    """Content of a chunk of samples; of a stamp None the format deduces it."""
-    kind = {"double64": "d", "float32": "f", "int16": "h"}.get(form, "")
-    samples = b"\4" + struct.pack("<I", len(stamps))
-    for stamp, row in zip(stamps, rows, strict=True):
-        samples += b"\0" if stamp is None else b"\10" + struct.pack("<d", stamp)
-        samples += b"".join(
-            struct.pack(f"<{kind}", value) if kind else bytes([1, len(value)]) + value.encode()
-            for value in row
-        )
-    return samples
-
-
-def xdf_stream(
-    number: int, name: str, channels: Sequence[tuple[str, str]], stamps: Sequence[float | None],
-    rows: Sequence[Sequence[float]], offsets: Sequence[tuple[float, float]] = (), form: str = "double64",
-) -> bytes:  # fmt: skip
-    """A stream's header, samples (of a stamp None the format deduces it) and clock offsets (time, value)."""
-    described = "".join(
-        f"<channel><label>{label}</label>{f'<unit>{unit}</unit>' if unit else ''}</channel>"
-        for label, unit in channels
-    )
-    header = (
-        f"<?xml version='1.0'?><info><name>{name}</name><type>Environment</type>"
-        f"<channel_count>{len(channels)}</channel_count><nominal_srate>1</nominal_srate>"
-        f"<channel_format>{form}</channel_format><desc><channels>{described}</channels></desc></info>"
-    )
-    samples = xdf_samples(stamps, rows, form)
-    measured = (xdf_chunk(4, struct.pack("<dd", *one), number) for one in offsets)
-    footer = f"<?xml version='1.0'?><info><sample_count>{len(stamps)}</sample_count></info>"
-    return b"".join((
-        xdf_chunk(2, header.encode(), number), xdf_chunk(3, samples, number), *measured,
-        xdf_chunk(6, footer.encode(), number),
-    ))  # fmt: skip
-
-
-def xdf(*streams: bytes, date: str = "2026-05-12T12:00:00+0200") -> bytes:
-    """An XDF file (https://github.com/sccn/xdf/wiki/Specifications) dated as LabRecorder does."""
-    dated = f"<datetime>{date}</datetime>" if date else ""
-    header = f"<?xml version='1.0'?><info><version>1.0</version>{dated}</info>"
-    return b"XDF:" + xdf_chunk(1, header.encode()) + b"".join(streams)
-
-
 def one_of_each(folder: Path) -> dict[Path, tuple[str, ...]]:
     """A sound file of every kind that import reads, and the options it takes beside ``--site``."""
     counts = np.arange(14_000, 14_035, dtype=np.uint16).reshape(5, 7)
@@ -253,7 +202,6 @@ def one_of_each(folder: Path) -> dict[Path, tuple[str, ...]]:
         "20260512T010000.irg": (irg(counts // 5), moment),
         "20260512T010001.tif": (tiff(), (*moment, "--kelvin-per-count", "0.01")),
         "log.csv": (b"time,T1 [C],T2 [C]\n2026-05-12T01:00:00Z,20.5,21\n2026-05-12T01:00:10Z,20.6,\n", ()),
-        "a.xdf": (xdf(xdf_stream(1, "lux", [("E", "lx")], [5.0, None, 7.0], [[1e4], [2e4], [3e4]])), ()),
         "slv16001.dat": (surfrad(), ()),
         "tat0624.dat": (bsrn(longwave_up=True, place=(37.7, -105.92, 2317)), ()),
         "obsdl.csv": (obsdl(), ()),

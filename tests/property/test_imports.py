@@ -20,7 +20,7 @@ LIMIT_S = 30.0  # a tenth of a second on an idle machine
 MEMORY_LIMIT_KB = 300_000
 NAMES = (
     "a.raw.y16.gz", "a.fff", "a.seq", "a.jpg", "20260512T010000.irg", "20260512T010001.tif", "log.csv",
-    "a.xdf", "slv16001.dat", "tat0624.dat", "obsdl.csv", "DR202406_tat.txt",
+    "slv16001.dat", "tat0624.dat", "obsdl.csv", "DR202406_tat.txt",
 )  # fmt: skip
 
 
@@ -59,7 +59,6 @@ FRAMES, TABLE = TIMES | {"--kelvin-per-count", "--kelvin-at-zero"}, {
 }  # fmt: skip
 USED = {
     "20260512T010000.irg": FRAMES, "20260512T010001.tif": FRAMES, "log.csv": TABLE,
-    "a.xdf": TABLE - {"--time-format", "--encoding", "--time"},
     "a.raw.y16.gz": {"--clock-offset"}, "a.fff": TIMES, "a.seq": TIMES, "a.jpg": TIMES,
 }  # fmt: skip
 
