@@ -45,8 +45,7 @@ if TYPE_CHECKING:
 )  # fmt: skip
 @click.option(
     "--pose", type=FILE, metavar="FILE",
-    help="Pose of the camera and its ground, a TOML file: adds NAME.tif, NAME.ply, NAME.mcap "
-    "[default: camera.pose].",
+    help="Pose of the camera and its ground, a TOML file: adds NAME.tif, NAME.mcap [default: camera.pose].",
 )  # fmt: skip
 @click.option(
     "--cell-m", type=NumberRange(min=0, min_open=True), metavar="M",
@@ -92,8 +91,8 @@ def command(
       inertia   thermal inertia found by the learned model
 
     With a pose they (or slope and heading) are also written on the ground: NAME.tif, a cloud-optimised
-    GeoTIFF with a band for each layer, NAME.ply, points, and NAME.mcap, a grid map and of ptilt an
-    occupancy grid for ROS 2. Needs fieldkit[terrain].
+    GeoTIFF with a band for each layer, and NAME.mcap, a grid map and of ptilt an occupancy grid for ROS 2.
+    Needs fieldkit[terrain].
     """
     from fieldkit.config.pose import read_pose
     from fieldkit.ground.terrain_products import Products

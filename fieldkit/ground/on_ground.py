@@ -1,4 +1,4 @@
-"""Products of a map on the ground: orthorectified as GeoTIFF and as ROS 2 grids, and as points.
+"""Products of a map on the ground: orthorectified as GeoTIFF and as ROS 2 grids.
 
 A cell takes the value of the pixel that sees its centre. The slopes also give the relief: the heights of
 the surface that has them.
@@ -33,7 +33,7 @@ from fieldkit.physics.camera_geometry import (
 )
 from fieldkit.physics.facet import normal
 from fieldkit.physics.heights import heights_from_normals
-from fieldkit.sessions.formats import geotiff, ply, ros2
+from fieldkit.sessions.formats import geotiff, ros2
 
 if TYPE_CHECKING:
     from rasterio.crs import CRS
@@ -161,10 +161,10 @@ def _cells(points: FloatArray, pose: PoseTable, dem: Heights | None, cell_m: flo
 def write_on_ground(
     base: Path, view: GroundView, layers: Sequence[Layer], slopes: SlopeMap, time_ns: int
 ) -> list[Path]:
-    """Write layers of the frame on the ground: ``BASE.tif``, ``BASE.ply`` and ``BASE.mcap``; the files.
+    """Write layers of the frame on the ground: ``BASE.tif`` and ``BASE.mcap``; the files.
 
-    Each holds the layers, their uncertainties and the state at a time, UTC nanoseconds since 1970; grids also
-    the relief. Raises `OSError`.
+    Each holds the layers, their uncertainties, the state and the relief at a time, UTC nanoseconds since
+    1970. Raises `OSError`.
     """
     planes = [(layer.name, layer.units, layer.values) for layer in layers]
     planes += [(f"{layer.name}_sd", layer.units, layer.sd) for layer in layers if layer.sd is not None]
@@ -176,17 +176,6 @@ def write_on_ground(
     risk = next((layer.name for layer in layers if layer.name == "ptilt"), None)
     with replacing(image := base.with_name(f"{base.name}.tif"), synced=False) as file:
         geotiff.write_layers(file, on_cells, view.crs, ground.west_m, ground.north_m, ground.cell_m)
-    with replacing(points := base.with_name(f"{base.name}.ply"), synced=False) as file:
-        ply.write_points(file, _columns(view, planes), f"crs {view.crs}")
     with replacing(maps := base.with_name(f"{base.name}.mcap"), synced=False) as file:
         ros2.write_maps(file, {name: values for name, _, values in on_cells}, ground, time_ns, risk=risk)
-    return [image, points, maps]
-
-
-def _columns(
-    view: GroundView, planes: Sequence[tuple[str, str, SingleArray]]
-) -> dict[str, NDArray[np.floating]]:
-    """Place and layers of each pixel that meets the ground."""
-    met = np.isfinite(view.distances_m)
-    columns: dict[str, NDArray[np.floating]] = dict(zip("xyz", view.points_m[met].T, strict=True))
-    return columns | {name: values[met] for name, _, values in planes}
+    return [image, maps]

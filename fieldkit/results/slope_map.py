@@ -86,7 +86,7 @@ SETTINGS_ATTRIBUTES = (
 )
 """Settings that the file of a map states."""
 ENDINGS = (".png", ".nc")
-ON_GROUND = (".tif", ".ply", ".mcap")
+ON_GROUND = (".tif", ".mcap")
 
 
 Window = float | str | None
@@ -267,7 +267,7 @@ class MappedSession:
         `base` is in the campaign's results by default, or beside a session elsewhere. Products that are
         `wanted` are added to the arrays; each has an image ``BASE-NAME.png``. With a pose, given or
         configured, they (or slope and heading) are also written on the ground, in cells of `cell_m`:
-        ``BASE.tif``, ``BASE.ply``, ``BASE.mcap``. `notify` receives how the grid is corrected, or why a
+        ``BASE.tif``, ``BASE.mcap``. `notify` receives how the grid is corrected, or why a
         configured pose does not put the map on it.
 
         Raises `StorageError` if a file cannot be written, `NoAnswerError` if a product cannot be made,

@@ -357,7 +357,6 @@ def test_map_on_the_ground_before_the_camera(session, tmp_path):
     assert done.exit_code == 0, done.output
     # 88 km to the west of the meridian: 0.9996 (1 + 88^2 / (2 x 6371^2)); -1.0 degrees x sin(37.7 degrees)
     assert "the grid of EPSG:32613 is corrected: convergence -0.61°, scale 0.99970" in done.output
-    assert (tmp_path / "x.ply").read_bytes().startswith(b"ply\n")
     with rasterio.open(tmp_path / "x.tif") as file:
         layers = "slope", "heading", "slope_sd", "heading_sd", "state", "height", "misclosure"
         assert file.descriptions == layers
@@ -390,7 +389,7 @@ def test_map_by_the_pose_of_the_configuration_and_without_ground_where_it_has_no
     assert not (tmp_path / "y.tif").exists()
     # without ground under the first name: what stands there is of the map before
     again = fieldkit("map", session, "-o", tmp_path / "x", "--set", "camera.pose=moving.toml")
-    earlier = ", ".join(str(tmp_path / f"x.{ending}") for ending in ("tif", "ply", "mcap"))
+    earlier = ", ".join(str(tmp_path / f"x.{ending}") for ending in ("tif", "mcap"))
     assert f"of an earlier map, not of this one: {earlier}" in again.stderr.replace("\n", " ")
     fresh = fieldkit("map", session, "-o", tmp_path / "x", *coarse, "--set", "camera.pose=pose.toml")
     assert "earlier" not in fresh.stderr
@@ -418,7 +417,7 @@ def test_several_sessions_are_mapped_as_each_alone_from_python_too(session, tmp_
     assert alone.exit_code == 0, alone.output
     found = slope_map.slope_map(folder / "a.h5", settings={"camera.pose": "pose.toml"})
     written = found.write(tmp_path / "python", cell_m=0.5)
-    assert [path.suffix for path in written] == [".png", ".nc", ".png", ".png", ".tif", ".ply", ".mcap"]
+    assert [path.suffix for path in written] == [".png", ".nc", ".png", ".png", ".tif", ".mcap"]
     bands = []
     for path in (maps / "a-slope-map-pose-pose.toml.tif", tmp_path / "alone.tif", tmp_path / "python.tif"):
         with rasterio.open(path) as file:
