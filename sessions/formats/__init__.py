@@ -2,5 +2,4 @@
 
 A reader returns an `ImportedRecording`: `write_imported` (imported) makes a session of it, `merge` (merged)
 adds to one; a writer exports an open session into a folder, and `EXPORTS` (exports) names all of them.
-xarray_backend lets xarray open a session as it is.
 """

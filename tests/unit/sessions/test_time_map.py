@@ -13,7 +13,6 @@ from typing import Any
 import h5py
 import pandas as pd
 import pytest
-import xarray as xr
 from mcap.reader import make_reader
 
 from fieldkit.model.clock import ClockCheck
@@ -273,11 +272,3 @@ def test_every_export_has_corrected_times(
     assert corrected
     for one, other in zip(corrected, right, strict=True):
         assert contents(one) == contents(other), one.name
-
-
-def test_xarray_backend_has_corrected_times(corrected_and_right: tuple[Session, Session]) -> None:
-    corrected, right = (
-        xr.open_dataset(session.path, engine="fieldkit", group="camera")["time"].values.tolist()
-        for session in corrected_and_right
-    )
-    assert corrected == right
