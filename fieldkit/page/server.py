@@ -28,7 +28,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect, WebSocketState
 
 from fieldkit.config import Config
 from fieldkit.model.errors import FieldkitError, StorageError
-from fieldkit.page import requests, service_reports
+from fieldkit.page import protocol, requests, service_reports
 from fieldkit.page.answers import Answers, failure
 from fieldkit.page.checks import CHECKS, Check, Guarded, bearer
 from fieldkit.page.conductor import Conductor
@@ -36,7 +36,6 @@ from fieldkit.page.document import document
 from fieldkit.page.hub import MAX_VIEWERS, Hub
 from fieldkit.page.keys import SESSION_LASTS_S, Keys
 from fieldkit.page.pictures import still
-from fieldkit.page.protocol import HEADERS_MAX_BYTES, CarefulProtocol, CarefulSocket
 from fieldkit.page.sessions import PastSessions
 from fieldkit.page.unattended import keep_recording
 from fieldkit.page.viewer import Role, Viewer, ViewerLeftError
@@ -45,7 +44,11 @@ from fieldkit.views.service_manager import notify
 
 log: logging.Logger = logging.getLogger(__name__)
 
-KEY_MAX_BYTES = 1000
+HEADERS_MAX_BYTES, KEY_MAX_BYTES = 16_384, 1000
+ACKNOWLEDGED_WITHIN_S = 20.0
+"""A browser that receives nothing for this long is gone, or asleep in a pocket."""
+UNSENT_BYTES = 32_768
+"""Held by the kernel for a slow connection: a second of pictures, so that the newest is never far."""
 WRONG_TRIES_FREE = 5
 WRONG_TRIES_WAITING = 20
 ANSWERS_AT_ONCE = 8
@@ -174,13 +177,8 @@ class Page:
             return key
         if request.headers.get("content-type", "").partition(";")[0] != "application/json":
             return ""
-        body = b""
-        with suppress(ValueError, KeyError, TypeError, AttributeError, RecursionError, ClientDisconnect):
-            async for part in request.stream():
-                body += part
-                if len(body) > KEY_MAX_BYTES:
-                    return ""
-            return str(json.loads(body)["key"])
+        with suppress(ValueError, KeyError, TypeError, AttributeError, RecursionError):
+            return str(json.loads(await _short_body(request))["key"])
         return ""
 
     async def _refused(self) -> Response:
@@ -300,6 +298,19 @@ class Page:
             viewer.text(plain_json(answered))
 
 
+async def _short_body(request: Request) -> bytes:
+    """The body of a request; empty if it is too long, late or broken off."""
+    body = b""
+    with suppress(ClientDisconnect, TimeoutError):
+        async with asyncio.timeout(protocol.REQUEST_WITHIN_S):
+            async for part in request.stream():
+                body += part
+                if len(body) > KEY_MAX_BYTES:
+                    return b""
+            return body
+    return b""
+
+
 def _in_words(error: Exception, asked: str) -> FieldkitError:
     """What went wrong with what was asked for; what was not expected is logged."""
     if isinstance(error, FieldkitError):
@@ -325,8 +336,8 @@ def server(page: Page) -> uvicorn.Server:
     return uvicorn.Server(
         uvicorn.Config(
             page.app(),
-            http=partial(CarefulProtocol, set()),  # type: ignore[arg-type]  # it takes whatever makes one
-            ws=CarefulSocket,
+            http=protocol.PromptProtocol,
+            ws="websockets-sansio",
             loop="asyncio",
             lifespan="on",
             log_config=None,
@@ -354,6 +365,10 @@ def listening(address: str, port: int) -> socket.socket:
     listener = socket.socket(family, socket.SOCK_STREAM)
     try:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        # connections inherit both: the kernel aborts those that acknowledge nothing, which asyncio cannot see
+        acknowledged_within_ms = round(1000 * ACKNOWLEDGED_WITHIN_S)
+        listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, acknowledged_within_ms)
+        listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, UNSENT_BYTES)
         listener.bind((address, port))
         listener.listen(128)  # links that are printed work at once
     except OSError:

@@ -23,19 +23,19 @@ class ViewerLeftError(Exception):
 
 @dataclass
 class Allowance:
-    """What may come: a `burst` at once, and `per_second` from then on."""
+    """Events that may come: a `burst` at once, and `per_second` from then on."""
 
     burst: float
     per_second: float
-    _left: float = float("inf")
+    _remaining: float = float("inf")
     _counted_at: float = 0.0
 
-    def allows(self, amount: float = 1.0) -> bool:
-        """Count what came; whether that much was allowed."""
+    def allows_another(self) -> bool:
+        """Count an event; whether it was allowed."""
         now = time.monotonic()
-        left = self._left + (now - self._counted_at) * self.per_second
-        self._left, self._counted_at = min(self.burst, left) - amount, now
-        return self._left >= 0
+        remaining = self._remaining + (now - self._counted_at) * self.per_second
+        self._remaining, self._counted_at = min(self.burst, remaining) - 1, now
+        return self._remaining >= 0
 
 
 @dataclass(eq=False)
@@ -71,7 +71,7 @@ class Viewer:
 
     def count_request(self) -> None:
         """Raise `ViewerLeftError` if requests come faster than a person can make them."""
-        if not self._requests.allows():
+        if not self._requests.allows_another():
             raise ViewerLeftError("too many requests")
 
     async def send(

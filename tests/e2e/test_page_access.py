@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import select
 import socket
 import stat
 import threading
@@ -446,51 +445,13 @@ def test_viewers_are_counted_and_who_controls_takes_the_place_of_one_who_looks(f
 
 
 def test_a_browser_that_takes_nothing_gives_up_its_place(folder: Path, monkeypatch) -> None:
-    monkeypatch.setattr(protocol, "TAKEN_WITHIN_S", 0.5)  # a shorter wait
+    monkeypatch.setattr(page_server, "ACKNOWLEDGED_WITHIN_S", 0.5)  # a shorter wait
     with served(folder) as page, raw_socket(page, page.cookie()):
         hub = page.page.hub
         wait_until(lambda: hub.viewers, "it does not connect")
         for number in range(20):  # more than its kernel and ours hold for it
             hub.become(problem=f"{number}" * 1_000_000)
         wait_until(lambda: not hub.viewers, "it keeps its place", 30.0)
-
-
-PING, PART = b"\x89\x80\0\0\0\0", b"\x00\x80\0\0\0\0"
-
-
-@pytest.mark.parametrize(
-    "flood", [b"\x01\x80\0\0\0\0" + 2000 * PART, 100_000 * PING], ids=["parts without end", "pings"]
-)
-def test_what_is_no_message_is_limited_too(page: Served, flood: bytes) -> None:
-    ends = time.monotonic() + 8.0  # before the server misses the answer to its own ping
-    with raw_socket(page, page.cookie("view")) as raw, suppress(ConnectionError):
-        assert raw.recv(12) == b"HTTP/1.1 101"
-        raw.sendall(flood)
-        while raw.recv(100_000):
-            assert time.monotonic() < ends, "the connection stays"
-
-
-def is_open(raw: socket.socket) -> bool:
-    """Whether the server keeps a connection, once all that it sent is read."""
-    raw.settimeout(0.0)
-    with suppress(ConnectionError):
-        try:
-            while raw.recv(100_000):
-                pass
-        except BlockingIOError:
-            return True
-    return False
-
-
-def test_connections_that_became_websockets_are_counted_too(folder: Path, monkeypatch) -> None:
-    monkeypatch.setattr(protocol, "MOST_CONNECTIONS", 20)
-    with served(folder) as page, ExitStack() as opened:
-        cookie, sockets = page.cookie("view"), []
-        for _ in range(40):  # eight are served; the others do not answer when they are closed
-            sockets.append(opened.enter_context(raw_socket(page, cookie)))
-            with suppress(ConnectionError):
-                sockets[-1].recv(12)
-        assert sum(map(is_open, sockets)) <= 20
 
 
 def lasts(page: Served, *parts: bytes, at_most_s: float = 3.0) -> float:
@@ -513,19 +474,9 @@ def test_late_headers_end_their_connection(folder: Path, monkeypatch: pytest.Mon
         whole, half = b"GET /role HTTP/1.1\r\n" + host + b"\r\n", b"GET / HTTP/1.1\r\nHost: "
         about = host + b"Content-Type: application/json\r\nContent-Length: 9\r\n\r\n"
         assert lasts(page, half, at_most_s=1.0) >= 1.0  # within the time it may be late
-        monkeypatch.setattr(protocol, "HEADERS_WITHIN_S", 0.5)  # a shorter wait
+        monkeypatch.setattr(protocol, "REQUEST_WITHIN_S", 0.5)  # a shorter wait
         for late in ((b"",), (half,), (b"POST /key HTTP/1.1\r\n" + about + b"{",), (whole, half)):
             assert lasts(page, *late) < 2.5
-
-
-def test_connections_are_counted(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(protocol, "MOST_CONNECTIONS", 10)  # a hundred of five addresses take longer
-    with served(folder) as page:
-        idle = [socket.create_connection((HOST, page.port), PATIENCE_S) for _ in range(30)]
-        wait_until(lambda: len(select.select(idle, [], [], 0)[0]) >= 20, "they stay")
-        for one in idle:
-            one.close()
-        assert page.ask("GET", "/").status == 200
 
 
 HALF_OPEN = {
@@ -538,10 +489,7 @@ HALF_OPEN = {
 
 
 @pytest.mark.parametrize("begun", HALF_OPEN.values(), ids=HALF_OPEN)
-@pytest.mark.parametrize("source", [HOST, "127.0.0.2"], ids=["the same address", "another address"])
-def test_half_open_connections_of_one_address_keep_out_nobody(
-    folder: Path, begun: bytes, source: str
-) -> None:
+def test_half_open_connections_keep_out_nobody(folder: Path, begun: bytes) -> None:
     with served(folder) as page, ExitStack() as opened:
         cookie = page.cookie()
         with page.opened(Cookie=cookie) as browser:
@@ -551,7 +499,7 @@ def test_half_open_connections_of_one_address_keep_out_nobody(
                 one.connect((HOST, page.port))
                 with suppress(ConnectionError):
                     one.sendall(begun.replace(b"HOST", page.host.encode()))
-            with socket.create_connection((HOST, page.port), 5.0, source_address=(source, 0)) as newcomer:
+            with socket.create_connection((HOST, page.port), 5.0) as newcomer:
                 newcomer.sendall(f"GET /role HTTP/1.1\r\nHost: {page.host}\r\n\r\n".encode())
                 assert newcomer.recv(100).startswith(b"HTTP/1.1 200")
             assert browser.request(do="value", x=1, y=1)["ok"]  # who was there already, stays
