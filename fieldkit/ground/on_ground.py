@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.config.ground import Ground
 from fieldkit.config.pose import CameraPose, Pose
