@@ -1,7 +1,5 @@
 """For all tests: time for what hypothesis tries, and one recording that many of them read."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from collections.abc import Callable, Generator

@@ -33,7 +33,7 @@ def fieldkit(*arguments: object) -> tuple[int, str]:
 
 
 @pytest.fixture(scope="module")
-def simulated(tmp_path_factory) -> Path:
+def simulated(tmp_path_factory):
     """A campaign on simulated devices."""
     folder = tmp_path_factory.mktemp("simulated")
     assert fieldkit("init", folder, "--simulated")[0] == 0
@@ -41,7 +41,7 @@ def simulated(tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def session(simulated) -> Path:
+def session(simulated):
     """Two recorded minutes."""
     code, said = fieldkit("record", "-C", simulated, "--for", "2m", "--set", "simulation.speed=max")
     assert code == 0, said

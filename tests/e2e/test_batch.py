@@ -1,7 +1,5 @@
 """Sweeps by real worker processes, here and on a Dask cluster on loopback, killed while they work."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal
@@ -34,7 +32,7 @@ def run(*arguments: object, cache: Path) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.fixture(scope="module")
-def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def recordings(tmp_path_factory):
     return copy_of_both(tmp_path_factory, tmp_path_factory.mktemp("dask")) / "recordings"
 
 
@@ -108,7 +106,7 @@ def finished(sweep: subprocess.Popen[str]) -> str:
 
 
 @pytest.fixture(scope="module")
-def undisturbed(recordings: Path, tmp_path_factory: pytest.TempPathFactory) -> bytes:
+def undisturbed(recordings, tmp_path_factory):
     """The table of the same sweep by one process."""
     folder = tmp_path_factory.mktemp("undisturbed")
     done = run("sweep", recordings, *GRID, "-j", 1, "-o", folder / "local", cache=folder)
@@ -148,7 +146,7 @@ def test_processes_killed_again_and_again_are_told_and_what_was_done_is_kept(
 
 
 @pytest.fixture
-def cluster(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen[str]]]]:
+def cluster(tmp_path):
     """The scheduler's address and two worker processes, on loopback."""
     quiet = ("--no-dashboard", "--host", "127.0.0.1")
     with ExitStack() as stack:

@@ -75,7 +75,7 @@ def same(found: Estimates, live: Estimates) -> None:
 
 
 @pytest.fixture(scope="module")
-def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def campaign(tmp_path_factory):
     folder = tmp_path_factory.mktemp("changed") / "sand"
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CONFIG_HOME", str(folder.parent / "home"))
@@ -107,7 +107,7 @@ Drawn = tuple[Region, ...]
 
 
 @pytest.fixture(scope="module")
-def drawn(campaign: Path) -> dict[str, Drawn]:
+def drawn(campaign):
     """Lists of regions: as at first, with b05 halved, without b15, with a region that overlaps another."""
     first = config_of(campaign).regions
     upper, lower = halves(next(one for one in first if one.name == "b05"))
@@ -132,7 +132,7 @@ def plan(drawn: dict[str, Drawn]) -> dict[int, list[Request]]:
 
 
 @pytest.fixture(scope="module")
-def recorded(campaign: Path, drawn: dict[str, Drawn]) -> Operator:
+def recorded(campaign, drawn):
     path = campaign / "recordings" / "changed.h5"
     return record(config_of(campaign), path, Operator(path, plan(drawn)), 900.0)
 
@@ -145,9 +145,7 @@ def events_of(operator: Operator) -> dict[str, Event]:
     return answers
 
 
-def test_stored_replayed_and_estimated_again_the_slopes_are_those_of_the_recording(
-    recorded: Operator,
-) -> None:
+def test_stored_replayed_and_estimated_again_the_slopes_are_those_of_the_recording(recorded):
     live = recorded.estimates
     assert {name for _, name in live} == {"b05", "b15", "b25", "upper"}
     with open_session(recorded.session) as session:
@@ -166,7 +164,7 @@ def minutes_with(operator: Operator, region: str) -> list[int]:
     return [number for number, one in enumerate(operator.minutes) if region in one.temperature_k]
 
 
-def test_a_region_holds_from_the_next_full_minute_until_it_is_removed(recorded: Operator) -> None:
+def test_a_region_holds_from_the_next_full_minute_until_it_is_removed(recorded):
     count = len(recorded.minutes)
     assert minutes_with(recorded, "upper") == list(range(7, count))
     assert minutes_with(recorded, "b15") == list(range(12))
@@ -175,13 +173,13 @@ def test_a_region_holds_from_the_next_full_minute_until_it_is_removed(recorded: 
     assert pixels[0] == pixels[6] > pixels[7] == pixels[-1]
 
 
-def test_a_redrawn_target_begins_anew_and_the_others_go_on(recorded: Operator) -> None:
+def test_a_redrawn_target_begins_anew_and_the_others_go_on(recorded):
     after = {one.region: one for one in recorded.minutes[8].estimates}
     assert "redrawn: begun anew" in after["b05"].reason
     assert after["b25"].n_bins == 9
 
 
-def test_every_request_is_answered_by_an_event_with_its_id(recorded: Operator) -> None:
+def test_every_request_is_answered_by_an_event_with_its_id(recorded):
     answers = [events_of(recorded)[one] for one in recorded.ids]
     texts = [event.text for event in answers]
     assert texts[0].startswith("regions changed: b05 changed, upper added; from 12:07")
@@ -193,14 +191,14 @@ def test_every_request_is_answered_by_an_event_with_its_id(recorded: Operator) -
     assert answers[7].data["acknowledge"] == "frozen-camera"
 
 
-def test_a_region_that_shares_pixels_is_refused_and_nothing_changes(recorded: Operator) -> None:
+def test_a_region_that_shares_pixels_is_refused_and_nothing_changes(recorded):
     refusal = events_of(recorded)[recorded.ids[6]]
     assert (refusal.kind, refusal.severity) == (EventKind.REGION, Severity.WARNING)
     assert refusal.text.startswith("regions not changed: bad: shares ")
     assert "bad" not in {record.region.name for record in recorded.records}
 
 
-def test_tables_maps_and_reports_hold_each_region_where_it_held(recorded: Operator) -> None:
+def test_tables_maps_and_reports_hold_each_region_where_it_held(recorded):
     with fieldkit.open_session(recorded.session) as session:
         series = session.region_series()
         minute = (series.time_ns // 60_000_000_000) - (session.start_ns // 60_000_000_000)
@@ -214,9 +212,7 @@ def test_tables_maps_and_reports_hold_each_region_where_it_held(recorded: Operat
         assert session.report().path.stat().st_size > 0
 
 
-def test_regions_drawn_afterwards_hold_for_all_of_a_session(
-    recorded: Operator, drawn: dict[str, Drawn]
-) -> None:
+def test_regions_drawn_afterwards_hold_for_all_of_a_session(recorded, drawn):
     before = recorded.session.read_bytes()
     found = fieldkit.estimate(recorded.session, regions=drawn["first"])
     as_drawn = {one.name for one in drawn["first"] if one.kind is RegionKind.TARGET}
@@ -237,9 +233,7 @@ def interrupted(config: Config, path: Path, plan: dict[int, list[Request]]) -> O
 
 
 @pytest.mark.parametrize("lost", [pytest.param("nothing", marks=pytest.mark.slow), "file"])
-def test_after_recovery_the_slopes_are_those_of_the_recording(
-    campaign: Path, drawn: dict[str, Drawn], lost: str
-) -> None:
+def test_after_recovery_the_slopes_are_those_of_the_recording(campaign, drawn, lost):
     path = campaign / "recordings" / f"interrupted-{lost}.h5"
     operator = interrupted(config_of(campaign), path, plan(drawn))
     if lost == "file":
@@ -251,7 +245,7 @@ def test_after_recovery_the_slopes_are_those_of_the_recording(
     same(by_minute(iter(fieldkit.estimate(path))), operator.estimates)
 
 
-def test_the_learned_model_goes_on_with_the_other_targets(campaign: Path, drawn: dict[str, Drawn]) -> None:
+def test_the_learned_model_goes_on_with_the_other_targets(campaign, drawn):
     path = campaign / "recordings" / "learned.h5"
     operator = record(config_of(campaign, "learned"), path, Operator(path, plan(drawn)), 900.0)
     same(by_minute(iter(fieldkit.estimate(path))), operator.estimates)
@@ -259,7 +253,7 @@ def test_the_learned_model_goes_on_with_the_other_targets(campaign: Path, drawn:
     assert last == {"b05": 7, "b25": 14, "upper": 7}
 
 
-def test_a_reference_that_is_redrawn_makes_all_learn_anew(campaign: Path, drawn: dict[str, Drawn]) -> None:
+def test_a_reference_that_is_redrawn_makes_all_learn_anew(campaign, drawn):
     _, lower = halves(drawn["first"][0])
     assert lower.kind is RegionKind.REFERENCE
     path = campaign / "recordings" / "reference.h5"
@@ -270,7 +264,7 @@ def test_a_reference_that_is_redrawn_makes_all_learn_anew(campaign: Path, drawn:
     assert all(one.reason.startswith(reason) for one in operator.minutes[6].estimates)
 
 
-def test_a_slope_measured_afterwards_changes_no_estimate(campaign: Path, drawn: dict[str, Drawn]) -> None:
+def test_a_slope_measured_afterwards_changes_no_estimate(campaign, drawn):
     measured = tuple(replace(one, tilt_deg=14.2) if one.name == "b15" else one for one in drawn["first"])
     path = campaign / "recordings" / "measured.h5"
     operator = record(config_of(campaign), path, Operator(path, {250: [NewRegions(measured)]}), 480.0)
@@ -279,9 +273,7 @@ def test_a_slope_measured_afterwards_changes_no_estimate(campaign: Path, drawn: 
         assert {region.name: region.tilt_deg for region in session.regions}["b15"] == 14.2
 
 
-def test_a_session_of_version_1_2_keeps_its_regions_all_the_time(
-    campaign: Path, drawn: dict[str, Drawn]
-) -> None:
+def test_a_session_of_version_1_2_keeps_its_regions_all_the_time(campaign, drawn):
     path = campaign / "recordings" / "older.h5"
     operator = record(config_of(campaign), path, Operator(path, {}), 300.0)
     as_version_1_2(path)

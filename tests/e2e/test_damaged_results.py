@@ -1,7 +1,5 @@
 """What a damaged sample holds reaches no result: damaged this way or that, every command says the same."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from collections.abc import Callable, Iterator
@@ -33,7 +31,7 @@ def _without_hashes(text: str) -> str:
 
 
 @pytest.fixture(scope="module")
-def session(recorded: Callable[[Path], Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+def session(recorded, tmp_path_factory):
     return recorded(tmp_path_factory.mktemp("campaign"))
 
 
@@ -62,9 +60,7 @@ def _stamps(path: Path, bit: int) -> None:
     ("damage", "stream"),
     [(_pictures, "camera"), (_light, "lux"), pytest.param(_stamps, "lux", marks=pytest.mark.slow)],
 )
-def test_no_result_depends_on_how_a_sample_is_damaged(
-    session: Path, tmp_path: Path, damage: Damage, stream: str
-) -> None:
+def test_no_result_depends_on_how_a_sample_is_damaged(session, tmp_path, damage, stream):
     said = []
     for bit in (0, 5):
         path = session.with_name("damaged.h5")  # of the same campaign, and named the same both times

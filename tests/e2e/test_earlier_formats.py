@@ -4,8 +4,6 @@ Eight minutes of the simulated field with the paper's model, recorded when the f
 slopes expected are those that the recorder of that time stored in them.
 """
 
-from __future__ import annotations
-
 import gzip
 import shutil
 from pathlib import Path
@@ -19,14 +17,14 @@ KEPT = Path(__file__).parents[1] / "data/sessions"
 
 
 @pytest.fixture(params=["1.0", "1.1", "1.2", "1.3", "1.4"])
-def earlier(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+def earlier(request, tmp_path):
     path = tmp_path / f"format-{request.param}.h5"
     with gzip.open(KEPT / f"{path.name}.gz") as kept, path.open("wb") as unpacked:
         shutil.copyfileobj(kept, unpacked)
     return path
 
 
-def test_it_opens_with_everything_that_was_recorded(earlier: Path) -> None:
+def test_it_opens_with_everything_that_was_recorded(earlier):
     with open_session(earlier) as session:
         counts = {name: session.count(name) for name in session.streams}
         assert "format-{}.{}".format(*session.format_version) == earlier.stem
@@ -34,13 +32,13 @@ def test_it_opens_with_everything_that_was_recorded(earlier: Path) -> None:
     assert counts == {"camera": 24, "lux": 480, "thermometer": 481}
 
 
-def test_it_checks_clean(earlier: Path) -> None:
+def test_it_checks_clean(earlier):
     found = fieldkit.check(earlier)
     assert {finding.level for finding in found.findings} == {"ok"}
     assert "27 slopes come out the same" in " ".join(finding.text for finding in found.findings)
 
 
-def test_it_is_estimated_as_it_was_while_recording(earlier: Path) -> None:
+def test_it_is_estimated_as_it_was_while_recording(earlier):
     with open_session(earlier) as session:
         stored = session.estimates()
     again = list(fieldkit.open_session(earlier).estimate())
@@ -56,7 +54,7 @@ def test_it_is_estimated_as_it_was_while_recording(earlier: Path) -> None:
         assert numbers[0] == pytest.approx(numbers[1], abs=1e-7, nan_ok=True)
 
 
-def test_it_is_reported(earlier: Path) -> None:
+def test_it_is_reported(earlier):
     page = fieldkit.report(earlier).path.read_text(encoding="utf-8")
     assert "b25" in page
     assert "<svg" in page

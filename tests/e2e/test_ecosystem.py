@@ -3,13 +3,10 @@
 Each engine bundles its own HDF5 library, so each runs in a process of its own.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import h5py
 import pytest
@@ -45,7 +42,7 @@ print(json.dumps(result))
 
 
 @pytest.fixture(scope="module")
-def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def session(tmp_path_factory):
     path = tmp_path_factory.mktemp("ecosystem") / "field.h5"
     clock = CountedClock()
     writer = SessionWriter(path, header(), clock)
@@ -57,7 +54,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("engine", ["h5netcdf", "netcdf4"])
-def test_xarray_reads_kelvin_and_times(session: Path, engine: str) -> None:
+def test_xarray_reads_kelvin_and_times(session, engine):
     done = subprocess.run(
         [sys.executable, "-c", OPEN, str(session), engine], capture_output=True, text=True, check=False
     )
@@ -83,7 +80,7 @@ def test_xarray_reads_kelvin_and_times(session: Path, engine: str) -> None:
         (["h5dump", "-p", "-H", "-d", "/camera/counts"], ["PREPROCESSING SHUFFLE", "DEFLATE { LEVEL 1 }"]),
     ],
 )
-def test_command_line_tools_read_it(session: Path, command: list[str], expected: list[str]) -> None:
+def test_command_line_tools_read_it(session, command, expected):
     if shutil.which(command[0]) is None:
         pytest.skip(f"{command[0]} is not installed (packages hdf5-tools, netcdf-bin)")
     done = subprocess.run([*command, str(session)], capture_output=True, text=True, check=False)
@@ -92,7 +89,7 @@ def test_command_line_tools_read_it(session: Path, command: list[str], expected:
         assert words in done.stdout
 
 
-def test_file_is_of_the_old_kind_that_everything_reads(session: Path) -> None:
+def test_file_is_of_the_old_kind_that_everything_reads(session):
     assert session.read_bytes()[8] == 3  # superblock version of HDF5 1.10
     allowed = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE}
 
@@ -110,7 +107,7 @@ def test_file_is_of_the_old_kind_that_everything_reads(session: Path) -> None:
         assert file.attrs["Conventions"] == b"CF-1.11"
 
 
-def test_every_number_has_a_unit_and_every_flag_a_meaning(session: Path) -> None:
+def test_every_number_has_a_unit_and_every_flag_a_meaning(session):
     def look(name: str, node: h5py.Group | h5py.Dataset) -> None:
         if not isinstance(node, h5py.Dataset) or node.dtype.kind not in "uif":
             return

@@ -1,14 +1,10 @@
 """The calibrator's journey on simulated devices: an emissivity day, its record, a day of slopes with it."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import shutil
 import tomllib
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -41,7 +37,7 @@ STEEP = {
 
 
 @pytest.fixture(scope="module")
-def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def campaign(tmp_path_factory):
     """A campaign with an emissivity day recorded by the wizard, and its record."""
     folder = tmp_path_factory.mktemp("sand")
     # slopes do not count: by the quickest model
@@ -58,17 +54,17 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def emissivity_day(campaign: Path) -> Path:
+def emissivity_day(campaign):
     return next(campaign.glob("recordings/*dry-sand.h5"))
 
 
 @pytest.fixture(scope="module")
-def record(campaign: Path) -> dict[str, Any]:
+def record(campaign):
     return tomllib.loads(next(campaign.glob("calibration/*dry-sand.toml")).read_text(encoding="utf-8"))
 
 
 @pytest.fixture(scope="module")
-def beds(campaign: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def beds(campaign, tmp_path_factory):
     """Another campaign of three beds, which uses the record; one hour recorded."""
     folder = tmp_path_factory.mktemp("beds")
     shutil.copytree(campaign / "calibration", folder / "calibration")
@@ -78,13 +74,11 @@ def beds(campaign: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def three_beds(beds: Path) -> Path:
+def three_beds(beds):
     return next(beds.glob("recordings/*three-beds.h5"))
 
 
-def test_the_wizard_watches_steadiness_and_the_truth_lies_inside_what_it_states(
-    campaign: Path, record: dict[str, Any]
-) -> None:
+def test_the_wizard_watches_steadiness_and_the_truth_lies_inside_what_it_states(campaign, record):
     said = (campaign / "said.txt").read_text()
     assert "K/min steady" in said
     assert "K/min wait" in said
@@ -96,15 +90,13 @@ def test_the_wizard_watches_steadiness_and_the_truth_lies_inside_what_it_states(
     assert record["details"]["reflected_by"] == "foil, ISO 18434-1"
 
 
-def test_a_shutter_correction_runs_before_each_burst(emissivity_day: Path) -> None:
+def test_a_shutter_correction_runs_before_each_burst(emissivity_day):
     with open_session(emissivity_day) as session:
         assert session.count("camera") == pytest.approx(2 * 135, abs=4)
         assert session.state == "sealed"
 
 
-def test_the_script_on_the_recording_says_the_same_and_names_its_session(
-    emissivity_day: Path, record: dict[str, Any], tmp_path: Path
-) -> None:
+def test_the_script_on_the_recording_says_the_same_and_names_its_session(emissivity_day, record, tmp_path):
     copy = tmp_path / emissivity_day.name
     copy.write_bytes(emissivity_day.read_bytes())
     again = json.loads(fieldkit("calibrate", "emissivity", copy, "--sample", "dry-sand", "--json").stdout)
@@ -114,9 +106,7 @@ def test_the_script_on_the_recording_says_the_same_and_names_its_session(
     assert (tmp_path / "calibration" / Path(again["record"]).name).exists()
 
 
-def test_larger_uncertainties_given_are_kept_and_enter_the_result(
-    emissivity_day: Path, record: dict[str, Any], tmp_path: Path
-) -> None:
+def test_larger_uncertainties_given_are_kept_and_enter_the_result(emissivity_day, record, tmp_path):
     copy = shutil.copy(emissivity_day, tmp_path)
     given = {"camera_sd": 0.6, "thermometer_sd": 0.6, "foil_sd": 0.05, "camera_reflected": 15.0, "unit": "C"}
     words = [word for key, value in given.items() for word in (f"--{key.replace('_', '-')}", value)]
@@ -128,13 +118,13 @@ def test_larger_uncertainties_given_are_kept_and_enter_the_result(
     assert found["standard_uncertainty"] > 1.2 * record["standard_uncertainty"]
 
 
-def test_no_emissivity_depends_on_how_a_reading_is_damaged(emissivity_day: Path, tmp_path: Path) -> None:
+def test_no_emissivity_depends_on_how_a_reading_is_damaged(emissivity_day, tmp_path):
     command = ("emissivity", "--sample", "dry-sand")
     halved, doubled = found_with_damage(emissivity_day, tmp_path, "thermometer/value", *command)
     assert halved == doubled
 
 
-def test_slopes_are_better_with_the_record_than_without(three_beds: Path) -> None:
+def test_slopes_are_better_with_the_record_than_without(three_beds):
     """Full model, azimuth known, 75 minutes: the record 0.3°, the paper's 0.90 1.1°."""
     with_record = mean_error_deg(three_beds)
     without = mean_error_deg(three_beds, "surface.emissivity=0.90")
@@ -142,9 +132,7 @@ def test_slopes_are_better_with_the_record_than_without(three_beds: Path) -> Non
     assert with_record < 0.6
 
 
-def test_the_session_keeps_the_record_and_can_be_read_under_another(
-    beds: Path, three_beds: Path, record: dict[str, Any]
-) -> None:
+def test_the_session_keeps_the_record_and_can_be_read_under_another(beds, three_beds, record):
     with open_session(three_beds) as session:
         config = config_for(session)
     assert config.surface_parameters().emissivity == record["value"]
@@ -166,9 +154,7 @@ def test_the_session_keeps_the_record_and_can_be_read_under_another(
     ],
     ids=["old", "other range", "other camera"],
 )
-def test_a_record_older_than_a_year_or_of_another_camera_is_warned_of(
-    beds: Path, tmp_path: Path, changes: dict[str, str], said: str
-) -> None:
+def test_a_record_older_than_a_year_or_of_another_camera_is_warned_of(beds, tmp_path, changes, said):
     assert "warning: surface.emissivity" not in (beds / "said.txt").read_text()
     (tmp_path / "calibration").mkdir()
     for file in beds.glob("calibration/*.toml"):
@@ -216,12 +202,8 @@ def twice_corrected(sample: Sample) -> Sample:
     ids=["fahrenheit", "clock", "twice", "bed", "contrast", "span"],
 )
 def test_what_would_give_a_wrong_emissivity_is_refused_and_nothing_is_saved(
-    emissivity_day: Path,
-    tmp_path: Path,
-    change: Callable[[Sample], Sample] | None,
-    options: tuple[str, ...],
-    said: str,
-) -> None:
+    emissivity_day, tmp_path, change, options, said
+):
     import re
 
     session = tmp_path / "day.h5"
@@ -244,9 +226,7 @@ def test_what_would_give_a_wrong_emissivity_is_refused_and_nothing_is_saved(
     ],
     ids=["band", "air", "given sky"],
 )
-def test_other_ways_to_the_same_emissivity(
-    emissivity_day: Path, tmp_path: Path, options: tuple[str, ...]
-) -> None:
+def test_other_ways_to_the_same_emissivity(emissivity_day, tmp_path, options):
     session = tmp_path / "day.h5"
     session.write_bytes(emissivity_day.read_bytes())
     found = json.loads(
@@ -267,8 +247,6 @@ def test_other_ways_to_the_same_emissivity(
         (("--region", "steep", "--tape", "steep", "--reflected", "-46"), "steep cannot be two of"),
     ],
 )
-def test_what_is_not_there_is_told_with_what_is(
-    emissivity_day: Path, options: tuple[str, ...], said: str
-) -> None:
+def test_what_is_not_there_is_told_with_what_is(emissivity_day, options, said):
     refused = fieldkit("calibrate", "emissivity", emissivity_day, "--sample", "x", *options, code=3)
     assert said in refused.output

@@ -1,14 +1,11 @@
 """A write that fails, at any moment, costs at most the record it was for."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -65,19 +62,19 @@ def total(folder: Path) -> int:
 
 
 @pytest.fixture(scope="module")
-def changes(tmp_path_factory: pytest.TempPathFactory) -> int:
+def changes(tmp_path_factory):
     return total(tmp_path_factory.mktemp("undisturbed"))
 
 
 @pytest.mark.parametrize(("error", "how"), WAYS[1:4])  # and all five at every write, below
-def test_failure_at_some_writes(tmp_path: Path, changes: int, error: int, how: int) -> None:
+def test_failure_at_some_writes(tmp_path, changes, error, how):
     chosen = [1 + changes * n // 3 for n in range(3)]
     for outcome in outcomes(tmp_path, error, how, chosen):
         check_kept(tmp_path, outcome)
 
 
 @pytest.fixture
-def quick_disk(tmp_path: Path) -> Iterator[Path]:
+def quick_disk(tmp_path):
     """A folder in memory where there is one: thousands of recordings need no real syncs to fail."""
     memory = Path("/dev/shm")
     if not os.access(memory, os.W_OK):
@@ -89,7 +86,7 @@ def quick_disk(tmp_path: Path) -> Iterator[Path]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("error", "how"), WAYS)
-def test_failure_at_every_write(quick_disk: Path, error: int, how: int) -> None:
+def test_failure_at_every_write(quick_disk, error, how):
     def fail_at(start: int) -> None:
         folder = quick_disk / str(start)
         folder.mkdir()
@@ -123,7 +120,7 @@ def finished(writer: SessionWriter, place: Path, elsewhere: Path) -> Path:
     return place / "field.h5"
 
 
-def test_full_small_disk_keeps_everything_that_was_stored(tmp_path: Path) -> None:
+def test_full_small_disk_keeps_everything_that_was_stored(tmp_path):
     head = header((120, 160))
     with disk.small_disk(tmp_path, "12m") as place:
         writer = SessionWriter(place / "field.h5", head, CountedClock())

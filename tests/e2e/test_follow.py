@@ -1,7 +1,5 @@
 """Followers report what is added to a session while it is recorded, however slow the computer."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys
@@ -23,7 +21,7 @@ FOLLOW = "from fieldkit.cli.show import command; import sys; command.main(sys.ar
 ENOUGH_FRAMES = 100_000  # more than are recorded before it is asked to close
 
 
-def test_follower_sees_samples_arrive_until_the_end(tmp_path: Path) -> None:
+def test_follower_sees_samples_arrive_until_the_end(tmp_path):
     path, counters = tmp_path / "field.h5", tmp_path / "counters"
     recorder = started(record_until_killed, path, counters, ENOUGH_FRAMES, 100.0, counters=counters, stage=1)
     words = [sys.executable, "-c", FOLLOW, str(path), "--follow", "--json"]
@@ -44,7 +42,7 @@ def test_follower_sees_samples_arrive_until_the_end(tmp_path: Path) -> None:
     assert "the recording has ended" in errors
 
 
-def test_map_follows_a_recording_and_leaves_it_alone(tmp_path: Path) -> None:
+def test_map_follows_a_recording_and_leaves_it_alone(tmp_path):
     create_campaign(tmp_path, SIMULATED)
     words = [*PROGRAM, *RECORD, "-C", tmp_path]
     maps: list[int] = []

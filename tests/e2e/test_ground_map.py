@@ -1,11 +1,8 @@
 """Synthetic terrain, recorded and mapped on the ground: the files in other programs, and the numbers."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,7 +14,7 @@ from benchmarks import ground_map
 
 
 @pytest.fixture(scope="module")
-def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def campaign(tmp_path_factory):
     """A campaign with 20 minutes before a DEM of 100 x 100 cells, mapped."""
     folder = tmp_path_factory.mktemp("ground") / "terrain"
     ground_map.recorded(folder, "20m", ground_map.dem(100, 0.6)).close()
@@ -25,12 +22,12 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_the_crater_lies_where_it_is(campaign: Path) -> None:
+def test_the_crater_lies_where_it_is(campaign):
     found = ground_map.GroundMap.read(campaign / "ground.tif", 0.0)
     assert found.places_off_m() <= 0.5 * found.cell_m
 
 
-def test_rasterio_and_gdal_see_the_reference_system_with_north_up(campaign: Path) -> None:
+def test_rasterio_and_gdal_see_the_reference_system_with_north_up(campaign):
     with rasterio.open(campaign / "ground.tif") as file:
         assert file.crs.to_epsg() == 32613
         assert file.transform.a == -file.transform.e > 0.0
@@ -49,7 +46,7 @@ def test_rasterio_and_gdal_see_the_reference_system_with_north_up(campaign: Path
     assert document["bands"][0]["description"] == "slope"
 
 
-def test_a_strict_reader_of_ros_2_finds_the_same_slopes(campaign: Path) -> None:
+def test_a_strict_reader_of_ros_2_finds_the_same_slopes(campaign):
     """With ROS's own definitions of all types that it has."""
     store = rosbags_types.get_typestore(rosbags_types.Stores.ROS2_JAZZY)
     with (campaign / "ground.mcap").open("rb") as file:
@@ -64,7 +61,7 @@ def test_a_strict_reader_of_ros_2_finds_the_same_slopes(campaign: Path) -> None:
 
 
 @pytest.mark.slow
-def test_slopes_and_heights_of_an_afternoon(tmp_path: Path) -> None:
+def test_slopes_and_heights_of_an_afternoon(tmp_path):
     """Three hours: the bounds hold the tilts; half a cell, a twentieth of the relief.
 
     The goal where a degree is worth 0.2 K is 1.0 degree; pixels as unlike as beds may be reach 1.9.

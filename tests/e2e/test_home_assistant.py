@@ -4,16 +4,12 @@ Topics, keys, device classes and units: Home Assistant's documentation of "MQTT 
 "MQTT binary sensor" and "Sensor: device class" (home-assistant.io).
 """
 
-from __future__ import annotations
-
 import json
 import re
 import shutil
 import socket
 import subprocess
 import time
-from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -31,7 +27,7 @@ FAULT = 'simulation.faults=["moved"]'
 
 
 @pytest.fixture
-def broker(tmp_path: Path) -> Iterator[int]:
+def broker(tmp_path):
     """The port of a broker that lets anybody in."""
     program = shutil.which("mosquitto", path="/usr/sbin:/usr/local/sbin:/usr/bin")
     if program is None:
@@ -66,7 +62,7 @@ def retained(port: int) -> dict[str, str]:
     return found
 
 
-def test_a_recording_is_found_with_its_meters_regions_and_alarms(broker: int, tmp_path: Path) -> None:
+def test_a_recording_is_found_with_its_meters_regions_and_alarms(broker, tmp_path):
     create_campaign(tmp_path / "field", SIMULATED)
     given = (f"alarms.mqtt=mqtt://127.0.0.1:{broker}/my field", "alarms.home_assistant=true")
     settings = [
@@ -106,7 +102,7 @@ def is_found_and_understood(topic: str, config: dict[str, Any], found: dict[str,
         assert found[config["state_topic"]] == "None" or float(found[config["state_topic"]])
 
 
-def test_without_a_broker_the_recording_does_not_begin(tmp_path: Path) -> None:
+def test_without_a_broker_the_recording_does_not_begin(tmp_path):
     create_campaign(tmp_path / "field", SIMULATED)
     config = load_config(tmp_path / "field" / FILE_NAME, settings=["alarms.home_assistant=true"])
     with (

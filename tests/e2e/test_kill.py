@@ -1,7 +1,5 @@
 """A recording process killed at any moment loses nothing that it had stored."""
 
-from __future__ import annotations
-
 import random
 import subprocess
 import sys
@@ -66,7 +64,7 @@ def killed_recording(tmp_path: Path, delay_s: float, *, frames: int = 10_000, st
 
 
 @pytest.mark.parametrize("trial", trials(FEW, MANY))
-def test_killed_recording_is_recovered_to_the_last_stored_sample(tmp_path: Path, trial: int) -> None:
+def test_killed_recording_is_recovered_to_the_last_stored_sample(tmp_path, trial):
     path = killed_recording(tmp_path, random.Random(trial).uniform(0.02, 1.2))
     stored = stored_counts(tmp_path / "counters")
     # Without recovery: what another program sees, and what is missing from it.
@@ -86,9 +84,7 @@ def test_killed_recording_is_recovered_to_the_last_stored_sample(tmp_path: Path,
 
 
 @pytest.mark.parametrize("trial", trials(range(2), range(2, 60)))
-def test_recording_killed_while_it_begins_can_be_finished_or_leaves_nothing(
-    tmp_path: Path, trial: int
-) -> None:
+def test_recording_killed_while_it_begins_can_be_finished_or_leaves_nothing(tmp_path, trial):
     path = killed_recording(tmp_path, random.Random(trial).uniform(0.0, 0.25), stage=0)
     if path.exists() or path.with_name("field.h5.journal").exists():
         assert recover(path).lost_samples == 0
@@ -99,7 +95,7 @@ def test_recording_killed_while_it_begins_can_be_finished_or_leaves_nothing(
 
 
 @pytest.mark.parametrize("trial", trials(range(2), range(2, 50)))
-def test_recovery_killed_at_any_moment_can_be_run_again(tmp_path: Path, trial: int) -> None:
+def test_recovery_killed_at_any_moment_can_be_run_again(tmp_path, trial):
     path = killed_recording(tmp_path, 0.3)
     stored = stored_counts(tmp_path / "counters")
     again = tmp_path / "again"
@@ -115,7 +111,7 @@ def test_recovery_killed_at_any_moment_can_be_run_again(tmp_path: Path, trial: i
 
 
 @pytest.mark.parametrize("trial", trials(range(2), range(2, 50)))
-def test_closing_killed_at_any_moment_can_be_finished(tmp_path: Path, trial: int) -> None:
+def test_closing_killed_at_any_moment_can_be_finished(tmp_path, trial):
     path = killed_recording(tmp_path, random.Random(trial).uniform(0.0, 0.12), frames=40, stage=2)
     report = recover(path)
     assert report.lost_samples == 0
@@ -123,9 +119,7 @@ def test_closing_killed_at_any_moment_can_be_finished(tmp_path: Path, trial: int
 
 
 @pytest.mark.parametrize("trial", trials(range(2), range(2, 60)))
-def test_correcting_the_times_killed_at_any_moment_leaves_the_session_sealed(
-    tmp_path: Path, trial: int
-) -> None:
+def test_correcting_the_times_killed_at_any_moment_leaves_the_session_sealed(tmp_path, trial):
     path, counters = tmp_path / "field.h5", tmp_path / "counters"
     clock = CountedClock()
     writer = SessionWriter(path, header((24, 32)), clock)
@@ -157,9 +151,7 @@ raise KeyboardInterrupt
 
 
 @pytest.mark.parametrize("trial", trials(range(2), range(2, 60)))
-def test_process_that_ends_without_closing_ends_and_leaves_the_session_to_recovery(
-    tmp_path: Path, trial: int
-) -> None:
+def test_process_that_ends_without_closing_ends_and_leaves_the_session_to_recovery(tmp_path, trial):
     path, delay_s = tmp_path / "field.h5", random.Random(trial).uniform(0.05, 0.3)
     command = [sys.executable, "-c", UNCLOSED, str(path), str(delay_s)]
     done = subprocess.run(command, cwd=PROJECT, timeout=500, capture_output=True, check=False)

@@ -1,7 +1,5 @@
 """A recording is killed; its slopes, estimated again from what was recovered, are those it had stored."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path
@@ -40,7 +38,7 @@ def stored_estimates(journal: Path) -> list[SlopeEstimate]:
 
 
 @pytest.fixture(scope="module")
-def killed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[SlopeEstimate]]:
+def killed(tmp_path_factory):
     """A session killed after some minutes and recovered, and the slopes it had stored before."""
     folder = tmp_path_factory.mktemp("killed") / "field"
     create_campaign(folder, SIMULATED)
@@ -73,9 +71,7 @@ def assert_equal(ones: list[SlopeEstimate], others: list[SlopeEstimate]) -> None
         np.testing.assert_allclose([getattr(one, name) for one in ones], expected, rtol=0, atol=1e-9)
 
 
-def test_recovered_session_has_the_slopes_that_were_stored(
-    killed: tuple[Path, list[SlopeEstimate]],
-) -> None:
+def test_recovered_session_has_the_slopes_that_were_stored(killed):
     path, before = killed
     assert not journal_path(path).exists()
     with open_session(path) as session:
@@ -83,7 +79,7 @@ def test_recovered_session_has_the_slopes_that_were_stored(
         assert_equal(session.estimates(), before)
 
 
-def test_slopes_estimated_again_are_those_that_were_stored(killed: tuple[Path, list[SlopeEstimate]]) -> None:
+def test_slopes_estimated_again_are_those_that_were_stored(killed):
     path, before = killed
     with open_session(path) as session:
         minutes = list(minutes_of(session, estimator_for(session, config_for(session))))

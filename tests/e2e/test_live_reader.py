@@ -1,7 +1,5 @@
 """A second process reads along for a whole session: nothing wrong, nothing shrinking, never an exception."""
 
-from __future__ import annotations
-
 import json
 import multiprocessing
 import time
@@ -55,7 +53,7 @@ def read_along(path: Path, counters: Path, result: Path) -> None:
     result.write_text(json.dumps({"seen": seen, "looks": looks, "median_s": middle, "worst_s": worst}))
 
 
-def test_reader_in_another_process_follows_a_recording(tmp_path: Path) -> None:
+def test_reader_in_another_process_follows_a_recording(tmp_path):
     path, counters, result = tmp_path / "field.h5", tmp_path / "counters", tmp_path / "result"
     recorder = started(record_until_killed, path, counters, 200 * FRAMES, RATE_HZ, counters=counters, stage=1)
     reader = multiprocessing.get_context("spawn").Process(target=read_along, args=(path, counters, result))

@@ -5,8 +5,6 @@ The longer notebooks run in `make test-slow`: their cells are type-checked by `m
 is tried by the tests of each command.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import sys
@@ -25,7 +23,7 @@ Printed = Callable[[str], str]
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path):
     """Where the notebook runs."""
     made = tmp_path / "work"
     made.mkdir()
@@ -33,7 +31,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def printed_by(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Printed:
+def printed_by(folder, tmp_path, monkeypatch):
     """What a notebook prints, all cells together."""
     monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
     for name in ("XDG_CACHE_HOME", "XDG_CONFIG_HOME", "IPYTHONDIR", "JUPYTER_RUNTIME_DIR"):
@@ -57,7 +55,7 @@ def numbers(pattern: str, printed: str) -> list[float]:
 
 
 @pytest.mark.slow
-def test_whole_experiment(printed_by: Printed, folder: Path) -> None:
+def test_whole_experiment(printed_by, folder):
     printed = printed_by("whole-experiment.ipynb")
     for name, true_deg in {**TRUE_TILT_DEG, "b10": 10.0}.items():
         pattern = rf"{name}: paper (\S+), learned (\S+) degrees, 90 % region (\S+) to (\S+)"
@@ -71,7 +69,7 @@ def test_whole_experiment(printed_by: Printed, folder: Path) -> None:
     assert (folder / "sandslope/results/20160101T190001Z-lesson/slope-map-all.nc").is_file()
 
 
-def test_instruments(printed_by: Printed, folder: Path) -> None:
+def test_instruments(printed_by, folder):
     printed = printed_by("instruments.ipynb")
     assert "read 638 lx" in printed  # the digits that the notebook sends
     assert re.search(r"lux +illuminance +600 samples", printed)  # ten minutes, one a second
@@ -81,14 +79,14 @@ def test_instruments(printed_by: Printed, folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_open_a_session(printed_by: Printed) -> None:
+def test_open_a_session(printed_by):
     printed = printed_by("open-a-session.ipynb")
     (largest,) = numbers(r"estimated again: (\S+) degrees", printed)
     assert largest <= 1e-9
 
 
 @pytest.mark.slow
-def test_estimate_and_sweep(printed_by: Printed) -> None:
+def test_estimate_and_sweep(printed_by):
     """The sand's albedo is 0.27, as the notebook sets: between two of the values tried."""
     printed = printed_by("estimate-and-sweep.ipynb")
     (best,) = numbers(r"full model: smallest error at an albedo of (\S+)", printed)
@@ -98,7 +96,7 @@ def test_estimate_and_sweep(printed_by: Printed) -> None:
 
 
 @pytest.mark.slow
-def test_slope_maps(printed_by: Printed, folder: Path) -> None:
+def test_slope_maps(printed_by, folder):
     """The beds that the notebook gives: 5 and 15 degrees, beside a flat reference."""
     printed = printed_by("slope-maps.ipynb")
     for name, true_deg in {"low": 5.0, "steep": 15.0, "flat": 0.0}.items():
@@ -112,7 +110,7 @@ def test_slope_maps(printed_by: Printed, folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_calibrate_emissivity(printed_by: Printed, folder: Path) -> None:
+def test_calibrate_emissivity(printed_by, folder):
     """The sand's emissivity is 0.85, as the notebook sets."""
     printed = printed_by("calibrate-emissivity.ipynb")
     value, expanded = numbers(r"emissivity (\S+) ± (\S+) \(k=2\)", printed)
@@ -122,14 +120,14 @@ def test_calibrate_emissivity(printed_by: Printed, folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_calibrate_and_re_estimate(printed_by: Printed) -> None:
+def test_calibrate_and_re_estimate(printed_by):
     printed = printed_by("calibrate-and-re-estimate.ipynb")
     before, after = numbers(r"independent beds: (\S+) -> (\S+) degrees", printed)
     assert after < 0.6 * before
 
 
 @pytest.mark.slow
-def test_import_and_export(printed_by: Printed, folder: Path) -> None:
+def test_import_and_export(printed_by, folder):
     """The logger's clock is 83 s slow and its light 3 % too high, as the notebook makes it."""
     printed = printed_by("import-and-export.ipynb")
     (difference_k,) = numbers(r"after the round trip: (\S+) K", printed)
@@ -143,16 +141,16 @@ def test_import_and_export(printed_by: Printed, folder: Path) -> None:
     assert {"frames.h5", "both.h5", "station.h5"} <= {path.name for path in folder.glob("*.h5")}
 
 
-def test_write_a_driver(printed_by: Printed) -> None:
+def test_write_a_driver(printed_by):
     assert "LUX 980" in printed_by("write-a-driver.ipynb")
 
 
-def test_every_notebook_is_tested() -> None:
+def test_every_notebook_is_tested():
     tested = Path(__file__).read_text(encoding="utf-8")
     assert [path.name for path in NOTEBOOKS.glob("*.ipynb") if f'"{path.name}"' not in tested] == []
 
 
-def test_notebooks_are_kept_without_outputs() -> None:
+def test_notebooks_are_kept_without_outputs():
     for path in NOTEBOOKS.glob("*.ipynb"):
         notebook = nbformat.read(path, as_version=4)
         assert not any(cell.get("outputs") or cell.get("execution_count") for cell in notebook.cells), (
@@ -169,7 +167,7 @@ session = fieldkit.record(campaign, duration="12m")
 """
 
 
-def test_a_cell_that_records_shows_how_far_it_is_and_its_slopes(folder: Path) -> None:
+def test_a_cell_that_records_shows_how_far_it_is_and_its_slopes(folder):
     notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(RECORDS)])
     place = {"metadata": {"path": str(folder)}}
     nbclient.NotebookClient(notebook, timeout=500, resources=place).execute()

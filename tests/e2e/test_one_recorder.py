@@ -1,7 +1,5 @@
 """A campaign is recorded by one process at a time, however close together two are started."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -31,13 +29,13 @@ def outcome(process: subprocess.Popen[str]) -> tuple[int, str]:
 
 
 @pytest.fixture
-def campaign(tmp_path: Path) -> Path:
+def campaign(tmp_path):
     folder = tmp_path / "field"
     init_campaign(folder, simulated=True)
     return folder
 
 
-def test_of_two_recorders_started_together_one_is_refused(campaign: Path) -> None:
+def test_of_two_recorders_started_together_one_is_refused(campaign):
     both = [fieldkit(campaign, *RECORD, "2m") for _ in range(2)]
     ends = sorted(outcome(process) for process in both)
     assert [code for code, _ in ends] == [0, 9]
@@ -47,7 +45,7 @@ def test_of_two_recorders_started_together_one_is_refused(campaign: Path) -> Non
         assert session.state == "sealed"
 
 
-def test_a_killed_recorder_does_not_keep_the_next_from_beginning_under_the_same_name(campaign: Path) -> None:
+def test_a_killed_recorder_does_not_keep_the_next_from_beginning_under_the_same_name(campaign):
     first = fieldkit(campaign, *RECORD, "3h", "--set", "simulation.speed=1")
     recordings = campaign / "recordings"
     wait_until(lambda: session_in_progress(recordings) or first.poll() is not None, "it does not begin")

@@ -1,7 +1,5 @@
 """Scale, light meter, clock and uniformity of a day of three beds."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math
@@ -50,7 +48,7 @@ from tests.shared_data import shared
 
 
 @pytest.fixture(scope="module")
-def beds(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def beds(tmp_path_factory):
     """A campaign that knows its sand."""
     folder = tmp_path_factory.mktemp("beds")
     record_beds(folder, surface={"emissivity": TRUE_EMISSIVITY})
@@ -58,11 +56,11 @@ def beds(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def three_beds(beds: Path) -> Path:
+def three_beds(beds):
     return next(beds.glob("recordings/*three-beds.h5"))
 
 
-def test_the_scale_from_one_bed_and_what_temperatures_cannot_tell(three_beds: Path, beds: Path) -> None:
+def test_the_scale_from_one_bed_and_what_temperatures_cannot_tell(three_beds, beds):
     said = fieldkit(
         "calibrate", "surface", three_beds, "--region", "b15", "--name", "one-bed",
         "--set", "estimator.model=paper",
@@ -83,7 +81,7 @@ def test_the_scale_from_one_bed_and_what_temperatures_cannot_tell(three_beds: Pa
     assert scaled < plain
 
 
-def test_the_light_meters_factor_from_the_station(three_beds: Path) -> None:
+def test_the_light_meters_factor_from_the_station(three_beds):
     """The scene's meter answers 108 lm/W to the beam and 130 to the sky (its own constants): 109 together."""
     found = json.loads(
         fieldkit(
@@ -124,9 +122,7 @@ BOTH_LM_W = 109.0
 """The scene's meter answers 108 lm/W to the beam, 130 to the sky (its own constants): together, that day."""
 
 
-def test_the_light_meters_factor_from_a_pyranometer_and_a_pyrheliometer(
-    three_beds: Path, tmp_path: Path
-) -> None:
+def test_the_light_meters_factor_from_a_pyranometer_and_a_pyrheliometer(three_beds, tmp_path):
     """Alamosa's own instruments on that day, whose sky the scene has, logged beside the beds."""
     weather = packaged()
     global_ = with_logger(three_beds, tmp_path / "global.h5", "cmp11", weather.time_ns, weather.ghi_w_m2)
@@ -143,7 +139,7 @@ def test_the_light_meters_factor_from_a_pyranometer_and_a_pyrheliometer(
     assert "it has chp1" in refused.output
 
 
-def test_minutes_far_from_any_value_of_the_reference_do_not_count(three_beds: Path, tmp_path: Path) -> None:
+def test_minutes_far_from_any_value_of_the_reference_do_not_count(three_beds, tmp_path):
     """A logger that missed ten minutes: nobody knows whether the sky was steady in them."""
     weather = packaged()
     logger = with_logger(three_beds, tmp_path / "whole.h5", "cmp11", weather.time_ns, weather.ghi_w_m2)
@@ -158,9 +154,7 @@ def test_minutes_far_from_any_value_of_the_reference_do_not_count(three_beds: Pa
     assert missed["details"]["minutes"] == whole["details"]["minutes"] - np.count_nonzero(~kept)
 
 
-def test_the_light_meters_factor_from_the_stations_own_file(
-    three_beds: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_light_meters_factor_from_the_stations_own_file(three_beds, tmp_path, monkeypatch):
     """SURFRAD, Alamosa, 2016-01-01, as published; the record names the file and its checksum."""
     file = shared("data/weather/slv16001.dat")
     monkeypatch.chdir(file.parent)
@@ -189,7 +183,7 @@ def recorded(folder: Path, readings: int) -> Path:
 
 
 @pytest.fixture
-def receiver() -> Iterator[str]:
+def receiver():
     """A gpsd whose receiver is 27.5 s ahead of this computer; the address it listens at."""
 
     def serve() -> None:
@@ -205,7 +199,7 @@ def receiver() -> Iterator[str]:
         yield f"127.0.0.1:{server.getsockname()[1]}"
 
 
-def test_the_clock_against_a_receiver_and_applied(receiver: str, tmp_path: Path) -> None:
+def test_the_clock_against_a_receiver_and_applied(receiver, tmp_path):
     gps = f'[device.gps]\ndriver = "gpsd"\nport = "{receiver}"\n'
     (tmp_path / "fieldkit.toml").write_text(
         campaign_toml({"site": SIMULATED["site"]}) + gps, encoding="utf-8"
@@ -231,7 +225,7 @@ def nmea(moment: datetime, status: str) -> bytes:
 
 
 @pytest.fixture
-def talking(tmp_path: Path) -> Iterator[Callable[[Callable[[float], bytes]], Path]]:
+def talking(tmp_path):
     """Records an NMEA receiver that sends, five times a second, what a function says."""
     far, near = pty.openpty()
     tty.setraw(near)
@@ -262,7 +256,7 @@ def talking(tmp_path: Path) -> Iterator[Callable[[Callable[[float], bytes]], Pat
     os.close(near)
 
 
-def test_a_receivers_time_before_its_fix_does_not_count(talking: Callable[..., Path]) -> None:
+def test_a_receivers_time_before_its_fix_does_not_count(talking):
     """Until then it goes by its own clock, from the date its maker gave it (gpsd's and minmea's logs)."""
 
     def said(seconds: float) -> bytes:
@@ -279,19 +273,17 @@ def test_a_receivers_time_before_its_fix_does_not_count(talking: Callable[..., P
     ("status", "weeks", "said"),
     [("V", 0, "never had a fix"), ("A", 1024, "1024 weeks off: its count of weeks has rolled over")],
 )
-def test_a_receiver_without_a_date_to_be_believed_is_refused(
-    talking: Callable[..., Path], status: str, weeks: int, said: str
-) -> None:
+def test_a_receiver_without_a_date_to_be_believed_is_refused(talking, status, weeks, said):
     session = talking(lambda _: nmea(datetime.now(UTC) - timedelta(weeks=weeks), status))
     assert said in " ".join(fieldkit("calibrate", "clock", session, "--gps", "gps", code=8).output.split())
 
 
-def test_a_clock_that_is_right_is_left_as_it_is(three_beds: Path) -> None:
+def test_a_clock_that_is_right_is_left_as_it_is(three_beds):
     said = fieldkit("calibrate", "clock", three_beds, "--sun").output
     assert "nothing, the offset is within its uncertainty" in " ".join(said.split())
 
 
-def test_an_offset_within_its_uncertainty_moves_no_times(three_beds: Path, tmp_path: Path) -> None:
+def test_an_offset_within_its_uncertainty_moves_no_times(three_beds, tmp_path):
     """Minutes that haze looks like would spoil a clock that is right; an earlier offset is taken back."""
     session = shutil.copy(three_beds, tmp_path / three_beds.name)
     apply_time_map(session, [TimeStep(0, 3600 * 10**9, "by mistake")])
@@ -301,7 +293,7 @@ def test_an_offset_within_its_uncertainty_moves_no_times(three_beds: Path, tmp_p
         assert (opened.times_ns("lux") == opened.stream("lux").time_ns(recorded=True)).all()
 
 
-def test_the_clock_against_the_sun_and_applied(three_beds: Path, tmp_path: Path) -> None:
+def test_the_clock_against_the_sun_and_applied(three_beds, tmp_path):
     """An hour wrong, as a forgotten daylight saving time would be."""
     wrong = rewritten(
         three_beds, tmp_path / "wrong.h5", lambda one: one._replace(time_ns=one.time_ns - 3_600_000_000_000)
@@ -321,15 +313,13 @@ def test_the_clock_against_the_sun_and_applied(three_beds: Path, tmp_path: Path)
 @pytest.mark.parametrize(
     "command", [("clock", "--sun"), ("irradiance", "--station", "alamosa-2016-01-01")], ids=" ".join
 )
-def test_no_calibration_depends_on_how_light_is_damaged(
-    three_beds: Path, tmp_path: Path, command: tuple[str, ...]
-) -> None:
+def test_no_calibration_depends_on_how_light_is_damaged(three_beds, tmp_path, command):
     halved, doubled = found_with_damage(three_beds, tmp_path, "lux/value", *command)
     assert halved == doubled
 
 
 @pytest.mark.parametrize("days", [0, -18])
-def test_a_phones_time_is_that_of_the_key_press_not_of_the_programs_start(beds: Path, days: int) -> None:
+def test_a_phones_time_is_that_of_the_key_press_not_of_the_programs_start(beds, days):
     """The start of the program made it -2 to -14 s wrong, stated as good to a second."""
     shown = datetime.now(UTC) + timedelta(days=days, seconds=90)
     command = ["calibrate", "clock", "-C", str(beds), "--at", shown.isoformat(), "--json"]
@@ -352,7 +342,7 @@ def test_a_phones_time_is_that_of_the_key_press_not_of_the_programs_start(beds: 
     assert found["expanded_uncertainty"] == pytest.approx(1.0, abs=0.1)
 
 
-def test_a_phones_time_without_a_terminal_is_refused(beds: Path) -> None:
+def test_a_phones_time_without_a_terminal_is_refused(beds):
     shown = datetime.now(UTC).isoformat()
     assert "key press" in fieldkit("calibrate", "clock", "-C", beds, "--at", shown, code=2).output
 
@@ -362,12 +352,12 @@ def test_a_phones_time_without_a_terminal_is_refused(beds: Path) -> None:
     [("emissivity", "--sample"), ("uniformity", "--name"), ("irradiance", "--name"), ("surface", "--name"),
      ("clock", "--name")],
 )  # fmt: skip
-def test_a_records_name_with_a_slash_is_refused_before_anything_is_read(verb: str, option: str) -> None:
+def test_a_records_name_with_a_slash_is_refused_before_anything_is_read(verb, option):
     refused = fieldkit("calibrate", verb, "absent.h5", option, "sand/dry", code=2).output
     assert "write 'sand-dry'" in " ".join(refused.replace("│", " ").split())
 
 
-def test_one_temperature_is_refused_at_once() -> None:
+def test_one_temperature_is_refused_at_once():
     refused = fieldkit("calibrate", "emissivity", "--sample", "sand", "--temperatures", "1", code=2).output
     assert f"x>={MIN_PAIRS}" in refused
 
@@ -398,9 +388,7 @@ def _frames(samples: Iterator[Sample], count: int) -> Iterator[Frame]:
         yield frame
 
 
-def test_a_board_before_and_after_gives_offsets_drift_and_a_record_that_corrects(
-    beds: Path, three_beds: Path, tmp_path: Path
-) -> None:
+def test_a_board_before_and_after_gives_offsets_drift_and_a_record_that_corrects(beds, three_beds, tmp_path):
     first = uniform(three_beds, tmp_path / "before.h5", {"b15": 0.31, "b25": -0.20})
     second = uniform(three_beds, tmp_path / "after.h5", {"b15": 0.41, "b25": -0.20}, hours_later=2.0)
     found = json.loads(fieldkit("calibrate", "uniformity", first, second, "--name", "board", "--json").stdout)
@@ -420,7 +408,7 @@ def test_a_board_before_and_after_gives_offsets_drift_and_a_record_that_corrects
     assert load_config(config).estimator_settings().offsets_k == {"b15": pytest.approx(0.36, abs=0.02)}
 
 
-def test_what_is_no_uniform_target_is_refused(three_beds: Path, tmp_path: Path) -> None:
+def test_what_is_no_uniform_target_is_refused(three_beds, tmp_path):
     session = tmp_path / "beds.h5"
     session.write_bytes(three_beds.read_bytes())
     assert "did not view one target" in fieldkit("calibrate", "uniformity", session, code=8).output

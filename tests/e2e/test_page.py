@@ -1,7 +1,5 @@
 """The page as it is used: live preview, start, mark, stop, report; and what a recording must survive."""
 
-from __future__ import annotations
-
 import json
 import random
 import re
@@ -87,7 +85,7 @@ def phase(browser: Browser, wanted: str) -> dict[str, Any]:
     raise AssertionError(f"never {wanted}")
 
 
-def test_a_day_at_the_beds(tmp_path: Path) -> None:
+def test_a_day_at_the_beds(tmp_path):
     folder = campaign(tmp_path / "field")
     with served(folder, preview=True, record__sampling="all") as page, page.browser() as browser:
         assert browser.next("hello")["site"]["zone"] == "America/Denver"
@@ -141,7 +139,7 @@ def the_report(page: Served, url: str, cookie: str) -> Answer:
     return answer
 
 
-def test_a_start_that_fails_says_why(tmp_path: Path) -> None:
+def test_a_start_that_fails_says_why(tmp_path):
     folder = campaign(tmp_path / "field")
     with served(folder) as page, page.browser() as browser:
         answer = browser.request(do="start", name="a/b", duration="1m")
@@ -157,7 +155,7 @@ def record(folder: Path, seconds: int) -> subprocess.Popen[bytes]:
     return subprocess.Popen(words)
 
 
-def test_a_recording_of_somebody_else_is_followed_and_finds_the_instruments_free(tmp_path: Path) -> None:
+def test_a_recording_of_somebody_else_is_followed_and_finds_the_instruments_free(tmp_path):
     folder = campaign(tmp_path / "field")
     with served(folder, preview=True) as page, page.browser("view") as browser:
         phase(browser, "preview")
@@ -170,7 +168,7 @@ def test_a_recording_of_somebody_else_is_followed_and_finds_the_instruments_free
         assert recorder.wait(PATIENCE_S) == 0
 
 
-def test_requests_reach_the_recording_and_its_events_answer(tmp_path: Path) -> None:
+def test_requests_reach_the_recording_and_its_events_answer(tmp_path):
     folder = campaign(tmp_path / "field")
     with served(folder, record__sampling="all") as page, page.browser() as browser:
         assert browser.request(do="start", duration="60s")["ok"]
@@ -214,7 +212,7 @@ def names(regions: dict[str, Any]) -> set[str]:
     return {region["name"] for region in regions["regions"]}
 
 
-def test_a_page_that_is_killed_leaves_its_recording_alone(tmp_path: Path) -> None:
+def test_a_page_that_is_killed_leaves_its_recording_alone(tmp_path):
     folder = campaign(tmp_path / "field")
     with started(folder) as page, page.browser() as browser:
         assert browser.request(do="start", duration="10m")["ok"]
@@ -230,7 +228,7 @@ def test_a_page_that_is_killed_leaves_its_recording_alone(tmp_path: Path) -> Non
     lost_nothing(folder)
 
 
-def test_regions_may_lack_a_reference_until_the_next_change(tmp_path: Path) -> None:
+def test_regions_may_lack_a_reference_until_the_next_change(tmp_path):
     folder = campaign(tmp_path / "field")
     bed = {"name": "bed", "role": "target", "vertices": [[2, 98], [20, 98], [20, 112], [2, 112]]}
     with served(folder) as page, page.browser() as browser:
@@ -286,16 +284,16 @@ def storm(folder: Path, seconds: int, connections: int) -> None:
     lost_nothing(folder, seconds)
 
 
-def test_connections_that_come_and_go_cost_a_recording_nothing(tmp_path: Path) -> None:
+def test_connections_that_come_and_go_cost_a_recording_nothing(tmp_path):
     storm(campaign(tmp_path / "field"), 20, 60)
 
 
 @pytest.mark.slow
-def test_a_thousand_connections_that_come_and_go_cost_a_recording_nothing(tmp_path: Path) -> None:
+def test_a_thousand_connections_that_come_and_go_cost_a_recording_nothing(tmp_path):
     storm(campaign(tmp_path / "field"), 120, 1000)
 
 
-def test_a_past_session_is_drawn_on_and_estimated_anew(tmp_path: Path) -> None:
+def test_a_past_session_is_drawn_on_and_estimated_anew(tmp_path):
     folder = campaign(tmp_path / "field")
     with record(folder, 4) as recorder:
         assert recorder.wait(PATIENCE_S) == 0

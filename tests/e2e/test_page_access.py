@@ -1,7 +1,5 @@
 """Who gets what from the page: each test first shows the attack against a page without the guard."""
 
-from __future__ import annotations
-
 import os
 import re
 import socket
@@ -10,7 +8,6 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
-from pathlib import Path
 
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
@@ -30,18 +27,18 @@ HOSTILE = "http://evil.example"
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     return campaign(tmp_path_factory.mktemp("page") / "field")
 
 
 @pytest.fixture(scope="module")
-def page(folder: Path):
+def page(folder):
     with served(folder) as running:
         yield running
 
 
 @pytest.fixture(scope="module")
-def unguarded(folder: Path) -> Callable[..., object]:
+def unguarded(folder):
     """A page without one of its checks."""
     return lambda left_out: served(folder, checks=[check for check in CHECKS if check is not left_out])
 
@@ -67,7 +64,7 @@ def raw_socket(page: Served, cookie: str, host: str = "") -> socket.socket:
 # --- 1. only this computer unless an address is named
 
 
-def test_it_listens_on_loopback_alone_unless_told() -> None:
+def test_it_listens_on_loopback_alone_unless_told():
     from fieldkit.cli.page import LOOPBACK, command
 
     default = next(option.default for option in command.params if option.name == "address")
@@ -76,7 +73,7 @@ def test_it_listens_on_loopback_alone_unless_told() -> None:
         assert listener.getsockname()[0] == "127.0.0.1"
 
 
-def test_an_empty_address_does_not_mean_all_networks() -> None:
+def test_an_empty_address_does_not_mean_all_networks():
     with pytest.raises(OSError, match="the address is empty"):
         listening("", 0)
 
@@ -84,7 +81,7 @@ def test_an_empty_address_does_not_mean_all_networks() -> None:
 # --- 2. host allow-list
 
 
-def test_a_name_that_was_rebound_to_this_computer_gets_nothing(page: Served, unguarded) -> None:
+def test_a_name_that_was_rebound_to_this_computer_gets_nothing(page, unguarded):
     with unguarded(known_host) as open_page:
         name = f"evil.example:{open_page.port}"  # resolves to 127.0.0.1 by now; origin and host agree
         assert open_page.ask("GET", "/", Host=name).status == 200
@@ -99,7 +96,7 @@ def test_a_name_that_was_rebound_to_this_computer_gets_nothing(page: Served, ung
     assert page.page.keys.is_link(key)
 
 
-def test_a_rebound_name_opens_no_socket(page: Served, unguarded) -> None:
+def test_a_rebound_name_opens_no_socket(page, unguarded):
     def upgrade(running: Served, host: str) -> bytes:
         with raw_socket(running, running.cookie(), host) as raw:
             return raw.recv(12)
@@ -111,7 +108,7 @@ def test_a_rebound_name_opens_no_socket(page: Served, unguarded) -> None:
 
 
 @pytest.mark.parametrize("name", ["127.0.0.1", "localhost", "LOCALHOST", socket.gethostname()])
-def test_its_own_names_are_known(page: Served, name: str) -> None:
+def test_its_own_names_are_known(page, name):
     assert page.ask("GET", "/", Host=f"{name}:{page.port}").status == 200
 
 
@@ -119,14 +116,14 @@ def test_its_own_names_are_known(page: Served, name: str) -> None:
     "name",
     ["127.0.0.1.evil.example", "localhost.evil.example", "10.0.0.1", "[::1]", "", "127.1", "2130706433"],
 )
-def test_other_names_are_not(page: Served, name: str) -> None:
+def test_other_names_are_not(page, name):
     assert page.ask("GET", "/", Host=f"{name}:{page.port}").status == 403
 
 
 @pytest.mark.parametrize(
     ("name", "is_known"), [("127.0.0.1", True), ("localhost", True), ("[::1]", False), ("127.0.0.2", False)]
 )
-def test_ipv4_is_known_on_a_socket_of_both_kinds(page: Served, name: str, is_known: bool) -> None:
+def test_ipv4_is_known_on_a_socket_of_both_kinds(page, name, is_known):
     scope = {"type": "http", "headers": [(b"host", name.encode())], "server": ("::ffff:127.0.0.1", 8765)}
     assert (known_host(scope, page.page.keys) is None) == is_known
 
@@ -134,7 +131,7 @@ def test_ipv4_is_known_on_a_socket_of_both_kinds(page: Served, name: str, is_kno
 # --- 3. origin of every upgrade and every POST
 
 
-def test_a_hostile_page_opens_no_socket_with_the_browsers_cookie(page: Served, unguarded) -> None:
+def test_a_hostile_page_opens_no_socket_with_the_browsers_cookie(page, unguarded):
     with unguarded(same_origin) as open_page, open_page.opened(HOSTILE, Cookie=open_page.cookie()) as browser:
         assert browser.next("hello")["role"] == "control"
     cookie = page.cookie()
@@ -149,7 +146,7 @@ def test_a_hostile_page_opens_no_socket_with_the_browsers_cookie(page: Served, u
         assert refused(lambda origin=origin: page.opened(origin, Cookie=cookie)) == 403
 
 
-def test_a_hostile_page_cannot_use_up_or_try_keys(page: Served, unguarded) -> None:
+def test_a_hostile_page_cannot_use_up_or_try_keys(page, unguarded):
     with unguarded(same_origin) as open_page:
         key = open_page.page.keys.new_link("view")
         assert open_page.ask("POST", "/key", {"key": key}, Origin=HOSTILE).status == 200
@@ -159,7 +156,7 @@ def test_a_hostile_page_cannot_use_up_or_try_keys(page: Served, unguarded) -> No
     assert page.page.keys.is_link(key)
 
 
-def test_without_an_origin_only_a_program_with_a_key_is_served(page: Served, unguarded) -> None:
+def test_without_an_origin_only_a_program_with_a_key_is_served(page, unguarded):
     with unguarded(same_origin) as open_page, open_page.opened(None, Cookie=open_page.cookie()) as browser:
         assert browser.next("hello")["role"] == "control"
     cookie = page.cookie()
@@ -179,7 +176,7 @@ def test_without_an_origin_only_a_program_with_a_key_is_served(page: Served, ung
 # --- 4. keys
 
 
-def test_a_link_has_128_bits_works_once_and_its_cookie_is_for_this_page_alone(page: Served) -> None:
+def test_a_link_has_128_bits_works_once_and_its_cookie_is_for_this_page_alone(page):
     key = page.page.keys.new_link("control")
     assert len(key) == 22  # 16 bytes in base64
     answer = page.ask("POST", "/key", {"key": key}, Origin=page.origin)
@@ -191,7 +188,7 @@ def test_a_link_has_128_bits_works_once_and_its_cookie_is_for_this_page_alone(pa
     assert "set-cookie" not in again.headers
 
 
-def test_no_key_stands_in_the_file(folder: Path) -> None:
+def test_no_key_stands_in_the_file(folder):
     keys = Keys(folder / "recordings")
     link = keys.new_link("control")
     session, _ = keys.exchange(keys.new_link("control")) or ("", "")
@@ -210,7 +207,7 @@ def tries(running: Served, count: int) -> float:
     return time.monotonic() - began
 
 
-def test_wrong_keys_are_answered_ever_more_slowly_and_right_ones_at_once(folder: Path) -> None:
+def test_wrong_keys_are_answered_ever_more_slowly_and_right_ones_at_once(folder):
     with served(folder) as slow:
         assert tries(slow, page_server.WRONG_TRIES_FREE) < 1.0
         assert tries(slow, 2) >= 2.0
@@ -219,7 +216,7 @@ def test_wrong_keys_are_answered_ever_more_slowly_and_right_ones_at_once(folder:
         assert time.monotonic() - began < 0.9
 
 
-def test_without_the_delay_keys_could_be_tried_fast(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_the_delay_keys_could_be_tried_fast(folder, monkeypatch):
     monkeypatch.setattr(page_server, "WRONG_TRIES_FREE", 10**9)  # the page without this guard
     with served(folder) as fast:
         assert tries(fast, 20) < 2.0
@@ -228,7 +225,7 @@ def test_without_the_delay_keys_could_be_tried_fast(folder: Path, monkeypatch: p
 @pytest.mark.parametrize(
     "body", ["x", "[]", '{"key": 3}', '{"key": null}', "{}", '{"key": "' + "x" * 5000 + '"}']
 )
-def test_what_is_no_key_is_refused(page: Served, body: str) -> None:
+def test_what_is_no_key_is_refused(page, body):
     import http.client
 
     connection = http.client.HTTPConnection(HOST, page.port, timeout=PATIENCE_S)
@@ -255,9 +252,7 @@ CONTROL_ONLY = (
 
 
 @pytest.mark.parametrize("what", CONTROL_ONLY, ids=lambda what: str(what["do"]))
-def test_who_may_look_may_not_control(
-    folder: Path, page: Served, what: dict[str, object], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_who_may_look_may_not_control(folder, page, what, monkeypatch):
     before = (folder / "fieldkit.toml").read_bytes()
     with page.browser("view") as browser:
         assert browser.next("hello")["role"] == "view"
@@ -277,7 +272,7 @@ async def done_by_nobody(_: object, request: requests.Request) -> answers.Done:
     return answers.Done("done")
 
 
-def test_who_looks_does_not_hold_up_who_controls(page: Served, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_who_looks_does_not_hold_up_who_controls(page, monkeypatch):
     listed = threading.Event()
     monkeypatch.setattr(page.page.past, "listed", lambda _: [listed.wait()])  # as long as of a slow disk
     with ExitStack() as opened, page.browser() as control:
@@ -293,14 +288,14 @@ def test_who_looks_does_not_hold_up_who_controls(page: Served, monkeypatch: pyte
         listed.set()
 
 
-def test_who_may_look_receives_no_files(page: Served) -> None:
+def test_who_may_look_receives_no_files(page):
     for path in ("/session/0123456789abcdef/report", "/session/0123456789abcdef/download"):
         assert page.ask("GET", path).status == 403
         assert page.ask("GET", path, Cookie=page.cookie("view")).status == 403
         assert page.ask("GET", path, Cookie=page.cookie("control")).status == 404
 
 
-def test_without_a_key_there_is_only_the_empty_document(page: Served) -> None:
+def test_without_a_key_there_is_only_the_empty_document(page):
     answer = page.ask("GET", "/")
     assert answer.status == 200
     assert page.page.config.campaign.title.encode() not in answer.body
@@ -316,7 +311,7 @@ def test_without_a_key_there_is_only_the_empty_document(page: Served) -> None:
 @pytest.mark.parametrize(
     "header", ["X-Forwarded-For", "X-Forwarded-Host", "Forwarded", "X-Real-IP", "X-Forwarded-Proto"]
 )
-def test_what_a_proxy_says_changes_nothing(page: Served, header: str) -> None:
+def test_what_a_proxy_says_changes_nothing(page, header):
     # no version without this guard can be shown: nothing in the page reads these headers, nor an address
     value = "for=127.0.0.1;host=localhost" if header == "Forwarded" else "127.0.0.1"
     more = {header.replace("-", "_"): value}
@@ -329,7 +324,7 @@ def test_what_a_proxy_says_changes_nothing(page: Served, header: str) -> None:
 # --- 7. no change of state by GET
 
 
-def test_nothing_changes_by_get(folder: Path, page: Served) -> None:
+def test_nothing_changes_by_get(folder, page):
     key = page.page.keys.new_link("control")
     config = (folder / "fieldkit.toml").read_bytes()
     for path in (f"/key?key={key}", f"/?key={key}", "/socket", "/start", "/stop", "/mark?text=x"):
@@ -339,7 +334,7 @@ def test_nothing_changes_by_get(folder: Path, page: Served) -> None:
     assert not list((folder / "recordings").glob("*.h5*"))
 
 
-def test_a_form_of_another_page_is_no_request(page: Served) -> None:
+def test_a_form_of_another_page_is_no_request(page):
     key = page.page.keys.new_link("control")
     answer = page.ask("POST", "/key", {"key": key}, Origin=page.origin, Content_Type="text/plain")
     assert answer.status == 403
@@ -350,7 +345,7 @@ def test_a_form_of_another_page_is_no_request(page: Served) -> None:
 # --- 8. sessions end
 
 
-def test_sessions_end(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_sessions_end(folder, monkeypatch):
     with served(folder) as page:
         cookie = page.cookie()
         assert page.ask("GET", "/role", Cookie=cookie).json == {"role": "control"}
@@ -365,7 +360,7 @@ def test_sessions_end(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         assert page.ask("GET", "/role", Cookie=cookie).json == {"role": None}
 
 
-def test_links_end_unused(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_links_end_unused(folder, monkeypatch):
     keys = Keys(folder / "recordings")
     key = keys.new_link("control")
     later = time.time() + 25 * 3600
@@ -373,7 +368,7 @@ def test_links_end_unused(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None
     assert keys.exchange(key) is None
 
 
-def test_browsers_stay_known_when_the_page_is_restarted(folder: Path) -> None:
+def test_browsers_stay_known_when_the_page_is_restarted(folder):
     with served(folder) as before:
         cookie, port = before.cookie(), before.port
     began = time.monotonic()
@@ -385,7 +380,7 @@ def test_browsers_stay_known_when_the_page_is_restarted(folder: Path) -> None:
 # --- 9. what every answer says
 
 
-def test_every_answer_carries_its_policy(page: Served) -> None:
+def test_every_answer_carries_its_policy(page):
     answer = page.ask("GET", "/")
     policy = answer.headers["content-security-policy"]
     assert "default-src 'none'" in policy
@@ -406,7 +401,7 @@ def test_every_answer_carries_its_policy(page: Served) -> None:
 # --- 10. limits
 
 
-def test_a_long_message_ends_its_connection(page: Served) -> None:
+def test_a_long_message_ends_its_connection(page):
     with page.browser() as browser:
         browser.socket.send("x" * (requests.MAX_BYTES + 1))
         with pytest.raises(ConnectionClosed) as closed:
@@ -415,7 +410,7 @@ def test_a_long_message_ends_its_connection(page: Served) -> None:
     assert closed.value.rcvd.code == 1009
 
 
-def test_too_many_requests_end_their_connection(page: Served) -> None:
+def test_too_many_requests_end_their_connection(page):
     with page.browser() as browser:
         with suppress(ConnectionClosed):
             for _ in range(4 * viewer.BURST):
@@ -426,7 +421,7 @@ def test_too_many_requests_end_their_connection(page: Served) -> None:
     assert closed.value.rcvd.reason == "too many requests"
 
 
-def test_viewers_are_counted_and_who_controls_takes_the_place_of_one_who_looks(folder: Path) -> None:
+def test_viewers_are_counted_and_who_controls_takes_the_place_of_one_who_looks(folder):
     with served(folder) as page:
         browsers = [page.browser("view") for _ in range(MAX_VIEWERS)]
         for browser in browsers:
@@ -444,7 +439,7 @@ def test_viewers_are_counted_and_who_controls_takes_the_place_of_one_who_looks(f
             browser.close()
 
 
-def test_a_browser_that_takes_nothing_gives_up_its_place(folder: Path, monkeypatch) -> None:
+def test_a_browser_that_takes_nothing_gives_up_its_place(folder, monkeypatch):
     monkeypatch.setattr(page_server, "ACKNOWLEDGED_WITHIN_S", 0.5)  # a shorter wait
     with served(folder) as page, raw_socket(page, page.cookie()):
         hub = page.page.hub
@@ -468,7 +463,7 @@ def lasts(page: Served, *parts: bytes, at_most_s: float = 3.0) -> float:
         return time.monotonic() - began
 
 
-def test_late_headers_end_their_connection(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_late_headers_end_their_connection(folder, monkeypatch):
     with served(folder) as page:
         host = f"Host: {page.host}\r\nOrigin: {page.origin}\r\n".encode()
         whole, half = b"GET /role HTTP/1.1\r\n" + host + b"\r\n", b"GET / HTTP/1.1\r\nHost: "
@@ -489,7 +484,7 @@ HALF_OPEN = {
 
 
 @pytest.mark.parametrize("begun", HALF_OPEN.values(), ids=HALF_OPEN)
-def test_half_open_connections_keep_out_nobody(folder: Path, begun: bytes) -> None:
+def test_half_open_connections_keep_out_nobody(folder, begun):
     with served(folder) as page, ExitStack() as opened:
         cookie = page.cookie()
         with page.opened(Cookie=cookie) as browser:
@@ -505,9 +500,7 @@ def test_half_open_connections_keep_out_nobody(folder: Path, begun: bytes) -> No
             assert browser.request(do="value", x=1, y=1)["ok"]  # who was there already, stays
 
 
-def test_a_request_broken_off_counts_as_a_wrong_key_and_leaves_no_traceback(
-    folder: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_request_broken_off_counts_as_a_wrong_key_and_leaves_no_traceback(folder, caplog):
     with served(folder) as page:
         for _ in range(page_server.WRONG_TRIES_FREE - 1):
             with socket.create_connection((HOST, page.port), PATIENCE_S) as broken:
@@ -520,13 +513,13 @@ def test_a_request_broken_off_counts_as_a_wrong_key_and_leaves_no_traceback(
 
 
 @pytest.mark.parametrize("key", ["\ud800", "\x00", "ü", "\U0001f321"])
-def test_a_key_of_any_letters_is_refused(page: Served, key: str, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_key_of_any_letters_is_refused(page, key, caplog):
     assert page.ask("POST", "/key", {"key": key}, Origin=page.origin).status == 403
     page.cookie()  # a right key: the next wrong one is not delayed
     assert not [record for record in caplog.records if record.exc_info]
 
 
-def test_a_key_that_cannot_be_kept_is_answered_with_the_reason(folder: Path) -> None:
+def test_a_key_that_cannot_be_kept_is_answered_with_the_reason(folder):
     with served(folder) as page:
         key = page.page.keys.new_link("view")
         with full_disk(0):
@@ -540,7 +533,7 @@ def test_a_key_that_cannot_be_kept_is_answered_with_the_reason(folder: Path) -> 
 @pytest.mark.parametrize(
     ("do", "key"), [("start", "name"), ("mark", "text"), ("mark", "kind"), ("acknowledge", "alarm")]
 )
-def test_text_that_is_not_text_is_answered(page: Served, do: str, key: str, odd: str) -> None:
+def test_text_that_is_not_text_is_answered(page, do, key, odd):
     with page.browser() as browser:
         answer = browser.request(
             **{"do": do, "text": "x", key: odd} if do == "mark" else {"do": do, key: odd}
@@ -562,30 +555,26 @@ def test_text_that_is_not_text_is_answered(page: Served, do: str, key: str, odd:
         ({"until": "noon"}, "is not a valid time of day"),
     ],
 )
-def test_a_wrong_end_of_a_recording_is_answered_in_words(
-    page: Served, end: dict[str, str], words: str
-) -> None:
+def test_a_wrong_end_of_a_recording_is_answered_in_words(page, end, words):
     with page.browser() as browser:
         answer = browser.request(do="start", **end)
     assert (answer["ok"], words in answer["text"]) == (False, True), answer
     assert "Usage" not in answer["text"]
 
 
-def test_a_long_duration_reaches_the_recorder_as_it_was_typed() -> None:
+def test_a_long_duration_reaches_the_recorder_as_it_was_typed():
     start = requests.parse('{"do": "start", "duration": "300h"}')
     assert isinstance(start, requests.Start)
     assert answers.time_options(start) == ["--for=300h"]
 
 
-def test_an_alarm_that_is_not_there_cannot_be_acknowledged(page: Served) -> None:
+def test_an_alarm_that_is_not_there_cannot_be_acknowledged(page):
     with page.browser() as browser:
         answer = browser.request(do="acknowledge", alarm="disk")
     assert (answer["ok"], answer["text"]) == (False, "there is no alarm 'disk', or it is over")
 
 
-def test_a_request_that_fails_in_any_other_way_is_answered(
-    page: Served, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_request_that_fails_in_any_other_way_is_answered(page, monkeypatch, caplog):
     def fail(*_: object) -> None:
         raise ZeroDivisionError("no list at all")
 
@@ -600,7 +589,7 @@ def test_a_request_that_fails_in_any_other_way_is_answered(
     "name",
     ["..%2f..%2ffieldkit.toml", "%2fetc%2fpasswd", "../fieldkit.toml", "fieldkit.toml", "....//", "%00", "*"],
 )
-def test_no_path_of_a_browser_is_ever_opened(page: Served, name: str) -> None:
+def test_no_path_of_a_browser_is_ever_opened(page, name):
     # without the comparison with the list, joining the name to the folder would reach the file
     assert (page.page.config.recordings / "../fieldkit.toml").exists()
     cookie = page.cookie()
@@ -612,7 +601,7 @@ def test_no_path_of_a_browser_is_ever_opened(page: Served, name: str) -> None:
         assert not browser.request(do="check_session", session=name)["ok"]
 
 
-def test_nothing_that_leads_out_of_the_folders_is_offered(tmp_path: Path) -> None:
+def test_nothing_that_leads_out_of_the_folders_is_offered(tmp_path):
     folder = campaign(tmp_path / "field")
     recordings, reports = folder / "recordings", folder / "reports"
     recordings.mkdir(exist_ok=True)
@@ -635,7 +624,7 @@ def test_nothing_that_leads_out_of_the_folders_is_offered(tmp_path: Path) -> Non
                 assert page.ask("GET", path, Cookie=cookie).status == 404
 
 
-def test_files_of_any_name_are_listed_and_a_session_without_a_file_is_explained(tmp_path: Path) -> None:
+def test_files_of_any_name_are_listed_and_a_session_without_a_file_is_explained(tmp_path):
     folder = campaign(
         tmp_path / "m\udce4rz"
     )  # a folder of a Latin-1 system, after which the campaign is named
@@ -663,7 +652,7 @@ def test_files_of_any_name_are_listed_and_a_session_without_a_file_is_explained(
             assert answers[left, what].body.startswith(b"only the journal of left is left")
 
 
-def test_a_file_that_cannot_be_served_for_any_other_reason_is_explained(page: Served, monkeypatch) -> None:
+def test_a_file_that_cannot_be_served_for_any_other_reason_is_explained(page, monkeypatch):
     def fail(*_: object) -> None:
         raise ZeroDivisionError("no file at all")
 

@@ -6,7 +6,6 @@ import json
 import re
 import threading
 import time
-from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib import resources
 from pathlib import Path
@@ -26,7 +25,6 @@ from tests.harness.field_page import (
     PHONE,
     PHONE_ON_ITS_SIDE,
     SMALLEST,
-    Served,
     Watched,
     chromium,
     opened,
@@ -35,7 +33,7 @@ from tests.harness.field_page import (
 from tests.harness.waiting import wait_until
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser
+    pass
 
 BACK_WITHIN_S = 2.0
 FIRST_SLOPE_WITHIN_S = 90.0
@@ -49,26 +47,26 @@ CORNERS = """[...document.querySelectorAll(".draft .hit")]
 
 
 @pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
+def browser():
     with chromium() as browser:
         yield browser
 
 
 @pytest.fixture(scope="module")
-def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+def page(tmp_path_factory):
     with served(journey.empty_campaign(tmp_path_factory.mktemp("page") / "sandslope")) as page:
         yield page
 
 
 @pytest.fixture(autouse=True)
-def closed_afterwards(browser: Browser) -> Iterator[None]:
+def closed_afterwards(browser):
     """Close what a test has opened: a page serves few browsers at once."""
     yield
     for context in browser.contexts:
         context.close()
 
 
-def test_the_whole_journey_by_touch(browser: Browser, tmp_path: Path) -> None:
+def test_the_whole_journey_by_touch(browser, tmp_path):
     campaign = journey.empty_campaign(tmp_path / "sandslope")
     with served(campaign, *journey.SETTINGS) as page:
         began = time.monotonic()
@@ -131,7 +129,7 @@ def _zoom_the_plot(watched: Watched) -> None:
     wait_until(lambda: max(lines()) >= before, "Home does not show all")
 
 
-def test_the_palette_is_chosen_and_kept_on_the_device(browser: Browser, page: Served) -> None:
+def test_the_palette_is_chosen_and_kept_on_the_device(browser, page):
     """Hot is black: the legend begins white."""
     watched = opened(browser, page.link())
     watched.wait_for_picture()
@@ -144,7 +142,7 @@ def test_the_palette_is_chosen_and_kept_on_the_device(browser: Browser, page: Se
     assert watched.page.evaluate(first) == [255, 255, 255, 255]
 
 
-def test_times_after_the_first_day_of_a_recording_have_their_date(browser: Browser, page: Served) -> None:
+def test_times_after_the_first_day_of_a_recording_have_their_date(browser, page):
     watched = opened(browser, page.link())
     watched.wait_for_picture()
     browser_code = resources.files("fieldkit.page") / "browser"
@@ -163,7 +161,7 @@ def test_times_after_the_first_day_of_a_recording_have_their_date(browser: Brows
     "size",
     [SMALLEST, LAPTOP, *(pytest.param(one, marks=pytest.mark.slow) for one in (PHONE, PHONE_ON_ITS_SIDE))],
 )
-def test_axe_finds_nothing(browser: Browser, page: Served, size: tuple[int, int]) -> None:
+def test_axe_finds_nothing(browser, page, size):
     watched = opened(browser, page.link(), size)
     watched.wait_for_picture()
     assert watched.violations() == []
@@ -182,7 +180,7 @@ def test_axe_finds_nothing(browser: Browser, page: Served, size: tuple[int, int]
     assert watched.page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
 
 
-def test_every_target_is_large_enough_for_a_thumb(browser: Browser, page: Served) -> None:
+def test_every_target_is_large_enough_for_a_thumb(browser, page):
     watched = opened(browser, page.link())
     watched.wait_for_picture()
     watched.page.locator("#draw").tap()
@@ -193,7 +191,7 @@ def test_every_target_is_large_enough_for_a_thumb(browser: Browser, page: Served
     assert [round(width) for width in watched.page.evaluate(hits)] == [44] * 4
 
 
-def test_corners_are_tapped_moved_added_and_undone(browser: Browser, page: Served) -> None:
+def test_corners_are_tapped_moved_added_and_undone(browser, page):
     watched = opened(browser, page.link())
     watched.wait_for_picture()
     watched.page.locator("#draw").tap()
@@ -214,7 +212,7 @@ def test_corners_are_tapped_moved_added_and_undone(browser: Browser, page: Serve
     assert watched.errors == []
 
 
-def test_suggested_regions_are_added_by_one_tap_each(browser: Browser, tmp_path: Path) -> None:
+def test_suggested_regions_are_added_by_one_tap_each(browser, tmp_path):
     """A region lies inside the bed that the simulated field has there."""
     campaign = journey.empty_campaign(tmp_path / "sandslope")
     with served(campaign) as page:
@@ -251,7 +249,7 @@ ground_m = 2300.0
 """
 
 
-def test_a_skyline_is_tapped_and_becomes_the_horizon(browser: Browser, tmp_path: Path) -> None:
+def test_a_skyline_is_tapped_and_becomes_the_horizon(browser, tmp_path):
     """80 px of focal length, level and to the south: 40 px up in the middle are the arc tangent of a half."""
     campaign = journey.empty_campaign(tmp_path / "sandslope")
     file = campaign / "fieldkit.toml"
@@ -294,7 +292,7 @@ def _corners(watched: Watched) -> list[list[int]]:
     return found
 
 
-def test_the_keyboard_alone_draws_starts_marks_and_stops(browser: Browser, tmp_path: Path) -> None:
+def test_the_keyboard_alone_draws_starts_marks_and_stops(browser, tmp_path):
     with served(journey.empty_campaign(tmp_path / "sandslope")) as page:
         watched = opened(browser, page.link(), LAPTOP)
         watched.wait_for_picture()
@@ -343,7 +341,7 @@ def test_the_keyboard_alone_draws_starts_marks_and_stops(browser: Browser, tmp_p
         assert watched.errors == []
 
 
-def test_a_killed_server_comes_back_by_itself(browser: Browser, page: Served) -> None:
+def test_a_killed_server_comes_back_by_itself(browser, page):
     watched = opened(browser, page.link())
     watched.wait_for_picture()
     page.kill()
@@ -357,14 +355,14 @@ def test_a_killed_server_comes_back_by_itself(browser: Browser, page: Served) ->
     watched.page.locator("#stage:not(.stale)").wait_for()
 
 
-def test_the_view_link_only_looks(browser: Browser, page: Served) -> None:
+def test_the_view_link_only_looks(browser, page):
     watched = opened(browser, page.link("view"))
     watched.wait_for_picture()
     visible = watched.page.locator("#actions button:visible, .control:visible").all()
     assert visible == []
 
 
-def test_a_browser_without_a_key_is_told_what_to_do(browser: Browser, page: Served) -> None:
+def test_a_browser_without_a_key_is_told_what_to_do(browser, page):
     watched = opened(browser, page.address)
     watched.page.locator("#connection", has_text="Open the link").wait_for()
     link = page.link()
@@ -403,7 +401,7 @@ const tries = {
 </script>"""
 
 
-def test_a_hostile_page_on_another_port_gets_nothing(browser: Browser, page: Served) -> None:
+def test_a_hostile_page_on_another_port_gets_nothing(browser, page):
     watched = opened(browser, page.link())
     watched.wait_for_picture()  # this browser has the cookie, which goes to every port of the host
 

@@ -1,14 +1,11 @@
 """``fieldkit page --record`` as systemd starts it: which of its processes feeds the watchdog, and when."""
 
-from __future__ import annotations
-
 import os
 import signal
 import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -24,21 +21,21 @@ SILENCE_S = EVERY_S + 3.0
 
 
 @pytest.fixture
-def manager(tmp_path: Path) -> Iterator[ServiceManager]:
+def manager(tmp_path):
     manager = ServiceManager(tmp_path / "notify")
     yield manager
     manager.socket.close()
 
 
 @pytest.fixture
-def recordings(tmp_path: Path) -> Path:
+def recordings(tmp_path):
     folder = tmp_path / "campaign"
     assert CliRunner().invoke(main, ["init", "--simulated", str(folder)]).exit_code == 0
     return folder / "recordings"
 
 
 @pytest.fixture
-def page(recordings: Path, manager: ServiceManager) -> Iterator[subprocess.Popen[str]]:
+def page(recordings, manager):
     """The main process of the service, recording; ended with what it started."""
     # as a unit's ExecStart is: SYSTEMD_EXEC_PID is the page's own process
     words = [

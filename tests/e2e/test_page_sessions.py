@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import re
 import shutil
-from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -19,12 +17,12 @@ from fieldkit.results.describe import recorded_slopes
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness import field_page
 from tests.harness.field_page import LAPTOP, PHONE, PHONE_ON_ITS_SIDE, SMALLEST, Watched, chromium, opened
-from tests.harness.page import Served, served
+from tests.harness.page import served
 from tests.harness.recording import CountedClock, fill, header
 from tests.harness.waiting import wait_until
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser
+    pass
 
 FITS = "document.documentElement.scrollWidth <= window.innerWidth"
 COLOURS = (
@@ -33,7 +31,7 @@ COLOURS = (
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory, recorded: Callable[[Path], Path]) -> Path:
+def folder(tmp_path_factory, recorded):
     """A campaign with the same session twice, and one with the marks 2 "wind" and 3 "cloud"."""
     folder = tmp_path_factory.mktemp("page") / "sandslope"
     session = recorded(folder)
@@ -49,14 +47,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory, recorded: Callable[[Path], 
 
 
 @pytest.fixture(scope="module")
-def page(folder: Path) -> Iterator[Served]:
+def page(folder):
     with served(folder) as page:
         yield page
 
 
-def test_marks_are_edited_taken_back_and_count_again_while_the_session_keeps_them(
-    page: Served, folder: Path, tmp_path: Path
-) -> None:
+def test_marks_are_edited_taken_back_and_count_again_while_the_session_keeps_them(page, folder, tmp_path):
     path = folder / "recordings/marked.h5"
     with fieldkit.open_session(path) as session:
         made = [event.text for event in session.events(recorded=True)]
@@ -83,7 +79,7 @@ def test_marks_are_edited_taken_back_and_count_again_while_the_session_keeps_the
         assert browser.request(do="marks")["text"] == "no recording is running in this campaign"
 
 
-def test_small_images_and_slopes_are_those_of_the_session(page: Served, folder: Path) -> None:
+def test_small_images_and_slopes_are_those_of_the_session(page, folder):
     path = folder / "recordings/20160102T190001Z-again.h5"
     small = page.ask("GET", f"/session/{identifier(path)}/thumbnail", Cookie=page.cookie())
     size = int.from_bytes(small.body[:2], "little")
@@ -100,13 +96,13 @@ def test_small_images_and_slopes_are_those_of_the_session(page: Served, folder: 
 
 
 @pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
+def browser():
     with chromium() as browser:
         yield browser
 
 
 @pytest.fixture
-def phone(browser: Browser, page: Served) -> Iterator[Watched]:
+def phone(browser, page):
     """The list of sessions on a phone."""
     watched = opened(browser, f"{page.origin}/#{page.page.keys.new_link('control')}", PHONE)
     watched.page.locator("#start").wait_for()  # connected
@@ -125,7 +121,7 @@ def at_every_size(watched: Watched) -> None:
             assert watched.violations() == [], width
 
 
-def test_sessions_are_compared_by_touch(phone: Watched) -> None:
+def test_sessions_are_compared_by_touch(phone):
     """Each has its image, in the colours of the palette, and its row of slopes."""
     page = phone.page
     small = page.locator("#session-list .thumbnail")
@@ -142,7 +138,7 @@ def test_sessions_are_compared_by_touch(phone: Watched) -> None:
     page.locator("#compare-dialog").wait_for(state="hidden")
 
 
-def test_marks_are_edited_and_taken_back_by_touch(phone: Watched) -> None:
+def test_marks_are_edited_and_taken_back_by_touch(phone):
     page = phone.page
     item = page.locator("#session-list li", has_text="three beds")
     item.get_by_role("button", name="Marks").tap()
@@ -160,7 +156,7 @@ def test_marks_are_edited_and_taken_back_by_touch(phone: Watched) -> None:
     page.locator("#marks-dialog .cancel").click()
 
 
-def test_the_keyboard_alone_searches_compares_corrects_and_chooses(browser: Browser, page: Served) -> None:
+def test_the_keyboard_alone_searches_compares_corrects_and_chooses(browser, page):
     watched = opened(browser, f"{page.origin}/#{page.page.keys.new_link('control')}", LAPTOP)
     watched.page.locator("#start").wait_for()  # connected
     keys, shown = watched.page.keyboard, watched.page.locator("#session-list li:visible")
@@ -220,7 +216,7 @@ def _correct_a_mark(watched: Watched) -> None:
     watched.page.locator("#marks-dialog").wait_for(state="hidden")
 
 
-def test_temperatures_in_fahrenheit_are_display_alone(phone: Watched) -> None:
+def test_temperatures_in_fahrenheit_are_display_alone(phone):
     """20 °C are 68 °F (NIST Handbook 44, Appendix C: t(°F) = 1.8 t(°C) + 32)."""
     page = phone.page
     page.locator("#unit").select_option("°F")

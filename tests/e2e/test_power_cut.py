@@ -4,8 +4,6 @@ Every write of a recording is replayed up to some point, torn, reordered or zero
 do; then the session is recovered from what is left.
 """
 
-from __future__ import annotations
-
 import random
 import time
 from pathlib import Path
@@ -25,7 +23,7 @@ LIMIT_S = 60.0  # a moment on an idle computer
 
 
 @pytest.fixture(scope="module")
-def changes(tmp_path_factory: pytest.TempPathFactory) -> list[disk.Change]:
+def changes(tmp_path_factory):
     folder = tmp_path_factory.mktemp("watched")
     log = folder / "log"
     done = disk.run_watched(
@@ -70,9 +68,7 @@ def survivors(folder: Path) -> int:
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("trials", [2, pytest.param(250, marks=pytest.mark.slow)])
-def test_nothing_covered_by_a_sync_is_lost(
-    changes: list[disk.Change], tmp_path: Path, kind: str, trials: int
-) -> None:
+def test_nothing_covered_by_a_sync_is_lost(changes, tmp_path, kind, trials):
     chance = random.Random(f"{kind} {trials}")
     durable = list(disk.durable_counts(changes, MARKS))
     assert durable[-1] == 72
@@ -83,9 +79,7 @@ def test_nothing_covered_by_a_sync_is_lost(
 
 
 @pytest.mark.parametrize("every", [6, pytest.param(1, marks=pytest.mark.slow)])
-def test_nothing_is_lost_where_the_disk_kept_what_syncs_asked_for_and_nothing_else(
-    changes: list[disk.Change], tmp_path: Path, every: int
-) -> None:
+def test_nothing_is_lost_where_the_disk_kept_what_syncs_asked_for_and_nothing_else(changes, tmp_path, every):
     """Cut right before and right after each sync promises more: then most is gone."""
     durable = list(disk.durable_counts(changes, MARKS))
     rises = [count for count in range(1, len(changes)) if durable[count] > durable[count - 1]]
@@ -96,7 +90,7 @@ def test_nothing_is_lost_where_the_disk_kept_what_syncs_asked_for_and_nothing_el
 
 
 @pytest.mark.slow
-def test_every_single_prefix(changes: list[disk.Change], tmp_path: Path) -> None:
+def test_every_single_prefix(changes, tmp_path):
     durable = list(disk.durable_counts(changes, MARKS))
     state = disk.Disk()
     for count, change in enumerate(changes):

@@ -1,7 +1,5 @@
 """``fieldkit record --page``: a page beside the recording, which ends with it and costs it nothing."""
 
-from __future__ import annotations
-
 import http.client
 import json
 import os
@@ -50,7 +48,7 @@ def listens() -> bool:
         return probe.connect_ex((ADDRESS, PORT)) == 0
 
 
-def test_the_page_is_reached_by_its_link_and_ends_with_the_recording(tmp_path: Path) -> None:
+def test_the_page_is_reached_by_its_link_and_ends_with_the_recording(tmp_path):
     folder = campaign(tmp_path / "field")
     with recording(folder, f"--page={ADDRESS}", "--for", "12s") as process:
         address, _, key = link(process).partition("#")
@@ -71,7 +69,7 @@ def ask(key: str) -> int:
 
 
 @pytest.mark.parametrize("number", [pytest.param(signal.SIGKILL, marks=pytest.mark.slow), signal.SIGSTOP])
-def test_a_page_that_dies_or_hangs_costs_the_recording_nothing(tmp_path: Path, number: int) -> None:
+def test_a_page_that_dies_or_hangs_costs_the_recording_nothing(tmp_path, number):
     folder = campaign(tmp_path / "field")
     with recording(folder, f"--page={ADDRESS}", "--for", "15s") as process:
         link(process)
@@ -84,7 +82,7 @@ def test_a_page_that_dies_or_hangs_costs_the_recording_nothing(tmp_path: Path, n
     lost_nothing(folder, 15)
 
 
-def test_a_page_that_cannot_listen_costs_the_recording_nothing(tmp_path: Path) -> None:
+def test_a_page_that_cannot_listen_costs_the_recording_nothing(tmp_path):
     folder = campaign(tmp_path / "field")
     with recording(folder, "--page=203.0.113.1", "--for", "8s") as process:  # RFC 5737: nobody's address
         _, words = process.communicate(timeout=PATIENCE_S)

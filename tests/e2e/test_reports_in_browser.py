@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -34,22 +33,20 @@ BREAKS = """([selector, property]) => [...new Set([...document.querySelectorAll(
 
 
 @pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
+def browser():
     with chromium() as browser:
         yield browser
 
 
 @pytest.fixture(autouse=True)
-def closed_afterwards(browser: Browser) -> Iterator[None]:
+def closed_afterwards(browser):
     yield
     for context in browser.contexts:
         context.close()
 
 
 @pytest.fixture(scope="module")
-def pages(
-    browser: Browser, recorded: Callable[[Path], Path], tmp_path_factory: pytest.TempPathFactory
-) -> dict[str, Path]:
+def pages(browser, recorded, tmp_path_factory):
     """One page of each kind, of simulated sessions; asked for the browser first, which may be missing."""
     folder = tmp_path_factory.mktemp("pages")
     beds, weather = folder / "beds", folder / "weather"
@@ -91,9 +88,7 @@ def without_camera(config: Path) -> None:
         *(pytest.param(name, "dark", marks=pytest.mark.slow) for name in ("weather", "campaign")),
     ],
 )
-def test_axe_finds_nothing_and_nothing_is_fetched(
-    browser: Browser, pages: dict[str, Path], name: str, scheme: str
-) -> None:
+def test_axe_finds_nothing_and_nothing_is_fetched(browser, pages, name, scheme):
     watched = opened(browser, pages[name].as_uri(), DESK, color_scheme=scheme)
     assert watched.violations() == []
     assert watched.foreign == []
@@ -101,7 +96,7 @@ def test_axe_finds_nothing_and_nothing_is_fetched(
 
 
 @pytest.mark.parametrize("name", PAGES)
-def test_no_page_scrolls_sideways(browser: Browser, pages: dict[str, Path], name: str) -> None:
+def test_no_page_scrolls_sideways(browser, pages, name):
     page = opened(browser, pages[name].as_uri(), PHONE).page
     for width in (390, 800):
         page.set_viewport_size({"width": width, "height": 800})
@@ -109,9 +104,7 @@ def test_no_page_scrolls_sideways(browser: Browser, pages: dict[str, Path], name
 
 
 @pytest.mark.parametrize("size", [DESK, PHONE])
-def test_the_first_screen_shows_slopes_frame_and_the_state_of_the_data(
-    browser: Browser, pages: dict[str, Path], size: tuple[int, int]
-) -> None:
+def test_the_first_screen_shows_slopes_frame_and_the_state_of_the_data(browser, pages, size):
     page = opened(browser, pages["session"].as_uri(), size).page
     for part in (".slopes tr:last-child", ".picture svg", ".sound li, .sound p"):
         box = page.locator(part).first.bounding_box()
@@ -130,9 +123,7 @@ def as_served(browser: Browser, report: Path) -> Page:
     return page
 
 
-def test_values_are_shown_by_pointer_and_arrow_keys_without_a_script(
-    browser: Browser, pages: dict[str, Path]
-) -> None:
+def test_values_are_shown_by_pointer_and_arrow_keys_without_a_script(browser, pages):
     page = as_served(browser, pages["session"])
     tilts = page.locator(".drawing:has(.readings)").first
     tilts.scroll_into_view_if_needed()
@@ -150,16 +141,14 @@ def test_values_are_shown_by_pointer_and_arrow_keys_without_a_script(
         assert shown.startswith(f"12:0{minute}")
 
 
-def test_parts_of_a_figure_are_hidden_without_a_script(browser: Browser, pages: dict[str, Path]) -> None:
+def test_parts_of_a_figure_are_hidden_without_a_script(browser, pages):
     page = as_served(browser, pages["session"])
     assert page.evaluate(HIDDEN_PARTS) == []
     page.locator("figure", has_text="regions by the camera").get_by_label("b05", exact=True).uncheck()
     assert page.evaluate(HIDDEN_PARTS) == ["part-1"]  # flat is part 0
 
 
-def test_every_axis_of_a_session_without_camera_has_its_line(
-    browser: Browser, pages: dict[str, Path]
-) -> None:
+def test_every_axis_of_a_session_without_camera_has_its_line(browser, pages):
     page = opened(browser, pages["weather"].as_uri(), DESK).page
     points = page.evaluate(POINTS_OF_LINES)
     assert len(points) == 3  # probes, illuminance, irradiance
@@ -170,15 +159,13 @@ def test_every_axis_of_a_session_without_camera_has_its_line(
 
 
 @pytest.mark.parametrize("name", ["session", "weather", "campaign"])
-def test_simulated_sessions_say_so(browser: Browser, pages: dict[str, Path], name: str) -> None:
+def test_simulated_sessions_say_so(browser, pages, name):
     page = opened(browser, pages[name].as_uri(), PHONE).page
     assert page.locator(".simulated").inner_text().startswith("Simulated.")
 
 
 @pytest.mark.parametrize("name", PAGES)
-def test_a_print_breaks_neither_after_a_heading_nor_within_a_row(
-    browser: Browser, pages: dict[str, Path], name: str
-) -> None:
+def test_a_print_breaks_neither_after_a_heading_nor_within_a_row(browser, pages, name):
     page = opened(browser, pages[name].as_uri(), DESK, color_scheme="dark").page
     page.emulate_media(media="print")
     assert page.evaluate(BREAKS, ["h2, h3", "breakAfter"]) in (["avoid"], [])
@@ -188,7 +175,7 @@ def test_a_print_breaks_neither_after_a_heading_nor_within_a_row(
     )
 
 
-def test_an_exported_video_plays(browser: Browser, pages: dict[str, Path]) -> None:
+def test_an_exported_video_plays(browser, pages):
     folder = pages["session"].parent
     (noon,) = folder.glob("beds/recordings/*short.h5")
     fieldkit("export", noon, "--to", "video", "--every", 5, "-o", folder / "video")

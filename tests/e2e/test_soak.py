@@ -1,12 +1,9 @@
 """A day of recording in accelerated time: nothing lost, memory flat."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -52,7 +49,7 @@ print(json.dumps({"memory": memory, "counts": report.counts, "verified": report.
 
 
 @pytest.mark.parametrize("frames", [2000, pytest.param(24 * 3600 * 9, marks=pytest.mark.slow)])
-def test_long_recording_loses_nothing_and_keeps_its_memory(tmp_path: Path, frames: int) -> None:
+def test_long_recording_loses_nothing_and_keeps_its_memory(tmp_path, frames):
     if shutil.disk_usage(tmp_path).free < frames * 40_000 + 2_000_000_000:
         pytest.skip("not enough room on this disk")
     words = [sys.executable, "-c", SOAK, str(tmp_path / "soak.h5"), str(frames)]

@@ -1,12 +1,8 @@
 """A stranger's way from the installed package to a slope: few commands, nothing edited, nothing asked."""
 
-from __future__ import annotations
-
 import json
 from glob import glob
-from pathlib import Path
 
-import pytest
 from click.testing import CliRunner, Result
 
 from fieldkit.cli import main
@@ -22,9 +18,7 @@ COMMANDS = (
 )
 
 
-def test_six_commands_lead_from_nothing_to_a_slope_and_its_report(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_six_commands_lead_from_nothing_to_a_slope_and_its_report(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "home"))
     assert len(COMMANDS) <= 6

@@ -1,10 +1,7 @@
 """The main job as a user does it: record on simulated devices, then read the same session again."""
 
-from __future__ import annotations
-
 import json
 from collections import Counter
-from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from pathlib import Path
 
@@ -37,19 +34,19 @@ def fieldkit(*arguments: str | Path) -> str:
 
 
 @pytest.fixture(scope="module")
-def session_file(recorded: Callable[[Path], Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+def session_file(recorded, tmp_path_factory):
     return recorded(tmp_path_factory.mktemp("sandslope"))
 
 
 @pytest.fixture(scope="module")
-def campaign(session_file: Path) -> Path:
+def campaign(session_file):
     return session_file.parents[1]
 
 
 ANGLES = ("tilt_deg", "azimuth_deg", "tilt_low_deg", "tilt_high_deg", "second_tilt_deg", "chi_square")
 
 
-def test_live_and_batch_give_the_same_slopes_each_minute(session_file: Path) -> None:
+def test_live_and_batch_give_the_same_slopes_each_minute(session_file):
     with open_session(session_file) as session:
         live = session.estimates()
         minutes = list(minutes_of(session, estimator_for(session, config_for(session))))
@@ -62,7 +59,7 @@ def test_live_and_batch_give_the_same_slopes_each_minute(session_file: Path) -> 
         assert np.isfinite(expected).any() or name == "second_tilt_deg"
 
 
-def test_replay_and_estimate_say_the_same(session_file: Path) -> None:
+def test_replay_and_estimate_say_the_same(session_file):
     batch = json.loads(fieldkit("estimate", session_file, "--json"))["slopes"]
     replayed = json.loads(fieldkit("replay", session_file, "--speed", "max", "--json"))["slopes"]
     for one, other in zip(batch, replayed, strict=True):
@@ -71,7 +68,7 @@ def test_replay_and_estimate_say_the_same(session_file: Path) -> None:
         assert one["azimuth_deg"] == pytest.approx(other["azimuth_deg"], abs=1e-9)
 
 
-def test_every_stream_is_recorded_at_its_rate_and_stamped_with_the_scene(session_file: Path) -> None:
+def test_every_stream_is_recorded_at_its_rate_and_stamped_with_the_scene(session_file):
     with open_session(session_file) as session:
         assert session.state == "sealed"
         assert session.count("camera") == 36  # a burst of three each minute
@@ -82,12 +79,12 @@ def test_every_stream_is_recorded_at_its_rate_and_stamped_with_the_scene(session
     assert not any(Quality.SHUTTER in flag or Quality.DROPPED_BEFORE in flag for flag in flags)
 
 
-def test_check_finds_nothing_wrong_with_a_clear_session(session_file: Path) -> None:
+def test_check_finds_nothing_wrong_with_a_clear_session(session_file):
     (document,) = json.loads(fieldkit("check", session_file, "--json"))["sessions"]
     assert [one for one in document["findings"] if one["level"] != "ok"] == []
 
 
-def test_direct_irradiance_from_lux_is_within_ten_percent_of_the_measured(session_file: Path) -> None:
+def test_direct_irradiance_from_lux_is_within_ten_percent_of_the_measured(session_file):
     """Measured: NOAA SURFRAD, Alamosa, 2016-01-01 (direct_n of the station's own pyrheliometer)."""
     from fieldkit.weather import packaged
 
@@ -98,9 +95,7 @@ def test_direct_irradiance_from_lux_is_within_ten_percent_of_the_measured(sessio
     np.testing.assert_allclose(table["irradiance_w_m2"], measured, rtol=0.10)
 
 
-def test_another_recording_of_the_same_scene_is_equal_sample_by_sample(
-    campaign: Path, session_file: Path
-) -> None:
+def test_another_recording_of_the_same_scene_is_equal_sample_by_sample(campaign, session_file):
     fast = ("--set", "simulation.speed=max", "-q")
     fieldkit("record", "-C", campaign, "--for", "12m", "--name", "again", *fast)
     again = next(campaign.glob("recordings/*again.h5"))
@@ -135,9 +130,7 @@ FAULTS = {
         ),
     ],
 )
-def test_a_fault_is_survived_named_on_screen_and_in_the_file_and_found_by_check(
-    campaign: Path, fault: str
-) -> None:
+def test_a_fault_is_survived_named_on_screen_and_in_the_file_and_found_by_check(campaign, fault):
     minutes = 12 if fault == "disk" else 8  # it is full five minutes after the middle
     words = ["record", "-C", str(campaign), "--for", f"{minutes}m", "--name", fault]
     fast = ("--set", "simulation.speed=max", "--set", "estimator.model=full")
@@ -172,7 +165,7 @@ class Falling:
         raise ValueError("a mistake at the end")
 
 
-def test_views_that_raise_do_not_end_the_recording(campaign: Path) -> None:
+def test_views_that_raise_do_not_end_the_recording(campaign):
     config = load_config(campaign / "fieldkit.toml", settings=["simulation.speed=max"])
     path = campaign / "recordings" / "views.h5"
     views = [Falling(at=20), Falling()]
@@ -211,7 +204,7 @@ class Filling:
         self.disk.close()
 
 
-def test_pictures_left_out_just_before_the_end_are_told(campaign: Path) -> None:
+def test_pictures_left_out_just_before_the_end_are_told(campaign):
     """A second without room for frames 4 s before the end: the pause that follows outlives the recording."""
     settings = ["simulation.speed=max", "record.sampling=all"]
     config = load_config(campaign / "fieldkit.toml", settings=settings)
@@ -238,9 +231,7 @@ class Crowding(Filling):
                 pass
 
 
-def test_a_session_that_ended_early_says_so_and_keeps_the_marks_of_its_last_second(
-    campaign: Path, tmp_path: Path
-) -> None:
+def test_a_session_that_ended_early_says_so_and_keeps_the_marks_of_its_last_second(campaign, tmp_path):
     """The disk takes next to nothing from second 20 on, until the room kept for the end is given back."""
     config = load_config(campaign / "fieldkit.toml", settings=["simulation.speed=max"])
     with small_disk(tmp_path, "24m") as place:
@@ -260,7 +251,7 @@ def test_a_session_that_ended_early_says_so_and_keeps_the_marks_of_its_last_seco
     assert marks == ["the last"]
 
 
-def test_a_mark_that_no_room_is_left_for_is_not_sealed_away(campaign: Path) -> None:
+def test_a_mark_that_no_room_is_left_for_is_not_sealed_away(campaign):
     """Recovery keeps it, once there is room."""
     config = load_config(campaign / "fieldkit.toml", settings=["simulation.speed=max"])
     path = campaign / "recordings" / "no-room.h5"
@@ -276,7 +267,7 @@ def test_a_mark_that_no_room_is_left_for_is_not_sealed_away(campaign: Path) -> N
         assert session.count("lux") >= 11
 
 
-def test_every_garbled_record_is_told_also_those_of_the_last_minute(campaign: Path) -> None:
+def test_every_garbled_record_is_told_also_those_of_the_last_minute(campaign):
     settings = ["simulation.speed=max", 'simulation.faults=["garbled"]']
     config = load_config(campaign / "fieldkit.toml", settings=settings)
     path = campaign / "recordings" / "garbled.h5"
@@ -299,9 +290,7 @@ def test_every_garbled_record_is_told_also_those_of_the_last_minute(campaign: Pa
         ({"device_seq": 2**63}, "not stored: stream 'lux': a time or counter needs more than 64 bits"),
     ],
 )
-def test_samples_that_are_not_as_declared_cost_only_themselves(
-    campaign: Path, change: dict[str, object], told: str
-) -> None:
+def test_samples_that_are_not_as_declared_cost_only_themselves(campaign, change, told):
     """As of a driver with a mistake in it: two wrong ones in a row are told once."""
     config = load_config(campaign / "fieldkit.toml", settings=["simulation.speed=max"])
     path = campaign / "recordings" / f"misfit-{next(iter(change))}.h5"
@@ -341,7 +330,7 @@ class Noting:
         """Nothing is held."""
 
 
-def test_marks_are_kept_and_nothing_of_the_journal_stays(campaign: Path) -> None:
+def test_marks_are_kept_and_nothing_of_the_journal_stays(campaign):
     config = load_config(campaign / "fieldkit.toml", settings=["simulation.speed=max"])
     path = campaign / "recordings" / "marked.h5"
     with open_instruments(config, duration_s=59.0) as tools:

@@ -1,11 +1,7 @@
 """The fixtures of the virtual USB lab: one guest for the whole run, or a reason why there is none."""
 
-from __future__ import annotations
-
 import sys
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -25,13 +21,13 @@ CACHE = HERE.parents[1] / ".cache/lab"
 
 
 @pytest.fixture(scope="session")
-def field() -> Field:
+def field():
     """The simulated field all instruments look at."""
     return Field()
 
 
 @pytest.fixture(scope="session")
-def _booted(field: Field) -> Iterator[tuple[Lab, dict[str, Any]]]:
+def _booted(field):
     """A guest that found a camera plugged in when it was switched on, and what udev made of that."""
     early: list[UsbPort] = []
 
@@ -56,19 +52,19 @@ def _booted(field: Field) -> Iterator[tuple[Lab, dict[str, Any]]]:
 
 
 @pytest.fixture(scope="session")
-def lab(_booted: tuple[Lab, dict[str, Any]]) -> Lab:
+def lab(_booted):
     """The lab with nothing plugged in."""
     return _booted[0]
 
 
 @pytest.fixture(autouse=True)
-def _unplugged_after(lab: Lab) -> Iterator[None]:
+def _unplugged_after(lab):
     """What a test plugged in and out again is gone in the guest before the next one begins."""
     yield
     lab.wait_for_empty_sockets()
 
 
 @pytest.fixture(scope="session")
-def cold_plugged(_booted: tuple[Lab, dict[str, Any]]) -> dict[str, Any]:
+def cold_plugged(_booted):
     """The nodes of a camera that was plugged in when the guest was switched on."""
     return _booted[1]

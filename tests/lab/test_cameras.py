@@ -1,7 +1,5 @@
 """Cameras through the real uvcvideo, read by fieldkit's two readers: every byte, every picture."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 from itertools import pairwise
@@ -21,7 +19,7 @@ FORMATS = {"purethermal": ("Y16 ", 160, 122), "p2pro": ("YUYV", 256, 384), "ht30
 
 
 @pytest.fixture(params=list(FORMATS))
-def kind(request: pytest.FixtureRequest) -> str:
+def kind(request):
     return str(request.param)
 
 
@@ -52,7 +50,7 @@ def rate_hz(report: dict[str, Any]) -> float:
 
 
 @pytest.mark.parametrize("backend", ["v4l2", "opencv"])
-def test_every_picture_arrives_unchanged_and_in_order(lab: Lab, field: Field, kind: str, backend: str):
+def test_every_picture_arrives_unchanged_and_in_order(lab, field, kind, backend):
     def attempt() -> tuple[dict[str, Any], int]:
         lab.wait_for_empty_sockets()
         with port:
@@ -72,7 +70,7 @@ def test_every_picture_arrives_unchanged_and_in_order(lab: Lab, field: Field, ki
         assert report["sequences"] == list(range(len(report["sums"])))
 
 
-def test_lepton_commands_are_obeyed_while_pictures_flow(lab: Lab, field: Field):
+def test_lepton_commands_are_obeyed_while_pictures_flow(lab, field):
     with lab.camera(PureThermal(field.lepton, endpoint=BULK)) as port:
         lab.wait_for("/dev/video0")
         report = stream(
@@ -93,7 +91,7 @@ def test_lepton_commands_are_obeyed_while_pictures_flow(lab: Lab, field: Field):
     nothing_lost(skipped(places_in(sent, report["sums"])))
 
 
-def test_ht301_gives_temperatures_once_its_zoom_is_set(lab: Lab, field: Field):
+def test_ht301_gives_temperatures_once_its_zoom_is_set(lab, field):
     with lab.camera(camera("ht301", field)) as port:
         lab.wait_for("/dev/video0")
         report = stream(lab, port, "ht301", "v4l2", [[5, "set_zoom", 0x8004], [20, "set_zoom", 0x8000]])
@@ -102,7 +100,7 @@ def test_ht301_gives_temperatures_once_its_zoom_is_set(lab: Lab, field: Field):
     assert commands == [0x8004, 0x8000]
 
 
-def test_p2pro_answers_vendor_requests_beside_the_kernels_stream(lab: Lab, field: Field):
+def test_p2pro_answers_vendor_requests_beside_the_kernels_stream(lab, field):
     def attempt() -> tuple[dict[str, Any], int]:
         lab.wait_for_empty_sockets()
         with port:
@@ -122,7 +120,7 @@ IDENTITIES = {"purethermal": "1e4e:0100", "p2pro": "0bda:5830", "ht301": "1514:0
 OPTIONS = {"p2pro": {"gain": "low"}}
 
 
-def test_the_driver_opens_it_by_identity_and_runs_its_shutter(lab: Lab, field: Field, kind: str):
+def test_the_driver_opens_it_by_identity_and_runs_its_shutter(lab, field, kind):
     with lab.camera(camera(kind, field)) as port:
         lab.wait_for("/dev/video0")
         mean_k = field.lepton(time.monotonic()).mean()

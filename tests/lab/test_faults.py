@@ -1,7 +1,5 @@
 """Trouble on the cable while recording: each is seen and named, and the session is sealed and whole."""
 
-from __future__ import annotations
-
 import re
 import signal
 from collections.abc import Iterator
@@ -11,10 +9,8 @@ from typing import Any
 
 import pytest
 from fieldlab.campaign import CAMERA_BY_ID, LUX, LUX_BY_ID, THERMOMETER_BY_ID
-from fieldlab.field import Field
 from fieldlab.meters import LightMeter, Thermometer
 from fieldlab.recording import Recording, events
-from usblab.lab import Lab
 from usblab.models.p2pro import P2Pro
 from usblab.models.purethermal import BULK, PureThermal
 
@@ -51,7 +47,7 @@ class Troubled:
 
 
 @pytest.fixture(scope="module")
-def troubled(lab: Lab, field: Field) -> Troubled:
+def troubled(lab, field):
     """One recording for all troubles: starting and sealing one is the dear part."""
     spans: dict[str, tuple[int, int]] = {}
     port, lux = lab.camera(PureThermal(field.lepton, endpoint=BULK)), lab.meter(LightMeter(field), 0)
@@ -89,42 +85,42 @@ def troubled(lab: Lab, field: Field) -> Troubled:
     return Troubled(session, checked.json["sessions"][0], spans)
 
 
-def test_the_session_is_sealed_and_whole_in_spite_of_all(troubled: Troubled):
+def test_the_session_is_sealed_and_whole_in_spite_of_all(troubled):
     assert troubled.session["state"] == "sealed"
     assert troubled.checked["level"] == "warn"  # troubles are told, nothing is damaged
 
 
-def test_a_camera_that_falls_silent_is_named_and_opened_again(troubled: Troubled):
+def test_a_camera_that_falls_silent_is_named_and_opened_again(troubled):
     assert any("silent" in text for text in troubled.events("silent", "LOST", "camera"))
     assert troubled.events("silent", "BACK", "camera")
 
 
-def test_a_picture_that_stands_still_is_flagged_and_named(troubled: Troubled):
+def test_a_picture_that_stands_still_is_flagged_and_named(troubled):
     assert {"DUPLICATE", "FROZEN"} <= troubled.flags("stuck", "camera")
     assert any("frozen" in text for text in troubled.events("stuck", "LOST", "camera"))
 
 
-def test_no_picture_comes_twice_unflagged_even_when_the_camera_was_opened_again(troubled: Troubled):
+def test_no_picture_comes_twice_unflagged_even_when_the_camera_was_opened_again(troubled):
     assert troubled.session["streams"]["camera"]["unflagged_duplicates"] == 0
 
 
-def test_a_stalled_endpoint_is_a_lost_camera_that_comes_back(troubled: Troubled):
+def test_a_stalled_endpoint_is_a_lost_camera_that_comes_back(troubled):
     assert troubled.events("stall", "LOST", "camera")
     assert troubled.events("stall", "BACK", "camera")
 
 
-def test_pictures_cut_short_are_gaps_in_the_kernels_numbers(troubled: Troubled):
+def test_pictures_cut_short_are_gaps_in_the_kernels_numbers(troubled):
     assert "DROPPED_BEFORE" in troubled.flags("short", "camera")
     assert len(troubled.events("short", "GAP", "camera")) >= 3
 
 
-def test_garbled_records_are_dropped_and_told(troubled: Troubled, field: Field):
+def test_garbled_records_are_dropped_and_told(troubled, field):
     assert troubled.events("garbled", "GARBLED", "lux")
     truth = field.lux()
     assert all(abs(lux - truth) < 0.1 * truth for (lux,) in troubled.session["streams"]["lux"]["values"])
 
 
-def test_twenty_replugs_are_survived_by_the_same_camera_under_changing_nodes(lab: Lab, field: Field):
+def test_twenty_replugs_are_survived_by_the_same_camera_under_changing_nodes(lab, field):
     port, decoy = (
         lab.camera(PureThermal(field.lepton, endpoint=BULK), 0),
         lab.camera(P2Pro(field.wide(192, 256)), 1),
@@ -155,7 +151,7 @@ def test_twenty_replugs_are_survived_by_the_same_camera_under_changing_nodes(lab
     assert session["state"] == "sealed"
 
 
-def test_a_killed_recorder_leaves_everything_to_recover(lab: Lab, field: Field):
+def test_a_killed_recorder_leaves_everything_to_recover(lab, field):
     port = lab.camera(PureThermal(field.lepton, endpoint=BULK))
     with port, lab.meter(LightMeter(field), 0), lab.meter(Thermometer(field), 1):
         lab.wait_for(CAMERA_BY_ID, LUX_BY_ID, THERMOMETER_BY_ID)

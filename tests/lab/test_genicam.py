@@ -1,14 +1,11 @@
 """GenICam: aravis' own fake camera on loopback, a real GigE Vision camera to everything above it."""
 
-from __future__ import annotations
-
 import ctypes
 import re
 import shutil
 import subprocess
 import time
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Callable
 
 import pytest
 
@@ -40,12 +37,12 @@ IR_FORMAT = """
 
 
 @pytest.fixture(autouse=True)
-def _unplugged_after() -> None:
+def _unplugged_after():
     """In place of the guest's: this camera is on this computer's loopback."""
 
 
 @pytest.fixture(autouse=True)
-def _aravis() -> None:
+def _aravis():
     try:
         import gi
 
@@ -56,7 +53,7 @@ def _aravis() -> None:
 
 
 @pytest.fixture
-def camera(tmp_path: Path) -> Iterator[Callable[..., None]]:
+def camera(tmp_path):
     """Starts the fake camera, with changes to its description, instead of the one that runs."""
     running: list[subprocess.Popen[bytes]] = []
 
@@ -110,9 +107,7 @@ def settings(**options: object) -> DeviceSettings:
 
 
 @pytest.mark.parametrize(("resolution", "kelvin"), [("10mK", 0.01), ("100mK", 0.1)])
-def test_linear_temperatures_are_set_and_read_back(
-    camera: Callable[..., None], resolution: str, kelvin: float
-) -> None:
+def test_linear_temperatures_are_set_and_read_back(camera, resolution, kelvin):
     camera(with_ir_format)
     device = Genicam().open(settings(resolution=resolution), HostClock())
     info = device.info
@@ -122,26 +117,26 @@ def test_linear_temperatures_are_set_and_read_back(
     device.close()
 
 
-def test_a_camera_without_a_known_scale_gives_counts(camera: Callable[..., None]) -> None:
+def test_a_camera_without_a_known_scale_gives_counts(camera):
     camera()
     device = Genicam().open(settings(), HostClock())
     assert device.info.unit == "counts"
     device.close()
 
 
-def test_a_camera_of_8_bits_is_refused_by_name(camera: Callable[..., None]) -> None:
+def test_a_camera_of_8_bits_is_refused_by_name(camera):
     camera(without_mono16)
     with pytest.raises(DeviceError, match="Aravis Fake gives Mono8: images without temperatures"):
         Genicam().open(settings(), HostClock())
 
 
-def test_the_driver_conforms(camera: Callable[..., None]) -> None:
+def test_the_driver_conforms(camera):
     camera(with_ir_format)
     outcomes = list(check_driver(Genicam(), HostClock(), settings()))
     assert {one.level for one in outcomes if one.what != "cable"} == {"ok"}, outcomes
 
 
-def test_a_minute_is_recorded_without_a_loss(camera: Callable[..., None], tmp_path: Path) -> None:
+def test_a_minute_is_recorded_without_a_loss(camera, tmp_path):
     camera(with_ir_format)
     campaign = tmp_path / "campaign"
     campaign.mkdir()
@@ -161,7 +156,7 @@ def test_a_minute_is_recorded_without_a_loss(camera: Callable[..., None], tmp_pa
     assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
 
 
-def test_frames_whose_packets_are_lost_are_counted(camera: Callable[..., None]) -> None:
+def test_frames_whose_packets_are_lost_are_counted(camera):
     """A packet in ten is lost, and asked for again, which does not save every frame."""
     camera(with_ir_format, lost_per_thousand=100)
     device = Genicam().open(settings(), HostClock())

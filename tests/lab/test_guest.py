@@ -1,13 +1,9 @@
 """The guest itself: what it computes can be trusted."""
 
-from __future__ import annotations
-
 import random
 
-from usblab.lab import Lab
 
-
-def test_the_guests_processor_sorts_as_any_other(lab: Lab):
+def test_the_guests_processor_sorts_as_any_other(lab):
     for seed in range(5):
         draw = random.Random(seed)
         values = [draw.gauss() for _ in range(5000)]

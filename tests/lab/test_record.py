@@ -1,13 +1,9 @@
 """Whole recordings through the real drivers: nothing lost, everything stamped, the same slopes."""
 
-from __future__ import annotations
-
 import statistics
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -34,7 +30,7 @@ from usblab.models.purethermal import BULK, PureThermal
 from fieldkit.model.units import MINUTE_NS, SECOND_NS
 
 
-def test_devices_lists_what_is_plugged_in_by_identity(lab: Lab, field: Field):
+def test_devices_lists_what_is_plugged_in_by_identity(lab, field):
     with lab.camera(PureThermal(field.lepton)), lab.meter(LightMeter(field)):
         lab.wait_for(CAMERA_BY_ID, LUX_BY_ID)
         ended = lab.run("fieldkit", "devices", "--json")
@@ -44,7 +40,7 @@ def test_devices_lists_what_is_plugged_in_by_identity(lab: Lab, field: Field):
     assert "lutron" in found["0403:6001:LUX0001"]
 
 
-def test_doctor_finds_the_instruments_ready_and_the_clock_wrong(lab: Lab, field: Field):
+def test_doctor_finds_the_instruments_ready_and_the_clock_wrong(lab, field):
     with lab.camera(PureThermal(field.lepton)), lab.meter(LightMeter(field)):
         lab.wait_for(CAMERA_BY_ID, LUX_BY_ID)
         known = {"camera": {**CAMERA, "identity": "1e4e:0100:8007000b-5113-3037-3231"}, "lux": LUX}
@@ -86,7 +82,7 @@ class Recorded:
 
 
 @pytest.fixture(scope="module")
-def recorded(lab: Lab, field: Field) -> Iterator[Recorded]:
+def recorded(lab, field):
     """A recording without a loss, or the last of three, as a fault of fieldkit loses pictures in each.
 
     The emulator itself drops packets while it gets no processor.
@@ -130,7 +126,7 @@ def record_half_a_minute(lab: Lab, field: Field) -> Recorded:
     return Recorded(recording, session, port.count.sums, lux_sent, idle_share)
 
 
-def test_no_picture_and_no_reading_is_lost(recorded: Recorded):
+def test_no_picture_and_no_reading_is_lost(recorded):
     streams = recorded.session["streams"]
     assert recorded.session["state"] == "sealed"
     assert streams["lux"]["count"] >= recorded.lux_sent
@@ -139,12 +135,12 @@ def test_no_picture_and_no_reading_is_lost(recorded: Recorded):
     nothing_lost(recorded.lost(), recorded.idle_share, told)
 
 
-def test_streams_state_the_latency_timer_of_their_adapter(recorded: Recorded):
+def test_streams_state_the_latency_timer_of_their_adapter(recorded):
     for name in ("lux", "thermometer"):
         assert recorded.session["streams"][name]["info"]["settings"]["usb_latency_ms"] == 1
 
 
-def test_pictures_carry_the_kernels_stamp_and_a_number(recorded: Recorded):
+def test_pictures_carry_the_kernels_stamp_and_a_number(recorded):
     """Its stamps are as regular as the camera; those of a reader who polls are not."""
     for name, rate_hz, step in (("camera", 9.0, 3), ("second", 25.0, 1)):  # a Lepton counts at 27 Hz
         assert recorded.session["streams"][name]["info"]["settings"]["backend"] == "v4l2"
@@ -156,9 +152,7 @@ def test_pictures_carry_the_kernels_stamp_and_a_number(recorded: Recorded):
         assert statistics.median(one_ms) == pytest.approx(1000 / rate_hz, rel=0.2)
 
 
-def test_slopes_are_those_of_the_same_field_recorded_without_usb(
-    recorded: Recorded, field: Field, tmp_path: Path
-):
+def test_slopes_are_those_of_the_same_field_recorded_without_usb(recorded, field, tmp_path):
     session = recorded.session
     lasting_s = (session["end_ns"] - session["start_ns"]) / 1e9
     expected = tilts_deg(field.scene, session["start_ns"], lasting_s, tmp_path)
@@ -166,7 +160,7 @@ def test_slopes_are_those_of_the_same_field_recorded_without_usb(
     assert found == pytest.approx(expected, abs=0.05)
 
 
-def test_check_and_show_read_what_was_recorded(recorded: Recorded):
+def test_check_and_show_read_what_was_recorded(recorded):
     recording, session = recorded.recording, recorded.session
     checked = recording.fieldkit("check", recording.session, "--json")
     assert checked.code == 0, checked.out
@@ -177,7 +171,7 @@ def test_check_and_show_read_what_was_recorded(recorded: Recorded):
     }
 
 
-def test_somebody_outside_the_groups_is_told_what_to_do(lab: Lab, field: Field):
+def test_somebody_outside_the_groups_is_told_what_to_do(lab, field):
     with lab.camera(PureThermal(field.lepton)):
         lab.wait_for(CAMERA_BY_ID)
         lab.put("/home/stranger/campaign/fieldkit.toml", toml(field.scene, {"camera": CAMERA}), STRANGER)

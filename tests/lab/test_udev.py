@@ -1,14 +1,11 @@
 """What udev makes of the instruments: names, modes and groups, however and whenever they are plugged in."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest
 from fieldlab.campaign import CAMERA_BY_ID, LUX_BY_ID, THERMOMETER_BY_ID
-from fieldlab.field import Field
 from fieldlab.meters import LightMeter, Thermometer
-from usblab.lab import OBSERVER, STRANGER, Lab
+from usblab.lab import OBSERVER, STRANGER
 from usblab.models.purethermal import PureThermal
 
 
@@ -21,11 +18,11 @@ def check_camera(nodes: Any) -> None:
     assert {"mode": "0660", "group": "plugdev"} in raw
 
 
-def test_a_camera_found_at_power_on_has_its_stable_name_and_group(cold_plugged: Any):
+def test_a_camera_found_at_power_on_has_its_stable_name_and_group(cold_plugged):
     check_camera(cold_plugged)
 
 
-def test_a_camera_plugged_in_later_has_them_again_and_again(lab: Lab, field: Field):
+def test_a_camera_plugged_in_later_has_them_again_and_again(lab, field):
     port = lab.camera(PureThermal(field.lepton))
     for _ in range(2):
         with port:
@@ -34,7 +31,7 @@ def test_a_camera_plugged_in_later_has_them_again_and_again(lab: Lab, field: Fie
         lab.wait_for(CAMERA_BY_ID, present=False)
 
 
-def test_serial_adapters_are_told_apart_by_serial_number(lab: Lab, field: Field):
+def test_serial_adapters_are_told_apart_by_serial_number(lab, field):
     light, probes = lab.meter(LightMeter(field), 0), lab.meter(Thermometer(field), 1)
     with probes, light:
         names = {}
@@ -46,7 +43,7 @@ def test_serial_adapters_are_told_apart_by_serial_number(lab: Lab, field: Field)
         assert all(lab.nodes()[tty] == {"mode": "0660", "group": "dialout"} for tty in names.values())
 
 
-def test_the_latency_timer_of_an_adapter_is_set_to_a_millisecond_and_read_back(lab: Lab, field: Field):
+def test_the_latency_timer_of_an_adapter_is_set_to_a_millisecond_and_read_back(lab, field):
     with lab.meter(LightMeter(field), 0):
         lab.wait_for(LUX_BY_ID)
         told = lab.guest.call("inside_guest.adapters:latency", path=LUX_BY_ID)
@@ -54,7 +51,7 @@ def test_the_latency_timer_of_an_adapter_is_set_to_a_millisecond_and_read_back(l
 
 
 @pytest.mark.parametrize(("user", "may"), [(OBSERVER, True), (STRANGER, False)])
-def test_the_group_decides_who_may_open_the_camera(lab: Lab, field: Field, user: str, may: bool):
+def test_the_group_decides_who_may_open_the_camera(lab, field, user, may):
     with lab.camera(PureThermal(field.lepton)):
         lab.wait_for(CAMERA_BY_ID)
         ended = lab.run("dd", f"if={CAMERA_BY_ID}", "of=/dev/null", "count=0", user=user)

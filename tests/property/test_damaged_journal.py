@@ -1,7 +1,5 @@
 """Whatever bytes of a journal are damaged: what comes back and what is reported lost is what was written."""
 
-from __future__ import annotations
-
 import random
 import shutil
 from collections.abc import Callable, Iterator
@@ -119,7 +117,7 @@ KINDS: dict[str, Callable[[Path], Recorded]] = {
         *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("one part", "large frames")),
     ],
 )
-def recording(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Recorded:
+def recording(request, tmp_path_factory):
     return KINDS[request.param](tmp_path_factory.mktemp("interrupted"))
 
 
@@ -160,9 +158,7 @@ def some(recording: Recorded, count: int) -> Iterator[Damage]:
 
 
 @pytest.mark.parametrize("count", [6, pytest.param(125, marks=pytest.mark.slow)])
-def test_recovered_and_reported_lost_is_what_was_written(
-    recording: Recorded, tmp_path: Path, count: int
-) -> None:
+def test_recovered_and_reported_lost_is_what_was_written(recording, tmp_path, count):
     known = [
         recovered_and_lost(recording, tmp_path / "copy", damage, with_file=n % 4 == 3)
         for n, damage in enumerate(some(recording, count))
@@ -171,9 +167,7 @@ def test_recovered_and_reported_lost_is_what_was_written(
 
 
 @pytest.mark.parametrize("count", [4, pytest.param(60, marks=pytest.mark.slow)])
-def test_damage_of_the_end_and_of_its_count_leaves_no_wrong_number(
-    recording: Recorded, tmp_path: Path, count: int
-) -> None:
+def test_damage_of_the_end_and_of_its_count_leaves_no_wrong_number(recording, tmp_path, count):
     """The count beside the journal is damaged too: then what was at the end is known no more."""
     chance, files = random.Random(count), dict(recording.files())
     part = max(name for name in files if name[0].isdigit())

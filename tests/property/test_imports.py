@@ -1,7 +1,5 @@
 """What holds for all that import reads: damage is told or does no harm, quickly and in little memory."""
 
-from __future__ import annotations
-
 import random
 import resource
 import time
@@ -31,14 +29,12 @@ def imported(source: Path, out: Path, options: tuple[str, ...]) -> Result:
 
 
 @pytest.fixture(scope="module")
-def sound(tmp_path_factory: pytest.TempPathFactory) -> dict[Path, tuple[str, ...]]:
+def sound(tmp_path_factory):
     return one_of_each(tmp_path_factory.mktemp("sound"))
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_sound_files_of_every_kind_become_sessions(
-    sound: dict[Path, tuple[str, ...]], tmp_path: Path, name: str
-) -> None:
+def test_sound_files_of_every_kind_become_sessions(sound, tmp_path, name):
     source = next(path for path in sound if path.name == name)
     done = imported(source, tmp_path / "a.h5", sound[source])
     assert done.exit_code == 0, done.output
@@ -64,9 +60,7 @@ USED = {
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_options_that_a_format_does_not_use_are_refused_by_name(
-    sound: dict[Path, tuple[str, ...]], tmp_path: Path, name: str
-) -> None:
+def test_options_that_a_format_does_not_use_are_refused_by_name(sound, tmp_path, name):
     source = next(path for path in sound if path.name == name)
     for option in OPTIONS.keys() - USED.get(name, set()):
         done = imported(source, tmp_path / "a.h5", (*sound[source], option, OPTIONS[option]))
@@ -100,9 +94,7 @@ def most_memory_kb() -> int:
 
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("trials", [1, pytest.param(400, marks=pytest.mark.slow)])
-def test_damage_is_told_or_does_no_harm(
-    sound: dict[Path, tuple[str, ...]], tmp_path: Path, name: str, trials: int
-) -> None:
+def test_damage_is_told_or_does_no_harm(sound, tmp_path, name, trials):
     """Exit by an error of fieldkit's own with something to do next, or with a session that opens."""
     source = next(path for path in sound if path.name == name)
     chance, before_kb = random.Random(f"{name} {trials}"), most_memory_kb()

@@ -1,7 +1,5 @@
 """What holds for every session: read back as written, and damage never passes for data."""
 
-from __future__ import annotations
-
 import random
 import shutil
 import time
@@ -28,7 +26,7 @@ LIMIT_S = 60.0  # a moment on an idle computer
 
 
 @given(st.text(max_size=200), st.integers(4, 64))
-def test_text_fits_its_field_and_is_a_beginning(text: str, width: int) -> None:
+def test_text_fits_its_field_and_is_a_beginning(text, width):
     data = encode_text(text, width)
     assert len(data) <= width
     back = decode_text(data)
@@ -37,7 +35,7 @@ def test_text_fits_its_field_and_is_a_beginning(text: str, width: int) -> None:
 
 
 @given(st.text(max_size=50), st.floats(-90, 90), st.text(max_size=30))
-def test_header_is_the_same_after_json(title: str, latitude: float, toml: str) -> None:
+def test_header_is_the_same_after_json(title, latitude, toml):
     from dataclasses import replace
 
     head = replace(HEADER, title=title, site=replace(HEADER.site, latitude_deg=latitude), config_toml=toml)
@@ -45,7 +43,7 @@ def test_header_is_the_same_after_json(title: str, latitude: float, toml: str) -
 
 
 @given(st.binary(min_size=48, max_size=48), st.integers(48, 2**40))
-def test_mending_a_superblock_is_done_once(head: bytes, length: int) -> None:
+def test_mending_a_superblock_is_done_once(head, length):
     once = mended(head, length)
     assert mended(once, length) == once
     assert len(once) == 48
@@ -53,9 +51,7 @@ def test_mending_a_superblock_is_done_once(head: bytes, length: int) -> None:
 
 @settings(max_examples=5)
 @given(st.integers(0, 40), st.sampled_from([1.0, 9.0, 25.0]), st.sampled_from([(24, 32), (7, 11), (1, 1)]))
-def test_session_is_read_back_as_written(
-    tmp_path_factory: pytest.TempPathFactory, frames: int, rate_hz: float, shape: tuple[int, int]
-) -> None:
+def test_session_is_read_back_as_written(tmp_path_factory, frames, rate_hz, shape):
     path = tmp_path_factory.mktemp("property") / "a.h5"
     head = header((max(shape[0], 1), max(shape[1], 4)), rate_hz)
     clock = CountedClock()
@@ -69,7 +65,7 @@ def test_session_is_read_back_as_written(
 
 
 @pytest.fixture(scope="module")
-def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def recorded(tmp_path_factory):
     """A folder with a sealed session and an interrupted one, whose journal has several parts."""
     folder = tmp_path_factory.mktemp("recorded")
     for name in ("sealed", "interrupted"):
@@ -112,7 +108,7 @@ def every_sample_is_right_or_flagged(path: Path) -> bool:
 
 
 @pytest.mark.parametrize("trials", [4, pytest.param(1000, marks=pytest.mark.slow)])
-def test_damage_never_gives_a_wrong_sample(recorded: Path, tmp_path: Path, trials: int) -> None:
+def test_damage_never_gives_a_wrong_sample(recorded, tmp_path, trials):
     chance = random.Random(trials)
     for _ in range(trials):
         path = damaged(recorded, tmp_path / "copy", chance, "interrupted")
@@ -130,7 +126,7 @@ def test_damage_never_gives_a_wrong_sample(recorded: Path, tmp_path: Path, trial
 
 
 @pytest.mark.parametrize("trials", [4, pytest.param(1000, marks=pytest.mark.slow)])
-def test_damaged_sealed_session_is_noticed(recorded: Path, tmp_path: Path, trials: int) -> None:
+def test_damaged_sealed_session_is_noticed(recorded, tmp_path, trials):
     chance = random.Random(trials)
     for _ in range(trials):
         path = damaged(recorded, tmp_path / "copy", chance, "sealed")

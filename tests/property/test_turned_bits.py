@@ -1,7 +1,5 @@
 """A bit that turned over in a sealed session is named by `check`, or is none that anything is read from."""
 
-from __future__ import annotations
-
 import random
 import re
 from pathlib import Path
@@ -18,7 +16,7 @@ OTHERWISE = {*NOT_YET, *(f"time_map/{column.name}" for column in TIME_MAP_COLUMN
 
 
 @pytest.fixture(scope="module")
-def faults(tmp_path_factory: pytest.TempPathFactory) -> Faults:
+def faults(tmp_path_factory):
     return Faults(small_session(tmp_path_factory.mktemp("sealed") / "small.h5"))
 
 
@@ -29,7 +27,7 @@ def is_named_or_harmless(faults: Faults, place: int, bit: int, scratch: Path) ->
     return bool(failures(scratch, data)) or faults.reads_the_same(data)
 
 
-def test_a_bit_of_each_value_is_named(faults: Faults, tmp_path: Path) -> None:
+def test_a_bit_of_each_value_is_named(faults, tmp_path):
     chance = random.Random(1)
     assert len(faults.values) > 140
     asked = 0
@@ -45,7 +43,7 @@ def test_a_bit_of_each_value_is_named(faults: Faults, tmp_path: Path) -> None:
     assert asked > 5
 
 
-def test_a_bit_of_each_structure_of_the_file_is_named(faults: Faults, tmp_path: Path) -> None:
+def test_a_bit_of_each_structure_of_the_file_is_named(faults, tmp_path):
     """Object headers with the attributes, heaps and indexes: what HDF5 itself guards."""
     chance = random.Random(2)
     starts = [found.start() for found in re.finditer(b"OHDR|OCHK|FRHP|FHDB|BTHD|BTLF|EAHD|GCOL", faults.data)]
@@ -55,7 +53,7 @@ def test_a_bit_of_each_structure_of_the_file_is_named(faults: Faults, tmp_path: 
         assert is_named_or_harmless(faults, place, chance.randrange(8), tmp_path / "a.h5"), place
 
 
-def test_random_bits_of_the_file_are_named_or_harmless(faults: Faults, tmp_path: Path) -> None:
+def test_random_bits_of_the_file_are_named_or_harmless(faults, tmp_path):
     chance = random.Random(3)
     for _ in range(2):
         place, bit = chance.randrange(len(faults.data)), chance.randrange(8)
@@ -64,7 +62,7 @@ def test_random_bits_of_the_file_are_named_or_harmless(faults: Faults, tmp_path:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("part", range(SLICES))
-def test_every_bit_of_every_value_is_named(faults: Faults, part: int) -> None:
+def test_every_bit_of_every_value_is_named(faults, part):
     spans = [span for span in faults.values if span.dataset not in OTHERWISE]
     for span in spans[part::SLICES]:
         for place in range(span.start, span.stop):
@@ -74,7 +72,7 @@ def test_every_bit_of_every_value_is_named(faults: Faults, part: int) -> None:
 
 
 @pytest.mark.slow
-def test_every_tenth_bit_that_no_digest_covers_is_named(faults: Faults, tmp_path: Path) -> None:
+def test_every_tenth_bit_that_no_digest_covers_is_named(faults, tmp_path):
     for span in faults.values:
         if span.dataset in OTHERWISE:
             for number in range(0, 8 * (span.stop - span.start), 10 if span.stop - span.start < 999 else 500):
@@ -84,7 +82,7 @@ def test_every_tenth_bit_that_no_digest_covers_is_named(faults: Faults, tmp_path
 
 @pytest.mark.slow
 @pytest.mark.parametrize("part", range(SLICES))
-def test_every_bit_that_hdf5_guards_is_named(faults: Faults, tmp_path: Path, part: int) -> None:
+def test_every_bit_that_hdf5_guards_is_named(faults, tmp_path, part):
     """Every bit of every byte that is part of something: the first bit of a byte tells whether it is."""
     values = {place for span in faults.values for place in range(span.start, span.stop)}
     rest = [place for place in range(len(faults.data)) if place not in values]
@@ -98,7 +96,7 @@ def test_every_bit_that_hdf5_guards_is_named(faults: Faults, tmp_path: Path, par
 
 
 @pytest.mark.slow
-def test_two_thousand_random_bits_are_named_or_harmless(faults: Faults, tmp_path: Path) -> None:
+def test_two_thousand_random_bits_are_named_or_harmless(faults, tmp_path):
     chance = random.Random(4)
     for _ in range(2000):
         place, bit = chance.randrange(len(faults.data)), chance.randrange(8)

@@ -1,18 +1,15 @@
 """Replacing a file as a whole: the old one or the new one, whenever the power is cut."""
 
-from __future__ import annotations
-
 import contextlib
 import select
 import subprocess
 import sys
-from pathlib import Path
 
 from fieldkit.disk import one_at_a_time, replacing, sha256
 from tests.harness import disk
 
 
-def test_a_draft_is_on_the_disk_before_it_takes_a_place_and_its_place_after(tmp_path: Path) -> None:
+def test_a_draft_is_on_the_disk_before_it_takes_a_place_and_its_place_after(tmp_path):
     place = tmp_path / "disk"
     place.mkdir()
     (place / "old").write_text("old")
@@ -27,7 +24,7 @@ def test_a_draft_is_on_the_disk_before_it_takes_a_place_and_its_place_after(tmp_
     assert [(path.name, path.read_text()) for path in place.iterdir()] == [("old", "new")]
 
 
-def test_a_block_that_fails_leaves_the_old_file_and_no_draft(tmp_path: Path) -> None:
+def test_a_block_that_fails_leaves_the_old_file_and_no_draft(tmp_path):
     path = tmp_path / "file"
     path.write_text("old")
     with contextlib.suppress(ValueError), replacing(path) as draft:
@@ -40,13 +37,13 @@ def test_a_block_that_fails_leaves_the_old_file_and_no_draft(tmp_path: Path) -> 
         assert [(one.name, one.read_text()) for one in tmp_path.iterdir()] == [("file", text)]
 
 
-def test_checksum_of_a_file_is_its_sha_256(tmp_path: Path) -> None:
+def test_checksum_of_a_file_is_its_sha_256(tmp_path):
     (tmp_path / "file").write_bytes(b"abc")  # the example of FIPS 180-2, B.1
     known = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
     assert sha256(tmp_path / "file") == known
 
 
-def test_the_next_one_waits_until_a_process_has_ended(tmp_path: Path) -> None:
+def test_the_next_one_waits_until_a_process_has_ended(tmp_path):
     code = (
         "import sys, time; from pathlib import Path; from fieldkit.disk import one_at_a_time\n"
         "with one_at_a_time(Path(sys.argv[1])):\n    print('in', flush=True); time.sleep(60)"

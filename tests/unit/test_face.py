@@ -22,7 +22,7 @@ from tests.harness.recording import CountedClock, fill, header
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory) -> Path:
+def made(tmp_path_factory):
     path, clock = tmp_path_factory.mktemp("made") / "field.h5", CountedClock()
     writer = SessionWriter(path, header((24, 32)), clock)
     fill(writer, 10, clock)
@@ -31,7 +31,7 @@ def made(tmp_path_factory) -> Path:
 
 
 @pytest.fixture
-def session(made: Path, tmp_path: Path):
+def session(made, tmp_path):
     with fieldkit.open_session(shutil.copy(made, tmp_path)) as opened:
         yield opened
 

@@ -1,7 +1,5 @@
 """What packages and citations state about fieldkit agrees with the code."""
 
-from __future__ import annotations
-
 import importlib.metadata
 import importlib.util
 import json
@@ -30,7 +28,7 @@ CONDA_NAMES = {"astropy": "astropy-base", "isal": "python-isal", "opencv-python-
 
 
 @pytest.mark.parametrize("name", ["codemeta.json", ".zenodo.json"])
-def test_metadata_is_of_this_version_and_these_keywords(name: str):
+def test_metadata_is_of_this_version_and_these_keywords(name):
     stated = json.loads((ROOT / name).read_text(encoding="utf-8"))
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     assert (stated["version"], stated["keywords"]) == (fieldkit.__version__, project["keywords"])
@@ -157,7 +155,7 @@ def wheel_of(folder: Path) -> Path:
 
 
 @pytest.mark.slow
-def test_a_wheel_built_again_is_equal_and_holds_the_whole_package(tmp_path: Path):
+def test_a_wheel_built_again_is_equal_and_holds_the_whole_package(tmp_path):
     first, again = wheel_of(tmp_path / "first"), wheel_of(tmp_path / "again")
     assert first.read_bytes() == again.read_bytes()
     package = ROOT / "fieldkit"

@@ -1,7 +1,5 @@
 """The examples of the API reference: there is one for everything public, and each runs as printed."""
 
-from __future__ import annotations
-
 import doctest
 import os
 import pkgutil
@@ -10,8 +8,6 @@ import re
 import shutil
 import threading
 import tty
-from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -63,7 +59,7 @@ def test_everything_public_has_an_example(name):
 
 
 @pytest.fixture(scope="module")
-def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def recorded(tmp_path_factory):
     """The folder of the campaign that the reference's examples use, recorded as the reference says."""
     folder = tmp_path_factory.mktemp("reference")
     assert RECORDING
@@ -76,7 +72,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def instruments(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def instruments(tmp_path, monkeypatch):
     """A serial adapter that is found, and a port `light-meter` on which a Lutron shows 638 lx in its tens."""
     adapter = ("/dev/ttyUSB0", UsbIdentity(0x10C4, 0xEA60, "A7", "1-2", "CP2102"))
     # what the pages show is connected, whatever is connected to this computer; only a kernel makes its nodes
@@ -104,7 +100,7 @@ def instruments(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Non
 
 
 @pytest.fixture
-def names(recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[dict[str, Any]]:
+def names(recorded, tmp_path, monkeypatch):
     """What the examples may use, in a copy of the folder that is the current one."""
     shutil.copytree(recorded, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import gzip
 import subprocess
 import sys
@@ -21,7 +19,7 @@ SURFRAD = "data/weather/slv16001.dat"
 
 
 @pytest.fixture(scope="module")
-def day() -> weather.Weather:
+def day():
     return weather.packaged()
 
 
@@ -149,7 +147,7 @@ MINUTES = [row(f"2000 182 6 30 18 {minute}") for minute in (0, 3, 6)]
 
 
 @pytest.mark.parametrize("cut", [1, 2, 3, 7, 100, len(MINUTES[0]) - 2])
-def test_a_day_that_is_still_being_written_is_read_up_to_its_last_whole_row(tmp_path: Path, cut: int) -> None:
+def test_a_day_that_is_still_being_written_is_read_up_to_its_last_whole_row(tmp_path, cut):
     path = tmp_path / "bon00182.dat"
     path.write_text((HEAD + "".join(MINUTES))[:-cut])
     day = read_station_file(path)
@@ -161,13 +159,13 @@ def test_a_day_that_is_still_being_written_is_read_up_to_its_last_whole_row(tmp_
         assert day.notes == ("bon00182.dat: its last row is cut off and was excluded, after 2 whole rows",)
 
 
-def test_a_row_cut_off_within_the_day_is_named(tmp_path: Path) -> None:
+def test_a_row_cut_off_within_the_day_is_named(tmp_path):
     (tmp_path / "a.dat").write_text(HEAD + MINUTES[0] + MINUTES[1][:-9] + "\n" + MINUTES[2])
     with pytest.raises(ConfigError, match="row 2 has 46 words, not 48"):
         read_station_file(tmp_path / "a.dat")
 
 
-def test_minutes_that_stand_twice_or_late_are_read_once_and_in_order(tmp_path: Path) -> None:
+def test_minutes_that_stand_twice_or_late_are_read_once_and_in_order(tmp_path):
     (tmp_path / "a.dat").write_text(HEAD + "".join(MINUTES[n] for n in (0, 2, 1, 2)))
     day = read_station_file(tmp_path / "a.dat")
     assert day.ghi_w_m2.tolist() == [0.0, 3.0, 6.0]
@@ -175,7 +173,7 @@ def test_minutes_that_stand_twice_or_late_are_read_once_and_in_order(tmp_path: P
 
 
 @pytest.mark.parametrize("year", ["00", "24", "99", "1899", "1960", "2262", "9999"])
-def test_a_year_that_no_network_has_is_refused(tmp_path: Path, year: str) -> None:
+def test_a_year_that_no_network_has_is_refused(tmp_path, year):
     """Years of two digits used to become 1754 or so, where nanoseconds of 64 bits overflow."""
     (tmp_path / "a.dat").write_text(HEAD + row(f"{year} 182 6 30 18 0"))
     with pytest.raises(ConfigError, match=f"year {int(year)} is not from 1992 on"):
@@ -185,7 +183,7 @@ def test_a_year_that_no_network_has_is_refused(tmp_path: Path, year: str) -> Non
         read_station_file(tmp_path / "b.dat")
 
 
-def test_a_bsrn_month_cut_off_within_a_number_does_not_use_it(tmp_path: Path) -> None:
+def test_a_bsrn_month_cut_off_within_a_number_does_not_use_it(tmp_path):
     data = foreign_files.bsrn()
     for cut in range(1, 60):
         (tmp_path / "tat0624.dat").write_bytes(data[:-cut])
@@ -206,7 +204,7 @@ def bsrn(path: Path, *, longwave_up: bool = False) -> Path:
 
 # --- station files are identified by their content
 @pytest.mark.parametrize("packed", [False, True])
-def test_bsrn_month_is_read_by_pvlib_and_stamped_in_the_middle(tmp_path: Path, packed: bool) -> None:
+def test_bsrn_month_is_read_by_pvlib_and_stamped_in_the_middle(tmp_path, packed):
     path = bsrn(tmp_path / "tat0624.dat")
     if packed:
         plain, path = path, tmp_path / "tat0624.dat.gz"
@@ -224,7 +222,7 @@ def test_bsrn_month_is_read_by_pvlib_and_stamped_in_the_middle(tmp_path: Path, p
     assert np.isnan(month.wind_m_s).all()
 
 
-def test_bsrn_minutes_that_only_the_further_record_has_stand_at_their_time(tmp_path: Path) -> None:
+def test_bsrn_minutes_that_only_the_further_record_has_stand_at_their_time(tmp_path):
     """Layout: GCOS-174, records 0100 and 0300, which need not have the same minutes."""
     lines = foreign_files.bsrn(longwave_up=True).decode().splitlines()
     basic = lines.index("*C0100")
@@ -235,13 +233,13 @@ def test_bsrn_minutes_that_only_the_further_record_has_stand_at_their_time(tmp_p
     assert month.longwave_up_w_m2.tolist() == [450.0, 451.0, 452.0]
 
 
-def test_bsrn_minute_that_stands_twice_counts_once(tmp_path: Path) -> None:
+def test_bsrn_minute_that_stands_twice_counts_once(tmp_path):
     minutes = foreign_files.BSRN_MINUTES
     (tmp_path / "twice.dat").write_bytes(foreign_files.bsrn([*minutes[:2], minutes[1], minutes[2]]))
     assert read_station_file(tmp_path / "twice.dat").time_ns.size == len(minutes)
 
 
-def test_means_of_three_minutes_are_stamped_in_their_middle(tmp_path: Path) -> None:
+def test_means_of_three_minutes_are_stamped_in_their_middle(tmp_path):
     """SURFRAD README: stamps are the ends of averages, of three minutes before 2009; BSRN labels starts."""
     lines = foreign_files.surfrad().decode().splitlines()
     rows = [
@@ -260,14 +258,14 @@ def test_means_of_three_minutes_are_stamped_in_their_middle(tmp_path: Path) -> N
     assert np.datetime64(int(first), "ns") == np.datetime64("2024-06-01T00:01:30")
 
 
-def test_bsrn_long_wave_from_the_ground_is_read_where_it_is_there(tmp_path: Path) -> None:
+def test_bsrn_long_wave_from_the_ground_is_read_where_it_is_there(tmp_path):
     assert np.isnan(read_station_file(bsrn(tmp_path / "a.dat")).longwave_up_w_m2).all()
     month = read_station_file(bsrn(tmp_path / "b.dat", longwave_up=True))
     assert month.longwave_up_w_m2.tolist() == [450.0, 451.0, 452.0]
 
 
 @pytest.mark.parametrize(("name", "station"), [("slv16001.dat", "alamosa"), ("tbl17005.dat", "boulder")])
-def test_surfrad_station_is_identified_by_its_place(name: str, station: str) -> None:
+def test_surfrad_station_is_identified_by_its_place(name, station):
     path = shared(f"data/weather/{name}")
     assert is_station_file(path)
     day = read_station_file(path)
@@ -287,7 +285,7 @@ def test_surfrad_station_is_identified_by_its_place(name: str, station: str) -> 
         (gzip.compress(b"*U0001\n 16  6 2024  1\n", mtime=0)[:-9], "is damaged"),
     ],
 )  # fmt: skip
-def test_damaged_and_other_files_are_refused(tmp_path: Path, content: bytes, words: str) -> None:
+def test_damaged_and_other_files_are_refused(tmp_path, content, words):
     path = tmp_path / "a.dat"
     path.write_bytes(content)
     with pytest.raises(ConfigError, match=words) as caught:
@@ -309,7 +307,7 @@ def alamosa_as_bsrn(path: Path) -> Path:
     return path
 
 
-def test_a_day_is_the_same_from_either_network(tmp_path: Path) -> None:
+def test_a_day_is_the_same_from_either_network(tmp_path):
     day, found = weather.packaged(), read_station_file(alamosa_as_bsrn(tmp_path / "ala0116.dat"))
     assert np.array_equal(found.time_ns, day.time_ns[1:])
     for name in ("ghi_w_m2", "dni_w_m2", "dhi_w_m2", "longwave_down_w_m2"):
@@ -317,7 +315,7 @@ def test_a_day_is_the_same_from_either_network(tmp_path: Path) -> None:
     np.testing.assert_allclose(found.air_temperature_k, day.air_temperature_k[1:], atol=0.05)
 
 
-def test_bsrn_serves_the_calibration_and_not_the_scene_for_it_has_no_wind(tmp_path: Path) -> None:
+def test_bsrn_serves_the_calibration_and_not_the_scene_for_it_has_no_wind(tmp_path):
     from fieldkit.config import load_config
     from fieldkit.config.template import SIMULATED, campaign_toml
     from fieldkit.recording.simulated_scene import measured_weather

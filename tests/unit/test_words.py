@@ -1,7 +1,5 @@
 """The field's words: the glossary is used, and words of our own are in no help, message or page."""
 
-from __future__ import annotations
-
 import ast
 import re
 from collections.abc import Iterator

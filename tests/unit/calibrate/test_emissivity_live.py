@@ -1,7 +1,5 @@
 """What a recording for an emissivity reports and when it ends, on synthetic probes and frames."""
 
-from __future__ import annotations
-
 import threading
 from typing import cast
 
@@ -22,15 +20,15 @@ def plateau(start_s: int, kelvin: float, view: SteadyView) -> None:
 
 
 @pytest.fixture
-def minute() -> Minute:
+def minute():
     return cast(Minute, object.__new__(Minute))
 
 
-def test_temperatures_closer_than_five_kelvin_count_once() -> None:
+def test_temperatures_closer_than_five_kelvin_count_once():
     assert apart([300.0, 301.0, 304.9, 305.0, 309.0, 311.0]) == [300.0, 305.0, 311.0]
 
 
-def test_the_recording_is_sealed_at_the_wanted_number_of_temperatures_and_not_before(minute: Minute) -> None:
+def test_the_recording_is_sealed_at_the_wanted_number_of_temperatures_and_not_before(minute):
     said, ended = list[str](), threading.Event()
     view = SteadyView(ReadingCollector(made()), said.append, ended.set, 2)
     plateau(0, 300.0, view)
@@ -46,7 +44,7 @@ def test_the_recording_is_sealed_at_the_wanted_number_of_temperatures_and_not_be
     view.close()
 
 
-def test_without_a_frame_the_recording_reports_what_is_missing(minute: Minute) -> None:
+def test_without_a_frame_the_recording_reports_what_is_missing(minute):
     said, ended = list[str](), threading.Event()
     SteadyView(ReadingCollector(made()), said.append, ended.set, 2).show(minute)
     assert "no usable frames" in said[-1]

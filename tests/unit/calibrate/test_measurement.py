@@ -1,7 +1,5 @@
 """What looks at what on an emissivity day, and what is kept of its samples: kelvin worked out by hand."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -66,7 +64,7 @@ def collected(setup: MeasurementSetup, **kelvin: float) -> ReadingCollector:
     return collector
 
 
-def test_camera_foil_and_probe_are_kept_as_they_were_measured() -> None:
+def test_camera_foil_and_probe_are_kept_as_they_were_measured():
     collector = collected(made(), sand=305.0, foil=240.0)
     found = collector.readings()
     assert found.apparent_k == pytest.approx([305.0] * 3)
@@ -77,7 +75,7 @@ def test_camera_foil_and_probe_are_kept_as_they_were_measured() -> None:
     assert collector.other_probes_k()["air"] == pytest.approx([295.0] * 3)
 
 
-def test_samples_that_are_not_usable_and_other_streams_are_left_out() -> None:
+def test_samples_that_are_not_usable_and_other_streams_are_left_out():
     collector = collected(made(), sand=305.0)
     collector.add(frame(9, Quality.SHUTTER, sand=400.0))
     collector.add(frame(9, Quality.BAD_CRC, sand=400.0))
@@ -91,19 +89,17 @@ def test_samples_that_are_not_usable_and_other_streams_are_left_out() -> None:
 @pytest.mark.parametrize(
     ("channel", "kelvin"), [(None, 310.0), ("tape", 311.0), ("2", 311.0), ("3", 295.0), (3, 295.0)]
 )
-def test_a_probe_is_chosen_by_its_name_or_its_number_on_the_meter(
-    channel: str | int | None, kelvin: float
-) -> None:
+def test_a_probe_is_chosen_by_its_name_or_its_number_on_the_meter(channel, kelvin):
     assert collected(made(channel=channel)).readings().contact_k == pytest.approx([kelvin] * 3)
 
 
 @pytest.mark.parametrize("channel", ["0", "4", "sky", "\u00b2"])
-def test_a_probe_that_is_not_there_is_refused(channel: str) -> None:
+def test_a_probe_that_is_not_there_is_refused(channel):
     with pytest.raises(ConfigError, match=f"no probe '{channel}'"):
         made(channel=channel)
 
 
-def test_a_thermometer_that_showed_fahrenheit_is_read_as_such() -> None:
+def test_a_thermometer_that_showed_fahrenheit_is_read_as_such():
     """100 °F are 310.928 K; taken for °C they were stored as 373.15 K."""
     collector = ReadingCollector(made(unit="F"))
     collector.add(frame(0))
@@ -111,14 +107,14 @@ def test_a_thermometer_that_showed_fahrenheit_is_read_as_such() -> None:
     assert collector.readings().contact_k == pytest.approx([310.928], abs=1e-3)
 
 
-def test_a_thermometer_in_degrees_celsius_is_brought_to_kelvin() -> None:
+def test_a_thermometer_in_degrees_celsius_is_brought_to_kelvin():
     collector = ReadingCollector(made(CAMERA, replace(PROBES, unit="°C")))
     collector.add(frame(0))
     collector.add(reading(0, 36.85, 0.0, 0.0))
     assert collector.readings().contact_k == pytest.approx([310.0])
 
 
-def test_an_emissivity_that_the_camera_applied_is_undone() -> None:
+def test_an_emissivity_that_the_camera_applied_is_undone():
     """What it reported of a grey surface, by its own law, becomes what it saw."""
     seen = float(brightness_temperature_k(320.0, 0.9, 280.0))
     setup = made(camera_emissivity=0.9, camera_reflected_c=280.0 - 273.15)
@@ -130,7 +126,7 @@ def test_an_emissivity_that_the_camera_applied_is_undone() -> None:
         made(told, PROBES, camera_emissivity=0.8)
 
 
-def test_the_air_in_between_is_taken_out() -> None:
+def test_the_air_in_between_is_taken_out():
     """Fifty metres of warm air in front of cold foil and hot sand: both are farther from the air."""
     near, far = (
         collected(made(distance_m=d, air_c=20.0), sand=320.0, foil=240.0).readings() for d in (0.0, 50.0)
@@ -141,7 +137,7 @@ def test_the_air_in_between_is_taken_out() -> None:
     assert 0.1 < wet.apparent_k[0] - far.apparent_k[0] < 2.0
 
 
-def test_tape_stands_in_for_a_thermometer() -> None:
+def test_tape_stands_in_for_a_thermometer():
     emissivity, sky_k, true_k = 0.95, 240.0, 315.0
     seen = float(
         band_temperature(emissivity * band_radiance(true_k) + (1.0 - emissivity) * band_radiance(sky_k))
@@ -156,13 +152,13 @@ def test_tape_stands_in_for_a_thermometer() -> None:
 @pytest.mark.parametrize(
     ("reflected", "kelvin"), [("-40", 233.15), ("free", NOT_MEASURED_K), ("12.5", 285.65)]
 )
-def test_a_reflected_temperature_may_be_given_or_left_to_the_fit(reflected: str, kelvin: float) -> None:
+def test_a_reflected_temperature_may_be_given_or_left_to_the_fit(reflected, kelvin):
     setup = made(reflected=reflected)
     assert (setup.foil, setup.reflected_k) == (None, pytest.approx(kelvin))
     assert collected(setup).readings().reflected_k == pytest.approx([kelvin] * 3)
 
 
-def test_nothing_usable_is_said_so() -> None:
+def test_nothing_usable_is_said_so():
     with pytest.raises(CalibrationError, match="no usable frames"):
         ReadingCollector(made()).readings()
     collector = ReadingCollector(made())
@@ -182,12 +178,12 @@ def test_nothing_usable_is_said_so() -> None:
         ((CAMERA, PROBES), {"band": "1,2,3"}, "is not a valid band"),
     ],
 )
-def test_what_cannot_be_set_up_is_refused(streams: Any, given: dict[str, Any], said: str) -> None:
+def test_what_cannot_be_set_up_is_refused(streams, given, said):
     with pytest.raises(ConfigError, match=said):
         made(*streams, **given)
 
 
-def test_bands_as_they_are_typed(tmp_path: Path) -> None:
+def test_bands_as_they_are_typed(tmp_path):
     table = tmp_path / "response.csv"
     table.write_text("um,response\n8,1\n14,1\n", encoding="utf-8")
     assert band_of("8-14") is FLAT
@@ -215,32 +211,32 @@ def test_bands_as_they_are_typed(tmp_path: Path) -> None:
         {"unit": "K"},
     ],
 )
-def test_a_number_that_cannot_be_is_refused_in_python_as_on_the_command_line(given: dict[str, Any]) -> None:
+def test_a_number_that_cannot_be_is_refused_in_python_as_on_the_command_line(given):
     with pytest.raises(ConfigError) as refused:
         MeasurementOptions(**given)
     assert refused.value.fix.startswith("give ")
 
 
 @pytest.mark.parametrize("reflected", ["nan", math.inf, "-400", -273.15])
-def test_a_reflected_temperature_that_is_none_is_refused(reflected: str | float) -> None:
+def test_a_reflected_temperature_that_is_none_is_refused(reflected):
     with pytest.raises(ConfigError, match="is not a temperature"):
         made(reflected=reflected)
 
 
 @pytest.mark.parametrize("given", [{"tape": "sand"}, {"reflected": "sand"}, {"tape": "foil"}])
-def test_a_region_is_not_compared_with_itself(given: dict[str, str]) -> None:
+def test_a_region_is_not_compared_with_itself(given):
     """Sand that is its own tape of 0.95 has an emissivity of 0.950, whatever it is."""
     with pytest.raises(ConfigError, match="cannot be two of sample, foil and tape"):
         made(**given)
 
 
 @pytest.mark.parametrize("band", ["-5,1", "nan,1", "0,1", "-1,1428,1,0", "1428,inf", "1,2,3"])
-def test_constants_that_no_camera_has_are_refused(band: str) -> None:
+def test_constants_that_no_camera_has_are_refused(band):
     with pytest.raises(ConfigError, match="not a valid band"):
         band_of(band)
 
 
-def test_a_response_that_is_not_there_is_not_taken_for_a_damaged_session() -> None:
+def test_a_response_that_is_not_there_is_not_taken_for_a_damaged_session():
     with pytest.raises(ConfigError, match="cannot read the band nofile"):
         band_of("nofile.csv")
 
@@ -249,24 +245,24 @@ IN_REGIONS = {"sand": ["thermometer:sand"], "tape": ["thermometer:tape"]}
 
 
 @pytest.mark.parametrize(("region", "probe"), [("sand", "sand"), ("tape", "tape")])
-def test_a_regions_own_probe_is_chosen(region: str, probe: str) -> None:
+def test_a_regions_own_probe_is_chosen(region, probe):
     """The first one gave a bed of 5 degrees 0.957 ± 0.035 for 0.90, by the probe of the bed beside it."""
     setup = made(probes=IN_REGIONS, region=region)
     assert (setup.probe_name, setup.remarks) == (probe, ())
 
 
-def test_of_several_thermometers_the_one_with_the_regions_probe_is_chosen() -> None:
+def test_of_several_thermometers_the_one_with_the_regions_probe_is_chosen():
     other = replace(PROBES, name="logger")
     setup = made(CAMERA, PROBES, other, probes={"sand": ["logger:air"]})
     assert setup.thermometer == other
     assert setup.probe_name == "air"
 
 
-def test_a_region_without_a_probe_is_not_given_that_of_another() -> None:
+def test_a_region_without_a_probe_is_not_given_that_of_another():
     with pytest.raises(ConfigError, match="no probe is in foil; thermometer:sand is in sand"):
         made(probes=IN_REGIONS, region="foil", reflected=-40.0)
 
 
-def test_a_probe_of_another_region_is_noted() -> None:
+def test_a_probe_of_another_region_is_noted():
     setup = made(probes=IN_REGIONS, channel="tape")
     assert setup.remarks == ("the probe tape is in tape, not in sand, by its probes",)

@@ -1,9 +1,6 @@
 """What a session taught becomes the prior of another one."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
@@ -25,19 +22,19 @@ UNKNOWN = Region("slope", RegionKind.TARGET, CORNERS)
 LEARNED = {"estimator.model": "learned"}
 
 
-def test_known_slopes_are_references_and_may_be_steeper() -> None:
+def test_known_slopes_are_references_and_may_be_steeper():
     found = with_known((FLAT, B05, B15, UNKNOWN), {"b05", "b15"}, steeper_deg=0.5)
     assert [region.kind for region in found.latest] == [RegionKind.REFERENCE] * 3 + [RegionKind.TARGET]
     assert [region.tilt_deg for region in found.latest[1:3]] == [5.5, 15.5]
 
 
-def test_the_flattest_stays_a_target_where_no_other_is_left() -> None:
+def test_the_flattest_stays_a_target_where_no_other_is_left():
     found = with_known((FLAT, B15, B05), {"b05", "b15"})
     assert {region.name for region in found.latest if region.kind is RegionKind.TARGET} == {"b05"}
 
 
 @pytest.fixture(scope="module")
-def sand(folder: Path) -> fieldkit.calibrate.Calibration:
+def sand(folder):
     return fieldkit.calibrate.surface(
         next((folder / "recordings").glob("*s1.h5")),
         beds=["b15"],
@@ -46,7 +43,7 @@ def sand(folder: Path) -> fieldkit.calibrate.Calibration:
     )
 
 
-def test_a_session_teaches_gain_conductivity_and_depth(sand: fieldkit.calibrate.Calibration) -> None:
+def test_a_session_teaches_gain_conductivity_and_depth(sand):
     record = sand.record
     assert (record.kind, record.details["model"]) == ("surface", "learned")
     assert set(record.values) == set(record.uncertainties) == {"conductivity_w_m_k", "depth_m"}
@@ -56,9 +53,7 @@ def test_a_session_teaches_gain_conductivity_and_depth(sand: fieldkit.calibrate.
     assert 9 <= record.details["minutes"] <= 12
 
 
-def test_the_next_session_takes_it_as_its_prior(
-    sand: fieldkit.calibrate.Calibration, folder: Path, tmp_path: Path
-) -> None:
+def test_the_next_session_takes_it_as_its_prior(sand, folder, tmp_path):
     sand.save(tmp_path / "calibration")
     text = (folder / "fieldkit.toml").read_text(encoding="utf-8")
     (tmp_path / "fieldkit.toml").write_text(text, encoding="utf-8")
@@ -71,7 +66,7 @@ def test_the_next_session_takes_it_as_its_prior(
     assert settings.slab.depth_m == pytest.approx(sand.record.values["depth_m"])
 
 
-def test_a_session_without_a_usable_frame_teaches_nothing(sessions: list[Path], tmp_path: Path) -> None:
+def test_a_session_without_a_usable_frame_teaches_nothing(sessions, tmp_path):
     def flagged(sample: Sample) -> Sample:
         return sample._replace(quality=Quality.SHUTTER) if isinstance(sample, Frame) else sample
 
@@ -81,11 +76,11 @@ def test_a_session_without_a_usable_frame_teaches_nothing(sessions: list[Path], 
 
 
 @pytest.fixture
-def runs(sessions: list[Path]) -> list[Run]:
+def runs(sessions):
     return [run_of(source_of(path), ["estimator.model=learned"]) for path in sessions]
 
 
-def test_each_session_gets_what_the_others_taught(runs: list[Run]) -> None:
+def test_each_session_gets_what_the_others_taught(runs):
     seen: list[Run] = []
 
     def estimate(asked: list[Run]) -> list[Outcome]:
@@ -100,7 +95,7 @@ def test_each_session_gets_what_the_others_taught(runs: list[Run]) -> None:
     assert float(prior["estimator.scale"]) == 1.0  # nobody taught anything
 
 
-def test_a_single_session_and_another_model_have_no_others(runs: list[Run]) -> None:
+def test_a_single_session_and_another_model_have_no_others(runs):
     with pytest.raises(ConfigError, match="two sessions"):
         list(prior_of_others(runs[:1], lambda asked: []))
     paper = [replace(run, settings=replace(run.settings, model="paper")) for run in runs]
@@ -108,12 +103,12 @@ def test_a_single_session_and_another_model_have_no_others(runs: list[Run]) -> N
         list(prior_of_others(paper, lambda asked: []))
 
 
-def test_the_prior_of_a_sweep_is_configured_or_others() -> None:
+def test_the_prior_of_a_sweep_is_configured_or_others():
     with pytest.raises(ConfigError, match="configured or taken from others"):
         read_grid(["prior=mine"])
 
 
-def test_a_sweep_ranks_the_prior_of_others(sessions: list[Path]) -> None:
+def test_a_sweep_ranks_the_prior_of_others(sessions):
     found = sweep(sessions, {"estimator.model": ["learned"], "prior": ["configured", "others"]})
     assert found.ranking is not None
     (effect,) = found.ranking.effects

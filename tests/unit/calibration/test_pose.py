@@ -1,7 +1,5 @@
 """A known camera's pose from points projected by OpenCV, with and without noise."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

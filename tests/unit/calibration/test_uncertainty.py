@@ -1,7 +1,5 @@
 """Sums of an uncertainty budget, against worked examples of the guides."""
 
-from __future__ import annotations
-
 import math
 
 import pytest
@@ -19,18 +17,18 @@ def line(effect: float, kind: str = "B") -> Contribution:
     return Contribution("x", abs(effect), "1", kind, effect)  # type: ignore[arg-type]
 
 
-def test_effective_degrees_of_freedom_are_those_of_the_guides_example() -> None:
+def test_effective_degrees_of_freedom_are_those_of_the_guides_example():
     """UKAS M3003, appendix B: 3.5 from 4 readings within a combined 5.7 has 21.1 degrees of freedom."""
     budget = [line(3.5, "A"), line(math.sqrt(5.7**2 - 3.5**2))]
     assert combined_uncertainty(budget) == pytest.approx(5.7)
     assert effective_freedom(budget, 3) == pytest.approx(21.1, abs=0.05)
 
 
-def test_what_does_not_scatter_is_known_for_ever() -> None:
+def test_what_does_not_scatter_is_known_for_ever():
     assert effective_freedom([line(2.0), line(-1.0)], 5) == math.inf
 
 
-def test_contributions_add_in_quadrature_and_the_largest_may_be_negative() -> None:
+def test_contributions_add_in_quadrature_and_the_largest_may_be_negative():
     """Gauge block of GUM H.1: 25, 9.7, 2.9 and 16.6 nm make 32 nm."""
     budget = [line(25.0), line(9.7, "A"), line(2.9), line(-16.6)]
     assert combined_uncertainty(budget) == pytest.approx(32.0, abs=0.5)

@@ -1,7 +1,5 @@
 """``fieldkit calibrate horizon`` on ground and pixels whose skyline follows from a right-angled triangle."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +28,7 @@ def calibrate(folder: Path, *words: str) -> Result:
     return fieldkit("calibrate", "horizon", "-o", folder / "horizon.csv", *words)
 
 
-def test_a_wall_in_the_east_is_as_high_as_its_triangle(tmp_path: Path) -> None:
+def test_a_wall_in_the_east_is_as_high_as_its_triangle(tmp_path):
     heights = np.zeros((201, 201), np.float32)
     heights[:, 150:] = 20.0  # from 49.5 m east of the middle cell on, where the zone's north is true north
     transform = rasterio.Affine(1.0, 0.0, 500000.0 - 100.5, 0.0, -1.0, 3936200.0 + 100.5)
@@ -54,7 +52,7 @@ def test_a_wall_in_the_east_is_as_high_as_its_triangle(tmp_path: Path) -> None:
     assert (nothing.exit_code, "no heights beyond the place in 360 of 360" in nothing.output) == (3, True)
 
 
-def test_pixels_of_the_skyline_become_azimuths_and_elevations(tmp_path: Path) -> None:
+def test_pixels_of_the_skyline_become_azimuths_and_elevations(tmp_path):
     (tmp_path / "pose.toml").write_text(POSE)
     # 80 px of focal length: the middle row is level, 80 px aside are 45 degrees
     (tmp_path / "clicks.csv").write_text("x_px,y_px\n79.5,39.5\n119.5,59.5\n39.5,59.5\n")
@@ -67,7 +65,7 @@ def test_pixels_of_the_skyline_become_azimuths_and_elevations(tmp_path: Path) ->
     np.testing.assert_allclose(found, expected, atol=0.02)
 
 
-def test_of_pixels_above_each_other_the_highest_counts(tmp_path: Path) -> None:
+def test_of_pixels_above_each_other_the_highest_counts(tmp_path):
     """As at a cliff, or tapped twice; a horizon that has an azimuth twice makes its configuration invalid."""
     (tmp_path / "pose.toml").write_text(POSE)
     (tmp_path / "clicks.csv").write_text("x_px,y_px\n79.5,59.5\n79.5,39.5\n79.5,39.5\n79.5,49.5\n")
@@ -78,7 +76,7 @@ def test_of_pixels_above_each_other_the_highest_counts(tmp_path: Path) -> None:
     np.testing.assert_allclose(found, (90.0, np.degrees(np.arctan(20.0 / 80.0))), atol=0.02)
 
 
-def test_half_of_the_options_is_an_error(tmp_path: Path) -> None:
+def test_half_of_the_options_is_an_error(tmp_path):
     assert "give --dem, --crs and --place" in calibrate(tmp_path, "--crs", "EPSG:32654").output
 
 
@@ -112,7 +110,7 @@ points_m = [[499998, 3936200, 0.5], [499999, 3936200, 0.5], [499999, 3936201, 0.
 """
 
 
-def test_a_higher_bed_is_the_horizon_of_the_lower_one(tmp_path: Path) -> None:
+def test_a_higher_bed_is_the_horizon_of_the_lower_one(tmp_path):
     """Half a metre above it, a metre to the west, where the zone's north is true north; and the site's."""
     file = tmp_path / "fieldkit.toml"
     file.write_text(CAMPAIGN)

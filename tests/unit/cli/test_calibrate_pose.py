@@ -1,7 +1,5 @@
 """``fieldkit calibrate pose`` on points projected by OpenCV."""
 
-from __future__ import annotations
-
 import json
 
 import cv2

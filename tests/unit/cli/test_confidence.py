@@ -1,7 +1,5 @@
 """``estimator.confidence``: one key, honoured by every output."""
 
-from __future__ import annotations
-
 import json
 import re
 

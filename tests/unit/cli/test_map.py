@@ -1,7 +1,5 @@
 """``fieldkit map`` on 25 minutes recorded from simulated instruments."""
 
-from __future__ import annotations
-
 import base64
 import json
 import re

@@ -10,7 +10,7 @@ import fieldkit
 from fieldkit.cli import main
 from fieldkit.cli.next_steps import COMMANDS, RUNNING, in_commands
 from fieldkit.model.errors import ConfigError
-from fieldkit.model.next_step import Action, Argument, Text
+from fieldkit.model.next_step import Action, Argument
 
 
 def test_every_action_is_a_call_that_exists():
@@ -53,7 +53,7 @@ def test_every_action_is_a_command_with_options_that_exist(action):
         (Argument("offset_s", 12.0), "offset_s=12.0", "--clock-offset 12.0"),
     ],
 )
-def test_a_text_has_the_form_of_the_place_where_it_is_read(text: Text, python: str, typed: str) -> None:
+def test_a_text_has_the_form_of_the_place_where_it_is_read(text, python, typed):
     with click.Context(main) as context:
         context.meta[RUNNING] = main.get_command(context, "import")
         assert (str(text), in_commands(text)) == (python, typed)

@@ -1,7 +1,5 @@
 """Results of ``fieldkit estimate -o`` and what ``fieldkit report`` makes of them again."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

@@ -1,7 +1,5 @@
 """``fieldkit service`` with programs in systemd's place that note what they are asked."""
 
-from __future__ import annotations
-
 import json
 import os
 import pwd
@@ -40,14 +38,14 @@ StateChangeTimestamp=
 
 
 @pytest.fixture
-def campaign(tmp_path: Path) -> Path:
+def campaign(tmp_path):
     folder = tmp_path / "some sand"
     assert fieldkit("init", "--simulated", folder).exit_code == 0
     return folder
 
 
 @pytest.fixture
-def systemd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def systemd(tmp_path, monkeypatch):
     """A computer with systemd, seen by a user who is not root; the folder of what systemd was asked."""
     folder = tmp_path / "systemd"
     folder.mkdir()
@@ -69,7 +67,7 @@ def systemd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture
-def root(systemd: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def root(systemd, monkeypatch):
     monkeypatch.setattr(os, "geteuid", lambda: 0)  # the tests may not run as root
 
 

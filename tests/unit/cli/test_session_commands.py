@@ -1,7 +1,5 @@
 """The verbs about sessions, as they are typed: what they print and how they end."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from dataclasses import replace
@@ -47,7 +45,7 @@ def run(module: Any, *words: object) -> Result:
 
 
 @pytest.fixture(scope="module")
-def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def recordings(tmp_path_factory):
     folder = tmp_path_factory.mktemp("recordings")
     for name in ("20261211T025512Z-a.h5", "20261212T025512Z-b.h5"):
         clock = CountedClock()
@@ -58,13 +56,13 @@ def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def campaign(recordings: Path, tmp_path: Path) -> Path:
+def campaign(recordings, tmp_path):
     """A folder with a sealed and an interrupted session."""
     shutil.copytree(recordings, tmp_path / "recordings")
     return tmp_path
 
 
-def test_ls_tells_state_length_and_samples(campaign: Path) -> None:
+def test_ls_tells_state_length_and_samples(campaign):
     lines = run(ls, campaign).stdout.splitlines()
     assert lines[0].split()[:2] == ["session", "state"]
     assert "20261211T025512Z-a.h5  sealed" in lines[1]
@@ -76,7 +74,7 @@ def test_ls_tells_state_length_and_samples(campaign: Path) -> None:
 
 
 @pytest.mark.parametrize("zone", ["Mars/Jezero", "Asia", "x" * 300])
-def test_ls_of_a_session_whose_time_zone_is_unknown_here_is_in_utc(tmp_path: Path, zone: str) -> None:
+def test_ls_of_a_session_whose_time_zone_is_unknown_here_is_in_utc(tmp_path, zone):
     clock, known = CountedClock(), header((24, 32))
     unknown = replace(known, site=replace(known.site, timezone=zone))
     writer = SessionWriter(tmp_path / "a.h5", unknown, clock)
@@ -87,12 +85,12 @@ def test_ls_of_a_session_whose_time_zone_is_unknown_here_is_in_utc(tmp_path: Pat
     assert " UTC " in done.stdout.splitlines()[1]
 
 
-def test_ls_lists_what_it_cannot_read(campaign: Path) -> None:
+def test_ls_lists_what_it_cannot_read(campaign):
     (campaign / "recordings" / "photo.h5").write_bytes(b"no session")
     assert "unreadable" in run(ls, campaign).stdout
 
 
-def test_show_without_a_name_shows_the_newest(campaign: Path) -> None:
+def test_show_without_a_name_shows_the_newest(campaign):
     done = run(show, "-C", campaign / "recordings")
     assert done.exit_code == 0
     document = json.loads(run(show, campaign / "recordings" / "20261211T025512Z-a.h5", "--json").stdout)
@@ -103,7 +101,7 @@ def test_show_without_a_name_shows_the_newest(campaign: Path) -> None:
     assert document["events"][0]["text"] == "wolke über b05"
 
 
-def test_check_ends_with_an_integrity_error_where_one_is_interrupted(campaign: Path) -> None:
+def test_check_ends_with_an_integrity_error_where_one_is_interrupted(campaign):
     done = run(check, campaign, "--no-estimates")
     assert isinstance(done.exception, IntegrityError)
     assert "FAIL  state" in done.stdout
@@ -114,12 +112,12 @@ def test_check_ends_with_an_integrity_error_where_one_is_interrupted(campaign: P
     assert any("every checksum matches" in one["text"] for one in session["findings"])
 
 
-def test_check_applies_nothing_where_nothing_is_to_be_corrected(campaign: Path) -> None:
+def test_check_applies_nothing_where_nothing_is_to_be_corrected(campaign):
     path = campaign / "recordings" / "20261211T025512Z-a.h5"
     assert isinstance(run(check, path, "--apply", "--no-estimates").exception, RefusedError)
 
 
-def test_check_goes_on_where_one_of_several_needs_no_correction(campaign: Path) -> None:
+def test_check_goes_on_where_one_of_several_needs_no_correction(campaign):
     run(recover, campaign / "recordings" / "20261212T025512Z-b.h5")
     done = run(check, campaign, "--apply", "--no-estimates")
     assert done.exit_code == 0
@@ -128,7 +126,7 @@ def test_check_goes_on_where_one_of_several_needs_no_correction(campaign: Path) 
         assert f"{name}\n" in done.stdout
 
 
-def test_names_that_ls_prints_are_found_from_the_campaigns_folder(campaign: Path) -> None:
+def test_names_that_ls_prints_are_found_from_the_campaigns_folder(campaign):
     (campaign / "fieldkit.toml").write_text("schema = 1\n")
     for name in ("20261211T025512Z-a.h5", "20261212T025512Z-b.h5"):
         assert name in run(show, "-C", campaign, name).stdout
@@ -137,12 +135,12 @@ def test_names_that_ls_prints_are_found_from_the_campaigns_folder(campaign: Path
         assert gone.message == "there is no session c.h5"
 
 
-def test_an_interrupted_session_is_recovered_by_its_bare_name(campaign: Path) -> None:
+def test_an_interrupted_session_is_recovered_by_its_bare_name(campaign):
     (campaign / "fieldkit.toml").write_text("schema = 1\n")
     assert "recovered" in run(recover, "-C", campaign, "20261212T025512Z-b.h5").stdout
 
 
-def test_recover_finishes_all_of_a_campaign_and_then_nothing(campaign: Path) -> None:
+def test_recover_finishes_all_of_a_campaign_and_then_nothing(campaign):
     (campaign / "fieldkit.toml").write_text("schema = 1\n")
     done = run(recover, "-C", campaign)
     assert done.exit_code == 0
@@ -158,7 +156,7 @@ def test_recover_finishes_all_of_a_campaign_and_then_nothing(campaign: Path) -> 
     assert names == ["20261211T025512Z-a.h5", "20261212T025512Z-b.h5"]
 
 
-def test_a_session_that_cannot_be_recovered_does_not_keep_the_others_from_it(campaign: Path) -> None:
+def test_a_session_that_cannot_be_recovered_does_not_keep_the_others_from_it(campaign):
     (campaign / "fieldkit.toml").write_text("schema = 1\n")
     broken = campaign / "recordings" / "20261210T025512Z-0.h5"
     broken.touch()
@@ -170,7 +168,7 @@ def test_a_session_that_cannot_be_recovered_does_not_keep_the_others_from_it(cam
     assert "recovered" in run(ls, "-C", campaign).stdout
 
 
-def test_lost_samples_are_named_on_the_screen_and_in_json(campaign: Path) -> None:
+def test_lost_samples_are_named_on_the_screen_and_in_json(campaign):
     path = campaign / "recordings" / "20261211T025512Z-a.h5"
     whole = path.read_bytes()
     with h5py.File(path) as file:
@@ -186,13 +184,13 @@ def test_lost_samples_are_named_on_the_screen_and_in_json(campaign: Path) -> Non
 
 
 @pytest.mark.parametrize("module", [check, estimate, replay, report, show])
-def test_every_verb_offers_to_recover_an_interrupted_session(campaign: Path, module: Any) -> None:
+def test_every_verb_offers_to_recover_an_interrupted_session(campaign, module):
     path = campaign / "recordings" / "20261212T025512Z-b.h5"
     assert f"fieldkit recover {path}" in run(module, path).stderr
     assert "fieldkit recover" not in run(module, campaign / "recordings" / "20261211T025512Z-a.h5").stderr
 
 
-def test_calibration_says_which_samples_it_is_made_without(tmp_path: Path) -> None:
+def test_calibration_says_which_samples_it_is_made_without(tmp_path):
     about = header((24, 32))
     writer = SessionWriter(tmp_path / "board.h5", about, CountedClock())
     for number in range(40):
@@ -210,7 +208,7 @@ def test_calibration_says_which_samples_it_is_made_without(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("kind", ["csv", "netcdf", "mcap", "tiff"])
-def test_export_of_a_damaged_session_writes_the_rest_and_says_so(campaign: Path, kind: str) -> None:
+def test_export_of_a_damaged_session_writes_the_rest_and_says_so(campaign, kind):
     path = campaign / "recordings/20261211T025512Z-a.h5"
     with h5py.File(path, "r+") as file:
         file["camera/fpa_temperature"][4] += 1.0
@@ -224,9 +222,7 @@ def test_export_of_a_damaged_session_writes_the_rest_and_says_so(campaign: Path,
     assert not isinstance(run(export, path, "--to", "mcap", "--stream", "lux").exception, IntegrityError)
 
 
-def test_exports_lie_in_the_results_of_their_campaign_or_beside_a_session_elsewhere(
-    campaign: Path, tmp_path: Path
-) -> None:
+def test_exports_lie_in_the_results_of_their_campaign_or_beside_a_session_elsewhere(campaign, tmp_path):
     path = campaign / "recordings/20261211T025512Z-a.h5"
     assert run(export, path, "--to", "csv").exit_code == 0
     assert list((campaign / "results" / path.stem).glob("*.csv"))
@@ -238,7 +234,7 @@ def test_exports_lie_in_the_results_of_their_campaign_or_beside_a_session_elsewh
 
 
 @pytest.mark.parametrize("kind", ["csv", "parquet", "netcdf"])
-def test_export_of_every_stream_refuses_to_pass_over_the_one_named(campaign: Path, kind: str) -> None:
+def test_export_of_every_stream_refuses_to_pass_over_the_one_named(campaign, kind):
     path = campaign / "recordings" / "20261211T025512Z-a.h5"
     done = run(export, path, "--to", kind, "--stream", "nope")
     assert isinstance(done.exception, ConfigError)
@@ -255,16 +251,14 @@ def test_export_of_every_stream_refuses_to_pass_over_the_one_named(campaign: Pat
         ("csv", ("--every", "2")),
     ],
 )
-def test_an_export_refuses_an_option_that_it_does_not_use(
-    campaign: Path, kind: str, words: tuple[str, str]
-) -> None:
+def test_an_export_refuses_an_option_that_it_does_not_use(campaign, kind, words):
     done = run(export, campaign / "recordings" / "20261211T025512Z-a.h5", "--to", kind, *words)
     assert isinstance(done.exception, ConfigError)
     assert f"{words[0]} {words[1]}" in done.exception.message
     assert "video" in str(done.exception.fix)
 
 
-def test_frames_of_a_span_are_exported(campaign: Path, tmp_path: Path) -> None:
+def test_frames_of_a_span_are_exported(campaign, tmp_path):
     path = campaign / "recordings" / "20261211T025512Z-a.h5"
     with open_session(path) as session:
         times = [datetime.fromtimestamp(one.time_ns / 1e9, UTC) for one in session.samples("camera")]
@@ -291,9 +285,7 @@ def clock_time(moment: datetime, hours: float) -> str:
 @pytest.mark.parametrize(
     ("option", "hours"), [("--from", 1), ("--from", 11), ("--until", -1), ("--until", -11)]
 )
-def test_a_span_outside_the_session_is_refused(
-    campaign: Path, tmp_path: Path, option: str, hours: float
-) -> None:
+def test_a_span_outside_the_session_is_refused(campaign, tmp_path, option, hours):
     path = campaign / "recordings" / "20261211T025512Z-a.h5"
     with open_session(path) as session:
         first = datetime.fromtimestamp(session.start_ns / 1e9, UTC)
@@ -302,7 +294,7 @@ def test_a_span_outside_the_session_is_refused(
     assert not (tmp_path / "none").exists()
 
 
-def test_session_of_which_only_the_journal_is_left_is_offered_too(campaign: Path) -> None:
+def test_session_of_which_only_the_journal_is_left_is_offered_too(campaign):
     path = campaign / "recordings" / "20261212T025512Z-b.h5"
     path.unlink()
     done = run(show, path)
@@ -311,7 +303,7 @@ def test_session_of_which_only_the_journal_is_left_is_offered_too(campaign: Path
     assert run(recover, path).exit_code == 0
 
 
-def test_mark_that_the_recorder_had_no_time_to_take_is_recovered_with_kind_and_end(campaign: Path) -> None:
+def test_mark_that_the_recorder_had_no_time_to_take_is_recovered_with_kind_and_end(campaign):
     path = campaign / "recordings" / "20261212T025512Z-b.h5"
     inbox(path).mkdir()
     send(inbox(path), Mark("lightning", "storm", "2026-12-12T03:00:00Z", "2026-12-12T03:10:00Z"))
@@ -323,7 +315,7 @@ def test_mark_that_the_recorder_had_no_time_to_take_is_recovered_with_kind_and_e
     assert (events["moved"]["label"], events["moved"]["end"]) == ("", "")
 
 
-def test_session_that_does_not_exist_is_named() -> None:
+def test_session_that_does_not_exist_is_named():
     for module in (check, show, recover, replay):
         done = run(module, "nowhere.h5")
         assert isinstance(done.exception, SessionError)
@@ -331,7 +323,7 @@ def test_session_that_does_not_exist_is_named() -> None:
         assert "fieldkit ls" in (done.exception.fix or "")
 
 
-def test_recovering_what_is_no_session_says_what_to_do_and_leaves_nothing(tmp_path: Path) -> None:
+def test_recovering_what_is_no_session_says_what_to_do_and_leaves_nothing(tmp_path):
     path = tmp_path / "junk.h5"
     path.write_bytes(b"no session")
     done = run(recover, path)
@@ -341,7 +333,7 @@ def test_recovering_what_is_no_session_says_what_to_do_and_leaves_nothing(tmp_pa
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_import_makes_a_session_and_asks_for_what_it_cannot_know(tmp_path: Path) -> None:
+def test_import_makes_a_session_and_asks_for_what_it_cannot_know(tmp_path):
     folder = tmp_path / "frames"
     folder.mkdir()
     for second in range(3):
@@ -362,7 +354,7 @@ def test_import_makes_a_session_and_asks_for_what_it_cannot_know(tmp_path: Path)
     assert run(check, out, "--no-estimates").exit_code == 0
 
 
-def test_import_without_a_site_warns_that_the_campaigns_is_taken(tmp_path: Path) -> None:
+def test_import_without_a_site_warns_that_the_campaigns_is_taken(tmp_path):
     folder = tmp_path / "frames"
     folder.mkdir()
     for second in range(3):
@@ -386,9 +378,7 @@ def test_import_without_a_site_warns_that_the_campaigns_is_taken(tmp_path: Path)
 
 
 @pytest.mark.parametrize("present", [False, True])
-def test_an_imported_session_is_estimated_under_the_sun_of_its_own_site(
-    tmp_path: Path, present: bool
-) -> None:
+def test_an_imported_session_is_estimated_under_the_sun_of_its_own_site(tmp_path, present):
     """In Tokyo it is night when it is noon at Alamosa; SPA (pvlib) gives 29.3 degrees there at 19:05 UTC."""
     campaign = tmp_path / "tokyo"
     assert run(init, campaign, "--quiet").exit_code == 0
@@ -408,7 +398,7 @@ def test_an_imported_session_is_estimated_under_the_sun_of_its_own_site(
     assert moved.site.longitude_deg == -105.92
 
 
-def test_auto_offset_needs_a_session_and_an_offset_its_unit(tmp_path: Path) -> None:
+def test_auto_offset_needs_a_session_and_an_offset_its_unit(tmp_path):
     table = tmp_path / "log.csv"
     table.write_text("time,T1 [C]\n2026-05-12T01:00:00Z,3\n")
     done = run(import_session, table, "--clock-offset", "auto", "--site=1,2")
@@ -420,7 +410,7 @@ def test_auto_offset_needs_a_session_and_an_offset_its_unit(tmp_path: Path) -> N
     assert "use +12s or -2m, or auto" in wrong.stderr
 
 
-def test_a_stream_added_to_a_session_refuses_the_sessions_own_options(tmp_path: Path) -> None:
+def test_a_stream_added_to_a_session_refuses_the_sessions_own_options(tmp_path):
     table = tmp_path / "log.csv"
     table.write_text("time,T1 [C]\n2026-05-12T01:00:00Z,3\n")
     assert run(import_session, table, "--site=1,2", "-o", tmp_path / "a.h5").exit_code == 0
@@ -429,7 +419,7 @@ def test_a_stream_added_to_a_session_refuses_the_sessions_own_options(tmp_path: 
     assert "--title, --site would have no effect" in done.exception.message
 
 
-def test_a_place_against_the_one_in_the_file_is_refused_with_both(tmp_path: Path) -> None:
+def test_a_place_against_the_one_in_the_file_is_refused_with_both(tmp_path):
     (tmp_path / "slv16001.dat").write_bytes(surfrad())  # 37.70 N 105.92 W
     done = run(import_session, tmp_path / "slv16001.dat", "--site=35.5,139.4,9", "-o", tmp_path / "a.h5")
     assert isinstance(done.exception, ConfigError)
@@ -437,7 +427,7 @@ def test_a_place_against_the_one_in_the_file_is_refused_with_both(tmp_path: Path
 
 
 @pytest.mark.parametrize("name", ["beds/1", "../../oops", "a\\b"])
-def test_a_name_cannot_put_a_session_where_no_verb_looks(tmp_path: Path, name: str) -> None:
+def test_a_name_cannot_put_a_session_where_no_verb_looks(tmp_path, name):
     assert run(init, "--simulated", tmp_path / "c").exit_code == 0
     done = run(record, "-C", tmp_path / "c", "--for", "10s", "--name", name)
     assert isinstance(done.exception, ConfigError)

@@ -1,7 +1,5 @@
 """``fieldkit sweep`` and ``fieldkit estimate`` over several sessions."""
 
-from __future__ import annotations
-
 import csv
 import hashlib
 import json

@@ -1,7 +1,5 @@
 """Sessions of which nobody has drawn regions yet, such as one just imported."""
 
-from __future__ import annotations
-
 import json
 import re
 import warnings

@@ -9,7 +9,7 @@ from fieldkit.config.load import config_from_text, load_config
 from fieldkit.model.errors import ConfigError
 
 
-def test_a_file_becomes_its_pairs(tmp_path: Path) -> None:
+def test_a_file_becomes_its_pairs(tmp_path):
     (tmp_path / "ridge.csv").write_text("azimuth_deg,elevation_deg\n0,5\n90,12.5\n", encoding="utf-8")
     values = {"region": [{"name": "b15", "horizon": "ridge.csv"}]}
     assert with_horizons(values, tmp_path / "fieldkit.toml") == []
@@ -17,18 +17,18 @@ def test_a_file_becomes_its_pairs(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("rows", ["", "0,5\n360,5\n", "0,nan\n", "0\n", "400,5\n", "0,90\n"])
-def test_a_bad_file_is_named(tmp_path: Path, rows: str) -> None:
+def test_a_bad_file_is_named(tmp_path, rows):
     (tmp_path / "ridge.csv").write_text("azimuth_deg,elevation_deg\n" + rows, encoding="utf-8")
     with pytest.raises(ConfigError, match=r"ridge\.csv"):
         load_horizon(tmp_path / "ridge.csv")
 
 
-def test_a_missing_file_is_a_mistake_of_its_key(tmp_path: Path) -> None:
+def test_a_missing_file_is_a_mistake_of_its_key(tmp_path):
     (mistake,) = with_horizons({"site": {"horizon": "none.csv"}}, tmp_path / "fieldkit.toml")
     assert mistake.path == ("site", "horizon")
 
 
-def test_pairs_in_the_configuration_are_checked(tmp_path: Path) -> None:
+def test_pairs_in_the_configuration_are_checked(tmp_path):
     site = "[site]\nlatitude_deg = 0.0\nlongitude_deg = 0.0\nhorizon = "
     file = tmp_path / "fieldkit.toml"
     file.write_text(f"{site}[[0, 5], [90, 12.5]]\n", encoding="utf-8")
@@ -47,7 +47,7 @@ def test_pairs_in_the_configuration_are_checked(tmp_path: Path) -> None:
             load_config(file, environment={})
 
 
-def test_a_session_with_two_elevations_of_one_azimuth_still_opens() -> None:
+def test_a_session_with_two_elevations_of_one_azimuth_still_opens():
     site = "[site]\nlatitude_deg = 0.0\nlongitude_deg = 0.0\nhorizon = [[0, 5], [360, 7]]\n"
     assert config_from_text(site, Path("session.h5")).estimator_settings().horizon == (
         (0.0, 5.0),

@@ -1,7 +1,5 @@
 """No password, token or topic gets into a configuration, from which it would get into every session."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any
@@ -78,16 +76,14 @@ def toml(key: str, value: Any) -> str:
 
 
 @pytest.fixture
-def file(tmp_path: Path) -> Path:
+def file(tmp_path):
     path = tmp_path / "fieldkit.toml"
     path.write_text(f'{SITE}[camera]\ndriver = "purethermal"\n', encoding="utf-8")
     return path
 
 
 @pytest.mark.parametrize(("key", "value", "fix"), REFUSED, ids=names(REFUSED))
-def test_a_secret_is_refused_with_the_fix_and_without_the_secret(
-    file: Path, key: str, value: Any, fix: str
-) -> None:
+def test_a_secret_is_refused_with_the_fix_and_without_the_secret(file, key, value, fix):
     as_setting = [f"{key}={json.dumps(value)}"]
     name = f"FIELDKIT_{key.upper().replace('.', '__')}"
     text = toml(key, value)
@@ -108,11 +104,11 @@ def test_a_secret_is_refused_with_the_fix_and_without_the_secret(
 
 
 @pytest.mark.parametrize(("key", "value"), ACCEPTED, ids=names(ACCEPTED))
-def test_what_only_resembles_a_secret_is_accepted(file: Path, key: str, value: Any) -> None:
+def test_what_only_resembles_a_secret_is_accepted(file, key, value):
     load_config(file, settings=[f"{key}={json.dumps(value)}"], environment={})
 
 
-def test_a_setting_that_is_wrong_in_another_way_does_not_show_its_secret(file: Path) -> None:
+def test_a_setting_that_is_wrong_in_another_way_does_not_show_its_secret(file):
     address = f"mqtt://user:{SECRET}@host"
     for setting in (
         f'alarms.mqtt = {{url = "{address}"}}',
@@ -126,7 +122,7 @@ def test_a_setting_that_is_wrong_in_another_way_does_not_show_its_secret(file: P
 
 
 @pytest.mark.parametrize(("key", "value", "fix"), REFUSED, ids=names(REFUSED))
-def test_a_session_that_holds_a_secret_is_read_without_it(key: str, value: Any, fix: str) -> None:
+def test_a_session_that_holds_a_secret_is_read_without_it(key, value, fix):
     config = config_from_text(toml(key, value), Path("old.h5"))
     assert SECRET not in config.to_toml()
     with pytest.raises(ConfigMistakesError, match=r"^settings alarms\.mqtt: "):

@@ -1,9 +1,5 @@
 """A key of a table set in a file whose comments and other lines stay."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import pytest
 
 from fieldkit.config.edit import set_key
@@ -21,14 +17,14 @@ driver = "purethermal"
 """
 
 
-def test_a_new_key_stands_below_the_header(tmp_path: Path) -> None:
+def test_a_new_key_stands_below_the_header(tmp_path):
     file = tmp_path / "fieldkit.toml"
     file.write_text(BEFORE)
     set_key(file, "site", "horizon", "horizon.csv")
     assert file.read_text() == BEFORE.replace("[site]\n", '[site]\nhorizon = "horizon.csv"\n')
 
 
-def test_a_value_of_several_lines_is_replaced(tmp_path: Path) -> None:
+def test_a_value_of_several_lines_is_replaced(tmp_path):
     file = tmp_path / "fieldkit.toml"
     file.write_text(
         BEFORE.replace("\n# the camera", "horizon = [\n  [0, 1],\n  [90, 20],\n]\n\n# the camera")
@@ -37,7 +33,7 @@ def test_a_value_of_several_lines_is_replaced(tmp_path: Path) -> None:
     assert file.read_text() == BEFORE.replace("\n# the camera", 'horizon = "horizon.csv"\n\n# the camera')
 
 
-def test_a_site_without_a_table_is_left_to_its_owner(tmp_path: Path) -> None:
+def test_a_site_without_a_table_is_left_to_its_owner(tmp_path):
     file = tmp_path / "fieldkit.toml"
     text = "schema = 1\nsite = { latitude_deg = 35.5, longitude_deg = 139.4 }\n"
     file.write_text(text)

@@ -1,7 +1,5 @@
 """Options of the configuration: numbers that no instrument has are errors that name the option."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
@@ -22,25 +20,25 @@ def settings(driver: str = "nmea", port: str = "", **given: Any) -> DeviceSettin
 
 
 @pytest.mark.parametrize("value", NO_NUMBERS)
-def test_what_is_no_finite_number_is_refused_by_the_name_of_its_option(value: Any) -> None:
+def test_what_is_no_finite_number_is_refused_by_the_name_of_its_option(value):
     with pytest.raises(ConfigError, match=r"meter: accuracy = .* is not a number"):
         options.number(settings(accuracy=value), "accuracy", math.nan)
 
 
-def test_an_option_that_is_not_given_keeps_its_default() -> None:
+def test_an_option_that_is_not_given_keeps_its_default():
     assert math.isnan(options.number(settings(), "accuracy", math.nan, options.POSITIVE))
     assert options.whole(settings(), "head", 0, (1, 29)) == 0
 
 
 @pytest.mark.parametrize(("value", "said"), [(-1.0, "of at least 0"), (-(10**30), "of at least 0")])
-def test_a_time_or_an_uncertainty_is_not_negative(value: float, said: str) -> None:
+def test_a_time_or_an_uncertainty_is_not_negative(value, said):
     with pytest.raises(ConfigError, match=said):
         options.number(settings(latency_s=value), "latency_s", 0.0, options.POSITIVE)
 
 
 @pytest.mark.parametrize("value", [0, -9600, 49, 4_000_001, 9600.5, *NO_NUMBERS])
 @pytest.mark.parametrize("driver", ["nmea", "text", "mlx90640", "modbus"])
-def test_a_baud_rate_that_no_line_has_is_an_error_of_the_option(driver: str, value: Any, wire: Any) -> None:
+def test_a_baud_rate_that_no_line_has_is_an_error_of_the_option(driver, value, wire):
     given = {"baud": value, **({"map": "rtd-8"} if driver == "modbus" else {})}
     with pytest.raises(ConfigError, match="meter: baud = "):
         registry.open_device(settings(driver, wire.path, **given), HostClock())
@@ -56,7 +54,7 @@ def test_a_baud_rate_that_no_line_has_is_an_error_of_the_option(driver: str, val
         ("stop = 0", "stop 0"),
     ],
 )
-def test_a_line_of_a_register_map_is_one_that_exists(line: str, said: str, tmp_path: Any) -> None:
+def test_a_line_of_a_register_map_is_one_that_exists(line, said, tmp_path):
     path = tmp_path / "map.toml"
     path.write_text(
         f'title = "x"\nquantity = "temperature"\nunit = "°C"\nline = {{ {line} }}\nfunction = 3\nfirst = 0\n'
@@ -67,25 +65,25 @@ def test_a_line_of_a_register_map_is_one_that_exists(line: str, said: str, tmp_p
 
 
 @pytest.mark.parametrize("head", [-1, 30, 1.5])
-def test_a_receptor_head_has_two_digits_up_to_29(head: float, wire: Any) -> None:
+def test_a_receptor_head_has_two_digits_up_to_29(head, wire):
     with pytest.raises(ConfigError, match="meter: head = "):
         registry.open_device(settings("konica-minolta", wire.path, head=head), HostClock())
 
 
-def test_two_channels_do_not_share_a_name() -> None:
+def test_two_channels_do_not_share_a_name():
     with pytest.raises(ConfigError, match="different names"):
         options.labels(settings(labels=["bed", "bed"]), ("T1", "T2"))
 
 
 @pytest.mark.parametrize("port", ["host:5O01", "host:65536", "host:0", "host:", "host:-1", "host:\u00b2"])
-def test_a_port_number_that_is_none_is_not_replaced_by_the_usual_one(port: str) -> None:
+def test_a_port_number_that_is_none_is_not_replaced_by_the_usual_one(port):
     with pytest.raises(ConfigError, match="1 to 65535") as caught:
         address_of(settings("tcam", port), 5001)
     assert caught.value.fix == 'port = "host:5001"'
 
 
 @pytest.mark.parametrize("driver", ["tcam", "gpsd", "htpa"])
-def test_a_name_that_no_host_can_have_is_an_instrument_not_found(driver: str) -> None:
+def test_a_name_that_no_host_can_have_is_an_instrument_not_found(driver):
     label = 64 * "x"  # a label of a name has at most 63 octets, RFC 1035, 2.3.4
     with pytest.raises(DeviceNotFoundError, match=label) as caught:
         registry.open_device(settings(driver, f"{label}.local"), HostClock())

@@ -3,8 +3,6 @@
 The rules are carried out here as udev does (man udev), on the attributes that each instrument has.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
@@ -102,7 +100,7 @@ def tty(kind: tuple[int, int], **env: str) -> Announced:
 
 
 @pytest.mark.parametrize("kind", sorted(USB | set(ADAPTERS.values())), ids=str)
-def test_every_instrument_may_be_used_is_left_alone_and_stays_awake(kind: tuple[int, int]) -> None:
+def test_every_instrument_may_be_used_is_left_alone_and_stays_awake(kind):
     device = usb_device(kind)
     assert device.set_to == {"TAG": "uaccess", "GROUP": "plugdev", "MODE": "0660"}
     assert device.env["ID_MM_DEVICE_IGNORE"] == "1"
@@ -110,7 +108,7 @@ def test_every_instrument_may_be_used_is_left_alone_and_stays_awake(kind: tuple[
 
 
 @pytest.mark.parametrize("kind", sorted(VIDEO), ids=str)
-def test_frames_of_every_camera_may_be_read_under_a_stable_name(kind: tuple[int, int]) -> None:
+def test_frames_of_every_camera_may_be_read_under_a_stable_name(kind):
     frame, metadata = frame_node(kind, 0), frame_node(kind, 1)
     for node in (frame, metadata):
         assert node.set_to == {"TAG": "uaccess", "GROUP": "video", "MODE": "0660"}
@@ -118,7 +116,7 @@ def test_frames_of_every_camera_may_be_read_under_a_stable_name(kind: tuple[int,
 
 
 @pytest.mark.parametrize("kind", ADAPTERS.values(), ids=ADAPTERS)
-def test_ports_of_every_adapter_are_named_after_it_and_modem_manager_keeps_off(kind: tuple[int, int]) -> None:
+def test_ports_of_every_adapter_are_named_after_it_and_modem_manager_keeps_off(kind):
     port = tty(kind, ID_SERIAL_SHORT="LUX0001", ID_PATH="pci-1")
     assert port.set_to == {"TAG": "uaccess", "GROUP": "dialout", "MODE": "0660"}
     assert port.env["ID_MM_PORT_IGNORE"] == "1"
@@ -126,11 +124,11 @@ def test_ports_of_every_adapter_are_named_after_it_and_modem_manager_keeps_off(k
     assert tty(kind, ID_PATH="pci-1").links == ["fieldkit/serial-pci-1"]
 
 
-def test_a_bosons_commands_have_a_name_of_their_own() -> None:
+def test_a_bosons_commands_have_a_name_of_their_own():
     assert tty((0x09CB, 0x4007), ID_SERIAL_SHORT="7").links == ["fieldkit/serial-7", "fieldkit/boson"]
 
 
-def test_ftdi_adapters_hand_over_bytes_within_a_millisecond() -> None:
+def test_ftdi_adapters_hand_over_bytes_within_a_millisecond():
     port = announced(
         words={"SUBSYSTEM": "usb-serial", "DRIVER": "ftdi_sio"}, attributes={"latency_timer": "16"}
     )
@@ -138,7 +136,7 @@ def test_ftdi_adapters_hand_over_bytes_within_a_millisecond() -> None:
 
 
 @pytest.mark.parametrize("made", [usb_device, tty, lambda kind: frame_node(kind, 0)])
-def test_webcams_keyboards_and_devices_that_leave_are_left_as_they_are(made) -> None:
+def test_webcams_keyboards_and_devices_that_leave_are_left_as_they_are(made):
     for kind in ((0x046D, 0x0825), (0x0403, 0x6002), (0x1D6B, 0x0002)):
         device = made(kind)
         assert (device.set_to, device.links, device.text) == ({}, [], {})
@@ -146,5 +144,5 @@ def test_webcams_keyboards_and_devices_that_leave_are_left_as_they_are(made) -> 
     assert gone.set_to == {}
 
 
-def test_every_jump_has_its_label() -> None:
+def test_every_jump_has_its_label():
     assert set(re.findall(r'GOTO="(\w+)"', RULES)) == set(re.findall(r'LABEL="(\w+)"', RULES))

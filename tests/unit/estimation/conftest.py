@@ -86,5 +86,5 @@ class Yard:
 
 
 @pytest.fixture(scope="session")
-def yard() -> Yard:
+def yard():
     return Yard()

@@ -1,7 +1,5 @@
 """Least-squares rows: noise and systematic uncertainties, against the paper's Table 1 by hand."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -28,7 +26,7 @@ SETTINGS = EstimatorSettings(model="paper", noise_k=0.1, offset_sd_k=0.25, drift
 
 
 @pytest.fixture
-def history() -> History:
+def history():
     """An hour of three references and a target that are each of one temperature."""
     minute = 25_000_000 + np.arange(MINUTES)
     sun = np.tile(normal(40.0, 180.0), (MINUTES, 1))

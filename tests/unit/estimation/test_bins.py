@@ -1,7 +1,5 @@
 """Minute means of a region, against sums written out by hand."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -32,7 +30,7 @@ def minute_of(camera: CameraStream, *frames: Frame) -> OpenBin:
     return minute
 
 
-def test_mean_and_spread_of_a_region_are_those_of_its_pixels_in_kelvin() -> None:
+def test_mean_and_spread_of_a_region_are_those_of_its_pixels_in_kelvin():
     random = np.random.default_rng(2)
     frame_counts = [29_800 + random.integers(0, 300, (4, 6)) for _ in range(3)]
     camera = CameraStream(INFO, (FLAT, BED), 1.0, 233.15)
@@ -44,7 +42,7 @@ def test_mean_and_spread_of_a_region_are_those_of_its_pixels_in_kelvin() -> None
         assert spread[place] == pytest.approx(pixels.std(), rel=1e-9)
 
 
-def test_each_region_has_its_own_emissivity_or_the_surfaces() -> None:
+def test_each_region_has_its_own_emissivity_or_the_surfaces():
     surface_k = 320.0
     own = replace(BED, emissivity=0.8)
     camera = CameraStream(INFO, (FLAT, own), 0.95, 240.0)
@@ -55,7 +53,7 @@ def test_each_region_has_its_own_emissivity_or_the_surfaces() -> None:
     assert mean == pytest.approx([surface_k, surface_k], abs=0.01)
 
 
-def test_a_minute_stands_at_the_mean_of_its_pictures_or_in_its_middle() -> None:
+def test_a_minute_stands_at_the_mean_of_its_pictures_or_in_its_middle():
     camera = CameraStream(INFO, (FLAT, BED), 1.0, 233.15)
     flat_counts = np.full((4, 6), 30_000)
     minute = minute_of(camera, *(frame(flat_counts, second) for second in (10.0, 20.0, 45.0)))

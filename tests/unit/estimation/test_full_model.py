@@ -39,7 +39,7 @@ KNOWN = EstimatorSettings(model="paper", azimuth="known", slab=SLAB)
 
 
 @pytest.fixture(scope="module")
-def clear_day() -> History:
+def clear_day():
     """Minutes from 9 to 14 h local, without noise."""
     weather = packaged()
     start = int(np.datetime64("2016-01-01T16:00", "ns").astype(np.int64))

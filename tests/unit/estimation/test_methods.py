@@ -1,7 +1,5 @@
 """How good a window is: noise from neighbouring minutes, the alarm of chi-square, kelvin per degree."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.stats import chi2

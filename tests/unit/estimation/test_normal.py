@@ -4,8 +4,6 @@ They were computed outside the project with the solar position algorithm of Reda
 here is astropy's, 0.0015 degrees away, which sets the tolerances.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

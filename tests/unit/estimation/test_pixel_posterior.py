@@ -1,7 +1,5 @@
 """Risk and uncertainty of pixels, against the truth of many simulated ones and against `tilt_probability`."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

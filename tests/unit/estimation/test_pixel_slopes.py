@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from dataclasses import replace
 
 import cv2
@@ -201,7 +199,7 @@ MORNING = int(np.datetime64("2017-08-30T00:30", "ns").astype(np.int64))
 
 
 @pytest.fixture(autouse=True)
-def _the_papers_model_is_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+def _the_papers_model_is_whole(monkeypatch):
     """The scene of these tests is made by the paper's model: nothing is missing, which no setting can say."""
     monkeypatch.setattr("fieldkit.estimation.pixel_slopes.PAPER_SCALE_SD", 0.0)
 
@@ -228,7 +226,7 @@ def summed(normals, sun, seed: int = 1) -> MapSums:
 
 @pytest.mark.parametrize("minutes", [25, 90, 240])
 @pytest.mark.parametrize(("tilt", "azimuth"), [(4.0, 180.0), (12.0, 120.0), (20.0, 90.0)])
-def test_nine_of_ten_pixels_hold_their_true_slope(minutes: int, tilt: float, azimuth: float) -> None:
+def test_nine_of_ten_pixels_hold_their_true_slope(minutes, tilt, azimuth):
     sums = summed(np.broadcast_to(normal(tilt, azimuth), (40, 50, 3)), suns(minutes))
     slopes, bounds = bounded(sums, NOISE_ALONE)
     known = np.isfinite(slopes.tilt_deg)
@@ -242,7 +240,7 @@ def test_nine_of_ten_pixels_hold_their_true_slope(minutes: int, tilt: float, azi
 
 
 @pytest.mark.parametrize(("tilt", "azimuth"), [(8.0, 150.0), (15.0, 180.0), (20.0, 100.0)])
-def test_bounds_are_those_of_a_region_with_the_same_misfit(tilt: float, azimuth: float) -> None:
+def test_bounds_are_those_of_a_region_with_the_same_misfit(tilt, azimuth):
     sun = suns(60)
     sums = summed(np.broadcast_to(normal(tilt, azimuth), (1, 1, 3)), sun, seed=4)
     slopes, bounds = bounded(sums, NOISE_ALONE)
@@ -262,7 +260,7 @@ def test_bounds_are_those_of_a_region_with_the_same_misfit(tilt: float, azimuth:
     assert azimuths == pytest.approx([exact.azimuth_low_deg, exact.azimuth_high_deg], abs=0.15 * around + 0.1)
 
 
-def test_flat_pixels_are_flat_and_face_nowhere() -> None:
+def test_flat_pixels_are_flat_and_face_nowhere():
     sums = summed(np.broadcast_to(VERTICAL, (20, 30, 3)), suns(90))
     slopes, bounds = bounded(sums, NOISE_ALONE)
     assert (slopes.state == SlopeState.FLAT).mean() > 0.85
@@ -273,7 +271,7 @@ def test_flat_pixels_are_flat_and_face_nowhere() -> None:
     assert width == pytest.approx(np.full(width.size, 360.0), abs=1e-3)
 
 
-def test_a_wide_region_is_uncertain_and_systematics_widen_it() -> None:
+def test_a_wide_region_is_uncertain_and_systematics_widen_it():
     sums = summed(np.broadcast_to(normal(15.0, 90.0), (10, 10, 3)), suns(180))
     settings = (
         NOISE_ALONE,
@@ -290,7 +288,7 @@ def test_a_wide_region_is_uncertain_and_systematics_widen_it() -> None:
     assert (found[1][0].state == SlopeState.UNCERTAIN).all()
 
 
-def test_pixels_without_a_slope_have_no_bounds() -> None:
+def test_pixels_without_a_slope_have_no_bounds():
     sun = suns(30)
     sums = MapSums((4, 5), PAPER, NOISE_K)
     for ray in sun:

@@ -1,7 +1,5 @@
 """Hand numbers for eqs. (8) and (9): errors 1, 2, 3 and 6 degrees."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -69,7 +69,7 @@ def test_every_input_moves_the_level_surface():
 
 
 @pytest.fixture(scope="module")
-def day() -> History:
+def day():
     """The packaged day from 7 to 14 h local, predicted for a facet of 20° to the east and a level one."""
     exchange = SETTINGS.surface.exchange_w_m2_k
     span = {"start": "2016-01-01T07:00-07:00", "minutes": 420}

@@ -1,7 +1,5 @@
 """Minutes in which shadows contradict a horizon, on an hour that was made by hand."""
 
-from __future__ import annotations
-
 import math
 
 import pytest
@@ -11,7 +9,6 @@ from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.samples import Event, EventKind, Quality
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.units import MINUTE_NS
-from fieldkit.physics.horizon import Horizon
 from fieldkit.results.check import horizon_findings
 
 SQUARE = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0))
@@ -58,13 +55,11 @@ def hour(fall_k: float, phases: dict[int, str]) -> list[Minute]:
         ([], HORIZON, []),
     ],
 )
-def test_contradictions_are_named_by_their_minutes(
-    minutes: list[Minute], horizon: Horizon, expected: list[str]
-) -> None:
+def test_contradictions_are_named_by_their_minutes(minutes, horizon, expected):
     settings = EstimatorSettings(horizons={"b15": horizon} if horizon else {})
     found = horizon_findings(minutes, REGIONS, settings)
     assert [f"{one.what}: {one.text}" for one in found] == expected
 
 
-def test_a_shadow_on_all_regions_cannot_be_compared() -> None:
+def test_a_shadow_on_all_regions_cannot_be_compared():
     assert list(horizon_findings(hour(0.0, {}), REGIONS, EstimatorSettings(horizon=HORIZON))) == []

@@ -1,7 +1,5 @@
 """Layers on the ground: an oblique view of a ridge, a crater and a plain, against the heights themselves."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """The quantiles of a confidence, against scipy's distributions."""
 
-from __future__ import annotations
-
 import pytest
 from scipy.stats import chi2, norm
 

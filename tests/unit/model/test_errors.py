@@ -1,7 +1,5 @@
 """An exception in a notebook shows what to do next; a message that quotes it does not repeat that."""
 
-from __future__ import annotations
-
 import pickle
 
 from fieldkit.model.errors import ConfigError, DeviceTimeoutError, message_of

@@ -1,7 +1,5 @@
 """The nouns that every room uses: sites, regions, clocks, streams and errors."""
 
-from __future__ import annotations
-
 import os
 import time
 import zoneinfo
@@ -35,7 +33,7 @@ METER = StreamInfo("lux", "illuminance", "lx", (1,))
     ("longitude_deg", "hours"),
     [(139.4, 9), (-105.9, -7), (0.0, 0), (7.6, 1), (-7.4, 0), (172.6, 12), (187.4, -12), (-187.4, 12)],
 )
-def test_a_zone_by_longitude_is_that_far_from_utc(longitude_deg: float, hours: int) -> None:
+def test_a_zone_by_longitude_is_that_far_from_utc(longitude_deg, hours):
     """Nautical time: 15 degrees are an hour, and the date line parts +12 from -12."""
     zone = zoneinfo.ZoneInfo(zone_by_longitude(longitude_deg))
     assert datetime(2026, 7, 1, tzinfo=UTC).astimezone(zone).utcoffset() == timedelta(hours=hours)
@@ -45,7 +43,7 @@ def square(low: float, high: float) -> Region:
     return Region("bed", RegionKind.TARGET, ((low, low), (high, low), (high, high), (low, high)))
 
 
-def test_a_region_holds_the_pixels_on_its_edge_and_none_beyond() -> None:
+def test_a_region_holds_the_pixels_on_its_edge_and_none_beyond():
     mask = square(2.0, 5.0).mask((8, 9))
     assert mask.shape == (8, 9)
     rows, cols = np.nonzero(mask)
@@ -53,12 +51,12 @@ def test_a_region_holds_the_pixels_on_its_edge_and_none_beyond() -> None:
     assert mask.sum() == 16
 
 
-def test_pixels_on_the_line_of_an_edge_but_beyond_its_end_are_outside() -> None:
+def test_pixels_on_the_line_of_an_edge_but_beyond_its_end_are_outside():
     mask = Region("bed", RegionKind.TARGET, ((2.5, 3.0), (7.5, 3.0), (7.5, 6.0), (2.5, 6.0))).mask((9, 10))
     assert np.flatnonzero(mask[3]).tolist() == np.flatnonzero(mask[6]).tolist() == [3, 4, 5, 6, 7]
 
 
-def test_a_triangle_holds_its_corners_and_half_of_its_square() -> None:
+def test_a_triangle_holds_its_corners_and_half_of_its_square():
     mask = Region("bed", RegionKind.TARGET, ((1.0, 1.0), (7.0, 1.0), (1.0, 7.0))).mask((9, 9))
     expected = np.array([[x >= 1 and y >= 1 and x + y <= 8 for x in range(9)] for y in range(9)])
     assert (mask == expected).all()
@@ -68,19 +66,19 @@ def test_a_triangle_holds_its_corners_and_half_of_its_square() -> None:
     ("x", "y", "fits"),
     [(159, 119, True), (160, 119, False), (159, 120, False), (-1, 5, False), (5, -0.5, False), (0, 0, True)],
 )
-def test_a_region_one_pixel_outside_the_picture_is_not_within_it(x: float, y: float, fits: bool) -> None:
+def test_a_region_one_pixel_outside_the_picture_is_not_within_it(x, y, fits):
     region = Region("bed", RegionKind.TARGET, ((x, y), (10.0, 10.0), (20.0, 10.0)))
     assert region.is_within((120, 160)) is fits
 
 
-def test_the_computers_clock_tells_utc() -> None:
+def test_the_computers_clock_tells_utc():
     clock = HostClock()
     before = time.time_ns()
     now = clock.to_utc_ns(clock.mono_ns())
     assert before - 50_000_000 <= now <= time.time_ns() + 50_000_000
 
 
-def test_the_tightest_of_several_comparisons_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_tightest_of_several_comparisons_is_taken(monkeypatch):
     """A comparison that was held up by 30 ms knows the time half of that worse; its middle is as good."""
     mono, utc = 5_000_000_000, 1_700_000_000_000_000_000
     delays = [30_000_000, 200, 40_000_000, 10_000, *[50_000_000] * 4]
@@ -95,21 +93,21 @@ def test_the_tightest_of_several_comparisons_is_taken(monkeypatch: pytest.Monkey
     assert check.mono_ns == mono + 100
 
 
-def test_the_clock_counts_how_long_the_computer_slept() -> None:
+def test_the_clock_counts_how_long_the_computer_slept():
     if not hasattr(time, "CLOCK_BOOTTIME"):
         pytest.skip("only Linux counts the time asleep")
     expected = time.clock_gettime_ns(time.CLOCK_BOOTTIME) - time.clock_gettime_ns(time.CLOCK_MONOTONIC)
     assert HostClock().check().suspended_ns == pytest.approx(expected, abs=50_000_000)
 
 
-def test_time_asleep_is_what_the_monotonic_clock_lacks(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_time_asleep_is_what_the_monotonic_clock_lacks(monkeypatch):
     clocks = {time.CLOCK_BOOTTIME: 9_000, time.CLOCK_MONOTONIC: 2_000}
     # a test does not put a computer to sleep
     monkeypatch.setattr(time, "clock_gettime_ns", clocks.__getitem__)
     assert HostClock().check().suspended_ns == 7_000
 
 
-def test_the_clock_waits_as_long_as_it_was_told_for_bytes() -> None:
+def test_the_clock_waits_as_long_as_it_was_told_for_bytes():
     reading, writing = os.pipe()
     try:
         clock = HostClock()
@@ -123,7 +121,7 @@ def test_the_clock_waits_as_long_as_it_was_told_for_bytes() -> None:
         os.close(writing)
 
 
-def test_streams_know_what_fits_into_them() -> None:
+def test_streams_know_what_fits_into_them():
     assert CAMERA.is_camera
     assert not METER.is_camera
     assert METER.has_the_columns_of(replace(METER, serial_number="another", driver="lutron"))
@@ -135,7 +133,7 @@ def test_streams_know_what_fits_into_them() -> None:
 
 
 @pytest.mark.parametrize("change", [{"offset": 10.0}, {"scale": 0.1}, {"law": "ht301"}])
-def test_numbers_of_another_law_scale_or_offset_do_not_mean_the_same(change: dict[str, object]) -> None:
+def test_numbers_of_another_law_scale_or_offset_do_not_mean_the_same(change):
     assert CAMERA.is_read_as(replace(CAMERA, serial_number="another"))
     assert not CAMERA.is_read_as(replace(CAMERA, **change))  # type: ignore[arg-type]
     unknown = replace(CAMERA, scale=float("nan"))
@@ -157,5 +155,5 @@ def test_numbers_of_another_law_scale_or_offset_do_not_mean_the_same(change: dic
         (RefusedError, 9),
     ],
 )
-def test_every_error_ends_with_the_exit_code_of_the_manual(kind: type[FieldkitError], code: int) -> None:
+def test_every_error_ends_with_the_exit_code_of_the_manual(kind, code):
     assert kind("x").exit_code == code

@@ -1,7 +1,5 @@
 """What quantities can be: expected values from records and standards, not from the table itself."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -52,7 +50,7 @@ def exceeds(name: str, value: float, sine: float | None = None) -> bool:
         *((name, np.nan) for name in STREAMS),
     ],
 )
-def test_what_was_measured_somewhere_is_possible(name: str, value: float) -> None:
+def test_what_was_measured_somewhere_is_possible(name, value):
     assert not exceeds(name, value)
 
 
@@ -67,7 +65,7 @@ def test_what_was_measured_somewhere_is_possible(name: str, value: float) -> Non
         np.inf, -np.inf,
     ],
 )  # fmt: skip
-def test_what_stands_for_no_value_is_impossible(name: str, value: float) -> None:
+def test_what_stands_for_no_value_is_impossible(name, value):
     is_light = name == "lux" and 0.0 <= value <= 10_000.0  # a light may be of 7999 lx
     assert exceeds(name, value) != is_light
 
@@ -77,11 +75,11 @@ def test_what_stands_for_no_value_is_impossible(name: str, value: float) -> None
     [("lux", -5.0), ("probe", 0.0), ("air", 273.15 - 99.9), ("probe", 273.15 - 127.0), ("wind", -0.1),
      ("dni", 1600.0), ("longwave_down", -5.0), ("camera", 0.0)],
 )  # fmt: skip
-def test_what_no_surface_or_sky_has_is_impossible(name: str, value: float) -> None:
+def test_what_no_surface_or_sky_has_is_impossible(name, value):
     assert exceeds(name, value)
 
 
-def test_light_of_level_ground_is_limited_by_the_height_of_the_sun() -> None:
+def test_light_of_level_ground_is_limited_by_the_height_of_the_sun():
     """BSRN, physically possible, for a sine of 0.2 and 1408 W/m2 of sun."""
     assert pytest.approx(406.3, abs=0.5) == 1.5 * 1408 * 0.2**1.2 + 100
     assert not exceeds("ghi", 405.0, 0.2)
@@ -93,7 +91,7 @@ def test_light_of_level_ground_is_limited_by_the_height_of_the_sun() -> None:
     assert not exceeds("dni", 900.0, 0.2)
 
 
-def test_no_beam_comes_from_a_sun_that_is_down() -> None:
+def test_no_beam_comes_from_a_sun_that_is_down():
     """Alamosa, 2016-01-01, from before sunrise to after sunset: what SURFRAD measured is possible."""
     weather = packaged()
     site = Site(37.6969, -105.9231, 2317.0)  # of the station's file
@@ -111,20 +109,20 @@ def test_no_beam_comes_from_a_sun_that_is_down() -> None:
     )
 
 
-def test_a_stream_of_degrees_celsius_has_the_same_limits() -> None:
+def test_a_stream_of_degrees_celsius_has_the_same_limits():
     celsius = StreamInfo("t", "temperature", "degC", (2,), channels=("air", "bed"))
     values = np.array([[-89.0, 120.0], [-99.9, 20.0], [20.0, 999.9]])
     assert bounds_of(celsius).exceeded(values).tolist() == [[False, False], [True, False], [False, True]]
 
 
-def test_a_row_that_is_stated_replaces_the_table() -> None:
+def test_a_row_that_is_stated_replaces_the_table():
     hot = rows_of({"probe_temperature_c": (-20.0, 300.0), "ghi_w_m2": (-10.0, 3000.0)}, "earth")
     plate = np.array([[273.15 + 250.0], [273.15 - 30.0]])
     assert bounds_of(STREAMS["probe"], hot).exceeded(plate)[:, 0].tolist() == [False, True]
     assert not bounds_of(STREAMS["ghi"], hot).exceeded(np.array([[2900.0]]), 0.1).any()
 
 
-def test_a_row_that_is_stated_replaces_the_limits_of_a_stream() -> None:
+def test_a_row_that_is_stated_replaces_the_limits_of_a_stream():
     own = StreamInfo(
         "logger", "temperature", "K", (1,), channels=("T1",), limits={"probe_temperature": (250.0, 330.0)}
     )
@@ -134,14 +132,14 @@ def test_a_row_that_is_stated_replaces_the_limits_of_a_stream() -> None:
     assert bounds_of(own, hot).exceeded(values)[:, 0].tolist() == [False, True]
 
 
-def test_other_worlds_are_colder() -> None:
+def test_other_worlds_are_colder():
     """The Moon's night is 95 K at the equator, the shadows at its poles 25 K (Paige et al., 2010)."""
     moon = bounds_of(STREAMS["camera"], rows_of({}, "moon"))
     assert moon.exceeded(np.array([[95.0], [25.0], [10.0]]))[:, 0].tolist() == [False, False, True]
     assert not bounds_of(STREAMS["longwave_down"], rows_of({}, "moon")).exceeded(np.array([[0.0]])).any()
 
 
-def test_a_reading_is_flagged_if_one_of_its_channels_cannot_be() -> None:
+def test_a_reading_is_flagged_if_one_of_its_channels_cannot_be():
     info = StreamInfo("t", "temperature", "K", (2,), channels=("T1", "T2"))
     good, bad = (Reading("t", 0, 0, (one, 293.0)) for one in (294.0, -7725.85))
     assert flagged(good, bounds_of(info)) is good
@@ -152,7 +150,7 @@ def test_a_reading_is_flagged_if_one_of_its_channels_cannot_be() -> None:
     assert flagged(frame, bounds_of(STREAMS["camera"])) is frame
 
 
-def test_what_cannot_be_is_counted_by_channel_and_the_first_named() -> None:
+def test_what_cannot_be_is_counted_by_channel_and_the_first_named():
     info = StreamInfo("logger", "temperature", "K", (2,), channels=("air", "bed"))
     values = np.array([[290.0, 300.0], [290.0, -7725.85], [9.9e37, 8272.15]])
     bounds = bounds_of(info)
@@ -166,7 +164,7 @@ def test_what_cannot_be_is_counted_by_channel_and_the_first_named() -> None:
     ]
 
 
-def test_values_for_a_result_are_without_unusable_and_impossible_ones() -> None:
+def test_values_for_a_result_are_without_unusable_and_impossible_ones():
     info = StreamInfo("t", "temperature", "K", (2,), channels=("T1", "T2"))
     values = np.array([[300.0, 0.0], [300.0, 301.0]])
     flags = np.array([int(Quality.IMPLAUSIBLE), int(Quality.BAD_CRC)])

@@ -14,7 +14,7 @@ ROOMS = ("fieldkit", "drivers", "sessions", "calibration")
 UNTRUE = ("STALE", "FROZEN", "DUPLICATE", "SHUTTER", "SATURATED", "OVERRANGE", "BAD_CRC", "NO_VALUE")
 
 
-def test_held_void_and_damaged_samples_enter_no_result() -> None:
+def test_held_void_and_damaged_samples_enter_no_result():
     for flag in Quality:
         assert is_usable(flag) == (flag.name not in UNTRUE), flag
     assert is_usable(Quality.GOOD)
@@ -22,7 +22,7 @@ def test_held_void_and_damaged_samples_enter_no_result() -> None:
 
 
 @pytest.mark.parametrize("dtype", ["<u2", "<i8"])
-def test_columns_of_flags_are_judged_like_single_ones(dtype: str) -> None:
+def test_columns_of_flags_are_judged_like_single_ones(dtype):
     flags = np.arange(2**16).astype(dtype).reshape(256, 256)
     usable = is_usable(flags)
     assert usable.shape == flags.shape
@@ -31,19 +31,19 @@ def test_columns_of_flags_are_judged_like_single_ones(dtype: str) -> None:
     assert usable.ravel()[some].tolist() == [is_usable(Quality(int(number))) for number in some]
 
 
-def test_a_frame_at_the_end_of_its_scale_still_shows_where_the_beds_are() -> None:
+def test_a_frame_at_the_end_of_its_scale_still_shows_where_the_beds_are():
     assert is_showable(Quality.SATURATED | Quality.NO_VALUE)
     for flag in (Quality.SHUTTER, Quality.FROZEN, Quality.DUPLICATE, Quality.BAD_CRC, Quality.STALE):
         assert not is_showable(flag), flag
 
 
-def test_no_room_spells_its_own_mask_of_unusable_samples() -> None:
+def test_no_room_spells_its_own_mask_of_unusable_samples():
     files = [path for room in ROOMS for path in (TOP / room).rglob("*.py") if path.name != "samples.py"]
     assert len(files) > 200
     assert [f"{path.relative_to(TOP)}:{line}" for path in files for line in _own_masks(path)] == []
 
 
-def test_a_mask_spelled_anywhere_else_would_be_noticed(tmp_path: Path) -> None:
+def test_a_mask_spelled_anywhere_else_would_be_noticed(tmp_path):
     path = tmp_path / "room.py"
     path.write_text("BAD = Quality.CLOUD | (Quality.FROZEN | Quality.SHUTTER)\nq |= Quality.STALE | more\n")
     assert _own_masks(path) == [1]

@@ -1,7 +1,5 @@
 """A region with its edges moved inwards, by plane geometry."""
 
-from __future__ import annotations
-
 import pytest
 
 from fieldkit.model.errors import ConfigError
@@ -15,7 +13,7 @@ def region(*corners: tuple[float, float]) -> Region:
     return Region("bed", RegionKind.TARGET, corners, 15.0, 180.0)
 
 
-def test_a_triangle_shrinks_towards_the_middle_of_its_inscribed_circle() -> None:
+def test_a_triangle_shrinks_towards_the_middle_of_its_inscribed_circle():
     """Sides 30, 40 and 50: the circle has radius 10 about (10, 10), by area over half the perimeter."""
     nearly = region(*RIGHT_TRIANGLE).shrunk(9.999)
     assert all(corner == pytest.approx((10.0, 10.0), abs=0.01) for corner in nearly.vertices)
@@ -25,9 +23,7 @@ def test_a_triangle_shrinks_towards_the_middle_of_its_inscribed_circle() -> None
 
 
 @pytest.mark.parametrize("corners", [CORNER_PIECE, CORNER_PIECE[::-1], (*CORNER_PIECE, CORNER_PIECE[-1])])
-def test_every_edge_moves_inwards_whichever_way_it_was_drawn(
-    corners: tuple[tuple[float, float], ...],
-) -> None:
+def test_every_edge_moves_inwards_whichever_way_it_was_drawn(corners):
     smaller = region(*corners).shrunk(2.0)
     expected = {(2.0, 2.0), (18.0, 2.0), (18.0, 8.0), (8.0, 8.0), (8.0, 18.0), (2.0, 18.0)}
     assert set(smaller.vertices) == expected
@@ -41,7 +37,7 @@ def test_every_edge_moves_inwards_whichever_way_it_was_drawn(
         ((0.0, 0.0), (10.0, 10.0), (10.0, 0.0), (0.0, 10.0)),
     ],
 )
-def test_what_has_no_inside_does_not_shrink(corners: tuple[tuple[float, float], ...]) -> None:
+def test_what_has_no_inside_does_not_shrink(corners):
     with pytest.raises(ValueError, match="nothing"):
         region(*corners).shrunk(1.0)
 
@@ -62,6 +58,6 @@ def test_an_outline_that_crosses_itself_is_seen(corners, crosses):
 
 
 @pytest.mark.parametrize("place", [(91.0, 0.0), (0.0, 200.0), (0.0, 0.0, 1e9), (0.0, 0.0, float("nan"))])
-def test_numbers_of_no_place_are_no_site(place: tuple[float, ...]) -> None:
+def test_numbers_of_no_place_are_no_site(place):
     with pytest.raises(ConfigError, match="is not a site"):
         as_site(place)

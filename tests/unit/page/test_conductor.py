@@ -1,7 +1,5 @@
 """A recording is started once, however many browsers ask for it; a preview needs no reference."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Sequence
@@ -10,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from fieldkit.config import Config, load_config
+from fieldkit.config import load_config
 from fieldkit.model.errors import RefusedError
 from fieldkit.page import conductor
 from fieldkit.page.conductor import Conductor
@@ -33,14 +31,12 @@ class SlowToBegin:
 
 
 @pytest.fixture
-def config(tmp_path: Path) -> Config:
+def config(tmp_path):
     init_campaign(tmp_path / "field", simulated=True)
     return load_config(tmp_path / "field/fieldkit.toml")
 
 
-def test_two_browsers_that_start_at_once_begin_one_recording(
-    config: Config, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_two_browsers_that_start_at_once_begin_one_recording(config, monkeypatch):
     monkeypatch.setattr(conductor, "BackgroundRecording", SlowToBegin)
     starting = Conductor(config, Hub(config), preview=False)
     with ThreadPoolExecutor() as browsers:
@@ -51,7 +47,7 @@ def test_two_browsers_that_start_at_once_begin_one_recording(
         refused.result()
 
 
-def test_the_picture_on_which_a_removed_reference_is_drawn_anew_is_shown(config: Config) -> None:
+def test_the_picture_on_which_a_removed_reference_is_drawn_anew_is_shown(config):
     remove_region(config.path, "flat")
     hub = Hub(config)
     conducting = Conductor(config, hub)

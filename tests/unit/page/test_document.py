@@ -22,13 +22,13 @@ class Elements(HTMLParser):
         self.found.append((tag, dict(attrs)))
 
 
-def test_it_is_small_and_every_placeholder_is_filled() -> None:
+def test_it_is_small_and_every_placeholder_is_filled():
     page = document(NONCE)
     assert len(gzip.compress(page.encode())) <= MAX_GZIP_BYTES
     assert "{{" not in page
 
 
-def test_each_answer_carries_its_own_nonce_and_only_that() -> None:
+def test_each_answer_carries_its_own_nonce_and_only_that():
     for nonce in (NONCE, "another"):
         marked = [
             attributes for tag, attributes in Elements(document(nonce)).found if tag in ("script", "style")
@@ -36,7 +36,7 @@ def test_each_answer_carries_its_own_nonce_and_only_that() -> None:
         assert [attributes["nonce"] for attributes in marked] == [nonce, nonce]
 
 
-def test_nothing_inline_and_nothing_from_elsewhere() -> None:
+def test_nothing_inline_and_nothing_from_elsewhere():
     for tag, attributes in Elements(document(NONCE)).found:
         assert "style" not in attributes, tag
         assert not [name for name in attributes if name.startswith("on")], tag
@@ -45,12 +45,12 @@ def test_nothing_inline_and_nothing_from_elsewhere() -> None:
     assert not re.findall(r"https?://(?!www\.w3\.org/2000/svg)", document(NONCE))
 
 
-def test_text_never_becomes_markup() -> None:
+def test_text_never_becomes_markup():
     forbidden = r"innerHTML|outerHTML|insertAdjacentHTML|document\.write|\beval\(|new Function|srcdoc"
     assert not re.findall(forbidden, document(NONCE))
 
 
-def test_every_label_id_and_reference_exists_once() -> None:
+def test_every_label_id_and_reference_exists_once():
     elements = Elements(document(NONCE)).found
     ids = [str(attributes["id"]) for _, attributes in elements if "id" in attributes]
     assert len(ids) == len(set(ids))

@@ -1,7 +1,5 @@
 """What the page has other processes do ends with it."""
 
-from __future__ import annotations
-
 import asyncio
 import gc
 import os
@@ -16,9 +14,7 @@ from fieldkit.recording.campaign import init_campaign
 from fieldkit.results.report import default_path
 
 
-def test_a_command_of_a_page_that_ends_is_ended_and_its_pipes_are_closed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_command_of_a_page_that_ends_is_ended_and_its_pipes_are_closed(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
     async def page() -> None:
@@ -32,7 +28,7 @@ def test_a_command_of_a_page_that_ends_is_ended_and_its_pipes_are_closed(
 
 
 @pytest.fixture
-def session(tmp_path: Path) -> Path:
+def session(tmp_path):
     """The only session of a campaign."""
     init_campaign(tmp_path / "field", simulated=True)
     session = tmp_path / "field/recordings/day.h5"
@@ -45,9 +41,7 @@ def sessions_beside(session: Path) -> PastSessions:
     return PastSessions(load_config(session.parents[1] / "fieldkit.toml"))
 
 
-def test_a_report_opens_once_it_is_made_though_the_clock_is_behind_that_of_the_session(
-    session: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_report_opens_once_it_is_made_though_the_clock_is_behind_that_of_the_session(session, monkeypatch):
     os.utime(session, (2e9, 2e9))  # as after a start without network or battery-backed clock
 
     async def made(*_: str) -> tuple[int, str, str]:
@@ -67,7 +61,7 @@ def test_a_report_opens_once_it_is_made_though_the_clock_is_behind_that_of_the_s
     assert asyncio.run(asked()).read_text(encoding="utf-8") == "made"
 
 
-def test_a_report_waits_for_one_check_at_most(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_report_waits_for_one_check_at_most(session, monkeypatch):
     began: list[str] = []
 
     async def works(command: str, *_: str) -> tuple[int, str, str]:

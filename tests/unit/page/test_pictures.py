@@ -1,7 +1,5 @@
 """Pictures for browsers hold the camera's values: exactly, or to a grey level."""
 
-from __future__ import annotations
-
 import json
 import struct
 import zlib

@@ -1,7 +1,5 @@
 """Whatever a browser sends becomes a request or a refusal, never anything else."""
 
-from __future__ import annotations
-
 import json
 from contextlib import suppress
 from typing import Any, get_args

@@ -1,7 +1,5 @@
 """A viewer receives every text in order and the newest picture, or is disconnected."""
 
-from __future__ import annotations
-
 import asyncio
 
 import pytest

@@ -1,7 +1,5 @@
 """Pinhole geometry against OpenCV's projection, and on a terrain with a ridge and a crater."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import cv2

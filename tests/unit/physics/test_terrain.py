@@ -1,7 +1,5 @@
 """Expected values by hand: right triangles with sides in whole numbers, and the integral of a sine."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The alarm engine alone: hold and clear times, bands, acknowledgement, dead-man, independence of order."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import random

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -98,7 +96,7 @@ def same_unless_unplugged(device: Device) -> Device:
     return device
 
 
-def test_an_unplugged_device_comes_back_and_the_gap_is_told() -> None:
+def test_an_unplugged_device_comes_back_and_the_gap_is_told():
     samples, events, start_ns = run(
         lambda c, s: Meter(c, s, gone=10.5, back=20.0), same_unless_unplugged, 40.0
     )
@@ -113,7 +111,7 @@ def test_an_unplugged_device_comes_back_and_the_gap_is_told() -> None:
     assert len([t for t in times if t >= back_s]) >= 12
 
 
-def test_a_silent_device_is_lost_at_its_deadline() -> None:
+def test_a_silent_device_is_lost_at_its_deadline():
     class Silent(Meter):
         def read(self, timeout_s: float) -> None:  # type: ignore[override]
             self.clock.sleep(timeout_s)
@@ -124,14 +122,14 @@ def test_a_silent_device_is_lost_at_its_deadline() -> None:
     assert (events[0].mono_ns - start_ns) / S == 2.0
 
 
-def test_a_frozen_picture_is_kept_flagged_and_the_camera_opened_again() -> None:
+def test_a_frozen_picture_is_kept_flagged_and_the_camera_opened_again():
     samples, events, _ = run(lambda c, s: Camera(c, s, frozen=True), lambda device: device, 3.0)
     assert samples
     assert all(Quality.FROZEN in sample.quality for sample in samples)
     assert [event.kind for event in events][:2] == [EventKind.LOST, EventKind.BACK]
 
 
-def test_the_same_picture_after_opening_again_is_flagged_as_repeated() -> None:
+def test_the_same_picture_after_opening_again_is_flagged_as_repeated():
     samples, _, _ = run(
         lambda c, s: Camera(c, s, frozen=True),
         lambda device: Camera(device.clock, device.start_ns),  # type: ignore[attr-defined]
@@ -140,7 +138,7 @@ def test_the_same_picture_after_opening_again_is_flagged_as_repeated() -> None:
     assert [sample.quality for sample in samples[:3]] == [Quality.FROZEN, Quality.DUPLICATE, Quality.GOOD]
 
 
-def test_another_instrument_under_the_same_name_is_not_taken() -> None:
+def test_another_instrument_under_the_same_name_is_not_taken():
     class Other(Meter):
         info = StreamInfo("lux", "illuminance", "lx", (2,), rate_hz=1.0)
 
@@ -152,7 +150,7 @@ def test_another_instrument_under_the_same_name_is_not_taken() -> None:
     assert [event.kind for event in events] == [EventKind.LOST]
 
 
-def test_a_camera_back_with_another_scale_has_no_value() -> None:
+def test_a_camera_back_with_another_scale_has_no_value():
     class Tenths(Camera):
         info = replace(Camera.info, scale=0.1)
 
@@ -166,7 +164,7 @@ def test_a_camera_back_with_another_scale_has_no_value() -> None:
     assert all(Quality.NO_VALUE in sample.quality for sample in samples[1:])
 
 
-def test_a_camera_lost_before_its_first_picture_is_opened_again() -> None:
+def test_a_camera_lost_before_its_first_picture_is_opened_again():
     class Shy(Camera):
         def skip_until(self, mono_ns: int) -> None:
             raise DeviceLostError("unplugged")
@@ -180,7 +178,7 @@ def test_a_camera_lost_before_its_first_picture_is_opened_again() -> None:
     assert len(samples) > 20
 
 
-def test_an_unreadable_register_map_is_tried_again() -> None:
+def test_an_unreadable_register_map_is_tried_again():
     tries = []
 
     def reopen(device: Device) -> Device:
@@ -193,7 +191,7 @@ def test_an_unreadable_register_map_is_tried_again() -> None:
     assert [event.kind for event in events] == [EventKind.LOST, EventKind.BACK]
 
 
-def test_a_mistake_of_a_driver_costs_a_moment_and_not_the_stream() -> None:
+def test_a_mistake_of_a_driver_costs_a_moment_and_not_the_stream():
     class Mistaken(Meter):
         def read(self, timeout_s: float) -> Reading | None:
             reading = super().read(timeout_s)
@@ -218,7 +216,7 @@ def test_a_mistake_of_a_driver_costs_a_moment_and_not_the_stream() -> None:
     assert (samples[-1].mono_ns - start_ns) / S >= 19.0
 
 
-def test_stop_while_lost_does_not_open_the_device_once_more() -> None:
+def test_stop_while_lost_does_not_open_the_device_once_more():
     opened = []
     run(
         lambda c, s: Meter(c, s, gone=5.5),
@@ -228,7 +226,7 @@ def test_stop_while_lost_does_not_open_the_device_once_more() -> None:
     assert not opened
 
 
-def test_bursts_come_each_period_with_the_shutter_twelve_seconds_before() -> None:
+def test_bursts_come_each_period_with_the_shutter_twelve_seconds_before():
     cameras: list[Camera] = []
 
     def make(clock: SimulatedClock, start_ns: int) -> Camera:
@@ -243,7 +241,7 @@ def test_bursts_come_each_period_with_the_shutter_twelve_seconds_before() -> Non
     assert not events
 
 
-def test_what_waited_since_the_opening_is_left_out() -> None:
+def test_what_waited_since_the_opening_is_left_out():
     class Late(Meter):
         """Its first record waited in the port: it can only be stamped now, less its wire time."""
 
@@ -260,7 +258,7 @@ def test_what_waited_since_the_opening_is_left_out() -> None:
     assert [sample.values for sample in samples if isinstance(sample, Reading)] == [(1.0,)] * 3
 
 
-def test_what_waited_since_the_device_was_opened_again_is_left_out_too() -> None:
+def test_what_waited_since_the_device_was_opened_again_is_left_out_too():
     """A camera that lost its power buffers frames of its old mode until the driver has set it up again."""
 
     class Buffering(Camera):
@@ -288,7 +286,7 @@ def test_what_waited_since_the_device_was_opened_again_is_left_out_too() -> None
     assert not [one for one in samples if isinstance(one, Frame) and one.counts.any()]
 
 
-def test_another_instrument_or_a_lost_setting_is_reported_when_the_device_is_back() -> None:
+def test_another_instrument_or_a_lost_setting_is_reported_when_the_device_is_back():
     class Spare(Camera):
         info = replace(Camera.info, serial_number="22", settings={"emissivity": 1.0, "gain": "high"})
 
@@ -305,7 +303,7 @@ def test_another_instrument_or_a_lost_setting_is_reported_when_the_device_is_bac
     assert events[1].text.endswith("; its serial number is 22, was 11; its emissivity is 1.0, was 0.95")
 
 
-def test_stamps_never_decrease_and_never_lie_in_the_future_whatever_a_driver_says() -> None:
+def test_stamps_never_decrease_and_never_lie_in_the_future_whatever_a_driver_says():
     class Jumpy(Meter):
         """A driver whose stamps are a second late, right, two seconds early, right ..."""
 
@@ -324,7 +322,7 @@ def test_stamps_never_decrease_and_never_lie_in_the_future_whatever_a_driver_say
     assert flagged == [True, False, True, False]
 
 
-def test_a_device_that_stays_away_is_tried_every_half_minute_for_as_long_as_it_takes() -> None:
+def test_a_device_that_stays_away_is_tried_every_half_minute_for_as_long_as_it_takes():
     """1, 2, 4, 8 and 16 s after one another, then every 30 s."""
     tried: list[int] = []
 
@@ -339,7 +337,7 @@ def test_a_device_that_stays_away_is_tried_every_half_minute_for_as_long_as_it_t
     assert len(waits) >= 12
 
 
-def test_garbled_records_are_counted_over_all_openings() -> None:
+def test_garbled_records_are_counted_over_all_openings():
     class Garbled(Meter):
         def __init__(self, clock: SimulatedClock, start_ns: int, rejected: int, gone: float = 1e9) -> None:
             super().__init__(clock, start_ns, gone)
@@ -371,7 +369,7 @@ class Showing(Meter):
         return reading._replace(quality=Quality.STALE) if reading is not None and held else reading
 
 
-def test_what_a_meter_shows_beside_its_values_is_told_when_it_changes_and_not_too_often() -> None:
+def test_what_a_meter_shows_beside_its_values_is_told_when_it_changes_and_not_too_often():
     _, told, start_ns = run(Showing, same_unless_unplugged, 130.0)
     assert [(one.kind, one.text, one.severity.name) for one in told] == [
         (EventKind.MODE, "lux: the meter shows: hold", "WARNING"),
@@ -381,7 +379,7 @@ def test_what_a_meter_shows_beside_its_values_is_told_when_it_changes_and_not_to
     assert [round((one.mono_ns - start_ns) / S) for one in told] == [5, 65, 125]
 
 
-def test_after_a_pause_bursts_keep_their_minutes_and_make_up_for_none() -> None:
+def test_after_a_pause_bursts_keep_their_minutes_and_make_up_for_none():
     """A computer that stood still for four minutes goes on at the next full minute."""
 
     class Held(Camera):
@@ -397,7 +395,7 @@ def test_after_a_pause_bursts_keep_their_minutes_and_make_up_for_none() -> None:
     assert len(bursts) <= 6
 
 
-def test_an_impossible_reading_is_flagged_and_counted_as_it_came() -> None:
+def test_an_impossible_reading_is_flagged_and_counted_as_it_came():
     class Loose(Meter):
         """A probe that shows 9.9E+37 lx, SCPI's overflow, at every second reading."""
 

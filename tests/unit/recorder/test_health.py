@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -31,20 +29,20 @@ def reading(quality: Quality) -> Reading:
     return Reading("lux", 0, 0, (1.0,), quality=quality)
 
 
-def test_a_flag_is_reported_when_it_begins_not_while_it_lasts() -> None:
+def test_a_flag_is_reported_when_it_begins_not_while_it_lasts():
     monitor = FlagMonitor()
     flags = [Quality.GOOD, Quality.OVERRANGE, Quality.OVERRANGE, Quality.GOOD, Quality.OVERRANGE]
     reported = [[event.kind for event in monitor.update(reading(flag))] for flag in flags]
     assert reported == [[], [EventKind.OVERRANGE], [], [], [EventKind.OVERRANGE]]
 
 
-def test_a_second_flag_is_reported_and_the_first_not_again() -> None:
+def test_a_second_flag_is_reported_and_the_first_not_again():
     monitor = FlagMonitor()
     flags = [Quality.NO_VALUE, Quality.NO_VALUE | Quality.OVERRANGE, Quality.NO_VALUE]
     assert [len(list(monitor.update(reading(flag)))) for flag in flags] == [1, 1, 0]
 
 
-def test_garbled_records_are_reported_at_most_once_a_minute_with_their_number() -> None:
+def test_garbled_records_are_reported_at_most_once_a_minute_with_their_number():
     monitor = GarbleMonitor()
     counts = [(0, 0), (3, 1), (5, 2), (9, 62)]  # records, seconds
     reported = [
@@ -53,7 +51,7 @@ def test_garbled_records_are_reported_at_most_once_a_minute_with_their_number() 
     assert reported == [[], [3], [], [6]]
 
 
-def test_garbled_records_of_the_last_minute_are_reported_at_the_end() -> None:
+def test_garbled_records_of_the_last_minute_are_reported_at_the_end():
     monitor = GarbleMonitor()
     (first,) = monitor.update("lux", 3, 10 * S, 10 * S)
     assert list(monitor.update("lux", 5, 30 * S, 30 * S)) == []
@@ -62,7 +60,7 @@ def test_garbled_records_of_the_last_minute_are_reported_at_the_end() -> None:
     assert list(monitor.update("lux", 5, 41 * S, 41 * S, at_end=True)) == []
 
 
-def test_a_clock_step_and_a_sleep_are_reported_apart() -> None:
+def test_a_clock_step_and_a_sleep_are_reported_apart():
     monitor = ClockMonitor()
     hour = 3600 * S
 
@@ -77,7 +75,7 @@ def test_a_clock_step_and_a_sleep_are_reported_apart() -> None:
     assert kinds(660 * S, 660 * S) == [EventKind.CLOCK_STEP]  # stepped back
 
 
-def test_a_shrinking_disk_warns_then_stops_pictures_then_asks_to_seal() -> None:
+def test_a_shrinking_disk_warns_then_stops_pictures_then_asks_to_seal():
     monitor = DiskMonitor(reserve_bytes=64 * MB)
     assert not list(monitor.update(10_000 * MB, 1 * MB, 0, 0))
     assert [e.kind for e in monitor.update(500 * MB, 1 * MB, 0, 0)] == [EventKind.DISK]
@@ -90,7 +88,7 @@ def test_a_shrinking_disk_warns_then_stops_pictures_then_asks_to_seal() -> None:
     assert not list(monitor.update(9 * MB, 1 * MB, 0, 0))  # reported once
 
 
-def test_pictures_come_back_with_room_to_spare() -> None:
+def test_pictures_come_back_with_room_to_spare():
     monitor = DiskMonitor(reserve_bytes=64 * MB)
     list(monitor.update(60 * MB, 1 * MB, 0, 0))
     assert not list(monitor.update(100 * MB, 1 * MB, 0, 0))  # no flapping at the limit
@@ -98,7 +96,7 @@ def test_pictures_come_back_with_room_to_spare() -> None:
     assert monitor.stores_frames
 
 
-def test_a_disk_that_recovers_is_warned_of_again() -> None:
+def test_a_disk_that_recovers_is_warned_of_again():
     monitor = DiskMonitor(reserve_bytes=64 * MB)
     free = (500, 10_000, 500)
     assert [len(list(monitor.update(one * MB, 1 * MB, 0, 0))) for one in free] == [
@@ -108,7 +106,7 @@ def test_a_disk_that_recovers_is_warned_of_again() -> None:
     ]  # warned, enough again, warned
 
 
-def test_pictures_pause_after_an_error_of_storing_and_skipped_frames_are_reported() -> None:
+def test_pictures_pause_after_an_error_of_storing_and_skipped_frames_are_reported():
     monitor = StorageMonitor()
     assert not monitor.failed(StorageError("database or disk is full"), 100 * S)
     assert [monitor.skips_frame(second * S) for second in (101, 109, 111)] == [True, True, False]
@@ -125,7 +123,7 @@ def test_pictures_pause_after_an_error_of_storing_and_skipped_frames_are_reporte
 
 
 @pytest.mark.parametrize(("step_s", "reported"), [(0.4, False), (0.6, True), (-0.6, True), (3.0, True)])
-def test_a_step_of_the_system_clock_of_half_a_second_is_reported(step_s: float, reported: bool) -> None:
+def test_a_step_of_the_system_clock_of_half_a_second_is_reported(step_s, reported):
     monitor = ClockMonitor()
     assert list(monitor.update(ClockCheck(0, 10**18, 100), 0)) == []
     events = list(monitor.update(ClockCheck(60 * 10**9, 10**18 + round(step_s * 1e9), 100), 0))
@@ -173,7 +171,7 @@ def recorded(path: Path, seconds: int, shut_at_s: int) -> list[EventKind]:
     return kinds
 
 
-def test_a_drive_that_does_not_answer_for_a_moment_has_as_much_room_as_before(tmp_path: Path) -> None:
+def test_a_drive_that_does_not_answer_for_a_moment_has_as_much_room_as_before(tmp_path):
     answers: list[int | OSError] = [10**12, OSError("stale file handle"), 10**11]
 
     def free_bytes() -> int:
@@ -195,14 +193,14 @@ def test_a_drive_that_does_not_answer_for_a_moment_has_as_much_room_as_before(tm
     assert seen == [10**12, 10**12, 10**11]
 
 
-def test_clocks_are_compared_once_a_minute(tmp_path: Path) -> None:
+def test_clocks_are_compared_once_a_minute(tmp_path):
     assert recorded(tmp_path / "a.h5", 130, shut_at_s=999) == []
     with open_session(tmp_path / "a.h5") as session:
         since_ns = session.stream("lux").column("mono_ns")[0]
         assert [(check.mono_ns - since_ns) // S for check in session.clock_checks()] == [0, 60, 120]
 
 
-def test_a_sleep_between_two_minutes_is_known_to_the_second(tmp_path: Path) -> None:
+def test_a_sleep_between_two_minutes_is_known_to_the_second(tmp_path):
     assert recorded(tmp_path / "a.h5", 130, shut_at_s=99) == [EventKind.SLEPT]
     with open_session(tmp_path / "a.h5") as session:
         since_ns = session.stream("lux").column("mono_ns")[0]
@@ -211,14 +209,14 @@ def test_a_sleep_between_two_minutes_is_known_to_the_second(tmp_path: Path) -> N
     assert (step.mono_ns, step.add_ns) == (since_ns + 99 * S, SLEPT_S * S)
 
 
-def test_a_sleep_right_after_a_comparison_needs_only_one_more(tmp_path: Path) -> None:
+def test_a_sleep_right_after_a_comparison_needs_only_one_more(tmp_path):
     recorded(tmp_path / "a.h5", 70, shut_at_s=60)
     with open_session(tmp_path / "a.h5") as session:
         since_ns = session.stream("lux").column("mono_ns")[0]
         assert [(check.mono_ns - since_ns) // S for check in session.clock_checks()] == [0, 60, 61]
 
 
-def test_the_lag_is_that_of_the_latest_sample_since_the_last_look(tmp_path: Path) -> None:
+def test_the_lag_is_that_of_the_latest_sample_since_the_last_look(tmp_path):
     with SimulatedClock(START_NS) as clock:
         writer = SessionWriter(tmp_path / "a.h5", header(), clock)
         monitor = HealthMonitor(clock, (), SampleQueue({}), writer, lambda: 10**12)

@@ -1,7 +1,5 @@
 """Slopes and what was learnt: stored while recording, again from the file, in batch and after recovery."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +27,7 @@ def recorded(folder: Path, name: str) -> Path:
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     made = tmp_path_factory.mktemp("learned")
     with pytest.MonkeyPatch.context() as patched:
         patched.setenv("XDG_CONFIG_HOME", str(made / "home"))
@@ -39,12 +37,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def whole(folder: Path) -> Path:
+def whole(folder):
     return recorded(folder, "whole")
 
 
 @pytest.fixture(scope="module")
-def cut_off(folder: Path) -> Path:
+def cut_off(folder):
     """Ended at once by the user, and recovered."""
     genuine, calls = Estimator.collect, iter(range(ENDED_AT))
 
@@ -74,7 +72,7 @@ def assert_equal(ones: list[SlopeEstimate], others: list[SlopeEstimate]) -> None
         np.testing.assert_allclose([getattr(one, name) for one in ones], expected, rtol=0, atol=1e-9)
 
 
-def test_live_slopes_are_those_of_a_replay_and_of_the_batch(whole: Path) -> None:
+def test_live_slopes_are_those_of_a_replay_and_of_the_batch(whole):
     with open_session(whole) as session:
         stored = session.estimates()
         replayed, learnt = again(session)
@@ -88,7 +86,7 @@ def test_live_slopes_are_those_of_a_replay_and_of_the_batch(whole: Path) -> None
         assert values[0] == pytest.approx(values[1], rel=1e-9)
 
 
-def test_slopes_after_recovery_are_those_of_the_undisturbed_recording(whole: Path, cut_off: Path) -> None:
+def test_slopes_after_recovery_are_those_of_the_undisturbed_recording(whole, cut_off):
     with open_session(cut_off) as session:
         assert session.state == "recovered"
         stored, (replayed, _) = session.estimates(), again(session)

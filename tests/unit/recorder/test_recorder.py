@@ -1,13 +1,11 @@
 """A recording through the real program, on simulated devices, whose estimator, views or user give up."""
 
-from __future__ import annotations
-
 import json
 import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -35,7 +33,7 @@ BURSTS_OF_3 = 2
 
 
 @pytest.fixture
-def campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def campaign(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "home"))
     folder = tmp_path / "sand"
     assert CliRunner().invoke(main, ["init", "--simulated", str(folder)]).exit_code == 0
@@ -85,8 +83,8 @@ def is_whole(counts: dict[str, int]) -> bool:
     [(Estimator, "collect", 100), (Estimator, "minute", 1), (RegionFollower, "update", 2)],
 )
 def test_an_estimator_that_fails_is_left_out_once_and_the_recording_goes_on(
-    campaign: Path, monkeypatch: pytest.MonkeyPatch, part: type, method: str, at: int
-) -> None:
+    campaign, monkeypatch, part, method, at
+):
     failures = []
 
     def fail() -> None:
@@ -106,8 +104,8 @@ def test_an_estimator_that_fails_is_left_out_once_and_the_recording_goes_on(
 
 
 def test_an_estimator_that_fails_at_the_very_end_does_not_keep_the_session_from_being_sealed(
-    campaign: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    campaign, monkeypatch
+):
     def fail(self: Estimator) -> None:
         raise ValueError("nothing to divide by")
 
@@ -120,9 +118,7 @@ def test_an_estimator_that_fails_at_the_very_end_does_not_keep_the_session_from_
     ]
 
 
-def test_what_the_data_taught_is_stored_with_the_slopes(
-    campaign: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_the_data_taught_is_stored_with_the_slopes(campaign, monkeypatch):
     found = learnt()
     genuine = Estimator.minute
     # the learned model takes a day of minutes to learn all of this
@@ -144,9 +140,7 @@ def test_what_the_data_taught_is_stored_with_the_slopes(
     assert "3.6 (2.3 to 5.7)" in shown
 
 
-def test_a_second_ctrl_c_leaves_a_journal_that_gives_everything_back(
-    campaign: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_second_ctrl_c_leaves_a_journal_that_gives_everything_back(campaign, monkeypatch):
     """The first asks to seal; the second ends at once, wherever the program is."""
 
     def interrupt() -> None:
@@ -185,7 +179,7 @@ main(["record", *sys.argv[2:]])
 
 
 @pytest.fixture
-def hanging(campaign: Path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
+def hanging(campaign):
     """Begins a recording whose estimator hangs in its first minute, waits for that; kills what is left."""
     begun: list[subprocess.Popen[str]] = []
 
@@ -212,9 +206,7 @@ def gives_up(path: Path) -> None:
     assert [event.data["alarm"] for event in events if phase_of(event)] == ["estimator"]
 
 
-def test_a_recording_whose_estimator_hangs_ends_as_planned(
-    campaign: Path, hanging: Callable[..., subprocess.Popen[str]]
-) -> None:
+def test_a_recording_whose_estimator_hangs_ends_as_planned(campaign, hanging):
     done = hanging(1.0, "--for", "100s", "--quiet")
     _, errors = done.communicate(timeout=120)
     assert done.returncode == 0, errors
@@ -226,9 +218,7 @@ def test_a_recording_whose_estimator_hangs_ends_as_planned(
     "number",
     [signal.SIGINT, *(pytest.param(one, marks=pytest.mark.slow) for one in (signal.SIGTERM, signal.SIGHUP))],
 )
-def test_a_recording_whose_estimator_hangs_is_sealed_at_a_signal(
-    campaign: Path, hanging: Callable[..., subprocess.Popen[str]], number: signal.Signals
-) -> None:
+def test_a_recording_whose_estimator_hangs_is_sealed_at_a_signal(campaign, hanging, number):
     done = hanging(2.0, "--quiet")
     done.send_signal(number)
     _, errors = done.communicate(timeout=120)
@@ -246,11 +236,8 @@ def test_a_recording_whose_estimator_hangs_is_sealed_at_a_signal(
     ],
 )
 def test_a_second_signal_ends_a_recording_whose_estimator_hangs_and_keeps_its_journal(
-    campaign: Path,
-    hanging: Callable[..., subprocess.Popen[str]],
-    first: signal.Signals,
-    second: signal.Signals,
-) -> None:
+    campaign, hanging, first, second
+):
     done = hanging(3600.0)
     marks = journal_path(the_session(campaign)) / "marks"
     done.send_signal(first)
@@ -267,9 +254,7 @@ def test_a_second_signal_ends_a_recording_whose_estimator_hangs_and_keeps_its_jo
         assert session.count("thermometer") >= 60
 
 
-def test_a_stop_that_is_repeated_still_seals(
-    campaign: Path, hanging: Callable[..., subprocess.Popen[str]]
-) -> None:
+def test_a_stop_that_is_repeated_still_seals(campaign, hanging):
     done = hanging(3.0)
     with ThreadPoolExecutor() as pool:
         stopped = [pool.submit(stop_recording, campaign / "recordings", print) for _ in range(3)]
@@ -278,9 +263,7 @@ def test_a_stop_that_is_repeated_still_seals(
     gives_up(the_session(campaign))
 
 
-def test_estimates_that_are_late_are_an_event_and_so_is_their_return(
-    campaign: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_estimates_that_are_late_are_an_event_and_so_is_their_return(campaign, monkeypatch):
     """Of a first minute that takes half a second where a fifth of one is late; the others come as they do."""
     # a slow computer, without its minutes of waiting; simulated time does not wait for it
     monkeypatch.setattr("fieldkit.recorder.health.LATE_S", 0.2)
@@ -303,7 +286,7 @@ def test_estimates_that_are_late_are_an_event_and_so_is_their_return(
     ]  # a busy computer may be late again
 
 
-def test_a_view_that_fails_is_told_and_left_out(campaign: Path) -> None:
+def test_a_view_that_fails_is_told_and_left_out(campaign):
     shown: list[Minute] = []
 
     def show(minute: Minute) -> None:
@@ -320,9 +303,7 @@ def test_a_view_that_fails_is_told_and_left_out(campaign: Path) -> None:
     assert len(shown) == 1
 
 
-def test_what_is_noted_last_and_what_the_estimator_notices_is_in_the_session(
-    campaign: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_is_noted_last_and_what_the_estimator_notices_is_in_the_session(campaign, monkeypatch):
     last = Event(EventKind.MARK, 1, 1, "packing up")
     genuine = RequestReader.close
     # sent between the last look at the inbox and its end, a moment that nothing outside can hit

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from concurrent.futures import Future
 
 from fieldkit.estimation.estimator import Minute
@@ -20,7 +18,7 @@ def drain(inbox: SampleQueue) -> list[object]:
     return items
 
 
-def test_keeps_the_order_of_arrival_over_streams() -> None:
+def test_keeps_the_order_of_arrival_over_streams():
     inbox = SampleQueue({"lux": 4, "camera": 4})
     put = [reading(1), reading(2, "camera"), reading(3)]
     for sample in put:
@@ -29,7 +27,7 @@ def test_keeps_the_order_of_arrival_over_streams() -> None:
     assert not inbox.is_busy()
 
 
-def test_large_cameras_may_wait_three_seconds_and_small_ones_32_megabytes() -> None:
+def test_large_cameras_may_wait_three_seconds_and_small_ones_32_megabytes():
     def picture(rows: int, cols: int, rate_hz: float) -> StreamInfo:
         return StreamInfo("camera", "brightness_temperature", "K", (rows, cols), rate_hz=rate_hz)
 
@@ -38,7 +36,7 @@ def test_large_cameras_may_wait_three_seconds_and_small_ones_32_megabytes() -> N
     assert queue_limit(StreamInfo("lux", "illuminance", "lx", (1,), rate_hz=2.0)) > 3600
 
 
-def test_a_full_stream_loses_and_tells_how_many_and_leaves_others_alone() -> None:
+def test_a_full_stream_loses_and_tells_how_many_and_leaves_others_alone():
     inbox = SampleQueue({"lux": 2, "camera": 2})
     assert [inbox.put(reading(n)) for n in range(5)] == [True, True, False, False, False]
     assert inbox.put(reading(9, "camera"))
@@ -53,7 +51,7 @@ def test_a_full_stream_loses_and_tells_how_many_and_leaves_others_alone() -> Non
     assert inbox.dropped == {"lux": 3}
 
 
-def test_is_busy_until_the_last_item_is_done() -> None:
+def test_is_busy_until_the_last_item_is_done():
     inbox = SampleQueue({"lux": 2})
     inbox.put(reading(1))
     item = inbox.get(0.0)
@@ -63,7 +61,7 @@ def test_is_busy_until_the_last_item_is_done() -> None:
     assert not inbox.is_busy()
 
 
-def test_samples_pass_while_a_minute_is_estimated_and_time_is_held_until_it_is_processed() -> None:
+def test_samples_pass_while_a_minute_is_estimated_and_time_is_held_until_it_is_processed():
     inbox, found = SampleQueue({"lux": 4}), Future[Minute]()
     inbox.put_when_done(found)
     inbox.put(reading(1))

@@ -1,7 +1,5 @@
 """Every fault of the simulated field raises its alarm once, in time, and clears it; replay finds the same."""
 
-from __future__ import annotations
-
 import json
 import socket
 import sys

@@ -1,13 +1,12 @@
 """What the page answers where a command that it ran has failed: the command's own error."""
 
 import asyncio
-from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
 
 from fieldkit.cli import main
-from fieldkit.config import FILE_NAME, Config, load_config
+from fieldkit.config import FILE_NAME, load_config
 from fieldkit.model.errors import ConfigError, RefusedError, SessionError
 from fieldkit.page.conductor import Conductor
 from fieldkit.page.hub import Hub
@@ -18,12 +17,12 @@ from fieldkit.results.session import open_session
 
 
 @pytest.fixture
-def config(tmp_path: Path) -> Config:
+def config(tmp_path):
     assert CliRunner().invoke(main, ["init", str(tmp_path / "field")]).exit_code == 0
     return load_config(tmp_path / "field" / FILE_NAME)
 
 
-def test_a_recording_that_cannot_start_answers_with_its_error(config: Config) -> None:
+def test_a_recording_that_cannot_start_answers_with_its_error(config):
     with pytest.raises(ConfigError) as expected, prepare(config):
         pass
     conductor = Conductor(config, Hub(config), preview=False)
@@ -33,7 +32,7 @@ def test_a_recording_that_cannot_start_answers_with_its_error(config: Config) ->
     assert (found.value.message, found.value.fix) == (expected.value.message, expected.value.fix)
 
 
-def test_a_session_that_cannot_be_estimated_answers_with_its_error(config: Config) -> None:
+def test_a_session_that_cannot_be_estimated_answers_with_its_error(config):
     path = config.recordings / "a.h5"
     path.write_bytes(b"not a session")
     with pytest.raises(SessionError) as expected:
@@ -44,5 +43,5 @@ def test_a_session_that_cannot_be_estimated_answers_with_its_error(config: Confi
 
 
 @pytest.mark.parametrize("printed", ["", "Killed\n", "[]", '{"schema": 1}', "null"])
-def test_a_command_that_left_no_error_is_explained_in_words(printed: str) -> None:
+def test_a_command_that_left_no_error_is_explained_in_words(printed):
     assert command_error(printed, "it ended at once").message == "it ended at once"

@@ -48,7 +48,7 @@ def named(session: PlannedSession, *names: str) -> list[Run]:
 
 
 @pytest.fixture(scope="module")
-def found() -> Experiments:
+def found():
     runs = [as_planned(replace(SESSION, minutes=40)), *named(SESSION, SHADE, KNOWN, AIR)]
     return Experiments(SESSION, predicted(runs))
 

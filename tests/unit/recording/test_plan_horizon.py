@@ -1,7 +1,5 @@
 """A plan behind a ridge."""
 
-from __future__ import annotations
-
 from datetime import time
 
 from fieldkit.estimation.settings import EstimatorSettings
@@ -9,7 +7,7 @@ from fieldkit.recording.experiments import _measured, _model
 from fieldkit.recording.plan import plan
 
 
-def test_minutes_behind_the_horizon_are_not_planned_with() -> None:
+def test_minutes_behind_the_horizon_are_not_planned_with():
     horizon = ((169.9, 0.0), (170.0, 60.0), (220.0, 60.0), (220.1, 0.0))
     settings = EstimatorSettings(horizon=horizon)
     made = plan((37.70, -105.92, 2317.0), "2016-01-01", [(15.0, 180.0)], estimator=settings)
@@ -24,13 +22,13 @@ def test_minutes_behind_the_horizon_are_not_planned_with() -> None:
     assert not 165.0 < made.rows[best]["sun_azimuth_deg"] < 220.0
 
 
-def test_a_horizon_above_the_sun_is_named_as_such() -> None:
+def test_a_horizon_above_the_sun_is_named_as_such():
     settings = EstimatorSettings(horizon=((0.0, 60.0), (180.0, 60.0)))
     made = plan((37.70, -105.92, 2317.0), "2016-01-01", [(15.0, 180.0)], estimator=settings)
     assert made.warnings == ["the horizon hides the sun: nothing can be measured"]
 
 
-def test_a_session_behind_a_ridge_is_predicted_in_its_shadow() -> None:
+def test_a_session_behind_a_ridge_is_predicted_in_its_shadow():
     ridge = ((179.0, 0.0), (180.0, 40.0), (300.0, 40.0), (301.0, 0.0))
     found = []
     for horizon in ((), ridge):

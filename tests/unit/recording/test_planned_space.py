@@ -1,7 +1,5 @@
 """What a recording is planned to take is what it takes on the disk, journal and file together."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from fieldkit.model.samples import Health, StreamHealth
@@ -21,7 +19,7 @@ def on_disk(path: Path) -> int:
     return sum(512 * file.stat().st_blocks for file in files)
 
 
-def test_bursts_of_a_small_camera_with_meters_take_no_more_than_planned(tmp_path: Path) -> None:
+def test_bursts_of_a_small_camera_with_meters_take_no_more_than_planned(tmp_path):
     """A reading of a meter once took ten times what was planned for it."""
     path, streams = tmp_path / "a.h5", HEADER.streams
     writer = SessionWriter(path, HEADER, CountedClock())

@@ -1,7 +1,5 @@
 """What counts as a session of a folder, whatever lies in it, and what a session may be called."""
 
-from __future__ import annotations
-
 import json
 import os
 import shlex
@@ -26,7 +24,7 @@ from tests.harness.waiting import PATIENCE_S
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def made(tmp_path_factory):
     """A campaign with one sealed session."""
     folder = campaign(tmp_path_factory.mktemp("made") / "field")
     (folder / "recordings").mkdir(exist_ok=True)
@@ -38,7 +36,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def recordings(made: Path, tmp_path: Path) -> Path:
+def recordings(made, tmp_path):
     """The folder of a campaign with one sealed session, to be changed."""
     return shutil.copytree(made, tmp_path / "field") / "recordings"
 
@@ -64,7 +62,7 @@ STRANGE: dict[str, Callable[[Path], object]] = {
 
 
 @pytest.fixture(params=STRANGE)
-def strange(request: pytest.FixtureRequest, recordings: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def strange(request, recordings, monkeypatch):
     """Something that is called like a session."""
     monkeypatch.chdir(recordings)  # for `bind`, and back afterwards
     (recordings.parent / "elsewhere.h5").write_bytes((recordings / "a.h5").read_bytes())
@@ -73,14 +71,14 @@ def strange(request: pytest.FixtureRequest, recordings: Path, monkeypatch: pytes
     return path
 
 
-def test_only_regular_files_of_the_folder_are_its_sessions(strange: Path) -> None:
+def test_only_regular_files_of_the_folder_are_its_sessions(strange):
     skipped: list[str] = []
     assert sessions_in(strange.parent, skipped.append) == [strange.parent / "a.h5"]
     assert [text.partition(" is skipped")[0] for text in skipped] == [str(strange)]
     assert open_campaign(strange.parent).sessions.paths == (strange.parent / "a.h5",)
 
 
-def test_the_journal_of_a_lost_file_is_a_session(recordings: Path) -> None:
+def test_the_journal_of_a_lost_file_is_a_session(recordings):
     (recordings / "b.h5.journal").mkdir()
     assert sessions_in(recordings) == [recordings / "a.h5", recordings / "b.h5"]
 
@@ -102,7 +100,7 @@ def test_the_journal_of_a_lost_file_is_a_session(recordings: Path) -> None:
         "a\\b",
     ],
 )
-def test_a_session_is_called_by_text_without_control_characters(recordings: Path, name: str) -> None:
+def test_a_session_is_called_by_text_without_control_characters(recordings, name):
     config = load_config(recordings.parent / "fieldkit.toml")
     with pytest.raises(ConfigError) as caught:
         session_path(config, name, 0)
@@ -113,9 +111,7 @@ def test_a_session_is_called_by_text_without_control_characters(recordings: Path
 
 
 @pytest.mark.parametrize("letter", ["x", "ü", "地", "🌡"])
-def test_a_session_is_called_by_a_name_that_leaves_room_for_all_that_is_made_of_it(
-    recordings: Path, letter: str
-) -> None:
+def test_a_session_is_called_by_a_name_that_leaves_room_for_all_that_is_made_of_it(recordings, letter):
     config = load_config(recordings.parent / "fieldkit.toml")
     with pytest.raises(ConfigError, match="bytes, and may have 120") as caught:
         session_path(config, 240 * letter, 0)
@@ -127,7 +123,7 @@ def test_a_session_is_called_by_a_name_that_leaves_room_for_all_that_is_made_of_
     (recordings / f".{longest}").touch()
 
 
-def test_other_names_of_sessions_are_free(recordings: Path) -> None:
+def test_other_names_of_sessions_are_free(recordings):
     config = load_config(recordings.parent / "fieldkit.toml")
     for name in ("three beds", "砂 五\u3000度", "=1+1", "..", "-x", "👨\u200d👩"):
         assert session_path(config, name, 0).name == f"19700101T000000Z-{name}.h5"
@@ -138,7 +134,7 @@ def fieldkit(*words: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S)
 
 
-def test_a_pipe_among_the_sessions_holds_up_no_command(recordings: Path) -> None:
+def test_a_pipe_among_the_sessions_holds_up_no_command(recordings):
     os.mkfifo(recordings / "pipe.h5")
     (recordings / "b.h5.journal").mkdir()
     os.mkfifo(recordings / "b.h5.journal" / "lock")

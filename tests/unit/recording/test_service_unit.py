@@ -1,7 +1,5 @@
 """The unit's text, judged by systemd's own tools."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil
@@ -25,14 +23,14 @@ def system_unit(campaign: Path) -> Unit:
 
 
 @pytest.fixture
-def campaign(tmp_path: Path) -> Path:
+def campaign(tmp_path):
     folder = tmp_path / ODD
     folder.mkdir()
     return folder
 
 
 @pytest.fixture
-def analyze(tmp_path: Path):
+def analyze(tmp_path):
     """Runs systemd-analyze on a unit, as the manager of the user or of the system would read it."""
 
     def run(unit: Unit, *words: str) -> subprocess.CompletedProcess[str]:

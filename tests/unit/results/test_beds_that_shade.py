@@ -1,7 +1,5 @@
 """A bed that shades another one in the afternoon: the horizon between them keeps the slope."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -37,7 +35,7 @@ def last_tilt_deg(horizon: Horizon, known: Horizon) -> float:
     return chain.at(replace(history, region_flags=flags)).slopes[1].tilt_deg
 
 
-def test_the_horizon_of_a_neighbour_keeps_the_slope_of_a_bed() -> None:
+def test_the_horizon_of_a_neighbour_keeps_the_slope_of_a_bed():
     horizon = horizon_of_neighbours(BED, [NEIGHBOUR])
     times_ns = START_NS + np.arange(MINUTES) * MINUTE_NS
     hidden = np.flatnonzero(sunlit_share(horizon, sun_vectors(times_ns, packaged().site)) == 0.0)

@@ -1,7 +1,5 @@
 """Marks taken back and edited afterwards: what is stored stays, everything that is read is as corrected."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 
@@ -29,7 +27,7 @@ def mark(clock: CountedClock, text: str, **data: object) -> Event:
 
 
 @pytest.fixture(scope="module")
-def marked(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def marked(tmp_path_factory):
     """A session with the marks 1 "wolke über b05", 2 "wind", 3 "wind" and an acknowledgement before these."""
     path, clock = tmp_path_factory.mktemp("marked") / "a.h5", CountedClock()
     writer = SessionWriter(path, header((24, 32)), clock)
@@ -45,7 +43,7 @@ def marked(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def path(marked: Path, tmp_path: Path) -> Path:
+def path(marked, tmp_path):
     """A copy of it."""
     return Path(shutil.copy(marked, tmp_path))
 
@@ -54,7 +52,7 @@ def texts(session: fieldkit.Session) -> list[str]:
     return [event.text for event in session.events() if "acknowledge" not in event.data]
 
 
-def test_a_mark_taken_back_is_stored_and_read_no_more(path: Path) -> None:
+def test_a_mark_taken_back_is_stored_and_read_no_more(path):
     with fieldkit.open_session(path) as session:
         recorded = session.events(recorded=True)
         session.take_back("wolke über b05")
@@ -65,7 +63,7 @@ def test_a_mark_taken_back_is_stored_and_read_no_more(path: Path) -> None:
     assert "fail" not in {one.level for one in check(path, estimates=False).findings}
 
 
-def test_an_edited_mark_keeps_what_is_not_given_and_counts_again(path: Path) -> None:
+def test_an_edited_mark_keeps_what_is_not_given_and_counts_again(path):
     with fieldkit.open_session(path) as session:
         before = session.marks()[2]
         session.take_back(2)
@@ -93,7 +91,7 @@ def test_an_edited_mark_keeps_what_is_not_given_and_counts_again(path: Path) -> 
         (lambda session: session.edit_mark(2, at="-1s", to="-2s"), "the end lies before the start"),
     ],
 )
-def test_what_cannot_be_meant_changes_nothing(path: Path, change: object, message: str) -> None:
+def test_what_cannot_be_meant_changes_nothing(path, change, message):
     before = path.read_bytes()
     with fieldkit.open_session(path) as session, pytest.raises(ConfigError, match=message) as refused:
         change(session)  # type: ignore[operator]
@@ -102,7 +100,7 @@ def test_what_cannot_be_meant_changes_nothing(path: Path, change: object, messag
         assert "1 wolke über b05; 2 wind; 3 wind" in str(refused.value)
 
 
-def test_corrected_marks_have_the_times_of_a_corrected_clock(path: Path) -> None:
+def test_corrected_marks_have_the_times_of_a_corrected_clock(path):
     apply_time_map(path, [TimeStep(0, 3600 * SECOND_NS, "gps")])
     with fieldkit.open_session(path) as session:
         before = session.marks()[3]
@@ -112,7 +110,7 @@ def test_corrected_marks_have_the_times_of_a_corrected_clock(path: Path) -> None
         assert session.end_ns - session.marks()[3].data["end_ns"] == pytest.approx(SECOND_NS, abs=1000)
 
 
-def test_exports_have_the_marks_as_corrected(path: Path, tmp_path: Path) -> None:
+def test_exports_have_the_marks_as_corrected(path, tmp_path):
     with fieldkit.open_session(path) as session:
         session.take_back(1)
         session.edit_mark(3, "gusts")
@@ -124,7 +122,7 @@ def test_exports_have_the_marks_as_corrected(path: Path, tmp_path: Path) -> None
     assert "wolke" not in (table.parent / "a-events.csv").read_text("utf-8")
 
 
-def test_corrections_outlive_recovery_and_damage_to_them_is_named(path: Path) -> None:
+def test_corrections_outlive_recovery_and_damage_to_them_is_named(path):
     with fieldkit.open_session(path) as session:
         session.take_back(1)
         session.edit_mark(3, "gusts")
@@ -146,7 +144,7 @@ def test_corrections_outlive_recovery_and_damage_to_them_is_named(path: Path) ->
 
 
 @pytest.fixture
-def shaded(sessions: list[Path], tmp_path: Path) -> Path:
+def shaded(sessions, tmp_path):
     """A session in which b15 was marked as shaded for three minutes."""
     path = tmp_path / shutil.copy(sessions[0], tmp_path)
     with fieldkit.open_session(path) as session:
@@ -163,7 +161,7 @@ def slopes(path: Path, **options: object) -> tuple[list[float], int]:
     return rows["tilt_deg"].tolist(), int(sum(bool(one & int(Quality.SHADED)) for one in rows["flags"]))
 
 
-def test_a_shade_test_taken_back_has_no_effect_on_the_slopes(sessions, shaded: Path) -> None:
+def test_a_shade_test_taken_back_has_no_effect_on_the_slopes(sessions, shaded):
     plain, marked = slopes(sessions[0]), slopes(shaded)
     assert (plain[1], marked[1]) == (0, 3)
     assert repr(slopes(shaded, without_marks=["shade-test b15"])) == repr(plain)

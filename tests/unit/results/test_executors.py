@@ -1,7 +1,5 @@
 """Who may work on a sweep, and what happens when workers die."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal
@@ -21,9 +19,7 @@ def squared(number: int) -> int:
     return number * number
 
 
-def test_work_on_a_dask_cluster_comes_back_and_other_versions_are_refused(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_work_on_a_dask_cluster_comes_back_and_other_versions_are_refused(monkeypatch):
     """A scheduler, and first no worker, then one, in threads of this process, reached over loopback."""
     cluster = distributed.LocalCluster(
         n_workers=0, threads_per_worker=1, processes=False, dashboard_address=None, protocol="tcp",
@@ -52,14 +48,14 @@ def killed(tries: Path) -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-def test_processes_that_die_again_and_again_end_a_sweep_with_advice(tmp_path: Path) -> None:
+def test_processes_that_die_again_and_again_end_a_sweep_with_advice(tmp_path):
     with pytest.raises(FieldkitError, match="killed repeatedly") as caught:
         list(results(Processes(1), [(0, partial(killed, tmp_path / "tries"))]))
     assert "fewer processes" in str(caught.value.fix)
     assert len((tmp_path / "tries").read_text()) == RETRIES + 1
 
 
-def test_every_piece_comes_back_with_its_note() -> None:
+def test_every_piece_comes_back_with_its_note():
     with local(1) as executor:
         pieces = [(f"n{number}", partial(squared, number)) for number in range(6)]
         assert dict(results(executor, pieces)) == {f"n{number}": number**2 for number in range(6)}

@@ -1,7 +1,5 @@
 """What a notebook calls: estimates, maps, reports and plans without a command line."""
 
-from __future__ import annotations
-
 import csv
 import re
 import shutil

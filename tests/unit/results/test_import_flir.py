@@ -1,9 +1,5 @@
 """FLIR files become recordings: every frame, its law and the camera's own times."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -22,7 +18,7 @@ from tests.shared_data import shared
 SITE = Site(-33.5, -70.6, 500.0, "America/Santiago")
 
 
-def test_flir_files_keep_their_law(tmp_path: Path) -> None:
+def test_flir_files_keep_their_law(tmp_path):
     """Expected counts: the README beside the file; an indoor scene near room temperature."""
     source = shared("data/frames/flir_file/frame_000000_le.fff")
     recording = read_flir(source, "camera")
@@ -38,7 +34,7 @@ def test_flir_files_keep_their_law(tmp_path: Path) -> None:
 COUNTS = np.arange(18_000, 18_035, dtype=np.uint16).reshape(5, 7)
 
 
-def test_flir_sequence_keeps_every_frame_and_the_cameras_times(tmp_path: Path) -> None:
+def test_flir_sequence_keeps_every_frame_and_the_cameras_times(tmp_path):
     """Times are of the camera's clock, also where pictures hold the bytes of a file's beginning."""
     disguised = COUNTS.copy()
     disguised[2, 2:4] = np.frombuffer(b"FFF\0", "<u2")
@@ -59,7 +55,7 @@ def test_flir_sequence_keeps_every_frame_and_the_cameras_times(tmp_path: Path) -
         assert session.kelvin(0, 1)[0, 0, 0] == pytest.approx(law, abs=0.01)
 
 
-def test_radiometric_jpeg_is_one_frame_of_the_same(tmp_path: Path) -> None:
+def test_radiometric_jpeg_is_one_frame_of_the_same(tmp_path):
     (tmp_path / "a.jpg").write_bytes(radiometric_jpeg(fff(COUNTS, 1_480_000_000)))
     (frame,) = read_flir(tmp_path / "a.jpg", "camera").samples
     assert isinstance(frame, Frame)
@@ -67,7 +63,7 @@ def test_radiometric_jpeg_is_one_frame_of_the_same(tmp_path: Path) -> None:
     assert frame.time_ns == 1_480_000_000_000_000_000
 
 
-def test_a_folder_of_radiometric_jpegs_is_a_recording_in_order_of_time(tmp_path: Path) -> None:
+def test_a_folder_of_radiometric_jpegs_is_a_recording_in_order_of_time(tmp_path):
     """As on the card of a hand-held camera, whose ordinary pictures lie between the thermal ones."""
     for number, second in ((1, 20), (3, 0), (5, 10)):
         jpeg = radiometric_jpeg(fff(COUNTS + number, 1_480_000_000 + second))
@@ -85,14 +81,14 @@ def test_a_folder_of_radiometric_jpegs_is_a_recording_in_order_of_time(tmp_path:
     assert warning.endswith("and 1 more")
 
 
-def test_jpegs_beside_tiff_pictures_are_only_to_look_at(tmp_path: Path) -> None:
+def test_jpegs_beside_tiff_pictures_are_only_to_look_at(tmp_path):
     (tmp_path / "a.jpg").write_bytes(radiometric_jpeg(fff(COUNTS, 1_480_000_000)))
     (tmp_path / "a.tiff").write_bytes(b"no picture")
     with pytest.raises(ConfigError, match=r"a\.tiff cannot be read|TIFF"):
         read_source(tmp_path, ImportOptions())
 
 
-def test_a_folder_of_jpegs_without_temperatures_is_rejected(tmp_path: Path) -> None:
+def test_a_folder_of_jpegs_without_temperatures_is_rejected(tmp_path):
     (tmp_path / "holiday.jpg").write_bytes(b"\xff\xd8\xff\xe0\0\x10JFIF\0".ljust(64, b"\0"))
     with pytest.raises(ConfigError, match=r"no frame with temperatures: holiday\.jpg"):
         read_flir(tmp_path, "camera")
@@ -111,7 +107,7 @@ def test_a_folder_of_jpegs_without_temperatures_is_rejected(tmp_path: Path) -> N
         ),
     ],
 )
-def test_damaged_flir_files_are_rejected_with_the_reason(tmp_path: Path, data: bytes, words: str) -> None:
+def test_damaged_flir_files_are_rejected_with_the_reason(tmp_path, data, words):
     (tmp_path / "a.seq").write_bytes(data)
     with pytest.raises(ConfigError, match=words) as caught:
         read_flir(tmp_path / "a.seq", "camera")
@@ -120,7 +116,7 @@ def test_damaged_flir_files_are_rejected_with_the_reason(tmp_path: Path, data: b
 
 @pytest.mark.parametrize("length", [1, 2, 4, 8])
 @pytest.mark.parametrize("byte", [b"\0", b"\xff", b"F"])
-def test_padding_after_a_flir_frame_is_not_damage(tmp_path: Path, length: int, byte: bytes) -> None:
+def test_padding_after_a_flir_frame_is_not_damage(tmp_path, length, byte):
     padded = [fff(COUNTS + n, 1_480_000_000 + n) + byte * length for n in range(3)]
     (tmp_path / "a.seq").write_bytes(b"".join(padded))
     (tmp_path / "b.jpg").write_bytes(radiometric_jpeg(padded[0]))
@@ -130,7 +126,7 @@ def test_padding_after_a_flir_frame_is_not_damage(tmp_path: Path, length: int, b
         assert [text for severity, text in recording.notes if severity is Severity.WARNING] == []
 
 
-def test_humidity_in_percent_is_that_fraction(tmp_path: Path) -> None:
+def test_humidity_in_percent_is_that_fraction(tmp_path):
     """Relative humidity of a camera that writes 50 for one half, at 50 m, where it matters."""
     found = []
     for humidity in (0.5, 50.0):
@@ -148,9 +144,7 @@ def test_humidity_in_percent_is_that_fraction(tmp_path: Path) -> None:
         (0x24, float("inf"), "distance_m inf"), (0x70, 9e3, "through the air"),
     ],
 )  # fmt: skip
-def test_a_constant_without_sense_is_named_with_its_value(
-    tmp_path: Path, offset: int, value: float, words: str
-) -> None:
+def test_a_constant_without_sense_is_named_with_its_value(tmp_path, offset, value, words):
     (tmp_path / "a.fff").write_bytes(fff(COUNTS, 1_480_000_000, changed={0x24: 50.0, offset: value}))
     with pytest.raises(ConfigError, match=words) as caught:
         read_flir(tmp_path / "a.fff", "camera")
@@ -172,9 +166,7 @@ EXIF_OF_DJI = segment(0xE1, b"Exif\0\0MM\0*\0\0\0\x08" + b"DJI\0M3T\0")
         (EXIF_OF_DJI, "without FLIR's thermal data", "16-bit TIFF"),  # of its ordinary camera
     ],
 )
-def test_radiometric_jpegs_of_other_makers_are_named(
-    tmp_path: Path, segments: bytes, words: str, fix: str
-) -> None:
+def test_radiometric_jpegs_of_other_makers_are_named(tmp_path, segments, words, fix):
     """Segments as ExifTool's DJI.pm and InfiRay.pm describe them."""
     (tmp_path / "a.jpg").write_bytes(b"\xff\xd8" + segments + b"\xff\xda")
     for source in (tmp_path / "a.jpg", tmp_path):
@@ -186,7 +178,7 @@ def test_radiometric_jpegs_of_other_makers_are_named(
 IN_2000_S = 946_684_800 + 12  # 2000-01-01T00:00:12Z by date(1)
 
 
-def test_a_flir_camera_whose_clock_restarted_in_2000_is_given_its_times(tmp_path: Path) -> None:
+def test_a_flir_camera_whose_clock_restarted_in_2000_is_given_its_times(tmp_path):
     source, times = tmp_path / "a.seq", tmp_path / "times.csv"
     source.write_bytes(b"".join(fff(COUNTS, IN_2000_S + n) for n in range(2)))
     times.write_text("a.seq,2026-05-12T10:00:00\na.seq,2026-05-12T10:00:02\n")
@@ -197,7 +189,7 @@ def test_a_flir_camera_whose_clock_restarted_in_2000_is_given_its_times(tmp_path
     assert [frame.time_ns for frame in moved.samples] == [expected[0], expected[0] + 10**9]
 
 
-def test_flir_files_without_a_clock_are_given_their_times_in_their_names(tmp_path: Path) -> None:
+def test_flir_files_without_a_clock_are_given_their_times_in_their_names(tmp_path):
     for number, name in enumerate(("20260512T010002.jpg", "20260512T010000.jpg")):
         (tmp_path / name).write_bytes(radiometric_jpeg(fff(COUNTS + number, 0)))
     named = ImportOptions(time_format="%Y%m%dT%H%M%S", zone="UTC")
@@ -217,16 +209,14 @@ def test_flir_files_without_a_clock_are_given_their_times_in_their_names(tmp_pat
         (ImportOptions(offset_s="auto"), "--clock-offset auto aligns readings"),
     ],
 )
-def test_options_that_a_flir_camera_with_a_clock_cannot_use_are_refused(
-    tmp_path: Path, options: ImportOptions, words: str
-) -> None:
+def test_options_that_a_flir_camera_with_a_clock_cannot_use_are_refused(tmp_path, options, words):
     (tmp_path / "a.fff").write_bytes(fff(COUNTS, 1_480_000_000))
     with typed(), pytest.raises(ConfigError, match=words):
         read_source(tmp_path / "a.fff", options)
 
 
 @pytest.mark.parametrize("damage", [bytes(60), b"FFF\0\0", fff(COUNTS, 1_480_000_002)[:-7]])
-def test_flir_sequence_with_a_damaged_end_gives_what_stands_before_it(tmp_path: Path, damage: bytes) -> None:
+def test_flir_sequence_with_a_damaged_end_gives_what_stands_before_it(tmp_path, damage):
     whole = b"".join(fff(COUNTS + n, 1_480_000_000 + n) for n in range(2))
     (tmp_path / "a.seq").write_bytes(whole + damage)
     recording = read_flir(tmp_path / "a.seq", "camera")

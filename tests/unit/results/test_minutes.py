@@ -1,7 +1,5 @@
 """Minutes from the cache are those of the estimator, field by field, and only of the very same file."""
 
-from __future__ import annotations
-
 import json
 import random
 import re

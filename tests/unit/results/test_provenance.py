@@ -1,7 +1,5 @@
 """What made a result: nothing of a notebook's kernel, everything of the command."""
 
-from __future__ import annotations
-
 import pytest
 
 from fieldkit.results.result_files import command_line

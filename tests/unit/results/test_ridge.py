@@ -1,7 +1,5 @@
 """A ridge that hides the sun from one bed for some of the minutes around noon, and the same without it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -73,7 +71,7 @@ def last_estimate(model: Model, hours: Hours, horizon: Horizon, known: Horizon) 
         ("learned", TWO),
     ],
 )
-def test_with_the_horizon_a_ridge_adds_no_bias(model: Model, hours: Hours) -> None:
+def test_with_the_horizon_a_ridge_adds_no_bias(model, hours):
     """Its shadow, with the estimator's own error of that day beside it."""
     undisturbed = abs(last_estimate(model, hours, (), ()).tilt_deg - TILT_DEG)
     behind = ridge(hours)

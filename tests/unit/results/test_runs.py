@@ -1,9 +1,6 @@
 """Results are found again only for what they were made of: everything that moves a slope is in their key."""
 
-from __future__ import annotations
-
 from dataclasses import fields, replace
-from pathlib import Path
 
 import pytest
 
@@ -28,7 +25,7 @@ OF_MINUTES = {
 
 
 @pytest.fixture
-def run(tmp_path: Path) -> Run:
+def run(tmp_path):
     file = tmp_path / "fieldkit.toml"
     file.write_text(campaign_toml(SIMULATED), encoding="utf-8")
     config = load_config(file)
@@ -37,7 +34,7 @@ def run(tmp_path: Path) -> Run:
     )
 
 
-def test_another_session_site_or_region_has_minutes_of_its_own(run: Run) -> None:
+def test_another_session_site_or_region_has_minutes_of_its_own(run):
     source = run.source
     moved = tuple(replace(one, tilt_deg=one.tilt_deg + 1.0) for one in source.regions)
     others = [
@@ -49,26 +46,26 @@ def test_another_session_site_or_region_has_minutes_of_its_own(run: Run) -> None
     assert len({one.key for one in (run, *others)}) == 4
 
 
-def test_where_a_session_lies_and_which_run_it_is_does_not_matter(run: Run, tmp_path: Path) -> None:
+def test_where_a_session_lies_and_which_run_it_is_does_not_matter(run, tmp_path):
     elsewhere = replace(run, source=replace(run.source, path=tmp_path / "b.h5"), number=7)
     assert elsewhere.key == run.key
 
 
 @pytest.mark.parametrize("name", OF_MINUTES)
-def test_settings_of_minutes_are_in_the_key_of_minutes(run: Run, name: str) -> None:
+def test_settings_of_minutes_are_in_the_key_of_minutes(run, name):
     other = replace(run, settings=replace(run.settings, **{name: OF_MINUTES[name]}))
     assert other.bins_key != run.bins_key
     assert other.key != run.key
 
 
-def test_settings_of_slopes_are_in_the_key_of_slopes_alone(run: Run) -> None:
+def test_settings_of_slopes_are_in_the_key_of_slopes_alone(run):
     for name, value in (("scale", 1.1), ("window_s", 480.0), ("noise_k", 0.2), ("model", "full")):
         other = replace(run, settings=replace(run.settings, **{name: value}))
         assert other.bins_key == run.bins_key
         assert other.key != run.key
 
 
-def test_settings_of_minutes_are_those_and_no_others() -> None:
+def test_settings_of_minutes_are_those_and_no_others():
     changed = replace(EstimatorSettings(), **OF_MINUTES, scale=1.3, noise_k=0.3)  # type: ignore[arg-type]
     kept = bin_settings(changed)
     plain = EstimatorSettings()

@@ -1,10 +1,7 @@
 """A session over midnight and a change of the clocks in the same night: times have their dates and zones."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from datetime import datetime, timedelta
-from pathlib import Path
 from types import SimpleNamespace
 from zoneinfo import ZoneInfo
 
@@ -39,7 +36,7 @@ BOTH = "MST, UTC-07:00, then MDT, UTC-06:00"
 
 
 @pytest.fixture(scope="module")
-def night(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def night(tmp_path_factory):
     camera = StreamInfo("camera", "brightness_temperature", "K", (12, 16), 0.01)
     lux = StreamInfo("lux", "illuminance", "lx", (1,))
     counts = np.full((12, 16), 28_000, "<u2") + np.arange(16, dtype="<u2")
@@ -54,7 +51,7 @@ def night(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_the_report_dates_what_is_after_midnight(night: Path, tmp_path: Path) -> None:
+def test_the_report_dates_what_is_after_midnight(night, tmp_path):
     page = report(night, tmp_path / "night.html").path.read_text(encoding="utf-8")
     assert f"2026-03-07 23:00 to 2026-03-08 09:00 ({BOTH}), 9 h 00 min" in page
     assert f"time ({BOTH})" in page
@@ -63,9 +60,7 @@ def test_the_report_dates_what_is_after_midnight(night: Path, tmp_path: Path) ->
     assert "2026-03-08 09:00\n" in page  # the values by minute
 
 
-def test_the_image_for_a_slide_dates_what_is_after_midnight(
-    night: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_image_for_a_slide_dates_what_is_after_midnight(night, tmp_path, monkeypatch):
     words = []
     image = "fieldkit.results.report.session_image"
     monkeypatch.setattr(image, lambda *drawn: words.append(drawn) or b"")
@@ -75,14 +70,14 @@ def test_the_image_for_a_slide_dates_what_is_after_midnight(
     assert [one.words for one in frames] == ["first, 23:00", "highest sun, 2026-03-08 09:00"]
 
 
-def test_a_map_of_two_days_has_both_dates() -> None:
+def test_a_map_of_two_days_has_both_dates():
     found = SimpleNamespace(site=SITE, start_ns=START_NS, end_ns=END_NS, minutes=540)
     assert _caption(found) == f"2026-03-07 23:00-2026-03-08 09:00 {BOTH}, 540 min"
     found.end_ns = START_NS + 30 * 60 * 10**9
     assert _caption(found) == "2026-03-07 23:00-23:30 MST, UTC-07:00, 540 min"
 
 
-def test_hours_before_the_end_are_hours_also_where_the_clocks_change(night: Path) -> None:
+def test_hours_before_the_end_are_hours_also_where_the_clocks_change(night):
     with open_session(night) as session:
         assert _between_ns(session, "-8h", None)[0] == END_NS - 8 * 3600 * 10**9
 
@@ -90,7 +85,7 @@ def test_hours_before_the_end_are_hours_also_where_the_clocks_change(night: Path
 @pytest.mark.parametrize(
     ("days", "first"), [(0, "10:00"), (1, "12:00\n2026-03-07"), (6, "00:00\n2026-03-08")]
 )
-def test_an_axis_of_several_days_has_their_dates(days: int, first: str) -> None:
+def test_an_axis_of_several_days_has_their_dates(days, first):
     start = datetime(2026, 3, 7, 9, 0, tzinfo=DENVER)
     ends_ns = np.array([utc_ns(start), utc_ns(start + timedelta(days=days, hours=8))])
     figure, (axes,) = plotting.panels(1, 3.0, plotting.WIDE_IN)
@@ -103,7 +98,7 @@ def test_an_axis_of_several_days_has_their_dates(days: int, first: str) -> None:
     assert axes.get_xlabel() == f"local time ({BOTH if days else 'MST, UTC-07:00'})"
 
 
-def test_lines_break_where_nothing_was_measured_for_hours() -> None:
+def test_lines_break_where_nothing_was_measured_for_hours():
     """A straight line through the night would look like a measurement."""
     hours = np.array([9, 10, 11, 33, 34])
     time_ns = START_NS + hours * HOUR_NS
@@ -114,7 +109,7 @@ def test_lines_break_where_nothing_was_measured_for_hours() -> None:
     assert len(band.get_paths()) == 2
 
 
-def test_a_cloud_of_the_evening_does_not_last_until_the_morning() -> None:
+def test_a_cloud_of_the_evening_does_not_last_until_the_morning():
     time_ns = START_NS + np.array([0, 1, 900, 901]) * MINUTE_NS
     columns = SimpleNamespace(time_ns=time_ns, cloudy=np.array([False, True, False, False]))
     _, (axes,) = plotting.panels(1, 3.0)
@@ -123,7 +118,7 @@ def test_a_cloud_of_the_evening_does_not_last_until_the_morning() -> None:
     assert cloud.get_width() == pytest.approx(1.0 / 1440.0, rel=1e-6)
 
 
-def test_a_clock_time_that_edits_a_mark_is_the_nearest_to_the_mark(tmp_path: Path) -> None:
+def test_a_clock_time_that_edits_a_mark_is_the_nearest_to_the_mark(tmp_path):
     """It was the last one of the session: a shade test of the first day moved to the third."""
     lux, path = StreamInfo("lux", "illuminance", "lx", (1,)), tmp_path / "days.h5"
     times_ns = [START_NS + hours * HOUR_NS for hours in (0, 24, 60)]
@@ -138,7 +133,7 @@ def test_a_clock_time_that_edits_a_mark_is_the_nearest_to_the_mark(tmp_path: Pat
         assert (edit.at, edit.to) == ("2026-03-07T23:55:00-07:00", "2026-03-08T00:05:00-07:00")
 
 
-def test_a_map_of_the_learned_model_is_of_the_last_day() -> None:
+def test_a_map_of_the_learned_model_is_of_the_last_day():
     """Its covariances are of all minutes by all: those of three days took gigabytes."""
     world = drawn_world(5, CLEAR, minutes=20)
     day, learned = world.history, replace(world.settings, model="learned")

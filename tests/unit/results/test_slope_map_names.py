@@ -1,7 +1,5 @@
 """Maps of one session with other windows and settings stand beside each other."""
 
-from pathlib import Path
-
 import pytest
 
 from fieldkit.results.slope_map import default_base
@@ -18,6 +16,6 @@ from fieldkit.results.slope_map import default_base
         (None, ("estimator.scale=@a b/c",), "slope-map-scale-_a_b_c"),
     ],
 )
-def test_a_window_and_settings_are_in_the_name(tmp_path: Path, window, overrides, name):
+def test_a_window_and_settings_are_in_the_name(tmp_path, window, overrides, name):
     session = tmp_path / "recordings" / "noon.h5"
     assert default_base(session, window, overrides) == tmp_path / "results" / "noon" / name

@@ -1,7 +1,5 @@
 """Sweeps: the grid of settings, a region's line in the summary worked out by hand, and the ranking."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -186,7 +184,7 @@ def line(region: Region, *found: tuple[SlopeState, float]) -> dict[str, float]:
     return {name: values[0] for name, values in table.columns().items()}
 
 
-def test_errors_are_of_the_minutes_with_an_answer() -> None:
+def test_errors_are_of_the_minutes_with_an_answer():
     ok = SlopeState.OK
     held, few = (SlopeState.HELD_CLOUD, 40.0), (SlopeState.TOO_FEW, np.nan)
     found = line(BED, (ok, 16.0), (ok, 13.0), (ok, 15.5), held, few)
@@ -198,7 +196,7 @@ def test_errors_are_of_the_minutes_with_an_answer() -> None:
     assert found["worst_abs_error_deg"] == 2.0
 
 
-def test_a_region_row_of_unknown_slope_has_no_error() -> None:
+def test_a_region_row_of_unknown_slope_has_no_error():
     found = line(Region("x", RegionKind.TARGET, ((0.0, 0.0),)), (SlopeState.OK, 16.0))
     assert found["median_tilt_deg"] == 16.0
     assert np.isnan([found[name] for name in found if name.endswith("error_deg")]).all()

@@ -1,7 +1,5 @@
 """`check` finds each kind of trouble, and only that."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -48,20 +46,20 @@ def recorded(
 STEADY = [n * STEP_NS for n in range(60)]
 
 
-def test_steady_camera_has_nothing_against_it(tmp_path: Path) -> None:
+def test_steady_camera_has_nothing_against_it(tmp_path):
     path = recorded(tmp_path / "a.h5", STEADY)
     assert said(path, "camera") == ""
     assert "60 samples, every checksum matches" in said(path, "camera", "ok")
     assert "compared with the journal" in said(path, "state", "ok")
 
 
-def test_camera_that_corrects_for_emissivity_is_found(tmp_path: Path) -> None:
+def test_camera_that_corrects_for_emissivity_is_found(tmp_path):
     corrects = replace(CAMERA, settings={"emissivity": 0.98})
     path = recorded(tmp_path / "a.h5", STEADY, camera=corrects)
     assert "corrected for an emissivity of 0.98" in said(path, "camera")
 
 
-def test_gap_and_order_and_bunches_are_found(tmp_path: Path) -> None:
+def test_gap_and_order_and_bunches_are_found(tmp_path):
     gap = [n * STEP_NS + (n > 30) * 14_000_000_000 for n in range(60)]
     assert "1 gaps, the longest 14.1 s" in said(recorded(tmp_path / "gap.h5", gap), "camera")
     back = [*STEADY[:30], STEADY[20], *STEADY[31:]]
@@ -70,7 +68,7 @@ def test_gap_and_order_and_bunches_are_found(tmp_path: Path) -> None:
     assert "bunches" in said(recorded(tmp_path / "bunches.h5", bunches), "camera")
 
 
-def test_bursts_have_no_gaps_until_a_minute_is_missing(tmp_path: Path) -> None:
+def test_bursts_have_no_gaps_until_a_minute_is_missing(tmp_path):
     def minutes(chosen: list[int]) -> list[int]:
         return [minute * 60_000_000_000 + n * STEP_NS for minute in chosen for n in range(3)]
 
@@ -79,13 +77,13 @@ def test_bursts_have_no_gaps_until_a_minute_is_missing(tmp_path: Path) -> None:
     assert "1 gaps, the longest 4 min 00 s" in said(recorded(tmp_path / "b.h5", minutes(missing)), "camera")
 
 
-def test_flags_are_counted(tmp_path: Path) -> None:
+def test_flags_are_counted(tmp_path):
     path = recorded(tmp_path / "a.h5", STEADY, {3: Quality.FROZEN, 4: Quality.FROZEN, 9: Quality.SHUTTER})
     assert "2 samples flagged frozen" in said(path, "camera")
     assert "1 samples flagged shutter" in said(path, "camera", "ok")
 
 
-def test_frames_lost_on_the_way_are_counted(tmp_path: Path) -> None:
+def test_frames_lost_on_the_way_are_counted(tmp_path):
     clock = CountedClock()
     writer = SessionWriter(tmp_path / "a.h5", HEADER, clock)
     for seq, mono in enumerate(STEADY):
@@ -96,7 +94,7 @@ def test_frames_lost_on_the_way_are_counted(tmp_path: Path) -> None:
     assert "2 samples were lost before they came here" in said(tmp_path / "a.h5", "camera")
 
 
-def test_light_brighter_than_the_sun_is_not_plausible(tmp_path: Path) -> None:
+def test_light_brighter_than_the_sun_is_not_plausible(tmp_path):
     """The brightest sun gives some 130 000 lx."""
     clock = CountedClock()
     writer = SessionWriter(tmp_path / "a.h5", HEADER, clock)
@@ -116,7 +114,7 @@ LEVELS = {
 }
 
 
-def test_events_are_summed_up(tmp_path: Path) -> None:
+def test_events_are_summed_up(tmp_path):
     events = [
         Event(kind, n, START_NS, f"{kind.name} {n}", "lux", severity)
         for kind, (severity, _) in LEVELS.items()
@@ -128,7 +126,7 @@ def test_events_are_summed_up(tmp_path: Path) -> None:
         assert (one.level, f"{kind.name} 0, and 2 more" in one.text) == (level, True), kind
 
 
-def test_changed_byte_of_a_picture_is_found(tmp_path: Path) -> None:
+def test_changed_byte_of_a_picture_is_found(tmp_path):
     path = recorded(tmp_path / "a.h5", STEADY)
     with h5py.File(path) as file:
         place = file["camera/counts"].id.get_chunk_info(2).byte_offset
@@ -141,7 +139,7 @@ def test_changed_byte_of_a_picture_is_found(tmp_path: Path) -> None:
         assert bad == list(range(18, 27))  # the third block, and no other frame
 
 
-def test_changed_byte_of_a_table_is_found(tmp_path: Path) -> None:
+def test_changed_byte_of_a_table_is_found(tmp_path):
     path = recorded(tmp_path / "a.h5", STEADY, events=[Event(EventKind.MARK, 1, START_NS, "here")])
     with h5py.File(path) as file:
         place = file["events/text"].id.get_chunk_info(0).byte_offset
@@ -151,7 +149,7 @@ def test_changed_byte_of_a_table_is_found(tmp_path: Path) -> None:
     assert "not as it was sealed" in said(path, "events", "fail")
 
 
-def test_unfinished_session_gets_no_time_map(tmp_path: Path) -> None:
+def test_unfinished_session_gets_no_time_map(tmp_path):
     writer = SessionWriter(tmp_path / "a.h5", HEADER, CountedClock())
     writer.abandon()
     with pytest.raises(SessionError, match="interrupted"):
@@ -159,7 +157,7 @@ def test_unfinished_session_gets_no_time_map(tmp_path: Path) -> None:
     assert "journal" in said(tmp_path / "a.h5", "state", "fail")
 
 
-def test_no_file_is_a_finding_not_an_exception(tmp_path: Path) -> None:
+def test_no_file_is_a_finding_not_an_exception(tmp_path):
     (finding,) = check(tmp_path / "nothing.h5")
     assert (finding.level, finding.what) == ("fail", "file")
 
@@ -173,7 +171,7 @@ def alamosa() -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("wrong_min", [0, 60, -60, 540, -420])
-def test_wrong_zone_is_seen_in_three_hours_of_a_real_day(wrong_min: int) -> None:
+def test_wrong_zone_is_seen_in_three_hours_of_a_real_day(wrong_min):
     time_ns, lux = alamosa()
     hours = time_ns // 3_600_000_000_000 % 24
     chosen = (hours >= 18) & (hours < 21)
@@ -182,7 +180,7 @@ def test_wrong_zone_is_seen_in_three_hours_of_a_real_day(wrong_min: int) -> None
     assert best_shift_min(shifted, lux[chosen], site) == -wrong_min
 
 
-def test_night_and_short_sessions_say_nothing_about_the_sun() -> None:
+def test_night_and_short_sessions_say_nothing_about_the_sun():
     site = Site(37.6969, -105.923, 2317.0)
     minutes = START_NS + np.arange(200, dtype=np.int64) * 60_000_000_000
     assert best_shift_min(minutes, np.full(200, 0.3), site) is None

@@ -1,7 +1,5 @@
 """What the clock comparisons of a session say, and the time map that follows from them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -34,7 +32,7 @@ def recorded(path: Path, times_ns: list[int], checks: list[ClockCheck]) -> Path:
     return path
 
 
-def test_stepped_clock_is_found_and_a_time_map_proposed_and_applied(tmp_path: Path) -> None:
+def test_stepped_clock_is_found_and_a_time_map_proposed_and_applied(tmp_path):
     anchor = START_NS + 123
     month_ns = 27 * 86_400_000_000_000
     checks = [
@@ -85,7 +83,7 @@ def added_s(path: Path) -> np.ndarray:
         return (session.times_ns("camera") - session.stream("camera").time_ns(recorded=True)) / 1e9
 
 
-def test_sleep_asks_for_a_map_from_there_on(tmp_path: Path) -> None:
+def test_sleep_asks_for_a_map_from_there_on(tmp_path):
     path = slept_between(tmp_path / "a.h5", 100, 101, 660)
     assert "slept 11 min: its times after that are late" in said(path, "clock")
     assert "stepped" not in said(path, "clock")
@@ -96,7 +94,7 @@ def test_sleep_asks_for_a_map_from_there_on(tmp_path: Path) -> None:
     assert "which the active time map adds" in said(path, "clock", "ok")
 
 
-def test_sleep_and_a_step_are_corrected_together(tmp_path: Path) -> None:
+def test_sleep_and_a_step_are_corrected_together(tmp_path):
     path = slept_between(tmp_path / "a.h5", 100, 101, 660, stepped_s=3600)
     assert "stepped by +3600.000 s" in said(path, "clock")
     added = added_s(path)
@@ -117,7 +115,7 @@ def advice(path: Path) -> list[str]:
     return [one.fix for one in check(path) if one.what == "clock" and one.fix]
 
 
-def test_clock_stepped_before_the_first_comparison_is_corrected_too(tmp_path: Path) -> None:
+def test_clock_stepped_before_the_first_comparison_is_corrected_too(tmp_path):
     path = stepped_by(tmp_path / "a.h5", 3600, 3600, 3600)
     assert "stepped by +3600.000 s" in said(path, "clock")
     with typed():
@@ -126,14 +124,14 @@ def test_clock_stepped_before_the_first_comparison_is_corrected_too(tmp_path: Pa
 
 
 @pytest.mark.parametrize("offsets_s", [(0, 3600, 3600), (3600, 3600)])
-def test_applied_time_map_is_not_advised_again(tmp_path: Path, offsets_s: tuple[float, ...]) -> None:
+def test_applied_time_map_is_not_advised_again(tmp_path, offsets_s):
     path = stepped_by(tmp_path / "a.h5", *offsets_s)
     assert advice(path)
     added_s(path)
     assert advice(path) == []
 
 
-def test_no_time_map_is_advised_where_none_would_be_proposed(tmp_path: Path) -> None:
+def test_no_time_map_is_advised_where_none_would_be_proposed(tmp_path):
     path = stepped_by(tmp_path / "a.h5", 0, 0.9, 1.8, 2.7)  # drifts, but was never stepped
     assert "at the end the system clock was +2.700 s from recorded times" in said(path, "clock")
     assert advice(path) == []

@@ -1,7 +1,5 @@
 """What a camera's counts are in kelvin is judged by the camera's own law."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Mapping
 from dataclasses import replace
@@ -69,20 +67,20 @@ AT_40_C = 6306
 NO_ROWS = np.zeros((1, 32), "<u2")
 
 
-def test_planck_law_with_its_constants_gives_values(tmp_path: Path) -> None:
+def test_planck_law_with_its_constants_gives_values(tmp_path):
     counts = (AT_300_K, 60_000)
     usual, hot = warned(tmp_path / "a.h5", *(Showing("planck", one, NO_ROWS, PLANCK) for one in counts))
     assert usual == ""
     assert "are implausible" in hot
 
 
-def test_law_that_takes_its_parameters_from_every_picture_gives_values(tmp_path: Path) -> None:
+def test_law_that_takes_its_parameters_from_every_picture_gives_values(tmp_path):
     rows = ht301_rows()
     assert ht301(np.array([AT_40_C], np.uint16), rows, {})[0] == pytest.approx(313.15, abs=0.02)
     assert warned(tmp_path / "a.h5", Showing("ht301", AT_40_C, rows)) == [""]
 
 
-def test_law_that_cannot_tell_is_found(tmp_path: Path) -> None:
+def test_law_that_cannot_tell_is_found(tmp_path):
     laws = ("planck", "ht301", "cubic", "linear")
     found = warned(tmp_path / "a.h5", *(Showing(law, AT_300_K, NO_ROWS) for law in laws))
     assert ["the scale is not known" in one for one in found] == [True] * len(laws)

@@ -1,7 +1,5 @@
 """BSRN's tests on measured minutes of a SURFRAD station, as they are and spoilt as instruments spoil them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +23,7 @@ STREAMS = (
 
 
 @pytest.fixture(scope="module")
-def noon() -> dict[str, np.ndarray]:
+def noon():
     """An hour about local noon (19 UTC) at Alamosa; global irradiance as the sum of its components."""
     day = packaged()
     chosen = (day.time_ns >= day.time_ns[0] + 18.5 * 3.6e12) & (day.time_ns < day.time_ns[0] + 19.5 * 3.6e12)
@@ -57,7 +55,7 @@ def findings(path: Path, columns: dict[str, np.ndarray]) -> list[tuple[str, str]
         return [(one.level, one.text) for one in radiation_findings(session)]
 
 
-def test_a_clear_measured_hour_passes(tmp_path: Path, noon: dict[str, np.ndarray]) -> None:
+def test_a_clear_measured_hour_passes(tmp_path, noon):
     ((level, text),) = findings(tmp_path / "a.h5", noon)
     assert level == "ok"
     assert "all minutes pass" in text
@@ -72,21 +70,21 @@ def test_a_clear_measured_hour_passes(tmp_path: Path, noon: dict[str, np.ndarray
         ("longwave_down", 550.0, "longwave_down is extremely rare"),
     ],
 )
-def test_a_spoilt_instrument_is_named(tmp_path: Path, noon, column, spoilt, text) -> None:
+def test_a_spoilt_instrument_is_named(tmp_path, noon, column, spoilt, text):
     wrong = {**noon, column: np.full(60, spoilt)}
     found = findings(tmp_path / "a.h5", wrong)
     assert {level for level, _ in found} == {"warn"}
     assert any(words.startswith(f"{text} in 60 minutes, first at 2016-01-01 11:29 MST") for _, words in found)
 
 
-def test_light_alone_is_not_compared(tmp_path: Path, noon: dict[str, np.ndarray]) -> None:
+def test_light_alone_is_not_compared(tmp_path, noon):
     alone = {name: noon[name] for name in ("time_ns", "dni")}
     assert [level for level, _ in findings(tmp_path / "a.h5", alone)] == ["ok"]
     air = {name: noon[name] for name in ("time_ns", "air")}
     assert findings(tmp_path / "b.h5", air) == []
 
 
-def test_extremely_rare_limits_of_bsrn() -> None:
+def test_extremely_rare_limits_of_bsrn():
     # at the zenith under 1361 W/m2: 1.2 x 1361 + 50, 0.75 x 1361 + 30, 0.95 x 1361 + 10
     for name, most in (("ghi", 1683.2), ("dhi", 1050.75), ("dni", 1302.95)):
         values = np.array([most - 0.1, most + 0.1, -1.9, -2.1, np.nan])

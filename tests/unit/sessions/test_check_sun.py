@@ -1,7 +1,5 @@
 """The light of a session against the sun: pvlib's clear sky over Sagamihara, its clock right or wrong."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -49,14 +47,14 @@ def sun_finding(path: Path) -> Finding | None:
     return found[0] if found else None
 
 
-def test_light_at_its_own_time_fits(tmp_path: Path) -> None:
+def test_light_at_its_own_time_fits(tmp_path):
     found = sun_finding(session(tmp_path / "a.h5", NINE_TO_THREE, clear_light_lx(NINE_TO_THREE)))
     assert found is not None
     assert (found.level, found.text) == ("ok", "the light fits the sun's height at the recorded times")
 
 
 @pytest.mark.parametrize("hours_behind", [2, 9])
-def test_a_corrected_clock_fits(tmp_path: Path, hours_behind: int) -> None:
+def test_a_corrected_clock_fits(tmp_path, hours_behind):
     path = session(tmp_path / "a.h5", NINE_TO_THREE - hours_behind * HOUR_NS, clear_light_lx(NINE_TO_THREE))
     apply_time_map(path, [TimeStep(0, hours_behind * HOUR_NS, "another clock")])
     with open_session(path) as opened:
@@ -74,7 +72,7 @@ def test_a_corrected_clock_fits(tmp_path: Path, hours_behind: int) -> None:
         (9, "+540 min"),  # all of it at night, where there can be no such light
     ],
 )
-def test_a_wrong_zone_is_told_with_what_to_add(tmp_path: Path, hours_behind: int, told: str) -> None:
+def test_a_wrong_zone_is_told_with_what_to_add(tmp_path, hours_behind, told):
     recorded_ns = NINE_TO_THREE - hours_behind * HOUR_NS
     found = sun_finding(session(tmp_path / "a.h5", recorded_ns, clear_light_lx(NINE_TO_THREE)))
     assert found is not None
@@ -83,18 +81,18 @@ def test_a_wrong_zone_is_told_with_what_to_add(tmp_path: Path, hours_behind: int
 
 
 @pytest.mark.parametrize("minutes", [55, pytest.param(30, marks=pytest.mark.slow)])
-def test_less_than_an_hour_says_nothing_of_the_clock(tmp_path: Path, minutes: int) -> None:
+def test_less_than_an_hour_says_nothing_of_the_clock(tmp_path, minutes):
     time_ns = NINE_TO_THREE[:minutes]
     found = sun_finding(session(tmp_path / "a.h5", time_ns - 2 * HOUR_NS, clear_light_lx(time_ns)))
     assert found is not None
     assert (found.level, "too little light or time" in found.text) == ("ok", True)
 
 
-def test_a_night_says_nothing_at_all(tmp_path: Path) -> None:
+def test_a_night_says_nothing_at_all(tmp_path):
     assert sun_finding(session(tmp_path / "a.h5", NINE_TO_THREE, np.full(360, 0.2))) is None
 
 
-def test_minute_means_count_every_usable_reading_once(tmp_path: Path) -> None:
+def test_minute_means_count_every_usable_reading_once(tmp_path):
     start = int(NINE_TO_THREE[0])
     values = {0: 10.0, 20: 20.0, 40: 60.0, 60: 7.0, 80: 5000.0, 100: 9.0, 130: float("nan")}
     readings = [

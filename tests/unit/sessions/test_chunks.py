@@ -1,10 +1,7 @@
 """Direct chunks must be exactly what HDF5's own filters make, or nobody else could read them."""
 
-from __future__ import annotations
-
 import zlib
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import h5py
 import numpy as np
@@ -22,7 +19,7 @@ def camera(rows: int, cols: int, rate_hz: float) -> StreamInfo:
     return StreamInfo("camera", "brightness_temperature", "K", (rows, cols), 0.01, rate_hz=rate_hz)
 
 
-def test_the_hdf5_library_reads_the_blocks_of_a_large_camera(tmp_path: Path) -> None:
+def test_the_hdf5_library_reads_the_blocks_of_a_large_camera(tmp_path):
     info = camera(512, 640, 30.0)
     frames = np.random.default_rng(2).integers(29000, 29100, (35, 512, 640)).astype("<u2")
     with h5py.File(tmp_path / "a.h5", "w") as file, ThreadPoolExecutor(2) as pool:
@@ -35,7 +32,7 @@ def test_the_hdf5_library_reads_the_blocks_of_a_large_camera(tmp_path: Path) -> 
         assert np.array_equal(dataset[:], frames)
 
 
-def test_block_shapes_of_the_known_cameras() -> None:
+def test_block_shapes_of_the_known_cameras():
     # The first and last are those the format description was measured with.
     assert chunk_shape(camera(120, 160, 9.0)) == (9, 60, 80)
     assert chunk_shape(camera(192, 256, 25.0)) == (25, 64, 64)
@@ -43,7 +40,7 @@ def test_block_shapes_of_the_known_cameras() -> None:
     assert chunk_shape(camera(13, 521, 1.0)) == (8, 13, 521)
 
 
-def test_chunk_unpacks_to_what_was_packed() -> None:
+def test_chunk_unpacks_to_what_was_packed():
     chunk = np.random.default_rng(1).integers(0, 65536, (9, 60, 80)).astype("<u2")
     assert np.array_equal(unpack(pack(chunk), chunk.shape), chunk)
     with pytest.raises(ValueError, match="chunk"):
@@ -52,7 +49,7 @@ def test_chunk_unpacks_to_what_was_packed() -> None:
         unpack(b"not zlib at all", chunk.shape)
 
 
-def test_noise_and_a_quiet_picture_are_packed_as_small_as_zlib_does() -> None:
+def test_noise_and_a_quiet_picture_are_packed_as_small_as_zlib_does():
     rng = np.random.default_rng(1)
     noise = rng.normal(29_500, 5, (25, 64, 64)).round().astype("<u2")
     quiet = np.repeat(rng.normal(29_500, 5, (1, 64, 64)).round().astype("<u2"), 25, axis=0)
@@ -61,7 +58,7 @@ def test_noise_and_a_quiet_picture_are_packed_as_small_as_zlib_does() -> None:
         assert len(pack(chunk)) <= len(zlib.compress(planes, 1))
 
 
-def test_blocks_are_read_as_hdf5_reads_them(tmp_path: Path) -> None:
+def test_blocks_are_read_as_hdf5_reads_them(tmp_path):
     frames = np.random.default_rng(2).integers(0, 65536, (18, 120, 160)).astype("<u2")
     with h5py.File(tmp_path / "a.h5", "w") as file:
         filters = {"shuffle": True, "compression": "gzip"}
@@ -83,7 +80,7 @@ def test_blocks_are_read_as_hdf5_reads_them(tmp_path: Path) -> None:
             read_block(packed, 9)
 
 
-def test_a_real_recording_is_packed_2_8_times_smaller(tmp_path: Path) -> None:
+def test_a_real_recording_is_packed_2_8_times_smaller(tmp_path):
     """A PureThermal's, see the README beside it; measured in the file, whole blocks alone."""
     source = shared("data/frames/purethermal3/thermal_20260512_151542.raw.y16.gz")
     frames = [sample.counts for sample in read_purethermal(source).samples]
@@ -98,7 +95,7 @@ def test_a_real_recording_is_packed_2_8_times_smaller(tmp_path: Path) -> None:
         assert writer.length * 2 * 120 * 160 / size >= 2.8
 
 
-def test_hdf5_reads_blocks_and_their_places_are_told(tmp_path: Path) -> None:
+def test_hdf5_reads_blocks_and_their_places_are_told(tmp_path):
     frames = np.random.default_rng(2).integers(29_000, 29_050, (20, 120, 160)).astype("<u2")
     path = tmp_path / "blocks.h5"
     with h5py.File(path, "w", libver=("v110", "v110")) as file, ThreadPoolExecutor(2) as pool:
@@ -121,7 +118,7 @@ def test_hdf5_reads_blocks_and_their_places_are_told(tmp_path: Path) -> None:
         assert np.array_equal(block, frames[0:9, chunk.y : chunk.y + 60, chunk.x : chunk.x + 80])
 
 
-def test_table_grows_in_all_columns_over_chunk_borders(tmp_path: Path) -> None:
+def test_table_grows_in_all_columns_over_chunk_borders(tmp_path):
     columns = [Column("time", "<i8"), Column("value", "<f8", fill=np.nan), Column("text", "S16")]
     with h5py.File(tmp_path / "table.h5", "w", libver=("v110", "v110")) as file:
         for column in columns:

@@ -1,7 +1,5 @@
 """A sample that does not match its checksum carries the flag in every reader, whichever way it is read."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -30,7 +28,7 @@ BAD = int(Quality.BAD_CRC)
 
 
 @pytest.fixture(scope="module")
-def recorded(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+def recorded(tmp_path_factory):
     path = tmp_path_factory.mktemp("whole") / "field.h5"
     clock = CountedClock()
     writer = SessionWriter(path, HEADER, clock)
@@ -40,7 +38,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 
 
 @pytest.fixture
-def damaged(recorded: bytes, tmp_path: Path) -> Callable[..., SessionReader]:
+def damaged(recorded, tmp_path):
     """The session after one change to its file; see `flip` and `spoil`."""
 
     def opened(*changes: Callable[[Path], None]) -> SessionReader:
@@ -87,9 +85,7 @@ MEDDLED = [("lux/value", 1, EXPONENT), ("lux/flags", 1, 3), ("lux/mono_ns", 1, 4
 
 
 @pytest.mark.parametrize("change", MEDDLED, ids=lambda change: change[0])
-def test_a_meddled_reading_is_flagged_as_sample_and_as_array(
-    damaged: Callable[..., SessionReader], change
-) -> None:
+def test_a_meddled_reading_is_flagged_as_sample_and_as_array(damaged, change):
     with damaged(flip(*change)) as session:
         reader = session.stream("lux")
         samples = [one for one in session.samples("lux") if isinstance(one, Reading)]
@@ -102,7 +98,7 @@ def test_a_meddled_reading_is_flagged_as_sample_and_as_array(
     assert [one.values[0] for one in samples] == readings.values[:, 0].tolist()
 
 
-def test_an_unreadable_chunk_loses_only_its_own_frames(damaged: Callable[..., SessionReader]) -> None:
+def test_an_unreadable_chunk_loses_only_its_own_frames(damaged):
     lost = list(range(DEPTH, 2 * DEPTH))
     with damaged(spoil("camera/counts", 1)) as session:
         reader = session.stream("camera")
@@ -114,7 +110,7 @@ def test_an_unreadable_chunk_loses_only_its_own_frames(damaged: Callable[..., Se
     assert np.array_equal(pictures, [frame.counts for frame in frames])
 
 
-def test_a_damaged_stamp_moves_no_other_sample(damaged: Callable[..., SessionReader]) -> None:
+def test_a_damaged_stamp_moves_no_other_sample(damaged):
     with damaged() as session:
         order = [(one.stream, one.seq) for one in session.samples()]
     with damaged(flip("lux/mono_ns", 2, 61)) as session:  # seventy years later
@@ -123,7 +119,7 @@ def test_a_damaged_stamp_moves_no_other_sample(damaged: Callable[..., SessionRea
     assert others == order
 
 
-def test_a_whole_session_has_no_damaged_sample(damaged: Callable[..., SessionReader]) -> None:
+def test_a_whole_session_has_no_damaged_sample(damaged):
     with damaged() as session:
         for name in session.streams:
             assert not (session.stream(name).flags() & BAD).any()
@@ -135,7 +131,7 @@ def test_a_whole_session_has_no_damaged_sample(damaged: Callable[..., SessionRea
     assert thermometer.time_ns.tolist() == [one.time_ns for one in samples]
 
 
-def test_kelvin_of_a_damaged_frame_is_refused_or_nan(damaged: Callable[..., SessionReader]) -> None:
+def test_kelvin_of_a_damaged_frame_is_refused_or_nan(damaged):
     with damaged(spoil("camera/counts", 1)) as session:
         with pytest.raises(IntegrityError, match="frame 9 of camera does not match its checksum") as caught:
             session.kelvin()
@@ -148,9 +144,7 @@ def test_kelvin_of_a_damaged_frame_is_refused_or_nan(damaged: Callable[..., Sess
 
 
 @pytest.mark.parametrize("block", [0, 3])
-def test_a_region_goes_on_behind_an_unreadable_chunk(
-    damaged: Callable[..., SessionReader], block: int
-) -> None:
+def test_a_region_goes_on_behind_an_unreadable_chunk(damaged, block):
     with damaged() as session:
         whole = session.region_series()
     with damaged(spoil("camera/counts", block)) as session:
@@ -163,9 +157,7 @@ def test_a_region_goes_on_behind_an_unreadable_chunk(
 
 
 @pytest.mark.parametrize("column", ["flags", "mono_ns", "time", "fpa_temperature"])
-def test_a_region_has_the_flag_of_a_frame_whose_stamps_are_meddled_with(
-    damaged: Callable[..., SessionReader], column: str
-) -> None:
+def test_a_region_has_the_flag_of_a_frame_whose_stamps_are_meddled_with(damaged, column):
     with damaged() as session:
         assert session.columns_are_sealed("camera")
     with damaged(flip(f"camera/{column}", 5, 4)) as session:
@@ -174,9 +166,7 @@ def test_a_region_has_the_flag_of_a_frame_whose_stamps_are_meddled_with(
     assert np.flatnonzero(series.flags & BAD).tolist() == [5]
 
 
-def test_a_session_sealed_before_its_columns_were_is_read_and_checked(
-    damaged: Callable[..., SessionReader],
-) -> None:
+def test_a_session_sealed_before_its_columns_were_is_read_and_checked(damaged):
     with damaged(as_version_1_0) as session:
         assert not session.columns_are_sealed("camera")
         assert not (session.region_series().flags & BAD).any()
@@ -186,7 +176,7 @@ def test_a_session_sealed_before_its_columns_were_is_read_and_checked(
         assert np.flatnonzero(session.region_series().flags & BAD).tolist() == [5]
 
 
-def test_tables_of_pandas_and_xarray_have_the_flag(damaged: Callable[..., SessionReader]) -> None:
+def test_tables_of_pandas_and_xarray_have_the_flag(damaged):
     with damaged(flip("lux/value", 1, EXPONENT), spoil("camera/counts", 1)) as session:
         assert np.flatnonzero(session.to_pandas("lux")["flags"] & BAD).tolist() == [1]
         assert (session.to_pandas("camera")["flags"] & BAD).astype(bool).sum() == DEPTH
@@ -198,7 +188,7 @@ def test_tables_of_pandas_and_xarray_have_the_flag(damaged: Callable[..., Sessio
         assert "bad_crc" in camera["flags"].attrs["flag_meanings"].split()
 
 
-def test_light_is_not_averaged_over_a_meddled_reading(damaged: Callable[..., SessionReader]) -> None:
+def test_light_is_not_averaged_over_a_meddled_reading(damaged):
     with damaged() as session:
         good = session.readings("lux").values[:, 0]
     with damaged(flip("lux/value", 1, EXPONENT)) as session:
@@ -207,7 +197,7 @@ def test_light_is_not_averaged_over_a_meddled_reading(damaged: Callable[..., Ses
     assert means == pytest.approx([np.delete(good, [1, 7]).mean()])  # 7 is flagged by the recording
 
 
-def test_tables_are_written_with_the_flag(damaged: Callable[..., SessionReader], tmp_path: Path) -> None:
+def test_tables_are_written_with_the_flag(damaged, tmp_path):
     with damaged(flip("lux/value", 1, EXPONENT), spoil("camera/counts", 1)) as session:
         paths = {path.stem.removeprefix("field-"): path for path in export_tables(session, tmp_path, "csv")}
         assert session.damaged == {"lux": 1, "camera": DEPTH}
@@ -218,9 +208,7 @@ def test_tables_are_written_with_the_flag(damaged: Callable[..., SessionReader],
     assert regions["temperature [K]"].isna().tolist() == bad.tolist()
 
 
-def test_pictures_are_written_without_the_damaged_ones(
-    damaged: Callable[..., SessionReader], tmp_path: Path
-) -> None:
+def test_pictures_are_written_without_the_damaged_ones(damaged, tmp_path):
     with damaged(spoil("camera/counts", 1)) as session:
         names = {int(path.stem[-7:]) for path in export_tiffs(session, tmp_path) if path.suffix == ".tiff"}
         assert len(export_pngs(session, tmp_path)) == FRAMES - DEPTH
@@ -228,9 +216,7 @@ def test_pictures_are_written_without_the_damaged_ones(
     assert names == set(range(FRAMES)) - set(range(DEPTH, 2 * DEPTH))
 
 
-def test_netcdf_has_the_flag_and_the_fill_value(
-    damaged: Callable[..., SessionReader], tmp_path: Path
-) -> None:
+def test_netcdf_has_the_flag_and_the_fill_value(damaged, tmp_path):
     with damaged(spoil("camera/counts", 1), flip("lux/value", 1, EXPONENT)) as session:
         export_netcdf(session, tmp_path)
         kelvin = session.kelvin(damaged="nan")
@@ -248,9 +234,7 @@ def remove_table(path: Path) -> None:
         del file["estimates"]
 
 
-def test_a_table_that_is_gone_does_not_stop_the_others(
-    damaged: Callable[..., SessionReader], tmp_path: Path
-) -> None:
+def test_a_table_that_is_gone_does_not_stop_the_others(damaged, tmp_path):
     for export in (partial(export_tables, kind="csv"), export_netcdf):
         with damaged(remove_table) as session, pytest.raises(IncompleteError, match="not exported") as caught:
             export(session, tmp_path)
@@ -272,7 +256,7 @@ def spoil_group(name: str) -> Callable[[Path], None]:
     return change
 
 
-def test_a_damaged_seal_takes_nothing_from_the_samples(damaged: Callable[..., SessionReader]) -> None:
+def test_a_damaged_seal_takes_nothing_from_the_samples(damaged):
     with damaged() as session:
         whole = session.region_series()
     with damaged(spoil_group("integrity")) as session:
@@ -281,12 +265,12 @@ def test_a_damaged_seal_takes_nothing_from_the_samples(damaged: Callable[..., Se
 
 
 @pytest.mark.parametrize("name", ["regions", "camera", "lux"])
-def test_a_damaged_group_is_explained(damaged: Callable[..., SessionReader], name: str) -> None:
+def test_a_damaged_group_is_explained(damaged, name):
     with pytest.raises(SessionError, match="is damaged"), damaged(spoil_group(name)) as session:
         session.region_series()
 
 
-def test_values_leave_a_session_only_with_their_verified_flags() -> None:
+def test_values_leave_a_session_only_with_their_verified_flags():
     """The column alone does not say whether its numbers are those that were measured."""
     top = Path(__file__).resolve().parents[3]
     files = [path for room in ("fieldkit", "sessions") for path in (top / room).rglob("*.py")]

@@ -1,7 +1,5 @@
 """Everything that gives the numbers of a session their meaning is sealed, and `check` names what changed."""
 
-from __future__ import annotations
-
 import logging
 import shutil
 from dataclasses import replace
@@ -27,7 +25,7 @@ from tests.harness.recording import CountedClock, fill, header, sample
 
 
 @pytest.fixture(scope="module")
-def sealed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def sealed(tmp_path_factory):
     clock, path = CountedClock(), tmp_path_factory.mktemp("sealed") / "field.h5"
     writer = SessionWriter(path, header((24, 32)), clock)
     fill(writer, 12, clock)
@@ -36,7 +34,7 @@ def sealed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def path(sealed: Path, tmp_path: Path) -> Path:
+def path(sealed, tmp_path):
     shutil.copy(sealed, tmp_path)
     return tmp_path / sealed.name
 
@@ -60,9 +58,7 @@ def header_place(path: Path, text: bytes) -> int:
         return int(file["config/header"][()].index(text))
 
 
-def test_moved_site_is_named_and_said_when_the_session_is_opened(
-    path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_moved_site_is_named_and_said_when_the_session_is_opened(path, caplog):
     place = header_place(path, b"35.558675")
     flip(path, "config/header", place + 1, 2)  # 35 becomes 31 degrees
     assert failed(path) == ["config/header"]
@@ -71,13 +67,13 @@ def test_moved_site_is_named_and_said_when_the_session_is_opened(
     assert "config/header changed after it was sealed" in caplog.text
 
 
-def test_other_scale_is_named(path: Path) -> None:
+def test_other_scale_is_named(path):
     place = header_place(path, b'"scale": 0.01')
     flip(path, "config/header", place + len(b'"scale": 0.0'), 1)  # 0.01 becomes 0.03 K per count
     assert failed(path) == ["config/header"]
 
 
-def test_each_changed_value_is_named(path: Path) -> None:
+def test_each_changed_value_is_named(path):
     changed = {
         "entry/site/latitude", "entry/utc_minus_mono_ns", "entry/start_time", "entry/instrument/lux/driver",
         "calibration/camera/coefficients", "config/session_toml", "regions/mask", "integrity/first_time",
@@ -88,13 +84,13 @@ def test_each_changed_value_is_named(path: Path) -> None:
     assert changed - set(failed(path)) == set()
 
 
-def test_changed_attribute_is_named(path: Path) -> None:
+def test_changed_attribute_is_named(path):
     with h5py.File(path, "r+", libver=LIBVER) as file:
         file["camera/counts"].attrs["scale_factor"] = 0.03  # what xarray makes kelvin of
     assert failed(path) == ["camera/counts"]
 
 
-def test_exchanged_axes_are_named(path: Path) -> None:
+def test_exchanged_axes_are_named(path):
     with h5py.File(path, "r+", libver=LIBVER) as file:
         counts = file["camera/counts"]
         counts.dims[1].detach_scale(file["camera/y"])
@@ -103,14 +99,14 @@ def test_exchanged_axes_are_named(path: Path) -> None:
     assert "camera/counts" in failed(path)
 
 
-def test_object_that_is_gone_or_was_added_is_named(path: Path) -> None:
+def test_object_that_is_gone_or_was_added_is_named(path):
     with h5py.File(path, "r+", libver=LIBVER) as file:
         del file["entry/user/name"]
         file["camera/more"] = 1
     assert set(failed(path)) == {"entry/user", "entry/user/name", "camera"}
 
 
-def test_digests_are_of_what_is_read_not_of_where_it_lies(path: Path) -> None:
+def test_digests_are_of_what_is_read_not_of_where_it_lies(path):
     before = path.read_bytes()
     with h5py.File(path, "r+", libver=LIBVER) as file:
         for name in ("time", "counts"):
@@ -122,7 +118,7 @@ def test_digests_are_of_what_is_read_not_of_where_it_lies(path: Path) -> None:
     assert failed(path) == []
 
 
-def test_corrections_after_the_seal_leave_it_whole_and_are_under_checksums(path: Path) -> None:
+def test_corrections_after_the_seal_leave_it_whole_and_are_under_checksums(path):
     apply_time_map(path, [TimeStep(0, 10**9, "gps")])
     apply_time_map(path, [TimeStep(0, 2 * 10**9, "gps again")])
     assert failed(path) == []
@@ -134,7 +130,7 @@ def test_corrections_after_the_seal_leave_it_whole_and_are_under_checksums(path:
     assert any("corrections of the clock are damaged" in one.text for one in check(path))
 
 
-def test_recovered_and_merged_sessions_are_sealed_the_same_way(path: Path, tmp_path: Path) -> None:
+def test_recovered_and_merged_sessions_are_sealed_the_same_way(path, tmp_path):
     data = bytearray(path.read_bytes())
     data[11] = 1  # as if its writer had been killed
     path.write_bytes(data)
@@ -147,13 +143,13 @@ def test_recovered_and_merged_sessions_are_sealed_the_same_way(path: Path, tmp_p
     assert failed(tmp_path / "m.h5") == []
 
 
-def test_file_without_its_digests_does_not_pass_for_an_older_one(path: Path) -> None:
+def test_file_without_its_digests_does_not_pass_for_an_older_one(path):
     with h5py.File(path, "r+", libver=LIBVER) as file:
         del file["integrity/object_sha256"]
     assert "header" in failed(path)
 
 
-def test_session_of_version_1_0_checks_as_before(path: Path) -> None:
+def test_session_of_version_1_0_checks_as_before(path):
     now = [(one.level, one.what, one.text) for one in check(path) if one.what != "header"]
     as_version_1_0(path)
     findings = check(path)
@@ -172,6 +168,6 @@ def test_session_of_version_1_0_checks_as_before(path: Path) -> None:
         assert session.time_map() == [TimeStep(0, 10**9, "gps")]
 
 
-def test_column_that_came_later_does_not_break_an_older_seal(path: Path) -> None:
+def test_column_that_came_later_does_not_break_an_older_seal(path):
     as_version_1_0(path, without=("clock/suspended_ns", "estimates/noise_tilt_low_deg"))
     assert failed(path) == []

@@ -1,7 +1,5 @@
 """The journal keeps every record, in order, over many parts and after damage."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 
@@ -45,11 +43,11 @@ ENTRIES = (
 
 
 @pytest.mark.parametrize("entry", ENTRIES, ids=lambda entry: type(entry).__name__)
-def test_entry_is_the_same_after_json(entry: object) -> None:
+def test_entry_is_the_same_after_json(entry):
     assert repr(decode_entry(*encode_entry(entry))) == repr(entry)  # type: ignore[arg-type]  # by repr: NaN
 
 
-def test_entry_that_makes_no_sense_is_named() -> None:
+def test_entry_that_makes_no_sense_is_named():
     with pytest.raises(SessionError, match="cloud"):
         decode_entry("cloud", "{}")
     with pytest.raises(SessionError, match="event"):
@@ -68,7 +66,7 @@ def filled(folder: Path, frames: int, part_bytes: int) -> Journal:
     return journal
 
 
-def test_records_come_back_in_order_over_many_parts(tmp_path: Path) -> None:
+def test_records_come_back_in_order_over_many_parts(tmp_path):
     journal = filled(tmp_path / "journal", 40, part_bytes=15_000)
     assert journal.number > 3
     with JournalReader(journal.folder) as reader:  # while the writer is still there
@@ -90,7 +88,7 @@ def test_records_come_back_in_order_over_many_parts(tmp_path: Path) -> None:
     journal.close()
 
 
-def test_what_was_written_since_some_record_is_read_in_its_order(tmp_path: Path) -> None:
+def test_what_was_written_since_some_record_is_read_in_its_order(tmp_path):
     journal = filled(tmp_path / "journal", 40, part_bytes=15_000)
     order = [n for seq in range(40) for n in (("camera", "lux", "event") if seq % 5 == 0 else ("camera",))]
     for first, last in ((0, 56), (11, 20), (50, 56), (30, 30)):
@@ -101,7 +99,7 @@ def test_what_was_written_since_some_record_is_read_in_its_order(tmp_path: Path)
     journal.close()
 
 
-def test_reading_changes_nothing(tmp_path: Path) -> None:
+def test_reading_changes_nothing(tmp_path):
     journal = filled(tmp_path / "journal", 30, part_bytes=10**9)
     journal.close()
     journal.close()
@@ -111,7 +109,7 @@ def test_reading_changes_nothing(tmp_path: Path) -> None:
     assert {path.name: path.read_bytes() for path in journal.folder.iterdir()} == before
 
 
-def test_retired_part_leaves_all_but_the_frames(tmp_path: Path) -> None:
+def test_retired_part_leaves_all_but_the_frames(tmp_path):
     journal = filled(tmp_path / "journal", 40, part_bytes=15_000)
     part, _ = journal.full_parts.popleft()
     with JournalReader(journal.folder) as reader:
@@ -132,7 +130,7 @@ def test_retired_part_leaves_all_but_the_frames(tmp_path: Path) -> None:
     journal.close()
 
 
-def test_part_that_was_kept_but_not_yet_deleted_is_read_once_with_its_frames(tmp_path: Path) -> None:
+def test_part_that_was_kept_but_not_yet_deleted_is_read_once_with_its_frames(tmp_path):
     journal = filled(tmp_path / "journal", 40, part_bytes=15_000)
     part, _ = journal.full_parts.popleft()
     shutil.copy(part, tmp_path / "part")
@@ -146,7 +144,7 @@ def test_part_that_was_kept_but_not_yet_deleted_is_read_once_with_its_frames(tmp
     journal.close()
 
 
-def test_chunks_are_found_by_their_first_row(tmp_path: Path) -> None:
+def test_chunks_are_found_by_their_first_row(tmp_path):
     journal = filled(tmp_path / "journal", 3, part_bytes=10**9)
     block = [Chunk("/camera/counts", 9, 0, x, 2**40 + x, 100 + x, 7 + x) for x in (0, 16)]
     rows = [Chunk("/camera/metadata_rows", 9, 0, 0, 5, 6, 7)]
@@ -160,7 +158,7 @@ def test_chunks_are_found_by_their_first_row(tmp_path: Path) -> None:
     journal.close()
 
 
-def test_row_with_a_changed_byte_is_not_handed_out(tmp_path: Path) -> None:
+def test_row_with_a_changed_byte_is_not_handed_out(tmp_path):
     journal = filled(tmp_path / "journal", 3, part_bytes=10**9)
     with JournalReader(journal.folder) as reader:
         row = next(reader.rows(0))
@@ -172,7 +170,7 @@ def test_row_with_a_changed_byte_is_not_handed_out(tmp_path: Path) -> None:
     journal.close()
 
 
-def test_journal_without_its_first_part_still_reads(tmp_path: Path) -> None:
+def test_journal_without_its_first_part_still_reads(tmp_path):
     journal = filled(tmp_path / "journal", 40, part_bytes=15_000)
     journal.close()
     journal.part_path(1).write_bytes(b"garbage" * 1000)
@@ -184,7 +182,7 @@ def test_journal_without_its_first_part_still_reads(tmp_path: Path) -> None:
         assert reader.has_end
 
 
-def test_records_of_an_earlier_journal_that_the_disk_shows_again_are_not_taken(tmp_path: Path) -> None:
+def test_records_of_an_earlier_journal_that_the_disk_shows_again_are_not_taken(tmp_path):
     """After a power cut a file may end in bytes of one that was deleted before."""
     journal = filled(tmp_path / "journal", 3, part_bytes=10**9)
     journal.close()
@@ -201,7 +199,7 @@ def test_records_of_an_earlier_journal_that_the_disk_shows_again_are_not_taken(t
 
 
 @pytest.mark.parametrize("name", ["confirmed.log", "kept.log"])
-def test_file_of_the_journal_that_is_gone_is_named(tmp_path: Path, name: str) -> None:
+def test_file_of_the_journal_that_is_gone_is_named(tmp_path, name):
     journal = filled(tmp_path / "journal", 3, part_bytes=10**9)
     journal.close()
     (journal.folder / name).unlink()
@@ -209,7 +207,7 @@ def test_file_of_the_journal_that_is_gone_is_named(tmp_path: Path, name: str) ->
         assert reader.damage == [f"{name} is gone"]
 
 
-def test_end_that_only_the_count_knows_of_is_lost_and_not_the_end(tmp_path: Path) -> None:
+def test_end_that_only_the_count_knows_of_is_lost_and_not_the_end(tmp_path):
     journal = filled(tmp_path / "journal", 10, part_bytes=10**9)
     journal.confirm(journal.written)
     journal.close()
@@ -231,7 +229,7 @@ def test_end_that_only_the_count_knows_of_is_lost_and_not_the_end(tmp_path: Path
         assert not reader.has_end
 
 
-def test_folder_without_a_journal_is_refused(tmp_path: Path) -> None:
+def test_folder_without_a_journal_is_refused(tmp_path):
     with pytest.raises(SessionError, match="no readable journal"):
         JournalReader(tmp_path)
 
@@ -241,7 +239,7 @@ def _append_many(journal: Journal) -> None:
         journal.append(sample(HEADER.streams[0], seq))
 
 
-def test_full_disk_is_a_storage_error_and_earlier_rows_stay(tmp_path: Path) -> None:
+def test_full_disk_is_a_storage_error_and_earlier_rows_stay(tmp_path):
     journal = filled(tmp_path / "journal", 10, part_bytes=10**9)
     count = journal.next_id
     with (
@@ -260,7 +258,7 @@ def test_full_disk_is_a_storage_error_and_earlier_rows_stay(tmp_path: Path) -> N
         assert not reader.damage
 
 
-def test_parts_stay_until_the_file_has_their_records(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_parts_stay_until_the_file_has_their_records(tmp_path, monkeypatch):
     monkeypatch.setattr(session_file, "JOURNAL_BYTES", 1)  # after 750 MB parts go
     monkeypatch.setattr(session_file, "FLUSH_EVERY_S", 0.0)
     journal = filled(tmp_path / "journal", 40, part_bytes=15_000)
@@ -287,9 +285,7 @@ def test_parts_stay_until_the_file_has_their_records(tmp_path: Path, monkeypatch
     journal.close()
 
 
-def test_a_disk_that_does_not_confirm_is_told_and_the_part_is_asked_for_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_disk_that_does_not_confirm_is_told_and_the_part_is_asked_for_again(tmp_path, monkeypatch):
     journal = filled(tmp_path / "journal", 6, part_bytes=10**9)
     told: list[str] = []
     monkeypatch.setattr(journal_module, "SYNC_EVERY_S", 0.01)  # a shorter wait
@@ -309,9 +305,7 @@ def test_a_disk_that_does_not_confirm_is_told_and_the_part_is_asked_for_again(
     journal.close()
 
 
-def test_journal_that_is_deleted_is_reported_at_once_and_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_journal_that_is_deleted_is_reported_at_once_and_once(tmp_path, monkeypatch):
     monkeypatch.setattr(journal_module, "SYNC_EVERY_S", 0.01)  # a shorter wait
     journal = filled(tmp_path / "journal", 6, part_bytes=10**9)
     told: list[str] = []

@@ -1,7 +1,5 @@
 """Names that a session or a stream must not have."""
 
-from __future__ import annotations
-
 import pytest
 
 from fieldkit.model.device import StreamInfo
@@ -16,16 +14,16 @@ def header(*names: str) -> SessionHeader:
 
 
 @pytest.mark.parametrize("name", [*sorted(RESERVED_NAMES), "", "a/b", ".hidden"])
-def test_a_stream_cannot_take_the_name_of_a_table(name: str) -> None:
+def test_a_stream_cannot_take_the_name_of_a_table(name):
     with pytest.raises(ValueError, match="cannot be the name of a stream"):
         header("lux", name)
 
 
-def test_two_streams_cannot_have_one_name() -> None:
+def test_two_streams_cannot_have_one_name():
     with pytest.raises(ValueError, match="two streams have the same name"):
         header("lux", "lux")
 
 
-def test_a_header_is_the_same_after_json() -> None:
+def test_a_header_is_the_same_after_json():
     made = header("lux", "events2")
     assert SessionHeader.from_json(made.to_json()).to_json() == made.to_json()

@@ -1,7 +1,5 @@
 """One process records a session; who asks about it keeps nobody from beginning."""
 
-from __future__ import annotations
-
 import fcntl
 import os
 import threading
@@ -14,7 +12,7 @@ from fieldkit.model.errors import RefusedError
 from fieldkit.sessions.lock import PATIENCE_S, RECORDING, SessionLock, is_locked, owner
 
 
-def test_lock_is_for_one_and_names_its_process(tmp_path: Path) -> None:
+def test_lock_is_for_one_and_names_its_process(tmp_path):
     lock = SessionLock(tmp_path)
     assert is_locked(tmp_path)
     assert owner(tmp_path) == os.getpid()
@@ -35,7 +33,7 @@ def look_for(tmp_path: Path, seconds: float) -> threading.Timer:
     return timer
 
 
-def test_a_look_at_the_lock_does_not_keep_a_recorder_from_beginning(tmp_path: Path) -> None:
+def test_a_look_at_the_lock_does_not_keep_a_recorder_from_beginning(tmp_path):
     """Another process looks, and is held up for 20 ms while it does."""
     look = look_for(tmp_path, 0.02)
     lock = SessionLock(tmp_path)
@@ -44,7 +42,7 @@ def test_a_look_at_the_lock_does_not_keep_a_recorder_from_beginning(tmp_path: Pa
     lock.release()
 
 
-def test_a_lock_that_stays_is_refused_after_a_moment(tmp_path: Path) -> None:
+def test_a_lock_that_stays_is_refused_after_a_moment(tmp_path):
     look = look_for(tmp_path, 60.0)
     began = time.monotonic()
     with pytest.raises(RefusedError):
@@ -55,7 +53,7 @@ def test_a_lock_that_stays_is_refused_after_a_moment(tmp_path: Path) -> None:
     SessionLock(tmp_path).release()
 
 
-def test_many_looks_leave_the_lock_to_its_recorder(tmp_path: Path) -> None:
+def test_many_looks_leave_the_lock_to_its_recorder(tmp_path):
     (tmp_path / RECORDING).touch()
     ended = threading.Event()
 

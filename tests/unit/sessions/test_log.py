@@ -1,7 +1,5 @@
 """A log gives back every record whose bytes are whole, whatever became of those around it."""
 
-from __future__ import annotations
-
 import random
 from pathlib import Path
 
@@ -39,7 +37,7 @@ def read(path: Path) -> tuple[list[tuple[int, bytes | None]], LogReader]:
     return found, log
 
 
-def test_records_come_back_as_they_were_written(tmp_path: Path) -> None:
+def test_records_come_back_as_they_were_written(tmp_path):
     places = written(tmp_path / "log")
     log = LogReader(tmp_path / "log")
     heads = list(log.heads())
@@ -53,7 +51,7 @@ def test_records_come_back_as_they_were_written(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("trial", range(60))
-def test_damage_costs_only_the_records_that_it_hits(tmp_path: Path, trial: int) -> None:
+def test_damage_costs_only_the_records_that_it_hits(tmp_path, trial):
     chance, path = random.Random(trial), tmp_path / "log"
     places = written(path)
     first = chance.randrange(places[-1])
@@ -68,7 +66,7 @@ def test_damage_costs_only_the_records_that_it_hits(tmp_path: Path, trial: int) 
     assert log.damage or not log.is_whole or any(content is None for _, content in found)
 
 
-def test_bytes_taken_out_or_in_cost_no_other_record(tmp_path: Path) -> None:
+def test_bytes_taken_out_or_in_cost_no_other_record(tmp_path):
     path = tmp_path / "log"
     places = written(path)
     data = path.read_bytes()
@@ -80,7 +78,7 @@ def test_bytes_taken_out_or_in_cost_no_other_record(tmp_path: Path) -> None:
     assert len(log.damage) == 2
 
 
-def test_record_that_lacks_bytes_does_not_cost_those_behind_it(tmp_path: Path) -> None:
+def test_record_that_lacks_bytes_does_not_cost_those_behind_it(tmp_path):
     path = tmp_path / "log"
     log = LogWriter(path, SESSION)
     for number, size in enumerate((10, 5_000, 10, 10, 10)):
@@ -94,7 +92,7 @@ def test_record_that_lacks_bytes_does_not_cost_those_behind_it(tmp_path: Path) -
 
 
 @pytest.mark.parametrize("lost", [1, 30, 200])
-def test_log_without_its_end_says_so(tmp_path: Path, lost: int) -> None:
+def test_log_without_its_end_says_so(tmp_path, lost):
     path = tmp_path / "log"
     written(path)
     path.write_bytes(path.read_bytes()[:-lost])
@@ -104,7 +102,7 @@ def test_log_without_its_end_says_so(tmp_path: Path, lost: int) -> None:
     assert log.damage == []  # what stands behind the last record is its tail
 
 
-def test_record_within_a_record_is_not_taken_for_one(tmp_path: Path) -> None:
+def test_record_within_a_record_is_not_taken_for_one(tmp_path):
     inner, outer = tmp_path / "inner", tmp_path / "outer"
     written(inner)
     log = LogWriter(outer, OTHER)
@@ -115,7 +113,7 @@ def test_record_within_a_record_is_not_taken_for_one(tmp_path: Path) -> None:
     assert found == [(number, inner.read_bytes()) for number in range(3)]
 
 
-def test_record_that_does_not_fit_leaves_nothing_behind(tmp_path: Path) -> None:
+def test_record_that_does_not_fit_leaves_nothing_behind(tmp_path):
     log = LogWriter(tmp_path / "log", SESSION)
     log.append(Kind.ENTRY, 0, (1,), b"first")
     size = log.size

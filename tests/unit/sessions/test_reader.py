@@ -1,7 +1,5 @@
 """What is no session, or means harm, is refused, with little memory; a session tells its state."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil
@@ -39,7 +37,7 @@ from tests.harness.recording import CountedClock, fill, header, sample
 
 
 @pytest.fixture(scope="module")
-def sealed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def sealed(tmp_path_factory):
     path, clock = tmp_path_factory.mktemp("sealed") / "field.h5", CountedClock()
     writer = SessionWriter(path, header((24, 32)), clock)
     fill(writer, 10, clock)
@@ -48,11 +46,11 @@ def sealed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def path(sealed: Path, tmp_path: Path) -> Path:
+def path(sealed, tmp_path):
     return Path(shutil.copy(sealed, tmp_path))
 
 
-def test_missing_file_and_folder_are_named(tmp_path: Path) -> None:
+def test_missing_file_and_folder_are_named(tmp_path):
     with pytest.raises(SessionError, match=r"nowhere\.h5"):
         open_session(tmp_path / "nowhere.h5")
     with pytest.raises(SessionError, match="directory") as caught:
@@ -62,7 +60,7 @@ def test_missing_file_and_folder_are_named(tmp_path: Path) -> None:
         open_session(".")
 
 
-def test_a_recording_that_has_just_begun_is_waited_for(path: Path, tmp_path: Path) -> None:
+def test_a_recording_that_has_just_begun_is_waited_for(path, tmp_path):
     """Its lock is there up to a second before its file can be read."""
     begun = tmp_path / "begun.h5"
     journal_path(begun).mkdir()
@@ -89,9 +87,7 @@ def test_a_recording_that_has_just_begun_is_waited_for(path: Path, tmp_path: Pat
         ("time_map/add_ns", None, lambda session: session.time_map()),
     ],
 )
-def test_what_another_program_took_from_a_header_is_named_with_the_next_step(
-    path: Path, name: str, value: bytes | None, read: Callable[[SessionReader], object]
-) -> None:
+def test_what_another_program_took_from_a_header_is_named_with_the_next_step(path, name, value, read):
     with h5py.File(path, "r+") as file:
         del file[name]
         if value is not None:
@@ -101,7 +97,7 @@ def test_what_another_program_took_from_a_header_is_named_with_the_next_step(
     assert "recover" in (error.value.fix or "")
 
 
-def test_other_hdf5_files_are_refused(tmp_path: Path) -> None:
+def test_other_hdf5_files_are_refused(tmp_path):
     for name, libver in (("old.h5", "earliest"), ("new.h5", LIBVER)):
         with h5py.File(tmp_path / name, "w", libver=libver) as file:
             file["numbers"] = np.arange(10)
@@ -109,7 +105,7 @@ def test_other_hdf5_files_are_refused(tmp_path: Path) -> None:
             open_session(tmp_path / name)
 
 
-def test_newer_version_asks_for_an_upgrade(path: Path) -> None:
+def test_newer_version_asks_for_an_upgrade(path):
     with h5py.File(path, "r+", libver=LIBVER) as file:
         file.attrs["fieldkit_format_version"] = np.bytes_("2.0")
     with pytest.raises(SessionError, match=r"version 2\.0") as caught:
@@ -117,7 +113,7 @@ def test_newer_version_asks_for_an_upgrade(path: Path) -> None:
     assert "newer fieldkit" in (caught.value.fix or "")
 
 
-def test_a_stream_by_its_name_gives_what_the_session_gives(path: Path) -> None:
+def test_a_stream_by_its_name_gives_what_the_session_gives(path):
     with open_session(path) as session:
         camera, lux = session["camera"], session["lux"]
         assert list(session) == list(session.streams)
@@ -134,7 +130,7 @@ def test_a_stream_by_its_name_gives_what_the_session_gives(path: Path) -> None:
         assert lux.to_xarray().equals(session.to_xarray("lux"))
 
 
-def test_a_stream_that_is_not_there_or_cannot_do_it_is_refused_by_name(path: Path) -> None:
+def test_a_stream_that_is_not_there_or_cannot_do_it_is_refused_by_name(path):
     with open_session(path) as session:
         with pytest.raises(SessionError, match="no stream 'nothing'") as caught:
             session["nothing"]
@@ -167,7 +163,7 @@ def read(of: object, name: str) -> None:
         list(found if isinstance(found, Iterator) else ())
 
 
-def test_every_method_of_a_closed_session_states_that_it_is_closed(path: Path) -> None:
+def test_every_method_of_a_closed_session_states_that_it_is_closed(path):
     with open_whole_session(path) as session:
         objects = [session, *(found for name in session for found in (session[name], session.stream(name)))]
     for of in objects:
@@ -177,14 +173,14 @@ def test_every_method_of_a_closed_session_states_that_it_is_closed(path: Path) -
                 read(of, name)
 
 
-def test_a_closed_session_can_be_shown(path: Path) -> None:
+def test_a_closed_session_can_be_shown(path):
     with open_whole_session(path) as session:
         camera = session["camera"]
     assert (repr(session), session._repr_html_()) == ("<Session field: closed>", None)
     assert repr(camera).startswith("<Stream camera: closed, ")
 
 
-def test_session_closed_while_its_samples_are_read_is_not_damaged(path: Path) -> None:
+def test_session_closed_while_its_samples_are_read_is_not_damaged(path):
     with open_session(path) as session:
         samples = session.samples("camera")
         next(samples)
@@ -193,14 +189,14 @@ def test_session_closed_while_its_samples_are_read_is_not_damaged(path: Path) ->
     assert session.damaged == {}
 
 
-def test_a_row_that_only_some_columns_have_is_not_read(path: Path) -> None:
+def test_a_row_that_only_some_columns_have_is_not_read(path):
     with h5py.File(path, "r+", libver=LIBVER) as file:
         file["camera/seq"].resize((11,))
     with open_session(path) as session:
         assert len(session.stream("camera")) == 10
 
 
-def test_the_window_of_an_estimate_begins_when_it_began(tmp_path: Path) -> None:
+def test_the_window_of_an_estimate_begins_when_it_began(tmp_path):
     clock = CountedClock()
     writer = SessionWriter(tmp_path / "field.h5", header((24, 32)), clock)
     fill(writer, 2, clock)
@@ -220,7 +216,7 @@ def in_session(found: Learnt) -> Learnt:
 
 
 @pytest.mark.parametrize("how", ["sealed", "recovered"])
-def test_what_was_learnt_comes_back_minute_by_minute(tmp_path: Path, how: str) -> None:
+def test_what_was_learnt_comes_back_minute_by_minute(tmp_path, how):
     clock = CountedClock()
     writer = SessionWriter(tmp_path / "field.h5", header((24, 32)), clock)
     fill(writer, 2, clock)
@@ -240,7 +236,7 @@ def test_what_was_learnt_comes_back_minute_by_minute(tmp_path: Path, how: str) -
         assert [minute.learnt for minute in session.minutes()] == [None, *expected.values()]
 
 
-def test_more_parameters_than_a_row_holds_are_cut_and_end_no_recording(tmp_path: Path) -> None:
+def test_more_parameters_than_a_row_holds_are_cut_and_end_no_recording(tmp_path):
     clock = CountedClock()
     writer = SessionWriter(tmp_path / "field.h5", header((24, 32)), clock)
     fill(writer, 2, clock)
@@ -253,7 +249,7 @@ def test_more_parameters_than_a_row_holds_are_cut_and_end_no_recording(tmp_path:
     assert found.residual_k == {}
 
 
-def test_older_minor_version_without_a_column_is_read(path: Path) -> None:
+def test_older_minor_version_without_a_column_is_read(path):
     with h5py.File(path, "r+", libver=LIBVER) as file:
         del file["estimates/noise_tilt_low_deg"]
         del file["clock/suspended_ns"]
@@ -262,9 +258,7 @@ def test_older_minor_version_without_a_column_is_read(path: Path) -> None:
         assert session.clock_checks() == []
 
 
-def test_slopes_and_what_was_learnt_without_a_confidence_have_the_former_one(
-    tmp_path: Path,
-) -> None:
+def test_slopes_and_what_was_learnt_without_a_confidence_have_the_former_one(tmp_path):
     clock = CountedClock()
     writer = SessionWriter(tmp_path / "field.h5", header((24, 32)), clock)
     slope = SlopeEstimate(clock.to_utc_ns(clock.mono_ns()), "b05", SlopeState.OK, 5.0, confidence=0.95)
@@ -439,7 +433,7 @@ def _look_at_everything(session: SessionReader) -> None:
         _other_shape, _huge_picture_declared, _header_is_no_json,
     ],
 )  # fmt: skip
-def test_hostile_session_is_refused_without_much_memory(path: Path, harm: Harm) -> None:
+def test_hostile_session_is_refused_without_much_memory(path, harm):
     with h5py.File(path, "r+", libver=LIBVER) as file:
         harm(file)
     tracemalloc.start()
@@ -452,13 +446,13 @@ def test_hostile_session_is_refused_without_much_memory(path: Path, harm: Harm) 
         tracemalloc.stop()
 
 
-def test_no_new_samples_of_a_stream_are_none_and_no_error(path: Path) -> None:
+def test_no_new_samples_of_a_stream_are_none_and_no_error(path):
     with open_session(path) as session:
         for name in session.streams:
             assert not list(session.stream(name).samples(2, 2))
 
 
-def test_session_tells_where_it_came_from(path: Path) -> None:
+def test_session_tells_where_it_came_from(path):
     with open_session(path) as session:
         assert set(session.provenance) >= {"fieldkit_version", "packages", "platform", "command_line"}
         assert session.start_ns < session.end_ns
@@ -466,9 +460,7 @@ def test_session_tells_where_it_came_from(path: Path) -> None:
             session.count("sonar")
 
 
-def test_session_is_still_being_recorded_while_it_is_sealed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_session_is_still_being_recorded_while_it_is_sealed(tmp_path, monkeypatch):
     """To verify a long session takes minutes, and all that time its file is closed and not yet complete."""
     seen: list[object] = []
 
@@ -489,7 +481,7 @@ def test_session_is_still_being_recorded_while_it_is_sealed(
         assert session.state == "sealed"
 
 
-def test_readings_that_cannot_be_are_stored_as_they_came_and_have_no_value(tmp_path: Path) -> None:
+def test_readings_that_cannot_be_are_stored_as_they_came_and_have_no_value(tmp_path):
     """Of a reading only the channel that cannot be is lost; the flag is there on reading."""
     head = header((24, 32))
     writer = SessionWriter(tmp_path / "a.h5", head, clock := CountedClock())
@@ -513,7 +505,7 @@ def test_readings_that_cannot_be_are_stored_as_they_came_and_have_no_value(tmp_p
     assert again[1].values == (290.0, -7725.85, 292.0, 9.9e37)
 
 
-def test_light_that_the_sun_cannot_give_at_that_height_has_no_value(tmp_path: Path) -> None:
+def test_light_that_the_sun_cannot_give_at_that_height_has_no_value(tmp_path):
     """In Tokyo it is night at 15:06 UTC: BSRN's limit of global light is then 100 W/m2."""
     sun = StreamInfo("sun", "irradiance", "W m-2", (1,), measures=("ghi",), raw_bytes=16)
     writer = SessionWriter(

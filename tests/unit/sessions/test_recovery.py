@@ -1,7 +1,5 @@
 """What comes back of a damaged session: all whose bytes are there, and every run of what is lost is named."""
 
-from __future__ import annotations
-
 import errno
 import os
 import shutil
@@ -72,14 +70,14 @@ def later(row: bytes) -> bytes:
 
 
 @pytest.fixture(scope="module")
-def sealed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def sealed(tmp_path_factory):
     path = tmp_path_factory.mktemp("sealed") / "a.h5"
     recorded(path, FRAMES, sealed=True)
     return path
 
 
 @pytest.fixture(scope="module")
-def originals(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Path]:
+def originals(tmp_path_factory):
     """Folders of interrupted sessions with their journals, by their number of frames."""
     folders = {frames: tmp_path_factory.mktemp(f"of-{frames}") for frames in (20, 95)}
     for frames, folder in folders.items():
@@ -88,13 +86,13 @@ def originals(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Path]:
 
 
 @pytest.fixture
-def interrupted(originals: dict[int, Path], tmp_path: Path) -> Path:
+def interrupted(originals, tmp_path):
     """A session of twenty frames that was not sealed."""
     return shutil.copytree(originals[20], tmp_path, dirs_exist_ok=True) / "a.h5"
 
 
 @pytest.fixture
-def longer(originals: dict[int, Path], tmp_path: Path) -> Path:
+def longer(originals, tmp_path):
     """The same with ten whole chunks and a last one of five frames."""
     return shutil.copytree(originals[95], tmp_path, dirs_exist_ok=True) / "a.h5"
 
@@ -118,9 +116,7 @@ def rows_in_front_of(path: Path, stream: str, end: int) -> list[int]:
 @pytest.mark.parametrize(
     "share", [0.9, 0.3, *(pytest.param(one, marks=pytest.mark.slow) for one in (0.999, 0.6))]
 )
-def test_sealed_file_that_lost_its_end_gives_back_all_whose_bytes_are_there(
-    sealed: Path, tmp_path: Path, share: float
-) -> None:
+def test_sealed_file_that_lost_its_end_gives_back_all_whose_bytes_are_there(sealed, tmp_path, share):
     path = tmp_path / "a.h5"
     end = round(sealed.stat().st_size * share)
     path.write_bytes(sealed.read_bytes()[:end])
@@ -146,7 +142,7 @@ def test_sealed_file_that_lost_its_end_gives_back_all_whose_bytes_are_there(
     assert any("the journal is gone" in line for line in report.damage)
 
 
-def test_run_lost_in_the_middle_is_told_with_the_times_around_it(sealed: Path, tmp_path: Path) -> None:
+def test_run_lost_in_the_middle_is_told_with_the_times_around_it(sealed, tmp_path):
     path = tmp_path / "a.h5"
     shutil.copy(sealed, path)
     with h5py.File(path) as file:
@@ -161,7 +157,7 @@ def test_run_lost_in_the_middle_is_told_with_the_times_around_it(sealed: Path, t
     assert (run.after_ns, run.before_ns) == (sample(camera, 359).time_ns, sample(camera, 369).time_ns)
 
 
-def test_whole_blocks_are_taken_as_they_are(longer: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_whole_blocks_are_taken_as_they_are(longer, monkeypatch):
     unpacked: list[int] = []
     put = SessionFile.put
     # whether blocks were unpacked shows in the time alone
@@ -176,7 +172,7 @@ def test_whole_blocks_are_taken_as_they_are(longer: Path, monkeypatch: pytest.Mo
         assert packed[0] == packed[1]
 
 
-def test_block_that_is_not_as_it_was_written_is_made_from_the_journal(longer: Path) -> None:
+def test_block_that_is_not_as_it_was_written_is_made_from_the_journal(longer):
     with h5py.File(longer) as file:
         place = file["camera/counts"].id.get_chunk_info_by_coord((18, 0, 0))
     data = bytearray(longer.read_bytes())
@@ -185,9 +181,7 @@ def test_block_that_is_not_as_it_was_written_is_made_from_the_journal(longer: Pa
     assert recover(longer).lost_samples == 0
 
 
-def test_block_that_does_not_verify_is_made_again_sample_by_sample(
-    longer: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_block_that_does_not_verify_is_made_again_sample_by_sample(longer, monkeypatch):
     """The journal itself is damaged: one row's stamp is not the one that its checksum is of."""
     rewritten(journal_path(longer) / "000001.log", lambda seq, row: later(row) if seq == 20 else row)
     report = recover(longer)
@@ -197,7 +191,7 @@ def test_block_that_does_not_verify_is_made_again_sample_by_sample(
         assert same(session.stream("camera").frame(20), sample(HEADER.streams[0], 20))
 
 
-def test_marks_that_nobody_took_become_events_within_the_session(tmp_path: Path) -> None:
+def test_marks_that_nobody_took_become_events_within_the_session(tmp_path):
     path, clock = tmp_path / "a.h5", CountedClock()
     writer = SessionWriter(path, HEADER, clock)
     appended = fill(writer, 20, clock)
@@ -215,9 +209,7 @@ def no_links(*_: object) -> None:
     raise PermissionError(errno.EPERM, "Operation not permitted")
 
 
-def test_session_on_a_card_that_knows_no_links_is_recovered(
-    interrupted: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_session_on_a_card_that_knows_no_links_is_recovered(interrupted, tmp_path, monkeypatch):
     """Also where recovery ends between the two steps that take the place of one."""
     crashed = interrupted.read_bytes()
     monkeypatch.setattr(os, "link", no_links)  # as on FAT
@@ -242,7 +234,7 @@ def killed_before_its_place_is_taken(path: Path) -> None:
             recover(path)
 
 
-def test_complete_new_file_of_a_recovery_that_was_cut_off_is_used(tmp_path: Path) -> None:
+def test_complete_new_file_of_a_recovery_that_was_cut_off_is_used(tmp_path):
     """After a power cut the journal may be gone and the new file not yet in its place."""
     path = tmp_path / "a.h5"
     recorded(path, 100, sealed=False)
@@ -263,9 +255,7 @@ def test_complete_new_file_of_a_recovery_that_was_cut_off_is_used(tmp_path: Path
         assert session.state == "recovered"
 
 
-def test_new_file_of_another_session_of_that_name_is_not_used(
-    originals: dict[int, Path], longer: Path, tmp_path: Path
-) -> None:
+def test_new_file_of_another_session_of_that_name_is_not_used(originals, longer, tmp_path):
     """As in simulation, where each recording of a day has the same time and name."""
     killed_before_its_place_is_taken(longer)
     longer.unlink(missing_ok=True)
@@ -275,9 +265,7 @@ def test_new_file_of_another_session_of_that_name_is_not_used(
     assert recover(longer).counts["camera"] == 20
 
 
-def test_events_that_a_torn_journal_lost_come_from_the_file_once_and_in_order(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_events_that_a_torn_journal_lost_come_from_the_file_once_and_in_order(tmp_path, monkeypatch):
     path = tmp_path / "a.h5"
     monkeypatch.setattr(session_file, "FLUSH_EVERY_S", 0.0)  # all that is taken is in the file
     writer = SessionWriter(path, HEADER, CountedClock())
@@ -299,9 +287,7 @@ def test_events_that_a_torn_journal_lost_come_from_the_file_once_and_in_order(
     assert marks == list(range(200))
 
 
-def test_new_file_that_was_damaged_before_it_took_its_place_is_made_again(
-    interrupted: Path, tmp_path: Path
-) -> None:
+def test_new_file_that_was_damaged_before_it_took_its_place_is_made_again(interrupted, tmp_path):
     killed_before_its_place_is_taken(interrupted)
     fresh = tmp_path / "a.h5.recovering"
     with h5py.File(fresh) as file:
@@ -314,7 +300,7 @@ def test_new_file_that_was_damaged_before_it_took_its_place_is_made_again(
         assert [item.quality & Quality.BAD_CRC for item in session.samples("lux")] == [0] * 20
 
 
-def test_journal_goes_only_when_the_disk_has_the_new_file_in_its_place(tmp_path: Path) -> None:
+def test_journal_goes_only_when_the_disk_has_the_new_file_in_its_place(tmp_path):
     path = tmp_path / "disk" / "a.h5"
     path.parent.mkdir()
     recorded(path, 20, sealed=False)
@@ -328,9 +314,7 @@ def test_journal_goes_only_when_the_disk_has_the_new_file_in_its_place(tmp_path:
     assert renamed < synced < gone
 
 
-def test_full_disk_leaves_the_crashed_file_where_it_is(
-    interrupted: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_full_disk_leaves_the_crashed_file_where_it_is(interrupted, monkeypatch):
     # where links are full while data still fits; tests/e2e/test_failing_disk.py has real failures
     monkeypatch.setattr(os, "link", lambda *_: (_ for _ in ()).throw(OSError(errno.ENOSPC, "No space left")))
     with pytest.raises(StorageError, match="No space left"):
@@ -339,7 +323,7 @@ def test_full_disk_leaves_the_crashed_file_where_it_is(
 
 
 @pytest.mark.parametrize("share", [0.0, 0.5, 0.99])
-def test_full_disk_keeps_no_part_of_a_new_file(interrupted: Path, tmp_path: Path, share: float) -> None:
+def test_full_disk_keeps_no_part_of_a_new_file(interrupted, tmp_path, share):
     """It would take the room that is to be made."""
     room = int(share * interrupted.stat().st_size)
     with disk.full_disk(room), pytest.raises(StorageError, match="too large"):
@@ -348,7 +332,7 @@ def test_full_disk_keeps_no_part_of_a_new_file(interrupted: Path, tmp_path: Path
     assert recover(interrupted).counts["camera"] == 20  # once there is room
 
 
-def test_time_map_outlives_recovery(tmp_path: Path) -> None:
+def test_time_map_outlives_recovery(tmp_path):
     """All its versions: the process was killed while it wrote a third."""
     path = tmp_path / "a.h5"
     recorded(path, 20, sealed=True)
@@ -372,9 +356,7 @@ def test_time_map_outlives_recovery(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "share", [0.0, 0.6, *(pytest.param(one, marks=pytest.mark.slow) for one in (0.3, 0.99))]
 )
-def test_time_map_that_was_lost_with_the_end_of_the_file_is_told(
-    sealed: Path, tmp_path: Path, share: float
-) -> None:
+def test_time_map_that_was_lost_with_the_end_of_the_file_is_told(sealed, tmp_path, share):
     path = tmp_path / "a.h5"
     shutil.copy(sealed, path)
     apply_time_map(path, [TimeStep(0, 10**9, "gps")])
@@ -385,7 +367,7 @@ def test_time_map_that_was_lost_with_the_end_of_the_file_is_told(
         assert session.time_map() == []
 
 
-def test_recovery_of_a_finished_session_writes_nothing(sealed: Path, tmp_path: Path) -> None:
+def test_recovery_of_a_finished_session_writes_nothing(sealed, tmp_path):
     path = tmp_path / "a.h5"
     shutil.copy(sealed, path)
     path.chmod(0o400)
@@ -395,13 +377,13 @@ def test_recovery_of_a_finished_session_writes_nothing(sealed: Path, tmp_path: P
     assert [item.name for item in tmp_path.iterdir()] == ["a.h5"]
 
 
-def test_recovery_where_nothing_can_be_written_is_a_storage_error(interrupted: Path) -> None:
+def test_recovery_where_nothing_can_be_written_is_a_storage_error(interrupted):
     (journal_path(interrupted) / "recovery.lock").mkdir()
     with pytest.raises(StorageError, match="could not be recovered: Is a directory"):
         recover(interrupted)
 
 
-def test_chunks_are_where_the_journal_says(longer: Path) -> None:
+def test_chunks_are_where_the_journal_says(longer):
     data = bytearray(longer.read_bytes())
     data[:4096] = bytes(4096)  # the file's own index is out of reach
     longer.write_bytes(data)
@@ -412,7 +394,7 @@ def test_chunks_are_where_the_journal_says(longer: Path) -> None:
     assert report.counts["camera"] >= 86
 
 
-def test_session_killed_before_its_journal_was_made_is_cleared_away(tmp_path: Path) -> None:
+def test_session_killed_before_its_journal_was_made_is_cleared_away(tmp_path):
     path = tmp_path / "a.h5"
     journal_path(path).mkdir()
     (journal_path(path) / "lock").write_text("4711\n")
@@ -423,7 +405,7 @@ def test_session_killed_before_its_journal_was_made_is_cleared_away(tmp_path: Pa
     assert list(tmp_path.iterdir()) == []
 
 
-def test_session_without_a_sample_is_recovered(tmp_path: Path) -> None:
+def test_session_without_a_sample_is_recovered(tmp_path):
     """Killed when its journal was made, but not yet its file."""
     path = tmp_path / "a.h5"
     SessionWriter(path, HEADER, CountedClock()).abandon()
@@ -435,7 +417,7 @@ def test_session_without_a_sample_is_recovered(tmp_path: Path) -> None:
         assert session.state == "recovered"
 
 
-def test_end_that_is_not_known_is_said(interrupted: Path) -> None:
+def test_end_that_is_not_known_is_said(interrupted):
     """Half of the journal is gone, and with it the count of what the disk had confirmed."""
     interrupted.unlink()
     part = journal_path(interrupted) / "000001.log"
@@ -449,7 +431,7 @@ def test_end_that_is_not_known_is_said(interrupted: Path) -> None:
     assert text.endswith("samples behind the last one may be lost")
 
 
-def test_import_that_was_interrupted_is_never_whole(tmp_path: Path) -> None:
+def test_import_that_was_interrupted_is_never_whole(tmp_path):
     path = tmp_path / "a.h5"
     clock = CountedClock()
     writer = SessionWriter(path, header(), clock)

@@ -1,7 +1,5 @@
 """What fieldkit 0.2 left interrupted is recovered; where its journal is torn, it is left as it is."""
 
-from __future__ import annotations
-
 import zipfile
 from pathlib import Path
 
@@ -20,7 +18,7 @@ HEADER = header((8, 10))
 
 
 @pytest.fixture
-def path(tmp_path: Path) -> Path:
+def path(tmp_path):
     with zipfile.ZipFile(KEPT) as kept:
         kept.extractall(tmp_path)
     return tmp_path / "a.h5"
@@ -32,7 +30,7 @@ def content(path: Path) -> dict[str, bytes]:
     }
 
 
-def test_interrupted_session_of_version_0_2_is_recovered(path: Path) -> None:
+def test_interrupted_session_of_version_0_2_is_recovered(path):
     report = recover(path)
     assert report.counts == {"camera": 40, "lux": 40, "thermometer": 0}
     assert (report.lost, report.end_is_known) == ((), True)
@@ -60,7 +58,7 @@ def torn_log(data: bytes) -> bytes:
         ("000003.sqlite-wal", lambda data: data[:9000]),
     ],
 )
-def test_torn_journal_of_version_0_2_is_left_as_it_is(path: Path, name: str, damage: object) -> None:
+def test_torn_journal_of_version_0_2_is_left_as_it_is(path, name, damage):
     file = journal_path(path) / name
     file.write_bytes(damage(file.read_bytes()))  # type: ignore[operator]
     before = content(path)
@@ -71,7 +69,7 @@ def test_torn_journal_of_version_0_2_is_left_as_it_is(path: Path, name: str, dam
     assert {name: after[name] for name in before} == before
 
 
-def test_end_of_a_journal_whose_count_is_gone_is_not_known(path: Path) -> None:
+def test_end_of_a_journal_whose_count_is_gone_is_not_known(path):
     (journal_path(path) / "written").unlink()
     report = recover(path)
     assert report.counts["camera"] == 40

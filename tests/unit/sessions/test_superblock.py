@@ -1,7 +1,5 @@
 """Opening a file whose writer was killed; hash values from the comments of Jenkins' lookup3.c (driver5)."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import h5py
@@ -13,7 +11,7 @@ from fieldkit.sessions.stream_reader import whole_rows
 from fieldkit.sessions.superblock import MendedFile, is_clean, lookup3
 
 
-def test_lookup3_of_published_examples() -> None:
+def test_lookup3_of_published_examples():
     assert lookup3(b"") == 0xDEADBEEF
     assert lookup3(b"Four score and seven years ago") == 0x17770551
 
@@ -32,7 +30,7 @@ def unclosed_copy(tmp_path: Path) -> Path:
     return copy
 
 
-def test_file_of_a_killed_writer_opens_without_being_changed(tmp_path: Path) -> None:
+def test_file_of_a_killed_writer_opens_without_being_changed(tmp_path):
     path = unclosed_copy(tmp_path)
     before = path.read_bytes()
     assert not is_clean(path)
@@ -43,7 +41,7 @@ def test_file_of_a_killed_writer_opens_without_being_changed(tmp_path: Path) -> 
     assert path.read_bytes() == before
 
 
-def test_file_that_lost_its_end_opens_as_far_as_it_goes(tmp_path: Path) -> None:
+def test_file_that_lost_its_end_opens_as_far_as_it_goes(tmp_path):
     path = unclosed_copy(tmp_path)
     data = path.read_bytes()
     path.write_bytes(data[: len(data) // 2])
@@ -56,7 +54,7 @@ def test_file_that_lost_its_end_opens_as_far_as_it_goes(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("data", [b"", b"no", b"PK\3\4" + bytes(100), b"\x89HDF\r\n\x1a\n" + bytes(60)])
-def test_other_files_are_refused_by_name(tmp_path: Path, data: bytes) -> None:
+def test_other_files_are_refused_by_name(tmp_path, data):
     path = tmp_path / "photo.h5"
     path.write_bytes(data)
     with pytest.raises(SessionError, match=r"photo\.h5"):

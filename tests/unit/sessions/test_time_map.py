@@ -1,10 +1,8 @@
 """A time map corrects everything that is read, and nothing that was written."""
 
-from __future__ import annotations
-
 import json
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import asdict, replace
 from io import BytesIO
 from pathlib import Path
@@ -44,7 +42,7 @@ STEPS = [TimeStep(0, 3600 * S, "stepped"), TimeStep(3 * S, 4260 * S, "slept 660 
 
 
 @pytest.fixture(scope="module")
-def corrected(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def corrected(tmp_path_factory):
     """Five pictures a second apart, with a mark from second 2 to second 4 and the health of second 4."""
     path, clock = tmp_path_factory.mktemp("corrected") / "a.h5", CountedClock()
     writer = SessionWriter(path, HEADER, clock)
@@ -59,11 +57,11 @@ def corrected(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def path(corrected: Path, tmp_path: Path) -> Path:
+def path(corrected, tmp_path):
     return Path(shutil.copy(corrected, tmp_path))
 
 
-def test_same_instant_has_the_same_time_wherever_it_is_read(path: Path) -> None:
+def test_same_instant_has_the_same_time_wherever_it_is_read(path):
     with open_session(path) as session:
         times_ns = [frame.time_ns for frame in session.samples("camera")]
         (mark,), (health,) = session.events(), session.health()
@@ -73,7 +71,7 @@ def test_same_instant_has_the_same_time_wherever_it_is_read(path: Path) -> None:
         assert session.end_ns - session.start_ns == 664 * S  # four seconds awake, eleven minutes asleep
 
 
-def test_times_are_corrected_at_once_or_not_at_all(path: Path) -> None:
+def test_times_are_corrected_at_once_or_not_at_all(path):
     """Also where the copy cannot be made, as on a disk that is full or read-only."""
     before = path.read_bytes()
     changing_path(path).mkdir()
@@ -88,7 +86,7 @@ def test_times_are_corrected_at_once_or_not_at_all(path: Path) -> None:
     assert [item.name for item in path.parent.iterdir()] == ["a.h5"]
 
 
-def test_recovery_and_checks_see_what_was_recorded(path: Path) -> None:
+def test_recovery_and_checks_see_what_was_recorded(path):
     utc_ns = CountedClock().to_utc_ns
     with open_session(path) as session:
         (mark,), (health,) = session.events(recorded=True), session.health(recorded=True)
@@ -99,14 +97,14 @@ def test_recovery_and_checks_see_what_was_recorded(path: Path) -> None:
     assert not [one for one in check(path) if one.level == "fail"]
 
 
-def test_recovered_file_keeps_recorded_times(path: Path) -> None:
+def test_recovered_file_keeps_recorded_times(path):
     rebuild(path, RECOVERED)
     with open_session(path) as session:
         (mark,) = (one for one in session.events(recorded=True) if one.kind is EventKind.MARK)
         assert mark.time_ns == CountedClock().to_utc_ns(2 * S)
 
 
-def test_log_beside_a_corrected_session_keeps_its_own_times(path: Path, tmp_path: Path) -> None:
+def test_log_beside_a_corrected_session_keeps_its_own_times(path, tmp_path):
     with open_session(path) as session:
         pictures_ns = [frame.time_ns for frame in session.samples("camera")]
         logged_ns = [*pictures_ns, pictures_ns[2] + 300 * S]  # the last while the computer slept
@@ -123,7 +121,7 @@ def test_log_beside_a_corrected_session_keeps_its_own_times(path: Path, tmp_path
         assert beside == ["camera", "logger"] * 3 + ["camera"] * 2
 
 
-def test_log_is_not_put_beside_a_session_whose_journal_holds_more(tmp_path: Path) -> None:
+def test_log_is_not_put_beside_a_session_whose_journal_holds_more(tmp_path):
     """The new session would be sealed without what the journal alone has."""
     writer = SessionWriter(tmp_path / "a.h5", HEADER, CountedClock())
     for n in range(5):
@@ -240,7 +238,7 @@ def contents(path: Path) -> object:
 
 
 @pytest.fixture(scope="module")
-def corrected_and_right(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Session, Session]]:
+def corrected_and_right(tmp_path_factory):
     """Both are only read."""
     late, right = (tmp_path_factory.mktemp(name) / "a.h5" for name in ("late", "right"))
     apply_time_map(full_session(late, 0), [TimeStep(0, LATE_NS, "gps")])
@@ -249,21 +247,19 @@ def corrected_and_right(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tu
         yield one, other
 
 
-def test_every_method_returns_corrected_times(corrected_and_right: tuple[Session, Session]) -> None:
+def test_every_method_returns_corrected_times(corrected_and_right):
     corrected, right = map(outputs, corrected_and_right)
     assert {name: (corrected[name], right[name]) for name in right if corrected[name] != right[name]} == {}
 
 
-def test_no_method_of_a_session_was_forgotten() -> None:
+def test_no_method_of_a_session_was_forgotten():
     public = {name for kind in (Session, Stream) for name in dir(kind) if not name.startswith("_")}
     known = OF_SESSION | BY_STREAM.keys() | OTHERWISE | WITHOUT_TIMES | AS_STORED | {"counts"}
     assert public == known
 
 
 @pytest.mark.parametrize("kind", list(EXPORTS))
-def test_every_export_has_corrected_times(
-    corrected_and_right: tuple[Session, Session], kind: str, tmp_path: Path
-) -> None:
+def test_every_export_has_corrected_times(corrected_and_right, kind, tmp_path):
     corrected, right = (
         export(session, kind, tmp_path / session.path.parent.name / "out").files
         for session in corrected_and_right

@@ -1,7 +1,5 @@
 """Sessions of other minor versions are read, and no shape of a header ends in a stack trace."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Callable
@@ -53,7 +51,7 @@ def rewritten(path: Path, change: Callable[[dict[str, Any]], None]) -> None:
 
 
 @pytest.fixture(scope="module")
-def sealed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def sealed(tmp_path_factory):
     path, clock = tmp_path_factory.mktemp("sealed") / "field.h5", CountedClock()
     writer = SessionWriter(path, header((24, 32)), clock)
     fill(writer, 10, clock)
@@ -67,12 +65,12 @@ def sealed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def path(sealed: Path, tmp_path: Path) -> Path:
+def path(sealed, tmp_path):
     return Path(shutil.copy(sealed, tmp_path))
 
 
 @pytest.fixture(scope="module")
-def sealed_by_a_newer(sealed: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def sealed_by_a_newer(sealed, tmp_path_factory):
     """A session of version 1.9: other kinds, states and fields, a column, a table and a group more."""
     path = Path(shutil.copy(sealed, tmp_path_factory.mktemp("newer")))
     with h5py.File(path, "r+", libver=LIBVER, track_order=True) as file:
@@ -93,11 +91,11 @@ def sealed_by_a_newer(sealed: Path, tmp_path_factory: pytest.TempPathFactory) ->
 
 
 @pytest.fixture
-def newer(sealed_by_a_newer: Path, tmp_path: Path) -> Path:
+def newer(sealed_by_a_newer, tmp_path):
     return Path(shutil.copy(sealed_by_a_newer, tmp_path))
 
 
-def test_kinds_states_and_fields_of_a_newer_version_are_kept(newer: Path) -> None:
+def test_kinds_states_and_fields_of_a_newer_version_are_kept(newer):
     with open_session(newer) as session:
         (event,) = (one for one in session.events() if one.kind == 77)
         assert (event.kind.name, event.severity, event.text) == ("UNKNOWN_77", 9, "the drone came back")
@@ -116,16 +114,14 @@ def test_kinds_states_and_fields_of_a_newer_version_are_kept(newer: Path) -> Non
         (export, ("--to", "png")),
     ],
 )  # fmt: skip
-def test_session_of_a_newer_version_is_shown_and_exported(
-    newer: Path, verb: Any, options: tuple[str, ...]
-) -> None:
+def test_session_of_a_newer_version_is_shown_and_exported(newer, verb, options):
     result = run(verb, newer.parent if verb is ls else newer, *options)
     assert result.exit_code == 0, result.output
     if verb is show:
         assert "unknown_77" in result.stdout
 
 
-def test_session_of_version_1_1_has_learnt_nothing_and_is_whole(path: Path, tmp_path: Path) -> None:
+def test_session_of_version_1_1_has_learnt_nothing_and_is_whole(path, tmp_path):
     as_version_1_1(path)
     assert [one.text for one in check(path) if one.level == "fail"] == []
     with open_session(path) as session:
@@ -138,7 +134,7 @@ def test_session_of_version_1_1_has_learnt_nothing_and_is_whole(path: Path, tmp_
     assert [one.text for one in check(path) if one.level == "fail"] == []
 
 
-def test_slopes_of_a_newer_version_are_refused_in_words(newer: Path) -> None:
+def test_slopes_of_a_newer_version_are_refused_in_words(newer):
     result = run(estimate, newer)
     assert not isinstance(result.exception, TypeError | KeyError | ValueError), result.exception
 
@@ -175,7 +171,7 @@ SHAPES = [
 
 
 @pytest.mark.parametrize("change", SHAPES)
-def test_header_of_another_shape_is_a_finding(path: Path, change: Callable[[dict[str, Any]], None]) -> None:
+def test_header_of_another_shape_is_a_finding(path, change):
     with h5py.File(path, "r+", libver=LIBVER, track_order=True) as file:
         plain = json.loads(file["config/header"][()])
         change(plain)
@@ -200,7 +196,7 @@ def test_header_of_another_shape_is_a_finding(path: Path, change: Callable[[dict
         ),
     ],
 )
-def test_details_of_another_shape_end_nothing(path: Path, details: str) -> None:
+def test_details_of_another_shape_end_nothing(path, details):
     with h5py.File(path, "r+", libver=LIBVER) as file:
         file["events/data"][-1] = details.encode()
     assert "events" in [one.what for one in check(path) if one.level == "fail"]
@@ -209,7 +205,7 @@ def test_details_of_another_shape_end_nothing(path: Path, details: str) -> None:
         assert result.exit_code == 0, (verb, result.output, result.exception)
 
 
-def test_settings_of_another_shape_end_no_check(path: Path) -> None:
+def test_settings_of_another_shape_end_no_check(path):
     rewritten(path, _set("streams", 0, "settings", value={"emissivity": "shiny", "gain": [[]]}))
     findings = check(path)
     assert any(one.what == "camera" for one in findings)

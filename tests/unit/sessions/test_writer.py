@@ -1,7 +1,5 @@
 """What goes into a session comes out again, the same, whatever went wrong on the side of the file."""
 
-from __future__ import annotations
-
 import dataclasses
 import shutil
 from pathlib import Path
@@ -40,7 +38,7 @@ def appended_and_read(
         assert not any(item.quality & Quality.BAD_CRC for item in found)
 
 
-def test_samples_are_the_same_to_the_nanosecond(tmp_path: Path) -> None:
+def test_samples_are_the_same_to_the_nanosecond(tmp_path):
     clock = CountedClock()
     writer = SessionWriter(tmp_path / "a.h5", HEADER, clock)
     appended = fill(writer, 50, clock)
@@ -53,7 +51,7 @@ def test_samples_are_the_same_to_the_nanosecond(tmp_path: Path) -> None:
     assert [item.name for item in tmp_path.iterdir()] == ["a.h5"]
 
 
-def test_entries_are_the_same(tmp_path: Path) -> None:
+def test_entries_are_the_same(tmp_path):
     clock = CountedClock()
     writer = SessionWriter(tmp_path / "a.h5", HEADER, clock)
     now = clock.mono_ns()
@@ -94,7 +92,7 @@ def test_entries_are_the_same(tmp_path: Path) -> None:
         assert np.array_equal(file["regions/mask"][1], mask)
 
 
-def test_long_text_is_cut_between_characters(tmp_path: Path) -> None:
+def test_long_text_is_cut_between_characters(tmp_path):
     clock = CountedClock()
     writer = SessionWriter(tmp_path / "a.h5", HEADER, clock)
     writer.put(Event(EventKind.MARK, 1, clock.to_utc_ns(1), "é" * 300, data={"long": "x" * 2000}))
@@ -106,7 +104,7 @@ def test_long_text_is_cut_between_characters(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("is_killed", [False, True])
-def test_entries_that_no_column_holds_keep_nothing_from_being_stored(tmp_path: Path, is_killed: bool) -> None:
+def test_entries_that_no_column_holds_keep_nothing_from_being_stored(tmp_path, is_killed):
     """Times of other ages, bytes of a file name that are no UTF-8, a region that was not declared."""
     path, clock, late = tmp_path / "caf\udce9.h5", CountedClock(), 9_223_372_036_854_775_807
     strange = dataclasses.replace(HEADER, command_line=f"fieldkit -C {path}", title=str(path))
@@ -135,7 +133,7 @@ def test_entries_that_no_column_holds_keep_nothing_from_being_stored(tmp_path: P
 
 
 @pytest.mark.parametrize("count", [256, 257])
-def test_session_has_room_for_as_many_regions_as_a_byte_counts(tmp_path: Path, count: int) -> None:
+def test_session_has_room_for_as_many_regions_as_a_byte_counts(tmp_path, count):
     regions = tuple(dataclasses.replace(HEADER.regions[0], name=f"r{n}") for n in range(count))
     many = dataclasses.replace(HEADER, regions=regions)
     if count > 256:
@@ -148,7 +146,7 @@ def test_session_has_room_for_as_many_regions_as_a_byte_counts(tmp_path: Path, c
         assert [record.region.name for record in session.region_history()] == [f"r{n}" for n in range(256)]
 
 
-def test_sample_that_is_not_as_declared_is_refused(tmp_path: Path) -> None:
+def test_sample_that_is_not_as_declared_is_refused(tmp_path):
     writer = SessionWriter(tmp_path / "a.h5", HEADER, CountedClock())
     with pytest.raises(ValueError, match="declared"):
         writer.append(sample(header((12, 32)).streams[0], 0))
@@ -168,14 +166,14 @@ def test_sample_that_is_not_as_declared_is_refused(tmp_path: Path) -> None:
     assert writer.close().verified == 0
 
 
-def test_closed_writer_takes_nothing(tmp_path: Path) -> None:
+def test_closed_writer_takes_nothing(tmp_path):
     writer = SessionWriter(tmp_path / "a.h5", HEADER, CountedClock())
     writer.close()
     with pytest.raises(SessionError, match="closed"):
         writer.append(sample(HEADER.streams[0], 0))
 
 
-def test_burst_of_fifty_frames_is_kept(tmp_path: Path) -> None:
+def test_burst_of_fifty_frames_is_kept(tmp_path):
     clock = CountedClock()
     head = header((240, 320), rate_hz=9.0)
     writer = SessionWriter(tmp_path / "a.h5", head, clock)
@@ -185,9 +183,7 @@ def test_burst_of_fifty_frames_is_kept(tmp_path: Path) -> None:
     assert writer.close().counts["camera"] == 50
 
 
-def test_what_was_not_handed_over_is_read_back_from_the_journal(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_was_not_handed_over_is_read_back_from_the_journal(tmp_path, monkeypatch):
     monkeypatch.setattr(session_file, "HANDOVER_BYTES", 4_000)  # room for one or two frames
     clock = CountedClock()
     writer = SessionWriter(tmp_path / "a.h5", HEADER, clock)
@@ -196,9 +192,7 @@ def test_what_was_not_handed_over_is_read_back_from_the_journal(
     appended_and_read(tmp_path / "a.h5", appended)
 
 
-def test_long_journal_is_shortened_and_nothing_is_lost(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_long_journal_is_shortened_and_nothing_is_lost(tmp_path, monkeypatch):
     monkeypatch.setattr(journal, "PART_BYTES", 20_000)  # a full part takes 256 MB
     monkeypatch.setattr(session_file, "JOURNAL_BYTES", 60_000)  # after 750 MB parts go
     monkeypatch.setattr(session_file, "FLUSH_EVERY_S", 0.0)
@@ -220,7 +214,7 @@ def test_long_journal_is_shortened_and_nothing_is_lost(
     appended_and_read(path, appended)
 
 
-def test_recording_goes_on_when_the_file_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_recording_goes_on_when_the_file_fails(tmp_path, monkeypatch):
     """The session is finished from the journal."""
     clock, path = CountedClock(), tmp_path / "a.h5"
     writer = SessionWriter(path, HEADER, clock)
@@ -237,9 +231,7 @@ def test_recording_goes_on_when_the_file_fails(tmp_path: Path, monkeypatch: pyte
     assert [item.name for item in tmp_path.iterdir()] == ["a.h5"]
 
 
-def test_session_of_which_something_is_lost_is_not_sealed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_session_of_which_something_is_lost_is_not_sealed(tmp_path, monkeypatch):
     """The file side fails, and five rows of the journal are damaged: only recovery says what is missing."""
     path, clock = tmp_path / "a.h5", CountedClock()
     writer = SessionWriter(path, HEADER, clock)
@@ -273,7 +265,7 @@ def filled_without_its_file(
     return appended
 
 
-def test_abandoned_session_is_left_for_recovery(tmp_path: Path) -> None:
+def test_abandoned_session_is_left_for_recovery(tmp_path):
     clock = CountedClock()
     path = tmp_path / "a.h5"
     writer = SessionWriter(path, HEADER, clock)
@@ -290,7 +282,7 @@ def test_abandoned_session_is_left_for_recovery(tmp_path: Path) -> None:
         assert session.events()[-1].kind is EventKind.RECOVERED
 
 
-def test_living_recording_can_be_read_but_not_recovered(tmp_path: Path) -> None:
+def test_living_recording_can_be_read_but_not_recovered(tmp_path):
     clock = CountedClock()
     path = tmp_path / "a.h5"
     writer = SessionWriter(path, HEADER, clock)
@@ -300,7 +292,7 @@ def test_living_recording_can_be_read_but_not_recovered(tmp_path: Path) -> None:
     writer.close()
 
 
-def test_a_file_that_lacks_the_journals_last_sample_is_not_sealed(tmp_path: Path) -> None:
+def test_a_file_that_lacks_the_journals_last_sample_is_not_sealed(tmp_path):
     clock = CountedClock()
     writer = SessionWriter(tmp_path / "a.h5", header((24, 32)), clock)
     fill(writer, 8, clock)
@@ -313,9 +305,7 @@ def test_a_file_that_lacks_the_journals_last_sample_is_not_sealed(tmp_path: Path
             seal_module.seal(tmp_path / "a.h5", {**crcs, name: [*crcs[name], 1]}, 1)
 
 
-def test_journal_deleted_while_recording_is_reported_and_the_session_interrupted(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_journal_deleted_while_recording_is_reported_and_the_session_interrupted(tmp_path, caplog):
     clock, path = CountedClock(), tmp_path / "a.h5"
     writer = SessionWriter(path, HEADER, clock)
     appended = fill(writer, 30, clock)
@@ -334,7 +324,7 @@ def test_journal_deleted_while_recording_is_reported_and_the_session_interrupted
         assert any("was deleted while recording" in event.text for event in session.events())
 
 
-def test_bytes_written_are_those_on_the_disk(tmp_path: Path) -> None:
+def test_bytes_written_are_those_on_the_disk(tmp_path):
     """Of a meter alone: each reading once cost the journal pages of 4096 bytes."""
     head = dataclasses.replace(HEADER, streams=HEADER.streams[1:2])
     writer = SessionWriter(tmp_path / "a.h5", head, CountedClock())

@@ -1,7 +1,5 @@
 """How a session begins: under a name of its own, alone, leaving nothing behind where it cannot."""
 
-from __future__ import annotations
-
 import gc
 import os
 import subprocess
@@ -22,7 +20,7 @@ from tests.harness.recording import SPAWN, CountedClock, fill, header, sample
 HEADER = header((24, 32))
 
 
-def test_session_is_never_written_over(tmp_path: Path) -> None:
+def test_session_is_never_written_over(tmp_path):
     SessionWriter(tmp_path / "a.h5", HEADER, CountedClock()).close()
     with pytest.raises(RefusedError, match="exists already"):
         SessionWriter(tmp_path / "a.h5", HEADER, CountedClock())
@@ -44,7 +42,7 @@ def begin_at_once(path: Path, barrier: Barrier, begun: Queue) -> None:
     writer.close()
 
 
-def test_of_two_that_begin_the_same_session_at_once_one_has_it(tmp_path: Path) -> None:
+def test_of_two_that_begin_the_same_session_at_once_one_has_it(tmp_path):
     barrier, begun = SPAWN.Barrier(2), SPAWN.Queue()
     for number in range(3):
         path = tmp_path / f"{number}.h5"
@@ -58,9 +56,7 @@ def test_of_two_that_begin_the_same_session_at_once_one_has_it(tmp_path: Path) -
             assert (session.state, session.count("camera")) == ("sealed", 5)
 
 
-def test_session_sealed_since_one_looked_is_left_alone(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_session_sealed_since_one_looked_is_left_alone(tmp_path, monkeypatch):
     path, exists = tmp_path / "a.h5", Path.exists
 
     def look(place: Path) -> bool:
@@ -79,7 +75,7 @@ def test_session_sealed_since_one_looked_is_left_alone(
 
 
 @pytest.mark.parametrize("room", [0, 10_000, 1_000_000])  # for nothing, the journal, all but its reserve
-def test_start_that_fails_leaves_nothing_open_and_nothing_behind(tmp_path: Path, room: int) -> None:
+def test_start_that_fails_leaves_nothing_open_and_nothing_behind(tmp_path, room):
     with full_disk(room), pytest.raises(StorageError, match="File too large"):
         SessionWriter(tmp_path / "a.h5", HEADER, CountedClock())
     assert not list(tmp_path.iterdir())
@@ -88,13 +84,13 @@ def test_start_that_fails_leaves_nothing_open_and_nothing_behind(tmp_path: Path,
     assert not [name for name in opened if str(tmp_path) in name]
 
 
-def test_folder_that_cannot_be_written_is_a_storage_error(tmp_path: Path) -> None:
+def test_folder_that_cannot_be_written_is_a_storage_error(tmp_path):
     (tmp_path / "file").write_text("no folder")
     with pytest.raises(StorageError, match="cannot start"):
         SessionWriter(tmp_path / "file" / "a.h5", HEADER, CountedClock())
 
 
-def test_sessions_can_be_begun_in_several_threads_at_once(tmp_path: Path) -> None:
+def test_sessions_can_be_begun_in_several_threads_at_once(tmp_path):
     def begin_and_close(number: int) -> int:
         writer = SessionWriter(tmp_path / f"{number}.h5", HEADER, CountedClock())
         writer.append(sample(HEADER.streams[0], 0))
@@ -123,7 +119,7 @@ for more in range(12):
 """
 
 
-def test_start_without_enough_open_files_leaves_nothing_behind(tmp_path: Path) -> None:
+def test_start_without_enough_open_files_leaves_nothing_behind(tmp_path):
     done = subprocess.run(
         [sys.executable, "-c", FEW_FILES, str(tmp_path)], capture_output=True, text=True, check=False
     )

@@ -1,7 +1,5 @@
 """Terrain: a pixel of a slope is a bed of that slope and horizon."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -22,7 +20,7 @@ WALL = np.where(np.abs(np.arange(36) * 10.0 - 200.0) < 15.0, 40.0, 0.0)
 """From 190 to 210 degrees, level from 180 and 220 on."""
 
 
-def test_a_pixel_is_as_warm_as_a_bed_of_its_slope_behind_its_horizon() -> None:
+def test_a_pixel_is_as_warm_as_a_bed_of_its_slope_behind_its_horizon():
     horizon = [(10.0 * n, float(up)) for n, up in enumerate(WALL)]
     sand = replace(GROUND, depth_m=0.02)
     beds = [
@@ -42,7 +40,7 @@ def test_a_pixel_is_as_warm_as_a_bed_of_its_slope_behind_its_horizon() -> None:
     assert steep - behind > 5.0  # the wall hides the sun
 
 
-def test_light_and_sky_are_those_of_the_same_horizon_as_pairs() -> None:
+def test_light_and_sky_are_those_of_the_same_horizon_as_pairs():
     horizon = [(10.0 * n, float(up)) for n, up in enumerate(WALL)]
     terrain = Terrain(normal([0.0], [0.0]), WALL[np.newaxis])
     times_ns = ALAMOSA_NOON_NS + np.arange(0, 10_800, 30) * SECOND_NS

@@ -1,7 +1,5 @@
 """A small field for the views: a reference, two beds, three instruments."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -19,12 +17,12 @@ def box(left: float, top: float, right: float, bottom: float) -> tuple[tuple[flo
 
 
 @pytest.fixture(scope="session")
-def site() -> Site:
+def site():
     return Site(35.558675, 139.395232, 9.0, "Asia/Tokyo")  # the paper's
 
 
 @pytest.fixture(scope="session")
-def regions() -> tuple[Region, ...]:
+def regions():
     return (
         Region("flat", RegionKind.REFERENCE, box(2, 20, 12, 28), 0.0, 0.0),
         Region("b15", RegionKind.TARGET, box(16, 20, 24, 28), 15.0, 180.0),
@@ -33,7 +31,7 @@ def regions() -> tuple[Region, ...]:
 
 
 @pytest.fixture(scope="session")
-def streams() -> tuple[StreamInfo, ...]:
+def streams():
     return (
         StreamInfo("camera", "brightness_temperature", "K", (30, 40), scale=0.01, rate_hz=9.0),
         StreamInfo("lux", "illuminance", "lx", (1,), channels=("lux",), rate_hz=1.0),
@@ -42,7 +40,7 @@ def streams() -> tuple[StreamInfo, ...]:
 
 
 @pytest.fixture
-def frame(regions) -> Frame:
+def frame(regions):
     """290 K all over, 300 K on the flat, 310 K on b15, 320 K on b25."""
     kelvin = np.full((30, 40), 290.0)
     for region, temperature in zip(regions, (300.0, 310.0, 320.0), strict=True):

@@ -1,12 +1,9 @@
 """The feed passes a recording on to readers and never waits for them."""
 
-from __future__ import annotations
-
 import math
 import stat
 import threading
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -46,12 +43,12 @@ def minute(number: int) -> Minute:
 
 
 @pytest.fixture
-def path(tmp_path: Path) -> Path:
+def path(tmp_path):
     return tmp_path / "feed"
 
 
 @pytest.fixture
-def feed(path: Path):
+def feed(path):
     feed = Feed(path, Latest(SITE, REGIONS, STREAMS, "day", 10**18))
     yield feed
     feed.close()

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import io
 import math
 from dataclasses import replace
@@ -16,7 +14,7 @@ SECOND_NS = 10**9
 
 
 @pytest.fixture
-def latest(site, regions, streams) -> Latest:
+def latest(site, regions, streams):
     return Latest(site, regions, streams, "three-beds")
 
 

@@ -13,18 +13,18 @@ CUBE = {"16": 0, "231": 255}  # black and white of xterm's 256 colours, which no
 
 
 @pytest.mark.parametrize("background", [0, 255], ids=["dark theme", "light theme"])
-def test_a_phone_reads_the_address_from_the_terminal(background: int) -> None:
+def test_a_phone_reads_the_address_from_the_terminal(background):
     found, _, _ = cv2.QRCodeDetector().detectAndDecode(_screenshot(qr_lines(ADDRESS), background))
     assert found == ADDRESS
 
 
-def test_it_fits_a_terminal_of_24_lines_beside_the_address() -> None:
+def test_it_fits_a_terminal_of_24_lines_beside_the_address():
     lines = qr_lines(ADDRESS)
     assert len(lines) <= 19
     assert {len(_characters(line)) for line in lines} == {37}
 
 
-def test_the_quiet_zone_is_four_modules_wide() -> None:
+def test_the_quiet_zone_is_four_modules_wide():
     """ISO/IEC 18004, 9.1: four modules of light on all four sides."""
     modules = np.vstack([_modules(line) for line in qr_lines(ADDRESS)])[:37]
     assert modules[:4].all()

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import io
 import re
 from dataclasses import replace
@@ -22,7 +20,7 @@ SMALL_SIZES = [(46, 24), (44, 24), (40, 20), (80, 8), (80, 5), (30, 10), (10, 3)
 
 
 @pytest.fixture
-def latest(site, regions, streams, frame, make_minute) -> Latest:
+def latest(site, regions, streams, frame, make_minute):
     """One hour into a recording of three."""
     latest = Latest(site, regions, streams, "three-beds", START_NS + 3 * 3600 * SECOND_NS)
     latest.update(Event(EventKind.START, 0, START_NS, "recording 20171211T030800Z-three-beds"))

@@ -1,15 +1,11 @@
 """sd_notify(3): a real recording on simulated devices, and a real socket in systemd's place."""
 
-from __future__ import annotations
-
 import os
 import signal
 import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
@@ -25,7 +21,7 @@ SILENCE_S = 3.0  # of a feed that comes once a second
 
 
 @pytest.fixture
-def manager(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ServiceManager]:
+def manager(tmp_path, monkeypatch):
     manager = ServiceManager(tmp_path / "notify")
     monkeypatch.setenv("NOTIFY_SOCKET", manager.address)
     monkeypatch.delenv("SYSTEMD_EXEC_PID", raising=False)
@@ -34,14 +30,14 @@ def manager(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Service
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path):
     folder = tmp_path / "campaign"
     assert CliRunner().invoke(main, ["init", "--simulated", str(folder)]).exit_code == 0
     return folder
 
 
 @pytest.fixture
-def record(folder: Path) -> Iterator[Callable[..., subprocess.Popen[bytes]]]:
+def record(folder):
     """Begins a recording in a process of its own, at the pace of real time; ends what is left of it."""
     begun = []
 

@@ -1,7 +1,5 @@
 """The views on a real pseudo-terminal, as the recorder uses them."""
 
-from __future__ import annotations
-
 import io
 import os
 import pty

@@ -1,7 +1,5 @@
 """What all cameras' frames share: kelvin by the scale, and every field in its place."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -20,22 +18,22 @@ def frame(counts: np.ndarray, scale: float, offset: float = 0.0) -> DecodedFrame
 
 @pytest.mark.parametrize(("scale", "offset"), [(0.01, 0.0), (0.1, 0.0), (1 / 64, 0.0), (0.04, -120.5)])
 @pytest.mark.parametrize("counts", [COUNTS, COUNTS * 0, COUNTS * 0 + 0xFFFF], ids=["room", "zeros", "ends"])
-def test_kelvin_are_counts_times_scale_and_offset(counts: np.ndarray, scale: float, offset: float) -> None:
+def test_kelvin_are_counts_times_scale_and_offset(counts, scale, offset):
     found = kelvin(frame(counts.astype("<u2"), scale, offset))
     assert (found.dtype, found.shape) == (np.float32, counts.shape)
     # single precision: half a step of the last bit up to 6553.5 K
     np.testing.assert_allclose(found, counts.astype(np.float64) * scale + offset, rtol=0, atol=5e-4)
 
 
-def test_without_a_scale_there_are_no_kelvin() -> None:
+def test_without_a_scale_there_are_no_kelvin():
     assert np.isnan(kelvin(frame(COUNTS, float("nan")))).all()
 
 
-def test_a_frame_knows_its_coldest_and_hottest() -> None:
+def test_a_frame_knows_its_coldest_and_hottest():
     assert frame(COUNTS, 0.01).extremes == (COUNTS.min(), COUNTS.max())
 
 
-def test_a_frame_with_telemetry_has_every_field() -> None:
+def test_a_frame_with_telemetry_has_every_field():
     rows = np.zeros(320, "<u2")
     rows[[0, 24, 26, 208, 209]] = 14, 30_015, 29_815, 1, 1
     told = purethermal.decode((COUNTS[0, 0] + np.zeros((120, 160), "<u2")).tobytes() + rows.tobytes())
@@ -44,7 +42,7 @@ def test_a_frame_with_telemetry_has_every_field() -> None:
 
 
 @pytest.mark.parametrize(("count", "flagged"), [(0, True), (1, False), (0xFFFE, False), (0xFFFF, True)])
-def test_a_pixel_at_either_end_of_the_counts_is_saturated(count: int, flagged: bool) -> None:
+def test_a_pixel_at_either_end_of_the_counts_is_saturated(count, flagged):
     counts = COUNTS.copy()
     counts[20, 30] = count
     assert (Quality.SATURATED in frame(counts, 0.01).quality) is flagged

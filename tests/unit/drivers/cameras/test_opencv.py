@@ -1,9 +1,6 @@
 """The fallback reader, on a capture that answers as OpenCV's own does where there is a camera."""
 
-from __future__ import annotations
-
 import sys
-from collections.abc import Callable
 
 import cv2
 import numpy as np
@@ -54,7 +51,7 @@ class Capture:
 
 
 @pytest.fixture
-def opened(monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[OpenCvSource, Capture]]:
+def opened(monkeypatch):
     def begin(frames: int, sizes: tuple[tuple[int, int], ...] = SIZES) -> tuple[OpenCvSource, Capture]:
         clock = SimulatedClock(0)
         capture = Capture(clock, frames)
@@ -64,7 +61,7 @@ def opened(monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[OpenCvSource,
     return begin
 
 
-def test_the_size_that_the_camera_sends_is_found_by_its_bytes(opened) -> None:
+def test_the_size_that_the_camera_sends_is_found_by_its_bytes(opened):
     source, capture = opened(10)
     assert (source.backend, source.port, source.size) == ("opencv", "/dev/video2", (160, 120))
     if sys.platform == "linux":
@@ -74,7 +71,7 @@ def test_the_size_that_the_camera_sends_is_found_by_its_bytes(opened) -> None:
     assert capture.asked[-1] == (cv2.CAP_PROP_CONVERT_RGB, 0)  # changing the format turns it on again
 
 
-def test_frames_come_raw_until_the_camera_is_gone(opened) -> None:
+def test_frames_come_raw_until_the_camera_is_gone(opened):
     source, capture = opened(4)
     found = [source.read(1.0) for _ in range(2)]  # two were spent on finding the size
     assert [set(one.data) for one in found if one] == [{3}, {4}]
@@ -87,7 +84,7 @@ def test_frames_come_raw_until_the_camera_is_gone(opened) -> None:
     assert capture.released == 1
 
 
-def test_a_stamp_of_the_kernel_is_taken_and_one_that_cannot_be_is_not(opened) -> None:
+def test_a_stamp_of_the_kernel_is_taken_and_one_that_cannot_be_is_not(opened):
     source, capture = opened(20)
     now_ns = capture.clock.mono_ns()
     capture.stamp_ms = (now_ns + 0.06 * SECOND_NS) / 1e6  # before the frame arrives, 0.1 s later
@@ -97,7 +94,7 @@ def test_a_stamp_of_the_kernel_is_taken_and_one_that_cannot_be_is_not(opened) ->
         assert source.read(1.0).mono_ns == capture.clock.mono_ns()
 
 
-def test_frames_are_let_by_until_a_time(opened) -> None:
+def test_frames_are_let_by_until_a_time(opened):
     source, capture = opened(20)
     source.skip_until(capture.clock.mono_ns() + SECOND_NS)
     assert set(source.read(1.0).data) == {13}
@@ -105,7 +102,7 @@ def test_frames_are_let_by_until_a_time(opened) -> None:
         source.skip_until(capture.clock.mono_ns() + 10 * SECOND_NS)
 
 
-def test_commands_go_by_the_zoom_or_not_at_all(opened) -> None:
+def test_commands_go_by_the_zoom_or_not_at_all(opened):
     source, capture = opened(10)
     source.set_zoom(0x8004)
     assert capture.asked[-1] == (cv2.CAP_PROP_ZOOM, float(0x8004))
@@ -116,6 +113,6 @@ def test_commands_go_by_the_zoom_or_not_at_all(opened) -> None:
 
 
 @pytest.mark.parametrize(("frames", "sizes"), [(0, SIZES), (10, ((640, 512),))])
-def test_a_camera_that_sends_something_else_is_let_go(opened, frames: int, sizes) -> None:
+def test_a_camera_that_sends_something_else_is_let_go(opened, frames, sizes):
     with pytest.raises(DeviceNotFoundError, match="gets no raw Y16 frame from /dev/video2"):
         opened(frames, sizes)

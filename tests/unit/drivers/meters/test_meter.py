@@ -1,7 +1,5 @@
 """Units of meters, by the definitions of NIST Special Publication 811, appendix B."""
 
-from __future__ import annotations
-
 import pytest
 
 from fieldkit.drivers.meters.meter import STREAM_UNITS, TO_SI
@@ -18,6 +16,6 @@ EXACT = [
 
 
 @pytest.mark.parametrize(("unit", "shown", "stored"), EXACT)
-def test_what_a_meter_shows_is_stored_in_si(unit: str, shown: float, stored: float) -> None:
+def test_what_a_meter_shows_is_stored_in_si(unit, shown, stored):
     add, divide = TO_SI[unit, STREAM_UNITS[unit]]
     assert (shown + add) / divide == pytest.approx(stored, rel=1e-12)

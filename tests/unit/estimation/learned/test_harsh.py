@@ -12,7 +12,7 @@ import pytest
 from benchmarks.drawn_worlds import CLEAR, drawn_world
 from benchmarks.estimation_harsh import air_stops, light_alone
 from benchmarks.estimation_learned import without_wind
-from benchmarks.harsh_worlds import HARMLESS, HARSH, Harm, harsh_world
+from benchmarks.harsh_worlds import HARMLESS, HARSH, harsh_world
 from fieldkit.estimation.chain import SlopeChain
 
 MINUTES = 60
@@ -44,7 +44,7 @@ def judge(outcomes, most_deg):
         pytest.param(HARSH, 5.0, id="everything"),
     ],
 )
-def test_beds_that_are_not_alike(harm: Harm, most_deg: float, seeds: tuple[int, ...]):
+def test_beds_that_are_not_alike(harm, most_deg, seeds):
     worlds = [harsh_world(seed, CLEAR, harm=harm, minutes=MINUTES) for seed in seeds]
     judge([found(world, without_wind(world.history)) for world in worlds], most_deg)
 

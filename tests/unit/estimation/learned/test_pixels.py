@@ -18,7 +18,7 @@ MINUTES = 60
 
 
 @pytest.mark.parametrize("seed", [6000, pytest.param(6001, marks=pytest.mark.slow)])
-def test_pixels_of_a_region_have_its_slope(seed: int) -> None:
+def test_pixels_of_a_region_have_its_slope(seed):
     """Shadows, gusts of each bed's own, unlike sand, another sky: before, whole beds were refused."""
     found = mapped_world(harsh_world(seed, CLEAR, RANDOM, harm=HARSH, minutes=MINUTES))
     for row, region in enumerate(found.regions, start=1):
@@ -33,7 +33,7 @@ def test_pixels_of_a_region_have_its_slope(seed: int) -> None:
         assert np.median(found.slopes.chi_square[row]) < 3.0
 
 
-def test_the_exchange_of_each_minute_is_that_of_the_wind() -> None:
+def test_the_exchange_of_each_minute_is_that_of_the_wind():
     """The world's exchange follows its wind, which is not logged."""
     world = harsh_world(
         6003, CLEAR, RANDOM, harm=replace(HARMLESS, per_wind=(4.0, 4.0), gusts=True), minutes=60
@@ -50,7 +50,7 @@ def test_the_exchange_of_each_minute_is_that_of_the_wind() -> None:
     assert np.ptp(without.exchange_w_m2_k) == 0.0
 
 
-def test_without_anything_learnt_pixels_are_solved_by_the_full_model() -> None:
+def test_without_anything_learnt_pixels_are_solved_by_the_full_model():
     world = harsh_world(6002, CLEAR, RANDOM, harm=HARMLESS, minutes=20)
     regions = tuple(
         replace(one, vertices=((0, row), (2, row), (2, row + 1), (0, row + 1)))

@@ -1,11 +1,8 @@
 """Histories of several days: what is said after a night, and what a minute costs late in a long session."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from benchmarks.drawn_worlds import CLEAR
 from fieldkit.estimation.bins import History, RegionColumns, joined
@@ -26,7 +23,7 @@ def a_day_later(day: History) -> History:
     return replace(day, minute=day.minute + one_day_ns // MINUTE_NS, time_ns=day.time_ns + one_day_ns)
 
 
-def test_after_a_night_the_reason_is_that_of_the_new_day() -> None:
+def test_after_a_night_the_reason_is_that_of_the_new_day():
     world = drawn_world(5, CLEAR, minutes=12)
     day = world.history
     later = replace(a_day_later(day), temperature_k=np.full_like(day.temperature_k, np.nan))
@@ -36,7 +33,7 @@ def test_after_a_night_the_reason_is_that_of_the_new_day() -> None:
         assert one.window_start_ns == later.time_ns[0]
 
 
-def test_all_days_of_a_table_count() -> None:
+def test_all_days_of_a_table_count():
     """Five minutes of the second day took the place of all of the first."""
     world = drawn_world(5, CLEAR, minutes=30)
     settings = replace(world.settings, model="learned")
@@ -46,7 +43,7 @@ def test_all_days_of_a_table_count() -> None:
         assert one.n_bins == 35
 
 
-def test_shade_is_looked_up_beside_a_minute_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_shade_is_looked_up_beside_a_minute_alone(monkeypatch):
     """Looking through the whole session for each minute takes a time that grows with its square."""
     world, minutes = drawn_world(5, CLEAR, minutes=40), 40
     settings = replace(world.settings, horizon=((0.0, 1.0), (180.0, 1.0)))

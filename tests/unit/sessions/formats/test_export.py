@@ -1,13 +1,10 @@
 """What other programs get is what was recorded, with units and times."""
 
-from __future__ import annotations
-
 import base64
 import json
 import math
 import resource
 import shutil
-from collections.abc import Callable
 from dataclasses import asdict, replace
 from datetime import UTC
 from pathlib import Path
@@ -60,32 +57,32 @@ def recorded(path: Path, about: SessionHeader = HEADER, frames: int = FRAMES) ->
 
 
 @pytest.fixture(scope="module")
-def sealed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def sealed(tmp_path_factory):
     path = tmp_path_factory.mktemp("sealed") / "field.h5"
     recorded(path).close()
     return path
 
 
 @pytest.fixture
-def session(sealed: Path, tmp_path: Path):
+def session(sealed, tmp_path):
     with open_session(Path(shutil.copy(sealed, tmp_path))) as opened:
         yield opened
 
 
 @pytest.fixture(scope="module")
-def sealed_of_two_cameras(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def sealed_of_two_cameras(tmp_path_factory):
     path = tmp_path_factory.mktemp("two-cameras") / "field.h5"
     recorded(path, TWO_CAMERAS, frames=4).close()
     return path
 
 
 @pytest.fixture
-def two_cameras(sealed_of_two_cameras: Path, tmp_path: Path):
+def two_cameras(sealed_of_two_cameras, tmp_path):
     with open_session(Path(shutil.copy(sealed_of_two_cameras, tmp_path))) as opened:
         yield opened
 
 
-def test_region_series_is_mean_and_spread_of_its_pixels(session: SessionReader) -> None:
+def test_region_series_is_mean_and_spread_of_its_pixels(session):
     series = session.region_series()
     assert series.regions == ("flat", "b05")
     mask = HEADER.regions[0].mask((24, 32))
@@ -97,13 +94,13 @@ def test_region_series_is_mean_and_spread_of_its_pixels(session: SessionReader) 
     assert series.time_ns[0] == next(session.samples("camera")).time_ns
 
 
-def test_another_calibration_may_be_chosen(session: SessionReader) -> None:
+def test_another_calibration_may_be_chosen(session):
     doubled = session.kelvin(0, 2, calibration=lambda counts: counts * 0.02)
     assert doubled == pytest.approx(2 * session.kelvin(0, 2), abs=1e-9)
     assert np.array_equal(session.raw("camera")[3], picture(3, (24, 32)))
 
 
-def test_region_outside_the_picture_and_meters_are_refused(session: SessionReader) -> None:
+def test_region_outside_the_picture_and_meters_are_refused(session):
     outside = Region("far", RegionKind.TARGET, ((100.0, 100.0), (110.0, 100.0), (110.0, 110.0)))
     with pytest.raises(SessionError, match="no pixel"):
         session.region_series([outside])
@@ -113,7 +110,7 @@ def test_region_outside_the_picture_and_meters_are_refused(session: SessionReade
         session.to_pandas("sonar")
 
 
-def test_pandas_has_units_in_its_columns(session: SessionReader) -> None:
+def test_pandas_has_units_in_its_columns(session):
     table = session.to_pandas("thermometer")
     assert list(table.columns[:4]) == ["T1 [K]", "T2 [K]", "T3 [K]", "T4 [K]"]
     assert table["T3 [K]"].iloc[4] == 252 + 4 / 3
@@ -121,7 +118,7 @@ def test_pandas_has_units_in_its_columns(session: SessionReader) -> None:
     assert list(session.to_pandas("lux").columns[:1]) == ["illuminance [lx]"]
 
 
-def test_meter_without_a_reading_is_an_empty_table(tmp_path: Path) -> None:
+def test_meter_without_a_reading_is_an_empty_table(tmp_path):
     SessionWriter(tmp_path / "a.h5", header((24, 32)), CountedClock()).close()
     with open_session(tmp_path / "a.h5") as session:
         table = session.to_pandas("thermometer")
@@ -129,7 +126,7 @@ def test_meter_without_a_reading_is_an_empty_table(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", ["csv", "parquet"])
-def test_tables_are_tidy_and_come_back(session: SessionReader, tmp_path: Path, kind: str) -> None:
+def test_tables_are_tidy_and_come_back(session, tmp_path, kind):
     paths = {path.stem.removeprefix("field-"): path for path in export_tables(session, tmp_path, kind)}
     assert set(paths) == {"camera-regions", "lux", "thermometer", "slopes", "events"}
     read = pd.read_csv if kind == "csv" else pd.read_parquet
@@ -144,11 +141,11 @@ def test_tables_are_tidy_and_come_back(session: SessionReader, tmp_path: Path, k
 
 
 @pytest.fixture(scope="module")
-def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def small(tmp_path_factory):
     return small_session(tmp_path_factory.mktemp("small") / "field.h5")
 
 
-def test_tables_of_meters_come_back_with_times_values_and_flags(tmp_path: Path) -> None:
+def test_tables_of_meters_come_back_with_times_values_and_flags(tmp_path):
     lux = HEADER.streams[1]
     clock = CountedClock()
     writer = SessionWriter(tmp_path / "a.h5", replace(HEADER, streams=(lux,)), clock)
@@ -166,7 +163,7 @@ def test_tables_of_meters_come_back_with_times_values_and_flags(tmp_path: Path) 
 
 
 @pytest.mark.parametrize("name", EXPORTS)
-def test_a_disk_that_takes_no_more_leaves_no_part_of_a_file(name: str, small: Path, tmp_path: Path) -> None:
+def test_a_disk_that_takes_no_more_leaves_no_part_of_a_file(name, small, tmp_path):
     """The limit of a process's files stands for a full disk."""
     export(small, name, tmp_path / "whole")
     whole = {path.name: path.stat().st_size for path in (tmp_path / "whole").iterdir()}
@@ -183,14 +180,14 @@ def test_a_disk_that_takes_no_more_leaves_no_part_of_a_file(name: str, small: Pa
 
 
 @pytest.mark.parametrize("name", EXPORTS)
-def test_every_format_of_the_table_is_written(name: str, small: Path, tmp_path: Path) -> None:
+def test_every_format_of_the_table_is_written(name, small, tmp_path):
     found = export(small, name, tmp_path / "out")
     assert found.problems == ()
     assert {path.name for path in found.files} == {path.name for path in (tmp_path / "out").iterdir()}
     assert all(path.stat().st_size > 0 for path in found.files)
 
 
-def test_table_of_slopes_has_both_ends_of_each_region(small: Path, tmp_path: Path) -> None:
+def test_table_of_slopes_has_both_ends_of_each_region(small, tmp_path):
     with open_session(small) as session:
         paths = {path.stem: path for path in export_tables(session, tmp_path, "csv")}
     (row,) = pd.read_csv(paths["field-slopes"]).to_dict("records")
@@ -204,7 +201,7 @@ def test_table_of_slopes_has_both_ends_of_each_region(small: Path, tmp_path: Pat
 
 
 @pytest.mark.parametrize("kind", ["csv", "parquet"])
-def test_table_of_events_has_kind_and_end_of_a_mark(tmp_path: Path, kind: str) -> None:
+def test_table_of_events_has_kind_and_end_of_a_mark(tmp_path, kind):
     clock = CountedClock()
     writer = SessionWriter(tmp_path / "field.h5", HEADER, clock)
     fill(writer, 1, clock)
@@ -222,7 +219,7 @@ def test_table_of_events_has_kind_and_end_of_a_mark(tmp_path: Path, kind: str) -
     assert pd.isna(second)
 
 
-def test_tiffs_come_back_through_import(session: SessionReader, tmp_path: Path) -> None:
+def test_tiffs_come_back_through_import(session, tmp_path):
     folder = tmp_path / "tiffs"
     folder.mkdir()
     paths = export_tiffs(session, folder, every=4)
@@ -234,9 +231,7 @@ def test_tiffs_come_back_through_import(session: SessionReader, tmp_path: Path) 
     assert all(np.array_equal(a.counts, b.counts) for a, b in zip(frames, originals, strict=True))
 
 
-def test_tiffs_say_themselves_what_a_count_means_and_when_they_were_taken(
-    session: SessionReader, tmp_path: Path
-) -> None:
+def test_tiffs_say_themselves_what_a_count_means_and_when_they_were_taken(session, tmp_path):
     folder = tmp_path / "tiffs"
     folder.mkdir()
     export_tiffs(session, folder)
@@ -254,9 +249,7 @@ def test_tiffs_say_themselves_what_a_count_means_and_when_they_were_taken(
     ("scale", "step"),
     [(0.01, 0.01), (1 / 64, 0.02), (0.04, 0.04), (0.1, 0.16)],  # 655.35, 1023.98, 2621.4 and 6553.5 K
 )
-def test_temperatures_beyond_the_scale_of_tiffs_are_not_clipped(
-    tmp_path: Path, scale: float, step: float, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_temperatures_beyond_the_scale_of_tiffs_are_not_clipped(tmp_path, scale, step, caplog):
     """A pixel of 65535 counts: 16 bits of 0.01 K end at 655.35 K, of 0.02 K at 1310.7 K and so on."""
     info = replace(HEADER.streams[0], scale=scale)
     writer = SessionWriter(tmp_path / "a.h5", replace(HEADER, streams=(info,)), CountedClock())
@@ -278,7 +271,7 @@ def test_temperatures_beyond_the_scale_of_tiffs_are_not_clipped(
     assert ("a count of the TIFFs is" in caplog.text) == (step > 0.01)
 
 
-def test_pixels_without_a_temperature_are_zero_and_never_the_hottest(tmp_path: Path) -> None:
+def test_pixels_without_a_temperature_are_zero_and_never_the_hottest(tmp_path):
     """FLIR's law has no solution for counts below -O, here 5588."""
     info = replace(HEADER.streams[0], law="planck", scale=float("nan"), settings=PLANCK)
     writer = SessionWriter(tmp_path / "a.h5", replace(HEADER, streams=(info,)), CountedClock())
@@ -293,7 +286,7 @@ def test_pixels_without_a_temperature_are_zero_and_never_the_hottest(tmp_path: P
     assert 28_000 < counts[0, 0] < 31_000
 
 
-def test_tiffs_are_read_by_other_programs_with_their_tags(session: SessionReader, tmp_path: Path) -> None:
+def test_tiffs_are_read_by_other_programs_with_their_tags(session, tmp_path):
     """Pillow, which knows nothing of fieldkit; tag 42112 is what GDAL takes scale and offset from."""
     path = export_tiffs(session, tmp_path)[7]
     with Image.open(path) as opened:
@@ -306,7 +299,7 @@ def test_tiffs_are_read_by_other_programs_with_their_tags(session: SessionReader
 
 
 @pytest.mark.parametrize("text", ["", "{}", "[1]", '{"time": 3}', "[" * 10_000, '{"time": "t", "flags": 1}'])
-def test_descriptions_of_other_programs_are_no_tags_of_ours(tmp_path: Path, text: str) -> None:
+def test_descriptions_of_other_programs_are_no_tags_of_ours(tmp_path, text):
     path = tmp_path / "other.tiff"
     Image.fromarray(np.full((4, 4), 30_000, np.uint16)).save(path, description=text)
     assert [page.tags for page in read_pages(path)] == [None]
@@ -314,7 +307,7 @@ def test_descriptions_of_other_programs_are_no_tags_of_ours(tmp_path: Path, text
         read_stills(path, None)
 
 
-def test_frames_of_the_ht301_have_kelvin_in_every_reader(tmp_path: Path) -> None:
+def test_frames_of_the_ht301_have_kelvin_in_every_reader(tmp_path):
     """Its law takes four words and five coefficients from the metadata rows of each frame."""
     info = replace(
         HEADER.streams[0], shape=(24, 256), law="ht301", scale=float("nan"), metadata_shape=(4, 256)
@@ -344,14 +337,14 @@ def test_frames_of_the_ht301_have_kelvin_in_every_reader(tmp_path: Path) -> None
     assert written == pytest.approx(expected, abs=0.01)
 
 
-def test_cells_of_a_table_are_as_short_as_the_number(session: SessionReader, tmp_path: Path) -> None:
+def test_cells_of_a_table_are_as_short_as_the_number(session, tmp_path):
     paths = {path.stem.removeprefix("field-"): path for path in export_tables(session, tmp_path, "csv")}
     cells = [row.split(",")[2] for row in paths["camera-regions"].read_text().splitlines()[1:]]
     assert max(map(len, cells)) <= len("295.123456789")
     assert paths["lux"].read_text().splitlines()[2].split(",")[1] == "0.333333333333"
 
 
-def test_a_spreadsheet_computes_nothing_that_somebody_typed(tmp_path: Path) -> None:
+def test_a_spreadsheet_computes_nothing_that_somebody_typed(tmp_path):
     lux = replace(HEADER.streams[1], shape=(2,), channels=("=1+1", "right"))
     writer = SessionWriter(tmp_path / "field.h5", replace(HEADER, streams=(lux,)), CountedClock())
     writer.append(sample(lux, 0)._replace(values=(3.0, 1.0)))
@@ -388,16 +381,16 @@ def test_a_spreadsheet_computes_nothing_that_somebody_typed(tmp_path: Path) -> N
         "\x1f",
     ],
 )
-def test_blanks_before_a_sign_do_not_make_a_formula_of_a_cell(before: str, sign: str) -> None:
+def test_blanks_before_a_sign_do_not_make_a_formula_of_a_cell(before, sign):
     assert as_text(f"{before}{sign}1+1") == f"'{before}{sign}1+1"
 
 
 @pytest.mark.parametrize("text", ["b15", " b15", "5 = 5", "a\n=1", "", " ", "°C", "(=1)", "\u200bx=1"])
-def test_other_cells_of_a_table_stay_as_they_are(text: str) -> None:
+def test_other_cells_of_a_table_stay_as_they_are(text):
     assert as_text(text) == text
 
 
-def test_tiffs_of_two_sessions_in_one_folder_come_back_through_import(sealed: Path, tmp_path: Path) -> None:
+def test_tiffs_of_two_sessions_in_one_folder_come_back_through_import(sealed, tmp_path):
     folder = tmp_path / "tiffs"
     folder.mkdir()
     for name in ("a.h5", "b.h5", "a.h5"):
@@ -408,9 +401,7 @@ def test_tiffs_of_two_sessions_in_one_folder_come_back_through_import(sealed: Pa
 
 
 @pytest.mark.parametrize("export", [export_tiffs, export_pngs, export_video])
-def test_pictures_of_each_camera_have_files_of_their_own(
-    two_cameras: SessionReader, tmp_path: Path, export
-) -> None:
+def test_pictures_of_each_camera_have_files_of_their_own(two_cameras, tmp_path, export):
     first, second = (
         {path for path in export(two_cameras, tmp_path, stream=name, every=4) if path.suffix != ".csv"}
         for name in ("camera", "cam2")
@@ -420,7 +411,7 @@ def test_pictures_of_each_camera_have_files_of_their_own(
 
 
 @pytest.mark.parametrize("export", [export_tiffs, export_pngs, export_video])
-def test_camera_that_is_not_known_is_asked_for(two_cameras: SessionReader, tmp_path: Path, export) -> None:
+def test_camera_that_is_not_known_is_asked_for(two_cameras, tmp_path, export):
     with pytest.raises(ConfigError, match="frames of 2 cameras") as caught:
         export(two_cameras, tmp_path)
     assert caught.value.fix == "stream with one of camera, cam2"
@@ -428,7 +419,7 @@ def test_camera_that_is_not_known_is_asked_for(two_cameras: SessionReader, tmp_p
         export(two_cameras, tmp_path, stream="lux")
 
 
-def test_pictures_show_scale_and_regions(session: SessionReader, tmp_path: Path) -> None:
+def test_pictures_show_scale_and_regions(session, tmp_path):
     (path,) = export_pngs(session, tmp_path, every=FRAMES)
     image = cv2.imread(str(path))
     assert image.shape == (24 * 20 + BELOW_PX + 36, 640 + LEFT_PX, 3)
@@ -443,9 +434,7 @@ def test_pictures_show_scale_and_regions(session: SessionReader, tmp_path: Path)
     reader.release()
 
 
-def test_a_video_shows_each_frame_as_long_as_it_lasted_at_its_speed(
-    session: SessionReader, tmp_path: Path
-) -> None:
+def test_a_video_shows_each_frame_as_long_as_it_lasted_at_its_speed(session, tmp_path):
     times = [frame.time_ns for frame in session.samples("camera")]
     lasted_s = (times[FRAMES // 2] - times[0]) / 1e9
     # the first frame for 0.2 s at 25 pictures a second, the other once
@@ -455,7 +444,7 @@ def test_a_video_shows_each_frame_as_long_as_it_lasted_at_its_speed(
     reader.release()
 
 
-def test_images_have_the_colours_of_the_palette_that_is_named(session: SessionReader, tmp_path: Path) -> None:
+def test_images_have_the_colours_of_the_palette_that_is_named(session, tmp_path):
     """White is hot: the left end of the scale is black, the right one white, and all is grey."""
     path = export_pngs(session, tmp_path, palette="white-hot", every=FRAMES)[0]
     bar = cv2.imread(str(path))[-30]
@@ -472,15 +461,11 @@ def test_images_have_the_colours_of_the_palette_that_is_named(session: SessionRe
         ("cividis", (0, 34, 78), (254, 232, 56)),  # matplotlib's cividis.colors
     ],
 )
-def test_a_palette_begins_and_ends_as_published(
-    name: str, coldest: tuple[int, ...], hottest: tuple[int, ...]
-) -> None:
+def test_a_palette_begins_and_ends_as_published(name, coldest, hottest):
     assert palette(name)[[0, -1]] == pytest.approx(np.array([coldest, hottest]), abs=1)
 
 
-def test_only_frames_between_two_times_are_written_and_all_are_counted(
-    session: SessionReader, tmp_path: Path
-) -> None:
+def test_only_frames_between_two_times_are_written_and_all_are_counted(session, tmp_path):
     frames, passed = list(session.samples("camera")), []
     between = frames[3].time_ns, frames[5].time_ns
     files = export_pngs(session, tmp_path, between_ns=between, on_frame=lambda: passed.append(1))
@@ -488,7 +473,7 @@ def test_only_frames_between_two_times_are_written_and_all_are_counted(
     assert len(passed) == FRAMES
 
 
-def test_bed_that_is_warm_for_a_while_only_is_not_beyond_the_scale(tmp_path: Path) -> None:
+def test_bed_that_is_warm_for_a_while_only_is_not_beyond_the_scale(tmp_path):
     clock, info = CountedClock(), HEADER.streams[0]
     writer = SessionWriter(tmp_path / "cooling.h5", HEADER, clock)
     for seq in range(FRAMES):
@@ -506,7 +491,7 @@ def test_bed_that_is_warm_for_a_while_only_is_not_beyond_the_scale(tmp_path: Pat
     assert colours[0] != colours[1]
 
 
-def test_netcdf_files_open_by_themselves(session: SessionReader, tmp_path: Path) -> None:
+def test_netcdf_files_open_by_themselves(session, tmp_path):
     names = {path.name for path in export_netcdf(session, tmp_path)}
     assert {"field-camera.nc", "field-lux.nc", "field-events.nc"} <= names
     with xr.open_dataset(tmp_path / "field-camera.nc", engine="h5netcdf") as camera:
@@ -516,7 +501,7 @@ def test_netcdf_files_open_by_themselves(session: SessionReader, tmp_path: Path)
         assert camera.attrs["session_id"] == session.session_id
 
 
-def test_mcap_holds_every_bit(session: SessionReader, tmp_path: Path) -> None:
+def test_mcap_holds_every_bit(session, tmp_path):
     """Read back with the format's own reader, checksums on."""
     (path,) = export_mcap(session, tmp_path)
     with path.open("rb") as file:
@@ -562,7 +547,7 @@ def taught(path: Path) -> SessionReader:
     return open_session(path)
 
 
-def test_mcap_holds_what_the_data_taught(tmp_path: Path) -> None:
+def test_mcap_holds_what_the_data_taught(tmp_path):
     with taught(tmp_path / "field.h5") as session:
         (path,) = export_mcap(session, tmp_path)
     with path.open("rb") as file:
@@ -577,7 +562,7 @@ def test_mcap_holds_what_the_data_taught(tmp_path: Path) -> None:
     assert found["chi_square"] is None
 
 
-def test_mcap_has_null_for_details_that_are_not_numbers(tmp_path: Path) -> None:
+def test_mcap_has_null_for_details_that_are_not_numbers(tmp_path):
     writer = SessionWriter(tmp_path / "field.h5", HEADER, CountedClock())
     writer.put(Event(EventKind.MARK, 0, START_NS, "wind", data={"wind_m_s": math.nan}))
     writer.close()
@@ -588,7 +573,7 @@ def test_mcap_has_null_for_details_that_are_not_numbers(tmp_path: Path) -> None:
     assert json.loads(message.data)["data"] == {"wind_m_s": None}
 
 
-def test_netcdf_and_xarray_have_what_the_data_taught(tmp_path: Path) -> None:
+def test_netcdf_and_xarray_have_what_the_data_taught(tmp_path):
     with taught(tmp_path / "field.h5") as session:
         export_netcdf(session, tmp_path)
     for opened in (
@@ -602,7 +587,7 @@ def test_netcdf_and_xarray_have_what_the_data_taught(tmp_path: Path) -> None:
             assert found["value"][0, 3] == learnt().parameters[3].value
 
 
-def test_mcap_of_one_stream_and_every_nth_picture(session: SessionReader, tmp_path: Path) -> None:
+def test_mcap_of_one_stream_and_every_nth_picture(session, tmp_path):
     (path,) = export_mcap(session, tmp_path, stream="camera", every=5)
     assert path.name == "field-camera.mcap"
     with path.open("rb") as file:
@@ -633,9 +618,7 @@ def _mapped_together(file: h5py.File, beside: Path) -> None:
 
 
 @pytest.mark.parametrize("lead_out", [_linked_scale, _stored_elsewhere, _mapped_together])
-def test_numbers_of_another_file_never_come_along(
-    sealed: Path, tmp_path: Path, lead_out: Callable[[h5py.File, Path], None]
-) -> None:
+def test_numbers_of_another_file_never_come_along(sealed, tmp_path, lead_out):
     shutil.copy(sealed, tmp_path)
     with h5py.File(tmp_path / "beside.h5", "w", libver=LIBVER) as other:
         other["secret"] = np.full(8, SECRET)
@@ -654,7 +637,7 @@ def test_numbers_of_another_file_never_come_along(
     assert str(int(SECRET)).encode() not in written
 
 
-def test_netcdf_has_what_a_newer_version_adds(sealed: Path, tmp_path: Path) -> None:
+def test_netcdf_has_what_a_newer_version_adds(sealed, tmp_path):
     shutil.copy(sealed, tmp_path)
     with h5py.File(tmp_path / "field.h5", "r+", libver=LIBVER, track_order=True) as file:
         file["lux/humidity"] = np.full(5, 0.6)

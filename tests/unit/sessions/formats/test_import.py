@@ -1,14 +1,11 @@
 """Foreign recordings become sessions with their stamps and counts as they are."""
 
-from __future__ import annotations
-
 import gzip
 import json
 import os
 import struct
 from datetime import UTC
 from pathlib import Path
-from typing import Any
 from zoneinfo import ZoneInfo
 
 import cv2
@@ -38,7 +35,7 @@ def written(path: Path, stamps_s: list[float], cut: int = 0, count: int = 29_500
     return path
 
 
-def test_real_recording_comes_through_whole(tmp_path: Path) -> None:
+def test_real_recording_comes_through_whole(tmp_path):
     """Expected numbers: the README beside the recording."""
     source = shared("data/frames/purethermal3/thermal_20260512_151542.raw.y16.gz")
     imported = read_purethermal(source)
@@ -59,7 +56,7 @@ def test_real_recording_comes_through_whole(tmp_path: Path) -> None:
         assert any("came in bunches" in event.text for event in session.events())
 
 
-def test_recording_cut_off_keeps_its_whole_frames(tmp_path: Path) -> None:
+def test_recording_cut_off_keeps_its_whole_frames(tmp_path):
     path = written(tmp_path / "cut.raw.y16.gz", [1.7e9 + n / 9 for n in range(5)], cut=10)
     imported = read_purethermal(path)
     assert len(list(imported.samples)) == 4
@@ -67,7 +64,7 @@ def test_recording_cut_off_keeps_its_whole_frames(tmp_path: Path) -> None:
     assert "ends within frame 4" in imported.notes[0][1]
 
 
-def test_counts_that_are_no_kelvin_get_no_scale(tmp_path: Path) -> None:
+def test_counts_that_are_no_kelvin_get_no_scale(tmp_path):
     imported = read_purethermal(written(tmp_path / "raw.raw.y16.gz", [1.7e9], count=8192))
     assert np.isnan(imported.streams[0].scale)
     assert "TLinear off" in imported.notes[0][1]
@@ -82,7 +79,7 @@ def test_counts_that_are_no_kelvin_get_no_scale(tmp_path: Path) -> None:
         gzip.compress(b"PTY16V1\n\2\0\0\0{}", mtime=0),
     ],
 )
-def test_other_files_are_refused(tmp_path: Path, data: bytes) -> None:
+def test_other_files_are_refused(tmp_path, data):
     path = tmp_path / "other.gz"
     path.write_bytes(data)
     assert is_purethermal(path) == data.startswith(gzip.compress(b"")[:2])
@@ -91,7 +88,7 @@ def test_other_files_are_refused(tmp_path: Path, data: bytes) -> None:
 
 
 @pytest.mark.parametrize("rate", ["NaN", "Infinity", "-9", "0", "1e6", "[9]", "null", "9" * 400])
-def test_a_rate_that_no_camera_has_is_refused(tmp_path: Path, rate: str) -> None:
+def test_a_rate_that_no_camera_has_is_refused(tmp_path, rate):
     header = b'{"width": 4, "height": 3, "fps": %s}' % rate.encode()
     path = tmp_path / "rate.gz"
     path.write_bytes(gzip.compress(b"PTY16V1\n" + struct.pack("<I", len(header)) + header))
@@ -99,7 +96,7 @@ def test_a_rate_that_no_camera_has_is_refused(tmp_path: Path, rate: str) -> None
         read_purethermal(path)
 
 
-def test_a_header_of_endless_depth_is_refused(tmp_path: Path) -> None:
+def test_a_header_of_endless_depth_is_refused(tmp_path):
     header = b"[" * 100_000
     path = tmp_path / "deep.gz"
     path.write_bytes(gzip.compress(b"PTY16V1\n" + struct.pack("<I", len(header)) + header))
@@ -107,7 +104,7 @@ def test_a_header_of_endless_depth_is_refused(tmp_path: Path) -> None:
         read_purethermal(path)
 
 
-def test_picture_of_hostile_size_is_refused(tmp_path: Path) -> None:
+def test_picture_of_hostile_size_is_refused(tmp_path):
     header = json.dumps({"width": 10**9, "height": 10**9, "fps": 9}).encode()
     path = tmp_path / "huge.gz"
     path.write_bytes(gzip.compress(b"PTY16V1\n" + struct.pack("<I", len(header)) + header))
@@ -117,7 +114,7 @@ def test_picture_of_hostile_size_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("seconds", [1e300, 1.7e308, 1e10, -1.0, float("inf"), float("-inf"), float("nan")])
 @pytest.mark.parametrize("frame", [0, 2])
-def test_a_time_that_no_frame_has_names_the_frame(tmp_path: Path, seconds: float, frame: int) -> None:
+def test_a_time_that_no_frame_has_names_the_frame(tmp_path, seconds, frame):
     """A frame is u64 number, f64 seconds, i64 milliseconds and 4 x 6 pixels of 16 bits, after the header."""
     data = bytearray(purethermal([1.7e9, 1.7e9 + 1, 1.7e9 + 2]))
     struct.pack_into("<d", data, len(data) - (3 - frame) * 72 + 8, seconds)
@@ -126,7 +123,7 @@ def test_a_time_that_no_frame_has_names_the_frame(tmp_path: Path, seconds: float
         read_purethermal(tmp_path / "a.raw.y16.gz")
 
 
-def test_a_recording_that_unpacks_to_gigabytes_is_refused_before_it_does(tmp_path: Path) -> None:
+def test_a_recording_that_unpacks_to_gigabytes_is_refused_before_it_does(tmp_path):
     """Frames of nothing but zeros pack a thousand to one: 200 MB come from 200 kB."""
     header = json.dumps({"width": 640, "height": 480, "fps": 9.0}).encode()
     path = tmp_path / "bomb.raw.y16.gz"
@@ -139,7 +136,7 @@ def test_a_recording_that_unpacks_to_gigabytes_is_refused_before_it_does(tmp_pat
         read_purethermal(path)
 
 
-def test_a_recorder_whose_clock_was_slow_is_corrected_by_the_offset(tmp_path: Path) -> None:
+def test_a_recorder_whose_clock_was_slow_is_corrected_by_the_offset(tmp_path):
     path = written(tmp_path / "a.raw.y16.gz", [1.7e9, 1.7e9 + 1])
     times_ns = [frame.time_ns for frame in read_purethermal(path, offset_ns=83_000_000_000).samples]
     assert times_ns == [1_700_000_083 * 10**9, 1_700_000_084 * 10**9]
@@ -152,7 +149,7 @@ def tiffs(folder: Path, names: list[str]) -> Path:
     return folder
 
 
-def test_tiffs_are_ordered_by_their_stamps_and_keep_their_counts(tmp_path: Path) -> None:
+def test_tiffs_are_ordered_by_their_stamps_and_keep_their_counts(tmp_path):
     folder = tiffs(tmp_path / "f", ["c.tif", "a.tif", "b.tiff"])
     times = tmp_path / "times.csv"
     times.write_text(
@@ -166,7 +163,7 @@ def test_tiffs_are_ordered_by_their_stamps_and_keep_their_counts(tmp_path: Path)
 
 
 @pytest.mark.parametrize("mark", [";", "\t"])
-def test_table_of_times_may_be_parted_otherwise_than_by_commas(tmp_path: Path, mark: str) -> None:
+def test_table_of_times_may_be_parted_otherwise_than_by_commas(tmp_path, mark):
     folder = tiffs(tmp_path / "f", ["a.tif"])
     times = tmp_path / "times.csv"
     times.write_text(f"file{mark}time\na.tif{mark}2026-05-12 10:00:01\n", encoding="utf-8-sig")
@@ -174,14 +171,14 @@ def test_table_of_times_may_be_parted_otherwise_than_by_commas(tmp_path: Path, m
     assert frame.time_ns == 1_778_547_601_000_000_000  # 2026-05-12T01:00:01Z by date(1)
 
 
-def test_times_in_the_names_by_a_slow_clock_are_corrected_by_the_offset(tmp_path: Path) -> None:
+def test_times_in_the_names_by_a_slow_clock_are_corrected_by_the_offset(tmp_path):
     folder = tiffs(tmp_path / "f", ["20260512T010000.tif"])
     moment = {"time_format": "%Y%m%dT%H%M%S", "zone": UTC}
     (frame,) = read_stills(folder, Scale(0.01), **moment, offset_ns=83_000_000_000).samples
     assert frame.time_ns == 1_778_547_683_000_000_000  # 2026-05-12T01:01:23Z by date(1)
 
 
-def test_stamps_may_stand_in_the_names(tmp_path: Path) -> None:
+def test_stamps_may_stand_in_the_names(tmp_path):
     folder = tiffs(tmp_path / "f", ["IR_20260512T010000.tif", "IR_20260512T010001.tif"])
     imported = read_stills(folder, Scale(float("nan")), time_format="IR_%Y%m%dT%H%M%S", zone=UTC)
     assert [frame.time_ns for frame in imported.samples] == [
@@ -191,7 +188,7 @@ def test_stamps_may_stand_in_the_names(tmp_path: Path) -> None:
     assert np.isnan(imported.streams[0].scale)
 
 
-def test_trouble_with_tiffs_is_told(tmp_path: Path) -> None:
+def test_trouble_with_tiffs_is_told(tmp_path):
     folder = tiffs(tmp_path / "f", ["a.tif", "b.tif"])
     (tmp_path / "empty").mkdir()
     times = tmp_path / "times.csv"
@@ -234,7 +231,7 @@ def frames_of(source: Path, **times) -> list[np.ndarray]:
 
 
 @pytest.mark.parametrize("layout", [{}, {"order": ">"}, {"is_big": True}, {"order": ">", "is_big": True}])
-def test_every_page_of_a_tiff_is_a_frame_with_a_time_of_its_own(tmp_path: Path, layout: dict) -> None:
+def test_every_page_of_a_tiff_is_a_frame_with_a_time_of_its_own(tmp_path, layout):
     path = tiff_file(tmp_path, tiff_pages(*((FIRST + n, {}) for n in range(10)), **layout))
     times = tmp_path / "times.csv"
     times.write_text("".join(f"{path.name},2026-05-12T10:00:{second:02}Z\n" for second in range(10)))
@@ -249,7 +246,7 @@ def test_every_page_of_a_tiff_is_a_frame_with_a_time_of_its_own(tmp_path: Path, 
 
 @pytest.mark.parametrize("tag", [{254: 1}, {254: 4}, {254: 5}, {255: 2}])  # TIFF 6.0, section 8
 @pytest.mark.parametrize("is_first", [True, False])
-def test_thumbnails_and_masks_are_not_taken_for_frames(tmp_path: Path, tag: dict, is_first: bool) -> None:
+def test_thumbnails_and_masks_are_not_taken_for_frames(tmp_path, tag, is_first):
     coloured = (np.zeros((2, 3, 3), np.uint8), {**tag, 258: 8})
     pages = [coloured, (FIRST, {254: 0})] if is_first else [(FIRST, {254: 2}), (SMALL, tag)]
     path = tiff_file(tmp_path, tiff_pages(*pages))
@@ -262,9 +259,7 @@ def test_thumbnails_and_masks_are_not_taken_for_frames(tmp_path: Path, tag: dict
 
 @pytest.mark.parametrize("orientation", range(1, 9))  # TIFF 6.0, section 8: which side is row 0
 @pytest.mark.parametrize("order", ["<", ">"])
-def test_frames_stay_as_the_sensor_has_them_whatever_their_orientation(
-    tmp_path: Path, orientation: int, order: str
-) -> None:
+def test_frames_stay_as_the_sensor_has_them_whatever_their_orientation(tmp_path, orientation, order):
     path = tiff_file(tmp_path, tiff_pages((FIRST, {274: orientation}), order=order))
     found = read_stills(path, Scale(0.01), **MOMENT)
     (frame,) = found.samples
@@ -286,9 +281,7 @@ def test_frames_stay_as_the_sensor_has_them_whatever_their_orientation(
         (np.zeros((5, 7, 2), np.uint16), {}, "2 channels", "unsigned 16-bit"),
     ],
 )
-def test_a_tiff_of_other_numbers_is_named_for_what_it_is(
-    tmp_path: Path, pixels: np.ndarray, more: dict, words: str, fix: str
-) -> None:
+def test_a_tiff_of_other_numbers_is_named_for_what_it_is(tmp_path, pixels, more, words, fix):
     path = tiff_file(tmp_path, tiff_pages((pixels, more)))
     with pytest.raises(ConfigError, match=f"has {words}, not one unsigned 16-bit number") as caught:
         read_stills(path, Scale(0.01), **MOMENT)
@@ -299,9 +292,7 @@ def test_a_tiff_of_other_numbers_is_named_for_what_it_is(
 
 
 @pytest.mark.parametrize(("unit", "value"), [("C", 22.35), ("K", 295.5), ("F", 72.23)])
-def test_floating_point_temperatures_become_hundredths_of_kelvin(
-    tmp_path: Path, unit: str, value: float
-) -> None:
+def test_floating_point_temperatures_become_hundredths_of_kelvin(tmp_path, unit, value):
     pixels = np.full((5, 7), value, np.float32)
     path = tiff_file(tmp_path, tiff_pages((pixels, {})))
     found = read_stills(path, None, unit=unit, **MOMENT)
@@ -318,7 +309,7 @@ SIGNALLING = np.array(0x7F800001, np.uint32).view(np.float32)  # a NaN that warn
 @pytest.mark.parametrize(
     ("hole", "count"), [(np.nan, 0), (SIGNALLING, 0), (-9999.0, 0), (np.inf, 65_535), (400.0, 65_535)]
 )
-def test_a_pixel_without_a_temperature_flags_its_frame(tmp_path: Path, hole: float, count: int) -> None:
+def test_a_pixel_without_a_temperature_flags_its_frame(tmp_path, hole, count):
     pixels = np.full((5, 7), 22.35, np.float32)
     pixels[1, 2] = hole
     (frame,) = read_stills(tiff_file(tmp_path, tiff_pages((pixels, {}))), None, unit="C", **MOMENT).samples
@@ -326,7 +317,7 @@ def test_a_pixel_without_a_temperature_flags_its_frame(tmp_path: Path, hole: flo
     assert frame.quality == Quality.SATURATED
 
 
-def test_an_option_for_other_numbers_is_refused(tmp_path: Path) -> None:
+def test_an_option_for_other_numbers_is_refused(tmp_path):
     counts = tiff_file(tmp_path, tiff_pages((FIRST, {})))
     with pytest.raises(ConfigError, match="holds counts: unit would have no effect"):
         read_stills(counts, None, unit="C", **MOMENT)
@@ -343,7 +334,7 @@ def png(folder: Path, pixels: np.ndarray) -> Path:
     return folder
 
 
-def test_png_of_16_bits_needs_its_scale(tmp_path: Path) -> None:
+def test_png_of_16_bits_needs_its_scale(tmp_path):
     folder = png(tmp_path / "f", FIRST)
     (frame,) = read_stills(folder, Scale(0.01), **MOMENT).samples
     assert np.array_equal(frame.counts, FIRST)
@@ -356,13 +347,13 @@ def test_png_of_16_bits_needs_its_scale(tmp_path: Path) -> None:
         read_stills(folder, Scale(0.01), **MOMENT)
 
 
-def test_pngs_beside_other_frames_are_only_to_look_at(tmp_path: Path) -> None:
+def test_pngs_beside_other_frames_are_only_to_look_at(tmp_path):
     folder = png(tiffs(tmp_path / "f", ["20260512.tif"]), np.zeros((5, 7), np.uint8))
     (frame,) = read_stills(folder, Scale(0.01), **MOMENT).samples
     assert int(frame.counts[0, 0]) == 6900
 
 
-def test_directories_in_a_circle_or_cut_off_are_named(tmp_path: Path) -> None:
+def test_directories_in_a_circle_or_cut_off_are_named(tmp_path):
     data = tiff_pages((FIRST, {}), (FIRST, {}))
     circle = data[:-4] + data[4:8]
     with pytest.raises(ConfigError, match="form a circle"):
@@ -372,7 +363,7 @@ def test_directories_in_a_circle_or_cut_off_are_named(tmp_path: Path) -> None:
             read_stills(tiff_file(tmp_path, data[:length]), Scale(0.01), **MOMENT)
 
 
-def test_pages_that_unpack_to_more_than_their_file_can_hold_are_refused(tmp_path: Path) -> None:
+def test_pages_that_unpack_to_more_than_their_file_can_hold_are_refused(tmp_path):
     """Sixty pages of 4000 x 4000 pixels, 1.9 GB, in a file of some kilobytes."""
     pages = [(SMALL, {256: 4000, 257: 4000})] * 60
     path = tiff_file(tmp_path, tiff_pages(*pages))
@@ -380,14 +371,14 @@ def test_pages_that_unpack_to_more_than_their_file_can_hold_are_refused(tmp_path
         read_stills(path, Scale(0.01), **MOMENT)
 
 
-def test_frames_that_state_different_scales_are_not_taken_for_one(tmp_path: Path) -> None:
+def test_frames_that_state_different_scales_are_not_taken_for_one(tmp_path):
     for name, magic in (("20260512.irg", b"\xba\xab"), ("20260513.irg", b"\xca\xac")):
         (tmp_path / name).write_bytes(irg(FIRST, magic))
     with pytest.raises(ConfigError, match=r"20260512\.irg and .*20260513\.irg do not state the same scale"):
         read_stills(tmp_path, None, **MOMENT)
 
 
-def test_failed_import_leaves_nothing(tmp_path: Path) -> None:
+def test_failed_import_leaves_nothing(tmp_path):
     folder = tiffs(tmp_path / "f", ["20260512T010000.tif", "20260512T010001.tif"])
     cv2.imwrite(str(folder / "20260512T010001.tif"), np.zeros((6, 7), np.uint16))  # of another size
     imported = read_stills(folder, Scale(0.01), time_format="%Y%m%dT%H%M%S", zone=UTC)
@@ -396,7 +387,7 @@ def test_failed_import_leaves_nothing(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["f"]
 
 
-def test_origin_is_told_in_an_event(tmp_path: Path) -> None:
+def test_origin_is_told_in_an_event(tmp_path):
     imported = read_purethermal(written(tmp_path / "a.gz", [1.7e9, 1.7e9 + 0.1]))
     write_imported(tmp_path / "a.h5", SessionHeader("t", SITE, imported.streams), imported, "a.gz")
     with open_session(tmp_path / "a.h5") as session:
@@ -404,7 +395,7 @@ def test_origin_is_told_in_an_event(tmp_path: Path) -> None:
         assert session.events()[0].text == "imported from a.gz"
 
 
-def test_bunched_stamps() -> None:
+def test_bunched_stamps():
     steady = np.arange(10, dtype=np.int64) * 100
     assert not bunched(steady).any()
     moved = steady.copy()
@@ -428,9 +419,7 @@ def test_bunched_stamps() -> None:
         ("12.05.26 03:00", "%d.%m.%y %H:%M", ZoneInfo("Europe/Berlin"), 1_778_547_600_000_000_000),
     ],
 )
-def test_times_of_many_kinds(
-    text: str, time_format: str | None, zone: ZoneInfo | None, expected: int
-) -> None:
+def test_times_of_many_kinds(text, time_format, zone, expected):
     assert parse_times_ns([text], zone, time_format) == [expected]
 
 
@@ -438,7 +427,7 @@ def test_times_of_many_kinds(
     ("text", "fix"),
     [("2026051210", "%Y%m%d%H"), ("202605121000", "%Y%m%d%H%M"), ("20260512100000", "%Y%m%d%H%M%S")],
 )
-def test_date_and_hour_in_digits_are_never_unix_seconds(text: str, fix: str) -> None:
+def test_date_and_hour_in_digits_are_never_unix_seconds(text, fix):
     with pytest.raises(ConfigError, match="is not a time") as caught:  # 2026051210 s is March 2034
         parse_times_ns([text], UTC)
     assert f'"{fix}"' in (caught.value.fix or "")
@@ -455,12 +444,12 @@ def test_date_and_hour_in_digits_are_never_unix_seconds(text: str, fix: str) -> 
         ("2026051", "%Y%m%d", "is not a time as expected"),  # strptime: the 1st
     ],
 )
-def test_what_strptime_would_read_wrongly_is_refused(text: str, time_format: str, wrong: str) -> None:
+def test_what_strptime_would_read_wrongly_is_refused(text, time_format, wrong):
     with pytest.raises(ConfigError, match=wrong):
         parse_times_ns([text], UTC, time_format)
 
 
-def test_time_without_a_zone_is_refused() -> None:
+def test_time_without_a_zone_is_refused():
     with pytest.raises(ConfigError, match="no zone"):
         parse_times_ns(["2026-05-12T10:00:00"], None)
     with pytest.raises(ConfigError, match="not a time"):
@@ -470,7 +459,7 @@ def test_time_without_a_zone_is_refused() -> None:
 COUNTS = np.arange(18_000, 18_035, dtype=np.uint16).reshape(5, 7)
 
 
-def test_irg_pictures_are_tenths_of_a_kelvin_where_all_readers_agree(tmp_path: Path) -> None:
+def test_irg_pictures_are_tenths_of_a_kelvin_where_all_readers_agree(tmp_path):
     for second, magic in enumerate((b"\xba\xab", b"\xb0\x0b")):
         (tmp_path / f"23020115291{second}.irg").write_bytes(irg(COUNTS // 6, magic))
     imported = read_stills(tmp_path, None, time_format="%y%m%d%H%M%S", zone=ZoneInfo("Europe/Amsterdam"))
@@ -482,7 +471,7 @@ def test_irg_pictures_are_tenths_of_a_kelvin_where_all_readers_agree(tmp_path: P
 
 
 @pytest.mark.parametrize("given", [Scale(0.04), Scale(0.1, 2.0), Scale(float("nan"))])
-def test_a_scale_against_the_one_in_the_file_is_refused_with_both(tmp_path: Path, given: Scale) -> None:
+def test_a_scale_against_the_one_in_the_file_is_refused_with_both(tmp_path, given):
     path = tmp_path / "20230201.irg"
     path.write_bytes(irg(COUNTS // 6, b"\xba\xab"))
     with pytest.raises(ConfigError, match=r"states 0\.1 K per count and 0 K at zero, the options (0|nan)"):
@@ -490,7 +479,7 @@ def test_a_scale_against_the_one_in_the_file_is_refused_with_both(tmp_path: Path
     assert read_stills(path, Scale(0.1), time_format="%Y%m%d", zone=UTC).streams[0].scale == 0.1
 
 
-def test_irg_pictures_of_disputed_scale_ask_for_it(tmp_path: Path) -> None:
+def test_irg_pictures_of_disputed_scale_ask_for_it(tmp_path):
     path = tmp_path / "20230201.irg"
     path.write_bytes(irg(COUNTS, b"\xca\xac"))
     with pytest.raises(ConfigError, match="what one count of these IRG") as caught:
@@ -509,13 +498,13 @@ def test_irg_pictures_of_disputed_scale_ask_for_it(tmp_path: Path) -> None:
         (irg(COUNTS)[:4] + b"\xff" * 8 + irg(COUNTS)[12:], "pixels are not in it"),
     ],
 )
-def test_other_irg_files_are_refused(tmp_path: Path, data: bytes, words: str) -> None:
+def test_other_irg_files_are_refused(tmp_path, data, words):
     (tmp_path / "1.irg").write_bytes(data)
     with pytest.raises(ConfigError, match=words):
         read_stills(tmp_path / "1.irg", None, time_format="%y", zone=UTC)
 
 
-def test_tiff_that_claims_more_than_any_camera_has_is_refused_unread(tmp_path: Path) -> None:
+def test_tiff_that_claims_more_than_any_camera_has_is_refused_unread(tmp_path):
     """The first directory of a TIFF (TIFF 6.0, section 2), and no pixels at all."""
     sides = struct.pack("<HHII", 256, 4, 1, 16_000) + struct.pack("<HHII", 257, 4, 1, 16_000)
     path = tmp_path / "2026.tif"
@@ -524,7 +513,7 @@ def test_tiff_that_claims_more_than_any_camera_has_is_refused_unread(tmp_path: P
         read_stills(path, Scale(0.01), time_format="%Y", zone=UTC)
 
 
-def test_frames_that_came_in_bunches_are_flagged_whenever_they_are_read() -> None:
+def test_frames_that_came_in_bunches_are_flagged_whenever_they_are_read():
     """A ninth of a second apart but for two that were 20 ms apart: both stamps are of arrival."""
     time_ns = np.arange(12) * 111_000_000
     time_ns[5] = time_ns[4] + 20_000_000
@@ -542,9 +531,7 @@ def test_frames_that_came_in_bunches_are_flagged_whenever_they_are_read() -> Non
     assert nothing == ()
 
 
-def test_tags_that_opencv_does_not_know_are_no_news(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_tags_that_opencv_does_not_know_are_no_news(tmp_path, capfd):
     """TIFF 6.0 by hand: 8 x 4 pixels of 16 bits and a private tag, 65000."""
     width, height = 8, 4
     counts = np.arange(width * height, dtype="<u2")
@@ -578,12 +565,12 @@ def test_tags_that_opencv_does_not_know_are_no_news(
         ({"measures": "par"}, "'par' is not a valid value of measures"),
     ],
 )
-def test_options_that_no_recording_has_are_refused(given: dict[str, Any], wrong: str) -> None:
+def test_options_that_no_recording_has_are_refused(given, wrong):
     with pytest.raises(ConfigError, match=wrong):
         ImportOptions(**given)
 
 
-def test_pipes_and_devices_are_refused_before_they_are_read(tmp_path: Path) -> None:
+def test_pipes_and_devices_are_refused_before_they_are_read(tmp_path):
     os.mkfifo(tmp_path / "log.csv")
     (tmp_path / "zero.csv").symlink_to("/dev/zero")
     for name in ("log.csv", "zero.csv", "missing.csv"):
@@ -592,7 +579,7 @@ def test_pipes_and_devices_are_refused_before_they_are_read(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(("scale", "is_named"), [(0.04, False), (0.01, True), (float("nan"), False)])
-def test_frames_that_cannot_be_are_named(tmp_path: Path, scale: float, is_named: bool) -> None:
+def test_frames_that_cannot_be_are_named(tmp_path, scale, is_named):
     folder = tiffs(tmp_path / "f", ["20260512.tif"])
     imported = possible(read_stills(folder, Scale(scale), time_format="%Y%m%d", zone=UTC), {}, SITE)
     assert any("possible: 175 to 440" in text for _, text in imported.notes) is is_named

@@ -1,7 +1,5 @@
 """A logger's clock that steps, stands still or is far off is named by its rows; nothing is merely sorted."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -58,8 +56,8 @@ SET_BACK = [0, 1, 2, -27.5, -26.5, 0]
     ids=["set back", "set back for two minutes", "the same minutes", "another day", "one time twice"],
 )
 def test_a_clock_that_steps_back_is_refused_by_its_row_unless_keep_decides(
-    tmp_path: Path, minutes: Sequence[float], row: int, first: list[int], last: list[int]
-) -> None:
+    tmp_path, minutes, row, first, last
+):
     path = log(tmp_path, numbered(at(minutes)))
     with pytest.raises(
         ConfigError, match=rf"the clock (goes back|stands still) .* to row {row} \(2026"
@@ -74,13 +72,13 @@ def test_a_clock_that_steps_back_is_refused_by_its_row_unless_keep_decides(
         assert f"--keep {keep}" in notes(kept)
 
 
-def test_keep_without_a_step_is_named(tmp_path: Path) -> None:
+def test_keep_without_a_step_is_named(tmp_path):
     imported = read_log(log(tmp_path, numbered(at([0, 1, 2]))), "x", LogOptions(zone=UTC, keep="last"))
     assert lines(imported) == [2, 3, 4]
     assert "--keep last has no effect" in notes(imported)
 
 
-def test_steps_are_found_in_tables_that_have_the_newest_first(tmp_path: Path) -> None:
+def test_steps_are_found_in_tables_that_have_the_newest_first(tmp_path):
     whole = log(tmp_path, numbered(at([4, 3, 2, 1, 0])))
     assert lines(read_log(whole, "x", LogOptions(zone=UTC))) == [6, 5, 4, 3, 2]
     stepped = log(tmp_path, numbered(at([4, 3, 2, 30, 1, 0])))
@@ -89,7 +87,7 @@ def test_steps_are_found_in_tables_that_have_the_newest_first(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("zone", [ZoneInfo("Europe/Berlin"), UTC])
-def test_an_hour_that_comes_twice_in_spring_is_a_step(tmp_path: Path, zone: ZoneInfo) -> None:
+def test_an_hour_that_comes_twice_in_spring_is_a_step(tmp_path, zone):
     times = [f"2026-03-29 {hour}:{minute}:00" for hour in ("01", "01", "04") for minute in ("00", "20", "40")]
     with pytest.raises(ConfigError, match=r"goes back by 0:40:00 from row 4 .* to row 5"):
         read_log(log(tmp_path, numbered(times)), "x", LogOptions(zone=zone))
@@ -98,9 +96,7 @@ def test_an_hour_that_comes_twice_in_spring_is_a_step(tmp_path: Path, zone: Zone
 @pytest.mark.parametrize(
     "hours", [["01", "02", "02", "03"], ["00", "01", "02", "02", "03", "04"]], ids=["minutes", "hours"]
 )
-def test_the_end_of_summer_time_is_a_step_only_for_a_clock_without_it(
-    tmp_path: Path, hours: Sequence[str]
-) -> None:
+def test_the_end_of_summer_time_is_a_step_only_for_a_clock_without_it(tmp_path, hours):
     minutes = ("00", "20", "40") if len(hours) == 4 else ("00",)
     times = [f"2026-10-25 {hour}:{minute}:00" for hour in hours for minute in minutes]
     path = log(tmp_path, numbered(times))
@@ -129,39 +125,37 @@ def test_the_end_of_summer_time_is_a_step_only_for_a_clock_without_it(
         ([*at([0, 1]), "1904-01-01 00:00:00", *at([2])], [2, 3, 5], "row 4 (a time -2082844800 s after 1970"),
     ],
 )
-def test_rows_far_from_the_others_or_without_a_time_are_excluded_by_name(
-    tmp_path: Path, times: Sequence[str], kept: list[int], named: str
-) -> None:
+def test_rows_far_from_the_others_or_without_a_time_are_excluded_by_name(tmp_path, times, kept, named):
     imported = read_log(log(tmp_path, numbered(times)), "x", LogOptions(zone=UTC))
     assert lines(imported) == kept
     assert named in notes(imported)
     assert imported.notes[0][1] == f"log.csv: {len(kept)} rows"
 
 
-def test_years_without_a_gap_are_one_log(tmp_path: Path) -> None:
+def test_years_without_a_gap_are_one_log(tmp_path):
     times = [f"{year}-{month:02}-01 00:00:00" for year in range(2020, 2027) for month in range(1, 13)]
     assert len(lines(read_log(log(tmp_path, numbered(times)), "x", LogOptions(zone=UTC)))) == 84
 
 
-def test_times_are_refused_where_most_of_them_cannot_be_read(tmp_path: Path) -> None:
+def test_times_are_refused_where_most_of_them_cannot_be_read(tmp_path):
     with pytest.raises(ConfigError, match=r"log\.csv, row 2: '11\.06\.2026 12:00' is not a time") as caught:
         read_log(log(tmp_path, numbered(["11.06.2026 12:00", "11.06.2026 12:01"])), "x", LogOptions(zone=UTC))
     assert "time_format=" in (caught.value.fix or "")
 
 
-def test_two_downloads_that_overlap_are_joined(tmp_path: Path) -> None:
+def test_two_downloads_that_overlap_are_joined(tmp_path):
     rows = [(time, float(minute)) for minute, time in enumerate(at(range(7)))]
     imported = read_log(log(tmp_path, rows[:5] + rows[2:]), "x", LogOptions(zone=UTC))
     assert [one.values[0] for one in imported.samples if isinstance(one, Reading)] == [0, 1, 2, 3, 4, 5, 6]
     assert "3 rows excluded, copies of earlier ones: row 7" in notes(imported)
 
 
-def test_several_rows_within_a_second_are_all_kept(tmp_path: Path) -> None:
+def test_several_rows_within_a_second_are_all_kept(tmp_path):
     times = [time for time in at([0, 1 / 60, 2 / 60]) for _ in range(3)]
     assert len(lines(read_log(log(tmp_path, numbered(times)), "x", LogOptions(zone=UTC)))) == 9
 
 
-def test_a_clock_set_forward_is_named_as_a_gap(tmp_path: Path) -> None:
+def test_a_clock_set_forward_is_named_as_a_gap(tmp_path):
     imported = read_log(log(tmp_path, numbered(at([0, 1, 2, 62, 63]))), "x", LogOptions(zone=UTC))
     assert "a gap of 1 h 00 min before row 5 (2026-06-11 13:02:00 UTC): nothing" in notes(imported)
 
@@ -174,16 +168,14 @@ def test_a_clock_set_forward_is_named_as_a_gap(tmp_path: Path) -> None:
         (["11.06.2026 23:00", "11.06.2026 24:00", "12.06.2026 01:00"], "%d.%m.%Y %H:%M"),
     ],
 )
-def test_twenty_four_hours_are_midnight_of_the_next_day(
-    tmp_path: Path, texts: Sequence[str], time_format: str | None
-) -> None:
+def test_twenty_four_hours_are_midnight_of_the_next_day(tmp_path, texts, time_format):
     path = log(tmp_path, numbered(texts))
     imported = read_log(path, "x", LogOptions(zone=UTC, time_format=time_format))
     midnight_ns = int(datetime(2026, 6, 12, tzinfo=UTC).timestamp()) * 10**9
     assert [one.time_ns - midnight_ns for one in imported.samples] == [-3600 * 10**9, 0, 3600 * 10**9]
 
 
-def test_a_leap_second_is_the_second_before(tmp_path: Path) -> None:
+def test_a_leap_second_is_the_second_before(tmp_path):
     times = ["2016-12-31 23:59:58", "2016-12-31 23:59:59", "2016-12-31 23:59:60", "2017-01-01 00:00:00"]
     imported = read_log(log(tmp_path, numbered(times)), "x", LogOptions(zone=UTC))
     new_year = 1_483_228_800  # 2017-01-01T00:00:00Z by date(1)

@@ -1,7 +1,5 @@
 """Tables of loggers become streams, alone or beside an old session."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -30,7 +28,7 @@ def table(tmp_path: Path, text: str, encoding: str = "utf-8") -> Path:
     return path
 
 
-def test_celsius_becomes_kelvin_and_the_offset_is_added(tmp_path: Path) -> None:
+def test_celsius_becomes_kelvin_and_the_offset_is_added(tmp_path):
     path = table(
         tmp_path, "time,T1 [C],T2 [C],note\n2026/05/12 10:00:00,20.5,,dry\n2026/05/12 10:00:10,21,19,wet\n"
     )
@@ -47,7 +45,7 @@ def test_celsius_becomes_kelvin_and_the_offset_is_added(tmp_path: Path) -> None:
     assert "+12 s" in imported.notes[0][1]
 
 
-def test_semicolons_decimal_commas_and_other_encodings(tmp_path: Path) -> None:
+def test_semicolons_decimal_commas_and_other_encodings(tmp_path):
     path = table(
         tmp_path,
         "Zeit;Licht (lx);Fühler [°C]\n2026-05-12T01:00:00Z;52300,5;20\n2026-05-12T01:01:00Z;1;2\n",
@@ -65,9 +63,7 @@ def test_semicolons_decimal_commas_and_other_encodings(tmp_path: Path) -> None:
         ("Datum;Zeit;T1 [°C]\n12.05.2026;10:00:00;20,5\n12.05.2026;10:00:10;21\n", "%d.%m.%Y %H:%M:%S", ""),
     ],
 )
-def test_date_and_time_of_day_in_two_columns_are_one_time(
-    tmp_path: Path, text: str, time_format: str | None, unit: str
-) -> None:
+def test_date_and_time_of_day_in_two_columns_are_one_time(tmp_path, text, time_format, unit):
     """Layout: HOBO's own option "Separate date and time into two columns" (HOBOware User's Guide)."""
     imported = read_log(
         table(tmp_path, text), "logger", LogOptions(zone=TOKYO, time_format=time_format, unit=unit)
@@ -89,8 +85,8 @@ def test_date_and_time_of_day_in_two_columns_are_one_time(
     ],
 )
 def test_numbers_that_cannot_be_are_stored_as_they_came_flagged_and_counted(
-    tmp_path: Path, unit: str, cells: tuple[str, ...], impossible: int
-) -> None:
+    tmp_path, unit, cells, impossible
+):
     rows = "".join(f"2026-05-12T01:0{minute}:00Z,{cell}\n" for minute, cell in enumerate(cells))
     read = read_log(table(tmp_path, f"time,x [{unit}]\n{rows}"), "logger")
     imported = possible(read, {}, Site(35.0, 139.0, 0.0))
@@ -104,7 +100,7 @@ def test_numbers_that_cannot_be_are_stored_as_they_came_flagged_and_counted(
     assert f"(line {cells.index(flagged[0]) + 2})" in note
 
 
-def test_columns_of_unknown_units_are_named(tmp_path: Path) -> None:
+def test_columns_of_unknown_units_are_named(tmp_path):
     path = table(tmp_path, "time,T1 [C],RH [%],P [hPa],note\n2026-05-12T01:00:00Z,3,40,1000,dry\n")
     imported = read_log(path, "logger")
     assert [
@@ -113,7 +109,7 @@ def test_columns_of_unknown_units_are_named(tmp_path: Path) -> None:
     assert len(read_log(path, "logger", LogOptions(columns=LogColumns(values=("T1",)))).notes) == 1
 
 
-def test_dates_alone_are_taken_where_each_stands_once(tmp_path: Path) -> None:
+def test_dates_alone_are_taken_where_each_stands_once(tmp_path):
     imported = read_log(
         table(tmp_path, "date,T1 [C]\n2026-05-12,3\n2026-05-13,4\n"), "logger", LogOptions(zone=TOKYO)
     )
@@ -132,7 +128,7 @@ def test_dates_alone_are_taken_where_each_stands_once(tmp_path: Path) -> None:
         ("time,T1 [furlong]\n2026-05-12T01:00:00Z,3\n", "no column has a unit"),
     ],
 )
-def test_table_that_is_not_understood_is_told(tmp_path: Path, text: str, words: str) -> None:
+def test_table_that_is_not_understood_is_told(tmp_path, text, words):
     with pytest.raises(ConfigError, match=words):
         read_log(table(tmp_path, text), "logger")
 
@@ -155,9 +151,7 @@ def local_log(tmp_path: Path, minutes: Sequence[int], *, newest_first: bool = Fa
     [range(-90, 120), range(-30, 5), range(-5, 70), range(-300, 300, 60), range(-90, 90, 30)],
     ids=["minutes", "ends within", "begins within", "hourly", "half-hourly"],
 )
-def test_hour_that_comes_twice_keeps_the_order_of_the_rows(
-    tmp_path: Path, minutes: range, newest_first: bool
-) -> None:
+def test_hour_that_comes_twice_keeps_the_order_of_the_rows(tmp_path, minutes, newest_first):
     imported = read_log(
         local_log(tmp_path, minutes, newest_first=newest_first), "logger", LogOptions(zone=BERLIN)
     )
@@ -173,22 +167,20 @@ def test_hour_that_comes_twice_keeps_the_order_of_the_rows(
 @pytest.mark.parametrize(
     "minutes", [[*range(-60, -30)], [*range(10, 100)], [-120, -50, 70], [-20, -10, 5, -30, 20]]
 )
-def test_hour_that_came_twice_is_refused_where_its_rows_do_not_tell_which(
-    tmp_path: Path, minutes: Sequence[int]
-) -> None:
+def test_hour_that_came_twice_is_refused_where_its_rows_do_not_tell_which(tmp_path, minutes):
     with pytest.raises(ConfigError, match="came twice in Europe/Berlin") as caught:
         read_log(local_log(tmp_path, minutes), "logger", LogOptions(zone=BERLIN))
     assert 'zone="Etc/GMT-2"' in (caught.value.fix or "")  # what a clock left in summer time needs
 
 
-def test_log_of_a_clock_that_stayed_in_summer_time_is_taken_with_its_offset(tmp_path: Path) -> None:
+def test_log_of_a_clock_that_stayed_in_summer_time_is_taken_with_its_offset(tmp_path):
     path = table(tmp_path, "time,T1 [C]\n2026-10-25 02:30:00,1\n2026-10-25 03:30:00,2\n")
     imported = read_log(path, "logger", LogOptions(zone=ZoneInfo("Etc/GMT-2")))
     times = [one.time_ns for one in imported.samples]
     assert times == [END_OF_SUMMER_NS - 30 * 60 * 10**9, END_OF_SUMMER_NS + 30 * 60 * 10**9]
 
 
-def test_time_over_which_clocks_were_put_forward_is_refused(tmp_path: Path) -> None:
+def test_time_over_which_clocks_were_put_forward_is_refused(tmp_path):
     path = table(tmp_path, "time,T1 [C]\n2026-03-29 01:59:00,1\n2026-03-29 02:01:00,2\n")
     with pytest.raises(ConfigError, match="'2026-03-29 02:01:00' does not exist in Europe/Berlin"):
         read_log(path, "logger", LogOptions(zone=BERLIN))
@@ -204,9 +196,7 @@ def test_time_over_which_clocks_were_put_forward_is_refused(tmp_path: Path) -> N
         (["12,345.6", "1,234,567"], [12345.6, 1234567.0]),
     ],
 )
-def test_marks_in_numbers_between_semicolons_are_what_the_numbers_show(
-    tmp_path: Path, cells: list[str], expected: list[float]
-) -> None:
+def test_marks_in_numbers_between_semicolons_are_what_the_numbers_show(tmp_path, cells, expected):
     rows = "".join(f"2026-05-12T01:0{minute}:00Z;{cell}\n" for minute, cell in enumerate(cells))
     imported = read_log(table(tmp_path, f"time;E [lx]\n{rows}"), "lux")
     assert [one.values[0] for one in imported.samples if isinstance(one, Reading)] == expected
@@ -215,15 +205,13 @@ def test_marks_in_numbers_between_semicolons_are_what_the_numbers_show(
 
 @pytest.mark.parametrize("mark", [";", "\t"])
 @pytest.mark.parametrize("cells", [["12.345", "900"], ["12.345", "20,5"], ["12.345", "98.760"]])
-def test_points_that_may_be_of_thousands_are_refused_as_commas_are(
-    tmp_path: Path, cells: list[str], mark: str
-) -> None:
+def test_points_that_may_be_of_thousands_are_refused_as_commas_are(tmp_path, cells, mark):
     rows = "".join(f"2026-05-12T01:0{minute}:00Z{mark}{cell}\n" for minute, cell in enumerate(cells))
     with pytest.raises(ConfigError, match=r"'12\.345' in column .* has a point, of thousands or of decimals"):
         read_log(table(tmp_path, f"time{mark}E [lx]\n{rows}"), "lux")
 
 
-def test_cells_that_are_not_numbers_are_counted(tmp_path: Path) -> None:
+def test_cells_that_are_not_numbers_are_counted(tmp_path):
     path = table(
         tmp_path, "time,T1 [C]\n2026-05-12T01:00:00Z,ERR\n2026-05-12T01:01:00Z,\n2026-05-12T01:02:00Z,3\n"
     )
@@ -231,7 +219,7 @@ def test_cells_that_are_not_numbers_are_counted(tmp_path: Path) -> None:
     assert "1 cells are not numbers and have no value, such as 'ERR'" in notes
 
 
-def test_log_that_ran_longer_is_cut_to_the_session(tmp_path: Path) -> None:
+def test_log_that_ran_longer_is_cut_to_the_session(tmp_path):
     clock = CountedClock()
     writer = SessionWriter(tmp_path / "old.h5", header((24, 32)), clock)
     fill(writer, 20, clock)
@@ -248,7 +236,7 @@ def test_log_that_ran_longer_is_cut_to_the_session(tmp_path: Path) -> None:
         assert merge(session, cut, tmp_path / "new.h5", "log.csv").counts["logger"] == 5
 
 
-def test_stream_is_added_beside_an_old_session(tmp_path: Path) -> None:
+def test_stream_is_added_beside_an_old_session(tmp_path):
     clock = CountedClock()
     writer = SessionWriter(tmp_path / "old.h5", header((24, 32)), clock)
     appended = fill(writer, 20, clock)
@@ -309,7 +297,7 @@ def readings(imported: ImportedRecording) -> list[Reading]:
     return [one for one in imported.samples if isinstance(one, Reading)]
 
 
-def test_a_campbell_table_is_read_as_it_is(tmp_path: Path) -> None:
+def test_a_campbell_table_is_read_as_it_is(tmp_path):
     columns = LogColumns(values=("Tair_Avg", "Tsand_Avg"))
     imported = read_log(written(tmp_path, TOA5), "tower", LogOptions(zone=DENVER, columns=columns))
     first, second = readings(imported)
@@ -320,7 +308,7 @@ def test_a_campbell_table_is_read_as_it_is(tmp_path: Path) -> None:
     assert any("in the middle of their interval of 60 s" in text for _, text in imported.notes)
 
 
-def test_columns_of_several_units_go_into_streams_of_their_own(tmp_path: Path) -> None:
+def test_columns_of_several_units_go_into_streams_of_their_own(tmp_path):
     imported = read_log(written(tmp_path, TOA5), "tower", LogOptions(zone=DENVER))
     assert {info.name: info.channels for info in imported.streams} == {
         "tower-temperature": ("Tair_Avg", "Tsand_Avg"),
@@ -328,7 +316,7 @@ def test_columns_of_several_units_go_into_streams_of_their_own(tmp_path: Path) -
     }
 
 
-def test_of_a_campbell_table_each_unit_is_a_stream_of_its_own(tmp_path: Path) -> None:
+def test_of_a_campbell_table_each_unit_is_a_stream_of_its_own(tmp_path):
     path = written(tmp_path, TOA5)
     imported = read_log(path, "sun", LogOptions(zone=DENVER, columns=LogColumns(values=("SWin_Avg",))))
     assert [one.values for one in readings(imported)] == [(812.5,), (813.0,)]
@@ -337,7 +325,7 @@ def test_of_a_campbell_table_each_unit_is_a_stream_of_its_own(tmp_path: Path) ->
     assert heads[:3] == ["TIMESTAMP [TS]", "RECORD [RN]", "Batt_Min [Volts]"]
 
 
-def test_radiation_of_a_table_is_what_its_columns_are_called_or_what_was_said(tmp_path: Path) -> None:
+def test_radiation_of_a_table_is_what_its_columns_are_called_or_what_was_said(tmp_path):
     path = written(tmp_path, TOA5)
     sun = LogColumns(values=("SWin_Avg",))
     unknown = read_log(path, "sun", LogOptions(zone=DENVER, columns=sun))
@@ -352,14 +340,14 @@ def test_radiation_of_a_table_is_what_its_columns_are_called_or_what_was_said(tm
     assert not any("--measures" in text for _, text in [*said.notes, *imported.notes])
 
 
-def test_samples_of_a_campbell_table_are_not_told_to_be_means(tmp_path: Path) -> None:
+def test_samples_of_a_campbell_table_are_not_told_to_be_means(tmp_path):
     path = written(tmp_path, TOA5.replace('"Avg"', '"Smp"'))
     imported = read_log(path, "sun", LogOptions(zone=DENVER, columns=LogColumns(values=("SWin_Avg",))))
     assert not any("--clock-offset" in text for _, text in imported.notes)
 
 
 @pytest.mark.parametrize("text", [HOBO, HOBO.split("\n", 1)[1]], ids=["title", "no title"])
-def test_a_hobo_table_says_its_zone_and_counts_fahrenheit(tmp_path: Path, text: str) -> None:
+def test_a_hobo_table_says_its_zone_and_counts_fahrenheit(tmp_path, text):
     columns = LogColumns(values=("Temp",))
     imported = read_log(written(tmp_path, text), "bed3", LogOptions(time_format=HOBO_TIME, columns=columns))
     first, second, event = readings(imported)
@@ -370,13 +358,13 @@ def test_a_hobo_table_says_its_zone_and_counts_fahrenheit(tmp_path: Path, text: 
     assert imported.streams[0].channels == ("Temp",)
 
 
-def test_times_with_am_and_pm_are_asked_for_by_an_example_that_fits(tmp_path: Path) -> None:
+def test_times_with_am_and_pm_are_asked_for_by_an_example_that_fits(tmp_path):
     with pytest.raises(ConfigError, match="'05/12/26 10:00:00 AM' is not a time") as caught:
         read_log(written(tmp_path, HOBO), "bed3", LogOptions(columns=LogColumns(values=("Temp",))))
     assert f'time_format="{HOBO_TIME}"' in (caught.value.fix or "")
 
 
-def test_thousands_with_a_point_behind_them_are_understood(tmp_path: Path) -> None:
+def test_thousands_with_a_point_behind_them_are_understood(tmp_path):
     columns = LogColumns(values=("Intensity",))
     imported = read_log(written(tmp_path, HOBO), "lux", LogOptions(time_format=HOBO_TIME, columns=columns))
     assert [one.values[0] for one in readings(imported)][:2] == [52_356.0, 52_400.0]
@@ -393,9 +381,7 @@ def test_thousands_with_a_point_behind_them_are_understood(tmp_path: Path) -> No
         ("time (Asia/Kathmandu)", "Asia/Kathmandu"),
     ],
 )
-def test_a_zone_against_the_one_in_the_header_is_refused_with_both(
-    tmp_path: Path, head: str, stated: str
-) -> None:
+def test_a_zone_against_the_one_in_the_header_is_refused_with_both(tmp_path, head, stated):
     path = written(tmp_path, f'"{head}",T [C]\n2026-05-12 10:00:00,20\n2026-05-12 10:01:00,21\n')
     with pytest.raises(ConfigError, match=r'states the zone .*, zone="Pacific/Auckland"') as caught:
         read_log(path, "x", LogOptions(zone=ZoneInfo("Pacific/Auckland")))
@@ -403,7 +389,7 @@ def test_a_zone_against_the_one_in_the_header_is_refused_with_both(
     assert len(readings(read_log(path, "x"))) == 2
 
 
-def test_sensors_of_a_hobo_are_called_by_label_or_number(tmp_path: Path) -> None:
+def test_sensors_of_a_hobo_are_called_by_label_or_number(tmp_path):
     heads = (
         "Date Time, GMT+09:00",
         "Temp, °C (LGR S/N: 1, SEN S/N: 11, LBL: bed)",
@@ -420,7 +406,7 @@ def test_sensors_of_a_hobo_are_called_by_label_or_number(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("separator", ["\u2028", "\x85"])
-def test_a_line_separator_in_a_cell_ends_no_row(tmp_path: Path, separator: str) -> None:
+def test_a_line_separator_in_a_cell_ends_no_row(tmp_path, separator):
     """As pasted into a note from a web page."""
     rows = f"time,T [C],note\n2026-05-12 10:00:00,20.5,wind{separator}picks up\n2026-05-12 10:01:00,20.6,\n"
     table = read_table(written(tmp_path, rows))
@@ -439,9 +425,7 @@ def test_a_line_separator_in_a_cell_ends_no_row(tmp_path: Path, separator: str) 
         ("kW/m2", "0.9415", "W m-2", 941.5),
     ],
 )
-def test_thousands_of_a_unit_and_foot_candles_become_the_streams(
-    tmp_path: Path, unit: str, cell: str, stored: str, value: float
-) -> None:
+def test_thousands_of_a_unit_and_foot_candles_become_the_streams(tmp_path, unit, cell, stored, value):
     path = table(tmp_path, f"time,dni [{unit}]\n2026-05-12T10:00:00,{cell}\n")
     imported = read_log(path, "log", LogOptions(zone=UTC))
     (reading,) = imported.samples
@@ -449,7 +433,7 @@ def test_thousands_of_a_unit_and_foot_candles_become_the_streams(
     assert reading.values == pytest.approx((value,), rel=1e-7)
 
 
-def test_a_table_of_western_windows_asks_for_its_encoding(tmp_path: Path) -> None:
+def test_a_table_of_western_windows_asks_for_its_encoding(tmp_path):
     path = table(tmp_path, "time,T1 [°C]\n2026-05-12T10:00:00,21.5\n", "cp1252")
     with pytest.raises(ConfigError, match="is not in utf-8: byte 0xb0") as caught:
         read_log(path, "log", LogOptions(zone=UTC))
@@ -458,14 +442,14 @@ def test_a_table_of_western_windows_asks_for_its_encoding(tmp_path: Path) -> Non
     assert reading.values == pytest.approx((294.65,))
 
 
-def test_an_encoding_that_is_none_is_named(tmp_path: Path) -> None:
+def test_an_encoding_that_is_none_is_named(tmp_path):
     path = table(tmp_path, "time,T1 [C]\n2026-05-12T10:00:00,21.5\n")
     with pytest.raises(ConfigError, match="unknown encoding: klingon") as caught:
         read_log(path, "log", LogOptions(zone=UTC, encoding="klingon"))
     assert "cp1252" in (caught.value.fix or "")
 
 
-def test_one_import_takes_columns_of_every_unit(tmp_path: Path) -> None:
+def test_one_import_takes_columns_of_every_unit(tmp_path):
     text = "time,bed [C],air [F],light [klx],dni [W/m2],wind [m/s],gust [km/h]\n"
     rows = "2026-05-12T10:01:00,22.5,-999.9,64.1,,3,9\n2026-05-12T10:00:00,21.5,68,63.986,850,2,8\n"
     imported = read_log(table(tmp_path, text + rows), "logger", LogOptions(zone=UTC))
@@ -496,7 +480,7 @@ def test_one_import_takes_columns_of_every_unit(tmp_path: Path) -> None:
     assert any("excluded for their unit: gust [km/h]" in text for text in said)
 
 
-def test_a_column_named_by_hand_in_an_unknown_unit_is_refused(tmp_path: Path) -> None:
+def test_a_column_named_by_hand_in_an_unknown_unit_is_refused(tmp_path):
     path = table(tmp_path, "time,wind [mph],T [C]\n2026-05-12T10:00:00,3,21\n")
     with pytest.raises(ConfigError, match=r"column 'wind \[mph\]' has the unit 'mph'"):
         read_log(path, "log", LogOptions(zone=UTC, columns=LogColumns(values=("wind",))))
@@ -517,7 +501,7 @@ def minutes(columns: str, *cells: str) -> str:
     return f"time,{columns}\n{''.join(rows)}"
 
 
-def test_a_unit_that_is_given_is_of_columns_that_state_none(tmp_path: Path) -> None:
+def test_a_unit_that_is_given_is_of_columns_that_state_none(tmp_path):
     path = table(tmp_path, minutes("RH [%],T,T2 [F],WindDir (deg)", "55,21,68,180", "56,22,70,190"))
     imported = read_log(path, "x", LogOptions(zone=UTC, unit="C"))
     assert imported.streams[0].channels == ("T", "T2")
@@ -527,16 +511,14 @@ def test_a_unit_that_is_given_is_of_columns_that_state_none(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(("column", "unit"), [("RH", "%"), ("T2", "F"), ("WindDir", "deg")])
-def test_a_unit_against_that_of_a_column_asked_for_is_refused_with_both(
-    tmp_path: Path, column: str, unit: str
-) -> None:
+def test_a_unit_against_that_of_a_column_asked_for_is_refused_with_both(tmp_path, column, unit):
     path = table(tmp_path, minutes("RH [%],T,T2 [F],WindDir (deg)", "55,21,68,180"))
     asked = LogColumns(values=(column,))
     with pytest.raises(ConfigError, match=f"states the unit '{unit}', unit=\"C\""):
         read_log(path, "x", LogOptions(zone=UTC, unit="C", columns=asked))
 
 
-def test_a_unit_that_every_column_states_itself_applies_to_none(tmp_path: Path) -> None:
+def test_a_unit_that_every_column_states_itself_applies_to_none(tmp_path):
     path = table(tmp_path, minutes("T [C]", "20", "21"))
     imported = read_log(path, "x", LogOptions(zone=UTC, unit="F"))
     assert readings(imported)[0].values == pytest.approx((293.15,))
@@ -545,20 +527,20 @@ def test_a_unit_that_every_column_states_itself_applies_to_none(tmp_path: Path) 
     assert readings(read_log(path, "x", asked))[0].values == pytest.approx((293.15,))
 
 
-def test_brackets_around_a_number_or_a_place_state_no_unit(tmp_path: Path) -> None:
+def test_brackets_around_a_number_or_a_place_state_no_unit(tmp_path):
     """Arrays of Campbell loggers are ``Temp(1)``, ``Temp(2)``."""
     path = table(tmp_path, minutes("No,Temp(1),Temp(2),T (shade),note", "1,20,21,22,dry", "2,21,22,23,wet"))
     imported = read_log(path, "x", LogOptions(zone=UTC, unit="C"))
     assert imported.streams[0].channels == ("No", "Temp(1)", "Temp(2)", "T (shade)")
 
 
-def test_counters_before_the_time_and_words_are_no_values(tmp_path: Path) -> None:
+def test_counters_before_the_time_and_words_are_no_values(tmp_path):
     text = "No,Date,Time,T,note\n1,2026-06-11,12:00,20,dry\n2,2026-06-11,12:01,21,wet\n"
     imported = read_log(table(tmp_path, text), "x", LogOptions(zone=UTC, unit="C"))
     assert imported.streams[0].channels == ("T",)
 
 
-def test_a_component_that_is_given_is_of_columns_that_name_none(tmp_path: Path) -> None:
+def test_a_component_that_is_given_is_of_columns_that_name_none(tmp_path):
     path = table(tmp_path, minutes("GHI [W/m2],sun [W/m2],DHI [W/m2]", "800,900,100", "801,901,101"))
     imported = read_log(path, "x", LogOptions(zone=UTC, measures="dni"))
     assert imported.streams[0].measures == ("ghi", "dni", "dhi")
@@ -569,21 +551,21 @@ def test_a_component_that_is_given_is_of_columns_that_name_none(tmp_path: Path) 
 
 
 @pytest.mark.parametrize("columns", ["GHI [W/m2],DNI [W/m2]", "T1 [C],T2 [C]"])
-def test_a_component_that_no_column_can_take_is_named(tmp_path: Path, columns: str) -> None:
+def test_a_component_that_no_column_can_take_is_named(tmp_path, columns):
     path = table(tmp_path, minutes(columns, "8,9", "7,6"))
     imported = read_log(path, "x", LogOptions(zone=UTC, measures="dhi"))
     assert "--measures dhi applies to no column" in notes(imported)
     assert "dhi" not in imported.streams[0].measures
 
 
-def test_offsets_of_times_hold_against_a_zone_that_is_given(tmp_path: Path) -> None:
+def test_offsets_of_times_hold_against_a_zone_that_is_given(tmp_path):
     path = table(tmp_path, "time,T [C]\n2026-06-11T21:00:00+09:00,20\n2026-06-11T12:01:00Z,21\n")
     imported = read_log(path, "x", LogOptions(zone=DENVER))
     assert [one.time_ns - NOON_NS for one in readings(imported)] == [0, 60 * 10**9]
     assert "every time states its own offset: --zone America/Denver applies to none" in notes(imported)
 
 
-def test_a_zone_that_agrees_with_the_one_in_the_header_is_taken(tmp_path: Path) -> None:
+def test_a_zone_that_agrees_with_the_one_in_the_header_is_taken(tmp_path):
     path = table(tmp_path, "time (UTC+02:00),T [C]\n2026-06-11 14:00:00,20\n2026-06-11 14:01:00,21\n")
     assert readings(read_log(path, "x", LogOptions(zone=BERLIN)))[0].time_ns == NOON_NS
 
@@ -607,7 +589,7 @@ def seconds(imported: ImportedRecording, stream: str) -> list[float]:
     return [(one.time_ns - NOON_NS) / 1e9 for one in imported.samples if one.stream == stream]
 
 
-def test_averages_stand_in_the_middle_of_their_interval_and_samples_where_they_are(tmp_path: Path) -> None:
+def test_averages_stand_in_the_middle_of_their_interval_and_samples_where_they_are(tmp_path):
     path = table(tmp_path, mixed("12:00:00", "12:10:00", "12:20:00"))
     imported = read_log(path, "log", LogOptions(zone=UTC))
     assert {info.name: info.channels for info in imported.streams} == {
@@ -624,7 +606,7 @@ def test_averages_stand_in_the_middle_of_their_interval_and_samples_where_they_a
     assert "--clock-offset" not in notes(imported)
 
 
-def test_an_extreme_asked_for_by_name_stays_where_it_is_and_is_named(tmp_path: Path) -> None:
+def test_an_extreme_asked_for_by_name_stays_where_it_is_and_is_named(tmp_path):
     path = table(tmp_path, mixed("12:00:00", "12:10:00"))
     imported = read_log(path, "log", LogOptions(zone=UTC, columns=LogColumns(values=("T_Max",))))
     assert seconds(imported, "log") == [0, 600]
@@ -650,20 +632,18 @@ def test_an_extreme_asked_for_by_name_stays_where_it_is_and_is_named(tmp_path: P
     ],
     ids=["gap", "other interval", "alone", "short"],
 )
-def test_averages_after_a_gap_or_of_another_interval_have_their_own_middle(
-    tmp_path: Path, clocks: Sequence[str], middles: list[float]
-) -> None:
+def test_averages_after_a_gap_or_of_another_interval_have_their_own_middle(tmp_path, clocks, middles):
     path = table(tmp_path, mixed(*(f"{clock}:00" for clock in clocks)))
     assert seconds(read_log(path, "log", LogOptions(zone=UTC)), "log-irradiance") == middles
 
 
-def test_one_average_alone_shows_no_interval(tmp_path: Path) -> None:
+def test_one_average_alone_shows_no_interval(tmp_path):
     imported = read_log(table(tmp_path, mixed("12:00:00")), "log", LogOptions(zone=UTC))
     assert seconds(imported, "log-irradiance") == [0]
     assert "averages of GHI_Avg are stamped at the end of their interval" in notes(imported)
 
 
-def test_a_campbell_table_of_two_header_lines_has_units_and_processes_in_its_names(tmp_path: Path) -> None:
+def test_a_campbell_table_of_two_header_lines_has_units_and_processes_in_its_names(tmp_path):
     """Names as Campbell's Short Cut gives them: AirTC in °C, SlrW in W/m², WS_ms in m/s."""
     text = (
         '"TOACI1","CR1000","Hourly"\n"TMSTAMP","RECNBR","AirTC_Avg","AirTC_Max","SlrW_Avg","WS_ms","BattV"\n'
@@ -679,7 +659,7 @@ def test_a_campbell_table_of_two_header_lines_has_units_and_processes_in_its_nam
     assert seconds(imported, "log-speed") == [0, 3600]
 
 
-def test_a_process_that_is_not_known_is_no_sample(tmp_path: Path) -> None:
+def test_a_process_that_is_not_known_is_no_sample(tmp_path):
     text = mixed("12:00:00", "12:10:00").replace('"Smp","Avg"', '"Rfl","Avg"')
     imported = read_log(table(tmp_path, text), "log", LogOptions(zone=UTC))
     assert imported.streams[0].channels == ("T_Avg",)

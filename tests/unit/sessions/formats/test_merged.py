@@ -1,7 +1,5 @@
 """The clock offset of a log is found where the time series determine it, and refused where they do not."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +13,7 @@ from fieldkit.sessions.formats.imported import ImportedRecording, write_imported
 from fieldkit.sessions.formats.logs import read_log
 from fieldkit.sessions.formats.merged import TimeSeries, aligned, best_offset
 from fieldkit.sessions.layout import SessionHeader
-from fieldkit.sessions.reader import SessionReader, open_session
+from fieldkit.sessions.reader import open_session
 from fieldkit.weather import packaged, read_surfrad
 from tests.shared_data import shared
 
@@ -40,7 +38,7 @@ def light(
 @pytest.mark.parametrize(
     "true_s", [-4000.0, 12.3, *(pytest.param(one, marks=pytest.mark.slow) for one in (-37.0, 0.0, 3600.0))]
 )
-def test_broken_cloud_tells_the_offset_to_a_second_or_two(true_s: float) -> None:
+def test_broken_cloud_tells_the_offset_to_a_second_or_two(true_s):
     found = best_offset(*light(np.random.default_rng(1), cloudy=True, true_s=true_s, noise=500.0))
     assert found.offset_s == pytest.approx(true_s, abs=found.uncertainty_s)
     assert found.uncertainty_s < 5.0
@@ -48,7 +46,7 @@ def test_broken_cloud_tells_the_offset_to_a_second_or_two(true_s: float) -> None
 
 
 @pytest.mark.parametrize("count", [4, pytest.param(10, marks=pytest.mark.slow)])
-def test_stated_uncertainty_covers_the_error_under_a_clear_sky(count: int) -> None:
+def test_stated_uncertainty_covers_the_error_under_a_clear_sky(count):
     """A smooth bell tells little; what is said must still be true nineteen times of twenty."""
     misses = answers = 0
     for seed in range(count):
@@ -74,12 +72,12 @@ SECONDS = np.arange(3000.0)
     ],
     ids=["periodic", "a straight line", "constant"],
 )
-def test_curves_that_fit_in_several_places_or_nowhere_are_refused(curve: np.ndarray, words: str) -> None:
+def test_curves_that_fit_in_several_places_or_nowhere_are_refused(curve, words):
     with pytest.raises(NoAnswerError, match=words):
         best_offset(TimeSeries(SECONDS - 7, curve), TimeSeries(SECONDS, curve))
 
 
-def test_two_noises_are_refused_and_few_points_too() -> None:
+def test_two_noises_are_refused_and_few_points_too():
     chance = np.random.default_rng(3)
     with pytest.raises(NoAnswerError, match="match nowhere"):
         best_offset(
@@ -100,7 +98,7 @@ def wandering(seconds: np.ndarray) -> np.ndarray:
 
 
 @pytest.fixture
-def session(tmp_path: Path):
+def session(tmp_path):
     info = StreamInfo("thermometer", "temperature", "K", (2,), channels=("T1", "T2"), rate_hz=1.0)
     stamps = [(START_NS + n * 10**9, float(kelvin)) for n, kelvin in enumerate(wandering(SECONDS))]
     samples = [Reading("thermometer", ns, ns, (kelvin, kelvin + 1)) for ns, kelvin in stamps]
@@ -119,7 +117,7 @@ def log(tmp_path: Path, offset_s: float) -> ImportedRecording:
     return read_log(path, "logger")
 
 
-def test_log_is_moved_onto_the_sessions_curve_and_says_so(session: SessionReader, tmp_path: Path) -> None:
+def test_log_is_moved_onto_the_sessions_curve_and_says_so(session, tmp_path):
     moved = aligned(session, log(tmp_path, 83.0))
     first = next(iter(moved.samples))
     assert (first.time_ns - START_NS) / 1e9 == pytest.approx(100.0, abs=1.0)
@@ -127,11 +125,11 @@ def test_log_is_moved_onto_the_sessions_curve_and_says_so(session: SessionReader
     assert "s ± 1.0 s (k=2) found on thermometer" in moved.notes[-1][1]
 
 
-def test_whole_hours_are_suspected_to_be_a_zone(session: SessionReader, tmp_path: Path) -> None:
+def test_whole_hours_are_suspected_to_be_a_zone(session, tmp_path):
     assert "check --zone" in aligned(session, log(tmp_path, 3600.0)).notes[-1][1]
 
 
-def test_regions_of_the_pictures_tell_the_offset_of_a_probe_in_the_sand(tmp_path: Path) -> None:
+def test_regions_of_the_pictures_tell_the_offset_of_a_probe_in_the_sand(tmp_path):
     info = StreamInfo("camera", "brightness_temperature", "K", (4, 6), 0.01, rate_hz=0.5)
     corners = ((0.0, 0.0), (5.0, 0.0), (5.0, 3.0), (0.0, 3.0))
     head = SessionHeader("t", Site(0, 0), (info,), (Region("b05", RegionKind.TARGET, corners),))
@@ -149,7 +147,7 @@ def test_regions_of_the_pictures_tell_the_offset_of_a_probe_in_the_sand(tmp_path
     assert (first.time_ns - START_NS) / 1e9 == pytest.approx(100.0, abs=1.0)
 
 
-def test_log_of_another_quantity_is_refused(session: SessionReader, tmp_path: Path) -> None:
+def test_log_of_another_quantity_is_refused(session, tmp_path):
     path = tmp_path / "lux.csv"
     path.write_text("time,L [lx]\n" + "\n".join(f"{START_NS / 1e9 + n},{n % 7}" for n in range(50)))
     with pytest.raises(NoAnswerError, match="no time series of illuminance"):

@@ -1,7 +1,5 @@
 """An RO-Crate as its reference library reads it, and what the standard and DataCite ask of it."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -36,7 +34,7 @@ def entities(files: list[Path]) -> dict[str, dict]:
     return {one["@id"]: one for one in json.loads(files[-1].read_text(encoding="utf-8"))["@graph"]}
 
 
-def test_the_root_has_what_the_standard_demands(tmp_path: Path) -> None:
+def test_the_root_has_what_the_standard_demands(tmp_path):
     # RO-Crate 1.1, "Root Data Entity": name, description, datePublished, license
     files = crate(tmp_path, "")
     found = entities(files)
@@ -53,7 +51,7 @@ def test_the_root_has_what_the_standard_demands(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("is_exact", [False, True])
-def test_the_place_is_rounded_unless_it_may_be_known(tmp_path: Path, is_exact: bool) -> None:
+def test_the_place_is_rounded_unless_it_may_be_known(tmp_path, is_exact):
     site = CITED.site
     geo = entities(crate(tmp_path, f"[campaign]\nexact_place = {str(is_exact).lower()}\n"))["#geo"]
     found = geo["latitude"], geo["longitude"]
@@ -63,7 +61,7 @@ def test_the_place_is_rounded_unless_it_may_be_known(tmp_path: Path, is_exact: b
     assert ("elevation" in geo) == is_exact
 
 
-def test_the_reference_library_reads_it(tmp_path: Path) -> None:
+def test_the_reference_library_reads_it(tmp_path):
     crate(tmp_path, "")
     read = rocrate.ROCrate(tmp_path)
     assert read.name == "Sand beds"

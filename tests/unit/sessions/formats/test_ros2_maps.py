@@ -1,7 +1,5 @@
 """Read back by rosbags, whose parser and CDR decoder share nothing with the writer."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from mcap.reader import make_reader

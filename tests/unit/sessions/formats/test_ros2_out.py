@@ -1,7 +1,5 @@
 """A session as ROS 2 messages, read back by rosbags with ROS's own definitions."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

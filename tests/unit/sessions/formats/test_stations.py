@@ -1,7 +1,5 @@
 """What stations measured becomes streams, at the middle of what each value stands for."""
 
-from __future__ import annotations
-
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -26,7 +24,7 @@ def utc(reading: Reading) -> str:
     return datetime.fromtimestamp(reading.time_ns / 1e9, UTC).isoformat()
 
 
-def test_a_surfrad_file_gives_its_irradiance_with_what_it_measures(tmp_path: Path) -> None:
+def test_a_surfrad_file_gives_its_irradiance_with_what_it_measures(tmp_path):
     """Expected: the values that `foreign_files.surfrad` writes: global 500, direct 900, diffuse 50 W/m2."""
     (tmp_path / "slv16001.dat").write_bytes(foreign_files.surfrad())
     imported = read_station(tmp_path / "slv16001.dat", "slv")
@@ -36,7 +34,7 @@ def test_a_surfrad_file_gives_its_irradiance_with_what_it_measures(tmp_path: Pat
     assert measured["slv-direct"] == ("dni",)
 
 
-def test_a_surfrad_day_still_being_written_is_imported_with_a_word(tmp_path: Path) -> None:
+def test_a_surfrad_day_still_being_written_is_imported_with_a_word(tmp_path):
     (tmp_path / "slv16001.dat").write_bytes(foreign_files.surfrad()[:-20])
     imported = read_station(tmp_path / "slv16001.dat", "slv")
     assert len(readings(imported, "slv-global")) == 2
@@ -44,7 +42,7 @@ def test_a_surfrad_day_still_being_written_is_imported_with_a_word(tmp_path: Pat
     assert "its last row is cut off" in imported.notes[1][1]
 
 
-def test_surfrad_day_gives_a_stream_for_each_quantity() -> None:
+def test_surfrad_day_gives_a_stream_for_each_quantity():
     """Expected: the extremes and the conventions in the README beside the file."""
     imported = read_station(shared("data/weather/slv16001.dat"), "slv")
     assert imported.site == STATIONS["alamosa"]
@@ -73,7 +71,7 @@ def obsdl(tmp_path: Path, text: str) -> Path:
     return path
 
 
-def test_hourly_sums_become_means_in_the_middle_of_their_hour(tmp_path: Path) -> None:
+def test_hourly_sums_become_means_in_the_middle_of_their_hour(tmp_path):
     path = tmp_path / "data.csv"
     path.write_bytes(foreign_files.obsdl())
     assert is_obsdl(path)
@@ -91,14 +89,14 @@ def test_hourly_sums_become_means_in_the_middle_of_their_hour(tmp_path: Path) ->
     assert any("風速: station or instrument changed" in text for _, text in imported.notes)
 
 
-def test_date_may_be_split_into_cells(tmp_path: Path) -> None:
+def test_date_may_be_split_into_cells(tmp_path):
     """The other choice at the download page; 24 h is the next day's beginning."""
     path = obsdl(tmp_path, ",,,,館野\r\n年,月,日,時,気温(℃)\r\n,,,,\r\n2024,6,1,24,20.0\r\n")
     (air,) = readings(read_obsdl(path, "jma"), "jma-air")
     assert utc(air) == "2024-06-01T15:00:00+00:00"
 
 
-def test_real_daily_download_is_read() -> None:
+def test_real_daily_download_is_read():
     """Expected: the rows as they stand in the file."""
     imported = read_obsdl(shared("data/weather/jma_obsdl_kyoto_daily_201406.csv"), "kyoto")
     air = readings(imported, "kyoto-air")
@@ -110,7 +108,7 @@ def test_real_daily_download_is_read() -> None:
 
 
 @pytest.mark.parametrize("again", ["品質情報", "品質情報.1"])  # the latter of a table saved again by pandas
-def test_quality_named_beside_its_item_holds(tmp_path: Path, again: str) -> None:
+def test_quality_named_beside_its_item_holds(tmp_path, again):
     """The compact form: quality 8 is normal, 1 missing (JMA obsdl/top/help3)."""
     rows = "2023/10/1 1:00:00,22.9,8,2.0,1\r\n2023/10/1 2:00:00,99.9,1,3.0,8\r\n"
     head = f",試験,試験,試験,試験\r\n年月日時,気温(℃),品質情報,風速(m/s),{again}\r\n"
@@ -122,7 +120,7 @@ def test_quality_named_beside_its_item_holds(tmp_path: Path, again: str) -> None
     assert (Severity.WARNING, "気温: 1 values whose quality is not 8 were excluded") in imported.notes
 
 
-def test_two_stations_of_one_name_are_told_apart(tmp_path: Path) -> None:
+def test_two_stations_of_one_name_are_told_apart(tmp_path):
     head = ",白浜,白浜,白浜,白浜\r\n年月日時,気温(℃),気温(℃),気温(℃),気温(℃)\r\n,,品質情報,,品質情報\r\n"
     imported = read_obsdl(obsdl(tmp_path, f"{head}2026/7/5 11:00:00,28.9,8,18.9,8\r\n"), "jma")
     assert imported.streams[0].channels == ("気温", "気温 (2)")
@@ -140,7 +138,7 @@ def test_two_stations_of_one_name_are_told_apart(tmp_path: Path) -> None:
     ],
 )
 @pytest.mark.parametrize("name", ["年月日", ""])
-def test_dates_in_words_are_read(tmp_path: Path, date: str, expected: str, name: str) -> None:
+def test_dates_in_words_are_read(tmp_path, date, expected, name):
     name = name and name + "時" * ("日 " in date or "24" in date)
     head = f",甲\r\n{name},平均気温(℃)\r\n"
     (air,) = readings(read_obsdl(obsdl(tmp_path, f"{head}{date},5.0\r\n"), "jma"), "jma-air")
@@ -148,7 +146,7 @@ def test_dates_in_words_are_read(tmp_path: Path, date: str, expected: str, name:
 
 
 @pytest.mark.parametrize("encoding", ["cp932", "utf-8", "utf-8-sig"])
-def test_ten_minute_table_without_a_date_is_refused_for_that(tmp_path: Path, encoding: str) -> None:
+def test_ten_minute_table_without_a_date_is_refused_for_that(tmp_path, encoding):
     path = tmp_path / "ten.csv"
     path.write_bytes("時分,気温(℃)\r\n00:10,22.1\r\n".encode(encoding))
     assert is_obsdl(path)
@@ -159,7 +157,7 @@ def test_ten_minute_table_without_a_date_is_refused_for_that(tmp_path: Path, enc
     assert not is_obsdl(path), "with dates it is a table like any other"
 
 
-def test_marked_values_are_counted(tmp_path: Path) -> None:
+def test_marked_values_are_counted(tmp_path):
     """Marks of a download in letters, such as ``)`` and ``]``: the value is not of full quality."""
     rows = "2024/7/1 1:00:00,22.1 )\r\n2024/7/1 2:00:00,///\r\n2024/7/1 3:00:00,\r\n2024/7/1 4:00:00,21\r\n"
     imported = read_obsdl(obsdl(tmp_path, f",甲\r\n年月日時,気温(℃)\r\n{rows}"), "jma")
@@ -168,14 +166,14 @@ def test_marked_values_are_counted(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig"])
-def test_download_that_was_saved_again_as_utf8_is_read(tmp_path: Path, encoding: str) -> None:
+def test_download_that_was_saved_again_as_utf8_is_read(tmp_path, encoding):
     path = tmp_path / "data.csv"
     path.write_bytes(foreign_files.obsdl().decode("cp932").encode(encoding))
     assert is_obsdl(path)
     assert readings(read_obsdl(path, "jma"), "jma-global")[0].values == (1000.0,)
 
 
-def test_pressure_of_vapour_is_not_that_of_the_air(tmp_path: Path) -> None:
+def test_pressure_of_vapour_is_not_that_of_the_air(tmp_path):
     """Names of items: JMA obsdl; 24.1 hPa of vapour in air of 1004.0 hPa."""
     head = ",東京,東京\r\n年月日時,蒸気圧(hPa),現地気圧(hPa)\r\n"
     imported = read_obsdl(obsdl(tmp_path, f"{head}2024/7/1 12:00:00,24.1,1004.0\r\n"), "jma")
@@ -183,7 +181,7 @@ def test_pressure_of_vapour_is_not_that_of_the_air(tmp_path: Path) -> None:
     assert readings(imported, "jma-pressure")[0].values == pytest.approx((100_400.0,))
 
 
-def test_pressure_reduced_to_the_sea_is_not_the_stations(tmp_path: Path) -> None:
+def test_pressure_reduced_to_the_sea_is_not_the_stations(tmp_path):
     """Names of items: JMA obsdl; on Mount Fuji 640 hPa stand against 1015 hPa at the sea."""
     head = ",富士山,富士山\r\n年月日時,海面気圧(hPa),現地気圧(hPa)\r\n"
     imported = read_obsdl(obsdl(tmp_path, f"{head}2024/7/1 12:00:00,1015.0,640.0\r\n"), "jma")
@@ -194,7 +192,7 @@ def test_pressure_reduced_to_the_sea_is_not_the_stations(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("date", ["2024/7/1", "2024,7,1"])
-def test_sunshine_hours_before_the_sums_of_days_do_not_make_them_hourly(tmp_path: Path, date: str) -> None:
+def test_sunshine_hours_before_the_sums_of_days_do_not_make_them_hourly(tmp_path, date):
     """Layout: JMA obsdl/top/help3; 日照時間 (sunshine duration) has the character of an hour in its name."""
     skip, names = ("", "年月日") if "/" in date else (",,", "年,月,日")
     head = f"{skip},東京,東京\r\n{names},日照時間(時間),合計全天日射量(MJ/㎡)\r\n"
@@ -218,7 +216,7 @@ def test_sunshine_hours_before_the_sums_of_days_do_not_make_them_hourly(tmp_path
         (",京都\r\n年月日時,気温(℃)\r\n2014/13/1 1:00:00,0\r\n", "not as the Japan Meteorological"),
     ],
 )
-def test_downloads_without_what_is_needed_are_told(tmp_path: Path, text: str, words: str) -> None:
+def test_downloads_without_what_is_needed_are_told(tmp_path, text, words):
     with pytest.raises(ConfigError, match=words):
         read_obsdl(obsdl(tmp_path, text), "jma")
 
@@ -232,7 +230,7 @@ def table(tmp_path: Path, rows: list[tuple[int, list[str], str]]) -> Path:
     return path
 
 
-def test_tables_hold_hourly_sums_without_a_decimal_point(tmp_path: Path) -> None:
+def test_tables_hold_hourly_sums_without_a_decimal_point(tmp_path):
     hours = ["0"] * 10 + ["324", "XXX", "180"] + ["0"] * 11
     path = table(tmp_path, [(1, hours, "504]"), (2, ["XXX"] * 24, "XXXX")])
     assert is_radiation_table(path)
@@ -256,6 +254,6 @@ def test_tables_hold_hourly_sums_without_a_decimal_point(tmp_path: Path) -> None
         ([(1, ["100"] * 24, "1200")], "do not add up"),
     ],
 )
-def test_tables_laid_out_otherwise_are_refused(tmp_path: Path, rows: list[str], words: str) -> None:
+def test_tables_laid_out_otherwise_are_refused(tmp_path, rows, words):
     with pytest.raises(ConfigError, match=words):
         read_radiation_table(table(tmp_path, rows), "tat")

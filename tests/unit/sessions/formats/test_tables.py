@@ -1,7 +1,5 @@
 """Tables are found in files as loggers write them: what parts the columns, header, units, time, zone."""
 
-from __future__ import annotations
-
 import codecs
 from datetime import UTC, datetime
 from pathlib import Path
@@ -55,7 +53,7 @@ ROWS = "2026-06-11 12:00:00,20.5\n2026-06-11 12:01:00,21.5\n"
         "no name of the time", "sep", "tabs", "spaces", "ragged", "unit in one sign",
     ],
 )  # fmt: skip
-def test_lines_around_a_table_do_not_hide_it(tmp_path: Path, text: str) -> None:
+def test_lines_around_a_table_do_not_hide_it(tmp_path, text):
     assert readings(tmp_path, text) == TWO_ROWS
 
 
@@ -72,18 +70,18 @@ def test_lines_around_a_table_do_not_hide_it(tmp_path: Path, text: str) -> None:
         "NO.,Date,Time,us,T1 [C]\n1,2026-06-11,12:00:00,0,+ 20.5\n2,2026-06-11,12:01:00,0,+ 21.5\n",
     ],
 )
-def test_times_are_found_behind_counters_and_apart_from_their_dates(tmp_path: Path, text: str) -> None:
+def test_times_are_found_behind_counters_and_apart_from_their_dates(tmp_path, text):
     assert readings(tmp_path, text) == TWO_ROWS
 
 
-def test_microseconds_in_a_column_of_their_own_belong_to_the_time(tmp_path: Path) -> None:
+def test_microseconds_in_a_column_of_their_own_belong_to_the_time(tmp_path):
     text = "NO.,Date,Time,us,T1 [C]\n1,2026-06-11,12:00:00,0,+ 20.081\n2,2026-06-11,12:00:00,500000,- 0.413\n"
     assert readings(tmp_path, text) == [(0, 20.081), (0.5, -0.413)]
     milliseconds = text.replace(",us,", ",ms,").replace("500000", "5")
     assert readings(tmp_path, milliseconds)[1] == (0.005, -0.413)
 
 
-def test_a_column_of_the_time_may_be_named(tmp_path: Path) -> None:
+def test_a_column_of_the_time_may_be_named(tmp_path):
     rows = "2026-06-11 08:00,20.5,2026-06-11,12:00\n2026-06-11 08:02,21.5,2026-06-11,12:01\n"
     text = f"Logged,T [C],Shown,Clock\n{rows}"
     assert [at for at, _ in readings(tmp_path, text)] == [-4 * 3600, -4 * 3600 + 120]
@@ -93,7 +91,7 @@ def test_a_column_of_the_time_may_be_named(tmp_path: Path) -> None:
         readings(tmp_path, text, LogOptions(zone=UTC, columns=LogColumns(time=("When",))))
 
 
-def test_units_stand_in_a_column_of_their_own(tmp_path: Path) -> None:
+def test_units_stand_in_a_column_of_their_own(tmp_path):
     """Illuminance in two units, one foot-candle being 10.763 91 lx (NIST SP 811, appendix B)."""
     text = (
         "Position,Date,Time,Value,Unit\n1,2026/06/11,12:00:00,98760,Lux\n2,2026/06/11,12:00:02,9880,Ft-cd\n"
@@ -111,7 +109,7 @@ def test_units_stand_in_a_column_of_their_own(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("columns", [100, 300, 768])
-def test_wide_tables_are_read(tmp_path: Path, columns: int) -> None:
+def test_wide_tables_are_read(tmp_path, columns):
     head = ",".join(str(number) for number in range(columns))
     rows = "".join(f"2026-06-11 12:0{m}:00,{','.join(['20.5'] * columns)}\n" for m in range(3))
     path = tmp_path / "log.csv"
@@ -122,7 +120,7 @@ def test_wide_tables_are_read(tmp_path: Path, columns: int) -> None:
         read_log(path, "array", LogOptions(zone=UTC))
 
 
-def test_a_row_longer_than_the_header_is_excluded_by_its_number(tmp_path: Path) -> None:
+def test_a_row_longer_than_the_header_is_excluded_by_its_number(tmp_path):
     rows = "".join(f"2026-06-11 12:0{m}:00,20.5,dry\n" for m in range(3))
     text = f"time,T [C],note\n{rows}2026-06-11 12:03:00,21,5,wet\n"
     assert len(readings(tmp_path, text)) == 3
@@ -132,7 +130,7 @@ def test_a_row_longer_than_the_header_is_excluded_by_its_number(tmp_path: Path) 
         readings(tmp_path, "time,T [C]\n2026-06-11 12:00:00,20,5\n2026-06-11 12:01:00,21,5\n")
 
 
-def test_decimals_below_a_header_that_ends_in_a_separator_are_no_column(tmp_path: Path) -> None:
+def test_decimals_below_a_header_that_ends_in_a_separator_are_no_column(tmp_path):
     rows = "".join(f"2026-06-11 12:0{m}:00,20,5,\n" for m in range(3))
     with pytest.raises(ConfigError, match="row 2: it has 4 cells, the header 2"):
         readings(tmp_path, f"time,T [C],\n{rows}")
@@ -140,7 +138,7 @@ def test_decimals_below_a_header_that_ends_in_a_separator_are_no_column(tmp_path
 
 
 @pytest.mark.parametrize("order", ["time,region", "region,time"])
-def test_rows_of_several_things_at_one_time_are_refused(tmp_path: Path, order: str) -> None:
+def test_rows_of_several_things_at_one_time_are_refused(tmp_path, order):
     """As `fieldkit export --to csv` writes the temperatures of regions."""
     cells = [(f"2026-06-11 12:0{m}:00.5", region) for m in range(3) for region in ("flat", "b05")]
     place = 1 if order == "time,region" else -1
@@ -150,13 +148,13 @@ def test_rows_of_several_things_at_one_time_are_refused(tmp_path: Path, order: s
     assert len(readings(tmp_path, f"{order},T [C]\n{rows}".replace("b05", "flat"))) == 6
 
 
-def test_a_file_that_ends_within_a_line_is_named(tmp_path: Path) -> None:
+def test_a_file_that_ends_within_a_line_is_named(tmp_path):
     (tmp_path / "log.csv").write_text("time,T [C]\n2026-06-11 12:00:00,20.5\n2026-06-11 12:01:00,2")
     notes = [text for _, text in read_log(tmp_path / "log.csv", "x", LogOptions(zone=UTC)).notes]
     assert any("row 3 does not end its line" in text for text in notes)
 
 
-def test_a_second_header_is_refused_where_its_columns_are_others(tmp_path: Path) -> None:
+def test_a_second_header_is_refused_where_its_columns_are_others(tmp_path):
     first = "time,T1 [C],T2 [C]\n2026-06-11 12:00:00,20.5,9\n2026-06-11 12:01:00,21.5,9\n"
     again = "time,T1 [C],T2 [C]\n2026-06-11 12:02:00,22.5,9\n2026-06-11 12:03:00,23.5,9\n"
     assert len(readings(tmp_path, first + again)) == 4
@@ -164,7 +162,7 @@ def test_a_second_header_is_refused_where_its_columns_are_others(tmp_path: Path)
         readings(tmp_path, first + again.replace("T1 [C],T2 [C]", "T2 [C],T1 [C]"))
 
 
-def test_a_second_header_is_refused_where_its_units_are_others(tmp_path: Path) -> None:
+def test_a_second_header_is_refused_where_its_units_are_others(tmp_path):
     first = "time,T1,n\n,[C],\n2026-06-11 12:00:00,20.5,9\n2026-06-11 12:01:00,21.5,9\n"
     again = "time,T1,n\n,[C],\n2026-06-11 12:02:00,22.5,9\n2026-06-11 12:03:00,23.5,9\n"
     assert len(readings(tmp_path, first + again)) == 4
@@ -174,7 +172,7 @@ def test_a_second_header_is_refused_where_its_units_are_others(tmp_path: Path) -
 
 
 @pytest.mark.parametrize("closed", ["", '"'])
-def test_a_quote_that_swallows_rows_is_refused(tmp_path: Path, closed: str) -> None:
+def test_a_quote_that_swallows_rows_is_refused(tmp_path, closed):
     rows = [f"2026-06-11 12:0{m}:00,20.{m},{note}\n" for m, note in enumerate(["", '"dry', "", closed, ""])]
     with pytest.raises(ConfigError, match=f"a quote opens a cell that goes on to line {5 if closed else 6}"):
         readings(tmp_path, "".join(["time,T [C],note\n", *rows]))
@@ -182,7 +180,7 @@ def test_a_quote_that_swallows_rows_is_refused(tmp_path: Path, closed: str) -> N
     assert len(readings(tmp_path, "".join(["time,T [C],note\n", *comment]))) == 3
 
 
-def test_columns_of_one_name_are_told_apart(tmp_path: Path) -> None:
+def test_columns_of_one_name_are_told_apart(tmp_path):
     path = tmp_path / "log.csv"
     path.write_text("time,T [C],T [C]\n2026-06-11 12:00:00,20.5,21\n2026-06-11 12:01:00,21.5,22\n")
     assert read_log(path, "x", LogOptions(zone=UTC)).streams[0].channels == ("T", "T 2")
@@ -212,14 +210,14 @@ def test_columns_of_one_name_are_told_apart(tmp_path: Path) -> None:
         ("2026-06-11 12:00:00,20\n2026-06-11 12:01:00,21\n", "no table with a header line"),
     ],
 )
-def test_what_has_no_times_is_refused_by_what_it_is(tmp_path: Path, text: str, words: str) -> None:
+def test_what_has_no_times_is_refused_by_what_it_is(tmp_path, text, words):
     with pytest.raises(ConfigError, match=words) as caught:
         readings(tmp_path, text)
     assert caught.value.fix
 
 
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
-def test_a_mark_at_the_beginning_gives_the_encoding(tmp_path: Path, encoding: str) -> None:
+def test_a_mark_at_the_beginning_gives_the_encoding(tmp_path, encoding):
     data = f"time,T [°C]\n{ROWS}".encode(encoding)
     assert readings(tmp_path, data) == TWO_ROWS
     assert readings(tmp_path, data, LogOptions(zone=UTC, encoding=encoding)) == TWO_ROWS
@@ -227,7 +225,7 @@ def test_a_mark_at_the_beginning_gives_the_encoding(tmp_path: Path, encoding: st
         readings(tmp_path, data, LogOptions(zone=UTC, encoding="cp932"))
 
 
-def test_utf_16_without_a_mark_is_asked_for(tmp_path: Path) -> None:
+def test_utf_16_without_a_mark_is_asked_for(tmp_path):
     data = f"time,T [C]\n{ROWS}".encode("utf-16-le")
     with pytest.raises(ConfigError, match="bytes of zero") as caught:
         readings(tmp_path, data)
@@ -237,11 +235,11 @@ def test_utf_16_without_a_mark_is_asked_for(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("line", ["Time zone: UTC-5", "Zone,GMT-05:00", "timezone (America/Panama)"])
-def test_a_zone_above_the_header_is_used(tmp_path: Path, line: str) -> None:
+def test_a_zone_above_the_header_is_used(tmp_path, line):
     found = readings(tmp_path, f"{line}\ntime,T [C]\n{ROWS}", LogOptions())
     assert [at for at, _ in found] == [5 * 3600, 5 * 3600 + 60]
 
 
-def test_a_date_of_the_preamble_does_not_state_the_zone(tmp_path: Path) -> None:
+def test_a_date_of_the_preamble_does_not_state_the_zone(tmp_path):
     with pytest.raises(ConfigError, match="no zone"):
         readings(tmp_path, f"# read out 2026-06-12 08:00 UTC, by hand\ntime,T [C]\n{ROWS}", LogOptions())

@@ -1,7 +1,5 @@
 """A recorded session in the paper's own world: eq. (7) on its beds, eq. (10) in its light meter."""
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np
@@ -48,7 +46,7 @@ class AfternoonClock(HostClock):
 
 
 @pytest.fixture(scope="package")
-def streams() -> tuple[StreamInfo, ...]:
+def streams():
     return (
         StreamInfo("camera", "brightness_temperature", "K", (30, 40), scale=0.01, rate_hz=9.0, driver="y16"),
         StreamInfo("lux", "illuminance", "lx", (1,), channels=("lux",), rate_hz=0.1, driver="lutron"),
@@ -57,7 +55,7 @@ def streams() -> tuple[StreamInfo, ...]:
 
 
 @pytest.fixture(scope="package")
-def settings() -> EstimatorSettings:
+def settings():
     doubts = {"noise_k": 0.05, "offset_sd_k": 0.25, "scale_sd": 0.08, "exchange_sd": 0.15}
     return EstimatorSettings(
         model="paper", irradiance=IrradianceModel(diffuse="none"), azimuth="known", **doubts

@@ -1,7 +1,5 @@
 """Several sessions in one report, with errors that can be counted on the fingers."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

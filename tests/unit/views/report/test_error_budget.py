@@ -1,7 +1,5 @@
 """The budget's terms against steady facets whose whole radiation is balanced here, term by term."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The whole report of a session in the paper's own world, where eqs. (6), (7) and (10) are exact."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 from dataclasses import replace

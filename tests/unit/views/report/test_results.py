@@ -1,7 +1,5 @@
 """The report's table of results, cell by cell, on minutes made by hand."""
 
-from __future__ import annotations
-
 import pytest
 
 from fieldkit.model.samples import Quality
