@@ -1,7 +1,6 @@
 """Secrets written into a configuration, which every session would store: found by their form and refused.
 
-Passwords and tokens are read from files of their own. The address of an ntfy topic is a secret, too: who has
-it can read and write.
+Passwords and tokens are read from files of their own. The addresses of alarm services hold tokens, too.
 """
 
 from __future__ import annotations
@@ -22,23 +21,20 @@ _URL = re.compile(
     re.IGNORECASE,
 )
 """A password or token in front of the host, or in the query."""
-_TOPIC = re.compile(r"\bntfy\.sh/\w|\btk_\w{20,}", re.IGNORECASE)
-_HOST_AND_TOPIC = re.compile(r"([^:/@]+@)?[^:/@]+(:\d+)?/.*")
+_SERVICE = re.compile(
+    r"\b(?:tgram|signals?|matrixs?|msteams|workflows?|slack|discord|ntfys?|mailtos?|pover|gotifys?|jsons?)://"
+    r"|\bntfy\.sh/\w|\btk_\w{20,}|api\.telegram\.org/bot|hooks\.slack\.com/|/api/webhooks/|webhook\.office",
+    re.IGNORECASE,
+)
+"""Addresses of services that alarms are sent to, which hold tokens or are secret themselves."""
 _OPTIONS = re.compile(
     rf"(?:^|\s)(?:--?{_WORD}[ =]|-u ?|--user[ =])\S|\b(?:bearer|basic) \S{{8}}|\bauthorization:",
     re.IGNORECASE,
 )
 """A secret among the words of a command, such as curl's."""
 _STORED = "which every session would store"
-_NTFY = (
-    f"an ntfy topic is a secret, {_STORED}; write its address into a file and name that: "
-    'ntfy_file = "ntfy.txt", as ntfy_token_file does for a token'
-)
-_MQTT = (
-    f"holds a password, {_STORED}; write mqtt://USER@HOST/TOPIC here, and the password into the file "
-    "that mqtt_password_file names"
-)
-_COMMAND = f"holds a password, token or ntfy topic, {_STORED}; start a script that reads it from a file"
+_SERVICES = f"can hold a token, {_STORED}; write addresses into a private file, which services_file names"
+_COMMAND = f"holds a password or token, {_STORED}; start a script that reads it from a file"
 _FILE = "holds the secret itself; write it into a file, and here that file's name"
 _OTHER = f"looks like a password or token, {_STORED}; keep it in a file of its own"
 
@@ -64,19 +60,11 @@ def _values(value: Any, path: KeyPath) -> Iterator[tuple[KeyPath, str | int]]:
 
 def _message(path: KeyPath, value: str | int) -> str | None:
     text, key = str(value), str(path[-1])
-    is_found = _URL.search(text) or _TOPIC.search(text)
-    if path == ("alarms", "ntfy"):
-        return _NTFY
-    if path == ("alarms", "mqtt"):
-        return _MQTT if is_found or _has_password(text) else None
+    is_secret = _URL.search(text) or _SERVICE.search(text)
     if path == ("alarms", "command"):
-        return _COMMAND if is_found or _OPTIONS.search(text) else None
+        return _COMMAND if is_secret or _OPTIONS.search(text) else None
     if key.endswith("_file"):
-        return _FILE if is_found or "://" in text else None
-    return _OTHER if is_found or _KEY.fullmatch(key) else None
-
-
-def _has_password(address: str) -> bool:
-    """True if an address has a colon before its last at sign that is not the one of ``HOST:PORT/``."""
-    before = address.rpartition("://")[2].rpartition("@")[0]
-    return ":" in before and not _HOST_AND_TOPIC.fullmatch(before)
+        return _FILE if is_secret or "://" in text else None
+    if path[0] == "alarms" and "://" in text:
+        return _SERVICES
+    return _OTHER if is_secret or _KEY.fullmatch(key) else None

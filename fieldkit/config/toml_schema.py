@@ -311,28 +311,22 @@ class AlarmsTable(LimitsTable):
         default={}, description="limits of single regions, in place of those above, by the region's name"
     )
     bell: bool = Field(default=True, description="ring the terminal's bell")
-    send: SeverityWord = Field(
-        default="warning", description="least severity for bell, command, ntfy and mqtt"
-    )
+    send: SeverityWord = Field(default="warning", description="least severity for bell, command and services")
     command: list[str] = Field(
         default=[],
         examples=[["/home/pi/alarm.sh"]],
         description="program and arguments to run for every alarm; FIELDKIT_TEXT and others describe it",
     )
-    ntfy_file: str = Field(
-        default="", description="file with the address of an ntfy topic to post alarms to: it is a secret"
-    )
-    ntfy_token_file: str = Field(default="", description="file with an access token for ntfy")
-    mqtt: Annotated[str, Field(pattern=r"^(mqtts?://[^/]+(/.*)?)?$")] = Field(
+    services_file: str = Field(
         default="",
-        examples=["mqtt://192.168.1.10/fieldkit"],
-        description="MQTT broker and topic, mqtt[s]://[user@]host[:port]/topic; needs fieldkit[alarms]",
+        examples=["~/.config/fieldkit/services.txt"],
+        description="private file outside the campaign, an address such as mqtt://HOST/TOPIC on each line; "
+        "needs fieldkit[alarms]",
     )
     home_assistant: bool = Field(
         default=False,
-        description="announce meters, regions and alarms to Home Assistant, through the same broker",
+        description="announce meters, regions and alarms to Home Assistant, through the broker of services",
     )
-    mqtt_password_file: str = Field(default="", description="file with the password for mqtt")
 
 
 class SimulationTable(Table):

@@ -1,4 +1,4 @@
-"""Outputs of alarms besides the session: a command, an ntfy topic, an MQTT broker.
+"""Outputs of alarms besides the session: a command, services such as Telegram or mail, an MQTT broker.
 
 Each output has threads and a bounded queue of its own, so that a command that hangs or a broker that is away
 delays neither the recording nor another output. A failure is reported once, until the output works again.
@@ -10,6 +10,7 @@ import json
 import logging
 import os
 import queue
+import re
 import signal
 import subprocess
 import threading
@@ -18,20 +19,14 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, wait
 from contextlib import suppress
-from dataclasses import dataclass, field
 from functools import partial
-from typing import TYPE_CHECKING
-from urllib.error import HTTPError
-from urllib.parse import urlsplit
-from urllib.request import Request, urlopen
+from typing import ClassVar
+from urllib.parse import unquote, urlsplit
 
 from fieldkit.model.alarm import alarm_of, phase_of
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import Event, EventKind, Severity
 from fieldkit.recorder.home_assistant import Publication, alarm_topic
-
-if TYPE_CHECKING:
-    from paho.mqtt.client import Client
 
 log: logging.Logger = logging.getLogger(__name__)
 
@@ -51,10 +46,8 @@ class AlarmOutput(ABC):
     What an output does not define does nothing.
     """
 
-    @property
-    @abstractmethod
-    def name(self) -> str:
-        """Name in failures."""
+    name: str
+    """Name in failures; nothing secret is in it."""
 
     def open(self) -> None:  # noqa: B027  # need not be defined
         """Get ready, such as connect; a failure is reported, and `send` is tried nevertheless."""
@@ -168,7 +161,7 @@ class _Channel:
 
     def _in_time(self, act: Callable[[], None]) -> None:
         """Act in another thread: a server that answers in drips outlasts the time limit of its socket."""
-        self._hung = [one for one in self._hung if one.is_alive()]
+        self._hung = [thread for thread in self._hung if thread.is_alive()]
         if len(self._hung) >= MOST_HUNG:
             raise TimeoutError(f"{MOST_HUNG} earlier alarms are still on their way")
         done: Future[None] = Future()
@@ -189,7 +182,6 @@ def _act(act: Callable[[], None], done: Future[None]) -> None:
         done.set_result(None)
 
 
-@dataclass
 class CommandOutput(AlarmOutput):
     """Starts a program for every alarm, without a shell; the alarm is in its environment.
 
@@ -197,31 +189,31 @@ class CommandOutput(AlarmOutput):
     program that does not end in time is killed with its children.
     """
 
-    words: Sequence[str]
-    within_s: float = WITHIN_S
-    name: str = "the command"
-    _process: subprocess.Popen[bytes] | None = field(default=None, repr=False)
+    name = "the command"
+
+    def __init__(self, words: Sequence[str]) -> None:
+        self._words = words
+        self._process: subprocess.Popen[bytes] | None = None
 
     def send(self, event: Event) -> None:
         """Run the program."""
+        program, silent = self._words[0], subprocess.DEVNULL
         values = {f"FIELDKIT_{name.upper()}": str(value) for name, value in document(event).items()}
         with subprocess.Popen(
-            self.words,
+            self._words,
             env={**os.environ, **values},
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
+            stdin=silent,
+            stdout=silent,
+            stderr=silent,
             start_new_session=True,
         ) as self._process:
             try:
-                status = self._process.wait(self.within_s)
+                status = self._process.wait(WITHIN_S)
             except subprocess.TimeoutExpired:
                 self.cancel()
-                raise TimeoutError(
-                    f"{self.words[0]} did not end within {self.within_s:g} s and was killed"
-                ) from None
+                raise TimeoutError(f"{program} did not end within {WITHIN_S:g} s and was killed") from None
         if status != 0:
-            raise OSError(f"{self.words[0]} ended with status {status}")
+            raise OSError(f"{program} ended with status {status}")
 
     def cancel(self) -> None:
         """Kill the program that runs."""
@@ -231,88 +223,86 @@ class CommandOutput(AlarmOutput):
                 os.killpg(process.pid, signal.SIGKILL)
 
 
-_NTFY_PRIORITY = {Severity.INFO: "2", Severity.WARNING: "4", Severity.ERROR: "5"}
+def output_at(address: str, line: int) -> AlarmOutput:
+    """Output for a line of `alarms.services_file`: a broker, or a service that apprise knows.
+
+    Raises `ConfigError`, which does not quote the address: it holds a token.
+    """
+    try:
+        if re.match("mqtts?://", address):
+            return MqttOutput(address)
+        return ServiceOutput(address, line)
+    except ImportError as error:
+        fix = "pip install 'fieldkit[alarms]', or remove alarms.services_file"
+        raise ConfigError(f"alarms.services_file needs {error.name}", fix=fix) from error
+    except ValueError:
+        place = f"line {line} of alarms.services_file"
+        fix = "write one such as tgram://TOKEN/CHAT or mqtt://USER:PASSWORD@HOST/TOPIC, with / as %2F inside"
+        raise ConfigError("not an address of a service", place=place, fix=fix) from None
 
 
-@dataclass
-class NtfyOutput(AlarmOutput):
-    """Posts every alarm to an ntfy topic: one HTTP request, the text as its body."""
+class ServiceOutput(AlarmOutput):
+    """Sends every alarm to a service that apprise knows."""
 
-    url: str
-    token: str = field(default="", repr=False)
-    within_s: float = WITHIN_S
+    _TYPES: ClassVar = {Severity.INFO: "info", Severity.WARNING: "warning", Severity.ERROR: "failure"}
 
-    @property
-    def name(self) -> str:
-        """The server; the topic may be a secret."""
-        return f"ntfy at {urlsplit(self.url).netloc}"
+    def __init__(self, address: str, line: int) -> None:
+        """Raises `ValueError` for an address that apprise does not know."""
+        from apprise import Apprise
+
+        for logger in ("apprise", "urllib3"):  # both write addresses into the log
+            logging.getLogger(logger).setLevel(logging.CRITICAL + 1)
+        service = Apprise.instantiate(address)
+        if service is None:
+            raise ValueError
+        self._service, self.name = service, f"{service.service_name} (line {line} of alarms.services_file)"
 
     def send(self, event: Event) -> None:
-        """Post the alarm."""
-        alarm = alarm_of(event)
-        headers = {"Title": f"fieldkit {alarm.condition}", "Priority": _NTFY_PRIORITY[event.severity]}
-        if self.token:
-            headers["Authorization"] = f"Bearer {self.token}"
-        request = Request(self.url, event.text.encode(), headers)
+        """Send the alarm."""
+        title, kind = f"fieldkit {alarm_of(event).condition}", self._TYPES[event.severity]
         try:
-            with urlopen(request, timeout=self.within_s):
-                pass
-        except HTTPError as error:  # whose text may quote the address, which is a secret
-            raise OSError(f"the server answered with status {error.code}") from None
+            is_accepted = self._service.notify(body=event.text, title=title, notify_type=kind)
+        except Exception as error:  # whose text may quote the address
+            raise OSError(f"the service failed: {type(error).__name__}") from None
+        if not is_accepted:
+            raise OSError("the service is away, or did not accept the alarm")
 
 
-@dataclass
 class MqttOutput(AlarmOutput):
     """Publishes every alarm as retained JSON under ``BASE/alarm/CONDITION/SUBJECT``.
 
     ``BASE/recorder`` is ``recording`` meanwhile, ``ended`` afterwards and, by the broker's will, ``lost`` if
-    the recording computer disappears. `url` is ``mqtt://[USER@]HOST[:PORT]/BASE``, or ``mqtts://`` for TLS.
-    While the broker is away messages wait, the latest `QUEUE_SIZE` of them.
+    the recording computer disappears. The address is ``mqtt://[USER[:PASSWORD]@]HOST[:PORT]/BASE``, or
+    ``mqtts://`` for TLS. While the broker is away messages wait, the latest `QUEUE_SIZE` of them.
     """
 
-    url: str
-    password: str = field(default="", repr=False)
-    within_s: float = WITHIN_S
-    _client: Client | None = field(default=None, repr=False)
-    _configs: dict[str, str] = field(default_factory=dict, repr=False)
-
-    def __post_init__(self) -> None:
-        """Raises `ConfigError` if the MQTT library is missing."""
-        try:
-            import paho.mqtt.client  # noqa: F401
-        except ImportError as error:
-            fix = "pip install 'fieldkit[alarms]', or set alarms.mqtt = \"\""
-            raise ConfigError("alarms.mqtt needs paho-mqtt", fix=fix) from error
-
-    @property
-    def name(self) -> str:
-        """The broker."""
-        return f"MQTT at {urlsplit(self.url).hostname}"
-
-    @property
-    def base(self) -> str:
-        """The topic above all others."""
-        return urlsplit(self.url).path.strip("/") or "fieldkit"
-
-    def open(self) -> None:
-        """Connect in the library's own thread, which also connects again."""
+    def __init__(self, address: str) -> None:
+        """Raises `ValueError` for an address without a host."""
         from paho.mqtt.client import Client
         from paho.mqtt.enums import CallbackAPIVersion
 
-        parts = urlsplit(self.url)
-        client = self._client = Client(CallbackAPIVersion.VERSION2)
+        parts = urlsplit(address)
+        is_secure = parts.scheme == "mqtts"
+        self._host, self._port = parts.hostname or "", parts.port or (8883 if is_secure else 1883)
+        if not self._host:
+            raise ValueError
+        self.name, self.base = f"MQTT at {self._host}", parts.path.strip("/") or "fieldkit"
+        self._configs: dict[str, str] = {}
+        self._client = client = Client(CallbackAPIVersion.VERSION2)
         if parts.username:
-            client.username_pw_set(parts.username, self.password or None)
-        if parts.scheme == "mqtts":
+            client.username_pw_set(unquote(parts.username), unquote(parts.password or "") or None)
+        if is_secure:
             client.tls_set()
         client.max_queued_messages_set(QUEUE_SIZE)
-        client.connect_timeout = self.within_s
+        client.connect_timeout = WITHIN_S
         client.reconnect_delay_set(1, 30)
-        state = f"{self.base}/recorder"
-        client.will_set(state, "lost", qos=1, retain=True)
-        client.on_connect = lambda connected, *_: self._begin(connected, state)
-        client.connect_async(parts.hostname or "localhost", parts.port or _port(parts.scheme), keepalive=30)
-        client.loop_start()
+        client.will_set(f"{self.base}/recorder", "lost", qos=1, retain=True)
+        client.on_connect = lambda *_: self._begin()
+
+    def open(self) -> None:
+        """Connect in the library's own thread, which also connects again."""
+        self._client.connect_async(self._host, self._port, keepalive=30)
+        self._client.loop_start()
 
     def send(self, event: Event) -> None:
         """Publish the alarm."""
@@ -325,15 +315,13 @@ class MqttOutput(AlarmOutput):
         for topic, text in (new | publication.states).items():
             self._publish(topic, text)
 
-    def _begin(self, client: Client, state: str) -> None:
+    def _begin(self) -> None:
         """At every connection: a broker that was restarted may have forgotten what it retained."""
-        for topic, text in {state: "recording", **self._configs}.items():
-            client.publish(topic, text, qos=1, retain=True)
+        for topic, text in {f"{self.base}/recorder": "recording", **self._configs}.items():
+            self._client.publish(topic, text, qos=1, retain=True)
 
     def _publish(self, topic: str, text: str) -> None:
-        if self._client is None:
-            raise ConnectionError("no connection was set up")
-        deadline = time.monotonic() + self.within_s
+        deadline = time.monotonic() + WITHIN_S
         while not self._client.is_connected() and time.monotonic() < deadline:
             time.sleep(0.05)
         is_connected = self._client.is_connected()
@@ -341,17 +329,11 @@ class MqttOutput(AlarmOutput):
         if is_connected:
             message.wait_for_publish(max(0.1, deadline - time.monotonic()))
         if not (is_connected and message.is_published()):
-            raise ConnectionError(f"no response within {self.within_s:g} s")
+            raise ConnectionError(f"no response within {WITHIN_S:g} s")
 
     def close(self) -> None:
         """Report the end and disconnect."""
-        if self._client is None:
-            return
         with suppress(OSError):
             self._publish(f"{self.base}/recorder", "ended")
         self._client.disconnect()
         self._client.loop_stop()
-
-
-def _port(scheme: str) -> int:
-    return 8883 if scheme == "mqtts" else 1883

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
@@ -18,38 +17,32 @@ from fieldkit.recorder.alarm_outputs import (
     AlarmOutputs,
     CommandOutput,
     MqttOutput,
-    NtfyOutput,
+    output_at,
 )
 from fieldkit.recorder.alarm_watch import AlarmWatch
 from fieldkit.recorder.alarms import AlarmEngine, AlarmSettings, Limits
 from fieldkit.recorder.home_assistant import HomeAssistant
 from fieldkit.recording.preflight import sampling_of
 
-SECRETS = {
-    "ntfy_file": (r"https?://[A-Za-z0-9.:\[\]_-]+/[!-~]+", "an address like https://ntfy.sh/TOPIC"),
-    "ntfy_token_file": (r"[!-~]+", "a token"),
-    "mqtt_password_file": (r".+", "a password"),
-}
-"""Content of the files of secrets: a form which no error of an output needs to quote, and its name."""
-ONLY_THE_SECRET = "name a file that holds nothing but the secret, on one line"
 UNKNOWN_INTERVAL_S = 5.0
 """Between samples of a stream that does not declare its rate."""
 
 
 def alarm_watch(config: Config, streams: Sequence[StreamInfo]) -> AlarmWatch:
     """The alarms of a recording; raises `ConfigError` if an output cannot be set up."""
-    outputs = AlarmOutputs(tuple(outputs_of(config)), least_sent(config))
-    return AlarmWatch(AlarmEngine(alarm_settings(config, streams)), outputs, _sensors(config, streams))
+    outputs = tuple(outputs_of(config))
+    sensors = _sensors(config, streams, outputs) if config.alarms.home_assistant else None
+    engine = AlarmEngine(alarm_settings(config, streams))
+    return AlarmWatch(engine, AlarmOutputs(outputs, least_sent(config)), sensors)
 
 
-def _sensors(config: Config, streams: Sequence[StreamInfo]) -> HomeAssistant | None:
-    if not config.alarms.home_assistant:
-        return None
-    if not config.alarms.mqtt:
-        fix = 'set alarms.mqtt = "mqtt://HOST/TOPIC"'
+def _sensors(config: Config, streams: Sequence[StreamInfo], outputs: Sequence[AlarmOutput]) -> HomeAssistant:
+    broker = next((output for output in outputs if isinstance(output, MqttOutput)), None)
+    if broker is None:
+        fix = "write mqtt://HOST/TOPIC into the file that alarms.services_file names"
         raise ConfigError("alarms.home_assistant needs the broker of Home Assistant", fix=fix)
     title = config.campaign.title or config.directory.name
-    return HomeAssistant(MqttOutput(config.alarms.mqtt).base, title, streams, least_sent(config))
+    return HomeAssistant(broker.base, title, streams, least_sent(config))
 
 
 def least_sent(config: Config) -> Severity:
@@ -83,9 +76,8 @@ def _rule(table: AlarmsTable, condition: Condition) -> Rule:
 
 
 def _limits(table: LimitsTable, otherwise: Limits | None = None) -> Limits:
-    names = [field.name for field in fields(Limits)]
-    given = {name: getattr(table, name) for name in names if getattr(table, name) is not None}
-    return replace(otherwise or Limits(), **given)
+    values = ((limit.name, getattr(table, limit.name)) for limit in fields(Limits))
+    return replace(otherwise or Limits(), **{name: value for name, value in values if value is not None})
 
 
 def _interval_s(config: Config, info: StreamInfo) -> float:
@@ -97,26 +89,29 @@ def _interval_s(config: Config, info: StreamInfo) -> float:
 
 
 def outputs_of(config: Config) -> Iterator[AlarmOutput]:
-    """Where alarms go; raises `ConfigError` for a file that holds no secret of its kind."""
-    table = config.alarms
-    if table.command:
-        yield CommandOutput(tuple(table.command))
-    if table.ntfy_file:
-        yield NtfyOutput(_secret(config, "ntfy_file"), _secret(config, "ntfy_token_file"))
-    if table.mqtt:
-        yield MqttOutput(table.mqtt, _secret(config, "mqtt_password_file"))
+    """Where alarms go; raises `ConfigError` for a file of services that cannot be used."""
+    if config.alarms.command:
+        yield CommandOutput(tuple(config.alarms.command))
+    if config.alarms.services_file:
+        path = (config.directory / Path(config.alarms.services_file).expanduser()).resolve()
+        for number, line in enumerate(_private_lines(path, config.directory), start=1):
+            if line and not line.startswith("#"):
+                yield output_at(line, number)
 
 
-def _secret(config: Config, key: str) -> str:
-    """Content of a file beside the configuration; sessions store the configuration, so it is not in there."""
-    name = getattr(config.alarms, key)
-    if not name:
-        return ""
-    path, (form, what) = config.directory / Path(name).expanduser(), SECRETS[key]
+def _private_lines(path: Path, campaign: Path) -> list[str]:
+    """Lines of a file that holds tokens: only its owner reads it, and a campaign is given to others."""
+    place = f"alarms.services_file: {path}"
+    if path.is_relative_to(campaign.resolve()):
+        fix = f"move it out of the campaign, such as to ~/.config/fieldkit/{path.name}"
+        raise ConfigError("holds tokens, and would be given away with the campaign", place=place, fix=fix)
     try:
-        text = path.read_text(encoding="utf-8-sig").strip()
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"alarms.{key}: {path} cannot be read", fix=ONLY_THE_SECRET) from error
-    if not re.fullmatch(form, text):
-        raise ConfigError(f"alarms.{key}: {path} does not hold {what}", fix=ONLY_THE_SECRET)
-    return text
+        mode, text = path.stat().st_mode, path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        fix = "write one address a line into that file"
+        raise ConfigError("cannot be read", place=place, fix=fix) from error
+    except UnicodeDecodeError:  # which would quote the text
+        raise ConfigError("is not UTF-8 text", place=place, fix="write one address a line") from None
+    if mode & 0o077:
+        raise ConfigError("holds tokens, and others can read it", place=place, fix=f"chmod 600 {path}")
+    return [line.strip() for line in text.splitlines()]

@@ -64,13 +64,16 @@ def retained(port: int) -> dict[str, str]:
 
 def test_a_recording_is_found_with_its_meters_regions_and_alarms(broker, tmp_path):
     create_campaign(tmp_path / "field", SIMULATED)
-    given = (f"alarms.mqtt=mqtt://127.0.0.1:{broker}/my field", "alarms.home_assistant=true")
+    services = tmp_path / "services.txt"
+    services.write_text(f"mqtt://127.0.0.1:{broker}/my field\n", encoding="utf-8")
+    services.chmod(0o600)
     settings = [
         "simulation.speed=max",
         "lux.every_s=4",
         "thermometer.every_s=4",
         "alarms.send=info",
-        *given,
+        f"alarms.services_file={services}",
+        "alarms.home_assistant=true",
         FAULT,
     ]
     config = load_config(tmp_path / "field" / FILE_NAME, settings=settings)
@@ -110,4 +113,4 @@ def test_without_a_broker_the_recording_does_not_begin(tmp_path):
         prepare(config, duration_s=60.0) as one,
     ):
         one.run()
-    assert "alarms.mqtt" in (refused.value.fix or "")
+    assert "alarms.services_file" in (refused.value.fix or "")

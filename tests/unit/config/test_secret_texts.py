@@ -15,44 +15,35 @@ TOKEN = f"tk_{SECRET}{'x' * 23}"
 
 REFUSED: list[tuple[str, Any, str]] = [
     *(
-        ("alarms.mqtt", address, "mqtt_password_file")
+        ("alarms.services", address, "services_file")
         for address in (
-            f"mqtt://user:{SECRET}@192.168.1.10/sand",
-            f"mqtts://user:{SECRET}/x@broker.example.org:8883/sand",
-            f"mqtt://user:a@{SECRET}@host",
-            f"mqtt://:{SECRET}@host",
-            f"user:{SECRET}@host",
-            f"mqtt:/user:{SECRET}@host",
-            f"mqtt://host/sand?password={SECRET}",
+            f"mqtt://user:{SECRET}@10.0.0.1/sand",
+            f"tgram://{SECRET}/1",
+            f"https://example/{SECRET}",
         )
     ),
-    ("alarms.ntfy", f"https://ntfy.example.org/{SECRET}", "ntfy_file"),
-    ("alarms.ntfy", SECRET, "ntfy_file"),
-    ("alarms.ntfy_file", f"https://ntfy.example.org/{SECRET}", "that file's name"),
-    ("alarms.ntfy_token_file", TOKEN, "that file's name"),
+    ("alarms.services_file", f"tgram://{SECRET}/1", "that file's name"),
+    ("alarms.services_file", TOKEN, "that file's name"),
     ("alarms.mqtt_password", SECRET, "a file of its own"),
     ("alarms.command", ["curl", "-u", f"me:{SECRET}", "http://10.0.0.1/alarm"], "script"),
     ("alarms.command", ["curl", "-H", f"Authorization: Bearer {SECRET}", "http://10.0.0.1"], "script"),
     ("alarms.command", ["notify", f"--password={SECRET}"], "script"),
     ("alarms.command", ["notify", "--api-token", SECRET], "script"),
     ("alarms.command", ["curl", f"https://ntfy.sh/{SECRET}"], "script"),
+    ("alarms.command", ["apprise", f"tgram://{SECRET}/1"], "script"),
     ("alarms.command", ["wget", f"https://example.org/hook?key={SECRET}"], "script"),
     ("camera.port", f"rtsp://admin:{SECRET}@10.0.0.2/stream", "a file of its own"),
     ("camera.options.password", SECRET, "a file of its own"),
     ("camera.options.login.auth_token", SECRET, "a file of its own"),
     ("camera.options.api_key", 31415926, "a file of its own"),
     ("campaign.description", f"alarms: https://ntfy.sh/{SECRET}", "a file of its own"),
+    ("campaign.description", f"calls matrixs://{SECRET}@host/room", "a file of its own"),
     ("campaign.references", f"https://{SECRET}@example.org/paper", "a file of its own"),
     ("campaign.references", f"https://example.org/a?x=1&X-Amz-Signature={SECRET}", "a file of its own"),
 ]
 
 ACCEPTED: list[tuple[str, Any]] = [
-    ("alarms.mqtt", "mqtt://192.168.1.10/fieldkit"),
-    ("alarms.mqtt", "mqtts://user@broker.example.org:8883/beds/a@b"),
-    ("alarms.mqtt", "mqtt://broker:1883/beds@field"),
-    ("alarms.mqtt", "mqtt://user@[fe80::1]:1883/sand"),
-    ("alarms.mqtt_password_file", "/home/pi/mqtt.txt"),
-    ("alarms.ntfy_file", "~/ntfy.txt"),
+    ("alarms.services_file", "~/.config/fieldkit/services.txt"),
     ("alarms.command", ["curl", "--data", "x", "http://192.168.1.10:8123/alarm?zone=1"]),
     ("alarms.command", ["notify", "--token-file", "/home/pi/token.txt"]),
     ("campaign.description", "mail: me@example.org; token of thanks; at 12:30 @ the field"),
@@ -111,9 +102,9 @@ def test_what_only_resembles_a_secret_is_accepted(file, key, value):
 def test_a_setting_that_is_wrong_in_another_way_does_not_show_its_secret(file):
     address = f"mqtt://user:{SECRET}@host"
     for setting in (
-        f'alarms.mqtt = {{url = "{address}"}}',
-        f'alarms = {{mqtt = "{address}"}}',
-        f"alarms.mqtt={address}",
+        f'alarms.services = {{url = "{address}"}}',
+        f'alarms = {{services = "{address}"}}',
+        f"alarms.services={address}",
     ):
         with pytest.raises(ConfigMistakesError) as caught:
             load_config(file, settings=[setting, "surface.albedo=9"], environment={})
@@ -125,5 +116,5 @@ def test_a_setting_that_is_wrong_in_another_way_does_not_show_its_secret(file):
 def test_a_session_that_holds_a_secret_is_read_without_it(key, value, fix):
     config = config_from_text(toml(key, value), Path("old.h5"))
     assert SECRET not in config.to_toml()
-    with pytest.raises(ConfigMistakesError, match=r"^settings alarms\.mqtt: "):
-        config_from_text(config.to_toml(), Path("old.h5"), settings=["alarms.mqtt=mqtt://user:pass@host"])
+    with pytest.raises(ConfigMistakesError, match=r"^settings alarms\.services: "):
+        config_from_text(config.to_toml(), Path("old.h5"), settings=["alarms.services=mqtt://user:pass@host"])

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import pytest
 
@@ -20,7 +20,7 @@ from fieldkit.model.alarm import Alarm, Condition, Phase, phase_of
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import Event, EventKind, Severity
 from fieldkit.recorder import alarm_outputs
-from fieldkit.recorder.alarm_outputs import AlarmOutput, AlarmOutputs, NtfyOutput
+from fieldkit.recorder.alarm_outputs import AlarmOutputs, ServiceOutput
 from fieldkit.recording.alarms import alarm_settings, outputs_of
 from fieldkit.recording.campaign import create_campaign
 from fieldkit.recording.record import RecordedSession, prepare
@@ -194,7 +194,7 @@ def test_a_command_that_hangs_and_a_broker_that_is_away_leave_the_recording_alon
     undisturbed = recording_of(tmp_path / "one", 6, cable)
     started = time.monotonic()
     hanging = f'alarms.command=["{sys.executable}", "-c", "import time; time.sleep(600)"]'
-    away = f'alarms.mqtt="mqtt://127.0.0.1:{port}/sand"'
+    away = services(tmp_path, f"mqtt://127.0.0.1:{port}/sand")
     done = recording_of(tmp_path / "two", 6, cable, hanging, away)
     assert time.monotonic() - started < 60.0
     assert counts(done) == counts(undisturbed)
@@ -219,7 +219,7 @@ class Dripping(BaseHTTPRequestHandler):
     """Answers every alarm of its first connection with a header that never ends."""
 
     def do_POST(self) -> None:
-        self.server.posted.append(self.rfile.read(int(self.headers["Content-Length"])).decode())
+        self.server.posted.append(json.loads(self.rfile.read(int(self.headers["Content-Length"])))["message"])
         if len(self.server.posted) > 1:
             self.send_response(200)
             self.send_header("Content-Length", "0")
@@ -235,11 +235,12 @@ class Dripping(BaseHTTPRequestHandler):
 
 
 def test_a_server_that_answers_in_drips_is_an_event_and_the_next_alarm_is_sent(monkeypatch):
+    pytest.importorskip("apprise")
     monkeypatch.setattr(alarm_outputs, "HUNG_AFTER_S", 1.0)  # a shorter wait
     with ThreadingHTTPServer(("127.0.0.1", 0), Dripping) as server:
         server.posted, server.ended = [], threading.Event()
         threading.Thread(target=server.serve_forever, daemon=True).start()
-        outputs = AlarmOutputs((NtfyOutput(f"http://127.0.0.1:{server.server_port}/sand", within_s=1.0),))
+        outputs = AlarmOutputs((ServiceOutput(f"json://127.0.0.1:{server.server_port}/sand", 1),))
         for name in ("camera", "lux"):
             alarm = Alarm("lost", name, Severity.ERROR, 0, f"{name} does not respond")
             outputs.send(alarm.event(Phase.RAISED, 0, 0))
@@ -253,85 +254,93 @@ def test_a_server_that_answers_in_drips_is_an_event_and_the_next_alarm_is_sent(m
         server.shutdown()
 
 
-def test_a_secret_is_read_from_its_file_and_must_be_there(tmp_path):
-    with pytest.raises(ConfigError, match="ntfy_token_file"):
-        with_secrets(tmp_path / "f", ntfy_file="http://127.0.0.1:1/t", ntfy_token_file=None)
-
-
-def with_secrets(folder: Path, **files: str | None) -> list[AlarmOutput]:
-    """The outputs of a campaign with these files of secrets; None is one that is not there."""
-    create_campaign(folder, SIMULATED)
-    for key, text in files.items():
-        if text is not None:
-            (folder / f"{key}.txt").write_text(text, encoding="utf-8")
-    settings = [f"alarms.{key}={key}.txt" for key in files]
-    if "mqtt_password_file" in files:
-        settings.append("alarms.mqtt=mqtt://me@127.0.0.1:1/sand")
-    return list(outputs_of(load_config(folder / FILE_NAME, settings=settings)))
+def services(folder: Path, text: str, mode: int = 0o600) -> str:
+    """The setting that names a file of services with this text."""
+    path = folder / "services.txt"
+    path.write_text(text, encoding="latin-1")
+    path.chmod(mode)
+    return f"alarms.services_file={path}"
 
 
 @pytest.mark.parametrize(
-    "secrets",
+    ("text", "mode", "fix"),
     [
-        {"ntfy_file": "ntfy.sh/s3cr3t"},
-        {"ntfy_file": "https://me:s3cr3t@ntfy.sh/t"},
-        {"ntfy_file": "https://ntfy.sh/s3cr3t topic"},
-        {"ntfy_file": "https://ntfy.sh/s3cr3t\nhttps://ntfy.sh/other"},
-        {"ntfy_file": "https://ntfy.sh"},
-        {"ntfy_file": "s3cr3t\xfc"},
-        {"ntfy_file": ""},
-        {"ntfy_file": "https://ntfy.sh/t", "ntfy_token_file": "tk_s3cr3t\nmore"},
-        {"ntfy_file": "https://ntfy.sh/t", "ntfy_token_file": " \n"},
-        {"mqtt_password_file": "s3cr3t\nmore"},
-        {"mqtt_password_file": ""},
+        ("# mine\nnowhere://s3cr3t", 0o600, "tgram://"),
+        ("s3cr3t", 0o600, "tgram://"),
+        ("mqtt://me:s3cr3t/more@host/sand", 0o600, "%2F"),
+        ("mqtt:///s3cr3t", 0o600, "mqtt://"),
+        ("tgram://s3cr3t\xfc", 0o600, "a line"),
+        ("json://127.0.0.1/s3cr3t", 0o640, "chmod 600"),
+        ("json://127.0.0.1/s3cr3t", 0o604, "chmod 600"),
     ],
 )
-def test_a_file_that_holds_no_secret_of_its_kind_is_named_but_not_quoted(tmp_path, secrets):
-    with pytest.raises(ConfigError, match=r"does not hold an? ") as caught:
-        with_secrets(tmp_path / "f", **secrets)
-    assert "s3cr3t" not in str(caught.value)
-    assert str(tmp_path / "f") in caught.value.message
+def test_a_file_of_services_that_cannot_be_used_is_named_but_not_quoted(tmp_path, caplog, text, mode, fix):
+    pytest.importorskip("apprise")
+    create_campaign(tmp_path / "f", SIMULATED)
+    config = load_config(tmp_path / "f" / FILE_NAME, settings=[services(tmp_path, text, mode)])
+    with pytest.raises(ConfigError) as caught:
+        list(outputs_of(config))
+    assert fix in caught.value.fix
+    assert "alarms.services_file" in str(caught.value.place)
+    assert "s3cr3t" not in f"{caught.value}{caught.value.__cause__}{caplog.text}"
 
 
-class Topic(BaseHTTPRequestHandler):
-    """An ntfy server that knows one topic."""
+def test_a_file_of_services_is_there_and_lies_outside_the_campaign(tmp_path):
+    create_campaign(tmp_path, SIMULATED)
+    inside = load_config(tmp_path / FILE_NAME, settings=[services(tmp_path, "json://127.0.0.1/s3cr3t")])
+    away = load_config(tmp_path / FILE_NAME, settings=["alarms.services_file=/nonexistent/services.txt"])
+    for config, fix in ((inside, "~/.config/fieldkit/services.txt"), (away, "one address a line")):
+        with pytest.raises(ConfigError) as caught:
+            list(outputs_of(config))
+        assert fix in caught.value.fix
 
-    asked: ClassVar[list[tuple[str, str]]] = []
+
+class Service(BaseHTTPRequestHandler):
+    """A service that takes messages at one address."""
 
     def do_POST(self) -> None:
-        self.asked.append((self.path, self.headers.get("Authorization", "")))
-        self.send_response(200 if self.path == "/s3cr3t" else 404, f"no topic {self.path}")
+        message = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
+        self.server.posted.append((self.path, message["type"], message["message"]))
+        self.send_response(200 if self.path == "/s3cr3t" else 404)
         self.end_headers()
 
     def log_message(self, *_: object) -> None:
         """Quiet."""
 
 
-def test_an_alarm_goes_to_the_topic_of_the_file_and_a_failure_does_not_quote_it(tmp_path):
-    event = Alarm(Condition.LOST, "camera", Severity.ERROR, 0, "lost").event(Phase.RAISED, 0, 0)
-    with ThreadingHTTPServer(("127.0.0.1", 0), Topic) as server:
+def test_alarms_reach_a_service_and_its_token_nothing_else(tmp_path, caplog, capsys):
+    pytest.importorskip("apprise")
+    caplog.set_level("DEBUG")
+    with ThreadingHTTPServer(("127.0.0.1", 0), Service) as server:
+        server.posted = []
         threading.Thread(target=server.serve_forever, daemon=True).start()
-        address = f"http://127.0.0.1:{server.server_port}"
-        (known,) = with_secrets(
-            tmp_path / "a", ntfy_file=f"\ufeff{address}/s3cr3t\r\n", ntfy_token_file="tk_1\n"
+        address = f"json://127.0.0.1:{server.server_port}"
+        setting = services(tmp_path, f"\n{address}/s3cr3t\n{address}/s3cr3t-of-nobody\n")
+        done = recording_of(
+            tmp_path / "f", 3, setting, 'simulation.faults=["clock"]', "simulation.speed=60", "lux.every_s=1"
         )
-        known.send(event)
-        (unknown,) = with_secrets(tmp_path / "b", ntfy_file=f"{address}/t0p1c")
-        with pytest.raises(OSError, match=r"^the server answered with status 404$"):
-            unknown.send(event)
         server.shutdown()
-    assert Topic.asked == [("/s3cr3t", "Bearer tk_1"), ("/t0p1c", "")]
-    assert known.name == f"ntfy at {address.removeprefix('http://')}"
+    (alarm,) = [event for event in alarms_of(done.path) if phase_of(event) is Phase.RAISED]
+    assert ("/s3cr3t", "warning", alarm.text) in server.posted
+    with open_session(done.path) as session:
+        texts = [event.text for event in session.events()]
+        stored = session.config_toml
+    assert len([text for text in texts if "JSON (line 3 of alarms.services_file)" in text]) == 1
+    assert not any("line 2" in text for text in texts)
+    assert "services.txt" in stored
+    printed = capsys.readouterr()
+    everything = [stored, *texts, caplog.text, printed.out, printed.err]
+    files = [path.read_bytes() for path in (tmp_path / "f").rglob("*") if path.is_file()]
+    assert not any("s3cr3t" in text for text in everything)
+    assert not any(b"s3cr3t" in content for content in files)
 
 
-@pytest.mark.parametrize(
-    "setting", ["mqtt=mqtt://me:s3cr3t@127.0.0.1/sand", "ntfy=http://127.0.0.1:1/s3cr3t"]
-)
-def test_a_secret_in_the_configuration_begins_no_recording(tmp_path, setting):
-    with pytest.raises(ConfigError, match="_file"):
-        recording_of(tmp_path / "f", 1, f"alarms.{setting}")
-    files = [path for path in tmp_path.rglob("*") if path.is_file()]
-    assert not any(b"s3cr3t" in path.read_bytes() for path in files)
+@pytest.mark.parametrize("key", ["services", "services_file", "command"])
+def test_an_address_in_the_configuration_begins_no_recording(tmp_path, key):
+    value = '["tgram://s3cr3t/1"]' if key == "command" else "tgram://s3cr3t/1"
+    with pytest.raises(ConfigError) as caught:
+        recording_of(tmp_path / "f", 1, f"alarms.{key}={value}")
+    assert "s3cr3t" not in str(caught.value)
     assert not list(tmp_path.rglob("*.h5*"))
 
 
