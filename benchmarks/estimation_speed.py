@@ -39,7 +39,6 @@ BURSTS = Row(
     "samples to slopes, paper model; processor time",
 )
 BURSTS_FULL = Row("bursts-full", "the same, full model", "", "s")
-BURSTS_POSTERIOR = Row("bursts-posterior", "the same, posterior", "", "s")
 BURSTS_LEARNED = Row("bursts-learned", "the same, learned model", "", "s")
 ORDER = Row("order", "live in another order of arrival against batch, worst", "<= 1e-9", "°")
 ONE_MAP = "a mean frame added and the map solved; processor time"
@@ -117,7 +116,6 @@ def sessions() -> list[Result]:
     rows = (
         (BURSTS, paper),
         (BURSTS_FULL, EstimatorSettings(model="full")),
-        (BURSTS_POSTERIOR, EstimatorSettings(model="paper", method="posterior")),
         (BURSTS_LEARNED, EstimatorSettings(model="learned")),
     )
     found = [row.measured(min(_timed(samples, settings) for _ in range(2))) for row, settings in rows]

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from fieldkit.model.confidence import CONFIDENCE, LEAST_CONFIDENCE, MOST_CONFIDENCE
 
-Method = Literal["unit-norm", "contours", "posterior"]
+Method = Literal["unit-norm", "contours"]
 Model = Literal["paper", "full", "learned"]
 Seconds = Annotated[float, Field(ge=60, strict=True)]
 STRICT: Mapping[str, Any] = {"extra": "forbid", "allow_inf_nan": False}

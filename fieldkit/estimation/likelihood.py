@@ -1,4 +1,4 @@
-"""Likelihood of a slope: profile misfits, likelihood regions, and the posterior with robust weights.
+"""Likelihood of a slope: profile misfits, likelihood regions, along a free or a known azimuth.
 
 Two kinds of systematic effects do not average away and are known only by their standard uncertainties: the
 scale kappa (irradiance, albedo, exchange: measured ``delta S / S`` is kappa times the true one) and additive
@@ -19,16 +19,12 @@ from functools import cached_property
 
 import numpy as np
 
-from fieldkit.estimation.normal import Branches, Misfit, solve
+from fieldkit.estimation.normal import Misfit
 from fieldkit.model.arrays import BoolArray, FloatArray, IntArray
 from fieldkit.physics.facet import VERTICAL, angle_between_deg, normal, tilt_azimuth
 
 TILTS = 2001
 """Tilts on the grid along a known azimuth: steps of 0.02 degrees up to the default limit."""
-STUDENT_FREEDOM = 8.0
-"""Degrees of freedom of the Student-t residuals: heavy tails, at 2 % loss of efficiency without outliers."""
-POSTERIOR_DROP = 18.0
-"""Misfit above the least at which a normal's share of the posterior (1e-4) is neglected."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -384,83 +380,3 @@ def _ends(start: FloatArray, tilts: FloatArray, root: FloatArray, beyond: BoolAr
     share = (1.0 - value_before) / np.where(outside.any(axis=1), value - value_before, 1.0)
     last = np.where(beyond.any(axis=1), tilts[-1], start[:, 0])
     return np.where(outside.any(axis=1), before + share * (tilts[first] - before), last)
-
-
-_ROUNDS = 30
-_LEAST_TILT_DEG = 0.25  # the prior is cut off here, where all azimuths meet
-
-
-@dataclass(frozen=True, slots=True)
-class Posterior:
-    """Mean normal (3,), robust weights of the rows (n,), and each branch's share of the probability."""
-
-    mean: FloatArray
-    weights: FloatArray
-    shares: tuple[float, float]
-
-
-def posterior(design: FloatArray, y: FloatArray, weights: FloatArray, tilt_limit_deg: float) -> Posterior:
-    """Posterior mean of a slope where some minute bins are outliers: Student-t residuals.
-
-    `design` (n, 3) and the measured cosines `y` (n,) are finite, the inverse variances `weights` (n,)
-    positive. The prior is uniform in tilt and azimuth up to the tilt limit: gentle slopes are more common
-    than steep ones, per solid angle as 1 / sin(tilt). One grid covers each branch; the plane of the sun's
-    motion divides the sphere between them. The mean is of the branch with more probability: between two
-    branches lies no slope that fits.
-
-    K. Lange, R. Little and J. Taylor, "Robust statistical modeling using the t distribution", Journal of the
-    American Statistical Association 84, 1989.
-    """
-    robust, branches = _reweighted(design, y, weights)
-    information = Misfit.of_rows(design, y, robust).H
-    across = np.linalg.eigh(information)[1][:, 0]
-
-    def misfit(normals: FloatArray) -> FloatArray:
-        squares = (normals @ design.T - y) ** 2 * weights
-        return np.asarray((STUDENT_FREEDOM + 1.0) * np.sum(np.log1p(squares / STUDENT_FREEDOM), axis=-1))
-
-    starts = [branches.first] if branches.merged else [branches.first, branches.second]
-    every, normals = np.broadcast_to(information, (len(starts), 3, 3)), np.stack(starts)
-    bound = misfit(normals) + POSTERIOR_DROP
-    found = patches(
-        lambda grid: misfit(grid.normals()), every, normals, bound, POSTERIOR_DROP, heights=21, turns=121
-    )
-    floor = float(found.misfit.min())
-    # patches of two branches may overlap: each counts on its own side of the fold only
-    sides = [np.zeros(3) if branches.merged else across * np.sign(start @ across) for start in starts]
-    moments = [_moments(found, branch, floor, tilt_limit_deg, side) for branch, side in enumerate(sides)]
-    masses = [mass for mass, _ in moments]
-    total = sum(masses)
-    if total == 0.0:
-        return Posterior(branches.first, robust, (1.0, 0.0))
-    shares = [mass / total for mass in masses] + [0.0]
-    return Posterior(moments[int(np.argmax(masses))][1], robust, (shares[0], shares[1]))
-
-
-def _reweighted(design: FloatArray, y: FloatArray, weights: FloatArray) -> tuple[FloatArray, Branches]:
-    """Weights of the t distribution at its mode, by iteratively reweighted least squares."""
-    robust = weights
-    branches = solve(Misfit.of_rows(design, y, robust))
-    for _ in range(_ROUNDS):
-        squares = (design @ branches.first - y) ** 2 * weights
-        updated = weights * (STUDENT_FREEDOM + 1.0) / (STUDENT_FREEDOM + squares)
-        if np.allclose(updated, robust, rtol=1e-6):
-            break
-        robust = updated
-        branches = solve(Misfit.of_rows(design, y, robust))
-    return robust, branches
-
-
-def _moments(
-    found: Patches, branch: int, floor: float, tilt_limit_deg: float, side: FloatArray
-) -> tuple[float, FloatArray]:
-    """Mass and mean normal of the part of a patch within the tilt limit and on its own side of the fold."""
-    normals = found.grid.normals()[branch].reshape(-1, 3)
-    tilts = tilt_azimuth(normals)[0]
-    allowed = (tilts <= tilt_limit_deg) & (normals @ side >= 0.0)
-    prior = 1.0 / np.sin(np.radians(np.maximum(tilts, _LEAST_TILT_DEG)))
-    mass = np.where(allowed, prior * np.exp(-0.5 * (found.misfit[branch].ravel() - floor)), 0.0)
-    mean = mass @ normals
-    length = float(np.linalg.norm(mean))
-    total = float(mass.sum() * found.solid_angle[branch])
-    return total, mean / length if length > 0.0 else np.full(3, np.nan)

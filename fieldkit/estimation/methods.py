@@ -1,8 +1,8 @@
-"""From rows to the slopes of targets by one of three methods, with their states and likelihood regions.
+"""From rows to the slopes of targets by one of two methods, with their states and likelihood regions.
 
-Unit-norm least squares is the default, contour scoring is the paper's method, the posterior is the robust
-one. They differ in the best normal; the likelihood regions are computed alike for all, once for noise alone
-and once with the stated systematic uncertainties of scale, offset and stored heat.
+Unit-norm least squares is the default, contour scoring is the paper's method. They differ in the best normal;
+the likelihood regions are computed alike for both, once for noise alone and once with the stated systematic
+uncertainties of scale, offset and stored heat.
 
 The noise level comes from second differences, which a slope, a drift or the hour of day cannot mimic. A small
 chi-square does not mean a small error: a smooth model error fits a smooth wrong slope, and only the stated
@@ -27,7 +27,6 @@ from fieldkit.estimation.distributions import chi_square_exceeded
 from fieldkit.estimation.likelihood import (
     LikelihoodRegion,
     ProfileMisfit,
-    posterior,
     profiled_gram,
     regions,
     regions_known_azimuth,
@@ -133,7 +132,7 @@ def _by_method(problem: _Problem, fit: Choice) -> list[Solution]:
         fit = _least_squares(problem)
     if problem.settings.method == "unit-norm" or problem.azimuth_deg is not None:
         return _judged(problem, fit, fit.best)
-    return [_by_other_method(problem.only(place)) for place in range(len(problem.indices))]
+    return [_by_contours(problem.only(place)) for place in range(len(problem.indices))]
 
 
 def _noise_ratios(problem: _Problem, fit: Choice) -> FloatArray:
@@ -142,23 +141,14 @@ def _noise_ratios(problem: _Problem, fit: Choice) -> FloatArray:
     return np.array([noise_ratio(one[used]) for one, used in zip(residuals, problem.used, strict=True)])
 
 
-def _by_other_method(problem: _Problem) -> Solution:
-    """One target by contours or posterior."""
-    if problem.settings.method == "contours":
-        best, score = _scored(problem)
-        fit = _least_squares(problem)
-        if best is None:
-            nowhere = _nowhere(problem, fit, 0, f"no slope lies on enough contours: {score}")
-            return replace(nowhere, explained=False)
-        return _judged(problem, fit, best[np.newaxis])[0]
-    used = problem.used[0]
-    found = posterior(
-        problem.design[used], problem.y[0, used], problem.weights[0, used], problem.settings.tilt_limit_deg
-    )
-    weights = np.zeros_like(problem.weights)
-    weights[0, used] = found.weights
-    problem = replace(problem, weights=weights)
-    return _judged(problem, _least_squares(problem), found.mean[np.newaxis])[0]
+def _by_contours(problem: _Problem) -> Solution:
+    """One target by the paper's contours."""
+    best, score = _scored(problem)
+    fit = _least_squares(problem)
+    if best is None:
+        nowhere = _nowhere(problem, fit, 0, f"no slope lies on enough contours: {score}")
+        return replace(nowhere, explained=False)
+    return _judged(problem, fit, best[np.newaxis])[0]
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,6 @@ import numpy as np
 from fieldkit.estimation.contours import RadiationTable, slope_grid
 from fieldkit.estimation.day_plan import cosine_noise
 from fieldkit.estimation.instruments import mean_of
-from fieldkit.estimation.likelihood import posterior
 from fieldkit.estimation.normal import LOWEST_COS_INCIDENCE, Misfit, choose, solve
 from fieldkit.estimation.statistics import mean_absolute_error, sd_of_absolute_error
 from fieldkit.model.arrays import BoolArray, FloatArray
@@ -27,6 +26,7 @@ from fieldkit.physics.energy_balance import (
     surface_temperature,
 )
 from fieldkit.physics.facet import VERTICAL, angle_between_deg, cos_incidence, normal, tilt_azimuth
+from fieldkit.study.posterior import posterior
 
 Method = Literal["contours", "unit-norm", "posterior"]
 TABLE_1 = SurfaceParameters()

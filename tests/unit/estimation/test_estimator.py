@@ -79,18 +79,17 @@ def test_interleaving_within_two_seconds_changes_nothing_at_all(yard):
     assert repr(run(yard, samples)) == repr(run(yard, shuffled))
 
 
-# contours are the mean over a grid of half a degree; the posterior feels only the counts' steps of 0.01 K
-@pytest.mark.parametrize(("method", "within_deg"), [("contours", 0.4), ("posterior", 0.05)])
-def test_every_method_finds_the_beds_within_its_region(yard, method, within_deg):
-    settings = EstimatorSettings(model="paper", method=method, window_s=3600.0, tilt_limit_deg=30.0)
+def test_contours_find_the_beds_within_their_regions(yard):
+    settings = EstimatorSettings(model="paper", method="contours", window_s=3600.0, tilt_limit_deg=30.0)
     minute = last_of(yard, yard.samples(61), settings)
     for bed in yard.beds[1:]:
         found = by_name(minute)[bed.name]
         truth = normal(bed.tilt_deg, bed.azimuth_deg)
-        assert angle_between_deg(normal(found.tilt_deg, found.azimuth_deg), truth) < within_deg
+        # the mean over a grid of half a degree
+        assert angle_between_deg(normal(found.tilt_deg, found.azimuth_deg), truth) < 0.4
         assert found.tilt_low_deg < bed.tilt_deg < found.tilt_high_deg
         assert found.azimuth_low_deg < bed.azimuth_deg < found.azimuth_high_deg
-        assert method in found.model
+        assert "contours" in found.model
 
 
 def test_two_minutes_are_the_fewest_that_can_disagree_about_a_tilt_alone(yard):

@@ -28,7 +28,7 @@ OTHER = {
     "horizon": ((0.0, 40.0),),
     "horizons": {"b15": ((0.0, 30.0), (240.0, 40.0))},
     "irradiance": IrradianceModel(par_fraction=0.5, diffuse="none"),
-    "method": "posterior",
+    "method": "contours",
     "model": "full",
     "reference": "weather",
     "kinds": {"b15": "rock"},

@@ -1,0 +1,62 @@
+"""The study's robust estimate of a slope: outliers, and both branches of the fold."""
+
+import numpy as np
+import pytest
+
+from fieldkit.estimation.normal import Misfit, choose, solve
+from fieldkit.model.site import Site
+from fieldkit.physics.facet import angle_between_deg, normal, tilt_azimuth
+from fieldkit.physics.sun import sun_vectors
+from fieldkit.study.posterior import posterior
+
+SITE = Site(35.558675, 139.395232, 9.0)
+NOON = int(np.datetime64("2017-08-30T03:00", "ns").astype(np.int64))
+
+
+def sun(minutes: int) -> np.ndarray:
+    return sun_vectors(NOON + np.arange(minutes) * 60_000_000_000, SITE)
+
+
+def test_noiseless_minutes_give_the_slope():
+    rays, truth = sun(61), normal(12.4, 61.0)
+    estimate = posterior(rays, rays @ truth, np.full(61, 4e4), 45.0)
+    assert angle_between_deg(estimate.mean, truth) < 0.3
+    assert estimate.weights == pytest.approx(4e4 * 9 / 8)
+
+
+def test_wild_minutes_are_hardly_heard():
+    rays, truth = sun(61), normal(12.4, 61.0)
+    random = np.random.default_rng(3)
+    y = rays @ truth + 0.005 * random.standard_normal(61)
+    wild = random.choice(61, 9, replace=False)
+    y[wild] += random.choice([-1, 1], 9) * random.uniform(0.04, 0.08, 9)
+    estimate = posterior(rays, y, np.full(61, 4e4), 45.0)
+    misfit = Misfit.of_rows(rays, y, 4e4)
+    plain = choose(misfit, solve(misfit), 45.0).best
+    assert angle_between_deg(estimate.mean, truth) < 2.0
+    assert angle_between_deg(estimate.mean, truth) < angle_between_deg(plain, truth)
+    assert estimate.weights[wild].max() < 0.3 * 4e4
+
+
+def test_both_branches_have_their_share():
+    rays, truth = sun(21), normal(20.0, 180.0)
+    estimate = posterior(rays, rays @ truth, np.full(21, 3e4), 45.0)
+    assert sum(estimate.shares) == pytest.approx(1.0)
+    assert min(estimate.shares) > 0.05
+    # the prior, uniform in tilt, prefers the flatter one
+    assert tilt_azimuth(estimate.mean)[0] < 27.0
+
+
+@pytest.mark.slow
+def test_outliers_cost_at_most_a_third_of_the_accuracy():
+    rays, random = sun(21), np.random.default_rng(12)
+    truths = normal(random.uniform(0, 30, 800), random.uniform(0, 360, 800))
+    sigma = np.sqrt(2.0) * 31.0 * 0.1 / 800.0
+    clean = truths @ rays.T + sigma * random.standard_normal((800, 21))
+    wild = random.random(clean.shape) < 0.15
+    size = random.choice([-1, 1], clean.shape) * random.uniform(1.0, 2.0, clean.shape) * 31.0 / 800.0
+    errors = [
+        [angle_between_deg(posterior(rays, row, np.full(21, sigma**-2), 30.0).mean, t) for row, t in pairs]
+        for pairs in (zip(clean, truths, strict=True), zip(clean + wild * size, truths, strict=True))
+    ]
+    assert np.percentile(errors[1], 90) <= 1.3 * np.percentile(errors[0], 90)
