@@ -56,11 +56,6 @@ WORLD_DAY = "2024-06-01"
     metavar="SESSION",
     help="Figs. 12 and 13 from this session.",
 )
-@click.option("--surfrad", type=FILE, multiple=True, help="Only compare surface models with SURFRAD days.")
-@click.option(
-    "--measured-ground", "grounds", type=FILE, multiple=True,
-    help="Only try the surface model on measured ground, a CSV file.",
-)  # fmt: skip
 @click.option("--body", type=click.Choice(["mars", "moon"]), help="Study this world instead of the paper.")
 @click.option("--dust", type=NumberRange(0.0, 6.0), help="Optical depth of dust, for --body.")
 @click.option(
@@ -75,8 +70,6 @@ def command(
     weather: Path | None,
     sensitivity: bool,
     sessions: tuple[Path, ...],
-    surfrad: tuple[Path, ...],
-    grounds: tuple[Path, ...],
     body: str | None,
     dust: float | None,
     out: Path,
@@ -89,32 +82,19 @@ def command(
     --sensitivity shows by how much. Figs. 12 and 13 show the paper's beds under a
     simulated sky unless sessions are given.
 
-    --measured-ground reads one row a minute with the columns minute, ground_radiometer_c, air_c,
-    wind_m_s, shortwave_down_w_m2, shortwave_up_w_m2, longwave_down_w_m2 and
-    sun_zenith_apparent_deg; at least a day. The model is fitted on one half and tried on
-    the other, then the other way round.
-
     --body studies another world instead: slopes, hours, noise and windows, with a
     verdict. It takes --site, --on, --noise, --slopes, --seed and --dust.
 
     \b
     fieldkit study                                            the paper as it stands
     fieldkit study --noise 0.1 --window 1h --estimator unit-norm
-    fieldkit study --surfrad slv15365.dat --surfrad slv16001.dat
     fieldkit study --body mars --out mars
-    fieldkit study --measured-ground cinder-2022.csv --out ground
     """
     if body:
         _study_world(ctx, body, site, dust, out, given)
         return
     if dust is not None:
         raise click.UsageError("--dust needs --body")
-    if surfrad:
-        _compare_with_surfrad(surfrad)
-        return
-    if grounds:
-        _try_on_ground(grounds, out)
-        return
     from fieldkit.study.paper_study import paper_study
     from fieldkit.study.runs import StudyOptions
     from fieldkit.weather import read_station_file
@@ -152,7 +132,7 @@ WORLD_COLUMNS = {
     "bound_west_deg": "W °",
     "verdict": "verdict",
 }
-FOR_THE_EARTH = ("dni_w_m2", "turbidity", "starts", "weather", "sessions", "surfrad", "grounds", "zone")
+FOR_THE_EARTH = ("dni_w_m2", "turbidity", "starts", "weather", "sessions", "zone")
 
 
 def _study_world(
@@ -184,58 +164,6 @@ def _study_world(
     for sentence in study.summary:
         click.echo(sentence)
     say(f"table and figure: {out / 'world.csv'}, {out / 'world.svg'}")
-
-
-def _compare_with_surfrad(paths: tuple[Path, ...]) -> None:
-    from fieldkit.study.surfrad import compare
-
-    found = compare(paths)
-    if options().json:
-        print_json({"within_sample": found.within_sample, "next_day": found.next_day})
-        return
-    print_table(
-        ["file", "model", "emissivity", "RMSE K", "bias K"],
-        [[_fixed(value) for value in row.values()] for row in found.within_sample],
-    )
-    if found.next_day:
-        rows = [[_fixed(value) for value in row.values()] for row in found.next_day]
-        print_table(list(found.next_day[0]), rows)
-
-
-def _try_on_ground(paths: tuple[Path, ...], out: Path) -> None:
-    from fieldkit.study import ground, ground_output
-
-    if len({path.stem for path in paths}) < len(paths):
-        raise click.UsageError(
-            "two --measured-ground files have the same name: their figures would be one file"
-        )
-    with progress() as bar:
-        task = bar.add_task("ground", total=ground.steps(len(paths)))
-        fits = [
-            fit
-            for path in paths
-            for fit in ground.ground_fits(path, lambda done: bar.update(task, advance=1, description=done))
-        ]
-    ground_output.write(out, fits)
-    if options().json:
-        print_json(ground_output.document(fits))
-        return
-    print_table(ground_output.SCORE_COLUMNS, ground_output.score_rows(fits))
-    click.echo()
-    print_table(ground_output.PARAMETER_COLUMNS, ground_output.parameter_rows(fits))
-    click.echo()
-    for fit in fits:
-        click.echo(f"{fit.ground.name}, {fit.fitted} fitted: exchange {fit.exchange} W m⁻² K⁻¹, U in m/s")
-    exchange = fits[0].mean_exchange_w_m2_k
-    say(f"figures, tables and a page with all of them: {out / 'ground.html'}")
-    say(
-        f"next, {fits[0].ground.name}'s exchange as the prior: "
-        f"fieldkit estimate SESSION --set prior.exchange_w_m2_k={exchange:.1f}"
-    )
-
-
-def _fixed(value: object) -> str:
-    return f"{value:.2f}" if isinstance(value, float) else str(value)
 
 
 def _print(document: dict[str, Any]) -> None:

@@ -1,4 +1,4 @@
-"""Figures of the studies as SVG text: 5 to 10 and 12 to 14 of the paper, measured ground, other worlds.
+"""Figures of the studies as SVG text: 5 to 10 and 12 to 14 of the paper, other worlds.
 
 Arrays in, SVG text out; nothing is computed here but axes. In the tables the horizontal axis is the
 slope's azimuth from north, clockwise, and the vertical axis its tilt, as in the paper.
@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fieldkit.estimation.statistics import ErrorSpan
-from fieldkit.model.arrays import BoolArray, FloatArray
-from fieldkit.model.confidence import CONFIDENCE, percent
+from fieldkit.model.arrays import FloatArray
 from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.views import plotting
 
@@ -176,39 +175,6 @@ def _mesh(
 def _slope_axes(axes: Axes) -> None:
     axes.set(xlim=(0, 360), xlabel="direction, degrees from north", ylabel="tilt, degrees")
     axes.set_xticks(range(0, 361, 60))
-
-
-# --- measured ground
-
-
-def ground_temperatures(
-    measured_k: FloatArray, modelled_k: FloatArray, half_width_k: FloatArray, fitted: BoolArray
-) -> str:
-    """Temperatures with their interval, and residuals below; fitted minutes are shaded.
-
-    Arrays by the minute, (n,), kelvin.
-    """
-    figure, (above, below) = plotting.panels(2, 5.2)
-    hours = np.arange(measured_k.size) / 60.0
-    measured_c, modelled_c = measured_k - CELSIUS_ZERO_K, modelled_k - CELSIUS_ZERO_K
-    low, high = modelled_c - half_width_k, modelled_c + half_width_k
-    blue, orange = plotting.colour(0), plotting.colour(1)
-    band: dict[str, Any] = {"color": orange, "alpha": 0.3, "linewidth": 0}
-    above.fill_between(hours, low, high, label=percent(CONFIDENCE), **band)
-    above.plot(hours, measured_c, color=blue, linewidth=0.8, label="measured")
-    above.plot(hours, modelled_c, color=orange, linewidth=0.8, label="modelled")
-    above.set_ylabel("ground, °C")
-    below.fill_between(hours, -half_width_k, half_width_k, **band)
-    below.plot(hours, modelled_k - measured_k, color=blue, linewidth=0.8)
-    below.set_ylabel("modelled − measured, K")
-    below.set_xlabel("hours of the record")
-    for axes in (above, below):
-        axes.axvspan(
-            *hours[np.flatnonzero(fitted)[[0, -1]]], color="0.85", alpha=0.5, linewidth=0, zorder=0,
-            label="fitted" if axes is above else "",
-        )  # fmt: skip
-    plotting.legend(above)
-    return plotting.svg(figure)
 
 
 # --- other worlds

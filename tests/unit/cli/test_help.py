@@ -148,7 +148,7 @@ def test_an_option_takes_the_same_in_every_command():
 
 VALUES = {
     "--address": "192.0.2.1", "--at": "2026-12-11T11:52:30Z", "--clock-offset": "+1s",
-    "--device": "/dev/ttyUSB0", "--for": "45", "--measured-ground": __file__, "--option": "model=302",
+    "--device": "/dev/ttyUSB0", "--for": "45", "--option": "model=302",
     "--place": "354605", "--region": "b15", "--reference-facet": "10,180", "--session": "x.h5",
     "--step": "10", "--until": "-1m", "--window": "20", "--zone": "Asia/Tokyo",
 }  # fmt: skip
