@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +25,6 @@ SHOWN = {
     "normal_p90": "normal p90 °",
     "unsolved": "unsolved",
 }
-WORLD_DAY = "2024-06-01"
 
 
 @click.command(cls=Command)
@@ -56,22 +54,15 @@ WORLD_DAY = "2024-06-01"
     metavar="SESSION",
     help="Figs. 12 and 13 from this session.",
 )
-@click.option("--body", type=click.Choice(["mars", "moon"]), help="Study this world instead of the paper.")
-@click.option("--dust", type=NumberRange(0.0, 6.0), help="Optical depth of dust, for --body.")
 @click.option(
     "-o", "--out", type=click.Path(file_okay=False, path_type=Path), default=Path("study"), show_default=True
 )
-@click.pass_context
 def command(
-    ctx: click.Context,
-    /,
     site: Site | None,
     zone: str | None,
     weather: Path | None,
     sensitivity: bool,
     sessions: tuple[Path, ...],
-    body: str | None,
-    dust: float | None,
     out: Path,
     **given: Any,
 ) -> None:
@@ -82,19 +73,10 @@ def command(
     --sensitivity shows by how much. Figs. 12 and 13 show the paper's beds under a
     simulated sky unless sessions are given.
 
-    --body studies another world instead: slopes, hours, noise and windows, with a
-    verdict. It takes --site, --on, --noise, --slopes, --seed and --dust.
-
     \b
     fieldkit study                                            the paper as it stands
     fieldkit study --noise 0.1 --window 1h --estimator unit-norm
-    fieldkit study --body mars --out mars
     """
-    if body:
-        _study_world(ctx, body, site, dust, out, given)
-        return
-    if dust is not None:
-        raise click.UsageError("--dust needs --body")
     from fieldkit.study.paper_study import paper_study
     from fieldkit.study.runs import StudyOptions
     from fieldkit.weather import read_station_file
@@ -118,52 +100,6 @@ def command(
         return
     _print(study.document)
     say(f"tables, figures and a page with all of them: {out / 'study.html'}")
-
-
-WORLD_COLUMNS = {
-    "hour": "from h",
-    "minutes": "minutes",
-    "noise_k": "noise K",
-    "tilt_mae_deg": "tilt MAE °",
-    "normal_p90_deg": "normal p90 °",
-    "bound_north_deg": "bound N °",
-    "bound_east_deg": "E °",
-    "bound_south_deg": "S °",
-    "bound_west_deg": "W °",
-    "verdict": "verdict",
-}
-FOR_THE_EARTH = ("dni_w_m2", "turbidity", "starts", "weather", "sessions", "zone")
-
-
-def _study_world(
-    ctx: click.Context, body: str, site: Site | None, dust: float | None, out: Path, given: dict[str, Any]
-) -> None:
-    from fieldkit.study.other_worlds import NOISES_K, SITES, world_study
-
-    for parameter in ctx.command.params:
-        if parameter.name in FOR_THE_EARTH and ctx.params[parameter.name] not in (None, ()):
-            raise click.UsageError(f"{parameter.opts[0]} belongs to the Earth: omit it with --body {body}")
-    with progress() as bar:
-        task = bar.add_task("study", total=None)
-        study = world_study(
-            replace(site, body=body) if site else SITES[body],
-            str(given["day"] or WORLD_DAY),
-            dust=dust,
-            noises_k=(given["noise_k"],) if given["noise_k"] else NOISES_K,
-            slopes=given["slopes"] or 300,
-            seed=given["seed"],
-            on_window=lambda window: bar.update(task, description=window),
-        )
-    study.write(out)
-    if options().json:
-        print_json(study.document)
-        return
-    print_table(
-        list(WORLD_COLUMNS.values()), [[_cell(row[name]) for name in WORLD_COLUMNS] for row in study.rows]
-    )
-    for sentence in study.summary:
-        click.echo(sentence)
-    say(f"table and figure: {out / 'world.csv'}, {out / 'world.svg'}")
 
 
 def _print(document: dict[str, Any]) -> None:

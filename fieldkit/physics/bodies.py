@@ -12,7 +12,6 @@ from fieldkit.model.arrays import FloatArray
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import Site
 from fieldkit.physics.energy_balance import SurfaceParameters
-from fieldkit.physics.regolith import Regolith
 from fieldkit.physics.subsolar import SOL_S, mars_subsolar, moon_subsolar
 
 Subsolar = Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray]]
@@ -35,7 +34,7 @@ class Body:
     `exchange_w_m2_k` is the exchange of heat with the air, of that heat capacity and density;
     `longwave_down_w_m2` what the sky radiates, `air_temperature_k` the daily mean near the ground. `albedo`,
     `emissivity`, `inertia` (J m-2 K-1 s-1/2) and `heat_capacity_j_m3_k` are those of its loose
-    ground, which `radiates_inside` where no gas carries heat between the grains.
+    ground.
     """
 
     name: str
@@ -55,7 +54,6 @@ class Body:
     emissivity: float
     inertia: float
     heat_capacity_j_m3_k: float
-    radiates_inside: bool
 
     @property
     def has_air_of_earth(self) -> bool:
@@ -79,17 +77,6 @@ class Body:
         """Thermal conductivity of the ground, from its inertia."""
         return self.inertia**2 / self.heat_capacity_j_m3_k
 
-    @property
-    def regolith(self) -> Regolith:
-        """The ground in depth: the Moon's, or the same all the way down."""
-        if self.radiates_inside:
-            return Regolith(emissivity=self.emissivity)
-        conductivity, capacity = self.conductivity_w_m_k, self.heat_capacity_j_m3_k
-        return Regolith(
-            conductivity, conductivity, 1.0, 1.0, radiative=0.0, heat_capacity=(capacity,),
-            emissivity=self.emissivity, flux_from_below_w_m2=0.0,
-        )  # fmt: skip
-
 
 EARTH = Body(
     name="earth",
@@ -109,7 +96,6 @@ EARTH = Body(
     emissivity=0.90,
     inertia=570.0,  # dry loose silica sand
     heat_capacity_j_m3_k=1.3e6,
-    radiates_inside=False,
 )
 MARS = Body(
     name="mars",
@@ -129,7 +115,6 @@ MARS = Body(
     emissivity=0.98,
     inertia=250.0,  # sand and dust, 200-400; Putzig and Mellon, Icarus 191, 2007
     heat_capacity_j_m3_k=1.0e6,  # 1300 kg/m3 of basaltic sand at 220 K
-    radiates_inside=False,  # gas between the grains carries the heat
 )
 MOON = Body(
     name="moon",
@@ -149,7 +134,6 @@ MOON = Body(
     emissivity=0.95,  # Hayne et al., J. Geophys. Res. Planets 122, 2017
     inertia=55.0,  # at 273 K; Hayne et al. 2017
     heat_capacity_j_m3_k=6.6e5,  # 1100 kg/m3 at the surface, 600 J/(kg K); Hayne et al. 2017
-    radiates_inside=True,
 )
 BODIES = {body.name: body for body in (EARTH, MARS, MOON)}
 

@@ -168,19 +168,16 @@ def clear_day(
     site: Site,
     *,
     turbidity: float,
-    dust: float | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Direct normal and diffuse horizontal irradiance of a clear day on the site's body, as `clear_sky`,
     W/m2.
 
-    `turbidity` is Linke's of the Earth's air; `dust` the optical depth of dust elsewhere (`dusty_sky`), None
-    for the body's clear season.
+    `turbidity` is Linke's of the Earth's air; elsewhere the dust is that of the body's clear season.
     """
     body = body_of(site)
     if body.has_air_of_earth:
         return clear_sky(cos_zenith, time_ns, site.elevation_m, turbidity)
-    depth = (body.dust_optical_depth or 0.0) if dust is None else dust
-    return dusty_sky(cos_zenith, extraterrestrial(time_ns, body), depth)
+    return dusty_sky(cos_zenith, extraterrestrial(time_ns, body), body.dust_optical_depth or 0.0)
 
 
 def diffuse_fraction_erbs(clearness: ArrayLike) -> FloatArray:
