@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from benchmarks.result import Result
-from fieldkit.calibration.emissivity import SharedUncertainties, fit_emissivity, single_pair
+from fieldkit.calibration.emissivity import SharedUncertainties, fit_emissivity
 from fieldkit.estimation.normal import Misfit, choose, solve
 from fieldkit.estimation.scale import scale_from_known_bed
 from fieldkit.model.arrays import FloatArray
@@ -54,7 +54,7 @@ def _emissivity() -> list[Result]:
         refused.append(False)
         errors.append(found.value - day.emissivity)
         inside.append(abs(errors[-1]) <= found.expanded)
-        others.append((*_one_pair(day), *_ordinary(day)))
+        others.append(_ordinary(day))
     table, no, sd = np.array(others), np.array(refused), np.array(sds)
     hopeless, easy = sd > UNDETERMINED, sd < DETERMINED
     absolute = np.abs(errors)
@@ -66,8 +66,7 @@ def _emissivity() -> list[Result]:
                f"{easy.sum()} days of u < {DETERMINED} by the truth"),
         Result("median |error|, all", float(np.median(absolute)), "1", "", f"bias {np.mean(errors):+.3f}"),
         Result("median |error|, good day", _good_day(), "1", "<= 0.01", "45 °C, sky -40 °C, 0.5 K"),
-        *_other("mean of single pairs", table[:, :2]),
-        *_other("ordinary least squares", table[:, 2:]),
+        *_other("ordinary least squares", table),
     ]  # fmt: skip
 
 
@@ -92,13 +91,6 @@ def _other(name: str, table: FloatArray) -> Iterable[Result]:
     covered = _percent(np.abs(error) <= 2.0 * stated)
     note = f"bias {np.median(error):+.4f} (median), median |error| {np.median(np.abs(error)):.4f}"
     yield Result(f"{name}: truth inside k = 2", covered, "%", "", note)
-
-
-def _one_pair(day: Day) -> tuple[float, float]:
-    """Error of the mean of single pairs, and their standard error."""
-    pairs = zip(day.pairs.apparent_k, day.pairs.contact_k, day.pairs.reflected_k, strict=True)
-    each = np.array([single_pair(*pair) for pair in pairs])
-    return float(each.mean() - day.emissivity), float(each.std(ddof=1) / np.sqrt(each.size))
 
 
 def _ordinary(day: Day) -> tuple[float, float]:

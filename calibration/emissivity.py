@@ -138,15 +138,6 @@ class Emissivity(Budgeted):
         return effective_freedom(self.budget, self.freedom)
 
 
-def single_pair(apparent_k: float, contact_k: float, reflected_k: float, band: Band = FLAT) -> float:
-    """Emissivity from one pair, ``(M(T_app) - M(T_refl)) / (M(T_c) - M(T_refl))``, without an uncertainty.
-
-    Of the brightness and the contact temperature of a surface other than what it reflects, all in kelvin.
-    """
-    mirror = band.signal(reflected_k)
-    return float((band.signal(apparent_k) - mirror) / (band.signal(contact_k) - mirror))
-
-
 def fit_emissivity(
     pairs: Pairs,
     shared: SharedUncertainties = DEFAULT_SHARED_UNCERTAINTIES,

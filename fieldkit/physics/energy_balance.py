@@ -92,11 +92,6 @@ def direct_irradiance(dni_w_m2: ArrayLike, cos_incidence: ArrayLike) -> FloatArr
     return np.asarray(np.multiply(dni_w_m2, np.maximum(cos_incidence, 0.0)))
 
 
-def reflected_shortwave(shortwave_down_w_m2: ArrayLike, albedo: ArrayLike) -> FloatArray:
-    """Eq. (3): sunlight that an albedo A in [0, 1) reflects, A S_w, W/m2."""
-    return np.asarray(np.multiply(albedo, shortwave_down_w_m2))
-
-
 def emitted_longwave(temperature_k: ArrayLike, emissivity: ArrayLike) -> FloatArray:
     """Eq. (4): longwave exitance by a broadband emissivity in (0, 1], epsilon sigma T^4, W/m2."""
     return np.asarray(np.multiply(emissivity, STEFAN_BOLTZMANN * np.asarray(temperature_k, np.float64) ** 4))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +21,6 @@ from fieldkit.results.session_estimates import Estimates
 from fieldkit.results.sources import (
     SessionOrFile,
     log_warning,
-    marks_of,
     path_of,
     regions_for,
     settings_from,
@@ -136,13 +134,6 @@ def estimator_for(session: SessionReader, config: Config, *, present: bool = Fal
     """A fresh estimator for a session's streams."""
     regions, streams = regions_for(session, config, present=present), tuple(session.streams.values())
     return Estimator(config.site, regions, streams, config.estimator_settings())
-
-
-def minutes_of(session: SessionReader, estimator: Estimator) -> Iterator[Minute]:
-    """Every minute of a session, as the estimator closes it."""
-    for sample in chain(marks_of(session), session.samples()):
-        yield from estimator.add(sample)
-    yield from estimator.finish()
 
 
 def estimates_of(minutes: Iterable[Minute]) -> Iterator[SlopeEstimate]:

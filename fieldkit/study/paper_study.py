@@ -7,6 +7,7 @@ Tables as CSV and JSON, figures as SVG, and one page with all of it.
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import datetime, time
@@ -17,13 +18,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fieldkit.model.arrays import FloatArray
-from fieldkit.model.errors import NoAnswerError
+from fieldkit.model.errors import NoAnswerError, StorageError
 from fieldkit.physics.facet import normal
 from fieldkit.results.json_document import to_json
 from fieldkit.results.sun_angles import sun_rows
 from fieldkit.study.estimators import Conditions, summarise
 from fieldkit.study.field_days import FieldDay, field_days
-from fieldkit.study.output import Rows, write_files
 from fieldkit.study.runs import PAPER_SITE, Run, StudyOptions, conditions, run_all, sensitivity
 from fieldkit.views import formatting, plotting, study_figures
 from fieldkit.views.html import Figure, Table, render
@@ -33,6 +33,7 @@ from fieldkit.views.study_figures import errors_over_local_time, measured_agains
 if TYPE_CHECKING:
     import pandas as pd
 
+Rows = list[dict[str, Any]]
 PAPER = StudyOptions()
 EXAMPLE = (10.0, 180.0)
 """Tilt and direction of the slope in the paper's Figs. 6 to 8."""
@@ -131,7 +132,7 @@ class PaperStudy:
         """Write tables, figures and a page with all of them; raises `StorageError`."""
         drawn = self._figures() if plotting.available() else {}
         texts = {"study.json": to_json(self.document), "study.html": self._page(drawn)}
-        write_files(Path(folder), texts, self.tables, drawn)
+        _write_files(Path(folder), texts, self.tables, drawn)
 
     def _figures(self) -> dict[str, str]:
         """Figures by name as SVG text."""
@@ -303,3 +304,26 @@ def _cell(value: object) -> str:
             else f"{round(value, 3):g}"
         )
     return str(value)
+
+
+def _write_files(folder: Path, texts: dict[str, str], tables: dict[str, Rows], drawn: dict[str, str]) -> None:
+    """Write texts by file name, tables as CSV and figures as SVG; raises `StorageError`."""
+    texts = texts | {f"{name}.svg": svg for name, svg in drawn.items()}
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, rows in tables.items():
+            if rows:
+                _write_csv(folder / f"{name}.csv", rows)
+        for name, text in texts.items():
+            (folder / name).write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise StorageError(
+            f"cannot write into {folder}: {error.strerror}", fix="give another --out"
+        ) from error
+
+
+def _write_csv(path: Path, rows: Rows) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)

@@ -11,12 +11,12 @@ from fieldkit.config.template import SIMULATED
 from fieldkit.model.errors import SessionError
 from fieldkit.model.slope import SLOPE_FIELDS, SlopeEstimate
 from fieldkit.recording.campaign import create_campaign
-from fieldkit.results.estimate import estimator_for, minutes_of
 from fieldkit.results.sources import config_for
 from fieldkit.sessions.journal_reader import JournalReader
 from fieldkit.sessions.lock import journal_path
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.records import MinuteRecord
+from tests.harness.replayed_minutes import replayed_minutes
 from tests.harness.seldom import SET_SELDOM
 from tests.harness.waiting import wait_until
 
@@ -82,7 +82,7 @@ def test_recovered_session_has_the_slopes_that_were_stored(killed):
 def test_slopes_estimated_again_are_those_that_were_stored(killed):
     path, before = killed
     with open_session(path) as session:
-        minutes = list(minutes_of(session, estimator_for(session, config_for(session))))
+        minutes = replayed_minutes(session, config_for(session))
     again = [one for minute in minutes for one in minute.estimates]
     assert any(np.isfinite(one.tilt_deg) for one in before)
     assert len(again) >= len(before)  # the minute under way when it was killed comes out too

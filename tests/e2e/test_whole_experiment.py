@@ -19,11 +19,11 @@ from fieldkit.model.samples import EventKind, Health, Quality, Reading, Severity
 from fieldkit.recording.opening import open_instruments
 from fieldkit.recording.record import PreparedRecording
 from fieldkit.recording.requests import inbox, send
-from fieldkit.results.estimate import estimator_for, minutes_of
 from fieldkit.results.sources import config_for
 from fieldkit.sessions.lock import journal_path
 from fieldkit.sessions.reader import open_session
 from tests.harness.disk import full_disk, small_disk
+from tests.harness.replayed_minutes import replayed_minutes
 
 
 def fieldkit(*arguments: str | Path) -> str:
@@ -49,7 +49,7 @@ ANGLES = ("tilt_deg", "azimuth_deg", "tilt_low_deg", "tilt_high_deg", "second_ti
 def test_live_and_batch_give_the_same_slopes_each_minute(session_file):
     with open_session(session_file) as session:
         live = session.estimates()
-        minutes = list(minutes_of(session, estimator_for(session, config_for(session))))
+        minutes = replayed_minutes(session, config_for(session))
     batch = [one for minute in minutes for one in minute.estimates]
     assert {one.region for one in batch} == {"b05", "b15", "b25"}
     assert [(one.region, one.state) for one in live] == [(one.region, one.state) for one in batch]

@@ -13,7 +13,7 @@ from click.testing import CliRunner, Result
 from fieldkit.cli import main
 from fieldkit.config.template import SIMULATED, campaign_toml
 from fieldkit.model.samples import Sample
-from fieldkit.results.estimate import estimator_for, minutes_of
+from fieldkit.results.minutes import SessionMinutes
 from fieldkit.results.sources import config_for
 from fieldkit.sessions.formats.imported import ImportedRecording, write_imported
 from fieldkit.sessions.reader import open_session
@@ -41,8 +41,8 @@ def record_beds(folder: Path, **given: Any) -> Result:
 
 def mean_error_deg(session: Path, *settings: str) -> float:
     with open_session(session) as opened:
-        estimator = estimator_for(opened, config_for(opened, settings))
-        return mean_error(series(list(minutes_of(opened, estimator)), estimator.regions))
+        minutes = SessionMinutes(opened, config_for(opened, settings))
+        return mean_error(series(minutes.minutes(), minutes.regions))
 
 
 def rewritten(source: Path, to: Path, change: Callable[[Sample], Sample]) -> Path:

@@ -13,13 +13,13 @@ from rich.console import Console
 from fieldkit.pixel_axes import BELOW_PX, LEFT_PX
 from fieldkit.recording.status import latest_of
 from fieldkit.results import report
-from fieldkit.results.estimate import estimator_for, minutes_of
 from fieldkit.results.sources import config_for
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter
 from fieldkit.views.screen import THEMES, snapshot
 from tests.harness.command_line import fieldkit
 from tests.harness.recording import CountedClock, fill, header
+from tests.harness.replayed_minutes import replayed_minutes
 
 FAST = ("--set", "simulation.speed=max")
 
@@ -37,7 +37,7 @@ def campaign(session):
 def test_status_shows_what_the_live_view_shows_slopes_temperatures_and_named_probes(campaign, session):
     with open_session(session) as opened:
         config = config_for(opened)
-        whole = list(minutes_of(opened, estimator_for(opened, config)))
+        whole = replayed_minutes(opened, config)
         latest = latest_of(opened)
         last = next(minute for minute in reversed(whole) if minute.time_ns == latest.minute.time_ns)
         assert latest.minute.temperature_k == last.temperature_k

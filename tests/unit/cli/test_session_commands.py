@@ -32,12 +32,12 @@ from fieldkit.model.errors import ConfigError, IntegrityError, RefusedError, Ses
 from fieldkit.model.marks import Mark
 from fieldkit.model.samples import Severity
 from fieldkit.recording.requests import inbox, send
-from fieldkit.results.estimate import estimator_for, minutes_of
 from fieldkit.results.session import open_session
 from fieldkit.results.sources import config_for, source_of
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.foreign_files import surfrad
 from tests.harness.recording import START_NS, CountedClock, fill, header, sample
+from tests.harness.replayed_minutes import replayed_minutes
 
 
 def run(module: Any, *words: object) -> Result:
@@ -391,7 +391,7 @@ def test_an_imported_session_is_estimated_under_the_sun_of_its_own_site(tmp_path
     assert source.config.site.latitude_deg == 37.70
     with open_session(out) as session:
         assert source.config.site == session.site
-        minutes = list(minutes_of(session, estimator_for(session, source.config, present=present)))
+        minutes = replayed_minutes(session, source.config, present=present)
         moved = config_for(session, ("site.latitude_deg=47.0",), present=present)
     assert [90.0 - minute.sun_zenith_deg for minute in minutes] == pytest.approx([29.3] * 4, abs=0.2)
     assert moved.site.latitude_deg == 47.0

@@ -11,7 +11,6 @@ from fieldkit.physics.energy_balance import (
     emitted_longwave,
     irradiance_difference,
     irradiance_per_kelvin,
-    reflected_shortwave,
     sensible_heat,
     surface_temperature,
 )
@@ -53,7 +52,7 @@ def test_equations_2_to_5_close_equation_1_at_the_temperature_of_equation_7():
         sunlight,
         longwave,
         emitted_longwave(ground, TABLE_1.emissivity_broadband),
-        reflected_shortwave(sunlight, TABLE_1.albedo),
+        TABLE_1.albedo * sunlight,
         (1.0 - TABLE_1.emissivity_broadband) * longwave,
         sensible_heat(ground, air, TABLE_1),
     )

@@ -10,9 +10,10 @@ from fieldkit.cli import main
 from fieldkit.estimation.estimator import Estimator
 from fieldkit.model.learnt import Learnt
 from fieldkit.model.slope import SLOPE_FIELDS, SlopeEstimate
-from fieldkit.results.estimate import estimate, estimator_for, minutes_of
+from fieldkit.results.estimate import estimate
 from fieldkit.results.sources import config_for
 from fieldkit.sessions.reader import SessionReader, open_session
+from tests.harness.replayed_minutes import replayed_minutes
 from tests.harness.seldom import SET_SELDOM
 
 ENDED_AT = 310
@@ -59,7 +60,7 @@ def cut_off(folder):
 
 
 def again(session: SessionReader) -> tuple[list[SlopeEstimate], list[Learnt | None]]:
-    minutes = list(minutes_of(session, estimator_for(session, config_for(session))))
+    minutes = replayed_minutes(session, config_for(session))
     return [one for minute in minutes for one in minute.estimates], [minute.learnt for minute in minutes]
 
 

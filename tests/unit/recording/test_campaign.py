@@ -14,9 +14,9 @@ import fieldkit
 from fieldkit.cli import main
 from fieldkit.config.toml_schema import known_keys
 from fieldkit.model.errors import ConfigError, SessionError
-from fieldkit.results.estimate import estimator_for, minutes_of
 from fieldkit.results.session import open_session
 from fieldkit.results.sources import config_for, qualified_key
+from tests.harness.replayed_minutes import replayed_minutes
 
 
 @pytest.fixture
@@ -155,10 +155,8 @@ def test_a_pyrheliometers_log_beside_a_session_gives_its_light_and_says_so(folde
     assert 'irradiance.stream = "lux"' in made.output
     with open_session(tmp_path / "both.h5") as both:
         for stream, label in (("", "pyrheliometer"), ("lux", "eq10")):
-            estimator = estimator_for(
-                both, config_for(both, [f"irradiance.stream={stream!r}", "estimator.model='paper'"])
-            )
-            minutes = list(minutes_of(both, estimator))
+            config = config_for(both, [f"irradiance.stream={stream!r}", "estimator.model='paper'"])
+            minutes = replayed_minutes(both, config)
             assert minutes[5].irradiance_model.startswith(label)
             assert (minutes[5].dni_w_m2 == 900.0) == (not stream)
     checked = CliRunner().invoke(main, ["check", str(tmp_path / "both.h5")])

@@ -19,13 +19,14 @@ from fieldkit.config import changed_config, load_config
 from fieldkit.model.errors import NoAnswerError
 from fieldkit.results import minutes as minutes_service
 from fieldkit.results.check import check
-from fieldkit.results.estimate import estimate, estimator_for, minutes_of
+from fieldkit.results.estimate import estimate
 from fieldkit.results.minutes import SessionMinutes
 from fieldkit.results.sources import config_for
 from fieldkit.sessions.file_tree import LIBVER
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter
 from fieldkit.simulation.simulated_clock import SimulatedClock
+from tests.harness.replayed_minutes import replayed_minutes
 
 
 @pytest.fixture
@@ -51,8 +52,8 @@ def exact(minute: object) -> str:
 
 def by_the_estimator(path: Path, *settings: str) -> list[str]:
     with open_session(path) as session:
-        estimator = estimator_for(session, config_for(session, settings))
-        return [exact(one) for one in minutes_of(session, estimator)]
+        minutes = replayed_minutes(session, config_for(session, settings))
+        return [exact(minute) for minute in minutes]
 
 
 def test_equal_to_the_estimators_when_read_and_when_known(sessions, never_read):
