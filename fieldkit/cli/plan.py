@@ -13,7 +13,6 @@ from fieldkit.cli.batch import progress_bar
 from fieldkit.cli.common import (
     Command,
     campaign,
-    jobs_option,
     options,
     print_json,
     print_table,
@@ -69,9 +68,6 @@ if TYPE_CHECKING:
 @click.option(
     "--step", "step_min", type=minutes(1, 1440), default="30m", show_default=True, help="Time between rows."
 )
-@jobs_option
-# asked for the measures until they came by default; the next version drops it
-@click.option("--experiments", is_flag=True, hidden=True, expose_value=False)
 @click.option("-o", "--out", type=NEW_FILE, help="Page to write.")
 def command(
     site: Site | None,
@@ -81,7 +77,6 @@ def command(
     session_min: int,
     as_planned: bool,
     facets: tuple[tuple[float, float], ...],
-    jobs: int | None,
     out: Path | None,
     **assumed: Any,
 ) -> None:
@@ -111,9 +106,7 @@ def command(
     if at is not None or made.day_plan.best_row is not None:
         session = made.session(session_min, at=at, **_instruments(config))
         with progress_bar("simulated sessions") as on_run:
-            found = made.experiments(
-                session, with_measures=not as_planned, workers=Workers(jobs), on_run=on_run
-            )
+            found = made.experiments(session, with_measures=not as_planned, workers=Workers(), on_run=on_run)
     path = out or (config.reports / f"plan-{made.day}.html" if config else None)
     if path:
         made.write(path, found)

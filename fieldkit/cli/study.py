@@ -36,7 +36,6 @@ SHOWN = {
     "--window", "minutes", type=minutes(2, 720), default="20m", show_default=True, help="Length of a window."
 )
 @click.option("--dni", "dni_w_m2", type=NumberRange(1.0), help="Constant direct normal irradiance, W/m².")
-@click.option("--turbidity", type=NumberRange(1.0), help="Linke turbidity of the clear sky.")
 @click.option("--weather", type=FILE, help="SURFRAD or BSRN file instead; sets site and day.")
 @click.option("--slopes", type=click.IntRange(1), help="Number of random slopes [default: 61x361].")
 @click.option("--noise", "noise_k", type=NumberRange(0.0), default=0.0, show_default=True, help="Noise, K.")
