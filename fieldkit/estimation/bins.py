@@ -41,6 +41,10 @@ LAW_STEP_K = 0.01
 class MinuteBin:
     """One closed minute bin; arrays per region in the order of the regions, NaN without frames.
 
+    The minute is no parameter: the stores of a layer (`fieldkit.physics.layer_modes`), the time constants and
+    noises of the learned model and of the disturbances, the shade ledger and all files count in minutes of
+    UTC. Another length would be another estimator, to be tested anew; `window_s` chooses how many count.
+
     Attributes
     ----------
     minute

@@ -58,14 +58,27 @@ from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.facet import tilt_azimuth
 
 TOGETHER = 4
-"""Targets that learn together with the references; more share no more, and the cost grows with the square."""
+"""Targets that learn together with the references.
+
+Judged: because a fifth bed adds hardly anything about the sand, and the cost grows with the square.
+"""
 KNOWN_BED_SD_DEG = 0.2
+"""Of a tilt that was measured with a level: what advice about a known bed is computed with.
+
+Judged: because an electronic level reads to 0.1 degrees and a raked bed is no plane.
+"""
 ONE_KNOWN = "one region of known slope"
 AIR_LOGGED_SD_K = 0.5
+"""Judged: because it is the error of a shaded thermometer as the air at the beds."""
 LONGWAVE_MEASURED_SD_W_M2 = 10.0
+"""The uncertainty of a pyrgeometer in the field, as the description of `prior.longwave_sd_w_m2` states it."""
 DEPTH_MEASURED_SD = 0.1
+"""Of the logarithm. Judged: because a ruler in 3 cm of sand reads to 3 mm."""
 GRAZING = 0.02
-"""Cosine of the angle of incidence below which light is no measurement."""
+"""Cosine of the angle of incidence below which light is no measurement.
+
+Judged: because within a degree of grazing a bed's own roughness decides what it sees of the sun.
+"""
 FAILED = "the estimate failed numerically; it starts anew with the next minute"
 
 

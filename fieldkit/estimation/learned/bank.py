@@ -21,8 +21,15 @@ import numpy as np
 from fieldkit.model.arrays import FloatArray, IntArray
 
 JUMP_SDS = 4.5
+"""Deviations from what all others say, from which a measurement is a jump.
+
+Judged: because chance does that once in 150 000 normal numbers, more than a session has.
+"""
 JUMP_PROBABILITY = 0.01
-"""Of a measurement: a shadow of ten seconds, a step of the shutter."""
+"""Of a measurement: a shadow of ten seconds, a step of the shutter.
+
+Judged: because such things come about once in a hundred minutes of a bed. A jump costs as much evidence.
+"""
 LOG_TWO_PI = float(np.log(2.0 * np.pi))
 
 

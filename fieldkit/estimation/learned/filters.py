@@ -15,7 +15,10 @@ from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.arrays import FloatArray
 
 LEAST_EXCHANGE = 0.5
-"""Of still air over level ground at night; a session's own exchange is a normal number, without a bound."""
+"""Least exchange of a further session, W m-2 K-1, whose own is a normal number without a bound.
+
+Judged: because still air over level ground at night gives no less.
+"""
 
 
 class Filters(KalmanBank):

@@ -25,21 +25,43 @@ from fieldkit.model.arrays import FloatArray
 
 UNKNOWNS = 5
 MOST_SDS = 5.0
-"""Farthest from the prior's centre; beyond, fluxes of any size explain anything and numbers overflow."""
+"""Farthest from the prior's centre.
+
+Judged: because beyond it fluxes of any size explain anything, and numbers overflow.
+"""
 FROM_PRIOR = 0.15
-"""Share of the proposal that is the prior."""
+"""Share of the proposal that is the prior, one draw in seven.
+
+Judged: because it keeps a truth that early minutes misjudged within reach, at the price of few draws.
+"""
 WIDER = 1.2
-"""Width of the proposal over that of the fitted distribution."""
+"""Width of the proposal over that of the fitted distribution.
+
+Judged: because importance sampling needs tails at least as wide as the posterior's.
+"""
 DEEP_M = (0.08, 0.40)
+"""Depths of a layer that has no bottom for a day's heat, evenly in their logarithm. [m]
+
+Judged: because a day's wave reaches some 7 cm into dry sand, and below 40 cm more depth changes nothing.
+"""
 DEPTH_QUANTILES = (0.1587, 0.8413)
 """Between these lie two standard deviations of a normal distribution."""
 LEAST_EFFECTIVE = 30.0
-"""Hypotheses that a fitted distribution rests on at least, of 21 coefficients; weights are tempered until it
-does."""
+"""Hypotheses that a fitted distribution rests on at least; weights are tempered until it does.
+
+Judged: because its polynomial has 21 coefficients.
+"""
 CURVATURES = (0.3, 400.0)
-"""Of the fitted density, least and most, over those of the tempered hypotheses' distribution."""
+"""Curvatures of the fitted density, least and most, over those of the tempered hypotheses' distribution.
+
+Judged: because the tempered distribution is wider, so up to twenty times narrower is believed; a ridge or a
+saddle is not.
+"""
 FARTHEST = 2.5
-"""Farthest that its centre lies from theirs, in their standard deviations."""
+"""Farthest that its centre lies from theirs, in their standard deviations.
+
+Judged: because a polynomial says nothing beyond the points that it was fitted to.
+"""
 _PAIRS = np.triu_indices(UNKNOWNS)
 _BITS = 30
 """The points are whole multiples of two to the power of minus this."""

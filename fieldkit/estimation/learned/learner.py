@@ -31,17 +31,40 @@ from fieldkit.model.arrays import FloatArray
 from fieldkit.physics.facet import tilt_azimuth
 
 FIRST_DRAW = 5
-"""Minutes before the first hypotheses are judged."""
+"""Minutes before the first hypotheses are judged.
+
+Judged: because as many as `min_minutes`, from which slopes are shown, hold against each other at all.
+"""
 FEWEST = 10.0
-"""Effective hypotheses below which all are drawn anew."""
+"""Effective hypotheses below which all are drawn anew.
+
+Judged: because the mean of fewer scatters by a third of the posterior's own deviation.
+"""
 LONGER = 1.2
-"""Length of the chain over that at the last draw from which a new draw may be due."""
+"""Length of the chain over that at the last draw from which a new draw may be due.
+
+Judged: because a draw takes all minutes again: growing by a share keeps the cost of a session linear.
+"""
 FIRST_ROUNDS, ROUNDS, MOST_ROUNDS = 3, 2, 10
+"""Draws after the first minutes, later, and at most while fewer than `FEWEST` count.
+
+Judged: because the first ones start from the prior and move farthest; ten bound the time that a minute takes.
+"""
 REMEMBERED = 3
-"""Rounds whose hypotheses show where the next are to be drawn."""
+"""Rounds whose hypotheses show where the next are to be drawn.
+
+Judged: because three times 64 densities carry the polynomial; older draws lie where nothing is any more.
+"""
 STEPS, STEPS_AFTER_DRAW = 4, 15
+"""Gauss-Newton steps of unit normals from those of the minute before, and from the filters' own.
+
+Judged: because a minute moves a normal little; from afar it takes more, and what has converged stops.
+"""
 FAR = 40.0
-"""Misfit over the best branch from which another one is not pursued."""
+"""Misfit over the best branch from which another one is not pursued.
+
+Judged: because its weight is then exp(-20).
+"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,18 +18,40 @@ from fieldkit.estimation.learned.inputs import MinuteInputs
 from fieldkit.model.arrays import FloatArray
 
 OWN_MINUTES = 4.0
+"""Time constant of what a region does alone.
+
+Judged: because gusts that reach one bed, people and a shutter's steps last for minutes; the lags below tell
+such a process from white noise.
+"""
 NEAR, FAR = 1, 4
-"""Lags of second differences. [min]"""
+"""Lags of second differences. [min]
+
+Judged: because at one minute white noise prevails, at four the own process.
+"""
 OWN_K = 0.05
-"""Own deviation that is taken before there are minutes to show it."""
+"""Own deviation that is taken before there are minutes to show it.
+
+Judged: because it is the default noise of a region's mean, `noise_k`.
+"""
 UNLIKE_K = 0.1
-"""Own deviation of minutes that doubles the variance of what is a region's own for hours."""
+"""Own deviation of minutes that doubles the variance of what is a region's own for hours.
+
+Judged: because it is twice the usual: beds that do so much alone for minutes are not alike in what lasts.
+"""
 LEAST_UNLIKE = 0.25
-"""Beds that behave alike may still differ a little."""
+"""Factor on what lasts in beds that behave alike for minutes and hours.
+
+Judged: because they may still differ a little: without it two quiet beds would be taken for one.
+"""
 WORTH_MINUTES = 15.0
-"""Number of minutes that this assumption counts for."""
+"""Number of minutes that `OWN_K` and the configured noise count for.
+
+Judged: because second differences over four minutes of fewer minutes are a handful of numbers.
+"""
 LEAST_K = 0.01
+"""Judged: because no camera knows a region's mean better; zero would make a filter certain."""
 _MEDIAN_OF_NORMAL = 0.6745
+"""Median of the absolute value of a standard normal number."""
 
 
 class Noise(NamedTuple):

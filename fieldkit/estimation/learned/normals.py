@@ -18,8 +18,12 @@ from fieldkit.estimation.normal import tangent_pair
 from fieldkit.model.arrays import BoolArray, FloatArray
 
 LONGEST = 0.25
-"""Longest step of the gain or of a turn in radians."""
+"""Longest step of the gain or of a turn in radians.
+
+Judged: because beyond 14 degrees the plane that touches the sphere is none of its neighbourhood.
+"""
 LEAST_GAIN = 0.3
+"""Judged: because no light meter and surface are off by more; at zero all normals would be one."""
 CONVERGED = 1e-7
 """Step of the gain or of a turn in radians below which another one would change nothing."""
 NO_WORSE = 1e-8

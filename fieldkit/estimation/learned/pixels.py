@@ -36,11 +36,20 @@ from fieldkit.model.site import Region
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
 
 JUMP_K = 10.0
-"""Of the temperature in a jump: what it was then is no evidence any more."""
+"""Of the temperature in a jump.
+
+Judged: because it is so much more than any noise that what it was then is no evidence any more.
+"""
 LEAST_GUST = 1e-3
-"""Independent change of the exchange from minute to minute, which keeps its covariance invertible."""
+"""Independent change of the exchange from minute to minute, which keeps its covariance invertible.
+
+Judged: because it is a thousandth of the gusts' usual strength.
+"""
 LEAST_EXCHANGE = 1.0
-"""However little wind there is. [W m-2 K-1]"""
+"""However little wind there is. [W m-2 K-1]
+
+Judged: because a pixel that gives nothing to the air would have no bound of its warmth but radiation.
+"""
 
 
 @dataclass(frozen=True, slots=True)

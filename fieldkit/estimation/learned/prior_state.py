@@ -20,33 +20,83 @@ from fieldkit.model.arrays import FloatArray
 from fieldkit.physics.layer_modes import RATES_PER_S
 
 GUST_MINUTES: FloatArray = np.array([2.0, 6.0, 20.0])
+"""Time constants of the gusts' parts.
+
+Judged: because three of them follow f**(-5/3) over the minutes that matter; one alone put the inertia of
+simulated sand 30 to 60 % off.
+"""
 GUST_SHARES: FloatArray = np.sqrt(GUST_MINUTES ** (2.0 / 3.0) / np.sum(GUST_MINUTES ** (2.0 / 3.0)))
-"""Standard deviations of the gusts' parts over that of all: together nearly f**(-5/3), as turbulence has."""
+"""Standard deviations of the gusts' parts over that of all: together nearly f**(-5/3), as turbulence has.
+
+A. N. Kolmogorov's law of the inertial range (1941), carried to the exchange by the wind.
+"""
 SLOW_MINUTES = 30.0
+"""Time constant of the drive of slow changes of the exchange, and of what follows it: twice over, an hour.
+
+Judged: because the wind of a day freshens and dies away over about an hour.
+"""
 COMMON_MINUTES = 20.0
+"""The same of fluxes that the model has no term for, 40 min in all.
+
+Judged: because what is missing in the sky's light and longwave goes with its clouds.
+"""
 AIR_MINUTES = 30.0
+"""The same of the air at the beds against that of the thermometer, or of the usual.
+
+Judged: because the air over warm ground changes as slowly as the wind that exchanges it.
+"""
 SMOOTHED = float(np.sqrt(2.0))
-"""Standard deviation of a drive over that of the process which follows it with the same time constant."""
+"""Standard deviation of a drive over that of the process which follows it with the same time constant.
+
+Exact: two equal first-order lags in a row halve the variance.
+"""
 AIR_CHANGE_K = 1.5
-"""Change of an air temperature that is not logged, over `AIR_MINUTES`."""
+"""Change of an air temperature that is not logged, over `AIR_MINUTES`.
+
+Judged: because air over dry ground moves by one or two kelvins within the hour beside its daily course; the
+minutes scale it (unrest).
+"""
 AIR_NOISE_K = 0.1
+"""Change of the air at the beds against a thermometer that logs it, over `AIR_MINUTES`.
+
+Judged: because a shaded thermometer nearby follows the same air, to the resolution of its reading.
+"""
 AIR_DRIFT_K_PER_H = 1.5
-"""Change of an air temperature that is not logged any more, or never was, besides what is usual."""
+"""Change of an air temperature that is not logged any more, or never was, besides what is usual.
+
+Judged: because a morning warms by that much in an hour; a random walk instead of a line was rough, and quiet
+minutes contradicted it.
+"""
 LEVEL_SD_K = 15.0
+"""Temperature of a region's layer before the first minute, against its first reading.
+
+Judged: because it should decide nothing: the first minutes show the level far better.
+"""
 PAST_MINUTES: FloatArray = np.array([0.0, 4.0, 12.0, 36.0, 108.0, 300.0])
-"""Bounds of the bins of time before the first minute in which the net flux was one unknown number each."""
+"""Bounds of the bins of time before the first minute in which the net flux was one unknown number each.
+
+Judged: because each is three times as long as the one before, as the layer's memory fades by its stores of 1
+to 125 min; what lies farther back is in the level.
+"""
 LEAST_UP_SD, UP_SHARE = 0.15, 0.6
-"""Standard deviation of a normal's vertical component: at least, and as a share of a horizontal one's."""
+"""Standard deviation of a normal's vertical component: at least, and as a share of a horizontal one's.
+
+Judged: because in the filter a normal has no unit length yet; a narrow vertical component would be a second
+prior of the gain.
+"""
 DIRECT_SD = 0.07
-"""Relative, of direct light that is a reading less an assumed share of diffuse light."""
+"""Relative, of direct light that is a reading less an assumed share of diffuse light.
+
+0.15 x 0.4 / 0.85: a diffuse fraction of 0.15 that is known to 40 %, over what it leaves.
+"""
 ALBEDO_SD = 0.0625
-"""Relative, of the absorptance of sand whose albedo is 0.20 within 0.05."""
+"""Relative, of the absorptance of sand whose albedo is 0.20 within 0.05: 0.05 / 0.80."""
 
 DAY_TO_DAY: Mapping[str, float] = {"gain": 0.03, "thermal_inertia": 0.08, "depth": 0.06}
 """Relative changes from one day to the next, as standard deviations.
 
-The light meter's response to another sun and to dust; the air's moisture in dry sand; raking and settling of
-some 2 mm in 3 cm.
+Judged: because of the light meter's response to another sun and to dust; the air's moisture in dry sand;
+raking and settling of some 2 mm in 3 cm.
 """
 
 

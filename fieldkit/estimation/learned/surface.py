@@ -39,16 +39,34 @@ MEAN: FloatArray = np.concatenate([[1.0, 1.0], (1.0 - FADE[2:]) / (_LOSSY * MINU
 MEAN_FILL: FloatArray = np.concatenate([[0.0, MINUTE_S / 2.0], (1.0 - MEAN[2:]) / _LOSSY])
 """The same of what a minute's flux adds, in seconds."""
 MOMENT_SHARE = 0.2
-"""The surface's mean over a minute depends on when the light changed; as a share of the change."""
+"""The surface's mean over a minute depends on when the light changed; as a share of the change.
+
+Judged: because a change at once, at any time of the minute alike, would be 1/sqrt(12) = 0.29, and most take
+longer.
+"""
 EDGE_SHARE = 0.3
-"""Direct light of a minute in which a board came or went, as a standard deviation around one half."""
+"""Direct light of a minute in which a board came or went, as a standard deviation around one half.
+
+A board that comes at any time of the minute alike: 1/sqrt(12) = 0.29.
+"""
 BOARD_SD_W_M2 = 60.0
-"""Longwave of a board instead of the sky's, and the skylight that comes in below it."""
+"""Longwave of a board instead of the sky's, and the skylight that comes in below it.
+
+Judged: because a board that is 10 K warmer or colder radiates 60 W/m2 more or less, 4 sigma T**3 x 10 K.
+"""
 HIDDEN = 0.7
-"""Share of the sky that a board hides."""
+"""Share of the sky that a board hides.
+
+Judged: because a board held over one bed covers most of its sky and leaves the rim.
+"""
 LOWEST_SUN = 0.05
+"""Sine of the sun's elevation, 3 degrees, below which skylight around the sun grows no more.
+
+Judged: because it is divided by the sine, which the sun's own width and the horizon's haze keep from zero.
+"""
 _ROOT_TWO_PI = float(np.sqrt(2.0 * np.pi))
 _LEAST_SD = 1e-4
+"""Of a cosine; keeps its ratio to the mean finite where a reference's slope is exactly known."""
 
 
 class Light(NamedTuple):
@@ -375,6 +393,8 @@ def _beam(minute: MinuteInputs) -> FloatArray:
 
 def _possible(layout: Layout, state: FloatArray) -> FloatArray:
     """A state whose gain and skylight can be."""
+    # judged: because products are taken to first order around it: half or twice the light, all skylight
+    # around the sun or none, half or twice the skylight; beyond, the first order would be worse than none
     possible = state.copy()
     limits = {
         "gain": (0.5, 2.0),
