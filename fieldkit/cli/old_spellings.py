@@ -34,7 +34,7 @@ OLD = {
     "roi check": {"--on": Spelling("--session")},
     "selftest": {"--port": Spelling("--device"), "-o": OPTION},
     "service install": {"--on": ADDRESS},
-    "study": {"--minutes": MINUTES_WINDOW, "--ground": Spelling("--measured-ground")},
+    "study": {"--minutes": MINUTES_WINDOW},
 }  # fmt: skip
 """By command: old spelling, new one."""
 
