@@ -50,9 +50,9 @@ def command(
     parameters: fieldkit report BASE.
     """
     from fieldkit.results.report import ReportOptions, report
-    from fieldkit.results.result_files import recalled
+    from fieldkit.results.result_files import recall
 
-    sessions, settings, as_now = recalled(sessions, settings)
+    sessions, settings, as_now = recall(sessions, settings)
     paths = find_sessions(sessions) if sessions else [latest_session(None)]
     chosen = ReportOptions(settings=settings, present=present or as_now, palette=palette)
     made = report(paths, out, chosen, notify=common.say_warning)

@@ -124,13 +124,13 @@ class EstimatedSessions:
 
     def learnt_columns(self) -> dict[str, list[Any]]:
         """The same of what the data taught; empty with other models than the learned."""
-        found = {name: estimates.learnt for name, estimates in self.estimates.items()}
-        return _below({name: learnt.columns() for name, learnt in found.items() if len(learnt)})
+        learnt_parameters = {name: estimates.learnt for name, estimates in self.estimates.items()}
+        return _below({name: learnt.columns() for name, learnt in learnt_parameters.items() if len(learnt)})
 
     def budget_columns(self) -> dict[str, list[Any]]:
         """The same of the uncertainty budgets of the final slopes; empty with the paper's model."""
-        found = {name: estimates.budgets for name, estimates in self.estimates.items()}
-        return _below({name: budget_columns(budgets) for name, budgets in found.items() if budgets})
+        slope_budgets = {name: estimates.budgets for name, estimates in self.estimates.items()}
+        return _below({name: budget_columns(budgets) for name, budgets in slope_budgets.items() if budgets})
 
     def to_frame(self) -> pd.DataFrame:
         """The table as a pandas frame; needs ``fieldkit[lab]``."""
@@ -151,7 +151,9 @@ class EstimatedSessions:
             "without_marks": list(self.without_marks),
         }
         beside = {"learnt": self.learnt_columns(), "budget": self.budget_columns()}
-        return write_results(base, self.columns(), about, {name: one for name, one in beside.items() if one})
+        return write_results(
+            base, self.columns(), about, {name: document for name, document in beside.items() if document}
+        )
 
 
 def _below(tables: Mapping[str, Mapping[str, list[Any]]]) -> dict[str, list[Any]]:
@@ -181,8 +183,12 @@ def estimate_sessions(
     """
     sources, failures = readable_sources(paths, present=present, without_marks=without_marks)
     runs = [run_of(source, settings) for source in sources]
-    found = {run.run.source.path: run.estimates for run in estimated(runs, failures, workers, on_progress)}
-    done = tuple(source for source in sources if source.path in found)
-    names = session_names(done)
-    by_name = {names[source.path]: found[source.path] for source in done}
-    return EstimatedSessions(done, by_name, failures, tuple(settings), present, tuple(without_marks))
+    estimates = {
+        run.run.source.path: run.estimates for run in estimated(runs, failures, workers, on_progress)
+    }
+    estimated_sources = tuple(source for source in sources if source.path in estimates)
+    names = session_names(estimated_sources)
+    by_name = {names[source.path]: estimates[source.path] for source in estimated_sources}
+    return EstimatedSessions(
+        estimated_sources, by_name, failures, tuple(settings), present, tuple(without_marks)
+    )

@@ -94,28 +94,28 @@ def check(session: SessionOrFile, *, estimates: bool = True) -> CheckedSession:
 def _estimate_findings(session: SessionReader) -> list[Finding]:
     """The estimates of the recording against those that the same samples give now."""
     try:
-        return _compared(session)
+        return _compare_estimates(session)
     except Exception as error:  # whatever is in the file
         fix = getattr(error, "fix", None) or ""
         return [Finding("warn", "slopes", f"could not be computed again: {message_of(error)}", fix)]
 
 
-def _compared(session: SessionReader) -> list[Finding]:
-    stored = session.estimates()
-    if not stored or session.time_map() or session.has_corrected_marks:
+def _compare_estimates(session: SessionReader) -> list[Finding]:
+    stored_estimates = session.estimates()
+    if not stored_estimates or session.time_map() or session.has_corrected_marks:
         return []
-    known = _minutes(session)
-    minutes = known.minutes()
+    session_minutes = _minutes(session)
+    minutes = session_minutes.minutes()
     computed = {_key(estimate): estimate for minute in minutes for estimate in minute.estimates}
     shadows = list(horizon_findings(minutes, session.regions, config_for(session).estimator_settings()))
-    differing = sum(not _is_same(one, computed.get(_key(one))) for one in stored)
+    differing = sum(not _is_same(estimate, computed.get(_key(estimate))) for estimate in stored_estimates)
     if differing:
-        text = f"{differing} of {len(stored)} slopes come out differently from the stored samples"
+        text = f"{differing} of {len(stored_estimates)} slopes come out differently from the stored samples"
         fix = "another version of fieldkit, or samples that were lost"
         return [Finding("warn", "slopes", text, fix), *shadows]
-    text = f"{len(stored)} slopes come out the same from the stored samples"
-    if known.measured.is_recordings:
-        text = f"{len(stored)} slopes are the recording's own, by this version and these settings"
+    text = f"{len(stored_estimates)} slopes come out the same from the stored samples"
+    if session_minutes.measured.is_recordings:
+        text = f"{len(stored_estimates)} slopes are the recording's own, by this version and these settings"
     return [Finding("ok", "slopes", text), *shadows]
 
 
@@ -132,7 +132,7 @@ def _key(estimate: SlopeEstimate) -> tuple[int, str]:
 def _is_same(stored: SlopeEstimate, other: SlopeEstimate | None) -> bool:
     if other is None:
         return False
-    before, now = ((one.tilt_deg, one.azimuth_deg) for one in (stored, other))
+    before, now = ((estimate.tilt_deg, estimate.azimuth_deg) for estimate in (stored, other))
     return np.allclose(before, now, rtol=0.0, atol=SAME_DEG, equal_nan=True)
 
 
@@ -172,7 +172,7 @@ def horizon_findings(
     for region in regions:
         horizon = settings.horizon_of(region.name)
         share = sunlit_share(horizon, sun, MINUTE_EDGE_DEG)
-        shaded = _shaded(minutes, region.name) & (share == 1.0)
+        shaded = _shaded_minutes(minutes, region.name) & (share == 1.0)
         if shaded.any() and horizon:
             text = f"shaded although its horizon leaves the sun visible: {_times(minutes, shaded)}"
             yield Finding(
@@ -188,7 +188,7 @@ def horizon_findings(
             yield Finding("warn", region.name, text, "correct its horizon")
 
 
-def _shaded(minutes: Sequence[Minute], region: str) -> BoolArray:
+def _shaded_minutes(minutes: Sequence[Minute], region: str) -> BoolArray:
     """Minutes (n,) between the events that report the begin and the end of a shadow."""
     found, is_shaded = [], False
     for minute in minutes:
@@ -203,17 +203,17 @@ def _sunlit_below(
     minutes: Sequence[Minute], region: str, references: Sequence[str], below: BoolArray
 ) -> BoolArray:
     """Minutes (n,) below the horizon in which the region did not become colder against the references."""
-    found = np.zeros_like(below)
+    shaded = np.zeros_like(below)
     if region in references or not references:
-        return found
+        return shaded
     over_k = np.array([_over_k(minute, region, references) for minute in minutes])
     for first, last in _runs(below):
         later = first + COOLING_MINUTES
         if first < COOLING_MINUTES or later > last or not minutes[later].dni_w_m2 > BRIGHT_W_M2:
             continue
         if over_k[first - COOLING_MINUTES] - over_k[later] < LEAST_FALL_K:
-            found[first : last + 1] = True
-    return found
+            shaded[first : last + 1] = True
+    return shaded
 
 
 def _over_k(minute: Minute, region: str, references: Sequence[str]) -> float:

@@ -168,7 +168,7 @@ def as_document(estimate: SlopeEstimate, region: Region | None = None) -> dict[s
 def slopes_document(estimates: Estimates) -> dict[str, Any]:
     """The final estimates for ``--json``, without the session they are of."""
     regions = {region.name: region for region in estimates.regions}
-    slopes = [as_document(one, regions[name]) for name, one in estimates.final.items()]
+    slopes = [as_document(estimate, regions[name]) for name, estimate in estimates.final.items()]
     return {
         "minutes": estimates.minutes,
         "slopes": slopes,

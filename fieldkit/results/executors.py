@@ -39,7 +39,7 @@ def results(
     finished: SimpleQueue[Future[Any]] = SimpleQueue()
 
     def submit(piece: tuple[Note, Callable[[], Any]]) -> None:
-        future = _submitted(executor, piece[1])
+        future = _submit(executor, piece[1])
         under_way[future] = piece
         future.add_done_callback(finished.put)
 
@@ -58,7 +58,7 @@ def results(
         yield note, result
 
 
-def _submitted(executor: Executor, work: Callable[[], Any]) -> Future[Any]:
+def _submit(executor: Executor, work: Callable[[], Any]) -> Future[Any]:
     try:
         return executor.submit(work)
     except BrokenProcessPool as error:
@@ -108,7 +108,7 @@ class Processes(Executor):
 
     def __init__(self, count: int) -> None:
         self._count, self._restarts = count, 0
-        self._pool = self._started()
+        self._pool = self._start()
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """See `Executor`; raises `BrokenProcessPool` when processes died once more than `RETRIES`."""
@@ -119,13 +119,13 @@ class Processes(Executor):
                 if self._restarts == RETRIES:
                     raise BrokenProcessPool(str(error)) from error
             self._restarts += 1
-            self._pool = self._started()
+            self._pool = self._start()
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """See `Executor`."""
         self._pool.shutdown(wait, cancel_futures=cancel_futures)
 
-    def _started(self) -> ProcessPoolExecutor:
+    def _start(self) -> ProcessPoolExecutor:
         # spawned: a forked copy of a process with threads may hang
         spawn = multiprocessing.get_context("spawn")
         return ProcessPoolExecutor(self._count, spawn, initializer=_start_worker)

@@ -79,20 +79,20 @@ def export(
     if to not in EXPORTS:
         raise ConfigError(f"{to!r} is not a kind of export", fix=f"use one of {', '.join(EXPORTS)}")
     chosen = EXPORTS[to]
-    given = {
+    passed_options = {
         "--stream": stream, "--every": every, "--from": begin, "--until": until, "--speed": speed,
         "--palette": palette,
     }  # fmt: skip
-    _refuse_unused(to, {name: value for name, value in given.items() if value not in (None, 1)})
+    _refuse_unused(to, {name: value for name, value in passed_options.items() if value not in (None, 1)})
     target = Path(folder) if folder is not None else _default_folder(path_of(session))
     with reading(session) as opened:
         options: dict[str, object] = {"stream": stream, "every": every, "speed": speed, "on_frame": on_frame}
         options["palette"] = palette
         options["between_ns"] = None if begin is until is None else _between_ns(opened, begin, until)
-        used = {name: one for name, one in options.items() if one is not None and name in chosen.takes}
+        used = {name: value for name, value in options.items() if value is not None and name in chosen.takes}
         try:
             target.mkdir(parents=True, exist_ok=True)
-            files, problems = _written(opened, target, chosen, used)
+            files, problems = _write(opened, target, chosen, used)
         except OSError as error:
             raise StorageError(
                 f"cannot write into {target}: {error.strerror or error}",
@@ -112,7 +112,7 @@ def _refuse_unused(to: str, given: Mapping[str, object]) -> None:
     for option, value in given.items():
         name = takes.get(option, option.removeprefix("--"))
         if name not in EXPORTS[to].takes:
-            those = ", ".join(kind for kind, one in EXPORTS.items() if name in one.takes)
+            those = ", ".join(kind for kind, export_format in EXPORTS.items() if name in export_format.takes)
             raise ConfigError(
                 f"{option} {value}: --to {to} does not take it", fix=f"omit {option}, which is for {those}"
             )
@@ -138,9 +138,9 @@ def _between_ns(session: SessionReader, begin: str | None, until: str | None) ->
 
 def _moment(text: str, first: datetime, last: datetime) -> datetime:
     """The moment of a time as people write it; 12:31 is that of the session, or the one nearest to it."""
-    found, next_day = (_from_end(text, end) for end in (last, last + timedelta(days=1)))
+    same_day, next_day = (_from_end(text, end) for end in (last, last + timedelta(days=1)))
     is_clock_time = ":" in text[:3]
-    return next_day if is_clock_time and first - found > next_day - last else found
+    return next_day if is_clock_time and first - same_day > next_day - last else same_day
 
 
 def _from_end(text: str, end: datetime) -> datetime:
@@ -150,7 +150,7 @@ def _from_end(text: str, end: datetime) -> datetime:
     return datetime.fromtimestamp(end.timestamp() + when, end.tzinfo)  # also where the clocks change before
 
 
-def _written(
+def _write(
     session: SessionReader, folder: Path, chosen: ExportFormat, options: Mapping[str, object]
 ) -> tuple[list[Path], list[str]]:
     """The files, and what could not be read for them."""

@@ -70,10 +70,10 @@ def read_flir(
     camera's clock; `offset_ns` is added to them. Raises `ConfigError` if there is no complete frame, a frame
     has no time, or size or constants change.
     """
-    first, files, skipped = _scanned(source)
+    first, files, skipped = _scan(source)
     counts = {file.path: len(file.time_ns) for file in files}
-    given = given_times_ns(counts, times, time_format, zone)
-    files = _stamped(files, given, offset_ns)
+    name_times_ns = given_times_ns(counts, times, time_format, zone)
+    files = _with_times(files, name_times_ns, offset_ns)
     time_ns = [stamp for file in files for stamp in file.time_ns]
     samples: Iterable[Frame] = _Frames(files, name)
     rate_hz, notes = usual_rate_hz(time_ns), skipped
@@ -86,37 +86,37 @@ def read_flir(
         law="planck", rate_hz=rate_hz, driver="import", vendor="FLIR", model=first.model,
         serial_number=first.serial_number, settings=flir_file.settings(first),
     )  # fmt: skip
-    clock = "as given" if given else "by the camera's own clock"
+    clock = "as given" if name_times_ns else "by the camera's own clock"
     note = f"times are {clock}; the emissivity set in the camera was not applied"
     return ImportedRecording((info,), samples, ((Severity.INFO, note), *damages, *notes))
 
 
-def _stamped(files: list[_File], given: Mapping[Path, list[int]] | None, offset_ns: int) -> list[_File]:
+def _with_times(files: list[_File], given: Mapping[Path, list[int]] | None, offset_ns: int) -> list[_File]:
     """The files with the times of their frames, in order of time."""
     stamped = []
     for file in files:
         time_ns = given[file.path] if given else file.time_ns
         if 0 in time_ns:
             raise ConfigError(f"{file.path}: frame {time_ns.index(0)} has no time", fix=GIVE_TIMES)
-        moved = [plausible_ns(stamp + offset_ns) for stamp in time_ns]
-        stamped.append(replace(file, time_ns=moved))
+        shifted_ns = [plausible_ns(stamp + offset_ns) for stamp in time_ns]
+        stamped.append(replace(file, time_ns=shifted_ns))
     return sorted(stamped, key=lambda file: file.time_ns[0])
 
 
-def _scanned(source: Path) -> tuple[FlirFrame, list[_File], tuple[tuple[Severity, str], ...]]:
+def _scan(source: Path) -> tuple[FlirFrame, list[_File], tuple[tuple[Severity, str], ...]]:
     """The first frame, which all must be like; the files; a note on those skipped."""
     first, files, others = None, [], list[str]()
     fix: Text = _COPY
     for path in files_in(source):
         try:
-            found, file = _scanned_file(path, first)
+            frame, file = _scanned_file(path, first)
         except DecodeError as error:
             if not source.is_dir():
                 raise ConfigError(f"{path}: {error.message}", fix=error.fix or _COPY) from error
             fix = fix if others else error.fix or _COPY
             others.append(f"{path.name} ({error.message})")
         else:
-            first = first or found
+            first = first or frame
             files.append(file)
     if first is None:
         raise ConfigError(
@@ -130,19 +130,19 @@ def _scanned(source: Path) -> tuple[FlirFrame, list[_File], tuple[tuple[Severity
 
 def _scanned_file(path: Path, first: FlirFrame | None) -> tuple[FlirFrame, _File]:
     """The first frame of a file, and what can be read of it; raises `DecodeError` if nothing can."""
-    found, time_ns, damage = None, [], ""
+    frame, time_ns, damage = None, [], ""
     try:
         for number, stored in enumerate(_stored_frames(path)):
-            found = found or stored
-            _refuse_another(path, number, stored, first or found)
+            frame = frame or stored
+            _refuse_another(path, number, stored, first or frame)
             time_ns.append(stored.time_ns)
     except DecodeError as error:
-        if found is None:
+        if frame is None:
             raise
         damage = f"{error.message}: nothing after frame {len(time_ns)} of {path.name} could be read"
-    if found is None:
+    if frame is None:
         raise DecodeError("the file is empty", fix=_COPY)
-    return found, _File(path, time_ns, damage)
+    return frame, _File(path, time_ns, damage)
 
 
 def _refuse_another(path: Path, number: int, stored: FlirFrame, first: FlirFrame) -> None:

@@ -196,7 +196,7 @@ def import_recording(
         raise ConfigError("--clock-offset auto needs the session to align with", fix="--into SESSION")
     recording = read_source(source, options)
     config = _campaign_or_none(Path(campaign), notify)
-    site, recording = _placed(recording, options.site, config)
+    site, recording = _with_site(recording, options.site, config)
     recording = possible(recording, config.limits if config else rows_of({}, site.body), site)
     regions = config.regions if config else ()
     header = SessionHeader(
@@ -230,9 +230,13 @@ def import_into(
     source, options = Path(source), options or ImportOptions()
     _refuse_unused(source, options, {"title", "site"}, "a stream of --into, which keeps site and title")
     recording = read_source(source, options)
-    added = options.name or recording.streams[0].name
+    stream_name = options.name or recording.streams[0].name
     with reading(session) as opened:
-        path = Path(out) if out is not None else opened.path.with_name(f"{opened.path.stem}-with-{added}.h5")
+        path = (
+            Path(out)
+            if out is not None
+            else opened.path.with_name(f"{opened.path.stem}-with-{stream_name}.h5")
+        )
         if options.offset_s == AUTO:
             recording = aligned(opened, recording)
         recording = cut_to(opened, _warned_of_distance(recording, opened.site))
@@ -262,7 +266,7 @@ def _campaign_or_none(start: Path, notify: Callable[[str], None]) -> Config | No
         return None
 
 
-def _placed(
+def _with_site(
     recording: ImportedRecording, site: Site | None, config: Config | None
 ) -> tuple[Site, ImportedRecording]:
     """Site of the recording, and the recording with a warning if only the campaign states that."""
@@ -281,7 +285,7 @@ def _placed(
         )
     place = config.site
     where = f"{_coordinates(place)}{_note_on_default(place)}"
-    return place, _warned(
+    return place, _with_warning(
         recording,
         f"no --site: taken as recorded at the campaign's site, {where}; "
         "if it was elsewhere, import it again with --site LAT,LON,ALT",
@@ -305,7 +309,7 @@ def _warned_of_distance(recording: ImportedRecording, site: Site) -> ImportedRec
     away_m = apart_m(recording.site, site)
     if away_m < NEAR_M:
         return recording
-    return _warned(
+    return _with_warning(
         recording, f"the station is {away_m / 1000.0:.0f} km from the session's site: cloud cover may differ"
     )
 
@@ -318,14 +322,14 @@ def _warned_of_irradiance(session: SessionReader, recording: ImportedRecording) 
     )
     if before is None or after is None or before.info.name == after.info.name:
         return recording
-    return _warned(
+    return _with_warning(
         recording,
         f"slopes now use the irradiance of {after.info.name} ({after.measures}), not of {before.info.name}; "
         f'irradiance.stream = "{before.info.name}" keeps it',
     )
 
 
-def _warned(recording: ImportedRecording, text: str) -> ImportedRecording:
+def _with_warning(recording: ImportedRecording, text: str) -> ImportedRecording:
     return replace(recording, notes=(*recording.notes, (Severity.WARNING, text)))
 
 
@@ -359,11 +363,11 @@ def read_source(source: Path, options: ImportOptions) -> ImportedRecording:
 
 def _refuse_unused(source: Path, options: ImportOptions, unused: AbstractSet[str], name: str) -> None:
     """Refuse options other than their defaults that would have no effect."""
-    given = [field.name for field in fields(options) if getattr(options, field.name) != field.default]
-    flags = [_flag(field) for field in given if field in unused]
+    used_options = [field.name for field in fields(options) if getattr(options, field.name) != field.default]
+    flags = [_flag(field) for field in used_options if field in unused]
     if flags:
-        listed = ", ".join(flags)
-        raise ConfigError(f"{source} is {name}: {listed} would have no effect", fix=f"omit {listed}")
+        flag_names = ", ".join(flags)
+        raise ConfigError(f"{source} is {name}: {flag_names} would have no effect", fix=f"omit {flag_names}")
 
 
 def _flag(field: str) -> str:

@@ -100,13 +100,13 @@ def _put(file: h5py.File, name: str, values: Any, attributes: dict[str, Any]) ->
 
 def _put_layer(file: h5py.File, layer: Layer) -> None:
     place = {"units": layer.units, "coordinates": "latitude longitude"}
-    named = {"standard_name": layer.standard_name} if layer.standard_name else {}
+    attributes = {"standard_name": layer.standard_name} if layer.standard_name else {}
     about = {"ancillary_variables": "state" if layer.sd is None else f"{layer.name}_sd state"}
-    _put(file, layer.name, layer.values, {**place, **named, **about, "long_name": layer.long_name})
+    _put(file, layer.name, layer.values, {**place, **attributes, **about, "long_name": layer.long_name})
     if layer.sd is not None:
-        named = {name: f"{word} standard_error" for name, word in named.items()}
+        attributes = {name: f"{word} standard_error" for name, word in attributes.items()}
         about = {"long_name": f"standard uncertainty of {layer.long_name}"}
-        _put(file, f"{layer.name}_sd", layer.sd, {**place, **named, **about})
+        _put(file, f"{layer.name}_sd", layer.sd, {**place, **attributes, **about})
 
 
 def _region_numbers(regions: Sequence[Region], shape: tuple[int, int]) -> ByteArray:

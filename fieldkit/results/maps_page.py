@@ -20,15 +20,17 @@ def write_maps_page(maps: Sequence[MappedSession], path: Path) -> Path:
     The tilt in full colour is that of the steepest map, and a camera pixel is as large on each. Raises
     `StorageError`.
     """
-    full_deg = max(full_colour_deg(one.slopes.tilt_deg) for one in maps)
-    widest = max(one.slopes.state.shape[1] for one in maps)
+    full_deg = max(full_colour_deg(session_map.slopes.tilt_deg) for session_map in maps)
+    widest = max(session_map.slopes.state.shape[1] for session_map in maps)
     factor = max(1, round(PIXELS_WIDE / widest))
     images = [
         (
-            one.path.stem,
-            html.data_uri("image/png", map_png(one, factor * one.slopes.state.shape[1], full_deg)),
+            session_map.path.stem,
+            html.data_uri(
+                "image/png", map_png(session_map, factor * session_map.slopes.state.shape[1], full_deg)
+            ),
         )
-        for one in maps
+        for session_map in maps
     ]
     content = html.render(
         "maps.html", title="Slope maps", full_deg=full_deg, images=images, tilts=_tilts(maps)
@@ -40,7 +42,7 @@ def write_maps_page(maps: Sequence[MappedSession], path: Path) -> Path:
 
 def _tilts(maps: Sequence[MappedSession]) -> html.Table:
     """The median tilt and the quartiles of each region in each session."""
-    by_session = [{region.region: region for region in one.by_region()} for one in maps]
+    by_session = [{region.region: region for region in session_map.by_region()} for session_map in maps]
     names = dict.fromkeys(name for regions in by_session for name in regions)
     rows = [
         (
@@ -55,4 +57,4 @@ def _tilts(maps: Sequence[MappedSession]) -> html.Table:
         for name in names
     ]
     caption = "Median tilt of the pixels of each region in degrees, ± to the farther quartile."
-    return html.Table(("region", *(one.path.stem for one in maps)), rows, caption)
+    return html.Table(("region", *(session_map.path.stem for session_map in maps)), rows, caption)

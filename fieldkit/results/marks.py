@@ -20,7 +20,7 @@ _TEXT_CHARS = 80
 
 def taken_back(session: SessionReader, name: int | str) -> Mark:
     """What takes back the mark of a session with that number or text; raises `ConfigError`."""
-    number, mark = _named(session, name)
+    number, mark = _mark_named(session, name)
     return Mark(f"taken back: {mark.text[:_TEXT_CHARS]}", corrects=number, takes_back=True)
 
 
@@ -39,14 +39,14 @@ def edited(
     last sample; with `at` alone the mark has no end any more. A mark that was taken back counts again. Raises
     `ConfigError`.
     """
-    number, mark = _named(session, name)
+    number, mark = _mark_named(session, name)
     # clocks show a time once in the half days around the mark
     latest_ns = min(session.end_ns, mark.time_ns + 12 * HOUR_NS)
     now = _utc(latest_ns).astimezone(known_zone(session.site.timezone) or UTC)
     start, end = _ends(mark) if at is None else (parse_when(at, now), parse_when(to, now) if to else None)
-    kept = str(mark.data.get("label", "")) if label is None else label
+    new_label = str(mark.data.get("label", "")) if label is None else label
     longest_s = float(mark.data.get("for_s", SHADE_TEST_S))
-    correction = Mark(text or mark.text, kept, start, end, longest_s, number)
+    correction = Mark(text or mark.text, new_label, start, end, longest_s, number)
     reject_unknown_region(shade_test(correction.text), [region.name for region in session.regions])
     reject_impossible(correction, now)
     return correction
@@ -64,18 +64,19 @@ def correct(session: SessionReader, correction: Mark) -> None:
 
 def every_mark(session: SessionReader) -> dict[int, Event]:
     """The marks by their numbers, as corrected last, or as they were made if they were taken back."""
-    steps, made = session.time_map(), marks_made(session.events(recorded=True))
-    return {number: mapped_event(steps, mark) for number, mark in made.items()} | session.marks()
+    steps, marks = session.time_map(), marks_made(session.events(recorded=True))
+    return {number: mapped_event(steps, mark) for number, mark in marks.items()} | session.marks()
 
 
-def _named(session: SessionReader, name: int | str) -> tuple[int, Event]:
+def _mark_named(session: SessionReader, name: int | str) -> tuple[int, Event]:
     marks = every_mark(session)
-    found = numbers_named(name, marks)
-    if len(found) > 1:
+    numbers = numbers_named(name, marks)
+    if len(numbers) > 1:
         raise ConfigError(
-            f"{len(found)} marks have the text {name!r}", fix=f"give a number: {', '.join(map(str, found))}"
+            f"{len(numbers)} marks have the text {name!r}",
+            fix=f"give a number: {', '.join(map(str, numbers))}",
         )
-    return found[0], marks[found[0]]
+    return numbers[0], marks[numbers[0]]
 
 
 def _ends(mark: Event) -> tuple[When, When | None]:

@@ -153,29 +153,31 @@ def measure(
         for binner, minutes in zip(binners, closed, strict=True):
             minutes.extend(binner.finish())
         return [
-            _measured(binner, minutes, opened.damaged)
+            _as_measured(binner, minutes, opened.damaged)
             for binner, minutes in zip(binners, closed, strict=True)
         ]
 
 
-def _measured(binner: Binner, closed: Sequence[Closed], damaged: Mapping[str, int]) -> Measured:
+def _as_measured(binner: Binner, closed: Sequence[Closed], damaged: Mapping[str, int]) -> Measured:
     schedule, words = binner.schedule, binner.irradiance_model
-    minutes = tuple(measured_minute(one, schedule, words) for one in closed)
-    history = History.of([one for one, _ in closed], len(schedule.columns))
+    minutes = tuple(measured_minute(closed_bin, schedule, words) for closed_bin in closed)
+    history = History.of([bin_ for bin_, _ in closed], len(schedule.columns))
     return Measured(minutes, history, dict(damaged), words)
 
 
-def measured_in(run: Run, session: SessionReader | None = None) -> Measured:
+def measure_run(run: Run, session: SessionReader | None = None) -> Measured:
     """The minutes of a run without slopes, from the cache or else from its session.
 
     Raises `SessionError`.
     """
-    if (known := _known_minutes(run)) is not None:
-        return known
-    wanted = [(run.site, bin_settings(run.settings))]
+    if (cached := _known_minutes(run)) is not None:
+        return cached
+    bin_requests = [(run.site, bin_settings(run.settings))]
     source = run.source
-    (found,) = measure(session or source.path, source.regions, wanted, run.streams, source.without_marks)
-    return _keep_minutes(run, found)
+    (measured,) = measure(
+        session or source.path, source.regions, bin_requests, run.streams, source.without_marks
+    )
+    return _keep_minutes(run, measured)
 
 
 def _known_minutes(run: Run) -> Measured | None:
@@ -195,8 +197,12 @@ def solve(history: History, regions: Regions, settings: EstimatorSettings) -> Es
     """Slopes of every target at every minute."""
     chain = SlopeChain(regions, settings)
     series = list(chain.series(history))
-    learnt = {int(time): one.learnt for time, one in zip(history.time_ns, series, strict=True) if one.learnt}
-    slopes = [one.slopes for one in series]
+    learnt = {
+        int(time): minute.learnt
+        for time, minute in zip(history.time_ns, series, strict=True)
+        if minute.learnt
+    }
+    slopes = [minute.slopes for minute in series]
     return _as_estimates(history, chain.schedule, slopes, learnt, chain.budgets(history))
 
 
@@ -215,14 +221,14 @@ def _as_estimates(
     budgets: Budgets,
 ) -> Estimates:
     temperature_k = [
-        history.temperature_k[row, schedule.column(one.region, int(history.minute[row]))]
+        history.temperature_k[row, schedule.column(slope.region, int(history.minute[row]))]
         for row, minute in enumerate(minutes)
-        for one in minute
+        for slope in minute
     ]
     dni_w_m2 = np.repeat(history.dni_w_m2, [len(minute) for minute in minutes])
-    measured: dict[str, ArrayLike] = {"temperature_k": temperature_k, "irradiance_w_m2": dni_w_m2}
-    estimates = [one for minute in minutes for one in minute]
-    return Estimates.of(estimates, measured, schedule.latest, learnt, budgets)
+    inputs: dict[str, ArrayLike] = {"temperature_k": temperature_k, "irradiance_w_m2": dni_w_m2}
+    estimates = [slope for minute in minutes for slope in minute]
+    return Estimates.of(estimates, inputs, schedule.latest, learnt, budgets)
 
 
 def _known_slopes(run: Run) -> Estimates | None:
@@ -253,19 +259,19 @@ def keep_recorded(path: Path, estimator: Estimator) -> None:
     `OSError`.
     """
     with open_session(path) as session:
-        known = SessionMinutes(session, config_for(session))
+        session_minutes = SessionMinutes(session, config_for(session))
         if session.has_corrected_marks:  # it estimated some minutes before it knew the corrections
             return
         stored = len(session.table("irradiance")["time"])
-        if known.settings == estimator.settings and stored == len(estimator.minutes):
-            known.keep(estimator)
+        if session_minutes.settings == estimator.settings and stored == len(estimator.minutes):
+            session_minutes.keep(estimator)
 
 
 def estimate_run(run: Run) -> Estimates:
     """The slopes of one run, in this process; raises `SessionError`."""
-    if (known := _known_slopes(run)) is not None:
-        return known
-    return _keep_slopes(run, solve(measured_in(run).history, run.source.regions, run.settings))
+    if (cached := _known_slopes(run)) is not None:
+        return cached
+    return _keep_slopes(run, solve(measure_run(run).history, run.source.regions, run.settings))
 
 
 class SessionMinutes:
@@ -304,7 +310,7 @@ class SessionMinutes:
     @cached_property
     def measured(self) -> Measured:
         """The minutes without slopes."""
-        return measured_in(self.run, self._session)
+        return measure_run(self.run, self._session)
 
     @property
     def regions(self) -> tuple[Region, ...]:
@@ -319,8 +325,8 @@ class SessionMinutes:
     def estimates(self, model: Model | None = None) -> Estimates:
         """The slopes by a model, that of the settings unless given."""
         run = replace(self.run, settings=replace(self.settings, model=model or self.settings.model))
-        if (known := _known_slopes(run)) is not None:
-            return known
+        if (cached := _known_slopes(run)) is not None:
+            return cached
         return _keep_slopes(run, solve(self.measured.history, self.schedule, run.settings))
 
     def keep(self, estimator: Estimator) -> None:
@@ -331,13 +337,13 @@ class SessionMinutes:
         _keep_minutes(self.run, Measured(measured, history, {}, words, is_recordings=True))
         learnt = {minute.time_ns: minute.learnt for minute in minutes if minute.learnt is not None}
         slopes = [minute.estimates for minute in minutes]
-        made = _as_estimates(history, estimator.schedule, slopes, learnt, estimator.budgets())
-        _keep_slopes(self.run, made)
+        estimates = _as_estimates(history, estimator.schedule, slopes, learnt, estimator.budgets())
+        _keep_slopes(self.run, estimates)
 
     def minutes(self, model: Model | None = None) -> list[Minute]:
         """All minutes with slopes by a model, that of the settings unless given."""
-        found = self.estimates(model)
-        slopes, learnt = iter(found), found.learnt.by_time_ns
+        estimates = self.estimates(model)
+        slopes, learnt = iter(estimates), estimates.learnt.by_time_ns
         minutes = zip(self.measured.minutes, self.measured.history.minute.tolist(), strict=True)
 
         def targets(minute: int) -> int:
@@ -345,11 +351,11 @@ class SessionMinutes:
 
         return [
             replace(
-                one,
+                without_slopes,
                 estimates=tuple(islice(slopes, targets(minute))),
-                learnt=learnt.get(one.time_ns),
+                learnt=learnt.get(without_slopes.time_ns),
             )
-            for one, minute in minutes
+            for without_slopes, minute in minutes
         ]
 
 
@@ -380,45 +386,45 @@ def estimate_runs(runs: Iterable[Run], executor: Executor) -> Iterator[Outcome |
     """
     missing: dict[str, list[Run]] = defaultdict(list)
     for run in runs:
-        if (known := _known_slopes(run)) is not None:
-            yield Outcome(run, known, cached=True)
+        if (cached := _known_slopes(run)) is not None:
+            yield Outcome(run, cached, cached=True)
         else:
             missing[run.key].append(run)
-    measured = _measure_all([same[0] for same in missing.values()], executor)
+    histories = _measure_all([same[0] for same in missing.values()], executor)
     pieces = []
     for same in missing.values():
-        history = measured[same[0].bins_key]
+        history = histories[same[0].bins_key]
         if isinstance(history, FieldkitError):
             yield from (Failure(run, history) for run in same)
         else:
             pieces.append((same, partial(solve, history, same[0].source.regions, same[0].settings)))
-    for same, made in results(executor, pieces):
-        if isinstance(made, FieldkitError):
-            yield from (Failure(run, made) for run in same)
+    for same, estimates in results(executor, pieces):
+        if isinstance(estimates, FieldkitError):
+            yield from (Failure(run, estimates) for run in same)
         else:
-            _keep_slopes(same[0], made)
-            yield from (Outcome(run, made) for run in same)
+            _keep_slopes(same[0], estimates)
+            yield from (Outcome(run, estimates) for run in same)
 
 
 def _measure_all(runs: Iterable[Run], executor: Executor) -> dict[str, History | FieldkitError]:
     """The bins of runs, or why there are none, by `Run.bins_key`; each session is read once."""
-    found: dict[str, History | FieldkitError] = {}
+    histories: dict[str, History | FieldkitError] = {}
     unread: dict[Path, dict[str, Run]] = defaultdict(dict)
     for run in {run.bins_key: run for run in runs}.values():
-        if (known := _known_minutes(run)) is not None:
-            found[run.bins_key] = known.history
+        if (cached := _known_minutes(run)) is not None:
+            histories[run.bins_key] = cached.history
         else:
             unread[run.source.path][run.bins_key] = run
     pieces = [([*by_key.values()], partial(_measure_runs, [*by_key.values()])) for by_key in unread.values()]
-    for same, made in results(executor, pieces):
+    for same, minutes in results(executor, pieces):
         for place, run in enumerate(same):
-            is_read = not isinstance(made, FieldkitError)
-            found[run.bins_key] = _keep_minutes(run, made[place]).history if is_read else made
-    return found
+            is_read = not isinstance(minutes, FieldkitError)
+            histories[run.bins_key] = _keep_minutes(run, minutes[place]).history if is_read else minutes
+    return histories
 
 
 def _measure_runs(runs: Sequence[Run]) -> list[Measured]:
     """The minutes of runs of one session, in a worker."""
-    wanted = [(run.site, bin_settings(run.settings)) for run in runs]
+    bin_requests = [(run.site, bin_settings(run.settings)) for run in runs]
     source = runs[0].source
-    return measure(source.path, source.regions, wanted, runs[0].streams, source.without_marks)
+    return measure(source.path, source.regions, bin_requests, runs[0].streams, source.without_marks)

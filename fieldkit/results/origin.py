@@ -16,11 +16,11 @@ STAMP = PACKAGE / "commit.txt"
 def origin() -> str:
     """Commit and source of the running program in one line, such as ``commit 1f0c3a5e77d2, wheel NAME``."""
     if STAMP.exists():
-        return f"commit {STAMP.read_text(encoding='utf-8').strip()}, {_installed_from()}"
+        return f"commit {STAMP.read_text(encoding='utf-8').strip()}, {_installation_source()}"
     checkout = PACKAGE.parent
     if (checkout / ".git").exists():
         return f"commit {_commit_of(checkout)}, checkout {checkout}"
-    return f"commit unknown, {_installed_from()}"
+    return f"commit unknown, {_installation_source()}"
 
 
 def _commit_of(checkout: Path) -> str:
@@ -34,16 +34,16 @@ def _commit_of(checkout: Path) -> str:
         return "unknown"
 
 
-def _installed_from() -> str:
+def _installation_source() -> str:
     """The distribution installed, as the installer recorded it (PEP 610, PEP 627)."""
     from importlib.metadata import PackageNotFoundError, distribution  # 20 ms
 
     try:
-        found = distribution("fieldkit")
+        installed = distribution("fieldkit")
     except PackageNotFoundError:
         return f"source {PACKAGE.parent}"
-    url = _direct_url(found)
-    installer = (found.read_text("INSTALLER") or "an unknown installer").strip()
+    url = _direct_url(installed)
+    installer = (installed.read_text("INSTALLER") or "an unknown installer").strip()
     if url is None:
         return "Debian package" if installer == "dpkg" else f"installed by {installer} from a package index"
     kind = "wheel" if url.endswith(".whl") else "source"

@@ -130,8 +130,8 @@ def report(
     >>> fieldkit.report(session, "noon.html")
     <Report noon.html: 1 sessions>
     """
-    given = (sessions,) if isinstance(sessions, str | Path | SessionReader) else sessions
-    paths = tuple(map(path_of, given))
+    sources = (sessions,) if isinstance(sessions, str | Path | SessionReader) else sessions
+    paths = tuple(map(path_of, sources))
     if not paths:
         raise ConfigError("no sessions to report", fix="give a session, its file, or several")
     target = None if out is None else Path(out)
@@ -148,13 +148,13 @@ def report(
     if options.palette is not None and kind != ".png":
         raise ConfigError("--palette is for an image", fix="-o FILE.png, or omit --palette")
     if len(paths) == 1:
-        written = _report_session(paths[0], page, options, notify)
+        pages = _report_session(paths[0], page, options, notify)
     else:
-        written, failures = _report_sessions(paths, page, options)
+        pages, failures = _report_sessions(paths, page, options)
     if pdf is None:
-        return Report(written, paths, failures)
+        return Report(pages, paths, failures)
     with writing(pdf):
-        write_pdf(written, pdf)
+        write_pdf(pages, pdf)
     return Report(pdf, paths, failures)
 
 
@@ -164,27 +164,27 @@ def _report_session(
     out = out or default_path(path)
     with open_session(path) as session:
         config = config_for(session, options.settings, present=options.present)
-        known = SessionMinutes(session, config, present=options.present)
-        notify_damage(session, notify, known.measured.damaged)
+        minutes = SessionMinutes(session, config, present=options.present)
+        notify_damage(session, notify, minutes.measured.damaged)
         if out.suffix.lower() == ".png":
-            image = _image(session, known, options, notify)
+            image = _image(session, minutes, options, notify)
             with writing(out):
                 out.write_bytes(image)
             return out
         with writing(out):
             data = ReportData(
                 session,
-                known.minutes(),
-                known.settings,
-                known.site,
-                known.schedule.latest,
+                minutes.minutes(),
+                minutes.settings,
+                minutes.site,
+                minutes.schedule.latest,
                 config.to_toml(),
                 sd=options.sd,
                 frame=middle_frame(session),
-                by_others=by_other_models(known),
+                by_others=by_other_models(minutes),
                 command_line=command_line(),
-                is_recordings=known.measured.is_recordings,
-                budgets=known.estimates().budgets,
+                is_recordings=minutes.measured.is_recordings,
+                budgets=minutes.estimates().budgets,
             )
             write_report(out, data)
     return out
@@ -214,10 +214,10 @@ def report_part(path: Path, options: ReportOptions = DEFAULTS) -> Part:
     """A session, estimated, as a part of a report of several. Raises `SessionError`, `ConfigError`."""
     with open_session(path) as session:
         config = config_for(session, options.settings, present=options.present)
-        known = SessionMinutes(session, config, present=options.present)
-        columns = series(known.minutes(), known.schedule.latest)
+        minutes = SessionMinutes(session, config, present=options.present)
+        columns = series(minutes.minutes(), minutes.schedule.latest)
         warnings = assess(columns, list(session.events()), session.state).warnings
-        return Part(path, known.site, columns, known.settings, warnings, is_simulated(session))
+        return Part(path, minutes.site, columns, minutes.settings, warnings, is_simulated(session))
 
 
 def default_path(session: Path) -> Path:
@@ -258,12 +258,12 @@ def _image(
         raise ConfigError("an image needs matplotlib", fix="pip install 'fieldkit[lab]'")
     palette = options.palette or INFERNO
     require_palette(palette)
-    frames = list(_shown(session, known))
+    frames = list(_shown_frames(session, known))
     if not frames:
         raise ConfigError(f"{session.path} has no usable frame", fix=f"fieldkit check {session.path}")
     try:
-        found = slope_map(session, settings=options.settings, present=options.present)
-        mapped = None if found.along_sun is not None else found.slopes
+        session_map = slope_map(session, settings=options.settings, present=options.present)
+        mapped = None if session_map.along_sun is not None else session_map.slopes
     except FieldkitError as error:
         notify(f"the image has no map: {error.message}")
         mapped = None
@@ -276,7 +276,7 @@ def _image(
     return session_image(session.path.stem, subtitle, frames, regions, mapped, estimates, palette)
 
 
-def _shown(session: SessionReader, known: SessionMinutes) -> Iterator[ShownFrame]:
+def _shown_frames(session: SessionReader, known: SessionMinutes) -> Iterator[ShownFrame]:
     """The first usable frame, the one nearest to the highest sun, the last."""
     camera = next((info for info in session.streams.values() if info.is_camera), None)
     if camera is None:

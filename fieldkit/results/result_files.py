@@ -65,35 +65,35 @@ def write_results(
     tables = {"": columns, **{f"-{name}": table for name, table in (beside or {}).items()}}
     document = base.with_name(f"{base.name}.json")
     with writing(base):
-        written = [
+        files = [
             path
             for suffix, table in tables.items()
             for path in _write_table(base.with_name(f"{base.name}{suffix}"), table)
         ]
-        digests = {path.name: sha256(path) for path in written}
+        digests = {path.name: sha256(path) for path in files}
         document.write_text(to_json({**about, "files": digests}) + "\n", encoding="utf-8")
-    return [*written, document]
+    return [*files, document]
 
 
-def recalled(
+def recall(
     paths: Sequence[Path], settings: tuple[str, ...]
 ) -> tuple[tuple[Path, ...], tuple[str, ...], bool]:
     """Sessions and settings where results are named instead, and whether the campaign's present ones counted.
 
     Raises `ConfigError`.
     """
-    found: list[Path] = []
+    documents: list[Path] = []
     present = False
     for path in paths:
         document = _document_of(path)
         if document is None:
-            found.append(path)
+            documents.append(path)
             continue
         about = _about(document)
-        found.extend(Path(session["path"]) for session in about["sessions"])
+        documents.extend(Path(session["path"]) for session in about["sessions"])
         settings = (*about["settings"], *settings)
         present = present or about.get("campaign", False)
-    return tuple(found), settings, present
+    return tuple(documents), settings, present
 
 
 def _document_of(path: Path) -> Path | None:
@@ -110,12 +110,12 @@ def _about(document: Path) -> dict[str, Any]:
         about = json.loads(document.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise ConfigError(f"{document} cannot be read: {message_of(error)}", fix=_RECALLABLE) from error
-    known: set[str] = set(about) if isinstance(about, dict) else set()
-    if {"sessions", "parameters"} <= known:
+    keys: set[str] = set(about) if isinstance(about, dict) else set()
+    if {"sessions", "parameters"} <= keys:
         raise ConfigError(
             f"{document} has many sets of parameters", fix="report its sessions with --set of one set"
         )
-    if not {"sessions", "settings"} <= known:
+    if not {"sessions", "settings"} <= keys:
         raise ConfigError(f"{document} is not what estimate -o wrote", fix=_RECALLABLE)
     return dict(about)
 

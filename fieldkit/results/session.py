@@ -58,8 +58,8 @@ class Stream:
 
     def __repr__(self) -> str:
         shape = "x".join(map(str, self.info.shape))
-        held = "closed," if self._session.is_closed else f"{len(self)} samples of"
-        return f"<Stream {self.name}: {held} {shape} {self.info.quantity} [{self.info.unit}]>"
+        contents = "closed," if self._session.is_closed else f"{len(self)} samples of"
+        return f"<Stream {self.name}: {contents} {shape} {self.info.quantity} [{self.info.unit}]>"
 
     @overload
     def __getitem__(self, place: int) -> Sample: ...

@@ -64,11 +64,11 @@ class LearntSeries:
         return len(self.by_time_ns)
 
     def __getitem__(self, name: str) -> LearntParameter:
-        found = {parameter.name: parameter for parameter in self.final.parameters} if self.final else {}
+        parameters = {parameter.name: parameter for parameter in self.final.parameters} if self.final else {}
         try:
-            return found[name]
+            return parameters[name]
         except KeyError:
-            raise KeyError(f"no parameter {name!r}; there are {', '.join(found) or 'none'}") from None
+            raise KeyError(f"no parameter {name!r}; there are {', '.join(parameters) or 'none'}") from None
 
     def columns(self) -> dict[str, list[Any]]:
         """The tidy table: a row for each minute and parameter, its prior and its estimate in `unit`."""
@@ -79,9 +79,9 @@ class LearntSeries:
         ]
         return {
             "time_ns": [time_ns for time_ns, _ in rows],
-            "parameter": [one.name for _, one in rows],
-            "unit": [one.unit for _, one in rows],
-            **{name: [getattr(one, name) for _, one in rows] for name in _LEARNT_NUMBERS},
+            "parameter": [parameter.name for _, parameter in rows],
+            "unit": [parameter.unit for _, parameter in rows],
+            **{name: [getattr(parameter, name) for _, parameter in rows] for name in _LEARNT_NUMBERS},
         }
 
     def to_frame(self) -> pd.DataFrame:
@@ -195,13 +195,13 @@ class Estimates:
     def _repr_html_(self) -> str:
         rows = [
             (
-                one.region,
-                formatting.tilt(one),
-                formatting.azimuth(one),
-                *formatting.short_columns(one),
-                formatting.state(one),
+                slope.region,
+                formatting.tilt(slope),
+                formatting.azimuth(slope),
+                *formatting.short_columns(slope),
+                formatting.state(slope),
             )
-            for one in self.final.values()
+            for slope in self.final.values()
         ]
         short = [field.short for field in SHORT_FIELDS]
         columns = ("region", "tilt, °", "azimuth, °", *short, "state")

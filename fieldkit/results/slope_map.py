@@ -279,12 +279,12 @@ class MappedSession:
             wanted = Products(("rdir",), drive_deg=self.along_sun.azimuth_deg + 180.0)
         if wanted is None and view is not None:
             wanted = Products(("slope", "heading"))
-        made = self.products(wanted) if wanted is not None else []
+        layers = self.products(wanted) if wanted is not None else []
         with writing(base):
-            files = self._write_frame(base, made)
+            files = self._write_frame(base, layers)
             if view is not None:
                 notify(f"the grid of {view.crs} is corrected: {view.grid}")
-                files += write_on_ground(base, view, made, self.slopes, self.end_ns)
+                files += write_on_ground(base, view, layers, self.slopes, self.end_ns)
         return files
 
     def _configured_view(self, cell_m: float | None, notify: Callable[[str], None]) -> GroundView | None:
@@ -365,7 +365,7 @@ def slope_map(
     [('flat', 3), ('b05', 6), ('b15', 16), ('b25', 26)]
     """
     with reading(session) as opened:
-        return _mapped(opened, window, tuple(settings_from(settings)), present, on_progress)
+        return _map_session(opened, window, tuple(settings_from(settings)), present, on_progress)
 
 
 def map_sessions(
@@ -385,7 +385,7 @@ def map_sessions(
 
     Workers read the recordings; the files are written here. Raises `StorageError`.
     """
-    made: Maps = {}
+    maps: Maps = {}
     failures: Failures = {}
     with workers.executor(len(bases)) as executor:
         pieces = [
@@ -399,13 +399,13 @@ def map_sessions(
                 continue
             try:
                 files = found.write(bases[path], wanted, pose=pose, cell_m=cell_m, notify=notify)
-                made[path] = found, files
+                maps[path] = found, files
             except (ConfigError, NoAnswerError) as error:
                 failures[path] = error
                 continue
             if (damage := found.damage) is not None:
                 failures[path] = damage
-    return {path: made[path] for path in bases if path in made}, failures
+    return {path: maps[path] for path in bases if path in maps}, failures
 
 
 def default_base(session: Path, window: Window = None, overrides: Sequence[str] = ()) -> Path:
@@ -420,8 +420,8 @@ def default_base(session: Path, window: Window = None, overrides: Sequence[str] 
 def variant(window: Window, overrides: Sequence[str] = ()) -> str:
     """End of the name of a map by its window and settings, "" for the configured ones."""
     parts = [] if window is None else [window if isinstance(window, str) else f"{window / 60.0:g}m"]
-    given = [override.partition("=") for override in sorted(overrides)]
-    parts += [f"{key.rpartition('.')[2]}-{value}" for key, _, value in given]
+    pairs = [override.partition("=") for override in sorted(overrides)]
+    parts += [f"{key.rpartition('.')[2]}-{value}" for key, _, value in pairs]
     return "".join("-" + re.sub(r"[^\w.-]+", "_", part) for part in parts)
 
 
@@ -432,18 +432,18 @@ def earlier_files(base: Path, written: Sequence[Path]) -> list[Path]:
     return [file for file in files if file.exists() and file not in written]
 
 
-def _mapped(
+def _map_session(
     session: SessionReader, window: Window, settings: tuple[str, ...], present: bool, on_progress: Progress
 ) -> MappedSession:
     config = config_for(session, settings, present=present)
-    known = SessionMinutes(session, config, present=present)
-    instruments = Instruments(tuple(session.streams.values()), known.settings)
+    minutes = SessionMinutes(session, config, present=present)
+    instruments = Instruments(tuple(session.streams.values()), minutes.settings)
     camera = instruments.camera
-    if camera is None or not RegionColumns(known.schedule.columns).references.size:
+    if camera is None or not RegionColumns(minutes.schedule.columns).references.size:
         missing = "camera whose temperatures are known" if camera is None else "reference region"
         raise NoAnswerError(f"{session.path} has no {missing}, so it has no slope map")
-    history, estimates = known.history, known.estimates()
-    chosen = _window(known, estimates, window)
+    history, estimates = minutes.history, minutes.estimates()
+    chosen = _window(minutes, estimates, window)
     if not len(chosen):
         raise NoAnswerError(
             f"{session.path}: no minute has frames, reference, sun and steady irradiance",
@@ -452,25 +452,25 @@ def _mapped(
     is_instant = len(chosen) < LEAST_MINUTES
     chosen = chosen[-1:] if is_instant else chosen
     learnt = None if is_instant else estimates.learnt.final
-    found = final_estimates(estimates, known.regions)
+    final = final_estimates(estimates, minutes.regions)
     minute_map = MinuteMap(
         history,
-        known.regions,
+        minutes.regions,
         chosen,
         (camera.shape[0], camera.shape[1]),
-        known.settings,
+        minutes.settings,
         {
-            one.region: normal(one.tilt_deg, one.azimuth_deg)
-            for one in found.values()
-            if one.state in WITH_SLOPE
+            slope.region: normal(slope.tilt_deg, slope.azimuth_deg)
+            for slope in final.values()
+            if slope.state in WITH_SLOPE
         },
         learnt,
     )
-    surface_k = surface_of_pixels(known.regions, (camera.shape[0], camera.shape[1]), known.settings)
-    total, done = len(minute_map.rows), count(1)
+    surface_k = surface_of_pixels(minutes.regions, (camera.shape[0], camera.shape[1]), minutes.settings)
+    total, finished = len(minute_map.rows), count(1)
 
     def counted_k(minute: int) -> FloatArray:
-        on_progress(next(done), total)
+        on_progress(next(finished), total)
         return surface_k(mean_of_minute_k(session, camera, minute))
 
     slopes, bounds, likelihood, along_sun = minute_map.solved(counted_k)
@@ -479,22 +479,22 @@ def _mapped(
         path=session.path,
         overrides=settings,
         window=window,
-        slopes=_within_regions(slopes, known.regions),
+        slopes=_within_regions(slopes, minutes.regions),
         bounds=bounds,
         likelihood=likelihood,
         camera=camera,
-        site=known.site,
-        regions=known.regions,
-        settings=_as_learnt(known.settings, learnt),
-        model="full" if is_instant and known.settings.model == "learned" else known.settings.model,
+        site=minutes.site,
+        regions=minutes.regions,
+        settings=_as_learnt(minutes.settings, learnt),
+        model="full" if is_instant and minutes.settings.model == "learned" else minutes.settings.model,
         irradiance_model=instruments.label,
         start_ns=first * MINUTE_NS,
         end_ns=(last + 1) * MINUTE_NS,
         minutes=len(chosen),
         flags=Quality(int(np.bitwise_or.reduce(history.flags[chosen]))),
         smeared_px=float(np.ptp(history.shift_px[chosen])),
-        damaged=known.measured.damaged.get(camera.name, 0),
-        inertia=_inertia(known.settings, estimates.learnt.final),
+        damaged=minutes.measured.damaged.get(camera.name, 0),
+        inertia=_inertia(minutes.settings, estimates.learnt.final),
         pose=config.pose,
         along_sun=along_sun,
     )
@@ -504,22 +504,24 @@ def _as_learnt(settings: EstimatorSettings, learnt: Learnt | None) -> EstimatorS
     """The settings with the gain and the exchange of all minutes that the learned model found."""
     if settings.model != "learned" or learnt is None:
         return settings
-    found = {parameter.name: parameter for parameter in learnt.parameters}
-    surface, gain = settings.surface, found["gain"]
-    exchange_m_s = found["exchange"].value / (surface.heat_capacity_j_kg_k * surface.air_density_kg_m3)
+    parameters = {parameter.name: parameter for parameter in learnt.parameters}
+    surface, gain = settings.surface, parameters["gain"]
+    exchange_m_s = parameters["exchange"].value / (surface.heat_capacity_j_kg_k * surface.air_density_kg_m3)
     surface = replace(surface, exchange_m_s=exchange_m_s)
     return replace(settings, surface=surface, scale=gain.value, scale_sd=gain.sd)
 
 
 def _inertia(settings: EstimatorSettings, learnt: Learnt | None) -> LearntParameter | None:
-    found = learnt.parameters if learnt is not None and settings.model == "learned" else ()
-    return next((one for one in found if one.name == "thermal_inertia"), None)
+    parameters = learnt.parameters if learnt is not None and settings.model == "learned" else ()
+    return next((parameter for parameter in parameters if parameter.name == "thermal_inertia"), None)
 
 
 def _window(known: SessionMinutes, estimates: Estimates, window: Window) -> IntArray:
     """The usable minutes of a window, as rows of `SessionMinutes.history`."""
     final = final_estimates(estimates, known.regions)
-    weather_ns = max((one.window_start_ns for one in final.values() if one.state in WITH_SLOPE), default=0)
+    weather_ns = max(
+        (slope.window_start_ns for slope in final.values() if slope.state in WITH_SLOPE), default=0
+    )
     window_s: float | None
     match window:
         case None:
@@ -585,8 +587,8 @@ def surface_of_pixels(
 def _within_regions(slopes: SlopeMap, regions: Sequence[Region]) -> SlopeMap:
     """Outside the regions the ground may differ from the reference's material: uncertain."""
     state = slopes.state.copy()
-    drawn = np.any([region.mask((state.shape[0], state.shape[1])) for region in regions], axis=0)
-    state[~drawn & np.isin(state, CERTAIN)] = SlopeState.UNCERTAIN
+    in_region = np.any([region.mask((state.shape[0], state.shape[1])) for region in regions], axis=0)
+    state[~in_region & np.isin(state, CERTAIN)] = SlopeState.UNCERTAIN
     return replace(slopes, state=state)
 
 
@@ -608,14 +610,14 @@ def mean_of_minute_k(session: SessionReader, camera: StreamInfo, minute: int) ->
 def _mapped_region(found: MappedSession, region: Region) -> MappedRegion:
     slopes = found.slopes
     inside = region.mask((slopes.state.shape[0], slopes.state.shape[1]))
-    known = inside & np.isfinite(slopes.tilt_deg)
+    has_slope = inside & np.isfinite(slopes.tilt_deg)
     low, middle, high, azimuth, least, most, along_sun = (math.nan,) * 7
-    if known.any():
-        low, middle, high = (float(q) for q in np.percentile(slopes.tilt_deg[known], (25, 50, 75)))
-        normals = normal(slopes.tilt_deg[known], slopes.azimuth_deg[known])
+    if has_slope.any():
+        low, middle, high = (float(q) for q in np.percentile(slopes.tilt_deg[has_slope], (25, 50, 75)))
+        normals = normal(slopes.tilt_deg[has_slope], slopes.azimuth_deg[has_slope])
         azimuth = float(tilt_azimuth(normals.mean(axis=0))[1])
         bounds = (found.bounds.tilt_low_deg, found.bounds.tilt_high_deg)
-        least, most = (float(np.median(bound[known])) for bound in bounds)
+        least, most = (float(np.median(bound[has_slope])) for bound in bounds)
     if found.along_sun is not None and (resolved := inside & found.along_sun.resolved).any():
         along_sun = float(np.median(found.along_sun.tilt_deg[resolved]))
     shares = _shares(slopes.state[inside])

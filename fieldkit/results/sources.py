@@ -110,21 +110,23 @@ def source_of(
         if session.state == "recording":
             raise SessionError(f"{path} is still being recorded", fix="fieldkit stop, or wait until it ends")
         config = config_for(session, present=present)
-        drawn = (
-            regions_for(session, config, present=present) if regions is None else drawn_on(session, regions)
+        schedule = (
+            regions_for(session, config, present=present)
+            if regions is None
+            else schedule_of(session, regions)
         )
         # a session may consist of its journal alone: then there is no file to digest
         checksum = sha256(path) if path.exists() else ""
         marks = session.marks()
         without = sorted({number for name in without_marks for number in numbers_named(name, marks)})
-        return Source(path.resolve(), checksum, session.session_id, config, drawn, tuple(without))
+        return Source(path.resolve(), checksum, session.session_id, config, schedule, tuple(without))
 
 
-def drawn_on(session: SessionReader, regions: Sequence[Region]) -> RegionSchedule:
+def schedule_of(session: SessionReader, regions: Sequence[Region]) -> RegionSchedule:
     """Regions drawn on a finished session; raises `ConfigError` for one that cannot be used in its frames."""
     camera = next((info for info in session.streams.values() if info.is_camera), None)
-    found = check_regions(regions, camera.shape if camera else None)
-    if failures := [f"{one.region.name}: {failure}" for one in found for failure in one.failures]:
+    checks = check_regions(regions, camera.shape if camera else None)
+    if failures := [f"{check.region.name}: {failure}" for check in checks for failure in check.failures]:
         raise ConfigError("; ".join(failures), fix="draw them again on the session's frames")
     return RegionSchedule.of(regions)
 
@@ -171,11 +173,11 @@ def qualified_key(name: str) -> str:
     """``surface.albedo`` for ``albedo``; raises `ConfigError` if no table or more than one has the key."""
     if "." in name:
         return name
-    found = [f"{table}.{name}" for table in TABLES if name in known_keys((table,))]
-    if len(found) == 1:
-        return found[0]
-    if found:
-        raise ConfigError(f"{name} is ambiguous", fix=f'qualify it: estimate({{"{found[0]}": ...}})')
+    names = [f"{table}.{name}" for table in TABLES if name in known_keys((table,))]
+    if len(names) == 1:
+        return names[0]
+    if names:
+        raise ConfigError(f"{name} is ambiguous", fix=f'qualify it: estimate({{"{names[0]}": ...}})')
     raise ConfigError(
         f"no parameter of an estimate is called {name}",
         fix='see the configuration reference; other keys need their table: {"record.every_s": 30}',

@@ -43,19 +43,19 @@ def sun(
     >>> round(row["sun_zenith_deg"], 1), round(row["facets"][0]["incidence_deg"], 1)
     (26.9, 17.1)
     """
-    given = [at] if isinstance(at, datetime | str) else at
-    return sun_rows(as_site(site), [moment(one) for one in given], facets)
+    moments = [at] if isinstance(at, datetime | str) else at
+    return sun_rows(as_site(site), [moment(time) for time in moments], facets)
 
 
 def moment(at: datetime | str) -> datetime:
     """A time with its zone, also from ISO 8601; raises `ConfigError`."""
     try:
-        found = datetime.fromisoformat(at) if isinstance(at, str) else at
+        time = datetime.fromisoformat(at) if isinstance(at, str) else at
     except ValueError as error:
         raise ConfigError(f"{at!r} is not a time", fix="write it as 2017-08-30T12:00+09:00") from error
-    if found.tzinfo is None:
+    if time.tzinfo is None:
         raise ConfigError(f"{at!r} has no zone", fix="add its offset from UTC: 2017-08-30T12:00+09:00")
-    return found
+    return time
 
 
 def sun_rows(

@@ -150,7 +150,9 @@ def runs_of(sources: Sequence[Source], grid: Grid, estimate: Estimate) -> list[R
     Raises `ConfigError`, also for a key of no effect.
     """
     runs = [
-        run_of(source, _configured(one), number) for source in sources for number, one in enumerate(grid.sets)
+        run_of(source, _config_settings(settings), number)
+        for source in sources
+        for number, settings in enumerate(grid.sets)
     ]
     for parameter in grid.varied if sources else ():
         if parameter.key == PRIOR:
@@ -168,15 +170,15 @@ PRIOR, CONFIGURED, OTHERS = "prior", "configured", "others"
 """Values of a set for the prior of the learned model: as configured, or as the other sessions learnt."""
 
 
-def _configured(setting: Sequence[str]) -> list[str]:
+def _config_settings(setting: Sequence[str]) -> list[str]:
     """The ``KEY=VALUE`` of a set that are keys of ``fieldkit.toml``."""
-    return [one for one in setting if not one.startswith(f"{PRIOR}=")]
+    return [assignment for assignment in setting if not assignment.startswith(f"{PRIOR}=")]
 
 
 def _taught(runs: Sequence[Run], grid: Grid, estimate: Estimate) -> Iterator[Run]:
     """The runs with what the other sessions taught."""
     for run, prior in prior_of_others(runs, estimate):
-        yield run_of(run.source, [*_configured(grid.sets[run.number]), *prior], run.number)
+        yield run_of(run.source, [*_config_settings(grid.sets[run.number]), *prior], run.number)
 
 
 def prior_of_others(runs: Sequence[Run], estimate: Estimate) -> Iterator[tuple[Run, list[str]]]:
@@ -200,16 +202,16 @@ def prior_of_others(runs: Sequence[Run], estimate: Estimate) -> Iterator[tuple[R
             if outcome.run.number == run.number and outcome.run.source.path != run.source.path
             if (learnt := outcome.estimates.learnt.final) is not None
         ]
-        known = keys(carried(run.settings, others), run.settings)
-        yield run, [f"{key}={value!r}" for key, value in known.items()]
+        prior = keys(carried(run.settings, others), run.settings)
+        yield run, [f"{key}={value!r}" for key, value in prior.items()]
 
 
 def _learning(run: Run) -> Run:
     """The run with its known slopes as references."""
     from fieldkit.estimation.scale import known_slopes, with_known
 
-    known = known_slopes(run.source.regions.latest, (), run.source.path)
-    return replace(run, source=replace(run.source, regions=with_known(run.source.regions, known)))
+    slopes = known_slopes(run.source.regions.latest, (), run.source.path)
+    return replace(run, source=replace(run.source, regions=with_known(run.source.regions, slopes)))
 
 
 # Grids of parameters
@@ -253,7 +255,7 @@ def read_grid(settings: Sequence[str]) -> Grid:
     ``LOW:HIGH:STEP`` counts with both ends, in decimal, so that 0.15:0.35:0.05 holds 0.3 and not
     0.30000000000000004. ``A,B,C`` is a list; a list in brackets is one value.
     """
-    parameters = [_written(setting) for setting in settings]
+    parameters = [_parse_setting(setting) for setting in settings]
     keys = [parameter.key for parameter in parameters]
     for key in keys:
         if keys.count(key) > 1:
@@ -283,11 +285,11 @@ def _parameter(key: str, values: Sequence[Any]) -> Parameter:
     if isinstance(values, str) or not hasattr(values, "__len__") or not len(values):
         raise ConfigError(f"{key}: {values!r} is not a list of values", fix="write it as [0.15, 0.20, 0.25]")
     plain = [value.item() if hasattr(value, "item") else value for value in values]  # of a numpy array
-    written = [value if isinstance(value, str) else tomlkit.item(value).as_string() for value in plain]
-    return Parameter(key, tuple(dict.fromkeys(written)))
+    texts = [value if isinstance(value, str) else tomlkit.item(value).as_string() for value in plain]
+    return Parameter(key, tuple(dict.fromkeys(texts)))
 
 
-def _written(setting: str) -> Parameter:
+def _parse_setting(setting: str) -> Parameter:
     key, equals, text = (part.strip() for part in setting.partition("="))
     if not equals or not key or not text:
         raise ConfigError(f"--set {setting}: no value", fix="write it as --set surface.albedo=0.15:0.35:0.05")
@@ -296,11 +298,11 @@ def _written(setting: str) -> Parameter:
     values: list[str] = []
     for piece in text.split(","):
         match = RANGE.fullmatch(piece.strip())
-        values.extend(_counted(setting, *map(Decimal, match.groups())) if match else [piece.strip()])
+        values.extend(_stepped_values(setting, *map(Decimal, match.groups())) if match else [piece.strip()])
     return Parameter(key, tuple(dict.fromkeys(values)))
 
 
-def _counted(setting: str, low: Decimal, high: Decimal, step: Decimal) -> list[str]:
+def _stepped_values(setting: str, low: Decimal, high: Decimal, step: Decimal) -> list[str]:
     if step <= 0 or high < low or (high - low) / step > MOST_VALUES:
         raise ConfigError(
             f"--set {setting}: {low} to {high} in steps of {step} is not a valid range",
@@ -366,7 +368,7 @@ class Ranking:
         return tuple(self._warnings())
 
     def _warnings(self) -> list[str]:
-        found, held_out = float(self.error_deg[self.best]), self.cross_validated_deg
+        error_deg, held_out = float(self.error_deg[self.best]), self.cross_validated_deg
         warnings = []
         if self.folds < 2:
             warnings.append("one session cannot distinguish a good parameter from chance; sweep over several")
@@ -374,16 +376,16 @@ class Ranking:
             warnings.append(
                 "not cross-validated: no session has a slope with the parameters chosen from the others"
             )
-        elif held_out > OVERFIT_RATIO * found:
+        elif held_out > OVERFIT_RATIO * error_deg:
             warnings.append(
-                f"overfitting: with parameters chosen from the others a session has {held_out:.2f}°, not "
-                f"{found:.2f}°; the choice stays the same in {self.same_choice} of {self.folds} such trials"
+                f"overfitting: with parameters chosen from the others a session has {held_out:.2f}°, "
+                f"not {error_deg:.2f}°; the choice stays the same in {self.same_choice} of {self.folds} such trials"
             )
         elif self.same_choice < self.folds:
             changed = self.folds - self.same_choice
             warnings.append(
                 f"the choice is not stable: in {changed} of {self.folds} trials without one session another "
-                f"set is chosen, and it is about as good ({held_out:.2f}°, the best set {found:.2f}°)"
+                f"set is chosen, and it is about as good ({held_out:.2f}°, the best set {error_deg:.2f}°)"
             )
         if self.unranked:
             warnings.append(
@@ -402,7 +404,7 @@ class Ranking:
         return warnings
 
 
-def ranked(
+def rank(
     error_deg: FloatArray,
     worst_deg: FloatArray,
     solved: IntArray,
@@ -448,14 +450,14 @@ def ranked(
 
 def _mean(error_deg: FloatArray) -> FloatArray:
     """Mean over the sessions in which a set has an error; NaN if it has none."""
-    known = np.isfinite(error_deg)
-    total, count = np.where(known, error_deg, 0.0).sum(axis=-1), known.sum(axis=-1)
+    has_error = np.isfinite(error_deg)
+    total, count = np.where(has_error, error_deg, 0.0).sum(axis=-1), has_error.sum(axis=-1)
     return np.asarray(np.where(count > 0, total / np.maximum(count, 1), np.nan), np.float64)
 
 
 def _effect(parameter: Parameter, sets: Sequence[tuple[str, ...]], error_deg: FloatArray) -> Effect:
     settings = [f"{parameter.key}={value}" for value in parameter.values]
-    means = (_mean(error_deg[[setting in one for one in sets]]) for setting in settings)
+    means = (_mean(error_deg[[setting in chosen for chosen in sets]]) for setting in settings)
     return Effect(parameter.key, parameter.values, tuple(float(mean) for mean in means))
 
 
@@ -500,27 +502,27 @@ class SweepTable:
         error, worst = np.full((2, *shape), np.nan)
         solved, uncertain = np.zeros((2, *shape), np.int64)
         for (place, number), regions in self._rows.items():
-            known = [row for row in regions if np.isfinite(row["median_abs_error_deg"])]
-            solved[number, place] = sum(row["answered"] for row in known)
-            uncertain[number, place] = sum(row["uncertain"] for row in known)
-            if known:
-                error[number, place] = np.mean([row["median_abs_error_deg"] for row in known])
-                worst[number, place] = max(row["worst_abs_error_deg"] for row in known)
-        return ranked(error, worst, solved, uncertain, self._grid, tuple(self._names.values()))
+            known_rows = [row for row in regions if np.isfinite(row["median_abs_error_deg"])]
+            solved[number, place] = sum(row["answered"] for row in known_rows)
+            uncertain[number, place] = sum(row["uncertain"] for row in known_rows)
+            if known_rows:
+                error[number, place] = np.mean([row["median_abs_error_deg"] for row in known_rows])
+                worst[number, place] = max(row["worst_abs_error_deg"] for row in known_rows)
+        return rank(error, worst, solved, uncertain, self._grid, tuple(self._names.values()))
 
     def _values(self, number: int) -> dict[str, Any]:
         """The parameters of a set: numbers where all values of the key are, else as written."""
-        written = (setting.split("=", 1)[1] for setting in self._grid.sets[number])
+        texts = (setting.split("=", 1)[1] for setting in self._grid.sets[number])
         return {
             parameter.key: float(value) if all(map(_is_number, parameter.values)) else value
-            for parameter, value in zip(self._grid.parameters, written, strict=True)
+            for parameter, value in zip(self._grid.parameters, texts, strict=True)
         }
 
 
 def _region_row(region: Region, rows: TableArray) -> dict[str, Any]:
     answered = rows[np.isin(rows["state"], [int(state) for state in SOLVED])]
     tilt, error = answered["tilt_deg"], np.abs(answered["tilt_deg"] - region.tilt_deg)
-    known = error.size > 0 and np.isfinite(region.tilt_deg)
+    is_known = error.size > 0 and np.isfinite(region.tilt_deg)
     return {
         "region": region.name,
         "true_tilt_deg": region.tilt_deg,
@@ -528,10 +530,10 @@ def _region_row(region: Region, rows: TableArray) -> dict[str, Any]:
         "answered": int(answered.size),
         "uncertain": int(np.count_nonzero(rows["state"] == SlopeState.UNCERTAIN)),
         "median_tilt_deg": float(np.median(tilt)) if tilt.size else float("nan"),
-        "mean_error_deg": float(np.mean(tilt) - region.tilt_deg) if known else float("nan"),
-        "mean_abs_error_deg": float(np.mean(error)) if known else float("nan"),
-        "median_abs_error_deg": float(np.median(error)) if known else float("nan"),
-        "worst_abs_error_deg": float(np.max(error)) if known else float("nan"),
+        "mean_error_deg": float(np.mean(tilt) - region.tilt_deg) if is_known else float("nan"),
+        "mean_abs_error_deg": float(np.mean(error)) if is_known else float("nan"),
+        "median_abs_error_deg": float(np.median(error)) if is_known else float("nan"),
+        "worst_abs_error_deg": float(np.max(error)) if is_known else float("nan"),
     }
 
 

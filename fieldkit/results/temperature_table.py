@@ -37,7 +37,7 @@ def read_table(path: Path, *, needs_reference: bool = True) -> TemperatureTable:
         reader = csv.DictReader(io.StringIO(text, newline=""), skipinitialspace=True)
         names = [name.strip() for name in reader.fieldnames or []]
         reader.fieldnames = names
-        rows = list(_filled(path, reader))
+        rows = list(_filled_rows(path, reader))
     except csv.Error as error:
         raise ConfigError(
             f"{path}: cannot be read as a table: {error}", fix="export it again as CSV"
@@ -59,7 +59,7 @@ def read_table(path: Path, *, needs_reference: bool = True) -> TemperatureTable:
     return TemperatureTable(times[order], reference, kelvin, **others, air_k=air_k, flags=flags, lines=lines)
 
 
-def _filled(path: Path, reader: csv.DictReader[str]) -> Iterator[tuple[int, Row]]:
+def _filled_rows(path: Path, reader: csv.DictReader[str]) -> Iterator[tuple[int, Row]]:
     """The rows that hold anything, each with its line of the file."""
     for row in reader:
         # the reader gathers what has no column under no name
@@ -77,20 +77,20 @@ def _filled(path: Path, reader: csv.DictReader[str]) -> Iterator[tuple[int, Row]
 
 def _refuse_repeated(path: Path, names: Sequence[str]) -> None:
     """Raise `ConfigError` for columns of one name, or a temperature in kelvin and in degrees Celsius."""
-    seen: dict[str, str] = {}
+    columns: dict[str, str] = {}
     for name in filter(None, names):
         quantity = f"{name[:-2]}_k" if name.endswith("_c") else name
-        if quantity in seen:
+        if quantity in columns:
             raise ConfigError(
-                f"{path}: the columns {seen[quantity]} and {name} are of the same quantity",
+                f"{path}: the columns {columns[quantity]} and {name} are of the same quantity",
                 fix="give each column a name of its own, or remove one of them",
             )
-        seen[quantity] = name
+        columns[quantity] = name
 
 
 def _temperature_columns(path: Path, names: list[str], needs_reference: bool) -> dict[str, tuple[str, float]]:
     """Column and its zero in kelvin by region; all missing columns are reported at once."""
-    found = {
+    columns = {
         name[:-2]: (name, 0.0 if name.endswith("_k") else CELSIUS_ZERO_K)
         for name in names
         if name[-2:] in ("_k", "_c") and len(name) > 2
@@ -99,8 +99,8 @@ def _temperature_columns(path: Path, names: list[str], needs_reference: bool) ->
         what
         for what, there in (
             ("time", "time" in names),
-            ("reference_k (or reference_c)", "reference" in found or not needs_reference),
-            ("one NAME_k (or NAME_c) per target", found.keys() - {"reference", "air"}),
+            ("reference_k (or reference_c)", "reference" in columns or not needs_reference),
+            ("one NAME_k (or NAME_c) per target", columns.keys() - {"reference", "air"}),
             ("irradiance_w_m2, ghi_w_m2 or illuminance_lx", set(LIGHT_COLUMNS) & set(names)),
         )
         if not there
@@ -110,7 +110,7 @@ def _temperature_columns(path: Path, names: list[str], needs_reference: bool) ->
             f"{path}: missing columns: {'; '.join(missing)}",
             fix=f"the first line names the columns; found: {', '.join(names) or 'none'}",
         )
-    return found
+    return columns
 
 
 def _time_ns(path: Path, line: int, row: Row) -> int:

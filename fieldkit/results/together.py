@@ -21,7 +21,7 @@ from fieldkit.results.cache import Cache, as_text, digest, of_text
 from fieldkit.results.minutes import (
     Run,
     final_estimates_of,
-    measured_in,
+    measure_run,
     packed_slopes,
     run_of,
     unpacked_slopes,
@@ -127,34 +127,34 @@ def estimate_together(
         raise ConfigError("one session without a gap of two hours cannot be joined", fix="name two or more")
     begun = {part.name: part.history.time_ns[:1].tolist() for part in parts}
     runs.sort(key=lambda run: begun[str(run.source.path)])
-    made = _joined(runs, parts)
+    estimates = _estimate_parts(runs, parts)
     on_progress(len(runs) + 1, len(runs) + 1)
     return JoinedEstimates(
-        made.rows,
-        made.texts,
-        made.regions,
-        made.learnt,
-        made.budgets,
+        estimates.rows,
+        estimates.texts,
+        estimates.regions,
+        estimates.learnt,
+        estimates.budgets,
         runs=tuple(runs),
         chosen={"settings": texts, "campaign": present, "without_marks": list(map(str, without_marks))},
     )
 
 
-def _joined(runs: Sequence[Run], parts: Sequence[Part]) -> Estimates:
+def _estimate_parts(runs: Sequence[Run], parts: Sequence[Part]) -> Estimates:
     """The slopes by all parts, from the cache or else solved."""
     cache = Cache(checksums=[run.source.checksum for run in runs])
     key = digest("together", *(run.key for run in runs))
     if (entry := cache.load(key)) is not None:
         return unpacked_slopes(entry, of_text(tuple[Region, ...], entry["regions"]))
-    found = slopes_together(parts)
-    made = final_estimates_of(found)
-    cache.store(key, {"regions": as_text(found.regions), **packed_slopes(made)})
-    return made
+    together = slopes_together(parts)
+    estimates = final_estimates_of(together)
+    cache.store(key, {"regions": as_text(together.regions), **packed_slopes(estimates)})
+    return estimates
 
 
 def _part(run: Run, notify: Callable[[str], None]) -> Part:
     """The minutes of a session in which its last regions hold."""
-    path, measured, schedule = run.source.path, measured_in(run), run.source.regions
+    path, measured, schedule = run.source.path, measure_run(run), run.source.regions
     if damaged := sum(measured.damaged.values()):
         notify(f"{path}: {damaged} damaged samples are excluded; fieldkit check lists them")
     history, regions = measured.history.at_last(schedule)

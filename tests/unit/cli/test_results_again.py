@@ -24,9 +24,9 @@ def cache(tmp_path_factory):
 def test_results_of_the_campaigns_configuration_are_reported_with_it(session, tmp_path):
     base, settings = tmp_path / "r", ("surface.albedo=0.35",)
     assert fieldkit("estimate", session, "-j", 1, "-o", base).exit_code == 0
-    assert result_files.recalled((base,), settings) == ((session,), settings, False)
+    assert result_files.recall((base,), settings) == ((session,), settings, False)
     assert fieldkit("estimate", session, "-j", 1, "-o", base, "--campaign").exit_code == 0
-    assert result_files.recalled((base,), settings) == ((session,), settings, True)
+    assert result_files.recall((base,), settings) == ((session,), settings, True)
     campaign = session.parent.parent / "fieldkit.toml"
     before = campaign.read_text("utf-8")
     campaign.write_text("nonsense")
@@ -41,7 +41,7 @@ def test_results_of_the_campaigns_configuration_are_reported_with_it(session, tm
 @pytest.mark.parametrize("ending", result_files.ENDINGS)
 def test_results_may_be_named_by_any_of_their_files(session, tmp_path, ending):
     assert fieldkit("estimate", session, "-j", 1, "-o", tmp_path / "r").exit_code == 0
-    assert result_files.recalled((tmp_path / f"r{ending}",), ())[0] == (session,)
+    assert result_files.recall((tmp_path / f"r{ending}",), ())[0] == (session,)
 
 
 @pytest.mark.parametrize(
@@ -56,7 +56,7 @@ def test_results_may_be_named_by_any_of_their_files(session, tmp_path, ending):
 def test_what_is_no_result_is_called_so(tmp_path, text, said):
     (tmp_path / "bad.json").write_text(text)
     with pytest.raises(ConfigError, match=said):
-        result_files.recalled((tmp_path / "bad",), ())
+        result_files.recall((tmp_path / "bad",), ())
 
 
 def test_the_folder_one_is_in_may_be_reported(session, monkeypatch):

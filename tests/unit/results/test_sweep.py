@@ -14,7 +14,7 @@ from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.results.minutes import Outcome, Run
 from fieldkit.results.session_estimates import Estimates
 from fieldkit.results.sources import Source
-from fieldkit.results.sweep import SweepTable, ranked, read_grid
+from fieldkit.results.sweep import SweepTable, rank, read_grid
 
 
 def test_a_range_holds_both_ends_in_decimals_as_one_would_write_them():
@@ -68,17 +68,17 @@ def test_a_key_given_twice_is_refused():
 GRID = read_grid(["a=1,2,3"])
 
 
-def rank(error, answers=None, worst=None, grid=GRID, uncertain=None):
+def ranking_of(error, answers=None, worst=None, grid=GRID, uncertain=None):
     error = np.array(error, float)
     answers = np.full(error.shape, 10) if answers is None else np.array(answers)
     uncertain = np.zeros(error.shape, np.int64) if uncertain is None else np.array(uncertain)
     worst = error * 2 if worst is None else worst
     names = [f"day-{place + 1}" for place in range(error.shape[1])]
-    return ranked(error, worst, answers, uncertain, grid, names)
+    return rank(error, worst, answers, uncertain, grid, names)
 
 
 def test_the_best_set_has_the_smallest_mean_error_over_sessions():
-    found = rank([[3, 3], [1, 2], [2, 2]])
+    found = ranking_of([[3, 3], [1, 2], [2, 2]])
     assert found.best == 1
     assert found.error_deg.tolist() == [3, 1.5, 2]
     assert found.worst_deg == 4
@@ -87,38 +87,38 @@ def test_the_best_set_has_the_smallest_mean_error_over_sessions():
 def test_leaving_a_session_out_shows_what_a_lucky_choice_is_worth():
     # by hand: without the first session set 2 wins (1 < 2) and gives the first 9;
     # without the second, set 0 wins (0 < 2) and gives the second 9: 9 on average, not 2
-    found = rank([[0, 9], [2, 2], [9, 1]])
+    found = ranking_of([[0, 9], [2, 2], [9, 1]])
     assert (found.best, found.error_deg[found.best]) == (1, 2)
     assert (found.cross_validated_deg, found.same_choice, found.folds) == (9, 0, 2)
     assert any("overfitting" in warning for warning in found.warnings)
 
 
 def test_a_choice_that_every_session_agrees_with_is_not_doubted():
-    found = rank([[3, 3, 3], [1, 1.1, 1], [2, 2, 2]])
+    found = ranking_of([[3, 3, 3], [1, 1.1, 1], [2, 2, 2]])
     assert (found.same_choice, found.folds) == (3, 3)
     assert found.cross_validated_deg == pytest.approx(found.error_deg[1])
     assert found.warnings == ()
 
 
 def test_one_session_cannot_tell():
-    found = rank([[3], [1], [2]])
+    found = ranking_of([[3], [1], [2]])
     assert np.isnan(found.cross_validated_deg)
     assert "one session" in found.warnings[0]
 
 
 def test_a_set_that_hardly_answers_is_not_ranked():
-    found = rank([[0.1, 0.1], [1, 1], [2, 2]], answers=[[2, 2], [10, 10], [10, 10]])
+    found = ranking_of([[0.1, 0.1], [1, 1], [2, 2]], answers=[[2, 2], [10, 10], [10, 10]])
     assert found.best == 1
     assert np.isnan(found.error_deg[0])
 
 
 def test_a_session_without_any_answer_counts_for_nothing():
-    found = rank([[3, np.nan], [1, np.nan], [2, np.nan]])
+    found = ranking_of([[3, np.nan], [1, np.nan], [2, np.nan]])
     assert (found.best, found.folds) == (1, 1)
 
 
 def test_a_session_without_any_answer_is_named():
-    found = rank([[3, np.nan, 3], [1, np.nan, 1], [2, np.nan, 2]])
+    found = ranking_of([[3, np.nan, 3], [1, np.nan, 1], [2, np.nan, 2]])
     assert found.unranked == ("day-2",)
     assert found.warnings == ("not ranked, without a slope of a region of known tilt: day-2",)
 
@@ -126,7 +126,7 @@ def test_a_session_without_any_answer_is_named():
 def test_another_choice_that_is_as_good_is_not_called_overfitting():
     # by hand: without the first session set 1 wins and gives it 0.74 (set 0: 0.70); without the second, set 0
     # wins and gives it 0.70: 0.72 on average, the best set's 0.70 and 0.70
-    found = rank([[0.70, 0.70], [0.74, 0.69]], grid=read_grid(["a=1,2"]))
+    found = ranking_of([[0.70, 0.70], [0.74, 0.69]], grid=read_grid(["a=1,2"]))
     assert (found.same_choice, found.folds) == (1, 2)
     assert found.cross_validated_deg == pytest.approx(0.72)
     (warning,) = found.warnings
@@ -135,7 +135,7 @@ def test_another_choice_that_is_as_good_is_not_called_overfitting():
 
 
 def test_parameters_that_solve_no_other_session_are_not_cross_validated():
-    found = rank([[3, np.nan], [np.nan, 1]], grid=read_grid(["a=1,2"]))
+    found = ranking_of([[3, np.nan], [np.nan, 1]], grid=read_grid(["a=1,2"]))
     assert np.isnan(found.cross_validated_deg)
     assert found.warnings == (
         "not cross-validated: no session has a slope with the parameters chosen from the others",
@@ -147,20 +147,20 @@ def test_nothing_known_gives_no_ranking():
 
 
 def test_a_ranking_says_how_many_of_its_slopes_are_uncertain():
-    found = rank([[3, 3], [1, 1], [2, 2]], uncertain=[[0, 0], [10, 5], [0, 0]])
+    found = ranking_of([[3, 3], [1, 1], [2, 2]], uncertain=[[0, 0], [10, 5], [0, 0]])
     assert found.uncertain_share == 0.75
     assert found.warnings[0].startswith("75% of the best set's slopes are uncertain")
 
 
 def test_the_effect_of_a_parameter_is_its_mean_over_the_others():
     grid = read_grid(["a=1,2", "b=x,y"])
-    found = rank([[1], [3], [5], [7]], grid=grid)  # a: (1+3)/2, (5+7)/2; b: (1+5)/2, (3+7)/2
+    found = ranking_of([[1], [3], [5], [7]], grid=grid)  # a: (1+3)/2, (5+7)/2; b: (1+5)/2, (3+7)/2
     assert [(effect.key, effect.error_deg) for effect in found.effects] == [("a", (2, 6)), ("b", (3, 5))]
     assert [effect.span_deg for effect in found.effects] == [4, 2]
 
 
 def test_a_best_value_at_the_end_of_those_tried_is_told():
-    found = rank([[1, 1], [2, 2], [3, 3]])
+    found = ranking_of([[1, 1], [2, 2], [3, 3]])
     assert found.warnings == ("a: the best value is at the edge of those tried; widen the range",)
 
 
