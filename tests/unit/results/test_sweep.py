@@ -143,7 +143,7 @@ def test_parameters_that_solve_no_other_session_are_not_cross_validated():
 
 
 def test_nothing_known_gives_no_ranking():
-    assert rank(np.full((3, 2), np.nan)) is None
+    assert ranking_of(np.full((3, 2), np.nan)) is None
 
 
 def test_a_ranking_says_how_many_of_its_slopes_are_uncertain():
