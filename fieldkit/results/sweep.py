@@ -379,7 +379,7 @@ class Ranking:
         elif held_out > OVERFIT_RATIO * error_deg:
             warnings.append(
                 f"overfitting: with parameters chosen from the others a session has {held_out:.2f}°, "
-                f"not {error_deg:.2f}°; the choice stays the same in {self.same_choice} of {self.folds} trials"
+                f"not {error_deg:.2f}°; it stays the same in {self.same_choice} of {self.folds} trials"
             )
         elif self.same_choice < self.folds:
             changed = self.folds - self.same_choice
