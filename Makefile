@@ -44,7 +44,7 @@ test-deb: deb
 mutate: $(VENV)/.test
 	$(RUN) tests/mutate.py $(ROOM)
 
-# The same sessions through another checkout, which has its own .venv: every value that differs, some 20 minutes.
+# The same sessions, recorded by this checkout and by another with its own .venv: every value that differs.
 same: $(VENV)/.test
 	$(RUN) -m tests.same $(OTHER)
 

@@ -1,9 +1,10 @@
-"""Run two checkouts on the same sessions and list every value that differs.
+"""Record and evaluate the same sessions in two checkouts and list every value that differs.
 
-``make same OTHER=../other-checkout``: the other checkout, with its own virtual environment, records a dozen
-sessions, ends twenty recordings by SIGKILL and damages twenty files. Both checkouts then recover, check,
-estimate, map, report and export copies of them. Exit code 1 where a value differs by more than ``--to`` of
-itself (default: not at all). For moves of code that must not change a number; some twenty minutes.
+``make same OTHER=../other-checkout``: each checkout, with its own virtual environment, records a dozen
+sessions of simulated instruments with the same seeds and clocks, then checks, estimates, maps, reports and
+exports copies of them. Neither reads a file of the other, so their formats may differ. Exit code 1 where a
+value differs by more than ``--to`` of itself (default: not at all). For moves of code that must not change a
+number; some twenty minutes.
 """
 
 from __future__ import annotations
@@ -41,52 +42,51 @@ def main() -> int:
     programs = Program(options.other.resolve()), Program(HERE)
     with tempfile.TemporaryDirectory(prefix="fieldkit-same-") as scratch:
         folder = options.sessions or Path(scratch) / "sessions"
-        if not (folder / "all").exists():
-            made = [
-                path.relative_to(folder) for path in track(make(programs[0], folder), "sessions", total=57)
-            ]
-            (folder / "all").write_text("\n".join(map(str, made)))
-        chosen = [line for line in (folder / "all").read_text().splitlines() if options.only in line]
+        sides = folder / "before", folder / "after"
+        for program, side in zip(programs, sides, strict=True):
+            if not (side / "all").exists():
+                paths = [path.relative_to(side) for path in track(make(program, side), side.name, total=12)]
+                (side / "all").write_text("\n".join(map(str, paths)))
+        names = dict.fromkeys(line for side in sides for line in (side / "all").read_text().splitlines())
+        chosen = [name for name in names if options.only in name]
         differ = [
-            compare(programs, folder / line, Path(scratch) / f"run-{number}", options.to)
-            for number, line in enumerate(track(chosen, "values"))
+            compare(programs, sides, name, Path(scratch) / f"run-{number}", options.to)
+            for number, name in enumerate(track(chosen, "values"))
         ]
     print(f"{len(differ)} compared, {sum(differ)} differ")
     return int(any(differ))
 
 
-def compare(programs: tuple[Program, Program], source: Path, scratch: Path, to: float) -> bool:
-    """Whether anything that the two find in a session differs; what does is printed."""
+def compare(
+    programs: tuple[Program, Program], sides: tuple[Path, Path], name: str, scratch: Path, to: float
+) -> bool:
+    """Whether anything that the two find in their session `name` differs; what does is printed."""
     # Both at the same path: some outputs print it, at its length.
-    folder = scratch / source.parent.name
-    before, after = (_found(program, source, folder) for program in programs)
+    folder = scratch / Path(name).parent.name
+    before, after = (
+        _values(program, side / name, folder) for program, side in zip(programs, sides, strict=True)
+    )
     differences = [
         (key, *pair)
         for key in {**before, **after}
         for pair in different(before.get(key, ["nothing"]), after.get(key, ["nothing"]), to)
     ]
     for key, old, new in differences[:SHOWN]:
-        print(f"{source.parent.name}: {key}\n  - {old[:180]}\n  + {new[:180]}")
+        print(f"{name}: {key}\n  - {old[:180]}\n  + {new[:180]}")
     if len(differences) > SHOWN:
-        print(f"{source.parent.name}: and {len(differences) - SHOWN} more lines")
+        print(f"{name}: and {len(differences) - SHOWN} more lines")
     return bool(differences)
 
 
-def _found(program: Program, source: Path, folder: Path) -> dict[str, list[str]]:
+def _values(program: Program, source: Path, folder: Path) -> dict[str, list[str]]:
     """Lines by name of all that a program finds in a copy of a session; the copy is removed."""
-    copied(source, folder)
-    found = {key: comparable(text, folder) for key, text in values_of(program, source, folder)}
+    if not source.exists():
+        return {}
+    folder.mkdir(parents=True)
+    shutil.copy(source, folder)
+    values = {key: comparable(text, folder) for key, text in values_of(program, source, folder)}
     shutil.rmtree(folder)
-    return found
-
-
-def copied(source: Path, folder: Path) -> None:
-    """A copy of a session, a table or a campaign."""
-    if source.is_dir():
-        shutil.copytree(source, folder)
-    else:
-        folder.mkdir(parents=True)
-        shutil.copy(source, folder)
+    return values
 
 
 def different(before: list[str], after: list[str], to: float) -> Iterator[tuple[str, str]]:

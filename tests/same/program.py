@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import os
-import signal
 import subprocess
-import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -41,12 +39,3 @@ class Program:
             timeout=LONGEST_S,
         )
         return done.stdout + (f"exit code {done.returncode}\n{done.stderr}" if done.returncode else "")
-
-    def run_and_kill(self, *words: str | Path, cwd: Path, after_s: float) -> None:
-        """Start a command and end it with SIGKILL."""
-        process = subprocess.Popen(
-            [self._file, *map(str, words)], cwd=cwd, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-        )
-        time.sleep(after_s)  # the moment of the kill is what is tried
-        process.send_signal(signal.SIGKILL)
-        process.wait()

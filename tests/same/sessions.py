@@ -1,17 +1,14 @@
-"""The sessions to compare: recorded once, by the other checkout, which is the older one."""
+"""The sessions to compare: each checkout records its own, with the same seeds and clocks."""
 
 from __future__ import annotations
 
-import gzip
 import math
 import random
-import shutil
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from tests.same.program import Program
 
-FROZEN = Path(__file__).parents[1] / "data/sessions"
 RECORDED: dict[str, Sequence[str]] = {
     "demo": ("estimator.azimuth=known",),
     "free": ("estimator.azimuth=free",),
@@ -25,22 +22,14 @@ RECORDED: dict[str, Sequence[str]] = {
 }
 """Settings of each recording of simulated instruments."""
 MINUTES = 40
-KILLS = DAMAGES = 20
 
 
 def make(program: Program, folder: Path) -> Iterator[Path]:
     """Fill `folder` with sessions and tables; each path as it is finished."""
     for name, settings in RECORDED.items():
         yield record(program, folder / name, settings, MINUTES)
-    for kept in sorted(FROZEN.glob("*.h5.gz")):
-        yield unpack(kept, folder / kept.name.removesuffix(".h5.gz") / kept.name.removesuffix(".gz"))
     yield from imported(program, folder / "imported", folder / "demo")
     yield two_days(folder / "two-days.csv")
-    short = record(program, folder / "short", (), 2)
-    for number in range(DAMAGES):
-        yield damaged(short, folder / f"damage-{number:02}" / short.name, number)
-    for number in range(KILLS):
-        yield killed(program, folder / f"kill-{number:02}", number)
 
 
 def record(program: Program, campaign: Path, settings: Sequence[str], minutes: int) -> Path:
@@ -58,13 +47,6 @@ def start(program: Program, campaign: Path) -> None:
     """A new campaign of simulated instruments."""
     campaign.mkdir(parents=True)
     program.run("init", "--simulated", ".", cwd=campaign)
-
-
-def unpack(kept: Path, path: Path) -> Path:
-    path.parent.mkdir(parents=True)
-    with gzip.open(kept) as source, path.open("wb") as target:
-        shutil.copyfileobj(source, target)
-    return path
 
 
 def imported(program: Program, campaign: Path, recorded: Path) -> Iterator[Path]:
@@ -96,29 +78,3 @@ def two_days(path: Path) -> Path:
             )
     path.write_text("\n".join([*rows, ""]))
     return path
-
-
-def damaged(session: Path, path: Path, seed: int) -> Path:
-    """A copy of a session with its end cut, a stretch overwritten or a bit turned."""
-    chance = random.Random(seed)
-    data = bytearray(session.read_bytes())
-    place = chance.randrange(len(data))
-    match seed % 3:
-        case 0:
-            del data[place:]
-        case 1:
-            data[place : place + chance.randrange(1, 5000)] = b"\0"
-        case _:
-            data[place] ^= 1 << chance.randrange(8)
-    path.parent.mkdir(parents=True)
-    path.write_bytes(data)
-    return path
-
-
-def killed(program: Program, campaign: Path, seed: int) -> Path:
-    """A recording ended by SIGKILL; its campaign."""
-    start(program, campaign)
-    after_s = random.Random(seed).uniform(0.5, 8.0)
-    words = ("record", "--for", "10m", "--name", "same", "--set", "simulation.speed=60")
-    program.run_and_kill(*words, cwd=campaign, after_s=after_s)
-    return campaign

@@ -21,9 +21,6 @@ _VOLATILE = re.compile(
 
 def values_of(program: Program, source: Path, folder: Path) -> Iterator[tuple[str, str]]:
     """Name and text of everything that `program` finds in a copy of `source` in `folder`."""
-    if source.is_dir():
-        yield from _recovered(program, folder)
-        return
     if source.suffix == ".csv":
         site = ("--site", "37.70,-105.92,2317")
         yield "estimate", program.run("estimate", source.name, *site, "--json", cwd=folder)
@@ -42,16 +39,6 @@ def values_of(program: Program, source: Path, folder: Path) -> Iterator[tuple[st
         yield f"{output} printed", program.run(*words, cwd=folder)
         for path in sorted(set(_files(folder)) - before):
             yield f"{output} {path.relative_to(folder)}", content_of(path)
-
-
-def _recovered(program: Program, campaign: Path) -> Iterator[tuple[str, str]]:
-    """A killed recording: the samples recovered, and what is said of them."""
-    yield "recover", program.run("recover", "--json", cwd=campaign)
-    for session in sorted(campaign.glob("recordings/*.h5")):
-        yield "check", program.run("check", session, "--json", cwd=campaign)
-        program.run("export", session, "--to", "csv", "-o", "csv", cwd=campaign)
-        for path in sorted((campaign / "csv").glob("*")):
-            yield f"csv {path.name}", content_of(path)
 
 
 def _files(folder: Path) -> Iterator[Path]:
