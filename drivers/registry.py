@@ -21,6 +21,7 @@ from fieldkit.drivers.options import decoding_settings, reject_unknown
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import Device, DeviceSettings, Driver
 from fieldkit.model.errors import ConfigError, message_of
+from fieldkit.model.installation import DISTRIBUTION
 
 GROUP = "fieldkit.drivers"
 
@@ -62,7 +63,7 @@ def get(name: str) -> Driver:
     Raises `ConfigError` if there is none, if two packages claim the name, or if it cannot be loaded.
     """
     plugins = [point for point in _plugins() if point.name == name]
-    owners = (["fieldkit"] if name in BUILT_IN else []) + sorted(_package(point) for point in plugins)
+    owners = ([DISTRIBUTION] if name in BUILT_IN else []) + sorted(_package(point) for point in plugins)
     if not owners:
         near = difflib.get_close_matches(name, names(), n=1)
         hint = f"did you mean {near[0]}?" if near else "fieldkit devices lists the drivers"

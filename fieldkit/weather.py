@@ -34,6 +34,7 @@ from numpy.typing import NDArray
 
 from fieldkit.model.arrays import FloatArray, IntArray
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.installation import install_extra
 from fieldkit.model.site import Site, zone_by_longitude
 from fieldkit.model.units import CELSIUS_ZERO_K, MINUTE_NS
 
@@ -364,7 +365,7 @@ def _bsrn(path: Path, text: str) -> Weather:
     try:
         from pvlib.iotools import read_bsrn
     except ImportError as error:
-        raise ConfigError("files of BSRN need pvlib", fix="pip install 'fieldkit[lab]'") from error
+        raise ConfigError("files of BSRN need pvlib", fix=install_extra("lab")) from error
     text, notes = _without_cut_line(path, text)
     records = ("0100", "0300") if re.search(r"^\*[UC]0300", text, re.MULTILINE) else ("0100",)
     try:

@@ -40,7 +40,7 @@ ISO_WIDTH = 32
 
 _STATES = "recording_or_interrupted sealed recovered"
 
-_PACKAGES = ("fieldkit", "h5py", "numpy", "scipy", "astropy", "opencv-python-headless", "pyserial", "pyusb")
+_PACKAGES = ("h5py", "numpy", "scipy", "astropy", "opencv-python-headless", "pyserial", "pyusb")
 
 
 def file_image(identity: SessionIdentity) -> bytes:
@@ -220,7 +220,7 @@ def _config(file: h5py.File, header: SessionHeader) -> None:
 
 @cache  # what is installed is read from a file of each
 def _packages() -> str:
-    return "\n".join(f"{name} {_version(name)}" for name in _PACKAGES)
+    return "\n".join([f"fieldkit {__version__}", *(f"{name} {_version(name)}" for name in _PACKAGES)])
 
 
 def _version(package: str) -> str:

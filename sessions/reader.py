@@ -28,6 +28,7 @@ from fieldkit.model.arrays import AnyArray, FlagArray, IntArray
 from fieldkit.model.clock import ClockCheck, utc_ns
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import SessionError
+from fieldkit.model.installation import DISTRIBUTION
 from fieldkit.model.learnt import Learnt
 from fieldkit.model.marks import corrected, marks_now
 from fieldkit.model.region_schedule import RegionSchedule
@@ -81,7 +82,7 @@ def check_format(path: Path, file: h5py.File) -> None:
     if version.split(".")[0] != FORMAT_VERSION.split(".")[0]:
         raise SessionError(
             f"{path} has format version {version}; this fieldkit reads {FORMAT_VERSION}",
-            fix="install a newer fieldkit: pip install --upgrade fieldkit",
+            fix=f"pip install --upgrade {DISTRIBUTION}",
         )
 
 

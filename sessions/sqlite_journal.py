@@ -121,5 +121,5 @@ def _confirmed(folder: Path, streams: int) -> tuple[int, ...]:
 def _torn(folder: Path, why: str) -> RefusedError:
     return RefusedError(
         f"{folder} is a torn journal of fieldkit 0.2: {why}; it was left as it is",
-        fix='version 0.2 recovers it: pip install "fieldkit==0.2.*", then fieldkit recover',
+        fix='version 0.2 recovers it: pip install "fieldkit-slope==0.2.*", then fieldkit recover',
     )

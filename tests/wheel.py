@@ -29,7 +29,7 @@ def main() -> int:
     options.add_argument("pythons", nargs="*", default=[sys.executable])
     options.add_argument("--lowest", action="store_true")
     given = options.parse_args()
-    (wheel,) = (ROOT / "dist").glob("fieldkit-*.whl")
+    (wheel,) = (ROOT / "dist").glob("fieldkit_slope-*.whl")
     test = try_lowest if given.lowest else try_wheel
     results = {python: outcome(python, wheel, test) for python in given.pythons}
     print(*(f"{python}: {result}" for python, result in results.items()), sep="\n")

@@ -27,6 +27,7 @@ from fieldkit.drivers.decoding import Decoded
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import Buffer, DeviceSettings
 from fieldkit.model.errors import ConfigError, DeviceAccessError, DeviceError, DeviceNotFoundError
+from fieldkit.model.installation import install_extra
 from fieldkit.model.units import SECOND_NS
 
 IR_FORMATS = {"10mK": ("TemperatureLinear10mK", 0.01), "100mK": ("TemperatureLinear100mK", 0.1)}
@@ -36,7 +37,7 @@ MONO16, EMISSIVITY = "Mono16", "ObjectEmissivity"
 BUFFERS = 16
 BLOCK_IDS = 65_535  # of GigE Vision 1: 0 is never used
 LATE_NS = SECOND_NS  # an older stamp is of a clock that was set
-_INSTALL = "sudo apt install gir1.2-aravis-0.8 libgirepository1.0-dev libcairo2-dev, and fieldkit[genicam]"
+_LIBRARIES = "gir1.2-aravis-0.8 libgirepository1.0-dev libcairo2-dev"
 
 
 def _aravis() -> Any:
@@ -47,7 +48,10 @@ def _aravis() -> Any:
         gi.require_version("Aravis", "0.8")
         from gi.repository import Aravis
     except (ImportError, ValueError) as error:
-        raise DeviceAccessError(f"GenICam cameras need aravis 0.8: {error}", fix=_INSTALL) from error
+        raise DeviceAccessError(
+            f"GenICam cameras need aravis 0.8: {error}",
+            fix=f"sudo apt install {_LIBRARIES}; {install_extra('genicam')}",
+        ) from error
     return Aravis
 
 

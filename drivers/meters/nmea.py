@@ -24,6 +24,7 @@ from fieldkit.drivers.ports import Line, SerialDriver, baud, open_port
 from fieldkit.model.clock import Clock, utc_ns
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.installation import install_extra
 from fieldkit.model.samples import Quality
 
 LONGEST = 120  # the standard has 82, receivers send more
@@ -76,7 +77,7 @@ def _parse(sentence: bytes) -> Any:
     try:
         import pynmeagps
     except ImportError as error:
-        raise ConfigError("reading NMEA needs pynmeagps", fix='pip install "fieldkit[gps]"') from error
+        raise ConfigError("reading NMEA needs pynmeagps", fix=install_extra("gps")) from error
     try:
         return pynmeagps.NMEAReader.parse(sentence + b"\r\n")
     except (pynmeagps.NMEAParseError, pynmeagps.NMEAMessageError, pynmeagps.NMEATypeError) as error:

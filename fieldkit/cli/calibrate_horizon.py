@@ -44,7 +44,7 @@ def command(
 
     The file that it writes is named in fieldkit.toml: horizon = "horizon.csv", under [site] or of a region.
     With --regions, horizon-REGION.csv is written for each region that another one shades, together with the
-    site's horizon, and named in fieldkit.toml. Needs fieldkit[terrain].
+    site's horizon, and named in fieldkit.toml. Needs fieldkit-slope[terrain].
 
     \b
     fieldkit calibrate horizon --dem dem.tif --crs EPSG:32654 --place 354605 3936221

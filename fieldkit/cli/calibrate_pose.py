@@ -36,7 +36,7 @@ def command(
 
     POINTS is a CSV file with the columns x_px, y_px, east_m, north_m, height_m; pixel centres are at whole
     numbers, as on the axes of every image that fieldkit draws. The pose goes to a file for fieldkit map
-    --pose. Needs fieldkit[terrain].
+    --pose. Needs fieldkit-slope[terrain].
 
     \b
     fieldkit calibrate pose points.csv --crs EPSG:32654 --frame 160x120 --ground-m 12.5

@@ -69,7 +69,7 @@ def command(
     (global horizontal) or illuminance_lx; air_k (or _c), wind_m_s and flags if any. One row gives the
     component along the sun. With --set estimator.reference=weather reference_k is not needed.
 
-    With -o all of them go into one table, BASE.csv (and BASE.parquet with fieldkit[lab]), and BASE.json
+    With -o all of them go into one table, BASE.csv (and BASE.parquet with fieldkit-slope[lab]), and BASE.json
     records what made it: code, parameters, checksums of the sessions, command line.
     """
     are_tables = [path.suffix.lower() == ".csv" for path in sessions]

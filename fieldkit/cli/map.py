@@ -92,7 +92,7 @@ def command(
 
     With a pose they (or slope and heading) are also written on the ground: NAME.tif, a cloud-optimised
     GeoTIFF with a band for each layer, and NAME.mcap, a grid map and of ptilt an occupancy grid for ROS 2.
-    Needs fieldkit[terrain].
+    Needs fieldkit-slope[terrain].
     """
     from fieldkit.config.pose import read_pose
     from fieldkit.ground.terrain_products import Products

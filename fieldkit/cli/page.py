@@ -14,6 +14,7 @@ import click
 
 from fieldkit.cli import common
 from fieldkit.model.errors import ConfigError, RefusedError, StorageError
+from fieldkit.model.installation import install_extra
 from fieldkit.views.service_manager import is_expected
 
 if TYPE_CHECKING:
@@ -68,7 +69,7 @@ def _serve(config: Config, address: str, port: int, settings: tuple[str, ...], *
     try:
         from fieldkit.page.server import Page, listening, server
     except ModuleNotFoundError as error:
-        raise ConfigError(f"the page needs {error.name}", fix="pip install 'fieldkit[page]'") from error
+        raise ConfigError(f"the page needs {error.name}", fix=install_extra("page")) from error
     try:
         listener = listening(address, port)
     except OSError as error:

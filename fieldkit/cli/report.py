@@ -13,6 +13,7 @@ from fieldkit.cli.failure import explain
 from fieldkit.cli.session_paths import find_sessions, latest_session
 from fieldkit.cli.types import PATH
 from fieldkit.model.errors import SessionError
+from fieldkit.model.installation import install_extra
 from fieldkit.palettes import NAMES
 
 if TYPE_CHECKING:
@@ -73,4 +74,4 @@ def _print(made: Report) -> None:
     from fieldkit.views import plotting
 
     if not plotting.available():
-        common.say("the report has its tables; for figures: pip install 'fieldkit[lab]'")
+        common.say(f"the report has its tables; for figures: {install_extra('lab')}")

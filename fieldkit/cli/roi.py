@@ -93,7 +93,7 @@ def add(
     fieldkit roi add b15 --points 82,30 113,30 113,90 82,90 --tilt 15 --azimuth 180
 
     With --ground corners on the ground are kept, and projected into each frame by camera.pose; with --pose,
-    as for fieldkit map, they are drawn where the camera sees them now. Needs fieldkit[terrain], and
+    as for fieldkit map, they are drawn where the camera sees them now. Needs fieldkit-slope[terrain], and
     width_px and height_px of the camera.
 
     Other keys of a region, such as surface_kind and probes, are written in fieldkit.toml.

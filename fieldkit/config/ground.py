@@ -35,7 +35,7 @@ Corner = tuple[float, float]
 
 @dataclass(frozen=True)
 class Ground:
-    """The ground before a camera, and its frame's rows and columns. Needs ``fieldkit[terrain]``."""
+    """The ground before a camera, and its frame's rows and columns. Needs ``fieldkit-slope[terrain]``."""
 
     pose: CameraPose
     shape: tuple[int, int]

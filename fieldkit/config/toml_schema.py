@@ -321,7 +321,7 @@ class AlarmsTable(LimitsTable):
         default="",
         examples=["~/.config/fieldkit/services.txt"],
         description="private file outside the campaign, an address such as mqtt://HOST/TOPIC on each line; "
-        "needs fieldkit[alarms]",
+        "needs fieldkit-slope[alarms]",
     )
     home_assistant: bool = Field(
         default=False,

@@ -25,6 +25,7 @@ from urllib.parse import unquote, urlsplit
 
 from fieldkit.model.alarm import alarm_of, phase_of
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.installation import install_extra
 from fieldkit.model.samples import Event, EventKind, Severity
 from fieldkit.recorder.home_assistant import Publication, alarm_topic
 
@@ -233,7 +234,7 @@ def output_at(address: str, line: int) -> AlarmOutput:
             return MqttOutput(address)
         return ServiceOutput(address, line)
     except ImportError as error:
-        fix = "pip install 'fieldkit[alarms]', or remove alarms.services_file"
+        fix = f"{install_extra('alarms')}, or remove alarms.services_file"
         raise ConfigError(f"alarms.services_file needs {error.name}", fix=fix) from error
     except ValueError:
         place = f"line {line} of alarms.services_file"

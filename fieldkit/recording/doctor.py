@@ -7,9 +7,9 @@ import shutil
 import subprocess
 import time
 from collections.abc import Callable, Iterator
-from contextlib import closing
+from contextlib import closing, suppress
 from datetime import UTC, datetime
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from importlib.resources import files
 from pathlib import Path
 
@@ -21,6 +21,8 @@ from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import ConfigError, DeviceError, DeviceNotFoundError, FieldkitError
 from fieldkit.model.finding import Finding
+from fieldkit.model.installation import DISTRIBUTION
+from fieldkit.model.version import __version__
 from fieldkit.recording.preflight import STATE_UNIT, UNKNOWN_UNIT
 
 POWER = Path("/sys/class/power_supply")
@@ -70,9 +72,13 @@ def _devices(folder: Path) -> tuple[DeviceSettings, ...]:
 
 
 def _programs(folder: Path) -> Iterator[Finding]:
-    names = ("fieldkit", "h5py", "pyserial", "pyusb")
-    found = ", ".join(f"{name} {version(name)}" for name in names)
-    yield Finding("ok", "program", f"python {platform.python_version()}, {found}")
+    names = ("h5py", "pyserial", "pyusb")
+    versions = ", ".join(f"{name} {version(name)}" for name in names)
+    text = f"python {platform.python_version()}, fieldkit {__version__}, {versions}"
+    yield Finding("ok", "program", text)
+    with suppress(PackageNotFoundError):
+        text = f"another project's package, fieldkit {version('fieldkit')}, is imported by the same name"
+        yield Finding("fail", "program", text, f"pip uninstall fieldkit, then install {DISTRIBUTION} again")
 
 
 def _instruments(folder: Path) -> Iterator[Finding]:

@@ -182,7 +182,7 @@ class Experiments:
         return html.table_html(self.table)
 
     def to_frame(self) -> pd.DataFrame:
-        """A row for each prediction and target, as a pandas frame; needs ``fieldkit[lab]``."""
+        """A row for each prediction and target, as a pandas frame; needs ``fieldkit-slope[lab]``."""
         import pandas as pd
 
         return pd.DataFrame(

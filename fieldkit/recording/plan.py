@@ -165,7 +165,7 @@ class MeasuringPlan:
         return self.to_frame().set_index(["time", "tilt_deg", "azimuth_deg"])
 
     def to_frame(self) -> pd.DataFrame:
-        """A row for each time and facet, as a pandas frame; needs ``fieldkit[lab]``."""
+        """A row for each time and facet, as a pandas frame; needs ``fieldkit-slope[lab]``."""
         import pandas as pd
 
         return pd.DataFrame(

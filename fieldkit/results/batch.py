@@ -133,7 +133,7 @@ class EstimatedSessions:
         return _below({name: budget_columns(budgets) for name, budgets in slope_budgets.items() if budgets})
 
     def to_frame(self) -> pd.DataFrame:
-        """The table as a pandas frame; needs ``fieldkit[lab]``."""
+        """The table as a pandas frame; needs ``fieldkit-slope[lab]``."""
         import pandas as pd
 
         return pd.DataFrame(self.columns())

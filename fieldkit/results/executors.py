@@ -16,6 +16,7 @@ from queue import SimpleQueue
 from typing import Any, TypeVar
 
 from fieldkit.model.errors import ConfigError, FieldkitError, RefusedError
+from fieldkit.model.installation import DISTRIBUTION, install_extra
 from fieldkit.model.version import __version__
 from fieldkit.results.cache import code_version
 
@@ -141,7 +142,7 @@ def dask(address: str) -> Iterator[Executor]:
     try:
         from distributed import Client
     except ImportError as error:
-        raise ConfigError("Dask is not installed", fix="pip install 'fieldkit[dask]'") from error
+        raise ConfigError("Dask is not installed", fix=install_extra("dask")) from error
     try:
         client = Client(address, timeout=CONNECT_WITHIN_S, set_as_default=False)
     except (OSError, ValueError) as error:
@@ -181,7 +182,7 @@ def _refuse_other_versions(found: dict[str, str]) -> None:
     if without := [worker for worker, version in found.items() if not version]:
         raise RefusedError(
             f"the Dask worker {without[0]} cannot import fieldkit",
-            fix=f"install fieldkit {__version__} and the same libraries in that worker's environment",
+            fix=f"install {DISTRIBUTION} {__version__} and the same libraries in that worker's environment",
         )
     other = {worker: version for worker, version in found.items() if version != code_version()}
     if other:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from fieldkit.model.installation import DISTRIBUTION
+
 if TYPE_CHECKING:
     from importlib.metadata import Distribution
 
@@ -39,7 +41,7 @@ def _installation_source() -> str:
     from importlib.metadata import PackageNotFoundError, distribution  # 20 ms
 
     try:
-        installed = distribution("fieldkit")
+        installed = distribution(DISTRIBUTION)
     except PackageNotFoundError:
         return f"source {PACKAGE.parent}"
     url = _direct_url(installed)

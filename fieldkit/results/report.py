@@ -12,6 +12,7 @@ import numpy as np
 from markupsafe import Markup
 
 from fieldkit.model.errors import ConfigError, FieldkitError
+from fieldkit.model.installation import install_extra
 from fieldkit.model.samples import is_usable
 from fieldkit.palettes import INFERNO
 from fieldkit.physics.sun import sun_vectors
@@ -255,7 +256,7 @@ def _image(
     reported to `notify` and left out.
     """
     if not plotting.available():
-        raise ConfigError("an image needs matplotlib", fix="pip install 'fieldkit[lab]'")
+        raise ConfigError("an image needs matplotlib", fix=install_extra("lab"))
     palette = options.palette or INFERNO
     require_palette(palette)
     frames = list(_shown_frames(session, known))

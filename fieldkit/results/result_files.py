@@ -57,7 +57,7 @@ def writing(out: Path) -> Iterator[None]:
 def write_results(
     base: Path, columns: Columns, about: Mapping[str, Any], beside: Mapping[str, Columns] | None = None
 ) -> list[Path]:
-    """Write ``BASE.csv``, ``BASE.parquet`` with ``fieldkit[lab]``, and ``BASE.json``: where it all came from.
+    """Write ``BASE.csv``, ``BASE.parquet`` with ``fieldkit-slope[lab]``, and their origin in ``BASE.json``.
 
     `beside` holds further tables, each ``BASE-NAME.csv``. The same runs give the same bytes. Raises
     `StorageError`.

@@ -85,7 +85,7 @@ class LearntSeries:
         }
 
     def to_frame(self) -> pd.DataFrame:
-        """The tidy table as a pandas frame by UTC; needs ``fieldkit[lab]``."""
+        """The tidy table as a pandas frame by UTC; needs ``fieldkit-slope[lab]``."""
         import pandas as pd
 
         columns = self.columns()
@@ -250,7 +250,7 @@ class Estimates:
         }
 
     def to_frame(self) -> pd.DataFrame:
-        """The tidy table as a pandas frame by UTC; needs ``fieldkit[lab]``."""
+        """The tidy table as a pandas frame by UTC; needs ``fieldkit-slope[lab]``."""
         import pandas as pd
 
         columns: Mapping[str, Any] = self.columns()
@@ -258,7 +258,7 @@ class Estimates:
         return pd.DataFrame({name: values for name, values in columns.items() if name != "time"}, index=times)
 
     def to_xarray(self) -> xr.Dataset:
-        """Angles and measurements over (time, region), given slopes beside them; needs ``fieldkit[lab]``."""
+        """Angles and measurements over (time, region), and given slopes; needs ``fieldkit-slope[lab]``."""
         import xarray as xr
 
         targets = [self.regions[place] for place in dict.fromkeys(self.rows["region"].tolist())]

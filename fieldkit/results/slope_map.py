@@ -205,7 +205,7 @@ class MappedSession:
         return plots.tilt_map(self.slopes.tilt_deg, outlines, ax)
 
     def to_xarray(self) -> xr.Dataset:
-        """The arrays over (y, x), rows downwards; needs ``fieldkit[lab]``."""
+        """The arrays over (y, x), rows downwards; needs ``fieldkit-slope[lab]``."""
         import xarray as xr
 
         arrays = {name: getattr(self.slopes, name) for name in VARIABLES}

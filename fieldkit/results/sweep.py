@@ -78,7 +78,7 @@ class Sweep:
         return f"<Sweep of {len(self.grid.sets)} sets, {len(self.sources)} sessions; best: {best}>"
 
     def to_frame(self) -> pd.DataFrame:
-        """The table as a pandas frame; needs ``fieldkit[lab]``."""
+        """The table as a pandas frame; needs ``fieldkit-slope[lab]``."""
         import pandas as pd
 
         return pd.DataFrame(dict(self.columns))

@@ -123,7 +123,7 @@ class PaperStudy:
         }
 
     def to_frame(self) -> pd.DataFrame:
-        """Errors by start and estimator, degrees, as a pandas frame; needs ``fieldkit[lab]``."""
+        """Errors by start and estimator, degrees, as a pandas frame; needs ``fieldkit-slope[lab]``."""
         import pandas as pd
 
         return pd.DataFrame(self.tables["errors"])

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 from markupsafe import Markup, escape
 
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.installation import install_extra
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -194,6 +195,7 @@ def environment() -> Environment:
         keep_trailing_newline=True,
     )
     made.globals["hideable_parts"] = PARTS
+    made.globals["install_extra"] = install_extra
     made.tests["short"] = lambda cell: len(escape(cell)) < SHORT
     made.filters["number"] = lambda value: f"{value:g}"
     return made
@@ -204,7 +206,7 @@ def require_weasyprint() -> None:
     if find_spec("weasyprint") is None:
         raise ConfigError(
             "a report as PDF needs WeasyPrint",
-            fix="pip install 'fieldkit[pdf]', or print the HTML from a browser",
+            fix=f"{install_extra('pdf')}, or print the HTML from a browser",
         )
 
 

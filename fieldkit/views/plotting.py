@@ -1,6 +1,6 @@
 """The common style of all figures: colours, line styles, panels, and SVG output.
 
-Matplotlib comes with the extra ``fieldkit[lab]``; `available` reports whether it is installed. The
+Matplotlib comes with the extra ``fieldkit-slope[lab]``; `available` reports whether it is installed. The
 colours are those of Okabe and Ito, which can be distinguished without colour vision, and lines also differ by
 their dashes or marks. A page shows figures about 1.7 times as large, so that their type is as large as its
 text. Figures over time are wide; a phone scrolls them in their box.

@@ -1,4 +1,4 @@
-"""An address as a QR code in a terminal, to be photographed by a phone; needs ``fieldkit[page]``."""
+"""An address as a QR code in a terminal, to be photographed by a phone; needs ``fieldkit-slope[page]``."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ def qr_lines(text: str) -> list[str]:
     """Lines of half blocks that show `text` as a QR code, the same on dark and light themes.
 
     An address with a key of 128 bits takes 19 lines of 37 characters, quiet zone included. Raises
-    `ImportError` without the library of ``fieldkit[page]``.
+    `ImportError` without the library of ``fieldkit-slope[page]``.
     """
     import segno
 

@@ -1,6 +1,6 @@
 """GeoTIFF: layers on the ground written as a cloud-optimised one, and heights of the ground read.
 
-Needs ``fieldkit[terrain]``.
+Needs ``fieldkit-slope[terrain]``.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy as np
 
 from fieldkit.model.arrays import FloatArray, SingleArray
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.installation import install_extra
 from fieldkit.model.site import Site, apart_m
 from fieldkit.physics.camera_geometry import Grid, Heights
 
@@ -223,4 +224,4 @@ def _needs_rasterio() -> None:
     try:
         import rasterio  # noqa: F401
     except ImportError as error:
-        raise ConfigError("GeoTIFF needs rasterio", fix="pip install 'fieldkit[terrain]'") from error
+        raise ConfigError("GeoTIFF needs rasterio", fix=install_extra("terrain")) from error

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 from fieldkit.disk import replacing
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.installation import install_extra
 from fieldkit.model.learnt import LearntParameter
 from fieldkit.model.samples import NO_COUNTER, Event, Frame, Sample, Severity
 from fieldkit.model.slope import SLOPE_FIELDS, SlopeEstimate
@@ -88,7 +89,7 @@ def export_mcap(
     try:
         from mcap.writer import Writer
     except ImportError as error:
-        raise ConfigError("MCAP needs the mcap package", fix="pip install 'fieldkit[lab]'") from error
+        raise ConfigError("MCAP needs the mcap package", fix=install_extra("lab")) from error
     path = folder / (f"{session.path.stem}.mcap" if stream is None else f"{session.path.stem}-{stream}.mcap")
     names = tuple(session.streams) if stream is None else (session.stream(stream).info.name,)
     with replacing(path, synced=False) as draft, draft.open("wb") as file:

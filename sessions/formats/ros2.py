@@ -2,7 +2,7 @@
 
 No ROS is needed to write it; ``ros2 bag play``, rviz and Foxglove read it. Frames are 32FC1 in kelvin of
 brightness temperature where the camera's law is known, else mono16 counts; temperatures are in °C, as
-``sensor_msgs/Temperature`` has them. On the ground x is east, y north. Needs ``fieldkit[terrain]``.
+``sensor_msgs/Temperature`` has them. On the ground x is east, y north. Needs ``fieldkit-slope[terrain]``.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from fieldkit.disk import replacing
 from fieldkit.model.arrays import SingleArray
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.installation import install_extra
 from fieldkit.model.samples import Event, Frame, Reading, Severity
 from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.physics.camera_geometry import Heights
@@ -46,9 +47,7 @@ def ros2_writer(file: IO[bytes]) -> Writer:
     try:
         from mcap_ros2.writer import Writer
     except ImportError as error:
-        raise ConfigError(
-            "MCAP of ROS 2 needs mcap-ros2-support", fix="pip install 'fieldkit[terrain]'"
-        ) from error
+        raise ConfigError("MCAP of ROS 2 needs mcap-ros2-support", fix=install_extra("terrain")) from error
     return Writer(file)
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from fieldkit.disk import replacing
 from fieldkit.model.errors import ConfigError, IncompleteError, SessionError, message_of
+from fieldkit.model.installation import install_extra
 from fieldkit.model.slope import SLOPE_FIELDS
 from fieldkit.sessions.analysis import region_series, to_pandas
 from fieldkit.sessions.chunks import corners, pack
@@ -45,7 +46,7 @@ def export_tables(session: SessionReader, folder: Path, kind: str) -> list[Path]
     others are written, for a table that cannot be read.
     """
     if find_spec("pandas") is None:
-        raise ConfigError("tables need pandas", fix="pip install 'fieldkit[lab]'")
+        raise ConfigError("tables need pandas", fix=install_extra("lab"))
     write = _csv if kind == "csv" else _parquet
     return all_but_unreadable(
         (name, partial(_export, make, folder / f"{session.path.stem}-{name}.{kind}", write))
@@ -81,7 +82,7 @@ def _parquet(table: pd.DataFrame, path: Path) -> None:
     try:
         table.to_parquet(path)
     except ImportError as error:
-        raise ConfigError("Parquet needs pyarrow", fix="pip install 'fieldkit[lab]'") from error
+        raise ConfigError("Parquet needs pyarrow", fix=install_extra("lab")) from error
 
 
 def _tables(session: SessionReader) -> Iterator[tuple[str, Callable[[], pd.DataFrame]]]:

@@ -208,7 +208,7 @@ def test_a_worker_that_has_no_fieldkit_is_named_with_what_to_install(recordings,
         found = run("sweep", recordings, *GRID, *options, "-o", tmp_path / "r", cache=tmp_path)
     assert found.returncode == 9, found.stderr
     assert "cannot import fieldkit" in found.stderr
-    assert "install fieldkit" in found.stderr
+    assert "install fieldkit-slope" in found.stderr
 
 
 def test_workers_end_with_a_sweep_that_is_killed(recordings, tmp_path):

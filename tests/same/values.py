@@ -13,10 +13,12 @@ import numpy as np
 from tests.same.program import Program
 
 _VOLATILE = re.compile(
-    r"(?m)^.*(fieldkit[ _-]?(version|commit)|made by|"
-    r"\"?(version|commit|platform|command|sha256|seconds|took)).*$"
+    r"(?m)^.*(fieldkit[ _-]?(version|commit)|made by|[0-9a-f]{64}|"
+    r"\"?(version|commit|platform|command|sha256|session_id|seconds|took)).*$"
 )
 """Lines that differ from run to run, or name the code that made them."""
+HEALTH = re.compile(r"-health\.|-clock\.")
+"""Tables of the computer's own state, which is another in each recording."""
 
 
 def values_of(program: Program, source: Path, folder: Path) -> Iterator[tuple[str, str]]:
@@ -37,7 +39,7 @@ def values_of(program: Program, source: Path, folder: Path) -> Iterator[tuple[st
     }.items():
         before = set(_files(folder))
         yield f"{output} printed", program.run(*words, cwd=folder)
-        for path in sorted(set(_files(folder)) - before):
+        for path in sorted(path for path in set(_files(folder)) - before if not HEALTH.search(path.name)):
             yield f"{output} {path.relative_to(folder)}", content_of(path)
 
 

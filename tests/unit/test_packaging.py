@@ -151,7 +151,7 @@ def wheel_of(folder: Path) -> Path:
         str(ROOT),
     ]
     subprocess.run(command, check=True, env={**os.environ, "SOURCE_DATE_EPOCH": "1700000000"}, timeout=600)
-    return next(folder.glob("fieldkit-*.whl"))
+    return next(folder.glob("fieldkit_slope-*.whl"))
 
 
 @pytest.mark.slow
@@ -164,6 +164,6 @@ def test_a_wheel_built_again_is_equal_and_holds_the_whole_package(tmp_path):
     held = zipfile.ZipFile(first)
     assert {str(file) for file in files} <= set(held.namelist())
     assert held.read("fieldkit/commit.txt").decode().strip() == origin.origin().split()[1].rstrip(",")
-    share = f"fieldkit-{fieldkit.__version__}.data/data/share"
+    share = f"fieldkit_slope-{fieldkit.__version__}.data/data/share"
     scripts = ("bash-completion/completions/fieldkit", "zsh/site-functions/_fieldkit", "man/man1/fieldkit.1")
     assert {f"{share}/{script}" for script in scripts} <= set(held.namelist())

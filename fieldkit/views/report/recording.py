@@ -13,6 +13,7 @@ from fieldkit.disk import sha256
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import EventKind, Frame, StreamHealth
 from fieldkit.model.site import Region
+from fieldkit.model.version import __version__
 from fieldkit.palettes import palette
 from fieldkit.pixel_axes import ticks
 from fieldkit.sessions.finished_file import awake_offsets_ns
@@ -24,7 +25,7 @@ from fieldkit.views.report.series import ReportData
 if TYPE_CHECKING:
     from fieldkit.sessions.reader import SessionReader
 
-PACKAGES = ("fieldkit", "numpy", "scipy", "astropy", "h5py", "matplotlib")
+PACKAGES = ("numpy", "scipy", "astropy", "h5py", "matplotlib")
 SHOWN_EVENTS, UNFOLDED_EVENTS = 200, 12
 SIMULATED = "simulated"
 _GAPS = (EventKind.GAP, EventKind.LOST)
@@ -237,6 +238,7 @@ def provenance(data: ReportData) -> Table:
 
 def versions() -> Iterable[str]:
     """The packages that had a part in the numbers, with their versions."""
+    yield f"fieldkit {__version__}"
     for package in PACKAGES:
         try:
             yield f"{package} {metadata.version(package)}"

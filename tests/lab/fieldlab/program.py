@@ -6,6 +6,7 @@ from pathlib import Path
 
 from usblab.program import Program
 
+from fieldkit.model.installation import DISTRIBUTION
 from fieldkit.model.site import Site
 
 LAB = Path(__file__).resolve().parents[1]
@@ -17,7 +18,7 @@ def fieldkit(site: Site) -> Program:
     """fieldkit as it stands now, prepared for recordings at a site."""
     place = (site.latitude_deg, site.longitude_deg, site.elevation_m)
     return Program(
-        distribution="fieldkit",
+        distribution=DISTRIBUTION,
         package=PROJECT / "fieldkit",
         entry="fieldkit.cli:main",
         helpers=LAB / "inside_guest",

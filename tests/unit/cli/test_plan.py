@@ -212,7 +212,7 @@ def test_page_without_matplotlib_says_what_to_install(tmp_path):
     words = [*PAPER, *AUGUST, "--for", "20m", "--as-planned", "--out", str(out)]
     subprocess.run([sys.executable, "-c", WITHOUT_MATPLOTLIB, *words], check=True, timeout=500)
     page = out.read_text(encoding="utf-8")
-    assert "fieldkit[lab]" in page
+    assert "fieldkit-slope[lab]" in page
     assert "<table>" in page
 
 

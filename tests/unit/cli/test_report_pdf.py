@@ -40,7 +40,7 @@ def test_without_the_printer_it_is_refused_before_the_work(session, tmp_path, mo
     monkeypatch.setitem(sys.modules, "weasyprint", None)
     found = fieldkit("report", session, "-o", tmp_path / "day.pdf")
     assert found.exit_code == 3
-    assert "fieldkit[pdf]" in found.stderr
+    assert "fieldkit-slope[pdf]" in found.stderr
     assert not (tmp_path / "day.html").exists()
 
 

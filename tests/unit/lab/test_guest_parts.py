@@ -69,7 +69,7 @@ def test_the_kernel_is_taken_out_of_its_compressed_image():
 
 
 def test_the_image_is_made_of_declared_dependencies_only():
-    found = image.distributions("fieldkit")
+    found = image.distributions("fieldkit-slope")
     assert {"numpy", "h5py", "pyserial", "pyusb", "opencv-python-headless"} <= set(found)
     assert "pytest" not in found
 

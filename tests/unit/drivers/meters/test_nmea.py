@@ -90,7 +90,7 @@ def test_without_the_extra_the_fix_says_what_to_install():
         "except ConfigError as error: print(error.fix)"
     )
     reply = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert reply.stdout.strip() == 'pip install "fieldkit[gps]"'
+    assert reply.stdout.strip() == "pip install 'fieldkit-slope[gps]'"
 
 
 def test_a_receiver_that_still_shows_its_last_place_without_a_fix_gives_no_value():

@@ -152,7 +152,7 @@ def test_sd_is_the_one_asked_for(written, make_minute, sd, said):
 @pytest.mark.usefixtures("without_matplotlib")
 def test_without_matplotlib_tables_stay_and_it_says_what_to_install(written):
     page = Page(written())
-    assert "pip install 'fieldkit[lab]'" in page.text
+    assert "pip install 'fieldkit-slope[lab]'" in page.text
     assert page.alternatives == []
     assert "15°/180°" in page.text
     assert "omitted: diffuse light" in page.text
