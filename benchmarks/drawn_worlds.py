@@ -7,12 +7,12 @@ are standard deviations, ranges are uniform (those of ratios and of the exchange
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.estimation_outdoors import BROKEN, NOISE_K, STILL, Bed, regions
 from fieldkit.estimation.bins import History
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.arrays import FloatArray
@@ -20,12 +20,18 @@ from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.slab import Slab
 from fieldkit.recording.field_history import field_history
-from fieldkit.simulation import ClearSky, Facet, MeasuredSky, Sky
+from fieldkit.simulation import ClearSky, Exchange, Facet, MeasuredSky, Sky
 from fieldkit.simulation.boards import boards_in_turn
 from fieldkit.simulation.drawn_field import DrawnField, Spread, drawn_field
 from fieldkit.simulation.scene_series import SceneModel
 from fieldkit.weather import packaged, read_station_file
 
+BROKEN = Path(__file__).parents[1].parent / "shared" / "data" / "weather" / "slv15365.dat"
+"""Broken cloud at Alamosa, 2015-12-31, in a `shared` folder beside the project where there is one."""
+STILL = Exchange(18.15, 0.0)
+"""The paper's exchange, whatever the wind."""
+NOISE_K = 0.05
+Bed = tuple[float, float]
 BEDS_SOUTH: tuple[Bed, ...] = ((5.0, 180.0), (15.0, 180.0), (25.0, 180.0))
 CONFIGURED_SLAB = Slab(depth_m=0.03)
 GUESSED = Spread(
@@ -130,6 +136,15 @@ def drawn_world(
         site=model.site,
     )
     return World(measured, _with_known(outline) if known_bed else outline, settings, field, errors)
+
+
+def regions(beds: Sequence[Bed]) -> tuple[Region, ...]:
+    """The flat reference and the beds."""
+    none = ((0.0, 0.0),)
+    targets = (
+        Region(f"bed{i}", RegionKind.TARGET, none, tilt, azimuth) for i, (tilt, azimuth) in enumerate(beds)
+    )
+    return (Region("flat", RegionKind.REFERENCE, none, 0.0, 0.0), *targets)
 
 
 def random_beds(random: np.random.Generator) -> tuple[Bed, ...]:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.drawn_worlds import AUGUST, BROKEN_CLOUD, CLEAR, RANDOM, SOUTH
+from benchmarks.drawn_worlds import AUGUST, BROKEN, BROKEN_CLOUD, CLEAR, RANDOM, SOUTH
 from benchmarks.estimation_learned import (
     WORLDS,
     Cell,
@@ -24,7 +24,6 @@ from benchmarks.estimation_learned import (
     outcomes,
     without_wind,
 )
-from benchmarks.estimation_outdoors import BROKEN
 from benchmarks.harsh_worlds import HARMLESS, HARSH, PEREZ, Harm, harsh_world
 from benchmarks.result import Result
 from fieldkit.estimation.bins import History

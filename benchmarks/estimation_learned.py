@@ -22,8 +22,17 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.drawn_worlds import AUGUST, BROKEN_CLOUD, CLEAR, RANDOM, SOUTH, World, drawn_world
-from benchmarks.estimation_outdoors import BROKEN, holds
+from benchmarks.drawn_worlds import (
+    AUGUST,
+    BROKEN,
+    BROKEN_CLOUD,
+    CLEAR,
+    RANDOM,
+    SOUTH,
+    Bed,
+    World,
+    drawn_world,
+)
 from benchmarks.result import Result
 from fieldkit.estimation.bins import History
 from fieldkit.estimation.chain import SlopeChain
@@ -42,6 +51,13 @@ OWN_STATION = BROKEN.name[:3]
 SUNSHINE_W_M2, SUNNY_SHARE = 120.0, 0.9
 BOARDS = "with the shade test, clear, south, known"
 TEN_HOURS, THREE_HOURS, LAST = 600, 180, 20
+
+
+def holds(slope: SlopeEstimate, bed: Bed) -> bool:
+    """Whether the likelihood region's projections contain the bed, on either branch that is reported."""
+    width = slope.azimuth_high_deg - slope.azimuth_low_deg
+    inside = slope.tilt_low_deg <= bed[0] <= slope.tilt_high_deg
+    return bool(inside and (bed[1] - slope.azimuth_low_deg) % 360.0 <= width)
 
 
 def without_wind(history: History) -> History:

@@ -17,14 +17,15 @@ from benchmarks.drawn_worlds import (
     DRIFT_SD_K_PER_H,
     GUESSED,
     LEAD_MIN,
+    NOISE_K,
     SESSION_MIN,
     SOUTH,
     BedErrors,
     World,
     day_of,
     random_beds,
+    regions,
 )
-from benchmarks.estimation_outdoors import NOISE_K, regions
 from fieldkit.estimation.bins import History
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.arrays import FloatArray

@@ -41,7 +41,6 @@ from fieldkit.model.arrays import BoolArray, FloatArray, IntArray
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.slope import CERTAIN, SOLVED, SlopeEstimate
 from fieldkit.model.units import CELSIUS_ZERO_K, MINUTE_NS, SECOND_NS
-from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.daylight import clear_sky_longwave
 from fieldkit.physics.facet import angle_between_deg, normal
 from fieldkit.physics.irradiance import IrradianceModel, direct_normal
@@ -58,8 +57,6 @@ ROUNDING_DEG = 0.05
 PV_SITE = Site(39.7406, -105.1775, 1829.0)
 EQUINOX_NEAR_NS = int(np.datetime64("2016-08-22", "ns").astype(np.int64))
 """From here on the sun of a day runs so nearly in a plane that tilt and gain are hardly parted."""
-PV_K = 0.0194
-"""Kelvin of a level module above the air per W/m2, as it was found afterwards: the explaining row has it."""
 TWIN_SITE = Site(47.874, 11.728, 680.0)
 TWIN_PLANES = {"south": 180.0, "east": 90.0, "west": 270.0, "north": 0.0}
 TWIN_GOALS = {"south": "<= 2", "east": "<= 9", "west": "<= 9", "north": ""}
@@ -198,9 +195,6 @@ def pv() -> Iterator[Result]:
     days = [day for day in _days(_module(columns), PV_SITE.longitude_deg) if _is_clear(day, columns)]
     found = _found(days, PV_SITE, replace(settings, reference="weather"), truth)
     yield from Case(f"module of 40°, {len(days)} clear days", found, goal_covered=">= 85").rows()
-    known = [_with_module_of(PV_K, day, columns) for day in days]
-    found = _found(known, PV_SITE, _with_gain(PV_K, settings), truth)
-    yield from Case(f"  the same, {PV_K} K m²/W above the air from hindsight", found).rows()
     beside = [_with_level_module(day, columns, settings) for day in days]
     yield from _pv_together(beside, settings, truth["module"])
 
@@ -255,20 +249,6 @@ def _with_level_module(
     weather = Weather(day.time_ns, *light, clear_sky_longwave(air_k), air_k, still, PV_SITE)  # type: ignore[arg-type]
     level = fieldkit.predict([(0.0, 180.0)], weather, settings=settings)
     return replace(day, reference_k=np.interp(day.time_ns, level.time_ns, level.surface_k[:, 0]))
-
-
-def _with_gain(kelvin_m2_w: float, settings: EstimatorSettings) -> EstimatorSettings:
-    """Settings whose exchange warms a surface by so much."""
-    surface = settings.surface
-    radiated = 4.0 * surface.emissivity_broadband * STEFAN_BOLTZMANN * 300.0**3
-    exchange = (1.0 - surface.albedo) / kelvin_m2_w - radiated
-    per_m_s = surface.heat_capacity_j_kg_k * surface.air_density_kg_m3
-    return replace(settings, surface=replace(surface, exchange_m_s=exchange / per_m_s))
-
-
-def _with_module_of(kelvin_m2_w: float, day: TemperatureTable, columns: Columns) -> TemperatureTable:
-    air_k, ghi = _of(day, columns, "air_c") + CELSIUS_ZERO_K, _of(day, columns, "ghi")
-    return replace(day, reference_k=air_k + kelvin_m2_w * ghi)
 
 
 def _module(columns: Columns) -> TemperatureTable:
