@@ -1,7 +1,7 @@
 """Emissivity from 1000 synthetic days, and the scale from one known bed, against what a user would write.
 
-Users would write the formula of one pair, its mean and scatter over the pairs, or an ordinary regression of
-camera signal on thermometer signal with its standard error. All see the same days.
+Users would write an ordinary regression of camera on thermometer signal with its standard error. Both see
+the same days.
 """
 
 from __future__ import annotations
