@@ -1,4 +1,4 @@
-"""Write the generated parts of the reference pages, and the man pages: ``python docs/generate.py``.
+"""Write the generated parts of the reference pages: ``python docs/generate.py``.
 
 Tests compare them. A generated part stands between two comments, ``<!-- generated -->`` and ``<!-- end -->``.
 """
@@ -141,9 +141,5 @@ def _cell(text: str) -> str:
 
 
 if __name__ == "__main__":
-    from man_pages import man_pages
-
     for page, make in PAGES.items():
         page.write_text(refreshed(page, make()), encoding="utf-8")
-    for page, text in man_pages().items():
-        page.write_text(text, encoding="utf-8")

@@ -1,8 +1,9 @@
-"""Build hook: the commit in wheels and source archives, and what completes commands in shells."""
+"""Build hook: the commit in wheels and source archives; man pages, and what completes commands in shells."""
 
 from __future__ import annotations
 
 import subprocess
+import sys
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -20,25 +21,33 @@ COMPLETIONS = {
 
 
 class BuildHook(BuildHookInterface):  # type: ignore[type-arg]
-    """Adds files that are made from the checkout, or by click, and stand in no folder of the source."""
+    """Adds files that are made from the checkout or its commands and stand in no folder of the source."""
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Called by hatchling before it collects the files; an editable installation needs none of them."""
         if version == "editable":
             return
         self._folder = tempfile.TemporaryDirectory()
-        made = Path(self._folder.name)
         if commit := _commit_of(Path(self.root)):
-            build_data["force_include"][_written(made / "commit.txt", f"{commit}\n")] = "fieldkit/commit.txt"
+            build_data["force_include"][self._write("commit.txt", f"{commit}\n")] = "fieldkit/commit.txt"
         if self.target_name == "wheel":
             for shell, place in COMPLETIONS.items():
                 script = shell(click.Group(), {}, "fieldkit", "_FIELDKIT_COMPLETE").source()
-                build_data["shared_data"][_written(made / shell.name, script)] = f"share/{place}"
+                build_data["shared_data"][self._write(shell.name, script)] = f"share/{place}"
+            for name, page in _man_pages(self.root).items():
+                build_data["shared_data"][self._write(name, page)] = f"share/man/man1/{name}"
+
+    def _write(self, name: str, text: str) -> str:
+        path = Path(self._folder.name) / name
+        path.write_text(text, encoding="utf-8")
+        return str(path)
 
 
-def _written(path: Path, text: str) -> str:
-    path.write_text(text, encoding="utf-8")
-    return str(path)
+def _man_pages(root: str) -> dict[str, str]:
+    sys.path[:0] = [root, f"{root}/packaging"]
+    from man_pages import man_pages
+
+    return man_pages()
 
 
 def _commit_of(root: Path) -> str | None:

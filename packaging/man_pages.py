@@ -1,4 +1,4 @@
-"""The man pages of fieldkit and of each command, made from the commands: written by ``docs/generate.py``."""
+"""The man pages of fieldkit and of each command, made from the commands when a package is built."""
 
 from __future__ import annotations
 
@@ -13,17 +13,14 @@ from fieldkit.cli import main
 from fieldkit.cli.common import Command, CommandGroup, Options
 from fieldkit.model.version import __version__
 
-DOCS = Path(__file__).parent
-MAN = DOCS / "man"
+ROOT = Path(__file__).parents[1]
 MANUAL = "fieldkit manual"
 
 
-def man_pages() -> dict[Path, str]:
-    """The pages in man(7)'s macros, by file."""
-    return {
-        MAN / "fieldkit.1": _page_of_all(),
-        **{MAN / f"fieldkit-{name}.1": _page(name, summary) for name, summary in main.summaries.items()},
-    }
+def man_pages() -> dict[str, str]:
+    """The pages in man(7)'s macros, by file name."""
+    pages = {f"fieldkit-{name}.1": _page(name, summary) for name, summary in main.summaries.items()}
+    return {"fieldkit.1": _page_of_all(), **pages}
 
 
 def _page_of_all() -> str:
@@ -116,13 +113,13 @@ def _options(
 
 def _exit_codes() -> list[tuple[str, str]]:
     """The table of the reference page, which people look into as well."""
-    page = (DOCS / "reference/command-line.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs/reference/command-line.md").read_text(encoding="utf-8")
     return re.findall(r"(?m)^\| (\d+) \| (.+) \|$", page)
 
 
 def _release_date() -> str:
     """When this version was released, by the changelog."""
-    changelog = (DOCS.parent / "CHANGELOG.md").read_text(encoding="utf-8")
+    changelog = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     found = re.search(rf"(?m)^## {re.escape(__version__)} \((\S+)\)", changelog)
     assert found, f"the changelog has no date of {__version__}"
     return found[1]
