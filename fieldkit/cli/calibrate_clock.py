@@ -63,11 +63,11 @@ def command(
     if shown is not None:
         raise click.UsageError("--at is about this computer's clock now; omit the SESSION")
     session = find_session(session)
-    found = calibrate.clock(session, gps=gps, name=name, notify=common.say_warning)
-    save_and_print(found, _next_step(session, gps, name, found))
+    calibration = calibrate.clock(session, gps=gps, name=name, notify=common.say_warning)
+    save_and_print(calibration, _next_step(session, gps, name, calibration))
     if is_applied:
-        found.apply()
-        common.say(f"{session.name}: {found.applied_s:+.1f} s from now on when reading")
+        calibration.apply()
+        common.say(f"{session.name}: {calibration.applied_s:+.1f} s from now on when reading")
 
 
 def _next_step(session: Path, gps: str | None, name: str, found: ClockCalibration) -> str:
@@ -75,8 +75,8 @@ def _next_step(session: Path, gps: str | None, name: str, found: ClockCalibratio
     if not found.is_significant:
         return found.used_by
     source = ["--sun"] if gps is None else ["--gps", gps]
-    named = [] if name == DEFAULT_NAME else ["--name", name]
-    return shlex.join(["fieldkit", "calibrate", "clock", str(session), *source, *named, "--apply"])
+    name_option = [] if name == DEFAULT_NAME else ["--name", name]
+    return shlex.join(["fieldkit", "calibrate", "clock", str(session), *source, *name_option, "--apply"])
 
 
 def _key_pressed_ns(shown: datetime) -> int:

@@ -165,11 +165,11 @@ def _record(sample: str, options: MeasurementOptions, settings: tuple[str, ...])
         _confirm_setup(prepared.steps)
         # SIGTERM ends it as fieldkit stop does: the recorder seals the session
         view = prepared.view(common.say, partial(signal.raise_signal, signal.SIGTERM))
-        recorded = run_until_stopped(prepared.recording.starting_now(), [view])
-    if recorded.summary.failure is not None:
-        raise recorded.summary.failure
-    common.say(f"recorded {recorded.path}")
-    return recorded.path
+        recording = run_until_stopped(prepared.recording.starting_now(), [view])
+    if recording.summary.failure is not None:
+        raise recording.summary.failure
+    common.say(f"recorded {recording.path}")
+    return recording.path
 
 
 def _confirm_setup(steps: str) -> None:

@@ -59,17 +59,17 @@ def command(
     from fieldkit.calibrate.horizon import horizon_from_dem, horizon_from_skyline, write_horizon
 
     if dem and crs and place and not skyline:
-        found = horizon_from_dem(dem, crs, *place, nearest_m=nearest_m)
+        skyline_horizon = horizon_from_dem(dem, crs, *place, nearest_m=nearest_m)
     elif skyline and pose_file and frame and not dem:
-        found = horizon_from_skyline(skyline, pose_file, parse_frame(frame), at=moment)
+        skyline_horizon = horizon_from_skyline(skyline, pose_file, parse_frame(frame), at=moment)
     else:
         raise click.UsageError(
             "give --dem, --crs and --place, or --skyline, --pose and --frame, or --regions"
         )
-    write_horizon(out, found)
-    highest = max(found, key=lambda pair: pair[1])
+    write_horizon(out, skyline_horizon)
+    highest = max(skyline_horizon, key=lambda pair: pair[1])
     if common.options().json:
-        common.print_json({"file": str(out), "horizon": [list(pair) for pair in found]})
+        common.print_json({"file": str(out), "horizon": [list(pair) for pair in skyline_horizon]})
         return
     click.echo(f"highest {highest[1]:.1f}° at azimuth {highest[0]:.0f}°")
     click.echo(f"wrote {out}")
@@ -80,18 +80,18 @@ def _of_regions() -> None:
     from fieldkit.calibrate.horizon import horizons_of_regions, set_horizons
 
     config = common.campaign()
-    found = horizons_of_regions(config)
-    files = set_horizons(config.path, found)
+    horizons = horizons_of_regions(config)
+    files = set_horizons(config.path, horizons)
     if common.options().json:
         common.print_json(
             {
                 "files": [str(file) for file in files],
-                "horizons": {name: list(one) for name, one in found.items()},
+                "horizons": {name: list(horizon) for name, horizon in horizons.items()},
             }
         )
         return
-    for (name, horizon), path in zip(found.items(), files, strict=True):
+    for (name, horizon), path in zip(horizons.items(), files, strict=True):
         azimuth, elevation = max(horizon, key=lambda pair: pair[1])
         click.echo(f"{name}: highest {elevation:.1f}° at azimuth {azimuth:.0f}°, {path.name}")
-    if not found:
+    if not horizons:
         click.echo("no region rises above another")

@@ -51,11 +51,11 @@ def command(
         "pyrheliometer": pyrheliometer,
         "station": station,
     }
-    stated = [(kind, reference) for kind, reference in references.items() if reference is not None]
-    if len(stated) != 1:
+    chosen = [(kind, reference) for kind, reference in references.items() if reference is not None]
+    if len(chosen) != 1:
         raise click.UsageError("give one of --pyranometer, --pyrheliometer, --station")
-    ((against, reference),) = stated
-    found = calibrate.irradiance(
+    ((against, reference),) = chosen
+    calibration = calibrate.irradiance(
         find_session(session), against=against, reference=reference, **given, notify=common.say_warning
     )
-    save_and_print(found)
+    save_and_print(calibration)

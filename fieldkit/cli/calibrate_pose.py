@@ -48,24 +48,32 @@ def command(
     if (ground_m is None) == (dem is None):
         raise click.UsageError("give one of --ground-m, --dem")
     lens = () if distortion is None else _lens(distortion)
-    found = pose(points, crs, shape, hfov_deg=hfov_deg, mark_sd_px=mark_sd_px, distortion=lens)
-    found.write(out, range_m=range_m, ground_m=ground_m, dem=dem)
-    residuals = [float(residual) for residual in found.fit.residuals_px]
+    camera_pose = pose(points, crs, shape, hfov_deg=hfov_deg, mark_sd_px=mark_sd_px, distortion=lens)
+    camera_pose.write(out, range_m=range_m, ground_m=ground_m, dem=dem)
+    residuals = [float(residual) for residual in camera_pose.fit.residuals_px]
     if common.options().json:
-        document = {"file": str(out), "pose": found.values, "sd": found.fit.sd, "residuals_px": residuals}
+        document = {
+            "file": str(out),
+            "pose": camera_pose.values,
+            "sd": camera_pose.fit.sd,
+            "residuals_px": residuals,
+        }
         common.print_json(document)
         return
-    rows = [(name, number(value, 3), number(found.fit.sd[name], 3)) for name, value in found.values.items()]
+    rows = [
+        (name, number(value, 3), number(camera_pose.fit.sd[name], 3))
+        for name, value in camera_pose.values.items()
+    ]
     common.print_table(("", "pose", "standard uncertainty"), rows)
     click.echo(f"marks off by {max(residuals):.1f} px at most")
-    click.echo(f"the grid of {crs} is corrected: {found.grid}")
+    click.echo(f"the grid of {crs} is corrected: {camera_pose.grid}")
     click.echo(f"wrote {out}")
     common.say(f'next: fieldkit map --pose {out}, or pose = "{out}" under [camera] in fieldkit.toml')
 
 
 def _lens(text: str) -> tuple[float, ...]:
     try:
-        lens = tuple(float(one) for one in text.split(","))
+        lens = tuple(float(term) for term in text.split(","))
     except ValueError:
         lens = ()
     if len(lens) != 5 or not all(map(math.isfinite, lens)):

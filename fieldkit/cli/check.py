@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from fieldkit.cli.common import Command, options, print_json, say
-from fieldkit.cli.next_steps import in_commands, typed
+from fieldkit.cli.next_steps import finding_in_commands, in_commands
 from fieldkit.cli.session_paths import find_sessions
 from fieldkit.cli.types import PATH
 from fieldkit.model.errors import IntegrityError, RefusedError
@@ -30,32 +30,37 @@ _MARKS = {"ok": ("ok  ", None), "warn": ("warn", "yellow"), "fail": ("FAIL", "re
 def command(paths: tuple[Path, ...], strict: bool, apply_map: bool, no_estimates: bool) -> None:
     """Check sessions: checksums, gaps, rates, clocks, units, slopes.
 
-    PATHS are sessions or folders; without any, the campaign's. Exit code 7 where one is damaged.
+    PATHS are sessions or folders; without any, the campaign's. Exit code 7 where session_check is damaged.
     """
     from fieldkit.results.check import check
 
-    checked = []
+    checks = []
     for path in find_sessions(paths):
-        found = check(path, estimates=not no_estimates)
-        checked.append(found)
+        session_check = check(path, estimates=not no_estimates)
+        checks.append(session_check)
         if not options().json:
-            _print(found)
+            _print(session_check)
     if options().json:
         print_json(
             {
                 "sessions": [
                     {
-                        "session": str(one.path),
-                        "level": one.level,
-                        "findings": [asdict(typed(finding)) for finding in one.findings],
+                        "session": str(session_check.path),
+                        "level": session_check.level,
+                        "findings": [
+                            asdict(finding_in_commands(finding)) for finding in session_check.findings
+                        ],
                     }
-                    for one in checked
+                    for session_check in checks
                 ]
             }
         )
-    for one in checked if apply_map else ():
-        _correct_clock(one.path, is_only=len(paths) == 1 and not paths[0].is_dir())
-    if any(one.level == "fail" or (strict and one.level == "warn") for one in checked):
+    for session_check in checks if apply_map else ():
+        _correct_clock(session_check.path, is_only=len(paths) == 1 and not paths[0].is_dir())
+    if any(
+        session_check.level == "fail" or (strict and session_check.level == "warn")
+        for session_check in checks
+    ):
         raise IntegrityError("not everything is in order", fix="see the lines marked FAIL")
 
 

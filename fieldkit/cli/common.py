@@ -187,8 +187,8 @@ def working_folder() -> Path:
 def options() -> Options:
     """The common options of the running command; the defaults outside a command line."""
     ctx = click.get_current_context(silent=True)
-    found = ctx.find_object(Options) if ctx else None
-    return found or Options()
+    parent_options = ctx.find_object(Options) if ctx else None
+    return parent_options or Options()
 
 
 def is_interactive() -> bool:
@@ -258,10 +258,12 @@ def console(*, err: bool = False) -> Console:
         def on_broken_pipe(self) -> None:
             raise BrokenPipeError(errno.EPIPE, "closed")  # instead of rich's exit with 1: `failure` decides
 
-    found = Piped(stderr=err, no_color=options().no_color or None, highlight=False, emoji=False, markup=False)
-    if not found.is_terminal:
-        found.width = PIPE_COLS
-    return found
+    console = Piped(
+        stderr=err, no_color=options().no_color or None, highlight=False, emoji=False, markup=False
+    )
+    if not console.is_terminal:
+        console.width = PIPE_COLS
+    return console
 
 
 def print_table(columns: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
@@ -279,9 +281,9 @@ def progress() -> Progress:
     from rich.progress import Progress
 
     screen = console(err=True)
-    given = options()
+    chosen = options()
     return Progress(
-        console=screen, disable=given.quiet or given.json or not screen.is_terminal, transient=True
+        console=screen, disable=chosen.quiet or chosen.json or not screen.is_terminal, transient=True
     )
 
 

@@ -51,10 +51,10 @@ def command(
     """
     from fieldkit.drivers import registry
 
-    given = dict(pairs)
+    driver_options = dict(pairs)
     if register_map is not None:
-        given["map"] = register_map
-    decoded = registry.decode(driver, read_bytes(data, is_text=driver in TEXT_DRIVERS), given)
+        driver_options["map"] = register_map
+    decoded = registry.decode(driver, read_bytes(data, is_text=driver in TEXT_DRIVERS), driver_options)
     if options().json:
         print_json(as_document(decoded))
     else:
@@ -106,7 +106,9 @@ def as_document(decoded: Decoded) -> dict[str, Any]:
 
 
 def _print(decoded: Decoded) -> None:
-    rows = [[value.channel, _shown(value), ", ".join(value.flags)] for value in decoded.values[:_MAX_ROWS]]
+    rows = [
+        [value.channel, _value_text(value), ", ".join(value.flags)] for value in decoded.values[:_MAX_ROWS]
+    ]
     if rows:
         print_table(["channel", "value", "flags"], rows)
     if len(decoded.values) > _MAX_ROWS:
@@ -121,7 +123,7 @@ def _print(decoded: Decoded) -> None:
         click.echo("no bytes")
 
 
-def _shown(value: Value) -> str:
+def _value_text(value: Value) -> str:
     if value.value != value.value:
         return "no value"
     celsius = f" ({value.value - CELSIUS_ZERO_K:.2f} °C)" if value.unit == "K" else ""

@@ -73,7 +73,7 @@ def _conclude(
     error_deg = mean_error(columns)
     if common.options().json:
         by_name = {region.name: region for region in regions}
-        documents = [as_document(one, by_name[name]) for name, one in slopes.items()]
+        documents = [as_document(slope, by_name[name]) for name, slope in slopes.items()]
         common.print_json(
             {
                 "session": str(path),
@@ -90,5 +90,7 @@ def _conclude(
     click.echo(f"mean error of tilt, all beds, all afternoon: {error_deg:.1f}° (the report compares models)")
     click.echo(truths_held(columns))
     click.echo(f"session  {path}\nreport   {report}")
-    named = shlex.quote(str(path))
-    common.say(f"next: fieldkit show {named}  |  fieldkit replay {named}  |  fieldkit init my-campaign")
+    quoted_path = shlex.quote(str(path))
+    common.say(
+        f"next: fieldkit show {quoted_path}  |  fieldkit replay {quoted_path}  |  fieldkit init my-campaign"
+    )

@@ -49,26 +49,26 @@ def add_connected(file: Path, stated: dict[str, dict[str, Any]]) -> None:
     from fieldkit.recording.adding import Question, add_devices
     from fieldkit.recording.opening import together
 
-    done = add_devices(file, stated, _answer if is_interactive() else Question.refused)
+    additions = add_devices(file, stated, _answer if is_interactive() else Question.refused)
     if options().json:
         print_json(
             {
                 "config": str(file),
-                "added": [asdict(one) for one in done.added],
-                "configured": done.configured,
-                "skipped": [_row(one) for one in done.skipped],
+                "added": [asdict(device) for device in additions.added],
+                "configured": additions.configured,
+                "skipped": [_row(device) for device in additions.skipped],
                 "failures": [
                     {
                         "message": in_commands(failure.explanation),
                         "fix": in_commands(failure.fix or "") or None,
                     }
-                    for failure in done.failures
+                    for failure in additions.failures
                 ],
             }
         )
-    _report(file, done)
-    if done.failures:
-        raise together(done.failures)
+    _report(file, additions)
+    if additions.failures:
+        raise together(additions.failures)
 
 
 def _answer(question: Question) -> str:
@@ -77,9 +77,9 @@ def _answer(question: Question) -> str:
 
 
 def _report(file: Path, done: AddedDevices) -> None:
-    for one in done.added:
-        measured = f"{one.quantity} in {one.unit}"
-        say(f"added {one.name} to {file}: {one.driver}, {measured}, {one.identity or one.port}")
+    for added in done.added:
+        quantity = f"{added.quantity} in {added.unit}"
+        say(f"added {added.name} to {file}: {added.driver}, {quantity}, {added.identity or added.port}")
     for identity, name in done.configured.items():
         say(f"{identity} is configured already, as {name}")
     for device in done.skipped:
@@ -95,10 +95,12 @@ def _list() -> None:
     things, problems = discover()
     drivers, _ = registry.load_all()
     if options().json:
-        known = [
+        driver_rows = [
             {"name": driver.name, "title": driver.title, "quantity": driver.quantity} for driver in drivers
         ]
-        print_json({"devices": [_row(thing) for thing in things], "drivers": known, "problems": problems})
+        print_json(
+            {"devices": [_row(thing) for thing in things], "drivers": driver_rows, "problems": problems}
+        )
         return
     if things:
         rows = [

@@ -7,7 +7,7 @@ from dataclasses import asdict
 import click
 
 from fieldkit.cli.common import Command, options, print_json, working_folder
-from fieldkit.cli.next_steps import typed
+from fieldkit.cli.next_steps import finding_in_commands
 from fieldkit.model.errors import DeviceError
 
 
@@ -30,7 +30,7 @@ def command(ctx: click.Context, udev: bool) -> None:
     if udev:
         click.echo(udev_rules(folder), nl=False)
         return
-    checks = list(map(typed, doctor(folder)))
+    checks = list(map(finding_in_commands, doctor(folder)))
     if options().json:
         print_json({"checks": [asdict(check) for check in checks]})
     else:

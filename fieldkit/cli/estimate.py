@@ -103,13 +103,15 @@ def _estimate_sessions(
 
     base = None if out is None else batch.base_of(out)
     with batch.progress_bar("estimating") as on_progress:
-        found = estimate_sessions(paths, settings, **chosen, workers=workers, on_progress=on_progress)
-    if base is not None and found.estimates:
-        common.say(f"wrote {', '.join(map(str, found.write(base)))}")
-    if found.estimates:
-        _print(found)
-    batch.raise_failures(found.failures, paths)
-    require_slope([one for of_session in found.estimates.values() for one in of_session.final.values()])
+        estimates = estimate_sessions(paths, settings, **chosen, workers=workers, on_progress=on_progress)
+    if base is not None and estimates.estimates:
+        common.say(f"wrote {', '.join(map(str, estimates.write(base)))}")
+    if estimates.estimates:
+        _print(estimates)
+    batch.raise_failures(estimates.failures, paths)
+    require_slope(
+        [slope for of_session in estimates.estimates.values() for slope in of_session.final.values()]
+    )
 
 
 def _estimate_together(
@@ -120,24 +122,24 @@ def _estimate_together(
 
     base = None if out is None else batch.base_of(out)
     with batch.progress_bar("estimating together") as on_progress:
-        found = estimate_together(
+        estimates = estimate_together(
             paths, settings, **chosen, notify=common.say_warning, on_progress=on_progress
         )
     if base is not None:
-        common.say(f"wrote {', '.join(map(str, found.write(base)))}")
+        common.say(f"wrote {', '.join(map(str, estimates.write(base)))}")
     if common.options().json:
-        common.print_json({"together": list(map(str, found.sessions)), **slopes_document(found)})
+        common.print_json({"together": list(map(str, estimates.sessions)), **slopes_document(estimates)})
     else:
-        print_slopes(found.final, found.regions)
-        print_learnt(found.learnt.final)
-        explain_slopes(found.final.values())
-        named = shlex.join(map(str, paths))
+        print_slopes(estimates.final, estimates.regions)
+        print_learnt(estimates.learnt.final)
+        explain_slopes(estimates.final.values())
+        quoted_paths = shlex.join(map(str, paths))
         common.say(
-            f"next: fieldkit report {named}"
+            f"next: fieldkit report {quoted_paths}"
             if base
-            else f"next: fieldkit estimate {named} --together -o BASE"
+            else f"next: fieldkit estimate {quoted_paths} --together -o BASE"
         )
-    require_slope(found.final.values())
+    require_slope(estimates.final.values())
 
 
 def _estimate_tables(
@@ -151,8 +153,8 @@ def _estimate_tables(
         paths, site, settings=settings, reference_slope_deg=reference, notify=common.say_warning
     )
     if common.options().json:
-        named = {"table": str(paths[0])} if len(paths) == 1 else {"together": list(map(str, paths))}
-        common.print_json({**named, "slopes": [as_document(slope) for slope in slopes]})
+        head = {"table": str(paths[0])} if len(paths) == 1 else {"together": list(map(str, paths))}
+        common.print_json({**head, "slopes": [as_document(slope) for slope in slopes]})
     else:
         targets = [Region(slope.region, RegionKind.TARGET, ()) for slope in slopes]
         print_slopes({slope.region: slope for slope in slopes}, targets)
@@ -175,4 +177,4 @@ def _print(found: EstimatedSessions) -> None:
             click.echo(name)
         print_slopes(estimates.final, estimates.regions)
         print_learnt(estimates.learnt.final)
-    explain_slopes(one for estimates in found.estimates.values() for one in estimates.final.values())
+    explain_slopes(slope for estimates in found.estimates.values() for slope in estimates.final.values())

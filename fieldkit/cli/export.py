@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from fieldkit.results.export import Export
 
 MOST_NAMES = 10
-FORMATS = "\n".join(f"{name:<8} {one.meaning}" for name, one in EXPORTS.items())
+FORMATS = "\n".join(f"{name:<8} {export_format.meaning}" for name, export_format in EXPORTS.items())
 
 
 # options but the kind and --speed go into `export` under its own names
@@ -52,13 +52,13 @@ def command(session: Path | None, kind: str, speed: str, **given: Any) -> None:
     with open_session(path) as opened, progress() as bar:
         frames = sum(opened.count(stream.name) for stream in opened.streams.values() if stream.is_camera)
         task = bar.add_task(f"writing {kind}", total=frames)
-        found = export(opened, kind, speed=factor, on_frame=lambda: bar.advance(task), **given)
-    _print(path, found)
-    if found.problems:
-        raise IntegrityError(f"{path}: {'; '.join(found.problems)}", fix=f"fieldkit check {path}")
+        exported = export(opened, kind, speed=factor, on_frame=lambda: bar.advance(task), **given)
+    _print(path, exported)
+    if exported.problems:
+        raise IntegrityError(f"{path}: {'; '.join(exported.problems)}", fix=f"fieldkit check {path}")
 
 
-def _print(session: Path, found: Export) -> None:
+def _print(session: Path, exported: Export) -> None:
     if options().json:
         files = [str(file) for file in found.files]
         print_json({"session": str(session), "files": files, "problems": list(found.problems)})

@@ -48,10 +48,10 @@ def explain_failures(ctx: click.Context) -> Iterator[None]:
     success: 0; output or files that cannot be written are an error of storage: 6.
     """
     with typed():
-        yield from _explained(ctx)
+        yield from _report_errors(ctx)
 
 
-def _explained(ctx: click.Context) -> Iterator[None]:
+def _report_errors(ctx: click.Context) -> Iterator[None]:
     _replace_missing_letters()
     try:
         yield

@@ -98,9 +98,9 @@ def command(
     from fieldkit.ground.terrain_products import Products
     from fieldkit.results.slope_map import ENDINGS, default_base, map_sessions, slope_map, variant
 
-    wanted = None
+    chosen = None
     if products is not None:
-        wanted = Products([name.strip() for name in products.split(",")], limit_deg, drive_deg)
+        chosen = Products([name.strip() for name in products.split(",")], limit_deg, drive_deg)
     camera = read_pose(pose) if pose is not None else None
     base = partial(default_base, window=window, overrides=settings)
     paths = find_sessions(sessions) if sessions else [latest_session(None)]
@@ -109,14 +109,14 @@ def command(
             raise click.UsageError("--follow is for one session")
         workers = batch.workers(kind, address, jobs)
         make_all = partial(map_sessions, window=window, settings=settings, present=present, workers=workers)
-        write_all = partial(make_all, wanted=wanted, pose=camera, cell_m=cell_m, notify=common.say)
+        write_all = partial(make_all, wanted=chosen, pose=camera, cell_m=cell_m, notify=common.say)
         of_map = variant(window, settings)
         _map_many(_bases(paths, out, base, of_map), write_all, out, of_map)
         return
     make = partial(slope_map, paths[0], window, settings=settings, present=present)
 
     def write(found: MappedSession, base: Path) -> list[Path]:
-        return found.write(base, wanted, pose=camera, cell_m=cell_m, notify=common.say)
+        return found.write(base, chosen, pose=camera, cell_m=cell_m, notify=common.say)
 
     name = base(paths[0]) if out is None else batch.base_of(out, ENDINGS)
     map_now = partial(_map, paths[0], name, make, write, on_one_line=follow)
@@ -146,16 +146,16 @@ def _map(
     on_one_line: bool,
 ) -> None:
     with batch.progress_bar("mapping") as on_progress:
-        found = make(on_progress=on_progress)
-        files = write(found, base)
-    for note in found.notes:
+        session_map = make(on_progress=on_progress)
+        files = write(session_map, base)
+    for note in session_map.notes:
         common.say(note)
     _say_earlier(base, files)
     if common.options().json:
-        common.print_json(_document(path, found, files), on_one_line=on_one_line)
+        common.print_json(_document(path, session_map, files), on_one_line=on_one_line)
     else:
-        _print_map(found, files)
-    if (damage := found.damage) is not None:
+        _print_map(session_map, files)
+    if (damage := session_map.damage) is not None:
         raise damage
 
 
@@ -167,19 +167,23 @@ def _map_many(
     from fieldkit.results.result_files import results_folder
 
     with batch.progress_bar("mapping") as on_progress:
-        made, failures = make(bases, on_progress=on_progress)
-    for note in dict.fromkeys(note for found, _ in made.values() for note in found.notes):
+        maps, failures = make(bases, on_progress=on_progress)
+    for note in dict.fromkeys(note for found, _ in maps.values() for note in found.notes):
         common.say(note)
-    for path, (_, files) in made.items():
+    for path, (_, files) in maps.items():
         _say_earlier(bases[path], files)
     page = None
-    if made:
+    if maps:
         folder = out or results_folder(next(iter(bases)))
-        page = write_maps_page([found for found, _ in made.values()], folder / f"slope-maps{of_map}.html")
+        page = write_maps_page(
+            [session_map for session_map, _ in maps.values()], folder / f"slope-maps{of_map}.html"
+        )
     if common.options().json:
-        common.print_json({"sessions": [_document(path, *one) for path, one in made.items()], "page": page})
+        common.print_json(
+            {"sessions": [_document(path, *entry) for path, entry in maps.items()], "page": page}
+        )
     else:
-        for path, (found, files) in made.items():
+        for path, (found, files) in maps.items():
             click.echo(path.stem)
             _print_map(found, files)
         if page:
@@ -217,15 +221,17 @@ def _print_map(found: MappedSession, files: Sequence[Path]) -> None:
 
     if found.along_sun is not None:
         towards = f"tilt towards {number(found.along_sun.azimuth_deg)} °"
-        regions = [(one.region, number(one.along_sun_deg, 1), one.pixels) for one in found.by_region()]
+        regions = [
+            (region.region, number(region.along_sun_deg, 1), region.pixels) for region in found.by_region()
+        ]
         common.print_table(("region", towards, "pixels"), regions)
     rows = [
         (
-            one.region, number(one.tilt_deg, 1), number(one.azimuth_deg, 0),
-            _range(one.tilt_low_deg, one.tilt_high_deg), _range(*one.tilt_region_deg), one.pixels,
-            ", ".join(f"{state} {share:.0%}" for state, share in one.states.items()),
+            region.region, number(region.tilt_deg, 1), number(region.azimuth_deg, 0),
+            _range(region.tilt_low_deg, region.tilt_high_deg), _range(*region.tilt_region_deg), region.pixels,
+            ", ".join(f"{state} {share:.0%}" for state, share in region.states.items()),
         )
-        for one in found.by_region()
+        for region in found.by_region()
     ]  # fmt: skip
     of_one = f"{percent(found.bounds.confidence)} of one °"
     if found.along_sun is None:

@@ -61,14 +61,14 @@ def command(
     fieldkit mark --take-back 2
     fieldkit mark --edit 3 shade-test b25 --at 12:31 --session recordings/noon.h5
     """
-    text, given = " ".join(words), (kind, at, start, end)
+    text, times = " ".join(words), (kind, at, start, end)
     if (start is None) != (end is None) or (at and start):
         raise click.UsageError("give --at, or --from and --until together")
-    asked = is_list + (take_back is not None) + (edit is not None)
-    if asked > 1 or (asked and (longest or (edit is None and (text or any(given))))):
+    actions = is_list + (take_back is not None) + (edit is not None)
+    if actions > 1 or (actions and (longest or (edit is None and (text or any(times))))):
         raise click.UsageError("--list and --take-back stand alone; --edit takes TEXT, --kind and a time")
-    if asked:
-        _correct(session, take_back, edit, text, given)
+    if actions:
+        _correct(session, take_back, edit, text, times)
     elif not text or session is not None:
         raise click.UsageError("give the TEXT of a mark; --session needs --list, --take-back or --edit")
     else:

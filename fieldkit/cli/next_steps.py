@@ -50,7 +50,7 @@ def in_commands(text: Text) -> str:
     return str(text)
 
 
-def typed(finding: Finding) -> Finding:
+def finding_in_commands(finding: Finding) -> Finding:
     """A finding whose fix is for the terminal."""
     return replace(finding, fix=in_commands(finding.fix))
 

@@ -101,19 +101,27 @@ def command(
         place = place or replace(config.site, timezone=zone or config.site.timezone)
         facets = facets or target_facets(config)
     estimator = config.estimator_settings() if config else None
-    made = plan(place, day, facets, PlanOptions(**assumed), estimator=estimator)
-    found = None
-    if at is not None or made.day_plan.best_row is not None:
-        session = made.session(session_min, at=at, **_instruments(config))
+    day_plan = plan(place, day, facets, PlanOptions(**assumed), estimator=estimator)
+    experiments = None
+    if at is not None or day_plan.day_plan.best_row is not None:
+        session = day_plan.session(session_min, at=at, **_instruments(config))
         with progress_bar("simulated sessions") as on_run:
-            found = made.experiments(session, with_measures=not as_planned, workers=Workers(), on_run=on_run)
-    path = out or (config.reports / f"plan-{made.day}.html" if config else None)
+            experiments = day_plan.experiments(
+                session, with_measures=not as_planned, workers=Workers(), on_run=on_run
+            )
+    path = out or (config.reports / f"plan-{day_plan.day}.html" if config else None)
     if path:
-        made.write(path, found)
+        day_plan.write(path, experiments)
     if options().json:
-        print_json({**made.document, **(found.document if found else {"experiments": None}), "page": path})
+        print_json(
+            {
+                **day_plan.document,
+                **(experiments.document if experiments else {"experiments": None}),
+                "page": path,
+            }
+        )
     else:
-        _print(made, found, path)
+        _print(day_plan, experiments, path)
 
 
 def _instruments(config: Config | None) -> dict[str, Any]:

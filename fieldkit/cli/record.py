@@ -82,7 +82,11 @@ def command(
     if detach:
         spans = (("for", duration_s), ("include-last", include_last_s))
         ends = [f"--{word}={seconds}s" for word, seconds in spans if seconds is not None]
-        times = [f"--{word}={one:%H:%M}" for word, one in (("at", at), ("until", until)) if one is not None]
+        times = [
+            f"--{word}={clock_time:%H:%M}"
+            for word, clock_time in (("at", at), ("until", until))
+            if clock_time is not None
+        ]
         missing = ["--allow-missing"] if allow_missing else []
         changed = [word for setting in settings for word in ("--set", setting)]
         _detach(config, [f"--name={name}", *ends, *times, *missing, *changed])
@@ -97,7 +101,7 @@ def command(
         allow_missing=allow_missing,
         notify=common.say_warning,
     ) as prepared:
-        if at is not None and not _waited(prepared, at, theme):
+        if at is not None and not _wait_until(prepared, at, theme):
             common.say("called off: nothing was recorded")
             return
         common.say(f"recording {prepared.path.stem}     Ctrl-C stops and seals")
@@ -109,7 +113,7 @@ def command(
         raise summary.failure
 
 
-def _waited(prepared: PreparedRecording, at: time, theme: ThemeName) -> bool:
+def _wait_until(prepared: PreparedRecording, at: time, theme: ThemeName) -> bool:
     """Show the instruments until the recording is to begin; False if that was called off."""
     from fieldkit.recording.preview import await_begin
 
@@ -163,5 +167,5 @@ def print_summary(path: Path, summary: Summary) -> None:
     common.say(
         f"sealed {path}   {path.stat().st_size / 1e6:.1f} MB   {counts}" + (f", {lost} lost" if lost else "")
     )
-    named = shlex.quote(str(path))
-    common.say(f"next: fieldkit check {named}  |  fieldkit report {named}")
+    quoted_path = shlex.quote(str(path))
+    common.say(f"next: fieldkit check {quoted_path}  |  fieldkit report {quoted_path}")

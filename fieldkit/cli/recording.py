@@ -72,8 +72,8 @@ def terminal_views(
     from fieldkit.views.latest import Latest
     from fieldkit.views.terminal_view import terminal_view
 
-    given = common.options()
-    if given.quiet or given.json:
+    chosen = common.options()
+    if chosen.quiet or chosen.json:
         return []
     end_ns = None if duration_s is None else instruments.utc_ns() + round(duration_s * 1e9)
     latest = Latest(config.site, config.regions, instruments.streams, title, end_ns)

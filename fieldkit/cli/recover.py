@@ -31,28 +31,28 @@ def command(paths: tuple[Path, ...], tidy: bool) -> None:
     from fieldkit.recording.request_reader import recover_session
 
     folder = recordings_folder()
-    named = [find_session(path) for path in paths]
-    found = named or [path for path in sessions_in(folder) if is_interrupted(path)]
-    if not found:
+    named_sessions = [find_session(path) for path in paths]
+    interrupted = named_sessions or [path for path in sessions_in(folder) if is_interrupted(path)]
+    if not interrupted:
         say(f"no interrupted session in {folder}: nothing to recover")
     reports: list[RecoveryReport] = []
-    refused: FieldkitError | None = None
-    for path in found:
+    first_error: FieldkitError | None = None
+    for path in interrupted:
         try:
             reports.append(recover_session(path))
         except FieldkitError as error:  # the others are recovered all the same
-            if len(found) > 1:
+            if len(interrupted) > 1:
                 say(f"{path}: " + error.explanation)
-            refused = error
+            first_error = error
             continue
         if not options().json:
             _print(reports[-1], kept=not tidy)
-    deleted = _tidy(named or sessions_in(folder)) if tidy else []
+    deleted = _tidy(named_sessions or sessions_in(folder)) if tidy else []
     if options().json:
         names = [str(path) for path in deleted]
         print_json({"sessions": [_document(report) for report in reports], "deleted": names})
-    if refused is not None:
-        raise refused
+    if first_error is not None:
+        raise first_error
     if any(report.lost_samples for report in reports):
         raise IntegrityError(
             "samples are lost", fix="the lines marked LOST list them; all other samples are intact"

@@ -35,22 +35,22 @@ def command(session: Path, speed: str, settings: tuple[str, ...]) -> None:
     session = find_session(session)
     report_interrupted([session])
     is_shown = not (math.isinf(factor) or common.options().json)
-    done = replay(session, speed=factor, settings=settings, view_of=_view if is_shown else None)
-    slopes = done.estimates
+    summary = replay(session, speed=factor, settings=settings, view_of=_view if is_shown else None)
+    slopes = summary.estimates
     if common.options().json:
         common.print_json(
             {
                 "session": str(session),
                 "slopes": [as_document(slope) for slope in slopes.values()],
-                "learnt": learnt_document(done.learnt),
+                "learnt": learnt_document(summary.learnt),
             }
         )
         return
     if not slopes:
         common.say("no region is a target: nothing was estimated. next: fieldkit roi add in its campaign")
         return
-    print_slopes(slopes, done.regions)
-    print_learnt(done.learnt)
+    print_slopes(slopes, summary.regions)
+    print_learnt(summary.learnt)
     explain_slopes(slopes.values())
     common.say(f"next: fieldkit report {session}")
 

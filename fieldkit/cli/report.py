@@ -56,14 +56,14 @@ def command(
     sessions, settings, as_now = recall(sessions, settings)
     paths = find_sessions(sessions) if sessions else [latest_session(None)]
     chosen = ReportOptions(settings=settings, present=present or as_now, palette=palette)
-    made = report(paths, out, chosen, notify=common.say_warning)
-    _print(made)
+    pages = report(paths, out, chosen, notify=common.say_warning)
+    _print(pages)
     if show:
-        webbrowser.open(made.path.resolve().as_uri())
-    if made.failures:
-        for error in made.failures.values():
+        webbrowser.open(pages.path.resolve().as_uri())
+    if pages.failures:
+        for error in pages.failures.values():
             explain(error)
-        raise SessionError(f"{len(made.failures)} of {len(paths)} sessions are not in the report")
+        raise SessionError(f"{len(pages.failures)} of {len(paths)} sessions are not in the report")
 
 
 def _print(made: Report) -> None:

@@ -109,17 +109,17 @@ def add(
         raise click.UsageError("give --pose or --ground, not both")
     file = campaign_file()
     corners = [first, *more] if first else []
-    added = partial(
+    addition = partial(
         add_region,
         name=name,
         points=corners if pose is None else _on_frame(file, pose, corners),
         is_ground=ground,
         rect=rect,
         reference=reference,
-        **_known(properties),
+        **_stated_properties(properties),
     )
-    region, sent = change_regions(file, added)
-    _print_change(file, name, {"region": region}, "added to", sent)
+    region, reply = change_regions(file, addition)
+    _print_change(file, name, {"region": region}, "added to", reply)
 
 
 def _on_frame(file: Path, pose: Path, corners: list[Point]) -> list[Point]:
@@ -158,22 +158,22 @@ def suggest(names: tuple[str, ...], accept: bool, session: Path | None) -> None:
     if accept and names:
         raise click.UsageError("give names or --accept, not both")
     file = campaign_file()
-    found = suggest_regions(file.parent, find_session(session) if session else None)
-    chosen = [one for one in found if accept or one.region.name in names]
-    if unknown := set(names) - {one.region.name for one in found}:
-        suggested = ", ".join(one.region.name for one in found)
-        raise ConfigError(f"{', '.join(sorted(unknown))}: not suggested", fix=f"suggested are {suggested}")
-    sent = change_regions(file, partial(add_suggested, suggestions=chosen))[1] if chosen else None
-    added = [one.region.name for one in chosen]
+    suggested_regions = suggest_regions(file.parent, find_session(session) if session else None)
+    chosen = [suggestion for suggestion in suggested_regions if accept or suggestion.region.name in names]
+    if unknown := set(names) - {suggestion.region.name for suggestion in suggested_regions}:
+        names_text = ", ".join(suggestion.region.name for suggestion in suggested_regions)
+        raise ConfigError(f"{', '.join(sorted(unknown))}: not suggested", fix=f"suggested are {names_text}")
+    reply = change_regions(file, partial(add_suggested, suggestions=chosen))[1] if chosen else None
+    added = [suggestion.region.name for suggestion in chosen]
     if options().json:
-        suggestions = [one.document() for one in found]
-        print_json({"config": str(file), "suggestions": suggestions, "added": added, **_request(sent)})
+        suggestions = [suggestion.document() for suggestion in suggested_regions]
+        print_json({"config": str(file), "suggestions": suggestions, "added": added, **_request(reply)})
     elif not chosen:
-        print_table(_SUGGESTED, [_suggested_row(one) for one in found])
+        print_table(_SUGGESTED, [_suggested_row(suggestion) for suggestion in suggested_regions])
         say("next: fieldkit roi suggest --accept, or with the names of those to add")
     if chosen:
         say(f"{', '.join(added)} added to {file}; check with a spirit level that the reference is level")
-        _say_sent(sent)
+        _say_sent(reply)
         say(f"next: fieldkit roi edit {added[-1]} --tilt DEGREES --azimuth DEGREES")
 
 
@@ -190,12 +190,12 @@ def edit(name: str, shrink: float | None, **properties: float | str | None) -> N
     from fieldkit.recording.redrawing import change_regions
     from fieldkit.recording.regions import edit_region
 
-    known = _known(properties)
-    if shrink is None and not known:
+    edits = _stated_properties(properties)
+    if shrink is None and not edits:
         raise click.UsageError("give what to change: --shrink, --tilt, --azimuth, --emissivity or --offset")
     file = campaign_file()
-    changes, sent = change_regions(file, partial(edit_region, name=name, shrink_px=shrink, **known))
-    _print_change(file, name, {"region": {"name": name, **changes}}, "changed in", sent)
+    changes, reply = change_regions(file, partial(edit_region, name=name, shrink_px=shrink, **edits))
+    _print_change(file, name, {"region": {"name": name, **changes}}, "changed in", reply)
 
 
 @command.command("remove")
@@ -206,8 +206,8 @@ def remove(name: str) -> None:
     from fieldkit.recording.regions import remove_region
 
     file = campaign_file()
-    _, sent = change_regions(file, partial(remove_region, name=name))
-    _print_change(file, name, {"removed": name}, "removed from", sent)
+    _, reply = change_regions(file, partial(remove_region, name=name))
+    _print_change(file, name, {"removed": name}, "removed from", reply)
 
 
 @command.command("list")
@@ -278,7 +278,7 @@ def _say_sent(sent: SentRequest | None) -> None:
             )
 
 
-def _known(properties: Mapping[str, float | str | None]) -> dict[str, Any]:
+def _stated_properties(properties: Mapping[str, float | str | None]) -> dict[str, Any]:
     return {key: value for key, value in properties.items() if value is not None}
 
 
@@ -305,10 +305,10 @@ def _row(region: Region) -> tuple[str, ...]:
 _SUGGESTED = ("name", "kind", "pixels", "contrast", "spread", "corners")
 
 
-def _suggested_row(one: SuggestedRegion) -> tuple[str, ...]:
-    name, kind, _, corners = _row(one.region)
-    found = one.found
-    return name, kind, f"{found.pixels} px", f"{found.contrast_k:.1f} K", f"{found.spread_k:.2f} K", corners
+def _suggested_row(suggestion: SuggestedRegion) -> tuple[str, ...]:
+    name, kind, _, corners = _row(suggestion.region)
+    match = suggestion.found
+    return name, kind, f"{match.pixels} px", f"{match.contrast_k:.1f} K", f"{match.spread_k:.2f} K", corners
 
 
 def _document(region: Region) -> dict[str, Any]:

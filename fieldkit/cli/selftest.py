@@ -48,14 +48,14 @@ def command(
     from fieldkit.drivers.conformance import check_driver, settings_for
     from fieldkit.model.clock import HostClock
 
-    found = registry.get(driver)
-    given = dict(pairs)
-    instrument = settings_for(found, port, identity, given)
-    outcomes = list(check_driver(found, HostClock(), instrument, CablePrompts() if unplug else None))
+    driver_class = registry.get(driver)
+    driver_options = dict(pairs)
+    instrument = settings_for(driver_class, port, identity, driver_options)
+    outcomes = list(check_driver(driver_class, HostClock(), instrument, CablePrompts() if unplug else None))
     passed = all(outcome.level != "fail" for outcome in outcomes)
     if options().json:
         print_json({"driver": driver, "passed": passed, "checks": [asdict(outcome) for outcome in outcomes]})
     else:
-        for one in outcomes:
-            click.echo(f"{one.level:<5} {one.what}: {one.text}")
+        for check in outcomes:
+            click.echo(f"{check.level:<5} {check.what}: {check.text}")
     ctx.exit(0 if passed else FAILED)

@@ -90,12 +90,12 @@ def status() -> None:
 
 def _print(found: list[ServiceStatus]) -> None:
     if common.options().json:
-        common.print_json({"services": [asdict(one) for one in found]})
+        common.print_json({"services": [asdict(service) for service in found]})
         return
     if not found:
         click.echo("no service is installed; to install one: fieldkit service install")
-    for one in found:
-        click.echo("\n".join(_lines(one)))
+    for service in found:
+        click.echo("\n".join(_lines(service)))
 
 
 def _lines(status: ServiceStatus) -> list[str]:

@@ -23,8 +23,10 @@ def report_interrupted(paths: Iterable[Path]) -> None:
     """Print which of these sessions are interrupted, and how to finish them."""
     for path in paths:
         if is_interrupted(path):
-            named = shlex.quote(str(path))
-            say(f"{path.name} is interrupted, its journal may hold more. next: fieldkit recover {named}")
+            quoted_path = shlex.quote(str(path))
+            say(
+                f"{path.name} is interrupted, its journal may hold more. next: fieldkit recover {quoted_path}"
+            )
 
 
 def find_sessions(paths: Sequence[Path]) -> list[Path]:
@@ -32,16 +34,16 @@ def find_sessions(paths: Sequence[Path]) -> list[Path]:
 
     Prints which are interrupted. Raises `SessionError` if a path does not exist or there is no session.
     """
-    found = _expand(paths)
-    report_interrupted(found)
-    return found
+    sessions = _expand(paths)
+    report_interrupted(sessions)
+    return sessions
 
 
 def latest_session(path: Path | None) -> Path:
     """The session named, or the campaign's latest by its first sample; prints if it is interrupted."""
-    found = max(_expand([path] if path else []), key=began)
-    report_interrupted([found])
-    return found
+    latest = max(_expand([path] if path else []), key=began)
+    report_interrupted([latest])
+    return latest
 
 
 def find_session(given: Path) -> Path:
@@ -56,15 +58,15 @@ def find_session(given: Path) -> Path:
 
 
 def _expand(paths: Sequence[Path]) -> list[Path]:
-    found: list[Path] = []
+    sessions: list[Path] = []
     for given in paths or [recordings_folder()]:
         path = find_session(given)
         if path.is_dir():
             inside = path / "recordings" if (path / "recordings").is_dir() else path
-            found.extend(sessions_in(inside, say_warning))
+            sessions.extend(sessions_in(inside, say_warning))
         else:
-            found.append(path)
-    if not found:
+            sessions.append(path)
+    if not sessions:
         where = f"in {', '.join(map(str, paths))}" if paths else "here"
         raise SessionError(f"there are no sessions {where}", fix="name one, or record one: fieldkit record")
-    return found
+    return sessions

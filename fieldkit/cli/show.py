@@ -54,18 +54,24 @@ def _print(document: dict[str, Any], slopes: Sequence[SlopeEstimate], events: Se
     click.echo(f"  {document['session']}")
     place = f"{site['latitude_deg']:.5f} {site['longitude_deg']:.5f}, {site['elevation_m']:g} m"
     click.echo(f"  {place}   {document['began']} for {precise_duration(document['length_s'])}")
-    for one in document["streams"]:
-        shape = "x".join(str(side) for side in reversed(one["shape"]))
-        components = ", ".join(dict.fromkeys(word or "component unknown" for word in one["measures"]))
-        what = f"{one['quantity'].replace('_', ' ')} {components}".rstrip() + f" [{one['unit']}] {shape}"
-        click.echo(f"  {one['name']:<12} {one['samples']:>8} samples  {what}  {one['device']}")
-    for one in document["regions"]:
-        true = f"{one['tilt_deg']:g}°/{one['azimuth_deg']:g}°" if one["tilt_deg"] == one["tilt_deg"] else ""
-        click.echo(f"  region {one['name']:<12} {one['kind']:<10} {true}")
+    for stream in document["streams"]:
+        shape = "x".join(str(side) for side in reversed(stream["shape"]))
+        components = ", ".join(dict.fromkeys(word or "component unknown" for word in stream["measures"]))
+        what = (
+            f"{stream['quantity'].replace('_', ' ')} {components}".rstrip() + f" [{stream['unit']}] {shape}"
+        )
+        click.echo(f"  {stream['name']:<12} {stream['samples']:>8} samples  {what}  {stream['device']}")
+    for region in document["regions"]:
+        true = (
+            f"{region['tilt_deg']:g}°/{region['azimuth_deg']:g}°"
+            if region["tilt_deg"] == region["tilt_deg"]
+            else ""
+        )
+        click.echo(f"  region {region['name']:<12} {region['kind']:<10} {true}")
     for slope, row in zip(slopes, document["slopes"], strict=True):
         click.echo(f"  slope  {slope.region:<12} {_slope(slope)}  {row['at']}")
-    for one, event in list(zip(document["events"], events, strict=True))[-_LAST_EVENTS:]:
-        click.echo(f"  {one['at']}  {one['kind']:<10} {one['stream']} {event_text(event)}".rstrip())
+    for entry, event in list(zip(document["events"], events, strict=True))[-_LAST_EVENTS:]:
+        click.echo(f"  {entry['at']}  {entry['kind']:<10} {entry['stream']} {event_text(event)}".rstrip())
 
 
 def _slope(slope: SlopeEstimate) -> str:

@@ -35,16 +35,16 @@ def explain_slopes(estimates: Iterable[SlopeEstimate]) -> None:
     for estimate in estimates:
         if math.isfinite(estimate.along_sun_deg):
             common.say(f"{estimate.region}: {estimate.reason}")
-    found = [estimate for estimate in estimates if math.isfinite(estimate.tilt_deg)]
-    sure = formatting.confidence(found)
-    if found:
+    solved = [estimate for estimate in estimates if math.isfinite(estimate.tilt_deg)]
+    sure = formatting.confidence(solved)
+    if solved:
         common.say(
             f"±: larger half of the {sure} region, "
             "with systematic uncertainties of scale and offset; noise: without"
         )
-    if any(one.state is SlopeState.UNCERTAIN for one in found):
+    if any(slope.state is SlopeState.UNCERTAIN for slope in solved):
         common.say(f"uncertain: {formatting.uncertain_means(sure)}")
-    if any(one.model.startswith("paper") and "azimuth known" not in one.model for one in found):
+    if any(slope.model.startswith("paper") and "azimuth known" not in slope.model for slope in solved):
         common.say(formatting.PAPER_OMITS)
 
 

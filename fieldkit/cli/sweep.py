@@ -61,7 +61,7 @@ def command(
     paths = find_sessions(sessions)
     base = batch.base_of(out or _default(paths[0]))
     with batch.progress_bar("estimating") as on_progress:
-        found = sweep(
+        result = sweep(
             paths,
             grid,
             present=present,
@@ -69,10 +69,10 @@ def command(
             on_progress=on_progress,
             notify=common.say,
         )
-    common.say(f"done, {found.cached} of them known before")
-    if found.columns:
-        _print(found, found.write(base))
-    batch.raise_failures(found.failures, paths)
+    common.say(f"done, {result.cached} of them known before")
+    if result.columns:
+        _print(result, result.write(base))
+    batch.raise_failures(result.failures, paths)
 
 
 def _default(session: Path) -> Path:

@@ -81,10 +81,10 @@ def minutes(low: int, high: int) -> click.ParamType:  # type: ignore[type-arg]
     """A type of durations in whole minutes within a range."""
 
     def parse(text: str) -> int:
-        found = parse_duration(text) / 60.0
-        if not found.is_integer() or not low <= found <= high:
+        minutes = parse_duration(text) / 60.0
+        if not minutes.is_integer() or not low <= minutes <= high:
             raise ValueError(f"must be whole minutes within {low}m..{high}m")
-        return int(found)
+        return int(minutes)
 
     return _Typed("TIME", parse)
 
@@ -148,12 +148,12 @@ def parse_day(text: str) -> date:
 def parse_hour(text: str) -> time:
     """A clock time ``HH:MM`` in the site's zone."""
     try:
-        found = time.fromisoformat(text if ":" in text else f"{text}:00".rjust(5, "0"))
+        clock_time = time.fromisoformat(text if ":" in text else f"{text}:00".rjust(5, "0"))
     except ValueError:
         raise ValueError("expected a time of the day like 12:00") from None
-    if found.tzinfo is not None:
+    if clock_time.tzinfo is not None:
         raise ValueError("is in the site's zone; omit the offset")
-    return found
+    return clock_time
 
 
 def parse_xy(text: str) -> tuple[float, float]:
@@ -229,8 +229,8 @@ def parse_key_value(text: str) -> tuple[str, Any]:
 
 def parse_instrument(text: str) -> tuple[str, dict[str, Any]]:
     """``IDENTITY=DRIVER[,KEY=VALUE...]``: an identity, and its ``driver`` with options."""
-    identity, _, stated = text.partition("=")
-    driver, *pairs = stated.split(",")
+    identity, _, driver_text = text.partition("=")
+    driver, *pairs = driver_text.split(",")
     if not (identity and driver):
         raise ConfigError(f"{text!r} is not IDENTITY=DRIVER, such as 10c4:ea60:A7=lutron")
     return identity, {"driver": driver, **dict(map(parse_key_value, pairs))}
