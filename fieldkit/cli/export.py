@@ -60,10 +60,10 @@ def command(session: Path | None, kind: str, speed: str, **given: Any) -> None:
 
 def _print(session: Path, exported: Export) -> None:
     if options().json:
-        files = [str(file) for file in found.files]
-        print_json({"session": str(session), "files": files, "problems": list(found.problems)})
+        files = [str(file) for file in exported.files]
+        print_json({"session": str(session), "files": files, "problems": list(exported.problems)})
         return
-    for file in found.files[:MOST_NAMES]:
+    for file in exported.files[:MOST_NAMES]:
         click.echo(file)
-    if len(found.files) > MOST_NAMES:
-        click.echo(f"and {len(found.files) - MOST_NAMES} more in {found.folder}")
+    if len(exported.files) > MOST_NAMES:
+        click.echo(f"and {len(exported.files) - MOST_NAMES} more in {exported.folder}")
