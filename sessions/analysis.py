@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 
 from fieldkit.model.arrays import CountArray, FlagArray, FloatArray, IntArray
-from fieldkit.model.device import StreamInfo
+from fieldkit.model.device import StreamInfo, regions_on
 from fieldkit.model.errors import IntegrityError, SessionError
 from fieldkit.model.region_schedule import RegionSchedule
 from fieldkit.model.samples import is_damaged, is_usable
@@ -173,7 +173,8 @@ def region_series(
     schedule = session.region_schedule if regions is None else RegionSchedule.of(regions)
     reader, convert = session.stream(info.name), _to_kelvin(info, calibration)
     minutes = session.times_ns(info.name) // MINUTE_NS
-    chosen = schedule.latest if regions is None else tuple(regions)
+    drawn = regions_on(info.name, schedule.latest, session.streams.values())
+    chosen = drawn if regions is None else tuple(regions)
     series = [_drawn_series(reader, schedule, region, minutes, convert) for region in chosen]
     # a chunk's own checksum vouches for its pixels; the stamps and flags need the seal, or the whole frame
     flags = reader.column("flags") if session.columns_are_sealed(info.name) else reader.flags()

@@ -119,6 +119,7 @@ class EntryRows:
             "emissivity": region.emissivity, "tilt_deg": region.tilt_deg, "azimuth_deg": region.azimuth_deg,
             "n_vertices": len(region.vertices), "vertices": vertices, "label": encode_text(region.name, 64),
             "removed": int(record.is_removed), "vertices_m": vertices_m,
+            "camera": encode_text(region.camera, 64),
         }  # fmt: skip
 
     def _health_row(self, health: Health) -> Row:
@@ -276,7 +277,7 @@ def _region(row: Row) -> Region:
     return Region(
         decode_text(row["label"]), RegionKind(row["kind"]), tuple(map(tuple, corners)), row["tilt_deg"],
         row["azimuth_deg"], row["emissivity"],
-        () if np.isnan(corners_m).any() else tuple(map(tuple, corners_m)),
+        () if np.isnan(corners_m).any() else tuple(map(tuple, corners_m)), decode_text(row["camera"]),
     )  # fmt: skip
 
 

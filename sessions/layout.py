@@ -408,6 +408,7 @@ def _region_columns() -> list[Column]:
         Column("vertices", "<f8", (MAX_VERTICES, 2), ("vertex", "xy"), np.nan, {"units": "1"}),
         Column("label", "S64"),
         Column("removed", "u1", attributes={"long_name": "1: the region ends here", "units": "1"}),
+        Column("camera", "S64", attributes={"long_name": "stream of its camera; empty: the first camera"}),
         Column(
             "vertices_m",
             "<f8",

@@ -34,11 +34,16 @@ class SimulatedField:
     """The instruments of a scene, running by a clock; a context manager.
 
     The drivers are the real ones: a meter's gets the path of a pseudo-terminal, a camera's
-    a source of buffers.
+    a source of buffers. `camera_offsets_k` are by the camera's name.
     """
 
-    def __init__(self, scene: Scene, clock: SimulatedClock) -> None:
-        self._scene, self._clock = scene, clock
+    def __init__(
+        self,
+        scene: Scene,
+        clock: SimulatedClock,
+        camera_offsets_k: Mapping[str, float] = MappingProxyType({}),
+    ) -> None:
+        self._scene, self._clock, self._camera_offsets_k = scene, clock, camera_offsets_k
         self._meters: list[SimulatedMeter] = []
         for begin_ns, _ in scene.fault_spans(FaultKind.CLOCK):
             clock.call_at(clock.to_mono_ns(begin_ns), lambda: clock.step_system_clock(CLOCK_STEP_S))
@@ -53,7 +58,8 @@ class SimulatedField:
             return settings
         if (camera := CAMERAS.get(settings.driver)) is not None:
             options = {"latency_s": LATENCY_S, **settings.options}
-            return replace(settings, options=options, source=camera(self._scene, self._clock))
+            source = camera(self._scene, self._clock, self._camera_offsets_k.get(settings.name, 0.0))
+            return replace(settings, options=options, source=source)
         if (meter := METERS.get(settings.driver)) is not None:
             instrument = meter(self._scene, self._clock, settings)
             self._meters.append(instrument)

@@ -212,14 +212,14 @@ _FPA_ABOVE_AIR_K, _HOUSING_ABOVE_AIR_K = 18.0, 14.0
 class SimulatedLepton:
     """A PureThermal board with a Lepton 3.5; satisfies `fieldkit.model.device.FrameSource`.
 
-    It may be closed and read again: closing only lets go of it.
+    It may be closed and read again: closing only lets go of it. It shows everything `offset_k` too warm.
     """
 
     backend = "simulated"
     port = "simulated"
 
-    def __init__(self, scene: Scene, clock: SimulatedClock) -> None:
-        self._scene, self._clock = scene, clock
+    def __init__(self, scene: Scene, clock: SimulatedClock, offset_k: float = 0.0) -> None:
+        self._scene, self._clock, self._offset_k = scene, clock, np.float32(offset_k)
         self._on_ns = clock.mono_ns() - _WARM_NS
         self._next: int | None = None  # None: not streaming
         self._board = Board()
@@ -301,7 +301,7 @@ class SimulatedLepton:
         shown = self._index(shutter.began_ns) if shutter.state is ShutterState.RUNNING else number
         seen_ns = self._seen_ns(shown)
         kelvin = self._scene.frame(self._clock.to_utc_ns(seen_ns), shown, self._correction(seen_ns))
-        counts = np.rint(kelvin * np.float32(self._board.counts_per_kelvin)).astype("<u2")
+        counts = np.rint((kelvin + self._offset_k) * np.float32(self._board.counts_per_kelvin)).astype("<u2")
         return bytes(counts.tobytes()) + self._board.telemetry(self._vitals(self._seen_ns(number), number))
 
     def _correction(self, mono_ns: int) -> Correction:

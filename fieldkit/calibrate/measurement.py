@@ -32,7 +32,7 @@ from fieldkit.calibration.foil import FOIL_EMISSIVITY, FOIL_EMISSIVITY_SD
 from fieldkit.calibration.ranges import TEMPERATURE_C, require_ranges
 from fieldkit.calibration.steady_pairs import Readings
 from fieldkit.model.arrays import FloatArray
-from fieldkit.model.device import StreamInfo
+from fieldkit.model.device import StreamInfo, find_camera
 from fieldkit.model.errors import CalibrationError, ConfigError
 from fieldkit.model.limits import bounds_by_name
 from fieldkit.model.samples import Frame, Sample, is_usable
@@ -240,7 +240,7 @@ class Inventory:
 def measurement_setup(inventory: Inventory, options: MeasurementOptions) -> MeasurementSetup:
     """Choose the streams and regions of a measurement; raises `ConfigError` if a choice is unclear."""
     where, regions = inventory.path, inventory.regions
-    camera = next((info for info in inventory.streams if info.is_camera), None)
+    camera = find_camera(inventory.streams)
     if camera is None:
         raise ConfigError(f"{where} has no camera", fix="an emissivity needs frames of a camera")
     reference = next((region.name for region in regions if region.kind is RegionKind.REFERENCE), "")

@@ -237,4 +237,5 @@ def _region(table: RegionTable) -> Region:
         azimuth_deg=azimuth_deg,
         emissivity=NAN if table.emissivity is None else table.emissivity,
         points_m=tuple((at[0], at[1], at[2] if len(at) > 2 else NAN) for at in table.points_m),
+        camera="" if table.camera == "camera" else table.camera,
     )

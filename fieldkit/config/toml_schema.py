@@ -365,6 +365,9 @@ class SimulationTable(Table):
     jitter_px: float = Field(
         default=0.0, ge=0, le=20, description="shake of the camera, at most, in x and in y"
     )
+    camera_offset_k: dict[Name, float] = Field(
+        default={}, description="by camera, how much too warm it shows everything, such as {second = 0.4}"
+    )
     terrain: bool = Field(
         default=False,
         description="sand in the relief of camera.pose's dem instead of level ground",
@@ -415,6 +418,9 @@ class RegionTable(Table):
     )
     horizon: list[HorizonPoint] = Field(
         default=[], description="its own horizon instead of the site's: pairs or a CSV file"
+    )
+    camera: str = Field(
+        default="", description="the camera it lies in, such as second of [device.second]; default: the first"
     )
 
 

@@ -168,6 +168,7 @@ def cross_check(document: Mapping[str, Any]) -> list[Mistake]:
         _device_names,
         _region_names,
         _shared_probes,
+        _cameras_of_regions,
         _reference,
         _outside_the_frame,
         _method,
@@ -299,6 +300,18 @@ def _shared_probes(document: Mapping[str, Any]) -> Iterator[Mistake]:
                 regions[probe] = str(region.get("name"))
 
 
+def _cameras_of_regions(document: Mapping[str, Any]) -> Iterator[Mistake]:
+    """A second camera is a device beside [camera], the first; the pose is that of the first."""
+    for path, region in regions_in(document):
+        camera = region.get("camera", "")
+        if camera in ("", "camera") or not isinstance(camera, str):
+            continue
+        if camera not in table_in(document, "device") or "camera" not in document:
+            yield Mistake((*path, "camera"), f"a second camera is [device.{camera}] beside [camera]")
+        if region.get("points_m"):
+            yield Mistake((*path, "points_m"), "camera.pose is that of [camera]; give points_px")
+
+
 def _reference(document: Mapping[str, Any]) -> Iterator[Mistake]:
     regions = regions_in(document)
     is_needed = table_in(document, "estimator").get("reference") != "weather"
@@ -316,7 +329,7 @@ def _outside_the_frame(document: Mapping[str, Any]) -> Iterator[Mistake]:
     if not isinstance(width, int) or not isinstance(height, int):
         return
     for path, region in regions_in(document):
-        for x, y in outline(region.get("points_px")) or ():
+        for x, y in outline(region.get("points_px")) or () if not region.get("camera") else ():
             if not (0 <= x <= width - 1 and 0 <= y <= height - 1):
                 where = f"corner ({x:g}, {y:g}) is outside the frame of {width} x {height} pixels"
                 yield Mistake((*path, "points_px"), where)

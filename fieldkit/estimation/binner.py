@@ -17,8 +17,7 @@ from fieldkit.estimation.disturbances import DisturbanceMonitor, end_of
 from fieldkit.estimation.instruments import Instruments, MinuteIrradiance, mean_of
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.air import AIR_TEMPERATURE, WIND_SPEED
-from fieldkit.model.arrays import IntArray
-from fieldkit.model.device import StreamInfo
+from fieldkit.model.device import StreamInfo, find_camera
 from fieldkit.model.radiation import how_to_state
 from fieldkit.model.region_schedule import Regions, RegionSchedule
 from fieldkit.model.samples import Event, EventKind, Quality, Reading, Sample, Severity
@@ -36,10 +35,11 @@ Closed = tuple[MinuteBin, tuple[Event, ...]]
 class Binner:
     """Collects samples into minute bins.
 
-    The first camera stream with a known temperature scale is used; DNI comes from measured direct irradiance,
-    else from global irradiance, else from the illuminance meter (`Instruments`), as `irradiance_model` says
-    in words. Samples of other streams are skipped. Regions that change hold in whole minutes; every outline
-    has a column of its own. Raises `ConfigError` if the only light is from a stream of unknown component.
+    Each region is seen by its own camera, of those with a known temperature scale; DNI comes from measured
+    direct irradiance, else from global irradiance, else from the illuminance meter (`Instruments`), as
+    `irradiance_model` says in words. Samples of other streams are skipped. Regions that change hold in whole
+    minutes; every outline has a column of its own. Raises `ConfigError` if the only light is from a stream of
+    unknown component.
     """
 
     def __init__(
@@ -56,13 +56,17 @@ class Binner:
         self._absent = self._instruments.absent
         self.irradiance_model: str = self._instruments.label
         # a bin that is still open may hold other regions than the next
-        self._camera_of = lru_cache(maxsize=2)(self._looking_at)
+        self._cameras_of = lru_cache(maxsize=2)(self._looking_at)
         self._open: dict[int, OpenBin] = {}
         self._closed_ns = -(2**62)
         self._late = 0
         self._sun_was_up = False
         self._disturbances = DisturbanceMonitor()
-        self._follower = Follower(settings.camera_path)
+        # the configured pose is that of the first camera
+        self._followers = {
+            info.name: Follower(None if place else settings.camera_path)
+            for place, info in enumerate(self._instruments.cameras)
+        }
 
     def add(self, sample: Sample | Event | RegionRecord) -> list[Closed]:
         """Take one sample, mark or change of the regions; returns the bins it closed, usually none.
@@ -83,24 +87,31 @@ class Binner:
         minute = self._open.get(start)
         if minute is None:
             number = start // MINUTE_NS
-            minute = self._open[start] = OpenBin(number, self.schedule.at(number))
+            columns = self.schedule.at(number)
+            minute = self._open[start] = OpenBin(number, columns, self._cameras_of(tuple(columns.tolist())))
         if isinstance(sample, Reading):
             minute.add_reading(sample)
-        elif (camera := self._camera(minute.columns)) is not None and sample.stream == camera.info.name:
-            minute.add_frame(sample, camera, self._follower)
+        elif (frames := minute.cameras.get(sample.stream)) is not None:
+            frames.add_frame(sample, self._followers[sample.stream])
         return closed
 
-    def _camera(self, columns: IntArray) -> CameraStream | None:
-        """The camera that looks at these regions, None without a camera."""
-        return self._camera_of(tuple(columns.tolist()))
-
-    def _looking_at(self, columns: tuple[int, ...]) -> CameraStream | None:
-        if (info := self._instruments.camera) is None:
-            return None
-        regions = [self.schedule.columns[column] for column in columns]
+    def _looking_at(self, columns: tuple[int, ...]) -> list[CameraStream]:
+        """The cameras, each with those of the regions that it looks at."""
         emissivity = self._settings.surface.emissivity
         reflected_k = self._settings.reflected_temperature_k
-        return CameraStream(info, regions, emissivity, reflected_k, self._settings.limits)
+        cameras = self._instruments.cameras
+        regions = {column: self.schedule.columns[column] for column in columns}
+        seen_by = {column: find_camera(cameras, region.camera) for column, region in regions.items()}
+        return [
+            CameraStream(
+                info,
+                {column: region for column, region in regions.items() if seen_by[column] is info},
+                emissivity,
+                reflected_k,
+                self._settings.limits,
+            )
+            for info in cameras
+        ]
 
     def finish(self) -> list[Closed]:
         """Close the open bins at the end of a recording."""
@@ -149,11 +160,10 @@ class Binner:
         count = len(regions)
         temperature, spread, probe = np.full((3, count), np.nan)
         pixels = np.zeros(count, np.int64)
-        if (camera := self._camera(minute.columns)) is not None:
-            means = camera.means(minute.frame_sums)
-            for values, found in zip((temperature, spread), means, strict=True):
-                values[minute.columns] = found
-            pixels[minute.columns] = camera.mean_pixels(minute.frame_sums)
+        for part in minute.cameras.values():
+            columns = part.camera.columns
+            temperature[columns], spread[columns] = part.camera.means(part.sums)
+            pixels[columns] = part.camera.mean_pixels(part.sums)
         held = [regions[column] for column in minute.columns]
         if (probes := self._instruments.probe_k(minute, held)).size:
             probe[minute.columns] = probes
@@ -167,7 +177,7 @@ class Binner:
             temperature_k=temperature,
             spread_k=spread,
             pixels=pixels,
-            frames=minute.frame_sums.frames,
+            frames=minute.frames,
             dni_w_m2=mean_of(light.dni_w_m2),
             illuminance_lx=light.illuminance_lx,
             dhi_w_m2=light.dhi_w_m2,

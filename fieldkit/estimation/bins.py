@@ -12,10 +12,11 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, fields, replace
-from functools import cached_property
+from functools import cached_property, reduce
+from operator import or_
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -207,7 +208,7 @@ class RegionSums:
 
 
 class CameraStream:
-    """The camera stream that feeds the bins: its law, its regions, its conversion of counts to kelvin.
+    """A camera stream that feeds the bins: its law, its regions by column, its conversion to kelvin.
 
     Counts of a linear law are summed as they are; other laws give kelvin frame by frame, which are summed in
     whole hundredths, finer than the noise of one pixel.
@@ -216,15 +217,16 @@ class CameraStream:
     def __init__(
         self,
         info: StreamInfo,
-        regions: Sequence[Region],
+        regions: Mapping[int, Region],
         emissivity: float,
         reflected_k: float,
         limits: Mapping[str, tuple[float, float]] = MappingProxyType({}),
     ) -> None:
         self.info = info
-        self.regions: tuple[Region, ...] = tuple(regions)
-        self.outline: RegionPixels = RegionPixels(regions, (info.shape[0], info.shape[1]))
-        given = np.array([region.emissivity for region in regions], np.float64)
+        self.columns: IntArray = np.array(list(regions), np.int64)
+        self.regions: tuple[Region, ...] = tuple(regions.values())
+        self.outline: RegionPixels = RegionPixels(self.regions, (info.shape[0], info.shape[1]))
+        given = np.array([region.emissivity for region in self.regions], np.float64)
         self._emissivity = np.where(np.isnan(given), emissivity, given)
         self._reflected_k = reflected_k
         self._is_linear = info.law == "linear"
@@ -281,8 +283,9 @@ class Follower:
             return "the trajectory has no pose of this time"
         return "the camera moved too far to be followed"
 
-    def update(self, frame: Frame, camera: CameraStream, columns: IntArray) -> RegionPixels | None:
+    def update(self, frame: Frame, camera: CameraStream) -> RegionPixels | None:
         """The pixels of the regions in a frame; None where they cannot be found."""
+        columns = camera.columns
         if self._ground is None:
             steps = self._drawn.update(frame.counts, columns)
             return None if steps is None else camera.outline.moved(steps)
@@ -298,20 +301,19 @@ class Follower:
         return camera.outline.moved(steps, dict(zip(pinned.tolist(), found, strict=True)))
 
 
-class OpenBin:
-    """One bin while its samples arrive, in any order; `columns` are the regions that hold in its minute."""
+class CameraBin:
+    """The frames of one camera in a bin while they arrive, in any order."""
 
-    def __init__(self, minute: int, columns: IntArray) -> None:
-        self.minute = minute
-        self.columns = columns
-        self.frame_sums: RegionSums = RegionSums(columns.size)
+    def __init__(self, minute: int, camera: CameraStream) -> None:
+        self.camera = camera
+        self.sums: RegionSums = RegionSums(camera.columns.size)
         self.flags: Quality = Quality.GOOD
-        self.readings: dict[str, list[Reading]] = defaultdict(list)
         self.last_frame: Frame | None = None
         self.loss = ""
         self.shift_px = 0.0
+        self._start_ns = minute * MINUTE_NS
 
-    def add_frame(self, frame: Frame, camera: CameraStream, follower: Follower | None = None) -> None:
+    def add_frame(self, frame: Frame, follower: Follower | None = None) -> None:
         """Sum a frame over the regions where they lie in it, unless its flags or its law exclude it.
 
         One in which they cannot be found is flagged and not summed.
@@ -319,24 +321,65 @@ class OpenBin:
         self.flags |= frame.quality
         if not is_usable(frame.quality):
             return
-        outline = camera.outline
+        outline: RegionPixels | None = self.camera.outline
         if follower is not None:
-            found = follower.update(frame, camera, self.columns)
+            outline = follower.update(frame, self.camera)
             if self.last_frame is None or frame.time_ns > self.last_frame.time_ns:
                 self.last_frame, self.shift_px = frame, follower.shift_px
-                self.loss = follower.loss if found is None else ""
-            if found is None:
-                self.flags |= Quality.MOVED
-                return
-            outline = found
-        if (sums := camera.sums(frame, outline)) is not None:
-            self.frame_sums.add(sums, frame.time_ns - self.minute * MINUTE_NS)
+                self.loss = follower.loss if outline is None else ""
+        if outline is None:
+            self.flags |= Quality.MOVED
+        elif (sums := self.camera.sums(frame, outline)) is not None:
+            self.sums.add(sums, frame.time_ns - self._start_ns)
 
     @property
     def not_whole(self) -> set[int]:
         """Columns of regions that did not lie wholly in each of the frames used."""
-        seen = zip(self.columns.tolist(), self.frame_sums.seen, strict=True)
-        return {column for column, frames in seen if frames < self.frame_sums.frames}
+        seen = zip(self.camera.columns.tolist(), self.sums.seen, strict=True)
+        return {column for column, frames in seen if frames < self.sums.frames}
+
+
+class OpenBin:
+    """One bin while its samples arrive, in any order; `columns` are the regions that hold in its minute."""
+
+    def __init__(self, minute: int, columns: IntArray, cameras: Iterable[CameraStream] = ()) -> None:
+        self.minute = minute
+        self.columns = columns
+        self.cameras: dict[str, CameraBin] = {
+            camera.info.name: CameraBin(minute, camera) for camera in cameras
+        }
+        self.readings: dict[str, list[Reading]] = defaultdict(list)
+
+    @property
+    def flags(self) -> Quality:
+        """Flags of all frames."""
+        return Quality(reduce(or_, (frames.flags for frames in self.cameras.values()), 0))
+
+    @property
+    def frames(self) -> int:
+        """Number of the frames used."""
+        return sum(frames.sums.frames for frames in self.cameras.values())
+
+    @property
+    def last_frame(self) -> Frame | None:
+        """The last frame that was followed."""
+        followed = [frames.last_frame for frames in self.cameras.values() if frames.last_frame is not None]
+        return max(followed, key=lambda frame: frame.time_ns, default=None)
+
+    @property
+    def loss(self) -> str:
+        """Reason why a camera's last frame was not followed."""
+        return next((frames.loss for frames in self.cameras.values() if frames.loss), "")
+
+    @property
+    def shift_px(self) -> float:
+        """Largest shift of a camera's last frame. [pixels]."""
+        return max((frames.shift_px for frames in self.cameras.values()), default=0.0)
+
+    @property
+    def not_whole(self) -> set[int]:
+        """Columns of regions that did not lie wholly in each of the frames used."""
+        return set().union(*(frames.not_whole for frames in self.cameras.values()))
 
     def add_reading(self, reading: Reading) -> None:
         """Keep a reading until the minute closes."""
@@ -345,10 +388,10 @@ class OpenBin:
     @property
     def time_ns(self) -> int:
         """Mean time of the frames used, else of the last one that was lost, else the middle of the minute."""
-        if self.loss and self.last_frame is not None and not self.frame_sums.frames:
+        if self.loss and self.last_frame is not None and not self.frames:
             return self.last_frame.time_ns
-        start, frames = self.minute * MINUTE_NS, self.frame_sums.frames
-        return start + (self.frame_sums.offset_ns // frames if frames else MINUTE_NS // 2)
+        start, offset_ns = self.minute * MINUTE_NS, sum(part.sums.offset_ns for part in self.cameras.values())
+        return start + (offset_ns // self.frames if self.frames else MINUTE_NS // 2)
 
     def sorted_readings(self, stream: str) -> list[Reading]:
         """Readings of one stream by time, equal times by value: independent of the order of arrival."""

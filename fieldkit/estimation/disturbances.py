@@ -66,7 +66,7 @@ class DisturbanceMonitor:
         self._is_lost = False
         self._outside: set[int] = set()
         self._settled_ns = -(2**62)
-        self._last_sums: tuple[int, list[int]] | None = None
+        self._last_sums: dict[str, tuple[int, list[int]]] = {}
         self._events: list[Event] = []  # of the present bin, which ends at these monotonic and UTC times
         self._at_ns = (0, 0)
 
@@ -231,15 +231,18 @@ class DisturbanceMonitor:
 
     def _frozen(self, entry: MinuteBin, minute: OpenBin) -> MinuteBin:
         """The bin, flagged and without temperatures where its frames are those of the bin before."""
-        last, self._last_sums = self._last_sums, (minute.frame_sums.frames, minute.frame_sums.totals)
-        if self._last_sums != last or not entry.frames:
-            return entry
-        blank = np.full_like(entry.temperature_k, np.nan)
-        return replace(entry, flags=entry.flags | Quality.FROZEN, temperature_k=blank)
+        for name, frames in minute.cameras.items():
+            last, sums = self._last_sums.get(name), (frames.sums.frames, frames.sums.totals)
+            self._last_sums[name] = sums
+            if sums == last and frames.sums.frames:
+                kelvin = entry.temperature_k.copy()
+                kelvin[frames.camera.columns] = np.nan
+                entry = replace(entry, flags=entry.flags | Quality.FROZEN, temperature_k=kelvin)
+        return entry
 
     def _leaving(self, minute: OpenBin) -> None:
         """Single regions that leave the frame, and that are back."""
-        if not minute.frame_sums.frames:
+        if not minute.frames:
             return
         before, self._outside = self._outside, minute.not_whole
         for column in sorted(before ^ self._outside):

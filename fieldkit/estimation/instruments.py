@@ -100,8 +100,7 @@ class Instruments:
 
     def __init__(self, streams: Sequence[StreamInfo], settings: EstimatorSettings) -> None:
         self._streams = {info.name: info for info in streams}
-        cameras = [s for s in streams if s.is_camera and s.quantity == "brightness_temperature"]
-        self.camera: StreamInfo | None = cameras[0] if cameras else None
+        self.cameras: tuple[StreamInfo, ...] = tuple(info for info in streams if info.is_radiometric)
         self._sources = list(_sources(streams, settings))
         self.unknown: tuple[str, ...] = _unknown(self._sources)
         self._lux = _best(self._sources, "illuminance")

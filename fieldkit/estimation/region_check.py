@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
+from types import MappingProxyType
 from typing import Any, Literal
 
 from fieldkit.model.arrays import BoolArray, FloatArray
@@ -75,13 +76,23 @@ def slope_text(region: Region) -> str:
 
 
 def check_regions(
-    regions: Sequence[Region], shape: tuple[int, ...] | None, frame: FloatArray | None = None
+    regions: Sequence[Region],
+    shapes: Mapping[str, tuple[int, ...]],
+    frames: Mapping[str, FloatArray] = MappingProxyType({}),
 ) -> list[RegionInspection]:
-    """Check each region in a frame of `shape` (rows, cols); `frame` holds kelvin of that shape.
+    """Check each region in a frame of its camera, by the camera's name: shapes (rows, cols), and kelvin.
 
     Without a shape the regions are only checked against each other.
     """
-    return [check_region(one, shape, frame, regions[:number]) for number, one in enumerate(regions)]
+    return [
+        check_region(
+            region,
+            shapes.get(region.camera),
+            frames.get(region.camera),
+            [other for other in regions[:number] if other.camera == region.camera],
+        )
+        for number, region in enumerate(regions)
+    ]
 
 
 def check_region(

@@ -1,4 +1,4 @@
-"""Temperatures of regions: calibrated offsets removed, and their shift by uncertain emissivities.
+"""Temperatures of regions: calibrated offsets removed, shift by uncertain emissivities and second cameras.
 
 Another emissivity of the camera's band turns the same reading into another temperature. Regions that share
 the surface's emissivity shift together, so most of it cancels in the difference to the reference; a region
@@ -19,6 +19,9 @@ from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.arrays import FloatArray
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.physics.radiance import brightness_temperature_k, kelvin_per_emissivity, surface_temperature_k
+
+CAMERA_OFFSET_SD_K = 0.5
+"""Offset between two radiometric cameras; judged: shutters correct each camera by its own housing."""
 
 
 def remove_offsets(history: History, regions: Sequence[Region], settings: EstimatorSettings) -> History:
@@ -45,8 +48,13 @@ def shifted_temperatures(
     """Temperatures (n, regions) with one emissivity a standard uncertainty higher, for each that has one.
 
     Those of surfaces, with their emissivities and the uncertainties of these by the settings; `regions` are
-    the columns.
+    the columns. Then with each other camera than that of the first region one standard uncertainty warmer.
     """
+    for camera in dict.fromkeys(region.camera for region in regions):
+        if camera != regions[0].camera:
+            yield temperature_k + CAMERA_OFFSET_SD_K * np.array(
+                [region.camera == camera for region in regions]
+            )
     own = [column for column, region in enumerate(regions) if not math.isnan(region.emissivity)]
     common = [column for column in range(len(regions)) if column not in own]
     surface = settings.surface.emissivity
@@ -68,8 +76,8 @@ def shifted_temperatures(
 def difference_covariance_k2(
     temperature_k: FloatArray, regions: Sequence[Region], settings: EstimatorSettings
 ) -> FloatArray:
-    """Covariance (n - 1, n - 1) of the differences to the first of n regions in a minute from the
-    emissivities.
+    """Covariance (n - 1, n - 1) of the differences to the first of n regions in a minute from emissivities
+    and cameras.
 
     Surface temperatures (n,); the other arguments are as for `shifted_temperatures`.
     """
@@ -82,7 +90,7 @@ def difference_covariance_k2(
 def difference_k(
     bed_k: FloatArray, reference_k: FloatArray, bed: Region, reference: Region, settings: EstimatorSettings
 ) -> FloatArray:
-    """Standard uncertainty of target minus reference (n,) from the emissivities, kelvin."""
+    """Standard uncertainty of target minus reference (n,) from emissivities and cameras, kelvin."""
     both = np.column_stack([bed_k, reference_k])
     shifts = [shifted - both for shifted in shifted_temperatures(both, (bed, reference), settings)]
     squares = [(shift[:, 0] - shift[:, 1]) ** 2 for shift in shifts]

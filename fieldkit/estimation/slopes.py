@@ -16,9 +16,10 @@ at most, hence the least deviation of half a kelvin.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
+from itertools import compress
 
 import numpy as np
 
@@ -32,7 +33,7 @@ from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.weather_reference import beside_level, shifted_levels
 from fieldkit.model.arrays import BoolArray, FloatArray, IntArray
 from fieldkit.model.samples import Quality
-from fieldkit.model.site import Region
+from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SOLVED, SlopeEstimate, SlopeState
 from fieldkit.physics.facet import normal, tilt_azimuth
 from fieldkit.physics.horizon import MINUTE_EDGE_DEG, sunlit_share
@@ -58,6 +59,26 @@ def slopes(
 
     The bins begin with the session: the full model needs those before the window.
     """
+    by_name = {
+        estimate.region: estimate
+        for bins, seen in _by_camera(history, regions)
+        for estimate in _slopes(bins, seen, settings)
+    }
+    return tuple(by_name[region.name] for region in regions if region.name in by_name)
+
+
+def _by_camera(history: History, regions: Sequence[Region]) -> Iterator[tuple[History, tuple[Region, ...]]]:
+    """The targets of each camera beside its own references, or beside all where it has none."""
+    references = [region for region in regions if region.kind is RegionKind.REFERENCE]
+    for camera in dict.fromkeys(region.camera for region in regions if region not in references):
+        own = [region for region in references if region.camera == camera] or references
+        seen = [region in own or (region not in references and region.camera == camera) for region in regions]
+        yield history.only(np.flatnonzero(seen)), tuple(compress(regions, seen))
+
+
+def _slopes(
+    history: History, regions: Sequence[Region], settings: EstimatorSettings
+) -> tuple[SlopeEstimate, ...]:
     if settings.reference == "weather":
         history, regions = beside_level(history, regions, settings)
     columns = RegionColumns(tuple(regions))
@@ -77,9 +98,12 @@ def budgets(
     history: History, regions: Sequence[Region], settings: EstimatorSettings
 ) -> dict[str, tuple[BudgetTerm, ...]]:
     """Uncertainty budget of every target that has a slope at the last minute, by the full model."""
-    if settings.reference == "weather":
-        history, regions = beside_level(history, regions, settings)
-    return Window(history, len(history), RegionColumns(tuple(regions)), settings).budgets()
+    terms: dict[str, tuple[BudgetTerm, ...]] = {}
+    for bins, seen in _by_camera(history, regions):
+        if settings.reference == "weather":
+            bins, seen = beside_level(bins, seen, settings)
+        terms |= Window(bins, len(bins), RegionColumns(tuple(seen)), settings).budgets()
+    return terms
 
 
 def _held_clouded(

@@ -8,12 +8,13 @@ Exceptions of libraries (pyserial, V4L2, libusb) end inside the driver: a device
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol, runtime_checkable
 
 from fieldkit.model.clock import Clock
 from fieldkit.model.samples import Frame, Reading
+from fieldkit.model.site import Region
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +64,11 @@ class StreamInfo:
         return len(self.shape) == 2
 
     @property
+    def is_radiometric(self) -> bool:
+        """True for frames of known temperature."""
+        return self.is_camera and self.quantity == "brightness_temperature"
+
+    @property
     def channel_names(self) -> tuple[str, ...]:
         """Channels of a meter by name, or else by number from 1."""
         count = self.shape[0]
@@ -85,6 +91,26 @@ class StreamInfo:
     def is_read_as(self, other: StreamInfo) -> bool:
         """True if the numbers of `other` mean the same here; of two unknown scales (NaN) nothing is known."""
         return repr((self.law, self.scale, self.offset)) == repr((other.law, other.scale, other.offset))
+
+
+def find_camera(streams: Iterable[StreamInfo], name: str = "") -> StreamInfo | None:
+    """The camera of that name, by default the first, preferably one of known temperature; None without."""
+    cameras = [info for info in streams if info.is_camera and name in ("", info.name)]
+    return min(cameras, key=lambda info: not info.is_radiometric, default=None)
+
+
+def frame_shapes(streams: Iterable[StreamInfo]) -> dict[str, tuple[int, ...]]:
+    """Rows and columns of each camera's frames by its name; of the first camera also by ""."""
+    streams = tuple(streams)
+    names = ("", *(info.name for info in streams))
+    return {name: camera.shape for name in names if (camera := find_camera(streams, name)) is not None}
+
+
+def regions_on(stream: str, regions: Iterable[Region], streams: Iterable[StreamInfo]) -> tuple[Region, ...]:
+    """The regions that lie in the frames of a stream."""
+    streams = tuple(streams)
+    cameras = ((region, find_camera(streams, region.camera)) for region in regions)
+    return tuple(region for region, camera in cameras if camera is not None and camera.name == stream)
 
 
 @dataclass(frozen=True, slots=True)

@@ -103,6 +103,7 @@ class Region:
     `azimuth_deg` are as measured by inclinometer and compass: used by the estimator for references, for
     targets only for comparison (NaN: unknown). `points_m` are the corners on the ground (east, north,
     height in the system of the camera's pose) of a region given by them; `vertices` is where they were seen.
+    `camera` names the stream whose frames it lies in, "" the first camera.
 
     Examples
     --------
@@ -126,6 +127,7 @@ class Region:
     azimuth_deg: float = float("nan")
     emissivity: float = float("nan")
     points_m: tuple[tuple[float, float, float], ...] = ()
+    camera: str = ""
 
     def mask(self, shape: tuple[int, int], within: tuple[slice, slice] | None = None) -> BoolArray:
         """Pixels whose centre lies inside the polygon or on its edge, shape (rows, cols).

@@ -233,7 +233,8 @@ class Answers:
         if request.shrink:
             region = _shrunk(region, request.shrink)
         shape, frame, present = self._drawn_on(request.session)
-        others = [one for one in present if one.name != (request.instead_of or region.name)]
+        replaced = request.instead_of or region.name
+        others = [other for other in present if not other.camera and other.name != replaced]
         found = check_region(region, shape, frame, others)
         return {
             "pixels": found.pixels, "spread_c": found.spread_k, "level": found.level,

@@ -113,7 +113,8 @@ class Hub:
 
     def _show_frame(self, frame: Frame) -> None:
         now = time.monotonic()
-        if not is_showable(frame.quality) or now - self._last_picture_s < FASTEST_PICTURES_S:
+        is_shown = frame is self.latest.frame and is_showable(frame.quality)  # of the first camera
+        if not is_shown or now - self._last_picture_s < FASTEST_PICTURES_S:
             return
         self._last_picture_s = now
         for mode in {viewer.mode for viewer in tuple(self.viewers)} - {"off"}:
@@ -227,12 +228,18 @@ class Hub:
         return latest.health.written_bytes / seconds if latest.health and seconds > 0 else math.nan
 
     def region_temperatures_c(self) -> dict[str, float]:
-        """Mean surface temperature of each region in the last frame, °C; empty without one."""
-        latest, frame = self.latest, self.latest.frame
-        if frame is None or frame_image.unit(latest.streams[frame.stream]) != "°C":
-            return {}
-        shown = frame_image.values(frame, latest.streams[frame.stream])
-        return {region.name: self._mean_c(region, shown) for region in latest.regions}
+        """Mean surface temperature of each region in its camera's last frame, °C, where there is one."""
+        frames = {region.camera: self.latest.frame_of(region.camera) for region in self.latest.regions}
+        shown = {
+            camera: frame_image.values(frame, info)
+            for camera, frame in frames.items()
+            if frame is not None and frame_image.unit(info := self.latest.streams[frame.stream]) == "°C"
+        }
+        return {
+            region.name: self._mean_c(region, shown[region.camera])
+            for region in self.latest.regions
+            if region.camera in shown
+        }
 
     def _mean_c(self, region: Region, shown: FloatArray) -> float:
         inside = shown[self._mask(region, (shown.shape[0], shown.shape[1]))]

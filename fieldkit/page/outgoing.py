@@ -62,6 +62,7 @@ def _region(region: Region) -> Document:
         "role": "reference" if region.kind is RegionKind.REFERENCE else "target",
         "vertices": [list(corner) for corner in region.vertices],
         "tilt_deg": region.tilt_deg, "azimuth_deg": region.azimuth_deg, "emissivity": region.emissivity,
+        "camera": region.camera,
     }  # fmt: skip
 
 

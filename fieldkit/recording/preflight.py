@@ -10,7 +10,7 @@ from fieldkit.calibration.calibration_record import CalibrationRecord, model_war
 from fieldkit.config import Config
 from fieldkit.config.trajectory import outside
 from fieldkit.estimation.instruments import Instruments as EstimatorInstruments
-from fieldkit.model.device import StreamInfo
+from fieldkit.model.device import StreamInfo, frame_shapes
 from fieldkit.model.errors import ConfigError, StorageError
 from fieldkit.model.radiation import how_to_state
 from fieldkit.model.units import SECOND_NS
@@ -73,15 +73,16 @@ def _use_warnings(key: str, record: CalibrationRecord, config: Config, light: st
 
 
 def _check_regions(config: Config, streams: Sequence[StreamInfo], notify: Notify) -> None:
-    """Raise `ConfigError` if a region reaches outside the frame; warn if there are none."""
-    camera = next((info for info in streams if info.is_camera), None)
-    if camera is None:
-        return
-    if not config.regions:
+    """Raise `ConfigError` if a region reaches outside its camera's frame; warn if there are none."""
+    shapes = frame_shapes(streams)
+    if shapes and not config.regions:
         notify(NO_REGIONS)
-    rows, cols = camera.shape
-    for region in config.regions:
-        if not region.is_within(camera.shape):
+    for region in config.regions if shapes else ():
+        if region.camera not in shapes:
+            notify(f"region {region.name}: there is no camera {region.camera}, so it has no temperature")
+            continue
+        rows, cols = shapes[region.camera]
+        if not region.is_within((rows, cols)):
             raise ConfigError(
                 f"region {region.name!r} reaches outside the frame of {cols} x {rows} pixels",
                 fix="fieldkit roi check, then correct its points_px in fieldkit.toml",

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from fieldkit.config import Config
 from fieldkit.estimation.estimator import Estimator, Minute
-from fieldkit.model.device import Camera
+from fieldkit.model.device import Camera, regions_on
 from fieldkit.model.durations import as_seconds
 from fieldkit.model.errors import DeviceNotFoundError, DeviceTimeoutError, StorageError
 from fieldkit.model.samples import Event, Frame, Health, Sample, StreamHealth, is_showable
@@ -118,7 +118,9 @@ def write_png(path: Path, config: Config, instruments: Instruments) -> None:
     frame = usable_frame(instruments)
     info = next(info for info in instruments.streams if info.name == frame.stream)
     try:
-        path.write_bytes(frame_image.png(frame, info, config.regions))
+        path.write_bytes(
+            frame_image.png(frame, info, regions_on(info.name, config.regions, instruments.streams))
+        )
     except OSError as error:
         raise StorageError(f"cannot write {path}: {error.strerror}", fix="name another file") from error
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from fieldkit.config import Config, find_campaign, load_config
 from fieldkit.estimation.estimator import Estimator, Minute
-from fieldkit.model.device import StreamInfo
+from fieldkit.model.device import StreamInfo, frame_shapes
 from fieldkit.model.durations import as_seconds
 from fieldkit.model.mark_times import shown_at
 from fieldkit.model.radiation import with_components
@@ -194,8 +194,7 @@ class PreparedRecording:
         header = header_of(config, self.name, instruments.streams, command_line)
         included = self.included or Included(start_ns, iter(()))
         writer = SessionWriter(self.path, header, instruments.clock, included.start_ns)
-        camera = next((info for info in instruments.streams if info.is_camera), None)
-        redrawing = Redrawing(config.regions, camera.shape if camera else None, config.site)
+        redrawing = Redrawing(config.regions, frame_shapes(instruments.streams), config.site)
         requests = RequestReader(inbox(self.path), instruments.clock, redrawing)
         estimator = Estimator(config.site, config.regions, instruments.streams, config.estimator_settings())
         end_ns = None if self.duration_s is None else start_ns + round(self.duration_s * SECOND_NS)

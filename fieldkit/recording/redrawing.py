@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar, TypeVar
@@ -37,10 +37,10 @@ class NewRegions:
 
 @dataclass
 class Redrawing:
-    """The regions of a recording as they are now; `shape` is of its camera's frames (rows, cols)."""
+    """The regions of a recording as they are now; `shapes` are of its cameras' frames (rows, cols)."""
 
     regions: tuple[Region, ...]
-    shape: tuple[int, ...] | None
+    shapes: Mapping[str, tuple[int, ...]]
     site: Site
 
     def __post_init__(self) -> None:
@@ -90,7 +90,7 @@ class Redrawing:
                 check_region(region)
         except ValueError as error:
             return [str(error)]
-        inspections = check_regions(regions, self.shape)
+        inspections = check_regions(regions, self.shapes)
         return [
             f"{inspection.region.name}: {failure}"
             for inspection in inspections

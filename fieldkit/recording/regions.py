@@ -12,7 +12,7 @@ import numpy as np
 from fieldkit.config import Config, ConfigMistakesError, edit, read_config
 from fieldkit.estimation.region_check import RegionInspection, check_regions
 from fieldkit.model.arrays import FloatArray
-from fieldkit.model.device import StreamInfo
+from fieldkit.model.device import StreamInfo, find_camera
 from fieldkit.model.errors import ConfigError, SessionError
 from fieldkit.model.samples import Frame, Sample, is_usable
 from fieldkit.physics.camera_laws import frame_k, has_temperatures
@@ -131,11 +131,14 @@ def inspect_regions(config: Config, session: Path | None = None) -> list[RegionI
     Raises `SessionError` if the session has no frames with temperatures.
     """
     if session is not None:
-        frame = mean_of_first_frames_k(session)
-        return check_regions(config.regions, frame.shape, frame)
+        cameras = {"", *(region.camera for region in config.regions)}
+        frames = {name: mean_of_first_frames_k(session, name) for name in cameras}
+        return check_regions(config.regions, {name: frame.shape for name, frame in frames.items()}, frames)
     camera = config.tables.camera
-    shape = (camera.height_px, camera.width_px) if camera and camera.height_px and camera.width_px else None
-    return check_regions(config.regions, shape)
+    shapes = (
+        {"": (camera.height_px, camera.width_px)} if camera and camera.height_px and camera.width_px else {}
+    )
+    return check_regions(config.regions, shapes)
 
 
 def _corners(x: float, y: float, width: float, height: float) -> list[Point]:
@@ -180,15 +183,15 @@ def _failed(inspection: RegionInspection) -> str:
     return f"region {inspection.region.name}: {'; '.join(inspection.failures)}"
 
 
-def mean_of_first_frames_k(path: Path) -> FloatArray:
-    """Mean of the first good frames of a session's first camera, kelvin, shape (rows, cols).
+def mean_of_first_frames_k(path: Path, name: str = "") -> FloatArray:
+    """Mean of the first good frames of a session's camera, by default the first, kelvin, (rows, cols).
 
     Raises `SessionError` if the session has no frames with a temperature.
     """
     from fieldkit.sessions.reader import open_session
 
     with open_session(path) as session:
-        camera = next((info for info in session.streams.values() if info.is_camera), None)
+        camera = find_camera(session.streams.values(), name)
         frames = _usable_frames_k(session.samples(camera.name), camera) if camera else iter(())
         kept = list(itertools.islice(frames, AVERAGED_FRAMES))
     if not kept:

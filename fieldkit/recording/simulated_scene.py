@@ -58,7 +58,8 @@ def simulated_field(
     simulation = config.tables.simulation
     speed = 1.0 if simulation is None else simulation.speed
     clock = SimulatedClock(scene.start_ns, math.inf if speed == "max" else speed, elapsed_ns)
-    with clock, SimulatedField(scene, clock) as field:
+    offsets_k = simulation.camera_offset_k if simulation else {}
+    with clock, SimulatedField(scene, clock, offsets_k) as field:
         yield clock, field
 
 

@@ -78,7 +78,7 @@ def suggested(frame: FloatArray, present: Sequence[Region]) -> list[SuggestedReg
     Raises `NoAnswerError` if there is none.
     """
     shape = frame.shape[0], frame.shape[1]
-    taken = np.any([region.mask(shape) for region in present], axis=0)
+    taken = np.any([region.mask(shape) for region in present if not region.camera], axis=0)
     beds = [bed for bed in find_beds(frame) if not (_outline("", bed).mask(shape) & taken).any()]
     if not beds:
         raise NoAnswerError("every bed that was found has a region already", fix=FIX)

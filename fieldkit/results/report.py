@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from markupsafe import Markup
 
+from fieldkit.model.device import find_camera, regions_on
 from fieldkit.model.errors import ConfigError, FieldkitError
 from fieldkit.model.installation import install_extra
 from fieldkit.model.samples import is_usable
@@ -228,10 +229,10 @@ def default_path(session: Path) -> Path:
 
 def middle_frame(session: SessionReader) -> Frame | None:
     """The usable frame nearest to the middle of the session, or None."""
-    camera = next((name for name, info in session.streams.items() if info.is_camera), None)
+    camera = find_camera(session.streams.values())
     if camera is None:
         return None
-    reader = session.stream(camera)
+    reader = session.stream(camera.name)
     good = np.flatnonzero(is_usable(reader.column("flags")))
     nearest = good[np.argsort(np.abs(good - len(reader) // 2), kind="stable")]
     frames = (reader.frame(row) for row in nearest.tolist())
@@ -273,13 +274,14 @@ def _image(
     zone = formatting.zone_name(start, site, end)
     subtitle = f"{day:%Y-%m-%d %H:%M} to {until} {zone}   {formatting.place(site)}"
     estimates = list(known.estimates().final.values())
-    regions = known.schedule.latest
+    camera, streams = find_camera(session.streams.values()), session.streams.values()
+    regions = regions_on(camera.name, known.schedule.latest, streams) if camera else ()
     return session_image(session.path.stem, subtitle, frames, regions, mapped, estimates, palette)
 
 
 def _shown_frames(session: SessionReader, known: SessionMinutes) -> Iterator[ShownFrame]:
     """The first usable frame, the one nearest to the highest sun, the last."""
-    camera = next((info for info in session.streams.values() if info.is_camera), None)
+    camera = find_camera(session.streams.values())
     if camera is None:
         return
     reader = session.stream(camera.name)

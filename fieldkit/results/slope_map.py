@@ -33,7 +33,7 @@ from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.ground.on_ground import GroundView, ground_view, write_on_ground
 from fieldkit.ground.terrain_products import LAYERS, Layer, Products, layer_along_sun, layers
 from fieldkit.model.arrays import BoolArray, ByteArray, FloatArray, IntArray
-from fieldkit.model.device import StreamInfo
+from fieldkit.model.device import StreamInfo, find_camera, regions_on
 from fieldkit.model.durations import as_seconds
 from fieldkit.model.errors import ConfigError, FieldkitError, IntegrityError, NoAnswerError
 from fieldkit.model.learnt import Learnt, LearntParameter
@@ -438,11 +438,13 @@ def _map_session(
     config = config_for(session, settings, present=present)
     minutes = SessionMinutes(session, config, present=present)
     instruments = Instruments(tuple(session.streams.values()), minutes.settings)
-    camera = instruments.camera
-    if camera is None or not RegionColumns(minutes.schedule.columns).references.size:
+    camera = find_camera(instruments.cameras)
+    regions = regions_on(camera.name, minutes.regions, instruments.cameras) if camera else ()
+    if camera is None or not RegionColumns(regions).references.size:
         missing = "camera whose temperatures are known" if camera is None else "reference region"
         raise NoAnswerError(f"{session.path} has no {missing}, so it has no slope map")
-    history, estimates = minutes.history, minutes.estimates()
+    columns = [place for place, region in enumerate(minutes.regions) if region in regions]
+    history, estimates = minutes.history.only(np.array(columns, np.int64)), minutes.estimates()
     chosen = _window(minutes, estimates, window)
     if not len(chosen):
         raise NoAnswerError(
@@ -455,7 +457,7 @@ def _map_session(
     final = final_estimates(estimates, minutes.regions)
     minute_map = MinuteMap(
         history,
-        minutes.regions,
+        regions,
         chosen,
         (camera.shape[0], camera.shape[1]),
         minutes.settings,
@@ -466,7 +468,7 @@ def _map_session(
         },
         learnt,
     )
-    surface_k = surface_of_pixels(minutes.regions, (camera.shape[0], camera.shape[1]), minutes.settings)
+    surface_k = surface_of_pixels(regions, (camera.shape[0], camera.shape[1]), minutes.settings)
     total, finished = len(minute_map.rows), count(1)
 
     def counted_k(minute: int) -> FloatArray:
@@ -479,12 +481,12 @@ def _map_session(
         path=session.path,
         overrides=settings,
         window=window,
-        slopes=_within_regions(slopes, minutes.regions),
+        slopes=_within_regions(slopes, regions),
         bounds=bounds,
         likelihood=likelihood,
         camera=camera,
         site=minutes.site,
-        regions=minutes.regions,
+        regions=regions,
         settings=_as_learnt(minutes.settings, learnt),
         model="full" if is_instant and minutes.settings.model == "learned" else minutes.settings.model,
         irradiance_model=instruments.label,

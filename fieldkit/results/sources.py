@@ -15,6 +15,7 @@ from fieldkit.config.template import assignment
 from fieldkit.config.toml_schema import known_keys
 from fieldkit.disk import sha256
 from fieldkit.estimation.region_check import check_regions
+from fieldkit.model.device import frame_shapes
 from fieldkit.model.errors import ConfigError, FieldkitError, SessionError, message_of
 from fieldkit.model.marks import numbers_named
 from fieldkit.model.region_schedule import RegionSchedule
@@ -124,8 +125,7 @@ def source_of(
 
 def schedule_of(session: SessionReader, regions: Sequence[Region]) -> RegionSchedule:
     """Regions drawn on a finished session; raises `ConfigError` for one that cannot be used in its frames."""
-    camera = next((info for info in session.streams.values() if info.is_camera), None)
-    checks = check_regions(regions, camera.shape if camera else None)
+    checks = check_regions(regions, frame_shapes(tuple(session.streams.values())))
     if failures := [f"{check.region.name}: {failure}" for check in checks for failure in check.failures]:
         raise ConfigError("; ".join(failures), fix="draw them again on the session's frames")
     return RegionSchedule.of(regions)

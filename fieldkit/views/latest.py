@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, TypeAlias
 
 from fieldkit.model.alarm import Alarm, Phase, phase_of, present_after
-from fieldkit.model.device import StreamInfo
+from fieldkit.model.device import StreamInfo, find_camera
 from fieldkit.model.samples import Event, EventKind, Frame, Health, Reading, Severity, StreamHealth
 from fieldkit.model.site import Region, RegionRecord, Site
 from fieldkit.views import formatting
@@ -47,7 +47,6 @@ class Latest:
         self.planned_end_ns = planned_end_ns
         self.regions: tuple[Region, ...] = tuple(regions)
         self.streams: Mapping[str, StreamInfo] = {info.name: info for info in streams}
-        self.frame: Frame | None = None
         self.frames: Mapping[str, Frame] = {}
         self.readings: Mapping[str, Reading] = {}
         self.minute: Minute | None = None
@@ -71,7 +70,7 @@ class Latest:
         self.start_ns = self.start_ns or item.time_ns
         self.items += 1
         if isinstance(item, Frame):
-            self.frame, self.frames = item, {**self.frames, item.stream: item}
+            self.frames = {**self.frames, item.stream: item}
         elif isinstance(item, Reading):
             self.readings = {**self.readings, item.stream: item}
         elif isinstance(item, Event):
@@ -96,6 +95,16 @@ class Latest:
             self.gaps = {**self.gaps, event.stream: self.gaps.get(event.stream, 0) + 1}
         if event.kind in (EventKind.CLOCK_STEP, EventKind.SLEPT):
             self.clock_event = event
+
+    @property
+    def frame(self) -> Frame | None:
+        """The latest frame of the first camera."""
+        return self.frame_of("")
+
+    def frame_of(self, camera: str) -> Frame | None:
+        """The latest frame of a camera, by the name that regions give it."""
+        info = find_camera(self.streams.values(), camera)
+        return None if info is None else self.frames.get(info.name)
 
     @property
     def health(self) -> Health | None:

@@ -21,7 +21,7 @@ from rich.table import Table
 from rich.text import Text
 from rich.theme import Theme
 
-from fieldkit.model.device import StreamInfo
+from fieldkit.model.device import StreamInfo, regions_on
 from fieldkit.model.durations import rounded_duration
 from fieldkit.model.learnt import Learnt, LearntParameter
 from fieldkit.model.samples import Event, Frame, Reading, Severity
@@ -134,7 +134,8 @@ def _image(latest: Latest, max_cols: int, rows: int) -> tuple[RenderableType, in
     cols = min(max_cols, round(2 * lines * shape[1] / shape[0]))
     if lines < 1 or cols < 2:  # a narrow or flat terminal has no room for it
         return Text(), 0
-    return _drawn(frame, latest.streams[frame.stream], latest.regions, lines, cols), cols
+    regions = regions_on(frame.stream, latest.regions, latest.streams.values())
+    return _drawn(frame, latest.streams[frame.stream], regions, lines, cols), cols
 
 
 def _drawn(
@@ -348,7 +349,7 @@ def _noise(latest: Latest, region: Region) -> str:
 
 def _as_seen(latest: Latest, region: Region) -> list[str | Text]:
     """Mean and spread in the last frame, until the first minute has a surface temperature."""
-    frame = latest.frame
+    frame = latest.frame_of(region.camera)
     if frame is None or frame_image.unit(latest.streams[frame.stream]) != "°C":
         return [formatting.UNKNOWN, formatting.UNKNOWN]
     shown = frame_image.values(frame, latest.streams[frame.stream])

@@ -114,7 +114,7 @@ function snapped([x, y]) {
   if (isSkyline()) return within([x, y]);
   const reach = Math.max(1, SNAP_PX / zoom());
   let [bestX, bestY] = [x, y], [nearX, nearY] = [reach + 0.01, reach + 0.01];
-  for (const box of regions.list.filter((one) => one.name !== drawing.draft.original).map(boundsOf)) {
+  for (const box of regions.list.filter((region) => region.name !== drawing.draft.original && !region.camera).map(boundsOf)) {
     const besideX = y >= box.top - 1 && y <= box.bottom + 1, besideY = x >= box.left - 1 && x <= box.right + 1;
     for (const at of besideX ? [box.left - 1, box.right + 1] : [box.left, box.right]) {
       if (Math.abs(at - x) < nearX) [bestX, nearX] = [at, Math.abs(at - x)];

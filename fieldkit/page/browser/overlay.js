@@ -13,7 +13,7 @@ function drawOverlay() {
   const edited = drawing.draft?.original;
   const focused = document.activeElement?.dataset?.corner;
   overlay.replaceChildren(
-    ...regions.list.filter((region) => region.name !== edited).map((region) => regionShape(region)),
+    ...regions.list.filter((region) => region.name !== edited && !region.camera).map((region) => regionShape(region)),
     ...suggesting.list.map((region) => regionShape(region, "suggested")),
     ...(drawing.draft ? [draftShape(drawing.draft)] : []),
     ...crossShapes(drawing.draft ? drawing.draft.cursor : picture.probe),

@@ -10,7 +10,7 @@ from importlib import metadata
 from typing import TYPE_CHECKING
 
 from fieldkit.disk import sha256
-from fieldkit.model.device import StreamInfo
+from fieldkit.model.device import StreamInfo, regions_on
 from fieldkit.model.samples import EventKind, Frame, StreamHealth
 from fieldkit.model.site import Region
 from fieldkit.model.version import __version__
@@ -80,7 +80,8 @@ def frame_image(data: ReportData) -> FrameImage | None:
     """The frame with its regions, or None if there is no frame."""
     if (frame := data.frame) is None:
         return None
-    info = data.session.streams[frame.stream]
+    streams = data.session.streams
+    info = streams[frame.stream]
     scale = image.scale_of(image.values(frame, info), image.unit(info))
     rows, cols = frame.counts.shape
     return FrameImage(
@@ -91,7 +92,7 @@ def frame_image(data: ReportData) -> FrameImage | None:
         middle=scale.text((scale.low + scale.high) / 2),
         high=scale.text(scale.high),
         palette=[f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in palette()[::8].tolist()],
-        outlines=[_outline(region) for region in data.regions],
+        outlines=[_outline(region) for region in regions_on(frame.stream, data.regions, streams.values())],
         caption=_frame_caption(data, frame, scale),
     )
 

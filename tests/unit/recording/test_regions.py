@@ -14,30 +14,30 @@ def square(name: str, x: int, side: int) -> Region:
 
 
 def test_a_region_below_100_pixels_is_too_small():
-    small, large = check_regions([square("a", 0, 9), square("b", 20, 10)], (120, 160))
+    small, large = check_regions([square("a", 0, 9), square("b", 20, 10)], {"": (120, 160)})
     assert (small.pixels, small.level) == (81, "FAIL")
     assert (large.pixels, large.level) == (100, "ok")
 
 
 def test_a_region_outside_the_frame_fails():
-    (inspection,) = check_regions([square("a", 155, 20)], (120, 160))
+    (inspection,) = check_regions([square("a", 155, 20)], {"": (120, 160)})
     assert inspection.failures == ["outside the frame of 160 x 120 pixels"]
 
 
 def test_overlapping_regions_are_reported_with_the_pixels_they_share():
-    inspections = check_regions([square("a", 0, 20), square("b", 15, 20)], (120, 160))
+    inspections = check_regions([square("a", 0, 20), square("b", 15, 20)], {"": (120, 160)})
     assert [inspection.level for inspection in inspections] == ["ok", "FAIL"]
     assert inspections[1].failures == ["shares 100 px with a"]
 
 
 def test_without_a_frame_size_regions_are_checked_against_each_other():
-    inspections = check_regions([square("a", 0, 20), square("b", 500, 20)], None)
+    inspections = check_regions([square("a", 0, 20), square("b", 500, 20)], {})
     assert [inspection.level for inspection in inspections] == ["ok", "ok"]
-    assert check_regions([], None) == []
+    assert check_regions([], {}) == []
 
 
 def test_a_region_larger_than_any_frame_fails_before_its_pixels_take_all_memory():
-    (inspection,) = check_regions([square("a", 0, 10**9)], None)
+    (inspection,) = check_regions([square("a", 0, 10**9)], {})
     assert inspection.failures == [f"outside the frame of {LARGEST_PX} x {LARGEST_PX} pixels"]
 
 
@@ -46,7 +46,9 @@ def test_a_rim_that_sees_something_else_is_a_warning():
     frame = np.full((60, 60), 300.0)
     frame[12:28, 12:28] = 310.0
     drawn, exact = square("drawn", 10, 20), region("exact", (12, 12), (27, 12), (27, 27), (12, 27))
-    too_large, right = check_regions([drawn], frame.shape, frame) + check_regions([exact], frame.shape, frame)
+    too_large, right = check_regions([drawn], {"": frame.shape}, {"": frame}) + check_regions(
+        [exact], {"": frame.shape}, {"": frame}
+    )
     assert too_large.level == "warn"
     assert too_large.edge_k == pytest.approx(-10.0)
     assert too_large.warnings == ["edge pixels differ by -10.0 K: fieldkit roi edit drawn --shrink 2"]
@@ -58,13 +60,13 @@ def test_a_rim_that_sees_something_else_is_a_warning():
 def test_one_region_alone_gets_the_verdict_that_it_gets_among_the_others():
     frame = 300.0 + np.random.default_rng(2).standard_normal((120, 160))
     drawn = [square("a", 0, 20), square("b", 15, 20), region("c", (70, 20), (120, 31), (96, 88))]
-    among = check_regions(drawn, frame.shape, frame)
+    among = check_regions(drawn, {"": frame.shape}, {"": frame})
     alone = [check_region(one, frame.shape, frame, drawn[:number]) for number, one in enumerate(drawn)]
     assert [one.document() for one in alone] == [one.document() for one in among]
 
 
 def test_a_region_over_the_whole_frame_is_a_warning():
     whole = Region("all", RegionKind.TARGET, ((0, 0), (159, 0), (159, 119), (0, 119)))
-    (inspection,) = check_regions([whole], (120, 160))
+    (inspection,) = check_regions([whole], {"": (120, 160)})
     assert inspection.level == "warn"
     assert inspection.warnings == ["covers 100% of the frame, not one bed"]

@@ -223,7 +223,7 @@ def regions_of(items):
 
 def test_new_regions_hold_from_the_next_full_minute(folder, clock, bed):
     number = send(folder, NewRegions((bed,)))
-    reader = RequestReader(folder, clock, Redrawing((), (120, 160), Site(37.7, -105.9, 2317.0)))
+    reader = RequestReader(folder, clock, Redrawing((), {"": (120, 160)}, Site(37.7, -105.9, 2317.0)))
     record, event = reader()
     assert (repr(record.region), record.time_ns) == (repr(bed), NOON_NS + 60 * 10**9)
     assert event.data == {"request": number, "from_ns": record.time_ns, "added": ["b15"]}
@@ -242,7 +242,7 @@ def test_new_regions_hold_from_the_next_full_minute(folder, clock, bed):
 )
 def test_a_bad_region_is_refused_and_the_others_stay(folder, clock, bed, corners, why):
     flat = Region("flat", RegionKind.REFERENCE, ((10, 10), (40, 10), (40, 40), (10, 40)))
-    redrawing = Redrawing((flat,), (120, 160), Site(37.7, -105.9, 2317.0))
+    redrawing = Redrawing((flat,), {"": (120, 160)}, Site(37.7, -105.9, 2317.0))
     number = send(folder, NewRegions((flat, replace(bed, vertices=corners))))
     (event,) = RequestReader(folder, clock, redrawing)()
     assert (event.kind, event.severity) == (EventKind.REGION, Severity.WARNING)
@@ -257,7 +257,7 @@ def test_regions_that_could_not_be_stored_come_again_and_those_stored_stay(folde
         replace(bed, name=f"b{n}", vertices=((n, 0), (n + 20, 0), (n + 20, 20), (n, 20))) for n in (0, 30)
     )
     send(folder, NewRegions(beds))
-    reader = RequestReader(folder, clock, Redrawing((), (120, 160), Site(37.7, -105.9, 2317.0)))
+    reader = RequestReader(folder, clock, Redrawing((), {"": (120, 160)}, Site(37.7, -105.9, 2317.0)))
     items = reader()
     assert [next(items).region.name, next(items).region.name] == ["b0", "b30"]
     items.close()  # the second was not stored

@@ -74,7 +74,7 @@ def test_what_the_data_taught_is_shown_with_how_much_they_said(latest, make_minu
 @pytest.mark.parametrize("seen", [True, False])
 @pytest.mark.parametrize(("cols", "rows"), SMALL_SIZES)
 def test_a_terminal_without_room_for_the_picture_shows_the_rest(latest, cols, rows, seen):
-    latest.frame = latest.frame if seen else None
+    latest.frames = latest.frames if seen else {}
     lines = letters(latest, cols, rows)
     assert len(lines) == rows
     assert {cell_len(line) for line in lines} == {cols}
