@@ -16,7 +16,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 BUILD = ROOT / "build/wheel"
-EXTRAS = "lab,gps,alarms,dask,page,pdf,terrain"
+EXTRAS = "lab,alarms,dask,page,pdf,terrain"
 LOWEST_PYTHON = "3.11"
 UNIT_TESTS = ("physics", "config", "sessions", "test_face.py")
 

@@ -23,8 +23,6 @@ from fieldkit.drivers.meters import meter
 from fieldkit.drivers.ports import Line, SerialDriver, baud, open_port
 from fieldkit.model.clock import Clock, utc_ns
 from fieldkit.model.device import DeviceSettings
-from fieldkit.model.errors import ConfigError
-from fieldkit.model.installation import install_extra
 from fieldkit.model.samples import Quality
 
 LONGEST = 120  # the standard has 82, receivers send more
@@ -43,10 +41,9 @@ _HINT = "give the receiver a view of the sky; baud = 4800 for older ones"
 def parse(buffer: bytes) -> Parsed:
     """The sentence at the start of `buffer`, up to its line end."""
     if not buffer.startswith(b"$"):
-        found = buffer.find(b"$", 1)
-        return Rejected(found if found > 0 else len(buffer), "does not begin with $")
-    end = buffer.find(b"\n")
-    again = buffer.find(b"$", 1)
+        start = buffer.find(b"$")
+        return Rejected(start if start > 0 else len(buffer), "does not begin with $")
+    end, again = buffer.find(b"\n"), buffer.find(b"$", 1)
     if again > 0 and (end < 0 or again < end):
         return Rejected(again, "a sentence begins before this one ends")
     if end < 0:
@@ -58,30 +55,20 @@ def parse(buffer: bytes) -> Parsed:
 
 
 def _checked(sentence: re.Match[bytes], length: int) -> Parsed:
-    body, given = sentence.groups()
-    check = reduce(xor, body, 0)
-    if check != int(given, 16):
-        return Rejected(length, f"check is {given.decode()}, should be {check:02X}")
+    body, check = sentence.groups()
+    expected = reduce(xor, body, 0)
+    if int(check, 16) != expected:
+        return Rejected(length, f"check is {check.decode()}, should be {expected:02X}")
     name = body.split(b",")[0].decode()
     if name[2:] not in READ or name.startswith("P"):  # P: a maker's own, such as $PGRMC
         return Record(length, note=f"{name}: not read")
+    import pynmeagps as nmea  # a quarter of a second
+
+    errors = nmea.NMEAParseError, nmea.NMEAMessageError, nmea.NMEATypeError
     try:
-        return _meaning(_parse(sentence.group(0)), length)
-    except ConfigError:
-        raise
-    except (ValueError, AttributeError, TypeError) as error:
+        return _meaning(nmea.NMEAReader.parse(sentence.group(0) + b"\r\n"), length)
+    except (*errors, ValueError, AttributeError, TypeError) as error:
         return Rejected(length, f"{name}: {error}")
-
-
-def _parse(sentence: bytes) -> Any:
-    try:
-        import pynmeagps
-    except ImportError as error:
-        raise ConfigError("reading NMEA needs pynmeagps", fix=install_extra("gps")) from error
-    try:
-        return pynmeagps.NMEAReader.parse(sentence + b"\r\n")
-    except (pynmeagps.NMEAParseError, pynmeagps.NMEAMessageError, pynmeagps.NMEATypeError) as error:
-        raise ValueError(str(error)) from error
 
 
 def _meaning(message: Any, length: int) -> Parsed:
@@ -118,12 +105,12 @@ def _gga(message: Any, length: int) -> Record:
 
 def _place(latitude: Any, longitude: Any, valid: bool) -> tuple[Value, Value]:
     numbers = [_number(number) if valid else math.nan for number in (latitude, longitude)]
-    known = all(math.isfinite(number) for number in numbers)
-    if known and not (abs(numbers[0]) <= 90 and abs(numbers[1]) <= 180):
+    is_measured = all(math.isfinite(number) for number in numbers)
+    if is_measured and not (abs(numbers[0]) <= 90 and abs(numbers[1]) <= 180):
         raise ValueError("position is not on the Earth")
     names = ("latitude", "longitude")
     first, second = (
-        Value(number, "°", name, _quality(known)) for number, name in zip(numbers, names, strict=True)
+        Value(number, "°", name, _quality(is_measured)) for number, name in zip(numbers, names, strict=True)
     )
     return first, second
 
@@ -132,8 +119,8 @@ def _number(text: Any) -> float:
     return math.nan if text in ("", None) else float(text)
 
 
-def _quality(known: bool) -> Quality:
-    return Quality.GOOD if known else Quality.NO_VALUE
+def _quality(is_measured: bool) -> Quality:
+    return Quality.GOOD if is_measured else Quality.NO_VALUE
 
 
 LAYOUT = Layout(parse, LONGEST)
@@ -153,8 +140,8 @@ class Nmea(SerialDriver):
         if data.endswith((b"\n", b"\r")) or b"*" not in data[-4:]:
             return decode_records(data, LAYOUT)
         decoded = decode_records(data + b"\n", LAYOUT)
-        own = (one._replace(length=min(one.length, len(data) - one.offset)) for one in decoded.rejected)
-        return replace(decoded, rejected=tuple(one for one in own if one.length))
+        ends = (part._replace(length=min(part.length, len(data) - part.offset)) for part in decoded.rejected)
+        return replace(decoded, rejected=tuple(part for part in ends if part.length))
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
         """Open the port and wait for the first sentence."""

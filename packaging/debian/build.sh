@@ -12,7 +12,7 @@ export SOURCE_DATE_EPOCH
 rm -rf "$root"
 /usr/bin/python3 -m venv --without-pip "$root/$home"
 .venv/bin/python -m pip --python "$root/$home/bin/python3" install --quiet --no-compile --constraint constraints.txt \
-    "$(echo dist/fieldkit_slope-*.whl)[page,gps,alarms]"
+    "$(echo dist/fieldkit_slope-*.whl)[page,alarms]"
 
 # Of the virtual environment the interpreter and fieldkit stay; nothing names the folder it was built in.
 find "$root/$home/bin" -type f -not -name fieldkit -delete

@@ -1,6 +1,4 @@
 import math
-import subprocess
-import sys
 
 import pytest
 
@@ -79,18 +77,6 @@ def test_the_missing_line_end_of_the_last_sentence_is_not_counted(cut):
 
 def test_other_sentences_are_let_by():
     assert parse(signed(b"GPGSV,1,1,01,02,03,04,05")).values == ()
-
-
-def test_without_the_extra_the_fix_says_what_to_install():
-    code = (
-        "import sys; sys.modules['pynmeagps'] = None\n"
-        "from fieldkit.drivers.meters.nmea import Nmea\n"
-        "from fieldkit.model.errors import ConfigError\n"
-        f"try: Nmea().decode({GGA!r}, {{}})\n"
-        "except ConfigError as error: print(error.fix)"
-    )
-    reply = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert reply.stdout.strip() == "pip install 'fieldkit-slope[gps]'"
 
 
 def test_a_receiver_that_still_shows_its_last_place_without_a_fix_gives_no_value():
