@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from scipy.stats import binom
 
 from benchmarks.estimation_ranks import BINS, WORLDS, Ranks, ranks, rows
-from fieldkit.views.plotting import WIDTH_IN, colour, styled, svg
+from fieldkit.views.plotting import WIDTH_IN, colour, figure_style, svg
 
 FIGURE = Path(__file__).parent / "images" / "ranks.svg"
 COLUMNS = 3
@@ -25,7 +25,7 @@ ENDS = (0.005, 0.995)
 def histograms(found: Ranks) -> Figure:
     """A histogram of each quantity's ranks, over the band that 99 % of the bars of uniform ranks lie in."""
     lines = -(-len(found) // COLUMNS)
-    with styled():
+    with figure_style():
         figure = Figure(figsize=(WIDTH_IN, 0.5 + lines), layout="constrained")
         axes = figure.subplots(lines, COLUMNS, sharex=True, sharey=True, squeeze=False).flat
     for place, (name, values) in zip(axes, found.items(), strict=False):

@@ -90,11 +90,11 @@ class Answers:
         try:
             if viewer.role != "control" and not isinstance(request, requests.FOR_ANYONE):
                 raise RefusedError("this link may only look", fix="open the page by a control link")
-            return (await self._done(viewer, request)).answer(request.id)
+            return (await self._carry_out(viewer, request)).answer(request.id)
         except FieldkitError as error:
             return failure(request.id, error)
 
-    async def _done(self, viewer: Viewer, request: requests.Request) -> Done:
+    async def _carry_out(self, viewer: Viewer, request: requests.Request) -> Done:
         match request:
             case requests.Picture():
                 self.hub.set_mode(viewer, request.mode)
@@ -102,20 +102,20 @@ class Answers:
             case requests.Value():
                 return Done(data={"temperature_c": self._value_c(request)})
             case requests.CheckRegion():
-                return Done(data=await self._queried(self._verdict, request))
+                return Done(data=await self._query(self._verdict, request))
             case requests.Sessions():
-                return Done(data=await self._queried(self.past.listed, viewer.role))
+                return Done(data=await self._query(self.past.listed, viewer.role))
             case requests.CheckSession():
                 ok, text = await self.past.check(request.session)
                 return Done(text, ok=ok)
             case requests.EstimateSession():
                 return Done(data=await self.past.estimate(request.session))
             case requests.SessionSlopes():
-                return Done(data=await self._queried(self.past.slopes, request.session))
+                return Done(data=await self._query(self.past.slopes, request.session))
             case requests.Marks():
-                return Done(data=await self._queried(self._marks, request.session))
+                return Done(data=await self._query(self._marks, request.session))
             case requests.TakeBack() | requests.EditMark():
-                return await self._corrected(request)
+                return await self._correct_mark(request)
             case requests.Start() | requests.Stop():
                 return await asyncio.to_thread(self._start_or_stop, request)
             case requests.AddMark():
@@ -134,7 +134,7 @@ class Answers:
             case _:
                 return await self._redrawn(request)
 
-    async def _queried(self, query: Callable[..., T], *arguments: Any) -> T:
+    async def _query(self, query: Callable[..., T], *arguments: Any) -> T:
         """What a function finds in a thread; it changes nothing."""
         async with self._queries:
             return await asyncio.to_thread(query, *arguments)
@@ -164,18 +164,18 @@ class Answers:
         )
         return sent(folder, mark)
 
-    def _marked(self, session: str | None) -> Path:
+    def _session_to_mark(self, session: str | None) -> Path:
         """The session whose marks are meant: of the list, or the running one."""
         return self.past.sealed(session) if session else running_session(self.config.recordings)
 
     def _marks(self, session: str | None) -> list[Document]:
-        with open_session(self._marked(session)) as opened:
+        with open_session(self._session_to_mark(session)) as opened:
             counting = opened.marks()
             every = every_mark(opened)
-        return [outgoing.mark(one, every[one], counts=one in counting) for one in sorted(every)]
+        return [outgoing.mark(number, every[number], counts=number in counting) for number in sorted(every)]
 
-    async def _corrected(self, request: requests.TakeBack | requests.EditMark) -> Done:
-        path = self._marked(request.session)
+    async def _correct_mark(self, request: requests.TakeBack | requests.EditMark) -> Done:
+        path = self._session_to_mark(request.session)
         correction = await asyncio.to_thread(_correction, path, request)
         if request.session is None:
             return await self._by_recorder(sent, path.parent, correction)
@@ -193,9 +193,9 @@ class Answers:
         """Send a request to the recorder; the answer is the event that it stores."""
         with self._listening() as events:
             request = await asyncio.to_thread(send, *arguments)
-            return await self._stored(request, events)
+            return await self._await_stored(request, events)
 
-    async def _stored(self, request: SentRequest, events: _Events) -> Done:
+    async def _await_stored(self, request: SentRequest, events: _Events) -> Done:
         try:
             async with asyncio.timeout(ANSWERS_WITHIN_S):
                 event = await events.about(request.id)
@@ -232,26 +232,26 @@ class Answers:
         region = _region(request.region)
         if request.shrink:
             region = _shrunk(region, request.shrink)
-        shape, frame, present = self._drawn_on(request.session)
+        shape, frame, present = self._outline_of(request.session)
         replaced = request.instead_of or region.name
         others = [other for other in present if not other.camera and other.name != replaced]
-        found = check_region(region, shape, frame, others)
+        check = check_region(region, shape, frame, others)
         return {
-            "pixels": found.pixels, "spread_c": found.spread_k, "level": found.level,
-            "text": found.text or "ok", "shrink_px": found.shrink_px,
+            "pixels": check.pixels, "spread_c": check.spread_k, "level": check.level,
+            "text": check.text or "ok", "shrink_px": check.shrink_px,
             "vertices": [list(corner) for corner in region.vertices],
         }  # fmt: skip
 
     def _suggestions(self, request: requests.SuggestRegions) -> list[Document]:
-        _, frame, present = self._drawn_on(request.session)
+        _, frame, present = self._outline_of(request.session)
         if frame is None:
             raise RefusedError(
                 "there is no frame with known temperatures",
                 fix="wait for one, or draw the regions",
             )
-        return [one.document() for one in suggested(frame, present)]
+        return [suggestion.document() for suggestion in suggested(frame, present)]
 
-    def _drawn_on(
+    def _outline_of(
         self, session: str | None
     ) -> tuple[tuple[int, ...] | None, FloatArray | None, Sequence[Region]]:
         """Shape and kelvin of the frame that is drawn on, and the regions there already."""
@@ -280,7 +280,7 @@ class Answers:
             missing = await asyncio.to_thread(self._reread)
             if asked is None:
                 return Done("; ".join([words, *missing]))
-            return await self._stored(asked, events)
+            return await self._await_stored(asked, events)
 
     def _reread(self) -> list[str]:
         """Use the configuration as it was changed; what its regions still lack."""

@@ -147,7 +147,7 @@ class Conductor:
         """Show a recording until its process lets go of it."""
         ours = self._child is not None and owner(journal_path(session)) == self._child.pid
         self.hub.become(phase="recording", session=session.stem, ours=ours, problem=None)
-        reader = self._connected(session)
+        reader = self._connect(session)
         if reader is None:
             self.hub.become(
                 problem="its recorder shows nothing: it is of an earlier version, or its feed failed"
@@ -158,7 +158,7 @@ class Conductor:
             pass
         self.hub.become(session=None, started_ns=None, planned_end_ns=None, ours=False, problem=None)
 
-    def _connected(self, session: Path) -> FeedReader | None:
+    def _connect(self, session: Path) -> FeedReader | None:
         deadline = time.monotonic() + FEED_WITHIN_S
         while not self._ending.is_set() and is_locked(journal_path(session)):
             with suppress(OSError):

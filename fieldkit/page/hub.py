@@ -212,11 +212,14 @@ class Hub:
     def _so_far(self) -> list[dict[str, Any]]:
         latest = self.latest
         every_s = sampling_of(self.config).every_s if self.state.phase == "recording" else None
-        known = [outgoing.streams(tuple(latest.streams.values()), every_s), outgoing.regions(latest.regions)]
+        messages = [
+            outgoing.streams(tuple(latest.streams.values()), every_s),
+            outgoing.regions(latest.regions),
+        ]
         if latest.minute is not None:
-            known.append(outgoing.minute(latest.minute))
-        known += [outgoing.alarms(latest.alarms), *map(outgoing.event, latest.events)]
-        return [*known, outgoing.history(latest.trend), self._now()]
+            messages.append(outgoing.minute(latest.minute))
+        messages += [outgoing.alarms(latest.alarms), *map(outgoing.event, latest.events)]
+        return [*messages, outgoing.history(latest.trend), self._now()]
 
     def _now(self) -> dict[str, Any]:
         return outgoing.now(self.latest, self.region_temperatures_c(), self._bytes_per_s())

@@ -49,7 +49,7 @@ class Keys:
     """Keys of a campaign's page, in its folder of recordings; raises `StorageError` if it cannot write."""
 
     def __init__(self, folder: Path) -> None:
-        with _explained(folder):
+        with _report_errors(folder):
             folder.mkdir(parents=True, exist_ok=True)
         self.path: Path = folder / FILE
 
@@ -73,8 +73,8 @@ class Keys:
 
     def session(self, key: str) -> tuple[Role, float] | None:
         """Role of a session's key and when it ends; None for any other key."""
-        found = _find(self._read().sessions, key)
-        return None if found is None else (_role(found), found.ends_at)
+        session = _find(self._read().sessions, key)
+        return None if session is None else (_role(session), session.ends_at)
 
     def is_link(self, key: str) -> bool:
         """Whether `exchange` would take this key."""
@@ -85,11 +85,13 @@ class Keys:
             kept = build(_Kept, json.loads(self.path.read_text(encoding="utf-8")))
         except (OSError, ValueError, TypeError):  # no file yet, or a damaged one: everybody needs a new link
             return _Kept()
-        return _Kept(*(tuple(one for one in some if one.ends_at > time.time()) for some in _parts(kept)))
+        return _Kept(
+            *(tuple(grant for grant in some if grant.ends_at > time.time()) for some in _parts(kept))
+        )
 
     @contextmanager
     def _changing(self) -> Iterator[tuple[list[Grant], list[Grant]]]:
-        with _explained(self.path), one_at_a_time(self.path.parent):
+        with _report_errors(self.path), one_at_a_time(self.path.parent):
             before = self._read()
             links, sessions = map(list, _parts(before))
             yield links, sessions
@@ -105,7 +107,7 @@ class Keys:
 
 
 @contextmanager
-def _explained(path: Path) -> Iterator[None]:
+def _report_errors(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
@@ -127,8 +129,8 @@ def _hash(key: str) -> str:
 
 def _find(grants: list[Grant] | tuple[Grant, ...], key: str) -> Grant | None:
     """The grant of a key; every one is compared, in a time that does not depend on the key."""
-    wanted, found = _hash(key), None
+    wanted, match = _hash(key), None
     for grant in grants:
         if compare_digest(grant.hash, wanted):
-            found = grant
-    return found
+            match = grant
+    return match

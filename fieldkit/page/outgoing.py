@@ -75,11 +75,11 @@ def minute(closed: Minute) -> Document:
         "irradiance": {"dni_w_m2": closed.dni_w_m2, "model": closed.irradiance_model},
         "sun": {"zenith_deg": closed.sun_zenith_deg, "azimuth_deg": closed.sun_azimuth_deg},
         "contact_c": [celsius(kelvin) for kelvin in closed.contact_k],
-        "regions": {name: _measured(closed, name, slopes.get(name)) for name in names},
+        "regions": {name: _measurements(closed, name, slopes.get(name)) for name in names},
     }  # fmt: skip
 
 
-def _measured(closed: Minute, name: str, slope: SlopeEstimate | None) -> Document:
+def _measurements(closed: Minute, name: str, slope: SlopeEstimate | None) -> Document:
     temperature = {"temperature_c": celsius(closed.temperature_k.get(name, math.nan))}
     if slope is None:
         return {**temperature, "state": "reference", "words": "", "reason": ""}
@@ -166,13 +166,13 @@ def now(latest: Latest, regions_c: Mapping[str, float], bytes_per_s: float) -> D
 
 
 def _present(latest: Latest, info: StreamInfo, health: Health | None) -> Document:
-    known = latest.stream_health(info.name) if health else None
+    health_row = latest.stream_health(info.name) if health else None
     values, unit = _values(latest, info)
     return {
-        "samples": known.received if known else 0, "rate_hz": latest.rate_hz(info.name),
-        "gaps": latest.gaps.get(info.name, 0), "dropped": known.dropped if known else 0,
-        "rejected": known.rejected if known else 0,
-        "implausible": known.implausible if known else 0, "age_s": latest.age_s(info.name),
+        "samples": health_row.received if health_row else 0, "rate_hz": latest.rate_hz(info.name),
+        "gaps": latest.gaps.get(info.name, 0), "dropped": health_row.dropped if health_row else 0,
+        "rejected": health_row.rejected if health_row else 0,
+        "implausible": health_row.implausible if health_row else 0, "age_s": latest.age_s(info.name),
         "value": values[0] if values else None, "values": values, "unit": unit,
     }  # fmt: skip
 

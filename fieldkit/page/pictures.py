@@ -44,7 +44,7 @@ def thumbnail(kelvin: FloatArray) -> bytes:
     """A frame of a past session in few bytes, `THUMBNAIL_COLS` pixels wide at most."""
     rows, cols = kelvin.shape
     smaller = min(1.0, THUMBNAIL_COLS / cols)
-    shown = frame_image.resized(kelvin - CELSIUS_ZERO_K, round(rows * smaller), round(cols * smaller))
+    shown = frame_image.resize(kelvin - CELSIUS_ZERO_K, round(rows * smaller), round(cols * smaller))
     header = _header(shown, "jpeg", "°C")
     return _message(header, _jpeg(shown, header))
 

@@ -42,7 +42,7 @@ def _plain(text: str) -> str:
     return text
 
 
-def _filled(text: str) -> str:
+def _not_empty(text: str) -> str:
     if not text:
         raise PydanticCustomError("empty", "is empty")
     return text
@@ -50,8 +50,8 @@ def _filled(text: str) -> str:
 
 Text = Annotated[str, AfterValidator(_plain)]
 """Without control characters but tabs and line breaks: names of files and programs cannot have them."""
-Word = Annotated[Text, AfterValidator(_filled), Field(max_length=80)]
-Note = Annotated[Text, AfterValidator(_filled), Field(max_length=2000)]
+Word = Annotated[Text, AfterValidator(_not_empty), Field(max_length=80)]
+Note = Annotated[Text, AfterValidator(_not_empty), Field(max_length=2000)]
 Pixel = Annotated[float, Field(ge=-1, le=65_535, allow_inf_nan=False)]
 Number = Annotated[float, Field(allow_inf_nan=False)]
 

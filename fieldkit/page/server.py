@@ -158,13 +158,13 @@ class Page:
         """Exchange the key of a link for a session, in a cookie that no script can read."""
         key = await self._sent_key(request)
         try:
-            found = await asyncio.to_thread(self.keys.exchange, key) if key else None
+            grant = await asyncio.to_thread(self.keys.exchange, key) if key else None
         except StorageError as error:
             return JSONResponse({"text": error.message, "fix": str(error.fix)}, 507)
-        if found is None:
-            return await self._refused()
+        if grant is None:
+            return await self._refuse()
         self._wrong_tries = 0
-        session, role = found
+        session, role = grant
         answer = JSONResponse({"role": role})
         answer.set_cookie(
             self.cookie, session, max_age=int(SESSION_LASTS_S), path="/", httponly=True, samesite="strict"
@@ -181,7 +181,7 @@ class Page:
             return str(json.loads(await _short_body(request))["key"])
         return ""
 
-    async def _refused(self) -> Response:
+    async def _refuse(self) -> Response:
         """A wrong key; after a few of them each takes a second, and many at once are not even tried."""
         self._wrong_tries += 1
         if self._waiting >= WRONG_TRIES_WAITING:
@@ -242,7 +242,7 @@ class Page:
         """Everything that moves: state and pictures to the browser, requests from it."""
         known = self.known(socket)
         if known is None:
-            await self._refused()
+            await self._refuse()
             await socket.close(NO_KEY)
             return
         await socket.accept()

@@ -61,10 +61,10 @@ class PastSessions:
 
     def path(self, wanted: str) -> Path:
         """The file of a session in the list; raises `SessionError` for anything else."""
-        found = self.paths().get(wanted)
-        if found is None:
+        path = self.paths().get(wanted)
+        if path is None:
             raise SessionError("there is no such session", fix="show the list of sessions again")
-        return found
+        return path
 
     def sealed(self, wanted: str) -> Path:
         """The same for one that has a file; raises `RefusedError` while it is being recorded."""

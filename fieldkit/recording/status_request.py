@@ -41,7 +41,7 @@ def recorder_status(session: Path, cols: int = 80) -> dict[str, Any] | None:
     if unresponsive_recorder(session) is not None:
         return None
     try:
-        with unix_socket.connected(status_path(session), WAITS_S) as connection:
+        with unix_socket.connect(status_path(session), WAITS_S) as connection:
             connection.sendall(json.dumps({"cols": cols}).encode())
             connection.shutdown(socket.SHUT_WR)
             with connection.makefile("rb") as stream:

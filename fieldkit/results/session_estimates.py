@@ -107,7 +107,9 @@ class LearntSeries:
 
     def __repr__(self) -> str:
         parameters = self.final.parameters if self.final else ()
-        words = ", ".join(f"{parameter.name} {learnt_words.found(parameter)}" for parameter in parameters)
+        words = ", ".join(
+            f"{parameter.name} {learnt_words.value_text(parameter)}" for parameter in parameters
+        )
         return f"<Learnt in {len(self)} min: {words or 'nothing'}>"
 
     def _repr_html_(self) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 from fieldkit.calibration.band import Band
 from fieldkit.calibration.emissivity import Emissivity, Pairs
 from fieldkit.model.units import CELSIUS_ZERO_K
-from fieldkit.views.plotting import COLOURS, WIDTH_IN, styled
+from fieldkit.views.plotting import COLOURS, WIDTH_IN, figure_style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,7 +20,7 @@ def emissivity_figure(found: Emissivity, pairs: Pairs, band: Band) -> Figure:
     """The fit (surface against camera, °C) over the bars of the budget, the largest named."""
     from matplotlib.figure import Figure
 
-    with styled():
+    with figure_style():
         figure = Figure(figsize=(WIDTH_IN, 4.0 + 0.4 * len(found.budget)), layout="constrained")
         above, below = figure.subplots(2, 1, height_ratios=(8, len(found.budget)))
         _draw_line(above, found, pairs, band)

@@ -149,7 +149,7 @@ class _Sender(threading.Thread):
                 for item in self._waiting():
                     if item is None:
                         return
-                    self._connection.sendall(encoded(item))
+                    self._connection.sendall(encode(item))
 
     def _waiting(self) -> list[Any]:
         with self._wake:
@@ -167,7 +167,7 @@ class FeedReader:
     """A connection to the feed of a recording; raises `OSError` if there is none."""
 
     def __init__(self, path: Path) -> None:
-        self._socket = unix_socket.connected(path)
+        self._socket = unix_socket.connect(path)
         self._stream = self._socket.makefile("rb")
 
     def items(self) -> Iterator[Any]:
@@ -185,7 +185,7 @@ class FeedReader:
                 header, body = self._stream.read(header_size), self._stream.read(body_size)
                 if len(header) < header_size or len(body) < body_size:
                     return
-                yield decoded(header, body)
+                yield decode(header, body)
 
     def close(self) -> None:
         """End `items`, also while another thread waits in it."""
@@ -196,7 +196,7 @@ class FeedReader:
 # --- messages
 
 
-def encoded(item: Any) -> bytes:
+def encode(item: Any) -> bytes:
     """An item as a message."""
     body = b""
     if isinstance(item, Frame):
@@ -212,7 +212,7 @@ def encoded(item: Any) -> bytes:
     return LENGTHS.pack(len(header), len(body)) + header + body
 
 
-def decoded(header: bytes, body: bytes) -> Any:
+def decode(header: bytes, body: bytes) -> Any:
     """The item of a message; raises `ValueError` for another format."""
     try:
         name, plain = json.loads(header)

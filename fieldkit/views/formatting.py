@@ -121,7 +121,9 @@ def state(estimate: SlopeEstimate, *, second: bool = True) -> str:
 
 def confidence(estimates: Iterable[SlopeEstimate]) -> str:
     """The confidence of some estimates: ``90 %``, or ``90 % or 95 %`` where it differs."""
-    return " or ".join(percent(one) for one in sorted({estimate.confidence for estimate in estimates}))
+    return " or ".join(
+        percent(confidence) for confidence in sorted({estimate.confidence for estimate in estimates})
+    )
 
 
 def uncertain_means(sure: str) -> str:

@@ -70,7 +70,7 @@ def colours(shown: FloatArray, scale: Scale, name: str = INFERNO) -> Colours:
     return palette(name)[np.rint(scale.position(shown) * 255).astype(np.intp)]
 
 
-def resized(shown: FloatArray, rows: int, cols: int) -> FloatArray:
+def resize(shown: FloatArray, rows: int, cols: int) -> FloatArray:
     """`shown` on another grid: pixel means when smaller, repeated pixels when larger."""
     import cv2
 
@@ -116,7 +116,7 @@ def png(frame: Frame, info: StreamInfo, regions: Sequence[Region] = (), *, width
     scale = scale_of(shown, unit(info))
     factor = enlargement(shown.shape, width)
     rows, cols = shown.shape[0] * factor, shown.shape[1] * factor
-    canvas = colours(resized(shown, rows, cols), scale)
+    canvas = colours(resize(shown, rows, cols), scale)
     for region in regions:
         mark_region(canvas, region, shown.shape, 0.8, OUTLINE)
     page = with_axes(canvas, factor)

@@ -59,7 +59,7 @@ class Table:
     @property
     def aligned(self) -> Sequence[Sequence[object]]:
         """The rows, the decimal points of numbers in a column one below the other."""
-        columns = [_aligned(column) if _is_numeric(column) else column for column in self._by_column]
+        columns = [_align(column) if _is_numeric(column) else column for column in self._by_column]
         return list(zip(*columns, strict=True)) if self.rows else []
 
     @property
@@ -69,11 +69,11 @@ class Table:
 
 def _is_numeric(column: Sequence[object]) -> bool:
     """True if cells hold numbers and units; some may hold a dash or a word instead."""
-    known = [str(cell) for cell in column if NUMBER.search(str(cell))]
-    others = [str(cell) for cell in column if str(cell) not in known]
+    numbers = [str(cell) for cell in column if NUMBER.search(str(cell))]
+    others = [str(cell) for cell in column if str(cell) not in numbers]
     return (
-        bool(known)
-        and all(AROUND_NUMBERS.fullmatch(NUMBER.sub("", cell)) for cell in known)
+        bool(numbers)
+        and all(AROUND_NUMBERS.fullmatch(NUMBER.sub("", cell)) for cell in numbers)
         and not any(character.isdigit() for cell in others for character in cell)
     )
 
@@ -83,7 +83,7 @@ def _widest(column: Sequence[object]) -> int:
     return max((len(NUMBER.findall(str(cell))) for cell in column), default=0)
 
 
-def _aligned(column: Sequence[object]) -> list[object]:
+def _align(column: Sequence[object]) -> list[object]:
     """The cells with each number padded to the digits before and after the point that its column needs.
 
     Before the point only where several numbers share a cell: others stand at the right of the column.
@@ -101,12 +101,12 @@ def _aligned(column: Sequence[object]) -> list[object]:
         if not NUMBER.search(str(cell)):
             return cell
         each = iter(widths)
-        return NUMBER.sub(lambda number: _padded(number[0], *next(each)), str(cell))
+        return NUMBER.sub(lambda number: _pad(number[0], *next(each)), str(cell))
 
     return [padded(cell) for cell in column]
 
 
-def _padded(number: str, before: int, after: int) -> str:
+def _pad(number: str, before: int, after: int) -> str:
     whole, point, decimals = number.partition(".")
     left = FIGURE_SPACE * (before - len(whole)) + whole.replace("-", "−")
     right = (point or PUNCTUATION_SPACE) + decimals + FIGURE_SPACE * (after - len(decimals))
@@ -186,7 +186,7 @@ def environment() -> Environment:
     """The templates: escaped by default, and a variable that is missing is an error."""
     from jinja2 import Environment, PackageLoader, StrictUndefined  # every recording imports this file
 
-    made = Environment(
+    environment = Environment(
         loader=PackageLoader("fieldkit.views"),
         autoescape=True,
         undefined=StrictUndefined,
@@ -194,11 +194,11 @@ def environment() -> Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    made.globals["hideable_parts"] = PARTS
-    made.globals["install_extra"] = install_extra
-    made.tests["short"] = lambda cell: len(escape(cell)) < SHORT
-    made.filters["number"] = lambda value: f"{value:g}"
-    return made
+    environment.globals["hideable_parts"] = PARTS
+    environment.globals["install_extra"] = install_extra
+    environment.tests["short"] = lambda cell: len(escape(cell)) < SHORT
+    environment.filters["number"] = lambda value: f"{value:g}"
+    return environment
 
 
 def require_weasyprint() -> None:

@@ -57,7 +57,7 @@ def before(parameter: LearntParameter) -> str:
     return _interval(parameter.prior, parameter.prior_low, parameter.prior_high)
 
 
-def found(parameter: LearntParameter) -> str:
+def value_text(parameter: LearntParameter) -> str:
     """The estimate with its interval."""
     return _interval(parameter.value, parameter.low, parameter.high)
 
@@ -100,7 +100,7 @@ def rows(
     """For each parameter the `COLUMNS`, with how much the data said as `shown` renders shares."""
     parameters = learnt.parameters if learnt else ()
     return [
-        (name(parameter), shown(from_data(parameter)), found(parameter), before(parameter))
+        (name(parameter), shown(from_data(parameter)), value_text(parameter), before(parameter))
         for parameter in parameters
     ]
 
@@ -117,7 +117,7 @@ def residual_rows(learnt: Learnt) -> list[tuple[str, ...]]:
     ]
 
 
-def correlated(learnt: Learnt) -> dict[str, float]:
+def correlations(learnt: Learnt) -> dict[str, float]:
     """The autocorrelations by region that show something missed by the model, and regions too narrow.
 
     Errors that are correlated and small at once are covered by what is stated: only their product says more.
@@ -132,7 +132,7 @@ def correlated(learnt: Learnt) -> dict[str, float]:
 def judgement(learnt: Learnt) -> str:
     """Judgement of the model by the residuals, in a sentence."""
     chi_square = f"Mean square of the standardised residuals {formatting.number(learnt.chi_square, 2)}"
-    if missed := correlated(learnt):
+    if missed := correlations(learnt):
         return (
             f"{chi_square}; those of {', '.join(missed)} are correlated from minute to minute, so that "
             "the model misses something there and the likelihood regions are narrower than they should be."

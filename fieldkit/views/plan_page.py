@@ -90,19 +90,19 @@ def _deviations(tilt_sd_deg: Sequence[float] | np.ndarray) -> str:
 
 def warnings(plan: DayPlan, site: Site) -> list[str]:
     """Warnings for that day, one sentence each."""
-    found = [_no_window(plan)] if plan.best_row is None else []
+    paragraphs = [_no_window(plan)] if plan.best_row is None else []
     for index, facet in enumerate(plan.facets):
         if facet[0] > plan.settings.tilt_limit_deg:
             limit = f"estimator.tilt_limit_deg = {plan.settings.tilt_limit_deg:g}"
-            found.append(f"{label(facet)} is steeper than {limit}: no estimate reaches it")
+            paragraphs.append(f"{label(facet)} is steeper than {limit}: no estimate reaches it")
         intervals = plan.intervals(plan.weak[index])
         if intervals:
-            found.append(
+            paragraphs.append(
                 f"the {label(facet)} region is weak {_when(plan, intervals, site)}: below "
                 f"{WEAK_K_PER_DEG:.3f} K per °, 0.1 K between regions is more than 3° of tilt"
             )
-        found.extend(_twin(plan, index, facet))
-    return found
+        paragraphs.extend(_twin(plan, index, facet))
+    return paragraphs
 
 
 def _no_window(plan: DayPlan) -> str:
@@ -117,8 +117,8 @@ def _no_window(plan: DayPlan) -> str:
 def _twin(plan: DayPlan, index: int, facet: tuple[float, float]) -> list[str]:
     if plan.best_row is None:
         return []
-    found = plan.bounds[plan.best_row]
-    tilt, azimuth = float(found.mirror_tilt_deg[index]), float(found.mirror_azimuth_deg[index])
+    bound_deg = plan.bounds[plan.best_row]
+    tilt, azimuth = float(bound_deg.mirror_tilt_deg[index]), float(bound_deg.mirror_azimuth_deg[index])
     apart = angle_between_deg(normal(*facet), normal(tilt, azimuth))
     if not (tilt <= plan.settings.tilt_limit_deg and apart >= FLAT_DEG):
         return []
@@ -209,14 +209,14 @@ def page(plan: DayPlan, site: Site, title: str, light: str, session: Session | N
 def _chart(plan: DayPlan, site: Site, session: Session | None) -> Figure:
     below = "; below, half of the region of each tilt as the session goes on" if session else ""
     return Figure(
-        _drawn(plan, site, session),
+        _figure(plan, site, session),
         f"What one degree of tilt is worth over the day{below}.",
         "kelvin per degree over the day, and half widths over the session, one line per region",
         wide=True,
     )
 
 
-def _drawn(plan: DayPlan, site: Site, session: Session | None) -> str:
+def _figure(plan: DayPlan, site: Site, session: Session | None) -> str:
     figure, panels = plotting.panels(2 if session else 1, 4.6, plotting.WIDE_IN)
     upper, lower = panels[0], panels[-1]
     hours, usable = _hours(plan.time_ns, plan, site), plan.usable

@@ -45,13 +45,13 @@ def tilts(
 ) -> Axes:
     """Tilt of each region over time, its likelihood region shaded, the true tilt dashed."""
     axes = new_axes(ax)
-    for index, (name, one) in enumerate(regions.items()):
+    for index, (name, region) in enumerate(regions.items()):
         colour = plotting.colour(index)
-        days, tilt, low, high = plotting.broken(time_ns, one.tilt_deg, one.low_deg, one.high_deg)
+        days, tilt, low, high = plotting.broken(time_ns, region.tilt_deg, region.low_deg, region.high_deg)
         axes.fill_between(days, low, high, color=colour, alpha=0.2, linewidth=0)
         axes.plot(days, tilt, color=colour, label=name)
-        if np.isfinite(one.true_deg):
-            axes.axhline(one.true_deg, color=colour, linestyle="--", linewidth=1.0)
+        if np.isfinite(region.true_deg):
+            axes.axhline(region.true_deg, color=colour, linestyle="--", linewidth=1.0)
     axes.set_ylabel("tilt, °")
     return over_time(axes, time_ns, site)
 

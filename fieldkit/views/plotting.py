@@ -81,13 +81,13 @@ def panels(count: int, height_in: float, width_in: float = WIDTH_IN) -> tuple[Fi
     """An empty figure of some panels one above the other."""
     from matplotlib.figure import Figure
 
-    with styled():
+    with figure_style():
         figure = Figure(figsize=(width_in, height_in), layout="constrained")
         axes = figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0]
     return figure, list(axes)
 
 
-def styled() -> AbstractContextManager[None]:
+def figure_style() -> AbstractContextManager[None]:
     """The context in which texts get the common size: matplotlib sets it when they are made."""
     from matplotlib import rc_context
 
@@ -99,7 +99,7 @@ def svg(figure: Figure) -> str:
     from matplotlib.backends.backend_svg import FigureCanvasSVG
 
     buffer, unsaid = io.StringIO(), dict.fromkeys(("Date", "Creator", "Format", "Type"))
-    with styled():
+    with figure_style():
         # `savefig` draws a figure twice, first to lay it out, which drawing does by itself
         FigureCanvasSVG(figure).print_svg(buffer, metadata=unsaid)  # type: ignore[no-untyped-call]
     return buffer.getvalue()
@@ -159,7 +159,7 @@ def days(time_ns: IntArray) -> FloatArray:
 def broken(time_ns: IntArray, *values: ArrayLike) -> list[FloatArray]:
     """Days (n,) and values of a line, NaN between those that lie an hour apart: it breaks there."""
     after = np.flatnonzero(np.diff(time_ns) > HOUR_NS) + 1
-    return [np.insert(np.asarray(one, np.float64), after, np.nan) for one in (days(time_ns), *values)]
+    return [np.insert(np.asarray(series, np.float64), after, np.nan) for series in (days(time_ns), *values)]
 
 
 def legend(axes: Axes) -> None:

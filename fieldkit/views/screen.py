@@ -135,17 +135,17 @@ def _image(latest: Latest, max_cols: int, rows: int) -> tuple[RenderableType, in
     if lines < 1 or cols < 2:  # a narrow or flat terminal has no room for it
         return Text(), 0
     regions = regions_on(frame.stream, latest.regions, latest.streams.values())
-    return _drawn(frame, latest.streams[frame.stream], regions, lines, cols), cols
+    return _draw_frame(frame, latest.streams[frame.stream], regions, lines, cols), cols
 
 
-def _drawn(
+def _draw_frame(
     frame: Frame, info: StreamInfo, regions: tuple[Region, ...], lines: int, cols: int
 ) -> RenderableType:
     """The frame in `lines` by `cols` with outlines and names, and the scale in one more line."""
     shape = frame.counts.shape
     shown = frame_image.values(frame, info)
     scale = frame_image.scale_of(shown, frame_image.unit(info))
-    small = frame_image.resized(shown, 2 * lines, cols)
+    small = frame_image.resize(shown, 2 * lines, cols)
     # 64 levels are more than the eye can distinguish here, and keep the styles in their cache.
     rgb = palette()[(np.rint(scale.position(small) * 63) * 4).astype(np.intp)]
     for region in regions:
@@ -226,15 +226,18 @@ def _instrument_lines(latest: Latest, *, compact: bool) -> Iterator[tuple[str, s
 
 def _learnt_lines(learnt: Learnt, *, compact: bool) -> Iterator[tuple[str, Text]]:
     """The main parameters as learnt so far, how much the data said of each, and what the residuals show."""
-    found = learnt_words.main(learnt)
+    parameters = learnt_words.main(learnt)
     if compact:
-        for first in range(0, len(found), 2):
-            yield "learnt", Text(" ".join(map(_learnt_briefly, found[first : first + 2])))
+        for first in range(0, len(parameters), 2):
+            yield "learnt", Text(" ".join(map(_learnt_briefly, parameters[first : first + 2])))
     else:
-        for one in found:
-            share = learnt_words.bar_and_percentage(learnt_words.from_data(one))
-            yield learnt_words.short(one), Text(f"{learnt_words.found(one):<19} ").append(share, "quiet")
-    missed = learnt_words.correlated(learnt)
+        for parameter in parameters:
+            share = learnt_words.bar_and_percentage(learnt_words.from_data(parameter))
+            yield (
+                learnt_words.short(parameter),
+                Text(f"{learnt_words.value_text(parameter):<19} ").append(share, "quiet"),
+            )
+    missed = learnt_words.correlations(learnt)
     words = ", ".join(f"{region} {value:.2f}" for region, value in missed.items())
     yield "residuals", Text(f"correlated: {words}", "warning") if missed else Text("uncorrelated", "good")
 
@@ -338,8 +341,8 @@ def _region_cells(latest: Latest, region: Region) -> list[str | Text]:
 
 
 def _estimate(latest: Latest, region: Region) -> SlopeEstimate | None:
-    found = latest.minute.estimates if latest.minute else ()
-    return next((estimate for estimate in found if estimate.region == region.name), None)
+    estimates = latest.minute.estimates if latest.minute else ()
+    return next((estimate for estimate in estimates if estimate.region == region.name), None)
 
 
 def _noise(latest: Latest, region: Region) -> str:

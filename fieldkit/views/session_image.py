@@ -48,7 +48,7 @@ def session_image(
 
     scale = frame_image.scale_of(np.stack([frame.values for frame in frames]), frames[0].unit)
     colours = f"colours from {scale.low:.0f} to {scale.text(scale.high)}"
-    with plotting.styled():
+    with plotting.figure_style():
         figure = Figure(figsize=SIZE_IN, dpi=DPI, layout="constrained")
         figure.suptitle(f"{title}\n{subtitle}   {colours}", fontsize=16)
         above, below = figure.subfigures(2, 1, squeeze=False, height_ratios=(1.0, 1.2))[:, 0]

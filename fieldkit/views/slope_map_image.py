@@ -66,11 +66,11 @@ def _page(
 ) -> Colours:  # fmt: skip
     """Colours of pixels enlarged close to `width`, hatched by state, with regions and axes, and a legend."""
     factor = enlargement(state.shape, width)
-    canvas = enlarged(rgb, factor)
-    hatch(canvas, enlarged(state, factor))
+    canvas = enlarge(rgb, factor)
+    hatch(canvas, enlarge(state, factor))
     for region in regions:
         mark_region(canvas, region, state.shape, 0.7)
-    return framed(with_axes(canvas, factor), panel, title, subtitle)
+    return add_frame(with_axes(canvas, factor), panel, title, subtitle)
 
 
 def tilt_uncertainty(bounds: PixelBounds, regions: Sequence[Region]) -> str:
@@ -156,8 +156,8 @@ def _wheel(panel: Colours, x: int, y: int, full_deg: float) -> None:
 def _state_rows(panel: Colours, state: ByteArray, y: int) -> None:
     """The states of a map from `y` on, each in a line."""
     present = [meaning for meaning in MEANINGS if (state == meaning).any()]
-    for row, one in enumerate(present):
-        _state_row(panel, one, float((state == one).mean()), y + 32 * row)
+    for row, state_value in enumerate(present):
+        _state_row(panel, state_value, float((state == state_value).mean()), y + 32 * row)
 
 
 def _state_row(panel: Colours, state: SlopeState, share: float, y: int) -> None:
@@ -180,12 +180,12 @@ def hatch(canvas: Colours, state: ByteArray) -> None:
     canvas[(state == SlopeState.NO_INTERSECTION) & ((rows - cols) % 8 < 2)] = (175, 175, 175)
 
 
-def enlarged(image: ByteArray, factor: int) -> ByteArray:
+def enlarge(image: ByteArray, factor: int) -> ByteArray:
     """Each pixel as a square of `factor` pixels."""
     return np.ascontiguousarray(image.repeat(factor, axis=0).repeat(factor, axis=1))
 
 
-def framed(canvas: Colours, panel: Colours, title: str, subtitle: str) -> Colours:
+def add_frame(canvas: Colours, panel: Colours, title: str, subtitle: str) -> Colours:
     """Map and legend side by side under a title, on white."""
     head = 64
     height = head + max(canvas.shape[0], panel.shape[0])
@@ -215,7 +215,7 @@ def layer_png(
     values, *sd = planes
     pages = [
         _framed_plane(values, state, title, subtitle, units, is_cyclic),
-        *(_framed_plane(one, state, "standard uncertainty", "", units, False) for one in sd),
+        *(_framed_plane(plane, state, "standard uncertainty", "", units, False) for plane in sd),
     ]
     return png_file(np.concatenate(pages))
 
@@ -226,15 +226,15 @@ def _framed_plane(
 ) -> Colours:  # fmt: skip
     low, high = (0.0, 360.0) if is_cyclic else _range(values)
     rgb = _colours(values, low, high, is_cyclic)
-    for one, grey in MASKS.items():
-        rgb[(state == one) & np.isnan(values)] = grey
+    for mask, grey in MASKS.items():
+        rgb[(state == mask) & np.isnan(values)] = grey
     return _page(rgb, state, _legend(state, low, high, units, is_cyclic), title, subtitle)
 
 
 def _range(values: SingleArray) -> tuple[float, float]:
     """Limits of the colours: 96 % of the values lie between them."""
     known = values[np.isfinite(values)]
-    low, high = (float(one) for one in np.percentile(known, (2.0, 98.0))) if known.size else (0.0, 1.0)
+    low, high = (float(limit) for limit in np.percentile(known, (2.0, 98.0))) if known.size else (0.0, 1.0)
     return (low, high) if high > low else (low, low + 1.0)
 
 

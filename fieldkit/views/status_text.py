@@ -21,10 +21,10 @@ def status_text(name: str, latest: Latest, start_ns: int, end_ns: int, warning: 
         f"  last sample {last}, {rounded_duration((end_ns - start_ns) / 1e9)} so far",
         *([f"warning: {warning}"] if warning else []),
     ]
-    return "\n".join(lines) + "\n" + _drawn(latest, cols)
+    return "\n".join(lines) + "\n" + _draw(latest, cols)
 
 
-def _drawn(latest: Latest, cols: int) -> str:
+def _draw(latest: Latest, cols: int) -> str:
     drawn = io.StringIO()
     # the theme's colours are among the first sixteen, which every terminal has
     console = Console(

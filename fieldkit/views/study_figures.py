@@ -88,7 +88,7 @@ def directions(errors: Mapping[str, tuple[FloatArray, FloatArray]]) -> str:
     """Fig. 10: mean absolute tilt error by direction of the slope, north up, clockwise."""
     from matplotlib.figure import Figure
 
-    with plotting.styled():
+    with plotting.figure_style():
         figure = Figure(figsize=(5.4, 4.8), layout="constrained")
         axes: Any = figure.add_subplot(projection="polar")
     axes.set_theta_zero_location("N")
@@ -167,7 +167,7 @@ def _mesh(
     colours: str = "coolwarm", label: str = "difference to flat ground, W/m²",
 ) -> None:  # fmt: skip
     mesh = axes.pcolormesh(azimuths, tilts, table, cmap=colours, rasterized=True)
-    with plotting.styled():
+    with plotting.figure_style():
         figure.colorbar(mesh, label=label)
     _slope_axes(axes)
 

@@ -27,10 +27,10 @@ class Trend:
         if minute.time_ns in self.times_ns[-1:]:
             return self
         tilts = {estimate.region: estimate.tilt_deg for estimate in minute.estimates}
-        temperature_k = self._extended(self.temperature_k, minute.temperature_k)
-        return Trend([*self.times_ns, minute.time_ns], temperature_k, self._extended(self.tilt_deg, tilts))
+        temperature_k = self._extend(self.temperature_k, minute.temperature_k)
+        return Trend([*self.times_ns, minute.time_ns], temperature_k, self._extend(self.tilt_deg, tilts))
 
-    def _extended(
+    def _extend(
         self, columns: Mapping[str, list[float]], values: Mapping[str, float]
     ) -> dict[str, list[float]]:
         """Columns with one value more; a region that is new has none for the minutes before."""

@@ -23,7 +23,7 @@ def listening(path: Path) -> socket.socket:
     return server
 
 
-def connected(path: Path, timeout_s: float | None = None) -> socket.socket:
+def connect(path: Path, timeout_s: float | None = None) -> socket.socket:
     """A connection to what listens at a path; raises `OSError` also where nothing does."""
     connection = socket.socket(socket.AF_UNIX)
     connection.settimeout(timeout_s)

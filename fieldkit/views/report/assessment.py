@@ -48,10 +48,12 @@ def mean_error(columns: Series) -> float:
 def truths_held(columns: Series) -> str:
     """Share of the final likelihood regions that hold the given tilt, in words; empty if none was given."""
     finals = [(target.final_estimate, target.region.tilt_deg) for target in columns.targets]
-    known = [(one, truth) for one, truth in finals if one and truth == truth]
-    held = sum(one.tilt_low_deg <= truth <= one.tilt_high_deg for one, truth in known)
-    sure = formatting.confidence(one for one, _ in known)
-    return f"The given tilt is within the {sure} region on {_of(held, len(known))}." if known else ""
+    with_truth = [(estimate, truth) for estimate, truth in finals if estimate and truth == truth]
+    held = sum(estimate.tilt_low_deg <= truth <= estimate.tilt_high_deg for estimate, truth in with_truth)
+    sure = formatting.confidence(estimate for estimate, _ in with_truth)
+    return (
+        f"The given tilt is within the {sure} region on {_of(held, len(with_truth))}." if with_truth else ""
+    )
 
 
 def _headline(columns: Series) -> str:
@@ -63,16 +65,16 @@ def _headline(columns: Series) -> str:
         return f"No slope was found on any of {len(columns.targets)} targets."
     off = {target.region.name: error for target in estimated if np.isfinite(error := _final_error(target))}
     if certain and len(off) == len(columns.targets) and all(map(_is_held, estimated)):
-        found = _all_held([target.final_estimate for target in estimated if target.final_estimate])
+        sentence = _all_held([target.final_estimate for target in estimated if target.final_estimate])
     else:
-        found = _found(len(certain), len(columns.targets))
+        sentence = _certain_sentence(len(certain), len(columns.targets))
         if uncertain := [target for target in estimated if target not in certain]:
-            found += f" Uncertain: {', '.join(map(_with_second_branch, uncertain))}."
-        found = f"{found} {truths_held(columns)}".strip()
+            sentence += f" Uncertain: {', '.join(map(_with_second_branch, uncertain))}."
+        sentence = f"{sentence} {truths_held(columns)}".strip()
     if not off:
-        return f"{found} No true tilts were given to compare with."
+        return f"{sentence} No true tilts were given to compare with."
     worst = max(off, key=lambda name: off[name])
-    return f"{found} The largest error has {worst}: {off[worst]:.1f}°."
+    return f"{sentence} The largest error has {worst}: {off[worst]:.1f}°."
 
 
 def _final_error(target: TargetSeries) -> float:
@@ -103,7 +105,7 @@ def _all_held(finals: Sequence[SlopeEstimate]) -> str:
     )
 
 
-def _found(certain: int, total: int) -> str:
+def _certain_sentence(certain: int, total: int) -> str:
     if not certain:
         return "No slope is certain."
     return f"Slopes were found on {_of(certain, total)}."
@@ -139,10 +141,10 @@ def _recording_warnings(events: Sequence[Event], state: str) -> list[str]:
     warnings = []
     if state not in ("sealed", "recovered"):
         warnings.append(f"The session is {state}, not sealed: more may follow, or run fieldkit recover.")
-    for kind, (one, many) in _COUNTED.items():
+    for kind, (singular, many) in _COUNTED.items():
         count = sum(event.kind is kind for event in events)
         if count:
-            warnings.append(f"{count} {one if count == 1 else many} while recording; see Events.")
+            warnings.append(f"{count} {singular if count == 1 else many} while recording; see Events.")
     return warnings + _alarm_warnings(events)
 
 

@@ -22,7 +22,7 @@ from fieldkit.model.site import Site
 from fieldkit.views import formatting, plotting, study_figures
 from fieldkit.views.html import Figure, Table, code, render, strong
 from fieldkit.views.report import session_figures
-from fieldkit.views.report.error_budget import READING, budget, cause_rows, pooled
+from fieldkit.views.report.error_budget import READING, budget, cause_rows, pool
 from fieldkit.views.report.recording import versions
 from fieldkit.views.report.results import SPAN_S, sd_words
 from fieldkit.views.report.series import Series, TargetSeries, modelled_temperature, temperature_rmse_k
@@ -141,7 +141,7 @@ def _slope_figures(parts: Sequence[Part]) -> list[Figure]:
     ]
     if not tilts:
         return []
-    words = "; ".join(f"{session} {one.region} {one.tilt_deg:.1f}°" for session, one, _ in tilts)
+    words = "; ".join(f"{session} {target.region} {target.tilt_deg:.1f}°" for session, target, _ in tilts)
     targets = list(dict.fromkeys(tilt.estimate.region for tilt in tilts))
     return [
         Figure(
@@ -182,33 +182,33 @@ def _paper_figures(parts: Sequence[Part], sd: SdKind) -> list[Figure]:
 
 def _errors_by_tilt(parts: Sequence[Part], sd: SdKind) -> dict[str, list[ErrorSpan]]:
     """Errors per interval of the local day for each given tilt, all days and targets of it together."""
-    found = {}
+    rows = {}
     for tilt, targets in _by_tilt(parts).items():
         times_ns = np.concatenate([part.columns.of_day_ns(part.site) for part, _ in targets])
         tilts_deg = np.concatenate([target.estimated_tilt_deg for _, target in targets])
-        found[f"{tilt:g}°"] = errors_over_time(times_ns, tilts_deg, tilt, span_s=SPAN_S, kind=sd)
-    return found
+        rows[f"{tilt:g}°"] = errors_over_time(times_ns, tilts_deg, tilt, span_s=SPAN_S, kind=sd)
+    return rows
 
 
 def _by_tilt(parts: Sequence[Part]) -> dict[float, list[tuple[Part, TargetSeries]]]:
     """The targets of each given tilt, of all sessions together."""
-    found: dict[float, list[tuple[Part, TargetSeries]]] = {}
+    by_tilt: dict[float, list[tuple[Part, TargetSeries]]] = {}
     for part in parts:
         for target in part.columns.targets:
             if np.isfinite(target.region.tilt_deg):
-                found.setdefault(target.region.tilt_deg, []).append((part, target))
-    return dict(sorted(found.items()))
+                by_tilt.setdefault(target.region.tilt_deg, []).append((part, target))
+    return dict(sorted(by_tilt.items()))
 
 
 def _error_budget(parts: Sequence[Part]) -> Table | None:
     """Cost of each cause for regions of each given tilt, all days together."""
     by_tilt = [
-        pooled(f"{tilt:g}°", [budget(part.columns, target, part.settings) for part, target in targets])
+        pool(f"{tilt:g}°", [budget(part.columns, target, part.settings) for part, target in targets])
         for tilt, targets in _by_tilt(parts).items()
     ]
     if not by_tilt:
         return None
-    columns = ("cause", *(one.name for one in by_tilt))
+    columns = ("cause", *(budget.name for budget in by_tilt))
     caption = f"Degrees of tilt by given tilt, medians over each session and then over sessions, {READING}"
     return Table(columns, cause_rows(by_tilt), caption)
 

@@ -144,11 +144,11 @@ def cause_rows(budgets: Sequence[ErrorBudget]) -> list[list[object]]:
         f"{OFFSET_K:g} K between region and reference": lambda b: _either_way(b.of_offset(OFFSET_K)),
         f"irradiance wrong by {SCALE:.0%}": lambda b: _either_way(b.of_scale(SCALE)),
     }
-    found: list[list[object]] = [[name, *map(of, budgets)] for name, of in causes.items()]
-    return [*found, *_calibrated(budgets)]
+    rows: list[list[object]] = [[name, *map(of, budgets)] for name, of in causes.items()]
+    return [*rows, *_calibration_rows(budgets)]
 
 
-def _calibrated(budgets: Sequence[ErrorBudget]) -> Iterator[list[object]]:
+def _calibration_rows(budgets: Sequence[ErrorBudget]) -> Iterator[list[object]]:
     """Rows of the calibrations' uncertainties, one standard uncertainty each."""
     contributions: dict[str, Callable[[ErrorBudget], tuple[float, str]]] = {
         "emissivity as calibrated": lambda b: (b.of_offset(b.emissivity_k), f"{b.emissivity_k:.2f} K"),
@@ -270,7 +270,7 @@ def budget(columns: Series, target: TargetSeries, settings: EstimatorSettings) -
         diffuse_w_m2=_median(on_target - diffuse),
         reflected_w_m2=_median(reflected),
         longwave_w_m2=_median(_longwave(columns, cos_tilt, settings)) / absorbing,
-        storage_w_m2=_median(-_stored(columns, target, settings)) / absorbing,
+        storage_w_m2=_median(-_stored_heat(columns, target, settings)) / absorbing,
         w_m2_per_degree=_median(light * _per_degree(columns, tilt, azimuth)),
         kelvin_per_degree=_median(target.kelvin_per_degree),
         noise_deg=_median(
@@ -282,7 +282,7 @@ def budget(columns: Series, target: TargetSeries, settings: EstimatorSettings) -
     )
 
 
-def pooled(name: str, budgets: Sequence[ErrorBudget]) -> ErrorBudget:
+def pool(name: str, budgets: Sequence[ErrorBudget]) -> ErrorBudget:
     """The medians over several sessions, under one name."""
     numbers = [field.name for field in fields(ErrorBudget) if field.name != "name"]
     return ErrorBudget(
@@ -319,7 +319,7 @@ def _of_emissivity(columns: Series, target: TargetSeries, settings: EstimatorSet
     return difference_k(*seen, target.region, columns.references[0], settings)
 
 
-def _stored(columns: Series, target: TargetSeries, settings: EstimatorSettings) -> FloatArray:
+def _stored_heat(columns: Series, target: TargetSeries, settings: EstimatorSettings) -> FloatArray:
     """Storage heat flux of the target minus that of the reference, W/m2."""
     difference = columns.temperature_k[target.region.name] - columns.reference_k
     known = np.isfinite(difference)

@@ -48,7 +48,9 @@ def _figures(data: ReportData) -> Iterator[Figure]:
     learnt = data.columns.final_learnt
     assert learnt is not None
     sure = learnt_words.confidence(learnt)
-    words = "; ".join(f"{parameter.name} {learnt_words.found(parameter)}" for parameter in learnt.parameters)
+    words = "; ".join(
+        f"{parameter.name} {learnt_words.value_text(parameter)}" for parameter in learnt.parameters
+    )
     yield Figure(
         _prior_and_posterior(learnt),
         f"Each parameter on the scale of its prior: grey the {sure} interval before the data, blue after "
@@ -67,8 +69,8 @@ def _figures(data: ReportData) -> Iterator[Figure]:
 
 
 def _learnt_at(data: ReportData, minute: int) -> Iterator[str]:
-    for one in learnt_words.main(learnt) if (learnt := data.columns.learnt[minute]) else ():
-        yield f"{learnt_words.short(one)}: {learnt_words.found(one)}"
+    for parameter in learnt_words.main(learnt) if (learnt := data.columns.learnt[minute]) else ():
+        yield f"{learnt_words.short(parameter)}: {learnt_words.value_text(parameter)}"
 
 
 # Prior against posterior, and learning over the session
@@ -92,7 +94,7 @@ def _prior_and_posterior(learnt: Learnt) -> str:
 def _over_time(columns: Series, site: Site) -> plotting.OverTime:
     """The main parameters by minute with their intervals, a panel each; `columns` must have some."""
     final = columns.final_learnt
-    names = [one.name for one in learnt_words.main(final)] if final else []
+    names = [parameter.name for parameter in learnt_words.main(final)] if final else []
     figure, panels = plotting.panels(len(names), 0.6 + 1.1 * len(names))
     for index, (axes, name) in enumerate(zip(panels, names, strict=True)):
         _learning(axes, columns, name, plotting.colour(index))
@@ -117,18 +119,20 @@ def _on_prior(parameter: LearntParameter, number: float) -> float:
 
 
 def _learning(axes: Axes, columns: Series, name: str, colour: str) -> None:
-    found = [
+    parameters = [
         next((parameter for parameter in learnt.parameters if parameter.name == name), None)
         if learnt
         else None
         for learnt in columns.learnt
     ]
     low, value, high = (
-        np.array([np.nan if one is None else getattr(one, key) for one in found], np.float64)
+        np.array(
+            [np.nan if parameter is None else getattr(parameter, key) for parameter in parameters], np.float64
+        )
         for key in ("low", "value", "high")
     )
     days, low, value, high = plotting.broken(columns.time_ns, low, value, high)
-    last = next(one for one in reversed(found) if one is not None)
+    last = next(parameter for parameter in reversed(parameters) if parameter is not None)
     axes.axhspan(last.prior_low, last.prior_high, color=PRIOR_COLOUR, alpha=0.5, linewidth=0)
     axes.fill_between(days, low, high, color=colour, alpha=0.35, linewidth=0)
     axes.plot(days, value, color=colour, linewidth=1.6)

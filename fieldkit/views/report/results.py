@@ -52,14 +52,14 @@ def accuracy(data: ReportData) -> Table:
     }
     rows = [_accuracy_row(target, data.sd) for target in data.columns.targets]
     sure = percent(data.settings.confidence)
-    known = [any(row[index] != formatting.UNKNOWN for row in rows) for index in range(len(columns))]
+    has_values = [any(row[index] != formatting.UNKNOWN for row in rows) for index in range(len(columns))]
     caption = (
         f"The {sure} region {likelihood_words(data.settings)}. "
         f"Uncertain: {formatting.uncertain_means(sure)}. "
-        f"{' '.join(filter(None, itertools.compress(columns.values(), known)))}"
+        f"{' '.join(filter(None, itertools.compress(columns.values(), has_values)))}"
     )
-    shown = [list(itertools.compress(row, known)) for row in rows]
-    return Table(list(itertools.compress(columns, known)), shown, caption)
+    visible_rows = [list(itertools.compress(row, has_values)) for row in rows]
+    return Table(list(itertools.compress(columns, has_values)), visible_rows, caption)
 
 
 def caveat(settings: EstimatorSettings) -> str:
@@ -174,7 +174,7 @@ def time_figures(data: ReportData) -> Iterator[Figure]:
             lambda minute: _azimuths_at(columns, minute),
         )
     if any(np.isfinite(values).any() for values in (*columns.temperature_k.values(), columns.contact_k)):
-        measured = _measured(data)
+        measured = _measured_k(data)
         yield figure_over_time(
             data,
             session_figures.temperatures(columns, data.channels, site),
@@ -200,7 +200,7 @@ def _azimuths_at(columns: Series, minute: int) -> Iterator[str]:
             yield f"{target.region.name} {formatting.azimuth(estimate)}°"
 
 
-def _measured(data: ReportData) -> Mapping[str, FloatArray]:
+def _measured_k(data: ReportData) -> Mapping[str, FloatArray]:
     """Surface temperatures that were measured, by region and probe, kelvin."""
     columns = data.columns
     probes = {

@@ -123,7 +123,7 @@ class Series:
     @property
     def final_learnt(self) -> Learnt | None:
         """Parameters learnt from the whole session, or None if nothing."""
-        return next((one for one in reversed(self.learnt) if one is not None), None)
+        return next((learnt for learnt in reversed(self.learnt) if learnt is not None), None)
 
     @property
     def cos_zenith(self) -> FloatArray:

@@ -63,8 +63,8 @@ def tilts(columns: Series, site: Site) -> plotting.OverTime:
     """Tilt of each target with its likelihood region, the given tilt dashed; a panel per target."""
     figure, panels = _target_panels(columns)
     for index, (axes, target) in enumerate(zip(panels, columns.targets, strict=True)):
-        found = target.tilt_deg, target.tilt_low_deg, target.tilt_high_deg
-        _angle(axes, columns, target, found, target.region.tilt_deg, plotting.colour(index))
+        bounds = target.tilt_deg, target.tilt_low_deg, target.tilt_high_deg
+        _angle(axes, columns, target, bounds, target.region.tilt_deg, plotting.colour(index))
         axes.set_ylabel(f"{target.region.name} tilt, °")
     return over_time(figure, panels, columns, site, legend=False)
 
@@ -74,11 +74,11 @@ def azimuths(columns: Series, site: Site) -> plotting.OverTime:
     figure, panels = _target_panels(columns)
     for index, (axes, target) in enumerate(zip(panels, columns.targets, strict=True)):
         centre = _centre_of(target)
-        middle = centre + _turned(target.azimuth_deg - centre)
+        middle = centre + _wrap(target.azimuth_deg - centre)
         low = middle - (target.azimuth_deg - target.azimuth_low_deg) % 360.0
         high = middle + (target.azimuth_high_deg - target.azimuth_deg) % 360.0
-        found = middle, low, high
-        _angle(axes, columns, target, found, target.region.azimuth_deg, plotting.colour(index))
+        bounds = middle, low, high
+        _angle(axes, columns, target, bounds, target.region.azimuth_deg, plotting.colour(index))
         half = _half_range(np.concatenate([low, high]) - centre)
         axes.set_ylim(centre - half, centre + half)
         axes.set_yticks([centre - half, centre - half / 2, centre, centre + half / 2, centre + half])
@@ -121,9 +121,11 @@ def final_tilts(tilts: Sequence[FinalTilt]) -> str:
     for index, target in enumerate(targets):
         of_target = [tilt for tilt in tilts if tilt.estimate.region == target]
         aside = 0.6 * ((index + 0.5) / len(targets) - 0.5)  # bars beside each other
-        at = np.array([sessions.index(one.session) for one in of_target]) + aside
-        ends = [(one.tilt_deg, one.tilt_low_deg, one.tilt_high_deg) for _, one, _ in of_target]
-        (middle, low, high), given = np.transpose(ends), [one.given_deg for one in of_target]
+        at = np.array([sessions.index(estimate.session) for estimate in of_target]) + aside
+        ends = [
+            (estimate.tilt_deg, estimate.tilt_low_deg, estimate.tilt_high_deg) for _, estimate, _ in of_target
+        ]
+        (middle, low, high), given = np.transpose(ends), [estimate.given_deg for estimate in of_target]
         bars = axes.errorbar(
             at, middle, yerr=[middle - low, high - middle], linestyle="none", capsize=3,
             **plotting.marks(index, target),
@@ -193,6 +195,6 @@ def _half_range(away_deg: FloatArray) -> float:
     return next((half for half in (20.0, 40.0, 90.0) if furthest <= half), 180.0)
 
 
-def _turned(difference_deg: FloatArray) -> FloatArray:
+def _wrap(difference_deg: FloatArray) -> FloatArray:
     """Differences of azimuths in [-180, 180)."""
     return (difference_deg + 180.0) % 360.0 - 180.0

@@ -42,12 +42,12 @@ def write_report(path: Path, data: ReportData) -> None:
         streams=recording.streams(data),
         clock=recording.clock(data),
         provenance=recording.provenance(data),
-        config_toml="\n".join(map(_cut, data.config_toml.splitlines())),
+        config_toml="\n".join(map(_shorten, data.config_toml.splitlines())),
     )
     path.write_text(page, encoding="utf-8")
 
 
-def _cut(line: str) -> str:
+def _shorten(line: str) -> str:
     """A line of the configuration, without the end of a trajectory."""
     return line if len(line) <= LONGEST_LINE else f"{line[:LONGEST_LINE]} … ({len(line)} characters)"
 

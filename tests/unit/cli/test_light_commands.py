@@ -193,7 +193,7 @@ def known(value: float | None) -> float:
 def test_a_request_that_is_not_one_gets_no_answer_and_the_next_one_does(recording):
     session = recording[1]
     for bad in (b"", b"{}", b"[]", b'{"cols": "x"}', b"\xff"):
-        with unix_socket.connected(status_path(session), 10.0) as connection:
+        with unix_socket.connect(status_path(session), 10.0) as connection:
             connection.sendall(bad)
             connection.shutdown(1)
             assert connection.recv(1) == b""

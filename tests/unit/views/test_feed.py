@@ -13,7 +13,7 @@ from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Event, EventKind, Frame, Health, Quality, Reading, Severity, StreamHealth
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.slope import SlopeEstimate, SlopeState
-from fieldkit.views.feed import LENGTHS, Feed, FeedReader, FeedStart, decoded, encoded
+from fieldkit.views.feed import LENGTHS, Feed, FeedReader, FeedStart, decode, encode
 from fieldkit.views.latest import Latest
 from fieldkit.views.trend import Trend
 from tests.harness.waiting import wait_until
@@ -62,18 +62,18 @@ def same(one: object, other: object) -> bool:
     "item", [EVENT, READING, HEALTH, minute(1), Trend([1], {"a": [2.0]}, {"a": [math.nan]})]
 )
 def test_items_come_out_as_they_went_in(item):
-    message = encoded(item)
+    message = encode(item)
     header, body = LENGTHS.unpack(message[: LENGTHS.size])
     assert (header + body, body) == (len(message) - LENGTHS.size, 0)
-    assert same(decoded(message[LENGTHS.size :], b""), item)
+    assert same(decode(message[LENGTHS.size :], b""), item)
 
 
 def test_frames_come_out_as_they_went_in():
     sent = frame(1)
-    message = encoded(sent)
+    message = encode(sent)
     header, _ = LENGTHS.unpack(message[: LENGTHS.size])
     split = LENGTHS.size + header
-    found = decoded(message[LENGTHS.size : split], message[split:])
+    found = decode(message[LENGTHS.size : split], message[split:])
     np.testing.assert_array_equal(found.counts, sent.counts)
     np.testing.assert_array_equal(found.metadata_rows, sent.metadata_rows)
     assert same(found._replace(counts=0, metadata_rows=0), sent._replace(counts=0, metadata_rows=0))
@@ -82,7 +82,7 @@ def test_frames_come_out_as_they_went_in():
 @pytest.mark.parametrize("header", [b"", b"3", b'["Frame", {}]', b'["Event", 3]', b'["object", {}]', b"\xff"])
 def test_other_bytes_are_refused(header):
     with pytest.raises(ValueError, match="not of a feed"):
-        decoded(header, b"abc")
+        decode(header, b"abc")
 
 
 def test_a_reader_receives_what_is_known_and_then_what_comes(feed, path):

@@ -52,7 +52,7 @@ def test_palette_grows_brighter_at_every_step():
 
 def test_making_smaller_keeps_the_mean():
     shown = np.arange(24.0).reshape(4, 6)
-    small = frame_image.resized(shown, 2, 3)
+    small = frame_image.resize(shown, 2, 3)
     assert small.shape == (2, 3)
     assert small[0, 0] == pytest.approx((0 + 1 + 6 + 7) / 4)
 

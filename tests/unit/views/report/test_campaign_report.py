@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from fieldkit.views.report import Part, write_campaign_report
-from fieldkit.views.report.error_budget import ErrorBudget, pooled
+from fieldkit.views.report.error_budget import ErrorBudget, pool
 from fieldkit.views.report.series import series
 
 DAY_NS = 86_400 * 10**9
@@ -90,5 +90,5 @@ def test_the_error_budget_is_by_given_tilt_over_all_sessions(written):
 
 def test_medians_over_sessions_leave_out_what_is_not_known():
     days = [ErrorBudget("b15", *(float(value),) * 8) for value in (1, 9, 2, float("nan"))]
-    found = pooled("15°", days)
+    found = pool("15°", days)
     assert (found.name, found.storage_w_m2, found.tilt_deg) == ("15°", 2.0, 2.0)
