@@ -29,6 +29,7 @@ from fieldkit.model.errors import CalibrationError
 from fieldkit.model.samples import Frame, Reading
 from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.recorder.recorder import Shown
+from fieldkit.recording.background import RecordOptions
 from fieldkit.recording.record import PreparedRecording, RecordedSession, prepare
 from fieldkit.results.sources import Settings, log_warning, settings_from
 
@@ -131,7 +132,7 @@ def prepare_emissivity(
     """Open a campaign's instruments and choose streams and regions; see `record_emissivity`."""
     require_name(sample)
     duration_s = None if options.duration is None else as_seconds(options.duration)
-    with prepare(config, name=sample, duration_s=duration_s, notify=notify) as recording:
+    with prepare(config, RecordOptions(name=sample, duration_s=duration_s), notify) as recording:
         probes = config.estimator_settings().probes
         inventory = Inventory(config.path, recording.instruments.streams, config.regions, probes)
         yield PreparedMeasurement(recording, measurement_setup(inventory, options))

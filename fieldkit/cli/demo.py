@@ -34,6 +34,7 @@ PACE = 360
 @click.option("-o", "--out", type=PATH, default=Path("demo"), show_default=True, help="Campaign folder.")
 def command(fast: bool, fault: str | None, out: Path) -> None:
     """Run the whole experiment on simulated devices under one measured day of weather, then report."""
+    from fieldkit.recording.background import RecordOptions
     from fieldkit.recording.record import MinuteView, prepare
     from fieldkit.recording.simulate import demo_campaign
     from fieldkit.results.report import report as write_report
@@ -43,7 +44,7 @@ def command(fast: bool, fault: str | None, out: Path) -> None:
     config = demo_campaign(folder, speed="max" if fast else PACE, fault=fault)
     _introduce(config, fault)
     minutes: list[Minute] = []
-    with prepare(config, name="demo", duration_s=SCENE_S, notify=common.say_warning) as prepared:
+    with prepare(config, RecordOptions(name="demo", duration_s=SCENE_S), common.say_warning) as prepared:
         path = run_until_stopped(prepared, [*live_views(prepared), MinuteView(minutes.append)]).path
     common.say("writing the report")
     report = write_report(path, config.reports / f"{path.stem}.html", notify=common.say_warning).path

@@ -16,12 +16,12 @@ from fieldkit.recording.recordings import sessions_in
 from fieldkit.results.json_document import learnt_document
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
     from datetime import time
     from pathlib import Path
 
     from fieldkit.config import Config
     from fieldkit.recorder import Summary
+    from fieldkit.recording.background import RecordOptions
     from fieldkit.recording.record import PreparedRecording
     from fieldkit.views.terminal_view import ThemeName
 
@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     "--page", "page_address", is_flag=False, flag_value=LOOPBACK, metavar="[ADDRESS]",
     help=f"Show the recording on the field page, on this address [{LOOPBACK}], not in this terminal.",
 )  # fmt: skip
+@click.option("--options", "as_json", hidden=True, help="All of these as one JSON object.")
 @common.theme_option
 @common.set_option
 def command(
@@ -65,48 +66,38 @@ def command(
     detach: bool,
     allow_missing: bool,
     page_address: str | None,
+    as_json: str | None,
     theme: ThemeName,
     settings: tuple[str, ...],
 ) -> None:
     """Record a session of this campaign; Ctrl-C stops and seals it, a second one stops at once."""
+    from fieldkit.recording.background import RecordOptions
     from fieldkit.recording.record import prepare
 
     if duration_s is not None and until is not None:
         raise click.UsageError("give --for or --until, not both")
     if include_last_s is not None and at is not None:
         raise click.UsageError("give --at or --include-last, not both; an earlier --at records the same")
-    config = common.campaign(settings)
+    options = RecordOptions(
+        name=name, duration_s=duration_s, at=at, until=until, include_last_s=include_last_s,
+        allow_missing=allow_missing, settings=settings,
+    )  # fmt: skip
+    if as_json is not None:
+        options = RecordOptions.model_validate_json(as_json)
+    config = common.campaign(options.settings)
     report_interrupted(sessions_in(config.recordings))
     if detach and page_address is not None:
         raise click.UsageError("--page ends with this terminal; fieldkit page shows a detached recording")
     if detach:
-        spans = (("for", duration_s), ("include-last", include_last_s))
-        ends = [f"--{word}={seconds}s" for word, seconds in spans if seconds is not None]
-        times = [
-            f"--{word}={clock_time:%H:%M}"
-            for word, clock_time in (("at", at), ("until", until))
-            if clock_time is not None
-        ]
-        missing = ["--allow-missing"] if allow_missing else []
-        changed = [word for setting in settings for word in ("--set", setting)]
-        _detach(config, [f"--name={name}", *ends, *times, *missing, *changed])
+        _detach(config, options)
         return
-    with prepare(
-        config,
-        name=name,
-        duration_s=duration_s,
-        at=at,
-        until=until,
-        include_last_s=include_last_s,
-        allow_missing=allow_missing,
-        notify=common.say_warning,
-    ) as prepared:
-        if at is not None and not _wait_until(prepared, at, theme):
+    with prepare(config, options, common.say_warning) as prepared:
+        if options.at is not None and not _wait_until(prepared, options.at, theme):
             common.say("called off: nothing was recorded")
             return
         common.say(f"recording {prepared.path.stem}     Ctrl-C stops and seals")
         views = [] if page_address else live_views(prepared, theme)  # whose screen would hide the links
-        with page_beside(config, page_address, settings):
+        with page_beside(config, page_address, options.settings):
             summary = run_until_stopped(prepared, views).summary
     print_summary(prepared.path, summary)
     if summary.failure is not None:
@@ -124,7 +115,7 @@ def _wait_until(prepared: PreparedRecording, at: time, theme: ThemeName) -> bool
         return await_begin(prepared, views, stopping)
 
 
-def _detach(config: Config, options: Sequence[str]) -> None:
+def _detach(config: Config, options: RecordOptions) -> None:
     """Begin a recording in a process of its own, and return once it records or waits for its time."""
     from fieldkit.recording.background import BackgroundRecording
 

@@ -31,6 +31,7 @@ from fieldkit.page.outgoing import in_words
 from fieldkit.page.sessions import PastSessions, identifier
 from fieldkit.page.viewer import Viewer
 from fieldkit.recording import regions as campaign_regions
+from fieldkit.recording.background import RecordOptions
 from fieldkit.recording.mark_corrections import keep
 from fieldkit.recording.new_mark import mark_of
 from fieldkit.recording.redrawing import change_regions
@@ -149,9 +150,7 @@ class Answers:
             report = f"/session/{identifier(path)}/report"
             sealed = {"session": path.stem, "report_url": report}
             return Done(f"sealed {path.stem}", sealed)
-        session = self.conductor.start(
-            request.name, time_options(request), allow_missing=request.allow_missing
-        )
+        session = self.conductor.start(record_options(request))
         return Done(f"recording {session.stem}", {"session": session.stem})
 
     def _log_silence(self, silent: UnresponsiveRecorder) -> None:
@@ -350,19 +349,15 @@ def _correction(path: Path, request: requests.TakeBack | requests.EditMark) -> M
         return edited(session, request.mark, request.text, label=request.kind, at=request.at)
 
 
-def time_options(request: requests.Start) -> list[str]:
-    """Options of ``fieldkit record`` for the begin and end asked for, as typed; raises `ConfigError`."""
-    options = []
-    if request.include_last:
-        parse_duration(request.include_last)
-        options.append(f"--include-last={request.include_last}")
-    if request.duration:
-        parse_duration(request.duration)
-        options.append(f"--for={request.duration}")
-    if request.until:
-        parse_time_of_day(request.until)
-        options.append(f"--until={request.until}")
-    return options
+def record_options(request: requests.Start) -> RecordOptions:
+    """The recording that is asked for; raises `ConfigError` for a wrong duration or time of day."""
+    return RecordOptions(
+        name=request.name,
+        duration_s=parse_duration(request.duration) if request.duration else None,
+        until=parse_time_of_day(request.until) if request.until else None,
+        include_last_s=parse_duration(request.include_last) if request.include_last else None,
+        allow_missing=request.allow_missing,
+    )
 
 
 def _region(drawn: requests.DrawnRegion) -> Region:

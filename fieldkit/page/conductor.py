@@ -25,7 +25,7 @@ from fieldkit.model.errors import (
 from fieldkit.model.samples import Event, EventKind
 from fieldkit.page.hub import Hub
 from fieldkit.page.outgoing import in_words
-from fieldkit.recording.background import BackgroundRecording
+from fieldkit.recording.background import BackgroundRecording, RecordOptions
 from fieldkit.recording.last_samples import LastSamples
 from fieldkit.recording.opening import open_instruments
 from fieldkit.recording.preview import LivePreview, missing_instruments
@@ -111,17 +111,17 @@ class Conductor:
 
     # --- a recording
 
-    def start(self, name: str, times: Sequence[str], *, allow_missing: bool) -> Path:
-        """Start ``fieldkit record`` with options for its `times`, and wait until it records; its session.
+    def start(self, options: RecordOptions) -> Path:
+        """Start ``fieldkit record`` with the page's settings, and wait until it records; its session.
 
         Raises `RefusedError` if something is recorded already, or with what the recorder said.
         """
-        options = [f"--name={name}", *times, *(["--allow-missing"] if allow_missing else [])]
+        options = options.model_copy(update={"settings": self.settings})
         with self._starting:
             if self._is_starting() or is_recorder_present(self.config.recordings):
                 raise RefusedError("this campaign is being recorded already", fix="stop that recording first")
             self._forget_child()
-            child = BackgroundRecording(self.config.directory, [*options, *self._set_options()])
+            child = BackgroundRecording(self.config.directory, options)
             self._child = child
         session = child.await_start(self.config.recordings)
         assert session is not None  # it was not told to wait for a time
@@ -136,9 +136,6 @@ class Conductor:
             if ending.wait(LOOK_EVERY_S):
                 return None
         return None if self._child is None else self._child.exit_code
-
-    def _set_options(self) -> list[str]:
-        return [word for setting in self.settings for word in ("--set", setting)]
 
     def _is_starting(self) -> bool:
         return self._child is not None and not self._child.has_ended

@@ -7,6 +7,7 @@ import threading
 
 from fieldkit.model.errors import DeviceError, DeviceLostError, FieldkitError
 from fieldkit.page.conductor import Conductor
+from fieldkit.recording.background import RecordOptions
 from fieldkit.recording.recordings import is_interrupted, sessions_in
 from fieldkit.recording.request_reader import recover_session
 
@@ -24,7 +25,7 @@ def keep_recording(conductor: Conductor, ending: threading.Event) -> None:
     """
     while not ending.is_set():
         try:
-            conductor.start(NAME, (), allow_missing=False)
+            conductor.start(RecordOptions(name=NAME))
         except FieldkitError as error:
             log.warning("no recording was started: %s", error)
         code = conductor.exit_code(ending)

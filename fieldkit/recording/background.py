@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import datetime
 import json
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
 from pathlib import Path
-from typing import IO
+from typing import IO, ClassVar
+
+from pydantic import BaseModel, ConfigDict
 
 from fieldkit.model.errors import RefusedError
 from fieldkit.recording.running import LOOK_EVERY_S, session_in_progress, waiting_recorder
@@ -18,17 +20,36 @@ from fieldkit.sessions.lock import journal_path, owner
 STARTS_WITHIN_S = 60.0
 
 
+class RecordOptions(BaseModel):
+    """How a campaign is recorded, from command line, page or Python to the process that does it.
+
+    `at` and `until` are times of day at the site, at which the recording is to begin and to end; `until`
+    replaces `duration_s`. `include_last_s` is how far back the samples of a preview that ends now become the
+    recording's first. `settings` are ``KEY=VALUE`` over ``fieldkit.toml``.
+    """
+
+    model_config: ClassVar[ConfigDict] = ConfigDict(frozen=True, extra="forbid")
+
+    name: str = ""
+    duration_s: float | None = None
+    at: datetime.time | None = None
+    until: datetime.time | None = None
+    include_last_s: float | None = None
+    allow_missing: bool = False
+    settings: tuple[str, ...] = ()
+
+
 class BackgroundRecording:
     """A ``fieldkit record`` of a campaign with `options`, begun at once.
 
     Its errors go to a file without a name, which outlives who began it: a pipe would end with them.
     """
 
-    def __init__(self, campaign: Path, options: Sequence[str]) -> None:
+    def __init__(self, campaign: Path, options: RecordOptions) -> None:
         self._errors: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - the process's, as long as it runs
         words = [
             *(sys.executable, "-P", "-m", "fieldkit", "record"),
-            *("-C", str(campaign), "--json", "--no-input", *options),
+            *("-C", str(campaign), "--json", "--no-input", "--options", options.model_dump_json()),
         ]
         self._process = subprocess.Popen(
             words,

@@ -26,6 +26,7 @@ from fieldkit.model.units import SECOND_NS
 from fieldkit.recorder import Recorder, Summary, View
 from fieldkit.recorder.recorder import Shown
 from fieldkit.recording.alarms import alarm_watch
+from fieldkit.recording.background import RecordOptions
 from fieldkit.recording.last_samples import Included, ask_for_last_samples, left_samples
 from fieldkit.recording.opening import Instruments, open_instruments
 from fieldkit.recording.preflight import Notify, disk_reserve_bytes, log, preflight, sampling_of
@@ -105,16 +106,14 @@ def record(
     ('20160101T190001Z-short', 121)
     """
     config = config_of(campaign)
-    opened = prepare(
-        config,
+    options = RecordOptions(
         name=name,
         duration_s=None if duration is None else as_seconds(duration),
         include_last_s=None if include_last is None else as_seconds(include_last),
         allow_missing=allow_missing,
-        notify=notify,
     )
     views: list[View] = [] if on_minute is None else [MinuteView(on_minute)]
-    with opened as prepared, _stopped_by_interrupt() as stopping:
+    with prepare(config, options, notify) as prepared, _stopped_by_interrupt() as stopping:
         if is_notebook():
             views.append(NotebookLine(prepared.latest()))
         recorded = prepared.run(views, stopping=stopping)
@@ -245,49 +244,42 @@ class PreparedRecording:
 
 @contextmanager
 def prepare(
-    config: Config,
-    *,
-    name: str = "",
-    duration_s: float | None = None,
-    at: time | None = None,
-    until: time | None = None,
-    include_last_s: float | None = None,
-    allow_missing: bool = False,
-    notify: Notify = log.warning,
+    config: Config, options: RecordOptions, notify: Notify = log.warning
 ) -> Iterator[PreparedRecording]:
     """Open a campaign's instruments, check that recording can start, and choose the session's path.
 
-    `at` and `until` are times of day at the site, at which the recording is to begin and to end; `until`
-    replaces `duration_s`. `include_last_s` is how far back the samples of a preview that ends now become the
-    recording's first; `notify` receives it if there are none. Raises as `record`.
+    The settings of `options` are in the configuration already. `notify` receives warnings, also if there are
+    no samples of a preview. Raises as `record`.
     """
+    duration_s = options.duration_s
     with ExitStack() as opened:
-        if include_last_s is not None:
+        if options.include_last_s is not None:
             ask_for_last_samples(config.recordings)
         opened.enter_context(only_recorder(config.recordings))
         await_preview_end(config.recordings)
         left = opened.enter_context(left_samples(config.recordings))
-        scene_s = None if at else duration_s  # a simulated field goes on while its recorder waits
+        scene_s = None if options.at else duration_s  # a simulated field goes on while its recorder waits
         instruments = opened.enter_context(
             open_instruments(
                 config,
                 duration_s=scene_s,
-                allow_missing=allow_missing,
+                allow_missing=options.allow_missing,
                 simulated_from_ns=left.end_ns if left else None,
             )
         )
         now_ns, utc_ns = instruments.clock.mono_ns(), instruments.utc_ns()
-        wait_ns = 0 if at is None else ns_until(at, config.site, utc_ns)
-        if until is not None:
-            duration_s = ns_until(until, config.site, utc_ns + wait_ns) / SECOND_NS
+        wait_ns = 0 if options.at is None else ns_until(options.at, config.site, utc_ns)
+        if options.until is not None:
+            duration_s = ns_until(options.until, config.site, utc_ns + wait_ns) / SECOND_NS
         preflight(config, instruments, duration_s, notify)
-        included = left.included(instruments, include_last_s, notify) if left and include_last_s else None
-        if include_last_s and included is None:
+        last_s = options.include_last_s
+        included = left.included(instruments, last_s, notify) if left and last_s else None
+        if last_s and included is None:
             notify("no preview of this campaign was running: the recording begins now")
         start_ns = now_ns + wait_ns if included is None else included.start_ns
-        path = session_path(config, name, instruments.clock.to_utc_ns(start_ns))
-        begins_ns = None if at is None else now_ns + wait_ns
-        yield PreparedRecording(config, instruments, path, name, duration_s, begins_ns, included)
+        path = session_path(config, options.name, instruments.clock.to_utc_ns(start_ns))
+        begins_ns = None if options.at is None else now_ns + wait_ns
+        yield PreparedRecording(config, instruments, path, options.name, duration_s, begins_ns, included)
 
 
 def config_of(campaign: Campaign | Config | str | Path) -> Config:

@@ -18,6 +18,7 @@ from paho.mqtt import client as client_module
 from fieldkit.config import FILE_NAME, load_config
 from fieldkit.config.template import SIMULATED
 from fieldkit.model.errors import ConfigError
+from fieldkit.recording.background import RecordOptions
 from fieldkit.recording.campaign import create_campaign
 from fieldkit.recording.record import prepare
 
@@ -77,7 +78,7 @@ def test_a_recording_is_found_with_its_meters_regions_and_alarms(broker, tmp_pat
         FAULT,
     ]
     config = load_config(tmp_path / "field" / FILE_NAME, settings=settings)
-    with prepare(config, duration_s=1200.0) as prepared:
+    with prepare(config, RecordOptions(duration_s=1200.0)) as prepared:
         prepared.run()
     found = retained(broker)
     configs = {topic: json.loads(text) for topic, text in found.items() if topic.startswith("homeassistant/")}
@@ -110,7 +111,7 @@ def test_without_a_broker_the_recording_does_not_begin(tmp_path):
     config = load_config(tmp_path / "field" / FILE_NAME, settings=["alarms.home_assistant=true"])
     with (
         pytest.raises(ConfigError, match="needs the broker") as refused,
-        prepare(config, duration_s=60.0) as one,
+        prepare(config, RecordOptions(duration_s=60.0)) as one,
     ):
         one.run()
     assert "alarms.services_file" in (refused.value.fix or "")

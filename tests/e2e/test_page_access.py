@@ -19,6 +19,7 @@ from fieldkit.page.hub import MAX_VIEWERS
 from fieldkit.page.keys import Keys
 from fieldkit.page.server import listening
 from fieldkit.page.sessions import identifier
+from fieldkit.recording.background import RecordOptions
 from tests.harness.disk import full_disk
 from tests.harness.page import HOST, Served, campaign, served
 from tests.harness.waiting import PATIENCE_S, wait_until
@@ -562,10 +563,10 @@ def test_a_wrong_end_of_a_recording_is_answered_in_words(page, end, words):
     assert "Usage" not in answer["text"]
 
 
-def test_a_long_duration_reaches_the_recorder_as_it_was_typed():
+def test_a_long_duration_reaches_the_recorder():
     start = requests.parse('{"do": "start", "duration": "300h"}')
     assert isinstance(start, requests.Start)
-    assert answers.time_options(start) == ["--for=300h"]
+    assert answers.record_options(start) == RecordOptions(duration_s=300 * 3600.0)
 
 
 def test_an_alarm_that_is_not_there_cannot_be_acknowledged(page):

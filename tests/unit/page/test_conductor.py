@@ -2,7 +2,6 @@
 
 import threading
 import time
-from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -13,6 +12,7 @@ from fieldkit.model.errors import RefusedError
 from fieldkit.page import conductor
 from fieldkit.page.conductor import Conductor
 from fieldkit.page.hub import Hub
+from fieldkit.recording.background import RecordOptions
 from fieldkit.recording.campaign import init_campaign
 from fieldkit.recording.regions import remove_region
 from tests.harness.waiting import wait_until
@@ -23,7 +23,7 @@ class SlowToBegin:
 
     has_ended = False
 
-    def __init__(self, campaign: Path, options: Sequence[str]) -> None:
+    def __init__(self, campaign: Path, options: RecordOptions) -> None:
         time.sleep(0.2)  # as on a small computer
 
     def await_start(self, recordings: Path) -> Path:
@@ -40,7 +40,7 @@ def test_two_browsers_that_start_at_once_begin_one_recording(config, monkeypatch
     monkeypatch.setattr(conductor, "BackgroundRecording", SlowToBegin)
     starting = Conductor(config, Hub(config), preview=False)
     with ThreadPoolExecutor() as browsers:
-        asked = [browsers.submit(starting.start, "", (), allow_missing=False) for _ in range(2)]
+        asked = [browsers.submit(starting.start, RecordOptions()) for _ in range(2)]
     begun, refused = sorted(asked, key=lambda one: one.exception() is not None)
     assert begun.result().name == "day.h5"
     with pytest.raises(RefusedError, match="is being recorded already"):

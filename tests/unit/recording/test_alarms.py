@@ -22,6 +22,7 @@ from fieldkit.model.samples import Event, EventKind, Severity
 from fieldkit.recorder import alarm_outputs
 from fieldkit.recorder.alarm_outputs import AlarmOutputs, ServiceOutput
 from fieldkit.recording.alarms import alarm_settings, outputs_of
+from fieldkit.recording.background import RecordOptions
 from fieldkit.recording.campaign import create_campaign
 from fieldkit.recording.record import RecordedSession, prepare
 from fieldkit.recording.replay import replay
@@ -45,7 +46,7 @@ EACH_SECOND = ("lux.every_s=1", "thermometer.every_s=1")
 def recording_of(folder: Path, minutes: int, *settings: str, marks: Any = None) -> RecordedSession:
     create_campaign(folder, SIMULATED)
     config = load_config(folder / FILE_NAME, settings=[*FAST, *settings])
-    with prepare(config, duration_s=60.0 * minutes) as prepared:
+    with prepare(config, RecordOptions(duration_s=60.0 * minutes)) as prepared:
         return prepared.run()
 
 
@@ -358,5 +359,5 @@ def test_limits_of_a_region_that_is_not_there_are_noticed_before_the_recording(t
     create_campaign(tmp_path, SIMULATED)
     config = load_config(tmp_path / FILE_NAME, settings=["alarms.region={b27 = {tilt_max_deg = 30}}"])
     noticed: list[str] = []
-    with prepare(config, duration_s=60.0, notify=noticed.append):
+    with prepare(config, RecordOptions(duration_s=60.0), noticed.append):
         assert "alarms.region.b27: no region is called b27, so its limits watch nothing" in noticed

@@ -11,7 +11,7 @@ from fieldkit.model.errors import ConfigError, RefusedError, SessionError
 from fieldkit.page.conductor import Conductor
 from fieldkit.page.hub import Hub
 from fieldkit.page.sessions import PastSessions, identifier
-from fieldkit.recording.background import command_error
+from fieldkit.recording.background import RecordOptions, command_error
 from fieldkit.recording.record import prepare
 from fieldkit.results.session import open_session
 
@@ -23,11 +23,11 @@ def config(tmp_path):
 
 
 def test_a_recording_that_cannot_start_answers_with_its_error(config):
-    with pytest.raises(ConfigError) as expected, prepare(config):
+    with pytest.raises(ConfigError) as expected, prepare(config, RecordOptions()):
         pass
     conductor = Conductor(config, Hub(config), preview=False)
     with pytest.raises(RefusedError) as found:
-        conductor.start("", [], allow_missing=False)
+        conductor.start(RecordOptions())
     conductor.close()
     assert (found.value.message, found.value.fix) == (expected.value.message, expected.value.fix)
 

@@ -8,6 +8,7 @@ import pytest
 from fieldkit.config import FILE_NAME, load_config
 from fieldkit.config.template import SIMULATED
 from fieldkit.model.samples import EventKind, Quality
+from fieldkit.recording.background import RecordOptions
 from fieldkit.recording.campaign import create_campaign
 from fieldkit.recording.record import prepare
 from fieldkit.results.estimate import estimate
@@ -26,7 +27,8 @@ def recorded(folder, minutes, *settings, tables=SIMULATED):
     create_campaign(folder, tables)
     paper = ("simulation.speed=max", 'estimator.model="paper"', 'estimator.azimuth="known"')
     with prepare(
-        load_config(folder / FILE_NAME, settings=[*paper, *SELDOM, *settings]), duration_s=60.0 * minutes
+        load_config(folder / FILE_NAME, settings=[*paper, *SELDOM, *settings]),
+        RecordOptions(duration_s=60.0 * minutes),
     ) as ready:
         done = ready.run()
     assert done.summary.failure is None
@@ -105,7 +107,9 @@ def test_a_trajectory_that_does_not_cover_a_recording_is_reported_before_it(tmp_
     tables = on_the_ground(tmp_path / "pose", 20, ALAMOSA_NOON_NS + late_s * 10**9)
     create_campaign(tmp_path / "pose", tables)
     warnings = []
-    with prepare(load_config(tmp_path / "pose" / FILE_NAME), duration_s=600.0, notify=warnings.append):
+    with prepare(
+        load_config(tmp_path / "pose" / FILE_NAME), RecordOptions(duration_s=600.0), warnings.append
+    ):
         pass
     lost = [one for one in warnings if "regions on the ground are lost then" in one]
     assert len(lost) == is_reported

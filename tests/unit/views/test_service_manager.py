@@ -13,6 +13,7 @@ from click.testing import CliRunner
 from fieldkit.cli import main
 from fieldkit.config import load_config
 from fieldkit.model.samples import Frame, Reading
+from fieldkit.recording.background import RecordOptions
 from fieldkit.recording.record import prepare
 from fieldkit.views.service_manager import RecordingReports, notify
 from tests.harness.service_manager import ServiceManager
@@ -115,7 +116,7 @@ def test_a_blocked_recorder_feeds_no_watchdog_while_its_reading_threads_go_on(ma
             pass
 
     config = load_config(folder / "fieldkit.toml", settings=["simulation.speed=1"])
-    with prepare(config) as prepared:
+    with prepare(config, RecordOptions()) as prepared:
         views = (RecordingReports(prepared.path.stem), Blocks())
         recorder = threading.Thread(target=lambda: prepared.run(views, stopping=stopping))
         recorder.start()
