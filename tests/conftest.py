@@ -15,7 +15,7 @@ from tests.shared_data import NO_SHARED_DATA
 
 # what hypothesis tries may take as long as a busy computer needs
 settings.register_profile("thorough", deadline=None, suppress_health_check=[HealthCheck.too_slow])
-settings.register_profile("quick", settings.get_profile("thorough"), max_examples=25)
+settings.register_profile("quick", settings.get_profile("thorough"), max_examples=15)
 settings.load_profile("quick")
 
 ALL_REQUIRED = "FIELDKIT_ALL_REQUIRED"

@@ -1,18 +1,14 @@
 """The measure of speed: what the page says is what a run measures, and a run says how it was measured."""
 
-import json
-import math
 import re
-from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
 import pytest
 
-from benchmarks import cli
-from benchmarks.__main__ import main, modules
+from benchmarks.__main__ import modules
 from benchmarks.result import Row, declared
-from benchmarks.sides import compared, share, times_as_fast
+from benchmarks.sides import share, times_as_fast
 
 PAGE = Path(__file__).parents[2] / "docs" / "explanation" / "speed.md"
 LINE = re.compile(r"^\| (.+?) \|(.*)\|(.*)\| (.+) \| `(\w+)\.([\w-]+)` \|$", re.MULTILINE)
@@ -47,12 +43,6 @@ def test_every_declared_row_is_measured_by_its_module(name):
             assert len(re.findall(rf"\b{constant}\b", source)) > 1, f"{name}.{value.id} is never measured"
 
 
-def test_no_two_rows_have_one_name():
-    for name in modules():
-        names = [row.id for row in declared(import_module(f"benchmarks.{name}"))]
-        assert len(set(names)) == len(names)
-
-
 def test_a_ratio_is_the_median_of_its_rounds_with_both_medians_and_the_range():
     rounds = [(1.0, 2.0), (2.0, 20.0), (4.0, 12.0)]
     result = times_as_fast(ROW, rounds)
@@ -60,29 +50,3 @@ def test_a_ratio_is_the_median_of_its_rounds_with_both_medians_and_the_range():
     sides = result.sides
     assert (sides.ours, sides.theirs, sides.least, sides.largest, sides.rounds) == (2.0, 12.0, 2.0, 10.0, 3)
     assert share(ROW, rounds).value == pytest.approx(1.0 / 3.0)
-
-
-def test_both_sides_take_turns_by_the_clock_that_is_asked_for():
-    taken, ticks = [], iter(range(100))
-    result = compared(ROW, lambda: taken.append("a"), lambda: taken.append("b"), 3, lambda: next(ticks))
-    assert taken == ["a", "b"] * 3
-    assert result.value == 1.0
-    assert 0.0 <= result.steal <= 1.0
-
-
-def test_a_run_prints_what_it_includes_both_sides_the_range_and_a_busy_machine(monkeypatch, capsys):
-    busy = replace(times_as_fast(cli.OVER_CLICK, [(0.05, 0.06)]), steal=0.31)
-    monkeypatch.setattr(cli, "run", lambda: [busy])  # nothing makes a computer busy by so much
-    main(["cli"])
-    printed = " ".join(capsys.readouterr().out.replace("│", " ").split())
-    for words in ("<= 1.3", "in 1 rounds", "31 %: busy machine", "CPU of a fresh", "not measured here"):
-        assert words in printed
-
-
-def test_json_has_the_rows_by_module(monkeypatch, capsys):
-    monkeypatch.setattr(cli, "ROUNDS", 1)  # a shorter run
-    monkeypatch.setattr(cli, "EAGER", cli.BARE)  # which takes seconds
-    main(["cli", "--json"])
-    rows = json.loads(capsys.readouterr().out)["cli"]
-    assert [row["id"] for row in rows] == [row.id for row in declared(cli)]
-    assert all(math.isfinite(row["value"]) and row["sides"]["theirs"] > 0.0 for row in rows)
