@@ -284,10 +284,6 @@ def storm(folder: Path, seconds: int, connections: int) -> None:
     lost_nothing(folder, seconds)
 
 
-def test_connections_that_come_and_go_cost_a_recording_nothing(tmp_path):
-    storm(campaign(tmp_path / "field"), 20, 60)
-
-
 @pytest.mark.slow
 def test_a_thousand_connections_that_come_and_go_cost_a_recording_nothing(tmp_path):
     storm(campaign(tmp_path / "field"), 120, 1000)

@@ -191,19 +191,6 @@ def test_the_order_of_arrival_does_not_matter():
         assert run(late) == expected
 
 
-def test_minutes_that_arrive_late_raise_the_same():
-    """An estimator in a thread of its own may be minutes behind."""
-    minutes = [minute(number, slope(20.0 if 2 <= number < 9 else 10.0)) for number in range(15)]
-    samples = every_second(0, 1000)
-    prompt = sorted(
-        [*samples, *minutes],
-        key=lambda item: item.time_ns + 62 * S if isinstance(item, Minute) else item.time_ns,
-    )
-    late = [*samples[: len(samples) // 2], *minutes[:4], *samples[len(samples) // 2 :], *minutes[4:]]
-    one, other = (sorted(run(items, engine(tilt_max_deg=15.0))) for items in (prompt, late))
-    assert [each for each in one if "tilt" in each[0]] == [each for each in other if "tilt" in each[0]] != []
-
-
 def test_a_minute_cut_short_by_the_end_is_not_judged():
     watched = engine(temperature_max_c=20.0)
     assert run([*every_second(0, 50), minute(0)], watched) == []

@@ -7,7 +7,6 @@ import pytest
 from click.testing import CliRunner
 
 from fieldkit.cli import main
-from fieldkit.estimation.estimator import Estimator
 from fieldkit.model.learnt import Learnt
 from fieldkit.model.slope import SLOPE_FIELDS, SlopeEstimate
 from fieldkit.results.estimate import estimate
@@ -15,9 +14,6 @@ from fieldkit.results.sources import config_for
 from fieldkit.sessions.reader import SessionReader, open_session
 from tests.harness.replayed_minutes import replayed_minutes
 from tests.harness.seldom import SET_SELDOM
-
-ENDED_AT = 310
-"""Samples after which one recording is cut off: nine of its twelve minutes."""
 
 
 def recorded(folder: Path, name: str) -> Path:
@@ -40,23 +36,6 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope="module")
 def whole(folder):
     return recorded(folder, "whole")
-
-
-@pytest.fixture(scope="module")
-def cut_off(folder):
-    """Ended at once by the user, and recovered."""
-    genuine, calls = Estimator.collect, iter(range(ENDED_AT))
-
-    def collect(self: Estimator, sample: object) -> object:
-        if next(calls, None) is None:
-            raise KeyboardInterrupt
-        return genuine(self, sample)  # type: ignore[arg-type]
-
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(Estimator, "collect", collect)  # after the same sample each time, as no signal comes
-        path = recorded(folder, "cut")
-    assert CliRunner().invoke(main, ["recover", str(path)]).exit_code == 0
-    return path
 
 
 def again(session: SessionReader) -> tuple[list[SlopeEstimate], list[Learnt | None]]:
@@ -85,12 +64,3 @@ def test_live_slopes_are_those_of_a_replay_and_of_the_batch(whole):
     for found, expected in zip([one for one in learnt if one is not None], kept, strict=True):
         values = [[one.value for one in each.parameters] for each in (found, expected)]
         assert values[0] == pytest.approx(values[1], rel=1e-9)
-
-
-def test_slopes_after_recovery_are_those_of_the_undisturbed_recording(whole, cut_off):
-    with open_session(cut_off) as session:
-        assert session.state == "recovered"
-        stored, (replayed, _) = session.estimates(), again(session)
-    assert len(stored) >= 3 * 8
-    assert any(np.isfinite(one.tilt_deg) for one in stored)
-    assert_equal(replayed[: len(stored)], stored)

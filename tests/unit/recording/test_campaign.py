@@ -2,8 +2,6 @@
 
 import json
 import math
-import subprocess
-import sys
 
 import numpy as np
 import pandas as pd
@@ -127,11 +125,6 @@ def test_a_damaged_session_raises_its_own_error(folder, sessions, tmp_path):
 def test_no_campaign_is_told(tmp_path):
     with pytest.raises(ConfigError, match=r"no fieldkit\.toml"):
         fieldkit.open_campaign(tmp_path)
-
-
-def test_importing_fieldkit_loads_nothing_of_it():
-    code = "import fieldkit, sys; print([name for name in sys.modules if name.startswith('fieldkit.')])"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout == "[]\n"
 
 
 def test_a_pyrheliometers_log_beside_a_session_gives_its_light_and_says_so(folder, sessions, tmp_path):

@@ -2,9 +2,6 @@
 
 import gc
 import os
-import subprocess
-import sys
-from concurrent.futures import ThreadPoolExecutor
 from multiprocessing.queues import Queue
 from multiprocessing.synchronize import Barrier
 from pathlib import Path
@@ -15,7 +12,7 @@ from fieldkit.model.errors import RefusedError, StorageError
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.disk import full_disk
-from tests.harness.recording import SPAWN, CountedClock, fill, header, sample
+from tests.harness.recording import SPAWN, CountedClock, fill, header
 
 HEADER = header((24, 32))
 
@@ -88,42 +85,3 @@ def test_folder_that_cannot_be_written_is_a_storage_error(tmp_path):
     (tmp_path / "file").write_text("no folder")
     with pytest.raises(StorageError, match="cannot start"):
         SessionWriter(tmp_path / "file" / "a.h5", HEADER, CountedClock())
-
-
-def test_sessions_can_be_begun_in_several_threads_at_once(tmp_path):
-    def begin_and_close(number: int) -> int:
-        writer = SessionWriter(tmp_path / f"{number}.h5", HEADER, CountedClock())
-        writer.append(sample(HEADER.streams[0], 0))
-        return writer.close().counts["camera"]
-
-    with ThreadPoolExecutor(4) as pool:
-        assert list(pool.map(begin_and_close, range(4))) == [1] * 4
-
-
-FEW_FILES = """
-import resource, sys
-from pathlib import Path
-from fieldkit.model.errors import StorageError
-from fieldkit.sessions.writer import SessionWriter
-from tests.harness.recording import CountedClock, header
-
-folder = Path(sys.argv[1])
-SessionWriter(folder / "warm.h5", header((24, 32)), CountedClock()).discard()
-free = len(list(Path("/proc/self/fd").iterdir()))
-for more in range(12):
-    resource.setrlimit(resource.RLIMIT_NOFILE, (free + more, resource.getrlimit(resource.RLIMIT_NOFILE)[1]))
-    try:
-        SessionWriter(folder / "a.h5", header((24, 32)), CountedClock()).discard()
-    except StorageError:
-        print(more, *sorted(item.name for item in folder.iterdir()))
-"""
-
-
-def test_start_without_enough_open_files_leaves_nothing_behind(tmp_path):
-    done = subprocess.run(
-        [sys.executable, "-c", FEW_FILES, str(tmp_path)], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    failed = done.stdout.splitlines()
-    assert 3 < len(failed) < 12, done.stderr
-    assert all(line.isdigit() for line in failed), failed

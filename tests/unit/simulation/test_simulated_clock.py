@@ -1,8 +1,6 @@
 import contextlib
 import os
-import random
 import select
-import signal
 import subprocess
 import sys
 import threading
@@ -107,12 +105,6 @@ def test_sleep_of_nothing_returns_at_once(clock):
     assert clock.mono_ns() == START_MONO_NS
 
 
-def test_fractions_of_a_nanosecond_do_not_hang(clock):
-    for seconds in (1e-9, 1.4e-9, 1.5e-9, 0.1 / 3, 1 / 8.7):
-        clock.sleep(seconds)
-    assert clock.mono_ns() > START_MONO_NS
-
-
 def test_utc_follows_the_anchor_and_not_a_step_of_the_system_clock(clock):
     anchor = clock.check()
     clock.sleep(10.0)
@@ -130,21 +122,6 @@ def test_sleepers_wake_in_the_order_of_their_deadlines(clock):
     assert woken == ["early", "middle", "late"]
 
 
-def test_threads_with_one_deadline_wake_one_after_the_other_by_name(clock):
-    log, crew = [], Crew(clock)
-
-    def work(name):
-        clock.sleep(1.0)
-        log.append(f"{name} wakes")
-        time.sleep(0.002)  # long enough for another to begin, were it awake
-        log.append(f"{name} waits")
-
-    for name in "cabd":
-        crew.hire(name, lambda name=name: work(name))
-    crew.work()
-    assert log == [f"{name} {what}" for name in "abcd" for what in ("wakes", "waits")]
-
-
 def test_time_stands_while_somebody_who_takes_part_is_at_work(clock):
     seen, crew = [], Crew(clock)
 
@@ -159,21 +136,6 @@ def test_time_stands_while_somebody_who_takes_part_is_at_work(clock):
     assert seen == [0]
 
 
-def test_taking_part_may_be_nested(clock):
-    woken, crew = threading.Event(), Crew(clock)
-
-    def nested():
-        with clock.taking_part():
-            clock.sleep(1.0)
-        time.sleep(0.02)  # long enough for the other to wake, were it let
-        assert not woken.is_set(), "time went on although the outer part is not over"
-        clock.sleep(5.0)
-
-    crew.hire("nested", nested)
-    crew.hire("other", lambda: (clock.sleep(2.0), woken.set()))
-    crew.work()
-
-
 def test_whoever_leaves_or_dies_is_not_waited_for(clock):
     crew = Crew(clock)
 
@@ -186,57 +148,6 @@ def test_whoever_leaves_or_dies_is_not_waited_for(clock):
     with pytest.raises(AssertionError, match="out of order"):
         crew.work()
     assert clock.mono_ns() == START_MONO_NS + 1000 * SECOND_NS
-
-
-def test_thread_that_does_not_take_part_may_sleep_too(clock):
-    seen, crew = [], Crew(clock)
-
-    def work():
-        for _ in range(100):
-            clock.sleep(1.0)
-            seen.append(clock.mono_ns())
-
-    crew.hire("reader", work)
-    looker = threading.Thread(target=lambda: clock.sleep(50.5), name="looker", daemon=True)
-    with clock.taking_part():
-        looker.start()
-        # nothing public shows that a thread waits; a thread that was only started might wait too late
-        while not any(waiter.thread == "looker" for waiter in tuple(clock._waiters.values())):
-            time.sleep(0.001)
-        crew.joined = threading.Barrier(2)
-        crew.threads[0].start()
-        crew.joined.wait()
-    looker.join(500.0)
-    crew.threads[0].join(500.0)
-    assert not looker.is_alive()
-    assert seen == [START_MONO_NS + n * SECOND_NS for n in range(1, 101)]
-
-
-def test_time_stands_while_somebody_is_busy(clock):
-    busy = threading.Event()
-    busy.set()
-    clock.hold_until(lambda timeout_s: not busy.is_set())
-    seen = []
-
-    def finish():
-        time.sleep(0.05)  # work: real time passes alone
-        seen.append(clock.mono_ns())
-        busy.clear()
-
-    worker = threading.Thread(target=finish)
-    worker.start()
-    clock.sleep(10.0)
-    worker.join()
-    assert seen == [START_MONO_NS]
-
-
-def test_calls_run_in_order_and_before_the_threads_of_their_time(clock):
-    log = []
-    for number, seconds in ((1, 2), (2, 1), (3, 1)):
-        clock.call_at(START_MONO_NS + seconds * SECOND_NS, lambda number=number: log.append(number))
-    clock.sleep(2.0)
-    log.append("awake")
-    assert log == [2, 3, 1, "awake"]
 
 
 def test_bytes_end_a_wait_at_the_time_they_are_sent(clock):
@@ -276,90 +187,6 @@ def test_request_and_answer_take_the_same_time_however_busy_the_computer(clock, 
     for number, times in heard.items():
         asked = [START_MONO_NS + round(turn * (0.5 + number / 10) * SECOND_NS) for turn in range(rounds)]
         assert times == [(at_ns, at_ns + 30_000_000) for at_ns in asked]
-
-
-def test_the_same_program_sees_the_same_times_twice():
-    def day():
-        log = []
-        with SimulatedClock(NOON_NS) as clock:
-            crew = Crew(clock)
-
-            def work(name):
-                chance = random.Random(name)
-                for _ in range(200):
-                    clock.sleep(chance.choice((0.1, 0.25, 0.5, chance.random())))
-                    log.append((clock.mono_ns(), name))
-
-            for name in (f"reader {n}" for n in range(8)):
-                crew.hire(name, lambda name=name: work(name))
-            crew.work()
-        return log
-
-    quiet = day()
-    with busy_computer():
-        assert day() == quiet
-    assert quiet == sorted(quiet)
-
-
-def test_close_wakes_everybody_and_lets_loops_end(clock):
-    started = threading.Barrier(3)
-    ends = []
-
-    def loop():
-        with clock.taking_part():
-            started.wait()
-            deadline = clock.mono_ns() + 100 * SECOND_NS
-            while clock.mono_ns() < deadline:
-                clock.sleep(1.0)
-            ends.append(clock.mono_ns())
-
-    clock.hold_until(lambda timeout_s: bool(time.sleep(timeout_s)))  # as its contract asks, and never done
-    threads = [threading.Thread(target=loop, daemon=True) for _ in range(2)]
-    for thread in threads:
-        thread.start()
-    started.wait()
-    clock.close()
-    for thread in threads:
-        thread.join(500.0)
-    assert len(ends) == 2
-
-
-def test_failure_of_an_instrument_is_told_to_whoever_waits(clock, caplog):
-    def fail():
-        raise ZeroDivisionError("broken far end")
-
-    clock.call_at(START_MONO_NS + SECOND_NS, fail)
-    for _ in range(2):
-        with pytest.raises(RuntimeError, match="simulated instrument failed") as caught:
-            clock.sleep(10.0)
-        assert isinstance(caught.value.__cause__, ZeroDivisionError)
-    assert "failed" in caplog.text
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="signals of threads are POSIX")
-def test_interrupted_wait_leaves_the_others_unharmed(clock):
-    class InterruptError(Exception):
-        pass
-
-    def interrupt(number, frame):
-        raise InterruptError
-
-    before = signal.signal(signal.SIGUSR1, interrupt)
-    hold = threading.Event()
-    hold.set()
-    clock.hold_until(lambda timeout_s: not hold.is_set())
-    main = threading.get_ident()
-    killer = threading.Timer(0.05, lambda: signal.pthread_kill(main, signal.SIGUSR1))
-    try:
-        killer.start()
-        with pytest.raises(InterruptError), clock.taking_part():
-            clock.sleep(1.0)
-    finally:
-        killer.join()
-        signal.signal(signal.SIGUSR1, before)
-    hold.clear()
-    clock.sleep(2.0)
-    assert clock.mono_ns() == START_MONO_NS + 2 * SECOND_NS
 
 
 def test_speed_keeps_scene_time_from_running_ahead():

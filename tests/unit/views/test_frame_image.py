@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from fieldkit.palettes import palette
-from fieldkit.pixel_axes import BELOW_PX, LEFT_PX, ticks, with_axes
+from fieldkit.pixel_axes import BELOW_PX, LEFT_PX
 from fieldkit.views import frame_image
 
 
@@ -50,27 +50,11 @@ def test_palette_grows_brighter_at_every_step():
     assert luminance(palette()[-1].astype(np.float64)) > 0.9
 
 
-def test_making_smaller_keeps_the_mean():
-    shown = np.arange(24.0).reshape(4, 6)
-    small = frame_image.resize(shown, 2, 3)
-    assert small.shape == (2, 3)
-    assert small[0, 0] == pytest.approx((0 + 1 + 6 + 7) / 4)
-
-
 def test_outline_passes_through_the_corners_and_leaves_the_inside(regions):
     edge = frame_image.outline_mask(regions[2], (30, 40), 30, 40)
     assert all(edge[int(y), int(x)] for x, y in regions[2].vertices)
     assert not edge[9, 33]
     assert edge.sum() == 2 * (11 + 11) - 4  # the rim of an 11 by 11 box
-
-
-def test_outline_shrinks_with_the_picture(regions):
-    edge = frame_image.outline_mask(regions[2], (30, 40), 15, 20)
-    rows, cols = np.nonzero(edge)
-    assert rows.min() >= 1
-    assert rows.max() <= 7
-    assert cols.min() >= 13
-    assert cols.max() <= 19
 
 
 def test_png_shows_each_bed_in_the_colour_of_its_temperature(frame, streams, regions):
@@ -88,23 +72,3 @@ def test_bare_png_is_a_pixel_for_a_pixel(frame, streams):
     scale = frame_image.Scale(0.0, 50.0, "°C")
     data = frame_image.bare_png(frame, streams[0], scale)
     assert cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR).shape == (30, 40, 3)
-
-
-@pytest.mark.parametrize(
-    ("length", "expected"),
-    [(40, [0, 5, 10, 15, 20, 25, 30, 35]), (120, [0, 20, 40, 60, 80, 100]), (640, [*range(0, 640, 100)])],
-)
-def test_axes_have_round_numbers_of_camera_pixels(length, expected):
-    assert ticks(length) == expected
-
-
-def test_the_grid_passes_through_the_pixels_whose_numbers_stand_beside_it():
-    black = np.zeros((120 * 6, 160 * 6, 3), np.uint8)
-    framed = with_axes(black, 6)
-    inside = framed[: 120 * 6, LEFT_PX:, 0]
-    assert np.flatnonzero(inside[1] > 0).tolist() == [x * 6 + 3 for x in range(0, 160, 20)]
-    assert np.flatnonzero(inside[:, 1] > 0).tolist() == [y * 6 + 3 for y in range(0, 120, 20)]
-    # letters stand below the picture at each of them, and to its left
-    below, left = framed[120 * 6 : 120 * 6 + 20, LEFT_PX:, 0] < 255, framed[: 120 * 6, :LEFT_PX, 0] < 255
-    assert all(below[:, x * 6 : x * 6 + 6].any() for x in range(20, 160, 20))
-    assert all(left[max(0, y * 6 - 6) : y * 6 + 12].any() for y in range(0, 120, 20))

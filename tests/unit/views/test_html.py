@@ -1,7 +1,6 @@
 import re
 
 import pytest
-from jinja2 import UndefinedError
 from markupsafe import Markup
 
 from fieldkit.views.html import Figure, Reading, Table, code, environment, render, strong
@@ -29,29 +28,10 @@ def test_table_cells_are_escaped_in_every_place():
     assert "<b>" not in made
 
 
-def test_a_table_without_headings_has_its_headings_in_the_rows():
-    made = block("table", Table(("", ""), [("state", "sealed")]))
-    assert '<th scope="row">state</th>' in made
-    assert "<thead>" not in made
-
-
-def test_short_cells_do_not_wrap():
-    made = block("table", Table(("a", "b"), [("12.3", "a sentence that may go over several lines")]))
-    assert '<td class="n">12.3</td><td>a sentence' in made
-
-
 def test_figure_is_an_element_of_the_page_with_words_for_those_who_cannot_see_it():
     made = block("figure", Figure("<?xml?><svg>°</svg>", "caption", "tilt"))
     assert '<svg role="img" aria-label="tilt">°</svg>' in made
     assert "xml" not in made
-
-
-def test_two_figures_of_a_page_share_no_id():
-    drawing = '<svg><defs><path id="a"/></defs><use href="#a" clip-path="url(#a)"/></svg>'
-    one, other = (Figure(drawing, "", words) for words in ("tilt", "azimuth"))
-    assert one.key != other.key
-    assert one.inline.count(f'id="{one.key}-a"') == 1
-    assert f'href="#{one.key}-a" clip-path="url(#{one.key}-a)"' in one.inline
 
 
 def test_values_by_minute_are_reached_without_a_script():
@@ -97,8 +77,3 @@ def test_page_is_a_whole_document():
     assert '<p class="facts">a &lt; b</p>' in made
     assert "<h2>&lt;h&gt;</h2>" in made
     assert "<b>2</b>" in made
-
-
-def test_a_missing_variable_is_an_error_not_a_gap_in_the_page():
-    with pytest.raises(UndefinedError):
-        render("study.html", conditions="")

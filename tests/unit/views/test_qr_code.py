@@ -18,22 +18,6 @@ def test_a_phone_reads_the_address_from_the_terminal(background):
     assert found == ADDRESS
 
 
-def test_it_fits_a_terminal_of_24_lines_beside_the_address():
-    lines = qr_lines(ADDRESS)
-    assert len(lines) <= 19
-    assert {len(_characters(line)) for line in lines} == {37}
-
-
-def test_the_quiet_zone_is_four_modules_wide():
-    """ISO/IEC 18004, 9.1: four modules of light on all four sides."""
-    modules = np.vstack([_modules(line) for line in qr_lines(ADDRESS)])[:37]
-    assert modules[:4].all()
-    assert modules[-4:].all()
-    assert modules[:, :4].all()
-    assert modules[:, -4:].all()
-    assert not modules[4, 4]  # the finder pattern begins at once
-
-
 def _screenshot(lines: list[str], background: int) -> np.ndarray:
     """The terminal as an image: cells of 8 x 16 pixels, in the theme's background."""
     rows = np.vstack([_modules(line) for line in lines]) * 255

@@ -104,18 +104,6 @@ def test_before_the_first_minute_beds_show_what_the_picture_sees(latest):
     assert "first minute: brightness" in line
 
 
-def test_picture_grows_with_the_terminal(latest):
-    small, large = ("\n".join(letters(latest, *size)).count("▀") for size in ((80, 24), (160, 50)))
-    assert small > 300
-    assert large > 4 * small
-
-
-def test_picture_keeps_its_proportions(latest):
-    picture_lines = [line for line in letters(latest, 120, 40) if line.startswith("▀▀▀")]
-    width = max(line.rstrip().count("▀") for line in picture_lines)
-    assert width / (2 * len(picture_lines)) == pytest.approx(40 / 30, rel=0.05)
-
-
 def test_regions_are_outlined_and_named(latest):
     coloured = drawn(latest, 80, 24)
     assert "38;2;{};{};{}".format(*OUTLINE) in coloured
@@ -123,12 +111,6 @@ def test_regions_are_outlined_and_named(latest):
     for name in ("flat", "b15", "b25"):
         assert any(name in line for line in lines)
     assert "b25" in lines[1] + lines[2]  # the upper right bed of the picture
-
-
-def test_paper_is_black_on_white_everywhere(latest):
-    coloured = drawn(latest, 80, 24, theme="paper")
-    assert "\x1b[2m" not in coloured  # nothing dim
-    assert coloured.count("48;2;255;255;255") > 24
 
 
 def test_bad_news_is_told_in_words_and_in_red(latest):
@@ -162,45 +144,6 @@ def test_times_of_other_days_have_their_dates(latest, cols, rows):
     assert "26 h 00 min of 72 h 00 min, ends 2017-12-14 12:08" in text
     assert "\n2017-12-11 12:08:00  recording" in text
     assert "\n14:08:00  mark the second day" in text
-
-
-def test_newest_events_are_last_and_old_ones_go(latest):
-    for number in range(20):
-        latest.update(Event(EventKind.MARK, 1, START_NS + number, f"mark number {number:02d}"))
-    text = "\n".join(letters(latest, 80, 24))
-    assert text.index("mark number 18") < text.index("mark number 19")
-    assert "mark number 10" not in text
-
-
-def test_says_so_while_there_is_nothing(site, regions, streams):
-    text = "\n".join(letters(Latest(site, regions, streams), 80, 24))
-    assert "no frame yet" in text
-    assert "no events yet" in text
-    assert "no planned end" in text
-
-
-def test_many_regions_still_leave_room_for_the_rest(latest, site, streams, regions, frame):
-    many = tuple(replace(regions[1], name=f"bed{number}") for number in range(30))
-    crowded = Latest(site, many, streams)
-    crowded.update(frame)
-    lines = letters(crowded, 80, 24)
-    assert len(lines) == 24
-    assert "no planned end" in lines[-1]
-
-
-@pytest.mark.parametrize(("cols", "rows"), [(60, 24), (60, 20), (80, 24)])
-def test_regions_without_room_are_counted_not_dropped_in_silence(site, streams, regions, frame, cols, rows):
-    many = tuple(replace(regions[1], name=f"bed{number}") for number in range(9))
-    crowded = Latest(site, many, streams)
-    crowded.update(frame)
-    lines = letters(crowded, cols, rows)
-    shown = sum(line.startswith("bed") for line in lines)
-    assert 0 < shown < 9
-    (told,) = [line.strip() for line in lines if "hidden" in line]
-    more_rows = 9 - (rows - 18)
-    assert told == f"{9 - shown} more regions hidden: {more_rows} more rows show them"
-    enlarged = letters(crowded, cols, rows + more_rows)
-    assert sum(line.startswith("bed") for line in enlarged) == 9
 
 
 @pytest.mark.parametrize("cols", [60, 80, 120])

@@ -117,12 +117,6 @@ def test_a_failed_drawing_is_told_and_hurts_nobody(screen_of, frame, monkeypatch
     watched.close()
 
 
-def test_closing_a_view_that_never_showed_anything(screen_of):
-    output = io.StringIO()
-    screen_of(Console(file=output)).close()
-    assert output.getvalue() == ""
-
-
 def test_plain_lines_where_the_output_is_no_terminal(site, regions, streams):
     assert isinstance(terminal_view(Latest(site, regions, streams), Console(file=io.StringIO())), PlainView)
 

@@ -6,7 +6,6 @@ from fieldkit.drivers.cameras.purethermal import decode
 from fieldkit.drivers.simulated import SimulatedField
 from fieldkit.drivers.simulated.lepton import PERIOD_NS, SimulatedLepton
 from fieldkit.model.device import DeviceSettings
-from fieldkit.model.errors import DeviceError, DeviceLostError
 from fieldkit.model.fault_kind import FaultKind
 from fieldkit.model.samples import Quality
 from fieldkit.model.units import SECOND_NS
@@ -80,48 +79,6 @@ def test_frames_come_at_the_rate_of_the_sensor_each_different(camera):
     )
 
 
-def test_uptime_is_the_clock_of_the_camera_and_a_little_fast(camera, clock):
-    first = camera.read(1.0)
-    clock.sleep(1000.0)
-    camera.skip_until(clock.mono_ns())
-    last = camera.read(1.0)
-    elapsed_ms = (last.mono_ns - first.mono_ns) / 1e6
-    assert (last.device_time - first.device_time) / elapsed_ms - 1 == pytest.approx(20e-6, abs=2e-6)
-
-
-def test_nothing_within_the_timeout_is_none(source):
-    assert source.read(0.01) is None
-    assert source.read(1.0) is not None
-
-
-def test_slow_reader_loses_frames_and_is_told(camera, clock):
-    camera.read(1.0)
-    clock.sleep(2.0)
-    frame = camera.read(1.0)
-    assert Quality.DROPPED_BEFORE in frame.quality
-    assert clock.mono_ns() - frame.mono_ns < SECOND_NS, "only what the kernel's buffers hold is old"
-
-
-def test_skipped_frames_are_not_lost_ones(camera, clock):
-    camera.read(1.0)
-    until_ns = clock.mono_ns() + 60 * SECOND_NS
-    camera.skip_until(until_ns)
-    frame = camera.read(1.0)
-    assert until_ns <= frame.mono_ns < until_ns + PERIOD_NS
-    assert frame.quality == Quality.GOOD
-
-
-def test_same_scene_gives_the_same_bytes(scene):
-    def bytes_of_a_minute():
-        with SimulatedClock(scene.start_ns) as clock:
-            source = SimulatedLepton(scene, clock)
-            for at_s in (0, 20, 40):
-                source.skip_until(clock.to_mono_ns(scene.start_ns) + at_s * SECOND_NS)
-                yield source.read(1.0)
-
-    assert list(bytes_of_a_minute()) == list(bytes_of_a_minute())
-
-
 # --- shutter
 
 
@@ -180,55 +137,7 @@ def test_correction_changes_the_level_of_the_whole_frame(source, clock, scene):
 # --- controls
 
 
-def test_controls_answer_as_the_board_does(source):
-    assert source.get_control(4, 8, 32).startswith(b"500-0771-01\0")
-    assert int.from_bytes(source.get_control(6, 4, 4), "little") > 600_000, "uptime in ms"
-    assert 23_000 < int.from_bytes(source.get_control(6, 6, 2), "little") < 35_000, "FPA in K x 100"
-    assert int.from_bytes(source.get_control(6, 20, 4), "little") == 3, "correction done"
-    source.set_control(*RUN_FFC, b"\x01")
-    assert int.from_bytes(source.get_control(6, 20, 4), "little") == 2, "correction runs"
-    assert int.from_bytes(source.get_control(6, 18, 4), "little") == 1, "busy"
-
-
-def test_coarser_resolution_changes_counts_and_telemetry_together(source):
-    fine = decode(source.read(1.0).data)
-    source.set_control(*RESOLUTION, bytes(4))
-    coarse = decode(source.read(1.0).data)
-    assert (fine.scale, coarse.scale) == (0.01, 0.1)
-    assert coarse.counts.mean() * 0.1 == pytest.approx(fine.counts.mean() * 0.01, abs=0.1)
-
-
-@pytest.mark.parametrize("control", [(6, 99, 4), (6, 4, 2), (3, 1, 4)])
-def test_what_the_board_does_not_have_is_an_error(source, control):
-    with pytest.raises(DeviceError):
-        source.get_control(*control)
-    unit, selector, length = control
-    with pytest.raises(DeviceError):
-        source.set_control(unit, selector, bytes(length))
-
-
-def test_what_is_not_simulated_cannot_be_changed(source):
-    with pytest.raises(DeviceError, match="keeps control"):
-        source.set_control(6, 19, (1).to_bytes(4, "little"))
-    source.set_control(6, 19, bytes(4))  # high gain is what it has
-
-
 # --- faults
-
-
-def test_pulled_cable_is_a_lost_device_until_it_is_back():
-    scene = sand_slopes(duration_s=60.0, faults=(Fault(FaultKind.CABLE, 20.0, 10.0),))
-    with SimulatedClock(scene.start_ns) as clock:
-        settings = SimulatedField(scene, clock).plug(CAMERA)
-        camera = registry.open_device(settings, clock)
-        with pytest.raises(DeviceLostError):
-            list(read_until(camera, clock, 60.0, scene))
-        assert 20.0 <= (clock.to_utc_ns(clock.mono_ns()) - scene.start_ns) / SECOND_NS < 20.3
-        camera.close()
-        with pytest.raises(DeviceLostError):
-            registry.open_device(settings, clock)
-        clock.sleep(10.0)
-        assert registry.open_device(settings, clock).read(1.0) is not None
 
 
 def test_frozen_camera_sends_one_frame_again_and_again():

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.drawn_worlds import BROKEN_CLOUD, CLEAR, RANDOM, regions
+from benchmarks.drawn_worlds import CLEAR
+from benchmarks.estimation_outdoors import regions
 from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.learned.learner import Learner
 from fieldkit.model.samples import Quality
@@ -142,15 +143,6 @@ def test_light_that_comes_late_starts_the_chain_then():
     assert {one.n_bins for one in found.slopes} == {10}
 
 
-def test_before_any_minute_and_with_few():
-    drawn = world(6)
-    none = last(drawn.history.until(0), drawn.regions, drawn.settings)
-    assert {(one.state, one.reason) for one in none.slopes} == {(SlopeState.NO_DATA, "no minutes yet")}
-    few = last(drawn.history.until(4), drawn.regions, drawn.settings)
-    reasons = {(one.state, one.reason.partition(";")[0]) for one in few.slopes}
-    assert reasons == {(SlopeState.TOO_FEW, "4 of 5 minutes so far")}
-
-
 def test_no_reference_no_target_one_target():
     drawn = world(8)
     flat, bed, *_ = drawn.regions
@@ -182,20 +174,6 @@ def test_a_known_bed_as_second_reference_narrows_the_others():
         assert width < widths["one"][bed]
 
 
-def test_thirty_regions():
-    drawn = world(8, beds=RANDOM)
-    copies = np.r_[0, np.tile([1, 2, 3], 10)][:30]
-    beds = regions([(bed.tilt_deg, bed.azimuth_deg) for bed in np.array(drawn.regions)[copies[1:]]])
-    many = replace(
-        drawn.history,
-        temperature_k=drawn.history.temperature_k[:, copies],
-        region_flags=drawn.history.region_flags[:, copies],
-    )
-    found = last(many, beds, drawn.settings)
-    assert [one.region for one in found.slopes] == [bed.name for bed in beds[1:]]
-    assert_has_slopes(found)
-
-
 @pytest.mark.parametrize("azimuth", AZIMUTHS)
 def test_sunset_within_the_session(azimuth):
     """Into the dusk of the packaged winter day, which ends at 16:58."""
@@ -216,12 +194,6 @@ def test_a_night_alone_has_slopes_without_end():
     found = last(night, drawn.regions, drawn.settings)
     assert_sound(found)
     assert SlopeState.OK not in {one.state for one in found.slopes}
-
-
-def test_clouds_the_whole_time():
-    drawn = world(30, BROKEN_CLOUD)
-    dull = replace(drawn.history, dni_w_m2=np.zeros(30), dhi_w_m2=0.2 * drawn.history.dhi_w_m2)
-    assert_has_slopes(last(dull, drawn.regions, drawn.settings))
 
 
 @pytest.mark.parametrize("azimuth", AZIMUTHS)
@@ -252,15 +224,6 @@ def test_a_slope_beyond_the_tilt_limit_is_not_relied_on(azimuth):
     assert (steep.state, steep.reason) == (SlopeState.NO_INTERSECTION, "no tilt up to 10° fits")
 
 
-def test_temperatures_of_another_world_are_survived():
-    """A lens cap on and off, a camera in degrees Celsius: 60 K up and down at once."""
-    drawn = world(20)
-    mad = drawn.history.temperature_k.copy()
-    mad[8:12] -= 60.0
-    mad[14, 1] += 80.0
-    assert_sound(last(replace(drawn.history, temperature_k=mad), drawn.regions, drawn.settings))
-
-
 def shaded(history, columns, rows, found_at=None):
     """With a board over beds, told at once or found at a later minute."""
     flags = np.zeros_like(history.region_flags)
@@ -289,22 +252,6 @@ def test_shade_found_afterwards_counts_as_if_flagged_from_the_start():
             if row >= 5:  # normals are found from other starts
                 assert found.tilt_deg == pytest.approx(told.tilt_deg, abs=1e-6)
                 assert found.tilt_high_deg == pytest.approx(told.tilt_high_deg, abs=1e-6)
-
-
-@pytest.mark.slow
-def test_shade_found_after_a_draw_gives_nearly_what_a_flag_would_have():
-    """Hypotheses drawn before differ, so the slopes do by a part of the region's width."""
-    drawn = world(40, shade_test=True)
-    rows, columns = np.nonzero(drawn.history.is_shaded())
-    later = shaded(drawn.history, columns, rows, found_at=30)
-    chain = SlopeChain(drawn.regions, drawn.settings)
-    for row in (20, 29, 31, 40):
-        estimated = chain.at(later.until(row))
-        assert_sound(estimated)
-    told = last(drawn.history, drawn.regions, drawn.settings)
-    for found, other in zip(estimated.slopes, told.slopes, strict=True):
-        width = other.tilt_high_deg - other.tilt_low_deg
-        assert found.tilt_deg == pytest.approx(other.tilt_deg, abs=0.5 * width)
 
 
 def test_a_failing_solution_is_a_state_not_an_exception(monkeypatch):

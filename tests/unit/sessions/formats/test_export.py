@@ -21,7 +21,6 @@ from PIL import Image
 from fieldkit.model.errors import ConfigError, SessionError, StorageError
 from fieldkit.model.samples import Event, EventKind, Frame, Quality, Reading
 from fieldkit.model.site import Region, RegionKind
-from fieldkit.palettes import palette
 from fieldkit.physics.camera_laws import ht301
 from fieldkit.pixel_axes import BELOW_PX, LEFT_PX
 from fieldkit.results.export import export
@@ -108,14 +107,6 @@ def test_region_outside_the_picture_and_meters_are_refused(session):
         session.raw("lux")
     with pytest.raises(SessionError, match="no stream 'sonar'"):
         session.to_pandas("sonar")
-
-
-def test_pandas_has_units_in_its_columns(session):
-    table = session.to_pandas("thermometer")
-    assert list(table.columns[:4]) == ["T1 [K]", "T2 [K]", "T3 [K]", "T4 [K]"]
-    assert table["T3 [K]"].iloc[4] == 252 + 4 / 3
-    assert str(table.index.tz) == "UTC"
-    assert list(session.to_pandas("lux").columns[:1]) == ["illuminance [lx]"]
 
 
 def test_meter_without_a_reading_is_an_empty_table(tmp_path):
@@ -361,30 +352,6 @@ def test_a_spreadsheet_computes_nothing_that_somebody_typed(tmp_path):
     assert table["'=1+1 [lx]"].tolist() == [3.0]
 
 
-@pytest.mark.parametrize("sign", "=+-@\uff1d\uff0b\uff0d\uff20")
-@pytest.mark.parametrize(
-    "before",
-    [
-        "",
-        " ",
-        "   ",
-        "\t",
-        "\r",
-        "\n",
-        " \t ",
-        "\xa0",
-        "\u3000",
-        "\u2003",
-        "\u200b",
-        "\ufeff",
-        "\x00",
-        "\x1f",
-    ],
-)
-def test_blanks_before_a_sign_do_not_make_a_formula_of_a_cell(before, sign):
-    assert as_text(f"{before}{sign}1+1") == f"'{before}{sign}1+1"
-
-
 @pytest.mark.parametrize("text", ["b15", " b15", "5 = 5", "a\n=1", "", " ", "°C", "(=1)", "\u200bx=1"])
 def test_other_cells_of_a_table_stay_as_they_are(text):
     assert as_text(text) == text
@@ -454,41 +421,12 @@ def test_images_have_the_colours_of_the_palette_that_is_named(session, tmp_path)
         export_pngs(session, tmp_path, palette="jet")
 
 
-@pytest.mark.parametrize(
-    ("name", "coldest", "hottest"),
-    [
-        ("inferno", (0, 0, 4), (252, 255, 164)),  # matplotlib's inferno.colors
-        ("cividis", (0, 34, 78), (254, 232, 56)),  # matplotlib's cividis.colors
-    ],
-)
-def test_a_palette_begins_and_ends_as_published(name, coldest, hottest):
-    assert palette(name)[[0, -1]] == pytest.approx(np.array([coldest, hottest]), abs=1)
-
-
 def test_only_frames_between_two_times_are_written_and_all_are_counted(session, tmp_path):
     frames, passed = list(session.samples("camera")), []
     between = frames[3].time_ns, frames[5].time_ns
     files = export_pngs(session, tmp_path, between_ns=between, on_frame=lambda: passed.append(1))
     assert [int(path.stem[-7:]) for path in files] == [frame.seq for frame in frames[3:6]]
     assert len(passed) == FRAMES
-
-
-def test_bed_that_is_warm_for_a_while_only_is_not_beyond_the_scale(tmp_path):
-    clock, info = CountedClock(), HEADER.streams[0]
-    writer = SessionWriter(tmp_path / "cooling.h5", HEADER, clock)
-    for seq in range(FRAMES):
-        counts = np.full((24, 32), 29_000, "<u2")
-        counts[14:18, 20:24] = 29_800 if seq else 30_000  # 2 % of the pixels, warmer by 2 K in the first
-        counts[19:23, 20:24] = 29_900
-        frame = sample(info, seq)
-        writer.append(frame._replace(counts=counts))
-    writer.close()
-    with open_session(tmp_path / "cooling.h5") as session:
-        first, second, *_ = export_pngs(session, tmp_path)
-    colours = [cv2.imread(str(path))[16 * 20, LEFT_PX + 22 * 20].tolist() for path in (first, second)]
-    same = cv2.imread(str(first))[21 * 20, LEFT_PX + 22 * 20].tolist()
-    assert colours[0] != same  # 30 000 and 29 900 counts in one picture
-    assert colours[0] != colours[1]
 
 
 def test_netcdf_files_open_by_themselves(session, tmp_path):
