@@ -190,12 +190,6 @@ def test_a_serial_port_that_does_not_exist_exits_4(simulated):
     assert "fieldkit devices" in message
 
 
-def test_a_camera_that_does_not_exist_exits_4(simulated):
-    code, message = fieldkit("record", "-C", simulated, "--for", "1s", "--set", "camera.port=/dev/video99")
-    assert code == 4
-    assert "/dev/video99" in message
-
-
 def test_a_serial_port_without_permission_exits_4_and_says_how_to_get_it(simulated):
     far_end, near_end = os.openpty()
     port = os.ttyname(near_end)
@@ -209,32 +203,6 @@ def test_a_serial_port_without_permission_exits_4_and_says_how_to_get_it(simulat
     assert code == 4
     assert f"no permission for {port}" in message
     assert "udev" in message
-
-
-def test_an_unknown_driver_exits_3_and_names_the_nearest(simulated):
-    code, message = fieldkit(
-        "record",
-        "-C",
-        simulated,
-        "--for",
-        "1s",
-        "--set",
-        "lux.driver=lutrom",
-        "--set",
-        "lux.port=/dev/ttyUSB0",
-    )
-    assert code == 3
-    assert "did you mean lutron?" in message
-
-
-def test_two_instruments_that_are_missing_are_told_together(simulated):
-    code, message = fieldkit(
-        "record", "-C", simulated, "--for", "1s",
-        "--set", "lux.port=/dev/ttyNOWHERE", "--set", "thermometer.port=/dev/ttyNEVER",
-    )  # fmt: skip
-    assert code == 4
-    assert "/dev/ttyNOWHERE" in message
-    assert "/dev/ttyNEVER" in message
 
 
 @pytest.mark.parametrize("kind", ["text", "truncated"])

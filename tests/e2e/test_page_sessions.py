@@ -214,13 +214,3 @@ def _correct_a_mark(watched: Watched) -> None:
     marks.filter(has_text="haze").wait_for()
     keys.press("Escape")
     watched.page.locator("#marks-dialog").wait_for(state="hidden")
-
-
-def test_temperatures_in_fahrenheit_are_display_alone(phone):
-    """20 °C are 68 °F (NIST Handbook 44, Appendix C: t(°F) = 1.8 t(°C) + 32)."""
-    page = phone.page
-    page.locator("#unit").select_option("°F")
-    assert page.evaluate("localStorage.getItem('unit')") == "°F"
-    page.reload()
-    assert page.locator("#unit").input_value() == "°F"
-    assert page.locator("#value").inner_text() == "Touch to read °F"

@@ -36,7 +36,6 @@ from fieldkit.drivers.registry import BUILT_IN
 from fieldkit.model.errors import DecodeError
 
 GOLDEN = tomllib.loads((Path(__file__).parents[1] / "data/golden_records.toml").read_text())["record"]
-MEGABYTES_10 = 10_000_000
 
 # What a value can be at most, by the layout of its record; None leaves it open.
 LARGEST = {
@@ -191,41 +190,3 @@ def test_any_file_is_a_frame_or_no_flir_file(data, seed):
     for attempt in (data, bytes(header) + data, b"\xff\xd8" + data):
         with contextlib.suppress(DecodeError):
             assert all(one.counts.ndim == 2 for one in flir_file.frames(attempt))
-
-
-def noise(name, seed):
-    """Ten million bytes: half of them random, half golden records with one byte in a hundred changed."""
-    dice = random.Random(seed)
-    records = golden_of(name)
-    size = sum(len(record) for record in records)
-    mixed = bytearray(b"".join(records) * (MEGABYTES_10 // 2 // size))
-    for place in dice.sample(range(len(mixed)), len(mixed) // 100):
-        mixed[place] = dice.randrange(256)
-    return dice.randbytes(MEGABYTES_10 - len(mixed)) + bytes(mixed)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", LARGEST)
-def test_ten_million_bytes_through_every_meter(name):
-    decoded = check(name, {}, noise(name, 1))
-    assert decoded.values
-    assert decoded.rejected
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", FRAMES)
-def test_ten_million_bytes_through_every_frame(name):
-    decode, lengths = FRAMES[name]
-    dice = random.Random(2)
-    done = 0
-    while done < MEGABYTES_10:
-        length = dice.choice(lengths)
-        kind = dice.randrange(3)
-        data = bytearray(dice.randbytes(length) if kind else bytes([0x00, 0x20]) * (length // 2))
-        if kind == 2:
-            data = bytearray(length)
-        for _ in range(20):
-            data[dice.randrange(length)] = dice.randrange(256)
-        assert isinstance(decode(bytes(data)), DecodedFrame | Rejected)
-        assert registry.get(name).decode(bytes(data), {})
-        done += length

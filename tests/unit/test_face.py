@@ -76,11 +76,6 @@ def test_what_the_reference_describes_is_documented_to_its_last_member(name):
     assert bare == []
 
 
-def test_an_unknown_name_is_an_attribute_error():
-    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
-        _ = fieldkit.nothing
-
-
 def test_a_misspelt_name_is_suggested():
     with pytest.raises(AttributeError, match="did you mean 'estimate'"):
         _ = fieldkit.estimat
@@ -109,11 +104,6 @@ def test_a_session_shows_its_name_state_and_streams(session):
 def test_a_stream_that_is_not_there_names_those_that_are(session):
     with pytest.raises(SessionError, match="camera"):
         session["nope"]
-
-
-def test_a_misspelt_stream_is_suggested(session):
-    with pytest.raises(SessionError, match="did you mean 'camera'"):
-        session["camra"]
 
 
 def test_samples_of_a_stream_by_their_place(session):

@@ -217,25 +217,6 @@ def test_a_number_that_cannot_be_is_refused_in_python_as_on_the_command_line(giv
     assert refused.value.fix.startswith("give ")
 
 
-@pytest.mark.parametrize("reflected", ["nan", math.inf, "-400", -273.15])
-def test_a_reflected_temperature_that_is_none_is_refused(reflected):
-    with pytest.raises(ConfigError, match="is not a temperature"):
-        made(reflected=reflected)
-
-
-@pytest.mark.parametrize("given", [{"tape": "sand"}, {"reflected": "sand"}, {"tape": "foil"}])
-def test_a_region_is_not_compared_with_itself(given):
-    """Sand that is its own tape of 0.95 has an emissivity of 0.950, whatever it is."""
-    with pytest.raises(ConfigError, match="cannot be two of sample, foil and tape"):
-        made(**given)
-
-
-@pytest.mark.parametrize("band", ["-5,1", "nan,1", "0,1", "-1,1428,1,0", "1428,inf", "1,2,3"])
-def test_constants_that_no_camera_has_are_refused(band):
-    with pytest.raises(ConfigError, match="not a valid band"):
-        band_of(band)
-
-
 def test_a_response_that_is_not_there_is_not_taken_for_a_damaged_session():
     with pytest.raises(ConfigError, match="cannot read the band nofile"):
         band_of("nofile.csv")
@@ -249,18 +230,6 @@ def test_a_regions_own_probe_is_chosen(region, probe):
     """The first one gave a bed of 5 degrees 0.957 ± 0.035 for 0.90, by the probe of the bed beside it."""
     setup = made(probes=IN_REGIONS, region=region)
     assert (setup.probe_name, setup.remarks) == (probe, ())
-
-
-def test_of_several_thermometers_the_one_with_the_regions_probe_is_chosen():
-    other = replace(PROBES, name="logger")
-    setup = made(CAMERA, PROBES, other, probes={"sand": ["logger:air"]})
-    assert setup.thermometer == other
-    assert setup.probe_name == "air"
-
-
-def test_a_region_without_a_probe_is_not_given_that_of_another():
-    with pytest.raises(ConfigError, match="no probe is in foil; thermometer:sand is in sand"):
-        made(probes=IN_REGIONS, region="foil", reflected=-40.0)
 
 
 def test_a_probe_of_another_region_is_noted():

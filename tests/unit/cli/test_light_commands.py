@@ -9,11 +9,9 @@ import sys
 import pytest
 
 import fieldkit
-from fieldkit.cli import COMMANDS
 from fieldkit.recording.running import session_in_progress
 from fieldkit.recording.status import status_reply, stored_status
 from fieldkit.recording.status_request import recorder_status, status_path
-from fieldkit.views import unix_socket
 from tests.harness.seldom import SET_SELDOM
 from tests.harness.waiting import wait_until
 
@@ -29,16 +27,6 @@ try:
 except SystemExit as end:
     code = end.code
 print("loaded:", code, *sorted({name.partition(".")[0] for name in sys.modules}))
-"""
-HELP_OF = """
-import sys
-from fieldkit.cli import main
-for name in sys.argv[1:]:
-    try:
-        main([name, "--help"])
-    except SystemExit as end:
-        assert end.code == 0
-print("loaded:", *sorted({name.partition(".")[0] for name in sys.modules}))
 """
 
 
@@ -87,15 +75,6 @@ def test_help_loads_no_heavy_library(words):
     code, printed, heavy = run(*words)
     assert (code, heavy) == (0, set())
     assert printed.startswith("Usage:")
-
-
-def test_the_help_of_no_command_takes_longer_than_numpy():
-    """Of all of them in one process: what a module imports at its top would be seen."""
-    names = [name for summaries in COMMANDS.values() for name in summaries]
-    done = subprocess.run([sys.executable, "-c", HELP_OF, *names], capture_output=True, text=True, check=True)
-    printed, _, loaded = done.stdout.rpartition("loaded: ")
-    assert printed.count("Usage:") == len(names) > 25
-    assert HEAVY & set(loaded.split()) <= {"numpy"}
 
 
 def test_the_version_loads_no_heavy_library():
@@ -188,17 +167,6 @@ def times(document) -> list[int]:
 def known(value: float | None) -> float:
     """A number of a document, -1 for none: null in the recorder's JSON, NaN in Python."""
     return -1.0 if value is None or value != value else value
-
-
-def test_a_request_that_is_not_one_gets_no_answer_and_the_next_one_does(recording):
-    session = recording[1]
-    for bad in (b"", b"{}", b"[]", b'{"cols": "x"}', b"\xff"):
-        with unix_socket.connect(status_path(session), 10.0) as connection:
-            connection.sendall(bad)
-            connection.shutdown(1)
-            assert connection.recv(1) == b""
-    assert recorder_status(session)["regions"] == ["flat", "b05", "b15", "b25"]
-    assert status_path(session).stat().st_mode & 0o777 == 0o600
 
 
 def test_a_killed_recorder_leaves_nothing_that_looks_like_a_recording(tmp_path):

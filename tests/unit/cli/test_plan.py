@@ -108,13 +108,6 @@ def test_a_day_is_not_cut_where_clocks_show_midnight_in_sunlight(place, zone, da
     assert "°" in lines[1]
 
 
-def test_rows_of_a_day_on_the_clocks_of_another_place_are_in_order():
-    here, far = document(*WINTER), document(*WINTER, "--zone", "UTC")
-    assert [row["verdict"] for row in far["rows"]] == [row["verdict"] for row in here["rows"]]
-    assert far["rows"][0]["time"] == "2026-12-10T22:00:00+00:00"
-    assert far["rows"][-1]["time"] == "2026-12-11T07:00:00+00:00"
-
-
 def test_august_says_the_steep_bed_is_weak_after_two():
     plan = document(*AUGUST)
     assert any("20°/180° region is weak" in line and "after 14:00" in line for line in plan["warnings"])
@@ -299,11 +292,6 @@ def test_a_remedy_for_a_twin_excludes_the_twin_alone():
     ]
 
 
-def test_a_twin_of_a_level_slope_that_is_level_too_is_no_twin():
-    words = ("--site", "0,0,0", "--on", "2026-03-20", "--facet", "0,0")
-    assert not any("twin" in line for line in document(*words)["warnings"])
-
-
 def test_a_slope_beyond_the_limit_is_named():
     lines = document(*WINTER, "--facet", "60,180")["warnings"]
     assert "60°/180° is steeper than estimator.tilt_limit_deg = 45: no estimate reaches it" in lines
@@ -313,30 +301,6 @@ def test_a_row_of_the_next_day_has_its_date():
     words = ["--site", "64.8378,-147.7164", "--zone", "America/Anchorage", "--facet", "10,180"]
     lines = CliRunner().invoke(command, [*words, "--on", "2026-06-21"], catch_exceptions=False).stdout
     assert re.findall(r"^(2026-\S+ \S+)", lines, re.M) == ["2026-06-22 00:00"]
-
-
-def test_the_chart_shows_the_clocks_as_they_are_at_noon(tmp_path, monkeypatch):
-    # on 8 March 2026 the clocks of Denver go from MST to MDT at two in the morning
-    drawn = []
-    svg = plotting.svg
-    monkeypatch.setattr(plotting, "svg", lambda figure: drawn.append(figure) or svg(figure))
-    words = ["--site", "37.7,-105.9,2317", "--zone", "America/Denver", "--on", "2026-03-08"]
-    done = CliRunner().invoke(
-        command, [*words, "--facet", "0,180", "--out", str(tmp_path / "plan.html")], catch_exceptions=False
-    )
-    assert "noon 13:14" in done.stdout
-    upper, lower = drawn[0].axes
-    # the sun is at 6 degrees at eight and at 8 degrees, from where on light is known, ten minutes later
-    assert upper.lines[0].get_xdata()[0] == pytest.approx(8.2, abs=0.1)
-    assert lower.get_xlabel() == "local time (MDT, UTC-06:00)"
-    assert lower.xaxis.get_major_formatter()(12.9999, 0) == "13:00"
-
-
-def test_a_day_that_the_calendar_of_a_place_skips_is_planned():
-    found = document(
-        "--site", "-13.8,-172", "--zone", "Pacific/Apia", "--on", "2011-12-30", "--facet", "15,0"
-    )
-    assert found["rows"]
 
 
 @pytest.mark.parametrize(

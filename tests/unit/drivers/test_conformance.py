@@ -102,27 +102,6 @@ def test_driver_that_breaks_the_rules_is_caught():
     }
 
 
-class Overdue(Lutron):
-    """Declares one channel and delivers two."""
-
-    def open(self, settings, clock):
-        device = super().open(settings, clock)
-        read = device.read
-
-        def doubled(timeout_s):
-            found = read(timeout_s)
-            return found and found._replace(values=found.values * 2)
-
-        device.read = doubled
-        return device
-
-
-def test_samples_that_were_not_declared_are_caught(wire):
-    wire.talk(LUX)
-    outcomes = list(check_driver(Overdue(), HostClock(), DeviceSettings("t", "lutron", port=wire.path)))
-    assert levels(outcomes)["it delivers what it declared"] == "fail"
-
-
 class Clinging(Lutron):
     """Takes a cut cable for silence."""
 
@@ -145,9 +124,3 @@ def test_driver_that_does_not_tell_a_pulled_cable_is_caught(wire, monkeypatch):
     found = levels(check_driver(Clinging(), HostClock(), settings, wire))
     assert found["it reports being unplugged"] == "fail"
     assert found["it returns as the same instrument"] == "ok"
-
-
-def test_without_somebody_to_pull_it_the_cable_is_left_out(wire):
-    wire.talk(LUX)
-    outcomes = list(check_driver(Lutron(), HostClock(), DeviceSettings("t", "lutron", port=wire.path)))
-    assert levels(outcomes)["cable"] == "skip"

@@ -142,6 +142,15 @@ def test_marks_of_a_recording_that_was_killed_at_its_last_look_are_left(folder, 
     assert [event.text for event in left_requests(folder)] == ["the last"]
 
 
+def test_a_mark_that_cannot_be_removed_is_taken_once(folder, clock):
+    send(folder, Mark("dropped with sudo"))
+    folder.chmod(0o500)
+    marks = RequestReader(folder, clock)
+    with ordinary_rights():
+        assert [event.text for event in (*marks(), *marks())] == ["dropped with sudo"]
+    assert list(folder.glob("*.json"))
+
+
 def test_a_mark_that_could_not_be_stored_stays_and_comes_again(folder, clock):
     """As on a full disk: the recorder stops at it, and looks again a second later."""
     for number in range(3):

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from fieldkit.model.errors import ConfigError
-from fieldkit.recording.service_unit import NAME, Unit, campaign_of, page_options_of
+from fieldkit.recording.service_unit import NAME, Unit, campaign_of
 
 ODD = 'three "beds" 100 % $HOME \\ ü'
 SYSTEM_EXPOSURE, USER_EXPOSURE = 20, 70  # tenths; 1.8 and 6.6 were measured with systemd 252
@@ -92,11 +91,6 @@ def test_the_campaign_is_read_back_from_the_unit(campaign):
     assert campaign_of(system_unit(campaign).text()) == campaign
 
 
-def test_where_the_page_is_served_is_read_back_from_the_unit(campaign):
-    options = ("--address", "192.168.4.1", "--port", "8421")
-    assert page_options_of(Unit(campaign, record=True, page=options).text()) == options
-
-
 @pytest.mark.parametrize("folder", ["/tmp/beds", "/var/tmp/a b: 100 %"])
 def test_a_system_service_sees_its_campaign_in_a_temporary_folder(folder):
     """systemd.exec(5): PrivateTmp= hides what others have there, BindPaths= shows a folder of the host."""
@@ -106,16 +100,3 @@ def test_a_system_service_sees_its_campaign_in_a_temporary_folder(folder):
     assert f"\nBindPaths={quoted}\nBindReadOnlyPaths=/tmp/venv\n" in text
     assert "Bind" not in Unit(Path("/home/pi/tmp/beds"), "pi", python="/usr/bin/python3").text()
     assert "Bind" not in Unit(Path(folder)).text()
-
-
-@needs_systemd
-def test_systemd_accepts_a_temporary_folder(analyze, tmp_path):
-    folder = tmp_path / "a: b"
-    folder.mkdir()
-    done = analyze(Unit(folder, "daemon"), "verify")
-    assert (done.returncode, done.stderr) == (0, "")
-
-
-def test_a_folder_that_no_unit_can_name(tmp_path):
-    with pytest.raises(ConfigError, match="control character"):
-        Unit(tmp_path / "two\nlines").text()

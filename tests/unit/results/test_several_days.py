@@ -15,10 +15,9 @@ from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Event, EventKind, Frame, Reading, Sample
 from fieldkit.model.site import Site
 from fieldkit.model.units import HOUR_NS, MINUTE_NS
-from fieldkit.results.export import _between_ns
 from fieldkit.results.marks import edited
 from fieldkit.results.report import report
-from fieldkit.results.slope_map import _caption, _window
+from fieldkit.results.slope_map import _window
 from fieldkit.sessions.finished_file import add_later_events
 from fieldkit.sessions.formats.imported import ImportedRecording, write_imported
 from fieldkit.sessions.layout import SessionHeader
@@ -58,28 +57,6 @@ def test_the_report_dates_what_is_after_midnight(night, tmp_path):
     assert ">23:00:00<" in page  # when it was imported, on the first day
     assert f"local time ({BOTH})" in page
     assert "2026-03-08 09:00\n" in page  # the values by minute
-
-
-def test_the_image_for_a_slide_dates_what_is_after_midnight(night, tmp_path, monkeypatch):
-    words = []
-    image = "fieldkit.results.report.session_image"
-    monkeypatch.setattr(image, lambda *drawn: words.append(drawn) or b"")
-    report(night, tmp_path / "night.png")
-    ((_, subtitle, frames, *_),) = words
-    assert subtitle.startswith(f"2026-03-07 23:00 to 2026-03-08 09:00 {BOTH}")
-    assert [one.words for one in frames] == ["first, 23:00", "highest sun, 2026-03-08 09:00"]
-
-
-def test_a_map_of_two_days_has_both_dates():
-    found = SimpleNamespace(site=SITE, start_ns=START_NS, end_ns=END_NS, minutes=540)
-    assert _caption(found) == f"2026-03-07 23:00-2026-03-08 09:00 {BOTH}, 540 min"
-    found.end_ns = START_NS + 30 * 60 * 10**9
-    assert _caption(found) == "2026-03-07 23:00-23:30 MST, UTC-07:00, 540 min"
-
-
-def test_hours_before_the_end_are_hours_also_where_the_clocks_change(night):
-    with open_session(night) as session:
-        assert _between_ns(session, "-8h", None)[0] == END_NS - 8 * 3600 * 10**9
 
 
 @pytest.mark.parametrize(

@@ -24,10 +24,6 @@ def test_unknown_numbers_are_a_dash():
     assert formatting.plus_minus(math.nan, 1.0, 2.0) == "–"
 
 
-def test_thousands_stand_apart():
-    assert formatting.number(1_234_567.0) == "1 234 567"
-
-
 def test_tilt_carries_the_larger_half_of_its_region():
     assert formatting.tilt(estimate(tilt_deg=15.0, tilt_low_deg=14.5, tilt_high_deg=17.0)) == "15.0 ±2.0"
 
@@ -116,20 +112,6 @@ def test_an_unknown_zone_is_shown_as_utc():
 
 def test_places_have_letters_for_their_halves():
     assert formatting.place(Site(-33.9, -151.2, 10.0)) == "33.9000 S 151.2000 W, 10 m"
-
-
-@pytest.mark.parametrize(
-    ("n_bytes", "said"), [(11.2e9, "11.2 GB"), (28e6, "28.0 MB"), (640e3, "640 kB"), (12, "12 B")]
-)
-def test_sizes(n_bytes, said):
-    assert formatting.size(n_bytes) == said
-
-
-@pytest.mark.parametrize(
-    ("rate_hz", "said"), [(8.96, "9.0/s"), (0.05, "3/min"), (0.0, "0/min"), (math.nan, "–/s")]
-)
-def test_rates(rate_hz, said):
-    assert formatting.rate(rate_hz) == said
 
 
 @pytest.mark.parametrize(

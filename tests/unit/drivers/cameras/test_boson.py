@@ -155,30 +155,11 @@ def test_silent_commands_do_not_cost_the_frames(reel, wire, monkeypatch):
     assert camera.read(1.0).quality == Quality.GOOD
 
 
-def test_commands_that_fall_silent_are_not_asked_again(reel, serial):
-    camera = opened(reel(*(frame(seed=seed) for seed in range(40))), kelvin_per_count=0.01)
-    assert camera.read(1.0).fpa_temperature_k == 298.25
-    before, serial.silent = serial.questions, True
-    later = [camera.read(1.0) for _ in range(30)]
-    assert serial.questions == before + 1
-    assert math.isnan(later[-1].fpa_temperature_k)
-    assert later[-1].quality == Quality.GOOD
-
-
 def test_frames_from_before_the_switch_to_temperatures_are_let_go(reel, serial):
     """The kernel has buffered frames while the commands were sent; counts at 8192 are 82 K by TLinear."""
     camera = opened(reel(frame(8192), frame(8192, seed=1), frame(seed=2), frame(seed=3)), radiometric=True)
     assert camera.info.unit == "K"
     assert camera.read(1.0).quality == Quality.GOOD
-
-
-def test_answer_to_another_question_of_the_same_number_is_not_taken(wire):
-    """As of before the camera was opened again, when the numbers begin anew."""
-    late = answering(0x0005000C, (2).to_bytes(4, "big"))
-    wire.reply({pack(1, 0x00050030): late + answering(0x00050030, (251).to_bytes(2, "big"))})
-    serial = BosonSerial(wire.path, HostClock())
-    assert serial.fpa_temperature_k() == pytest.approx(298.25)
-    serial.close()
 
 
 def test_radiometric_that_gives_no_temperatures_is_refused(reel, serial):

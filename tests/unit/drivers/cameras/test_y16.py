@@ -45,15 +45,6 @@ def test_recorded_frame_of_unknown_scale_stays_counts():
     assert "no_value" in mean.flags
 
 
-@pytest.mark.parametrize("name", ["face_raw", "face_cal", "floor_raw", "floor_cal"])
-def test_seek_words_are_counts_only(name):
-    counts = np.load(shared(f"data/frames/seek_compact/{name}.npy")).astype("<u2")
-    decoded = Y16().decode(counts.tobytes(), {"width": 208, "height": 156})
-    assert {value.unit for value in decoded.values} == {"counts"}
-    assert decoded.values[0].value == 0
-    assert (counts == 0).sum() == 2296
-
-
 def test_bytes_of_no_usual_size_are_not_cut_into_one():
     data = bytes.fromhex("4b73") * (208 * 156)
     (part,) = Y16().decode(data, {}).rejected

@@ -63,20 +63,16 @@ def test_damaged_or_cut_sentences_are_rejected(broken):
     assert isinstance(parse(broken), Rejected)
 
 
-def test_a_fix_without_height_has_no_height():
-    sentence = b"GPGGA,021530.00,3541.36682,N,13945.30120,E,1,08,0.9,,M,,M,,"
-    heights = [one for one in parse(signed(sentence)).values if one.channel == "altitude"]
-    assert [one.quality for one in heights] == [Quality.NO_VALUE]
-
-
-@pytest.mark.parametrize("cut", [b"*", b"*7", b"$GPRMC*00", b"$GPGGA,1*"])
-def test_the_missing_line_end_of_the_last_sentence_is_not_counted(cut):
-    given = Nmea().decode(cut, {})
-    assert (sum(one.length for one in given.rejected), given.rest) == (len(cut), 0)
-
-
-def test_other_sentences_are_let_by():
-    assert parse(signed(b"GPGSV,1,1,01,02,03,04,05")).values == ()
+def test_without_the_extra_the_fix_says_what_to_install():
+    code = (
+        "import sys; sys.modules['pynmeagps'] = None\n"
+        "from fieldkit.drivers.meters.nmea import Nmea\n"
+        "from fieldkit.model.errors import ConfigError\n"
+        f"try: Nmea().decode({GGA!r}, {{}})\n"
+        "except ConfigError as error: print(error.fix)"
+    )
+    reply = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert reply.stdout.strip() == "pip install 'fieldkit-slope[gps]'"
 
 
 def test_a_receiver_that_still_shows_its_last_place_without_a_fix_gives_no_value():
