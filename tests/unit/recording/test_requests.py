@@ -11,6 +11,7 @@ from fieldkit.recording.redrawing import NewRegions, Redrawing
 from fieldkit.recording.request_reader import RequestReader, left_requests
 from fieldkit.recording.requests import Acknowledgement, Shutter, inbox, send
 from fieldkit.simulation.simulated_clock import SimulatedClock
+from tests.harness.rights import ordinary_rights
 
 NOON_NS = 1_451_674_800_000_000_000  # 2016-01-01T19:00:00Z, noon in Denver
 
