@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.drawn_worlds import CLEAR
-from benchmarks.estimation_outdoors import regions
+from benchmarks.drawn_worlds import CLEAR, regions
 from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.learned.learner import Learner
 from fieldkit.model.samples import Quality
