@@ -63,18 +63,6 @@ def test_damaged_or_cut_sentences_are_rejected(broken):
     assert isinstance(parse(broken), Rejected)
 
 
-def test_without_the_extra_the_fix_says_what_to_install():
-    code = (
-        "import sys; sys.modules['pynmeagps'] = None\n"
-        "from fieldkit.drivers.meters.nmea import Nmea\n"
-        "from fieldkit.model.errors import ConfigError\n"
-        f"try: Nmea().decode({GGA!r}, {{}})\n"
-        "except ConfigError as error: print(error.fix)"
-    )
-    reply = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert reply.stdout.strip() == "pip install 'fieldkit-slope[gps]'"
-
-
 def test_a_receiver_that_still_shows_its_last_place_without_a_fix_gives_no_value():
     """NMEA 0183: quality 0 in GGA and status V in RMC say that the position is not valid."""
     lost = b"GPGGA,021530.00,3541.3668,N,13945.3012,E,0,00,99.99,38.4,M,39.5,M,,"
