@@ -29,7 +29,8 @@ from fieldkit.calibration.line import Line, Points, fit_line
 from fieldkit.calibration.uncertainty import Budgeted, Contribution, effective_freedom, largest
 from fieldkit.model.arrays import CountArray, FloatArray
 from fieldkit.model.errors import CalibrationError
-from fieldkit.model.units import CELSIUS_ZERO_K, kelvin_if_fahrenheit
+from fieldkit.model.quantities import kelvin_if_fahrenheit
+from fieldkit.model.units import CELSIUS_ZERO_K
 
 Reflected = Literal["fixed", "free"]
 

@@ -18,7 +18,7 @@ from fieldkit.drivers.opening import opened_by
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import Device, DeviceSettings, DiscoveredDevice, Driver, StreamInfo
 from fieldkit.model.errors import ConfigError, DeviceError, DeviceLostError, DeviceNotFoundError
-from fieldkit.model.radiation import COMPONENTS, UNIT, UNKNOWN
+from fieldkit.model.quantities import COMPONENTS, POWER
 from fieldkit.model.samples import Frame, Reading
 
 SECONDS = 10.0
@@ -167,8 +167,8 @@ def _declared(info: StreamInfo, settings: DeviceSettings) -> str:
     _need(info.name == settings.name, f"the stream is called {info.name}, not {settings.name}")
     _need(bool(info.quantity and info.unit and info.shape), "quantity, unit or shape is missing")
     _need(info.is_camera or len(info.channels) == info.shape[0], f"{info.channels} for shape {info.shape}")
-    fits = not info.measures or (info.unit == UNIT and len(info.measures) == info.shape[0])
-    _need(fits and set(info.measures) <= {UNKNOWN, *COMPONENTS}, f"{info.measures} cannot be measured")
+    fits = not info.measures or (info.unit == POWER.stored and len(info.measures) == info.shape[0])
+    _need(fits and set(info.measures) <= {"", *COMPONENTS}, f"{info.measures} cannot be measured")
     return f"{info.quantity} in {info.unit}, shape {'x'.join(str(size) for size in info.shape)}"
 
 

@@ -20,7 +20,7 @@ from fieldkit.drivers.discovery import ConnectedDevice, find_devices
 from fieldkit.model.clock import Clock, HostClock
 from fieldkit.model.device import Camera, Device, DeviceSettings, StreamInfo
 from fieldkit.model.errors import ConfigError, DeviceNotFoundError, DeviceTimeoutError
-from fieldkit.model.limits import bounds_of, flagged
+from fieldkit.model.limits import bounds_of, flag_implausible
 from fieldkit.model.samples import Frame, Quality, Reading, is_usable
 from fieldkit.physics.camera_laws import frame_k
 
@@ -166,7 +166,7 @@ class Instrument(Generic[M]):
             )
         if isinstance(sample, Frame):
             return cast(M, MeasuredFrame(sample, self.info))
-        return cast(M, MeasuredReading(flagged(sample, self._bounds), self.info))
+        return cast(M, MeasuredReading(flag_implausible(sample, self._bounds), self.info))
 
     def run_shutter(self) -> bool:
         """Start the shutter correction of a camera; False if it has none that can be started."""

@@ -13,14 +13,13 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from fieldkit.model.air import AIR_TEMPERATURE, CELSIUS_UNITS, of_air
 from fieldkit.model.arrays import BoolArray, FloatArray, IntArray
+from fieldkit.model.channels import AIR_TEMPERATURE, air_quantities, radiation_components
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.finding import Finding
 from fieldkit.model.limits import RARE, is_rare
-from fieldkit.model.radiation import measured
 from fieldkit.model.site import Site, known_zone
-from fieldkit.model.units import CELSIUS_ZERO_K, MINUTE_NS
+from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.bodies import EARTH, body_of
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.daylight import extraterrestrial
@@ -102,7 +101,7 @@ def _means(session: SessionReader) -> tuple[IntArray, dict[str, FloatArray]]:
 
 
 def _components(info: StreamInfo) -> tuple[str, ...]:
-    return measured(info, {}) or of_air(info)
+    return radiation_components(info, {}) or air_quantities(info)
 
 
 def _mean_of(session: SessionReader, info: StreamInfo, channel: int, minute: IntArray) -> FloatArray:
@@ -110,4 +109,4 @@ def _mean_of(session: SessionReader, info: StreamInfo, channel: int, minute: Int
     middle_ns, means = minute_means(session, info.name, channel)
     found = np.full(minute.size, np.nan)
     found[np.clip(middle_ns // MINUTE_NS - minute[0], 0, minute.size - 1)] = means
-    return found + (CELSIUS_ZERO_K if info.unit in CELSIUS_UNITS else 0.0)
+    return found

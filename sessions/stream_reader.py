@@ -22,7 +22,7 @@ import numpy as np
 from fieldkit.model.arrays import AnyArray, BoolArray, CountArray, FlagArray, FloatArray, IntArray
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import SessionError
-from fieldkit.model.limits import Bounds, Excess, bounds_of, excesses, labels_of, rows_of
+from fieldkit.model.limits import Bounds, Excess, bounds_of, changed_rows, excesses, labels_of
 from fieldkit.model.samples import Frame, Quality, Sample
 from fieldkit.model.site import Site
 from fieldkit.physics.sun import sun_vectors
@@ -98,7 +98,7 @@ class StreamReader:
             raise SessionError(f"the group of stream {info.name!r} is missing")
         self.info = info
         self._site = site
-        self.bounds: Bounds = bounds_of(info, rows_of({}, site.body) | dict(info.limits))
+        self.bounds: Bounds = bounds_of(info, changed_rows({}, site.body) | dict(info.limits))
         self.damaged: set[int] = set()
         self._times = times
         self._group = group

@@ -18,33 +18,8 @@ from fieldkit.drivers.ports import Port, Stamped
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, StreamInfo
 from fieldkit.model.errors import ConfigError, DecodeError, DeviceTimeoutError
+from fieldkit.model.quantities import meaning_of
 from fieldkit.model.samples import Quality, Reading
-from fieldkit.model.units import CELSIUS_ZERO_K, FAHRENHEIT_TO_K, FOOT2_M2
-
-# --- units
-
-STREAM_UNITS = {
-    "°C": "K",
-    "°F": "K",
-    "fc": "lx",
-    "klx": "lx",
-    "W/m²": "W m-2",
-    "mW/cm²": "W m-2",
-    "µW/cm²": "W m-2",
-}
-"""The unit a stream has for what a meter shows."""
-
-TO_SI = {
-    ("°C", "K"): (CELSIUS_ZERO_K, 1.0),
-    ("°F", "K"): FAHRENHEIT_TO_K,
-    ("fc", "lx"): (0.0, FOOT2_M2),
-    ("klx", "lx"): (0.0, 0.001),
-    ("W/m²", "W m-2"): (0.0, 1.0),
-    ("mW/cm²", "W m-2"): (0.0, 0.1),
-    ("µW/cm²", "W m-2"): (0.0, 100.0),
-}
-"""(shown, wanted): what to add to a value, and what to divide the sum by."""
-
 
 FIRST_RECORD_S = 5.0
 SLOW_S = 5.0
@@ -203,9 +178,7 @@ def conversion(channels: Sequence[Channel], keys: Sequence[str], units: Sequence
     for key, unit in zip(keys, units, strict=True):
         step = (0, math.nan, 1.0)
         for place, channel in enumerate(channels):
-            is_same = channel.unit == unit or Quality.NO_VALUE in channel.quality  # OL has no unit
-            law = (0.0, 1.0) if is_same else TO_SI.get((channel.unit, unit))
-            if channel.name == key and law is not None:
+            if channel.name == key and (law := _conversion(channel, unit)):
                 step = (place, *law)
                 quality_flags.append(channel.quality)
         steps.append(step)
@@ -215,6 +188,14 @@ def conversion(channels: Sequence[Channel], keys: Sequence[str], units: Sequence
     if steps == [(place, 0.0, 1.0) for place in range(len(channels))]:
         steps = []
     return Conversion(tuple(steps), reduce(or_, quality_flags) & ~Quality.NO_VALUE | missing)
+
+
+def _conversion(channel: Channel, unit: str) -> tuple[float, float] | None:
+    """What to add to a channel's values and to divide the sum by, for a stream's unit; None for another."""
+    if channel.unit == unit or Quality.NO_VALUE in channel.quality:  # OL has no unit
+        return 0.0, 1.0
+    meaning = meaning_of(channel.unit, channel.name)
+    return meaning.unit[2:4] if meaning and meaning.quantity.units.stored == unit else None
 
 
 def first_reply(port: Port, request: bytes, layout: Layout, name: str, hint: str) -> Stamped:

@@ -20,12 +20,11 @@ from typing import Any, TypeVar
 from fieldkit.drivers import options
 from fieldkit.drivers.decoding import Decoded, Layout, Parsed, Record, Rejected, Value, decode_records
 from fieldkit.drivers.meters import meter
-from fieldkit.drivers.meters.meter import STREAM_UNITS
 from fieldkit.drivers.ports import PARITIES, Line, Port, SerialDriver, baud, open_port
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import ConfigError, message_of
-from fieldkit.model.radiation import COMPONENTS
+from fieldkit.model.quantities import COMPONENTS, meaning_of
 from fieldkit.model.samples import Quality
 
 # --- register maps
@@ -453,7 +452,8 @@ class Modbus(SerialDriver):
         meter.first_reply(port, request, replies, settings.name, _HINT)
         keys = [channel.name for channel in register_map.channels if channel.unit == register_map.unit]
         names = options.labels(settings, keys)
-        unit = STREAM_UNITS.get(register_map.unit, register_map.unit)
+        meaning = meaning_of(register_map.unit, register_map.quantity)
+        unit = meaning.quantity.units.stored if meaning else register_map.unit
         info = meter.describe(settings, port, replies, register_map.quantity, unit, names, register_map.title)
         if component := _component(settings, port, register_map):
             info = replace(info, measures=(component,) * len(names))

@@ -28,19 +28,18 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
-from unicodedata import normalize
 
 from fieldkit.drivers import options
 from fieldkit.drivers.decoding import Decoded, Layout, Parsed, Record, Rejected, Value, decode_records
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.meters.board_sensors import SENSORS, Sensor
-from fieldkit.drivers.meters.meter import STREAM_UNITS
 from fieldkit.drivers.options import decoding_settings
 from fieldkit.drivers.ports import Line, Port, SerialDriver, baud, open_port
+from fieldkit.model.channels import components_named
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DecodeError
-from fieldkit.model.radiation import UNIT, named
+from fieldkit.model.quantities import POWER, Quantity, meaning_of, suffix_unit, unknown_meaning
 from fieldkit.model.samples import NO_COUNTER, Quality
 
 LONGEST = 512
@@ -50,20 +49,6 @@ PREAMBLE_S = 15.0  # comments, headers and messages of a board that has just res
 FORMS = (
     'T1=21.56 C, lux=98760 lx | Light: 98760 lx | 21.56,98760 below a header temp_c,lux | {"temp_c": 21.56}'
 )
-_SPELLINGS = {
-    "°C": "c °c degc degreec degreesc celsius",
-    "°F": "f °f degf degreef degreesf fahrenheit",
-    "K": "k °k kelvin",
-    "lx": "lx lux",
-    "klx": "klx klux",
-    "W/m²": "w/m2 wm-2",
-    "mW/cm²": "mw/cm2 mwcm-2",
-    "µW/cm²": "μw/cm2 uw/cm2 μwcm-2 uwcm-2",
-    "m s-1": "m/s ms-1",
-}
-UNITS = {spelling: unit for unit, spellings in _SPELLINGS.items() for spelling in spellings.split()}
-SUFFIXES = {"_w_m2": "W/m²", "_m_s": "m s-1"}
-QUANTITIES = {"K": "temperature", "lx": "illuminance", "W m-2": "irradiance", "m s-1": "speed"}
 _DIGITS = r"[+-]?(?!0[xX])(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d{1,3})?"
 _UNIT = r"(?:deg(?:ree)?s?\.? ?)?[^\s\d,;|=:+.-][^\s,;|=:]{0,11}(?: m-2)?"
 _FIELD = re.compile(rf"({_DIGITS})\s*({_UNIT})?")
@@ -223,7 +208,7 @@ class Grammar:
         stated = _unit(field.unit) or stated or self.unit
         shown = _unit(found[2] or "") if found else ""
         number = float(found[1]) if found else math.nan
-        is_garbled = bool(stated and shown) and shown not in _SPELLINGS  # 2x.5 below temp_c
+        is_garbled = bool(stated and shown) and meaning_of(shown) is None  # 2x.5 below temp_c
         if is_garbled or not math.isfinite(number) or number in self.no_value:
             return Value(math.nan, stated, name, Quality.NO_VALUE)
         return Value(number, shown or stated, name)
@@ -256,7 +241,7 @@ def _split(line: str) -> list[str]:
         return [field.strip(' "') for field in _SEPARATOR.split(line)]
     words: list[str] = []
     for word in line.split():
-        if words and _unit(word) in _SPELLINGS:
+        if words and _is_unit(word):
             words[-1] += f" {word}"
         else:
             words.append(word)
@@ -268,7 +253,7 @@ def _is_value(text: str) -> bool:
     if _FIELD.fullmatch(text.strip()) or text.lstrip().startswith(("<", ">")):
         return True
     words = text.lower().split()
-    if words[1:] and _unit(words[-1]) in _SPELLINGS:
+    if words[1:] and _is_unit(words[-1]):
         del words[-1]
     return _NO_VALUES.fullmatch(re.sub(r"[-*?._/!]", "", "".join(words))) is not None
 
@@ -281,7 +266,7 @@ def _value_and_rest(text: str, *, is_last: bool) -> tuple[str, str]:
         return word, rest
     unit, rest = found[2] or "", text[found.end() :]
     is_unit = not unit.isalpha() or not text[found.end(1)].isspace() or unit.lower() in _OTHER_UNITS
-    if not (is_unit or _unit(unit) in _SPELLINGS or (is_last and not rest)):
+    if not (is_unit or _is_unit(unit) or (is_last and not rest)):
         unit, rest = "", text[found.end(1) :]
     if rest[:1].strip() or (not unit and rest.strip()[:1].isdigit()):  # 12:30, or 12 345
         return text, ""
@@ -321,19 +306,23 @@ def _distinct(values: Sequence[Value]) -> Iterator[Value]:
 
 def _unit(text: str) -> str:
     """A unit in fieldkit's spelling, if it is a known one."""
-    plain = normalize("NFKC", text.replace("º", "°")).lower()
-    return UNITS.get(re.sub(r"[ ^*_.]", "", plain), text)
+    meaning = meaning_of(text)
+    return meaning.unit.shown if meaning else text
+
+
+def _is_unit(text: str) -> bool:
+    return meaning_of(text) is not None
 
 
 def _name_and_unit(name: str) -> tuple[str, str]:
     """A channel's name without a unit in brackets, and the unit that the name states, if any."""
     bracket = _BRACKET.search(name)
-    if bracket and _unit(bracket[1]) in _SPELLINGS:
+    if bracket and _is_unit(bracket[1]):
         return name[: bracket.start()].strip() or name, _unit(bracket[1])
-    suffix = next((unit for end, unit in SUFFIXES.items() if name.lower().endswith(end)), "")
+    suffix = suffix_unit(name)
     word = re.split(r"[_.]|(?<=[a-z])(?=[A-Z])|(?=°)", name)[-1]  # temp_c, sky.lux, tempC, T°C
-    is_unit = _unit(word) in _SPELLINGS and (word != name or len(word) > 1)
-    return name, suffix or (_unit(word) if is_unit else "")
+    is_unit = _is_unit(word) and (word != name or len(word) > 1)
+    return name, suffix.shown if suffix else (_unit(word) if is_unit else "")
 
 
 def header(notes: Sequence[str]) -> tuple[str, ...]:
@@ -375,16 +364,17 @@ class Text(SerialDriver):
         grammar = _grammar(settings)
         port = open_port(settings, Line(baud(settings, LINE.baud)), clock)
         grammar, first = _first_values(port, grammar, settings, clock)
-        shown = _quantity(first) or first.channels[0].unit
-        unit = STREAM_UNITS.get(shown, shown)
-        keys = [channel.name for channel in first.channels if channel.unit == shown]
+        shown = _first_unit(first) or first.channels[0].unit
+        of_unit = [channel.name for channel in first.channels if channel.unit == shown]
+        quantity = _quantity(shown, of_unit[0])
+        keys = [name for name in of_unit if _quantity(shown, name) == quantity]
         names = options.labels(settings, keys)
-        info = meter.describe(
-            settings, port, grammar.layout, QUANTITIES.get(unit, "number"), unit, names, model="text"
-        )
+        unit = quantity.units.stored
+        info = meter.describe(settings, port, grammar.layout, quantity.name, unit, names, model="text")
+        components = components_named(names) or components_named(keys[: len(names)])
         info = replace(
             info,
-            measures=(named(names) or named(keys[: len(names)])) if unit == UNIT else (),
+            measures=components if unit == POWER.stored else (),
             device_time_unit="ms" if first.device_time != NO_COUNTER else "",
         )
         return meter.Meter(info, port, grammar.layout, clock, keys[: len(names)])
@@ -406,7 +396,7 @@ def _first_values(
         first = _next(port, grammar, settings)
         is_whole = is_whole or port.framer.rejected > 0
         has_value = is_whole and any(Quality.NO_VALUE not in channel.quality for channel in first.channels)
-        if has_value and (_quantity(first) or first.channels == before.channels):
+        if has_value and (_first_unit(first) or first.channels == before.channels):
             return grammar, first
         before, is_whole = first, True
         grammar = replace(grammar, columns=given or header([first.note]) or grammar.columns)
@@ -424,9 +414,13 @@ def _next(port: Port, grammar: Grammar, settings: DeviceSettings) -> Record:
         raise DecodeError(error.message, raw=error.raw, fix=f"print lines such as {FORMS}") from error
 
 
-def _quantity(record: Record) -> str:
+def _quantity(unit: str, channel: str) -> Quantity:
+    return (meaning_of(unit, channel) or unknown_meaning(unit)).quantity
+
+
+def _first_unit(record: Record) -> str:
     """The first unit of a record that fieldkit knows, empty for none."""
-    return next((channel.unit for channel in record.channels if channel.unit in _SPELLINGS), "")
+    return next((channel.unit for channel in record.channels if _is_unit(channel.unit)), "")
 
 
 def _completed(settings: DeviceSettings) -> DeviceSettings:

@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldkit.drivers.ports import Line
-from fieldkit.model.air import is_air_temperature
 from fieldkit.model.arrays import FloatArray
+from fieldkit.model.channels import is_air_temperature
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceAccessError
 from fieldkit.model.fault_kind import FaultKind

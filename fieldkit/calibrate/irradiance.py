@@ -23,8 +23,8 @@ from fieldkit.calibration.light_meter import (
 from fieldkit.calibration.ranges import require_ranges
 from fieldkit.config import Config
 from fieldkit.model.arrays import FloatArray, IntArray
+from fieldkit.model.channels import radiation_components
 from fieldkit.model.errors import ConfigError
-from fieldkit.model.radiation import UNKNOWN, measured
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.recording.simulated_scene import measured_weather
@@ -187,7 +187,7 @@ def _reference(
 def _radiation(session: SessionReader, config: Config, stream: str, components: Sequence[str]) -> str:
     """The stream of that name; raises `ConfigError` if it is known to measure something else."""
     info = one_stream(session, "irradiance", stream)
-    known = set(measured(info, config.tables.irradiance.measures)) - {UNKNOWN}
+    known = set(radiation_components(info, config.tables.irradiance.measures)) - {""}
     if known and not known & set(components):
         raise ConfigError(
             f"{stream} measures {', '.join(sorted(known))}, not {' or '.join(components)}",

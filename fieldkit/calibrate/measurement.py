@@ -35,9 +35,10 @@ from fieldkit.model.arrays import FloatArray
 from fieldkit.model.device import StreamInfo, find_camera
 from fieldkit.model.errors import CalibrationError, ConfigError
 from fieldkit.model.limits import bounds_by_name
+from fieldkit.model.quantities import kelvin_if_fahrenheit
 from fieldkit.model.samples import Frame, Sample, is_usable
 from fieldkit.model.site import Region, RegionKind
-from fieldkit.model.units import CELSIUS_ZERO_K, kelvin_if_fahrenheit
+from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.physics.camera_laws import frame_k
 
 FITTED = "free"
@@ -413,9 +414,7 @@ class ReadingCollector:
         values = np.array([row for _, row in self._probes], np.float64)
         probe = self.setup.thermometer
         assert probe is not None
-        kelvin = values + (0.0 if probe.unit == "K" else CELSIUS_ZERO_K)
-        if self.setup.options.unit == "F":
-            kelvin = kelvin_if_fahrenheit(kelvin)
+        kelvin = kelvin_if_fahrenheit(values) if self.setup.options.unit == "F" else values
         return np.where(bounds_by_name(["probe_temperature"], probe.limits).exceeded(kelvin), np.nan, kelvin)
 
     def other_probes_k(self) -> dict[str, FloatArray]:

@@ -10,7 +10,7 @@ import click
 from fieldkit.cli.common import Command, options, print_json, say, working_folder
 from fieldkit.cli.session_paths import find_session
 from fieldkit.cli.types import CLOCK_OFFSET, FILE, KELVIN_PER_COUNT, NUMBER, PATH, SITE, STREAM_NAME, ZONE
-from fieldkit.model.radiation import COMPONENTS
+from fieldkit.model.quantities import COMPONENTS
 from fieldkit.model.samples import Severity
 
 if TYPE_CHECKING:

@@ -25,7 +25,7 @@ from fieldkit.config.toml_schema import (
     Tables,
 )
 from fieldkit.model.device import DeviceSettings
-from fieldkit.model.limits import rows_of
+from fieldkit.model.limits import changed_rows
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.units import CELSIUS_ZERO_K
 
@@ -123,7 +123,7 @@ class Config:
     @property
     def limits(self) -> dict[str, tuple[float, float]]:
         """Rows of the table of limits that differ here, in SI units."""
-        return rows_of(self.tables.limits.model_dump(exclude_none=True), self.tables.site.body)
+        return changed_rows(self.tables.limits.model_dump(exclude_none=True), self.tables.site.body)
 
     def irradiance_model(self) -> IrradianceModel:
         """Rules that derive direct irradiance from the light meter."""

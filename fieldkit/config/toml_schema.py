@@ -12,6 +12,7 @@ from typing import Annotated, Any, ClassVar, Literal, get_args
 
 from pydantic import AfterValidator, AwareDatetime, BaseModel, ConfigDict, Field, model_validator
 from pydantic.json_schema import SkipJsonSchema
+from pydantic.main import create_model
 
 from fieldkit.config.defaults import with_defaults_of_kind, with_defaults_of_world
 from fieldkit.config.toml_lines import KeyPath
@@ -19,8 +20,7 @@ from fieldkit.estimation.estimator_keys import EstimatorKeys
 from fieldkit.estimation.prior import Prior
 from fieldkit.estimation.surface_kinds import SAND, Kind
 from fieldkit.model.alarm import Condition
-from fieldkit.model.limits import shown
-from fieldkit.model.radiation import Component
+from fieldkit.model.quantities import LIMITS, Component
 from fieldkit.model.site import ELEVATIONS_M
 
 Degrees = Annotated[float, Field(ge=0, le=360)]
@@ -430,30 +430,23 @@ def _rising(ends: list[float]) -> list[float]:
     return ends
 
 
-def _possible(words: str, key: str) -> Any:
-    low, high = shown(key)
-    text = f"{words}, least and greatest; default: {low:.4g} to {high:.4g}"
+def _possible(key: str) -> Any:
+    low, high = LIMITS[key].shown_limits
+    text = f"{LIMITS[key].words}, least and greatest; default: {low:.4g} to {high:.4g}"
     return _unset([float(f"{low:.4g}"), float(f"{high:.4g}")], text)
 
 
 PossibleRange = Annotated[list[float], Field(min_length=2, max_length=2), AfterValidator(_rising)]
 
 
-class PossibleTable(Table):
-    """Limits of each quantity, where they differ, such as on a hot plate; a value beyond is not used."""
+_RANGES: dict[str, Any] = {
+    row.limits_key: (PossibleRange | None, _possible(key)) for key, row in LIMITS.items()
+}
+_Possible: Any = create_model("PossibleTable", __base__=Table, **_RANGES)
 
-    air_temperature_c: PossibleRange | None = _possible("air", "air_temperature_c")
-    probe_temperature_c: PossibleRange | None = _possible("contact thermometers", "probe_temperature_c")
-    surface_temperature_c: PossibleRange | None = _possible("pixels of regions", "surface_temperature_c")
-    illuminance_lx: PossibleRange | None = _possible("illuminance, less at night", "illuminance_lx")
-    dni_w_m2: PossibleRange | None = _possible("direct normal, none at night", "dni_w_m2")
-    ghi_w_m2: PossibleRange | None = _possible("global horizontal, less by the sun's height", "ghi_w_m2")
-    gti_w_m2: PossibleRange | None = _possible("global tilted irradiance", "gti_w_m2")
-    dhi_w_m2: PossibleRange | None = _possible("diffuse horizontal, less by the sun's height", "dhi_w_m2")
-    irradiance_w_m2: PossibleRange | None = _possible("irradiance of unknown component", "irradiance_w_m2")
-    longwave_down_w_m2: PossibleRange | None = _possible("downward longwave", "longwave_down_w_m2")
-    longwave_up_w_m2: PossibleRange | None = _possible("upward longwave", "longwave_up_w_m2")
-    wind_speed_m_s: PossibleRange | None = _possible("wind speed", "wind_speed_m_s")
+
+class PossibleTable(_Possible):  # type: ignore[misc]
+    """Limits of each quantity, where they differ, such as on a hot plate; a value beyond is not used."""
 
 
 class Tables(Table):

@@ -16,9 +16,8 @@ from fieldkit.estimation.bins import CameraStream, Follower, MinuteBin, OpenBin
 from fieldkit.estimation.disturbances import DisturbanceMonitor, end_of
 from fieldkit.estimation.instruments import Instruments, MinuteIrradiance, mean_of
 from fieldkit.estimation.settings import EstimatorSettings
-from fieldkit.model.air import AIR_TEMPERATURE, WIND_SPEED
+from fieldkit.model.channels import AIR_TEMPERATURE, WIND_SPEED, how_to_state
 from fieldkit.model.device import StreamInfo, find_camera
-from fieldkit.model.radiation import how_to_state
 from fieldkit.model.region_schedule import Regions, RegionSchedule
 from fieldkit.model.samples import Event, EventKind, Quality, Reading, Sample, Severity
 from fieldkit.model.site import RegionRecord, Site

@@ -9,15 +9,14 @@ import numpy as np
 
 from fieldkit.estimation.bins import OpenBin
 from fieldkit.estimation.settings import EstimatorSettings
-from fieldkit.model.air import AIR_TEMPERATURE, CELSIUS_UNITS, of_air
 from fieldkit.model.arrays import FloatArray
+from fieldkit.model.channels import AIR_TEMPERATURE, air_quantities, how_to_state, radiation_components
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.limits import Bounds, bounds_of
-from fieldkit.model.radiation import UNIT, UNKNOWN, how_to_state, measured
+from fieldkit.model.quantities import POWER
 from fieldkit.model.samples import Quality, Reading
 from fieldkit.model.site import Region, Site
-from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.physics.facet import VERTICAL, normal
 from fieldkit.physics.irradiance import IrradianceModel, direct_normal
 from fieldkit.physics.sun import sun_vectors
@@ -81,12 +80,7 @@ class Source:
         table = np.array([reading.values for reading in readings], np.float64)
         flags = np.array([int(reading.quality) for reading in readings], np.int64)
         values = self.bounds.usable(table, flags, sine)[:, self.channel]
-        return without_spikes(values, is_temperature=self.info.unit in ("K", *CELSIUS_UNITS))
-
-    @property
-    def zero(self) -> float:
-        """Number to add to a value: temperatures in °C become kelvin."""
-        return CELSIUS_ZERO_K if self.info.unit in CELSIUS_UNITS else 0.0
+        return without_spikes(values, is_temperature=self.info.unit == "K")
 
 
 class Instruments:
@@ -176,7 +170,7 @@ class Instruments:
 
     def _held_mean(self, minute: OpenBin, source: Source, sine: float | None = None) -> float:
         key = source.info.name, source.channel
-        mean = mean_of(source.values(minute, sine)) + source.zero
+        mean = mean_of(source.values(minute, sine))
         if np.isfinite(mean):
             self._held[key] = minute.minute, mean
             return mean
@@ -186,7 +180,7 @@ class Instruments:
 
     def contact_k(self, minute: OpenBin) -> tuple[float, ...]:
         """Mean of each channel of all contact thermometers, kelvin."""
-        return tuple(mean_of(contact.values(minute)) + contact.zero for contact in self._contacts)
+        return tuple(mean_of(contact.values(minute)) for contact in self._contacts)
 
 
 def without_spikes(values: FloatArray, *, is_temperature: bool) -> FloatArray:
@@ -224,16 +218,16 @@ def _sources(streams: Sequence[StreamInfo], settings: EstimatorSettings) -> Iter
         bounds = _bounds(info, settings)
         if info.quantity == "illuminance":
             yield Source(info, 0, "illuminance", bounds)
-        if info.name in settings.measures and info.unit != UNIT:
+        if info.name in settings.measures and info.unit != POWER.stored:
             raise ConfigError(
                 f"irradiance.measures.{info.name}: the stream is in {info.unit}, not in W/m2",
                 fix="name streams in W/m2 only; lux are converted by irradiance.model",
             )
-        for channel, component in enumerate(measured(info, settings.measures)):
-            if (component, info.quantity) == (UNKNOWN, "irradiance") and settings.irradiance.is_direct:
+        for channel, component in enumerate(radiation_components(info, settings.measures)):
+            if (component, info.quantity) == ("", "irradiance") and settings.irradiance.is_direct:
                 component = "dni"  # irradiance.model states it: pyrheliometer, or a file of direct light
             yield Source(info, channel, component, bounds)
-        air = enumerate(of_air(info))
+        air = enumerate(air_quantities(info))
         yield from (Source(info, channel, word, bounds) for channel, word in air if word)
 
 
@@ -261,7 +255,7 @@ def _probes(
                 f"region {region}: {name} has no channel {text!r}",
                 fix=f"correct probes; channels of {name}: {', '.join(info.channel_names)}",
             )
-        if of_air(info)[channel] == AIR_TEMPERATURE:
+        if air_quantities(info)[channel] == AIR_TEMPERATURE:
             raise ConfigError(
                 f"region {region}: {probe} is named as air temperature, so it is not in the bed",
                 fix="correct probes, or give the channel another name in the option labels",
@@ -271,7 +265,7 @@ def _probes(
 
 def _unknown(sources: Sequence[Source]) -> tuple[str, ...]:
     """Streams of which no channel's component is known."""
-    known = {source.info.name for source in sources if source.measures != UNKNOWN}
+    known = {source.info.name for source in sources if source.measures}
     return tuple(dict.fromkeys(source.info.name for source in sources if source.info.name not in known))
 
 
@@ -315,7 +309,7 @@ def _required_light(sources: Sequence[Source], settings: EstimatorSettings) -> S
 def _refuse(source: Source, model: IrradianceModel) -> None:
     """Raise `ConfigError` for a channel that would be used if its component were known or allowed."""
     name = source.info.name
-    if source.measures == UNKNOWN and source.info.quantity == "irradiance":
+    if source.measures == "" and source.info.quantity == "irradiance":
         raise ConfigError(
             f"{name} is in W/m2, but what it measures is not known, so it cannot be used as sunlight",
             fix=f"{how_to_state(name)}: a level pyranometer, a pyrheliometer, a tilted one, a shaded one, "

@@ -11,6 +11,7 @@ from typing import Any
 
 from fieldkit.estimation.estimator import Minute
 from fieldkit.model.alarm import Alarm
+from fieldkit.model.channels import quantity_of
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.next_step import Argument, Sentence, Step, Text
 from fieldkit.model.samples import Event, Health
@@ -178,10 +179,9 @@ def _present(latest: Latest, info: StreamInfo, health: Health | None) -> Documen
 
 
 def _values(latest: Latest, info: StreamInfo) -> tuple[list[float], str]:
-    """The channels of a meter's last reading, kelvin as °C."""
-    reading = latest.readings.get(info.name)
-    values = list(reading.values) if reading else []
-    return ([celsius(value) for value in values], "°C") if info.unit == "K" else (values, info.unit)
+    """The channels of a meter's last reading, and their unit, as shown."""
+    reading, unit = latest.readings.get(info.name), quantity_of(info).shown
+    return [unit.shown_value(value) for value in reading.values] if reading else [], unit.shown
 
 
 def ms(time_ns: int) -> float:

@@ -18,7 +18,7 @@ from fieldkit.model.clock import Clock
 from fieldkit.model.device import Camera, Device, StreamInfo
 from fieldkit.model.durations import precise_duration
 from fieldkit.model.errors import DeviceError, DeviceLostError
-from fieldkit.model.limits import bounds_of, flagged
+from fieldkit.model.limits import bounds_of, flag_implausible
 from fieldkit.model.samples import Event, EventKind, Frame, Quality, Sample, Severity, is_usable
 from fieldkit.model.units import MINUTE_NS, SECOND_NS
 from fieldkit.recorder.sample_queue import SampleQueue
@@ -187,7 +187,7 @@ class DeviceReader:
             sample = self._device.read(READ_TIMEOUT_S)
             if sample is not None and sample.mono_ns >= self._started_ns:
                 self.received += 1
-                sample = self._in_order(self._across_openings(flagged(sample, self._bounds)))
+                sample = self._in_order(self._across_openings(flag_implausible(sample, self._bounds)))
                 self._last = sample
                 self.implausible += Quality.IMPLAUSIBLE in sample.quality
                 if Quality.DROPPED_BEFORE in sample.quality:

@@ -17,23 +17,19 @@ from urllib.parse import quote
 
 from fieldkit.estimation.estimator import Minute
 from fieldkit.model.alarm import Alarm, alarm_of, phase_of
+from fieldkit.model.channels import quantity_of
 from fieldkit.model.device import StreamInfo
+from fieldkit.model.quantities import QUANTITIES, Quantity
 from fieldkit.model.samples import Event, Reading, Severity, is_usable
-from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.model.version import __version__
 
 PREFIX = "homeassistant"
 """Home Assistant's own prefix of discovery, unless it is configured otherwise there."""
 UNKNOWN = "None"
 """Payload by which a sensor has no value."""
-_KINDS = {
-    "K": {"device_class": "temperature", "unit_of_measurement": "°C"},
-    "lx": {"device_class": "illuminance", "unit_of_measurement": "lx"},
-    "W m-2": {"device_class": "irradiance", "unit_of_measurement": "W/m²"},
-    "m/s": {"device_class": "wind_speed", "unit_of_measurement": "m/s"},
-}
-"""Device class and unit of a value by the unit of its stream."""
 _ANGLE = {"unit_of_measurement": "°"}
+_MEAN = {"state_class": "measurement"}
+"""Of all but angles around a circle: the mean of 359° and 1° is no azimuth."""
 _ONLINE = "{{ 'online' if value == 'recording' else 'offline' }}"
 _IS_ON = "{{ 'OFF' if value_json.phase == 'cleared' else 'ON' }}"
 
@@ -83,16 +79,14 @@ class HomeAssistant:
         for info in self.streams:
             if info.is_camera or info.quantity == "position" or info.name not in self._latest:
                 continue
-            reading, kind = self._latest[info.name], _KINDS.get(info.unit, {"unit_of_measurement": info.unit})
-            zero = CELSIUS_ZERO_K if info.unit == "K" else 0.0
+            reading = self._latest[info.name]
+            quantity = quantity_of(info)
             for name, value in zip(info.channel_names, reading.values, strict=False):
                 words = ("stream", info.name, *([name] if len(info.channel_names) > 1 else []))
-                yield _Value(words, kind, value - zero if is_usable(reading.quality) else math.nan)
+                yield _value(words, quantity, value if is_usable(reading.quality) else math.nan)
 
     def _sensor(self, one: _Value) -> tuple[str, str]:
-        is_mean = one.words[-1] != "azimuth"  # the mean of 359° and 1° is no azimuth
-        kind = {**one.kind, **({"state_class": "measurement"} if is_mean else {})}
-        return self._config("sensor", one.words, {"state_topic": _topic(self.base, *one.words), **kind})
+        return self._config("sensor", one.words, {"state_topic": _topic(self.base, *one.words), **one.kind})
 
     def _problem(self, alarm: Alarm) -> tuple[str, str]:
         topic = alarm_topic(self.base, alarm)
@@ -114,11 +108,19 @@ class HomeAssistant:
         return f"{PREFIX}/{component}/{node}/{name}/config", json.dumps(document)
 
 
+def _value(words: tuple[str, ...], quantity: Quantity, value: float) -> _Value:
+    """A value of a stream in the unit that is shown."""
+    shown, device_class = quantity.shown, quantity.units.device_class
+    kind = {"device_class": device_class} if device_class else {}
+    mean = {} if quantity.is_angle else _MEAN
+    return _Value(words, {**kind, "unit_of_measurement": shown.shown, **mean}, shown.shown_value(value))
+
+
 def _regions(minute: Minute) -> Iterator[_Value]:
     for name, kelvin in minute.temperature_k.items():
-        yield _Value(("region", name, "temperature"), _KINDS["K"], kelvin - CELSIUS_ZERO_K)
+        yield _value(("region", name, "temperature"), QUANTITIES["temperature"], kelvin)
     for slope in minute.estimates:
-        yield _Value(("region", slope.region, "tilt"), _ANGLE, slope.tilt_deg)
+        yield _Value(("region", slope.region, "tilt"), {**_ANGLE, **_MEAN}, slope.tilt_deg)
         yield _Value(("region", slope.region, "azimuth"), _ANGLE, slope.azimuth_deg)
 
 

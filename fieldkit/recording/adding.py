@@ -15,10 +15,11 @@ from typing import Any
 from fieldkit.config import Config, edit, load_config
 from fieldkit.drivers import registry
 from fieldkit.drivers.discovery import ConnectedDevice, discover, is_device
+from fieldkit.model.channels import radiation_components
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings, StreamInfo
 from fieldkit.model.errors import ConfigError, DeviceError, DeviceNotFoundError
-from fieldkit.model.radiation import COMPONENTS, measured
+from fieldkit.model.quantities import COMPONENTS
 from fieldkit.recording.opening import SIMULATED
 from fieldkit.recording.preflight import STATE_UNIT, UNKNOWN_UNIT
 
@@ -140,7 +141,7 @@ def _add(
         port = "" if device.identity else device.port  # an identity survives a replug, a port does not
         given = DeviceSettings(driver, driver, port, device.identity, options=stated)
         settings, info = _declared(device, given, ask)
-        if "" in measured(info, {}):
+        if "" in radiation_components(info, {}):
             component = component or ask(Question(device, driver, "measures", COMPONENTS))
         done.added.append(_written(config, settings, info, component))
 

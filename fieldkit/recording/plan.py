@@ -14,11 +14,10 @@ import numpy as np
 from fieldkit.config import FILE_NAME, Config, config_from_text
 from fieldkit.estimation.day_plan import DayPlan, PlanSettings, label, plan_day
 from fieldkit.estimation.settings import EstimatorSettings
-from fieldkit.model.air import is_air_temperature
 from fieldkit.model.arrays import FloatArray, IntArray
+from fieldkit.model.channels import components_named, is_air_temperature
 from fieldkit.model.clock import utc_ns
 from fieldkit.model.errors import ConfigError, NoAnswerError, StorageError
-from fieldkit.model.radiation import named
 from fieldkit.model.site import RegionKind, Site, as_site
 from fieldkit.model.units import CELSIUS_ZERO_K, DAY_S, HOUR_NS, MINUTE_NS, SECOND_NS
 from fieldkit.physics.bodies import EARTH, body_of
@@ -399,7 +398,7 @@ def reference_facets(config: Config) -> tuple[tuple[float, float], ...]:
 def logged_by(config: Config) -> frozenset[str]:
     """What the instruments of a campaign measure beside light and frames, by their labels and the keys."""
     labels = [str(label) for device in config.devices for label in device.options.get("labels", ())]
-    components = {*named(labels), *config.tables.irradiance.measures.values()}
+    components = {*components_named(labels), *config.tables.irradiance.measures.values()}
     found = {AIR: any(map(is_air_temperature, labels))}
     found |= {DIFFUSE: "dhi" in components, LONGWAVE: "longwave_down" in components}
     return frozenset(word for word, is_logged in found.items() if is_logged)

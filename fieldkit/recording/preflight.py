@@ -10,9 +10,9 @@ from fieldkit.calibration.calibration_record import CalibrationRecord, model_war
 from fieldkit.config import Config
 from fieldkit.config.trajectory import outside
 from fieldkit.estimation.instruments import Instruments as EstimatorInstruments
+from fieldkit.model.channels import how_to_state
 from fieldkit.model.device import StreamInfo, frame_shapes
 from fieldkit.model.errors import ConfigError, StorageError
-from fieldkit.model.radiation import how_to_state
 from fieldkit.model.units import SECOND_NS
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.recorder import Sampling

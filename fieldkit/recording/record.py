@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING
 
 from fieldkit.config import Config, find_campaign, load_config
 from fieldkit.estimation.estimator import Estimator, Minute
+from fieldkit.model.channels import with_components
 from fieldkit.model.device import StreamInfo, frame_shapes
 from fieldkit.model.durations import as_seconds
 from fieldkit.model.mark_times import shown_at
-from fieldkit.model.radiation import with_components
 from fieldkit.model.site import Site
 from fieldkit.model.units import SECOND_NS
 from fieldkit.recorder import Recorder, Summary, View

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from fieldkit.model.channels import radiation_components
 from fieldkit.model.durations import precise_duration
 from fieldkit.model.errors import SessionError
 from fieldkit.model.learnt import Learnt
-from fieldkit.model.radiation import measured
 from fieldkit.model.site import Site
 from fieldkit.model.slope import SlopeEstimate, final_estimates
 from fieldkit.results.json_document import learnt_document
@@ -78,7 +78,7 @@ def _stream(session: SessionReader, name: str) -> dict[str, Any]:
         "name": name, "quantity": info.quantity, "unit": info.unit, "shape": list(info.shape),
         "samples": session.count(name), "driver": info.driver,
         "device": " ".join(word for word in (info.vendor, info.model, info.serial_number) if word),
-        "rate_hz": info.rate_hz, "measures": list(measured(info, {})),
+        "rate_hz": info.rate_hz, "measures": list(radiation_components(info, {})),
     }  # fmt: skip
 
 

@@ -16,8 +16,8 @@ from fieldkit.config.template import PAPER_SITE
 from fieldkit.estimation.instruments import sunlight_source
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.errors import ConfigError, FieldkitError
-from fieldkit.model.limits import rows_of
-from fieldkit.model.radiation import COMPONENTS
+from fieldkit.model.limits import changed_rows
+from fieldkit.model.quantities import COMPONENTS
 from fieldkit.model.samples import Severity
 from fieldkit.model.site import Site, apart_m, known_zone
 from fieldkit.results import import_flir
@@ -197,7 +197,7 @@ def import_recording(
     recording = read_source(source, options)
     config = _campaign_or_none(Path(campaign), notify)
     site, recording = _with_site(recording, options.site, config)
-    recording = possible(recording, config.limits if config else rows_of({}, site.body), site)
+    recording = possible(recording, config.limits if config else changed_rows({}, site.body), site)
     regions = config.regions if config else ()
     header = SessionHeader(
         options.title or source.name, site, recording.streams, regions, command_line=command_line
@@ -247,7 +247,7 @@ def import_into(
 
 def _limits_of(session: SessionReader) -> dict[str, tuple[float, float]]:
     """The rows of the table of limits that differ in a session: its body's, and those of its streams."""
-    rows = rows_of({}, session.site.body)
+    rows = changed_rows({}, session.site.body)
     for info in session.streams.values():
         rows |= info.limits
     return rows

@@ -251,9 +251,7 @@ def _learnt_briefly(parameter: LearntParameter) -> str:
 def _probes(info: StreamInfo, reading: Reading) -> str:
     """Each probe's temperature behind its name: ``flat 26.9  b15 28.1``."""
     names = info.channels or ("",) * len(reading.values)
-    in_celsius = (
-        formatting.celsius(v, 1) if info.unit == "K" else formatting.number(v, 1) for v in reading.values
-    )
+    in_celsius = (formatting.celsius(kelvin, 1) for kelvin in reading.values)
     return "  ".join(f"{name} {celsius}".lstrip() for name, celsius in zip(names, in_celsius, strict=True))
 
 

@@ -9,15 +9,17 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
 from fieldkit.model.arrays import BoolArray, IntArray
+from fieldkit.model.channels import with_components
 from fieldkit.model.clock import ClockCheck, HostClock
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError
-from fieldkit.model.limits import bounds_of, excesses, flagged, labels_of
+from fieldkit.model.limits import bounds_of, excesses, flag_implausible, labels_of
+from fieldkit.model.quantities import Quantity
 from fieldkit.model.samples import NO_COUNTER, Event, EventKind, Frame, Quality, Reading, Sample, Severity
 from fieldkit.model.site import Site
 from fieldkit.physics.sun import sun_vectors
@@ -56,6 +58,17 @@ def imported_reading(
     return Reading(stream, time_ns, time_ns, values, raw, quality, device_seq=row)
 
 
+def station_stream(
+    name: str, quantity: Quantity, rate_hz: float, labels: Sequence[str] = (), **about: Any
+) -> StreamInfo:
+    """The stream of a weather station for a quantity, with a channel for each label."""
+    info = StreamInfo(
+        f"{name}-{quantity.of_station}", quantity.stream or quantity.name, quantity.units.stored,
+        (max(1, len(labels)),), channels=tuple(labels), rate_hz=rate_hz, driver="import", **about,
+    )  # fmt: skip
+    return with_components(info, {info.name: quantity.name})
+
+
 def possible(
     imported: ImportedRecording, limits: Mapping[str, tuple[float, float]], site: Site
 ) -> ImportedRecording:
@@ -76,7 +89,8 @@ def possible(
         values = np.array([reading.values for reading in readings], np.float64).reshape(-1, *info.shape)
         sine = sun_vectors([reading.time_ns for reading in readings], site).reshape(-1, 3)[:, 2]
         for place, reading in zip(places, readings, strict=True):
-            samples[place] = flagged(reading, bounds)  # whatever the sun's height: times may be corrected
+            # whatever the sun's height: times may be corrected
+            samples[place] = flag_implausible(reading, bounds)
         found = excesses(labels_of(info), bounds, values, bounds.exceeded(values, sine))
         words = (one.words(_place(readings[one.first])) for one in found)
         notes += [(Severity.WARNING, f"{text}; stored, not used") for text in words]

@@ -18,11 +18,10 @@ from dataclasses import dataclass, replace
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
-from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.quantities import QUANTITIES, Meaning, Unit, unit_of
 from fieldkit.model.samples import Reading, Severity
-from fieldkit.model.units import CELSIUS_ZERO_K
-from fieldkit.sessions.formats.imported import ImportedRecording, imported_reading
+from fieldkit.sessions.formats.imported import ImportedRecording, imported_reading, station_stream
 from fieldkit.sessions.formats.times import utc_ns
 
 JST = timezone(timedelta(hours=9), "JST")
@@ -62,30 +61,7 @@ _SPLIT = ("年", "月", "日", "時")
 _DAY = timedelta(days=1)
 
 
-@dataclass(frozen=True, slots=True)
-class _Kind:
-    """Meaning of an item's unit: stream, quantity, stored unit, factor and addend, and whether a sum.
-
-    `measures` is the component of radiation.
-    """
-
-    word: str
-    quantity: str
-    unit: str
-    factor: float = 1.0
-    add: float = 0.0
-    is_sum: bool = False
-    measures: str = ""
-
-
-_KINDS = {
-    ("日射量", "MJ/㎡"): _Kind("global", "irradiance", "W m-2", 1e6, is_sum=True, measures="ghi"),
-    ("気温", "℃"): _Kind("air", "air_temperature", "K", add=CELSIUS_ZERO_K),
-    ("風速", "m/s"): _Kind("wind", "wind_speed", "m s-1"),
-    # reduced to the sea: 現地気圧, at the station, is what weighs on the field
-    ("海面気圧", "hPa"): _Kind("sea-level-pressure", "air_pressure_at_mean_sea_level", "Pa", 100.0),
-    ("気圧", "hPa"): _Kind("pressure", "air_pressure", "Pa", 100.0),
-}
+_SUM = Unit("MJ/㎡")
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +69,7 @@ class _Item:
     """One value column: where it stands, where its quality and homogeneity number do (-1: nowhere)."""
 
     label: str
-    kind: _Kind
+    kind: Meaning
     value: int
     quality: int
     homogeneity: int
@@ -145,7 +121,7 @@ def _obsdl(path: Path, rows: list[list[str]], name: str) -> ImportedRecording:
         raise ConfigError(f"{path} has no row that begins with a date", fix="choose hourly values at obsdl")
     items = _items(rows[:at], rows[at], [row for stamp, row in below if stamp is None])
     if not items:
-        have = ", ".join(f"{word}({unit})" for word, unit in _KINDS)
+        have = ", ".join(row.of_jma for row in QUANTITIES.values() if row.of_jma)
         raise ConfigError(f"{path} has no item that fieldkit takes", fix=f"it takes {have}")
     return _recording(path, name, items, body, timedelta(hours=1 if hourly else 24))
 
@@ -168,9 +144,10 @@ def _recording(
     path: Path, name: str, items: Sequence[_Item], body: Sequence[tuple[datetime, list[str]]], step: timedelta
 ) -> ImportedRecording:
     streams, readings = [], []
-    for word in dict.fromkeys(item.kind.word for item in items):
-        ours = [item for item in items if item.kind.word == word]
-        info = _stream(f"{name}-{word}", ours[0].kind, tuple(item.label for item in ours), step)
+    for quantity in dict.fromkeys(item.kind.quantity for item in items):
+        ours = [item for item in items if item.kind.quantity == quantity]
+        labels = [item.label for item in ours]
+        info = station_stream(name, quantity, 1.0 / step.total_seconds(), labels, vendor=VENDOR)
         streams.append(info)
         for stamp, row in body:
             time_ns = utc_ns(stamp + _to_middle(ours[0].kind, step))
@@ -181,19 +158,11 @@ def _recording(
     return ImportedRecording(tuple(streams), readings, tuple(_notes(path, items, body, step)))
 
 
-def _stream(name: str, kind: _Kind, labels: tuple[str, ...], step: timedelta) -> StreamInfo:
-    return StreamInfo(
-        name, kind.quantity, kind.unit, (len(labels),), channels=labels,
-        measures=(kind.measures,) * len(labels) if kind.measures else (), rate_hz=1.0 / step.total_seconds(),
-        driver="import", vendor=VENDOR,
-    )  # fmt: skip
-
-
-def _to_middle(kind: _Kind, step: timedelta) -> timedelta:
+def _to_middle(kind: Meaning, step: timedelta) -> timedelta:
     """From a row's stamp to what its values are of; days are stamped at their beginning."""
     if step >= _DAY:
         return step / 2
-    return -step / 2 if kind.is_sum else timedelta(0)
+    return -step / 2 if kind.unit == _SUM else timedelta(0)
 
 
 def _notes(
@@ -258,12 +227,12 @@ def _numbered(items: Sequence[_Item]) -> list[_Item]:
     return numbered
 
 
-def _kind(cell: str) -> _Kind | None:
-    if _VAPOUR in cell:
-        return None
-    return next(
-        (kind for (word, unit), kind in _KINDS.items() if word in cell and cell.endswith(f"({unit})")), None
-    )
+def _kind(cell: str) -> Meaning | None:
+    """Meaning of an item's values, such as 気温(℃)."""
+    item, _, written = cell.removesuffix(")").rpartition("(")
+    row = next((row for row in QUANTITIES.values() if row.of_jma and row.of_jma in item), None)
+    unit = _SUM if written == _SUM.shown else unit_of(written)
+    return Meaning(row, unit) if row and unit and _VAPOUR not in item else None
 
 
 def _companions(items: Sequence[str], below: Sequence[Sequence[str]], place: int) -> dict[str, int]:
@@ -294,7 +263,8 @@ def _value(item: _Item, row: Sequence[str], step: timedelta) -> float:
         return float("nan")
     if not _is_normal(item, row):
         return float("nan")
-    return number * item.kind.factor / (step.total_seconds() if item.kind.is_sum else 1.0) + item.kind.add
+    is_sum = item.kind.unit == _SUM
+    return number * 1e6 / step.total_seconds() if is_sum else item.kind.stored(number)
 
 
 # --- radiation tables: one quantity of one month, a row a day
@@ -306,10 +276,7 @@ def _value(item: _Item, row: Sequence[str], step: timedelta) -> float:
 
 _NAME = re.compile(r"(DR|DF|DL)(\d{4})(0[1-9]|1[0-2])_(\w+)\.txt", re.IGNORECASE)
 
-_QUANTITIES = {
-    "DR": ("direct", "irradiance", "dni"), "DF": ("diffuse", "irradiance", "dhi"),
-    "DL": ("longwave-down", "longwave_irradiance", "longwave_down"),
-}  # fmt: skip
+_COMPONENTS = {"DR": "dni", "DF": "dhi", "DL": "longwave_down"}
 
 _HOURS = [f"{hour:02}" for hour in range(1, 25)]  # a heading, not the first of the month
 
@@ -329,17 +296,14 @@ def read_radiation_table(path: Path, name: str) -> ImportedRecording:
     named = _NAME.fullmatch(path.name)
     if named is None:
         raise not_understood(path, "its name does not give quantity and month, like DR202406_tat.txt")
-    word, quantity, component = _QUANTITIES[named[1].upper()]
+    quantity = QUANTITIES[_COMPONENTS[named[1].upper()]]
+    info = station_stream(name, quantity, 1 / 3600, vendor=VENDOR, model=f"station {named[4]}")
     try:
         first = datetime(int(named[2]), int(named[3]), 1, tzinfo=JST)
         days = [day for line in japanese_text(path).splitlines() if (day := _day(path, line)) is not None]
-        readings = _readings(path, f"{name}-{word}", first, days)
+        readings = _readings(path, info.name, first, days)
     except OverflowError as error:
         raise not_understood(path, str(error)) from error
-    info = StreamInfo(
-        f"{name}-{word}", quantity, "W m-2", (1,), measures=(component,), rate_hz=1 / 3600, driver="import",
-        vendor=VENDOR, model=f"station {named[4]}",
-    )  # fmt: skip
     note = f"{path.name}: hourly sums of {len(days)} days as means, stamped at half past, from Japan's time"
     return ImportedRecording((info,), readings, ((Severity.INFO, note),))
 

@@ -11,19 +11,20 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime, tzinfo
-from itertools import chain, groupby, pairwise
+from itertools import chain, count, groupby, pairwise
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from fieldkit.model import quantities
+from fieldkit.model.channels import how_to_state
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError
-from fieldkit.model.radiation import UNIT, how_to_state, named
+from fieldkit.model.quantities import KNOWN_UNITS, POWER, Meaning, Quantity, meaning_of, unknown_meaning
 from fieldkit.model.samples import Quality, Reading, Severity
 from fieldkit.sessions.formats.imported import ImportedRecording, imported_reading, usual_rate_hz
 from fieldkit.sessions.formats.logger_clock import Keep, Notes, TimedRow, counted, in_clock_order, listed
-from fieldkit.sessions.formats.table_units import KNOWN, Unit, known_unit
 from fieldkit.sessions.formats.tables import (
     AVERAGED,
     DEFAULT_ENCODING,
@@ -202,22 +203,28 @@ class Channel(NamedTuple):
 
     place: int
     label: str
-    meaning: Unit
+    meaning: Meaning
     is_average: bool
     unit_at: int
 
     def value(self, cells: Sequence[str]) -> float:
         """The number of a row in the stream's unit; NaN without one."""
-        meaning = self.meaning if self.unit_at < 0 else known_unit(cell_of(cells, self.unit_at))
-        if meaning is None:
-            return math.nan
-        return (_number(_cell(cells, self.place)) + meaning.add) / meaning.by
+        meaning = self.meaning_in(cells)
+        return meaning.stored(_number(_cell(cells, self.place))) if meaning else math.nan
+
+    def meaning_in(self, cells: Sequence[str]) -> Meaning | None:
+        """Meaning of a row's number; None where its unit is of another quantity."""
+        if self.unit_at < 0:
+            return self.meaning
+        written = cell_of(cells, self.unit_at)
+        meaning = meaning_of(written, self.label) or unknown_meaning(written)
+        return meaning if meaning.quantity == self.meaning.quantity else None
 
 
 def _channels(path: Path, table: Table, options: LogOptions) -> tuple[list[Channel], Notes]:
     """The columns that are read, and notes on the others."""
-    if options.unit and known_unit(options.unit) is None:
-        raise ConfigError(f"{options.unit!r} is not a known unit", fix=f"--unit of {KNOWN}")
+    if options.unit and quantities.unit_of(options.unit) is None:
+        raise ConfigError(f"{options.unit!r} is not a known unit", fix=f"--unit of {KNOWN_UNITS}")
     asked = [place_of(path, table.columns, one) for one in options.columns.values]
     if not asked:
         return _all_channels(path, table, options.unit)
@@ -228,34 +235,32 @@ def _channels(path: Path, table: Table, options: LogOptions) -> tuple[list[Chann
 
 
 def _all_channels(path: Path, table: Table, unit: str) -> tuple[list[Channel], Notes]:
-    """Every column whose unit is known, by the table or for lack of one there by the option."""
-    read: list[Channel] = []
-    stated: list[str] = []
-    given: list[str] = []
-    other: list[Column] = []
-    unknown: list[str] = []
+    """Every column with numbers; those whose quantity the table does not state, as they came.
+
+    The option gives the unit where the table has none. Extremes, sums and deviations are no samples of their
+    quantity.
+    """
+    channels: list[Channel] = []
+    heads: dict[str, list[str]] = {"table": [], "option": [], "unknown": []}
     for place in _free(table):
         column = table.columns[place]
         written, own = _stated(path, table, place)
-        meaning = own or (known_unit(unit) if not written and _has_numbers(table, place) else None)
-        if written and own is None:
-            unknown.append(column.head if column.unit else f"{column.head} [{written}]")
-        elif meaning and not _is_as_measured(column):
-            other.append(column)
-        elif meaning:
-            read.append(_channel(table, place, meaning))
-            (stated if own else given).append(column.head)
-    if not read:
+        if own is None and not _has_numbers(table, place):
+            continue
+        meaning = own or (None if written else meaning_of(unit, column.label))
+        source = "unknown" if meaning is None or not _is_as_measured(column) else "table" if own else "option"
+        if meaning is None or source == "unknown":
+            meaning = unknown_meaning(written)
+        channels.append(_channel(table, place, meaning))
+        heads[source].append(column.head)
+    if not any(channel.meaning.unit.shown for channel in channels):
         raise ConfigError(
-            f"{path}: no column has a unit that is read{': ' if unknown else ''}{', '.join(unknown)}",
-            fix=f'headers like "T1 [C]", or --unit of {KNOWN} for columns without one',
+            f"{path}: no column has a unit",
+            fix=f'headers like "T1 [C]", or --unit of {KNOWN_UNITS} for columns without one',
         )
-    notes = (
-        (unknown, f"excluded for their unit: {', '.join(unknown)}; known units: {KNOWN}"),
-        (other, f"excluded, neither samples nor averages: {_with_process(other)}"),
-    )
-    warnings = [(Severity.WARNING, note) for found, note in notes if found]
-    return read, [*warnings, *_on_option("--unit", unit, given, stated)]
+    text = f"stored as they came, and not used: {', '.join(heads['unknown'])}; known units: {KNOWN_UNITS}"
+    notes = [(Severity.WARNING, text)] if heads["unknown"] else []
+    return channels, [*notes, *_on_option("--unit", unit, heads["option"], heads["table"])]
 
 
 def _is_as_measured(column: Column) -> bool:
@@ -269,54 +274,60 @@ def _with_process(columns: Sequence[Column]) -> str:
 
 def _asked(path: Path, table: Table, place: int, options: LogOptions) -> Channel:
     """A column asked for by name; raises `ConfigError` where it contradicts an option."""
-    column, given = table.columns[place], known_unit(options.unit)
+    column = table.columns[place]
+    given = meaning_of(options.unit, column.label)
     written, stated = _stated(path, table, place)
     if written and given and stated != given:
         raise ConfigError(
             f"{path}: column {column.head!r} states the unit {written!r}, --unit {options.unit}",
             fix="omit --unit, or the column",
         )
-    meaning = stated or given
-    if meaning is None:
+    meaning = stated or given or unknown_meaning(written)
+    if not meaning.unit.shown:
+        raise ConfigError(f"{path}: column {column.head!r} has no unit", fix=f"--unit of {KNOWN_UNITS}")
+    component = quantities.quantity_named(column.label, POWER.stored)
+    if options.measures and meaning.quantity.units == POWER and component not in ("", options.measures):
         raise ConfigError(
-            f"{path}: column {column.head!r} has the unit {written!r}",
-            fix=f"convert it to one of {KNOWN}" if written else f"--unit of {KNOWN}",
-        )
-    component = named((column.label,))
-    if options.measures and meaning.unit == UNIT and component not in ((), (options.measures,)):
-        raise ConfigError(
-            f"{path}: column {column.head!r} states {component[0]}, --measures {options.measures}",
+            f"{path}: column {column.head!r} states {component}, --measures {options.measures}",
             fix="omit --measures, or the column",
         )
     return _channel(table, place, meaning)
 
 
-def _channel(table: Table, place: int, meaning: Unit) -> Channel:
+def _channel(table: Table, place: int, meaning: Meaning) -> Channel:
     column = table.columns[place]
     return Channel(place, column.label, meaning, column.process in AVERAGED, column.unit_at)
 
 
 def _free(table: Table) -> list[int]:
-    """The columns that may hold values."""
-    taken = {*table.time_at, *(column.unit_at for column in table.columns)}
-    return [place for place in range(len(table.columns)) if place not in taken]
+    """The columns that may hold values: not those of times, units, Campbell's record numbers and flags."""
+    others = {*table.time_at, *(column.unit_at for column in table.columns)}
+    if _flags_at(table) >= 0:
+        others |= set(range(len(table.columns))[-len(_EXPORTED) :])
+    return [
+        place for place, column in enumerate(table.columns) if place not in others and column.unit != "RN"
+    ]
 
 
-def _stated(path: Path, table: Table, place: int) -> tuple[str, Unit | None]:
+def _stated(path: Path, table: Table, place: int) -> tuple[str, Meaning | None]:
     """The unit that the table states of a column, as written and what it means."""
     column = table.columns[place]
     if column.unit_at < 0:
-        return column.unit, known_unit(column.unit)
+        return column.unit, meaning_of(column.unit, column.label)
     cells = {cell_of(row.cells, column.unit_at): row.number for row in reversed(table.rows)}
-    known = {unit.quantity: (unit, cell) for cell in cells if (unit := known_unit(cell))}
-    if len(known) > 1:
-        units = " and ".join(f"{cell!r} (row {cells[cell]})" for _, cell in known.values())
+    meanings = {
+        meaning.quantity.name: (meaning, cell)
+        for cell in cells
+        if (meaning := meaning_of(cell, column.label))
+    }
+    if len(meanings) > 1:
+        units = " and ".join(f"{cell!r} (row {cells[cell]})" for _, cell in meanings.values())
         raise ConfigError(
             f"{path}: column {column.head!r} has values in {units}",
             fix="import the rows of each quantity on their own",
         )
-    unit, written = next(iter(known.values()), (None, next(iter(cells))))
-    return written, unit
+    meaning, written = next(iter(meanings.values()), (None, next(iter(cells))))
+    return written, meaning
 
 
 def _has_numbers(table: Table, place: int) -> bool:
@@ -337,25 +348,29 @@ def _streams(
     name: str, channels: Sequence[Channel], measures: str, rate_hz: float, raw_bytes: int
 ) -> list[_Stream]:
     """A stream for each quantity, and one of its own for averages beside samples of it."""
-    groups: dict[tuple[str, bool], list[Channel]] = {}
-    for channel in channels:
+    groups: dict[tuple[Quantity, bool], list[Channel]] = {}
+    for channel in sorted(channels, key=lambda channel: channel.meaning.quantity.name == quantities.UNKNOWN):
         groups.setdefault((channel.meaning.quantity, channel.is_average), []).append(channel)
-    streams = []
+    streams: dict[str, _Stream] = {}
     for (quantity, is_average), ours in groups.items():
         suffix = "-mean" if is_average and (quantity, False) in groups else ""
-        stream = name if len(groups) == 1 else f"{name}-{quantity}{suffix}"
-        streams.append(_Stream(_info(stream, ours, measures, rate_hz, raw_bytes), ours))
-    return streams
+        stream = name if len(groups) == 1 else f"{name}-{quantity.name}{suffix}"
+        numbered = (f"{stream}-{number}" for number in count(2))  # unknown quantities of several units
+        free = next(word for word in chain([stream], numbered) if word not in streams)
+        streams[free] = _Stream(_info(free, ours, measures, rate_hz, raw_bytes), ours)
+    return list(streams.values())
 
 
 def _info(
     name: str, channels: Sequence[Channel], measures: str, rate_hz: float, raw_bytes: int
 ) -> StreamInfo:
-    labels, first = tuple(channel.label for channel in channels), channels[0].meaning
-    stated = named(labels) or ("",) * len(labels)
-    components = tuple(one or measures for one in stated) if first.unit == UNIT else ()
+    labels, quantity = tuple(channel.label for channel in channels), channels[0].meaning.quantity
+    is_power = quantity.units == POWER
+    components = tuple(
+        quantities.quantity_named(label, POWER.stored) or measures for label in labels if is_power
+    )
     return StreamInfo(
-        name, first.quantity, first.unit, (len(labels),), channels=labels,
+        name, quantity.name, quantity.units.stored, (len(labels),), channels=labels,
         measures=components if any(components) else (), rate_hz=rate_hz, driver="import", raw_bytes=raw_bytes,
     )  # fmt: skip
 
@@ -418,8 +433,8 @@ def _on_option(option: str, given: str, applied: Sequence[str], stated: Sequence
 
 
 def _on_measures(channels: Sequence[Channel], measures: str) -> Notes:
-    labels = [channel.label for channel in channels if channel.meaning.unit == UNIT]
-    stated = [label for label in labels if named((label,))]
+    labels = [channel.label for channel in channels if channel.meaning.quantity.units == POWER]
+    stated = [label for label in labels if quantities.quantity_named(label, POWER.stored)]
     return _on_option("--measures", measures, [label for label in labels if label not in stated], stated)
 
 
@@ -435,7 +450,7 @@ def _on_cells(rows: Sequence[TimedRow], channels: Sequence[Channel]) -> Notes:
     units = [
         f"{cell_of(row.cells, one.unit_at)!r} (row {row.number})"
         for _, one, row in cells
-        if one.unit_at >= 0 and known_unit(cell_of(row.cells, one.unit_at)) is None
+        if one.meaning_in(row.cells) is None
     ]
     notes = []
     if words:
@@ -449,7 +464,7 @@ def _on_stream(stream: _Stream, rows: Sequence[TimedRow]) -> Notes:
     """Notes on what a stream of radiation does not state, and on averages that were moved."""
     info, labels = stream.info, ", ".join(stream.info.channels)
     notes: Notes = []
-    if info.unit == UNIT and not info.measures:
+    if info.unit == POWER.stored and not info.measures:
         note = f"what {labels} measures is not known, so slopes cannot use it"
         fix = f"import it with --measures ghi, or {how_to_state(info.name)}"
         notes.append((Severity.WARNING, f"{note}: {fix}"))

@@ -21,9 +21,9 @@ import numpy as np
 from fieldkit.model.arrays import AnyArray, CountArray
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, message_of
+from fieldkit.model.quantities import TEMPERATURE, Unit, meaning_of
 from fieldkit.model.samples import Frame, Quality, Severity
 from fieldkit.sessions.formats.imported import ImportedRecording, flag_bunched, refuse_bomb, usual_rate_hz
-from fieldkit.sessions.formats.table_units import Unit, known_unit
 from fieldkit.sessions.formats.tiff import Page, read_pages
 from fieldkit.sessions.formats.times import GIVE_TIMES, given_times_ns, parse_times_ns, plausible_ns
 
@@ -44,7 +44,6 @@ _NOT_COLOURED = "export the radiometric frames as unsigned 16-bit counts, not co
 
 _UNIT_OF_FLOAT = "if they are temperatures: --unit C, or K, F"
 
-_KELVIN_UNIT = "K"
 
 _PNG_MAGIC, _PNG_HEAD = b"\x89PNG\r\n\x1a\n", struct.Struct(">IIBB")  # its IHDR: width, height, bits, colour
 
@@ -196,10 +195,10 @@ def _png_stills(paths: Sequence[Path]) -> tuple[list[_Still], list[Note]]:
 
 def _temperature_unit(written: str) -> Unit | None:
     """The unit of floating-point frames, None if none is given; raises `ConfigError` for another quantity."""
-    unit = known_unit(written) if written else None
-    if written and (unit is None or unit.unit != _KELVIN_UNIT):
+    meaning = meaning_of(written)
+    if written and (meaning is None or meaning.quantity.units != TEMPERATURE):
         raise ConfigError(f"--unit {written} is not a temperature", fix="--unit C, or K, F")
-    return unit
+    return meaning.unit if meaning else None
 
 
 def _tiff_stills(paths: Sequence[Path], written: str) -> tuple[list[_Still], list[Note]]:

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from fieldkit.model.errors import ConfigError
-from fieldkit.sessions.formats.table_units import short_cut_unit, split_head
+from fieldkit.model.quantities import short_cut_unit, unit_of
 from fieldkit.sessions.formats.times import is_clock, is_date_alone, is_dated, is_time, is_unix, stated_zone
 
 _MAX_BYTES = 100_000_000
@@ -45,6 +45,10 @@ _HOBO = re.compile(r"(?P<name>[^,(]+?)(?:, (?P<unit>[^,(]+?))?(?: \((?P<more>(?:
 
 _BELOW_TIME = re.compile(r"TS|(?:UTC|GMT|[ymdhsf]|[\W\d_])*", re.IGNORECASE)  # such as yyyy-mm-dd hh:mm:ss
 _FRACTION_DIGITS = {"ms": 3, "msec": 3, "us": 6, "usec": 6, "µs": 6, "μs": 6}
+
+# in round brackets anything may stand, such as a place or a number: short words and signs of units are units
+_BRACKETS = re.compile(r"\s*(?:\[\s*(?P<square>[^\[\]]+?)\s*\]|\(\s*(?P<round>[^()]+?)\s*\))\s*$")
+_LIKE_A_UNIT = re.compile(r"[A-Za-zµμΩ]{1,4}|[^%°/²³µμΩ^]*[%°/²³µμΩ^].*|volts|knots|degrees|percent|counts")
 
 
 class Row(NamedTuple):
@@ -325,6 +329,16 @@ def _zone(head: Sequence[Sequence[str]], above: Sequence[Row], time_at: Sequence
 
 
 # --- what the header states of each column
+
+
+def split_head(head: str) -> tuple[str, str]:
+    """Name and unit of a header's cell: ``T1 [C]``, ``light (lx)``; the unit ``""`` where it has none."""
+    brackets = _BRACKETS.search(head)
+    if brackets is None or not head[: brackets.start()]:
+        return head, ""
+    unit = brackets["square"] or brackets["round"]
+    is_unit = brackets["square"] or unit_of(unit) or _LIKE_A_UNIT.fullmatch(unit)
+    return (head[: brackets.start()], unit) if is_unit and not unit.isdigit() else (head, "")
 
 
 def _columns(names: list[str], below: Sequence[list[str]], *, is_campbell: bool) -> list[Column]:

@@ -11,8 +11,8 @@ import numpy as np
 from fieldkit.estimation.balance import GROUND_ALBEDO_SD
 from fieldkit.estimation.settings import PAPER_SCALE_SD, EstimatorSettings
 from fieldkit.estimation.statistics import SdKind, errors_over_time
-from fieldkit.model.air import is_air_temperature
 from fieldkit.model.arrays import FloatArray
+from fieldkit.model.channels import is_air_temperature
 from fieldkit.model.confidence import percent
 from fieldkit.model.slope import SlopeEstimate
 from fieldkit.views import formatting, study_figures

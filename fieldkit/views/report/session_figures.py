@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from fieldkit.model.air import is_air_temperature
 from fieldkit.model.arrays import FloatArray
+from fieldkit.model.channels import is_air_temperature
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.slope import SOLVED, SlopeEstimate
 from fieldkit.model.units import CELSIUS_ZERO_K, MINUTE_NS

@@ -107,13 +107,6 @@ def test_a_thermometer_that_showed_fahrenheit_is_read_as_such():
     assert collector.readings().contact_k == pytest.approx([310.928], abs=1e-3)
 
 
-def test_a_thermometer_in_degrees_celsius_is_brought_to_kelvin():
-    collector = ReadingCollector(made(CAMERA, replace(PROBES, unit="°C")))
-    collector.add(frame(0))
-    collector.add(reading(0, 36.85, 0.0, 0.0))
-    assert collector.readings().contact_k == pytest.approx([310.0])
-
-
 def test_an_emissivity_that_the_camera_applied_is_undone():
     """What it reported of a grey surface, by its own law, becomes what it saw."""
     seen = float(brightness_temperature_k(320.0, 0.9, 280.0))

@@ -42,7 +42,7 @@ class Yard:
     streams: tuple[StreamInfo, ...] = (
         StreamInfo("camera", "brightness_temperature", "K", SHAPE, scale=0.01),
         StreamInfo("lux", "illuminance", "lx", (1,)),
-        StreamInfo("contact", "temperature", "degC", (2,), channels=("sand", "air")),
+        StreamInfo("contact", "temperature", "K", (2,), channels=("sand", "air")),
     )
     dni_w_m2: float = 800.0
     noise_k: float = 0.0
@@ -81,7 +81,7 @@ class Yard:
                 horizontal = self.light(minute) * float(sun_vectors(at, self.site)[2]) / 0.85
                 made.append(Reading("lux", at + 7, at, (horizontal * 0.44 * EQ10_DIVISOR,)))
                 if second % 20 == 0:
-                    made.append(Reading("contact", at + 7, at, (31.0, float("nan"))))
+                    made.append(Reading("contact", at + 7, at, (304.15, float("nan"))))
         return sorted(made, key=lambda sample: sample.time_ns)
 
 

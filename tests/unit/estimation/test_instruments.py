@@ -60,18 +60,18 @@ def test_a_cloudless_day_from_before_sunrise_has_no_clouds(meter, start):
 
 @pytest.mark.parametrize("flag", [Quality.BAD_CRC, Quality.FROZEN, Quality.OVERRANGE, Quality.STALE])
 def test_flagged_contact_readings_are_excluded_from_the_mean(flag):
-    instruments = Instruments((StreamInfo("probe", "temperature", "degC", (2,)),), EstimatorSettings())
+    instruments = Instruments((StreamInfo("probe", "temperature", "K", (2,)),), EstimatorSettings())
     minute = OpenBin(0, np.arange(0))
-    for second, value in enumerate([25.0, 9000.0, 27.0]):
-        quality = flag if value > 100.0 else Quality.GOOD
-        minute.add_reading(Reading("probe", second, second * 10**9, (value, 20.0), quality=quality))
+    for second, value in enumerate([298.15, 9000.0, 300.15]):
+        quality = flag if value > 1000.0 else Quality.GOOD
+        minute.add_reading(Reading("probe", second, second * 10**9, (value, 293.15), quality=quality))
     assert instruments.contact_k(minute) == pytest.approx((299.15, 293.15))
 
 
 def test_a_probe_all_of_whose_readings_are_in_doubt_has_no_temperature():
-    instruments = Instruments((StreamInfo("probe", "temperature", "degC", (2,)),), EstimatorSettings())
+    instruments = Instruments((StreamInfo("probe", "temperature", "K", (2,)),), EstimatorSettings())
     minute = OpenBin(0, np.arange(0))
-    minute.add_reading(Reading("probe", 0, 0, (9000.0, 20.0), quality=Quality.BAD_CRC))
+    minute.add_reading(Reading("probe", 0, 0, (9000.0, 293.15), quality=Quality.BAD_CRC))
     assert np.isnan(instruments.contact_k(minute)).tolist() == [True, True]
 
 
@@ -102,14 +102,14 @@ def test_air_and_probes_are_the_means_of_their_channels_without_unusable_reading
         ("thermometer", 0, (300.0, 310.0, 320.0, 290.0), Quality.GOOD),
         ("thermometer", 1, (302.0, np.nan, 324.0, 292.0), Quality.GOOD),
         ("thermometer", 2, (900.0, 900.0, 900.0, 900.0), Quality.STALE),
-        ("logger", 3, (31.85,), Quality.GOOD),
+        ("logger", 3, (305.0,), Quality.GOOD),
     ]
-    logger = StreamInfo("logger", "temperature", "degC", (1,), channels=("bed",))
+    logger = StreamInfo("logger", "temperature", "K", (1,), channels=("bed",))
     probes = {"flat": ("thermometer:T1",), "b25": ("thermometer:3", "logger:bed", "lost:T1")}
     (entry,) = binned((THERMOMETER, logger), readings, probes=probes)
     assert entry.air_k == 291.0
     assert np.isnan(entry.wind_m_s)
-    # b25: the mean of (320 + 324) / 2 and 31.85 + 273.15
+    # b25: the mean of (320 + 324) / 2 and 305
     np.testing.assert_allclose(entry.probe_k, [301.0, np.nan, 313.5])
     assert entry.contact_k[:4] == (301.0, 310.0, 322.0, 291.0)
 

@@ -18,7 +18,7 @@ from fieldkit.weather import packaged
 NAMES = ("ghi", "dhi", "dni", "longwave_down")
 STREAMS = (
     *(StreamInfo(name, "irradiance", "W m-2", (1,), measures=(name,), rate_hz=1 / 60) for name in NAMES),
-    StreamInfo("air", "air_temperature", "degC", (1,), rate_hz=1 / 60),
+    StreamInfo("air", "air_temperature", "K", (1,), rate_hz=1 / 60),
 )
 
 
@@ -35,7 +35,7 @@ def noon():
         "dhi": dhi,
         "dni": dni,
         "longwave_down": day.longwave_down_w_m2[chosen],
-        "air": day.air_temperature_k[chosen] - 273.15,
+        "air": day.air_temperature_k[chosen],
     }
 
 

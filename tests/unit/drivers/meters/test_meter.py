@@ -2,7 +2,7 @@
 
 import pytest
 
-from fieldkit.drivers.meters.meter import STREAM_UNITS, TO_SI
+from fieldkit.model.quantities import meaning_of
 
 EXACT = [
     ("°C", 0.0, 273.15),
@@ -17,5 +17,6 @@ EXACT = [
 
 @pytest.mark.parametrize(("unit", "shown", "stored"), EXACT)
 def test_what_a_meter_shows_is_stored_in_si(unit, shown, stored):
-    add, divide = TO_SI[unit, STREAM_UNITS[unit]]
-    assert (shown + add) / divide == pytest.approx(stored, rel=1e-12)
+    meaning = meaning_of(unit)
+    assert meaning is not None
+    assert meaning.stored(shown) == pytest.approx(stored, rel=1e-12)

@@ -10,7 +10,7 @@ from fieldkit.drivers import registry
 from fieldkit.drivers.meters import center, lutron
 from fieldkit.drivers.simulated import SimulatedField
 from fieldkit.drivers.simulated.meters import center_309_record, lutron_record
-from fieldkit.model.air import of_air
+from fieldkit.model.channels import air_quantities
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceLostError
 from fieldkit.model.fault_kind import FaultKind
@@ -114,7 +114,7 @@ def test_probe_named_as_air_hangs_in_the_air_and_the_others_lie_in_the_beds(scen
         device.close()
     flat, b05, b15, _ = scene.probe_readings(time_ns)
     np.testing.assert_allclose(reading.values, [flat, scene.air_reading(time_ns), b05, b15], atol=0.0501)
-    assert of_air(device.info) == ("", "air_temperature", "", "")
+    assert air_quantities(device.info) == ("", "air_temperature", "", "")
     # NOAA, SURFRAD, slv16001.dat, 19:00 UTC
     assert scene.air_reading(time_ns) - 273.15 == pytest.approx(-6.5, abs=0.2)
 

@@ -8,7 +8,7 @@ from zoneinfo import ZoneInfo
 import numpy as np
 import pytest
 
-from fieldkit.model.air import of_air
+from fieldkit.model.channels import air_quantities
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import Quality, Reading, Severity
 from fieldkit.model.site import Site
@@ -100,12 +100,22 @@ def test_numbers_that_cannot_be_are_stored_as_they_came_flagged_and_counted(
     assert f"(line {cells.index(flagged[0]) + 2})" in note
 
 
-def test_columns_of_unknown_units_are_named(tmp_path):
-    path = table(tmp_path, "time,T1 [C],RH [%],P [hPa],note\n2026-05-12T01:00:00Z,3,40,1000,dry\n")
+def test_columns_of_unknown_units_are_stored_as_they_came(tmp_path):
+    text = "time,T1 [C],soil [%],flow [l/h],RH [%],VWC [%],Pressure [hPa],note\n"
+    path = table(tmp_path, f"{text}2026-05-12T01:00:00Z,3,12.5,7,40,12.5,1000,dry\n")
     imported = read_log(path, "logger")
-    assert [
-        text for _, text in imported.notes if text.startswith("excluded for their unit: RH [%], P [hPa];")
-    ]
+    streams = {info.name: (info.unit, info.channels) for info in imported.streams}
+    assert streams == {
+        "logger-temperature": ("K", ("T1",)),
+        "logger-soil_moisture": ("m3 m-3", ("VWC",)),
+        "logger-air_pressure": ("Pa", ("Pressure",)),
+        "logger-unknown": ("%", ("soil", "RH")),
+        "logger-unknown-2": ("l/h", ("flow",)),
+    }
+    values = {one.stream: one.values for one in imported.samples}
+    assert values["logger-unknown"] == (12.5, 40.0)
+    assert values["logger-soil_moisture"] == (0.125,)
+    assert "soil [%], flow [l/h], RH [%]" in notes(imported)
     assert len(read_log(path, "logger", LogOptions(columns=LogColumns(values=("T1",)))).notes) == 1
 
 
@@ -125,7 +135,6 @@ def test_dates_alone_are_taken_where_each_stands_once(tmp_path):
         ("time,T1\n2026-05-12T01:00:00Z,3\n", "no column has a unit"),
         ("time,T1 [C]\n2026-05-12 01:00:00,3\n", "no zone"),
         ("time,T1 [C]\nyesterday,3\n", "not a time"),
-        ("time,T1 [furlong]\n2026-05-12T01:00:00Z,3\n", "no column has a unit"),
     ],
 )
 def test_table_that_is_not_understood_is_told(tmp_path, text, words):
@@ -283,6 +292,7 @@ def test_columns_of_several_units_go_into_streams_of_their_own(tmp_path):
     assert {info.name: info.channels for info in imported.streams} == {
         "tower-temperature": ("Tair_Avg", "Tsand_Avg"),
         "tower-irradiance": ("SWin_Avg",),
+        "tower-unknown": ("Batt_Min",),
     }
 
 
@@ -393,6 +403,7 @@ def test_one_import_takes_columns_of_every_unit(tmp_path):
         "logger-illuminance": ("illuminance", "lx", ("light",)),
         "logger-irradiance": ("irradiance", "W m-2", ("dni",)),
         "logger-speed": ("speed", "m s-1", ("wind",)),
+        "logger-unknown": ("unknown", "km/h", ("gust",)),
     }
     assert imported.streams[2].measures == ("dni",)
     readings = {name: [one.values for one in imported.samples if one.stream == name] for name in found}
@@ -401,23 +412,26 @@ def test_one_import_takes_columns_of_every_unit(tmp_path):
     assert readings["logger-illuminance"] == [pytest.approx((63_986.0,)), pytest.approx((64_100.0,))]
     assert readings["logger-irradiance"][0] == (850.0,)
     assert readings["logger-speed"] == [(2.0,), (3.0,)]
-    assert [of_air(info) for info in imported.streams] == [
+    assert [air_quantities(info) for info in imported.streams] == [
         ("", "air_temperature"),
         ("",),
         ("",),
         ("wind_speed",),
+        ("",),
     ]
     times = [one.time_ns for one in imported.samples]
     assert times == sorted(times)
     said = [text for _, text in imported.notes]
     assert said[0] == "log.csv: 2 rows"
-    assert any("excluded for their unit: gust [km/h]" in text for text in said)
+    assert any("gust [km/h]" in text for text in said)
 
 
-def test_a_column_named_by_hand_in_an_unknown_unit_is_refused(tmp_path):
+def test_a_column_named_by_hand_in_an_unknown_unit_is_stored_as_it_came(tmp_path):
     path = table(tmp_path, "time,wind [mph],T [C]\n2026-05-12T10:00:00,3,21\n")
-    with pytest.raises(ConfigError, match=r"column 'wind \[mph\]' has the unit 'mph'"):
-        read_log(path, "log", LogOptions(zone=UTC, columns=LogColumns(values=("wind",))))
+    imported = read_log(path, "log", LogOptions(zone=UTC, columns=LogColumns(values=("wind",))))
+    assert [(info.quantity, info.unit) for info in imported.streams] == [("unknown", "mph")]
+    assert air_quantities(imported.streams[0]) == ("",)
+    assert readings(imported)[0].values == (3.0,)
 
 
 # --- what the table states, no option overrides
@@ -440,8 +454,8 @@ def test_a_unit_that_is_given_is_of_columns_that_state_none(tmp_path):
     imported = read_log(path, "x", LogOptions(zone=UTC, unit="C"))
     assert imported.streams[0].channels == ("T", "T2")
     assert readings(imported)[0].values == pytest.approx((294.15, 293.15))  # 68 °F are 20 °C
-    assert "excluded for their unit: RH [%], WindDir (deg);" in notes(imported)
-    assert "--unit C applies to T; stated by the table: T2 [F]" in notes(imported)
+    assert [info.unit for info in imported.streams] == ["K", "degree", "%"]
+    assert "--unit C applies to T; stated by the table: T2 [F], WindDir (deg)" in notes(imported)
 
 
 @pytest.mark.parametrize(("column", "unit"), [("RH", "%"), ("T2", "F"), ("WindDir", "deg")])
@@ -489,12 +503,13 @@ def test_averages_stand_in_the_middle_of_their_interval_and_samples_where_they_a
         "log-temperature-mean": ("T_Avg",),
         "log-irradiance": ("GHI_Avg",),
         "log-speed": ("WS_WVc(1)",),
+        "log-unknown": ("T_Max", "T_Std"),
+        "log-unknown-2": ("Flux_Tot",),
     }
     assert seconds(imported, "log-temperature") == [0, 600, 1200]
     for averages in ("log-temperature-mean", "log-irradiance", "log-speed"):
         assert seconds(imported, averages) == [-300, 300, 900]
-    excluded = "T_Max [Deg C] (Max), T_Std [Deg C] (Std), Flux_Tot [W/m^2] (Tot)"
-    assert f"excluded, neither samples nor averages: {excluded}" in notes(imported)
+    assert "T_Max [Deg C], T_Std [Deg C], Flux_Tot [W/m^2]" in notes(imported)
     assert "--clock-offset" not in notes(imported)
 
 
@@ -540,6 +555,23 @@ def test_a_campbell_table_of_two_header_lines_has_units_and_processes_in_its_nam
         "log-temperature": ("AirTC_Avg",),
         "log-irradiance": ("SlrW_Avg",),
         "log-speed": ("WS_ms",),
+        "log-unknown": ("RECNBR", "BattV"),
+        "log-unknown-2": ("AirTC_Max",),
     }
     assert seconds(imported, "log-temperature") == [-1800, 1800]
     assert seconds(imported, "log-speed") == [0, 3600]
+
+
+def test_a_process_that_is_not_known_is_no_sample(tmp_path):
+    text = mixed("12:00:00", "12:10:00").replace('"Smp","Avg"', '"Rfl","Avg"')
+    imported = read_log(table(tmp_path, text), "log", LogOptions(zone=UTC))
+    assert imported.streams[0].channels == ("T_Avg",)
+    assert "T_sand_C [Deg C]" in notes(imported)
+
+
+@pytest.mark.parametrize("year", [1650, 1965, 2255, 9999])
+def test_years_that_no_session_holds_are_refused(tmp_path, year):
+    path = tmp_path / "a.csv"
+    path.write_text(f"time,T [K]\n{year}-05-12T01:00:00+00:00,300\n")
+    with pytest.raises(ConfigError, match=r"year must lie within|none of a recording"):
+        read_log(path, "a", LogOptions())

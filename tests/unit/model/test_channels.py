@@ -2,7 +2,7 @@
 
 import pytest
 
-from fieldkit.model.air import is_air_temperature, of_air
+from fieldkit.model.channels import air_quantities, is_air_temperature
 from fieldkit.model.device import StreamInfo
 
 AIR, WIND = "air_temperature", "wind_speed"
@@ -32,7 +32,7 @@ def stream(name="logger", quantity="temperature", unit="K", channels=("T1",), **
     ],
 )
 def test_only_quantity_or_name_says_that_a_channel_measures_the_air(info, expected):
-    assert of_air(info) == expected
+    assert air_quantities(info) == expected
 
 
 def test_a_channel_is_found_by_name_before_number():
