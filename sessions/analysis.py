@@ -7,11 +7,12 @@ series reads only the chunks of the frame that the region lies in, where the sea
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fieldkit.model.arrays import CountArray, FlagArray, FloatArray, IntArray
 from fieldkit.model.device import StreamInfo, regions_on
@@ -272,6 +273,35 @@ def channel_names(info: StreamInfo) -> tuple[str, ...]:
     return info.channels if named else tuple(f"channel {number}" for number in range(info.shape[0]))
 
 
+def stream_columns(session: SessionReader, stream: str) -> dict[str, NDArray[Any]]:
+    """The samples of a stream as columns by name, ``time`` (datetime64[ns], UTC) first.
+
+    They are the values of a meter; of a camera all but the frames. Names end in their unit in brackets.
+    """
+    reader, info = session.stream(stream), session.streams[stream]
+    columns: dict[str, NDArray[Any]] = {"time": session.times_ns(stream).view("datetime64[ns]")}
+    if info.is_camera:
+        columns["sensor [K]"] = reader.column("fpa_temperature")
+        flags = reader.flags()
+    else:
+        readings = session.readings(stream)
+        flags = readings.flags
+        names = (f"{name} [{info.unit}]" for name in channel_names(info))
+        columns.update(zip(names, readings.values.T, strict=True))
+    return {**columns, "seq": reader.column("seq"), "flags": flags, "mono_ns": reader.column("mono_ns")}
+
+
+def as_frame(columns: Mapping[str, NDArray[Any]]) -> pd.DataFrame:
+    """The columns as a pandas frame indexed by their ``time``; times in UTC."""
+    import pandas as pd
+
+    in_utc = {
+        name: pd.DatetimeIndex(values, tz="UTC", name=name) if values.dtype.kind == "M" else values
+        for name, values in columns.items()
+    }
+    return pd.DataFrame(in_utc).set_index("time")
+
+
 def to_pandas(session: SessionReader, stream: str) -> pd.DataFrame:
     """The samples of a stream by UTC: the values of a meter; of a camera all but the frames.
 
@@ -283,20 +313,7 @@ def to_pandas(session: SessionReader, stream: str) -> pd.DataFrame:
     >>> table.columns.tolist()[:2], len(table)
     (['T1 [K]', 'T2 [K]'], 1201)
     """
-    import pandas as pd
-
-    reader, info = session.stream(stream), session.streams[stream]
-    index = pd.DatetimeIndex(session.times_ns(stream).view("datetime64[ns]"), tz="UTC", name="time")
-    table = pd.DataFrame(index=index)
-    if info.is_camera:
-        table["sensor [K]"] = reader.column("fpa_temperature")
-        flags = reader.flags()
-    else:
-        readings = session.readings(stream)
-        flags = readings.flags
-        for name, column in zip(channel_names(info), readings.values.T, strict=True):
-            table[f"{name} [{info.unit}]"] = column
-    table["seq"], table["flags"], table["mono_ns"] = reader.column("seq"), flags, reader.column("mono_ns")
+    table, info = as_frame(stream_columns(session, stream)), session.streams[stream]
     table.attrs = {"stream": stream, "quantity": info.quantity, "unit": info.unit, "device": info.model}
     return table
 

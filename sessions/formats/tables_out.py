@@ -2,33 +2,33 @@
 
 from __future__ import annotations
 
+import csv
+import math
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
-from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
 from fieldkit.disk import replacing
 from fieldkit.model.errors import ConfigError, IncompleteError, SessionError, message_of
 from fieldkit.model.installation import install_extra
 from fieldkit.model.slope import SLOPE_FIELDS
-from fieldkit.sessions.analysis import region_series, to_pandas
+from fieldkit.sessions.analysis import as_frame, region_series, stream_columns
 from fieldkit.sessions.chunks import corners, pack
 from fieldkit.sessions.entry_rows import event_columns
 from fieldkit.sessions.file_tree import LIBVER, put_rows
 from fieldkit.sessions.reader import SessionReader
 from fieldkit.sessions.stream_reader import StreamReader
 
-if TYPE_CHECKING:
-    import pandas as pd
-
 _NUMBER = "%.12g"
 """Twelve digits are more than any sensor has, and leave out what binary fractions add: 280.55."""
 
+_NOT_A_TIME_NS = np.iinfo(np.int64).min  # numpy's NaT
 _UNSEEN = r"\s\x00-\x1f\x7f-\x9f\xad\u180e\u200b-\u200f\u202a-\u202e\u2060-\u2064\ufeff"
 _SYSTEM_ERROR = re.compile("error message = '([^']+)'")
 """The system's error in the text of HDF5's, such as that of a full disk."""
@@ -39,38 +39,52 @@ Spreadsheets skip leading blanks and characters without width; the last four are
 """
 
 
-def export_tables(session: SessionReader, folder: Path, kind: str) -> list[Path]:
-    """Write every table of a session as `kind` ("csv" or "parquet"); returns the files.
+Columns = Mapping[str, NDArray[Any]]
+"""A table: columns of one length by their names, ``time`` (datetime64[ns], UTC) first."""
 
-    Raises `ConfigError` where pandas (or pyarrow) is not installed, and `IncompleteError`, when all the
-    others are written, for a table that cannot be read.
+
+def export_csv(session: SessionReader, folder: Path) -> list[Path]:
+    """Write every table of a session as CSV; returns the files.
+
+    Raises `IncompleteError`, when all the others are written, for a table that cannot be read.
     """
-    if find_spec("pandas") is None:
-        raise ConfigError("tables need pandas", fix=install_extra("lab"))
-    write = _csv if kind == "csv" else _parquet
+    return _export(session, folder, "csv", _csv)
+
+
+def export_parquet(session: SessionReader, folder: Path) -> list[Path]:
+    """The same tables as Parquet; raises `ConfigError` where pandas or pyarrow is not installed."""
+    return _export(session, folder, "parquet", _parquet)
+
+
+def _export(
+    session: SessionReader, folder: Path, kind: str, write: Callable[[Columns, Path], None]
+) -> list[Path]:
+    def table(make: Callable[[], Columns], path: Path) -> Path:
+        with replacing(path, synced=False) as draft:
+            write(make(), draft)
+        return path
+
     return all_but_unreadable(
-        (name, partial(_export, make, folder / f"{session.path.stem}-{name}.{kind}", write))
+        (name, partial(table, make, folder / f"{session.path.stem}-{name}.{kind}"))
         for name, make in _tables(session)
     )
 
 
-export_csv, export_parquet = partial(export_tables, kind="csv"), partial(export_tables, kind="parquet")
+def _csv(columns: Columns, path: Path) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(map(as_text, columns))
+        writer.writerows(zip(*map(_cells, columns.values()), strict=True))
 
 
-def _export(
-    make: Callable[[], pd.DataFrame], path: Path, write: Callable[[pd.DataFrame, Path], None]
-) -> Path:
-    with replacing(path, synced=False) as draft:
-        write(make(), draft)
-    return path
-
-
-def _csv(table: pd.DataFrame, path: Path) -> None:
-    safe = table.rename(columns=as_text)
-    for name in safe:
-        if safe[name].dtype.kind == "O":
-            safe[name] = safe[name].map(as_text)
-    safe.to_csv(path, date_format="%Y-%m-%dT%H:%M:%S.%fZ", float_format=_NUMBER)
+def _cells(column: NDArray[Any]) -> Iterable[Any]:
+    """A column as cells of CSV: times to the microsecond; empty where there is no value."""
+    if column.dtype.kind == "M":
+        texts = np.datetime_as_string(column.astype("datetime64[us]"))
+        return ("" if text == "NaT" else f"{text}Z" for text in texts)
+    if column.dtype.kind == "f":
+        return ("" if math.isnan(value) else _NUMBER % value for value in column.tolist())
+    return map(as_text, column) if column.dtype.kind == "O" else column.tolist()
 
 
 def as_text(cell: str) -> str:
@@ -78,77 +92,76 @@ def as_text(cell: str) -> str:
     return f"'{cell}" if _FORMULA.match(cell) else cell
 
 
-def _parquet(table: pd.DataFrame, path: Path) -> None:
+def _parquet(columns: Columns, path: Path) -> None:
     try:
-        table.to_parquet(path)
+        as_frame(columns).to_parquet(path)
     except ImportError as error:
-        raise ConfigError("Parquet needs pyarrow", fix=install_extra("lab")) from error
+        raise ConfigError("Parquet needs pandas and pyarrow", fix=install_extra("lab")) from error
 
 
-def _tables(session: SessionReader) -> Iterator[tuple[str, Callable[[], pd.DataFrame]]]:
+def _tables(session: SessionReader) -> Iterator[tuple[str, Callable[[], Columns]]]:
     for name, info in session.streams.items():
         if not info.is_camera:
-            yield name, partial(to_pandas, session, name)
+            yield name, partial(stream_columns, session, name)
         elif session.regions:
             yield f"{name}-regions", partial(_regions, session, name)
     yield "slopes", partial(_slopes, session)
     yield "events", partial(_events, session)
 
 
-def _index(time_ns: object) -> pd.DatetimeIndex:
-    import pandas as pd
-
-    return pd.DatetimeIndex(np.asarray(time_ns, np.int64).view("datetime64[ns]"), tz="UTC", name="time")
+def _times(times_ns: Iterable[int]) -> NDArray[np.datetime64]:
+    return np.fromiter(times_ns, np.int64).view("datetime64[ns]")
 
 
-def _regions(session: SessionReader, camera: str) -> pd.DataFrame:
+def _texts(texts: Iterable[str]) -> NDArray[Any]:
+    return np.array([*texts], object)
+
+
+def _regions(session: SessionReader, camera: str) -> Columns:
     """One row for each frame and region."""
-    import pandas as pd
-
     series = region_series(session, stream=camera)
-    parts = [
-        pd.DataFrame(
-            {
-                "region": name, "temperature [K]": series.mean_k[:, n], "spread [K]": series.spread_k[:, n],
-                "pixels": series.pixels[n], "flags": series.flags,
-            },
-            index=_index(series.time_ns),
-        )
-        for n, name in enumerate(series.regions)
-    ]  # fmt: skip
-    return pd.concat(parts).sort_index(kind="stable")
+    frames, regions = series.mean_k.shape
+    columns = {
+        "time": np.tile(series.time_ns.view("datetime64[ns]"), regions),
+        "region": np.repeat(_texts(series.regions), frames),
+        "temperature [K]": series.mean_k.T.ravel(),
+        "spread [K]": series.spread_k.T.ravel(),
+        "pixels": np.repeat(series.pixels, frames),
+        "flags": np.tile(series.flags, regions),
+    }
+    order = np.argsort(columns["time"], kind="stable")
+    return {name: values[order] for name, values in columns.items()}
 
 
-def _slopes(session: SessionReader) -> pd.DataFrame:
-    import pandas as pd
-
+def _slopes(session: SessionReader) -> Columns:
     estimates = session.estimates()
-    rows = [
-        {
-            "region": estimate.region, "state": estimate.state.name.lower(),
-            **{about.heading: getattr(estimate, about.key) for about in SLOPE_FIELDS.values()},
-            "minutes": estimate.n_bins, "model": estimate.model, "reason": estimate.reason,
-        }
-        for estimate in estimates
-    ]  # fmt: skip
-    return pd.DataFrame(rows, index=_index([estimate.time_ns for estimate in estimates]))
+    values = {
+        about.heading: np.array([getattr(estimate, about.key) for estimate in estimates])
+        for about in SLOPE_FIELDS.values()
+    }
+    return {
+        "time": _times(estimate.time_ns for estimate in estimates),
+        "region": _texts(estimate.region for estimate in estimates),
+        "state": _texts(estimate.state.name.lower() for estimate in estimates),
+        **values,
+        "minutes": np.array([estimate.n_bins for estimate in estimates], int),
+        "model": _texts(estimate.model for estimate in estimates),
+        "reason": _texts(estimate.reason for estimate in estimates),
+    }
 
 
-def _events(session: SessionReader) -> pd.DataFrame:
+def _events(session: SessionReader) -> Columns:
     """One row for each event, with the kind of a mark and where it ends."""
-    import pandas as pd
-
     events = session.events()
-    rows = [
-        {
-            "kind": event.kind.name.lower(), "severity": event.severity.name.lower(),
-            "stream": event.stream, "text": event.text, "label": str(event.data.get("label", "")),
-        }
-        for event in events
-    ]  # fmt: skip
-    table = pd.DataFrame(rows, index=_index([event.time_ns for event in events]))
-    table["end"] = _index([event.data.get("end_ns", pd.NaT.value) for event in events])
-    return table
+    return {
+        "time": _times(event.time_ns for event in events),
+        "kind": _texts(event.kind.name.lower() for event in events),
+        "severity": _texts(event.severity.name.lower() for event in events),
+        "stream": _texts(event.stream for event in events),
+        "text": _texts(event.text for event in events),
+        "label": _texts(str(event.data.get("label", "")) for event in events),
+        "end": _times(event.data.get("end_ns", _NOT_A_TIME_NS) for event in events),
+    }
 
 
 # --- streams as netCDF files of their own, for programs that do not look into groups

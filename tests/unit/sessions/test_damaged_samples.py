@@ -1,7 +1,6 @@
 """A sample that does not match its checksum carries the flag in every reader, whichever way it is read."""
 
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 
 import h5py
@@ -13,7 +12,6 @@ from fieldkit.model.samples import Frame, Quality, Reading
 from fieldkit.results.session import open_session
 from fieldkit.sessions.analysis import minute_means
 from fieldkit.sessions.check import check
-from fieldkit.sessions.formats.tables_out import export_netcdf, export_tables
 from fieldkit.sessions.reader import SessionReader
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.older import as_version_1_0
@@ -200,7 +198,7 @@ def remove_table(path: Path) -> None:
 
 
 def test_a_table_that_is_gone_does_not_stop_the_others(damaged, tmp_path):
-    for export in (partial(export_tables, kind="csv"), export_netcdf):
+    for export in (export_csv, export_netcdf):
         with damaged(remove_table) as session, pytest.raises(IncompleteError, match="not exported") as caught:
             export(session, tmp_path)
         written = {path.stem.removeprefix("field-") for path in caught.value.files}

@@ -5,6 +5,8 @@ import json
 import math
 import resource
 import shutil
+import subprocess
+import sys
 from dataclasses import asdict, replace
 from datetime import UTC
 from pathlib import Path
@@ -31,7 +33,7 @@ from fieldkit.sessions.formats.images_out import export_pngs, export_tiffs, expo
 from fieldkit.sessions.formats.logs import read_log
 from fieldkit.sessions.formats.mcap_out import export_mcap
 from fieldkit.sessions.formats.stills import Scale, read_stills
-from fieldkit.sessions.formats.tables_out import as_text, export_netcdf, export_tables
+from fieldkit.sessions.formats.tables_out import as_text, export_csv, export_netcdf, export_parquet
 from fieldkit.sessions.formats.tiff import read_pages
 from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.reader import SessionReader
@@ -41,6 +43,7 @@ from tests.harness.faults import small_session
 from tests.harness.learnt import learnt
 from tests.harness.recording import START_NS, CountedClock, fill, header, picture, sample
 
+TABLES = {"csv": export_csv, "parquet": export_parquet}
 HEADER = header((24, 32))
 TWO_CAMERAS = replace(HEADER, streams=(*HEADER.streams, replace(HEADER.streams[0], name="cam2")))
 FRAMES = 20
@@ -118,7 +121,7 @@ def test_meter_without_a_reading_is_an_empty_table(tmp_path):
 
 @pytest.mark.parametrize("kind", ["csv", "parquet"])
 def test_tables_are_tidy_and_come_back(session, tmp_path, kind):
-    paths = {path.stem.removeprefix("field-"): path for path in export_tables(session, tmp_path, kind)}
+    paths = {path.stem.removeprefix("field-"): path for path in TABLES[kind](session, tmp_path)}
     assert set(paths) == {"camera-regions", "lux", "thermometer", "slopes", "events"}
     read = pd.read_csv if kind == "csv" else pd.read_parquet
     regions = read(paths["camera-regions"])
@@ -146,7 +149,7 @@ def test_tables_of_meters_come_back_with_times_values_and_flags(tmp_path):
         writer.append(sample(lux, seq, now, clock.to_utc_ns(now))._replace(quality=quality))
     writer.close()
     with open_session(tmp_path / "a.h5") as session:
-        table, stored = export_tables(session, tmp_path, "csv")[0], session.readings(lux.name)
+        table, stored = export_csv(session, tmp_path)[0], session.readings(lux.name)
     imported = [one for one in read_log(table, "x").samples if isinstance(one, Reading)]
     assert [one.quality for one in imported] == flags == stored.flags.tolist()
     assert [one.time_ns // 1000 for one in imported] == [at // 1000 for at in stored.time_ns.tolist()]
@@ -178,9 +181,33 @@ def test_every_format_of_the_table_is_written(name, small, tmp_path):
     assert all(path.stat().st_size > 0 for path in found.files)
 
 
+WITHOUT_EXTRAS = """
+import sys
+from pathlib import Path
+for name in sys.argv[3:]:
+    sys.modules[name] = None  # as where it is not installed
+import fieldkit
+from fieldkit.model.errors import ConfigError
+from fieldkit.sessions.formats.exports import EXPORTS
+for name in EXPORTS:
+    try:
+        fieldkit.export(sys.argv[1], name, Path(sys.argv[2]) / name)
+    except ConfigError:
+        continue
+    print(name)
+"""
+
+
+def test_most_formats_need_no_extra(small, tmp_path):
+    extras = ("pandas", "pyarrow", "xarray", "matplotlib", "mcap", "mcap_ros2", "rasterio", "h5netcdf")
+    command = [sys.executable, "-c", WITHOUT_EXTRAS, str(small), str(tmp_path), *extras]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["csv", "netcdf", "ro-crate", "png", "video", "tiff"]
+
+
 def test_table_of_slopes_has_both_ends_of_each_region(small, tmp_path):
     with open_session(small) as session:
-        paths = {path.stem: path for path in export_tables(session, tmp_path, "csv")}
+        paths = {path.stem: path for path in export_csv(session, tmp_path)}
     (row,) = pd.read_csv(paths["field-slopes"]).to_dict("records")
     assert (row["tilt low [deg]"], row["tilt [deg]"], row["tilt high [deg]"]) == (4.0, 5.1, 6.0)
     assert (row["azimuth low [deg]"], row["azimuth [deg]"], row["azimuth high [deg]"]) == (
@@ -201,7 +228,7 @@ def test_table_of_events_has_kind_and_end_of_a_mark(tmp_path, kind):
     writer.put(Event(EventKind.MARK, 1, START_NS + 1, "lightning"))
     writer.close()
     with open_session(tmp_path / "field.h5") as session:
-        path = next(path for path in export_tables(session, tmp_path, kind) if "events" in path.name)
+        path = next(path for path in TABLES[kind](session, tmp_path) if "events" in path.name)
     table = pd.read_csv(path, keep_default_na=False) if kind == "csv" else pd.read_parquet(path)
     marks = table[table["kind"] == "mark"]
     assert marks["label"].tolist() == ["", "cloud", ""]
@@ -329,7 +356,7 @@ def test_frames_of_the_ht301_have_kelvin_in_every_reader(tmp_path):
 
 
 def test_cells_of_a_table_are_as_short_as_the_number(session, tmp_path):
-    paths = {path.stem.removeprefix("field-"): path for path in export_tables(session, tmp_path, "csv")}
+    paths = {path.stem.removeprefix("field-"): path for path in export_csv(session, tmp_path)}
     cells = [row.split(",")[2] for row in paths["camera-regions"].read_text().splitlines()[1:]]
     assert max(map(len, cells)) <= len("295.123456789")
     assert paths["lux"].read_text().splitlines()[2].split(",")[1] == "0.333333333333"
@@ -343,7 +370,7 @@ def test_a_spreadsheet_computes_nothing_that_somebody_typed(tmp_path):
         writer.put(Event(EventKind.MARK, 0, START_NS, text))
     writer.close()
     with open_session(tmp_path / "field.h5") as session:
-        paths = {path.stem.removeprefix("field-"): path for path in export_tables(session, tmp_path, "csv")}
+        paths = {path.stem.removeprefix("field-"): path for path in export_csv(session, tmp_path)}
     texts = pd.read_csv(paths["events"])["text"].tolist()
     assert [text[0] for text in texts] == ["'", "'", "'", "'", "'", "5"]
     assert texts[0] == '\'=HYPERLINK("http://a.example")'
@@ -569,7 +596,7 @@ def test_numbers_of_another_file_never_come_along(sealed, tmp_path, lead_out):
             export_netcdf(session, out)
         with pytest.raises(SessionError):
             session.to_xarray("lux")
-        export_tables(session, out, "csv")
+        export_csv(session, out)
     written = b"".join(path.read_bytes() for path in out.iterdir())
     assert np.float64(SECRET).tobytes() not in written
     assert str(int(SECRET)).encode() not in written
