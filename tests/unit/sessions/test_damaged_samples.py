@@ -12,6 +12,7 @@ from fieldkit.model.samples import Frame, Quality, Reading
 from fieldkit.results.session import open_session
 from fieldkit.sessions.analysis import minute_means
 from fieldkit.sessions.check import check
+from fieldkit.sessions.formats.tables_out import export_csv, export_netcdf
 from fieldkit.sessions.reader import SessionReader
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.older import as_version_1_0
