@@ -13,7 +13,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 PYTHONS ?= python3.11 python3.12 python3.13 python3.14
 
-.PHONY: demo test test-slow test-lab test-wheel test-lowest test-deb mutate same lint bench docs images dist deb sbom clean
+.PHONY: demo test test-slow test-lab test-wheel test-lowest test-newest test-deb mutate same lint bench docs images dist deb sbom clean
 
 demo: $(VENV)/.lab
 	$(RUN) -m fieldkit demo
@@ -30,12 +30,15 @@ test-slow: $(VENV)/.test
 test-lab: $(VENV)/.test $(VENV)/.genicam
 	$(RUN) -m pytest tests/lab --timeout 600
 
-# The wheel in new environments: with each Python that is installed, and with the lowest versions of its libraries.
+# The wheel in new environments: with each Python, and with the lowest and newest versions of its libraries.
 test-wheel: dist
 	$(RUN) tests/wheel.py $(PYTHONS)
 
 test-lowest: dist
 	PATH="$(CURDIR)/$(VENV)/bin:$$PATH" $(RUN) tests/wheel.py --lowest python3.11
+
+test-newest: dist
+	$(RUN) tests/wheel.py --newest python3.13 python3.14
 
 # Needs root and debootstrap: a new Debian in build/, in which the package is installed, used and purged.
 test-deb: deb

@@ -2,7 +2,7 @@
 
 ``make test-wheel``: one environment for each Python that is installed, first bare, then with ``[lab]``; other
 Pythons are named as skipped. ``make test-lowest``: with the lowest versions that pyproject.toml allows, and
-the unit tests of what depends on libraries most.
+the unit tests of what depends on libraries most. ``make test-newest``: the same with the newest versions.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ def main() -> int:
     """The number of Pythons in which something failed, as exit code."""
     options = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     options.add_argument("pythons", nargs="*", default=[sys.executable])
-    options.add_argument("--lowest", action="store_true")
+    options.add_argument("--lowest", dest="test", action="store_const", const=try_lowest, default=try_wheel)
+    options.add_argument("--newest", dest="test", action="store_const", const=try_newest)
     given = options.parse_args()
     (wheel,) = (ROOT / "dist").glob("fieldkit_slope-*.whl")
-    test = try_lowest if given.lowest else try_wheel
-    results = {python: outcome(python, wheel, test) for python in given.pythons}
+    results = {python: outcome(python, wheel, given.test) for python in given.pythons}
     print(*(f"{python}: {result}" for python, result in results.items()), sep="\n")
     if all(result.startswith("skipped") for result in results.values()):
         return 1
@@ -81,14 +81,24 @@ def try_wheel(run: Run, wheel: Path, folder: Path) -> None:
 
 
 def try_lowest(run: Run, wheel: Path, folder: Path) -> None:
-    """The same with the lowest versions, and the unit tests; old libraries may warn of new ones."""
+    """With the lowest versions that pyproject.toml allows."""
     lowest = folder / "lowest.txt"
     resolve = ("uv", "pip", "compile", "--quiet", "--resolution=lowest-direct", "--all-extras")
     python = f"--python-version={LOWEST_PYTHON}"
     subprocess.run([*resolve, python, ROOT / "pyproject.toml", "--output-file", lowest], check=True)
+    _try_all(run, wheel, folder, "--constraint", lowest)
+
+
+def try_newest(run: Run, wheel: Path, folder: Path) -> None:
+    """The same with the newest versions, which come without constraints."""
+    _try_all(run, wheel, folder)
+
+
+def _try_all(run: Run, wheel: Path, folder: Path, *versions: object) -> None:
+    """An experiment and unit tests with these versions; libraries may warn of what they will not do later."""
     run("pip", "install", "--quiet", "--upgrade", "pip>=25.1")  # the first with --group
-    run("pip", "install", "--quiet", "--constraint", lowest, f"{wheel}[{EXTRAS}]")
-    run("pip", "install", "--quiet", "--constraint", lowest, "--group", f"{ROOT / 'pyproject.toml'}:test")
+    run("pip", "install", "--quiet", *versions, f"{wheel}[{EXTRAS}]")
+    run("pip", "install", "--quiet", *versions, "--group", f"{ROOT / 'pyproject.toml'}:test")
     try_wheel(run, wheel, folder)
     tests = [f"tests/unit/{name}" for name in UNIT_TESTS]
     warnings = ("--override-ini", "filterwarnings=default")

@@ -9,7 +9,6 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, cast
 
-import cv2
 import numpy as np
 
 from fieldkit.drivers import options
@@ -68,6 +67,8 @@ def pixel_view(data: bytes, shape: tuple[int, int], start: int = 0) -> CountArra
 
 def extremes(counts: CountArray) -> tuple[float, float]:
     """Coldest and hottest pixel; OpenCV finds both in one pass, numpy in two."""
+    import cv2
+
     coldest, hottest, _, _ = cv2.minMaxLoc(counts)
     return coldest, hottest
 
@@ -156,6 +157,8 @@ def kelvin(frame: DecodedFrame) -> SingleArray:
 
     OpenCV converts and scales in one pass where numpy needs two, but only for a given largest value.
     """
+    import cv2
+
     if frame.law != "linear":
         return law_named(frame.law)(frame.counts, frame.metadata_rows, {})
     hottest_k = frame.extremes[1] * frame.scale

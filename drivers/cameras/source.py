@@ -11,8 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
-
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras.v4l2 import V4l2Source
 from fieldkit.drivers.identity import NO_USB, SYSFS, Found, Kind, UsbIdentity, fitting, only_one, usb_parent
@@ -37,6 +35,8 @@ class OpenCvSource:
     backend = "opencv"
 
     def __init__(self, port: str, fourcc: str, sizes: Sequence[tuple[int, int]], clock: Clock) -> None:
+        import cv2
+
         self.port = port
         self._clock = clock
         self._capture = cv2.VideoCapture()
@@ -71,6 +71,8 @@ class OpenCvSource:
 
     def set_zoom(self, value: int) -> None:
         """Write the absolute zoom, which some cameras take as a command."""
+        import cv2
+
         if not self._capture.set(cv2.CAP_PROP_ZOOM, float(value)):
             raise DeviceError(f"the camera at {self.port} refused zoom command {value:#06x}")
 
@@ -80,6 +82,8 @@ class OpenCvSource:
 
     def _start(self, fourcc: str, size: tuple[int, int]) -> bool:
         """Open and set in the order that works; changing the format restarts the stream."""
+        import cv2
+
         capture, code = self._capture, cv2.VideoWriter.fourcc(*fourcc.ljust(4))
         linux = sys.platform == "linux"
         where = self.port if linux or not self.port.isdigit() else int(self.port)
@@ -98,6 +102,8 @@ class OpenCvSource:
 
     def _stamp_ns(self) -> int:
         """The kernel's stamp where the backend passes it on, else now."""
+        import cv2
+
         now_ns = self._clock.mono_ns()
         stamp_ns = int(self._capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6)
         return stamp_ns if 0 <= now_ns - stamp_ns < 10_000_000_000 else now_ns

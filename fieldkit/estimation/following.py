@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -109,6 +108,7 @@ class FrameFollower:
 
 def _spectrum(counts: AnyIntArray, scale: int) -> tuple[Spectrum, tuple[int, int]]:
     """Of the root of the gradient, faded out towards the border (else the border itself is matched)."""
+    import cv2
     from scipy import fft
 
     rows, cols = counts.shape[0] // scale, counts.shape[1] // scale
@@ -251,6 +251,8 @@ def _overlaps(camera: Camera, view: Camera, height_m: float) -> bool:
 
 def _from_there(counts: AnyIntArray, back: FloatArray) -> AnyArray:
     """A frame as it would look from another pose; beyond its edge it is mirrored, which shows no edge."""
+    import cv2
+
     if np.allclose(back, np.eye(3), atol=1e-12):
         return counts
     size = counts.shape[1], counts.shape[0]

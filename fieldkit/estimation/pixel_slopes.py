@@ -16,7 +16,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 
 from fieldkit.estimation.instant import AlongSun, along_sun, instant_scale_sd
@@ -195,6 +194,8 @@ class MapSums:
         state: ByteArray,
         refused: BoolArray,
     ) -> None:
+        import cv2
+
         y1, y2, pull, left = self._resolved(piece, values, vectors)
         m, e2, e1 = vectors.T.astype(np.float32)
         sun = (self._towards_sun / np.linalg.norm(self._towards_sun)).astype(np.float32)

@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
-import cv2
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
@@ -99,6 +98,8 @@ class CameraModel:
 
 def moved(scene_k: SingleArray, homography: FloatArray) -> SingleArray:
     """A frame (rows, cols) as a camera sees it that has moved; beyond its edge the ground is mirrored."""
+    import cv2
+
     size = scene_k.shape[1], scene_k.shape[0]
     warped = cv2.warpPerspective(
         scene_k, homography, size, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT_101

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from fieldkit.model.arrays import FloatArray
@@ -35,6 +34,8 @@ class Motion:
 
     def homography(self, share: float, random: np.random.Generator) -> FloatArray:
         """Place of content that was at x, y, 1 at the start, (3, 3), after a share of the scene."""
+        import cv2
+
         shift = share * np.asarray(self.drift_px) + self.jitter_px * random.uniform(-1.0, 1.0, 2)
         if share >= self.jump_at:
             shift = shift + self.jump_px

@@ -77,6 +77,23 @@ def test_help_loads_no_heavy_library(words):
     assert printed.startswith("Usage:")
 
 
+@pytest.mark.parametrize(
+    ("module", "unused"),
+    [
+        ("fieldkit", HEAVY),
+        ("fieldkit.drivers.discovery", {"cv2", "erfa", "astropy_iers_data"}),
+        *(
+            (f"fieldkit.{name}", {"cv2", "astropy"})
+            for name in ("recording.plan", "results.check", "physics.sun")
+        ),
+    ],
+)
+def test_opencv_and_astropy_are_imported_where_they_are_used(module, unused):
+    code = f"import sys, {module}; print(*sys.modules)"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert not unused & {name.partition(".")[0] for name in loaded.split()}
+
+
 def test_the_version_loads_no_heavy_library():
     code, printed, heavy = run("--version")
     assert (code, heavy) == (0, set())
