@@ -24,7 +24,7 @@ from fieldkit.simulation import ClearSky, Exchange, Facet, MeasuredSky, Sky
 from fieldkit.simulation.boards import boards_in_turn
 from fieldkit.simulation.drawn_field import DrawnField, Spread, drawn_field
 from fieldkit.simulation.scene_series import SceneModel
-from fieldkit.weather import packaged, read_station_file
+from fieldkit.weather import packaged_day, read_station_file
 
 BROKEN = Path(__file__).parents[1].parent / "shared" / "data" / "weather" / "slv15365.dat"
 """Broken cloud at Alamosa, 2015-12-31, in a `shared` folder beside the project where there is one."""
@@ -197,7 +197,9 @@ def day_of(day: str) -> tuple[Site, Sky, int]:
     """Site, sky and local noon, to the hour of the mean sun, of a day."""
     if day in (AUGUST, JUNE):
         return PAPER_SITE, ClearSky(), _noon_ns(PAPER_SITE, PAPER_DAY_NS if day == AUGUST else SOLSTICE_NS)
-    weather = packaged() if day == CLEAR else read_station_file(BROKEN if day == BROKEN_CLOUD else Path(day))
+    weather = (
+        packaged_day() if day == CLEAR else read_station_file(BROKEN if day == BROKEN_CLOUD else Path(day))
+    )
     middle_ns = int(weather.time_ns[len(weather.time_ns) // 2])
     return weather.site, MeasuredSky(weather), _noon_ns(weather.site, middle_ns // DAY_NS * DAY_NS)
 

@@ -115,20 +115,20 @@ def to_toml(record: CalibrationRecord) -> str:
 def as_document(record: CalibrationRecord) -> dict[str, Any]:
     """The record as a plain document, as in the file; unknown numbers are omitted."""
     expanded = {"expanded_uncertainty": record.expanded, "coverage_factor": COVERAGE_FACTOR}
-    known: dict[str, Any] = _known({"schema": SCHEMA, **asdict(record), **expanded})
-    return known
+    document: dict[str, Any] = _as_json({"schema": SCHEMA, **asdict(record), **expanded})
+    return document
 
 
-def _known(value: Any) -> Any:
+def _as_json(value: Any) -> Any:
     """The value without unknown parts: NaN, None, infinity, empty texts and tables; NaN in a list."""
     if isinstance(value, Mapping):
-        kept = {str(key): _known(item) for key, item in value.items()}
-        return {key: item for key, item in kept.items() if item not in (None, "", {}, [])}
+        entries = {str(key): _as_json(item) for key, item in value.items()}
+        return {key: item for key, item in entries.items() if item not in (None, "", {}, [])}
     if isinstance(value, list | tuple):
         # nothing is omitted from a list, where the position of a number is its meaning
-        return [math.nan if (known := _known(item)) is None else known for item in value]
+        return [math.nan if (known := _as_json(item)) is None else known for item in value]
     if hasattr(value, "tolist"):  # a numpy number or array
-        return _known(value.tolist())
+        return _as_json(value.tolist())
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     return value
@@ -153,12 +153,12 @@ def from_document(document: Mapping[str, Any], where: str) -> CalibrationRecord:
             f"{where} has layout {document.get('schema')!r}, this fieldkit reads {SCHEMA}",
             fix="calibrate again, or install a newer fieldkit",
         )
-    given = {f.name: document[f.name] for f in fields(CalibrationRecord) if f.name in document}
-    if isinstance(lines := given.get("budget"), list | tuple):
-        given["budget"] = [{**UNKNOWN, **line} if isinstance(line, Mapping) else line for line in lines]
+    values = {f.name: document[f.name] for f in fields(CalibrationRecord) if f.name in document}
+    if isinstance(lines := values.get("budget"), list | tuple):
+        values["budget"] = [{**UNKNOWN, **line} if isinstance(line, Mapping) else line for line in lines]
     try:
         # as JSON, whose strict reading takes tables for dataclasses, lists for tuples, but no number for text
-        return _form().validate_json(json.dumps(given, default=_as_text), strict=True)
+        return _form().validate_json(json.dumps(values, default=_as_text), strict=True)
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"])
@@ -213,8 +213,8 @@ def find(reference: str, folder: Path, kind: str | None = None) -> tuple[Calibra
     lists the available names.
     """
     files = sorted(folder.glob("*.toml")) if folder.is_dir() else []
-    named = [file for file in reversed(files) if reference in (file.stem, file.stem.partition("-")[2])]
-    records = ((_read(file), file) for file in named)
+    matches = [file for file in reversed(files) if reference in (file.stem, file.stem.partition("-")[2])]
+    records = ((_read(file), file) for file in matches)
     if latest := next(records, None):
         if kind in (None, latest[0].kind):
             return latest
@@ -291,11 +291,11 @@ def _other_instrument(record: CalibrationRecord, streams: Sequence[StreamInfo]) 
     ]
     if not here:
         return [f"{record.name} was made with {_title(made_with)}, which is not connected"]
-    found = here[0]
-    if (found.model, found.serial_number) != (made_with.model, made_with.serial_number):
-        return [f"{record.name} was made with {_title(made_with)}; here is {_title(found)}"]
-    if found.range != made_with.range:
-        here_range, then = found.range or "unknown", made_with.range or "unknown"
+    previous = here[0]
+    if (previous.model, previous.serial_number) != (made_with.model, made_with.serial_number):
+        return [f"{record.name} was made with {_title(made_with)}; here is {_title(previous)}"]
+    if previous.range != made_with.range:
+        here_range, then = previous.range or "unknown", made_with.range or "unknown"
         return [f"{record.name} was made in range {then}; here is {here_range}"]
     return []
 

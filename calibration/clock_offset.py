@@ -104,25 +104,25 @@ def offset_from_sun(time_ns: IntArray, illuminance_lx: FloatArray, site: Site) -
     darker than the rest (clouds) are excluded. Raises `CalibrationError` if illuminance does not determine
     the time.
     """
-    known = np.isfinite(illuminance_lx) & (illuminance_lx > DARK_LX)
-    light = _ClearSkyFit(time_ns[known], np.log(illuminance_lx[known]), site)
+    is_light = np.isfinite(illuminance_lx) & (illuminance_lx > DARK_LX)
+    light = _ClearSkyFit(time_ns[is_light], np.log(illuminance_lx[is_light]), site)
     _refuse_short(light.time_ns, "less than an hour of daylight")
     shift_s = light.coarse_shift_s()
     high = clear = np.ones(light.time_ns.size, np.bool_)
     for _ in range(4):
         high = light.height(shift_s) > LOWEST
         _refuse_short(light.time_ns[high], "less than an hour of daylight with the sun above 9°")
-        used = high & clear if (high & clear).sum() >= MIN_READINGS else high
-        shift_s, left = light.fit(shift_s, used)
-        clear = left > -3.0 * max(0.01, float(np.median(np.abs(left[used]))))
-    used = high & clear
-    scatter = float(np.std(left[used])) if used.any() else np.inf
-    if scatter > WORST_SCATTER or used.sum() < MIN_READINGS:
+        chosen = high & clear if (high & clear).sum() >= MIN_READINGS else high
+        shift_s, left = light.fit(shift_s, chosen)
+        clear = left > -3.0 * max(0.01, float(np.median(np.abs(left[chosen]))))
+    chosen = high & clear
+    scatter = float(np.std(left[chosen])) if chosen.any() else np.inf
+    if scatter > WORST_SCATTER or chosen.sum() < MIN_READINGS:
         raise CalibrationError(
             f"illuminance scatters by {scatter:.0%} about a clear sky: clouds, or a shaded meter",
             fix="use a session under a clear sky, or compare with a phone: --at",
         )
-    return ClockOffset(shift_s, light.budget(shift_s, used, scatter), int(used.sum()))
+    return ClockOffset(shift_s, light.budget(shift_s, chosen, scatter), int(chosen.sum()))
 
 
 def _change(apart_s: FloatArray) -> float:
@@ -174,12 +174,12 @@ class _ClearSkyFit:
         bounds = ([-2.0, 5.0, MIN_HAZE], [2.0, 20.0, MAX_HAZE])
 
         def left(unknown: FloatArray) -> FloatArray:
-            return self._left(unknown, start_s)[used]
+            return self._residuals(unknown, start_s)[used]
 
         found = least_squares(left, begin, bounds=bounds)
-        return start_s + float(found.x[0]) * FIRST_STEP_S, self._left(found.x, start_s)
+        return start_s + float(found.x[0]) * FIRST_STEP_S, self._residuals(found.x, start_s)
 
-    def _left(self, unknown: FloatArray, start_s: float) -> FloatArray:
+    def _residuals(self, unknown: FloatArray, start_s: float) -> FloatArray:
         """Residuals of the logarithm of illuminance; unknowns are the shift in steps, a and k."""
         height = np.maximum(self.height(start_s + float(unknown[0]) * FIRST_STEP_S), HORIZON)
         mass = air_mass(height, self.site.elevation_m)

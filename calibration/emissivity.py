@@ -174,7 +174,7 @@ def fit_emissivity(
         budget += (Contribution("emissivity of the tape", tape_emissivity_sd, "1", "B", effect),)
     if foil_emissivity_sd > 0.0:
         budget += (_foil_contribution(fit, foil_emissivity_sd),)
-    found = Emissivity(
+    result = Emissivity(
         value=line.slope,
         reflected_k=_reflected_k(fit),
         chi_square=line.chi_square / max(1, line.freedom),
@@ -183,8 +183,8 @@ def fit_emissivity(
         span_k=pairs.span_k,
         budget=budget,
     )
-    remarks = _refuse_after(found, _disagreement(fit, shared), _emissivity_if_fahrenheit(fit, shared))
-    return replace(found, remarks=remarks)
+    remarks = _refuse_after(result, _disagreement(fit, shared), _emissivity_if_fahrenheit(fit, shared))
+    return replace(result, remarks=remarks)
 
 
 @dataclass(frozen=True)
@@ -338,7 +338,9 @@ def _refuse_before(pairs: Pairs, reflected_sd_k: float, reflected: Reflected) ->
             f"{count} steady pair{'s' * (count != 1)} cannot show whether they agree",
             fix=f"measure at {MIN_PAIRS} temperatures or more, each steady for a minute",
         )
-    if not all(np.isfinite(one).all() for one in (pairs.apparent_k, pairs.contact_k, pairs.reflected_k)):
+    if not all(
+        np.isfinite(values).all() for values in (pairs.apparent_k, pairs.contact_k, pairs.reflected_k)
+    ):
         raise CalibrationError(
             "some of the pairs have no temperature in this band",
             fix="check band, path through the air, what the camera has applied, and the foil's emissivity",

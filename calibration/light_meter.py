@@ -85,15 +85,15 @@ def clock_lag_s(
     From minutes (n,) of the meter and (m,) of the reference, which may begin before and end after them.
     Shifts of up to 90 minutes either way are tried. 0 where no shift is twice as good.
     """
-    kept = np.isfinite(reading) & (reading > 0.0) & _steady(reading)
-    known = np.isfinite(plane_w_m2) & (plane_w_m2 > DARK_W_M2)
-    if kept.sum() < MIN_MINUTES or not known.any():
+    usable = np.isfinite(reading) & (reading > 0.0) & _steady(reading)
+    lit = np.isfinite(plane_w_m2) & (plane_w_m2 > DARK_W_M2)
+    if usable.sum() < MIN_MINUTES or not lit.any():
         return 0.0
-    meter_s, reference_s = ((times - time_ns[0]) / 1e9 for times in (time_ns[kept], reference_ns[known]))
+    meter_s, reference_s = ((times - time_ns[0]) / 1e9 for times in (time_ns[usable], reference_ns[lit]))
     steps = round(MAX_LAG_S / LAG_STEP_S)
     lags = LAG_STEP_S * np.arange(-steps, steps + 1)
-    shifted = [np.interp(meter_s + lag, reference_s, plane_w_m2[known], np.nan, np.nan) for lag in lags]
-    misfits = np.array([_misfit(plane / reading[kept]) for plane in shifted])
+    shifted = [np.interp(meter_s + lag, reference_s, plane_w_m2[lit], np.nan, np.nan) for lag in lags]
+    misfits = np.array([_misfit(plane / reading[usable]) for plane in shifted])
     if not misfits[steps] > BETTER_LAG * misfits.min():
         return 0.0
     best = float(lags[np.argmin(misfits)])
@@ -102,10 +102,10 @@ def clock_lag_s(
 
 def _misfit(ratio: FloatArray) -> float:
     """Median relative deviation of ratios (n,) from their median; infinite if too few are known."""
-    known = ratio[np.isfinite(ratio)]
-    if known.size < max(MIN_MINUTES, OVERLAP * ratio.size):
+    ratios = ratio[np.isfinite(ratio)]
+    if ratios.size < max(MIN_MINUTES, OVERLAP * ratio.size):
         return float("inf")
-    return float(np.median(np.abs(known / np.median(known) - 1.0)))
+    return float(np.median(np.abs(ratios / np.median(ratios) - 1.0)))
 
 
 def with_lag(found: LightFactor, shifted: LightFactor, lag_s: float) -> LightFactor:
@@ -129,18 +129,18 @@ def light_factor(
     are relative standard uncertainties that all minutes share: of the reference, of the diffuse share. Raises
     `CalibrationError` with fewer than ten steady minutes, or if no single factor fits the two instruments.
     """
-    kept = np.isfinite(reading) & np.isfinite(plane_w_m2) & (reading > 0.0) & (plane_w_m2 > DARK_W_M2)
-    kept &= _steady(reading) & _steady(plane_w_m2)
-    if kept.sum() < MIN_MINUTES:
+    usable = np.isfinite(reading) & np.isfinite(plane_w_m2) & (reading > 0.0) & (plane_w_m2 > DARK_W_M2)
+    usable &= _steady(reading) & _steady(plane_w_m2)
+    if usable.sum() < MIN_MINUTES:
         raise CalibrationError(
-            f"only {kept.sum()} steady minutes of sun in which both instruments read",
+            f"only {usable.sum()} steady minutes of sun in which both instruments read",
             fix="compare them for half an hour under a clear sky, the sun above 12°; check their clocks",
         )
-    ratio = plane_w_m2 / np.where(kept, reading, np.nan)
-    consistent = kept & (np.abs(ratio / np.nanmedian(ratio) - 1.0) < MAX_SCATTER)
-    if consistent.sum() < MIN_CONSISTENT * kept.sum():
+    ratio = plane_w_m2 / np.where(usable, reading, np.nan)
+    consistent = usable & (np.abs(ratio / np.nanmedian(ratio) - 1.0) < MAX_SCATTER)
+    if consistent.sum() < MIN_CONSISTENT * usable.sum():
         raise CalibrationError(
-            f"the instruments disagree: only {consistent.sum()} of {kept.sum()} minutes fit one factor",
+            f"the instruments disagree: only {consistent.sum()} of {usable.sum()} minutes fit one factor",
             fix="compare their clocks (time zone?), levels and mounting; is one of them shaded?",
         )
     x, y = reading[consistent], plane_w_m2[consistent]

@@ -57,8 +57,8 @@ def fit_line(points: Points, *, origin: bool) -> Line:
         return float(np.sum(left**2 / points.variance(slope)))
 
     guess = _ordinary(points, origin)
-    found = optimize.minimize_scalar(misfit, bracket=(0.9 * guess, 1.1 * guess), options={"xtol": 1e-10})
-    slope = float(found.x)
+    minimum = optimize.minimize_scalar(misfit, bracket=(0.9 * guess, 1.1 * guess), options={"xtol": 1e-10})
+    slope = float(minimum.x)
     step = 1e-3 * abs(guess)
     curvature = (misfit(slope + step) - 2.0 * misfit(slope) + misfit(slope - step)) / step**2
     return Line(

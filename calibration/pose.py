@@ -91,7 +91,7 @@ def fit_pose(
     residuals = np.linalg.norm(best.fun.reshape(-1, 2), axis=1) * mark_sd_px
     _refuse_wrong_point(residuals, mark_sd_px)
     camera = _camera(best.x, shape, hfov_deg, distortion)
-    east, north, up = (float(one) for one in np.asarray(camera.position_m) * on_ground + centre)
+    east, north, up = (float(coordinate) for coordinate in np.asarray(camera.position_m) * on_ground + centre)
     return PoseFit(
         replace(camera, position_m=(east, north, up), grid_scale=grid_scale),
         dict(zip(QUANTITIES, map(float, sd), strict=True)),
@@ -138,7 +138,9 @@ def _start(
     import cv2
 
     intrinsics = Camera((0.0, 0.0, 0.0), 0.0, 0.0, 0.0, hfov_deg, shape).intrinsics
-    marks, points = (np.ascontiguousarray(one, np.float64) for one in (pixels, points_m))  # as OpenCV asks
+    marks, points = (
+        np.ascontiguousarray(values, np.float64) for values in (pixels, points_m)
+    )  # as OpenCV asks
     lens = np.array(distortion) if distortion else None
     try:
         ok, turned, moved = cv2.solvePnP(points, marks, intrinsics, lens, flags=cv2.SOLVEPNP_SQPNP)

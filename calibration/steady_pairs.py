@@ -99,23 +99,23 @@ def drift_k_min(time_ns: IntArray, value_k: FloatArray) -> float:
 
     At UTC nanoseconds (n,); NaN for fewer than three values, or where all are of one instant.
     """
-    known = np.isfinite(value_k)
-    if known.sum() < 3:
+    has_value = np.isfinite(value_k)
+    if has_value.sum() < 3:
         return float("nan")
-    minutes = (time_ns[known] - time_ns[0]) / 60e9
+    minutes = (time_ns[has_value] - time_ns[0]) / 60e9
     centred = minutes - minutes.mean()
     spread = float(centred @ centred)
-    return float(centred @ value_k[known]) / spread if spread else float("nan")
+    return float(centred @ value_k[has_value]) / spread if spread else float("nan")
 
 
 def refuse_shifted_clocks(readings: Readings) -> None:
     """Raise `CalibrationError` if the probe's series fits the camera's much better at another time."""
-    found = best_lag_s(readings)
-    if found is not None and abs(found) > SIGNIFICANT_LAG_S:
+    lag_s = best_lag_s(readings)
+    if lag_s is not None and abs(lag_s) > SIGNIFICANT_LAG_S:
         raise CalibrationError(
-            f"the thermometer's readings fit the camera's best when shifted by {found / 60.0:+.1f} min",
+            f"the thermometer's readings fit the camera's best when shifted by {lag_s / 60.0:+.1f} min",
             fix="the clocks of two logs differ: import the thermometer again with --clock-offset "
-            f"{found:+.0f}s; or, of one recording, the probe follows late: less sand over it, a thinner wire",
+            f"{lag_s:+.0f}s; or, of one recording, the probe follows late: less sand over it, a thinner wire",
         )
 
 
@@ -159,15 +159,17 @@ def _misfit(readings: Readings, contact_k: FloatArray, lag_s: float = 0.0, margi
     Frames within `margin_s` of the probe's ends are excluded, so that every lag is judged by the same
     frames.
     """
-    known, seen = np.isfinite(contact_k), np.isfinite(readings.apparent_k)
-    if not known.any():
+    has_contact, seen = np.isfinite(contact_k), np.isfinite(readings.apparent_k)
+    if not has_contact.any():
         return float("nan")
     origin = readings.contact_ns[0]
-    probe_s, camera_s = ((times - origin) / 1e9 for times in (readings.contact_ns[known], readings.camera_ns))
+    probe_s, camera_s = (
+        (times - origin) / 1e9 for times in (readings.contact_ns[has_contact], readings.camera_ns)
+    )
     inside = seen & (camera_s >= probe_s[0] + margin_s) & (camera_s <= probe_s[-1] - margin_s)
     if inside.sum() < 10:
         return float("nan")
-    x, y = np.interp(camera_s[inside], probe_s + lag_s, contact_k[known]), readings.apparent_k[inside]
+    x, y = np.interp(camera_s[inside], probe_s + lag_s, contact_k[has_contact]), readings.apparent_k[inside]
     centred = x - x.mean()
     slope = float(centred @ y) / max(float(centred @ centred), 1e-12)
     return float(np.std(y - slope * centred))
@@ -199,8 +201,8 @@ def _within(time_ns: IntArray, start_ns: int, end_ns: int) -> slice:
 
 
 def _mean(values: FloatArray) -> float:
-    known = values[np.isfinite(values)]
-    return float(known.mean()) if known.size else float("nan")
+    finite = values[np.isfinite(values)]
+    return float(finite.mean()) if finite.size else float("nan")
 
 
 def _runs(blocks: _Blocks) -> Iterator[IntArray]:

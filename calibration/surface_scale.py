@@ -64,9 +64,9 @@ def pool(beds: Mapping[str, BedScale], tilt_sd_deg: float) -> PooledScale:
         Contribution("beds disagree", math.sqrt(beyond), "1", "A", math.sqrt(beyond)),
         Contribution("inclinometer", tilt_sd_deg, "deg", "B", inclinometer),
     )
-    found = PooledScale(kappa, budget, max(0, len(beds) - 1))
-    _refuse(found, beds)
-    return found
+    pooled = PooledScale(kappa, budget, max(0, len(beds) - 1))
+    _refuse(pooled, beds)
+    return pooled
 
 
 def _refuse(found: PooledScale, beds: Mapping[str, BedScale]) -> None:

@@ -53,9 +53,9 @@ def _inferno() -> Colours:
 def _ramp(stops: str) -> Colours:
     import numpy as np
 
-    given = np.array([list(bytes.fromhex(stop)) for stop in stops.split()], np.float64)
-    places, at = np.linspace(0.0, 1.0, 256), np.linspace(0.0, 1.0, len(given))
-    colours: Colours = np.rint(np.column_stack([np.interp(places, at, one) for one in given.T])).astype(
-        np.uint8
-    )
+    channels = np.array([list(bytes.fromhex(stop)) for stop in stops.split()], np.float64)
+    places, at = np.linspace(0.0, 1.0, 256), np.linspace(0.0, 1.0, len(channels))
+    colours: Colours = np.rint(
+        np.column_stack([np.interp(places, at, channel) for channel in channels.T])
+    ).astype(np.uint8)
     return colours

@@ -121,7 +121,7 @@ class Weather:
     """Parts of the file that were not used, and why."""
 
 
-def packaged() -> Weather:
+def packaged_day() -> Weather:
     """The packaged day: Alamosa, Colorado, 2016-01-01, clear all day."""
     text = (resources.files("fieldkit") / "data" / PACKAGED).read_text(encoding="utf-8")
     return read_table(io.StringIO(text))
@@ -235,7 +235,7 @@ def read_station_file(path: Path) -> Weather:
     except ConfigError:
         raise
     except (OSError, EOFError, zlib.error, ArithmeticError, LookupError, TypeError, ValueError) as error:
-        raise _damaged(path, error) from error
+        raise _damage_error(path, error) from error
 
 
 def _content(path: Path, most: int) -> bytes:
@@ -248,7 +248,7 @@ def _content(path: Path, most: int) -> bytes:
         return packed.read(most)
 
 
-def _damaged(path: Path, error: Exception) -> ConfigError:
+def _damage_error(path: Path, error: Exception) -> ConfigError:
     return ConfigError(
         f"{path} is damaged: {error}", fix="download it again from SURFRAD or BSRN, and do not edit it"
     )
@@ -256,13 +256,13 @@ def _damaged(path: Path, error: Exception) -> ConfigError:
 
 def _surfrad_site(path: Path, content: bytes) -> Site:
     """The station, by the position in the second line; the sign of its longitude is unreliable."""
-    found = _SURFRAD_PLACE.match(content)
-    if found is None:
+    place = _SURFRAD_PLACE.match(content)
+    if place is None:
         raise ConfigError(
             f"{path} is not a SURFRAD daily file, nor one of BSRN",
             fix="give a file as the network names it, like slv16001.dat or tat0624.dat.gz",
         )
-    latitude, longitude = float(found[1]), float(found[2])
+    latitude, longitude = float(place[1]), float(place[2])
     for site in STATIONS.values():
         apart = abs(latitude - site.latitude_deg), abs(abs(longitude) - abs(site.longitude_deg))
         if max(apart) <= _NEAR_DEG:
@@ -373,7 +373,7 @@ def _bsrn(path: Path, text: str) -> Weather:
             warnings.simplefilter("ignore")  # pvlib uses pandas features that are deprecated
             table, about = read_bsrn(io.StringIO(text), logical_records=records)
     except Exception as error:  # pandas raises exceptions of its own
-        raise _damaged(path, error) from error
+        raise _damage_error(path, error) from error
     if table.empty or not about:
         raise ConfigError(
             f"{path} has no basic radiation (logical record 0100)", fix="download the whole month from BSRN"
@@ -401,8 +401,8 @@ def _bsrn_weather(table: pd.DataFrame, site: Site, source: str) -> Weather:
     table = table[~table.index.duplicated()].sort_index()
 
     def column(name: str) -> FloatArray:
-        known = table[name] if name in table else np.full(len(table), np.nan)
-        return np.asarray(known, np.float64)
+        values = table[name] if name in table else np.full(len(table), np.nan)
+        return np.asarray(values, np.float64)
 
     labels = pd.DatetimeIndex(table.index).tz_localize(None)
     for year in set(labels.year):

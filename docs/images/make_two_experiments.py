@@ -18,7 +18,7 @@ from fieldkit.simulation.scene import ALAMOSA_NOON_NS, BEDS
 from fieldkit.simulation.scene_series import EXCHANGE, SceneModel, SceneSeries
 from fieldkit.simulation.sky import MeasuredSky
 from fieldkit.views.plotting import legend, line, panels, svg
-from fieldkit.weather import packaged
+from fieldkit.weather import packaged_day
 
 IMAGES = ("shade-test.svg", "after-sunset.svg")
 NOON_S, LENGTH_S = 3 * 3600.0, 10 * 3600.0
@@ -28,7 +28,7 @@ BOARD_S = (3600.0, 3900.0)
 
 def afternoon() -> SceneSeries:
     """The beds from 9:00 to 19:00."""
-    day = packaged()
+    day = packaged_day()
     board = Board("b15", NOON_S + BOARD_S[0], NOON_S + BOARD_S[1])
     model = SceneModel(day.site, MeasuredSky(day), BEDS, GROUND, EXCHANGE, (), 3.0, boards=(board,))
     return model.series(ALAMOSA_NOON_NS - round(NOON_S * SECOND_NS), LENGTH_S)
@@ -74,7 +74,7 @@ def after_sunset(scene: SceneSeries) -> Figure:
 def sunset_s(scene: SceneSeries) -> float:
     """Seconds from noon until the sun sets."""
     time_ns = scene.origin_ns + np.round(scene.time_s * SECOND_NS).astype(np.int64)
-    height: FloatArray = sun_vectors(time_ns, packaged().site, refraction=True)[:, 2]
+    height: FloatArray = sun_vectors(time_ns, packaged_day().site, refraction=True)[:, 2]
     return float(scene.time_s[np.flatnonzero(height > 0.0)[-1]]) - NOON_S
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from fieldkit.calibrate.inputs import end_of, light_meter, minute_means, record_source
-from fieldkit.calibrate.result import Calibration, stamped
+from fieldkit.calibrate.result import Calibration, stamp
 from fieldkit.calibration.calibration_record import CalibrationRecord, Source
 from fieldkit.calibration.clock_offset import ClockOffset, offset_from_sun, offset_from_times
 from fieldkit.config import Config
@@ -111,13 +111,13 @@ def clock(
     with reading(session) as opened:
         config = config_for(opened)
         if gps is None:
-            found, method = _against_sun(opened, config), "the light against the sun's height"
+            offset, method = _against_sun(opened, config), "the light against the sun's height"
         else:
-            found, method = _against_gps(opened, gps), f"GPS receiver {gps}"
+            offset, method = _against_gps(opened, gps), f"GPS receiver {gps}"
         notify_damage(opened, notify)
-        _warn_of_another_day(found, notify)
-        record = _record(name, end_of(opened), found, method, (record_source(opened.path),))
-        return _calibration(record, found, "apply() corrects the session's times", config, opened.path)
+        _warn_of_another_day(offset, notify)
+        record = _record(name, end_of(opened), offset, method, (record_source(opened.path),))
+        return _calibration(record, offset, "apply() corrects the session's times", config, opened.path)
 
 
 def host_clock(
@@ -142,18 +142,18 @@ def host_clock(
     <ClockCalibration: add +5.0 ± 1.0 s (k=2)   another clock, read by hand>
     """
     own, true = np.array([host_ns], np.int64), np.array([utc_ns(moment(shown))], np.int64)
-    found = offset_from_times(own, true, BY_HAND_S, "other clock by hand")
-    _warn_of_another_day(found, notify)
+    offset = offset_from_times(own, true, BY_HAND_S, "other clock by hand")
+    _warn_of_another_day(offset, notify)
     date = datetime.fromtimestamp(host_ns // 10**9, UTC)
-    record = _record(name, date, found, "another clock, read by hand")
-    return _calibration(record, found, "set this computer's clock before recording", config)
+    record = _record(name, date, offset, "another clock, read by hand")
+    return _calibration(record, offset, "set this computer's clock before recording", config)
 
 
 def _record(
     name: str, date: datetime, found: ClockOffset, method: str, sources: tuple[Source, ...] = ()
 ) -> CalibrationRecord:
     freedom = max(0, found.readings - 1)
-    return stamped(
+    return stamp(
         CalibrationRecord(
             kind="clock",
             name=name,
@@ -173,8 +173,8 @@ def _calibration(
     record: CalibrationRecord, found: ClockOffset, use: str, config: Config, session: Path | None = None
 ) -> ClockCalibration:
     summary = f"add {found.offset_s:+.1f} ± {found.expanded:.1f} s (k=2)   {record.method}"
-    made = ClockCalibration(record, summary, use, config.calibration, found, session)
-    return made if made.is_significant else replace(made, used_by=NOTHING_TO_DO)
+    calibration = ClockCalibration(record, summary, use, config.calibration, found, session)
+    return calibration if calibration.is_significant else replace(calibration, used_by=NOTHING_TO_DO)
 
 
 def _warn_of_another_day(found: ClockOffset, notify: Callable[[str], None]) -> None:

@@ -16,7 +16,7 @@ from fieldkit.calibrate.measurement import (
     ReadingCollector,
     measurement_setup,
 )
-from fieldkit.calibrate.result import Calibration, stamped
+from fieldkit.calibrate.result import Calibration, stamp
 from fieldkit.calibration.calibration_record import CalibrationRecord, instrument_of
 from fieldkit.calibration.emissivity import Emissivity, Pairs, SharedUncertainties, fit_emissivity
 from fieldkit.calibration.steady_pairs import (
@@ -130,31 +130,29 @@ def emissivity(
             collector.add(one)
         notify_damage(opened, notify)
         pairs, remarks = pairs_of(steady_intervals(_checked_readings(collector)))
-        found = _fitted(pairs, setup)
-        found = replace(found, remarks=(*setup.remarks, *remarks, *found.remarks))
+        fit = _fit(pairs, setup)
+        fit = replace(fit, remarks=(*setup.remarks, *remarks, *fit.remarks))
         record = CalibrationRecord(
             kind="emissivity",
             name=sample,
             date=end_of(opened),
-            value=found.value,
-            standard_uncertainty=found.standard_uncertainty,
+            value=fit.value,
+            standard_uncertainty=fit.standard_uncertainty,
             unit="1",
             method=WITH_THERMOMETER if setup.tape is None else WITH_TAPE,
-            degrees_of_freedom=found.freedom,
-            budget=found.budget,
+            degrees_of_freedom=fit.freedom,
+            budget=fit.budget,
             band=setup.band.label,
             angle_deg=math.nan if options.angle_deg is None else options.angle_deg,
             instrument=instrument_of(setup.camera),
             sources=(record_source(opened.path),),
-            details=_details(found, pairs, setup),
+            details=_details(fit, pairs, setup),
             settings={"sample": sample, **options.recorded()},
-            remarks=found.remarks,
+            remarks=fit.remarks,
         )
         used_by = f'surface.emissivity = "@{sample}"'
-        summary = _summary(found, pairs, setup)
-        return EmissivityCalibration(
-            stamped(record), summary, used_by, config.calibration, found, pairs, setup
-        )
+        summary = _summary(fit, pairs, setup)
+        return EmissivityCalibration(stamp(record), summary, used_by, config.calibration, fit, pairs, setup)
 
 
 def _checked_readings(collector: ReadingCollector) -> Readings:
@@ -166,7 +164,7 @@ def _checked_readings(collector: ReadingCollector) -> Readings:
     return readings
 
 
-def _fitted(pairs: Pairs, setup: MeasurementSetup) -> Emissivity:
+def _fit(pairs: Pairs, setup: MeasurementSetup) -> Emissivity:
     options = setup.options
     shared = SharedUncertainties(
         camera_k=options.camera_sd_k,
@@ -208,7 +206,7 @@ def _details(found: Emissivity, pairs: Pairs, setup: MeasurementSetup) -> dict[s
 
 
 def _celsius(kelvin: Any) -> list[float]:
-    return [round(float(one) - CELSIUS_ZERO_K, 3) for one in kelvin]
+    return [round(float(value_k) - CELSIUS_ZERO_K, 3) for value_k in kelvin]
 
 
 def _summary(found: Emissivity, pairs: Pairs, setup: MeasurementSetup) -> str:

@@ -93,10 +93,10 @@ def record_emissivity(
     stopping = threading.Event()
     with prepare_emissivity(config, sample, options or MeasurementOptions(), notify) as prepared:
         view = prepared.view(on_minute, stopping.set)
-        recorded = prepared.recording.run([view], stopping=stopping)
-    if recorded.summary.failure is not None:
-        raise recorded.summary.failure
-    return recorded
+        recording = prepared.recording.run([view], stopping=stopping)
+    if recording.summary.failure is not None:
+        raise recording.summary.failure
+    return recording
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,8 +121,8 @@ class PreparedMeasurement:
     def view(self, on_minute: Callable[[str], None], stop: Callable[[], None]) -> SteadyView:
         """A view of the recording that reports every minute, and calls `stop` when there is enough."""
         span_k = MIN_SPAN_K if self.setup.is_reflected_fitted else 0.0
-        wanted = self.setup.options.temperatures
-        return SteadyView(ReadingCollector(self.setup), on_minute, stop, wanted, span_k)
+        temperatures = self.setup.options.temperatures
+        return SteadyView(ReadingCollector(self.setup), on_minute, stop, temperatures, span_k)
 
 
 @contextmanager
@@ -185,8 +185,8 @@ def _state(readings: Readings) -> str:
 
 def apart(steady_k: Sequence[float]) -> list[float]:
     """Those of the steady temperatures that are at least 5 K apart, in order of time."""
-    found: list[float] = []
-    for one in steady_k:
-        if all(abs(one - other) >= APART_K for other in found):
-            found.append(one)
-    return found
+    levels_k: list[float] = []
+    for temperature_k in steady_k:
+        if all(abs(temperature_k - other) >= APART_K for other in levels_k):
+            levels_k.append(temperature_k)
+    return levels_k

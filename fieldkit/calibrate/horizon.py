@@ -104,7 +104,8 @@ def horizon_of_pixels(
     camera = pose.camera(shape, Grid())  # yaw is against true north
     x, y = table.T
     lines = np.stack(
-        [map_coordinates(one, [y, x], order=1) for one in np.moveaxis(rays(camera), -1, 0)], axis=-1
+        [map_coordinates(component, [y, x], order=1) for component in np.moveaxis(rays(camera), -1, 0)],
+        axis=-1,
     )
     zenith, azimuth = tilt_azimuth(lines)
     order = np.argsort((azimuth - camera.yaw_deg + 180.0) % 360.0)
@@ -129,7 +130,7 @@ def horizons_of_regions(config: Config) -> dict[str, Horizon]:
         )
     system = geotiff.projected_crs(config.pose.table.crs)
     site = config.estimator_settings().horizon
-    found: dict[str, Horizon] = {}
+    horizons: dict[str, Horizon] = {}
     for name, bed in beds.items():
         grid = geotiff.grid_at(system, *bed[0, :2])
         on_ground = (grid.scale, grid.scale, 1.0)
@@ -137,8 +138,8 @@ def horizons_of_regions(config: Config) -> dict[str, Horizon]:
         over = horizon_of_neighbours(bed / on_ground, others)
         if max(up for _, up in over) > 0.0:
             on_site = [(float((at - grid.true_north_deg) % 360.0), up) for at, up in over]
-            found[name] = _thinned(higher_horizon(on_site, site))
-    return found
+            horizons[name] = _thin(higher_horizon(on_site, site))
+    return horizons
 
 
 def set_skyline(
@@ -161,15 +162,15 @@ def set_skyline(
 
 def set_horizons(file: Path, horizons: Mapping[str, Horizon]) -> list[Path]:
     """Write ``horizon-REGION.csv`` beside a ``fieldkit.toml`` and name each in its region; the files."""
-    written = []
+    files = []
     for name, horizon in horizons.items():
-        written.append(file.parent / f"horizon-{name}.csv")
-        write_horizon(written[-1], horizon)
-        change_region(file, name, {"horizon": written[-1].name})
-    return written
+        files.append(file.parent / f"horizon-{name}.csv")
+        write_horizon(files[-1], horizon)
+        change_region(file, name, {"horizon": files[-1].name})
+    return files
 
 
-def _thinned(horizon: Horizon) -> Horizon:
+def _thin(horizon: Horizon) -> Horizon:
     """Rounded for a file, without points amid others of the same elevation."""
     rounded = {round(at, 3) % 360.0: round(up, 2) for at, up in horizon}
     pairs = sorted(rounded.items())

@@ -70,11 +70,11 @@ def one_region(regions: Sequence[Region], name: str, path: Path) -> Region:
 
 def one_stream(session: SessionReader, quantity: str, name: str | None = None) -> StreamInfo:
     """The only stream of a quantity, or the one of that name; raises `ConfigError` with those there are."""
-    found = [info for info in session.streams.values() if info.quantity == quantity]
-    chosen = [info for info in found if name in (None, info.name)]
+    candidates = [info for info in session.streams.values() if info.quantity == quantity]
+    chosen = [info for info in candidates if name in (None, info.name)]
     if len(chosen) == 1:
         return chosen[0]
-    have = ", ".join(info.name for info in found) or "none"
+    have = ", ".join(info.name for info in candidates) or "none"
     which = f"no {quantity} stream {name!r}" if name else f"which {quantity} stream?"
     raise ConfigError(f"{session.path}: {which}", fix=f"it has {have}")
 
@@ -85,13 +85,13 @@ def light_meter(session: SessionReader, config: Config) -> StreamInfo:
     Raises `ConfigError` without any, or if none of several is named.
     """
     names = [info.name for info in session.streams.values() if info.quantity == "illuminance"]
-    named = config.tables.irradiance.stream
-    if len(names) > 1 and named not in names:
+    stream_name = config.tables.irradiance.stream
+    if len(names) > 1 and stream_name not in names:
         raise ConfigError(
             f"{session.path}: which light meter?",
             fix=f"name it as irradiance.stream; it has {', '.join(names)}",
         )
-    return one_stream(session, "illuminance", named if named in names else None)
+    return one_stream(session, "illuminance", stream_name if stream_name in names else None)
 
 
 def minute_means(

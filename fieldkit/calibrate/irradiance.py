@@ -9,7 +9,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from fieldkit.calibrate.inputs import end_of, light_meter, minute_means, one_stream, record_source
-from fieldkit.calibrate.result import Calibration, stamped
+from fieldkit.calibrate.result import Calibration, stamp
 from fieldkit.calibration.calibration_record import CalibrationRecord, instrument_of
 from fieldkit.calibration.light_meter import (
     MAX_LAG_S,
@@ -112,26 +112,26 @@ def irradiance(
         def factor(on_meter: FloatArray) -> LightFactor:
             return light_factor(illuminance, on_meter, reference_sd=reference_sd, diffuse_sd=diffuse_sd)
 
-        found = factor(plane[MARGIN:-MARGIN])
+        calibration_factor = factor(plane[MARGIN:-MARGIN])
         if lag_s:
             at_lag = np.interp(minutes + round(lag_s * 1e9), around, plane)
-            found = with_lag(found, factor(at_lag), lag_s)
+            calibration_factor = with_lag(calibration_factor, factor(at_lag), lag_s)
         model = config.irradiance_model()
         record = CalibrationRecord(
             kind="irradiance",
             name=name,
             date=end_of(opened),
-            value=found.value,
-            standard_uncertainty=found.standard_uncertainty,
+            value=calibration_factor.value,
+            standard_uncertainty=calibration_factor.standard_uncertainty,
             unit="W/m2/lx",
             method=method,
-            degrees_of_freedom=found.minutes - 1,
-            budget=found.budget,
+            degrees_of_freedom=calibration_factor.minutes - 1,
+            budget=calibration_factor.budget,
             instrument=instrument_of(meter),
             sources=tuple(record_source(file) for file in (opened.path, *files)),
             details={
-                "minutes": found.minutes,
-                "scatter": found.scatter,
+                "minutes": calibration_factor.minutes,
+                "scatter": calibration_factor.scatter,
                 "mounting": model.mounting,
                 "diffuse": model.diffuse,
             },
@@ -142,10 +142,10 @@ def irradiance(
                 "station": "",
                 against: reference,
             },
-            remarks=found.remarks,
+            remarks=calibration_factor.remarks,
         )
         used_by = f'irradiance.model = "calibrated", irradiance.factor = "@{name}"'
-        return Calibration(stamped(record), _summary(found), used_by, config.calibration)
+        return Calibration(stamp(record), _summary(calibration_factor), used_by, config.calibration)
 
 
 def _summary(found: LightFactor) -> str:
@@ -204,11 +204,11 @@ def _with_margins(minute_ns: IntArray) -> IntArray:
 
 def _at(minute_ns: IntArray, time_ns: IntArray, value: FloatArray) -> FloatArray:
     """Values interpolated at the minutes; NaN farther than a minute and a half from any value."""
-    known = np.isfinite(value)
-    if not known.any():
+    has_value = np.isfinite(value)
+    if not has_value.any():
         return np.full(minute_ns.size, np.nan)
-    since, times = (minute_ns - time_ns[0]) / 1e9, (time_ns[known] - time_ns[0]) / 1e9
+    since, times = (minute_ns - time_ns[0]) / 1e9, (time_ns[has_value] - time_ns[0]) / 1e9
     following = np.searchsorted(times, since)
     near = np.abs(times[np.clip(following, 0, times.size - 1)] - since) < NEAR_S
     near |= np.abs(times[np.clip(following - 1, 0, times.size - 1)] - since) < NEAR_S
-    return np.where(near, np.interp(since, times, value[known]), np.nan)
+    return np.where(near, np.interp(since, times, value[has_value]), np.nan)

@@ -138,9 +138,9 @@ class MeasurementOptions:
 
     def recorded(self) -> dict[str, Any]:
         """The options by their names in a calibration record, to repeat it; empty ones are omitted."""
-        given = {_RECORDED.get(field.name, field.name): getattr(self, field.name) for field in fields(self)}
-        given["reflected"] = str(self.reflected)
-        return {key: value for key, value in given.items() if value not in (None, "", False)}
+        options = {_RECORDED.get(field.name, field.name): getattr(self, field.name) for field in fields(self)}
+        options["reflected"] = str(self.reflected)
+        return {key: value for key, value in options.items() if value not in (None, "", False)}
 
 
 _RECORDED = {
@@ -245,7 +245,7 @@ def measurement_setup(inventory: Inventory, options: MeasurementOptions) -> Meas
     if camera is None:
         raise ConfigError(f"{where} has no camera", fix="an emissivity needs frames of a camera")
     reference = next((region.name for region in regions if region.kind is RegionKind.REFERENCE), "")
-    foil, reflected_k = _reflected(options.reflected, regions, where)
+    foil, reflected_k = _reflected_source(options.reflected, regions, where)
     setup = MeasurementSetup(
         options,
         camera,
@@ -262,7 +262,7 @@ def measurement_setup(inventory: Inventory, options: MeasurementOptions) -> Meas
 
 def _require_different_regions(setup: MeasurementSetup) -> None:
     """Raise `ConfigError` if a region is two of sample, foil and tape, and so compared with itself."""
-    names = [one.name for one in (setup.sample, setup.foil, setup.tape) if one is not None]
+    names = [region.name for region in (setup.sample, setup.foil, setup.tape) if region is not None]
     for name in names:
         if names.count(name) > 1:
             raise ConfigError(
@@ -273,13 +273,13 @@ def _require_different_regions(setup: MeasurementSetup) -> None:
 
 def _with_thermometer(setup: MeasurementSetup, inventory: Inventory) -> MeasurementSetup:
     options = setup.options
-    found = [info for info in inventory.streams if info.quantity == "temperature"]
-    chosen = [info for info in found if options.thermometer in (None, info.name)]
+    thermometers = [info for info in inventory.streams if info.quantity == "temperature"]
+    chosen = [info for info in thermometers if options.thermometer in (None, info.name)]
     own = inventory.probe_in(setup.sample.name, chosen) if options.channel is None else None
     if own is not None:
         return replace(setup, thermometer=own[0], channel=own[1])
     if len(chosen) != 1:
-        have = ", ".join(info.name for info in found) or "none"
+        have = ", ".join(info.name for info in thermometers) or "none"
         raise ConfigError(f"{inventory.path}: which thermometer?", fix=f"--thermometer; it has {have}")
     (info,) = chosen
     channel = _channel(info, options.channel)
@@ -304,7 +304,9 @@ def _applied_emissivity(camera: StreamInfo, given: float | None) -> float:
     return reported if given is None else given
 
 
-def _reflected(reflected: str | float, regions: Sequence[Region], where: Path) -> tuple[Region | None, float]:
+def _reflected_source(
+    reflected: str | float, regions: Sequence[Region], where: Path
+) -> tuple[Region | None, float]:
     """The foil's region or the reflected temperature in kelvin."""
     if reflected == FITTED:
         return None, NOT_MEASURED_K
@@ -336,13 +338,13 @@ def band_of(text: str) -> Band:
         numbers = [float(word) for word in text.split(",")]
     except ValueError:
         return ResponseBand.read(Path(text))
-    found = None
+    band = None
     if len(numbers) == 2:
-        found = CameraBand(*numbers)
+        band = CameraBand(*numbers)
     if len(numbers) == 4:
-        found = CameraBand(numbers[1], numbers[2], numbers[0], numbers[3])
-    if found is not None and all(map(math.isfinite, numbers)) and found.b > 0.0 and found.r > 0.0:
-        return found
+        band = CameraBand(numbers[1], numbers[2], numbers[0], numbers[3])
+    if band is not None and all(map(math.isfinite, numbers)) and band.b > 0.0 and band.r > 0.0:
+        return band
     raise ConfigError(f"{text!r} is not a valid band", fix="use 8-14, a file, B,F or R,B,F,O")
 
 

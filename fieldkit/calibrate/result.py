@@ -57,7 +57,7 @@ class Calibration:
         return pd.DataFrame(self.record.budget)
 
 
-def stamped(record: CalibrationRecord) -> CalibrationRecord:
+def stamp(record: CalibrationRecord) -> CalibrationRecord:
     """The record with its date of expiry and the version of this software.
 
     Raises `ConfigError` for a name that no file can have, `CalibrationError` for a result that is no number.

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from fieldkit.calibrate.inputs import end_of, record_source
-from fieldkit.calibrate.result import Calibration, stamped
+from fieldkit.calibrate.result import Calibration, stamp
 from fieldkit.calibration.calibration_record import CalibrationRecord
 from fieldkit.calibration.ranges import require_ranges
 from fieldkit.calibration.surface_scale import BedScale, PooledScale, pool
@@ -105,8 +105,8 @@ def surface(
     with reading(session) as opened:
         config = config_for(opened, settings)
         if config.tables.estimator.model == "learned":
-            given = known_slopes(regions_for(opened, config).latest, beds, opened.path)
-            learnt = sand(opened, config, given, tilt_sd_deg, name)
+            bed_slopes = known_slopes(regions_for(opened, config).latest, beds, opened.path)
+            learnt = sand(opened, config, bed_slopes, tilt_sd_deg, name)
             notify_damage(opened, notify)
             return learnt
         # kappa is measured relative to one, whatever was configured
@@ -114,35 +114,35 @@ def surface(
         minutes = SessionMinutes(opened, config)
         history = minutes.history
         notify_damage(opened, notify)
-        known = known_slopes(minutes.regions, beds, opened.path)
-        if not known:
+        bed_slopes = known_slopes(minutes.regions, beds, opened.path)
+        if not bed_slopes:
             raise CalibrationError(
                 f"{opened.path} has no region of known slope",
                 fix="give tilt_deg and azimuth_deg of one bed of 10 to 25 degrees",
             )
         rows = clear_rows(minutes, history)
-        scales = {bed: _scale_of(rows, slope, tilt_sd_deg) for bed, slope in known.items()}
-        found = pool(scales, tilt_sd_deg)
-        model = identified(minutes, history, known)
+        scales = {bed: _scale_of(rows, slope, tilt_sd_deg) for bed, slope in bed_slopes.items()}
+        pooled = pool(scales, tilt_sd_deg)
+        model = fit_exchange(minutes, history, bed_slopes)
         record = CalibrationRecord(
             kind="surface",
             name=name,
             date=end_of(opened),
-            value=found.kappa,
-            standard_uncertainty=found.standard_uncertainty,
+            value=pooled.kappa,
+            standard_uncertainty=pooled.standard_uncertainty,
             unit="1",
             method=f"beds of known slope, {minutes.settings.model} model",
-            degrees_of_freedom=found.freedom,
-            budget=found.budget,
+            degrees_of_freedom=pooled.freedom,
+            budget=pooled.budget,
             values={bed: scale.kappa for bed, scale in scales.items()},
             uncertainties={bed: scale.kappa_sd for bed, scale in scales.items()},
             sources=(record_source(opened.path),),
             details=_details(model, minutes),
-            settings={"name": name, "beds": list(known), "tilt_sd": tilt_sd_deg},
+            settings={"name": name, "beds": list(bed_slopes), "tilt_sd": tilt_sd_deg},
             remarks=(model.summary,),
         )
-        summary = _summary(found, scales, minutes)
-        return Calibration(stamped(record), summary, f'estimator.scale = "@{name}"', config.calibration)
+        summary = _summary(pooled, scales, minutes)
+        return Calibration(stamp(record), summary, f'estimator.scale = "@{name}"', config.calibration)
 
 
 def clear_rows(minutes: SessionMinutes, history: History) -> Rows:
@@ -160,12 +160,12 @@ def _scale_of(rows: Rows, slope: KnownSlope, tilt_sd_deg: float) -> BedScale:
     is_lit = np.isfinite(rows.design).all(axis=1) & np.isfinite(sigma)
     is_lit &= np.minimum(rows.sun @ slope.normal(), rows.sun @ rows.reference) >= LOWEST_COS_INCIDENCE
     data = rows.design[is_lit], y[is_lit], sigma[is_lit], rows.reference
-    found = scale_from_known_bed(*data, slope.normal())
+    bed_scale = scale_from_known_bed(*data, slope.normal())
     steeper = scale_from_known_bed(*data, slope.normal(steeper_deg=tilt_sd_deg))
-    return BedScale(found.kappa, found.kappa_sd, steeper.kappa - found.kappa)
+    return BedScale(bed_scale.kappa, bed_scale.kappa_sd, steeper.kappa - bed_scale.kappa)
 
 
-def identified(minutes: SessionMinutes, history: History, known: Mapping[str, KnownSlope]) -> ExchangeFit:
+def fit_exchange(minutes: SessionMinutes, history: History, known: Mapping[str, KnownSlope]) -> ExchangeFit:
     """Evidence of the regions of known slope on alpha and beta of eq. (6)."""
     columns, surface = RegionColumns(minutes.regions), minutes.settings.surface
     names = [region.name for region in minutes.regions]
@@ -239,24 +239,24 @@ def sand(
     regions, settings = regions_for(session, config), config.estimator_settings()
     history = SessionMinutes(session, config).measured.history
     learnt = _learnt(history, with_known(regions, beds), settings)
-    known = carried(settings, [(settings, learnt)])
+    prior = carried(settings, [(settings, learnt)])
     steeper_deg = tilt_sd_deg if any(region.name in beds for region in regions.columns) else 0.0
     steeper = _learnt(history, with_known(regions, beds, steeper_deg), settings) if steeper_deg else learnt
-    budget = _budget(known["gain"], _gain(steeper) - _gain(learnt), tilt_sd_deg)
+    budget = _budget(prior["gain"], _gain(steeper) - _gain(learnt), tilt_sd_deg)
     gain_sd = combined_uncertainty(budget)
-    known["gain"] = Carried(known["gain"].value, gain_sd / known["gain"].value)
-    brought = keys(known, settings)
+    prior["gain"] = Carried(prior["gain"].value, gain_sd / prior["gain"].value)
+    brought = keys(prior, settings)
     record = CalibrationRecord(
         "surface",
         name,
         end_of(session),
-        known["gain"].value,
+        prior["gain"].value,
         gain_sd,
         "1",
         "learned model",
         budget=budget,
         values={key: brought[place] for place, key in VALUES.items()},
-        uncertainties=_uncertainties(brought, known),
+        uncertainties=_uncertainties(brought, prior),
         sources=(record_source(session.path),),
         details=_sand_details(history, learnt, brought, settings),
         settings={"name": name, "beds": sorted(beds), "tilt_sd": tilt_sd_deg},
@@ -264,16 +264,16 @@ def sand(
     )
     used_by = ", ".join(f'{key} = "@{name}"' for key in ("estimator.scale", *VALUES))
     return Calibration(
-        stamped(record), _sand_summary(known, gain_sd, len(history)), used_by, config.calibration
+        stamp(record), _sand_summary(prior, gain_sd, len(history)), used_by, config.calibration
     )
 
 
 def _learnt(history: History, regions: Regions, settings: EstimatorSettings) -> Learnt:
-    found = SlopeChain(regions, settings).at(history)
-    if found.learnt is None:
-        reasons = sorted({slope.reason for slope in found.slopes if slope.reason})
+    estimated = SlopeChain(regions, settings).at(history)
+    if estimated.learnt is None:
+        reasons = sorted({slope.reason for slope in estimated.slopes if slope.reason})
         raise CalibrationError(f"nothing was learnt: {', '.join(reasons) or 'no target regions'}")
-    return found.learnt
+    return estimated.learnt
 
 
 def _gain(learnt: Learnt) -> float:

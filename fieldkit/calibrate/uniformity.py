@@ -8,7 +8,7 @@ from contextlib import ExitStack
 import numpy as np
 
 from fieldkit.calibrate.inputs import end_of, record_source
-from fieldkit.calibrate.result import Calibration, stamped
+from fieldkit.calibrate.result import Calibration, stamp
 from fieldkit.calibration import uniformity as offsets
 from fieldkit.calibration.calibration_record import CalibrationRecord, Instrument, instrument_of
 from fieldkit.calibration.ranges import require_ranges
@@ -67,8 +67,8 @@ def uniformity(
     """
     require_ranges({"target_sd_k": target_sd_k})
     with ExitStack() as stack:
-        given = [before] if after is None else [before, after]
-        sessions = [stack.enter_context(reading(one)) for one in given]
+        sources = [before] if after is None else [before, after]
+        sessions = [stack.enter_context(reading(source)) for source in sources]
         return _of_sessions(sorted(sessions, key=lambda one: one.end_ns), name, target_sd_k, notify)
 
 
@@ -80,28 +80,28 @@ def _of_sessions(
     for session in sessions:
         views.append(target_view(session))
         notify_damage(session, notify)
-    found = offsets.uniformity(*views, target_sd_k=target_sd_k)
-    camera, last, worst = _one_camera(sessions), sessions[-1], found.worst
-    sds = {region: found.standard_uncertainty_k(region) for region in found.offset_k}
+    result = offsets.uniformity(*views, target_sd_k=target_sd_k)
+    camera, last, worst = _one_camera(sessions), sessions[-1], result.worst
+    sds = {region: result.standard_uncertainty_k(region) for region in result.offset_k}
     record = CalibrationRecord(
         "uniformity",
         name,
         end_of(last),
-        max(found.offset_k.values(), key=abs),
+        max(result.offset_k.values(), key=abs),
         sds[worst],
         "K",
         "uniform target over all regions" + (", before and after" if len(sessions) == 2 else ""),
-        budget=found.budget[worst],
-        values=dict(found.offset_k),
+        budget=result.budget[worst],
+        values=dict(result.offset_k),
         uncertainties=sds,
         instrument=camera,
         sources=tuple(record_source(session.path) for session in sessions),
-        details={"drift_k_per_h": dict(found.drift_k_per_h)},
+        details={"drift_k_per_h": dict(result.drift_k_per_h)},
         settings={"name": name, "target_sd": target_sd_k},
     )
     used_by = f'offset_k = "@{name}" in each [[region]]'
-    summary = _summary(found, with_drift=len(sessions) == 2)
-    return Calibration(stamped(record), summary, used_by, config_for(last).calibration)
+    summary = _summary(result, with_drift=len(sessions) == 2)
+    return Calibration(stamp(record), summary, used_by, config_for(last).calibration)
 
 
 def _one_camera(sessions: Sequence[SessionReader]) -> Instrument:
@@ -141,12 +141,12 @@ def target_view(session: SessionReader) -> TargetView:
     counts = np.bincount(place)[:, np.newaxis]
     means = np.array([np.bincount(place, column) for column in series.mean_k[good].T]).T / counts
     reference, targets = means[:, is_reference].mean(axis=1), means[:, ~is_reference]
-    found = offsets_from_uniform(targets, reference)
-    offset_sd_k = students_factor(blocks.size - 1) * found.offset_sd_k
+    region_offsets = offsets_from_uniform(targets, reference)
+    offset_sd_k = students_factor(blocks.size - 1) * region_offsets.offset_sd_k
     names = [name for name, reference in zip(series.regions, is_reference, strict=True) if not reference]
     return TargetView(
         int(series.time_ns[good].mean()),
-        dict(zip(names, found.offset_k.tolist(), strict=True)),
+        dict(zip(names, region_offsets.offset_k.tolist(), strict=True)),
         dict(zip(names, offset_sd_k.tolist(), strict=True)),
         _largest_change_k(targets - reference[:, np.newaxis]),
     )

@@ -28,7 +28,7 @@ from fieldkit.physics.camera_geometry import (
     distances_to_ground_m,
     distances_to_plane_m,
     ground_points,
-    seen_by,
+    project_to_frame,
 )
 from fieldkit.physics.facet import normal
 from fieldkit.physics.heights import heights_from_normals
@@ -69,7 +69,7 @@ class GroundView:
 
     def on_cells(self, values: SingleArray) -> SingleArray:
         """Values (rows, cols) of the frame on the cells of the ground; NaN where the camera sees none."""
-        row, col, seen = self._seen()
+        row, col, seen = self._visible_cells()
         return np.where(seen, values[row, col], np.float32(np.nan))
 
     def relief(self, slopes: SlopeMap) -> tuple[FloatArray, FloatArray]:
@@ -81,13 +81,13 @@ class GroundView:
         normals = normal(tilt_deg, azimuth_deg + self.grid.true_north_deg)
         return heights_from_normals(normals, self.ground.cell_m / self.grid.scale, self.ground.heights_m)
 
-    def _seen(self) -> tuple[IndexArray, IndexArray, BoolArray]:
+    def _visible_cells(self) -> tuple[IndexArray, IndexArray, BoolArray]:
         rows, cols = self.ground.heights_m.shape
         cell = self.ground.cell_m
         east = self.ground.west_m + cell * (np.arange(cols) + 0.5)
         north = self.ground.north_m - cell * (np.arange(rows) + 0.5)
         points = np.stack([*np.meshgrid(east, north), self.ground.heights_m], axis=-1)
-        return seen_by(self.camera, points, self.distances_m, cell)
+        return project_to_frame(self.camera, points, self.distances_m, cell)
 
 
 def ground_view(pose: Pose, shape: tuple[int, int], cell_m: float | None = None) -> GroundView:
@@ -141,9 +141,10 @@ def _cells(points: FloatArray, pose: PoseTable, dem: Heights | None, cell_m: flo
         apart = np.linalg.norm(np.diff(points, axis=1)[..., :2], axis=-1)
         cell_m = float(np.nanmedian(apart)) if np.isfinite(apart).any() else 1.0
     east, north = points[..., 0], points[..., 1]
-    west, south = (float(np.floor(np.nanmin(one) / cell_m)) * cell_m for one in (east, north))
+    west, south = (float(np.floor(np.nanmin(coordinates) / cell_m)) * cell_m for coordinates in (east, north))
     cols, rows = (
-        max(2, int(np.ceil((np.nanmax(one) - edge) / cell_m))) for one, edge in ((east, west), (north, south))
+        max(2, int(np.ceil((np.nanmax(coordinates) - edge) / cell_m)))
+        for coordinates, edge in ((east, west), (north, south))
     )
     if rows * cols > MOST_CELLS:
         raise ConfigError(
@@ -169,7 +170,7 @@ def write_on_ground(
     planes += [(f"{layer.name}_sd", layer.units, layer.sd) for layer in layers if layer.sd is not None]
     planes.append(("state", "1", slopes.state.astype(np.float32)))
     on_cells = [(name, units, view.on_cells(values)) for name, units, values in planes]
-    height, misclosure = (one.astype(np.float32) for one in view.relief(slopes))
+    height, misclosure = (layer.astype(np.float32) for layer in view.relief(slopes))
     on_cells += [("height", "m", height), ("misclosure", "degree", misclosure)]
     ground = view.ground
     risk = next((layer.name for layer in layers if layer.name == "ptilt"), None)

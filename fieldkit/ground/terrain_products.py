@@ -107,19 +107,19 @@ def layers(
     material with this thermal `inertia`, None where no model found it. Raises `NoAnswerError` for one that
     cannot be made.
     """
-    made = _of_normals(slopes, likelihood, list(_kinds(wanted, suns_of_day(site, time_ns))))
+    layers = _of_normals(slopes, likelihood, list(_kinds(wanted, suns_of_day(site, time_ns))))
     if "ptilt" in wanted.names:
-        made += _risk(likelihood, wanted.limit_deg)
+        layers += _risk(likelihood, wanted.limit_deg)
     if "inertia" in wanted.names:
-        made.append(_inertia(slopes, regions, inertia))
-    return made
+        layers.append(_inertia(slopes, regions, inertia))
+    return layers
 
 
 def layer_along_sun(found: AlongSun, confidence: float) -> Layer:
     """The `rdir` of one frame, away from the sun; NaN where a second slope beyond the sun fits as well."""
     sd_deg = (found.high_deg - found.low_deg) / (2.0 * interval_sds(confidence))
     values, sd = (
-        np.where(found.resolved, one, np.nan).astype(np.float32) for one in (found.tilt_deg, sd_deg)
+        np.where(found.resolved, values, np.nan).astype(np.float32) for values in (found.tilt_deg, sd_deg)
     )
     away_deg = (found.azimuth_deg + 180.0) % 360.0
     name = f"slope along {away_deg:.0f} degrees, away from the sun, positive uphill"
@@ -145,7 +145,7 @@ def _kinds(wanted: Products, suns: FloatArray) -> Iterator[_Kind]:
         _Kind("ntilt", "tilt towards north, negative towards south", "degree", northerly_tilt_deg),
         _Kind(
             "solar", "mean cosine of the sun's incidence over the body's day, zero while it is dark", "1",
-            lambda normals: sunlit_cosine(normals, suns), quick=_tabulated(suns),
+            lambda normals: sunlit_cosine(normals, suns), quick=_tabulate(suns),
         ),
     )  # fmt: skip
     yield from (kind for kind in kinds if kind.name in wanted.names)
@@ -173,7 +173,7 @@ def suns_of_day(site: Site, time_ns: int) -> FloatArray:
     return sun_vectors(time_ns + np.rint(shares * day_ns).astype(np.int64), site)
 
 
-def _tabulated(suns: FloatArray) -> Measure:
+def _tabulate(suns: FloatArray) -> Measure:
     """`sunlit_cosine` of normals that face up, looked up by their east and north components."""
     east, north = np.meshgrid(*[np.linspace(-1.0, 1.0, TABLE_SIZE)] * 2)
     up = np.sqrt(np.maximum(1.0 - east**2 - north**2, 0.0))
@@ -184,8 +184,8 @@ def _tabulated(suns: FloatArray) -> Measure:
 
         at = np.float32(TABLE_SIZE // 2) * (normals[..., :2] + np.float32(1.0))
         at = at.reshape(-1, at.shape[-2], 2)
-        found = cv2.remap(table, at[..., 0], at[..., 1], cv2.INTER_LINEAR)
-        return np.asarray(found, np.float32).reshape(normals.shape[:-1])
+        looked_up = cv2.remap(table, at[..., 0], at[..., 1], cv2.INTER_LINEAR)
+        return np.asarray(looked_up, np.float32).reshape(normals.shape[:-1])
 
     return look_up
 

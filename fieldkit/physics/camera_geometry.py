@@ -83,7 +83,7 @@ def rays(camera: Camera) -> FloatArray:
     x, y = np.meshgrid(np.arange(cols) - 0.5 * (cols - 1), np.arange(rows) - 0.5 * (rows - 1))
     x, y = x / camera.focal_px, y / camera.focal_px
     if camera.distortion:
-        x, y = _undistorted(camera, x, y)
+        x, y = _undistort(camera, x, y)
     lines = np.stack([x, y, np.ones(camera.shape)], axis=-1) @ camera.axes
     return np.asarray(lines / np.linalg.norm(lines, axis=-1, keepdims=True))
 
@@ -105,7 +105,7 @@ def project(camera: Camera, points_m: ArrayLike) -> tuple[FloatArray, FloatArray
     ahead = np.where(forward > 0.0, forward, np.nan)
     x, y = right / ahead, down / ahead
     if camera.distortion:
-        x, y = _distorted(camera, x, y)
+        x, y = _distort(camera, x, y)
     rows, cols = camera.shape
     x, y = camera.focal_px * x + 0.5 * (cols - 1), camera.focal_px * y + 0.5 * (rows - 1)
     return x, y, np.linalg.norm(away, axis=-1)
@@ -135,7 +135,7 @@ def quaternion_of_angles(yaw_deg: float, pitch_deg: float, roll_deg: float) -> l
     from scipy.spatial.transform import Rotation
 
     axes = Camera((0.0, 0.0, 0.0), yaw_deg, pitch_deg, roll_deg, 90.0, (1, 1)).axes
-    return [float(one) for one in Rotation.from_matrix(axes.T).as_quat()]
+    return [float(component) for component in Rotation.from_matrix(axes.T).as_quat()]
 
 
 def _radial(camera: Camera, square: FloatArray) -> FloatArray:
@@ -150,7 +150,7 @@ def _tangential(camera: Camera, x: FloatArray, y: FloatArray) -> tuple[FloatArra
     return across, p1 * (square + 2.0 * y * y) + 2.0 * p2 * x * y
 
 
-def _distorted(camera: Camera, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _distort(camera: Camera, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Place at which the lens shows what a pinhole shows at x and y, in focal lengths from the axis."""
     square = x * x + y * y
     k1, k2, _, _, k3 = camera.distortion
@@ -160,7 +160,7 @@ def _distorted(camera: Camera, x: FloatArray, y: FloatArray) -> tuple[FloatArray
     return x * radial + right, y * radial + down
 
 
-def _undistorted(camera: Camera, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _undistort(camera: Camera, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The inverse of `_distorted`, by the fixed-point iteration of OpenCV."""
     straight_x, straight_y = x, y
     for _ in range(_UNDISTORTING_STEPS):
@@ -191,8 +191,8 @@ class Heights:
         x = (np.asarray(east_m, np.float64) - self.west_m) / self.cell_m - 0.5
         y = (self.north_m - np.asarray(north_m, np.float64)) / self.cell_m - 0.5
         y, x = np.broadcast_arrays(y, x)
-        found = map_coordinates(self.heights_m, [y.ravel(), x.ravel()], order=1, cval=np.nan)
-        return np.asarray(found).reshape(x.shape)
+        height_m = map_coordinates(self.heights_m, [y.ravel(), x.ravel()], order=1, cval=np.nan)
+        return np.asarray(height_m).reshape(x.shape)
 
     def normals(self, east_m: ArrayLike, north_m: ArrayLike) -> FloatArray:
         """Unit normals (east, north, up) by the differences over one cell, (..., 3); NaN where unknown."""
@@ -221,18 +221,18 @@ def distances_to_ground_m(camera: Camera, ground: Heights, range_m: float) -> Fl
     than half a cell may be missed.
     """
     lines = rays(camera).reshape(-1, 3)
-    found = np.full(len(lines), np.nan)
+    distance_m = np.full(len(lines), np.nan)
     left, step = np.arange(len(lines)), 0.5 * ground.cell_m / ground.scale
     above = np.ones(len(lines), np.bool_)  # a ray that enters from below the grid's edge meets nothing
     for number in range(1, int(range_m / step) + 1):
         over = _height_over(camera, ground, lines[left], np.full(left.size, number * step))
         meets = above[left] & (over <= 0.0)
         above[left] = np.where(np.isnan(over), above[left], over > 0.0)
-        found[left[meets]] = _halved(camera, ground, lines[left[meets]], number * step, step)
+        distance_m[left[meets]] = _bisect(camera, ground, lines[left[meets]], number * step, step)
         left = left[~meets]
         if not left.size:
             break
-    return found.reshape(camera.shape)
+    return distance_m.reshape(camera.shape)
 
 
 def _height_over(camera: Camera, ground: Heights, lines: FloatArray, away_m: FloatArray) -> FloatArray:
@@ -241,7 +241,7 @@ def _height_over(camera: Camera, ground: Heights, lines: FloatArray, away_m: Flo
     return np.asarray(up - ground.at(east, north))
 
 
-def _halved(camera: Camera, ground: Heights, lines: FloatArray, away_m: float, step_m: float) -> FloatArray:
+def _bisect(camera: Camera, ground: Heights, lines: FloatArray, away_m: float, step_m: float) -> FloatArray:
     low, high = np.full(len(lines), away_m - step_m), np.full(len(lines), away_m)
     for _ in range(12):
         middle = 0.5 * (low + high)
@@ -250,7 +250,7 @@ def _halved(camera: Camera, ground: Heights, lines: FloatArray, away_m: float, s
     return high
 
 
-def seen_by(
+def project_to_frame(
     camera: Camera, points_m: FloatArray, distances_m: FloatArray, slack_m: float
 ) -> tuple[IndexArray, IndexArray, BoolArray]:
     """Row and column, (...) each, of the pixel that sees each point (..., 3), and whether it does; else 0.
@@ -261,7 +261,7 @@ def seen_by(
     x, y, away = project(camera, points_m)
     rows, cols = camera.shape
     inside = (x > -0.5) & (x < cols - 0.5) & (y > -0.5) & (y < rows - 0.5)
-    row, col = (np.rint(np.where(inside, one, 0.0)).astype(np.intp) for one in (y, x))
+    row, col = (np.rint(np.where(inside, coordinate, 0.0)).astype(np.intp) for coordinate in (y, x))
     # the pixel's own ray may meet farther ground than the point does near its edge
     seen = inside & (np.abs(distances_m[row, col] - away) <= slack_m + 0.05 * away)
     return np.where(seen, row, 0), np.where(seen, col, 0), seen
@@ -273,13 +273,13 @@ def is_hidden(ground: Heights, eye_m: ArrayLike, points_m: FloatArray, slack_m: 
     In steps of half a cell. Unknown ground hides nothing, nor do the last `slack_m` before a point, its own
     ground: about the size of a cell.
     """
-    eye, found = np.asarray(eye_m, np.float64), np.zeros(len(points_m), np.bool_)
+    eye, hidden = np.asarray(eye_m, np.float64), np.zeros(len(points_m), np.bool_)
     for place, line in enumerate(points_m - eye):
         length = float(np.linalg.norm(line))
         shares = np.arange(0.0, max(length - slack_m, 0.0), 0.5 * ground.cell_m) / length
         east, north, up = (eye + shares[:, np.newaxis] * line).T
-        found[place] = bool((ground.at(east, north) > up).any())
-    return found
+        hidden[place] = bool((ground.at(east, north) > up).any())
+    return hidden
 
 
 def horizon_of_ground(
@@ -309,9 +309,9 @@ def horizon_of_ground(
     away = np.arange(max(nearest_m, step), ground.cell_m * float(np.hypot(rows, cols)), step)
     east, north = (array[..., np.newaxis] for array in np.broadcast_arrays(east_m, north_m))
     eye = ground.at(east, north)
-    found = np.empty((*eye.shape[:-1], azimuths_deg.size))
+    heights_deg = np.empty((*eye.shape[:-1], azimuths_deg.size))
     for place, azimuth in enumerate(np.radians(azimuths_deg)):
         over = ground.at(east + away * np.sin(azimuth), north + away * np.cos(azimuth)) - eye
         steepest = np.fmax.reduce(over / away, axis=-1, initial=np.nan) * ground.scale
-        found[..., place] = np.degrees(np.arctan(steepest))
-    return found
+        heights_deg[..., place] = np.degrees(np.arctan(steepest))
+    return heights_deg

@@ -69,8 +69,8 @@ def _steps(rise_m: FloatArray) -> tuple[IndexArray, FloatArray]:
     down = -0.5 * (north[:-1] + north[1:])  # rows run southwards
     ends = np.hstack([[cells[:, :-1].ravel(), cells[:, 1:].ravel()], [cells[:-1].ravel(), cells[1:].ravel()]])
     steps = np.concatenate([across.ravel(), down.ravel()])
-    known = np.isfinite(steps)
-    return ends[:, known], steps[known]
+    has_step = np.isfinite(steps)
+    return ends[:, has_step], steps[has_step]
 
 
 def _differences(ends: IndexArray, count: int) -> csr_array:
@@ -88,12 +88,12 @@ def _least_squares(differences: csr_array, steps: FloatArray, about: FloatArray)
     from scipy.sparse.csgraph import connected_components
     from scipy.sparse.linalg import spsolve
 
-    equations, wanted = csc_array(differences.T @ differences), differences.T @ steps
+    equations, right_side = csc_array(differences.T @ differences), differences.T @ steps
     _, area = connected_components(equations, directed=False)
-    _, held = np.unique(area, return_index=True)
-    free = np.setdiff1d(np.arange(area.size), held)
+    _, first = np.unique(area, return_index=True)
+    free = np.setdiff1d(np.arange(area.size), first)
     heights = np.zeros(area.size)
     if free.size:
-        heights[free] = spsolve(equations[free][:, free], wanted[free])
+        heights[free] = spsolve(equations[free][:, free], right_side[free])
     above = np.bincount(area, about - heights) / np.bincount(area)
     return np.asarray(heights + above[area])

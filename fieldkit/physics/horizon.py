@@ -40,7 +40,7 @@ def sunlit_share(horizon: Horizon, sun: ArrayLike, within_deg: float = SUN_RADIU
     By unit vectors to the sun (east, north, up), shape (..., 3), and the disc's radius. Without a horizon's
     pairs the whole sun is visible, even below a level horizon.
     """
-    zenith, azimuth = (np.asarray(one) for one in tilt_azimuth(np.asarray(sun, np.float64)))
+    zenith, azimuth = (np.asarray(angle) for angle in tilt_azimuth(np.asarray(sun, np.float64)))
     if not len(horizon):
         return np.ones_like(zenith)
     up = 90.0 - zenith[..., np.newaxis] + within_deg * _DISC.imag
@@ -60,7 +60,7 @@ def horizon_of_neighbours(bed_m: ArrayLike, others_m: Sequence[ArrayLike]) -> Ho
     """
     bed = np.asarray(bed_m, np.float64)
     apart = [np.subtract(other, bed[:, np.newaxis]).reshape(-1, 3) for other in others_m]
-    corners = np.concatenate([tilt_azimuth(one)[1] for one in apart]) if apart else np.empty(0)
+    corners = np.concatenate([tilt_azimuth(edge)[1] for edge in apart]) if apart else np.empty(0)
     beside = np.concatenate([corners - _STEP_WIDTH_DEG, corners + _STEP_WIDTH_DEG]) % 360.0
     azimuths = np.unique(np.concatenate([np.arange(360.0), beside]))
     elevations = np.zeros_like(azimuths)

@@ -204,8 +204,8 @@ def _beam(
             share = 0.5 * (share + diffuse_fraction_erbs(clearness))
         if model.kind == "perez":
             of_global, of_direct = perez_efficacy(beam, beam * sky_per_beam, cos_zenith, top)
-            found = of_direct if model.mounting == "sun-pointing" else of_global
-            efficacy = 0.5 * (efficacy + found)
+            measured_efficacy = of_direct if model.mounting == "sun-pointing" else of_global
+            efficacy = 0.5 * (efficacy + measured_efficacy)
     return beam
 
 

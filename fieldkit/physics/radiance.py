@@ -70,7 +70,7 @@ def surface_temperature_k(
     ValueError
         If an emissivity lies outside (0, 1].
     """
-    grey = _checked(emissivity)
+    grey = _check(emissivity)
     emitted = band_radiance(brightness_k) - (1.0 - grey) * band_radiance(reflected_k)
     return band_temperature(emitted / grey)
 
@@ -82,7 +82,7 @@ def brightness_temperature_k(
 
     Emissivity, reflection, shapes and errors as there. [K]
     """
-    grey = _checked(emissivity)
+    grey = _check(emissivity)
     return band_temperature(grey * band_radiance(temperature_k) + (1.0 - grey) * band_radiance(reflected_k))
 
 
@@ -97,10 +97,10 @@ def kelvin_per_emissivity(
     kelvin = np.asarray(temperature_k, np.float64)
     steepness = band_radiance(kelvin + 0.5) - band_radiance(kelvin - 0.5)
     excess = band_radiance(reflected_k) - band_radiance(kelvin)
-    return np.asarray(excess / (_checked(emissivity) * steepness))
+    return np.asarray(excess / (_check(emissivity) * steepness))
 
 
-def _checked(emissivity: ArrayLike) -> FloatArray:
+def _check(emissivity: ArrayLike) -> FloatArray:
     values = np.asarray(emissivity, np.float64)
     if not np.all((values > 0.0) & (values <= 1.0)):
         raise ValueError(f"emissivity must lie in (0, 1], not {values}")

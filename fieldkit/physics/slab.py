@@ -58,9 +58,11 @@ def _conduction(stack: Stack) -> tuple[FloatArray, FloatArray]:
     """Conductance between neighbouring nodes (n - 1,) and heat capacity of each (n,)."""
     thickness = [np.diff(slab.depths_m()) for slab in stack]
     between = [slab.conductivity_w_m_k / thick for slab, thick in zip(stack, thickness, strict=True)]
-    stored = [slab.heat_capacity_j_m3_k * thick for slab, thick in zip(stack, thickness, strict=True)]
+    heat_capacities = [
+        slab.heat_capacity_j_m3_k * thick for slab, thick in zip(stack, thickness, strict=True)
+    ]
     # a node has half of the layer above it and half of that below
-    half = np.concatenate(stored) / 2.0
+    half = np.concatenate(heat_capacities) / 2.0
     return np.concatenate(between), np.append(half, 0.0) + np.insert(half, 0, 0.0)
 
 
@@ -170,7 +172,7 @@ def surface_series(
         top, per_flux = float(coasting[0]), float(response[0])
         # the layer takes (T - top) / per_flux: one more loss that is linear in T
         loss = exchange + 1.0 / per_flux
-        surface.append(_balanced(supplied + top / per_flux, loss, emissivity, surface[-1]))
+        surface.append(_balance(supplied + top / per_flux, loss, emissivity, surface[-1]))
         layers = coasting + response * ((surface[-1] - top) / per_flux)
     return np.array(surface)
 
@@ -180,7 +182,7 @@ def _matrices(stack: Stack, step_s: float) -> tuple[FloatArray, FloatArray]:
     return step.coasting[0], step.response[0]
 
 
-def _balanced(supply: float, loss: float, emissivity: float, guess: float) -> float:
+def _balance(supply: float, loss: float, emissivity: float, guess: float) -> float:
     """`balance_temperature` of plain floats, from a guess nearby."""
     temperature, quartic = guess, emissivity * STEFAN_BOLTZMANN
     for _ in range(60):  # two or three are enough from one minute to the next

@@ -143,13 +143,13 @@ class _Channel:
             self.output.cancel()
 
     def _run(self) -> None:
-        self._guarded(self.output.open)
+        self._guard(self.output.open)
         while (act := self._queue.get()) is not None and not self._is_over.is_set():
-            self._guarded(act)
+            self._guard(act)
         if not self._is_over.is_set():
-            self._guarded(self.output.close)
+            self._guard(self.output.close)
 
-    def _guarded(self, act: Callable[[], None]) -> None:
+    def _guard(self, act: Callable[[], None]) -> None:
         try:
             self._in_time(act)
         except Exception as error:
@@ -165,13 +165,15 @@ class _Channel:
         self._hung = [thread for thread in self._hung if thread.is_alive()]
         if len(self._hung) >= MOST_HUNG:
             raise TimeoutError(f"{MOST_HUNG} earlier alarms are still on their way")
-        done: Future[None] = Future()
-        thread = threading.Thread(target=_act, args=(act, done), name=f"to {self.output.name}", daemon=True)
+        finished: Future[None] = Future()
+        thread = threading.Thread(
+            target=_act, args=(act, finished), name=f"to {self.output.name}", daemon=True
+        )
         thread.start()
-        if not wait([done], HUNG_AFTER_S).done:
+        if not wait([finished], HUNG_AFTER_S).done:
             self._hung.append(thread)
             raise TimeoutError(f"no complete response within {HUNG_AFTER_S:g} s")
-        done.result()
+        finished.result()
 
 
 def _act(act: Callable[[], None], done: Future[None]) -> None:

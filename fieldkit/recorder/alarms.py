@@ -63,7 +63,9 @@ class AlarmSettings:
     single regions, `other_limits` those of all others.
     """
 
-    rules: Mapping[Condition, Rule] = field(default_factory=lambda: {one: one.rule for one in Condition})
+    rules: Mapping[Condition, Rule] = field(
+        default_factory=lambda: {condition: condition.rule for condition in Condition}
+    )
     intervals_s: Mapping[str, float] = field(default_factory=dict)
     garbled_per_min: int = 5
     other_limits: Limits = field(default_factory=Limits)
@@ -172,8 +174,8 @@ class AlarmEngine:
             for stream in self._settings.intervals_s:
                 yield from self._arm(stream, health.time_ns)
         yield from self._process(health.time_ns - LATE_NS)
-        for one in health.streams:
-            yield from self._count_garbled(one.stream, one.rejected, health.time_ns - LATE_NS)
+        for status in health.streams:
+            yield from self._count_garbled(status.stream, status.rejected, health.time_ns - LATE_NS)
 
     def _process(self, until_ns: int) -> Iterator[tuple[Alarm, Phase, int]]:
         while self._waiting and self._waiting[0].time_ns <= until_ns:
@@ -322,11 +324,15 @@ class _MinuteConditions:
 
     def update(self, minute: Minute) -> Iterator[_Found]:
         """The conditions at the end of a minute."""
-        found = [*self._disturbances(minute), *self._temperatures(minute)]
+        observations = [*self._disturbances(minute), *self._temperatures(minute)]
         for estimate in minute.estimates:
-            found += self._slopes(estimate)
-        self._was.update({(one.condition, one.subject): one.is_on for one in found})
-        states = {(one.condition, one.subject): one for one in found}  # the last of a minute
+            observations += self._slopes(estimate)
+        self._was.update(
+            {(observation.condition, observation.subject): observation.is_on for observation in observations}
+        )
+        states = {
+            (observation.condition, observation.subject): observation for observation in observations
+        }  # the last of a minute
         yield from states.values()
 
     def _disturbances(self, minute: Minute) -> Iterator[_Found]:
@@ -353,13 +359,13 @@ class _MinuteConditions:
             limits, celsius = self._limits(region), kelvin - CELSIUS_ZERO_K
             subject = (Condition.TEMPERATURE, region)
             span = (limits.temperature_min_c, limits.temperature_max_c)
-            yield self._judged(subject, celsius, span, BAND_K, f"{region} has {celsius:.1f} °C")
+            yield self._judge(subject, celsius, span, BAND_K, f"{region} has {celsius:.1f} °C")
             before, self._kelvin[region] = self._kelvin.get(region), (at, kelvin)
             if before is not None and at > before[0]:
                 rate = (kelvin - before[1]) / (at - before[0])
                 limit = limits.temperature_rate_k_min
                 text = f"the temperature of {region} changes by {rate:+.1f} K a minute"
-                yield self._judged((Condition.RATE, region), rate, (-limit, limit), BAND_SHARE * limit, text)
+                yield self._judge((Condition.RATE, region), rate, (-limit, limit), BAND_SHARE * limit, text)
 
     def _slopes(self, estimate: SlopeEstimate) -> Iterator[_Found]:
         region, limits = estimate.region, self._limits(estimate.region)
@@ -372,13 +378,13 @@ class _MinuteConditions:
             return
         span = (limits.tilt_min_deg, limits.tilt_max_deg)
         text = f"the tilt of {region} is {estimate.tilt_deg:.1f}°"
-        yield self._judged((Condition.TILT, region), estimate.tilt_deg, span, BAND_DEG, text)
+        yield self._judge((Condition.TILT, region), estimate.tilt_deg, span, BAND_DEG, text)
         share, limit = tilt_probability(estimate, limits.tilt_max_deg), limits.tilt_probability
         text = f"P(tilt of {region} > {limits.tilt_max_deg:g}°) is {share:.2f}"
         subject = (Condition.TILT_PROBABILITY, region)
-        yield self._judged(subject, share, (math.nan, limit), BAND_SHARE * limit, text)
+        yield self._judge(subject, share, (math.nan, limit), BAND_SHARE * limit, text)
 
-    def _judged(
+    def _judge(
         self,
         subject: tuple[Condition, str],
         value: float,

@@ -257,7 +257,7 @@ class DeviceReader:
         while self._is_active():
             self._pause(wait_s)
             wait_s = min(2.0 * wait_s, LONGEST_BACK_OFF_S)
-            if self._is_active() and (device := self._reopened()) is not None:
+            if self._is_active() and (device := self._reopen_device()) is not None:
                 self._device, self._before_loss, self._has_begun = device, self._last, False
                 gap_s = (self._clock.mono_ns() - lost_ns) / SECOND_NS
                 changed = _changes(self.info, device.info)
@@ -267,7 +267,7 @@ class DeviceReader:
                 self._flag_another_scale(device.info)
                 return
 
-    def _reopened(self) -> Device | None:
+    def _reopen_device(self) -> Device | None:
         """The reopened device, or None while it does not respond or its samples do not fit the stream."""
         try:
             device = self._reopen()
@@ -315,8 +315,13 @@ class DeviceReader:
 def _changes(before: StreamInfo, now: StreamInfo) -> list[str]:
     """What a reopened instrument reports otherwise than before: it is another, or lost its settings."""
     old, new = (
-        {"model": one.model, "serial_number": one.serial_number, "firmware": one.firmware, **one.settings}
-        for one in (before, now)
+        {
+            "model": identity.model,
+            "serial_number": identity.serial_number,
+            "firmware": identity.firmware,
+            **identity.settings,
+        }
+        for identity in (before, now)
     )
     both = [key for key in old if old[key] != "" and new.get(key, "") != ""]
     return [

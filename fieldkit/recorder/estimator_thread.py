@@ -61,7 +61,7 @@ class EstimatorThread:
             minute.cancel()
 
     def _estimate(self, closed: list[Closed]) -> None:
-        self._pending = [one for one in self._pending if not one[1].done()]
+        self._pending = [pending for pending in self._pending if not pending[1].done()]
         for one in closed:
             minute: Future[Minute] = Future()
             self._pending.append((time.monotonic(), minute))

@@ -68,8 +68,10 @@ class HomeAssistant:
             self._latest[item.stream] = item
         elif isinstance(item, Minute):
             values = [*self._readings(), *_regions(item)]
-            configs = dict(self._sensor(one) for one in values)
-            return Publication(configs, {_topic(self.base, *one.words): _text(one.value) for one in values})
+            configs = dict(self._sensor(value) for value in values)
+            return Publication(
+                configs, {_topic(self.base, *value.words): _text(value.value) for value in values}
+            )
         elif isinstance(item, Event) and phase_of(item) and alarm_of(item).severity >= self.least:
             return Publication(dict([self._problem(alarm_of(item))]), {})
         return None

@@ -238,7 +238,7 @@ class Recorder:
             return
         sample = sample._replace(seq=self._counts[sample.stream])
         try:
-            if not self._stored(lambda: self.writer.append(sample)):
+            if not self._store(lambda: self.writer.append(sample)):
                 return
         except ValueError as error:  # a driver's mistake costs this sample, not the recording
             for event in self._misfits.rejected(sample, error):
@@ -252,7 +252,7 @@ class Recorder:
         self._pass_on(sample)
 
     def _keep_event(self, event: Event) -> None:
-        self._stored(lambda: self.writer.put(event))
+        self._store(lambda: self.writer.put(event))
         self._pass_on(event)
 
     def _carry_out(self, requests: Iterable[Event | RegionRecord | ShutterRequest]) -> bool:
@@ -261,7 +261,7 @@ class Recorder:
             if isinstance(request, ShutterRequest):
                 self._run_shutter(request.request)
                 continue
-            if not self._stored(partial(self.writer.put, request)):
+            if not self._store(partial(self.writer.put, request)):
                 return False
             self._pass_on(request)
             self._estimate(request)
@@ -286,7 +286,7 @@ class Recorder:
         now = self.clock.mono_ns()
         self._keep_event(Event(kind, now, self.clock.to_utc_ns(now), text, "", severity, dict(data)))
 
-    def _stored(self, write: Callable[[], None]) -> bool:
+    def _store(self, write: Callable[[], None]) -> bool:
         """Write; a failure pauses frames, and a second one during the pause ends the recording."""
         try:
             write()
@@ -301,9 +301,9 @@ class Recorder:
         snapshot = self._health.update()
         if snapshot is None:
             return
-        self._stored(lambda: self.writer.put(snapshot.health))
+        self._store(lambda: self.writer.put(snapshot.health))
         for check in snapshot.clock_checks:
-            self._stored(partial(self.writer.put, check))
+            self._store(partial(self.writer.put, check))
         health = snapshot.health
         now, utc = health.mono_ns, health.time_ns
         late = self._late.update(self._estimating.waited_s(), now, utc) if self._estimating else ()
@@ -370,7 +370,7 @@ class Recorder:
             minute.time_ns, tuple(minute.estimates), minute.dni_w_m2, minute.irradiance_model, minute.flags,
             minute.learnt,
         )  # fmt: skip
-        self._stored(lambda: self.writer.put(record))
+        self._store(lambda: self.writer.put(record))
         for notice in minute.events:
             self._keep_event(notice)
         self._pass_on(minute)
@@ -404,14 +404,14 @@ class ViewDispatcher:
     def show(self, item: Shown) -> None:
         """Show an item to every view."""
         for view in tuple(self._views):
-            self._guarded(view, partial(view.show, item))
+            self._guard(view, partial(view.show, item))
 
     def close(self) -> None:
         """Close every view: the recording is over."""
         for view in tuple(self._views):
-            self._guarded(view, view.close)
+            self._guard(view, view.close)
 
-    def _guarded(self, view: View, act: Callable[[], None]) -> None:
+    def _guard(self, view: View, act: Callable[[], None]) -> None:
         try:
             act()
         except Exception as error:

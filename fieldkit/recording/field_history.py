@@ -26,7 +26,7 @@ def history_of(field: FieldMinutes, site: Site) -> History:
     Examples
     --------
     >>> import fieldkit.weather
-    >>> day = fieldkit.weather.packaged()
+    >>> day = fieldkit.weather.packaged_day()
     >>> found = fieldkit.predict([(0, 180), (15, 180)], day, start="2016-01-01T09:00-07:00", minutes=240)
     >>> noon = fieldkit.recording.field_history.history_of(found, day.site).since(180)
     >>> reference, target = fieldkit.model.site.RegionKind

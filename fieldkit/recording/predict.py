@@ -66,7 +66,7 @@ def predict(
     Examples
     --------
     >>> import fieldkit.weather
-    >>> day = fieldkit.weather.packaged()
+    >>> day = fieldkit.weather.packaged_day()
     >>> found = fieldkit.predict([(0, 180), (15, 180)], day, start="2016-01-01T09:00-07:00", minutes=240)
     >>> found.surface_k[-1].round(1).tolist()
     [285.5, 294.8]

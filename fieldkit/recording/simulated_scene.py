@@ -33,7 +33,7 @@ from fieldkit.simulation.scene import ALAMOSA_NOON_NS, BEDS
 from fieldkit.simulation.scene_series import Exchange
 from fieldkit.simulation.simulated_clock import START_MONO_NS, SimulatedClock
 from fieldkit.simulation.terrain import Terrain
-from fieldkit.weather import Weather, packaged, read_station_file
+from fieldkit.weather import Weather, packaged_day, read_station_file
 
 PACKAGED_DAY = "alamosa-2016-01-01"
 FOIL_ALBEDO, FOIL_EMISSIVITY = 0.80, 0.04
@@ -208,7 +208,7 @@ def measured_weather(config: Config, weather: str) -> Weather:
     Raises `ConfigError`.
     """
     if weather == PACKAGED_DAY:
-        return packaged()
+        return packaged_day()
     path = config.directory / Path(weather)
     if not path.is_file():
         raise ConfigError(

@@ -70,7 +70,7 @@ class CameraModel:
         if ground_k is not None:
             frame += self._shares[-1] * (ground_k - np.float32(brightness_k[-1]))
         if homography is not None:
-            frame = moved((frame + self._texture).reshape(FRAME_SHAPE), homography).ravel() - self._texture
+            frame = warp((frame + self._texture).reshape(FRAME_SHAPE), homography).ravel() - self._texture
         frame += self._still
         frame += pattern
         frame += level
@@ -96,7 +96,7 @@ class CameraModel:
         return pattern, _LEVEL_K * float(level), _DRIFT_K_S * float(drift)
 
 
-def moved(scene_k: SingleArray, homography: FloatArray) -> SingleArray:
+def warp(scene_k: SingleArray, homography: FloatArray) -> SingleArray:
     """A frame (rows, cols) as a camera sees it that has moved; beyond its edge the ground is mirrored."""
     import cv2
 

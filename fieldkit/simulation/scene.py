@@ -31,7 +31,7 @@ from fieldkit.simulation.motion import Motion
 from fieldkit.simulation.scene_series import EXCHANGE, Exchange, SceneModel, SceneSeries, SceneState
 from fieldkit.simulation.sky import MeasuredSky, Sky
 from fieldkit.simulation.terrain import Terrain, TerrainSeries
-from fieldkit.weather import packaged
+from fieldkit.weather import packaged_day
 
 LEAD_S = 3 * 3600.0
 """Time before the start at which the sand begins to store heat."""
@@ -226,7 +226,7 @@ def sand_slopes(
     motion: Motion | None = None,
 ) -> Scene:
     """Three hours of sand slopes from noon on, under the measured sky of the packaged day."""
-    weather = packaged()
+    weather = packaged_day()
     sky = MeasuredSky(weather)
     return Scene(
         site=weather.site,

@@ -117,7 +117,7 @@ class SceneModel:
         sun, sky = radiation.sun, radiation.sky
         surface = self._surfaces(time_s, radiation)
         brightness = self._brightness(surface, sky)
-        contact = lagged(surface, time_s, self.response_s)
+        contact = lag(surface, time_s, self.response_s)
         scalars = (sky.dni_w_m2, sky.dhi_w_m2, sky.longwave_down_w_m2, sky.air_temperature_k, sky.wind_m_s)
         lux = illuminance_lx(sky, sun[:, 2], body_of(self.site))
         return SceneSeries(origin_ns, time_s, np.vstack([*scalars, lux, surface, brightness, contact]))
@@ -314,7 +314,7 @@ def longwave_leaving_ground(surface_k: FloatArray, ground: Facet, sky: SkyState)
     return grey * STEFAN_BOLTZMANN * surface_k**4 + (1.0 - grey) * sky.longwave_down_w_m2
 
 
-def lagged(value: FloatArray, time_s: FloatArray, response_s: float) -> FloatArray:
+def lag(value: FloatArray, time_s: FloatArray, response_s: float) -> FloatArray:
     """Response of a first-order sensor to values (k, m) that are linear between times (m,); same shape.
 
     `response_s` is its time constant, above 0; the sensor starts at the first value.

@@ -81,15 +81,15 @@ class MeasuredSky:
 
     def _at(self, time_ns: IntArray, name: str) -> FloatArray:
         column: FloatArray = getattr(self.weather, name)
-        known = np.isfinite(column)
-        if not known.any():
+        has_value = np.isfinite(column)
+        if not has_value.any():
             raise ConfigError(
                 f"{self.weather.source} has no {name}, which a simulated field needs",
                 fix="use a day of SURFRAD, whose stations measure it",
             )
         start_ns = self.weather.time_ns[0]
-        since, known_since = time_ns - start_ns, self.weather.time_ns[known] - start_ns
-        return np.asarray(np.interp(since, known_since, column[known]), np.float64)
+        since, known_since = time_ns - start_ns, self.weather.time_ns[has_value] - start_ns
+        return np.asarray(np.interp(since, known_since, column[has_value]), np.float64)
 
 
 @dataclass(frozen=True, slots=True)

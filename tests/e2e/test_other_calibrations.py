@@ -34,7 +34,7 @@ from fieldkit.sessions.finished_file import apply_time_map
 from fieldkit.sessions.formats.imported import ImportedRecording, write_imported
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.time_map import TimeStep
-from fieldkit.weather import packaged
+from fieldkit.weather import packaged_day
 from tests.harness.calibration_days import (
     TRUE_EMISSIVITY,
     fieldkit,
@@ -124,7 +124,7 @@ BOTH_LM_W = 109.0
 
 def test_the_light_meters_factor_from_a_pyranometer_and_a_pyrheliometer(three_beds, tmp_path):
     """Alamosa's own instruments on that day, whose sky the scene has, logged beside the beds."""
-    weather = packaged()
+    weather = packaged_day()
     global_ = with_logger(three_beds, tmp_path / "global.h5", "cmp11", weather.time_ns, weather.ghi_w_m2)
     found = watts_per_lux(global_, "--pyranometer", "cmp11")
     assert 1.0 / found["value"] == pytest.approx(BOTH_LM_W, rel=0.04)  # three instruments close to 4 % there
@@ -141,7 +141,7 @@ def test_the_light_meters_factor_from_a_pyranometer_and_a_pyrheliometer(three_be
 
 def test_minutes_far_from_any_value_of_the_reference_do_not_count(three_beds, tmp_path):
     """A logger that missed ten minutes: nobody knows whether the sky was steady in them."""
-    weather = packaged()
+    weather = packaged_day()
     logger = with_logger(three_beds, tmp_path / "whole.h5", "cmp11", weather.time_ns, weather.ghi_w_m2)
     whole = watts_per_lux(logger, "--pyranometer", "cmp11")
     with open_session(three_beds) as opened:

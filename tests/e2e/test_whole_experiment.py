@@ -86,9 +86,9 @@ def test_check_finds_nothing_wrong_with_a_clear_session(session_file):
 
 def test_direct_irradiance_from_lux_is_within_ten_percent_of_the_measured(session_file):
     """Measured: NOAA SURFRAD, Alamosa, 2016-01-01 (direct_n of the station's own pyrheliometer)."""
-    from fieldkit.weather import packaged
+    from fieldkit.weather import packaged_day
 
-    weather = packaged()
+    weather = packaged_day()
     with open_session(session_file) as session:
         table = session.irradiance()
     measured = np.interp(table["time_ns"], weather.time_ns, weather.dni_w_m2)

@@ -23,7 +23,7 @@ from fieldkit.physics.radiance import band_radiance, band_temperature, brightnes
 from fieldkit.physics.slab import conducted_flux
 from fieldkit.simulation import ClearSky, Facet, MeasuredSky, Scene
 from fieldkit.simulation.scene import ALAMOSA_NOON_NS
-from fieldkit.weather import packaged
+from fieldkit.weather import packaged_day
 
 STEADY_K_MIN = 0.1
 CAMERA_K, PLACEMENT_K, NOISE_K, FOIL_K, AIR = 0.3, 0.15, 0.05, 5.0, 0.004
@@ -75,7 +75,7 @@ def surfaces() -> tuple[Surface, ...]:
         for tilt in (0.0, 20.0)
         for depth_m in (0.02, 0.05, 0.30)
     )
-    weather = packaged()
+    weather = packaged_day()
     scenes = (
         Scene(weather.site, MeasuredSky(weather), beds, ALAMOSA_NOON_NS - 240 * MINUTE_NS, 8 * 3600.0),
         Scene(Site(35.56, 139.40, 9.0), ClearSky(), beds, SUMMER_NS, 8 * 3600.0),

@@ -20,7 +20,7 @@ SURFRAD = "data/weather/slv16001.dat"
 
 @pytest.fixture(scope="module")
 def day():
-    return weather.packaged()
+    return weather.packaged_day()
 
 
 def test_packaged_day_has_every_minute_stamped_in_its_middle(day):
@@ -295,7 +295,7 @@ def test_damaged_and_other_files_are_refused(tmp_path, content, words):
 
 def alamosa_as_bsrn(path: Path) -> Path:
     """The packaged day, 2016-01-01 UTC, in BSRN's whole watts, without the row that ends at midnight."""
-    day = weather.packaged()
+    day = weather.packaged_day()
     labels = (day.time_ns[1:] - 30_000_000_000) // 60_000_000_000 % 1440
     columns = (day.ghi_w_m2, day.dni_w_m2, day.dhi_w_m2, day.longwave_down_w_m2)
     rows = zip(
@@ -308,7 +308,7 @@ def alamosa_as_bsrn(path: Path) -> Path:
 
 
 def test_a_day_is_the_same_from_either_network(tmp_path):
-    day, found = weather.packaged(), read_station_file(alamosa_as_bsrn(tmp_path / "ala0116.dat"))
+    day, found = weather.packaged_day(), read_station_file(alamosa_as_bsrn(tmp_path / "ala0116.dat"))
     assert np.array_equal(found.time_ns, day.time_ns[1:])
     for name in ("ghi_w_m2", "dni_w_m2", "dhi_w_m2", "longwave_down_w_m2"):
         np.testing.assert_allclose(getattr(found, name), getattr(day, name)[1:], atol=0.5)

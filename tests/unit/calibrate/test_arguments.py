@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from fieldkit import calibrate
-from fieldkit.calibrate.result import stamped
+from fieldkit.calibrate.result import stamp
 from fieldkit.calibration.calibration_record import CalibrationRecord
 from fieldkit.config import Config
 from fieldkit.model.errors import CalibrationError, ConfigError
@@ -45,10 +45,10 @@ def test_a_clock_that_was_read_without_its_zone_is_refused():
 def test_a_result_that_is_no_number_is_not_saved(value, sd):
     """A budget of 1e9 K gave 0.892 ± nan, and a record without an uncertainty."""
     with pytest.raises(CalibrationError, match="not determined"):
-        stamped(CalibrationRecord("clock", "clock", datetime(2026, 1, 1, tzinfo=UTC), value, sd, "s", "test"))
+        stamp(CalibrationRecord("clock", "clock", datetime(2026, 1, 1, tzinfo=UTC), value, sd, "s", "test"))
 
 
 def test_a_record_has_a_name_that_a_file_can_have():
     nameless = CalibrationRecord("clock", "../clock", datetime(2026, 1, 1), 1.0, 0.1, "s", "test")
     with pytest.raises(ConfigError, match="write 'clock'"):
-        stamped(nameless)
+        stamp(nameless)

@@ -3,7 +3,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fieldkit.calibrate.surface import identified
+from fieldkit.calibrate.surface import fit_exchange
 from fieldkit.estimation.bins import History
 from fieldkit.estimation.scale import KnownSlope
 from fieldkit.estimation.settings import EstimatorSettings
@@ -31,7 +31,7 @@ def test_exchange_of_heat_is_not_told_from_minutes_in_own_shade():
         Region("bed", RegionKind.TARGET, CORNERS, *BED),
     )
     estimator = SimpleNamespace(regions=regions, settings=EstimatorSettings(model="paper", surface=SURFACE))
-    found = identified(estimator, history, {"bed": KnownSlope(0, *BED)})
+    found = fit_exchange(estimator, history, {"bed": KnownSlope(0, *BED)})
     lit = sunlight[:, 1] > 0.03
     expected = float(irradiance_per_kelvin(kelvin[lit, 0].mean(), SURFACE))
     assert found.steepness_w_m2_k == pytest.approx(expected, rel=1e-3)

@@ -10,7 +10,7 @@ from fieldkit.model.site import Site
 from fieldkit.physics.daylight import clear_sky
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.simulation.scene import sand_slopes
-from fieldkit.weather import packaged
+from fieldkit.weather import packaged_day
 
 MINUTE = 60_000_000_000
 
@@ -173,7 +173,7 @@ def test_a_clock_that_was_stepped_in_between_and_no_moment_at_all_are_refused():
 @pytest.mark.parametrize("wrong_s", [0.0, 3600.0])
 def test_the_true_time_of_a_measured_clear_day_is_within_what_is_stated(hours, instrument, wrong_s):
     """SURFRAD, Alamosa, 2016-01-01; 2 h of afternoon were 2043 s off at stated 1361 s, 3 h 1523 at 588."""
-    day = packaged()
+    day = packaged_day()
     hour = (day.time_ns - int(np.datetime64("2016-01-01", "ns").astype(np.int64))) / 3.6e12
     rows = (hours[0] <= hour) & (hour < hours[1])
     times = day.time_ns[rows]

@@ -21,7 +21,7 @@ from fieldkit.physics.radiance import band_radiance, brightness_temperature_k
 from fieldkit.recording.simulated_scene import FOIL_ALBEDO
 from fieldkit.simulation import Facet, MeasuredSky, Scene
 from fieldkit.simulation.scene import ALAMOSA_NOON_NS
-from fieldkit.weather import packaged
+from fieldkit.weather import packaged_day
 from tests.harness.emissivity_days import OUTLINE, days, drawn_free_days, free_days, make_day
 
 NO_ERROR = SharedUncertainties(*(0.0,) * 7)
@@ -246,7 +246,7 @@ def test_what_a_foil_emits_itself_does_not_pass_for_a_warmer_sky():
 @pytest.mark.parametrize("emissivity", [0.75, 0.85, 0.95])
 def test_the_foil_method_has_no_bias_on_the_simulated_field(emissivity):
     """Every noise taken away. The foil's own emission made it -0.002 to -0.008 on every day."""
-    day = packaged()
+    day = packaged_day()
     sand = Facet("sand", OUTLINE, emissivity=emissivity, emissivity_broadband=emissivity)
     foil = replace(sand, name="foil", albedo=FOIL_ALBEDO, emissivity=0.04, emissivity_broadband=0.04)
     scene = Scene(day.site, MeasuredSky(day), (sand, foil), ALAMOSA_NOON_NS, 4 * 3600.0)

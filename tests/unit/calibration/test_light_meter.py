@@ -14,7 +14,7 @@ from fieldkit.model.errors import CalibrationError
 from fieldkit.model.site import Site
 from fieldkit.physics.irradiance import IrradianceModel, direct_normal
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.weather import packaged
+from fieldkit.weather import packaged_day
 
 SITE = Site(37.70, -105.92, 2317.0)
 START = int(np.datetime64("2016-01-01T17:00", "ns").astype(np.int64))
@@ -44,7 +44,7 @@ def test_the_factor_found_gives_the_beam_back(model):
 
 def test_measured_diffuse_light_is_added_as_measured():
     """SURFRAD, Alamosa, 2016-01-01: beam and diffuse together are what its global pyranometer reads."""
-    weather = packaged()
+    weather = packaged_day()
     dni, dhi = (np.interp(TIMES, weather.time_ns, column) for column in (weather.dni_w_m2, weather.dhi_w_m2))
     plane = on_plane(IrradianceModel(), dni, dhi, SUN, TIMES)
     np.testing.assert_allclose(plane, dni * SUN[:, 2] + dhi, rtol=1e-9)
@@ -98,7 +98,7 @@ def test_minutes_around_a_step_of_the_reference_alone_are_left_out():
     assert light_factor(reading, plane).minutes == 60 - 4
 
 
-DAY = packaged()
+DAY = packaged_day()
 """Alamosa, 2016-01-01, clear: global irradiance by its pyranometer."""
 HOUR_NS = 3_600_000_000_000
 WINDOWS = [(15, 24), (16, 17), (18, 20), (19, 20), (19, 22), (22, 23)]

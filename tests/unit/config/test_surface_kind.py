@@ -14,7 +14,7 @@ from fieldkit.estimation.surface_kinds import KINDS, Kind
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import CERTAIN, WITH_SLOPE, SlopeState
 from fieldkit.recording.field_history import history_of
-from fieldkit.weather import packaged
+from fieldkit.weather import packaged_day
 
 HERE = Path("fieldkit.toml")
 SITE = "[site]\nlatitude_deg = 37.7\nlongitude_deg = -105.92\nelevation_m = 2317\n"
@@ -118,7 +118,7 @@ def test_a_reference_has_the_kind_of_the_surface():
 
 def two_kinds():
     """Level sand, sand of 15 degrees and a plate of 40 under one measured sky and one wind; the regions."""
-    day, plate = packaged(), config('[surface]\nkind = "plate"\n').estimator_settings()
+    day, plate = packaged_day(), config('[surface]\nkind = "plate"\n').estimator_settings()
     when = {"start": "2016-01-01T09:00-07:00", "minutes": 150}
     sand = config().estimator_settings()
     of_sand = fieldkit.predict([(0, 0), (15, 180)], day, settings=sand, exchange=13.0, **when)
@@ -153,7 +153,7 @@ def test_a_plate_beside_sand_is_found_by_its_kind_alone():
 
 def test_a_plate_of_40_degrees_reads_near_40():
     """Two plates, one level, under a measured clear sky; their exchange is not the prior's median."""
-    plate, day = config('[surface]\nkind = "plate"\n').estimator_settings(), packaged()
+    plate, day = config('[surface]\nkind = "plate"\n').estimator_settings(), packaged_day()
     field = fieldkit.predict(
         [(0, 0), (40, 180)], day, start="2016-01-01T09:00-07:00", minutes=150, settings=plate, exchange=26.0
     )

@@ -25,7 +25,7 @@ from fieldkit.physics.slab import Slab
 from fieldkit.physics.sun import sun_angles, sun_vectors
 from fieldkit.simulation import Exchange, Facet, MeasuredSky
 from fieldkit.simulation.scene_series import SceneModel
-from fieldkit.weather import packaged
+from fieldkit.weather import packaged_day
 from tests.shared_data import shared
 
 BEDS = ((7.4, 180.0), (21.3, 180.0), (14.6, 95.0))
@@ -41,7 +41,7 @@ KNOWN = EstimatorSettings(model="paper", azimuth="known", slab=SLAB)
 @pytest.fixture(scope="module")
 def clear_day():
     """Minutes from 9 to 14 h local, without noise."""
-    weather = packaged()
+    weather = packaged_day()
     start = int(np.datetime64("2016-01-01T16:00", "ns").astype(np.int64))
     sand = Facet("sand", (), depth_m=SLAB.depth_m)
     facets = tuple(replace(sand, tilt_deg=t, azimuth_deg=a) for t, a in ((0.0, 0.0), *BEDS))

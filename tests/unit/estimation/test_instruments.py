@@ -17,7 +17,7 @@ from fieldkit.physics.daylight import clear_sky, sky_view
 from fieldkit.physics.facet import normal
 from fieldkit.physics.irradiance import IrradianceModel
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.weather import packaged
+from fieldkit.weather import packaged_day
 
 SITE = Site(35.558675, 139.395232, 9.0)
 METERS = {
@@ -124,7 +124,7 @@ def test_without_configured_probes_or_names_nothing_is_guessed():
 
 def test_a_stations_air_and_wind_are_those_of_its_file():
     """NOAA, SURFRAD, slv16001.dat: -7.6 °C and 3.1 m/s in the line of 2016-01-01 00:00 UTC."""
-    day = packaged()
+    day = packaged_day()
     at = int(day.time_ns[0])
     streams = (
         StreamInfo("slv-air", "air_temperature", "K", (1,), rate_hz=1 / 60),
@@ -248,7 +248,7 @@ def test_global_light_by_erbs_gives_the_beam_of_pvlib(global_w_m2):
 
 def test_global_light_less_measured_diffuse_light_is_the_measured_beam():
     """Three instruments of SURFRAD, Alamosa: a closed day of sun, minute by minute."""
-    day = packaged()
+    day = packaged_day()
     streams = (radiation("slv-diffuse", "dhi", 1 / 60), radiation("slv-global", "ghi", 1 / 60))
     binner = Binner(day.site, (), streams, EstimatorSettings())
     closed = []

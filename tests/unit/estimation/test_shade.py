@@ -20,7 +20,7 @@ from fieldkit.simulation.faults import cloud_transmission
 from fieldkit.simulation.scene import ALAMOSA_NOON_NS, BEDS
 from fieldkit.simulation.scene_series import EXCHANGE, SceneModel
 from fieldkit.simulation.sky import MeasuredSky
-from fieldkit.weather import packaged
+from fieldkit.weather import packaged_day
 
 FLAT, B05, B15, B25 = range(4)
 LEAD_S = 7200.0
@@ -32,7 +32,7 @@ def afternoon_k(*boards, cloud=()):
 
     Boards are (column, begin, end) in minutes, a cloud is (begin, end).
     """
-    day = packaged()
+    day = packaged_day()
     over = tuple(Board(BEDS[bed].name, LEAD_S + 60 * a, LEAD_S + 60 * b) for bed, a, b in boards)
     clouds = [cloud_transmission(*(LEAD_S + 60 * at for at in cloud))] if cloud else []
     model = SceneModel(day.site, MeasuredSky(day), BEDS, GROUND, EXCHANGE, clouds, 3.0, 1.0, over)

@@ -22,7 +22,7 @@ from fieldkit.physics.facet import angle_between_deg, normal
 from fieldkit.physics.slab import Slab
 from fieldkit.recording.field_history import history_of
 from fieldkit.results.estimate import estimate_tables
-from fieldkit.weather import packaged
+from fieldkit.weather import packaged_day
 
 NONE = ((0.0, 0.0),)
 TARGET = Region("bed", RegionKind.TARGET, NONE)
@@ -74,8 +74,8 @@ def day():
     exchange = SETTINGS.surface.exchange_w_m2_k
     span = {"start": "2016-01-01T07:00-07:00", "minutes": 420}
     facets = [(20.0, 90.0), (0.0, 0.0)]
-    field = fieldkit.predict(facets, packaged(), settings=SETTINGS, exchange=exchange, **span)
-    return history_of(field, packaged().site)
+    field = fieldkit.predict(facets, packaged_day(), settings=SETTINGS, exchange=exchange, **span)
+    return history_of(field, packaged_day().site)
 
 
 def test_the_level_surface_is_that_of_plans(day):
@@ -118,8 +118,8 @@ def test_a_table_needs_no_reference_then(day, tmp_path):
         times = np.datetime_as_string(day.time_ns.astype("datetime64[ns]"), unit="s")
         writer.writerows(zip(np.char.add(times, "Z"), kelvin, day.air_k, *light, strict=True))
     with pytest.raises(ConfigError, match="reference_k"):
-        estimate_tables([path], packaged().site)
-    (found,) = estimate_tables([path], packaged().site, settings=["estimator.reference=weather"])
+        estimate_tables([path], packaged_day().site)
+    (found,) = estimate_tables([path], packaged_day().site, settings=["estimator.reference=weather"])
     assert (found.region, found.model) == ("bed", "full, unit-norm")
     assert angle_between_deg(normal(found.tilt_deg, found.azimuth_deg), normal(20.0, 90.0)) < 3.0
 

@@ -8,7 +8,7 @@ from fieldkit.model.limits import bounds_of, changed_rows, excesses, flag_implau
 from fieldkit.model.samples import Frame, Quality, Reading
 from fieldkit.model.site import Site
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.weather import packaged
+from fieldkit.weather import packaged_day
 
 STREAMS = {
     "air": StreamInfo("logger", "temperature", "K", (1,), channels=("air",)),
@@ -93,7 +93,7 @@ def test_light_of_level_ground_is_limited_by_the_height_of_the_sun():
 
 def test_no_beam_comes_from_a_sun_that_is_down():
     """Alamosa, 2016-01-01, from before sunrise to after sunset: what SURFRAD measured is possible."""
-    weather = packaged()
+    weather = packaged_day()
     site = Site(37.6969, -105.9231, 2317.0)  # of the station's file
     sine = sun_vectors(weather.time_ns, site)[:, 2]
     assert sine.min() < -0.05 < 0.45 < sine.max()

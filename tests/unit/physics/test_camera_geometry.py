@@ -14,8 +14,8 @@ from fieldkit.physics.camera_geometry import (
     distances_to_ground_m,
     distances_to_plane_m,
     project,
+    project_to_frame,
     rays,
-    seen_by,
 )
 
 CAMERA = Camera((500.0, 200.0, 12.0), 20.0, -25.0, 4.0, 50.0, (120, 160))
@@ -79,7 +79,7 @@ def test_rays_meet_the_near_side_of_the_ridge(ground):
     met = np.isfinite(away)
     east, north, up = points[met].T
     assert up == pytest.approx(terrain(east, north), abs=0.05)  # bilinear between cells of half a metre
-    row, _, seen = seen_by(CAMERA, np.array([[505.0, 235.0, terrain(505.0, 235.0)]]), away, 0.5)
+    row, _, seen = project_to_frame(CAMERA, np.array([[505.0, 235.0, terrain(505.0, 235.0)]]), away, 0.5)
     assert seen.all()
     assert 0 <= row[0] < 120
 
@@ -88,8 +88,8 @@ def test_a_low_camera_does_not_see_behind_the_ridge(ground):
     low = Camera((500.0, 200.0, 2.0), 0.0, 0.0, 0.0, 50.0, (120, 160))
     away = distances_to_ground_m(low, ground, 90.0)
     before, behind = (np.array([500.0, north, float(terrain(500.0, north))]) for north in (234.0, 245.0))
-    assert seen_by(low, before, away, 0.5)[2]
-    assert not seen_by(low, behind, away, 0.5)[2]
+    assert project_to_frame(low, before, away, 0.5)[2]
+    assert not project_to_frame(low, behind, away, 0.5)[2]
 
 
 LENSES = [(-0.30, 0.12, 0.001, -0.002, -0.02), (0.08, 0.02, -0.003, 0.001, 0.0)]

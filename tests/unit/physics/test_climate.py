@@ -5,7 +5,7 @@ import pytest
 
 from fieldkit.model.site import Site
 from fieldkit.physics.climate import usual_air_k
-from fieldkit.weather import packaged
+from fieldkit.weather import packaged_day
 
 AT_NOON = "T12:00"
 
@@ -32,7 +32,7 @@ def test_within_its_spread_of_stations(name, latitude, longitude, elevation, dat
 
 def test_alamosa_on_a_winter_day_is_as_measured():
     """NOAA SURFRAD, 2016-01-01, 2317 m: -6 to -3 degrees around noon."""
-    day = packaged()
+    day = packaged_day()
     noon = day.time_ns.size * 19 // 24
     usual = float(usual_air_k(day.time_ns[noon], day.site))
     assert usual == pytest.approx(day.air_temperature_k[noon], abs=4.0)

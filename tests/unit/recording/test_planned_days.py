@@ -10,7 +10,7 @@ from fieldkit.estimation.chain import SlopeChain
 from fieldkit.model.arrays import FloatArray
 from fieldkit.recording.experiments import PlannedSession, Run, predicted
 from fieldkit.simulation.sky import ClearSky
-from fieldkit.weather import packaged
+from fieldkit.weather import packaged_day
 from tests.harness.drawn import drawn_world
 
 WITHIN = 0.3
@@ -26,7 +26,7 @@ def reached_over_predicted(seeds: range, minutes: int) -> FloatArray:
         reached.append([0.5 * (one.tilt_high_deg - one.tilt_low_deg) for one in slopes])
     history = world.history
     session = PlannedSession(
-        site=packaged().site,
+        site=packaged_day().site,
         facets=tuple((one.tilt_deg, one.azimuth_deg) for one in world.regions[1:]),
         start_ns=int(history.time_ns[0]),
         minutes=minutes,

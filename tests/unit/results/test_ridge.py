@@ -20,7 +20,7 @@ from fieldkit.simulation.facets import GROUND, Facet
 from fieldkit.simulation.scene import ALAMOSA_NOON_NS, BEDS
 from fieldkit.simulation.scene_series import EXCHANGE, SceneModel
 from fieldkit.simulation.sky import ClearSky
-from fieldkit.weather import packaged
+from fieldkit.weather import packaged_day
 
 TILT_DEG = 15.0
 
@@ -44,14 +44,14 @@ TWO = Hours(120, (50, 80), tuple(bed for bed in BEDS if bed.name in ("flat", "b1
 def ridge(hours: Hours) -> Horizon:
     """A pillar as wide as the sun moves while it is hidden."""
     times = hours.start_ns + np.array(hours.hidden) * MINUTE_NS
-    first, last = tilt_azimuth(sun_vectors(times, packaged().site))[1]
+    first, last = tilt_azimuth(sun_vectors(times, packaged_day().site))[1]
     return ((first - 0.05, -5.0), (first, 60.0), (last, 60.0), (last + 0.05, -5.0))
 
 
 def last_estimate(model: Model, hours: Hours, horizon: Horizon, known: Horizon) -> SlopeEstimate:
     """Of the bed behind the ridge, at the end; `known` is the horizon that the estimator is given."""
     beds = tuple(replace(bed, horizon=horizon if bed.name == "b15" else ()) for bed in hours.beds)
-    scene = SceneModel(packaged().site, ClearSky(), beds, GROUND, EXCHANGE, (), 3.0)
+    scene = SceneModel(packaged_day().site, ClearSky(), beds, GROUND, EXCHANGE, (), 3.0)
     history = field_history(scene, hours.start_ns, hours.minutes)
     is_hidden = sunlit_share(known, history.sun, MINUTE_EDGE_DEG) < 1.0
     flags = history.region_flags.copy()

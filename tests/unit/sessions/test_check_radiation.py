@@ -13,7 +13,7 @@ from fieldkit.sessions.formats.imported import ImportedRecording, write_imported
 from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.radiation_check import radiation_findings
 from fieldkit.sessions.reader import open_session
-from fieldkit.weather import packaged
+from fieldkit.weather import packaged_day
 
 NAMES = ("ghi", "dhi", "dni", "longwave_down")
 STREAMS = (
@@ -25,7 +25,7 @@ STREAMS = (
 @pytest.fixture(scope="module")
 def noon():
     """An hour about local noon (19 UTC) at Alamosa; global irradiance as the sum of its components."""
-    day = packaged()
+    day = packaged_day()
     chosen = (day.time_ns >= day.time_ns[0] + 18.5 * 3.6e12) & (day.time_ns < day.time_ns[0] + 19.5 * 3.6e12)
     time_ns = day.time_ns[chosen]
     dni, dhi = day.dni_w_m2[chosen], day.dhi_w_m2[chosen]
@@ -49,7 +49,7 @@ def findings(path: Path, columns: dict[str, np.ndarray]) -> list[tuple[str, str]
     ]
     rows.sort(key=lambda one: one.time_ns)
     write_imported(
-        path, SessionHeader("light", packaged().site, streams), ImportedRecording(streams, rows), "a test"
+        path, SessionHeader("light", packaged_day().site, streams), ImportedRecording(streams, rows), "a test"
     )
     with open_session(path) as session:
         return [(one.level, one.text) for one in radiation_findings(session)]

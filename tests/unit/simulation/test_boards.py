@@ -9,7 +9,7 @@ from fieldkit.simulation.facets import GROUND, Facet
 from fieldkit.simulation.scene import ALAMOSA_NOON_NS
 from fieldkit.simulation.scene_series import SceneModel
 from fieldkit.simulation.sky import SkyState
-from fieldkit.weather import packaged
+from fieldkit.weather import packaged_day
 
 BOARD = Board("b15", 600.0, 900.0)
 
@@ -30,7 +30,7 @@ def test_a_board_cools_its_bed_alone_as_a_half_space_cools_at_first():
     Carslaw and Jaeger, "Conduction of Heat in Solids", 1959, 2.8. At noon of that day the sun stands at 29.3
     degrees (NOAA's calculator), 45.7 degrees from the normal of a bed of 15 degrees to the south.
     """
-    weather = packaged()
+    weather = packaged_day()
     beds = tuple(Facet(name, (), 15.0, 180.0, depth_m=0.06) for name in ("b15", "b16"))
     sky = MeasuredSky(weather)
     model = SceneModel(weather.site, sky, beds, GROUND, Exchange(19.0, 0.0), (), 3.0, boards=(BOARD,))

@@ -9,7 +9,7 @@ from fieldkit.simulation.facets import Facet
 from fieldkit.simulation.scene_series import (
     FacetRadiation,
     fine_times,
-    lagged,
+    lag,
     longwave_leaving_ground,
     surface_temperatures,
 )
@@ -80,7 +80,7 @@ def test_times_are_dense_where_the_light_breaks():
 
 def test_sensor_of_first_order_lags_a_ramp_by_its_time_constant():
     time_s = np.concatenate([np.arange(0.0, 10.0, 0.3), np.arange(10.0, 100.0, 7.0)])
-    answer = lagged((0.5 * time_s)[np.newaxis], time_s, 3.0)[0]
+    answer = lag((0.5 * time_s)[np.newaxis], time_s, 3.0)[0]
     exact = 0.5 * (time_s - 3.0 * (1 - np.exp(-time_s / 3.0)))
     np.testing.assert_allclose(answer, exact, atol=1e-12)
 

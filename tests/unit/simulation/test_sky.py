@@ -6,7 +6,7 @@ from fieldkit.model.site import Site
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.simulation import ClearSky, MeasuredSky
 from fieldkit.simulation.sky import SkyState
-from fieldkit.weather import packaged
+from fieldkit.weather import packaged_day
 
 PAPER_SITE = Site(35.558675, 139.395232, 9.0, "Asia/Tokyo")
 PAPER_NOON_NS = np.array([np.datetime64("2017-08-30T03:00", "ns").astype(np.int64)])
@@ -14,7 +14,7 @@ PAPER_NOON_NS = np.array([np.datetime64("2017-08-30T03:00", "ns").astype(np.int6
 
 @pytest.fixture(scope="module")
 def weather():
-    return packaged()
+    return packaged_day()
 
 
 def test_measured_sky_goes_through_the_middle_of_the_minutes(weather):

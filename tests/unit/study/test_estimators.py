@@ -26,7 +26,7 @@ from fieldkit.study.estimators import (
     summarise,
 )
 from fieldkit.study.runs import POSTERIOR_SLOPES, StudyOptions, slopes_for
-from fieldkit.weather import packaged
+from fieldkit.weather import packaged_day
 
 PAPER = Site(35.558675, 139.395232, 9.0, "Asia/Tokyo")
 NOISELESS = StudySettings()
@@ -147,7 +147,7 @@ def test_the_posterior_solves_fewer_slopes_than_the_paper_has():
 
 def test_measured_weather_brings_its_place_and_day():
     """NOAA SURFRAD, Alamosa: 37.70 N, 105.92 W."""
-    options = StudyOptions.of(weather=packaged())
+    options = StudyOptions.of(weather=packaged_day())
     assert (options.site.latitude_deg, options.site.longitude_deg) == pytest.approx(
         (37.70, -105.92), abs=0.01
     )

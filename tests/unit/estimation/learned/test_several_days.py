@@ -14,7 +14,7 @@ from fieldkit.estimation.together import Part
 from fieldkit.model.samples import Quality
 from fieldkit.model.slope import SlopeState
 from fieldkit.model.units import DAY_S, MINUTE_NS, SECOND_NS
-from fieldkit.weather import packaged
+from fieldkit.weather import packaged_day
 from tests.harness.drawn import drawn_world
 
 
@@ -38,7 +38,7 @@ def test_all_days_of_a_table_count():
     world = drawn_world(5, CLEAR, minutes=30)
     settings = replace(world.settings, model="learned")
     table = joined([world.history, a_day_later(world.history).until(5)])
-    for one in slopes_of_part(Part("table", packaged().site, world.regions, table, settings)):
+    for one in slopes_of_part(Part("table", packaged_day().site, world.regions, table, settings)):
         assert one.state is not SlopeState.TOO_FEW
         assert one.n_bins == 35
 

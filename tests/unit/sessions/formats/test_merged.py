@@ -14,7 +14,7 @@ from fieldkit.sessions.formats.logs import read_log
 from fieldkit.sessions.formats.merged import TimeSeries, aligned, best_offset
 from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.reader import open_session
-from fieldkit.weather import packaged, read_surfrad
+from fieldkit.weather import packaged_day, read_surfrad
 from tests.shared_data import shared
 
 NOON_S = 19 * 3600.0  # of the station, in UTC
@@ -24,7 +24,7 @@ def light(
     chance: np.random.Generator, *, cloudy: bool, true_s: float, noise: float
 ) -> tuple[TimeSeries, TimeSeries]:
     """Three hours at 1 Hz, and a log of four at 0.1 Hz with a gain and level of its own and a wrong clock."""
-    day = read_surfrad(shared("data/weather/slv15365.dat")) if cloudy else packaged()
+    day = read_surfrad(shared("data/weather/slv15365.dat")) if cloudy else packaged_day()
     measured_s = (day.time_ns - day.time_ns[0]) / 1e9
     seconds, tens = np.arange(0, 3 * 3600.0), np.arange(-1800.0, 3.5 * 3600.0, 10.0)
     lux = 110.0 * np.interp(NOON_S + seconds, measured_s, day.ghi_w_m2)
