@@ -1,4 +1,6 @@
-"""A campaign as a service of systemd: install it, remove it, and find out how it is doing.
+"""A campaign as a service of systemd: install it and remove it.
+
+``systemctl status fieldkit`` shows how it is doing.
 
 There is one service, `service_unit.NAME`, for the user or for the system: its campaign has the instruments.
 """
@@ -6,12 +8,10 @@ There is one service, `service_unit.NAME`, for the user or for the system: its c
 from __future__ import annotations
 
 import grp
-import json
 import logging
 import os
 import pwd
 import subprocess
-import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,9 +20,8 @@ import platformdirs
 
 from fieldkit.config import Config
 from fieldkit.model.errors import RefusedError, StorageError
-from fieldkit.model.units import SECOND_NS
 from fieldkit.recording.preflight import Notify
-from fieldkit.recording.service_unit import GROUPS, NAME, Unit, campaign_of, is_temporary, page_options_of
+from fieldkit.recording.service_unit import GROUPS, NAME, Unit, campaign_of, is_temporary
 
 SYSTEMD_RUNS = Path("/run/systemd/system")
 """Exists where systemd is the init process, see sd_booted(3)."""
@@ -31,44 +30,9 @@ PACKAGED_UNITS = Path("/usr/lib/systemd/system")
 """Folder of the unit of a distribution's package; one of the same name in `SYSTEM_UNITS` replaces it."""
 LINGERING = Path("/var/lib/systemd/linger")
 """A file for each user whose services run without a login."""
-PROPERTIES = ("ActiveState", "SubState", "UnitFileState", "StatusText", "Result", "NRestarts",
-              "StateChangeTimestamp")  # fmt: skip
 PATIENCE_S = 300.0
 """Stopping the service seals its session first."""
-SETTLED_WITHIN_S = 15.0
-"""A service that starts normally is running, and one that cannot start has failed, within that time."""
 log: logging.Logger = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True, slots=True)
-class LogLine:
-    """A line of the service's log in the journal, and when it was written (UTC)."""
-
-    time_ns: int
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
-class ServiceStatus:
-    """Status of an installed service.
-
-    `page` are options of ``fieldkit page``; `state` and `substate` are systemd's words, such as ``active``
-    and ``running``; `reports` is what the service last reported, `result` why it last ended, `since_ns`
-    (UTC) when its state changed; None where systemd does not know.
-    """
-
-    unit: Path
-    is_system: bool
-    campaign: Path
-    page: tuple[str, ...]
-    starts_at_boot: bool
-    state: str
-    substate: str
-    reports: str
-    result: str
-    restarts: int
-    since_ns: int | None
-    last_log: LogLine | None
 
 
 def unit_of(config: Config, *, system: bool = False, record: bool = False, page: Sequence[str] = ()) -> Unit:
@@ -78,8 +42,8 @@ def unit_of(config: Config, *, system: bool = False, record: bool = False, page:
     return Unit(config.directory, owner, groups, record, page)
 
 
-def install_service(unit: Unit, notify: Notify = log.warning) -> ServiceStatus:
-    """Write a unit, start it now and at every boot; the same campaign's unit is replaced.
+def install_service(unit: Unit, notify: Notify = log.warning) -> Path:
+    """Write a unit, start it now and at every boot; its file. The same campaign's unit is replaced.
 
     `notify` receives what a person must still do. Raises `RefusedError` without systemd, without rights, or
     if the service is installed for another campaign, `StorageError` if the unit cannot be written.
@@ -98,7 +62,7 @@ def install_service(unit: Unit, notify: Notify = log.warning) -> ServiceStatus:
     manager.systemctl("restart", "--no-block", NAME)
     for warning in _warnings(unit):
         notify(warning)
-    return _settled(manager)
+    return manager.unit
 
 
 def remove_service(*, system: bool = False) -> Path:
@@ -115,13 +79,6 @@ def remove_service(*, system: bool = False) -> Path:
     manager.unit.unlink()
     manager.systemctl("daemon-reload")
     return campaign
-
-
-def service_status() -> list[ServiceStatus]:
-    """The installed services, the user's and the system's; raises `RefusedError` without systemd."""
-    _need_systemd()
-    found = [_Manager(system) for system in (False, True)]
-    return [manager.status() for manager in found if manager.effective_unit().exists()]
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,11 +103,6 @@ class _Manager:
         """The campaign of the unit that `install_service` wrote, None without one."""
         return campaign_of(self.unit.read_text(encoding="utf-8")) if self.unit.exists() else None
 
-    def effective_unit(self) -> Path:
-        """The unit that systemd uses: a package's, where none was installed."""
-        packaged = PACKAGED_UNITS / NAME
-        return packaged if self.is_system and not self.unit.exists() and packaged.exists() else self.unit
-
     def systemctl(self, *words: str) -> str:
         command = ["systemctl", *([] if self.is_system else ["--user"]), *words]
         try:
@@ -167,38 +119,6 @@ class _Manager:
         if self.is_system:
             return f"journalctl --unit {NAME}"
         return "log in as this user, not by su or sudo; or install a system service: --system"
-
-    def status(self) -> ServiceStatus:
-        wanted = f"--property={','.join(PROPERTIES)}"
-        lines = self.systemctl("show", "--timestamp=unix", wanted, NAME).splitlines()
-        shown = dict(line.split("=", 1) for line in lines if "=" in line)
-        since = shown.get("StateChangeTimestamp", "").removeprefix("@")
-        unit = self.effective_unit()
-        text = unit.read_text(encoding="utf-8")
-        return ServiceStatus(
-            unit=unit,
-            is_system=self.is_system,
-            campaign=campaign_of(text),
-            page=page_options_of(text),
-            starts_at_boot=shown.get("UnitFileState") == "enabled" and (self.is_system or _lingers()),
-            state=shown.get("ActiveState", ""),
-            substate=shown.get("SubState", ""),
-            reports=shown.get("StatusText", ""),
-            result=shown.get("Result", ""),
-            restarts=int(shown.get("NRestarts") or 0),
-            since_ns=int(since) * SECOND_NS if since.isdigit() else None,
-            last_log=self._last_log(),
-        )
-
-    def _last_log(self) -> LogLine | None:
-        unit = f"--unit={NAME}" if self.is_system else f"--user-unit={NAME}"
-        command = ["journalctl", "--quiet", "--no-pager", "--output=json", "--lines=1", unit]
-        try:
-            done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
-            entry = json.loads(done.stdout)
-            return LogLine(int(entry["__REALTIME_TIMESTAMP"]) * 1000, str(entry["MESSAGE"]))
-        except (OSError, ValueError, KeyError):  # no journal, no right to read it, or nothing in it
-            return None
 
 
 def _need_systemd() -> None:
@@ -234,17 +154,10 @@ def _write(path: Path, text: str) -> None:
 def _installed_elsewhere(system: bool) -> str:
     other = _Manager(system)
     if other.campaign() is None:
-        if _Manager(True).effective_unit().exists():
+        if (PACKAGED_UNITS / NAME).exists():
             return f"the one of the package is stopped by: sudo systemctl disable --now {NAME}"
         return "fieldkit service install installs one"
     return f"a {other.words} is: fieldkit service remove{other.option}"
-
-
-def _settled(manager: _Manager) -> ServiceStatus:
-    deadline = time.monotonic() + SETTLED_WITHIN_S
-    while (status := manager.status()).state == "activating" and time.monotonic() < deadline:
-        time.sleep(0.5)
-    return status
 
 
 def _warnings(unit: Unit) -> Iterator[str]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shlex
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -160,13 +159,6 @@ def campaign_of(text: str) -> Path:
     """The campaign folder of a unit's text."""
     line = next(line for line in text.splitlines() if line.startswith("WorkingDirectory="))
     return Path(line.partition("=")[2].replace("%%", "%"))
-
-
-def page_options_of(text: str) -> tuple[str, ...]:
-    """The options of ``fieldkit page`` in a unit's text that say where it is served."""
-    line = next(line for line in text.splitlines() if line.startswith("ExecStart="))
-    words = shlex.split(line.replace("%%", "%").replace("$$", "$"))
-    return tuple(word for word in words[words.index("page") + 1 :] if word != "--record")
 
 
 def _verbatim(text: object) -> str:
