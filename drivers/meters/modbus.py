@@ -7,15 +7,17 @@ unit, function, byte count, registers big-endian, CRC-16 low byte first (Modbus 
 
 from __future__ import annotations
 
+import json
 import math
 import struct
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cache, partial
-from operator import index
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from fieldkit.drivers import options
 from fieldkit.drivers.decoding import Decoded, Layout, Parsed, Record, Rejected, Value, decode_records
@@ -42,30 +44,8 @@ NOT_IMPLEMENTED = {
 MOST_DECIMALS = 9  # a scale of more was not written by an instrument that measures
 LEAST_MEASURED = 1e-12  # of a float; nearer to zero are only those whose words are in the wrong order
 _QUALITIES = {"": Quality.GOOD, "stale": Quality.STALE, "overrange": Quality.OVERRANGE}
-_KINDS: Mapping[str, tuple[tuple[type, ...], str]] = {
-    "str": ((str,), "a text"),
-    "int": ((int,), "a whole number"),
-    "int | None": ((int,), "a whole number"),
-    "float": ((int, float), "a number"),
-    "bool": ((bool,), "true or false"),
-}
-"""By the type of a field: those of its value in a map, and their name."""
 MOST_REGISTERS = 125  # of one reply
-T = TypeVar("T")
-_KEYS = (
-    "title",
-    "quantity",
-    "unit",
-    "line",
-    "function",
-    "first",
-    "count",
-    "no_value",
-    "measures",
-    "range",
-    "channel",
-    "status",
-)
+Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,13 +58,13 @@ class Channel:
 
     name: str
     register: int
-    type: str = "u16"
+    type: Literal["u16", "s16", "u32", "s32", "f32"] = "u16"
     unit: str = ""
-    scale: float = 1.0
-    offset: float = 0.0
+    scale: Finite = 1.0
+    offset: Finite = 0.0
     decimals_register: int | None = None
     words_low_first: bool = False
-    repeat: int = 1
+    repeat: Annotated[int, Field(ge=1, le=MOST_REGISTERS)] = 1
 
     @property
     def width(self) -> int:
@@ -96,9 +76,9 @@ class Channel:
 class StatusBit:
     """One bit of the status register, as a state and, where it invalidates the values, a quality."""
 
-    bit: int
+    bit: Annotated[int, Field(ge=0, le=15)]
     word: str
-    quality: str = ""
+    quality: Literal["", "stale", "overrange"] = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,64 +167,65 @@ def load_map(name: str) -> RegisterMap:
         ) from error
     try:
         return _read_map(table)
-    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
-        reason = f"{error.args[0]!r} is missing" if isinstance(error, KeyError) else message_of(error)
+    except (ValueError, TypeError) as error:
+        if isinstance(error, ValidationError):
+            first = error.errors()[0]
+            reason = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
+        else:
+            reason = message_of(error)
         raise ConfigError(
             f"{path}: {reason}", fix="compare with the map rtd-8 that comes with fieldkit"
         ) from error
 
 
+@dataclass(frozen=True, slots=True)
+class _Status:
+    register: int | None = None
+    bits: tuple[StatusBit, ...] = ()
+
+
+class _MapFile(BaseModel):
+    """A register map as its file has it."""
+
+    model_config: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True)
+
+    title: str
+    quantity: str
+    unit: str
+    line: Line = Line()
+    function: Literal[3, 4]
+    first: Annotated[int, Field(ge=0)]
+    count: Annotated[int, Field(ge=1, le=MOST_REGISTERS)]
+    channel: tuple[Channel, ...]
+    no_value: tuple[int, ...] = ()
+    measures: str | dict[str, int | list[int]] = Field(default_factory=dict)
+    range: tuple[float, float] = (-math.inf, math.inf)
+    status: _Status = _Status()
+
+
 def _read_map(table: Mapping[str, Any]) -> RegisterMap:
-    unknown = set(table) - set(_KEYS)
-    if unknown:
-        raise ValueError(f"unknown keys: {', '.join(sorted(unknown))}; known are {', '.join(_KEYS)}")
-    status = table.get("status", {})
-    low, high = table.get("range", (-math.inf, math.inf))
-    _check_types(RegisterMap, table)
-    found = RegisterMap(
-        title=table["title"],
-        quantity=table["quantity"],
-        unit=table["unit"],
-        line=Line(**table.get("line", {})),
-        function=table["function"],
-        first=table["first"],
-        count=table["count"],
-        channels=tuple(one for entry in table["channel"] for one in _repeated(_typed(Channel, entry))),
-        no_value=tuple(int(count) for count in table.get("no_value", ())),
-        **_measures(table.get("measures", {})),
-        limits=(float(low), float(high)),
-        status_register=index(status["register"]) if "register" in status else None,
-        status_bits=tuple(_typed(StatusBit, entry) for entry in status.get("bits", ())),
+    # as JSON, whose strict reading takes tables for dataclasses and lists for tuples
+    file = _MapFile.model_validate_json(json.dumps(table, default=str))
+    register_map = RegisterMap(
+        **{name: getattr(file, name) for name in ("title", "quantity", "unit", "line", "function", "first")},
+        count=file.count,
+        channels=tuple(channel for entry in file.channel for channel in _repeated(entry)),
+        no_value=file.no_value,
+        **_measures(file.measures),
+        limits=file.range,
+        status_register=file.status.register,
+        status_bits=file.status.bits,
     )
-    _check(found)
-    return found
+    _check(register_map)
+    return register_map
 
 
-def _typed(kind: type[T], entry: Mapping[str, Any]) -> T:
-    """A dataclass of a table."""
-    _check_types(kind, entry)
-    return kind(**entry)
-
-
-def _check_types(kind: type[Any], entry: Mapping[str, Any]) -> None:
-    """Raise `ValueError` for a key whose value is not of its field's type."""
-    for key in fields(kind):
-        types, words = _KINDS.get(str(key.type), ((), ""))
-        value = entry.get(key.name)
-        is_finite = not isinstance(value, float) or math.isfinite(value)
-        if key.name in entry and types and not (type(value) in types and is_finite):
-            raise ValueError(f"{key.name} = {value!r} is not {words}")
-
-
-def _measures(given: str | Mapping[str, Any]) -> dict[str, Any]:
+def _measures(measures: str | Mapping[str, Any]) -> dict[str, Any]:
     """Quantity that the instrument measures: one component, or the types of instruments that measure each."""
-    if isinstance(given, str):
-        by_type: dict[int | str, str] = {"": given}
-        register = None
-    else:
-        register = given.get("type_register")
-        types = {component: given for component, given in given.items() if component != "type_register"}
-        by_type = {int(one): component for component, given in types.items() for one in given}
+    types = {} if isinstance(measures, str) else dict(measures)
+    register = types.pop("type_register", None)
+    by_type: dict[int | str, str] = {"": measures} if isinstance(measures, str) else {}
+    by_type |= {number: component for component, numbers in types.items() for number in numbers}
     if wrong := set(by_type.values()) - set(COMPONENTS):
         raise ValueError(f"measures {wrong.pop()!r} is none of {', '.join(COMPONENTS)}")
     if (register is None) != ("" in by_type or not by_type):
@@ -256,13 +237,7 @@ def _repeated(channel: Channel) -> list[Channel]:
     """T1 ... Tn from one entry: number and register count up."""
     if channel.repeat == 1:
         return [channel]
-    if not 1 < channel.repeat <= MOST_REGISTERS:
-        raise ValueError(
-            f"channel {channel.name}: repeat {channel.repeat} is not between 1 and {MOST_REGISTERS}"
-        )
     stem = channel.name.rstrip("0123456789")
-    if channel.type not in TYPES:
-        raise ValueError(f"channel {channel.name}: type {channel.type!r} is none of {', '.join(TYPES)}")
     return [
         replace(
             channel, name=f"{stem}{number + 1}", register=channel.register + number * channel.width, repeat=1
@@ -271,39 +246,22 @@ def _repeated(channel: Channel) -> list[Channel]:
     ]
 
 
-def _check(found: RegisterMap) -> None:
-    if found.function not in (3, 4):
-        raise ValueError(f"function {found.function} does not read registers; use 3 or 4")
-    if not 1 <= found.count <= MOST_REGISTERS:
-        raise ValueError(f"count {found.count} is not between 1 and {MOST_REGISTERS}")
-    if not 0 <= found.first <= 0x10000 - found.count:
-        raise ValueError(f"first {found.first} and count {found.count} are not within 65536 registers")
-    for channel in found.channels:
-        if channel.type not in TYPES:
-            raise ValueError(f"channel {channel.name}: type {channel.type!r} is none of {', '.join(TYPES)}")
+def _check(register_map: RegisterMap) -> None:
+    first, end = register_map.first, register_map.first + register_map.count
+    if end > 0x10000:
+        raise ValueError(f"first {first} and count {register_map.count} are not within 65536 registers")
+    for channel in register_map.channels:
         if not channel.scale:
             raise ValueError(f"channel {channel.name}: scale 0 leaves nothing of the value")
-        needed = [
-            channel.register,
-            channel.register + channel.width - 1,
-            channel.decimals_register,
-            found.status_register,
-        ]
-        for register in needed:
-            if register is not None and not found.first <= register < found.first + found.count:
+        last = channel.register + channel.width - 1
+        registers = (channel.register, last, channel.decimals_register, register_map.status_register)
+        for register in registers:
+            if register is not None and not first <= register < end:
                 raise ValueError(
-                    f"channel {channel.name}: register {register} is not among {found.first} to "
-                    f"{found.first + found.count - 1} that are read"
+                    f"channel {channel.name}: register {register} is not among {first} to {end - 1} read"
                 )
-    for entry in found.status_bits:
-        if not 0 <= entry.bit < 16:
-            raise ValueError(f"status bit {entry.bit}: a register has bits 0 to 15")
-        if entry.quality not in _QUALITIES:
-            raise ValueError(
-                f"status bit {entry.bit}: quality {entry.quality!r} is neither stale nor overrange"
-            )
-    if not any(channel.unit == found.unit for channel in found.channels):
-        raise ValueError(f"no channel has the unit of the stream, {found.unit}")
+    if not any(channel.unit == register_map.unit for channel in register_map.channels):
+        raise ValueError(f"no channel has the unit of the stream, {register_map.unit}")
 
 
 def _signed(register: int) -> int:
