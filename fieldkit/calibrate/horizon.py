@@ -13,7 +13,7 @@ from scipy.ndimage import map_coordinates
 from fieldkit.calibrate.inputs import read_columns, write_lines
 from fieldkit.calibration.ranges import require_ranges
 from fieldkit.config import Config
-from fieldkit.config.edit import change_region, set_key
+from fieldkit.config.edit import change_region, editing, set_key
 from fieldkit.config.horizon import COLUMNS
 from fieldkit.config.pose import Pose, load_pose
 from fieldkit.model.clock import utc_ns
@@ -156,17 +156,19 @@ def set_skyline(
     horizon = horizon_of_pixels(pixels, config.pose.at(time_ns), shape)
     file = config.path.parent / "skyline.csv"  # its own: a surveyed horizon.csv stays
     write_horizon(file, horizon)
-    set_key(config.path, "site", "horizon", file.name)
+    with editing(config.path) as draft:
+        set_key(draft, "site", "horizon", file.name)
     return horizon
 
 
 def set_horizons(file: Path, horizons: Mapping[str, Horizon]) -> list[Path]:
     """Write ``horizon-REGION.csv`` beside a ``fieldkit.toml`` and name each in its region; the files."""
     files = []
-    for name, horizon in horizons.items():
-        files.append(file.parent / f"horizon-{name}.csv")
-        write_horizon(files[-1], horizon)
-        change_region(file, name, {"horizon": files[-1].name})
+    with editing(file) as draft:
+        for name, horizon in horizons.items():
+            files.append(file.parent / f"horizon-{name}.csv")
+            write_horizon(files[-1], horizon)
+            change_region(draft, name, {"horizon": files[-1].name})
     return files
 
 

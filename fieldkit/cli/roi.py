@@ -202,8 +202,8 @@ def edit(name: str, shrink: float | None, **properties: float | str | None) -> N
 @click.argument("name")
 def remove(name: str) -> None:
     """Remove the region NAME from fieldkit.toml."""
+    from fieldkit.config.edit import remove_region
     from fieldkit.recording.redrawing import change_regions
-    from fieldkit.recording.regions import remove_region
 
     file = campaign_file()
     _, reply = change_regions(file, partial(remove_region, name=name))

@@ -37,6 +37,8 @@ if TYPE_CHECKING:
     from fieldkit.physics.trajectory import CameraPath
 
 NAN = float("nan")
+RECORDINGS = "recordings"
+"""Folder of a campaign's sessions."""
 KINDS = {"reference": RegionKind.REFERENCE, "target": RegionKind.TARGET}
 
 
@@ -55,7 +57,7 @@ class Config:
     @property
     def recordings(self) -> Path:
         """Folder of the campaign's sessions."""
-        return self.directory / "recordings"
+        return self.directory / RECORDINGS
 
     @property
     def results(self) -> Path:

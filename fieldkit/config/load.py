@@ -64,16 +64,21 @@ def load_config(
 
 
 def read_config(
-    path: Path, *, settings: Sequence[str] = (), environment: Mapping[str, str] = os.environ
+    path: Path,
+    *,
+    text: str | None = None,
+    settings: Sequence[str] = (),
+    environment: Mapping[str, str] = os.environ,
 ) -> tuple[Config | None, list[tuple[str, Mistake]]]:
     """The configuration and its mistakes, each with its place, for callers that report instead of raising.
 
     The configuration is None if a single key is wrong; with mistakes between keys it is still returned.
+    `text` is the file's where it is known already.
     """
     document = _Document()
     for file in (user_file(), path):
         if file == path or file.is_file():
-            document.add(read_text(file), file)
+            document.add(text if file == path and text is not None else read_text(file), file)
     for origin, keys, value in (*_from_environment(environment), *_from_settings(settings)):
         document.put(origin, keys, value)
     return document.check(path, *OF_CAMPAIGNS)
@@ -102,6 +107,14 @@ def changed_config(config: Config, settings: Sequence[str]) -> Config:
     return _checked(
         *document.check(config.path), fix=f"correct the settings given with --set for {config.path.name}"
     )
+
+
+def parse_toml(text: str, file: Path) -> dict[str, Any]:
+    """The plain document of a file's text; raises `ConfigError` if that is not TOML."""
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{file} is not valid TOML: {error}", fix=f"edit {file}") from error
 
 
 def mistakes_in(text: str, path: Path) -> list[tuple[str, Mistake]]:
@@ -137,11 +150,7 @@ class _Document:
     origins: dict[toml_lines.KeyPath, str] = field(default_factory=dict)
 
     def add(self, text: str, file: Path) -> None:
-        try:
-            values = tomllib.loads(text)
-        except tomllib.TOMLDecodeError as error:
-            raise ConfigError(f"{file} is not valid TOML: {error}", fix=f"edit {file}") from error
-        _merge(self.values, values)
+        _merge(self.values, parse_toml(text, file))
         self.origins |= {path: f"{file.name}:{line}" for path, line in toml_lines.key_lines(text).items()}
 
     def put(self, origin: str, keys: Sequence[str], value: Any) -> None:

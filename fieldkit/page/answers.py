@@ -328,16 +328,16 @@ class _Events:
         return self._by_request[request]
 
 
-def _change(request: requests.Request) -> tuple[str, Callable[[Path], Any]]:
+def _change(request: requests.Request) -> tuple[str, Callable[[edit.Draft], Any]]:
     """What is done to ``fieldkit.toml``, in words and as a function."""
     match request:
         case requests.AddRegion(region=drawn):
-            return f"added {drawn.name}", lambda file: campaign_regions.add_region(file, **_new(drawn))
+            return f"added {drawn.name}", lambda draft: campaign_regions.add_region(draft, **_new(drawn))
         case requests.RemoveRegion(name=name):
-            return f"removed {name}", lambda file: campaign_regions.remove_region(file, name)
+            return f"removed {name}", lambda draft: edit.remove_region(draft, name)
         case requests.EditRegion(name=name, region=drawn):
             words = f"changed {name}" if name == drawn.name else f"{name} is now {drawn.name}"
-            return words, lambda file: edit.change_region(file, name, {"name": drawn.name, **_table(drawn)})
+            return words, lambda draft: edit.change_region(draft, name, {"name": drawn.name, **_table(drawn)})
         case _:
             raise ConfigError(f"{request.do} is not about regions")
 

@@ -183,10 +183,11 @@ def _written(config: Config, settings: DeviceSettings, info: StreamInfo, compone
         "driver": driver, "identity": settings.identity, "port": settings.port,
         "width_px": cols, "height_px": rows, "options": dict(settings.options),
     }  # fmt: skip
-    edit.add_instrument(config.path, path, {key: value for key, value in table.items() if value})
-    if component:
-        measures = {**config.tables.irradiance.measures, path[-1]: component}
-        edit.set_key(config.path, "irradiance", "measures", measures)
+    with edit.editing(config.path) as draft:
+        edit.add_instrument(draft, path, {key: value for key, value in table.items() if value})
+        if component:
+            measures = {**config.tables.irradiance.measures, path[-1]: component}
+            edit.set_key(draft, "irradiance", "measures", measures)
     return AddedDevice(path[-1], driver, settings.identity, info.port, info.quantity, info.unit)
 
 

@@ -16,6 +16,7 @@ from fieldkit.config import (
     load_config,
     mistakes_in,
 )
+from fieldkit.config.edit import editing
 from fieldkit.config.template import PAPER_SITE, SIMULATED, campaign_toml
 from fieldkit.drivers.instrument import Instrument
 from fieldkit.model.errors import ConfigError, RefusedError, SessionError, StorageError
@@ -146,15 +147,16 @@ class Campaign:
         >>> [region.name for region in dunes.regions]
         ['flat', 'slope']
         """
-        add_region(
-            self.config.path,
-            name,
-            points=points,
-            rect=rect,
-            is_ground=is_ground,
-            reference=reference,
-            **properties,
-        )
+        with editing(self.config.path) as draft:
+            add_region(
+                draft,
+                name,
+                points=points,
+                rect=rect,
+                is_ground=is_ground,
+                reference=reference,
+                **properties,
+            )
         self.config = load_config(self.config.path, settings=self.settings)
 
     def add_devices(self, stated: Stated | None = None, ask: Ask = Question.refused) -> AddedDevices:

@@ -7,15 +7,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar, TypeVar
 
-from fieldkit.config import Config, read_config
-from fieldkit.config.edit import restoring
+from fieldkit.config import Config
+from fieldkit.config.config import RECORDINGS
+from fieldkit.config.edit import Draft, editing
 from fieldkit.config.toml_schema import RegionTable
 from fieldkit.disk import one_at_a_time
 from fieldkit.estimation.region_check import check_regions
 from fieldkit.model.samples import Event, EventKind, Severity
 from fieldkit.model.site import Region, RegionRecord, Site
 from fieldkit.model.units import MINUTE_NS
-from fieldkit.recording.regions import check_configured, read_regions
+from fieldkit.recording.regions import check_configured, regions_in_draft
 from fieldkit.recording.requests import SentRequest, sent
 from fieldkit.recording.running import session_in_progress
 from fieldkit.sessions.entry_rows import event_fits
@@ -134,7 +135,7 @@ def _changes(
             yield RegionRecord(region, since_ns), "changed" if region.name in before else "added"
 
 
-def change_regions(file: Path, change: Callable[[Path], T]) -> tuple[T, SentRequest | None]:
+def change_regions(file: Path, change: Callable[[Draft], T]) -> tuple[T, SentRequest | None]:
     """Change the regions of a ``fieldkit.toml``, and those of its campaign's recording if one is running.
 
     Estimates of the running session use the new regions from the next full minute on.
@@ -144,7 +145,7 @@ def change_regions(file: Path, change: Callable[[Path], T]) -> tuple[T, SentRequ
     file
         The campaign's ``fieldkit.toml``.
     change
-        What `fieldkit.recording.regions` does to the file:
+        A change by `fieldkit.recording.regions`:
         ``partial(add_region, name="b15", rect=(60, 60, 30, 30))``, or `edit_region`, or `remove_region`.
 
     Returns
@@ -159,16 +160,18 @@ def change_regions(file: Path, change: Callable[[Path], T]) -> tuple[T, SentRequ
     RefusedError, StorageError
         As `sent`; the file is changed then, and the recording is not.
     """
-    config, _ = read_config(file)
-    if config is None or session_in_progress(config.recordings) is None:
-        return change(file), None
-    with one_at_a_time(config.recordings):  # the last request must have the regions that the file ends with
-        with restoring(file):
-            made = change(file)
-            changed = read_regions(file)[0]
-            check_configured(changed, unless=config)
-        asked = sent(config.recordings, NewRegions(changed.regions))
-    return made, replace(asked, unused=tuple(_unused(config, changed)))
+    recordings = file.parent / RECORDINGS
+    if session_in_progress(recordings) is None:
+        with editing(file) as draft:
+            return change(draft), None
+    with one_at_a_time(recordings):  # the last request must have the regions that the file ends with
+        with editing(file) as draft:
+            before = regions_in_draft(draft)
+            result = change(draft)
+            after = regions_in_draft(draft)
+            check_configured(after, unless=before)
+        request = sent(recordings, NewRegions(after.regions))
+    return result, replace(request, unused=tuple(_unused(before, after)))
 
 
 def _unused(before: Config, after: Config) -> Iterator[str]:

@@ -10,6 +10,7 @@ from typing import Any, TypedDict, Unpack
 import numpy as np
 
 from fieldkit.config import Config, ConfigMistakesError, edit, read_config
+from fieldkit.config.edit import Draft
 from fieldkit.estimation.region_check import RegionInspection, check_regions
 from fieldkit.model.arrays import FloatArray
 from fieldkit.model.device import StreamInfo, find_camera
@@ -36,7 +37,7 @@ class RegionProperties(TypedDict, total=False):
 
 
 def add_region(
-    file: Path,
+    draft: Draft,
     name: str,
     *,
     points: Sequence[Point] = (),
@@ -49,7 +50,7 @@ def add_region(
 
     Parameters
     ----------
-    file
+    draft
         The campaign's ``fieldkit.toml``.
     name
         Letters, digits, ``-`` and ``_``.
@@ -78,12 +79,12 @@ def add_region(
         "points_m" if is_ground else "points_px": _written(corners),
         **properties,
     }
-    edit.add_region(file, table)
+    edit.add_region(draft, table)
     return table
 
 
 def edit_region(
-    file: Path,
+    draft: Draft,
     name: str,
     *,
     points: Sequence[Point] = (),
@@ -102,24 +103,26 @@ def edit_region(
     if reference is not None:
         changes["kind"] = "reference" if reference else "target"
     if shrink_px is not None:
-        changes["points_px"] = _shrunk_points(read_regions(file)[0], name, shrink_px)
+        changes["points_px"] = _shrunk_points(regions_in_draft(draft), name, shrink_px)
     if not changes:
         raise ConfigError("give what to change: size, tilt, azimuth, emissivity or offset")
-    edit.change_region(file, name, changes)
+    edit.change_region(draft, name, changes)
     return changes
 
 
-def remove_region(file: Path, name: str) -> None:
-    """Remove a region from a ``fieldkit.toml``; raises `ConfigError` if there is no such region."""
-    edit.remove_region(file, name)
+def regions_in_draft(draft: Draft) -> Config:
+    """The configuration of a draft with its regions; raises as `read_regions`."""
+    return read_regions(draft.file, text=draft.text)[0]
 
 
-def read_regions(file: Path, settings: Sequence[str] = ()) -> tuple[Config, list[str]]:
+def read_regions(
+    file: Path, settings: Sequence[str] = (), *, text: str | None = None
+) -> tuple[Config, list[str]]:
     """The configuration with its regions, and what is wrong with the regions, for those who mend them.
 
     Raises `ConfigMistakesError` if no configuration can be read at all.
     """
-    config, mistakes = read_config(file, settings=settings)
+    config, mistakes = read_config(file, text=text, settings=settings)
     if config is None:
         raise ConfigMistakesError(mistakes, fix=f"edit {file}")
     return config, [mistake.message for _, mistake in mistakes if mistake.path[:1] == ("region",)]

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fieldkit.config import Config
+from fieldkit.config.edit import Draft
 from fieldkit.estimation.region_suggestions import FIX, FoundBed, find_beds
 from fieldkit.model.arrays import FloatArray
 from fieldkit.model.errors import NoAnswerError
@@ -94,11 +95,11 @@ def suggested(frame: FloatArray, present: Sequence[Region]) -> list[SuggestedReg
     return sorted(named, key=lambda one: one.found is not reference)  # no configuration has targets alone
 
 
-def add_suggested(file: Path, suggestions: Iterable[SuggestedRegion]) -> None:
+def add_suggested(draft: Draft, suggestions: Iterable[SuggestedRegion]) -> None:
     """Add suggested regions to a ``fieldkit.toml``; raises as `add_region`."""
     for suggestion in suggestions:
         is_reference = suggestion.region.kind is RegionKind.REFERENCE
-        add_region(file, suggestion.region.name, points=suggestion.region.vertices, reference=is_reference)
+        add_region(draft, suggestion.region.name, points=suggestion.region.vertices, reference=is_reference)
 
 
 def _outline(name: str, bed: FoundBed, is_reference: bool = False) -> Region:

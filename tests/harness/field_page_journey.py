@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from fieldkit.config import FILE_NAME
-from fieldkit.config.edit import set_key
+from fieldkit.config.edit import editing, set_key
 from fieldkit.config.template import SIMULATED
 from fieldkit.recording.campaign import create_campaign
 from tests.harness.field_page import PATIENCE_MS, Watched
@@ -55,9 +55,11 @@ def empty_campaign(folder: Path) -> Path:
 @contextmanager
 def quick(campaign: Path) -> Iterator[None]:
     """What is started here runs at `SPEED`; a preview that did would draw hundreds of frames a second."""
-    set_key(campaign / FILE_NAME, "simulation", "speed", SPEED)
+    with editing(campaign / FILE_NAME) as draft:
+        set_key(draft, "simulation", "speed", SPEED)
     yield
-    set_key(campaign / FILE_NAME, "simulation", "speed", 1.0)
+    with editing(campaign / FILE_NAME) as draft:
+        set_key(draft, "simulation", "speed", 1.0)
 
 
 def draw(

@@ -6,7 +6,7 @@ import tomllib
 import pytest
 
 from fieldkit.config import ConfigMistakesError
-from fieldkit.config.edit import add_region, change_region, remove_region
+from fieldkit.config.edit import add_region, change_region, editing, remove_region
 from fieldkit.model.errors import ConfigError, StorageError
 from tests.harness.rights import ordinary_rights
 
@@ -27,6 +27,11 @@ albedo = 0.25
 BED = {"name": "b05", "kind": "target", "points_px": [[20, 0], [29, 0], [29, 9.5]]}
 
 
+def changed(file, change, *arguments):
+    with editing(file) as draft:
+        change(draft, *arguments)
+
+
 @pytest.fixture
 def file(tmp_path):
     path = tmp_path / "fieldkit.toml"
@@ -35,25 +40,25 @@ def file(tmp_path):
 
 
 def test_a_region_is_added_and_nothing_else_is_touched(file):
-    add_region(file, BED)
+    changed(file, add_region, BED)
     text = file.read_text()
     assert text.startswith(TEXT)
     assert tomllib.loads(text)["region"][1] == BED
 
 
 def test_a_region_added_and_removed_leaves_the_other_words_as_they_were(file):
-    add_region(file, BED)
-    remove_region(file, "b05")
+    changed(file, add_region, BED)
+    changed(file, remove_region, "b05")
     assert file.read_text().rstrip() == TEXT.rstrip()
 
 
 def test_removing_keeps_the_comments_of_the_others(file):
-    add_region(file, BED)
-    remove_region(file, "flat")
+    changed(file, add_region, BED)
+    changed(file, remove_region, "flat")
     text = file.read_text()
     assert "# measured with the phone" in text
     assert [region["name"] for region in tomllib.loads(text)["region"]] == ["b05"]
-    remove_region(file, "b05")
+    changed(file, remove_region, "b05")
     assert "region" not in tomllib.loads(file.read_text())
 
 
@@ -68,27 +73,27 @@ def test_removing_keeps_the_comments_of_the_others(file):
 )
 def test_a_region_with_a_mistake_is_not_added(file, change, said):
     with pytest.raises(ConfigMistakesError, match=said):
-        add_region(file, {**BED, **change})
+        changed(file, add_region, {**BED, **change})
     assert file.read_text() == TEXT
 
 
 def test_a_region_that_is_not_there_cannot_be_removed(file):
     with pytest.raises(ConfigError, match="'hill'") as caught:
-        remove_region(file, "hill")
+        changed(file, remove_region, "hill")
     assert "flat" in (caught.value.fix or "")
 
 
 def test_a_folder_that_takes_no_file_is_told(file):
     file.parent.chmod(0o500)
     with ordinary_rights(), pytest.raises(StorageError, match="Permission denied"):
-        add_region(file, BED)
+        changed(file, add_region, BED)
     assert file.read_text() == TEXT
 
 
 CHANGES = [
-    lambda file: add_region(file, BED),
-    lambda file: change_region(file, "flat", {"emissivity": 0.9}),
-    lambda file: remove_region(file, "flat"),
+    lambda file: changed(file, add_region, BED),
+    lambda file: changed(file, change_region, "flat", {"emissivity": 0.9}),
+    lambda file: changed(file, remove_region, "flat"),
 ]
 
 
@@ -120,8 +125,8 @@ def test_line_ends_and_byte_order_mark_stay_as_they_were(file, change, mark, end
 def test_a_new_key_stands_with_the_keys_of_its_region(file, ending):
     steep = '# the steep one\n[[region]]\nname = "b15"\npoints_px = [\n  [0, 20],\n  [9, 20],\n  [9, 29],\n]'
     file.write_text(TEXT.replace("[surface]", f"{steep}\n\n# the sand\n[surface]").rstrip() + ending)
-    change_region(file, "flat", {"emissivity": 0.9})
-    change_region(file, "b15", {"tilt_deg": 15.0, "azimuth_deg": 180.0})
+    changed(file, change_region, "flat", {"emissivity": 0.9})
+    changed(file, change_region, "b15", {"tilt_deg": 15.0, "azimuth_deg": 180.0})
     text = file.read_text()
     assert "[9, 9]]\nemissivity = 0.9\n\n# the steep one\n[[region]]\n" in text
     assert "\n]\ntilt_deg = 15.0\nazimuth_deg = 180.0\n\n# the sand\n[surface]\n" in text
@@ -129,7 +134,7 @@ def test_a_new_key_stands_with_the_keys_of_its_region(file, ending):
 
 def test_a_new_key_at_the_end_of_a_file_has_a_line_of_its_own(file):
     file.write_text(TEXT.partition("\n[surface]")[0].rstrip())
-    change_region(file, "flat", {"emissivity": 0.9})
+    changed(file, change_region, "flat", {"emissivity": 0.9})
     assert tomllib.loads(file.read_text())["region"][0]["emissivity"] == 0.9
 
 
@@ -158,10 +163,11 @@ def test_a_file_of_other_letters_is_told(file, change):
 def test_regions_added_at_the_same_time_are_all_there(file):
     """By processes: those of three terminals, or of a script that does not wait."""
     code = (
-        "import sys; from pathlib import Path; from fieldkit.config.edit import add_region;"
-        "corners = [[20, 0], [29, 0], [29, 9]];"
-        "[add_region(Path(sys.argv[1]), {'name': f'b{sys.argv[2]}-{n}', 'points_px': corners})"
-        " for n in range(5)]"
+        "import sys; from pathlib import Path; from fieldkit.config.edit import add_region, editing\n"
+        "for n in range(5):\n"
+        "    with editing(Path(sys.argv[1])) as draft:\n"
+        "        corners = [[20, 0], [29, 0], [29, 9]]\n"
+        "        add_region(draft, {'name': f'b{sys.argv[2]}-{n}', 'points_px': corners})\n"
     )
     adding = [subprocess.Popen([sys.executable, "-c", code, str(file), str(n)]) for n in range(3)]
     assert [process.wait(timeout=120) for process in adding] == [0] * 3

@@ -5,7 +5,7 @@ import pytest
 import rasterio
 
 from fieldkit.config import ConfigMistakesError, config_from_text, load_config
-from fieldkit.config.edit import change_region
+from fieldkit.config.edit import change_region, editing
 from fieldkit.config.pose import load_pose
 from fieldkit.config.trajectory import trajectory_from
 from fieldkit.model.errors import ConfigError
@@ -163,7 +163,8 @@ def test_corners_on_the_ground_need_pose_and_frame(tmp_path, camera, words):
 
 def test_a_region_redrawn_in_pixels_no_longer_lies_on_the_ground(tmp_path):
     file = campaign(tmp_path)
-    change_region(file, "flat", {"points_px": [[10, 10], [40, 10], [40, 40]]})
+    with editing(file) as draft:
+        change_region(draft, "flat", {"points_px": [[10, 10], [40, 10], [40, 40]]})
     (flat,) = loaded(file).regions
     assert flat.points_m == ()
     assert flat.vertices[0] == (10.0, 10.0)

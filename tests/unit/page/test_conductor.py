@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 
 from fieldkit.config import load_config
+from fieldkit.config.edit import editing, remove_region
 from fieldkit.model.errors import RefusedError
 from fieldkit.page import conductor
 from fieldkit.page.conductor import Conductor
 from fieldkit.page.hub import Hub
 from fieldkit.recording.background import RecordOptions
 from fieldkit.recording.campaign import init_campaign
-from fieldkit.recording.regions import remove_region
 from tests.harness.waiting import wait_until
 
 
@@ -48,7 +48,8 @@ def test_two_browsers_that_start_at_once_begin_one_recording(config, monkeypatch
 
 
 def test_the_picture_on_which_a_removed_reference_is_drawn_anew_is_shown(config):
-    remove_region(config.path, "flat")
+    with editing(config.path) as draft:
+        remove_region(draft, "flat")
     hub = Hub(config)
     conducting = Conductor(config, hub)
     thread = threading.Thread(target=conducting.run)

@@ -7,9 +7,10 @@ from pathlib import Path
 import pytest
 
 from fieldkit.config import load_config
+from fieldkit.config.edit import remove_region
 from fieldkit.recording import redrawing
 from fieldkit.recording.campaign import init_campaign
-from fieldkit.recording.regions import add_region, edit_region, remove_region
+from fieldkit.recording.regions import add_region, edit_region
 from fieldkit.recording.requests import SentRequest
 
 
@@ -35,9 +36,8 @@ def test_so_is_that_of_a_new_region_and_a_kind_of_surface_written_by_hand(file):
     corners = [(70, 90), (90, 90), (90, 110), (70, 110)]
     assert unused(file, partial(add_region, name="new", points=corners, offset_k=-0.2)) == ("new: offset_k",)
 
-    def by_hand(file):
-        text = file.read_text(encoding="utf-8")
-        file.write_text(text.replace('name = "b25"', 'name = "b25"\nsurface_kind = "rock"'), encoding="utf-8")
+    def by_hand(draft):
+        draft.text = draft.text.replace('name = "b25"', 'name = "b25"\nsurface_kind = "rock"')
 
     assert unused(file, by_hand) == ("b25: surface_kind",)
 
