@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING, Any, TextIO
 import click
 
 from fieldkit.cli.next_steps import RUNNING, in_commands
-from fieldkit.cli.old_spellings import respelt
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Text
 
@@ -29,8 +28,6 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
     from fieldkit.config import Config
-
-_OLD_SPELLINGS = "fieldkit.old_spellings"
 
 
 PIPE_COLS = 160
@@ -75,11 +72,9 @@ class Command(click.Command):
         self.help: str | None = self.help and self.help.replace("\\b\n", "\b\n")
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Parse the arguments; old spellings are noted in ``ctx.meta``."""
-        path = ctx.command_path.removeprefix(ctx.find_root().command_path).strip()
+        """Parse the arguments of the command that is running now."""
         ctx.meta[RUNNING] = self
-        words, ctx.meta[_OLD_SPELLINGS] = respelt(path, args)
-        return super().parse_args(ctx, words)
+        return super().parse_args(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command with its own parameters; the common ones become ``ctx.obj``."""
@@ -87,8 +82,6 @@ class Command(click.Command):
         # of the root too, which explains failures
         ctx.find_root().obj = ctx.obj = Options(**{name: ctx.params.pop(name) for name in names})
         _configure_logging(ctx.obj)
-        for note in ctx.meta[_OLD_SPELLINGS]:
-            say_warning(note)
         return super().invoke(ctx)
 
 

@@ -8,12 +8,10 @@ from pathlib import Path
 
 import click
 import pytest
-from click.core import ParameterSource
 from click.testing import CliRunner
 
 from fieldkit.cli import COMMANDS, CommandTable, main
 from fieldkit.cli.common import Command, CommandGroup
-from fieldkit.cli.old_spellings import OLD, respelt
 from tests.harness.command_line import fieldkit
 
 HEAVY = ("numpy", "astropy", "h5py", "cv2", "pydantic", "rich", "scipy", "serial", "usb")
@@ -144,58 +142,6 @@ def test_an_option_takes_the_same_in_every_command():
         for name, metavar in taken_by(context).items():
             taken[name].add(metavar)
     assert {name for name, metavars in taken.items() if len(metavars) > 1} == set(DIFFERENT)
-
-
-VALUES = {
-    "--address": "192.0.2.1", "--at": "2026-12-11T11:52:30Z", "--clock-offset": "+1s",
-    "--device": "/dev/ttyUSB0", "--for": "45", "--option": "model=302",
-    "--place": "354605", "--region": "b15", "--reference-facet": "10,180", "--session": "x.h5",
-    "--step": "10", "--until": "-1m", "--window": "20", "--zone": "Asia/Tokyo",
-}  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    ("command", "old"), [(command, old) for command, spellings in OLD.items() for old in spellings]
-)
-def test_an_old_spelling_gives_what_the_new_one_gives_and_is_noted(command, old):
-    new, unit = OLD[command][old]
-    value, more = VALUES[new], ["3936221"] if new == "--place" else []
-    words, notes = respelt(command, [old, value, *more])
-    assert respelt(command, [f"{old}={value}", *more])[0] == words == [new, value + (unit or ""), *more]
-    assert [note.partition(";")[0] for note in notes] == [f"{old} {value} is now {' '.join(words[:2])}"]
-    assert respelt(command, words) == (words, [])
-
-    context = contexts()[command]
-    made = context.command.make_context(
-        context.info_name, [old, value, *more], context.parent, resilient_parsing=True
-    )
-    given = [name for name in made.params if made.get_parameter_source(name) is ParameterSource.COMMANDLINE]
-    option = next(one for one in context.command.params if new in one.opts)
-    assert given == [option.name]
-    assert new in taken_by(context)
-
-
-def test_an_old_spelling_is_warned_of_and_the_command_runs():
-    words = [
-        "plan",
-        "--for",
-        "20m",
-        "--as-planned",
-        "--site",
-        "35.56,139.4,9",
-        "--on",
-        "2026-12-11",
-        "--facet",
-        "5,180",
-    ]
-    old = fieldkit(*words, "--window", "90", "--step=120")
-    new = fieldkit(*words, "--window", "1h30m", "--step", "2h")
-    assert old.exit_code == new.exit_code == 0
-    assert old.stdout == new.stdout
-    assert "warning: --window 90 is now --window 90m" in old.stderr
-    assert "warning: --step 120 is now --step 120m" in old.stderr
-    assert "warning" not in new.stderr
-    assert "warning" not in fieldkit(*words, "--step", "120", "--quiet").stderr
 
 
 def test_no_option_of_a_number_takes_one_that_is_not_finite():
