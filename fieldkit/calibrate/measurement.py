@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -138,26 +138,8 @@ class MeasurementOptions:
 
     def recorded(self) -> dict[str, Any]:
         """The options by their names in a calibration record, to repeat it; empty ones are omitted."""
-        options = {_RECORDED.get(field.name, field.name): getattr(self, field.name) for field in fields(self)}
-        options["reflected"] = str(self.reflected)
+        options = {**asdict(self), "reflected": str(self.reflected)}
         return {key: value for key, value in options.items() if value not in (None, "", False)}
-
-
-_RECORDED = {
-    "camera_reflected_c": "camera_reflected",
-    "distance_m": "distance",
-    "air_c": "air",
-    "humidity_percent": "humidity",
-    "angle_deg": "angle",
-    "camera_sd_k": "camera_sd",
-    "thermometer_sd_k": "thermometer_sd",
-    "probe_sd_k": "probe_sd",
-    "reflected_sd_k": "reflected_sd",
-    "probe_gradient_sd_k": "probe_gradient_sd",
-    "sky_drift_sd_k": "sky_drift_sd",
-    "duration": "lasting",
-}
-"""Names in record files where they differ: files of earlier versions have them without units."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -45,7 +45,7 @@ from fieldkit.views.trend import Trend
 log: logging.Logger = logging.getLogger(__name__)
 
 FEED_WITHIN_S = 5.0
-"""A recorder opens its feed at once; one without a feed is of an earlier version."""
+"""A recorder opens its feed at once."""
 TRY_AGAIN_S = 3.0
 
 
@@ -146,9 +146,7 @@ class Conductor:
         self.hub.become(phase="recording", session=session.stem, ours=ours, problem=None)
         reader = self._connect(session)
         if reader is None:
-            self.hub.become(
-                problem="its recorder shows nothing: it is of an earlier version, or its feed failed"
-            )
+            self.hub.become(problem="its recorder shows nothing: its feed failed")
         else:
             self._show_recording(reader)
         while is_locked(journal_path(session)) and not self._ending.wait(LOOK_EVERY_S):

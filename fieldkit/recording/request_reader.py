@@ -155,5 +155,5 @@ def _read(file: Path, mono_ns: int, time_ns: int) -> Request | Event:
 
 def _request(body: Any) -> Request:
     fields = dict(body)
-    kind = _KINDS[fields.pop("do", "mark")]  # older recorders knew marks alone
+    kind = _KINDS[fields.pop("do")]
     return Mark(**fields) if kind is Mark else build(kind, fields)

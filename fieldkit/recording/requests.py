@@ -51,7 +51,6 @@ class Acknowledgement:
 
 def inbox(session: Path) -> Path:
     """The folder in which the recorder of a session looks for requests."""
-    # its name is that of the first kind: recovery must find the marks that older recorders left
     return journal_path(session) / "marks"
 
 

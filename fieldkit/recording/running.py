@@ -84,7 +84,6 @@ def only_recorder(recordings: Path) -> Iterator[None]:
 
     Raises `RefusedError` while another one is, `StorageError` if the folder cannot be written.
     """
-    _refuse_second(recordings)  # a recorder of an earlier version holds only its session's lock
     try:
         lock = _lock_in(recordings, LOCK_NAME)
     except RefusedError as error:

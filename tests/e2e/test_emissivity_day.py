@@ -113,7 +113,12 @@ def test_larger_uncertainties_given_are_kept_and_enter_the_result(emissivity_day
     command = ("calibrate", "emissivity", copy, "--sample", "dry-sand", "--thermometer", "thermometer")
     found = json.loads(fieldkit(*command, *words, "--json").stdout)
     kept = tomllib.loads(Path(found["record"]).read_text(encoding="utf-8"))["settings"]
-    assert {key: kept[key] for key in given} == given
+    units = {
+        "camera_sd": "camera_sd_k",
+        "thermometer_sd": "thermometer_sd_k",
+        "camera_reflected": "camera_reflected_c",
+    }
+    assert {key: kept[units.get(key, key)] for key in given} == given
     assert kept["thermometer"] == "thermometer"
     assert found["standard_uncertainty"] > 1.2 * record["standard_uncertainty"]
 
