@@ -104,14 +104,7 @@ def _objects(session: SessionReader) -> Iterator[Finding]:
     """Everything that gives the numbers their meaning, against the digests taken when it was sealed."""
     if session.state not in ("sealed", "recovered"):
         return
-    if session.format_version == (1, 0):
-        text = "sealed by an older version of fieldkit: its header and attributes are under no checksum"
-        yield Finding("ok", "header", text)
-        return
     sealed = session.sealed_objects()
-    if not sealed:
-        yield Finding("fail", "header", "the digests it was sealed with are gone", _COPY)
-        return
     reasons = {path: _changed(session, path, digest) for path, digest in sealed.items()}
     for path, reason in reasons.items():
         if reason:

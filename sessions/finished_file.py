@@ -63,10 +63,10 @@ def changing_path(path: Path) -> Path:
 
 
 def _append(group: h5py.Group, columns: Sequence[Column], rows: Mapping[str, AnyArray]) -> None:
-    """Add rows, with their checksums, to those of the columns that the group has."""
+    """Add rows, with their checksums, to a group."""
     rows = {**rows, "crc32": np.array(row_crc32s(rows), np.uint32)}
     old = group["time"].shape[0]
-    for name, dataset in columns_of(group, columns).items():  # an older file has no room for checksums
+    for name, dataset in columns_of(group, columns).items():
         dataset.resize((old + len(rows[name]),))
         dataset[old:] = rows[name]
 

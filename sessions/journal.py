@@ -28,7 +28,7 @@ from typing import NamedTuple
 from fieldkit.disk import BEGIN_BYTES, begin_sync, sync, sync_data
 from fieldkit.model.errors import StorageError
 from fieldkit.model.samples import Frame, Reading
-from fieldkit.sessions.layout import SessionHeader
+from fieldkit.sessions.layout import FORMAT_VERSION, SessionHeader, check_version
 from fieldkit.sessions.log import Kind, LogReader, LogWriter, session_number
 from fieldkit.sessions.records import Record, encode_entry, encode_sample
 from fieldkit.sessions.sample_fields import STAMPS_BYTES
@@ -59,12 +59,19 @@ class SessionIdentity:
 
     def to_json(self) -> bytes:
         """The identity as text."""
-        return json.dumps([self.session_id, self.start_ns, self.anchor_ns, self.header.to_json()]).encode()
+        header = self.header.to_json()
+        return json.dumps([FORMAT_VERSION, self.session_id, self.start_ns, self.anchor_ns, header]).encode()
 
     @classmethod
-    def from_json(cls, text: bytes) -> SessionIdentity:
-        """Object from `to_json`; raises `SessionError`, `ValueError` or `TypeError` if the text is none."""
-        session_id, start_ns, anchor_ns, header = json.loads(text)
+    def from_json(cls, text: bytes, folder: Path) -> SessionIdentity:
+        """Object from `to_json` of the journal in `folder`.
+
+        Raises `FormatError` for one of another version, `SessionError`, `ValueError` or `TypeError` if the
+        text is none.
+        """
+        version, *identity = json.loads(text)
+        check_version(folder, str(version) if len(identity) == 4 else "1")
+        session_id, start_ns, anchor_ns, header = identity
         return cls(str(session_id), int(start_ns), int(anchor_ns), SessionHeader.from_json(header))
 
 

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from fieldkit.model.arrays import IntArray, TableArray
-from fieldkit.model.errors import SessionError
+from fieldkit.model.errors import FormatError, SessionError
 from fieldkit.sessions.journal import Chunk, SessionIdentity, decode_chunks
 from fieldkit.sessions.log import Head, Kind, LogReader, session_number
 from fieldkit.sessions.records import Entry, SampleRow, decode_entry
@@ -27,8 +27,8 @@ _PLACE = np.dtype([("seq", "<i8"), ("kind", "<i8"), ("log", "<i8"), ("at", "<i8"
 class JournalReader:
     """The records of a journal; a context manager.
 
-    `damage` names what was found to be damaged by what was read so far. Raises `SessionError` where the
-    folder holds no readable journal.
+    `damage` names what was found to be damaged by what was read so far. Raises `FormatError` for a
+    journal of another version, `SessionError` where the folder holds no readable one.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -111,7 +111,10 @@ class JournalReader:
     def _identity(self) -> SessionIdentity:
         for head, payload in self._identities():
             try:
-                identity = SessionIdentity.from_json(payload)
+                identity = SessionIdentity.from_json(payload, self.folder)
+            except FormatError:
+                self.close()
+                raise
             except (SessionError, ValueError, TypeError) as error:
                 self._unreadable.append(str(error))
                 continue

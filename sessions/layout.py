@@ -10,14 +10,16 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import MISSING, asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fieldkit.model.arrays import AnyArray, IntArray
 from fieldkit.model.device import StreamInfo
-from fieldkit.model.errors import ConfigError, SessionError, message_of
+from fieldkit.model.errors import ConfigError, FormatError, SessionError, message_of
+from fieldkit.model.installation import DISTRIBUTION
 from fieldkit.model.learnt import LearntParameter
 from fieldkit.model.samples import EventKind, Quality, Severity
 from fieldkit.model.site import Region, RegionKind, Site
@@ -94,7 +96,7 @@ class SessionHeader:
 
     @classmethod
     def from_json(cls, text: str) -> SessionHeader:
-        """The header that `to_json` of any version wrote; raises `SessionError` where the text is none."""
+        """The header that `to_json` wrote; raises `SessionError` where the text is none."""
         try:
             return build(cls, json.loads(text))
         except (ValueError, TypeError, OverflowError, RecursionError) as error:
@@ -111,7 +113,7 @@ def _check_stream(info: StreamInfo) -> None:
 
 
 def check_new(header: SessionHeader) -> None:
-    """Raise `ConfigError` if a new file has no room for so many regions; old journals may have more."""
+    """Raise `ConfigError` if a file has no room for so many regions."""
     if (count := len(header.region_names)) > MAX_REGIONS:
         raise ConfigError(
             f"{count} regions; a session has room for {MAX_REGIONS}", fix="remove some: fieldkit roi"
@@ -130,10 +132,18 @@ def check_region(region: Region) -> None:
 
 FORMAT_NAME = "fieldkit-session"
 
-FORMAT_VERSION = "1.5"
+FORMAT_VERSION = "2.0"
+"""Of the session file and of its journal; files of another major version are refused."""
 
-TABLES_SINCE = {"learnt": (1, 2), "later_estimates": (1, 3)}
-"""Tables that files of earlier versions do not have."""
+
+def check_version(place: Path, version: str) -> None:
+    """Raise `FormatError` where a session file or a journal is of another major version."""
+    major, ours = (text.partition(".")[0] for text in (version, FORMAT_VERSION))
+    if major != ours:
+        is_newer = major.isdigit() and int(major) > int(ours)
+        fix = f"pip install --upgrade {DISTRIBUTION}" if is_newer else "read it with what recorded it"
+        raise FormatError(f"{place} has format {version}; this fieldkit reads {FORMAT_VERSION}", fix=fix)
+
 
 TIME_UNITS = "microseconds since 1970-01-01T00:00:00Z"
 
@@ -157,7 +167,7 @@ _CHUNK_BYTES = 65_536
 class Column:
     """One dataset of a table: `shape` and `dims` of a row, what fills unknown places, its attributes.
 
-    A `dtype` of ``S<n>`` is UTF-8 text of n bytes; `older` is that of files of earlier versions, if another.
+    A `dtype` of ``S<n>`` is UTF-8 text of n bytes.
     """
 
     name: str
@@ -166,7 +176,6 @@ class Column:
     dims: tuple[str, ...] = ()
     fill: float | None = None
     attributes: dict[str, Any] = field(default_factory=dict)
-    older: str = ""
 
     @property
     def is_text(self) -> bool:
@@ -184,10 +193,6 @@ class Column:
         if self.fill is not None:
             values[:] = self.fill
         return values
-
-    def read(self, values: AnyArray) -> AnyArray:
-        """Stored values in the dtype of this version."""
-        return values.astype(self.dtype, copy=False) if self.older else values
 
     @property
     def chunk_rows(self) -> int:
@@ -226,7 +231,7 @@ def meaning_attributes(
 
 
 def _flags(*dims: str, shape: tuple[int, ...] = ()) -> Column:
-    return Column("flags", "<u4", shape, dims, attributes=flag_attributes(Quality), older="<u2")
+    return Column("flags", "<u4", shape, dims, attributes=flag_attributes(Quality))
 
 
 def _stamps(info: StreamInfo) -> list[Column]:
@@ -340,7 +345,7 @@ INTEGRITY_COLUMNS = (
     Column(
         "columns_crc32",
         "<u4",
-        attributes={"long_name": "CRC-32 over the columns of the stream; 0: not known", "units": "1"},
+        attributes={"long_name": "CRC-32 over the columns of the stream", "units": "1"},
     ),
 )
 """Columns written of each stream when a session is sealed."""
@@ -370,12 +375,8 @@ def _of_one_region(columns: list[Column]) -> list[Column]:
     return [replace(column, shape=(), dims=()) for column in columns]
 
 
-LEARNT_NUMBERS = {
-    item.name: np.nan if item.default is MISSING else item.default
-    for item in fields(LearntParameter)
-    if item.type == "float"
-}
-"""Columns of what was learnt that are numbers, named as in `LearntParameter`, with what fills older files."""
+LEARNT_NUMBERS = tuple(item.name for item in fields(LearntParameter) if item.type == "float")
+"""Columns of what was learnt that are numbers, named as in `LearntParameter`."""
 
 
 def _learnt_columns(regions: int) -> list[Column]:
@@ -388,7 +389,7 @@ def _learnt_columns(regions: int) -> list[Column]:
     return [
         by_parameter("name", "S32", long_name="parameter; empty: none"),
         by_parameter("unit", "S32", long_name="unit of the parameter"),
-        *(by_parameter(name, "<f8", fill) for name, fill in LEARNT_NUMBERS.items()),
+        *(by_parameter(name, "<f8", np.nan) for name in LEARNT_NUMBERS),
         by_region("residual_k", units="K", long_name="root mean square of one-minute prediction errors"),
         by_region("autocorrelation", units="1", long_name="of these errors, from one minute to the next"),
         Column("chi_square", "<f8", fill=np.nan, attributes={"units": "1", "long_name": "of all errors"}),

@@ -28,7 +28,6 @@ from fieldkit.model.arrays import AnyArray, FlagArray, IntArray
 from fieldkit.model.clock import ClockCheck, utc_ns
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import SessionError
-from fieldkit.model.installation import DISTRIBUTION
 from fieldkit.model.learnt import Learnt
 from fieldkit.model.marks import corrected, marks_now
 from fieldkit.model.region_schedule import RegionSchedule
@@ -40,17 +39,16 @@ from fieldkit.sessions.digests import object_digest
 from fieldkit.sessions.journal import SessionIdentity
 from fieldkit.sessions.layout import (
     FORMAT_NAME,
-    FORMAT_VERSION,
     INTEGRITY_COLUMNS,
     LATER_EVENT_COLUMNS,
     LATER_EVENTS,
     RECORDING,
     RECOVERED,
     SEALED,
-    TABLES_SINCE,
     TIME_UNITS,
     Column,
     SessionHeader,
+    check_version,
     decode_text,
     entry_columns,
 )
@@ -59,7 +57,6 @@ from fieldkit.sessions.records import Entry, MinuteRecord, RegionRecord
 from fieldkit.sessions.stored import (
     check_size,
     closed,
-    column_dataset,
     columns_of,
     explained,
     link_of,
@@ -75,15 +72,10 @@ _MAX_HEADER_BYTES = 16_000_000
 
 
 def check_format(path: Path, file: h5py.File) -> None:
-    """Raise `SessionError` where the file is not a session, or one of a newer version."""
+    """Raise `SessionError` where the file is not a session, `FormatError` for one of another version."""
     if attribute(file, "fieldkit_format") != FORMAT_NAME:
         raise SessionError(f"{path} is an HDF5 file, but not a fieldkit session", fix=CHECK_PATH)
-    version = str(attribute(file, "fieldkit_format_version"))
-    if version.split(".")[0] != FORMAT_VERSION.split(".")[0]:
-        raise SessionError(
-            f"{path} has format version {version}; this fieldkit reads {FORMAT_VERSION}",
-            fix=f"pip install --upgrade {DISTRIBUTION}",
-        )
+    check_version(path, str(attribute(file, "fieldkit_format_version")))
 
 
 def attribute(file: h5py.File, name: str) -> str | None:
@@ -227,10 +219,8 @@ class SessionReader:
     def region_schedule(self) -> RegionSchedule:
         """The regions with the minutes in which they hold, as they were changed during the recording.
 
-        Times are as the active time map corrects them. Before version 1.3 the last outline always holds.
+        Times are as the active time map corrects them.
         """
-        if self.format_version < (1, 3):
-            return RegionSchedule.of(self.regions)
         drawn, changes = self._drawn_and_changed()
         schedule = RegionSchedule.of([record.region for record in drawn] or self.header.regions)
         for record in changes:
@@ -322,7 +312,7 @@ class SessionReader:
     def columns_are_sealed(self, stream: str) -> bool:
         """True if a stream's columns, all but its frames, are those that were sealed.
 
-        False also of a session sealed by a version that kept no checksum of them, or whose seal is damaged.
+        False also of a session whose seal is damaged.
         """
         self.require_open()
         if self.state not in ("sealed", "recovered"):
@@ -331,7 +321,7 @@ class SessionReader:
             sealed = self.integrity()["columns_crc32"][list(self.streams).index(stream)]
         except SessionError:
             return False
-        return bool(sealed) and int(sealed) == self.stream(stream).columns_crc32()
+        return int(sealed) == self.stream(stream).columns_crc32()
 
     # --- tables: everything but samples
 
@@ -418,19 +408,11 @@ class SessionReader:
         return list(self._times.steps)
 
     def integrity(self) -> dict[str, AnyArray]:
-        """Statistics written when the session was sealed, per stream and per table.
-
-        Columns missing from older files are 0.
-        """
+        """Statistics written when the session was sealed, per stream and per table."""
         columns = (*INTEGRITY_COLUMNS, Column("table_crc32", "<u4"))
         with self._explaining():
-            group = self.group("integrity")
-            return {
-                column.name: column_dataset(group, column)[:]
-                if column.name != "columns_crc32" or link_of(group, column.name) is not None
-                else column.unknown(len(self.header.streams))
-                for column in columns
-            }
+            datasets = columns_of(self.group("integrity"), columns)
+            return {name: dataset[:] for name, dataset in datasets.items()}
 
     def sealed_tables(self) -> dict[str, int]:
         """Checksums of the tables by their names, as sealed."""
@@ -438,18 +420,10 @@ class SessionReader:
             tables = _texts(stored_here(self.group("integrity"), "table"))
         return dict(zip(tables, self.integrity()["table_crc32"].tolist(), strict=True))
 
-    @cached_property
-    def format_version(self) -> tuple[int, int]:
-        """Of the file's format, major and minor."""
-        major, minor = str(attribute(self._file, "fieldkit_format_version")).split(".")[:2]
-        return int(major), int(minor)
-
     def sealed_objects(self) -> dict[str, str]:
-        """Digests of the file's objects by their paths, as sealed; none in a file of version 1.0."""
+        """Digests of the file's objects by their paths, as sealed."""
         with self._explaining():
             group = self.group("integrity")
-            if group.get("object_sha256", getlink=True) is None:
-                return {}
             paths, digests = (_texts(stored_here(group, name)) for name in ("object", "object_sha256"))
             return dict(zip(paths, digests, strict=True))
 
@@ -504,24 +478,14 @@ class SessionReader:
             raise explained(self.path, error) from error
 
     def table(self, name: str) -> dict[str, AnyArray]:
-        """The columns of a table of entries as stored, as many rows as all of them have.
-
-        Columns missing from files of an older version are their fill value, its missing tables are empty.
-        """
-        if name not in self.tables:
-            return {column.name: column.unknown(0) for column in self._columns[name]}
+        """The columns of a table of entries as stored, as many rows as all of them have."""
         group = self.group(name)
         with self._explaining():
             columns = columns_of(group, self._columns[name], salvage=self._salvage)
         length = min(dataset.shape[0] for dataset in columns.values())
         if self._salvage:
-            length = self._whole(name, columns, length)
-        return {
-            column.name: column.read(columns[column.name][:length])
-            if column.name in columns
-            else column.unknown(length)
-            for column in self._columns[name]
-        }
+            length = self._whole(columns, length)
+        return {name: dataset[:length] for name, dataset in columns.items()}
 
     def timed_table(self, name: str, *, recorded: bool = False) -> dict[str, AnyArray]:
         """A table with its times in UTC nanoseconds beside those stored: `time_ns`, `window_start_ns`."""
@@ -536,19 +500,18 @@ class SessionReader:
         }
         return {**table, **times}
 
-    def _whole(self, name: str, columns: Mapping[str, h5py.Dataset], length: int) -> int:
+    def _whole(self, columns: Mapping[str, h5py.Dataset], length: int) -> int:
         """Rows up to the first of which something is not in a file that may have lost its end."""
         end = self.path.stat().st_size
-        for column in self._columns[name]:
-            if column.name in columns:
-                rows = whole_rows(columns[column.name], end)
-                length = min(length, int(np.argmin(np.append(rows, -1) == np.arange(len(rows) + 1))))
+        for dataset in columns.values():
+            rows = whole_rows(dataset, end)
+            length = min(length, int(np.argmin(np.append(rows, -1) == np.arange(len(rows) + 1))))
         return length
 
     @cached_property
     def tables(self) -> tuple[str, ...]:
-        """Names of the tables of entries that files of this version have."""
-        return tuple(name for name in self._columns if self.format_version >= TABLES_SINCE.get(name, (1, 0)))
+        """Names of the tables of entries."""
+        return tuple(self._columns)
 
     @cached_property
     def _columns(self) -> dict[str, Any]:
@@ -583,8 +546,8 @@ def open_session(path: str | Path) -> SessionReader:
     Raises
     ------
     SessionError
-        The path holds no session, one of a newer version, or one too damaged to read; the error's `fix` is
-        the next step.
+        The path holds no session, one of another version (`FormatError`), or one too damaged to read; the
+        error's `fix` is the next step.
 
     Examples
     --------

@@ -14,17 +14,25 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from fieldkit.disk import put_in_place
-from fieldkit.model.errors import IntegrityError, RefusedError, SessionError, StorageError, message_of
+from fieldkit.model.errors import (
+    FormatError,
+    IntegrityError,
+    RefusedError,
+    SessionError,
+    StorageError,
+    message_of,
+)
 from fieldkit.model.samples import Event, EventKind, Severity
 from fieldkit.sessions.check import integrity_findings
 from fieldkit.sessions.chunks import PackedBlock
 from fieldkit.sessions.file_tree import put_rows
 from fieldkit.sessions.guarded_file import GuardedFile
 from fieldkit.sessions.journal_reader import JournalReader
-from fieldkit.sessions.layout import RECOVERED, SEALED
+from fieldkit.sessions.layout import RECOVERED, SEALED, check_version
 from fieldkit.sessions.lock import RECOVERY, SessionLock, is_locked, journal_path
 from fieldkit.sessions.reader import SessionReader, open_interrupted, open_session
 from fieldkit.sessions.salvage import LostRange, RecoveryStatistics, Salvage
@@ -93,6 +101,7 @@ def _locked(path: Path, notes: Sequence[Event]) -> RecoveryReport:
     if is_locked(folder):
         fix = "wait until the recording has ended, or stop it: fieldkit stop"
         raise RefusedError(f"{path} is in use: it is being recorded", fix=fix)
+    _check_versions(path, folder)
     is_ours = not folder.exists()  # only for the lock: a file of which nothing is left is not interrupted
     folder.mkdir(exist_ok=True)
     lock = SessionLock(folder, RECOVERY)
@@ -106,6 +115,19 @@ def _locked(path: Path, notes: Sequence[Event]) -> RecoveryReport:
         lock.release()
     remove_journal(folder)
     return report
+
+
+def _check_versions(path: Path, folder: Path) -> None:
+    """Raise `FormatError` where the file or its journal is of another version; damage is no matter here."""
+    if any(folder.glob("*.sqlite")):  # what is not a log would be taken for nothing and removed
+        check_version(folder, "1")
+    for open_part in (partial(open_interrupted, path), partial(JournalReader, folder)):
+        try:
+            open_part().close()
+        except FormatError:
+            raise
+        except SessionError:
+            continue
 
 
 def rebuild(path: Path, state: int) -> SealReport:
@@ -134,7 +156,7 @@ def _complete(path: Path) -> RecoveryReport | None:
 
 def _never_begun(path: Path, folder: Path) -> RecoveryReport | None:
     """The report on a session whose recorder ended before it could take a sample; None for any other."""
-    logs = [*folder.glob("*.log"), *folder.glob("*.sqlite")]
+    logs = [*folder.glob("*.log")]
     if path.exists() or any(log.name != "000001.log" for log in logs):
         return None
     with suppress(SessionError), JournalReader(folder):

@@ -39,7 +39,6 @@ from fieldkit.sessions.records import (
     sample_crc32,
 )
 from fieldkit.sessions.sample_fields import of_frame
-from fieldkit.sessions.sqlite_journal import SqliteJournal
 from fieldkit.sessions.stored import columns_of, whole_rows
 from fieldkit.sessions.time_map import corrections, row_crc32s
 
@@ -47,8 +46,6 @@ _KINDS: tuple[type[Entry], ...] = (RegionRecord, Event, ClockCheck, Health, Minu
 
 _READING_BLOCK = 1024
 _CUT_IMPORT = "it was being imported, and the rest of its source is missing: delete it and import it again"
-
-Log = JournalReader | SqliteJournal
 
 
 class Salvage:
@@ -117,11 +114,9 @@ class Salvage:
             self._file_damage.append(error.message)
             return None
 
-    def _try_journal(self) -> Log | None:
+    def _try_journal(self) -> JournalReader | None:
         folder = journal_path(self._path)
         try:
-            if any(folder.glob("*.sqlite")):
-                return self._stack.enter_context(SqliteJournal(folder))
             if any(folder.glob("*.log")):
                 return self._stack.enter_context(JournalReader(folder))
         except SessionError as error:
@@ -421,7 +416,7 @@ class LooseChunks:
     """Chunks of frames at the places the journal remembers, whatever became of the file's own index."""
 
     def __init__(
-        self, path: Path, session: SessionReader | None, journal: Log | None, info: StreamInfo
+        self, path: Path, session: SessionReader | None, journal: JournalReader | None, info: StreamInfo
     ) -> None:
         self._path = path
         self._session = session

@@ -57,24 +57,14 @@ SAMPLE_FIELDS: tuple[SampleField, ...] = (
         {"units": "K", "long_name": "temperature of the camera's sensor"}, of_frames=True,
     ),
 )  # fmt: skip
-"""In the order in which they enter a sample's checksum; one that is added goes last.
-
-It makes the stamps of the journal longer: recordings that an earlier version left interrupted are to be
-recovered before. Earlier versions flag samples in which it is known as damaged.
-"""
+"""In the order in which they enter a sample's checksum and stand in the journal."""
 
 ATTRIBUTES = tuple(field.attribute for field in SAMPLE_FIELDS)
 _OF_ALL = tuple(field.attribute for field in SAMPLE_FIELDS if not field.of_frames)
 _UNKNOWN = tuple(field.fill for field in SAMPLE_FIELDS if field.of_frames)
 _TIME, _SEQ, _FLAGS = (ATTRIBUTES.index(name) for name in ("time_ns", "seq", "quality"))
-_LOW_FLAGS = 0xFFFF
-_ALWAYS = 7
-"""So many are in the checksum of every sample; later ones where they are known: earlier formats have none."""
-_LATER = SAMPLE_FIELDS[_ALWAYS:]
-_CHECKED = struct.Struct("<" + "".join(field.code for field in SAMPLE_FIELDS[:_ALWAYS]).replace("I", "H"))
-_CHECKED_COLUMNS = np.dtype(
-    [(field.column, field.dtype.replace("u4", "u2")) for field in SAMPLE_FIELDS[:_ALWAYS]]
-)
+_CHECKED = struct.Struct("<" + "".join(field.code for field in SAMPLE_FIELDS))
+_CHECKED_COLUMNS = np.dtype([(field.column, field.dtype) for field in SAMPLE_FIELDS])
 _JOURNAL = struct.Struct("<" + "".join(field.code for field in SAMPLE_FIELDS if field.column != "seq") + "II")
 STAMPS_BYTES = _JOURNAL.size
 """Of a journalled sample, what stands before its bytes."""
@@ -134,48 +124,21 @@ def from_journal(payload: bytes, seq: int) -> tuple[Stamps, int, int]:
 
 
 def with_stamps(crc: int, stamps: Stamps) -> int:
-    """CRC-32 of a sample from that of its bytes: its numbers follow as they are stored.
-
-    What formats before 1.5 do not have follows at the end, where there is any: flags above the sixteenth bit,
-    then fields that were added later.
-    """
-    values, flags = list(stamps[:_ALWAYS]), int(stamps[_FLAGS])
+    """CRC-32 of a sample from that of its bytes: its numbers follow as they are stored."""
+    values = list(stamps)
     values[_TIME] //= 1000
-    values[_FLAGS] = flags & _LOW_FLAGS
-    packed = _CHECKED.pack(*[one if one == one else math.nan for one in values])  # every NaN is the same NaN
-    crc = _with_high_flags(crc32(packed, crc), flags)
-    for one, value in zip(_LATER, stamps[_ALWAYS:], strict=True):
-        crc = _with_later(crc, one, value)
-    return crc
+    # every NaN is the same NaN
+    return crc32(_CHECKED.pack(*[value if value == value else math.nan for value in values]), crc)
 
 
 def with_stored(crcs: Sequence[int], columns: Mapping[str, AnyArray]) -> FlagArray:
     """`with_stamps` of stored rows, from the CRC-32 of the bytes of each."""
     stamps = np.zeros(len(crcs), _CHECKED_COLUMNS)
-    for sample_field in SAMPLE_FIELDS[:_ALWAYS]:
+    for sample_field in SAMPLE_FIELDS:
         values: Any = columns.get(sample_field.column, sample_field.fill)  # a meter has no sensor temperature
         stamps[sample_field.column] = (
             np.where(np.isnan(values), math.nan, values) if sample_field.code == "d" else values
         )
-    stamps["flags"] = columns["flags"] & _LOW_FLAGS
     packed, size = stamps.tobytes(), _CHECKED_COLUMNS.itemsize
-    flags = columns["flags"].tolist()
-    found = [
-        _with_high_flags(crc32(packed[place * size : (place + 1) * size], crc), flags[place])
-        for place, crc in enumerate(crcs)
-    ]
-    for one in _LATER:
-        if one.column in columns:
-            later = columns[one.column].tolist()
-            found = [_with_later(crc, one, value) for crc, value in zip(found, later, strict=True)]
-    return np.array(found, np.uint32)
-
-
-def _with_high_flags(crc: int, flags: int) -> int:
-    high = flags & ~_LOW_FLAGS
-    return crc32(high.to_bytes(4, "little"), crc) if high else crc
-
-
-def _with_later(crc: int, one: SampleField, value: Any) -> int:
-    is_known = value == value and value != one.fill
-    return crc32(one.column.encode() + struct.pack(f"<{one.code}", value), crc) if is_known else crc
+    rows = (packed[place : place + size] for place in range(0, len(packed), size))
+    return np.array([crc32(row, crc) for row, crc in zip(rows, crcs, strict=True)], np.uint32)

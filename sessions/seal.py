@@ -86,7 +86,7 @@ def crc_of_crcs(crc32s: FlagArray) -> int:
 
 
 def table_crc32(session: SessionReader, name: str) -> int:
-    """CRC-32 over the columns that the file has of a table, whichever version they are of, in their order."""
+    """CRC-32 over the columns of a table that grow, in their order."""
     crc = 0
     for dataset in session.datasets(name).values():
         if dataset.maxshape[:1] == (None,):  # the others are scales, and the masks of the regions

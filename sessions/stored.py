@@ -17,7 +17,7 @@ import h5py
 import numpy as np
 
 from fieldkit.model.arrays import IntArray
-from fieldkit.model.errors import SessionError, message_of
+from fieldkit.model.errors import FormatError, SessionError, message_of
 from fieldkit.sessions.layout import Column
 
 MOST_CHUNK_BYTES = 16_777_216
@@ -30,6 +30,8 @@ _DEFLATE_RATIO = 1032  # nothing that deflate packs is larger: zlib's technical 
 
 def explained(path: Path, error: Exception) -> SessionError:
     """Error with the session and the next step."""
+    if isinstance(error, FormatError):
+        return error
     text = message_of(error)
     known = isinstance(error, SessionError) and str(path) in text
     fix = getattr(error, "fix", None) or f"fieldkit recover {path}"
@@ -70,22 +72,21 @@ def members(group: h5py.Group) -> Iterator[tuple[str, Any]]:
         yield name, stored_here(group, name)
 
 
-def dataset_of(group: h5py.Group, name: str, row_shape: tuple[int, ...], *dtypes: str) -> h5py.Dataset:
+def dataset_of(group: h5py.Group, name: str, row_shape: tuple[int, ...], dtype: str) -> h5py.Dataset:
     """A dataset that really lies in this file and has rows as declared, of a dtype; raises `SessionError`."""
     path = f"{group.name.rstrip('/')}/{name}"
     dataset = stored_here(group, name)
     if not isinstance(dataset, h5py.Dataset):
         raise SessionError(f"{path} is a group, not a dataset")
     is_declared = dataset.ndim == 1 + len(row_shape) and dataset.shape[1:] == row_shape
-    if not is_declared or dataset.dtype.str[1:] not in dtypes:
+    if not is_declared or dataset.dtype.str[1:] != dtype:
         raise SessionError(f"{path} has shape {dataset.shape}, {dataset.dtype}; expected rows of {row_shape}")
     return dataset
 
 
 def column_dataset(group: h5py.Group, column: Column, *, salvage: bool = False) -> h5py.Dataset:
     """The dataset of a column, with no more rows than it has bytes for (unless torn: `salvage`)."""
-    dtypes = (np.dtype(dtype).str[1:] for dtype in (column.dtype, column.older) if dtype)
-    dataset = dataset_of(group, column.name, column.shape, *dtypes)
+    dataset = dataset_of(group, column.name, column.shape, np.dtype(column.dtype).str[1:])
     check_size(dataset, salvage=salvage)
     return dataset
 
@@ -93,11 +94,8 @@ def column_dataset(group: h5py.Group, column: Column, *, salvage: bool = False) 
 def columns_of(
     group: h5py.Group, columns: Iterable[Column], *, salvage: bool = False
 ) -> dict[str, h5py.Dataset]:
-    """The datasets of those columns that the file has: an older version has some, a newer one more."""
-    there = [column for column in columns if link_of(group, column.name) is not None]
-    if not there:
-        raise SessionError(f"{group.name} has none of its columns")
-    return {column.name: column_dataset(group, column, salvage=salvage) for column in there}
+    """The datasets of columns by their names; a file of a newer version may have more."""
+    return {column.name: column_dataset(group, column, salvage=salvage) for column in columns}
 
 
 def check_size(dataset: h5py.Dataset, *, salvage: bool = False) -> None:

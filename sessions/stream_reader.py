@@ -85,9 +85,8 @@ class StreamReader:
     """The stored samples of one stream; raises `SessionError` where the file does not fit its header.
 
     `damaged` has the rows that were found not to match their checksum so far, by whatever was read.
-    Columns missing from files of an older version are read as their fill value. With `salvage` a column may
-    have lost a part of its index. Times are corrected by the active time map, and readings beyond their
-    limits flagged, unless `recorded` asks for what is stored.
+    With `salvage` a column may have lost a part of its index. Times are corrected by the active time map, and
+    readings beyond their limits flagged, unless `recorded` asks for what is stored.
     """
 
     def __init__(
@@ -102,8 +101,7 @@ class StreamReader:
         self.damaged: set[int] = set()
         self._times = times
         self._group = group
-        self._declared = {column.name: column for column in stream_columns(info)}
-        self._columns = columns_of(group, self._declared.values(), salvage=salvage)
+        self._columns = columns_of(group, stream_columns(info), salvage=salvage)
         self._stored_frames = self._open_frames() if info.is_camera else []
         self._depth = chunk_shape(info)[0] if info.is_camera else _BLOCK_ROWS
         self._block_rows = max(1, _BLOCK_ROWS // self._depth) * self._depth
@@ -160,10 +158,7 @@ class StreamReader:
         What enters a result comes from `samples`, `readings`, `frame_blocks` or `flags`.
         """
         end = len(self) if stop is None else min(stop, len(self))
-        column = self._declared[name]
-        if name in self._columns:
-            return column.read(_rows(self._columns[name], start, end))
-        return column.unknown(max(0, end - start))
+        return _rows(self._columns[name], start, end)
 
     def columns_crc32(self) -> int:
         """One checksum over all columns as stored, in their order: everything but frames."""
@@ -289,7 +284,7 @@ class StreamReader:
         """The rows from `start` to `stop`, each compared with its checksum."""
         end = len(self) if stop is None else min(stop, len(self))
         for begin, last in _spans(start, end, self._block_rows):
-            block = {name: self.column(name, begin, last) for name in self._declared}
+            block = {name: self.column(name, begin, last) for name in self._columns}
             for first, until in _spans(begin, last, self._depth):
                 columns = {name: values[first - begin : until - begin] for name, values in block.items()}
                 frames = [self._frames_of_chunk(dataset, first, until) for dataset in self.frame_datasets]

@@ -44,12 +44,9 @@ def row_crc32s(columns: Mapping[str, AnyArray]) -> list[int]:
 
 
 def corrections(group: h5py.Group, columns: Sequence[Column], of: str = "the clock") -> dict[str, AnyArray]:
-    """The rows of a group of corrections; raises `SessionError` where one is not as written.
-
-    Older time maps have no checksums.
-    """
+    """The rows of a group of corrections; raises `SessionError` where one is not as written."""
     found = {name: dataset[:] for name, dataset in columns_of(group, columns).items()}
-    if "crc32" in found and row_crc32s(found) != found["crc32"].tolist():
+    if row_crc32s(found) != found["crc32"].tolist():
         raise SessionError(f"the corrections of {of} are damaged", fix="take another copy of the session")
     return found
 

@@ -10,7 +10,8 @@
      |    +-- DeviceTimeoutError         nothing arrived in time (also TimeoutError)
      |    +-- DeviceLostError        5   was open, has disappeared
      |    +-- DecodeError                bytes that cannot be decoded, kept in `raw`
-     +-- SessionError                3   not a session, a newer version, damaged
+     +-- SessionError                3   not a session, damaged
+     |    +-- FormatError                of another version of the format, left as it is
      |    +-- IntegrityError         7   stored data do not match their checksums
      |         +-- IncompleteError        a part could not be read, the rest was written
      +-- StorageError                6   disk full, read-only, too slow
@@ -125,9 +126,13 @@ class DecodeError(DeviceError):
 
 
 class SessionError(FieldkitError):
-    """A file is not a session, is of a newer version, or cannot be read."""
+    """A file is not a session, or cannot be read."""
 
     exit_code = 3
+
+
+class FormatError(SessionError):
+    """A session or its journal is of another version of the format; it is left as it is."""
 
 
 class IntegrityError(SessionError):

@@ -64,8 +64,7 @@ class SlopeField:
     `key` is the field of `SlopeEstimate`, column of the session file and of the tables of all minutes; `unit`
     as in CF conventions, "1" for a ratio; `heading` the column of exported tables, with the unit. `pair` is
     the key of ``--json`` under which the ends of a range stand as a list, `short` the heading in tables for
-    people, with `digits` decimals: "" for none. `unknown` is the value where nothing is known, and in
-    sessions that are older than the column.
+    people, with `digits` decimals: "" for none. `unknown` is the value where nothing is known.
     """
 
     key: str

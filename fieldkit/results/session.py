@@ -391,7 +391,7 @@ def open_session(path: str | Path) -> Session:
     Raises
     ------
     SessionError
-        Where the path holds no session, one of a newer version, or one too damaged to read.
+        Where the path holds no session, one of another format, or one too damaged to read.
 
     Examples
     --------

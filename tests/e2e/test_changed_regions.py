@@ -24,7 +24,6 @@ from fieldkit.recording.request_reader import recover_session
 from fieldkit.recording.requests import Acknowledgement, Request, Shutter, inbox, send
 from fieldkit.results.session import open_session
 from fieldkit.sessions.lock import journal_path
-from tests.harness.older import as_version_1_2
 
 SAME_DEG = 1e-9
 ANGLES = ("tilt_deg", "azimuth_deg", "tilt_low_deg", "tilt_high_deg", "azimuth_low_deg", "azimuth_high_deg")
@@ -254,14 +253,3 @@ def test_a_reference_that_is_redrawn_makes_all_learn_anew(campaign, drawn):
     same(by_minute(iter(fieldkit.estimate(path))), operator.estimates)
     reason = "2 of 5 minutes so far; the reference was redrawn: begun anew; only the component along the sun"
     assert all(one.reason.startswith(reason) for one in operator.minutes[6].estimates)
-
-
-def test_a_session_of_version_1_2_keeps_its_regions_all_the_time(campaign, drawn):
-    path = campaign / "recordings" / "older.h5"
-    operator = record(config_of(campaign), path, Operator(path, {}), 300.0)
-    as_version_1_2(path)
-    with open_session(path) as session:
-        assert session.format_version == (1, 2)
-        assert session.region_schedule.is_constant
-        assert repr(session.regions) == repr(drawn["first"])
-    same(by_minute(iter(fieldkit.estimate(path))), operator.estimates)

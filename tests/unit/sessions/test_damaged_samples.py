@@ -11,11 +11,9 @@ from fieldkit.model.errors import IncompleteError, IntegrityError, SessionError
 from fieldkit.model.samples import Frame, Quality, Reading
 from fieldkit.results.session import open_session
 from fieldkit.sessions.analysis import minute_means
-from fieldkit.sessions.check import check
 from fieldkit.sessions.formats.tables_out import export_csv, export_netcdf
 from fieldkit.sessions.reader import SessionReader
 from fieldkit.sessions.writer import SessionWriter
-from tests.harness.older import as_version_1_0
 from tests.harness.recording import CountedClock, fill, header
 
 HEADER = header((24, 32))
@@ -160,16 +158,6 @@ def test_a_region_has_the_flag_of_a_frame_whose_stamps_are_meddled_with(damaged,
         assert not session.columns_are_sealed("camera")
         series = session.region_series()
     assert np.flatnonzero(series.flags & BAD).tolist() == [5]
-
-
-def test_a_session_sealed_before_its_columns_were_is_read_and_checked(damaged):
-    with damaged(as_version_1_0) as session:
-        assert not session.columns_are_sealed("camera")
-        assert not (session.region_series().flags & BAD).any()
-        path = session.path
-    assert [one for one in check(path) if one.level == "fail"] == []
-    with damaged(as_version_1_0, flip("camera/flags", 5, 4)) as session:
-        assert np.flatnonzero(session.region_series().flags & BAD).tolist() == [5]
 
 
 def test_tables_of_pandas_and_xarray_have_the_flag(damaged):

@@ -103,14 +103,6 @@ def test_other_hdf5_files_are_refused(tmp_path):
             open_session(tmp_path / name)
 
 
-def test_newer_version_asks_for_an_upgrade(path):
-    with h5py.File(path, "r+", libver=LIBVER) as file:
-        file.attrs["fieldkit_format_version"] = np.bytes_("2.0")
-    with pytest.raises(SessionError, match=r"version 2\.0") as caught:
-        open_session(path)
-    assert "newer fieldkit" in (caught.value.fix or "")
-
-
 def test_a_stream_by_its_name_gives_what_the_session_gives(path):
     with open_session(path) as session:
         camera, lux = session["camera"], session["lux"]
@@ -145,7 +137,7 @@ ARGUMENTS = {
     "row": 0, "box": (slice(1), slice(1)), "step": 1, "with_rows": False, "mark": 1,
 }  # fmt: skip
 VAR_ARGS, VAR_NAMES = Parameter.VAR_POSITIONAL, Parameter.VAR_KEYWORD
-OPEN_OR_NOT = {"close", "is_closed", "name", "config_toml", "damaged", "info", "frame_datasets"}
+OPEN_OR_NOT = {"close", "is_closed", "name", "config_toml", "damaged", "info", "frame_datasets", "tables"}
 """What does not need the file; the last are objects of h5py, which closed with it."""
 CLOSED = r"field\.h5 is closed\n  fix: open it again: fieldkit\.open_session|'\w+' is (not )?a camera"
 
@@ -225,34 +217,6 @@ def test_what_was_learnt_comes_back_minute_by_minute(tmp_path, how):
         assert session.state == how
         assert session.learnt() == expected
         assert [minute.learnt for minute in session.minutes()] == [None, *expected.values()]
-
-
-def test_older_minor_version_without_a_column_is_read(path):
-    with h5py.File(path, "r+", libver=LIBVER) as file:
-        del file["estimates/noise_tilt_low_deg"]
-        del file["clock/suspended_ns"]
-    with open_session(path) as session:
-        assert session.estimates() == []
-        assert session.clock_checks() == []
-
-
-def test_slopes_and_what_was_learnt_without_a_confidence_have_the_former_one(tmp_path):
-    clock = CountedClock()
-    writer = SessionWriter(tmp_path / "field.h5", header((24, 32)), clock)
-    slope = SlopeEstimate(clock.to_utc_ns(clock.mono_ns()), "b05", SlopeState.OK, 5.0, confidence=0.95)
-    found = replace(learnt(), parameters=tuple(replace(one, confidence=0.95) for one in learnt().parameters))
-    writer.put(MinuteRecord(slope.time_ns, (slope,), learnt=found))
-    writer.close()
-    with open_session(tmp_path / "field.h5") as session:
-        assert {one.confidence for one in session.estimates()} == {0.95}
-        (back,) = session.learnt().values()
-        assert {one.confidence for one in back.parameters} == {0.95}
-    with h5py.File(tmp_path / "field.h5", "r+", libver=LIBVER) as file:
-        del file["estimates/confidence"], file["learnt/confidence"]
-    with open_session(tmp_path / "field.h5") as session:
-        assert {one.confidence for one in session.estimates()} == {0.90}
-        (back,) = session.learnt().values()
-        assert {one.confidence for one in back.parameters} == {0.90}
 
 
 def _remove_group(file: h5py.File) -> None:

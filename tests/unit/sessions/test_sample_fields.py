@@ -1,4 +1,4 @@
-"""A number that is added to samples leaves the checksums of those without it, and protects those with it."""
+"""Every number of a sample is in its checksum, as it is stored."""
 
 import math
 import struct
@@ -8,32 +8,24 @@ import numpy as np
 import pytest
 
 from fieldkit.model.samples import Quality
-from fieldkit.sessions import sample_fields
-from fieldkit.sessions.sample_fields import SampleField, with_stamps, with_stored
+from fieldkit.sessions.sample_fields import with_stamps, with_stored
 
-STAMPS = (1_000, 2_000_000, 3, 4, 5, Quality.SHUTTER, 300.0)
-ROW = {
-    "mono_ns": [1_000], "time": [2_000], "device_time": [3], "seq": [4], "device_seq": [5], "flags": [16],
+STAMPS = (1_000, 2_000_000, 3, 4, 5, Quality.SHUTTER | Quality.IMPLAUSIBLE, 300.0)
+FLAGS = int(Quality.SHUTTER | Quality.IMPLAUSIBLE)
+COLUMNS = {
+    "mono_ns": [1_000], "time": [2_000], "device_time": [3], "seq": [4], "device_seq": [5], "flags": [FLAGS],
     "fpa_temperature": [300.0],
 }  # fmt: skip
-COLUMNS = {name: np.array(values) for name, values in ROW.items()}
-FIRST = struct.pack("<qqqqqHd", 1_000, 2_000, 3, 4, 5, 16, 300.0)
 
 
-@pytest.fixture
-def added(monkeypatch):
-    """One more field behind the others."""
-    later = SampleField("housing_temperature", "housing_temperature_k", "d", math.nan, of_frames=True)
-    monkeypatch.setattr(sample_fields, "_LATER", (later,))
+@pytest.mark.parametrize("sensor_k", [300.0, math.nan])
+def test_the_checksum_is_over_the_numbers_as_stored(sensor_k):
+    expected = zlib.crc32(struct.pack("<qqqqqId", 1_000, 2_000, 3, 4, 5, FLAGS, sensor_k), 7)
+    columns = {name: np.array(values) for name, values in COLUMNS.items()}
+    assert with_stamps(7, (*STAMPS[:-1], sensor_k)) == expected
+    assert with_stored([7], {**columns, "fpa_temperature": np.array([sensor_k])}).tolist() == [expected]
 
 
-def test_a_sample_without_the_number_keeps_its_checksum(added):
-    assert with_stamps(7, (*STAMPS, math.nan)) == zlib.crc32(FIRST, 7)
-    assert with_stored([7], COLUMNS).tolist() == [zlib.crc32(FIRST, 7)]  # a file of before
-    assert with_stored([7], {**COLUMNS, "housing_temperature": np.array([math.nan])}) == zlib.crc32(FIRST, 7)
-
-
-def test_the_number_is_protected_where_it_is_known(added):
-    expected = zlib.crc32(b"housing_temperature" + struct.pack("<d", 295.0), zlib.crc32(FIRST, 7))
-    assert with_stamps(7, (*STAMPS, 295.0)) == expected
-    assert with_stored([7], {**COLUMNS, "housing_temperature": np.array([295.0])}).tolist() == [expected]
+def test_a_meter_has_no_sensor_temperature():
+    columns = {name: np.array(values) for name, values in COLUMNS.items() if name != "fpa_temperature"}
+    assert with_stored([7], columns).tolist() == [with_stamps(7, (*STAMPS[:-1], math.nan))]

@@ -1,6 +1,7 @@
 """Sessions of other minor versions are read, and no shape of a header ends in a stack trace."""
 
 import json
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -13,19 +14,21 @@ from click.testing import CliRunner, Result
 
 from fieldkit.cli import check as check_verb
 from fieldkit.cli import estimate, export, ls, report, show
+from fieldkit.model.errors import FormatError
 from fieldkit.model.samples import Event, EventKind, Severity
 from fieldkit.model.site import RegionKind
 from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.sessions.check import check
 from fieldkit.sessions.file_tree import LIBVER, put_columns, put_rows
-from fieldkit.sessions.guarded_file import write_in_place
+from fieldkit.sessions.journal import SessionIdentity
 from fieldkit.sessions.layout import SEALED, Column
+from fieldkit.sessions.lock import journal_path
+from fieldkit.sessions.log import Kind, LogWriter, session_number
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.records import MinuteRecord
 from fieldkit.sessions.recovery import recover
 from fieldkit.sessions.seal import seal
 from fieldkit.sessions.writer import SessionWriter
-from tests.harness.older import as_version_1_1
 from tests.harness.recording import CountedClock, fill, header
 
 NEW_KIND, NEW_STATE = EventKind(77), SlopeState(200)
@@ -71,10 +74,10 @@ def path(sealed, tmp_path):
 
 @pytest.fixture(scope="module")
 def sealed_by_a_newer(sealed, tmp_path_factory):
-    """A session of version 1.9: other kinds, states and fields, a column, a table and a group more."""
+    """A session of version 2.9: other kinds, states and fields, a column, a table and a group more."""
     path = Path(shutil.copy(sealed, tmp_path_factory.mktemp("newer")))
     with h5py.File(path, "r+", libver=LIBVER, track_order=True) as file:
-        file.attrs["fieldkit_format_version"] = np.bytes_("1.9")
+        file.attrs["fieldkit_format_version"] = np.bytes_("2.9")
         for group, column in (("events", Column("weight", "<f8")), ("lux", Column("humidity", "<f4"))):
             put_columns(file[group], [column])
             put_rows(file[group], {column.name: np.ones(len(file[group]["time"]))})
@@ -93,6 +96,70 @@ def sealed_by_a_newer(sealed, tmp_path_factory):
 @pytest.fixture
 def newer(sealed_by_a_newer, tmp_path):
     return Path(shutil.copy(sealed_by_a_newer, tmp_path))
+
+
+def of_version(path: Path, version: str) -> Path:
+    """The session as another version of the format would have marked it; file and journal."""
+    with h5py.File(path, "r+", libver=LIBVER) as file:
+        file.attrs["fieldkit_format_version"] = np.bytes_(version)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("version", "step"), [("1.5", "recorded"), ("1.0", "recorded"), ("3.0", "pip install")]
+)
+def test_file_of_another_major_version_is_refused_at_the_door(path, version, step):
+    whole = of_version(path, version).read_bytes()
+    with pytest.raises(FormatError, match=re.escape(version)) as refused:
+        open_session(path)
+    assert (refused.value.exit_code, step in str(refused.value.fix)) == (3, True)
+    (finding,) = check(path)
+    assert (finding.level, finding.what, finding.fix) == ("fail", "file", refused.value.fix)
+    with pytest.raises(FormatError, match=re.escape(version)):
+        recover(path)
+    assert path.read_bytes() == whole
+    assert [name.name for name in path.parent.iterdir()] == [path.name]
+
+
+@pytest.fixture
+def interrupted(tmp_path):
+    """A recording whose writer was killed: its file and its journal."""
+    path, clock = tmp_path / "cut.h5", CountedClock()
+    writer = SessionWriter(path, header((24, 32)), clock)
+    fill(writer, 3, clock)
+    folder, kept = journal_path(path), tmp_path / "kept"
+    shutil.copytree(folder, kept)
+    writer.discard()
+    shutil.rmtree(folder, ignore_errors=True)
+    kept.rename(folder)
+    return folder
+
+
+@pytest.mark.parametrize("version", ["1", "3.0"])
+@pytest.mark.parametrize("has_file", [True, False])
+def test_journal_of_another_version_is_refused_and_left_as_it_is(interrupted, version, has_file):
+    path, identity = interrupted.with_name("cut.h5"), SessionIdentity("an-id", 1, 2, header((24, 32)))
+    facts = [identity.session_id, identity.start_ns, identity.anchor_ns, identity.header.to_json()]
+    log = LogWriter(interrupted / "000001.log", session_number("an-id"))
+    log.append(
+        Kind.IDENTITY, 0, (0, 0, 0, 0), json.dumps(facts if version == "1" else [version, *facts]).encode()
+    )
+    log.close()
+    if not has_file:
+        path.unlink(missing_ok=True)
+    before = {file.name: file.read_bytes() for file in interrupted.glob("*.log")}
+    with pytest.raises(FormatError, match=f"format {version}"):
+        recover(path)
+    assert {file.name: file.read_bytes() for file in interrupted.glob("*.log")} == before
+
+
+def test_journal_that_is_no_log_is_left_as_it_is(tmp_path):
+    journal = journal_path(tmp_path / "old.h5") / "000001.sqlite"
+    journal.parent.mkdir()
+    journal.write_bytes(b"SQLite format 3")
+    with pytest.raises(FormatError):
+        recover(tmp_path / "old.h5")
+    assert journal.read_bytes() == b"SQLite format 3"
 
 
 def test_kinds_states_and_fields_of_a_newer_version_are_kept(newer):
@@ -119,19 +186,6 @@ def test_session_of_a_newer_version_is_shown_and_exported(newer, verb, options):
     assert result.exit_code == 0, result.output
     if verb is show:
         assert "unknown_77" in result.stdout
-
-
-def test_session_of_version_1_1_has_learnt_nothing_and_is_whole(path, tmp_path):
-    as_version_1_1(path)
-    assert [one.text for one in check(path) if one.level == "fail"] == []
-    with open_session(path) as session:
-        assert session.learnt() == {}
-        assert [minute.learnt for minute in session.minutes()] == [None]
-    result = run(export, path, "--to", "netcdf", "-o", tmp_path / "out")
-    assert result.exit_code == 0, result.output
-    write_in_place(path, {"entry/complete": 0})
-    recover(path)
-    assert [one.text for one in check(path) if one.level == "fail"] == []
 
 
 def test_slopes_of_a_newer_version_are_refused_in_words(newer):
