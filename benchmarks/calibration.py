@@ -151,8 +151,9 @@ def _trials(known_deg: float, minutes: int) -> Iterable[list[float]]:
         share = irradiance_difference(warm, flat, wrong) / LIGHT_W_M2
         level = sun @ VERTICAL
         kappa = scale_from_known_bed(sun, share + level, sigma, VERTICAL, known).kappa
-        yield np.mean([_errors(tilt, azimuth, sun, random, (wrong, truth), kappa) for tilt, azimuth in BEDS],
-                      axis=0).tolist()  # fmt: skip
+        yield np.mean(
+            [_errors(tilt, azimuth, sun, random, (wrong, truth), kappa) for tilt, azimuth in BEDS], axis=0
+        ).tolist()
 
 
 def _errors(

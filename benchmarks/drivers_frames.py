@@ -30,16 +30,19 @@ FRAMES = 64
 ROUNDS = 31
 GIVES = f"{FRAMES} frames to float32 kelvin, flags and the mean of a region; theirs to float64 °C alone"
 BARE = "to float32 kelvin, extremes and one mean; no telemetry, flags or checks"
-LEPTON = Row("lepton", "Lepton 160x122, flirpy's telemetry and its user's conversion over ours", ">= 2",
-             included=GIVES)  # fmt: skip
+LEPTON = Row(
+    "lepton", "Lepton 160x122, flirpy's telemetry and its user's conversion over ours", ">= 2", included=GIVES
+)
 LEPTON_LEAST = Row("lepton-least", "the same over the least there is to do", "", included=BARE)
-BOSON = Row("boson", "Boson 640x512, the conversion that flirpy's user writes over ours", ">= 2.5",
-            included=GIVES)  # fmt: skip
+BOSON = Row(
+    "boson", "Boson 640x512, the conversion that flirpy's user writes over ours", ">= 2.5", included=GIVES
+)
 P2PRO = Row(
     "p2pro", "P2 Pro 256x384, a viewer's steps, written anew here, over ours", ">= 1.5", included=GIVES
 )
-HT301 = Row("ht301", "HT-301 384x292, its library's steps, written anew here, over ours", ">= 3",
-            included=GIVES)  # fmt: skip
+HT301 = Row(
+    "ht301", "HT-301 384x292, its library's steps, written anew here, over ours", ">= 3", included=GIVES
+)
 SEQ = Row("seq", f"SEQ 640x512, {FRAMES} frames, flirpy's `Seq` over ours", ">= 10",
           included="reading the file; ours with the mean of a region")  # fmt: skip
 Work = Callable[[bytes], Any]

@@ -81,9 +81,9 @@ def fit_pose(
     scale = np.sqrt(np.diag(information))
     if not (scale > 0.0).all() or np.linalg.cond(information / np.outer(scale, scale)) > WORST_CONDITION:
         raise CalibrationError(
-            "the points do not determine the pose", fix="mark points farther apart and of different heights, "
-            "or give --hfov-deg",
-        )  # fmt: skip
+            "the points do not determine the pose",
+            fix="mark points farther apart and of different heights, or give --hfov-deg",
+        )
     freedom = max(best.fun.size - count, 1)
     scatter = students_factor(freedom) * float(np.sqrt(2.0 * best.cost / freedom))
     sd = np.zeros(len(QUANTITIES))

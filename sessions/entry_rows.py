@@ -245,7 +245,8 @@ def health_from(table: Table, streams: tuple[str, ...]) -> list[Health]:
     """The health of a recording, second by second."""
     return [
         Health(
-            row["mono_ns"], row["time_ns"],
+            row["mono_ns"],
+            row["time_ns"],
             tuple(
                 StreamHealth(name, **{key: row[key][place] for key in _PER_STREAM})
                 for place, name in enumerate(streams)
@@ -253,7 +254,7 @@ def health_from(table: Table, streams: tuple[str, ...]) -> list[Health]:
             **{name: row[name] for name in _HEALTH},
         )
         for row in _rows(table)
-    ]  # fmt: skip
+    ]
 
 
 def clock_checks_from(table: Table) -> list[ClockCheck]:

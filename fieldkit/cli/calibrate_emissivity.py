@@ -87,9 +87,7 @@ _kelvin = partial(_number, metavar="K")
     help="Path through the air, if above a few metres.",
 )
 @_number("--air", "air_c", 20.0, "Air temperature along the path.", metavar="°C")
-@_number(
-    "--humidity", "humidity_percent", 50.0, "Relative humidity along the path.", metavar="%"
-)  # fmt: skip
+@_number("--humidity", "humidity_percent", 50.0, "Relative humidity along the path.", metavar="%")
 @click.option(
     "--angle",
     "angle_deg",

@@ -34,10 +34,11 @@ if TYPE_CHECKING:
     "slopes look [default: as configured]. By the learned model no further than a day or a gap of two hours.",
 )
 @click.option(
-    "--products", metavar="LIST",
+    "--products",
+    metavar="LIST",
     help="Add to the arrays, each with its uncertainty and an image: "
     "slope, heading, rdir, ntilt, solar, uvw, ptilt, inertia.",
-)  # fmt: skip
+)
 @click.option("--limit-deg", type=NUMBER, default=math.nan, metavar="DEG", help="Tilt whose risk ptilt is.")
 @click.option(
     "--drive-deg", type=NUMBER, default=math.nan, metavar="DEG",

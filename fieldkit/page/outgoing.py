@@ -72,12 +72,13 @@ def minute(closed: Minute) -> Document:
     slopes = {estimate.region: estimate for estimate in closed.estimates}
     names = {**closed.temperature_k, **slopes}
     return {
-        "type": "minute", "time_ms": ms(closed.time_ns),
+        "type": "minute",
+        "time_ms": ms(closed.time_ns),
         "irradiance": {"dni_w_m2": closed.dni_w_m2, "model": closed.irradiance_model},
         "sun": {"zenith_deg": closed.sun_zenith_deg, "azimuth_deg": closed.sun_azimuth_deg},
         "contact_c": [celsius(kelvin) for kelvin in closed.contact_k],
         "regions": {name: _measurements(closed, name, slopes.get(name)) for name in names},
-    }  # fmt: skip
+    }
 
 
 def _measurements(closed: Minute, name: str, slope: SlopeEstimate | None) -> Document:

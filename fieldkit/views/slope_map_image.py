@@ -221,9 +221,8 @@ def layer_png(
 
 
 def _framed_plane(
-    values: SingleArray, state: ByteArray, title: str, subtitle: str, units: str,
-    is_cyclic: bool,
-) -> Colours:  # fmt: skip
+    values: SingleArray, state: ByteArray, title: str, subtitle: str, units: str, is_cyclic: bool
+) -> Colours:
     low, high = (0.0, 360.0) if is_cyclic else _range(values)
     rgb = _colours(values, low, high, is_cyclic)
     for mask, grey in MASKS.items():

@@ -39,9 +39,7 @@ def export_ro_crate(session: SessionReader, folder: Path) -> list[Path]:
 
 def _entities(session: SessionReader, files: Sequence[Path]) -> Iterator[dict[str, Any]]:
     """The descriptor, the dataset, and what they refer to."""
-    yield {
-        "@id": METADATA, "@type": "CreativeWork", "conformsTo": {"@id": VERSION}, "about": {"@id": "./"},
-    }  # fmt: skip
+    yield {"@id": METADATA, "@type": "CreativeWork", "conformsTo": {"@id": VERSION}, "about": {"@id": "./"}}
     yield _dataset(session, files)
     for file in files:
         about = {"name": file.stem, "encodingFormat": "text/csv", "contentSize": str(file.stat().st_size)}

@@ -256,12 +256,12 @@ def _grid_map(layers: Mapping[str, SingleArray], ground: Heights) -> dict[str, A
     centre = _pose(ground.west_m + 0.5 * length_x, ground.north_m - 0.5 * length_y)
     return {
         "info": {"resolution": ground.cell_m, "length_x": length_x, "length_y": length_y, "pose": centre},
-        "layers": list(layers), "basic_layers": [],
-        "data": [
-            {"layout": layout, "data": values[:, ::-1].ravel().tolist()} for values in layers.values()
-        ],
-        "outer_start_index": 0, "inner_start_index": 0,
-    }  # fmt: skip
+        "layers": list(layers),
+        "basic_layers": [],
+        "data": [{"layout": layout, "data": values[:, ::-1].ravel().tolist()} for values in layers.values()],
+        "outer_start_index": 0,
+        "inner_start_index": 0,
+    }
 
 
 def _occupancy_grid(risk: SingleArray, ground: Heights, time_ns: int) -> dict[str, Any]:

@@ -16,10 +16,7 @@ from tests.harness.two_sessions import copy_of_both
 from tests.harness.waiting import PATIENCE_S, wait_until
 
 QUICKEST = ("--set", "estimator.model=full")  # a seventh of the time of the learned one
-GRID = (
-    "--set", "surface.albedo=0.15:0.35:0.1", "--set", "surface.emissivity=0.88,0.90",
-    *QUICKEST,
-)  # fmt: skip
+GRID = ("--set", "surface.albedo=0.15:0.35:0.1", "--set", "surface.emissivity=0.88,0.90", *QUICKEST)
 RUNS, MINUTES = 3 * 2 * 2, 2 * 2
 ENTRIES = RUNS + MINUTES
 """In the cache afterwards: each run, and the minutes of two sessions at two emissivities."""

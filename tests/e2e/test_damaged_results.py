@@ -85,10 +85,11 @@ def _results(path: Path, out: Path) -> Iterator[tuple[str, object]]:
     out.mkdir()
     named = ("--name", out.name, "--json")
     for name, *words in (
-        ("estimate", "estimate", path, "--json"), ("map", "map", path, "-o", out / "map", "--json"),
+        ("estimate", "estimate", path, "--json"),
+        ("map", "map", path, "-o", out / "map", "--json"),
         ("uniformity", "calibrate", "uniformity", path, *named),
         ("surface", "calibrate", "surface", path, *named),
-    ):  # fmt: skip
+    ):
         yield name, fieldkit(*words).replace(str(out), "").replace(out.name, "")
     fieldkit("report", path, "-o", out / "report.html")
     yield "report", _without_hashes((out / "report.html").read_text())

@@ -84,10 +84,8 @@ def test_the_scale_from_one_bed_and_what_temperatures_cannot_tell(three_beds, be
 def test_the_light_meters_factor_from_the_station(three_beds):
     """The scene's meter answers 108 lm/W to the beam and 130 to the sky (its own constants): 109 together."""
     found = json.loads(
-        fieldkit(
-            "calibrate", "irradiance", three_beds, "--station", "alamosa-2016-01-01", "--json"
-        ).stdout
-    )  # fmt: skip
+        fieldkit("calibrate", "irradiance", three_beds, "--station", "alamosa-2016-01-01", "--json").stdout
+    )
     assert 1.0 / found["value"] == pytest.approx(109.0, abs=1.5)
     assert found["unit"] == "W/m2/lx"
     said = fieldkit("calibrate", "irradiance", three_beds, "--station", "alamosa-2016-01-01").output

@@ -159,9 +159,7 @@ def tiff(value: int = 29_500) -> bytes:
     return data.tobytes()
 
 
-def tiff_pages(
-    *pages: tuple[np.ndarray, dict[int, int]], order: str = "<", is_big: bool = False
-) -> bytes:  # fmt: skip
+def tiff_pages(*pages: tuple[np.ndarray, dict[int, int]], order: str = "<", is_big: bool = False) -> bytes:
     """Uncompressed pages with further tags; TIFF 6.0, sections 2 and 4, or BigTIFF (places of 8 bytes)."""
     place, count, size = ("Q", "Q", 8) if is_big else ("I", "H", 4)
     data = {"<": b"II", ">": b"MM"}[order] + struct.pack(f"{order}H", 43 if is_big else 42)

@@ -118,7 +118,7 @@ def test_version_names_the_commit_that_is_checked_out():
         ({"INSTALLER": "uv\n"}, "installed by uv from a package index"),
         ({"INSTALLER": "dpkg\n"}, "Debian package"),
     ],
-)  # fmt: skip
+)
 def test_version_says_where_an_installation_came_from(records, said, tmp_path, monkeypatch):
     """PEP 610: direct_url.json is there unless it came from an index; PEP 376: INSTALLER."""
     for name, text in records.items():

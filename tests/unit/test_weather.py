@@ -284,7 +284,7 @@ def test_surfrad_station_is_identified_by_its_place(name, station):
         (gzip.compress(foreign_files.surfrad(), mtime=0), "is compressed"),
         (gzip.compress(b"*U0001\n 16  6 2024  1\n", mtime=0)[:-9], "is damaged"),
     ],
-)  # fmt: skip
+)
 def test_damaged_and_other_files_are_refused(tmp_path, content, words):
     path = tmp_path / "a.dat"
     path.write_bytes(content)

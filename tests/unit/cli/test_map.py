@@ -313,9 +313,8 @@ def test_product_that_cannot_be_made_says_what_is_missing(session, tmp_path, opt
 
 def test_inertia_of_the_learned_model_with_its_uncertainty(session, tmp_path):
     done = fieldkit(
-        "map", session, "-o", tmp_path / "x", "--products", "inertia",
-        "--set", "estimator.model=learned",
-    )  # fmt: skip
+        "map", session, "-o", tmp_path / "x", "--products", "inertia", "--set", "estimator.model=learned"
+    )
     assert done.exit_code == 0, done.output
     with h5py.File(tmp_path / "x.nc") as file:
         inside = file["region"][:] > 0

@@ -261,8 +261,9 @@ def test_a_running_recording_corrects_its_marks_and_is_shown_marked_and_stopped_
             assert mark(campaign, text).exit_code == 0
         wait_until(
             lambda: mark(campaign, "--take-back", "shade-test b15").exit_code == 0,
-            "the marks are not stored", every_s=0.1,
-        )  # fmt: skip
+            "the marks are not stored",
+            every_s=0.1,
+        )
         assert mark(campaign, "--edit", "1", "gusts").exit_code == 0
         path = session_in_progress(recordings)
         assert fieldkit.status(campaign)["session"] == str(path)

@@ -134,7 +134,7 @@ def test_corners_have_the_heights_of_a_dem_and_are_not_seen_behind_a_wall(tmp_pa
         (LENS + DOWN, REGION + "[[1, 2], [3, 4]]", "region[0].points_m: at least three corners"),
         (LENS.replace("ground_m = 2300.0", 'dem = "no.tif"') + DOWN, REGION + CORNERS, "cannot read the DEM"),
     ],
-)  # fmt: skip
+)
 def test_a_bad_pose_and_corners_that_it_does_not_see_are_mistakes_of_their_key(tmp_path, pose, region, words):
     (tmp_path / "run.csv").write_text(RUN.replace("T20", "T18"))
     (tmp_path / "far.csv").write_text(RUN.replace("2016-01-01T20", "3000-01-01T20"))

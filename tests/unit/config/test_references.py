@@ -141,7 +141,7 @@ def test_a_light_meters_uncertainty_counts_only_where_its_factor_does(folder):
         ('[slab]\ndepth_m = "@beds"\n', "@beds has no value for depth_m; learn it: estimator.model"),
         ("[calibration]\nsand = 0.9\n", "fieldkit stores records here"),
     ],
-)  # fmt: skip
+)
 def test_a_reference_that_leads_nowhere_is_told_with_its_line(folder, text, said):
     with pytest.raises(ConfigMistakesError) as caught:
         load(folder, text)

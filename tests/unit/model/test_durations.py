@@ -7,7 +7,7 @@ from fieldkit.model.durations import (
     parse_time_of_day,
     precise_duration,
     rounded_duration,
-)  # fmt: skip
+)
 from fieldkit.model.errors import ConfigError
 
 

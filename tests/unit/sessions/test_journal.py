@@ -39,7 +39,7 @@ ENTRIES = (
     MinuteRecord(60, (SlopeEstimate(60, "b05", SlopeState.OK, 0.1 + 0.2),), 1 / 3, "eq10", Quality.LOW_SUN),
     MinuteRecord(120, (), learnt=learnt()),
     RegionRecord(Region("b05", RegionKind.TARGET, ((0.5, 1.0), (2.0, 1.0), (2.0, 3.25)), 5.0, 180.0), 15),
-)  # fmt: skip
+)
 
 
 @pytest.mark.parametrize("entry", ENTRIES, ids=lambda entry: type(entry).__name__)

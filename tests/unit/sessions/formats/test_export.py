@@ -484,9 +484,10 @@ def test_mcap_holds_every_bit(session, tmp_path):
     }  # fmt: skip
     for original in session.samples():
         message, told = next(
-            (message, told) for topic, message, told in messages
+            (message, told)
+            for topic, message, told in messages
             if topic == original.stream and told["seq"] == original.seq
-        )  # fmt: skip
+        )
         assert message.log_time == told["timestamp"]["sec"] * 10**9 + told["timestamp"]["nsec"]
         assert message.log_time == original.time_ns
         assert (told["mono_ns"], told["flags"]) == (original.mono_ns, int(original.quality))

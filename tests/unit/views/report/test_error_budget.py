@@ -62,7 +62,7 @@ def minute_of(make_minute, bed, time_ns):
         sun_zenith_deg=float(zenith[0]),
         sun_azimuth_deg=float(azimuth[0]),
         flags=Quality.GOOD,
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.parametrize(
