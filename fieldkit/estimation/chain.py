@@ -19,16 +19,16 @@ from fieldkit.estimation.budget import BudgetTerm, slope_budget
 from fieldkit.estimation.instant import with_along_sun
 from fieldkit.estimation.learned.inputs import (
     BRIDGED_MINUTES,
-    MinuteInputs,
+    Recorded,
     can_start,
     first_row,
-    logged,
     minute_inputs,
     minutes_between,
+    recorded_session,
     shade,
 )
 from fieldkit.estimation.learned.layout import Layout
-from fieldkit.estimation.learned.learner import Learner, Recorded
+from fieldkit.estimation.learned.learner import Learner
 from fieldkit.estimation.learned.prior_state import prior_sds
 from fieldkit.estimation.learned.readout import (
     MOST_MISFIT,
@@ -43,10 +43,9 @@ from fieldkit.estimation.learned.readout import (
     moments,
     surprise,
 )
-from fieldkit.estimation.methods import kelvin_per_degree
 from fieldkit.estimation.region_temperatures import remove_offsets
 from fieldkit.estimation.settings import EstimatorSettings
-from fieldkit.estimation.slopes import budgets, label_of, slopes
+from fieldkit.estimation.slopes import budgets, kelvin_per_degree, label_of, slopes
 from fieldkit.model.arrays import BoolArray, FloatArray, IntArray
 from fieldkit.model.confidence import percent
 from fieldkit.model.learnt import Learnt
@@ -110,17 +109,17 @@ class SlopeChain:
 
     def at(self, history: History) -> Estimated:
         """Slopes at the last minute; the history must begin with the minutes given before."""
+        estimated = self._learned(history) if self._learns else None
         minute, history = int(history.minute[-1]) if len(history) else 0, history.in_place()
-        found = self._learned(history) if self._learns else None
         of_active, regions = history.at_last(self.schedule)
-        if found is None:
-            found = Estimated(slopes(of_active, regions, self._of_bins))
-        explained = [self._with_reason(slope, minute) for slope in found.slopes]
-        if any(one.state is SlopeState.TOO_FEW for one in explained):
-            explained = [with_along_sun(one, of_active, regions, self._settings) for one in explained]
+        if estimated is None:
+            estimated = Estimated(slopes(of_active, regions, self._of_bins))
+        explained = [self._with_reason(slope, minute) for slope in estimated.slopes]
+        if any(slope.state is SlopeState.TOO_FEW for slope in explained):
+            explained = [with_along_sun(slope, of_active, regions, self._settings) for slope in explained]
         if (history.flags & int(Quality.MOVED)).any() and not np.isfinite(history.temperature_k).any():
-            explained = [replace(slope, reason=LOST) for slope in found.slopes]
-        return replace(found, slopes=tuple(explained))
+            explained = [replace(slope, reason=LOST) for slope in estimated.slopes]
+        return replace(estimated, slopes=tuple(explained))
 
     def series(self, history: History) -> Iterator[Estimated]:
         """Slopes at every minute of a history."""
@@ -162,7 +161,7 @@ class SlopeChain:
     def _learned(self, history: History) -> Estimated | None:
         """Slopes by what was learned; None without a reference or a target."""
         drawn = self.schedule.columns[: history.temperature_k.shape[1]]
-        corrected = remove_offsets(history, drawn, self._settings)
+        corrected = remove_offsets(history.in_place(), drawn, self._settings)
         for last in range(self._taken + 1, len(history) + 1):
             self._regroup(self.schedule.at(int(history.minute[last - 1])))
             for group in self._groups:
@@ -258,14 +257,17 @@ class _Group:
         if row and history.minute[row] - history.minute[row - 1] > BRIDGED_MINUTES:
             self._learner, self._first = None, row
         learner, shaded = self._learner, shade(history, self._layout)
-        if learner is None:
-            self._start(history, row)
-        else:
+        if learner is not None:
             # shade that is known only now lay over minutes that were taken without it
             if not np.array_equal(shaded[self._first : -1], self._shade):
-                learner.reshade(self._inputs(history, self._first, row))
+                learner.reshade(minutes_between(history, self._first, row, self._layout, self._settings))
             start = int(history.minute[self._first])
             learner.add(minute_inputs(history, row, self._layout, self._settings, learner.last, start))
+        elif can_start(history, row, self._layout):
+            self._first = row
+            regions = self._columns.regions
+            session = recorded_session(history, row, row + 1, self._layout, regions, self._settings)
+            self._learner = Learner(self._layout, self._settings, [session])
         self._read(shaded)
 
     def take_at_once(self, history: History, starts: Sequence[int]) -> None:
@@ -279,7 +281,8 @@ class _Group:
                 continue
             if not sessions:
                 self._first = first + row
-            sessions.append(self._recorded(session, row, len(session)))
+            regions, end = self._columns.regions, len(session)
+            sessions.append(recorded_session(session, row, end, self._layout, regions, self._settings))
         try:
             if sessions:
                 self._learner = Learner(self._layout, self._settings, sessions)
@@ -295,19 +298,6 @@ class _Group:
             self._errors = _errors(self._learner)
             self._found = [known_slope(self._learner, index) for index in range(self._targets.size)]
             self._moments = moments(self._learner)
-
-    def _start(self, history: History, row: int) -> None:
-        if can_start(history, row, self._layout):
-            self._first = row
-            self._learner = Learner(self._layout, self._settings, [self._recorded(history, row, row + 1)])
-
-    def _recorded(self, history: History, first: int, end: int) -> Recorded:
-        """The minutes of the rows from `first` to before `end`."""
-        known = logged(history, first, self._layout, self._columns.regions, self._settings)
-        return Recorded(known, self._inputs(history, first, end))
-
-    def _inputs(self, history: History, first: int, end: int) -> list[MinuteInputs]:
-        return minutes_between(history, first, end, self._layout, self._settings)
 
     def estimates(self, history: History) -> list[SlopeEstimate]:
         """Slope of each target that holds at the last minute taken."""

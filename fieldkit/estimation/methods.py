@@ -38,7 +38,7 @@ from fieldkit.model.arrays import BoolArray, FloatArray, IntArray
 from fieldkit.model.confidence import misfit_drop, percent
 from fieldkit.model.site import Region
 from fieldkit.model.slope import SlopeState, is_too_wide
-from fieldkit.physics.facet import angle_between_deg, normal, tilt_azimuth
+from fieldkit.physics.facet import angle_between_deg, tilt_azimuth
 
 ALARM_PROBABILITY = 0.01
 """Probability that chi-square rejects a good window."""
@@ -367,18 +367,6 @@ def noise_ratio(residuals: ArrayLike) -> float:
 def chi_square_limit(freedom: int) -> float:
     """Reduced chi-square that noise alone exceeds in one window of a hundred; `freedom` >= 1."""
     return chi_square_exceeded(freedom, ALARM_PROBABILITY) / freedom
-
-
-def kelvin_per_degree(
-    tilt_deg: float, azimuth_deg: float, direction: FloatArray, y_per_kelvin: float
-) -> float:
-    """Change of surface temperature per degree of tilt at a slope, K per degree.
-
-    By the design vector of a minute bin (3,) and the change of its measured cosine per kelvin
-    (`Rows.per_kelvin`).
-    """
-    steeper = normal(tilt_deg + 90.0, azimuth_deg)  # the unit vector along growing tilt
-    return float(np.radians(1.0) * (steeper @ direction) / y_per_kelvin)
 
 
 def sunlit(y: FloatArray, sigma: FloatArray, shade: FloatArray) -> BoolArray:

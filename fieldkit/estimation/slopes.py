@@ -26,7 +26,7 @@ import numpy as np
 from fieldkit.estimation.balance import Rows, least_squares_rows
 from fieldkit.estimation.bins import History, RegionColumns
 from fieldkit.estimation.budget import BudgetTerm, RowBudget
-from fieldkit.estimation.methods import Solution, kelvin_per_degree, solutions, sunlit
+from fieldkit.estimation.methods import Solution, solutions, sunlit
 from fieldkit.estimation.normal import Misfit, choose, cramer_rao, solve, tangents
 from fieldkit.estimation.region_temperatures import remove_offsets, shifted_temperatures
 from fieldkit.estimation.settings import EstimatorSettings
@@ -412,6 +412,18 @@ def _filled(blank: SlopeEstimate, found: Solution, rows: Rows, index: int, known
         noise_azimuth_low_deg=noise.azimuth_low_deg,
         noise_azimuth_high_deg=noise.azimuth_high_deg,
     )
+
+
+def kelvin_per_degree(
+    tilt_deg: float, azimuth_deg: float, direction: FloatArray, y_per_kelvin: float
+) -> float:
+    """Change of surface temperature per degree of tilt at a slope, K per degree.
+
+    By the design vector of a minute bin (3,) and the change of its measured cosine per kelvin
+    (`Rows.per_kelvin`).
+    """
+    steeper = normal(tilt_deg + 90.0, azimuth_deg)  # the unit vector along growing tilt
+    return float(np.radians(1.0) * (steeper @ direction) / y_per_kelvin)
 
 
 def _angles(found: FloatArray, known_azimuth: float) -> tuple[float, float]:

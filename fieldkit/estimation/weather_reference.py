@@ -37,11 +37,12 @@ def beside_level(
     targets = RegionColumns(tuple(regions)).targets
     emissivity = settings.surface.emissivity
     level = Region(NAME, RegionKind.REFERENCE, ((0.0, 0.0),), 0.0, 0.0, emissivity=emissivity)
+    kelvin = level_k(history, settings)
     own = history.only(targets)
     flags = np.zeros((len(history), 1), np.int64)
     beside = replace(
         own,
-        temperature_k=np.column_stack([own.temperature_k, level_k(history, settings)]),
+        temperature_k=np.column_stack([own.temperature_k, kelvin]),
         region_flags=np.column_stack([own.region_flags, flags]),
         probe_k=np.column_stack([own.probe_k, np.full(len(history), np.nan)]),
     )
@@ -73,13 +74,11 @@ def level_k(history: History, settings: EstimatorSettings, shifts: FloatArray = 
     conductivity = settings.slab.conductivity_w_m_k * math.exp(2.0 * inertia)
     slab = replace(settings.slab, conductivity_w_m_k=conductivity)
     air_k = _every_minute(history, history.air_k) + air
-    if np.isfinite(history.longwave_down_w_m2).any():
-        down = _every_minute(history, history.longwave_down_w_m2)
-    else:
+    down = _every_minute(history, history.longwave_down_w_m2)
+    light = _every_minute(history, _global_light(history, settings))
+    if not np.isfinite(history.longwave_down_w_m2).any():
         down = clear_sky_longwave(air_k) + longwave
-    absorbed = (
-        (1.0 + gain) * (1.0 - surface.albedo) * _every_minute(history, _global_light(history, settings))
-    )
+    absorbed = (1.0 + gain) * (1.0 - surface.albedo) * light
     exchanged = np.full_like(air_k, surface.exchange_w_m2_k * math.exp(exchange))
     supplied = absorbed + emissivity * down
     kelvin = surface_series((slab,), air_k[0], MINUTE_S, supplied, exchanged, air_k, emissivity)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -134,6 +135,13 @@ class Logged:
     camera_k: float
     camera_sd_k: float
     emissivities_k2: FloatArray
+
+
+class Recorded(NamedTuple):
+    """A session: what it logs, and its minutes with those that were bridged."""
+
+    logged: Logged
+    minutes: list[MinuteInputs]
 
 
 def logged(
@@ -263,6 +271,19 @@ def minutes_between(
         later = minute_inputs(history, row, layout, settings, made[-1], start)
         made.extend((*bridge(made[-1], later), later))
     return made
+
+
+def recorded_session(
+    history: History,
+    first: int,
+    end: int,
+    layout: Layout,
+    regions: Sequence[Region],
+    settings: EstimatorSettings,
+) -> Recorded:
+    """The session of the rows from `first` to before `end`; `regions` are the columns of the history."""
+    minutes = minutes_between(history, first, end, layout, settings)
+    return Recorded(logged(history, first, layout, regions, settings), minutes)
 
 
 def _begin_k(kelvin: FloatArray, layout: Layout) -> FloatArray:

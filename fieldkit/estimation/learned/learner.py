@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -21,7 +20,7 @@ from fieldkit.estimation.learned.hypotheses import (
     log_prior,
     normalised,
 )
-from fieldkit.estimation.learned.inputs import Logged, MinuteInputs, bridge
+from fieldkit.estimation.learned.inputs import Logged, MinuteInputs, Recorded, bridge
 from fieldkit.estimation.learned.layout import Layout
 from fieldkit.estimation.learned.noise import noise_of
 from fieldkit.estimation.learned.normals import UnitNormals, unit_normals
@@ -91,13 +90,6 @@ class Posterior:
         constrained = self.filters.layout.gain_and_normals
         shift = np.matmul(self.filters.covariance[:, :, constrained], self.normals.pull[..., np.newaxis])
         return np.asarray(self.weights @ (self.filters.mean + shift[..., 0]))
-
-
-class Recorded(NamedTuple):
-    """A session: what it logs, and its minutes with those that were bridged."""
-
-    logged: Logged
-    minutes: list[MinuteInputs]
 
 
 class Learner:

@@ -7,12 +7,12 @@ from scipy.stats import chi2
 from fieldkit.estimation.balance import Rows
 from fieldkit.estimation.methods import (
     chi_square_limit,
-    kelvin_per_degree,
     noise_ratio,
     solutions,
     sunlit,
 )
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.estimation.slopes import kelvin_per_degree
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SlopeState
 from fieldkit.physics.energy_balance import SurfaceParameters, irradiance_per_kelvin, surface_temperature
