@@ -43,7 +43,7 @@ SMOOTHED_MINUTES = 5
 UNSTEADY = 0.1
 """Relative change of DNI from minute to minute that doubles the variance of a row."""
 GROUND_ALBEDO_SD = 0.10
-"""Of an assumed albedo: bare ground lies evenly between 0.05 and 0.40 (Oke 1987, table 1.1)."""
+"""Uncertainty of an assumed albedo: bare ground lies evenly between 0.05 and 0.40 (Oke 1987, table 1.1)."""
 LIGHT = ("circumsolar", "brightening", "diffuse", "ground albedo")
 """Uncertain properties of the light, for the full model."""
 # least-squares parabola through five minutes: row i gives the smoothed value at the i-th of them
@@ -375,8 +375,8 @@ def conducted(minutes: IntArray, difference_k: FloatArray, slab: Slab) -> FloatA
     flux = np.full_like(difference_k, np.nan)
     if columns.size:
         bridged = [
-            _smooth(np.interp(steps, minutes[known], values[known]))
-            for known, values in zip(is_known.T[columns], difference_k.T[columns], strict=True)
+            _smooth(np.interp(steps, minutes[is_measured], values[is_measured]))
+            for is_measured, values in zip(is_known.T[columns], difference_k.T[columns], strict=True)
         ]
         # all columns in one transform: this is called once per minute bin and layer
         whole = conducted_flux(slab, np.column_stack(bridged), MINUTE_S)

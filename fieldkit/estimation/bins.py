@@ -132,7 +132,7 @@ class RegionPixels:
         if not (steps.any() or redrawn):
             return self
         other = copy(self)
-        masks = [self._moved(*one) for one in zip(self._masks, steps, strict=True)]
+        masks = [self._moved(*mask_and_step) for mask_and_step in zip(self._masks, steps, strict=True)]
         for place, region in redrawn.items():
             masks[place] = _pixels_of(region, self._shape)
         other._hold(masks, self._shape)
@@ -169,7 +169,7 @@ class RegionPixels:
             totals[self._filled] = np.add.reduceat(values, self._starts)
             values *= values
             squares[self._filled] = np.add.reduceat(values, self._starts)
-        return Sums(*([int(one) for one in sums] for sums in (totals, squares, pixels)))
+        return Sums(*([int(value) for value in sums] for sums in (totals, squares, pixels)))
 
 
 def _pixels_of(region: Region, shape: tuple[int, int]) -> IndexArray:
@@ -226,8 +226,8 @@ class CameraStream:
         self.columns: IntArray = np.array(list(regions), np.int64)
         self.regions: tuple[Region, ...] = tuple(regions.values())
         self.outline: RegionPixels = RegionPixels(self.regions, (info.shape[0], info.shape[1]))
-        given = np.array([region.emissivity for region in self.regions], np.float64)
-        self._emissivity = np.where(np.isnan(given), emissivity, given)
+        emissivities = np.array([region.emissivity for region in self.regions], np.float64)
+        self._emissivity = np.where(np.isnan(emissivities), emissivity, emissivities)
         self._reflected_k = reflected_k
         self._is_linear = info.law == "linear"
         self._scale = info.scale if self._is_linear else LAW_STEP_K
@@ -292,13 +292,13 @@ class Follower:
         pinned = np.flatnonzero([bool(region.points_m) for region in camera.regions])
         free = np.setdiff1d(np.arange(columns.size), pinned)
         chosen = [camera.regions[place] for place in pinned]
-        found = self._ground.update(frame.counts, frame.time_ns, chosen, columns[pinned])
+        shifts = self._ground.update(frame.counts, frame.time_ns, chosen, columns[pinned])
         steps = np.zeros((columns.size, 2), np.int64)
         moved = self._drawn.update(frame.counts, columns[free])
-        if found is None or moved is None:
+        if shifts is None or moved is None:
             return None
         steps[free] = moved
-        return camera.outline.moved(steps, dict(zip(pinned.tolist(), found, strict=True)))
+        return camera.outline.moved(steps, dict(zip(pinned.tolist(), shifts, strict=True)))
 
 
 class CameraBin:
@@ -512,8 +512,8 @@ class History:
             name: getattr(self, name)[:, columns] for name in ("temperature_k", "region_flags", "probe_k")
         }
         places = {int(column): place for place, column in enumerate(columns)}
-        kept = [(*cell, places[one]) for *cell, one in self.shade_ledger.tolist() if one in places]
-        return replace(self, **chosen, shade_ledger=np.array(kept, np.int64).reshape(-1, 3))
+        ledger = [(*cell, places[at]) for *cell, at in self.shade_ledger.tolist() if at in places]
+        return replace(self, **chosen, shade_ledger=np.array(ledger, np.int64).reshape(-1, 3))
 
     def at_last(self, schedule: RegionSchedule) -> tuple[History, tuple[Region, ...]]:
         """The bins of the regions that hold in the last minute, and these."""
@@ -535,8 +535,8 @@ class History:
     def is_shaded(self) -> BoolArray:
         """Regions that alone are in the shade (n, regions), as known at the last minute."""
         shaded: BoolArray = (self.region_flags & int(Quality.SHADED)) != 0
-        known = self.shade_ledger[:, 0] <= self.minute.max(initial=0)
-        _, minute, column = self.shade_ledger[known].T
+        is_past = self.shade_ledger[:, 0] <= self.minute.max(initial=0)
+        _, minute, column = self.shade_ledger[is_past].T
         rows, entries = np.nonzero(self.minute[:, np.newaxis] == minute)
         # a flag may be reversed twice: shade that was found, and dismissed by a mark
         np.logical_xor.at(shaded, (rows, column[entries]), True)

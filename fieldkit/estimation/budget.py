@@ -51,30 +51,30 @@ class BudgetTerm:
     share: float
 
 
-def slope_budget(learner: Learner, found: Moments, target: int) -> tuple[BudgetTerm, ...]:
+def slope_budget(learner: Learner, joint: Moments, target: int) -> tuple[BudgetTerm, ...]:
     """Budget of a target of the learner's layout, the largest share first."""
-    return budget_of(found, f"tilt{target}", f"offset{target}", _priors(learner))
+    return budget_of(joint, f"tilt{target}", f"offset{target}", _priors(learner))
 
 
-def budget_of(found: Moments, tilt: str, offset: str, priors: Mapping[str, float]) -> tuple[BudgetTerm, ...]:
+def budget_of(joint: Moments, tilt: str, offset: str, priors: Mapping[str, float]) -> tuple[BudgetTerm, ...]:
     """Budget of the tilt named `tilt` by the inputs of `priors`, of which ``offset`` is that named `offset`.
 
     `found` are the joint moments after the data, `priors` standard deviations before.
     """
-    inputs = {name: found.names.index(offset if name == "offset" else name) for name in priors}
-    places, row = list(inputs.values()), found.names.index(tilt)
-    own, shared = found.covariance[np.ix_(places, places)], found.covariance[places, row]
+    inputs = {name: joint.names.index(offset if name == "offset" else name) for name in priors}
+    places, row = list(inputs.values()), joint.names.index(tilt)
+    own, shared = joint.covariance[np.ix_(places, places)], joint.covariance[places, row]
     # inputs may be all but a combination of others
     sensitivity = np.linalg.pinv(own, hermitian=True) @ shared
-    variance, sds = found.covariance[row, row], np.sqrt(np.diagonal(own))
+    variance, sds = joint.covariance[row, row], np.sqrt(np.diagonal(own))
     shares = sensitivity * shared / variance
     kinds = [
         "A" if sd < LEARNT_SHARE * prior else "B" for sd, prior in zip(sds, priors.values(), strict=True)
     ]
     rows = zip(inputs, kinds, sds.tolist(), sensitivity.tolist(), shares.tolist(), strict=True)
     terms = [BudgetTerm(name, UNITS.get(name, ""), *numbers) for name, *numbers in rows]
-    left = max(1.0 - float(shares.sum()), 0.0)
-    rest = BudgetTerm(REST, UNITS[REST], "A", float(np.sqrt(left * variance)), 1.0, left)
+    remainder = max(1.0 - float(shares.sum()), 0.0)
+    rest = BudgetTerm(REST, UNITS[REST], "A", float(np.sqrt(remainder * variance)), 1.0, remainder)
     return tuple(sorted([*terms, rest], key=lambda one: -one.share))
 
 
@@ -123,8 +123,8 @@ class RowBudget:
         sds = self._input_sds()
         towards = np.array([along[1] for along in tangents(self.slope)])
         variances = []
-        for known in ((), GAIN):
-            certain = {name: 0.0 if name in known else sd for name, sd in sds.items()}
+        for inputs_known in ((), GAIN):
+            certain = {name: 0.0 if name in inputs_known else sd for name, sd in sds.items()}
             names, covariance = self._covariance(certain)
             count = len(names) - len(sds)
             variances.append(float(towards[:count] @ covariance[:count, :count] @ towards[:count]))
@@ -154,7 +154,7 @@ class RowBudget:
         """Standard uncertainty of each input before the data: scale, `LIGHT` and systematics, in order."""
         rows, settings = self.rows, self.settings
         light = dict(zip(LIGHT, light_sds(self.history, settings), strict=True)) if rows.light.size else {}
-        known = {
+        sds = {
             "gain": math.hypot(settings.scale_sd, settings.factor_sd),
             **light,
             "offset": settings.offset_sd_k,
@@ -162,9 +162,9 @@ class RowBudget:
             "exchange": settings.exchange_sd,
         }
         if settings.model == "full":
-            known |= {"conductivity": settings.conductivity_sd, "heat capacity": settings.capacity_sd}
+            sds |= {"conductivity": settings.conductivity_sd, "heat capacity": settings.capacity_sd}
         # these are known by their effect alone
         levels = INPUTS if settings.reference == "weather" else ()
-        emissivities = 1 + len(rows.light) + len(rows.systematics) - len(known) - len(levels)
+        emissivities = 1 + len(rows.light) + len(rows.systematics) - len(sds) - len(levels)
         others = [*(f"emissivity {number}" for number in range(1, emissivities + 1)), *levels]
-        return known | dict.fromkeys(others, 1.0)
+        return sds | dict.fromkeys(others, 1.0)

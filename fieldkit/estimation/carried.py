@@ -44,7 +44,7 @@ def carried(
     was learnt at its end.
     """
     start = _priors(settings)
-    precision = {name: one.log_sd**-2 for name, one in start.items()}
+    precision = {name: value.log_sd**-2 for name, value in start.items()}
     weighted = {name: math.log(one.value) * precision[name] for name, one in start.items()}
     for used, learnt in sessions:
         before = _priors(used)
@@ -60,9 +60,9 @@ def carried(
     }
 
 
-def keys(known: Mapping[str, Carried], settings: EstimatorSettings) -> dict[str, float]:
+def keys(parameters: Mapping[str, Carried], settings: EstimatorSettings) -> dict[str, float]:
     """Keys of ``fieldkit.toml`` that make it the prior; `settings` as of `carried`, for the heat capacity."""
-    gain, inertia, depth = (known[name] for name in DAY_TO_DAY)
+    gain, inertia, depth = (parameters[name] for name in DAY_TO_DAY)
     return {
         "estimator.scale": gain.value,
         "estimator.scale_sd": gain.value * gain.log_sd,

@@ -62,7 +62,7 @@ TOGETHER = 4
 Judged: because a fifth bed adds hardly anything about the sand, and the cost grows with the square.
 """
 KNOWN_BED_SD_DEG = 0.2
-"""Of a tilt that was measured with a level: what advice about a known bed is computed with.
+"""Standard uncertainty of a tilt measured with a level, for advice about a known bed.
 
 Judged: because an electronic level reads to 0.1 degrees and a raked bed is no plane.
 """
@@ -72,7 +72,7 @@ AIR_LOGGED_SD_K = 0.5
 LONGWAVE_MEASURED_SD_W_M2 = 10.0
 """The uncertainty of a pyrgeometer in the field, as the description of `prior.longwave_sd_w_m2` states it."""
 DEPTH_MEASURED_SD = 0.1
-"""Of the logarithm. Judged: because a ruler in 3 cm of sand reads to 3 mm."""
+"""Relative. Judged: because a ruler in 3 cm of sand reads to 3 mm."""
 GRAZING = 0.02
 """Cosine of the angle of incidence below which light is no measurement.
 
@@ -169,10 +169,10 @@ class SlopeChain:
             self._taken = last
         if not self._groups:
             return None
-        found = [estimate for group in self._groups for estimate in group.estimates(corrected)]
+        estimates = [estimate for group in self._groups for estimate in group.estimates(corrected)]
         order = [self.schedule.columns[column].name for column in self._active]
-        found.sort(key=lambda one: order.index(one.region))
-        return Estimated(tuple(found), self._groups[0].learnt() if len(history) else None)
+        estimates.sort(key=lambda one: order.index(one.region))
+        return Estimated(tuple(estimates), self._groups[0].learnt() if len(history) else None)
 
     def _regroup(self, active: IntArray) -> None:
         """Follow a change of the regions: targets that hold on stay together, new ones form groups."""
@@ -182,13 +182,13 @@ class SlopeChain:
         kinds = {column: self.schedule.columns[column].kind for column in self._active}
         references = [column for column, kind in kinds.items() if kind is RegionKind.REFERENCE]
         targets = [column for column, kind in kinds.items() if kind is RegionKind.TARGET]
-        kept = [group for group in self._groups if group.goes_on(references, targets)]
-        grouped = {column for group in kept for column in group.targets}
+        continuing = [group for group in self._groups if group.goes_on(references, targets)]
+        grouped = {column for group in continuing for column in group.targets}
         new = np.array([column for column in targets if column not in grouped], np.int64)
         # evenly: a group of four beside one of one would know the sand unequally
         parts = np.array_split(new, -(-new.size // TOGETHER)) if new.size and references else []
-        made = [_Group(self.schedule, references, part, self._settings) for part in parts]
-        self._groups = [*kept, *made]
+        added = [_Group(self.schedule, references, part, self._settings) for part in parts]
+        self._groups = [*continuing, *added]
 
     def _with_reason(self, estimate: SlopeEstimate, minute: int) -> SlopeEstimate:
         """Say that too little is known because a region was redrawn."""
@@ -333,40 +333,40 @@ class _Group:
         return self._filled(replace(blank, n_bins=used), self._learner, index)
 
     def _filled(self, blank: SlopeEstimate, learner: Learner, index: int) -> SlopeEstimate:
-        found = self._found[index]
+        slope = self._found[index]
         region = self._columns.regions[self._targets[index]]
-        tilt, azimuth = (float(angle) for angle in tilt_azimuth(found.best))
+        tilt, azimuth = (float(angle) for angle in tilt_azimuth(slope.best))
         if self._layout.facing[index].shape[1] == 2:
             tilt, azimuth = _signed(tilt, azimuth, region.azimuth_deg)
         filled = replace(
             blank,
             tilt_deg=tilt,
             azimuth_deg=azimuth,
-            tilt_low_deg=min(found.region.tilt_low_deg, tilt),
-            tilt_high_deg=max(found.region.tilt_high_deg, tilt),
-            azimuth_low_deg=found.region.azimuth_low_deg,
-            azimuth_high_deg=found.region.azimuth_high_deg,
+            tilt_low_deg=min(slope.region.tilt_low_deg, tilt),
+            tilt_high_deg=max(slope.region.tilt_high_deg, tilt),
+            azimuth_low_deg=slope.region.azimuth_low_deg,
+            azimuth_high_deg=slope.region.azimuth_high_deg,
             chi_square=_mean_square(self._errors[1][:, self._layout.references + index]),
             kelvin_per_degree=_kelvin_per_degree(learner, index, tilt, azimuth),
         )
-        if not self._has_seen_the_sun(learner, found.best):
+        if not self._has_seen_the_sun(learner, slope.best):
             reason = "the sun has not reached it: what is known of it comes from skylight alone"
             return replace(filled, state=SlopeState.SHADED, reason=reason)
         if why := self._contradiction(learner, index):
             return replace(filled, state=SlopeState.NO_INTERSECTION, reason=why)
-        return self._judged(filled, found, index)
+        return self._judged(filled, slope, index)
 
-    def _judged(self, filled: SlopeEstimate, found: KnownSlope, index: int) -> SlopeEstimate:
+    def _judged(self, filled: SlopeEstimate, slope: KnownSlope, index: int) -> SlopeEstimate:
         """The estimate with its state, and what would help where it is not certain."""
-        if found.second is not None:
-            tilt, azimuth = (float(angle) for angle in tilt_azimuth(found.second))
+        if slope.second is not None:
+            tilt, azimuth = (float(angle) for angle in tilt_azimuth(slope.second))
             return replace(
                 filled,
                 state=SlopeState.NOT_RESOLVED,
                 second_tilt_deg=tilt,
                 second_azimuth_deg=azimuth,
                 flags=filled.flags | Quality.UNRESOLVED,
-                reason=f"tilt {tilt:.1f}°, azimuth {azimuth:.0f}° fits as well ({1.0 - found.share:.0%})",
+                reason=f"tilt {tilt:.1f}°, azimuth {azimuth:.0f}° fits as well ({1.0 - slope.share:.0%})",
             )
         limit = self._settings.tilt_limit_deg
         if filled.tilt_deg > limit:
@@ -384,7 +384,7 @@ class _Group:
             advice = self._advice(index, 0.5 * (high - low))
             reason = f"anything from {low:.1f}° to {high:.1f}° fits ({sure}); {advice}"
             return replace(filled, state=SlopeState.UNCERTAIN, reason=reason)
-        if found.region.vertical:
+        if slope.region.vertical:
             return replace(filled, state=SlopeState.FLAT, reason=f"flat within {high:.1f}°")
         return replace(filled, state=SlopeState.OK)
 
@@ -398,14 +398,14 @@ class _Group:
     def _contradiction(self, learner: Learner, index: int) -> str:
         """Why no slope of a target explains the minutes; "" if one does."""
         # the reference's errors too: every slope rests on it
-        found = misfit(self._errors[1])[[0, self._layout.references + index]].max()
-        if found <= MOST_MISFIT:
+        worst = misfit(self._errors[1])[[0, self._layout.references + index]].max()
+        if worst <= MOST_MISFIT:
             return ""
         question = cause(learner.minutes, self._surprise(learner))
-        return f"no slope explains the minutes (misfit {found:.1f}, at most {MOST_MISFIT:g}): {question}"
+        return f"no slope explains the minutes (misfit {worst:.1f}, at most {MOST_MISFIT:g}): {question}"
 
     def _unusual(self) -> str:
-        """What was learnt that nothing usual explains; "" if there is nothing."""
+        """The learnt parameter that nothing usual explains, in words; "" if there is none."""
         learner = self._learner
         unusual = None if learner is None else self._surprise(learner)
         return f"{unusual}: {cause(learner.minutes, unusual)}" if learner and unusual else ""
@@ -415,18 +415,18 @@ class _Group:
 
     def _advice(self, index: int, half_deg: float) -> str:
         """The measurement that would narrow a tilt most, known to `half_deg`."""
-        found, name = self._moments, f"tilt{index}"
-        sd = found.sd(name)
+        joint, name = self._moments, f"tilt{index}"
+        sd = joint.sd(name)
         stated = f"with prior.longwave_sd_w_m2 = {LONGWAVE_MEASURED_SD_W_M2:g}"
         offers = {
-            "an air temperature logged in the shade": found.sd_if_known(name, "air", AIR_LOGGED_SD_K),
-            f"a pyrgeometer {stated}": found.sd_if_known(name, "longwave", LONGWAVE_MEASURED_SD_W_M2),
-            "the depth of the sand": found.sd_if_known(name, "depth", DEPTH_MEASURED_SD),
+            "an air temperature logged in the shade": joint.sd_if_known(name, "air", AIR_LOGGED_SD_K),
+            f"a pyrgeometer {stated}": joint.sd_if_known(name, "longwave", LONGWAVE_MEASURED_SD_W_M2),
+            "the depth of the sand": joint.sd_if_known(name, "depth", DEPTH_MEASURED_SD),
         }
         for other in range(self._targets.size):
             if other != index:
-                known = found.sd_if_known(name, f"tilt{other}", KNOWN_BED_SD_DEG)
-                offers[ONE_KNOWN] = min(known, offers.get(ONE_KNOWN, math.inf))
+                sd_with_known_bed = joint.sd_if_known(name, f"tilt{other}", KNOWN_BED_SD_DEG)
+                offers[ONE_KNOWN] = min(sd_with_known_bed, offers.get(ONE_KNOWN, math.inf))
         best = min(offers, key=lambda offer: offers[offer])
         return f"{best} would narrow ±{half_deg:.1f}° to ±{half_deg * offers[best] / sd:.1f}°"
 
@@ -460,8 +460,8 @@ def _errors(learner: Learner) -> tuple[FloatArray, FloatArray]:
 
 
 def _rms(values: FloatArray) -> FloatArray:
-    known = np.isfinite(values)
-    return np.asarray(np.sqrt(np.nansum(values**2, axis=0) / np.maximum(known.sum(axis=0), 1)))
+    is_finite = np.isfinite(values)
+    return np.asarray(np.sqrt(np.nansum(values**2, axis=0) / np.maximum(is_finite.sum(axis=0), 1)))
 
 
 def _mean_square(values: FloatArray) -> float:
@@ -483,10 +483,10 @@ def _kelvin_per_degree(learner: Learner, target: int, tilt_deg: float, azimuth_d
     return kelvin_per_degree(tilt_deg, azimuth_deg, minute.sun, loss / light)
 
 
-def _signed(tilt: float, azimuth: float, known: float) -> tuple[float, float]:
+def _signed(tilt: float, azimuth: float, known_azimuth: float) -> tuple[float, float]:
     """Tilt along a known azimuth: 0 where the best normal leans the other way."""
-    leans_away = math.cos(math.radians(azimuth - known)) < 0.0
-    return (0.0 if leans_away else tilt), known % 360.0
+    leans_away = math.cos(math.radians(azimuth - known_azimuth)) < 0.0
+    return (0.0 if leans_away else tilt), known_azimuth % 360.0
 
 
 def _missing(history: History, layout: Layout, region: Region) -> str:

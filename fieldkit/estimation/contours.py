@@ -112,8 +112,8 @@ class RadiationTable:
         while open_slopes.size:
             for part in np.array_split(open_slopes, 1 + open_slopes.size * contours // 2000):
                 chosen = shortest[part, :contours]
-                found = self._winners(differences_w_m2[part], tolerance, low[part], high[part], chosen)
-                best[part], tied[part], sums[part] = found
+                winners = self._winners(differences_w_m2[part], tolerance, low[part], high[part], chosen)
+                best[part], tied[part], sums[part] = winners
             settled = best[open_slopes] >= times - contours + 1
             open_slopes = open_slopes[~settled] if contours < times else open_slopes[:0]
             contours = min(2 * contours, times)

@@ -27,7 +27,7 @@ from fieldkit.physics.energy_balance import (
 from fieldkit.physics.facet import cos_incidence, normal, tilt_azimuth
 
 SKY_EMISSIVITY = 0.85
-"""Of a clear sky of average humidity, for planning: downward longwave over sigma T_a^4."""
+"""Emissivity of a clear sky of average humidity, for planning: downward longwave over sigma T_a^4."""
 LONG_SHADOWS_DEG = 15.0
 WEAK_K_PER_DEG = 1.0 / 30.0
 """Below this a tenth of a kelvin between two facets is more than three degrees of tilt."""
@@ -95,8 +95,8 @@ class DayPlan:
 
     def tilt_sd_deg(self, row: int) -> FloatArray:
         """Bound (f,) of the tilt in the window of `rows[row]`, 1 sd, the azimuth known or not as set."""
-        found = self.bounds[row]
-        return found.known_azimuth_deg if self.settings.azimuth_known else found.tilt_deg
+        bounds = self.bounds[row]
+        return bounds.known_azimuth_deg if self.settings.azimuth_known else bounds.tilt_deg
 
     @property
     def best_row(self) -> int | None:
@@ -108,8 +108,8 @@ class DayPlan:
         whole = [
             row for row in range(self.rows.size) if last[row] < self.usable.size and self._is_usable(row)
         ]
-        found = {row: self.tilt_sd_deg(row) for row in whole}
-        bounded = {row: sd[np.isfinite(sd)] for row, sd in found.items() if np.isfinite(sd).any()}
+        sds = {row: self.tilt_sd_deg(row) for row in whole}
+        bounded = {row: sd[np.isfinite(sd)] for row, sd in sds.items() if np.isfinite(sd).any()}
         worst = {row: (-sd.size, float(np.max(sd))) for row, sd in bounded.items()}
         return min(worst, key=worst.__getitem__) if worst else None
 
@@ -135,8 +135,8 @@ class DayPlan:
         normals, usable = _normals(self.facets)[tilted], np.where(self.usable, self.sigma, np.inf)[tilted]
         for minutes in range(10, LONGEST_MIN + 1, 10):
             window = slice(max(0, middle - minutes // 2), middle + minutes // 2 + 1)
-            found = bound(normals, self.sun[window], usable[:, window])
-            if np.all(found.direction_deg / sines[tilted] <= FINE_DEG):
+            bounds = bound(normals, self.sun[window], usable[:, window])
+            if np.all(bounds.direction_deg / sines[tilted] <= FINE_DEG):
                 return minutes
         return None
 
@@ -316,13 +316,13 @@ def bound(normals: FloatArray, sun: FloatArray, sigma: ArrayLike) -> Bound:
     tilt_sd, direction_sd = np.sqrt(covariance[:, 0, 0]), np.sqrt(covariance[:, 1, 1])
     steeper, _ = tangents(normals)
     along = np.einsum("fi,fij,fj->f", steeper, H, steeper)
-    known = np.where(enough[:, 0, 0], np.degrees(1.0 / np.sqrt(along)), np.nan)
+    tilt_alone = np.where(enough[:, 0, 0], np.degrees(1.0 / np.sqrt(along)), np.nan)
     other_tilt, other_azimuth = tilt_azimuth(np.where(enough[:, 0], mirror(normals, H), np.nan))
     return Bound(
         tilt_sd,
         direction_sd,
         covariance[:, 0, 1] / (tilt_sd * direction_sd),
-        known,
+        tilt_alone,
         other_tilt,
         other_azimuth,
     )

@@ -217,14 +217,14 @@ class DisturbanceMonitor:
         if unsteady:  # forecasts must not be fitted to these minutes, nor to the sand's recovery
             self._drift = {column: ShadeMonitor() for column in self._drift}
         over_k = entry.temperature_k - (np.nan if unsteady else reference_k)
-        found = {
+        drifts = {
             column
             for column, monitor in self._drift.items()
             if monitor.update(entry.minute, -float(over_k[column]))
         }
-        changed, self._drifting = found ^ self._drifting, found
+        changed, self._drifting = drifts ^ self._drifting, drifts
         for column in sorted(changed):
-            name, begins = self._name(column), column in found
+            name, begins = self._name(column), column in drifts
             text = f"{name} {'became warmer than its trend' if begins else 'follows its trend again'}"
             severity = Severity.WARNING if begins else Severity.INFO
             self._report(text, severity, drift=name, phase="begin" if begins else "end")

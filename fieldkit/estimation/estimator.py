@@ -155,7 +155,7 @@ def measured_minute(closed: Closed, schedule: RegionSchedule, irradiance_model: 
     zenith, azimuth = (float(angle) for angle in tilt_azimuth(entry.sun))
     columns, count = schedule.at(entry.minute), len(schedule.columns)
     names = [schedule.columns[column].name for column in columns]
-    kelvin, spread = (padded(one, count)[columns].tolist() for one in (entry.temperature_k, entry.spread_k))
+    kelvin, spread = (padded(row, count)[columns].tolist() for row in (entry.temperature_k, entry.spread_k))
     return Minute(
         time_ns=entry.time_ns,
         estimates=(),

@@ -87,27 +87,27 @@ class FrameFollower:
         if self._key is None or self._last is None:
             self._key = self._last = now
             return Shift()
-        found = _match(self._key, now, shape, scale, self._key_at)
-        if found.peak < FADED_PEAK and not self._is_lost:
+        match = _match(self._key, now, shape, scale, self._key_at)
+        if match.peak < FADED_PEAK and not self._is_lost:
             step = _match(self._last, now, shape, scale, self._at)
-            if step.peak > found.peak:
-                self._key, self._key_at, found = self._last, self._at, step
-        return self._follow(found, now, FARTHEST_STEP * counts.shape[1])
+            if step.peak > match.peak:
+                self._key, self._key_at, match = self._last, self._at, step
+        return self._follow(match, now, FARTHEST_STEP * counts.shape[1])
 
-    def _follow(self, found: _Match, now: Spectrum, farthest_px: float) -> Shift | None:
+    def _follow(self, match: _Match, now: Spectrum, farthest_px: float) -> Shift | None:
         # no frame has shown edges yet, so none can be lost
-        if not found.is_clear and not self._is_clear:
+        if not match.is_clear and not self._is_clear:
             self._last = now
             return self._at
-        self._is_lost = not found.is_clear or found.shift.since(self._at).length_px > farthest_px
+        self._is_lost = not match.is_clear or match.shift.since(self._at).length_px > farthest_px
         if self._is_lost:
             return None
-        self._at, self._last, self._is_clear = found.shift, now, True
+        self._at, self._last, self._is_clear = match.shift, now, True
         return self._at
 
 
 def _spectrum(counts: AnyIntArray, scale: int) -> tuple[Spectrum, tuple[int, int]]:
-    """Of the root of the gradient, faded out towards the border (else the border itself is matched)."""
+    """Spectrum of the gradient's root, faded out towards the border (else the border itself is matched)."""
     import cv2
     from scipy import fft
 
@@ -132,7 +132,7 @@ def _match(key: Spectrum, now: Spectrum, shape: tuple[int, int], scale: int, key
     cross = key.conj() * now
     # divided by the root of its magnitude: pure phase would weight noise as much as edges
     surface = fft.irfft2(cross / np.sqrt(np.abs(cross) + np.float32(1e-30)), s=shape)
-    row, col = (int(one) for one in np.unravel_index(int(np.argmax(surface)), shape))
+    row, col = (int(index) for index in np.unravel_index(int(np.argmax(surface)), shape))
     spread = float(surface.std())
     peak = float(surface[row, col] - surface.mean()) / spread if spread > 0.0 else 0.0
     right, down = _centred(surface[row], col), _centred(surface[:, col], row)
@@ -171,7 +171,7 @@ class RegionFollower:
             return None
         off = [now.since(self._drawn_at(column, now)) for column in drawn]
         self.shift_px = off[0].length_px
-        return np.array([[round(one.right_px), round(one.down_px)] for one in off], np.int64)
+        return np.array([[round(shift.right_px), round(shift.down_px)] for shift in off], np.int64)
 
     def _drawn_at(self, column: int, now: Shift) -> Shift:
         first = self._drawn.setdefault(column, [])

@@ -1,4 +1,4 @@
-"""What one instant gives of a slope: its component along the sun.
+"""The component of a slope along the sun, which one instant gives.
 
 One minute measures one cosine, that between normal and sun, while a slope has two components. Of a normal
 that leans by `p` (a sine) across the sun's azimuth and by the tilt `t` within it, a design vector `u` of
@@ -75,7 +75,7 @@ def along_sun(
     resolved = (edge.max(axis=-1) < 1.0) & ((beyond > limit) | (likelier > sds**2))
     high = np.where(resolved, high, 2.0 * zenith - low)
     fits = (measured >= LOWEST_COS_INCIDENCE) & (edge.min(axis=-1) < 1.0) & (np.abs(tilt) <= limit)
-    tilt, low, high = (np.where(fits, np.clip(one, -limit, limit), np.nan) for one in (tilt, low, high))
+    tilt, low, high = (np.where(fits, np.clip(angles, -limit, limit), np.nan) for angles in (tilt, low, high))
     return AlongSun(tilt, low, high, resolved & fits, azimuth)
 
 
@@ -89,37 +89,37 @@ def instant_scale_sd(settings: EstimatorSettings) -> float:
 
 
 def with_along_sun(
-    one: SlopeEstimate, history: History, regions: Sequence[Region], settings: EstimatorSettings
+    estimate: SlopeEstimate, history: History, regions: Sequence[Region], settings: EstimatorSettings
 ) -> SlopeEstimate:
     """An estimate that has too few minutes, with what the last of them gives: the component along the sun.
 
     It is returned as it is in another state, where its azimuth is known, and where no minute has steady sun
     and frames. Arguments as of `slopes`; the model ``learned`` counts as ``full``.
     """
-    if one.state is not SlopeState.TOO_FEW:
-        return one
+    if estimate.state is not SlopeState.TOO_FEW:
+        return estimate
     columns = RegionColumns(tuple(regions))
     names = [columns.regions[column].name for column in columns.targets]
-    target = columns.targets[[names.index(one.region)]]
+    target = columns.targets[[names.index(estimate.region)]]
     usable = np.flatnonzero(_is_usable(history, columns, target, settings))
     is_known = settings.azimuth == "known" and math.isfinite(columns.regions[target[0]].azimuth_deg)
     if is_known or not usable.size:
-        return one
-    found = _of_minute(history.at(usable[-1:]), columns, target[0], settings)
-    if not np.isfinite(found.tilt_deg):
-        return one
-    tilt, low, high = (float(value) for value in (found.tilt_deg, found.low_deg, found.high_deg))
+        return estimate
+    component = _of_minute(history.at(usable[-1:]), columns, target[0], settings)
+    if not np.isfinite(component.tilt_deg):
+        return estimate
+    tilt, low, high = (float(value) for value in (component.tilt_deg, component.low_deg, component.high_deg))
     reason = (
         f"only the component along the sun: {tilt:.1f}° ({low:.1f}° to {high:.1f}°) "
-        f"towards {found.azimuth_deg:.0f}°; another hour gives the rest"
+        f"towards {component.azimuth_deg:.0f}°; another hour gives the rest"
     )
     return replace(
-        one,
+        estimate,
         along_sun_deg=tilt,
         along_sun_low_deg=low,
         along_sun_high_deg=high,
-        sun_azimuth_deg=found.azimuth_deg,
-        reason=f"{one.reason}; {reason}",
+        sun_azimuth_deg=component.azimuth_deg,
+        reason=f"{estimate.reason}; {reason}",
     )
 
 

@@ -101,10 +101,10 @@ class Instruments:
         self.light_source: Source | None = _required_light(self._sources, settings)
         self.model: IrradianceModel = _model_of(self.light_source, settings.irradiance)
         self._probes = {
-            region: tuple(_probes(region, given, self._streams, settings))
-            for region, given in settings.probes.items()
+            region: tuple(_probes(region, names, self._streams, settings))
+            for region, names in settings.probes.items()
         }
-        named = (probe.partition(":")[0] for given in settings.probes.values() for probe in given)
+        named = (probe.partition(":")[0] for names in settings.probes.values() for probe in names)
         self.absent: tuple[str, ...] = tuple(
             dict.fromkeys(name for name in named if name not in self._streams)
         )
@@ -166,7 +166,8 @@ class Instruments:
         if not self._probes:
             return np.empty(0)
         probes = [self._probes.get(region.name, ()) for region in regions]
-        return np.array([mean_of(np.array([self._held_mean(minute, one) for one in its])) for its in probes])
+        readings = ([self._held_mean(minute, probe) for probe in sources] for sources in probes)
+        return np.array([mean_of(np.array(values)) for values in readings])
 
     def _held_mean(self, minute: OpenBin, source: Source, sine: float | None = None) -> float:
         key = source.info.name, source.channel
@@ -192,24 +193,24 @@ def without_spikes(values: FloatArray, *, is_temperature: bool) -> FloatArray:
     disagree as well, so they stay. Readings without a value have no place in the order. Fewer than
     `LEAST_READINGS` are returned as they are.
     """
-    known = np.flatnonzero(np.isfinite(values))
-    if known.size < LEAST_READINGS:
+    finite = np.flatnonzero(np.isfinite(values))
+    if finite.size < LEAST_READINGS:
         return values
-    v = values[known]
+    v = values[finite]
     before = np.concatenate([v[2:3], v[:-1]])  # at the ends of the minute, the two on the other side
     after = np.concatenate([v[1:], v[-3:-2]])
     apart = np.minimum(np.abs(v - before), np.abs(v - after))
     least = LEAST_K if is_temperature else LEAST_SHARE * np.median(np.abs(v))
     agreement = np.maximum(np.abs(before - after), np.median(np.abs(np.diff(v))))
     cleaned = values.copy()
-    cleaned[known[apart > np.maximum(FACTOR * agreement, least)]] = np.nan
+    cleaned[finite[apart > np.maximum(FACTOR * agreement, least)]] = np.nan
     return cleaned
 
 
 def mean_of(values: FloatArray) -> float:
     """Mean of the finite values; NaN if there are none."""
-    known = values[np.isfinite(values)]
-    return float(known.mean()) if known.size else float("nan")
+    finite = values[np.isfinite(values)]
+    return float(finite.mean()) if finite.size else float("nan")
 
 
 def _sources(streams: Sequence[StreamInfo], settings: EstimatorSettings) -> Iterator[Source]:
@@ -236,10 +237,10 @@ def _bounds(info: StreamInfo, settings: EstimatorSettings) -> Bounds:
 
 
 def _probes(
-    region: str, given: Sequence[str], streams: Mapping[str, StreamInfo], settings: EstimatorSettings
+    region: str, names: Sequence[str], streams: Mapping[str, StreamInfo], settings: EstimatorSettings
 ) -> Iterator[Source]:
     """The channels of the probes in a region; streams that are not there are skipped."""
-    for probe in given:
+    for probe in names:
         name, _, text = probe.partition(":")
         if (info := streams.get(name)) is None:
             continue
@@ -265,8 +266,8 @@ def _probes(
 
 def _unknown(sources: Sequence[Source]) -> tuple[str, ...]:
     """Streams of which no channel's component is known."""
-    known = {source.info.name for source in sources if source.measures}
-    return tuple(dict.fromkeys(source.info.name for source in sources if source.info.name not in known))
+    identified = {source.info.name for source in sources if source.measures}
+    return tuple(dict.fromkeys(source.info.name for source in sources if source.info.name not in identified))
 
 
 def sunlight_source(streams: Sequence[StreamInfo], settings: EstimatorSettings) -> Source | None:
@@ -282,8 +283,8 @@ def _light(sources: Sequence[Source], settings: EstimatorSettings) -> Source | N
 
 def _best(sources: Sequence[Source], *components: str) -> Source | None:
     """The best channel of these components: measured in most minutes, then first in the list."""
-    found = [source for source in sources if source.measures in components]
-    return min(found, key=lambda one: (one.is_slow, components.index(one.measures)), default=None)
+    matches = [source for source in sources if source.measures in components]
+    return min(matches, key=lambda one: (one.is_slow, components.index(one.measures)), default=None)
 
 
 def _candidates(sources: Sequence[Source], settings: EstimatorSettings) -> list[Source]:
@@ -292,9 +293,9 @@ def _candidates(sources: Sequence[Source], settings: EstimatorSettings) -> list[
 
 def _required_light(sources: Sequence[Source], settings: EstimatorSettings) -> Source | None:
     """As `_light`; raises `ConfigError` if a complete configuration would give sunlight."""
-    found = _light(sources, settings)
-    if found is not None:
-        return found
+    light = _light(sources, settings)
+    if light is not None:
+        return light
     for candidate in _candidates(sources, settings):
         _refuse(candidate, settings.irradiance)
     have = ", ".join(dict.fromkeys(source.info.name for source in sources if source.measures in SUNLIGHT))

@@ -293,12 +293,12 @@ def regions(
     The misfit is of m slopes; `information`, `best` and `drop` are as of `patches`.
     """
     bound = misfit(best) + drop
-    found = patches(misfit.on_grid, information, best, bound, drop)
-    slope, height, turn = np.nonzero(found.misfit <= bound[:, np.newaxis, np.newaxis])
-    normals = found.grid.normals()[slope, height, turn]
+    patch = patches(misfit.on_grid, information, best, bound, drop)
+    slope, height, turn = np.nonzero(patch.misfit <= bound[:, np.newaxis, np.newaxis])
+    normals = patch.grid.normals()[slope, height, turn]
     is_flat = misfit(np.broadcast_to(VERTICAL, best.shape)) <= bound
-    for one in np.flatnonzero(is_flat):
-        is_flat[one] = _near(VERTICAL, best[one], normals[slope == one])
+    for whole in np.flatnonzero(is_flat):
+        is_flat[whole] = _near(VERTICAL, best[whole], normals[slope == whole])
     # every region with its best normal, which may be the only one
     owner = np.concatenate([slope, np.arange(len(best))])
     order = np.argsort(owner, kind="stable")
@@ -308,8 +308,8 @@ def regions(
     # a region that goes on beyond the limit ends there, not at the last cell before
     beyond = np.isin(np.arange(len(best)), slope[tilt_azimuth(normals)[0] > tilt_limit_deg])
     return [
-        replace(one, tilt_high_deg=tilt_limit_deg) if cut and np.isfinite(one.tilt_high_deg) else one
-        for one, cut in zip(projected, beyond, strict=True)
+        replace(whole, tilt_high_deg=tilt_limit_deg) if cut and np.isfinite(whole.tilt_high_deg) else whole
+        for whole, cut in zip(projected, beyond, strict=True)
     ]
 
 
@@ -361,8 +361,8 @@ def regions_known_azimuth(
     low = _ends(tilt, tilts[::-1], root[:, ::-1], tilts[::-1] < tilt)
     high = _ends(tilt, tilts, root, tilts > tilt)
     return [
-        LikelihoodRegion(float(one), float(other), azimuth, azimuth, bool(one == 0.0))
-        for one, other, azimuth in zip(low, high, (azimuth_deg % 360.0).tolist(), strict=True)
+        LikelihoodRegion(float(lowest), float(highest), azimuth, azimuth, bool(lowest == 0.0))
+        for lowest, highest, azimuth in zip(low, high, (azimuth_deg % 360.0).tolist(), strict=True)
     ]
 
 

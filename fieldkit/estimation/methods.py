@@ -84,21 +84,21 @@ def solutions(
     """
     azimuths = np.array([bed.azimuth_deg for bed in beds], np.float64)
     is_known = np.isfinite(azimuths) & (settings.azimuth == "known")
-    found: dict[int, Solution] = {}
+    by_place: dict[int, Solution] = {}
     for places in (np.flatnonzero(is_known), np.flatnonzero(~is_known)):
         if places.size:
             along = azimuths[places] if is_known[places[0]] else None
             columns = np.asarray(indices)[places]
             level = np.broadcast_to(rows.reference, (places.size, 3))
             problem = _Problem(rows, columns, weights[places], along, settings, level)
-            found |= dict(zip(places.tolist(), _solved(problem), strict=True))
-    return [found[place] for place in range(len(beds))]
+            by_place |= dict(zip(places.tolist(), _solved(problem), strict=True))
+    return [by_place[place] for place in range(len(beds))]
 
 
 def _solved(problem: _Problem) -> list[Solution]:
     problem, fit, stands = _of_sunlit_rows(problem)
-    found = _by_method(problem, fit)
-    return [one if ok else _undecided(one) for one, ok in zip(found, stands.tolist(), strict=True)]
+    solved = _by_method(problem, fit)
+    return [slope if ok else _undecided(slope) for slope, ok in zip(solved, stands.tolist(), strict=True)]
 
 
 def _of_sunlit_rows(problem: _Problem) -> tuple[_Problem, Choice, BoolArray]:
@@ -107,22 +107,22 @@ def _of_sunlit_rows(problem: _Problem) -> tuple[_Problem, Choice, BoolArray]:
     Whether a row is in the facet's own shade depends on its slope, which depends on the rows: they are chosen
     anew until the choice stands. If fewer than an estimate needs remain, all are kept.
     """
-    given, fit = problem, _least_squares(problem)
+    whole, fit = problem, _least_squares(problem)
     for _ in range(SHADE_ROUNDS):
-        lit = given.used & (fit.best @ problem.rows.sun.T >= LOWEST_COS_INCIDENCE)
+        lit = whole.used & (fit.best @ problem.rows.sun.T >= LOWEST_COS_INCIDENCE)
         is_enough = lit.sum(axis=1) >= problem.fewest
-        lit = np.where(is_enough[:, np.newaxis], lit, given.used)
+        lit = np.where(is_enough[:, np.newaxis], lit, whole.used)
         stands = is_enough & (lit == problem.used).all(axis=1)
         if (lit == problem.used).all() and problem.is_of(fit.best):
             break
-        problem = given.of(fit.best, lit)
+        problem = whole.of(fit.best, lit)
         fit = _least_squares(problem)
     return problem, fit, stands
 
 
-def _undecided(found: Solution) -> Solution:
+def _undecided(solution: Solution) -> Solution:
     reason = "which minutes are in its own shade depends on the slope, and no slope agrees with its choice"
-    return replace(found, state=SlopeState.NO_INTERSECTION, reason=reason, explained=False)
+    return replace(solution, state=SlopeState.NO_INTERSECTION, reason=reason, explained=False)
 
 
 def _by_method(problem: _Problem, fit: Choice) -> list[Solution]:
@@ -138,7 +138,7 @@ def _by_method(problem: _Problem, fit: Choice) -> list[Solution]:
 def _noise_ratios(problem: _Problem, fit: Choice) -> FloatArray:
     """`noise_ratio` of each target's residuals."""
     residuals = (problem.y - fit.best @ problem.design.T) * np.sqrt(problem.weights)
-    return np.array([noise_ratio(one[used]) for one, used in zip(residuals, problem.used, strict=True)])
+    return np.array([noise_ratio(row[used]) for row, used in zip(residuals, problem.used, strict=True)])
 
 
 def _by_contours(problem: _Problem) -> Solution:
@@ -178,14 +178,14 @@ class _Problem:
 
     def only(self, place: int) -> _Problem:
         """One of the targets."""
-        one = slice(place, place + 1)
-        azimuth = None if self.azimuth_deg is None else self.azimuth_deg[one]
+        part = slice(place, place + 1)
+        azimuth = None if self.azimuth_deg is None else self.azimuth_deg[part]
         return replace(
             self,
-            indices=self.indices[one],
-            weights=self.weights[one],
+            indices=self.indices[part],
+            weights=self.weights[part],
             azimuth_deg=azimuth,
-            slopes=self.slopes[one],
+            slopes=self.slopes[part],
         )
 
     @cached_property
@@ -232,7 +232,7 @@ class _Problem:
         return with_systematics(self.design, self.y, self.weights, np.concatenate(every)).H
 
     def light_effects(self, slopes: FloatArray) -> FloatArray:
-        """What is uncertain of the light on slopes (m, 3), (q, m, n)."""
+        """Effects of the uncertain light on slopes (m, 3), (q, m, n)."""
         return np.where(self.used, self.rows.light_effects(slopes), 0.0)
 
     @cached_property
@@ -299,20 +299,20 @@ def _judged(problem: _Problem, fit: Choice, best: FloatArray) -> list[Solution]:
     likelihood = profiled if problem.rows.light.size else problem.misfit
     is_too_steep = likelihood(fit.best) - likelihood(fit.steeper) > problem.drop
     limit = problem.settings.tilt_limit_deg
-    found = []
+    judged = []
     for place, normal_ in enumerate(best):
         if is_too_steep[place]:
             reason = f"what fits best is steeper than the limit of {limit:g}°"
-            found.append(_nowhere(problem, fit, place, reason))
+            judged.append(_nowhere(problem, fit, place, reason))
             continue
         second = fit.other[place] if is_second[place] else None
         if is_bad[place]:
             state, reason = SlopeState.NO_INTERSECTION, _misfit_reason(problem, place, chi_square[place])
         else:
             state, reason = _state(normal_, second, whole[place], problem.settings.confidence)
-        one = replace(_nowhere(problem, fit, place, reason), state=state, explained=not is_bad[place])
-        found.append(replace(one, best=normal_, second=second, whole=whole[place], noise=noise[place]))
-    return found
+        solution = replace(_nowhere(problem, fit, place, reason), state=state, explained=not is_bad[place])
+        judged.append(replace(solution, best=normal_, second=second, whole=whole[place], noise=noise[place]))
+    return judged
 
 
 def _state(

@@ -133,14 +133,14 @@ class MinuteMap:
         """
         settings = replace(self.settings, model="full")
         rows, over_k = self.rows, self._over_k(surface_k)
-        known, base_k = self.history.at(rows), self._reference_k[rows]
+        minutes, base_k = self.history.at(rows), self._reference_k[rows]
         stored, kernel = np.zeros(over_k.shape), np.zeros(1)
         if self.chosen.size > 1:
             kernel = smoothed_kernel(settings.slab)
-            pieces = [conducted(known.minute, piece, settings.slab) for piece in _pieces(over_k)]
+            pieces = [conducted(minutes.minute, piece, settings.slab) for piece in _pieces(over_k)]
             stored = np.concatenate(pieces, axis=1)
-        beam, vertical = absorbed_light(known, base_k, settings)
-        design = known.sun + (vertical / beam)[:, np.newaxis] * VERTICAL
+        beam, vertical = absorbed_light(minutes, base_k, settings)
+        design = minutes.sun + (vertical / beam)[:, np.newaxis] * VERTICAL
         light = beam * settings.scale / (1.0 - settings.surface.albedo)
         for row in np.flatnonzero(np.isin(rows, self.chosen)).tolist():
             loss = float(irradiance_per_kelvin(base_k[row], settings.surface))
@@ -157,11 +157,11 @@ class MinuteMap:
         columns = np.array([*self._columns.references[self._seen], *self._alike], np.int64)
         regions = [self.regions[column] for column in columns]
         chosen = np.isin(rows, self.chosen)
-        made = pixel_rows(history.only(columns), regions, chosen, self.normals, self.settings, learnt)
-        sums.add_rows(made.design, made.towards_sun, lambda piece: made.values(over_k[:, piece]))
+        pixels = pixel_rows(history.only(columns), regions, chosen, self.normals, self.settings, learnt)
+        sums.add_rows(pixels.design, pixels.towards_sun, lambda piece: pixels.values(over_k[:, piece]))
         # offsets and drifts are in the rows, pixel by pixel
         return replace(
-            self.settings, model="full", scale_sd=made.scale_sd, offset_sd_k=0.0, drift_sd_k_per_h=0.0
+            self.settings, model="full", scale_sd=pixels.scale_sd, offset_sd_k=0.0, drift_sd_k_per_h=0.0
         )
 
 

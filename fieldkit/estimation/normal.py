@@ -96,24 +96,24 @@ def solve(misfit: Misfit) -> Branches:
     Starts in closed form, ``c1 e1 + c2 e2 +- sqrt(1 - c1**2 - c2**2) m`` in the eigenvectors of H, then
     Newton steps on the sphere. Exact without noise.
     """
-    known = np.isfinite(misfit.b).all(axis=-1) & (misfit.count > 0)
+    is_known = np.isfinite(misfit.b).all(axis=-1) & (misfit.count > 0)
     # unknown slopes are solved as level ones and set to NaN at the end
     H = (
         misfit.H
-        if misfit.H.ndim == 2 and known.any()
-        else np.where(known[..., np.newaxis, np.newaxis], misfit.H, np.eye(3))
+        if misfit.H.ndim == 2 and is_known.any()
+        else np.where(is_known[..., np.newaxis, np.newaxis], misfit.H, np.eye(3))
     )
     values, vectors = np.linalg.eigh(H)
     shared = H.ndim == 2
-    b = np.where(known[..., np.newaxis], misfit.b, VERTICAL)
+    b = np.where(is_known[..., np.newaxis], misfit.b, VERTICAL)
     # components first from here on, slopes last: transposed, for there is one axis of slopes at most
     beta = (b @ vectors if shared else _times(np.swapaxes(vectors, -1, -2), b)).T
     lam = values.reshape(3, *([1] * (beta.ndim - 1))) if shared else values.T
     starts = np.stack(_starts(lam, beta), axis=1)
-    found = _polish(lam[:, np.newaxis], beta[:, np.newaxis], starts)
-    normals = [_from_eigenbasis(vectors, found[:, branch], shared) for branch in (0, 1)]
+    polished = _polish(lam[:, np.newaxis], beta[:, np.newaxis], starts)
+    normals = [_from_eigenbasis(vectors, polished[:, branch], shared) for branch in (0, 1)]
     misfits = [misfit(normal) for normal in normals]
-    return _ordered(normals, misfits, known)
+    return _ordered(normals, misfits, is_known)
 
 
 def _starts(lam: FloatArray, beta: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -138,19 +138,19 @@ def _polish(lam: FloatArray, beta: FloatArray, x: FloatArray) -> FloatArray:
     x = x.reshape(3, -1).copy()
     value = np.sum((lam * x - 2.0 * beta) * x, axis=0)
     # most converge in three steps: only the others are continued
-    left, trust = np.arange(value.size), np.ones(value.size)
+    remaining, trust = np.arange(value.size), np.ones(value.size)
     for _ in range(POLISH_STEPS):
-        here, pull = lam[:, left], beta[:, left]
-        step = trust * _newton_step(here, pull, x[:, left])
-        trial = x[:, left] + step
+        here, pull = lam[:, remaining], beta[:, remaining]
+        step = trust * _newton_step(here, pull, x[:, remaining])
+        trial = x[:, remaining] + step
         trial = trial / np.sqrt(np.sum(trial**2, axis=0))
         trial_value = np.sum((here * trial - 2.0 * pull) * trial, axis=0)
-        better = trial_value <= value[left]
-        x[:, left[better]], value[left[better]] = trial[:, better], trial_value[better]
+        better = trial_value <= value[remaining]
+        x[:, remaining[better]], value[remaining[better]] = trial[:, better], trial_value[better]
         # a tiny step without improvement has reached the rounding of q
         open_ = np.max(np.abs(step), axis=0) >= np.where(better, 1e-11, 1e-7)
-        left, trust = left[open_], np.where(better, 1.0, 0.25 * trust)[open_]
-        if not left.size:
+        remaining, trust = remaining[open_], np.where(better, 1.0, 0.25 * trust)[open_]
+        if not remaining.size:
             break
     return x.reshape(shape)
 
@@ -198,9 +198,9 @@ def _times(matrices: FloatArray, rows: FloatArray) -> FloatArray:
     return np.asarray(np.matmul(matrices, rows[..., np.newaxis])[..., 0])
 
 
-def _ordered(normals: list[FloatArray], misfits: list[FloatArray], known: BoolArray) -> Branches:
+def _ordered(normals: list[FloatArray], misfits: list[FloatArray], is_known: BoolArray) -> Branches:
     swap = misfits[1] < misfits[0]
-    blank = np.where(known, 0.0, np.nan)
+    blank = np.where(is_known, 0.0, np.nan)
     first = np.where(swap[..., np.newaxis], normals[1], normals[0]) + blank[..., np.newaxis]
     second = np.where(swap[..., np.newaxis], normals[0], normals[1]) + blank[..., np.newaxis]
     return Branches(
@@ -267,12 +267,12 @@ def _price(tilt_deg: ArrayLike) -> FloatArray:
     return np.asarray(2.0 * np.log(np.sin(np.radians(np.clip(tilt_deg, 0.1, 90.0)))))
 
 
-def _on_limit(misfit: Misfit, tilt_limit_deg: float, wanted: BoolArray) -> tuple[FloatArray, FloatArray]:
+def _on_limit(misfit: Misfit, tilt_limit_deg: float, chosen: BoolArray) -> tuple[FloatArray, FloatArray]:
     """Normal of least misfit on the tilt limit and that misfit, for the slopes wanted; NaN for the others."""
     rim = normal(tilt_limit_deg, np.arange(0.0, 360.0, 0.1))
-    best, least = np.full((*wanted.shape, 3), np.nan), np.full(wanted.shape, np.nan)
+    best, least = np.full((*chosen.shape, 3), np.nan), np.full(chosen.shape, np.nan)
     # in parts, to bound the memory for many slopes
-    for part in np.array_split(np.argwhere(wanted), 1 + int(wanted.sum()) // 1000):
+    for part in np.array_split(np.argwhere(chosen), 1 + int(chosen.sum()) // 1000):
         index = tuple(part.T)
         H = misfit.H if misfit.H.ndim == 2 else misfit.H[index]
         values = np.einsum("ri,...ij,rj->...r", rim, H, rim, optimize=True)
@@ -302,10 +302,10 @@ def solve_known_azimuth(
     values = np.pad(_along(H, b, tilts), ((0, 0), (1, 1)), constant_values=np.inf)
     slope, low = np.nonzero((values[:, 1:-1] <= values[:, :-2]) & (values[:, 1:-1] < values[:, 2:]))
     H, b = H[:, :, slope, 0], b[:, slope, 0]
-    found = _polish_tilts(H, b, tilts[low], limit)
-    order = np.lexsort((_along(H, b, found), slope))
+    polished = _polish_tilts(H, b, tilts[low], limit)
+    order = np.lexsort((_along(H, b, polished), slope))
     first = np.searchsorted(slope, np.arange(azimuth.size))
-    minima = np.append(np.degrees(found[order]), np.nan)
+    minima = np.append(np.degrees(polished[order]), np.nan)
     has_other = np.bincount(slope, minlength=azimuth.size) > 1
     return minima[first], minima[np.where(has_other, first + 1, -1)]
 

@@ -84,14 +84,14 @@ class PixelPosterior:
         after a turn.
         """
         best = (self.at @ self.axes).astype(np.float32)
-        found = {name: np.full(len(best), np.nan, np.float32) for name in measures}
+        by_measure = {name: np.full(len(best), np.nan, np.float32) for name in measures}
         for pixels, normals, weights in self.pieces():
             for name, measure in measures.items():
                 off = measure(normals) - measure(best[pixels])
                 if name in cyclic:
                     off = (off + 180.0) % 360.0 - 180.0
-                found[name][pixels] = np.sqrt((weights * off * off).sum(axis=0))
-        return {name: self._on_map(values) for name, values in found.items()}
+                by_measure[name][pixels] = np.sqrt((weights * off * off).sum(axis=0))
+        return {name: self._on_map(values) for name, values in by_measure.items()}
 
     def risk(self, limit_deg: float) -> tuple[SingleArray, SingleArray]:
         """P(tilt > limit) of each pixel, and the mean of the steepest tenth of the tilts that fit, in
@@ -132,5 +132,5 @@ def _tail_mean_deg(up: SingleArray, weights: SingleArray) -> FloatArray:
     order = np.argsort(up, axis=0)
     tilt = np.degrees(np.arccos(np.clip(np.take_along_axis(up, order, 0), -1.0, 1.0)))
     weight = np.take_along_axis(weights, order, 0)
-    taken = np.clip(TAIL - (np.cumsum(weight, axis=0) - weight), 0.0, weight)
-    return np.asarray((taken * tilt).sum(axis=0) / taken.sum(axis=0))
+    tail = np.clip(TAIL - (np.cumsum(weight, axis=0) - weight), 0.0, weight)
+    return np.asarray((tail * tilt).sum(axis=0) / tail.sum(axis=0))

@@ -196,7 +196,7 @@ class MapSums:
     ) -> None:
         import cv2
 
-        y1, y2, pull, left = self._resolved(piece, values, vectors)
+        y1, y2, pull, remainder = self._resolved(piece, values, vectors)
         m, e2, e1 = vectors.T.astype(np.float32)
         sun = (self._towards_sun / np.linalg.norm(self._towards_sun)).astype(np.float32)
         lowest, middle, highest = values.astype(np.float32)
@@ -205,7 +205,7 @@ class MapSums:
         x2 = np.minimum(np.maximum(y2, -room), room)
         across = np.sqrt(np.maximum(room * room - x2 * x2, 0.0))
         # over hours the sun leaves that plane, which gives information across it as well
-        left += (lowest * across - 2.0 * pull) * across
+        remainder += (lowest * across - 2.0 * pull) * across
         gain = 4.0 * pull * across  # misfit of the steeper branch less that of the flatter
         # both branches share the components in the plane
         east, north, level = (x1 * e1[i] + x2 * e2[i] for i in range(3))
@@ -213,7 +213,7 @@ class MapSums:
         flatter, steeper = level + lift, level - lift
         is_alone = (steeper < self._limit_cosine) | (across == 0.0)
         swap = ~is_alone & (gain < np.log(_square_sine(flatter) / _square_sine(steeper)))
-        left += swap * gain
+        remainder += swap * gain
         side = np.float32(1.0) - np.float32(2.0) * swap
         for numbers in (gain, across, lift):
             numbers *= side
@@ -226,8 +226,8 @@ class MapSums:
         # accurate to 0.01 degree, and forty times as fast as numpy's
         azimuth[:] = cv2.phase(north, east, angleInDegrees=True).ravel()
         pinned = highest * (y1 - x1) ** 2 + middle * (y2 - x2) ** 2
-        np.maximum(left, 0.0, out=left)
-        np.divide(np.add(left, pinned, out=left), self._freedom, out=chi_square)
+        np.maximum(remainder, 0.0, out=remainder)
+        np.divide(np.add(remainder, pinned, out=remainder), self._freedom, out=chi_square)
         self._set_states(chosen, other, chi_square, gain, is_alone, refused, state)
         misfits = refused & (chi_square > _alarm(self._freedom))
         _raise_state(state, misfits, SlopeState.NO_INTERSECTION)
@@ -245,8 +245,8 @@ class MapSums:
         """
         pull, c2, c1 = vectors.T @ self._b[:, piece]
         c1, c2 = c1 / values[2], c2 / values[1]
-        left = self._c[piece] - values[2] * c1 * c1 - values[1] * c2 * c2
-        return (numbers.astype(np.float32) for numbers in (c1, c2, pull, left))
+        remainder = self._c[piece] - values[2] * c1 * c1 - values[1] * c2 * c2
+        return (numbers.astype(np.float32) for numbers in (c1, c2, pull, remainder))
 
     def _set_states(
         self,
@@ -332,27 +332,27 @@ def posterior(
 
     The stated systematic uncertainties of scale, offset and drift are included to first order.
     """
-    known = np.isfinite(slopes.tilt_deg)
+    is_known = np.isfinite(slopes.tilt_deg)
     values, axes = sums.sun_axes()
-    at = normal(slopes.tilt_deg[known], slopes.azimuth_deg[known]) @ axes.T
-    inflation = np.maximum(slopes.chi_square[known].astype(np.float64), 1.0)
+    at = normal(slopes.tilt_deg[is_known], slopes.azimuth_deg[is_known]) @ axes.T
+    inflation = np.maximum(slopes.chi_square[is_known].astype(np.float64), 1.0)
     covariance = _covariance(at, values, inflation)
     _add_systematics(covariance, at - axes @ reference_normal, sums.per_kelvin, settings)
-    gain = 4.0 * sums.pull(axes[2], known) * at[:, 2] / inflation
+    gain = 4.0 * sums.pull(axes[2], is_known) * at[:, 2] / inflation
     second = np.exp(-0.5 * np.maximum(gain, 0.0))
     # a mirror that is too steep, with all that its ellipse may add to it, is no second slope
     up = at @ axes[:, 2] - 2.0 * at[:, 2] * axes[2, 2]
     reach = 3.0 * np.sqrt(np.trace(covariance, axis1=1, axis2=2)) / np.maximum(np.abs(at[:, 2]), LEAST_ACROSS)
     second[up + reach < np.cos(np.radians(settings.tilt_limit_deg))] = 0.0
-    return PixelPosterior(known, at, covariance, second, axes, settings.tilt_limit_deg)
+    return PixelPosterior(is_known, at, covariance, second, axes, settings.tilt_limit_deg)
 
 
 def with_bounds(
     slopes: SlopeMap, likelihood: PixelPosterior, settings: EstimatorSettings
 ) -> tuple[SlopeMap, PixelBounds]:
     """The map with the states `FLAT` and `UNCERTAIN` by the rules of regions, and its pixels' bounds."""
-    known = likelihood.known
-    tilt, azimuth = (angle[known].astype(np.float64) for angle in (slopes.tilt_deg, slopes.azimuth_deg))
+    is_known = likelihood.known
+    tilt, azimuth = (angle[is_known].astype(np.float64) for angle in (slopes.tilt_deg, slopes.azimuth_deg))
     at, covariance, axes = likelihood.at, likelihood.covariance, likelihood.axes
     drop = misfit_drop(settings.confidence, 2)
     own, other, touches = _along_edge(tilt, azimuth, at, covariance, axes, drop)
@@ -365,11 +365,11 @@ def with_bounds(
         azimuth + np.where(is_vertical, -180.0, left),
         azimuth + np.where(is_vertical, 180.0, right),
     )
-    planes = np.full((4, *known.shape), np.nan, np.float32)
-    planes[:, known] = bounds
+    planes = np.full((4, *is_known.shape), np.nan, np.float32)
+    planes[:, is_known] = bounds
     slopes = _within_limit(slopes, planes, settings.tilt_limit_deg)
-    flat = np.zeros(known.shape, np.bool_)
-    flat[known] = is_vertical
+    flat = np.zeros(is_known.shape, np.bool_)
+    flat[is_known] = is_vertical
     return _with_states(slopes, planes, flat), PixelBounds(
         planes[0], planes[1], planes[2], planes[3], settings.confidence
     )
@@ -377,8 +377,8 @@ def with_bounds(
 
 def _where_they_touch(touches: BoolArray, own: FloatArray, other: FloatArray) -> Iterator[FloatArray]:
     """Least and greatest values, of both branches where one region joins them."""
-    for extreme, one, beyond in zip((np.minimum, np.maximum), own, other, strict=True):
-        yield np.where(touches, extreme(one, beyond), one)
+    for extreme, end, beyond in zip((np.minimum, np.maximum), own, other, strict=True):
+        yield np.where(touches, extreme(end, beyond), end)
 
 
 def _within_limit(slopes: SlopeMap, bounds: SingleArray, limit_deg: float) -> SlopeMap:
@@ -394,7 +394,7 @@ def _within_limit(slopes: SlopeMap, bounds: SingleArray, limit_deg: float) -> Sl
 
 
 def _covariance(at: FloatArray, values: FloatArray, inflation: FloatArray) -> FloatArray:
-    """Of the two components in the plane of the sun's motion, (m, 2, 2), by noise alone.
+    """Bounds of the two components in the plane of the sun's motion, (m, 2, 2), by noise alone.
 
     `at` (m, 3) are the best slopes along the mean sun, along its motion and across both; `values` (3,) are
     the information along these.

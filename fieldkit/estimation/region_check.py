@@ -71,8 +71,8 @@ class RegionInspection:
 
 def slope_text(region: Region) -> str:
     """``15/180``, ``15`` where the azimuth is not known, or a dash."""
-    known = [f"{angle:g}" for angle in (region.tilt_deg, region.azimuth_deg) if not math.isnan(angle)]
-    return "-" if math.isnan(region.tilt_deg) else "/".join(known)
+    angles = [f"{angle:g}" for angle in (region.tilt_deg, region.azimuth_deg) if not math.isnan(angle)]
+    return "-" if math.isnan(region.tilt_deg) else "/".join(angles)
 
 
 def check_regions(
@@ -173,16 +173,16 @@ class _Rims:
 
         On an uneven bed the edge difference need only fall below the warning.
         """
-        found: int | None = None
+        fewest: int | None = None
         for pixels in range(1, MOST_SHRUNK_PX + 1):
             if self._sums(pixels)[0] < MIN_PIXELS:
                 break
             edge_k = abs(self.edge_k(pixels))
             if edge_k <= CLEAN_EDGE_K:
                 return pixels
-            if found is None and edge_k <= UNEVEN_EDGE_K:
-                found = pixels
-        return found
+            if fewest is None and edge_k <= UNEVEN_EDGE_K:
+                fewest = pixels
+        return fewest
 
     def _summed(self, pixels: int) -> tuple[int, float]:
         """Number of pixels and sum of kelvin of the region so many pixels smaller."""

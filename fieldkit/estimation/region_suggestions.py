@@ -28,7 +28,7 @@ _UNDISTURBED = 15.0
 _INSET_PX = 1.5
 _ALONG = np.linspace(0.12, 0.88, 32)
 _INSIDE_PX, _OUTSIDE_PX = (-3.0, -2.0, -1.0), (3.0, 4.0, 5.0)
-"""Of an even area, which ends up to two pixels before the edge of its bed."""
+"""Distances from the edge of an even area, which ends up to two pixels before that of its bed."""
 FIX = "try again when the sun has warmed the beds apart, or draw them: fieldkit roi add"
 
 
@@ -65,19 +65,19 @@ def find_beds(frame: FloatArray) -> list[FoundBed]:
     factor = max(1, round(frame.shape[1] / _COLS))
     image = _prepared(frame, factor)
     candidates = [bed for corners in _quadrilaterals(image) if (bed := _measured(corners, image))]
-    found = [bed for bed in _apart(candidates, image.shape) if _is_usable(bed, image)]
-    if not found:
+    usable = [bed for bed in _apart(candidates, image.shape) if _is_usable(bed, image)]
+    if not usable:
         raise NoAnswerError(_missing(candidates), fix=FIX)
-    largest = max(bed.pixels for bed in found)
-    kept = [_enlarged(bed, factor) for bed in found if bed.pixels >= _LEAST_OF_LARGEST * largest]
-    return sorted(kept, key=lambda bed: _row_by_row(bed, frame.shape[0]))
+    largest = max(bed.pixels for bed in usable)
+    large = [_enlarged(bed, factor) for bed in usable if bed.pixels >= _LEAST_OF_LARGEST * largest]
+    return sorted(large, key=lambda bed: _row_by_row(bed, frame.shape[0]))
 
 
 def _prepared(frame: FloatArray, factor: int) -> SingleArray:
     """The frame at its working size, without single wrong pixels."""
-    known = np.where(np.isfinite(frame), frame, np.nanmedian(frame)).astype(np.float32)
+    filled = np.where(np.isfinite(frame), frame, np.nanmedian(frame)).astype(np.float32)
     size = frame.shape[1] // factor, frame.shape[0] // factor
-    return np.asarray(cv2.medianBlur(cv2.resize(known, size, interpolation=cv2.INTER_AREA), 3), np.float32)
+    return np.asarray(cv2.medianBlur(cv2.resize(filled, size, interpolation=cv2.INTER_AREA), 3), np.float32)
 
 
 def _quadrilaterals(image: SingleArray) -> Iterator[FloatArray]:
@@ -154,13 +154,13 @@ def _means(
 
 def _apart(beds: list[FoundBed], shape: tuple[int, ...]) -> list[FoundBed]:
     """The distinct ones, and of those that share pixels the largest."""
-    taken, kept = np.zeros(shape, np.bool_), []
+    covered, separate = np.zeros(shape, np.bool_), []
     for bed in sorted(beds, key=lambda bed: -bed.pixels):
         inside = _region(np.array(bed.vertices)).mask((shape[0], shape[1]))
-        if bed.is_distinct and not (inside & taken).any():
-            taken |= inside
-            kept.append(bed)
-    return kept
+        if bed.is_distinct and not (inside & covered).any():
+            covered |= inside
+            separate.append(bed)
+    return separate
 
 
 def _is_usable(bed: FoundBed, image: SingleArray) -> bool:

@@ -48,18 +48,18 @@ def known_slopes(regions: Sequence[Region], beds: Sequence[str], path: Path) -> 
     Raises `ConfigError` if a region of `beds` is not one of them.
     """
     targets = [region for region in regions if region.kind is RegionKind.TARGET]
-    known = {
+    slopes = {
         region.name: KnownSlope(column, region.tilt_deg, region.azimuth_deg)
         for column, region in enumerate(targets)
         if np.isfinite(region.azimuth_deg) and region.tilt_deg >= LEAST_TILT_DEG
     }
     for bed in beds:
-        if bed not in known:
+        if bed not in slopes:
             raise ConfigError(
                 f"{path}: region {bed} has no known slope",
-                fix=f"known are {', '.join(known) or 'none'}; give tilt_deg",
+                fix=f"known are {', '.join(slopes) or 'none'}; give tilt_deg",
             )
-    return {name: slope for name, slope in known.items() if not beds or name in beds}
+    return {name: slope for name, slope in slopes.items() if not beds or name in beds}
 
 
 def with_known(regions: Regions, beds: Collection[str], steeper_deg: float = 0.0) -> RegionSchedule:
@@ -69,10 +69,10 @@ def with_known(regions: Regions, beds: Collection[str], steeper_deg: float = 0.0
     """
     schedule = RegionSchedule.of(regions)
     targets = [region for region in schedule.latest if region.kind is RegionKind.TARGET]
-    known = sorted((target for target in targets if target.name in beds), key=lambda region: region.tilt_deg)
-    if len(known) == len(targets):
-        known = known[1:]
-    names = {region.name for region in known}
+    steepening = sorted((bed for bed in targets if bed.name in beds), key=lambda region: region.tilt_deg)
+    if len(steepening) == len(targets):
+        steepening = steepening[1:]
+    names = {region.name for region in steepening}
     columns = (
         replace(region, kind=RegionKind.REFERENCE, tilt_deg=region.tilt_deg + steeper_deg)
         if region.name in names
@@ -116,9 +116,9 @@ def scale_from_known_bed(
     """
     columns = np.vstack([design @ (bed - reference), *(() if systematics is None else systematics)]) / sigma
     measured = (y - design @ reference) / sigma
-    known = np.isfinite(measured) & np.isfinite(columns).all(axis=0)
-    known &= np.minimum(design @ bed, design @ reference) >= LOWEST_COS_INCIDENCE
-    columns, measured = columns[:, known], measured[known]
+    is_finite = np.isfinite(measured) & np.isfinite(columns).all(axis=0)
+    is_finite &= np.minimum(design @ bed, design @ reference) >= LOWEST_COS_INCIDENCE
+    columns, measured = columns[:, is_finite], measured[is_finite]
     if float(columns[0] @ columns[0]) < LEAST_SIGNAL**2:
         raise CalibrationError(
             "the known bed is too close to the reference to determine the scale",
@@ -126,15 +126,15 @@ def scale_from_known_bed(
         )
     priors = np.diag([prior_sd**-2.0, *np.ones(len(columns) - 1)])
     expected = priors[0] * 1.0
-    found = np.linalg.solve(columns @ columns.T + priors, columns @ measured + expected)
-    residual = measured - found @ columns
-    chi_square = float(residual @ residual) / max(int(known.sum()) - 1, 1)
+    solution = np.linalg.solve(columns @ columns.T + priors, columns @ measured + expected)
+    residual = measured - solution @ columns
+    chi_square = float(residual @ residual) / max(int(is_finite.sum()) - 1, 1)
     # a misfit beyond the noise inflates the variance, so that the priors weigh more
     inflation = max(1.0, chi_square)
     information = columns @ columns.T / inflation + priors
-    found = np.linalg.solve(information, columns @ measured / inflation + expected)
+    solution = np.linalg.solve(information, columns @ measured / inflation + expected)
     return Scale(
-        float(found[0]), float(np.sqrt(np.linalg.inv(information)[0, 0])), chi_square, int(known.sum())
+        float(solution[0]), float(np.sqrt(np.linalg.inv(information)[0, 0])), chi_square, int(is_finite.sum())
     )
 
 
@@ -215,24 +215,24 @@ def identify(
         )
 
     def residuals(parameters: FloatArray) -> FloatArray:
-        found, share = parameters
+        scale, share = parameters
         predicted_k = share * emitted + (1.0 - share) * over_k
         # residuals in kelvin: the noise is in the temperatures, so D divides the sunlight
         return np.append(
-            (sunlight_w_m2 / found - predicted_k) / noise, (share - expected_share) / prior_share_sd
+            (sunlight_w_m2 / scale - predicted_k) / noise, (share - expected_share) / prior_share_sd
         )
 
     fit = least_squares(residuals, [steepness, expected_share], x_scale=[steepness, 0.1])
     jacobian = np.asarray(fit.jac, np.float64)
     covariance = np.linalg.inv(jacobian.T @ jacobian)
-    found, share = (float(value) for value in fit.x)
-    found_sd, share_sd = (float(sd) for sd in np.sqrt(np.diag(covariance)))
+    fitted, share = (float(value) for value in fit.x)
+    fitted_sd, share_sd = (float(sd) for sd in np.sqrt(np.diag(covariance)))
     is_prior = share_sd > 0.5 * prior_share_sd
     summary = (
-        f"D = {found:.2f} ± {found_sd:.2f} W/m2 per kelvin is measured; "
+        f"D = {fitted:.2f} ± {fitted_sd:.2f} W/m2 per kelvin is measured; "
         f"its split into alpha and beta is {'the prior, not the data' if is_prior else 'measured as well'}; "
         "albedo, emissivity and exchange separately cannot be determined from temperatures"
     )
     return ExchangeFit(
-        found * share / cube, found * (1.0 - share), found, found_sd, share_sd, is_prior, summary
+        fitted * share / cube, fitted * (1.0 - share), fitted, fitted_sd, share_sd, is_prior, summary
     )

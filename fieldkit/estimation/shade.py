@@ -149,7 +149,7 @@ class ShadeTestMonitor:
         if not self._kelvin or self._kelvin[0][1].size == regions:
             return
         self._kelvin = deque((minute, padded(kelvin, regions)) for minute, kelvin in self._kelvin)
-        self._lit = deque((padded(one, regions) for one in self._lit), maxlen=LEAST_LIT)
+        self._lit = deque((padded(values, regions) for values in self._lit), maxlen=LEAST_LIT)
         if self._before is not None:
             self._before = self._before[0], padded(self._before[1], regions)
 
@@ -160,7 +160,7 @@ class ShadeTestMonitor:
         self._kelvin.append((minute, temperature_k))
         minutes = np.arange(self._kelvin[0][0], minute + 1)
         found_at, kelvin = np.array([at for at, _ in self._kelvin]), np.array([k for _, k in self._kelvin])
-        even = np.column_stack([_filled(minutes, found_at, one) for one in kelvin.T])
+        even = np.column_stack([_filled(minutes, found_at, column) for column in kelvin.T])
         # what the sand takes up, and what a warmer region loses more than another
         return np.asarray(conducted_flux(NOMINAL, even, 60.0)[-1] + LOSS_W_M2_K * temperature_k)
 
@@ -197,8 +197,8 @@ class ShadeTestMonitor:
         """Scatter of a region against the others, lately, in W/m2."""
         lit = np.array(self._lit)
         others = np.delete(lit, column, axis=1)
-        known = np.isfinite(lit[:, column]) & np.isfinite(others).any(axis=1)
-        alone = lit[known, column] - np.nanmedian(others[known], axis=1)
+        is_comparable = np.isfinite(lit[:, column]) & np.isfinite(others).any(axis=1)
+        alone = lit[is_comparable, column] - np.nanmedian(others[is_comparable], axis=1)
         # differences know no slow change, and have twice the variance
         return float(np.std(np.diff(alone)) / np.sqrt(2.0)) if alone.size > 1 else 0.0
 
@@ -221,10 +221,10 @@ class ShadeTestMonitor:
 
 def _filled(minutes: IntArray, found_at: IntArray, kelvin: FloatArray) -> FloatArray:
     """A temperature at every minute, linear across minutes without one; NaN if there is none at all."""
-    known = np.isfinite(kelvin)
-    if not known[-1]:
+    is_finite = np.isfinite(kelvin)
+    if not is_finite[-1]:
         return np.full(minutes.size, np.nan)
-    return np.asarray(np.interp(minutes, found_at[known], kelvin[known]))
+    return np.asarray(np.interp(minutes, found_at[is_finite], kelvin[is_finite]))
 
 
 @dataclass(slots=True)
@@ -266,7 +266,7 @@ class ShadeMarks:
 
     def just_begun(self, minute: int, schedule: RegionSchedule) -> set[int]:
         """Columns whose test was marked as begun in the minute before."""
-        begins = (one for one in corrected(self._events) if one.data.get("phase") == "begin")
+        begins = (event for event in corrected(self._events) if event.data.get("phase") == "begin")
         names = (begin.data["shade_test"] for begin in begins if _noted(begin) == minute - 1)
         return {column for name in names if (column := schedule.column(str(name), minute)) is not None}
 
@@ -292,7 +292,7 @@ class ShadedMinutes:
         self._dismissed: set[Cell] = set()
 
     def update(
-        self, minute: int, found: set[Cell], slow: Iterable[int], marked: Iterable[ShadeTest]
+        self, minute: int, cells: set[Cell], slow: Iterable[int], marked: Iterable[ShadeTest]
     ) -> tuple[set[int], tuple[Cell, ...]]:
         """The columns shaded in a minute, and the earlier cells whose flag it reverses.
 
@@ -300,7 +300,7 @@ class ShadedMinutes:
         `marked` those of the operator, whose end overrules what was found after it until then.
         """
         self._slow |= {(minute, column) for column in slow}
-        shaded = found | self._slow
+        shaded = cells | self._slow
         for test in marked:
             first, last = test.begin_ns // MINUTE_NS, (test.end_ns - 1) // MINUTE_NS
             if (last, test.column) not in self._settled:

@@ -89,8 +89,8 @@ def _slopes(
     window = Window(history, last, columns, settings)
     estimates = window.flag_drift(window.estimates(range(columns.targets.size)))
     return tuple(
-        _held_shaded(history, columns, index, settings) if one.flags & Quality.SHADED else one
-        for index, one in enumerate(estimates)
+        _held_shaded(history, columns, index, settings) if estimate.flags & Quality.SHADED else estimate
+        for index, estimate in enumerate(estimates)
     )
 
 
@@ -177,44 +177,44 @@ class Window:
     def estimates(self, indices: Sequence[int]) -> list[SlopeEstimate]:
         """Slopes of some of the targets."""
         blanks = {index: self._blank(index) for index in indices}
-        found = {index: blank for index, (blank, _) in blanks.items()}
+        by_target = {index: blank for index, (blank, _) in blanks.items()}
         solved = [index for index, (_, is_solvable) in blanks.items() if is_solvable]
         if not solved or self.rows is None:
-            return list(found.values())
+            return list(by_target.values())
         beds = [self.columns.regions[self.columns.targets[index]] for index in solved]
         unexplained = []
-        for index, one in zip(
+        for index, solution in zip(
             solved, solutions(self.rows, solved, self._weights.T[solved], beds, self.settings), strict=True
         ):
-            column = self.columns.targets[index]
-            found[index] = _filled(found[index], one, self.rows, index, self._known_azimuth(column))
-            if self.settings.reference == "weather" and one.best is not None:
-                found[index] = self._with_gain(found[index], index, one.best)
-            if not one.explained:
+            azimuth = self._known_azimuth(self.columns.targets[index])
+            by_target[index] = _filled(by_target[index], solution, self.rows, index, azimuth)
+            if self.settings.reference == "weather" and solution.best is not None:
+                by_target[index] = self._with_gain(by_target[index], index, solution.best)
+            if not solution.explained:
                 unexplained.append(index)
         if unexplained and self.shorter is not None:
             later = zip(unexplained, self.shorter.estimates(unexplained), strict=True)
             nothing = (SlopeState.TOO_FEW, SlopeState.NO_DATA)
-            found |= {index: one for index, one in later if one.state not in nothing}
-        return list(found.values())
+            by_target |= {index: solution for index, solution in later if solution.state not in nothing}
+        return list(by_target.values())
 
     def _with_gain(self, estimate: SlopeEstimate, index: int, best: FloatArray) -> SlopeEstimate:
         """`UNCERTAIN` where the gain of the level surface alone decides the tilt along the meridian."""
         if estimate.state not in (SlopeState.OK, SlopeState.FLAT, SlopeState.UNCERTAIN) or self.rows is None:
             return estimate
-        moved, left = self._budget(self.rows, index, best).north_south_deg()
-        if moved <= left:
+        moved, remainder = self._budget(self.rows, index, best).north_south_deg()
+        if moved <= remainder:
             return estimate
         reason = f"north–south undetermined: the gain of such a surface moves it by ±{moved:.0f}°"
         return replace(estimate, state=SlopeState.UNCERTAIN, reason=reason)
 
     def budgets(self) -> dict[str, tuple[BudgetTerm, ...]]:
         """The uncertainty budget of each target with a slope, by its name."""
-        found = self.estimates(range(self.columns.targets.size))
+        estimates = self.estimates(range(self.columns.targets.size))
         return {
-            one.region: self._budget(self.rows, index, normal(one.tilt_deg, one.azimuth_deg)).terms()
-            for index, one in enumerate(found)
-            if self.rows is not None and math.isfinite(one.tilt_deg)
+            slope.region: self._budget(self.rows, index, normal(slope.tilt_deg, slope.azimuth_deg)).terms()
+            for index, slope in enumerate(estimates)
+            if self.rows is not None and math.isfinite(slope.tilt_deg)
         }
 
     def _budget(self, rows: Rows, index: int, slope: FloatArray) -> RowBudget:
@@ -271,7 +271,7 @@ class Window:
             return estimates
         limit = self.settings.tilt_limit_deg
         drifts = drifts_k(self.rows, self._weights, minute[self.first :], limit)
-        return [_drifting(one, float(kelvin)) for one, kelvin in zip(estimates, drifts, strict=True)]
+        return [_drifting(slope, float(kelvin)) for slope, kelvin in zip(estimates, drifts, strict=True)]
 
     @cached_property
     def _used(self) -> BoolArray:
@@ -378,35 +378,35 @@ def label_of(settings: EstimatorSettings) -> str:
     return f"{settings.model}{method}{', azimuth known' if settings.azimuth == 'known' else ''}"
 
 
-def _filled(blank: SlopeEstimate, found: Solution, rows: Rows, index: int, known: float) -> SlopeEstimate:
-    """The estimate with the solution's numbers; `known` is the known azimuth, or NaN."""
+def _filled(blank: SlopeEstimate, solved: Solution, rows: Rows, index: int, azimuth: float) -> SlopeEstimate:
+    """The estimate with the solution's numbers; `azimuth` is the known one, or NaN."""
     filled = replace(
         blank,
-        state=found.state,
-        reason=found.reason,
-        n_bins=found.used,
-        chi_square=found.chi_square,
-        flags=blank.flags | (Quality.UNRESOLVED if found.second is not None else Quality.GOOD),
+        state=solved.state,
+        reason=solved.reason,
+        n_bins=solved.used,
+        chi_square=solved.chi_square,
+        flags=blank.flags | (Quality.UNRESOLVED if solved.second is not None else Quality.GOOD),
     )
-    if found.best is None:
+    if solved.best is None:
         return filled
-    tilt, azimuth = _angles(found.best, known)
+    tilt, facing = _angles(solved.best, azimuth)
     imaged = np.flatnonzero(np.isfinite(rows.per_kelvin[:, index]))  # the last bin may have no frame
     last = imaged[-1] if imaged.size else -1
     direction, per_kelvin = rows.design[last], float(rows.per_kelvin[last, index])
-    if found.second is not None:
-        second_tilt, second_azimuth = _angles(found.second, known)
+    if solved.second is not None:
+        second_tilt, second_azimuth = _angles(solved.second, azimuth)
         filled = replace(filled, second_tilt_deg=second_tilt, second_azimuth_deg=second_azimuth)
-    whole, noise = found.whole, found.noise
+    whole, noise = solved.whole, solved.noise
     return replace(
         filled,
         tilt_deg=tilt,
-        azimuth_deg=azimuth,
+        azimuth_deg=facing,
         tilt_low_deg=whole.tilt_low_deg,
         tilt_high_deg=whole.tilt_high_deg,
         azimuth_low_deg=whole.azimuth_low_deg,
         azimuth_high_deg=whole.azimuth_high_deg,
-        kelvin_per_degree=kelvin_per_degree(tilt, azimuth, direction, per_kelvin),
+        kelvin_per_degree=kelvin_per_degree(tilt, facing, direction, per_kelvin),
         noise_tilt_low_deg=noise.tilt_low_deg,
         noise_tilt_high_deg=noise.tilt_high_deg,
         noise_azimuth_low_deg=noise.azimuth_low_deg,
@@ -426,9 +426,9 @@ def kelvin_per_degree(
     return float(np.radians(1.0) * (steeper @ direction) / y_per_kelvin)
 
 
-def _angles(found: FloatArray, known_azimuth: float) -> tuple[float, float]:
+def _angles(unit_normal: FloatArray, known_azimuth: float) -> tuple[float, float]:
     """Tilt and azimuth of a normal, degrees; a known azimuth holds for a vertical normal too."""
-    tilt, azimuth = (float(angle) for angle in tilt_azimuth(found))
+    tilt, azimuth = (float(angle) for angle in tilt_azimuth(unit_normal))
     return tilt, azimuth if math.isnan(known_azimuth) else known_azimuth
 
 
@@ -438,7 +438,7 @@ def _angles(found: FloatArray, known_azimuth: float) -> tuple[float, float]:
 def drifts_k(rows: Rows, weights: FloatArray, minutes: IntArray, tilt_limit_deg: float) -> FloatArray:
     """Deviation (m,) of each target alone from its own prediction in the last 20 minutes, K.
 
-    Of the least-squares rows (n, m) of a window with inverse variances `weights` (n, m), zero to exclude one,
+    Rows (n, m) are those of a window, with inverse variances `weights` (n, m), zero to exclude one,
     at increasing minutes since 1970 (n,). 0 where it is not significant, and for all targets with too few
     rows.
     """
@@ -473,8 +473,8 @@ def _deviation(
 
 
 def _median(values: FloatArray) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if known.size else 0.0
+    finite = values[np.isfinite(values)]
+    return float(np.median(finite)) if finite.size else 0.0
 
 
 def _drifting(estimate: SlopeEstimate, kelvin: float) -> SlopeEstimate:

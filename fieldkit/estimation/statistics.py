@@ -75,8 +75,8 @@ def errors_over_time(
     several days over each other, since midnight. Spans without an estimate are omitted.
     """
     times, values = np.asarray(time_ns, np.int64), np.asarray(estimated, np.float64)
-    known = np.isfinite(values)
-    times, values = times[known], values[known]
+    is_finite = np.isfinite(values)
+    times, values = times[is_finite], values[is_finite]
     span_ns = round(span_s * 1e9)
     spans = []
     for start in np.unique(times // span_ns) * span_ns:

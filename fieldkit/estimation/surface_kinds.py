@@ -15,7 +15,7 @@ from fieldkit.physics.slab import Slab
 Kind = Literal["sand", "soil", "rock", "plate", "wall", "snow", "vegetation", "forest"]
 SAND: Kind = "sand"
 STEEP_SD = 0.42
-"""Of a normal's horizontal component: a kind whose usual tilt is above 25 degrees may be vertical."""
+"""Horizontal component of a normal from which a kind, usually steeper than 25 degrees, may be vertical."""
 _AIR_J_M3_K = 1210.0  # heat capacity of the default air
 
 

@@ -102,20 +102,20 @@ def possible(
     table: TemperatureTable, site: Site, settings: EstimatorSettings
 ) -> tuple[TemperatureTable, list[Excess]]:
     """The table without the values that cannot be, NaN in their place, and what was excluded by column."""
-    given = {name: getattr(table, name) for name in _LIMITS if getattr(table, name) is not None}
+    columns = {name: getattr(table, name) for name in _LIMITS if getattr(table, name) is not None}
     surfaces = {"reference": table.reference_k, **table.targets_k}
     bounds = bounds_by_name(
-        ["surface_temperature"] * len(surfaces) + [_LIMITS[name] for name in given], settings.limits
+        ["surface_temperature"] * len(surfaces) + [_LIMITS[name] for name in columns], settings.limits
     )
-    values = np.column_stack([*surfaces.values(), *given.values()])
+    values = np.column_stack([*surfaces.values(), *columns.values()])
     sun = sun_vectors(table.time_ns, site, refraction=settings.refraction).reshape(-1, 3)
     exceeded = bounds.exceeded(values, sun[:, 2])
     reference, *others = np.where(exceeded, np.nan, values).T
     targets = dict(zip(table.targets_k, others, strict=False))
-    kept = dict(zip(given, others[len(targets) :], strict=True))
-    labels = [(f"{name}_k", "K") for name in surfaces] + [(name, "") for name in given]
-    found = excesses(labels, bounds, values, exceeded)
-    return replace(table, reference_k=reference, targets_k=targets, **kept), found
+    kept = dict(zip(columns, others[len(targets) :], strict=True))
+    labels = [(f"{name}_k", "K") for name in surfaces] + [(name, "") for name in columns]
+    exceeding = excesses(labels, bounds, values, exceeded)
+    return replace(table, reference_k=reference, targets_k=targets, **kept), exceeding
 
 
 def _history(table: TemperatureTable, site: Site, settings: EstimatorSettings) -> History:
@@ -129,8 +129,8 @@ def _history(table: TemperatureTable, site: Site, settings: EstimatorSettings) -
         "air_k": table.air_k,
         "wind_m_s": table.wind_m_s,
     }
-    given = {name: column for name, column in weather.items() if column is not None}
-    values = np.column_stack([*given.values(), table.reference_k, *table.targets_k.values()])
+    logged = {name: column for name, column in weather.items() if column is not None}
+    values = np.column_stack([*logged.values(), table.reference_k, *table.targets_k.values()])
     values[~is_usable(flags)] = np.nan
     minutes, start = np.unique(time_ns // MINUTE_NS, return_index=True)
     means = _means(values, start)
@@ -141,9 +141,9 @@ def _history(table: TemperatureTable, site: Site, settings: EstimatorSettings) -
         minute=minutes,
         time_ns=middle,
         sun=sun_vectors(middle, site, refraction=settings.refraction).reshape(-1, 3),
-        temperature_k=means[:, len(given) :],
+        temperature_k=means[:, len(logged) :],
         flags=merged,
-        **dict(zip(given, means.T, strict=False)),
+        **dict(zip(logged, means.T, strict=False)),
     )
 
 
@@ -172,7 +172,7 @@ def _direct(table: TemperatureTable, sun: FloatArray, settings: EstimatorSetting
 
 def _means(values: FloatArray, start: IndexArray) -> FloatArray:
     """Means of the groups of rows that begin at `start`, without NaN."""
-    known = np.isfinite(values)
-    total = np.add.reduceat(np.where(known, values, 0.0), start, axis=0)
-    count = np.add.reduceat(known.astype(np.int64), start, axis=0)
+    is_finite = np.isfinite(values)
+    total = np.add.reduceat(np.where(is_finite, values, 0.0), start, axis=0)
+    count = np.add.reduceat(is_finite.astype(np.int64), start, axis=0)
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)

@@ -28,7 +28,7 @@ def tilt_probability(estimate: SlopeEstimate, limit_deg: float) -> float:
     # bounds of an unresolved slope may hold both branches: of each, the narrower side is its own
     sd = min(below, above)
     both = (tilt, estimate.second_tilt_deg)
-    return sum(_steeper(one, sd, sd, limit_deg) for one in both) / len(both)
+    return sum(_steeper(angle, sd, sd, limit_deg) for angle in both) / len(both)
 
 
 def _steeper(tilt_deg: float, below: float, above: float, limit_deg: float) -> float:

@@ -123,12 +123,12 @@ def _require_same_place(part: Part, other: Part) -> None:
 
 def _references(part: Part) -> dict[str, tuple[float, float]]:
     """Tilt and azimuth of each reference; without one it is level, and a level one has no azimuth."""
-    found = {}
+    references = {}
     for region in part.regions:
         if region.kind is RegionKind.REFERENCE:
             tilt = 0.0 if math.isnan(region.tilt_deg) else region.tilt_deg
-            found[region.name] = tilt, region.azimuth_deg if tilt else 0.0
-    return found
+            references[region.name] = tilt, region.azimuth_deg if tilt else 0.0
+    return references
 
 
 def _words(references: Mapping[str, tuple[float, float]]) -> str:

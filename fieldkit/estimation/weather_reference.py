@@ -24,7 +24,7 @@ from fieldkit.physics.slab import surface_series
 
 NAME = "level surface by the weather"
 INPUTS = ("level gain", "level exchange", "longwave", "air", "level inertia", "level model")
-"""What is uncertain of the level surface."""
+"""Uncertain inputs of the level surface."""
 MODEL_SD_K = 1.83
 """Root mean square that the paper found between its model of sand and measured temperatures (Fig. 12)."""
 EXACT: FloatArray = np.zeros(len(INPUTS))
@@ -94,6 +94,6 @@ def _global_light(history: History, settings: EstimatorSettings) -> FloatArray:
 
 def _every_minute(history: History, values: FloatArray) -> FloatArray:
     """Values (n,) of minute bins at every minute from the first to the last, linear over gaps."""
-    known = np.isfinite(values)
+    seen = np.isfinite(values)
     minutes = np.arange(history.minute[0], history.minute[-1] + 1)
-    return np.interp(minutes, history.minute[known], values[known]) if known.any() else np.zeros(minutes.size)
+    return np.interp(minutes, history.minute[seen], values[seen]) if seen.any() else np.zeros(minutes.size)

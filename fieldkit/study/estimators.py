@@ -190,11 +190,11 @@ def _by_posterior(
     y: FloatArray, sigma: FloatArray, start: FloatArray, sun: FloatArray, limit_deg: float
 ) -> FloatArray:
     lit = _lit(y, sigma, start, sun)
-    found = np.full_like(start, np.nan)
+    means = np.full_like(start, np.nan)
     for row in np.flatnonzero(lit.sum(axis=1) >= 3):
         used = lit[row]
-        found[row] = posterior(sun[used], y[row, used], 1.0 / sigma[used] ** 2, limit_deg).mean
-    return found
+        means[row] = posterior(sun[used], y[row, used], 1.0 / sigma[used] ** 2, limit_deg).mean
+    return means
 
 
 def _quantised(temperature_k: FloatArray, quantum_k: float) -> FloatArray:
@@ -220,17 +220,17 @@ class Summary:
 
 def summarise(errors_deg: FloatArray) -> Summary:
     """Statistics of absolute errors (m,)."""
-    known = errors_deg[np.isfinite(errors_deg)]
-    if not known.size:
+    solved = errors_deg[np.isfinite(errors_deg)]
+    if not solved.size:
         return Summary(errors_deg.size, errors_deg.size, *(float("nan"),) * 6)
-    zeros = np.zeros_like(known)
+    zeros = np.zeros_like(solved)
     return Summary(
         slopes=errors_deg.size,
-        unsolved=errors_deg.size - known.size,
-        mae=mean_absolute_error(known, zeros),
-        sd_paper=sd_of_absolute_error(known, zeros, "paper"),
-        sd_usual=sd_of_absolute_error(known, zeros, "usual"),
-        p50=float(np.percentile(known, 50)),
-        p90=float(np.percentile(known, 90)),
-        largest=float(known.max()),
+        unsolved=errors_deg.size - solved.size,
+        mae=mean_absolute_error(solved, zeros),
+        sd_paper=sd_of_absolute_error(solved, zeros, "paper"),
+        sd_usual=sd_of_absolute_error(solved, zeros, "usual"),
+        p50=float(np.percentile(solved, 50)),
+        p90=float(np.percentile(solved, 90)),
+        largest=float(solved.max()),
     )

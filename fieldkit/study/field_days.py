@@ -117,10 +117,10 @@ def recorded_day(path: Path, label: str) -> FieldDay:
     """
     part = report_part(path)
     columns, surface = part.columns, part.settings.surface
-    known = [bed for bed in columns.targets if np.isfinite(bed.region.tilt_deg)]
-    names = {bed.region.name: _bed_name(label, bed.region) for bed in known}
-    modelled = {names[bed.region.name]: modelled_temperature(columns, bed, surface) for bed in known}
-    measured = {names[bed.region.name]: columns.temperature_k[bed.region.name] for bed in known}
+    known_beds = [bed for bed in columns.targets if np.isfinite(bed.region.tilt_deg)]
+    names = {bed.region.name: _bed_name(label, bed.region) for bed in known_beds}
+    modelled = {names[bed.region.name]: modelled_temperature(columns, bed, surface) for bed in known_beds}
+    measured = {names[bed.region.name]: columns.temperature_k[bed.region.name] for bed in known_beds}
     return FieldDay(
         path.stem,
         measured,

@@ -183,9 +183,9 @@ def table_2() -> Rows:
     rows = []
     for (day, tilt), printed in PAPER_TABLE_2.items():
         hours = tuple(datetime.fromisoformat(f"{day}T{hour}:00+09:00") for hour in (12, 13, 14, 15))
-        found = [row["facets"][0]["incidence_deg"] for row in sun_rows(PAPER_SITE, hours, ((tilt, 180.0),))]
+        angles = [row["facets"][0]["incidence_deg"] for row in sun_rows(PAPER_SITE, hours, ((tilt, 180.0),))]
         row: dict[str, Any] = {"date": day, "tilt_deg": tilt}
-        for hour, angle, paper in zip((12, 13, 14, 15), found, printed, strict=True):
+        for hour, angle, paper in zip((12, 13, 14, 15), angles, printed, strict=True):
             row[f"{hour}h"], row[f"{hour}h_paper"] = round(angle, 4), paper
         rows.append(row)
     return rows

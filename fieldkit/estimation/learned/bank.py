@@ -26,7 +26,7 @@ JUMP_SDS = 4.5
 Judged: because chance does that once in 150 000 normal numbers, more than a session has.
 """
 JUMP_PROBABILITY = 0.01
-"""Of a measurement: a shadow of ten seconds, a step of the shutter.
+"""Prior probability that a measurement is a jump: a shadow of ten seconds, a step of the shutter.
 
 Judged: because such things come about once in a hundred minutes of a bed. A jump costs as much evidence.
 """

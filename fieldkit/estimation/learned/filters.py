@@ -102,8 +102,9 @@ class Filters(KalmanBank):
         temperature, self._flux = model.equations(minute, light, self.mean, self._taken_k)
         measured_k = np.where(minute.measured, minute.temperature_k, np.nan)
         variance = self.noise.white_k**2 + model.grazing_k2(minute, light, self.mean, self._taken_k)
-        found = self.update(model.readings(minute, temperature), measured_k, variance, self.layout.own_places)
+        readings, jumps = model.readings(minute, temperature), self.layout.own_places
+        innovation = self.update(readings, measured_k, variance, jumps)
         # of the surface, by the state: the measured one would carry the camera's noise into the fluxes
         self._taken_k = temperature.at(self.mean)
-        self.log_likelihood = self.log_likelihood + found.log_likelihood
-        return found
+        self.log_likelihood = self.log_likelihood + innovation.log_likelihood
+        return innovation

@@ -144,13 +144,13 @@ def log_prior(points: FloatArray) -> FloatArray:
 
 def _polynomial(points: FloatArray, values: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Slope (5,) and curvature (5, 5) at the origin of ``s'x - x'Cx/2``, fitted to weighted values (p,)."""
-    one, other = _PAIRS
-    terms = np.column_stack([np.ones(len(points)), points, points[:, one] * points[:, other]])
+    first, second = _PAIRS
+    terms = np.column_stack([np.ones(len(points)), points, points[:, first] * points[:, second]])
     by = np.sqrt(weights)
-    found = np.linalg.lstsq(by[:, np.newaxis] * terms, by * values, rcond=None)[0]
+    coefficients = np.linalg.lstsq(by[:, np.newaxis] * terms, by * values, rcond=None)[0]
     curvature = np.zeros((UNKNOWNS, UNKNOWNS))
-    curvature[_PAIRS] = -found[1 + UNKNOWNS :]
-    return found[1 : 1 + UNKNOWNS], curvature + curvature.T
+    curvature[_PAIRS] = -coefficients[1 + UNKNOWNS :]
+    return coefficients[1 : 1 + UNKNOWNS], curvature + curvature.T
 
 
 def effective(log_weights: FloatArray) -> float:

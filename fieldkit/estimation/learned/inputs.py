@@ -107,11 +107,11 @@ class MinuteInputs:
         """Inputs of a minute without a bin, `share` of the way to a later one."""
         values = {}
         for name in self.__slots__:
-            one, other = getattr(self, name), getattr(later, name)
+            now, then = getattr(self, name), getattr(later, name)
             values[name] = (
-                one
+                now
                 if name in ("measured", "shaded", "is_edge", "air_returns")
-                else (1.0 - share) * one + share * other
+                else (1.0 - share) * now + share * then
             )
         values["measured"] = np.zeros_like(self.measured)
         values["direct_change"] = abs(later.direct - self.direct)
@@ -150,16 +150,16 @@ def logged(
     """Quantities of the minute bin in a row; `regions` are the columns of the history."""
     prior = settings.prior
     over_probe = history.temperature_k[row, layout.columns] - history.probe_k[row, layout.columns]
-    known = over_probe[np.isfinite(over_probe)]
+    probe_errors = over_probe[np.isfinite(over_probe)]
     # each probe is off by its own constant, so the mean of many is a measurement of the camera
-    weight = known.size / prior.probe_sd_k**2
+    weight = probe_errors.size / prior.probe_sd_k**2
     information = weight + 1.0 / prior.camera_offset_sd_k**2
     return Logged(
         bool(np.isfinite(history.air_k[row])),
         bool(np.isfinite(history.longwave_down_w_m2[row])),
         _longwave_per_k(history, row, settings),
         bool(np.isfinite(history.dhi_w_m2[row])),
-        float(weight * known.mean() / information) if known.size else 0.0,
+        float(weight * probe_errors.mean() / information) if probe_errors.size else 0.0,
         float(information**-0.5),
         difference_covariance_k2(
             _begin_k(history.temperature_k[row, layout.columns], layout),
@@ -178,19 +178,19 @@ def _longwave_per_k(history: History, row: int, settings: EstimatorSettings) -> 
     return 6.0 * float(clear_sky_longwave(air_k)) / air_k
 
 
-def can_start(history: History, row: int, layout: Layout, wanted: BoolArray | slice = EVERY_REGION) -> bool:
+def can_start(history: History, row: int, layout: Layout, required: BoolArray | slice = EVERY_REGION) -> bool:
     """True if a row has all wanted regions, and light unless the sun is down."""
     is_lit = history.sun[row, 2] > 0.0
-    kelvin = history.temperature_k[row, layout.columns][wanted]
+    kelvin = history.temperature_k[row, layout.columns][required]
     return bool(np.isfinite(kelvin).all() and (not is_lit or np.isfinite(history.dni_w_m2[row])))
 
 
 def first_row(history: History, layout: Layout) -> int | None:
     """The first row in which all references can be compared with all targets that the history has at all."""
-    wanted = np.asarray(np.isfinite(history.temperature_k[:, layout.columns]).any(axis=0))
-    wanted[: layout.references] = True
-    rows = range(len(history)) if wanted[layout.references :].any() else ()
-    return next((row for row in rows if can_start(history, row, layout, wanted)), None)
+    required = np.asarray(np.isfinite(history.temperature_k[:, layout.columns]).any(axis=0))
+    required[: layout.references] = True
+    rows = range(len(history)) if required[layout.references :].any() else ()
+    return next((row for row in rows if can_start(history, row, layout, required)), None)
 
 
 def minute_inputs(
@@ -266,11 +266,11 @@ def minutes_between(
 ) -> list[MinuteInputs]:
     """Inputs of all minutes of the rows from `first` to before `end`, with those that have no bin."""
     start = int(history.minute[first])
-    made = [minute_inputs(history, first, layout, settings, None, start)]
+    minutes = [minute_inputs(history, first, layout, settings, None, start)]
     for row in range(first + 1, end):
-        later = minute_inputs(history, row, layout, settings, made[-1], start)
-        made.extend((*bridge(made[-1], later), later))
-    return made
+        later = minute_inputs(history, row, layout, settings, minutes[-1], start)
+        minutes.extend((*bridge(minutes[-1], later), later))
+    return minutes
 
 
 def recorded_session(
@@ -293,8 +293,8 @@ def _begin_k(kelvin: FloatArray, layout: Layout) -> FloatArray:
 
 def _wind_change(history: History, row: int) -> float:
     """The last logged wind speed over the first, 0 without any."""
-    known = np.flatnonzero(np.isfinite(history.wind_m_s[: row + 1]))
-    return float(history.wind_m_s[known[-1]] - history.wind_m_s[known[0]]) if known.size else 0.0
+    rows = np.flatnonzero(np.isfinite(history.wind_m_s[: row + 1]))
+    return float(history.wind_m_s[rows[-1]] - history.wind_m_s[rows[0]]) if rows.size else 0.0
 
 
 def shade(history: History, layout: Layout, chosen: slice = EVERY_ROW) -> BoolArray:
@@ -342,10 +342,10 @@ def _logged_air_k(history: History, row: int, start: int, settings: EstimatorSet
 
     Smoothing would part it from the sun that warms it. A stale one changes as the air usually does by then.
     """
-    known = np.flatnonzero(np.isfinite(history.air_k[: row + 1]))
-    if not known.size:
+    rows = np.flatnonzero(np.isfinite(history.air_k[: row + 1]))
+    if not rows.size:
         return math.nan, float(history.minute[row] - start) / 60.0
-    last = int(known[-1])
+    last = int(rows[-1])
     stale_h = max(float(history.minute[row] - history.minute[last]) - AIR_HOLDS_MIN, 0.0) / 60.0
     logged_k = float(history.air_k[last])
     if stale_h > 0.0 and settings.site is not None and BODIES[settings.body].has_air_of_earth:
@@ -374,6 +374,6 @@ def air_unlogged_k(longwave_w_m2: float, settings: EstimatorSettings, time_ns: i
     if not body.has_air_of_earth:
         return body.air_temperature_k
     if settings.site is None:
-        known = np.isfinite(longwave_w_m2)
-        return float(air_under_clear_sky(longwave_w_m2 if known else settings.longwave_down_w_m2))
+        is_measured = np.isfinite(longwave_w_m2)
+        return float(air_under_clear_sky(longwave_w_m2 if is_measured else settings.longwave_down_w_m2))
     return float(usual_air_k(time_ns, settings.site))

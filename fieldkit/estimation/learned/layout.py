@@ -70,12 +70,12 @@ class Layout:
     @cached_property
     def exchanges(self) -> FloatArray:
         """Heat exchange of each region over that of the references (regions,)."""
-        return np.array([one.exchange for one in self.unlike])
+        return np.array([surface.exchange for surface in self.unlike])
 
     @cached_property
     def absorbs(self) -> FloatArray:
         """Light that each region absorbs over that of the references (regions,)."""
-        return np.array([one.light for one in self.unlike])
+        return np.array([surface.light for surface in self.unlike])
 
     def unlike_of(self, target: int) -> Unlike:
         """A target's surface against that of the references."""
@@ -165,7 +165,7 @@ class Layout:
     def smooth(self) -> dict[int, int]:
         """Places of processes without jumps, each with the place of what drives it."""
         shared = {self.shared(name): self.shared(f"{name}_drive") for name in SMOOTH}
-        own = {self.slow_exchange(one): self.slow_exchange_drive(one) for one in range(self.targets)}
+        own = {self.slow_exchange(target): self.slow_exchange_drive(target) for target in range(self.targets)}
         return shared | own
 
     @property

@@ -81,7 +81,7 @@ class Posterior:
 
     @property
     def weights(self) -> FloatArray:
-        """Of the hypotheses (p,), adding up to one."""
+        """Weights of the hypotheses (p,), adding up to one."""
         return normalised(self.log_weights)
 
     @property
@@ -120,14 +120,14 @@ class Learner:
 
     @property
     def logged(self) -> Logged:
-        """What the last session logs."""
+        """Quantities that the last session logs."""
         return self._sessions[-1].logged
 
     def add(self, minute: MinuteInputs) -> None:
         """Take one more minute, bridging those that are missing before it."""
-        for one in (*bridge(self.last, minute), minute):
-            self._sessions[-1].minutes.append(one)
-            self.innovations.append(self._filters.step(one))
+        for following in (*bridge(self.last, minute), minute):
+            self._sessions[-1].minutes.append(following)
+            self.innovations.append(self._filters.step(following))
         self.posterior = self._posterior(STEPS)
         if self._is_due():
             self._draw_anew(ROUNDS if self._judged else FIRST_ROUNDS)
@@ -143,15 +143,15 @@ class Learner:
 
     def _draw_anew(self, rounds: int) -> None:
         """Hypotheses where those that count are, some rounds over, and more while few of them count."""
-        known: list[tuple[FloatArray, FloatArray]] = []
-        for done in range(MOST_ROUNDS):
-            if done >= rounds and effective(self.posterior.log_weights) >= FEWEST:
+        densities: list[tuple[FloatArray, FloatArray]] = []
+        for number in range(MOST_ROUNDS):
+            if number >= rounds and effective(self.posterior.log_weights) >= FEWEST:
                 break
             self._around = self._centres()
             # weights are posterior over proposal: times the proposal they are the density again
             log_density = self.posterior.log_weights + self._proposal.log_density(self._points)
-            known = [*known, (self._points, log_density)][-REMEMBERED:]
-            points, log_densities = (np.concatenate(one) for one in zip(*known, strict=True))
+            densities = [*densities, (self._points, log_density)][-REMEMBERED:]
+            points, log_densities = (np.concatenate(arrays) for arrays in zip(*densities, strict=True))
             self._draw(Proposal.fitted(points, log_densities))
             self.posterior = self._posterior(STEPS_AFTER_DRAW)
         self._judged = len(self.minutes)
@@ -178,17 +178,17 @@ class Learner:
         self._proposal = proposal
         self._points = proposal.draw()
         begun = [
-            (one.minutes[0], one.logged, around, noise_of(one.minutes, self.settings.noise_k))
-            for one, around in zip(self._sessions, self._around, strict=True)
+            (session.minutes[0], session.logged, around, noise_of(session.minutes, self.settings.noise_k))
+            for session, around in zip(self._sessions, self._around, strict=True)
         ]
         drawn = hypotheses(self._points, self.settings)
         self._filters = Filters(self.layout, drawn, self.settings, *begun[0])
         self.innovations: list[Innovation] = []
         """Prediction errors of all minutes under the present hypotheses."""
-        for number, one in enumerate(self._sessions):
+        for number, session in enumerate(self._sessions):
             if number:
                 self._filters.begin_session(*begun[number])
-            self.innovations += [self._filters.step(minute) for minute in one.minutes]
+            self.innovations += [self._filters.step(minute) for minute in session.minutes]
         self._starts = self._directions()
 
     def _posterior(self, steps: int) -> Posterior:
@@ -228,7 +228,7 @@ class Learner:
         places = [self.layout.normal(target) for target in range(self.layout.targets)]
         covariance, mean = self._filters.covariance[heaviest], self._filters.mean[heaviest]
         information = [np.linalg.inv(covariance[place, place]) * gain**2 for place in places]
-        towards = [one @ mean[place] / gain for one, place in zip(information, places, strict=True)]
+        towards = [matrix @ mean[place] / gain for matrix, place in zip(information, places, strict=True)]
         others = _other_minima(information, towards, here)
         limit = self.settings.tilt_limit_deg
         return {
@@ -247,18 +247,18 @@ def _other_minima(
     information: list[FloatArray], towards: list[FloatArray], here: list[FloatArray]
 ) -> dict[int, FloatArray]:
     """By target, the other minimum of ``u'Hu - 2 b'u`` over unit vectors, unless it is far worse."""
-    found = {}
+    minima = {}
     for target, units in enumerate(_minima(information, towards)):
         H, b, unit = information[target], towards[target], here[target]
         misfits = np.sum((units @ H - 2.0 * b) * units, axis=1)
         close = (units @ unit < np.cos(0.02)) & (misfits < (unit @ H - 2.0 * b) @ unit + FAR)
         if close.any():
-            found[target] = units[close][np.argmin(misfits[close])]
-    return found
+            minima[target] = units[close][np.argmin(misfits[close])]
+    return minima
 
 
 def _minima(information: list[FloatArray], towards: list[FloatArray]) -> list[FloatArray]:
-    """Of each target all local minima (m, k) over unit vectors, on the circle or on the sphere."""
+    """All local minima of each target (m, k) over unit vectors, on the circle or on the sphere."""
     minima = [
         _minima_on_circle(H, b) if b.size == 2 else b for H, b in zip(information, towards, strict=True)
     ]

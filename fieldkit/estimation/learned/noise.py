@@ -1,4 +1,4 @@
-"""What regions do alone from minute to minute, as the minutes themselves show it.
+"""Noise of regions and their own deviations from minute to minute, as the minutes themselves show them.
 
 Once the gusts that all regions share are taken out, second differences of a temperature over one minute are
 mostly noise, those over four mostly what passes one region only: gusts of its own, steps of the shutter. With
@@ -94,11 +94,11 @@ def _alone(kelvin: FloatArray, lag: int) -> float:
     if not len(bent):
         return 0.0
     regions = bent.shape[1]
-    found = []
+    variances = []
     for region in range(regions):
         others = np.delete(bent, region, axis=1).mean(axis=1)
         shared = float(others @ bent[:, region] / max(float(others @ others), 1e-12))
-        left = bent[:, region] - shared * others
+        remainder = bent[:, region] - shared * others
         # the others' mean brings its own part of the noise
-        found.append(np.median(np.abs(left)) ** 2 / (1.0 + shared**2 / (regions - 1)))
-    return float(np.mean(found)) / _MEDIAN_OF_NORMAL**2
+        variances.append(np.median(np.abs(remainder)) ** 2 / (1.0 + shared**2 / (regions - 1)))
+    return float(np.mean(variances)) / _MEDIAN_OF_NORMAL**2

@@ -109,14 +109,14 @@ class _Fit:
 
 def unit_normals(filters: Filters, starts: tuple[FloatArray, ...], steps: int) -> UnitNormals:
     """Most probable unit normals near the starts, one (k,) or (p, k) for each target, in at most `steps`."""
-    known, free = _known(filters)
+    filtered, free = _known(filters)
     # beds that are unlike in what passes are unlike in what stays
     own_sd = filters.model.settings.prior.own_gain_sd * filters.noise.unlike(filters.hypotheses.unrest)
     kinds_sd = [filters.layout.unlike_of(target).gain_sd for target in range(len(starts))]
     own_sd = np.hypot(own_sd[:, np.newaxis], kinds_sd)
-    mean, information = _with_own_gains(known, free, len(starts), own_sd)
+    mean, information = _with_own_gains(filtered, free, len(starts), own_sd)
     units = [np.broadcast_to(start, (len(mean), start.shape[-1])).copy() for start in starts]
-    fit = _Fit.at(mean, information, np.maximum(mean[:, 0], LEAST_GAIN), units, mean[:, known.shape[1] :])
+    fit = _Fit.at(mean, information, np.maximum(mean[:, 0], LEAST_GAIN), units, mean[:, filtered.shape[1] :])
     damping = np.full(len(mean), 1e-6)
     for _ in range(steps):
         step = _step(fit, information, damping)
@@ -138,8 +138,8 @@ def unit_normals(filters: Filters, starts: tuple[FloatArray, ...], steps: int) -
         tuple(fit.tangents),
         np.linalg.inv(curvature),
         0.5 * (volume - fit.misfit) + area,
-        -np.matmul(free, fit.residual[:, : known.shape[1], np.newaxis])[..., 0],
-        weighted[:, : known.shape[1]],
+        -np.matmul(free, fit.residual[:, : filtered.shape[1], np.newaxis])[..., 0],
+        weighted[:, : filtered.shape[1]],
     )
 
 
@@ -184,4 +184,4 @@ def tangent_basis(unit: FloatArray) -> FloatArray:
     """Orthonormal directions square to unit vectors (p, k), as (p, k, k - 1); k is 2 or 3."""
     if unit.shape[1] == 2:
         return np.stack([unit[:, 1], -unit[:, 0]], axis=1)[..., np.newaxis]
-    return np.stack([one.T for one in tangent_pair(unit.T)], axis=2)
+    return np.stack([axis.T for axis in tangent_pair(unit.T)], axis=2)

@@ -36,7 +36,7 @@ from fieldkit.model.site import Region
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
 
 JUMP_K = 10.0
-"""Of the temperature in a jump.
+"""Standard deviation of the temperature in a jump.
 
 Judged: because it is so much more than any noise that what it was then is no evidence any more.
 """
@@ -132,24 +132,24 @@ class _Pair:
     def _take_model(self) -> None:
         """The filters' model and priors with what was learnt as the one hypothesis."""
         layout, settings, minutes = self._layout, self._settings, self._minutes
-        known = logged(self._history, 0, layout, self._columns.regions, settings)
+        quantities = logged(self._history, 0, layout, self._columns.regions, settings)
         noise, drawn = noise_of(minutes, settings.noise_k), self._hypothesis()
-        around = prior_mean(layout, settings, minutes[0], known)
+        around = prior_mean(layout, settings, minutes[0], quantities)
         for name in ("gain", "diffuse", "circumsolar"):
             around[layout.shared(name)] = self._learnt[name].value
-        self._surface = SurfaceModel(layout, drawn, settings, known, around, noise)
-        self._processes = processes(layout, settings.prior, drawn, known, noise)
-        self._prior: FloatArray = prior_covariance(layout, settings, drawn, known, noise)[0]
+        self._surface = SurfaceModel(layout, drawn, settings, quantities, around, noise)
+        self._processes = processes(layout, settings.prior, drawn, quantities, noise)
+        self._prior: FloatArray = prior_covariance(layout, settings, drawn, quantities, noise)[0]
         self._own_gain_sd = float(settings.prior.own_gain_sd * noise.unlike(drawn.unrest)[0])
         self._warming, self._fading = self._surface.warming(len(minutes))
 
     def _hypothesis(self) -> Hypotheses:
-        found = {name: np.array([one.value]) for name, one in self._learnt.items()}
+        values = {name: np.array([parameter.value]) for name, parameter in self._learnt.items()}
         return Hypotheses(
-            exchange=found["exchange"],
-            inertia=found["thermal_inertia"],
-            depth_m=found["depth"] / 100.0,
-            gust=found["gusts"],
+            exchange=values["exchange"],
+            inertia=values["thermal_inertia"],
+            depth_m=values["depth"] / 100.0,
+            gust=values["gusts"],
             # no learnt parameter: the prior's median
             unrest=np.ones(1),
         )
@@ -182,18 +182,18 @@ class _Pair:
 
     @cached_property
     def _shared(self) -> tuple[FloatArray, FloatArray]:
-        """What all pixels share: mean (2 m,) and covariance (2 m, 2 m), by the targets of known slope.
+        """Shared by all pixels: mean (2 m,) and covariance (2 m, 2 m), by the targets of known slope.
 
         First the exchange of each minute over that of all, then what the reference's temperature, with the
         heat lost by it, is off. Gaussian smoothing: the amplitudes are those that the session taught.
         """
         information = np.linalg.inv(self._shared_prior)
         towards = np.zeros(len(information))
-        for over_k, left, at in self._targets:
+        for over_k, remainder, at in self._targets:
             whitening = _whitening(self._alone(over_k), at)
             effect = whitening @ self._effect(over_k)[at]
             information += effect.T @ effect
-            towards += effect.T @ (whitening @ left[at])
+            towards += effect.T @ (whitening @ remainder[at])
         covariance = np.linalg.inv(information)
         return covariance @ towards, covariance
 
@@ -203,24 +203,24 @@ class _Pair:
         return np.asarray(block_diag(self._gusts, self._passing))
 
     def _effect(self, over_k: FloatArray) -> FloatArray:
-        """What is left of a target's temperature by what is shared (m, 2 m)."""
+        """Design (m, 2 m) by which what is shared enters a target's temperature."""
         return -np.hstack([self._warming * over_k, np.eye(len(over_k))])
 
     def _find_jumps(self) -> None:
         """Add noise where a target or the reference left its prediction: a shadow, as the filters take it."""
-        for over_k, left, at in self._targets:
+        for over_k, remainder, at in self._targets:
             effect = self._effect(over_k)
             scatter = self._alone(over_k) + effect @ self._shared_prior @ effect.T
-            errors = _whitening(scatter, at) @ left[at]
+            errors = _whitening(scatter, at) @ remainder[at]
             for jump in at[np.abs(errors) > JUMP_SDS].tolist():
                 # from then on, as the region's own deviations fade
-                fades = np.exp(-self._apart[jump] / OWN_MINUTES) * (np.arange(len(left)) >= jump)
+                fades = np.exp(-self._apart[jump] / OWN_MINUTES) * (np.arange(len(remainder)) >= jump)
                 self._noise += JUMP_K**2 * np.outer(fades, fades)
 
     @cached_property
     def _targets(self) -> list[tuple[FloatArray, FloatArray, IntArray]]:
-        """Of targets of known slope: temperature over the reference (m,), what is left of it, and when."""
-        made = []
+        """Targets of known slope: temperature over the reference (m,), what is left of it, and when."""
+        targets = []
         for place in range(self._layout.references, self._layout.regions):
             column = self._layout.columns[place]
             slope = self._normals.get(self._columns.regions[column].name)
@@ -228,21 +228,21 @@ class _Pair:
                 continue
             over_k = self._temperature_k[:, place] - self._reference_k
             by_light = self._design @ (slope - self._reference_normal)
-            left = over_k + self._warming @ self._loss(over_k) - by_light
+            remainder = over_k + self._warming @ self._loss(over_k) - by_light
             measured = self._chosen & np.isfinite(self._history.temperature_k[:, column])
-            made.append((over_k, left, self._frames[measured]))
-        return made
+            targets.append((over_k, remainder, self._frames[measured]))
+        return targets
 
     @cached_property
     def _gusts(self) -> FloatArray:
         """Prior covariance (m, m) of what the exchange of all surfaces does over the minutes."""
         layout, by_place = self._layout, self._processes
         wind_sd = self._settings.prior.wind_sd_w_m2_k_per_m_s
-        found = wind_sd**2 * np.outer(self._wind_change, self._wind_change)
+        covariance = wind_sd**2 * np.outer(self._wind_change, self._wind_change)
         for name in GUSTS:
-            found += _relaxing(self._apart, *_of(by_place[layout.shared(name)]))
-        found += _following(self._apart, *_of(by_place[layout.shared("slow_gust_drive")]))
-        return np.asarray(found + LEAST_GUST**2 * np.eye(len(found)))
+            covariance += _relaxing(self._apart, *_of(by_place[layout.shared(name)]))
+        covariance += _following(self._apart, *_of(by_place[layout.shared("slow_gust_drive")]))
+        return np.asarray(covariance + LEAST_GUST**2 * np.eye(len(covariance)))
 
     @cached_property
     def _exchange(self) -> FloatArray:
@@ -260,10 +260,10 @@ class _Pair:
     def _temperature_k(self) -> FloatArray:
         """Temperatures of the regions (m, regions), straight between those measured."""
         kelvin = self._history.temperature_k[:, self._layout.columns]
-        steps, known = np.arange(len(self._minutes)), np.isfinite(kelvin).T
+        steps, is_finite = np.arange(len(self._minutes)), np.isfinite(kelvin).T
         bridged = [
             np.interp(steps, self._frames[is_], column[is_])
-            for is_, column in zip(known, kelvin.T, strict=True)
+            for is_, column in zip(is_finite, kelvin.T, strict=True)
         ]
         return np.column_stack(bridged)
 
@@ -339,7 +339,7 @@ def _whitening(covariance: FloatArray, at: IntArray) -> FloatArray:
 def _interpolation(places: IntArray, size: int) -> FloatArray:
     """Matrix (size, n) from values at n places to those of all, straight in between."""
     steps = np.arange(size)
-    return np.column_stack([np.interp(steps, places, one) for one in np.eye(places.size)])
+    return np.column_stack([np.interp(steps, places, unit) for unit in np.eye(places.size)])
 
 
 def _of(process: tuple[FloatArray, float]) -> tuple[float, float]:

@@ -109,7 +109,7 @@ def processes(
     not from one to the next; otherwise quiet minutes would be taken for a high inertia.
     """
     unrest = SMOOTHED * hypotheses.unrest
-    found = {
+    by_place = {
         layout.shared("slow_gust_drive"): (unrest * prior.slow_gust_sd * hypotheses.exchange, SLOW_MINUTES),
         layout.shared("common_flux_drive"): (unrest * prior.common_flux_sd_w_m2, COMMON_MINUTES),
         layout.shared("air_change_drive"): (
@@ -118,13 +118,13 @@ def processes(
         ),
     }
     for name, share, minutes in zip(GUSTS, GUST_SHARES, GUST_MINUTES, strict=True):
-        found[layout.shared(name)] = (share * hypotheses.gust, float(minutes))
+        by_place[layout.shared(name)] = (share * hypotheses.gust, float(minutes))
     for target in range(layout.targets):
         spread = unrest * prior.own_slow_exchange * hypotheses.exchange * layout.unlike_of(target).exchange
-        found[layout.slow_exchange_drive(target)] = (spread, SLOW_MINUTES)
+        by_place[layout.slow_exchange_drive(target)] = (spread, SLOW_MINUTES)
     for region in range(layout.regions):
-        found[layout.own(region)] = (np.full(hypotheses.exchange.size, noise.own_k), OWN_MINUTES)
-    return found
+        by_place[layout.own(region)] = (np.full(hypotheses.exchange.size, noise.own_k), OWN_MINUTES)
+    return by_place
 
 
 def prior_mean(
@@ -215,10 +215,10 @@ def prior_covariance(
     past = _past_fills()
     shared = (past * prior.past_flux_sd_w_m2**2) @ past.T
     alone = (past * prior.bed_past_flux_sd_w_m2**2) @ past.T
-    for one in range(layout.regions):
-        for other in range(layout.regions):
-            covariance[:, layout.stores(one), layout.stores(other)] = shared + (one == other) * alone
-        level = layout.stores(one).start
+    for here in range(layout.regions):
+        for there in range(layout.regions):
+            covariance[:, layout.stores(here), layout.stores(there)] = shared + (here == there) * alone
+        level = layout.stores(here).start
         covariance[:, level, level] += LEVEL_SD_K**2
     return covariance
 
@@ -227,6 +227,6 @@ def _past_fills() -> FloatArray:
     """Seconds of the flux of each past bin that are left in level and stores (1 + MODES, bins)."""
     bounds_s = 60.0 * PAST_MINUTES
     rates = RATES_PER_S[1:, np.newaxis]
-    left = (np.exp(-rates * bounds_s[:-1]) - np.exp(-rates * bounds_s[1:])) / rates
+    remaining = (np.exp(-rates * bounds_s[:-1]) - np.exp(-rates * bounds_s[1:])) / rates
     # the level takes no flux, the store without loss keeps all of it, the others fade
-    return np.vstack([np.zeros(left.shape[1]), np.diff(bounds_s), left])
+    return np.vstack([np.zeros(remaining.shape[1]), np.diff(bounds_s), remaining])

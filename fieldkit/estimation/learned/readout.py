@@ -179,8 +179,8 @@ class Moments:
         """Standard deviation of one quantity if another were measured with `sd`."""
         place, place_other = self.names.index(name), self.names.index(other)
         shared = self.covariance[place, place_other]
-        left = self.covariance[place, place] - shared**2 / (self.covariance[place_other, place_other] + sd**2)
-        return float(np.sqrt(max(left, 0.0)))
+        measured = self.covariance[place_other, place_other] + sd**2
+        return float(np.sqrt(max(self.covariance[place, place] - shared**2 / measured, 0.0)))
 
 
 STATES = ("diffuse", "circumsolar", "longwave", "air")
@@ -222,8 +222,8 @@ def _within(posterior: Posterior, learner: Learner) -> tuple[FloatArray, FloatAr
     response = np.matmul(shared, np.matmul(normals.jacobian, normals.covariance))
     crossed = np.matmul(response, steps.transpose(0, 2, 1))
     own = filters.covariance[:, others][:, :, others]
-    known = filters.covariance[:, constrained][:, :, constrained]
-    regression = np.matmul(shared, np.linalg.inv(known))
+    constrained_covariance = filters.covariance[:, constrained][:, :, constrained]
+    regression = np.matmul(shared, np.linalg.inv(constrained_covariance))
     own = (
         own
         - np.matmul(regression, shared.transpose(0, 2, 1))
@@ -266,21 +266,21 @@ def prior_places(settings: EstimatorSettings, sds: dict[str, float]) -> dict[str
     }
 
 
-def learnt_parameters(learner: Learner, found: Moments) -> tuple[LearntParameter, ...]:
+def learnt_parameters(learner: Learner, joint: Moments) -> tuple[LearntParameter, ...]:
     """The shared parameters as learnt, with their priors."""
     settings, logged = learner.settings, learner.logged
     places = prior_places(settings, prior_sds(settings, logged))
     places["air"] = (logged.camera_k, places["air"][1])
 
     def of(name: str, unit: str) -> LearntParameter:
-        made = np.exp if name in LOGARITHMS else float
-        return _learnt(settings, found, name, unit, *places[name], of=made)
+        shown = np.exp if name in LOGARITHMS else float
+        return _learnt(settings, joint, name, unit, *places[name], of=shown)
 
     return (
         of("gain", ""),
         of("exchange", "W m⁻² K⁻¹"),
         of("thermal_inertia", "J m⁻² K⁻¹ s⁻½"),
-        _depth(settings, found),
+        _depth(settings, joint),
         of("gusts", "W m⁻² K⁻¹"),
         of("diffuse", ""),
         of("circumsolar", ""),
@@ -289,13 +289,13 @@ def learnt_parameters(learner: Learner, found: Moments) -> tuple[LearntParameter
     )
 
 
-def _depth(settings: EstimatorSettings, found: Moments) -> LearntParameter:
+def _depth(settings: EstimatorSettings, joint: Moments) -> LearntParameter:
     """Depth, whose prior is a layer with a bottom or one without."""
     least, most = _ends(settings)
     low, median, high = depths_m(np.array([least, 0.5, most]), settings)
     spread = float(np.log(high / low)) / (2.0 * interval_sds(settings.confidence))
     plain = _learnt(
-        settings, found, "depth", "cm", np.log(median), spread, of=lambda log_m: 100.0 * math.exp(log_m)
+        settings, joint, "depth", "cm", np.log(median), spread, of=lambda log_m: 100.0 * math.exp(log_m)
     )
     # a prior with a part without bottom has other bounds than a normal distribution
     return replace(plain, prior_low=100.0 * float(low), prior_high=100.0 * float(high))
@@ -303,7 +303,7 @@ def _depth(settings: EstimatorSettings, found: Moments) -> LearntParameter:
 
 def _learnt(
     settings: EstimatorSettings,
-    found: Moments,
+    joint: Moments,
     name: str,
     unit: str,
     prior: float,
@@ -311,7 +311,7 @@ def _learnt(
     of: Callable[[float], float] = float,
 ) -> LearntParameter:
     """A parameter with its prior; `of` makes numbers to show of those in `found`, prior and sd included."""
-    value, sd, sds = found.mean[found.names.index(name)], found.sd(name), interval_sds(settings.confidence)
+    value, sd, sds = joint.mean[joint.names.index(name)], joint.sd(name), interval_sds(settings.confidence)
     return LearntParameter(
         name=name,
         unit=unit,
@@ -353,23 +353,23 @@ def misfit(standardised: FloatArray) -> FloatArray:
     count = np.isfinite(standardised).sum(axis=0)
     # below zero it would excuse a misfit, at one the quotient has no bound
     correlation = np.clip(autocorrelation(standardised), 0.0, 0.95)
-    found = np.nansum(standardised**2, axis=0) / np.maximum(count, 1)
-    return np.where(count < 10, 1.0, found * (1.0 + correlation) / (1.0 - correlation))
+    mean_square = np.nansum(standardised**2, axis=0) / np.maximum(count, 1)
+    return np.where(count < 10, 1.0, mean_square * (1.0 + correlation) / (1.0 - correlation))
 
 
 def autocorrelation(values: FloatArray) -> FloatArray:
-    """Of columns (n, m) from one row to the next, (m,), NaN skipped; 0 with fewer than three rows."""
+    """Correlation (m,) of columns (n, m) from row to row, NaN skipped; 0 with fewer than three rows."""
     if len(values) < 3:
         return np.zeros(values.shape[1])
     filled = np.nan_to_num(values)
     return np.asarray((filled[1:] * filled[:-1]).sum(axis=0) / np.maximum((filled**2).sum(axis=0), 1e-12))
 
 
-def surprise(found: Moments, settings: EstimatorSettings, prior_sds: dict[str, float]) -> Surprise | None:
+def surprise(joint: Moments, settings: EstimatorSettings, prior_sds: dict[str, float]) -> Surprise | None:
     """The learnt parameter that is farthest from its prior, if by more than `SURPRISING_SDS`."""
     worst = Surprise("", 0.0)
     for name, (prior, sd) in prior_places(settings, prior_sds).items():
-        off = float((found.mean[found.names.index(name)] - prior) / sd)
+        off = float((joint.mean[joint.names.index(name)] - prior) / sd)
         if name in WORDS and abs(off) > abs(worst.sds):
             worst = Surprise(name, off)
     return worst if abs(worst.sds) > SURPRISING_SDS else None
@@ -378,7 +378,7 @@ def surprise(found: Moments, settings: EstimatorSettings, prior_sds: dict[str, f
 def cause(minutes: Sequence[MinuteInputs], unusual: Surprise | None) -> str:
     """The likeliest reason of a misfit, as a question to whoever measured."""
     dark = [minute for minute in minutes if minute.sun[2] <= 0.0]
-    kelvin = np.array([one.temperature_k[0] for one in dark])
+    kelvin = np.array([minute.temperature_k[0] for minute in dark])
     if kelvin.size and kelvin.max() - kelvin[: int(kelvin.argmax()) + 1].min() > NIGHT_RISE_K:
         return "the ground warms while the sun is down: are clock, time zone and site right?"
     if unusual is None:

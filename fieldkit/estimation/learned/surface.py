@@ -66,7 +66,7 @@ Judged: because it is divided by the sine, which the sun's own width and the hor
 """
 _ROOT_TWO_PI = float(np.sqrt(2.0 * np.pi))
 _LEAST_SD = 1e-4
-"""Of a cosine; keeps its ratio to the mean finite where a reference's slope is exactly known."""
+"""Least deviation of a cosine; keeps ratios to it finite where a reference's slope is exactly known."""
 
 
 class Light(NamedTuple):
@@ -97,9 +97,9 @@ class SurfaceModel:
         self.layout = layout
         self.hypotheses = hypotheses
         self.settings = settings
-        layers = {one: self._layer(one) for one in dict.fromkeys(layout.unlike)}
+        layers = {surface: self._layer(surface) for surface in dict.fromkeys(layout.unlike)}
         self._quick, self._weights = (
-            np.stack([layers[one][part] for one in layout.unlike], axis=1) for part in (0, 1)
+            np.stack([layers[surface][part] for surface in layout.unlike], axis=1) for part in (0, 1)
         )
         self._exchange = hypotheses.exchange[:, np.newaxis] * layout.exchanges
         self._processes = processes(layout, settings.prior, hypotheses, logged, noise)
@@ -213,8 +213,8 @@ class SurfaceModel:
         lit = about * share + sd * bell
         second = (about**2 + sd**2) * share + about * sd * bell
         # variance that the line of slope `share` does not follow
-        left = second - lit**2 - share**2 * sd**2
-        return Light(share, lit, lit - share * about, np.sqrt(np.maximum(left, 0.0)))
+        remainder = second - lit**2 - share**2 * sd**2
+        return Light(share, lit, lit - share * about, np.sqrt(np.maximum(remainder, 0.0)))
 
     def by_normal(self, minute: MinuteInputs) -> FloatArray:
         """Light and longwave (3,) that a lit target, nowhere shaded, absorbs by its normal times the gain."""
@@ -322,8 +322,8 @@ class SurfaceModel:
         """Rows (regions, n, 3) that give each region's normal times the gain."""
         layout = self.layout
         normals = np.zeros((layout.regions, layout.size, 3))
-        for region, known in enumerate(layout.known):
-            normals[region, layout.shared("gain")] = known
+        for region, known_normal in enumerate(layout.known):
+            normals[region, layout.shared("gain")] = known_normal
         for target, axes in enumerate(layout.facing):
             normals[layout.references + target, layout.normal(target)] = axes.T
         return normals
