@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.model.arrays import CountArray, FlagArray, FloatArray, IntArray
+from fieldkit.model.channels import quantity_of
 from fieldkit.model.device import StreamInfo, regions_on
 from fieldkit.model.errors import IntegrityError, SessionError
 from fieldkit.model.region_schedule import RegionSchedule
@@ -253,15 +254,26 @@ def minute_means(
 
     `recorded` takes the times as recorded, without the active time map.
     """
-    return means_by_minute(session.readings(meter, recorded=recorded), channel)
+    is_angle = quantity_of(session.streams[meter]).is_angle
+    return means_by_minute(session.readings(meter, recorded=recorded), channel, is_angle=is_angle)
 
 
-def means_by_minute(readings: Readings, channel: int = 0) -> tuple[IntArray, FloatArray]:
-    """Middle (UTC ns) and mean of every minute of a channel, of the usable readings."""
+def means_by_minute(
+    readings: Readings, channel: int = 0, *, is_angle: bool = False
+) -> tuple[IntArray, FloatArray]:
+    """Middle (UTC ns) and mean of every minute of a channel, of the usable readings.
+
+    The mean of angles, degrees, is the direction of their unit vectors' mean: that of 359 and 1 is 0.
+    """
     values = readings.values[:, channel]
     good = is_usable(readings.flags) & np.isfinite(values)
     minutes, place = np.unique(readings.time_ns[good] // MINUTE_NS, return_inverse=True)
-    means = np.bincount(place, values[good]) / np.bincount(place) if minutes.size else np.empty(0)
+    values = values[good]
+    if is_angle:
+        east, north = (np.bincount(place, of(np.radians(values))) for of in (np.sin, np.cos))
+        means = np.degrees(np.arctan2(east, north)) % 360.0
+    else:
+        means = np.bincount(place, values) / np.bincount(place) if minutes.size else np.empty(0)
     return minutes * MINUTE_NS + MINUTE_NS // 2, means
 
 

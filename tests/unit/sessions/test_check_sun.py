@@ -107,3 +107,17 @@ def test_minute_means_count_every_usable_reading_once(tmp_path):
         time_ns, means = minute_means(opened, "lux")
     assert means.tolist() == [30.0, 8.0]
     assert (time_ns - start).tolist() == [30 * 10**9, 90 * 10**9]
+
+
+def test_the_mean_of_directions_around_north_is_north(tmp_path):
+    start = int(NINE_TO_THREE[0])
+    vane = StreamInfo("vane", "wind_direction", "degree", (1,))
+    readings = [
+        Reading("vane", start + s * 10**9, start + s * 10**9, (value,))
+        for s, value in ((0, 350.0), (20, 10.0))
+    ]
+    header = SessionHeader("l", SITE, (vane,))
+    write_imported(tmp_path / "a.h5", header, ImportedRecording((vane,), readings), "a test")
+    with open_session(tmp_path / "a.h5") as opened:
+        _, means = minute_means(opened, "vane")
+    assert (means + 180.0) % 360.0 == pytest.approx([180.0])

@@ -560,18 +560,3 @@ def test_a_campbell_table_of_two_header_lines_has_units_and_processes_in_its_nam
     }
     assert seconds(imported, "log-temperature") == [-1800, 1800]
     assert seconds(imported, "log-speed") == [0, 3600]
-
-
-def test_a_process_that_is_not_known_is_no_sample(tmp_path):
-    text = mixed("12:00:00", "12:10:00").replace('"Smp","Avg"', '"Rfl","Avg"')
-    imported = read_log(table(tmp_path, text), "log", LogOptions(zone=UTC))
-    assert imported.streams[0].channels == ("T_Avg",)
-    assert "T_sand_C [Deg C]" in notes(imported)
-
-
-@pytest.mark.parametrize("year", [1650, 1965, 2255, 9999])
-def test_years_that_no_session_holds_are_refused(tmp_path, year):
-    path = tmp_path / "a.csv"
-    path.write_text(f"time,T [K]\n{year}-05-12T01:00:00+00:00,300\n")
-    with pytest.raises(ConfigError, match=r"year must lie within|none of a recording"):
-        read_log(path, "a", LogOptions())
