@@ -95,9 +95,9 @@ def _metadata(driver: Driver) -> list[tuple[str, Callable[[], str]]]:
 
     def finds() -> str:
         found: object = driver.find()
-        if not isinstance(found, list) or not all(isinstance(one, DiscoveredDevice) for one in found):
+        if not isinstance(found, list) or not all(isinstance(device, DiscoveredDevice) for device in found):
             raise CheckError("find() gives no list of DiscoveredDevice")
-        strange = [one.driver for one in found if one.driver != driver.name]
+        strange = [device.driver for device in found if device.driver != driver.name]
         _need(not strange, f"find() returns devices of {strange}")
         return f"{len(found)} connected"
 
@@ -254,9 +254,9 @@ def settings_for(driver: Driver, port: str, identity: str, options: dict[str, An
     if port or identity:
         return DeviceSettings("selftest", driver.name, port=port, identity=identity, options=options)
     try:
-        found = [one for one in driver.find() if not one.caveat]
+        devices = [device for device in driver.find() if not device.caveat]
     except Exception:  # the suite itself reports it
         return None
-    if len(found) != 1:
+    if len(devices) != 1:
         return None
-    return DeviceSettings("selftest", driver.name, identity=found[0].identity, options=options)
+    return DeviceSettings("selftest", driver.name, identity=devices[0].identity, options=options)

@@ -67,12 +67,12 @@ class SocketPort:
             self.framer.discard()
             self.write(request)
         deadline_ns = self._clock.mono_ns() + int(timeout_s * 1e9)
-        found, left_s = self.framer.next_record(layout), timeout_s
-        while found is None and left_s >= 0.0 and self._clock.wait_readable(self._socket.fileno(), left_s):
+        stamped, left_s = self.framer.next_record(layout), timeout_s
+        while stamped is None and left_s >= 0.0 and self._clock.wait_readable(self._socket.fileno(), left_s):
             chunk, now_ns = self._chunk(), self._clock.mono_ns()
-            found = self.framer.feed(layout, chunk, now_ns)
+            stamped = self.framer.feed(layout, chunk, now_ns)
             left_s = (deadline_ns - now_ns) / 1e9
-        return found
+        return stamped
 
     def close(self) -> None:
         """Close the connection; a second call does nothing."""

@@ -64,9 +64,9 @@ class Record(NamedTuple):
         cls, length: int, values: Iterable[Value], note: str = "", device_time: int = NO_COUNTER
     ) -> Record:
         """A record of `values`."""
-        given = tuple(values)
-        channels = tuple(Channel(one.channel, one.unit, one.quality, one.states) for one in given)
-        return cls(length, tuple(one.value for one in given), channels, note, device_time)
+        described = tuple(values)
+        channels = tuple(Channel(v.channel, v.unit, v.quality, v.states) for v in described)
+        return cls(length, tuple(value.value for value in described), channels, note, device_time)
 
     @property
     def values(self) -> tuple[Value, ...]:
@@ -124,8 +124,8 @@ class RecordDriver:
 
 def skip_to(start: bytes, data: bytes) -> int:
     """Number of bytes to drop so that the rest begins with (a part of) `start`, at least one."""
-    found = data.find(start, 1)
-    return found if found > 0 else len(data)
+    place = data.find(start, 1)
+    return place if place > 0 else len(data)
 
 
 def decode_records(data: bytes, layout: Layout) -> Decoded:

@@ -120,7 +120,7 @@ def is_device(device: ConnectedDevice, settings: DeviceSettings) -> bool:
     """True if a configured instrument is this one: by identity, by port, or else by a driver alone."""
     if settings.identity:
         usb = (usb for path, usb in (*cameras(), *serial_ports()) if path == device.port)
-        return settings.identity == device.identity or any(one.matches(settings.identity) for one in usb)
+        return settings.identity == device.identity or any(own.matches(settings.identity) for own in usb)
     if settings.port:
         return os.path.realpath(settings.port) == os.path.realpath(device.port)
     return settings.driver in device.drivers

@@ -59,23 +59,23 @@ class UsbIdentity:
         interface = _INTERFACE.search(wanted)
         if interface is not None:
             return interface[1] == self.interface and self.matches(wanted[: interface.start()])
-        found = _IDS.fullmatch(wanted)
-        if found is None:
+        match = _IDS.fullmatch(wanted)
+        if match is None:
             return wanted == self.path
-        vendor, product, serial = found.groups()
+        vendor, product, serial = match.groups()
         same_kind = (int(vendor, 16), int(product, 16)) == (self.vendor, self.product)
         return same_kind and (serial is None or serial == self.serial)
 
     def ports(self, present: Sequence[UsbIdentity]) -> list[UsbIdentity]:
         """Those of `present` that belong to the same instrument, each interface once."""
-        return [one for one in dict.fromkeys(present) if one == self or (one.path and one.path == self.path)]
+        return [usb for usb in dict.fromkeys(present) if usb == self or (usb.path and usb.path == self.path)]
 
     def as_text(self, present: Sequence[UsbIdentity] = ()) -> str:
         """The shortest identity that is unique among `present`."""
         kind = f"{self.vendor:04x}:{self.product:04x}"
-        alike = [one for one in present if (one.vendor, one.product) == (self.vendor, self.product)]
+        alike = [usb for usb in present if (usb.vendor, usb.product) == (self.vendor, self.product)]
         own = self.ports(alike)
-        others = [one for one in alike if one not in own]
+        others = [usb for usb in alike if usb not in own]
         port = f"-{self.interface}" if len(own) > 1 else ""
         if self.serial and self.serial not in [other.serial for other in others]:
             return f"{kind}:{self.serial}{port}"

@@ -189,7 +189,7 @@ class Instrument(Generic[M]):
 
     def __repr__(self) -> str:
         info = self.info
-        size = "x".join(str(one) for one in reversed(info.shape))
+        size = "x".join(str(side) for side in reversed(info.shape))
         what = info.model or info.name
         return f"<{what} at {info.port}: {info.quantity} [{info.unit}], {size}>"
 
@@ -252,9 +252,9 @@ def open_device(
 def _only_device() -> ConnectedDevice:
     certain = [device for device in find_devices() if len(device.drivers) == 1 and not device.note]
     if len(certain) != 1:
-        found = ", ".join(map(repr, certain)) or "none"
+        names = ", ".join(map(repr, certain)) or "none"
         raise DeviceNotFoundError(
-            f"open_device() needs one recognised instrument; found: {found}",
+            f"open_device() needs one recognised instrument; found: {names}",
             fix='name it: open_device("purethermal"); fieldkit.find_devices() lists all',
         )
     return certain[0]

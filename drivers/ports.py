@@ -321,21 +321,21 @@ class SerialPort:
                 termios.tcflush(self._fd, termios.TCIFLUSH)
                 framer.discard()
                 os.write(self._fd, request)
-            found = framer.next_record(layout) if framer.left else None
+            record = framer.next_record(layout) if framer.left else None
             left_s, started_ns = timeout_s, clock.mono_ns()
             while (
-                found is None and left_s >= 0.0 and (left_s == self._blocks_for_s or self._will_wait(left_s))
+                record is None and left_s >= 0.0 and (left_s == self._blocks_for_s or self._will_wait(left_s))
             ):
                 chunk = os.read(self._fd, CHUNK_BYTES) or self._late_bytes()
                 if not chunk:
                     break
                 now_ns = clock.mono_ns()
-                found = framer.feed(layout, chunk, now_ns)
-                if found is None:
+                record = framer.feed(layout, chunk, now_ns)
+                if record is None:
                     left_s = timeout_s - (now_ns - started_ns) / 1e9
         except (OSError, termios.error) as error:
             raise self._lost() from error
-        return found
+        return record
 
     def close(self) -> None:
         """Release the port; a second call does nothing."""
@@ -394,8 +394,8 @@ def baud(settings: DeviceSettings, usual: int) -> int:
 def serial_ports() -> list[Found]:
     """(path, identity) of every USB serial port of this computer."""
     nodes = sorted((SYSFS / "class/tty").glob("tty[UA]*"))
-    found = ((f"/dev/{node.name}", usb_parent((node / "device").resolve())) for node in nodes)
-    return [(path, identity) for path, identity in found if identity is not None]
+    parents = ((f"/dev/{node.name}", usb_parent((node / "device").resolve())) for node in nodes)
+    return [(path, identity) for path, identity in parents if identity is not None]
 
 
 def find_ports(driver: str, title: str, kinds: Sequence[Kind], caveat: str) -> list[DiscoveredDevice]:

@@ -96,8 +96,8 @@ def unpack(frame: bytes) -> Message | str:
 def parse(buffer: bytes) -> Parsed:
     """The packet at the start of `buffer`."""
     if buffer[0] != START:
-        found = buffer.find(bytes([START]))
-        return Rejected(found if found > 0 else len(buffer), "does not begin with 8E")
+        place = buffer.find(bytes([START]))
+        return Rejected(place if place > 0 else len(buffer), "does not begin with 8E")
     end = buffer.find(bytes([END]))
     if end < 0:
         return None
@@ -124,8 +124,8 @@ class BosonSerial:
         """Send a command, return the payload of its reply."""
         self._sequence += 1
         self._port.write(pack(self._sequence, function, payload))
-        while found := self._port.read(LAYOUT, REPLY_TIMEOUT_S):
-            message = unpack(found.raw)
+        while reply := self._port.read(LAYOUT, REPLY_TIMEOUT_S):
+            message = unpack(reply.raw)
             if isinstance(message, str) or message[:2] != (self._sequence, function):
                 continue
             if message.status:
@@ -185,10 +185,8 @@ def decode(data: bytes, scale: float = math.nan) -> DecodedFrame | Rejected:
     pixels = pixel_view(data, shape)
     height = IMAGE_ROWS[shape[1]]
     counts = pixels[:height]
-    found = extremes(counts)
-    return DecodedFrame(
-        counts, found, pixels[height:], scale, quality=quality_flags(found, (0, 0xFFFF), scale)
-    )
+    ends = extremes(counts)
+    return DecodedFrame(counts, ends, pixels[height:], scale, quality=quality_flags(ends, (0, 0xFFFF), scale))
 
 
 class Boson(CameraDriver):

@@ -117,7 +117,7 @@ def _other_readings(size: int, length: int, lengths: tuple[int, ...]) -> list[st
     if not length or size % length:
         sizes = " or ".join(str(length) for length in sorted(lengths))
         return [f"a frame of this family has {sizes} bytes"]
-    others = [one for one in sorted(lengths) if one != length and size % one == 0]
+    others = [other for other in sorted(lengths) if other != length and size % other == 0]
     return [
         f"could also be {size // other} frames of {other} bytes; cut the file to decide" for other in others
     ]
@@ -142,9 +142,9 @@ def _frame_length(size: int, lengths: tuple[int, ...]) -> int:
 def summary(frame: DecodedFrame) -> list[Value]:
     """Minimum, mean and maximum in kelvin, in counts where no temperature is known, and the sensor's own."""
     quality = frame.quality | (Quality.SHUTTER if frame.shutter else Quality.GOOD)
-    known = frame.law != "linear" or not math.isnan(frame.scale)
-    unit = "K" if known else "counts"
-    image = kelvin(frame) if known else frame.counts
+    has_kelvin = frame.law != "linear" or not math.isnan(frame.scale)
+    unit = "K" if has_kelvin else "counts"
+    image = kelvin(frame) if has_kelvin else frame.counts
     figures = {"minimum": image.min(), "mean": image.mean(dtype=np.float64), "maximum": image.max()}
     values = [Value(float(figure), unit, name, quality) for name, figure in figures.items()]
     sensors = {"fpa": frame.fpa_temperature_k, "housing": frame.housing_temperature_k}
@@ -162,8 +162,8 @@ def kelvin(frame: DecodedFrame) -> SingleArray:
     if frame.law != "linear":
         return law_named(frame.law)(frame.counts, frame.metadata_rows, {})
     hottest_k = frame.extremes[1] * frame.scale
-    made = cv2.normalize(frame.counts, _NEW, hottest_k, 0.0, cv2.NORM_INF, cv2.CV_32F)
-    image = cast("SingleArray", made)
+    scaled = cv2.normalize(frame.counts, _NEW, hottest_k, 0.0, cv2.NORM_INF, cv2.CV_32F)
+    image = cast("SingleArray", scaled)
     if frame.offset:
         image += frame.offset
     return image
@@ -342,11 +342,11 @@ def describe(
     their own, the others are kept as settings. A frame's law other than ``linear`` gives temperatures.
     """
     facts = {"backend": opened.source.backend, **facts}
-    known = first.law != "linear" or not math.isnan(first.scale)
+    has_kelvin = first.law != "linear" or not math.isnan(first.scale)
     return StreamInfo(
         name=settings.name,
-        quantity="brightness_temperature" if known else "counts",
-        unit="K" if known else "counts",
+        quantity="brightness_temperature" if has_kelvin else "counts",
+        unit="K" if has_kelvin else "counts",
         shape=first.counts.shape,
         scale=first.scale,
         offset=first.offset,

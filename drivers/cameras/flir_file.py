@@ -73,9 +73,9 @@ def frames(data: bytes | mmap) -> Iterator[FlirFrame]:
 def _after_padding(data: bytes | mmap, start: int) -> int:
     """Start of the next frame, or the end of the data: never further than a header's beginning."""
     gap = data[start : start + _MOST_PADDING + 4]
-    found = [gap.find(magic) for magic in MAGIC if magic in gap]
-    if found:
-        return start + min(found)
+    places = [gap.find(magic) for magic in MAGIC if magic in gap]
+    if places:
+        return start + min(places)
     return len(data) if len(gap) <= _MOST_PADDING else start
 
 
@@ -151,7 +151,7 @@ def _entries(
     data: bytes | mmap, start: int, order: str, directory: int, count: int
 ) -> list[tuple[int, int, int]]:
     """(type, offset, length) of every record, offsets from the start of the FFF."""
-    found = []
+    entries = []
     for number in range(count):
         place = start + directory + number * ENTRY
         if place + ENTRY > len(data):
@@ -161,8 +161,8 @@ def _entries(
         if kind and start + offset + length > len(data):
             raise DecodeError("the FFF is cut short", data[start : start + HEADER])
         if kind:
-            found.append((kind, offset, length))
-    return found
+            entries.append((kind, offset, length))
+    return entries
 
 
 def _order(record: bytes) -> str:
@@ -277,5 +277,5 @@ def settings(frame: FlirFrame) -> dict[str, Any]:
 
     The emissivity set in the camera is kept as `camera_emissivity` and not applied.
     """
-    kept = {name: getattr(frame.constants, name) for name in Planck.__slots__}
-    return {**kept, "emissivity": 1.0, "camera_emissivity": frame.constants.emissivity}
+    constants = {name: getattr(frame.constants, name) for name in Planck.__slots__}
+    return {**constants, "emissivity": 1.0, "camera_emissivity": frame.constants.emissivity}

@@ -102,18 +102,18 @@ class GenicamSource(StreamSource):
                 camera.stop_acquisition()
 
     def _receive(self, timeout_s: float) -> Buffer | None:
-        found = self._stream.timeout_pop_buffer(int(timeout_s * 1e6))
-        if found is None:
+        block = self._stream.timeout_pop_buffer(int(timeout_s * 1e6))
+        if block is None:
             return None
-        is_whole = found.get_status() == self._aravis.BufferStatus.SUCCESS
-        number = self._number(found.get_frame_id())
-        buffer = Buffer(found.get_data(), self._stamp_ns(found), number, error=not is_whole)
-        self._stream.push_buffer(found)
+        is_whole = block.get_status() == self._aravis.BufferStatus.SUCCESS
+        number = self._number(block.get_frame_id())
+        buffer = Buffer(block.get_data(), self._stamp_ns(block), number, error=not is_whole)
+        self._stream.push_buffer(block)
         return buffer
 
-    def _stamp_ns(self, found: Any) -> int:
+    def _stamp_ns(self, block: Any) -> int:
         """When the first packet arrived, by aravis' stamp of the system's clock."""
-        age_ns = time.time_ns() - found.get_system_timestamp()
+        age_ns = time.time_ns() - block.get_system_timestamp()
         return self._clock.mono_ns() - (age_ns if 0 <= age_ns < LATE_NS else 0)
 
     def _number(self, block_id: int) -> int:

@@ -50,11 +50,11 @@ def decode(data: bytes) -> DecodedFrame | Rejected:
     if len(data) != LENGTH:
         return Rejected(len(data), f"{len(data)} bytes; a frame of 32x32 has {LENGTH}")
     counts = pixel_view(data, (SIDE, SIDE))
-    found = extremes(counts)
+    ends = extremes(counts)
     ambient_k = int.from_bytes(data[AMBIENT : AMBIENT + 2], "little") * SCALE
-    quality = quality_flags(found, (0, 0xFFFF), SCALE)
+    quality = quality_flags(ends, (0, 0xFFFF), SCALE)
     return DecodedFrame(
-        counts, found, scale=SCALE, quality=quality, shutter=False, fpa_temperature_k=ambient_k
+        counts, ends, scale=SCALE, quality=quality, shutter=False, fpa_temperature_k=ambient_k
     )
 
 

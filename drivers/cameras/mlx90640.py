@@ -60,10 +60,10 @@ def decode(data: bytes) -> DecodedFrame | Rejected:
     if sum(np.frombuffer(data, "<u2")[:-1].tolist()) & 0xFFFF != int.from_bytes(data[-2:], "little"):
         return Rejected(len(data), "the sum does not match")
     *pixels, own, _ = _WORDS.unpack_from(data, len(HEADER))
-    found = _image([pixel * SCALE for pixel in pixels], len(data))
-    if isinstance(found, Rejected):
-        return found
-    return found._replace(fpa_temperature_k=own * SCALE + CELSIUS_ZERO_K)
+    frame = _image([pixel * SCALE for pixel in pixels], len(data))
+    if isinstance(frame, Rejected):
+        return frame
+    return frame._replace(fpa_temperature_k=own * SCALE + CELSIUS_ZERO_K)
 
 
 def _image(celsius: list[float] | None, length: int) -> DecodedFrame | Rejected:
@@ -74,15 +74,17 @@ def _image(celsius: list[float] | None, length: int) -> DecodedFrame | Rejected:
         return Rejected(length, f"{len(celsius or ())} numbers; an image has {sizes}")
     kelvin_100 = np.rint(np.array(celsius) / SCALE) + ZERO
     counts = np.clip(kelvin_100, 0, 0xFFFF).astype(np.uint16).reshape(shape)
-    found = extremes(counts)
-    quality = quality_flags(found, (0, 0xFFFF), SCALE)
-    return DecodedFrame(counts, found, scale=SCALE, quality=quality, shutter=False)
+    ends = extremes(counts)
+    quality = quality_flags(ends, (0, 0xFFFF), SCALE)
+    return DecodedFrame(counts, ends, scale=SCALE, quality=quality, shutter=False)
 
 
 def _numbers(text: bytes) -> list[float] | None:
     """Numbers between commas, None if something else is among them."""
     try:
-        return [float(one) for one in text.split(b",") if one.strip()] if _NUMBERS.fullmatch(text) else None
+        return (
+            [float(cell) for cell in text.split(b",") if cell.strip()] if _NUMBERS.fullmatch(text) else None
+        )
     except ValueError:  # 21.5.3, or two numbers without a comma
         return None
 
@@ -179,7 +181,7 @@ def _emissivity(port: SerialPort, clock: Clock) -> dict[str, float]:
     port.write(command(ASK_EMISSIVITY))
     deadline_ns = clock.mono_ns() + int(REPLY_S * 1e9)
     while (left_ns := deadline_ns - clock.mono_ns()) > 0:
-        found = port.read(LAYOUT, left_ns / 1e9)
-        if found and found.record.note.startswith("emissivity "):
-            return {"emissivity": float(found.record.note.split()[1])}
+        reply = port.read(LAYOUT, left_ns / 1e9)
+        if reply and reply.record.note.startswith("emissivity "):
+            return {"emissivity": float(reply.record.note.split()[1])}
     return {}

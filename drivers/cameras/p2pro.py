@@ -229,13 +229,13 @@ def decode(data: bytes) -> DecodedFrame | Rejected:
     if len(data) != LENGTH:
         return Rejected(len(data), f"{len(data)} bytes; a frame of {WIDTH}x{2 * HEIGHT} has {LENGTH}")
     counts = pixel_view(data, (HEIGHT, WIDTH), LENGTH // 2)
-    found = extremes(counts)
-    return DecodedFrame(counts, found, scale=SCALE, quality=flags(counts, found))
+    ends = extremes(counts)
+    return DecodedFrame(counts, ends, scale=SCALE, quality=flags(counts, ends))
 
 
-def flags(counts: CountArray, found: tuple[float, float], scale: float = SCALE) -> Quality:
+def flags(counts: CountArray, ends: tuple[float, float], scale: float = SCALE) -> Quality:
     """Flags by the temperatures alone: end of scale, not started, not corrected, or the grey half."""
-    quality = quality_flags(found, (0, 0xFFFF), scale)
+    quality = quality_flags(ends, (0, 0xFFFF), scale)
     middle = len(counts) // 2
     row = counts[middle].astype(np.int32)
     step = np.abs(row[1:] - row[:-1]).mean()
@@ -269,10 +269,10 @@ class P2Pro(CameraDriver):
 
     def open(self, settings: DeviceSettings, clock: Clock) -> camera.ThermalCamera:
         """Open the camera, apply the requested settings, record what its commands report."""
-        wanted = requested_settings(settings)
+        requested = requested_settings(settings)
         opened = open_source(settings, WANTED, clock)
         first = camera.first_frame(opened.source, decode, settings.name, clock)
-        commands, facts = connect(opened.usb, clock, wanted)
+        commands, facts = connect(opened.usb, clock, requested)
         info = camera.describe(settings, opened, first, facts, vendor="InfiRay", rate_hz=RATE_HZ)
         return camera.ThermalCamera(
             info, opened.source, decode, clock, commands.calibrate if commands else None

@@ -69,12 +69,12 @@ def decode(data: bytes, default_scale: float = math.nan) -> DecodedFrame | Rejec
     if not (revision and COLDEST_FPA < fpa < HOTTEST_FPA):  # the rows are not filled in
         return _without_telemetry(counts, rows, default_scale)
     scale = RESOLUTION_K.get((linear, resolution), math.nan)
-    found = extremes(counts)
-    quality = quality_flags(found, TLINEAR_ENDS if scale > 0 else _ends(found), scale)
+    ends = extremes(counts)
+    quality = quality_flags(ends, TLINEAR_ENDS if scale > 0 else _ends(ends), scale)
     state, (running, done) = status >> 4 & 3, OLD_FFC if revision == OLD_REVISION else FFC
     shutter = state == running or (state == done and 0 <= uptime - corrected < SETTLING_MS)
     fields = (
-        counts, found, rows, scale, 0.0, "linear", quality, shutter, uptime, counter,
+        counts, ends, rows, scale, 0.0, "linear", quality, shutter, uptime, counter,
         fpa / 100, housing / 100, GAINS.get(gain, "unknown"),
     )  # fmt: skip
     # not by the named tuple's own constructor: it takes a tenth of the decoding, and the goal of
@@ -84,9 +84,9 @@ def decode(data: bytes, default_scale: float = math.nan) -> DecodedFrame | Rejec
 
 def _without_telemetry(counts: CountArray, rows: CountArray, scale: float) -> DecodedFrame:
     """A frame without telemetry."""
-    found = extremes(counts)
-    quality = quality_flags(found, TLINEAR_ENDS if scale > 0 else _ends(found), scale)
-    return DecodedFrame(counts, found, rows, scale, quality=quality)
+    ends = extremes(counts)
+    quality = quality_flags(ends, TLINEAR_ENDS if scale > 0 else _ends(ends), scale)
+    return DecodedFrame(counts, ends, rows, scale, quality=quality)
 
 
 def _ends(found: tuple[float, float]) -> tuple[int, int]:

@@ -84,7 +84,7 @@ class PortSource(StreamSource):
         """The next record that is not a note."""
         deadline_ns = self._clock.mono_ns() + int(timeout_s * 1e9)
         while (left_ns := deadline_ns - self._clock.mono_ns()) > 0:
-            found = self._port.read(self._layout, left_ns / 1e9)
-            if found is None or found.record.numbers:
-                return found
+            record = self._port.read(self._layout, left_ns / 1e9)
+            if record is None or record.record.numbers:
+                return record
         return None

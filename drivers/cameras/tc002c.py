@@ -40,8 +40,8 @@ def decode(data: bytes) -> DecodedFrame | Rejected:
     if len(data) != LENGTH:
         return Rejected(len(data), f"{len(data)} bytes; a frame of {FRAME[1]}x{FRAME[0]} has {LENGTH}")
     counts, rows = pixel_view(data, (HEIGHT, WIDTH)), pixel_view(data, FRAME)[TELEMETRY]
-    found = extremes(counts)
-    return DecodedFrame(counts, found, rows, SCALE, quality=p2pro.flags(counts, found, SCALE))
+    ends = extremes(counts)
+    return DecodedFrame(counts, ends, rows, SCALE, quality=p2pro.flags(counts, ends, SCALE))
 
 
 class Tc002c(CameraDriver):

@@ -48,20 +48,20 @@ def packet(content: Mapping[str, Any]) -> bytes:
 def content_of(data: bytes) -> dict[str, Any]:
     """The JSON object of a packet, empty if there is none."""
     try:
-        found = json.loads(data.strip(START + END))
+        content = json.loads(data.strip(START + END))
     except (ValueError, RecursionError):
         return {}
-    return found if isinstance(found, dict) else {}
+    return content if isinstance(content, dict) else {}
 
 
 def decode(data: bytes) -> DecodedFrame | Rejected:
     """The image of a packet."""
-    found = content_of(data)
-    if not found.keys() >= {"radiometric", "telemetry"}:
+    content = content_of(data)
+    if not content.keys() >= {"radiometric", "telemetry"}:
         return Rejected(len(data), "not an image: no radiometric data and telemetry")
     try:
         pixels, telemetry = (
-            binascii.a2b_base64(found[key], strict_mode=True) for key in ("radiometric", "telemetry")
+            binascii.a2b_base64(content[key], strict_mode=True) for key in ("radiometric", "telemetry")
         )
     except (ValueError, TypeError) as error:
         return Rejected(len(data), f"not base64: {error}")
@@ -148,8 +148,8 @@ def _ask(port: Port, what: str, clock: Clock) -> dict[str, Any]:
     port.write(packet({"cmd": f"get_{what}"}))
     deadline_ns = clock.mono_ns() + int(REPLY_S * 1e9)
     while (left_ns := deadline_ns - clock.mono_ns()) > 0:
-        found = port.read(LAYOUT, left_ns / 1e9)
-        reply = content_of(found.raw).get(what) if found else None
+        packet_read = port.read(LAYOUT, left_ns / 1e9)
+        reply = content_of(packet_read.raw).get(what) if packet_read else None
         if isinstance(reply, dict):
             return reply
     return {}

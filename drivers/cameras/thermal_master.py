@@ -72,8 +72,8 @@ def marker(data: bytes, sync: tuple[int, int]) -> Marker | None:
     """The marker at the start of `data`, None if there is none of that kind."""
     if len(data) < MARKER.size:
         return None
-    found = Marker(*MARKER.unpack_from(data))
-    return found if found.length == MARKER.size and found.sync in sync else None
+    candidate = Marker(*MARKER.unpack_from(data))
+    return candidate if candidate.length == MARKER.size and candidate.sync in sync else None
 
 
 class Assembler:
@@ -217,9 +217,9 @@ def decode(data: bytes) -> DecodedFrame | Rejected:
     width, height = LENGTHS[bare]
     pixels = pixel_view(data, (2 * height + 2, width))
     rows, counts = pixels[height : height + 2], pixels[height + 2 :]
-    found = extremes(counts)
+    ends = extremes(counts)
     return DecodedFrame(
-        counts, found, rows, p2pro.SCALE, quality=p2pro.flags(counts, found), device_seq=counter
+        counts, ends, rows, p2pro.SCALE, quality=p2pro.flags(counts, ends), device_seq=counter
     )
 
 

@@ -225,9 +225,9 @@ class V4l2Source:
         self._early.clear()
         self._next = -1
         while (remaining_ns := mono_ns - self._clock.mono_ns()) > 0:
-            taken = self._dequeue(remaining_ns / 1e9)
-            if taken is not None:
-                self._call(QBUF, taken)
+            descriptor = self._dequeue(remaining_ns / 1e9)
+            if descriptor is not None:
+                self._call(QBUF, descriptor)
 
     def get_control(self, unit: int, selector: int, length: int) -> bytes:
         """Read a control of an extension unit, `length` bytes or as many as the camera reports."""
@@ -272,18 +272,18 @@ class V4l2Source:
 
     def _arrived(self, timeout_s: float) -> Buffer | None:
         """The next frame in the order the kernel has done with them."""
-        taken = self._dequeue(timeout_s)
-        if taken is None:
+        descriptor = self._dequeue(timeout_s)
+        if descriptor is None:
             return None
-        monotonic = taken.flags & STAMP_MASK == STAMP_MONOTONIC
-        stamp_ns = taken.seconds * SECOND_NS + taken.microseconds * 1000
+        monotonic = descriptor.flags & STAMP_MASK == STAMP_MONOTONIC
+        stamp_ns = descriptor.seconds * SECOND_NS + descriptor.microseconds * 1000
         frame = Buffer(
-            data=self._maps[taken.index][: taken.bytesused],
+            data=self._maps[descriptor.index][: descriptor.bytesused],
             mono_ns=stamp_ns if monotonic else self._clock.mono_ns(),
-            sequence=taken.sequence,
-            error=bool(taken.flags & FLAG_ERROR),
+            sequence=descriptor.sequence,
+            error=bool(descriptor.flags & FLAG_ERROR),
         )
-        self._call(QBUF, taken)  # last: the kernel then clears the buffer's description
+        self._call(QBUF, descriptor)  # last: the kernel then clears the buffer's description
         return frame
 
     def _need_capture(self) -> None:
@@ -304,10 +304,10 @@ class V4l2Source:
                 f"{self.port} offers no {fourcc.strip()} frame of {_list(sizes)}; it has {_list(offered)}",
                 fix="is it another camera, or in another mode? fieldkit devices shows what is connected",
             )
-        wanted = Format(type=CAPTURE)
-        wanted.fmt.pix = PixelFormat(width=chosen[0], height=chosen[1], pixelformat=_code(fourcc), field=1)
-        fcntl.ioctl(self._fd, S_FMT, wanted)
-        got = wanted.fmt.pix
+        request = Format(type=CAPTURE)
+        request.fmt.pix = PixelFormat(width=chosen[0], height=chosen[1], pixelformat=_code(fourcc), field=1)
+        fcntl.ioctl(self._fd, S_FMT, request)
+        got = request.fmt.pix
         if (got.width, got.height, got.pixelformat) != (*chosen, _code(fourcc)):
             raise DeviceNotFoundError(
                 f"{self.port} took {got.width}x{got.height} instead of {_list([chosen])}",

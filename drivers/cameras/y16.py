@@ -48,9 +48,9 @@ def decode(
     if len(data) != 2 * width * height:
         return Rejected(len(data), f"{len(data)} bytes; a frame of {width}x{height} has {2 * width * height}")
     counts = pixel_view(data, (height, width))
-    found = extremes(counts)
-    quality = quality_flags(found, (0, 0xFFFF), scale, offset)
-    return DecodedFrame(counts, found, scale=scale, offset=offset, quality=quality)
+    ends = extremes(counts)
+    quality = quality_flags(ends, (0, 0xFFFF), scale, offset)
+    return DecodedFrame(counts, ends, scale=scale, offset=offset, quality=quality)
 
 
 def _sizes(settings: DeviceSettings) -> tuple[tuple[int, int], ...]:

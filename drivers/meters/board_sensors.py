@@ -34,16 +34,16 @@ class Sensor(NamedTuple):
 
     def reading(self, line: str) -> str | None:
         """The value of a line, ``nan`` for a failure, empty for one without; None for any other line."""
-        if found := re.fullmatch(self.value, line):
-            return found[1]
+        if match := re.fullmatch(self.value, line):
+            return match[1]
         if re.fullmatch(self.failure, line):
             return "nan"
         return "" if re.fullmatch(f"{self.others}|{self.last}", line) else None
 
     def channels(self, lines: Sequence[str]) -> list[tuple[str, str]] | None:
         """Channel and value of each line of a record of several lines; None if one is another line."""
-        found = [re.fullmatch(self.value, line) for line in lines if line]
-        return [(one[1], one[2] or "nan") for one in found if one] if all(found) else None
+        matches = [re.fullmatch(self.value, line) for line in lines if line]
+        return [(match[1], match[2] or "nan") for match in matches if match] if all(matches) else None
 
 
 SENSORS: Mapping[str, Sensor] = MappingProxyType(

@@ -248,15 +248,15 @@ def _parse_short(buffer: bytes, probes: int) -> Parsed:
         return Rejected(skip_to(_START, buffer), "no 03 at the end of 8 bytes")
     names = WINDOWS[buffer[2] >> 6] if probes == 2 else ("T1",)
     values = [_value(buffer, place, name) for place, name in enumerate(names)]
-    known = [value for value in values if value is not None]
-    if len(known) < len(values):
+    present = [value for value in values if value is not None]
+    if len(present) < len(values):
         return Rejected(skip_to(_START, buffer), "digits are not decimal")
-    for value in known:
+    for value in present:
         low, high = LIMITS[value.unit]
         if not math.isnan(value.value) and not low <= value.value <= high:
             reason = f"{value.channel} = {value.value:g} {value.unit} is beyond any thermocouple"
             return Rejected(skip_to(_START, buffer), reason)
-    return Record.of(SHORT_LENGTH, known, f"type {'J' if buffer[1] & 0x08 else 'K'}")
+    return Record.of(SHORT_LENGTH, present, f"type {'J' if buffer[1] & 0x08 else 'K'}")
 
 
 def _value(buffer: bytes, place: int, channel: str) -> Value | None:

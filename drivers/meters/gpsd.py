@@ -65,11 +65,11 @@ def _meaning(report: dict[str, Any], length: int) -> Record:
 
 def _position(report: dict[str, Any], length: int) -> Record:
     mode = report.get("mode", 0) if report.get("status") not in NOT_MEASURED else 0
-    known = {"latitude": mode in (2, 3), "longitude": mode in (2, 3), "altitude": mode == 3}
-    given = {"latitude": "lat", "longitude": "lon", "altitude": "alt" if "alt" in report else "altMSL"}
+    is_measured = {"latitude": mode in (2, 3), "longitude": mode in (2, 3), "altitude": mode == 3}
+    keys = {"latitude": "lat", "longitude": "lon", "altitude": "alt" if "alt" in report else "altMSL"}
     values = []
     for name, unit in CHANNELS[:3]:
-        number = float(report.get(given[name], math.nan)) if known[name] else math.nan
+        number = float(report.get(keys[name], math.nan)) if is_measured[name] else math.nan
         is_known = math.isfinite(number)
         quality = Quality.GOOD if is_known else Quality.NO_VALUE
         values.append(Value(number if is_known else math.nan, unit, name, quality))

@@ -77,10 +77,10 @@ class Head(NamedTuple):
 @lru_cache(maxsize=64)
 def _head(start: bytes) -> Head | None:
     """The meaning of all but the digits, which rarely changes; None if it is not valid."""
-    found = _HEAD.fullmatch(start)
-    if found is None:
+    match = _HEAD.fullmatch(start)
+    if match is None:
         return None
-    display, code, polarity, decimals = (part.decode() for part in found.groups())
+    display, code, polarity, decimals = (part.decode() for part in match.groups())
     unit = UNITS.get(code, f"code {code}")
     states = () if code in UNITS else ("unknown_unit",)
     divisor = 10 ** int(decimals) * (-1 if polarity == "1" else 1)
@@ -94,12 +94,12 @@ LAYOUT = Layout(parse, LENGTH)
 def _unit_shown(port: Port, first: Stamped) -> str:
     """The unit that decides what is recorded: light before temperature, as a light meter may show both."""
     units: dict[str, str] = {}
-    found: Stamped | None = first
-    while found is not None and (shown := found.record.channels[0]).name not in units:
+    stamped: Stamped | None = first
+    while stamped is not None and (shown := stamped.record.channels[0]).name not in units:
         units[shown.name] = shown.unit
-        found = port.read(LAYOUT, meter.FIRST_RECORD_S) if shown.unit not in LIGHT else None
-    known = sorted(units.values(), key=lambda unit: (unit not in LIGHT, unit not in TEMPERATURE))
-    return known[0]
+        stamped = port.read(LAYOUT, meter.FIRST_RECORD_S) if shown.unit not in LIGHT else None
+    readable = sorted(units.values(), key=lambda unit: (unit not in LIGHT, unit not in TEMPERATURE))
+    return readable[0]
 
 
 class Lutron(SerialDriver):

@@ -95,24 +95,24 @@ class Meter:
         """The next reading, or None; see `fieldkit.model.device.Device`."""
         poll = self._poll
         if poll is None:
-            found = self._port.read(self._layout, timeout_s)
+            stamped = self._port.read(self._layout, timeout_s)
         elif self._wait_for_poll(poll, timeout_s):
             timeout_s = poll.reply_timeout_s
-            found = self._port.read(self._layout, timeout_s, poll.request)
+            stamped = self._port.read(self._layout, timeout_s, poll.request)
         else:
             return None
-        if found is None:
+        if stamped is None:
             return None
-        reading = self._reading(found)
-        return self._next_after(found, timeout_s) if reading is None else reading
+        reading = self._reading(stamped)
+        return self._next_after(stamped, timeout_s) if reading is None else reading
 
     def close(self) -> None:
         """Release the port; a second call does nothing."""
         self._port.close()
 
-    def _next_after(self, found: Stamped, timeout_s: float) -> Reading | None:
+    def _next_after(self, stamped: Stamped, timeout_s: float) -> Reading | None:
         """The next reading after a record without values, such as an OK line; waits `timeout_s` again."""
-        deadline_ns = found.mono_ns + int(timeout_s * 1e9)
+        deadline_ns = stamped.mono_ns + int(timeout_s * 1e9)
         while (left_ns := deadline_ns - self._clock.mono_ns()) > 0:
             behind = self._port.read(self._layout, left_ns / 1e9)
             if behind is None:
@@ -138,10 +138,10 @@ class Meter:
             self._clock.sleep(poll.settle_s)
         return True
 
-    def _reading(self, found: Stamped) -> Reading | None:
+    def _reading(self, stamped: Stamped) -> Reading | None:
         # unpacked and positional: attributes and keywords add a fifth to the CPU time of a reading at 10 Hz,
         # more than the goal of benchmarks/drivers_serial.py leaves
-        record, raw, mono_ns, bunched = found
+        record, raw, mono_ns, bunched = stamped
         _, numbers, channels, _, device_time = record
         if channels is not self._channels:
             self._channels, self._conversion = channels, conversion(channels, self._keys, self._units)
@@ -213,9 +213,9 @@ def first_record(port: Port, layout: Layout, name: str, hint: str, every_s: floa
     return _require(port.read(layout, within_s), port, name, hint, within_s)
 
 
-def _require(found: Stamped | None, port: Port, name: str, hint: str, timeout_s: float) -> Stamped:
-    if found is not None:
-        return found
+def _require(stamped: Stamped | None, port: Port, name: str, hint: str, timeout_s: float) -> Stamped:
+    if stamped is not None:
+        return stamped
     if port.framer.received:
         raise DecodeError(
             f"{name}: {port.framer.received} bytes from {port.path}, none of them a record"

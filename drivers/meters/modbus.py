@@ -430,10 +430,10 @@ def _component(settings: DeviceSettings, port: Port, register_map: RegisterMap) 
         return register_map.measures.get("", "")
     request = pack_request(_unit(settings), register_map.function, register_map.type_register, 1)
     replies = layout(None, request)
-    found = port.read(replies, meter.REPLY_TIMEOUT_S, request)
-    while found is not None and not found.record.numbers:  # some adapters echo the request
-        found = port.read(replies, meter.REPLY_TIMEOUT_S)
-    return "" if found is None else register_map.measures.get(int(found.record.numbers[0]), "")
+    reply = port.read(replies, meter.REPLY_TIMEOUT_S, request)
+    while reply is not None and not reply.record.numbers:  # some adapters echo the request
+        reply = port.read(replies, meter.REPLY_TIMEOUT_S)
+    return "" if reply is None else register_map.measures.get(int(reply.record.numbers[0]), "")
 
 
 def _line(settings: DeviceSettings, register_map: RegisterMap) -> Line:

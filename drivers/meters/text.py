@@ -154,12 +154,12 @@ class Grammar:
 
     def _json(self, body: str) -> Record | str:
         try:
-            found = json.loads(body, parse_int=str, parse_float=str, parse_constant=str)
+            document = json.loads(body, parse_int=str, parse_float=str, parse_constant=str)
         except (ValueError, RecursionError) as error:
             return f"not JSON: {error}"
-        if isinstance(found, list) and not any(isinstance(one, dict | list) for one in found):
-            return self._row([_json_text(one) for one in found], has_stamp=False)
-        return self._record(list(_leaves(found)))
+        if isinstance(document, list) and not any(isinstance(item, dict | list) for item in document):
+            return self._row([_json_text(item) for item in document], has_stamp=False)
+        return self._record(list(_leaves(document)))
 
     def _named(self, body: str, keys: Sequence[re.Match[str]]) -> Record | str:
         """Values behind their names; what stands between may also be the first words of the next name."""
@@ -196,18 +196,18 @@ class Grammar:
         clock = next((field.text for field in fields if field.name == "ms"), "")
         if len(clock) > _LONGEST_CLOCK:
             return f"{clock[:20]!r} is not a time in milliseconds"
-        found = [field for field in fields if field.name != "ms"]
-        if not any(_is_value(field.text) for field in found):
+        measured = [field for field in fields if field.name != "ms"]
+        if not any(_is_value(field.text) for field in measured):
             return f"no number in it; lines may be {FORMS}"
-        values = [self._value(field) for field in found]
+        values = [self._value(field) for field in measured]
         return Record.of(0, _distinct(values), device_time=int(clock) if clock.isdecimal() else NO_COUNTER)
 
     def _value(self, field: _Field) -> Value:
-        found = _FIELD.fullmatch(field.text.strip())
+        match = _FIELD.fullmatch(field.text.strip())
         name, stated = _name_and_unit(field.name)
         stated = _unit(field.unit) or stated or self.unit
-        shown = _unit(found[2] or "") if found else ""
-        number = float(found[1]) if found else math.nan
+        shown = _unit(match[2] or "") if match else ""
+        number = float(match[1]) if match else math.nan
         is_garbled = bool(stated and shown) and meaning_of(shown) is None  # 2x.5 below temp_c
         if is_garbled or not math.isfinite(number) or number in self.no_value:
             return Value(math.nan, stated, name, Quality.NO_VALUE)
@@ -260,14 +260,14 @@ def _is_value(text: str) -> bool:
 
 def _value_and_rest(text: str, *, is_last: bool) -> tuple[str, str]:
     """A value with its unit, and the words behind it that begin the next name."""
-    found = _FIELD.match(text)
-    if found is None:
+    match = _FIELD.match(text)
+    if match is None:
         word, _, rest = (text, "", "") if is_last else text.partition(" ")
         return word, rest
-    unit, rest = found[2] or "", text[found.end() :]
-    is_unit = not unit.isalpha() or not text[found.end(1)].isspace() or unit.lower() in _OTHER_UNITS
+    unit, rest = match[2] or "", text[match.end() :]
+    is_unit = not unit.isalpha() or not text[match.end(1)].isspace() or unit.lower() in _OTHER_UNITS
     if not (is_unit or _is_unit(unit) or (is_last and not rest)):
-        unit, rest = "", text[found.end(1) :]
+        unit, rest = "", text[match.end(1) :]
     if rest[:1].strip() or (not unit and rest.strip()[:1].isdigit()):  # 12:30, or 12 345
         return text, ""
     return text.removesuffix(rest), rest.strip()
@@ -327,8 +327,8 @@ def _name_and_unit(name: str) -> tuple[str, str]:
 
 def header(notes: Sequence[str]) -> tuple[str, ...]:
     """The columns that the last header line among a decoder's notes names, empty if there is none."""
-    found = [note.removeprefix(_COLUMNS) for note in notes if note.startswith(_COLUMNS)]
-    return tuple(found[-1].split(",")) if found else ()
+    headers = [note.removeprefix(_COLUMNS) for note in notes if note.startswith(_COLUMNS)]
+    return tuple(headers[-1].split(",")) if headers else ()
 
 
 class Text(SerialDriver):
@@ -349,8 +349,8 @@ class Text(SerialDriver):
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes; see `fieldkit.drivers.decoding.Decodes`. The header may stand anywhere in them."""
         names = options.get("columns", ())
-        given = {**options, "columns": names.split(",") if isinstance(names, str) else names}
-        grammar = _grammar(_completed(decoding_settings(self.name, given)))
+        listed = {**options, "columns": names.split(",") if isinstance(names, str) else names}
+        grammar = _grammar(_completed(decoding_settings(self.name, listed)))
         if not grammar.columns:
             grammar = replace(grammar, columns=header(decode_records(data, grammar.layout).notes))
         return decode_records(data, grammar.layout)
@@ -433,8 +433,8 @@ def _grammar(settings: DeviceSettings) -> Grammar:
     columns, no_value = settings.options.get("columns", ()), settings.options.get("no_value", ())
     if not isinstance(columns, list | tuple) or not all(isinstance(name, str) for name in columns):
         raise options.wrong(settings, "columns", columns, 'a list of names such as ["ms", "temp_c"]')
-    if not isinstance(no_value, list | tuple) or not all(isinstance(one, int | float) for one in no_value):
+    if not isinstance(no_value, list | tuple) or not all(isinstance(n, int | float) for n in no_value):
         raise options.wrong(settings, "no_value", no_value, "a list of numbers such as [-127, 85]")
     unit = options.text(settings, "unit", "")
     sensor = SENSORS.get(options.text(settings, "sensor", ""))
-    return Grammar(tuple(columns), _unit(unit), tuple(float(one) for one in no_value), sensor)
+    return Grammar(tuple(columns), _unit(unit), tuple(float(number) for number in no_value), sensor)

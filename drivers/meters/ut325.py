@@ -51,11 +51,11 @@ def parse(buffer: bytes) -> Parsed:
     """The record at the start of `buffer`, by the table above."""
     if len(buffer) < LENGTH:
         return None
-    found = _RECORD.fullmatch(buffer[:LENGTH])
-    if found is None:
+    match = _RECORD.fullmatch(buffer[:LENGTH])
+    if match is None:
         end = buffer.find(_END, 0, LENGTH)  # nothing before it can belong to the next record
         return Rejected(end + 2 if end >= 0 else 1, "not of the form value unit 0 channel 1 CR LF")
-    digits, unit, channel = found.groups()
+    digits, unit, channel = match.groups()
     if digits == _NO_PROBE:
         value = Value(math.nan, UNITS[unit], NAMES[channel], Quality.NO_VALUE, ("no_probe",))
     else:
@@ -101,11 +101,11 @@ class HidBridge:
             self.framer.discard()
             self.write(request)
         deadline_ns = self._clock.mono_ns() + int(timeout_s * 1e9)
-        found = self.framer.next_record(layout)
-        while found is None and self._clock.mono_ns() < deadline_ns:
+        stamped = self.framer.next_record(layout)
+        while stamped is None and self._clock.mono_ns() < deadline_ns:
             report = self._report()
-            found = self.framer.feed(layout, characters(report), self._clock.mono_ns())
-        return found
+            stamped = self.framer.feed(layout, characters(report), self._clock.mono_ns())
+        return stamped
 
     def close(self) -> None:
         """Release the bridge; a second call does nothing."""

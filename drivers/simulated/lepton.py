@@ -164,10 +164,10 @@ class Board:
 
     def set(self, control: tuple[int, int], data: bytes) -> None:
         """Change a control; raises `DeviceError` for one that cannot be changed here."""
-        kept = self._controls.get(control)
-        if kept is None or len(kept) != len(data):
+        value = self._controls.get(control)
+        if value is None or len(value) != len(data):
             raise _no_control(control, len(data))
-        if kept != data and control not in _SETTABLE:
+        if value != data and control not in _SETTABLE:
             raise DeviceError(f"the simulated board keeps control {control[0]}/{control[1]} as it is")
         self._controls[control] = data
 
@@ -352,8 +352,8 @@ class SimulatedTCam(SimulatedLepton):
 
     def read(self, timeout_s: float) -> Buffer | None:
         """The next packet when its last byte is here, or None; see `FrameSource`."""
-        found = super().read(timeout_s)
-        return replace(found, data=image_packet(found.data)) if found else None
+        buffer = super().read(timeout_s)
+        return replace(buffer, data=image_packet(buffer.data)) if buffer else None
 
 
 def image_packet(frame: bytes) -> bytes:

@@ -171,11 +171,11 @@ def garbled(record: bytes, random: np.random.Generator) -> bytes:
     """A record after a bad contact: mostly with bytes lost and others changed."""
     if random.random() > _SPOILT_SHARE:
         return record
-    kept = bytearray(record)
+    damaged = bytearray(record)
     for _ in range(int(random.integers(1, 4))):
-        del kept[int(random.integers(len(kept)))]
-        kept[int(random.integers(len(kept)))] ^= int(random.integers(1, 256))
-    return bytes(kept)
+        del damaged[int(random.integers(len(damaged)))]
+        damaged[int(random.integers(len(damaged)))] ^= int(random.integers(1, 256))
+    return bytes(damaged)
 
 
 # --- the line between an instrument and its driver

@@ -172,8 +172,8 @@ def present_after(present: tuple[Alarm, ...], event: Event) -> tuple[Alarm, ...]
         return present
     alarm = alarm_of(event)
     if phase is Phase.ACKNOWLEDGED:
-        return tuple(replace(one, acknowledged=True) if one.id == alarm.id else one for one in present)
-    others = tuple(one for one in present if one.id != alarm.id)
+        return tuple(replace(a, acknowledged=True) if a.id == alarm.id else a for a in present)
+    others = tuple(other for other in present if other.id != alarm.id)
     return others if phase is Phase.CLEARED else (*others, alarm)
 
 

@@ -84,7 +84,8 @@ class StreamInfo:
     def has_the_columns_of(self, other: StreamInfo) -> bool:
         """True if samples of `other` can be stored in this stream."""
         mine, theirs = (
-            (one.shape, one.metadata_shape, one.channels, one.is_camera or one.unit) for one in (self, other)
+            (info.shape, info.metadata_shape, info.channels, info.is_camera or info.unit)
+            for info in (self, other)
         )
         return mine == theirs
 

@@ -58,8 +58,8 @@ def mark_event(mark: Mark, now_mono_ns: int, now_ns: int) -> Event:
 
 def shade_test(text: str) -> tuple[str, str] | None:
     """Region and phase, "begin" or "end", of a mark about a shade test; None for any other text."""
-    found = _SHADE_TEST.fullmatch(text.strip())
-    return None if found is None else (found["region"], found["phase"] or "begin")
+    match = _SHADE_TEST.fullmatch(text.strip())
+    return None if match is None else (match["region"], match["phase"] or "begin")
 
 
 def mark_details(mark: Mark, end_ns: int, noted_ns: int) -> dict[str, str | int | float]:
@@ -80,8 +80,8 @@ def mark_details(mark: Mark, end_ns: int, noted_ns: int) -> dict[str, str | int 
 
 def marks_made(events: Iterable[Event]) -> dict[int, Event]:
     """The marks among a session's events by their numbers, as they were made."""
-    made = (event for event in events if event.kind is EventKind.MARK)
-    return dict(enumerate((one for one in made if not one.data.keys() & _NO_NOTE), start=1))
+    marks_made = (event for event in events if event.kind is EventKind.MARK)
+    return dict(enumerate((mark for mark in marks_made if not mark.data.keys() & _NO_NOTE), start=1))
 
 
 def marks_now(events: Collection[Event]) -> dict[int, Event]:
@@ -99,17 +99,17 @@ def corrected(events: Collection[Event]) -> list[Event]:
     """A session's events with every mark as corrected last, without those taken back."""
     now = marks_now(events)
     places = {id(mark): now.get(number) for number, mark in marks_made(events).items()}
-    found = (places.get(id(event), event) for event in events if "corrects" not in event.data)
-    return [one for one in found if one is not None]
+    latest = (places.get(id(event), event) for event in events if "corrects" not in event.data)
+    return [event for event in latest if event is not None]
 
 
 def numbers_named(name: int | str, marks: Mapping[int, Event]) -> list[int]:
     """Numbers of the marks that a number or a text names; raises `ConfigError` if there are none."""
-    found = [number for number, mark in marks.items() if str(name) in (str(number), mark.text)]
-    if not found:
-        known = "; ".join(f"{number} {mark.text[:40]}" for number, mark in marks.items())
-        raise ConfigError(f"the session has no mark {name!r}", fix=f"its marks: {known or 'none'}")
-    return found
+    numbers = [number for number, mark in marks.items() if str(name) in (str(number), mark.text)]
+    if not numbers:
+        choices = "; ".join(f"{number} {mark.text[:40]}" for number, mark in marks.items())
+        raise ConfigError(f"the session has no mark {name!r}", fix=f"its marks: {choices or 'none'}")
+    return numbers
 
 
 def _time_ns(when: When, now_ns: int) -> int:

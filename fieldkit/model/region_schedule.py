@@ -82,7 +82,7 @@ class RegionSchedule:
 
     def is_redrawn(self, column: int) -> bool:
         """True if the region of a column had another outline before."""
-        return any(one.name == self.columns[column].name for one in self.columns[:column])
+        return any(earlier.name == self.columns[column].name for earlier in self.columns[:column])
 
     def versions(self, name: str) -> Iterator[tuple[Region, int, int]]:
         """The outlines of a region, each with the minutes from and until which it holds."""

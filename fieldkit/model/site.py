@@ -139,16 +139,16 @@ class Region:
         # (1200 random polygons, all differ), and estimates would include mixed pixels from the edge.
         rows, cols = within or (slice(0, shape[0]), slice(0, shape[1]))
         y, x = (np.arange(part.start, part.stop, dtype=np.float64) for part in (rows, cols))
-        found = np.zeros((y.size, x.size), dtype=np.bool_)
+        mask = np.zeros((y.size, x.size), dtype=np.bool_)
         edges = list(zip(self.vertices, (*self.vertices[1:], *self.vertices[:1]), strict=True))
         for (x0, y0), (x1, y1) in edges:
             if y0 != y1:
                 first, end = np.searchsorted(y, sorted((y0, y1)))
                 at = x0 + (y[first:end] - y0) * (x1 - x0) / (y1 - y0)
-                found[first:end] ^= x < at[:, np.newaxis]
+                mask[first:end] ^= x < at[:, np.newaxis]
         for start, end in edges:
-            found[_pixels_on(start, end, rows, cols)] = True
-        return found
+            mask[_pixels_on(start, end, rows, cols)] = True
+        return mask
 
     def box(self, shape: tuple[int, ...]) -> tuple[slice, slice]:
         """The rows and columns of a frame of `shape` (rows, cols) that can have pixels of the region."""
@@ -161,9 +161,9 @@ class Region:
         corners = self._corners
         edges = list(zip(corners, np.roll(corners, -1, axis=0), strict=True))
         apart = (
-            (edges[one], edges[other])
-            for one in range(len(edges))
-            for other in range(one + 2, len(edges) - (one == 0))
+            (edges[place], edges[other])
+            for place in range(len(edges))
+            for other in range(place + 2, len(edges) - (place == 0))
         )
         return any(_meet(*first, *second) for first, second in apart)
 
@@ -188,8 +188,8 @@ class Region:
         with np.errstate(divide="ignore", invalid="ignore"):  # an edge that runs straight back
             mitre = (before + inward) / (1.0 + np.sum(before * inward, axis=1, keepdims=True))
             moved = corners + pixels * mitre
-        kept = np.sum((np.roll(moved, -1, axis=0) - moved) * along, axis=1) > 0.0  # no edge is reversed
-        if not (kept.all() and inward.any()):
+        is_convex = np.sum((np.roll(moved, -1, axis=0) - moved) * along, axis=1) > 0.0  # no edge is reversed
+        if not (is_convex.all() and inward.any()):
             raise ValueError(f"nothing of region {self.name!r} is {pixels:g} px inside its edge")
         return replace(self, vertices=tuple((float(x), float(y)) for x, y in moved))
 

@@ -201,5 +201,5 @@ def final_estimates(
     by_region: dict[str, list[SlopeEstimate]] = {name: [] for name in targets}
     for estimate in estimates:
         by_region.setdefault(estimate.region, []).append(estimate)
-    found = {name: final_estimate(by_region[name]) for name in targets}
-    return {name: final for name, final in found.items() if final is not None}
+    finals = {name: final_estimate(by_region[name]) for name in targets}
+    return {name: final for name, final in finals.items() if final is not None}
