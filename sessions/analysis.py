@@ -18,6 +18,7 @@ from fieldkit.model.arrays import CountArray, FlagArray, FloatArray, IntArray
 from fieldkit.model.channels import quantity_of
 from fieldkit.model.device import StreamInfo, regions_on
 from fieldkit.model.errors import IntegrityError, SessionError
+from fieldkit.model.quantities import UNKNOWN
 from fieldkit.model.region_schedule import RegionSchedule
 from fieldkit.model.samples import is_damaged, is_usable
 from fieldkit.model.site import Region
@@ -278,8 +279,8 @@ def means_by_minute(
 
 
 def channel_names(info: StreamInfo) -> tuple[str, ...]:
-    """Names of the values of a meter: its channels, or its quantity where it has one value."""
-    if info.shape == (1,):
+    """Names of the values of a meter: its channels, or its known quantity where it has one value."""
+    if info.shape == (1,) and info.quantity != UNKNOWN:
         return (info.quantity,)
     named = len(info.channels) == info.shape[0]
     return info.channels if named else tuple(f"channel {number}" for number in range(info.shape[0]))
