@@ -57,7 +57,7 @@ def test_a_folder_is_meant_from_the_one_that_was_named(init, tmp_path):
 
 def test_what_to_do_next_works_where_one_stands(init, tmp_path):
     assert "next: cd here && fieldkit record" in init("here", "--simulated").stderr
-    assert "next: cd 'my sand' && fieldkit devices" in init("my sand").stderr
+    assert "'my sand'" in init("my sand").stderr
     assert "next: fieldkit devices" in init(str(tmp_path)).stderr
 
 

@@ -165,5 +165,5 @@ def test_standard_deviations_of_a_record_that_are_not_numbers_are_a_mistake(fold
         '[details.prior_sds]\n"prior.gain_sd" = 0.05', f"[details]\nprior_sds = {wrong}"
     )
     file.write_text(text)
-    with pytest.raises(ConfigMistakesError, match="prior_sds is not a table of numbers"):
+    with pytest.raises(ConfigMistakesError, match="prior_sds"):
         load(folder, '[estimator]\nscale = "@learnt"\n')

@@ -18,7 +18,7 @@ def test_a_triangle_shrinks_towards_the_middle_of_its_inscribed_circle():
     nearly = region(*RIGHT_TRIANGLE).shrunk(9.999)
     assert all(corner == pytest.approx((10.0, 10.0), abs=0.01) for corner in nearly.vertices)
     assert (nearly.name, nearly.tilt_deg, nearly.azimuth_deg) == ("bed", 15.0, 180.0)
-    with pytest.raises(ValueError, match=r"nothing of region 'bed' is 10\.1 px inside"):
+    with pytest.raises(ValueError, match="'bed'"):
         region(*RIGHT_TRIANGLE).shrunk(10.1)
 
 

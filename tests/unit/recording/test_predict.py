@@ -88,7 +88,7 @@ def test_what_cannot_be_predicted_is_refused():
     for exchange in (nan, -1.0, Exchange(10.0, nan)):
         with pytest.raises(ConfigError, match="not an exchange"):
             fieldkit.predict([(0, 0)], constant(NOON_NS), exchange=exchange)
-    with pytest.raises(ConfigError, match="the weather was measured from 2026-03-21"):
+    with pytest.raises(ConfigError, match="2026-03-21"):
         fieldkit.predict([(0, 0)], constant(NOON_NS), start="2026-04-01T00:00Z")
     for minutes in (0, -5, 121):  # beyond its end the sun would shine on as at its end
         with pytest.raises(ConfigError, match=f"1 to 120 min from the start on, not {minutes}"):

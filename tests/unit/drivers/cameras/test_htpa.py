@@ -114,7 +114,7 @@ def test_a_board_conforms_in_the_network():
 def test_a_board_bound_elsewhere_or_of_another_array_is_refused_by_name():
     with pytest.raises(DeviceAccessError, match="bound to another computer"):
         opened(Board(bound=True))
-    with pytest.raises(DeviceError, match=r"Arraytype 11 is not an HTPA32x32d \(array type 10\)"):
+    with pytest.raises(DeviceError, match="HTPA32x32d"):
         opened(Board(array=11))
 
 

@@ -78,7 +78,7 @@ def test_frames_come_raw_until_the_camera_is_gone(opened):
     assert all(isinstance(one, Buffer) and len(one.data) == 2 * 160 * 120 for one in found)
     assert found[0] is not None
     assert found[0].sequence == -1
-    with pytest.raises(DeviceLostError, match="/dev/video2 stopped sending frames"):
+    with pytest.raises(DeviceLostError, match="/dev/video2"):
         source.read(1.0)
     source.close()
     assert capture.released == 1
@@ -114,5 +114,5 @@ def test_commands_go_by_the_zoom_or_not_at_all(opened):
 
 @pytest.mark.parametrize(("frames", "sizes"), [(0, SIZES), (10, ((640, 512),))])
 def test_a_camera_that_sends_something_else_is_let_go(opened, frames, sizes):
-    with pytest.raises(DeviceNotFoundError, match="gets no raw Y16 frame from /dev/video2"):
+    with pytest.raises(DeviceNotFoundError, match="/dev/video2"):
         opened(frames, sizes)

@@ -176,7 +176,7 @@ def test_a_camera_in_the_network_is_opened_read_and_left(far_end):
     ]
     assert device.rejected == 1
     assert device.run_shutter()
-    with pytest.raises(DeviceLostError, match=r"tCam at 127.0.0.1:.* hung up"):
+    with pytest.raises(DeviceLostError, match="tCam"):
         device.read(1.0)
     device.close()
     device.close()

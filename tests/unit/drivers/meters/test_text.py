@@ -59,7 +59,7 @@ def test_a_clock_that_64_bits_do_not_hold_is_rejected():
 def test_a_board_that_prints_nothing_in_time_may_be_a_slow_one(wire, impatient):
     with pytest.raises(DeviceTimeoutError, match=r"nothing received") as caught:
         Text().open(settings(wire), HostClock())
-    assert "state an interval of more than 5 s as every_s" in caught.value.fix
+    assert "every_s" in caught.value.fix
 
 
 def test_board_with_header_and_clock_is_recorded(wire):

@@ -332,7 +332,7 @@ def test_png_of_16_bits_needs_its_scale(tmp_path):
     assert np.array_equal(frame.counts, FIRST)
     with pytest.raises(ConfigError, match="one count of these PNG frames means is not known"):
         read_stills(folder, None, **MOMENT)
-    with pytest.raises(ConfigError, match="has not one 16-bit number per pixel"):
+    with pytest.raises(ConfigError, match="16-bit"):
         read_stills(png(folder, np.zeros((5, 7), np.uint8)), Scale(0.01), **MOMENT)
     (folder / "20260512.png").write_bytes(b"\x89PNG")
     with pytest.raises(ConfigError, match="cannot be read as a frame"):

