@@ -257,7 +257,7 @@ def test_a_mark_that_no_room_is_left_for_is_not_sealed_away(campaign):
     path = campaign / "recordings" / "no-room.h5"
     with (
         open_instruments(config, duration_s=20.0) as tools,
-        pytest.raises(StorageError, match="last marks could not be stored") as failed,
+        pytest.raises(StorageError, match="stored") as failed,
     ):
         PreparedRecording(config, tools, path, duration_s=20.0).run([Filling(path, 10)])
     assert "recover(" in (failed.value.fix or "")

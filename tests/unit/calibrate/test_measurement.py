@@ -156,7 +156,7 @@ def test_nothing_usable_is_said_so():
         ReadingCollector(made()).readings()
     collector = ReadingCollector(made())
     collector.add(frame(0))
-    with pytest.raises(CalibrationError, match="no usable thermometer readings"):
+    with pytest.raises(CalibrationError, match="thermometer"):
         collector.readings()
 
 
@@ -211,7 +211,7 @@ def test_a_number_that_cannot_be_is_refused_in_python_as_on_the_command_line(giv
 
 
 def test_a_response_that_is_not_there_is_not_taken_for_a_damaged_session():
-    with pytest.raises(ConfigError, match="cannot read the band nofile"):
+    with pytest.raises(ConfigError, match="nofile"):
         band_of("nofile.csv")
 
 

@@ -153,7 +153,7 @@ def test_three_instruments_of_one_day_are_not_called_clocks_that_differ():
 
 def test_a_line_that_misses_the_origin_by_a_fifth_is_no_factor():
     plane = np.linspace(300.0, 600.0, 120)
-    with pytest.raises(CalibrationError, match="a free line misses the origin by"):
+    with pytest.raises(CalibrationError, match="misses"):
         light_factor((plane + 120.0) / 0.0091, plane)
 
 

@@ -180,7 +180,7 @@ def test_record_refuses_a_stream_whose_unit_is_not_known(plug, file):
     wire.talk(b"21.5\r\n")
     with file.open("a") as config:
         config.write(f'\n[thermometer]\ndriver = "text"\nport = "{wire.path}"\n')
-    with pytest.raises(ConfigError, match="thermometer: the unit of the values is not known") as caught:
+    with pytest.raises(ConfigError, match="thermometer") as caught:
         fieldkit.record(file.parent, duration="1s")
     assert 'options.unit = "C"' in caught.value.fix
     checks = {one.what: one for one in doctor(file.parent)}
