@@ -39,6 +39,6 @@ def test_a_site_without_a_table_is_left_to_its_owner(tmp_path):
     file = tmp_path / "fieldkit.toml"
     text = "schema = 1\nsite = { latitude_deg = 35.5, longitude_deg = 139.4 }\n"
     file.write_text(text)
-    with pytest.raises(ConfigError, match="horizon"):
-        set_key(file, "site", "horizon", "horizon.csv")
+    with pytest.raises(ConfigError, match="of its own to set horizon in"), editing(file) as draft:
+        set_key(draft, "site", "horizon", "horizon.csv")
     assert file.read_text() == text
