@@ -57,7 +57,7 @@ T = TypeVar("T")
 
 
 class Done(NamedTuple):
-    """What became of a request: words, data, and whether it went well; what to do next if not."""
+    """Result of a request: words, data, and whether it went well; what to do next if not."""
 
     text: str = ""
     data: Any = None
@@ -136,7 +136,7 @@ class Answers:
                 return await self._redrawn(request)
 
     async def _query(self, query: Callable[..., T], *arguments: Any) -> T:
-        """What a function finds in a thread; it changes nothing."""
+        """Result of a function that runs in a thread and changes nothing."""
         async with self._queries:
             return await asyncio.to_thread(query, *arguments)
 
@@ -329,7 +329,7 @@ class _Events:
 
 
 def _change(request: requests.Request) -> tuple[str, Callable[[edit.Draft], Any]]:
-    """What is done to ``fieldkit.toml``, in words and as a function."""
+    """A change of ``fieldkit.toml``, in words and as a function."""
     match request:
         case requests.AddRegion(region=drawn):
             return f"added {drawn.name}", lambda draft: campaign_regions.add_region(draft, **_new(drawn))
@@ -383,8 +383,8 @@ def _table(drawn: requests.DrawnRegion) -> dict[str, Any]:
 
 
 def _new(drawn: requests.DrawnRegion) -> dict[str, Any]:
-    known = {key: getattr(drawn, key) for key in ("tilt_deg", "azimuth_deg", "emissivity")}
-    properties = {key: value for key, value in known.items() if value is not None}
+    inherited = {key: getattr(drawn, key) for key in ("tilt_deg", "azimuth_deg", "emissivity")}
+    properties = {key: value for key, value in inherited.items() if value is not None}
     return {
         "name": drawn.name, "points": drawn.vertices, "reference": drawn.role == "reference", **properties
     }  # fmt: skip

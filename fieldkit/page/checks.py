@@ -69,7 +69,7 @@ def _ip(text: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
 
 
 def same_origin(scope: Scope, keys: Keys) -> str | None:
-    """What may change something must come from this page itself, or with a key from a program.
+    """Requests that may change something must come from this page itself, or with a key from a program.
 
     Browsers name the origin with every upgrade and every POST; programs that name none must bring a key.
     """

@@ -41,7 +41,7 @@ MAX_VIEWERS = 8
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """What the page shows now, and whether it is a recording that this page started (`ours`)."""
+    """The page's present state, and whether it is a recording that this page started (`ours`)."""
 
     phase: Phase = "no-instruments"
     session: str | None = None

@@ -32,7 +32,7 @@ MOST_KEPT = 200
 
 @dataclass(frozen=True, slots=True)
 class Grant:
-    """What a key allows, and until when (seconds since 1970); `hash` is the key's SHA-256."""
+    """Permission of a key, and its end (seconds since 1970); `hash` is the key's SHA-256."""
 
     hash: str
     role: str
@@ -82,11 +82,11 @@ class Keys:
 
     def _read(self) -> _Kept:
         try:
-            kept = build(_Kept, json.loads(self.path.read_text(encoding="utf-8")))
+            stored = build(_Kept, json.loads(self.path.read_text(encoding="utf-8")))
         except (OSError, ValueError, TypeError):  # no file yet, or a damaged one: everybody needs a new link
             return _Kept()
         return _Kept(
-            *(tuple(grant for grant in some if grant.ends_at > time.time()) for some in _parts(kept))
+            *(tuple(grant for grant in some if grant.ends_at > time.time()) for some in _parts(stored))
         )
 
     @contextmanager
@@ -129,8 +129,8 @@ def _hash(key: str) -> str:
 
 def _find(grants: list[Grant] | tuple[Grant, ...], key: str) -> Grant | None:
     """The grant of a key; every one is compared, in a time that does not depend on the key."""
-    wanted, match = _hash(key), None
+    digest, match = _hash(key), None
     for grant in grants:
-        if compare_digest(grant.hash, wanted):
+        if compare_digest(grant.hash, digest):
             match = grant
     return match

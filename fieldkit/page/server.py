@@ -150,9 +150,9 @@ class Page:
         return self.keys.session(key) if key else None
 
     async def serve_role(self, request: Request) -> Response:
-        """What this browser may do: ``view``, ``control``, or null without a key."""
-        known = self.known(request)
-        return JSONResponse({"role": known[0] if known else None})
+        """Role of this browser: ``view``, ``control``, or null without a key."""
+        session = self.known(request)
+        return JSONResponse({"role": session[0] if session else None})
 
     async def take_key(self, request: Request) -> Response:
         """Exchange the key of a link for a session, in a cookie that no script can read."""
@@ -198,8 +198,8 @@ class Page:
     # --- sessions
 
     async def _of_session(self, serve: Callable[[str], Awaitable[Response]], request: Request) -> Response:
-        known = self.known(request)
-        if known is None or known[0] != "control":
+        session_of = self.known(request)
+        if session_of is None or session_of[0] != "control":
             return PlainTextResponse("only for those who may control the page", 403)
         try:
             return await serve(request.path_params["session"])
@@ -240,13 +240,13 @@ class Page:
 
     async def serve_socket(self, socket: WebSocket) -> None:
         """Everything that moves: state and pictures to the browser, requests from it."""
-        known = self.known(socket)
-        if known is None:
+        session = self.known(socket)
+        if session is None:
             await self._refuse()
             await socket.close(NO_KEY)
             return
         await socket.accept()
-        viewer = Viewer(known[0], known[1])
+        viewer = Viewer(session[0], session[1])
         try:
             if self.hub.join(viewer):
                 await self._serve(socket, viewer)
@@ -263,10 +263,10 @@ class Page:
         for task in others:
             task.cancel()
         await asyncio.gather(*others, return_exceptions=True)
-        left = next((error for task in done if isinstance(error := task.exception(), ViewerLeftError)), None)
-        if left is not None and socket.application_state is WebSocketState.CONNECTED:
+        cause = next((error for task in done if isinstance(error := task.exception(), ViewerLeftError)), None)
+        if cause is not None and socket.application_state is WebSocketState.CONNECTED:
             with suppress(RuntimeError, WebSocketDisconnect):
-                await socket.close(LEFT, str(left))
+                await socket.close(LEFT, str(cause))
 
     async def _receive(self, socket: WebSocket, viewer: Viewer) -> None:
         busy: set[asyncio.Task[None]] = set()
@@ -312,7 +312,7 @@ async def _short_body(request: Request) -> bytes:
 
 
 def _in_words(error: Exception, asked: str) -> FieldkitError:
-    """What went wrong with what was asked for; what was not expected is logged."""
+    """The error of a request in words; an unexpected one is logged."""
     if isinstance(error, FieldkitError):
         return error
     log.error("a request failed: %s", asked, exc_info=error)

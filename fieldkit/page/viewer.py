@@ -40,7 +40,7 @@ class Allowance:
 
 @dataclass(eq=False)
 class Viewer:
-    """What one browser receives: every text in order, of pictures only the newest that it is ready for."""
+    """Queue of one browser: every text in order, of pictures only the newest that it is ready for."""
 
     role: Role
     ends_at: float = float("inf")

@@ -108,9 +108,9 @@ def _align(column: Sequence[object]) -> list[object]:
 
 def _pad(number: str, before: int, after: int) -> str:
     whole, point, decimals = number.partition(".")
-    left = FIGURE_SPACE * (before - len(whole)) + whole.replace("-", "−")
+    aligned = FIGURE_SPACE * (before - len(whole)) + whole.replace("-", "−")
     right = (point or PUNCTUATION_SPACE) + decimals + FIGURE_SPACE * (after - len(decimals))
-    return left + right if after else left
+    return aligned + right if after else aligned
 
 
 @dataclass(frozen=True, slots=True)

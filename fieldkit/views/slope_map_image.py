@@ -93,8 +93,8 @@ def tilt_uncertainty(bounds: PixelBounds, regions: Sequence[Region]) -> str:
 
 def full_colour_deg(tilt_deg: SingleArray) -> float:
     """Tilt shown in full colour: 98 % of the pixels are flatter; a multiple of 5 degrees, at least 10."""
-    known = tilt_deg[np.isfinite(tilt_deg)]
-    highest = float(np.percentile(known, 98.0)) if known.size else 0.0
+    finite = tilt_deg[np.isfinite(tilt_deg)]
+    highest = float(np.percentile(finite, 98.0)) if finite.size else 0.0
     return max(10.0, 5.0 * math.ceil(highest / 5.0))
 
 
@@ -232,8 +232,8 @@ def _framed_plane(
 
 def _range(values: SingleArray) -> tuple[float, float]:
     """Limits of the colours: 96 % of the values lie between them."""
-    known = values[np.isfinite(values)]
-    low, high = (float(limit) for limit in np.percentile(known, (2.0, 98.0))) if known.size else (0.0, 1.0)
+    finite = values[np.isfinite(values)]
+    low, high = (float(limit) for limit in np.percentile(finite, (2.0, 98.0))) if finite.size else (0.0, 1.0)
     return (low, high) if high > low else (low, low + 1.0)
 
 

@@ -72,9 +72,9 @@ def cumulative(errors: Mapping[str, FloatArray]) -> str:
     """Fig. 9: share of slopes estimated within an absolute tilt error, one line per start."""
     figure, axes = _figure()
     for index, (name, values) in enumerate(errors.items()):
-        known = np.sort(values[np.isfinite(values)])
-        share = np.arange(1, known.size + 1) / values.size
-        axes.plot(known, share, color=plotting.colour(index), label=name)
+        finite = np.sort(values[np.isfinite(values)])
+        share = np.arange(1, finite.size + 1) / values.size
+        axes.plot(finite, share, color=plotting.colour(index), label=name)
     widest = max((float(np.nanpercentile(values, 97)) for values in errors.values()), default=1.0)
     axes.set(xlim=(0.0, max(widest, 0.1)), ylim=(0.0, 1.0))
     axes.axhline(0.9, color="0.6", linestyle=":")

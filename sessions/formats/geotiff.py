@@ -115,18 +115,18 @@ def _transformed(
     from rasterio.warp import transform
 
     try:
-        found = np.array(transform(source, target, x, y), np.float64)
+        points = np.array(transform(source, target, x, y), np.float64)
     except Exception:  # GDAL's errors have no public class
-        found = np.full((2, len(x)), np.nan)
-    if not np.isfinite(found).all():
+        points = np.full((2, len(x)), np.nan)
+    if not np.isfinite(points).all():
         raise ConfigError(
             f"{x[0]:.10g}, {y[0]:.10g} lies outside {source}", fix="correct east_m and north_m, or crs"
         )
-    return found[0], found[1]
+    return points[0], points[1]
 
 
 def _metres_per_degree(geographic: CRS, latitude_deg: float) -> FloatArray:
-    """Of longitude and of latitude, on the system's ellipsoid."""
+    """Metres of a degree of longitude and of latitude, on the system's ellipsoid."""
     _, axis_m, flattening = _part(geographic.to_wkt(), "SPHEROID").split(",")[:3]
     axis, inverse, latitude = float(axis_m), float(flattening.rstrip("]")), math.radians(latitude_deg)
     square = (2.0 - 1.0 / inverse) / inverse if inverse else 0.0
@@ -152,18 +152,18 @@ def read_heights(path: Path, crs: CRS, scale: float) -> Heights:
     try:
         with rasterio.open(path) as file:
             band = file.read(1, masked=True).astype(np.float64).filled(np.nan)
-            found, place = file.crs, file.transform
+            crs_of_file, place = file.crs, file.transform
             gain, offset, unit = file.scales[0], file.offsets[0], file.units[0]
     except RasterioIOError as error:
         raise ConfigError(f"cannot read the DEM {path}: {error}", fix="name a GeoTIFF of heights") from error
-    if _horizontal(found) != _horizontal(crs):
+    if _horizontal(crs_of_file) != _horizontal(crs):
         raise ConfigError(
-            f"{path} is in {found or 'no reference system'}, the pose in {crs}",
+            f"{path} is in {crs_of_file or 'no reference system'}, the pose in {crs}",
             fix=f"gdalwarp -t_srs {crs} -r bilinear {path} dem.tif",
         )
     if place.b or place.d or place.e >= 0.0 or not math.isclose(place.a, -place.e, rel_tol=1e-6):
         raise ConfigError(f"{path} has no square cells with north up", fix="gdalwarp -tr 0.5 0.5 ...")
-    upwards = -1.0 if ",DOWN]" in found.to_wkt() else 1.0  # a system of depths
+    upwards = -1.0 if ",DOWN]" in crs_of_file.to_wkt() else 1.0  # a system of depths
     heights = upwards * (band * gain + offset) * _metres_per_unit(path, unit)
     _refuse_no_heights(path, heights, band)
     return Heights(place.c, place.f, place.a, heights, scale)
@@ -178,7 +178,7 @@ def _horizontal(crs: CRS | None) -> CRS | None:
 
 
 def _metres_per_unit(path: Path, unit: str | None) -> float:
-    """Of a band's heights, in metres without a unit; GDAL gives that of a compound system to the band."""
+    """Metres in the unit of a band's heights, 1 without one; GDAL gives a compound system's to the band."""
     if not unit:
         return 1.0
     if (metres := UNITS_M.get(re.sub("[^a-z]", "", unit.lower()))) is None:

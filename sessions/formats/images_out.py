@@ -197,13 +197,13 @@ def _stem(session: SessionReader, info: StreamInfo) -> str:
 
 def _write_times(table: Path, rows: list[tuple[str, str]]) -> Path:
     """The times of these frames, beside those that other exports wrote into the same folder."""
-    known: dict[str, str] = {}
+    times: dict[str, str] = {}
     if table.exists():
         with table.open(newline="", encoding="utf-8") as file:
-            known = {row[0]: row[1] for row in csv.reader(file) if len(row) == 2}
-    known = {"file": "time", **known, **dict(rows)}
+            times = {row[0]: row[1] for row in csv.reader(file) if len(row) == 2}
+    times = {"file": "time", **times, **dict(rows)}
     with replacing(table, synced=False) as draft, draft.open("w", newline="", encoding="utf-8") as file:
-        csv.writer(file).writerows(known.items())
+        csv.writer(file).writerows(times.items())
     return table
 
 

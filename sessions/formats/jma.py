@@ -191,10 +191,10 @@ def _stamp(row: Sequence[str], *, is_split: bool, hourly: bool) -> datetime | No
             return None
         year, month, day, hour, minute = (*map(int, cells), 0, 0)[:5]
     else:
-        found = _DATE.fullmatch(row[0].strip())
-        if found is None:
+        date = _DATE.fullmatch(row[0].strip())
+        if date is None:
             return None
-        year, month, day, hour, *minutes = map(int, found.groups(default="0"))
+        year, month, day, hour, *minutes = map(int, date.groups(default="0"))
         minute = sum(minutes)  # after a colon, or before 分
     return datetime(year, month, day, tzinfo=JST) + timedelta(hours=hour, minutes=minute)
 
@@ -332,8 +332,8 @@ def _day(path: Path, line: str) -> tuple[int, list[float]] | None:
     if len(words) != 26 or not all(re.fullmatch(r"\d+|X+", word) for word in words[1:]):
         raise not_understood(path, f"the row {line.strip()[:40]!r} does not have 24 hours and their sum")
     hours = [float("nan") if "X" in word else float(word) for word in words[1:25]]
-    known = [hour for hour in hours if hour == hour]
-    if "X" not in words[25] and abs(sum(known) - float(words[25])) > 0.5 * len(known) + 1:
+    measured = [hour for hour in hours if hour == hour]
+    if "X" not in words[25] and abs(sum(measured) - float(words[25])) > 0.5 * len(measured) + 1:
         raise not_understood(path, f"the hours of day {words[0]} do not add up to its sum")
     return int(words[0]), [hour * _W_PER_M2 for hour in hours]
 

@@ -427,9 +427,9 @@ def _on_option(option: str, given: str, applied: Sequence[str], stated: Sequence
     """Columns that an option applies to: those that state nothing."""
     if not given or (applied and not stated):
         return []
-    kept = f"; stated by the table: {', '.join(stated)}" if stated else ""
+    note = f"; stated by the table: {', '.join(stated)}" if stated else ""
     severity = Severity.INFO if applied else Severity.WARNING
-    return [(severity, f"{option} {given} applies to {', '.join(applied) or 'no column'}{kept}")]
+    return [(severity, f"{option} {given} applies to {', '.join(applied) or 'no column'}{note}")]
 
 
 def _on_measures(channels: Sequence[Channel], measures: str) -> Notes:

@@ -153,8 +153,8 @@ def _channel(
     writer: Writer, topic: str, schema: str, properties: Mapping[str, Any], about: dict[str, str]
 ) -> int:
     text = json.dumps({"title": schema, "type": "object", "properties": properties})
-    known = writer.register_schema(schema, "jsonschema", text.encode())
-    return writer.register_channel(f"/{topic}", "json", known, about)
+    schema_id = writer.register_schema(schema, "jsonschema", text.encode())
+    return writer.register_channel(f"/{topic}", "json", schema_id, about)
 
 
 def _put(writer: Writer, channel: int, time_ns: int, number: int, message: Mapping[str, Any]) -> None:

@@ -50,10 +50,10 @@ def merge(session: SessionReader, imported: ImportedRecording, path: Path, sourc
     where the session is not finished: a part of it would be missing from the new one for good.
     """
     session.require_finished()
-    taken = {info.name for info in imported.streams} & set(session.streams)
-    if taken:
+    common = {info.name for info in imported.streams} & set(session.streams)
+    if common:
         raise ConfigError(
-            f"{session.path} has a stream {taken.pop()!r} already", fix="another name: --as NAME"
+            f"{session.path} has a stream {common.pop()!r} already", fix="another name: --as NAME"
         )
     time_ns = [sample.time_ns for sample in imported.samples]
     if not time_ns or max(time_ns) < session.start_ns or min(time_ns) > session.end_ns:
@@ -174,9 +174,9 @@ def _all_series(session: SessionReader, quantity: str, start_ns: int) -> Iterato
 
 def _stream_series(session: SessionReader, name: str, start_ns: int) -> TimeSeries:
     readings = session.readings(name)
-    known = is_usable(readings.flags) & np.isfinite(readings.values).any(axis=1)
-    means = np.nanmean(readings.values[known], axis=1)
-    return _time_series(zip(readings.time_ns[known].tolist(), means.tolist(), strict=True), start_ns)
+    has_value = is_usable(readings.flags) & np.isfinite(readings.values).any(axis=1)
+    means = np.nanmean(readings.values[has_value], axis=1)
+    return _time_series(zip(readings.time_ns[has_value].tolist(), means.tolist(), strict=True), start_ns)
 
 
 def _time_series(points: Iterable[tuple[int, float]], start_ns: int) -> TimeSeries:
@@ -324,10 +324,10 @@ def _fits(log: TimeSeries, grid: FloatArray, y: FloatArray, offsets: FloatArray,
 
 
 def _fit(x: FloatArray, y: FloatArray, least: int) -> float:
-    known = np.isfinite(x) & np.isfinite(y)
-    if np.count_nonzero(known) < least:
+    has_value = np.isfinite(x) & np.isfinite(y)
+    if np.count_nonzero(has_value) < least:
         return 0.0
-    x, y = x[known] - x[known].mean(), y[known] - y[known].mean()
+    x, y = x[has_value] - x[has_value].mean(), y[has_value] - y[has_value].mean()
     scale = float(np.sum(x * x) * np.sum(y * y))
     correlation = float(np.sum(x * y)) / np.sqrt(scale) if scale > 0 else 0.0
     return max(correlation, 0.0) ** 2

@@ -64,7 +64,7 @@ def _dataset(session: SessionReader, files: Sequence[Path]) -> dict[str, Any]:
     """The root: what RO-Crate demands (name, description, date, licence), and what is known beyond."""
     header = session.header
     title = header.title or session.path.stem
-    known = {
+    optional = {
         "author": {"@id": "#operator"} if header.operator else "",
         "license": _license(header.license),
         "citation": header.references,
@@ -80,7 +80,7 @@ def _dataset(session: SessionReader, files: Sequence[Path]) -> dict[str, Any]:
         "spatialCoverage": {"@id": "#place"},
         "variableMeasured": sorted({info.quantity for info in header.streams}),
         "hasPart": [{"@id": file.name} for file in files],
-        **{name: value for name, value in known.items() if value},
+        **{name: value for name, value in optional.items() if value},
     }
 
 
@@ -99,5 +99,5 @@ def _coordinates(site: Site, *, is_exact: bool) -> dict[str, Any]:
     latitude, longitude = site.latitude_deg, site.longitude_deg
     if not is_exact:
         latitude, longitude = round(latitude, PLACE_DECIMALS), round(longitude, PLACE_DECIMALS)
-    found = {"@id": "#geo", "@type": "GeoCoordinates", "latitude": latitude, "longitude": longitude}
-    return {**found, "elevation": site.elevation_m} if is_exact else found
+    geo = {"@id": "#geo", "@type": "GeoCoordinates", "latitude": latitude, "longitude": longitude}
+    return {**geo, "elevation": site.elevation_m} if is_exact else geo

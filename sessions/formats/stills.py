@@ -83,25 +83,25 @@ class _Still:
     def flags(self) -> Quality:
         """Those that fieldkit wrote with it."""
         names = self.page.tags.flags if self.page and self.page.tags else ()
-        known = [Quality[name.upper()] for name in names if name.upper() in Quality.__members__]
-        return reduce(or_, known, Quality.GOOD)
+        flags = [Quality[name.upper()] for name in names if name.upper() in Quality.__members__]
+        return reduce(or_, flags, Quality.GOOD)
 
     def counts(self) -> CountArray:
         """Shape (rows, cols); raises `ConfigError` where it cannot be read."""
         if self.path.suffix.lower() == ".irg":
             return read_irg(self.path).counts
-        found = self.page.read(self.path) if self.page else _read_png(self.path)
-        if found is None or found.dtype != (np.float32 if self.unit else np.uint16) or found.ndim != 2:
+        pixels = self.page.read(self.path) if self.page else _read_png(self.path)
+        if pixels is None or pixels.dtype != (np.float32 if self.unit else np.uint16) or pixels.ndim != 2:
             raise ConfigError(f"{self.label} cannot be read as a frame", fix=_EXPORT_AGAIN)
-        return _counts_of(found, self.unit) if self.unit else found.astype(np.uint16, copy=False)
+        return _counts_of(pixels, self.unit) if self.unit else pixels.astype(np.uint16, copy=False)
 
 
 def image_files(source: Path) -> list[Path]:
     """The frames of a folder, by name; or the one."""
     if not source.is_dir():
         return [source]
-    found = sorted(path for path in source.iterdir() if path.suffix.lower() in SUFFIXES)
-    return [path for path in found if path.suffix.lower() in _FIRST_SUFFIXES] or found
+    frames = sorted(path for path in source.iterdir() if path.suffix.lower() in SUFFIXES)
+    return [path for path in frames if path.suffix.lower() in _FIRST_SUFFIXES] or frames
 
 
 def _counts_of(values: AnyArray, unit: Unit) -> CountArray:
@@ -148,12 +148,12 @@ def read_stills(
     else:
         stills, notes = _irg_stills(paths) if kind == "IRG" else _png_stills(paths)
     rows, cols = stills[0].counts().shape
-    known = _common_scale(stills, scale, kind)
+    agreed = _common_scale(stills, scale, kind)
     times_ns = [plausible_ns(at + offset_ns) for at in _times_ns(stills, times, time_format, zone)]
     stamped = sorted(zip(times_ns, stills, strict=True), key=lambda pair: pair[0])
     times_ns.sort()
     info = StreamInfo(
-        name, "brightness_temperature", "K", (rows, cols), known.kelvin_per_count, known.kelvin_at_zero,
+        name, "brightness_temperature", "K", (rows, cols), agreed.kelvin_per_count, agreed.kelvin_at_zero,
         rate_hz=usual_rate_hz(times_ns), driver="import",
     )  # fmt: skip
     flagged, bunches = flag_bunched(lambda: _frames(stamped, info), times_ns)
@@ -265,9 +265,9 @@ def _refuse_other_numbers(still: _Still) -> None:
     if is_counts:
         raise ConfigError(f"{still.label} holds counts: --unit would have no effect", fix="omit --unit")
     one = f"{page.bits}-bit {_WORDS.get(page.kind, '')}numbers"
-    found = one if page.channels == 1 else f"{page.channels} channels"
+    numbers = one if page.channels == 1 else f"{page.channels} channels"
     raise ConfigError(
-        f"{still.label} has {found}, not one unsigned 16-bit number per pixel",
+        f"{still.label} has {numbers}, not one unsigned 16-bit number per pixel",
         fix=_UNIT_OF_FLOAT if is_float else _NOT_COLOURED,
     )
 
@@ -288,16 +288,16 @@ def _common_scale(stills: Sequence[_Still], given: Scale | None, kind: str) -> S
             f"{one.label} and {other.label} do not state the same scale",
             fix="import those of each scale from a folder of their own",
         )
-    known = given or stills[0].scale
-    if known is None:
+    agreed = given or stills[0].scale
+    if agreed is None:
         raise ConfigError(f"what one count of these {kind} frames means is not known", fix=_SAY_SCALE[kind])
     for still in stated.values():
-        _refuse_another_scale(still, known)
-    return known
+        _refuse_another_scale(still, agreed)
+    return agreed
 
 
 def _refuse_another_scale(still: _Still, given: Scale) -> None:
-    """What a frame states holds, also against temperatures declared unknown."""
+    """The scale that a frame states holds, also against temperatures declared unknown."""
     own = still.scale
     if own is not None and not math.isnan(own.kelvin_per_count) and given != own:
         raise ConfigError(

@@ -386,13 +386,13 @@ def _of_onset(names: list[str]) -> list[str]:
 
 def _parts(cell: str) -> tuple[str, str, str]:
     """Name, unit and serial number of the sensor, as far as the cell of a header has them."""
-    found = _HOBO.fullmatch(cell)
-    if found is None or stated_zone(cell) is not None:
+    match = _HOBO.fullmatch(cell)
+    if match is None or stated_zone(cell) is not None:
         return cell, "", ""
-    more = found["more"] or ""
+    more = match["more"] or ""
     label, serial = re.search(r"LBL: ([^,]+)", more), re.search(r"SEN S/N: (\w+)", more)
     return (
-        label[1].strip() if label else found["name"],
-        found["unit"] or "",
+        label[1].strip() if label else match["name"],
+        match["unit"] or "",
         serial[1] if serial else "",
     )

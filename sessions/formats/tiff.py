@@ -63,8 +63,8 @@ def write_tiff(path: Path, counts: CountArray, tags: TiffTags, software: str) ->
 
 
 def _description(tags: TiffTags) -> str:
-    known = {} if math.isnan(tags.scale) else {"unit": "K", "scale": tags.scale, "offset": tags.offset}
-    return json.dumps({"time": tags.time, **known, "flags": tags.flags})
+    meaning = {} if math.isnan(tags.scale) else {"unit": "K", "scale": tags.scale, "offset": tags.offset}
+    return json.dumps({"time": tags.time, **meaning, "flags": tags.flags})
 
 
 def _gdal(tags: TiffTags) -> str:

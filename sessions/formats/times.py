@@ -150,9 +150,9 @@ def _fixed_offset(moment: datetime) -> str:
     """Next step where a clock's zone leaves its times open: name the offset that it kept."""
     offsets = (moment.replace(fold=fold).utcoffset() or timedelta() for fold in (0, 1))
     hours = sorted(offset / timedelta(hours=1) for offset in offsets)
-    kept = " or ".join(f"--zone Etc/GMT{-int(hour):+d}" for hour in hours if hour.is_integer())
+    zones = " or ".join(f"--zone Etc/GMT{-int(hour):+d}" for hour in hours if hour.is_integer())
     cut = "export it with times in UTC, or import what lies before and after on its own"
-    return f"if its clock was never put forward or back: {kept}; else {cut}" if kept else cut
+    return f"if its clock was never put forward or back: {zones}; else {cut}" if zones else cut
 
 
 def utc_ns(moment: datetime) -> int:
@@ -193,10 +193,10 @@ def _parsed(text: str, time_format: str | None) -> datetime:
 
 
 def _iso(text: str) -> datetime:
-    found = _YEAR_FIRST.fullmatch(text)
-    if found is None:
+    match = _YEAR_FIRST.fullmatch(text)
+    if match is None:
         return datetime.fromisoformat(text)
-    year, month, day, clock = found.groups(default="00:00")
+    year, month, day, clock = match.groups(default="00:00")
     clock = re.sub(" ?(UTC|GMT)$", "+00:00", clock if clock[2] == ":" else f"0{clock}")
     return datetime.fromisoformat(f"{year}-{month:0>2}-{day:0>2}T{clock}")
 
@@ -279,11 +279,11 @@ def stated_zone(text: str) -> tzinfo | None:
     for name in re.findall(r"[A-Za-z]+(?:/[\w+-]+)+", text):
         if (zone := known_zone(name)) is not None:
             return zone
-    found = _OFFSET.search(text)
-    if found is None or int(found[2] or 0) > _MOST_HOURS:
+    match = _OFFSET.search(text)
+    if match is None or int(match[2] or 0) > _MOST_HOURS:
         return None
-    ahead = timedelta(hours=int(found[2] or 0), minutes=int(found[3] or 0))
-    return timezone(-ahead if found[1] in ("-", "−") else ahead)
+    ahead = timedelta(hours=int(match[2] or 0), minutes=int(match[3] or 0))
+    return timezone(-ahead if match[1] in ("-", "−") else ahead)
 
 
 # --- of frames, given beside them: in a table, or in the names of their files

@@ -126,7 +126,7 @@ def _model_row(name: object, columns: Series) -> list[object]:
 
 
 def _holds_truth(target: TargetSeries) -> BoolArray:
-    """Of the minutes with an estimate, whether the likelihood region holds the given tilt."""
+    """Whether the likelihood region holds the given tilt, for each minute with an estimate."""
     truth = target.region.tilt_deg
     held = (target.tilt_low_deg <= truth) & (truth <= target.tilt_high_deg)
     return np.asarray(held[target.is_estimate])
@@ -174,8 +174,8 @@ def _degrees(found: ErrorBudget, term_w_m2: float) -> str:
 def _omitted_words(data: ReportData, budgets: Sequence[ErrorBudget]) -> str:
     settings, slab = data.settings, data.settings.slab
     costs = [abs(found.degrees(found.omitted_w_m2)) for found in budgets]
-    known = [cost for cost in costs if np.isfinite(cost)]
-    cost = formatting.number(float(np.mean(known)) if known else float("nan"), 1)
+    finite = [cost for cost in costs if np.isfinite(cost)]
+    cost = formatting.number(float(np.mean(finite)) if finite else float("nan"), 1)
     omitted = (
         "The paper's model, eq. (6), contains direct sunlight, and an exchange with air and sky that region "
         "and reference share. A tilted region also sees less sky and more ground, and its sand takes up heat "
@@ -322,16 +322,16 @@ def _of_emissivity(columns: Series, target: TargetSeries, settings: EstimatorSet
 def _stored_heat(columns: Series, target: TargetSeries, settings: EstimatorSettings) -> FloatArray:
     """Storage heat flux of the target minus that of the reference, W/m2."""
     difference = columns.temperature_k[target.region.name] - columns.reference_k
-    known = np.isfinite(difference)
+    has_value = np.isfinite(difference)
     flux = np.full(difference.shape, np.nan)
-    if known.sum() > 1:
-        minutes = columns.time_ns[known] // MINUTE_NS
+    if has_value.sum() > 1:
+        minutes = columns.time_ns[has_value] // MINUTE_NS
         every = np.arange(minutes[0], minutes[-1] + 1)
-        bridged = np.interp(every, minutes, difference[known])
-        flux[known] = conducted_flux(settings.slab, bridged, MINUTE_NS / 1e9)[minutes - minutes[0]]
+        bridged = np.interp(every, minutes, difference[has_value])
+        flux[has_value] = conducted_flux(settings.slab, bridged, MINUTE_NS / 1e9)[minutes - minutes[0]]
     return flux
 
 
 def _median(values: FloatArray) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if known.size else float("nan")
+    finite = values[np.isfinite(values)]
+    return float(np.median(finite)) if finite.size else float("nan")

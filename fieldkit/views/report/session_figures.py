@@ -51,9 +51,9 @@ def irradiance(columns: Series, site: Site) -> plotting.OverTime:
         ("measured, klx", columns.illuminance_lx / 1000.0, plotting.colour(4)),
         ("derived DNI, W/m²", columns.irradiance_w_m2, plotting.colour(1)),
     ]
-    known = [line for line in lines if np.isfinite(line[1]).any()]
-    figure, panels = plotting.panels(len(known), 0.6 + 1.3 * len(known), plotting.WIDE_IN)
-    for axes, (name, values, colour) in zip(panels, known, strict=True):
+    finite_lines = [line for line in lines if np.isfinite(line[1]).any()]
+    figure, panels = plotting.panels(len(finite_lines), 0.6 + 1.3 * len(finite_lines), plotting.WIDE_IN)
+    for axes, (name, values, colour) in zip(panels, finite_lines, strict=True):
         axes.plot(*plotting.broken(columns.time_ns, values), color=colour)
         axes.set_ylabel(name)
     return over_time(figure, panels, columns, site, legend=False)
@@ -149,9 +149,9 @@ def _line(index: int, region: Region) -> dict[str, Any]:
 def _unreliable(axes: Axes, columns: Series, target: TargetSeries, values: FloatArray) -> None:
     """Mark unreliable minutes: crosses where there is a value, ticks at the foot where there is none."""
     unreliable = np.array([e is not None and e.state not in SOLVED for e in target.estimates], np.bool_)
-    days, known = plotting.days(columns.time_ns), np.isfinite(values)
-    crosses, ticks = days[unreliable & known], days[unreliable & ~known]
-    axes.plot(crosses, values[unreliable & known], linestyle="none", marker="x", markersize=5, color="black")
+    days, finite = plotting.days(columns.time_ns), np.isfinite(values)
+    crosses, ticks = days[unreliable & finite], days[unreliable & ~finite]
+    axes.plot(crosses, values[unreliable & finite], linestyle="none", marker="x", markersize=5, color="black")
     if ticks.size:  # an empty line that may not be clipped confuses matplotlib's layout
         axes.plot(
             ticks, np.zeros(ticks.size), transform=axes.get_xaxis_transform(), clip_on=False,
@@ -182,10 +182,10 @@ def _shade_clouds(axes: Axes, columns: Series) -> None:
 def _centre_of(target: TargetSeries) -> float:
     if np.isfinite(target.region.azimuth_deg):
         return float(target.region.azimuth_deg)
-    known = target.azimuth_deg[np.isfinite(target.azimuth_deg)]
-    radians = np.radians(known)
+    finite = target.azimuth_deg[np.isfinite(target.azimuth_deg)]
+    radians = np.radians(finite)
     return (
-        float(np.degrees(np.arctan2(np.sin(radians).sum(), np.cos(radians).sum()))) if known.size else 180.0
+        float(np.degrees(np.arctan2(np.sin(radians).sum(), np.cos(radians).sum()))) if finite.size else 180.0
     )
 
 
