@@ -26,6 +26,7 @@ from fieldkit.model.arrays import FloatArray, IntArray
 from fieldkit.model.channels import radiation_components
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.units import MINUTE_NS
+from fieldkit.physics.irradiance import DIFFUSE_MODELS
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.recording.simulated_scene import measured_weather
 from fieldkit.results.sources import (
@@ -39,8 +40,6 @@ from fieldkit.results.sources import (
 from fieldkit.sessions.reader import SessionReader
 
 Against = Literal["pyranometer", "pyrheliometer", "station"]
-DIFFUSE_SD = {"none": 0.03, "fraction": 0.05, "erbs": 0.04}
-"""Relative standard uncertainty of the diffuse part where it is modelled, by model."""
 NEAR_S = 90.0
 MARGIN = round(MAX_LAG_S / 60.0)
 """Minutes before and after a session in which the reference is looked at, to compare the clocks."""
@@ -172,7 +171,7 @@ def _reference(
         times, value = minute_means(session, _radiation(session, config, reference, ("dni",)))
         plane = on_plane(model, _at(minute_ns, times, value), None, sun, minute_ns)
         method = f"against the pyrheliometer {reference}, diffuse {model.diffuse}"
-        return plane, method, DIFFUSE_SD[model.diffuse]
+        return plane, method, DIFFUSE_MODELS[model.diffuse].relative_sd
     weather = measured_weather(config, reference)
     first_ns, last_ns = minute_ns[MARGIN], minute_ns[-MARGIN - 1]
     if first_ns > weather.time_ns[-1] or last_ns < weather.time_ns[0]:

@@ -20,6 +20,7 @@ from fieldkit.estimation.estimator_keys import EstimatorKeys
 from fieldkit.estimation.prior import Prior
 from fieldkit.estimation.surface_kinds import SAND, Kind
 from fieldkit.model.alarm import Condition
+from fieldkit.model.light_meter import ConfiguredKind, Diffuse, Mounting
 from fieldkit.model.quantities import LIMITS, Component
 from fieldkit.model.site import ELEVATIONS_M
 
@@ -181,7 +182,7 @@ class IrradianceTable(Table):
     stream: str = Field(
         default="", description="stream of the light meter; default: the first of dni, ghi, gti, lux"
     )
-    model: Literal["eq10", "efficacy", "perez", "calibrated", "pyrheliometer", "file"] = Field(
+    model: ConfiguredKind = Field(
         default="eq10", description="lux to W/m2; eq10 is the paper's eq. (10), divided by par_fraction"
     )
     par_fraction: Fraction = Field(
@@ -194,14 +195,14 @@ class IrradianceTable(Table):
     factor_sd: NotNegative = Field(
         default=0.0, description="standard uncertainty of factor; a record brings its own"
     )
-    mounting: Literal["horizontal", "sun-pointing", "in-plane"] = Field(
+    mounting: Mounting = Field(
         default="horizontal", description="how the light meter, or that of gti, is mounted"
     )
     plane_tilt_deg: Tilt = Field(default=0.0, description="tilt of the meter, for in-plane")
     plane_azimuth_deg: Degrees = Field(
         default=0.0, description="azimuth of the meter from north, for in-plane"
     )
-    diffuse: Literal["none", "fraction", "erbs"] = Field(
+    diffuse: Diffuse = Field(
         default="fraction",
         description="how diffuse light is subtracted from the reading; none: a baffled tube",
     )

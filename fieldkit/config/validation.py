@@ -21,6 +21,7 @@ from fieldkit.drivers import registry
 from fieldkit.estimation.surface_kinds import SAND
 from fieldkit.model.clock import YEARS
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.light_meter import OF_DAYLIGHT
 from fieldkit.model.site import Region, RegionKind, known_zone
 
 UNITS = {
@@ -50,8 +51,6 @@ OTHER_UNITS = ("rad", "f", "ms", "min", "h", "cm", "mm", "km", "ft", "klx", "gb"
 UNKNOWN_KEY = ("extra_forbidden", "unexpected_keyword_argument")
 """Names that pydantic gives an unknown key of a model and of a dataclass."""
 INSTRUMENTS = ("camera", "lux", "thermometer")
-OF_DAYLIGHT = ("eq10", "perez", "erbs")
-"""Values of ``[irradiance]`` that are fitted to the light under the Earth's air."""
 """The tables of instruments that have a name of their own."""
 
 

@@ -31,11 +31,11 @@ from fieldkit.model.arrays import BoolArray, FloatArray, IntArray
 from fieldkit.physics.bodies import BODIES
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.daylight import (
-    diffuse_fraction_of_beam,
     extraterrestrial,
     perez_brightening,
 )
 from fieldkit.physics.facet import VERTICAL
+from fieldkit.physics.irradiance import DIFFUSE_MODELS
 from fieldkit.physics.slab import Slab, conducted_flux
 
 MINUTE_S = 60.0
@@ -254,8 +254,8 @@ class MinuteLight:
         beam = np.where(history.dni_w_m2 > 0.0, history.dni_w_m2, np.nan)
         clearness = beam / extraterrestrial(history.time_ns, BODIES[settings.body])
         share = np.full_like(beam, settings.diffuse_fraction)
-        if settings.irradiance.diffuse == "erbs":
-            share = diffuse_fraction_of_beam(clearness)
+        if share_by_beam := DIFFUSE_MODELS[settings.irradiance.diffuse].by_beam:
+            share = share_by_beam(clearness)
         assumed = share / (1.0 - share) * beam * cos_zenith
         diffuse = np.where(np.isnan(history.dhi_w_m2), assumed, history.dhi_w_m2)
         sky_share = 1.0 if settings.sky == "hay-davies" else 0.0

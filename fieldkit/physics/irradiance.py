@@ -8,15 +8,18 @@ irradiance lacks only the first of them. NaN where the reading does not determin
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldkit.model.arrays import FloatArray
+from fieldkit.model.light_meter import Diffuse, Kind, Mounting
 from fieldkit.physics.daylight import (
     diffuse_fraction_erbs,
+    diffuse_fraction_of_beam,
     extraterrestrial,
     ground_view,
     perez_efficacy,
@@ -24,9 +27,26 @@ from fieldkit.physics.daylight import (
 )
 from fieldkit.physics.facet import VERTICAL, normal
 
-Kind = Literal["eq10", "efficacy", "perez", "calibrated", "pyranometer", "pyrheliometer", "file"]
-Mounting = Literal["horizontal", "sun-pointing", "in-plane"]
-Diffuse = Literal["none", "fraction", "erbs"]
+
+class DiffuseModel(NamedTuple):
+    """A model of the diffuse share of global light: its words, and where it follows from the sky, how.
+
+    `relative_sd` is the standard uncertainty of the light that it removes, `by_clearness` and `by_beam` give
+    the share from the clearness index of the global and of the direct light.
+    """
+
+    words: str
+    relative_sd: float
+    by_clearness: Callable[[ArrayLike], FloatArray] | None = None
+    by_beam: Callable[[ArrayLike], FloatArray] | None = None
+
+
+DIFFUSE_MODELS: Mapping[Diffuse, DiffuseModel] = {
+    "none": DiffuseModel("no diffuse", 0.03),
+    "fraction": DiffuseModel("diffuse {:.0%}", 0.05),
+    "erbs": DiffuseModel("Erbs diffuse", 0.04, diffuse_fraction_erbs, diffuse_fraction_of_beam),
+}
+"""Another model of the sky is one more row, with its formulas in `daylight`, and its name in `Diffuse`."""
 
 MICROMOL_PER_JOULE = 4.57
 LUX_PER_MICROMOL = 54.0
@@ -77,8 +97,7 @@ class IrradianceModel:
             "calibrated": f"calibrated x{self.factor:.6g}",
             "pyranometer": "pyranometer",
         }[self.kind]
-        share = f"diffuse {self.diffuse_fraction:.0%}"
-        sky = {"none": "no diffuse", "fraction": share, "erbs": "Erbs diffuse"}[self.diffuse]
+        sky = DIFFUSE_MODELS[self.diffuse].words.format(self.diffuse_fraction)
         tilted = f"plane {self.plane_tilt_deg:g}/{self.plane_azimuth_deg:g}"
         return f"{scale}, {sky}, {tilted if self.mounting == 'in-plane' else self.mounting}"
 
@@ -195,17 +214,18 @@ def _beam(
     share = np.full(reading.shape, {"none": 0.0}.get(model.diffuse, model.diffuse_fraction))
     efficacy = np.full(reading.shape, model.efficacy_lm_w)
     beam = np.full(reading.shape, np.nan)
-    rounds = 40 if model.diffuse == "erbs" or model.kind == "perez" else 1
+    share_by_clearness = DIFFUSE_MODELS[model.diffuse].by_clearness
+    rounds = 40 if share_by_clearness or model.kind == "perez" else 1
     for _ in range(rounds):
         sky_per_beam = share / (1.0 - share) * cos_zenith
         beam = _on_plane(model, reading, efficacy) / (per_beam + sky_per_beam * per_sky)
-        if model.diffuse == "erbs":
+        if share_by_clearness:
             clearness = beam * (cos_zenith + sky_per_beam) / (top * cos_zenith)
-            share = 0.5 * (share + diffuse_fraction_erbs(clearness))
+            share = 0.5 * (share + share_by_clearness(clearness))
         if model.kind == "perez":
             of_global, of_direct = perez_efficacy(beam, beam * sky_per_beam, cos_zenith, top)
-            measured_efficacy = of_direct if model.mounting == "sun-pointing" else of_global
-            efficacy = 0.5 * (efficacy + measured_efficacy)
+            of_sky = of_direct if model.mounting == "sun-pointing" else of_global
+            efficacy = 0.5 * (efficacy + of_sky)
     return beam
 
 
