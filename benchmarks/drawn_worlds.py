@@ -19,7 +19,7 @@ from fieldkit.model.arrays import FloatArray
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.slab import Slab
-from fieldkit.recording.field_history import field_history
+from fieldkit.recording.predict import field_history
 from fieldkit.simulation import ClearSky, Exchange, Facet, MeasuredSky, Sky
 from fieldkit.simulation.boards import boards_in_turn
 from fieldkit.simulation.drawn_field import DrawnField, Spread, drawn_field

@@ -30,7 +30,7 @@ _MARKS = {"ok": ("ok  ", None), "warn": ("warn", "yellow"), "fail": ("FAIL", "re
 def command(paths: tuple[Path, ...], strict: bool, apply_map: bool, no_estimates: bool) -> None:
     """Check sessions: checksums, gaps, rates, clocks, units, slopes.
 
-    PATHS are sessions or folders; without any, the campaign's. Exit code 7 where session_check is damaged.
+    PATHS are sessions or folders; without any, the campaign's. Exit code 7 where one is damaged.
     """
     from fieldkit.results.check import check
 

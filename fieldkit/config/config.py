@@ -186,7 +186,7 @@ class Config:
 
     def _by_region(self, key: str) -> dict[str, Any]:
         """A key of the regions that have it."""
-        return {one.name: value for one in self.tables.region if (value := getattr(one, key))}
+        return {region.name: value for region in self.tables.region if (value := getattr(region, key))}
 
     def _camera_path(self) -> CameraPath | None:
         """The camera's pose over time, which only regions on the ground need; raises `ConfigError`."""

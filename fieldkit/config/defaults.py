@@ -39,8 +39,8 @@ def forget_defaults_of_kind(document: dict[str, Any]) -> None:
 
 def _kind(document: Mapping[str, Any]) -> Kind:
     """The kind that is stated; sand where none is, or an unknown one, which the schema refuses."""
-    given = table_in(document, "surface").get("kind")
-    return next((kind for kind in KINDS if kind == given), SAND)
+    stated = table_in(document, "surface").get("kind")
+    return next((kind for kind in KINDS if kind == stated), SAND)
 
 
 HALFWAY_UP = 0.7

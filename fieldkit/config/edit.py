@@ -112,8 +112,8 @@ def remove_region(draft: Draft, name: str) -> None:
 def _find(draft: Draft, name: str) -> int:
     names = _names(draft)
     if name not in names:
-        known = f"the regions are {', '.join(map(str, names))}" if names else "add it with: fieldkit roi add"
-        raise ConfigError(f"there is no region {name!r}", fix=known)
+        fix = f"the regions are {', '.join(map(str, names))}" if names else "add it with: fieldkit roi add"
+        raise ConfigError(f"there is no region {name!r}", fix=fix)
     return names.index(name)
 
 

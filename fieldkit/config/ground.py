@@ -63,13 +63,13 @@ class Ground:
 
         Raises `ConfigError` where the DEM has none.
         """
-        found = []
+        heights = []
         for east, north, *given in points:
             height = given[0] if given else self._height_m(east, north)
             if np.isnan(height):
                 raise ConfigError(f"{self.pose.table.dem} has no height at {east:.10g}, {north:.10g}")
-            found.append([float(east), float(north), float(height)])
-        return found
+            heights.append([float(east), float(north), float(height)])
+        return heights
 
     def seen(self, points_m: Sequence[Sequence[float]], times_ns: Sequence[int]) -> list[Corner]:
         """Corners in the frame, to a tenth of a pixel, at the first of some times that shows them all.
@@ -161,7 +161,7 @@ def _is_incomplete(region: dict[str, Any]) -> bool:
 
 
 def _is_point(point: Any, sizes: tuple[int, ...] = (2, 3)) -> bool:
-    return isinstance(point, list) and len(point) in sizes and all(type(one) in (int, float) for one in point)
+    return isinstance(point, list) and len(point) in sizes and all(type(xyz) in (int, float) for xyz in point)
 
 
 def _ground(values: dict[str, Any], path: Path) -> Ground | str:

@@ -164,31 +164,31 @@ class _Document:
 
     def set(self, settings: Sequence[str]) -> None:
         """Put ``KEY=VALUE`` over a document that states every value."""
-        given = list(_from_settings(settings))
-        if any(keys == KIND for _, keys, _ in given):
+        values = list(_from_settings(settings))
+        if any(keys == KIND for _, keys, _ in values):
             forget_defaults_of_kind(self.values)
-        for one in given:
-            self.put(*one)
+        for setting in values:
+            self.put(*setting)
 
     def drop_unknown(self) -> Iterator[str]:
         """Remove unknown keys; yields their names."""
         try:
             Tables.model_validate(self.values)
         except ValidationError as error:
-            for one in error.errors(include_url=False):
-                if one["type"] in UNKNOWN_KEY:
-                    self._drop(one["loc"])
-                    yield ".".join(str(part) for part in one["loc"])
+            for mistake in error.errors(include_url=False):
+                if mistake["type"] in UNKNOWN_KEY:
+                    self._drop(mistake["loc"])
+                    yield ".".join(str(part) for part in mistake["loc"])
 
     def take_secrets(self) -> list[Mistake]:
         """Remove what looks like a secret, so that no message quotes it; the mistakes."""
-        found = list(secrets_in(self.values))
-        for mistake in reversed(found):
+        secrets = list(secrets_in(self.values))
+        for mistake in reversed(secrets):
             self._drop(mistake.path)
             for length in range(1, len(mistake.path) + 1):
                 if (place := mistake.path[:length]) in self.origins:
                     self.origins[place] = _key_of(self.origins[place])
-        return found
+        return secrets
 
     def _drop(self, path: toml_lines.KeyPath) -> None:
         *tables, key = path

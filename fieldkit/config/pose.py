@@ -96,19 +96,19 @@ def with_pose(values: dict[str, Any], path: Path) -> list[Mistake]:
     They lie in the campaign of `path`, a ``fieldkit.toml`` or a session.
     """
     camera, folder = table_in(values, "camera"), campaign_folder(path)
-    given = camera.get("pose")
-    if not isinstance(given, str | dict):
+    pose = camera.get("pose")
+    if not isinstance(pose, str | dict):
         return []
     try:
-        if isinstance(given, str) and given:
-            table = _table_in(folder / given).model_dump(exclude_none=True)
+        if isinstance(pose, str) and pose:
+            table = _table_in(folder / pose).model_dump(exclude_none=True)
             if "dem" in table:
-                table["dem"] = (Path(given).parent / table["dem"]).as_posix()
+                table["dem"] = (Path(pose).parent / table["dem"]).as_posix()
             camera["pose"] = table
-        elif given and (wrong := list(_contradictions(given))):
+        elif pose and (wrong := list(_contradictions(pose))):
             return [Mistake((*KEY, key), message) for key, message in wrong]
-        elif given:
-            camera["pose"] = _with_trajectory(given, folder)
+        elif pose:
+            camera["pose"] = _with_trajectory(pose, folder)
         else:
             del camera["pose"]
     except ConfigError as error:

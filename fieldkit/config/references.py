@@ -117,13 +117,13 @@ def _brought(record: Mapping[str, Any], key: _Key) -> dict[KeyPath, float]:
     Raises `ConfigError` where they are not numbers.
     """
     learnt = record.get("details", {}).get("prior_sds", {})
-    if not isinstance(learnt, dict) or not all(isinstance(one, float | int) for one in learnt.values()):
+    if not isinstance(learnt, dict) or not all(isinstance(number, float | int) for number in learnt.values()):
         raise ConfigError(
             f"@{record['name']}: details.prior_sds is not a table of numbers", fix="calibrate again"
         )
     uncertainty = record.get("standard_uncertainty")
-    found = {place: learnt.get(".".join(map(str, place)), uncertainty) for place in key.brings}
-    return {place: value for place, value in found.items() if value is not None}
+    values = {place: learnt.get(".".join(map(str, place)), uncertainty) for place in key.brings}
+    return {place: value for place, value in values.items() if value is not None}
 
 
 def _places(values: Mapping[str, Any]) -> Iterator[tuple[KeyPath, _Key]]:
@@ -159,18 +159,18 @@ def _still_used(values: dict[str, Any], carried: Mapping[str, Any]) -> dict[str,
     What a record that is not kept has brought is removed from `values` too.
     """
     by_name = {_name(values, place): (place, key) for place, key in _places(values)}
-    known = {name: (record, *by_name[name]) for name, record in carried.items() if name in by_name}
-    kept = {
+    entries = {name: (record, *by_name[name]) for name, record in carried.items() if name in by_name}
+    active = {
         name: record
-        for name, (record, place, key) in known.items()
+        for name, (record, place, key) in entries.items()
         if _get(values, place) == record.get("values", {}).get(key.part, record.get("value"))
     }
-    in_use = {brought for name in kept for brought in by_name[name][1].brings}
-    for name, (record, _, key) in known.items():
+    in_use = {brought for name in active for brought in by_name[name][1].brings}
+    for name, (record, _, key) in entries.items():
         for place, number in _brought(record, key).items():
-            if name not in kept and place not in in_use:
+            if name not in active and place not in in_use:
                 _forget(values, place, number)
-    return kept
+    return active
 
 
 def _name(values: Mapping[str, Any], place: KeyPath) -> str:

@@ -133,9 +133,9 @@ def _unknown_key_message(path: KeyPath) -> str:
 
 def _resolve_key(path: KeyPath) -> str | None:
     """The known key closest to an unknown one: the same in fieldkit's unit, or one spelled alike."""
-    typed, known = str(path[-1]).lower(), known_keys(path[:-1])
-    same = [key for key in known if _without_unit(key) == _without_unit(typed)]
-    return next(iter(same or get_close_matches(typed, known, n=1)), None)
+    typed, names = str(path[-1]).lower(), known_keys(path[:-1])
+    same = [key for key in names if _without_unit(key) == _without_unit(typed)]
+    return next(iter(same or get_close_matches(typed, names, n=1)), None)
 
 
 def _qualified_key(path: KeyPath) -> str | None:
@@ -207,8 +207,8 @@ def repeated_azimuths(document: Mapping[str, Any]) -> Iterator[Mistake]:
     """Horizons with two elevations of one azimuth: allowed in an old session, not in a new one."""
     for path, table in ((("site",), table_in(document, "site")), *regions_in(document)):
         pairs = table.get("horizon")
-        given = pairs if isinstance(pairs, list) else ()
-        azimuths = [pair[0] for pair in given if isinstance(pair, list) and pair]
+        horizon = pairs if isinstance(pairs, list) else ()
+        azimuths = [pair[0] for pair in horizon if isinstance(pair, list) and pair]
         turns = [azimuth % 360.0 for azimuth in azimuths if isinstance(azimuth, int | float)]
         if len(set(turns)) < len(turns):
             yield Mistake((*path, "horizon"), "every azimuth may stand once (0 and 360 are the same)")

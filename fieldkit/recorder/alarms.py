@@ -179,12 +179,12 @@ class AlarmEngine:
 
     def _process(self, until_ns: int) -> Iterator[tuple[Alarm, Phase, int]]:
         while self._waiting and self._waiting[0].time_ns <= until_ns:
-            one = heapq.heappop(self._waiting)
-            yield from self._due(one.time_ns)
-            if one.event is not None:
-                yield from self._event(one.event)
+            waiting = heapq.heappop(self._waiting)
+            yield from self._due(waiting.time_ns)
+            if waiting.event is not None:
+                yield from self._event(waiting.event)
             else:
-                yield from self._sample(one)
+                yield from self._sample(waiting)
         yield from self._due(until_ns)
 
     def _due(self, time_ns: int) -> Iterator[tuple[Alarm, Phase, int]]:
@@ -275,9 +275,9 @@ class AlarmEngine:
         end_ns = minute.time_ns - minute.time_ns % MINUTE_NS + MINUTE_NS
         if end_ns > self._latest_ns:  # cut short by the end of the recording
             return
-        for found in self._minutes.update(minute):
-            watch = self._watch(found.condition, found.subject)
-            yield from watch.observe(found.is_on, end_ns, found.text)
+        for state in self._minutes.update(minute):
+            watch = self._watch(state.condition, state.subject)
+            yield from watch.observe(state.is_on, end_ns, state.text)
 
     def _observe(
         self, condition: Condition, subject: str, is_on: bool, time_ns: int, text: str = ""

@@ -62,11 +62,11 @@ class EstimatorThread:
 
     def _estimate(self, closed: list[Closed]) -> None:
         self._pending = [pending for pending in self._pending if not pending[1].done()]
-        for one in closed:
+        for entry in closed:
             minute: Future[Minute] = Future()
             self._pending.append((time.monotonic(), minute))
             self._queue.put_when_done(minute)
-            self._tasks.put((one, minute))
+            self._tasks.put((entry, minute))
 
 
 def _work(estimator: Estimator, tasks: _Tasks) -> None:

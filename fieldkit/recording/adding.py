@@ -42,10 +42,10 @@ class Question:
 
     def refused(self) -> str:
         """Raises `ConfigError` with the option that states it."""
-        given = f"{id_of(self.device)}={self.stated}" + (f",{self.key}=" if self.stated else "")
+        option = f"{id_of(self.device)}={self.stated}" + (f",{self.key}=" if self.stated else "")
         raise ConfigError(
             f"{self} is not known",
-            fix=f"fieldkit devices --add --instrument {given}X, where X is {', '.join(self.choices)}",
+            fix=f"fieldkit devices --add --instrument {option}X, where X is {', '.join(self.choices)}",
         )
 
 
@@ -77,7 +77,7 @@ class AddedDevices:
     failures: list[ConfigError | DeviceError] = field(default_factory=list)
 
     def __repr__(self) -> str:
-        names = ", ".join(one.name for one in self.added) or "none"
+        names = ", ".join(device.name for device in self.added) or "none"
         return f"<AddedDevices: {names}; {len(self.configured)} configured, {len(self.failures)} failed>"
 
 
@@ -98,14 +98,14 @@ def add_devices(file: Path, stated: Stated | None = None, ask: Ask = Question.re
     ConfigError
         The configuration is invalid, or its instruments are simulated.
     """
-    done, left = AddedDevices(), dict(stated or {})
+    done, unmatched = AddedDevices(), dict(stated or {})
     for device in discover()[0]:
         config = _config(file)
         try:
-            _add(config, device, {**left.pop(id_of(device), {})}, ask, done)
+            _add(config, device, {**unmatched.pop(id_of(device), {})}, ask, done)
         except (ConfigError, DeviceError) as error:
             done.failures.append(error)
-    done.failures.extend(map(_not_connected, left))
+    done.failures.extend(map(_not_connected, unmatched))
     return done
 
 
@@ -130,7 +130,7 @@ def _add(
     config: Config, device: ConnectedDevice, stated: dict[str, Any], ask: Ask, done: AddedDevices
 ) -> None:
     """Add one instrument, unless it is configured or skipped; raises `ConfigError` or `DeviceError`."""
-    name = next((one.name for one in config.devices if is_device(device, one)), None)
+    name = next((configured.name for configured in config.devices if is_device(device, configured)), None)
     driver = stated.pop("driver", "") or ("" if name else _driver(device, ask))
     if name is not None:
         done.configured[id_of(device)] = name
@@ -139,8 +139,8 @@ def _add(
     else:
         component = stated.pop("measures", "")
         port = "" if device.identity else device.port  # an identity survives a replug, a port does not
-        given = DeviceSettings(driver, driver, port, device.identity, options=stated)
-        settings, info = _declared(device, given, ask)
+        declared = DeviceSettings(driver, driver, port, device.identity, options=stated)
+        settings, info = _declared(device, declared, ask)
         if "" in radiation_components(info, {}):
             component = component or ask(Question(device, driver, "measures", COMPONENTS))
         done.added.append(_written(config, settings, info, component))

@@ -105,11 +105,11 @@ class Campaign:
             Where there is none; it lists those there are.
         """
         paths = self.sessions.paths
-        found = [path for path in paths if path.stem == name or path.stem.endswith(f"-{name}")]
-        if not found:
-            known = ", ".join(path.stem for path in paths) or "none yet"
-            raise SessionError(f"{self.directory} has no session {name!r}", fix=f"it has {known}")
-        return open_session(found[-1])
+        matches = [path for path in paths if path.stem == name or path.stem.endswith(f"-{name}")]
+        if not matches:
+            names = ", ".join(path.stem for path in paths) or "none yet"
+            raise SessionError(f"{self.directory} has no session {name!r}", fix=f"it has {names}")
+        return open_session(matches[-1])
 
     @property
     def regions(self) -> tuple[Region, ...]:
@@ -168,9 +168,9 @@ class Campaign:
         >>> dunes.add_devices({"10c4:ea60:A7": {"driver": "lutron"}})
         <AddedDevices: lux; 0 configured, 0 failed>
         """
-        done = add_devices(self.config.path, stated, ask)
+        devices = add_devices(self.config.path, stated, ask)
         self.config = load_config(self.config.path, settings=self.settings)
-        return done
+        return devices
 
     @contextmanager
     def open_devices(self) -> Iterator[dict[str, Instrument[Any]]]:
@@ -218,7 +218,7 @@ class Campaign:
         <Sweep of 4 sets, 1 sessions; best: surface.albedo = 0.2, estimator.model = full>
         """
         chosen = self.sessions.paths if sessions is None else sessions
-        paths = [one.path if isinstance(one, Session) else one for one in chosen]
+        paths = [session.path if isinstance(session, Session) else session for session in chosen]
         return sweep(paths, parameters, workers=Workers(jobs))
 
 
@@ -234,8 +234,8 @@ def open_campaign(path: str | Path = ".", settings: Settings = ()) -> Campaign:
     >>> darker.config.tables.surface.albedo
     0.25
     """
-    given = tuple(settings_from(settings))
-    return Campaign(load_config(find_campaign(Path(path)), settings=given), given)
+    overrides = tuple(settings_from(settings))
+    return Campaign(load_config(find_campaign(Path(path)), settings=overrides), overrides)
 
 
 def init_campaign(

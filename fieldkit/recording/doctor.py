@@ -142,20 +142,20 @@ def _read(path: Path) -> str:
 
 def _configuration(folder: Path) -> Iterator[Finding]:
     try:
-        found = load_config(find_campaign(folder))
+        config = load_config(find_campaign(folder))
     except FieldkitError as error:
         level = "warn" if "no fieldkit.toml" in error.message else "fail"
         yield Finding(level, "configuration", error.message, error.fix or "")
         return
-    counted = f"{len(found.devices)} instruments, {len(found.regions)} regions"
-    if found.devices:
+    counted = f"{len(config.devices)} instruments, {len(config.regions)} regions"
+    if config.devices:
         yield Finding("ok", "configuration", counted)
     else:
         fix = "fieldkit devices --add writes what is plugged in into fieldkit.toml"
         yield Finding("warn", "configuration", f"{counted}: there is nothing to record", fix)
-    for device in found.devices:
+    for device in config.devices:
         yield from _configured(device)
-    yield from _calibrations(found)
+    yield from _calibrations(config)
 
 
 def _calibrations(config: Config) -> Iterator[Finding]:
@@ -171,8 +171,8 @@ def _configured(device: DeviceSettings) -> Iterator[Finding]:
     """Presence of a configured instrument, and what its configuration lacks."""
     driver = registry.get(device.driver)
     if device.port != "simulated" and device.identity:
-        found = {one.identity for one in driver.find()}
-        present = device.identity in found or is_connected(device.identity)
+        identities = {plugged.identity for plugged in driver.find()}
+        present = device.identity in identities or is_connected(device.identity)
         level, text = ("ok", "plugged in") if present else ("fail", f"{device.identity} is not plugged in")
         yield Finding(level, device.name, text, "" if present else "fieldkit devices shows what is")
     elif device.port.startswith("/") and not Path(device.port).exists():

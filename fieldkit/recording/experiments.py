@@ -26,8 +26,7 @@ from fieldkit.model.slope import SlopeEstimate, SlopeState, is_too_wide
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.bodies import body_of
 from fieldkit.physics.irradiance import direct_normal, shares_on_plane
-from fieldkit.recording.field_history import field_history
-from fieldkit.recording.predict import expected_field
+from fieldkit.recording.predict import expected_field, field_history
 from fieldkit.results.executors import THIS_PROCESS, Workers, results
 from fieldkit.simulation.boards import Board, boards_in_turn
 from fieldkit.simulation.gusts import Gusts, GustySky
@@ -155,7 +154,7 @@ class Experiments:
         ]
         others = [outcome for outcome in self.outcomes if outcome.name != AS_PLANNED]
         if others:
-            best = min(others, key=lambda one: _narrowing(one, planned))
+            best = min(others, key=lambda outcome: _narrowing(outcome, planned))
             lines.append(f"narrowed most {best.name} ({best.minutes} min): {'  '.join(_cells(best))}")
         return lines
 
@@ -163,14 +162,16 @@ class Experiments:
     def course(self) -> tuple[IntArray, FloatArray]:
         """Times (m,) of the session as planned and half widths then (m, targets), UTC ns and degrees."""
         planned = [outcome for outcome in self.outcomes if outcome.name == AS_PLANNED]
-        minutes = np.array([one.minutes for one in planned], np.int64)
-        return self.session.start_ns + minutes * MINUTE_NS, np.array([one.half_region_deg for one in planned])
+        minutes = np.array([experiment.minutes for experiment in planned], np.int64)
+        halves = np.array([experiment.half_region_deg for experiment in planned])
+        return self.session.start_ns + minutes * MINUTE_NS, halves
 
-    def verdict(self, one: Experiment) -> str:
+    def verdict(self, experiment: Experiment) -> str:
         """``good``, or the targets that stay uncertain or that two slopes fit."""
-        tilts, halves = np.array([tilt for tilt, _ in self.session.facets]), np.array(one.half_region_deg)
-        two, known = np.array(one.not_resolved), np.array(one.known)
-        wide = is_too_wide(tilts, np.maximum(tilts - halves, 0.0), tilts + halves) & ~two & ~known
+        tilts = np.array([tilt for tilt, _ in self.session.facets])
+        halves = np.array(experiment.half_region_deg)
+        two, is_known = np.array(experiment.not_resolved), np.array(experiment.known)
+        wide = is_too_wide(tilts, np.maximum(tilts - halves, 0.0), tilts + halves) & ~two & ~is_known
         words = [
             f"{word} for {', '.join(label(self.session.facets[target]) for target in np.flatnonzero(chosen))}"
             for word, chosen in (("two slopes", two), ("uncertain", wide))
@@ -280,16 +281,16 @@ def predicted(
     as each run is finished.
     Raises `FieldkitError` if worker processes are killed.
     """
-    found: dict[int, tuple[Experiment, ...]] = {}
+    by_run: dict[int, tuple[Experiment, ...]] = {}
     with workers.executor(len(runs)) as executor:
         pieces = ((index, partial(_outcomes, run)) for index, run in enumerate(runs))
         for index, outcomes in results(executor, pieces):
             if isinstance(outcomes, FieldkitError):
                 raise outcomes
-            found[index] = outcomes
+            by_run[index] = outcomes
             if on_run:
                 on_run()
-    return tuple(one for index in sorted(found) for one in found[index])
+    return tuple(experiment for index in sorted(by_run) for experiment in by_run[index])
 
 
 def _outcomes(run: Run) -> tuple[Experiment, ...]:
@@ -306,13 +307,13 @@ def _outcomes(run: Run) -> tuple[Experiment, ...]:
 
 def _named(mark: tuple[str, int], targets: Sequence[str], slopes: Sequence[SlopeEstimate]) -> Experiment:
     by_region: Mapping[str, SlopeEstimate] = {slope.region: slope for slope in slopes}
-    found = [by_region.get(target) for target in targets]
-    two = tuple(one is not None and one.state is SlopeState.NOT_RESOLVED for one in found)
+    estimates = [by_region.get(target) for target in targets]
+    two = tuple(estimate is not None and estimate.state is SlopeState.NOT_RESOLVED for estimate in estimates)
     halves = tuple(
-        float("nan") if one is None or twice else 0.5 * (one.tilt_high_deg - one.tilt_low_deg)
-        for one, twice in zip(found, two, strict=True)
+        float("nan") if estimate is None or twice else 0.5 * (estimate.tilt_high_deg - estimate.tilt_low_deg)
+        for estimate, twice in zip(estimates, two, strict=True)
     )
-    return Experiment(*mark, halves, tuple(one is None for one in found), two)
+    return Experiment(*mark, halves, tuple(estimate is None for estimate in estimates), two)
 
 
 def _regions(session: PlannedSession, known: int | None = None) -> tuple[Region, ...]:

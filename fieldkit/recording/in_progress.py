@@ -60,8 +60,8 @@ def mark(
     """
     file = _file(campaign)
     folder = file.parent / "recordings"
-    made, _ = mark_of(folder, lambda: load_config(file), text, kind=kind, at=at, to=until)
-    return sent(folder, made)
+    note, _ = mark_of(folder, lambda: load_config(file), text, kind=kind, at=at, to=until)
+    return sent(folder, note)
 
 
 def status(campaign: Campaign | Config | str | Path = ".") -> dict[str, Any]:
@@ -77,8 +77,9 @@ def status(campaign: Campaign | Config | str | Path = ".") -> dict[str, Any]:
     fieldkit.model.errors.RefusedError: no recording is running in this campaign
       fix: fieldkit.record()
     """
-    found: dict[str, Any] = present_status(running_session(_file(campaign).parent / "recordings"))["document"]
-    return found
+    session = running_session(_file(campaign).parent / "recordings")
+    document: dict[str, Any] = present_status(session)["document"]
+    return document
 
 
 def stop(campaign: Campaign | Config | str | Path = ".") -> Path | None:

@@ -25,13 +25,13 @@ Row = dict[str, Any]
 
 def listed(folder: Path, sessions: Sequence[Path]) -> list[Row]:
     """The rows of all sessions of a folder, as `describe_briefly` has them."""
-    kept = _kept_in(folder)
-    before = _read(kept)
+    cache = _kept_in(folder)
+    before = _read(cache)
     keys = [_key(path) for path in sessions]
     rows = [before.get(key) or _row(path) for key, path in zip(keys, sessions, strict=True)]
-    known = {key: row for key, row in zip(keys, rows, strict=True) if key and "problem" not in row}
-    if known != before:
-        _keep(kept, known)
+    finished = {key: row for key, row in zip(keys, rows, strict=True) if key and "problem" not in row}
+    if finished != before:
+        _keep(cache, finished)
     return rows
 
 
@@ -57,16 +57,16 @@ def _kept_in(folder: Path) -> Path:
     return platformdirs.user_cache_path("fieldkit") / "listings" / f"{name[:16]}.json"
 
 
-def _read(kept: Path) -> dict[str, Row]:
+def _read(cache: Path) -> dict[str, Row]:
     try:
-        rows = json.loads(kept.read_text(encoding="utf-8"))
+        rows = json.loads(cache.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return {}
     return rows if isinstance(rows, dict) else {}
 
 
-def _keep(kept: Path, rows: Mapping[str, Row]) -> None:
+def _keep(cache: Path, rows: Mapping[str, Row]) -> None:
     with suppress(OSError):  # the sessions are opened again next time
-        kept.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(kept, synced=False) as draft:
+        cache.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(cache, synced=False) as draft:
             draft.write_text(json.dumps(rows), encoding="utf-8")

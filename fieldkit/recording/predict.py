@@ -6,11 +6,16 @@ from collections.abc import Sequence
 from dataclasses import replace
 from datetime import datetime
 
+import numpy as np
+
+from fieldkit.estimation.bins import History
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.clock import utc_ns
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.samples import Quality
 from fieldkit.model.site import Site
 from fieldkit.model.units import MINUTE_NS
+from fieldkit.physics.sun import sun_vectors
 from fieldkit.results.sun_angles import moment
 from fieldkit.simulation.boards import Board
 from fieldkit.simulation.facets import Facet
@@ -55,7 +60,7 @@ def predict(
     -------
     FieldMinutes
         Times (n,) in the middle of each minute, temperatures (n, k) in kelvin, and the weather's means (n,).
-        `fieldkit.recording.field_history.history_of` makes of it what estimators take.
+        `fieldkit.recording.predict.history_of` makes of it what estimators take.
 
     Raises
     ------
@@ -82,8 +87,8 @@ def predict(
             f"the weather gives 1 to {most} min from the start on, not {minutes}",
             fix="give fewer minutes, or an earlier start",
         )
-    found = used.prior.exchange_w_m2_k if exchange is None else exchange
-    by_wind = found if isinstance(found, Exchange) else Exchange(found, 0.0)
+    with_air = used.prior.exchange_w_m2_k if exchange is None else exchange
+    by_wind = with_air if isinstance(with_air, Exchange) else Exchange(with_air, 0.0)
     if not (by_wind.still_w_m2_k >= 0.0 and by_wind.per_wind >= 0.0):
         raise ConfigError(f"{by_wind} is not an exchange with the air", fix="give numbers of 0 or more")
     model = expected_field(weather.site, MeasuredSky(weather), facets, used, by_wind)
@@ -92,12 +97,12 @@ def predict(
 
 def checked_facets(facets: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
     """Tilts of 0 to 90° and azimuths of -360 to 360°; raises `ConfigError` for others, or for none."""
-    found = tuple((float(tilt), float(azimuth)) for tilt, azimuth in facets)
-    wrong = [one for one in found if not (0.0 <= one[0] <= 90.0 and -360.0 <= one[1] <= 360.0)]
-    if wrong or not found:
+    pairs = tuple((float(tilt), float(azimuth)) for tilt, azimuth in facets)
+    wrong = [facet for facet in pairs if not (0.0 <= facet[0] <= 90.0 and -360.0 <= facet[1] <= 360.0)]
+    if wrong or not pairs:
         what = "{}°/{}° is not a facet".format(*wrong[0]) if wrong else "there is no facet"
         raise ConfigError(what, fix="give pairs of tilt, 0 to 90°, and azimuth, 0 to 360°")
-    return found
+    return pairs
 
 
 def expected_field(
@@ -144,3 +149,54 @@ def _bed(name: str, tilt_deg: float, azimuth_deg: float, settings: EstimatorSett
         heat_capacity_j_m3_k=slab.heat_capacity_j_m3_k,
         horizon=settings.horizon,
     )
+
+
+def history_of(field: FieldMinutes, site: Site) -> History:
+    """Minute bins as instruments without errors would measure this field, shade under boards marked.
+
+    Parameters
+    ----------
+    field
+        What `fieldkit.predict` returns.
+    site
+        Where, for the sun.
+
+    Examples
+    --------
+    >>> import fieldkit.weather
+    >>> day = fieldkit.weather.packaged_day()
+    >>> found = fieldkit.predict([(0, 180), (15, 180)], day, start="2016-01-01T09:00-07:00", minutes=240)
+    >>> noon = fieldkit.recording.predict.history_of(found, day.site).since(180)
+    >>> reference, target = fieldkit.model.site.RegionKind
+    >>> beds = [fieldkit.Region("flat", reference, (), 0.0, 0.0), fieldkit.Region("b15", target, ())]
+    >>> settings = fieldkit.estimation.settings.EstimatorSettings(model="full")
+    >>> fieldkit.estimation.chain.SlopeChain(beds, settings).at(noon).slopes
+    (<b15: tilt 16.6° (11.4 to 24.0), azimuth 183°, uncertain>,)
+    """
+    return History(
+        minute=field.time_ns // MINUTE_NS,
+        time_ns=field.time_ns,
+        sun=sun_vectors(field.time_ns, site),
+        temperature_k=field.surface_k,
+        dni_w_m2=field.dni_w_m2,
+        dhi_w_m2=field.dhi_w_m2,
+        longwave_down_w_m2=field.longwave_down_w_m2,
+        region_flags=np.where(field.is_shaded, int(Quality.SHADED), 0),
+        air_k=field.air_k,
+        wind_m_s=field.wind_m_s,
+    )
+
+
+def field_history(model: SceneModel, start_ns: int, minutes: int) -> History:
+    """The first minute bins of a scene, see `history_of`.
+
+    Parameters
+    ----------
+    model
+        Beds under a sky; the beds are the regions.
+    start_ns
+        Start, UTC nanoseconds since 1970, at a whole minute; the sand begins to store heat then.
+    minutes
+        How many.
+    """
+    return history_of(field_minutes(model, start_ns, minutes), model.site)

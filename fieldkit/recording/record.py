@@ -309,7 +309,7 @@ def ns_until(time_of_day: time, site: Site, utc_ns: int) -> int:
     now = formatting.local_time(utc_ns, site)
     # by timestamps: local times differ by an hour more or less where clocks change in between
     left_s = [moment.timestamp() - now.timestamp() for moment in shown_at(time_of_day, now)]
-    return round(next(one for one in left_s if one > 0.0) * SECOND_NS)
+    return round(next(wait_s for wait_s in left_s if wait_s > 0.0) * SECOND_NS)
 
 
 def header_of(config: Config, title: str, streams: Sequence[StreamInfo], command_line: str) -> SessionHeader:

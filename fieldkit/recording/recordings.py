@@ -35,9 +35,9 @@ def sessions_in(folder: Path, notify: Callable[[str], None] = log.info) -> list[
     """
     names = {path.name for path in folder.glob("*.h5")}
     names |= {path.name.removesuffix(JOURNAL) for path in folder.glob(f"*.h5{JOURNAL}")}
-    found = [folder / name for name in sorted(names)]
-    own = [path for path in found if is_regular(path) or not os.path.lexists(path)]
-    for path in found:
+    paths = [folder / name for name in sorted(names)]
+    own = [path for path in paths if is_regular(path) or not os.path.lexists(path)]
+    for path in paths:
         if path not in own:
             notify(f"{path} is skipped: it is a link, a folder or a device; name the session file itself")
     return own
@@ -87,10 +87,10 @@ def delete_crash_files(sessions: Iterable[Path]) -> list[Path]:
     from fieldkit.sessions.recovery import crashed_path
 
     beside = [name(path) for path in sessions for name in (crashed_path, changing_path)]
-    left = [path for path in beside if path.exists()]
-    for path in left:
+    crash_files = [path for path in beside if path.exists()]
+    for path in crash_files:
         path.unlink()
-    return left
+    return crash_files
 
 
 def session_path(config: Config, name: str, time_ns: int) -> Path:

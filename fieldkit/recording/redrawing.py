@@ -78,12 +78,12 @@ class Redrawing:
     def _refusals(self, wanted: Sequence[Region]) -> list[str]:
         """Mistakes of the regions wanted that those of now do not have already."""
         before = set(self._failures(self.regions))
-        found = [failure for failure in self._failures(wanted) if failure not in before]
+        refusals = [failure for failure in self._failures(wanted) if failure not in before]
         names = [region.name for region in wanted]
-        found += [f"{name} is there twice" for name in dict.fromkeys(names) if names.count(name) > 1]
+        refusals += [f"{name} is there twice" for name in dict.fromkeys(names) if names.count(name) > 1]
         if len(self._known | set(names)) > MAX_REGIONS:
-            found.append(f"a session has room for {MAX_REGIONS} regions")
-        return found
+            refusals.append(f"a session has room for {MAX_REGIONS} regions")
+        return refusals
 
     def _failures(self, regions: Sequence[Region]) -> list[str]:
         try:
@@ -176,9 +176,9 @@ def change_regions(file: Path, change: Callable[[Draft], T]) -> tuple[T, SentReq
 
 def _unused(before: Config, after: Config) -> Iterator[str]:
     """Changed keys of regions that a recording keeps as it began: those that are no part of a `Region`."""
-    known = {region.name: region for region in before.tables.region}
+    previous = {region.name: region for region in before.tables.region}
     for region in after.tables.region:
-        was = known.get(region.name, RegionTable.model_construct())
+        was = previous.get(region.name, RegionTable.model_construct())
         for key in SETTINGS_OF_REGIONS:
             if getattr(region, key) != getattr(was, key):
                 yield f"{region.name}: {key}"

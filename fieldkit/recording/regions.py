@@ -173,13 +173,13 @@ def _short(value: float) -> int | float:
 def check_configured(config: Config, *, unless: Config) -> None:
     """Raise `ConfigError` for regions that cannot be used, apart from what is wrong in `unless` already."""
     before = {_failed(region) for region in inspect_regions(unless)}
-    found = [
+    failures = [
         _failed(region)
         for region in inspect_regions(config)
         if region.failures and _failed(region) not in before
     ]
-    if found:
-        raise ConfigError("; ".join(found), fix="nothing was changed; draw it again")
+    if failures:
+        raise ConfigError("; ".join(failures), fix="nothing was changed; draw it again")
 
 
 def _failed(inspection: RegionInspection) -> str:
@@ -196,10 +196,10 @@ def mean_of_first_frames_k(path: Path, name: str = "") -> FloatArray:
     with open_session(path) as session:
         camera = find_camera(session.streams.values(), name)
         frames = _usable_frames_k(session.samples(camera.name), camera) if camera else iter(())
-        kept = list(itertools.islice(frames, AVERAGED_FRAMES))
-    if not kept:
+        first_frames = list(itertools.islice(frames, AVERAGED_FRAMES))
+    if not first_frames:
         raise SessionError(f"{path} has no usable frame with temperatures", fix="omit --session")
-    return np.asarray(np.mean(kept, axis=0, dtype=np.float64))
+    return np.asarray(np.mean(first_frames, axis=0, dtype=np.float64))
 
 
 def _usable_frames_k(samples: Iterable[Sample], camera: StreamInfo) -> Iterator[FloatArray]:

@@ -94,11 +94,11 @@ def play(
     minutes: list[Minute] = []
     raised: list[Event] = []
     for item in _paced(_played(session, estimator), speed):
-        found = alarms.update(item)
-        raised += found
+        events = alarms.update(item)
+        raised += events
         minutes += [item] if isinstance(item, Minute) else []
         if view is not None:
-            for shown in (item, *found):
+            for shown in (item, *events):
                 view.show(shown)
     if view is not None:
         view.close()
@@ -137,8 +137,8 @@ def _closed(minutes: list[Minute]) -> Iterator[Shown]:
 
 def _recorded_events(session: SessionReader) -> list[Event | Health]:
     """Events and health of the recording, without what estimator and alarms will report again."""
-    kept = [event for event in session.events() if not _comes_again(event)]
-    return sorted([*kept, *session.health()], key=lambda item: item.mono_ns)
+    events = [event for event in session.events() if not _comes_again(event)]
+    return sorted([*events, *session.health()], key=lambda item: item.mono_ns)
 
 
 def _comes_again(event: Event) -> bool:

@@ -106,14 +106,14 @@ class _Manager:
     def systemctl(self, *words: str) -> str:
         command = ["systemctl", *([] if self.is_system else ["--user"]), *words]
         try:
-            done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=True)
+            process = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=True)
         except subprocess.CalledProcessError as error:
             raise RefusedError(
                 f"{' '.join(command)} failed: {error.stderr.strip()}", fix=self._fix()
             ) from None
         except subprocess.TimeoutExpired:
             raise RefusedError(f"{' '.join(command)} did not finish", fix=self._fix()) from None
-        return done.stdout
+        return process.stdout
 
     def _fix(self) -> str:
         if self.is_system:

@@ -168,8 +168,8 @@ def _verbatim(text: object) -> str:
 
 def _word(text: object) -> str:
     """One word of a value, quoted where systemd would divide it."""
-    found = _verbatim(text).replace("\\", "\\\\").replace('"', '\\"')
-    return found if re.fullmatch(r"[\w/.,=@+-]+", found, re.ASCII) else f'"{found}"'
+    escaped = _verbatim(text).replace("\\", "\\\\").replace('"', '\\"')
+    return escaped if re.fullmatch(r"[\w/.,=@+-]+", escaped, re.ASCII) else f'"{escaped}"'
 
 
 def packaged_unit() -> Unit:

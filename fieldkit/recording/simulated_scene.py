@@ -174,9 +174,9 @@ def _undrawn(simulation: SimulationTable, drawn: Sequence[Facet]) -> Iterator[Fa
     usual = {bed.name: _covered(bed) for bed in BEDS}
     under = [{name for name, mask in usual.items() if (mask & _covered(bed)).any()} for bed in drawn]
     if all(under):
-        taken = set[str]().union(*under)
+        covered = set[str]().union(*under)
         for bed in BEDS:
-            if bed.name not in taken:
+            if bed.name not in covered:
                 yield _of_sand(replace(bed, name=f"undrawn {bed.name}"), simulation)
 
 
@@ -194,8 +194,8 @@ def _fault(name: str) -> Fault:
     try:
         return Fault(FaultKind(name))
     except ValueError as error:
-        known = ", ".join(FaultKind)
-        raise ConfigError(f"there is no fault {name!r}", fix=f"simulated faults are {known}") from error
+        names = ", ".join(FaultKind)
+        raise ConfigError(f"there is no fault {name!r}", fix=f"simulated faults are {names}") from error
 
 
 def _sky(config: Config, weather: str) -> Sky:
@@ -215,16 +215,16 @@ def measured_weather(config: Config, weather: str) -> Weather:
             f"weather: there is no file {path}",
             fix=f'name a SURFRAD or BSRN file, "clear", or the packaged day "{PACKAGED_DAY}"',
         )
-    found = read_station_file(path)
-    for note in found.notes:
+    measured = read_station_file(path)
+    for note in measured.notes:
         log_warning(note)
-    if _degrees_apart(found.site, config.site) > NEAR_DEG:
-        there = f"{found.site.latitude_deg:g}, {found.site.longitude_deg:g}"
+    if _degrees_apart(measured.site, config.site) > NEAR_DEG:
+        there = f"{measured.site.latitude_deg:g}, {measured.site.longitude_deg:g}"
         raise ConfigError(
             f"weather: {path} was measured at {there}, not at the configured site",
             fix="give [site] the station's latitude_deg and longitude_deg: the sky is that of the station",
         )
-    return found
+    return measured
 
 
 def _degrees_apart(one: Site, other: Site) -> float:

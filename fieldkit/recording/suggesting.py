@@ -79,8 +79,8 @@ def suggested(frame: FloatArray, present: Sequence[Region]) -> list[SuggestedReg
     Raises `NoAnswerError` if there is none.
     """
     shape = frame.shape[0], frame.shape[1]
-    taken = np.any([region.mask(shape) for region in present if not region.camera], axis=0)
-    beds = [bed for bed in find_beds(frame) if not (_outline("", bed).mask(shape) & taken).any()]
+    present_pixels = np.any([region.mask(shape) for region in present if not region.camera], axis=0)
+    beds = [bed for bed in find_beds(frame) if not (_outline("", bed).mask(shape) & present_pixels).any()]
     if not beds:
         raise NoAnswerError("every bed that was found has a region already", fix=FIX)
     wants_reference = all(region.kind is not RegionKind.REFERENCE for region in present)
@@ -88,11 +88,13 @@ def suggested(frame: FloatArray, present: Sequence[Region]) -> list[SuggestedReg
     names = {region.name for region in present}
     free = (name for number in count(1) if (name := f"bed-{number}") not in names)
     level = "flat" if "flat" not in names else next(free)
-    named = [
+    suggestions = [
         SuggestedRegion(_outline(level if bed is reference else next(free), bed, bed is reference), bed)
         for bed in beds
     ]
-    return sorted(named, key=lambda one: one.found is not reference)  # no configuration has targets alone
+    return sorted(
+        suggestions, key=lambda suggestion: suggestion.found is not reference
+    )  # no configuration has targets alone
 
 
 def add_suggested(draft: Draft, suggestions: Iterable[SuggestedRegion]) -> None:

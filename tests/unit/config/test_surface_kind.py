@@ -13,7 +13,7 @@ from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.surface_kinds import KINDS, Kind
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import CERTAIN, WITH_SLOPE, SlopeState
-from fieldkit.recording.field_history import history_of
+from fieldkit.recording.predict import history_of
 from fieldkit.weather import packaged_day
 
 HERE = Path("fieldkit.toml")

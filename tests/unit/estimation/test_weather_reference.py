@@ -20,7 +20,7 @@ from fieldkit.model.slope import SlopeState
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.facet import angle_between_deg, normal
 from fieldkit.physics.slab import Slab
-from fieldkit.recording.field_history import history_of
+from fieldkit.recording.predict import history_of
 from fieldkit.results.estimate import estimate_tables
 from fieldkit.weather import packaged_day
 

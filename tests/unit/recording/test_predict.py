@@ -12,7 +12,7 @@ from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import Site
 from fieldkit.physics.slab import Slab
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.recording.field_history import history_of
+from fieldkit.recording.predict import history_of
 from fieldkit.simulation import Exchange
 from fieldkit.weather import Weather
 

@@ -10,7 +10,7 @@ from fieldkit.model.samples import Quality
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.horizon import MINUTE_EDGE_DEG, Horizon, horizon_of_neighbours, sunlit_share
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.recording.field_history import field_history
+from fieldkit.recording.predict import field_history
 from fieldkit.simulation.facets import GROUND
 from fieldkit.simulation.scene import ALAMOSA_NOON_NS, BEDS
 from fieldkit.simulation.scene_series import EXCHANGE, SceneModel
