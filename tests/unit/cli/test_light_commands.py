@@ -127,7 +127,7 @@ def test_marks_of_every_form_load_no_heavy_library(recording, words):
 def test_a_shade_test_of_a_region_that_the_recorder_has_not_is_refused(recording):
     code, printed, heavy = run("mark", "-C", str(recording[0]), "shade-test b16")
     assert (code, heavy) == (2, set())
-    assert "'b16'" in printed
+    assert "no region is called 'b16'" in printed
 
 
 def test_the_shutter_is_asked_for_without_heavy_libraries(recording):

@@ -270,7 +270,7 @@ def test_a_slope_that_the_sun_never_reaches_hides_no_window():
     alone, beside = document(*words), document(*words, "--facet", "30,0")
     assert beside["best_window_start"] == alone["best_window_start"] == "2026-12-21T12:00:00+01:00"
     assert len(beside["experiments"]) == 2
-    assert any("30°/0°" in line for line in beside["warnings"])
+    assert any("30°/0° region is weak all day" in line for line in beside["warnings"])
 
 
 def test_the_best_window_has_the_sun_on_as_many_slopes_as_possible():

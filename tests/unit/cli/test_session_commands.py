@@ -366,7 +366,7 @@ def test_import_without_a_site_warns_that_the_campaigns_is_taken(tmp_path):
     assert "the paper's" in done.stderr
     with open_session(tmp_path / "a.h5") as session:
         warned = [event for event in session.events() if event.severity is Severity.WARNING]
-        assert "--site" in warned[0].text
+        assert "import it again with --site" in warned[0].text
         assert session.site.latitude_deg == 35.558675
     assert run(check, tmp_path / "a.h5").exit_code == 0
     assert isinstance(run(check, tmp_path / "a.h5", "--strict").exception, IntegrityError)

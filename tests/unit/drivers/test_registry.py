@@ -55,7 +55,7 @@ def test_broken_package_is_a_problem_not_an_end(site_packages):
     drivers, problems = registry.load_all()
     assert {driver.name for driver in drivers} == set(registry.BUILT_IN)
     assert len(problems) == 1
-    assert "'broken'" in problems[0]
+    assert "'broken' of broken-meter cannot be loaded" in problems[0]
 
 
 def test_misspelt_name_has_a_suggestion():

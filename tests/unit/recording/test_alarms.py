@@ -360,4 +360,4 @@ def test_limits_of_a_region_that_is_not_there_are_noticed_before_the_recording(t
     config = load_config(tmp_path / FILE_NAME, settings=["alarms.region={b27 = {tilt_max_deg = 30}}"])
     noticed: list[str] = []
     with prepare(config, RecordOptions(duration_s=60.0), noticed.append):
-        assert "alarms.region.b27" in noticed
+        assert "alarms.region.b27: no region is called b27, so its limits watch nothing" in noticed

@@ -56,7 +56,7 @@ def test_steady_camera_has_nothing_against_it(tmp_path):
 def test_camera_that_corrects_for_emissivity_is_found(tmp_path):
     corrects = replace(CAMERA, settings={"emissivity": 0.98})
     path = recorded(tmp_path / "a.h5", STEADY, camera=corrects)
-    assert "0.98" in said(path, "camera")
+    assert "corrected for an emissivity of 0.98" in said(path, "camera")
 
 
 def test_gap_and_order_and_bunches_are_found(tmp_path):

@@ -75,7 +75,7 @@ def test_a_clock_that_steps_back_is_refused_by_its_row_unless_keep_decides(
 def test_keep_without_a_step_is_named(tmp_path):
     imported = read_log(log(tmp_path, numbered(at([0, 1, 2]))), "x", LogOptions(zone=UTC, keep="last"))
     assert lines(imported) == [2, 3, 4]
-    assert "--keep" in notes(imported)
+    assert "--keep last has no effect" in notes(imported)
 
 
 def test_steps_are_found_in_tables_that_have_the_newest_first(tmp_path):

@@ -195,7 +195,7 @@ def test_cells_that_are_not_numbers_are_counted(tmp_path):
         tmp_path, "time,T1 [C]\n2026-05-12T01:00:00Z,ERR\n2026-05-12T01:01:00Z,\n2026-05-12T01:02:00Z,3\n"
     )
     notes = [text for _, text in read_log(path, "logger").notes]
-    assert "'ERR'" in notes
+    assert "1 cells are not numbers and have no value, such as 'ERR'" in notes
 
 
 def test_log_that_ran_longer_is_cut_to_the_session(tmp_path):
@@ -455,7 +455,7 @@ def test_a_unit_that_is_given_is_of_columns_that_state_none(tmp_path):
     assert imported.streams[0].channels == ("T", "T2")
     assert readings(imported)[0].values == pytest.approx((294.15, 293.15))  # 68 °F are 20 °C
     assert [info.unit for info in imported.streams] == ["K", "degree", "%"]
-    assert "WindDir" in notes(imported)
+    assert "--unit C applies to T; stated by the table: T2 [F], WindDir (deg)" in notes(imported)
 
 
 @pytest.mark.parametrize(("column", "unit"), [("RH", "%"), ("T2", "F"), ("WindDir", "deg")])
@@ -470,7 +470,7 @@ def test_a_component_that_is_given_is_of_columns_that_name_none(tmp_path):
     path = table(tmp_path, minutes("GHI [W/m2],sun [W/m2],DHI [W/m2]", "800,900,100", "801,901,101"))
     imported = read_log(path, "x", LogOptions(zone=UTC, measures="dni"))
     assert imported.streams[0].measures == ("ghi", "dni", "dhi")
-    assert "--measures" in notes(imported)
+    assert "--measures dni applies to sun; stated by the table: GHI, DHI" in notes(imported)
     named_ghi = LogOptions(zone=UTC, measures="dni", columns=LogColumns(values=("GHI",)))
     with pytest.raises(ConfigError, match=r"'GHI \[W/m2\]' states ghi, measures=.dni."):
         read_log(path, "x", named_ghi)
@@ -517,7 +517,9 @@ def test_an_extreme_asked_for_by_name_stays_where_it_is_and_is_named(tmp_path):
     path = table(tmp_path, mixed("12:00:00", "12:10:00"))
     imported = read_log(path, "log", LogOptions(zone=UTC, columns=LogColumns(values=("T_Max",))))
     assert seconds(imported, "log") == [0, 600]
-    assert "T_Max" in notes(imported)
+    assert "neither samples nor averages, stamped as the table has them: T_Max [Deg C] (Max)" in notes(
+        imported
+    )
 
 
 @pytest.mark.parametrize(

@@ -155,7 +155,7 @@ def test_marked_values_are_counted(tmp_path):
     rows = "2024/7/1 1:00:00,22.1 )\r\n2024/7/1 2:00:00,///\r\n2024/7/1 3:00:00,\r\n2024/7/1 4:00:00,21\r\n"
     imported = read_obsdl(obsdl(tmp_path, f",甲\r\n年月日時,気温(℃)\r\n{rows}"), "jma")
     assert np.isnan([one.values[0] for one in readings(imported, "jma-air")]).tolist() == [True] * 3 + [False]
-    assert "'22.1 )'" in imported.notes[1][1]
+    assert "2 cells that are not plain numbers were excluded, the first '22.1 )'" in imported.notes[1][1]
 
 
 def test_pressure_reduced_to_the_sea_is_not_the_stations(tmp_path):

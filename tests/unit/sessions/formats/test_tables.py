@@ -93,7 +93,7 @@ def test_units_stand_in_a_column_of_their_own(tmp_path):
     found = readings(tmp_path, text)
     assert found[:2] == [(0, 98_760.0), (2, pytest.approx(106_347.43, abs=0.01))]
     notes = [text for _, text in read_log(tmp_path / "log.csv", "x", LogOptions(zone=UTC)).notes]
-    assert "'OL'" in notes
+    assert "1 cells have no value for their unit: 'OL' (row 4)" in notes
     with pytest.raises(ConfigError, match=r"'Lux' \(row 2\)") as caught:
         readings(tmp_path, text.replace("OL", "Degree C"))
     assert "'Degree C' (row 4)" in caught.value.message
