@@ -113,10 +113,10 @@ def offset_from_sun(time_ns: IntArray, illuminance_lx: FloatArray, site: Site) -
         high = light.height(shift_s) > LOWEST
         _refuse_short(light.time_ns[high], "less than an hour of daylight with the sun above 9°")
         chosen = high & clear if (high & clear).sum() >= MIN_READINGS else high
-        shift_s, left = light.fit(shift_s, chosen)
-        clear = left > -3.0 * max(0.01, float(np.median(np.abs(left[chosen]))))
+        shift_s, residual = light.fit(shift_s, chosen)
+        clear = residual > -3.0 * max(0.01, float(np.median(np.abs(residual[chosen]))))
     chosen = high & clear
-    scatter = float(np.std(left[chosen])) if chosen.any() else np.inf
+    scatter = float(np.std(residual[chosen])) if chosen.any() else np.inf
     if scatter > WORST_SCATTER or chosen.sum() < MIN_READINGS:
         raise CalibrationError(
             f"illuminance scatters by {scatter:.0%} about a clear sky: clouds, or a shaded meter",
@@ -165,19 +165,19 @@ class _ClearSkyFit:
         """Mean deviation at one shift with the best haze; the sun is never taken as below the horizon."""
         height = np.maximum(self.height(shift_s), HORIZON)
         y, mass = self.log_light - np.log(height), air_mass(height, self.site.elevation_m)
-        left = y + _haze(mass, y) * mass
-        return float(np.mean(np.abs(left - np.median(left))))
+        corrected = y + _haze(mass, y) * mass
+        return float(np.mean(np.abs(corrected - np.median(corrected))))
 
     def fit(self, start_s: float, used: BoolArray) -> tuple[float, FloatArray]:
         """Best shift near a first guess by the readings `used`, and the residuals of all (n,)."""
         begin = [0.0, float(self.log_light.max()), 0.2]
         bounds = ([-2.0, 5.0, MIN_HAZE], [2.0, 20.0, MAX_HAZE])
 
-        def left(unknown: FloatArray) -> FloatArray:
+        def residuals(unknown: FloatArray) -> FloatArray:
             return self._residuals(unknown, start_s)[used]
 
-        found = least_squares(left, begin, bounds=bounds)
-        return start_s + float(found.x[0]) * FIRST_STEP_S, self._residuals(found.x, start_s)
+        fit = least_squares(residuals, begin, bounds=bounds)
+        return start_s + float(fit.x[0]) * FIRST_STEP_S, self._residuals(fit.x, start_s)
 
     def _residuals(self, unknown: FloatArray, start_s: float) -> FloatArray:
         """Residuals of the logarithm of illuminance; unknowns are the shift in steps, a and k."""

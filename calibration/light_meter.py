@@ -22,7 +22,7 @@ UNSTEADY = 0.05
 """Relative change between neighbouring minutes beyond which the response times of two instruments matter."""
 METER_SD, REFERENCE_NOISE = 0.01, 0.005
 COSINE_SD = 0.015
-"""Of cosine error and level of the meter, relative and common to all minutes."""
+"""Standard uncertainty by cosine error and level of the meter, relative and common to all minutes."""
 MAX_SCATTER, MIN_CONSISTENT = 0.10, 0.7
 """Minutes farther from the median ratio had a cloud over one instrument; the share that must be nearer."""
 MAX_INTERCEPT, WORST_INTERCEPT = 0.05, 0.20

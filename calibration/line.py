@@ -53,8 +53,8 @@ def fit_line(points: Points, *, origin: bool) -> Line:
         return 0.0 if origin else float(np.average(points.y - slope * points.x, weights=weights))
 
     def misfit(slope: float) -> float:
-        left = points.y - slope * points.x - intercept(slope)
-        return float(np.sum(left**2 / points.variance(slope)))
+        residuals = points.y - slope * points.x - intercept(slope)
+        return float(np.sum(residuals**2 / points.variance(slope)))
 
     guess = _ordinary(points, origin)
     minimum = optimize.minimize_scalar(misfit, bracket=(0.9 * guess, 1.1 * guess), options={"xtol": 1e-10})

@@ -1,4 +1,4 @@
-"""What can be given to a calibration: ranges of its numbers, for the command line and for Python alike."""
+"""Ranges of the numbers that a calibration takes, for the command line and for Python alike."""
 
 from __future__ import annotations
 

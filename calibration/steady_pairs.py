@@ -241,5 +241,5 @@ def _scatter(values: FloatArray) -> float:
     if values.size < 4:
         return 0.0
     at = np.arange(values.size)
-    left = values - np.polyval(np.polyfit(at, values, 1), at)
-    return float(np.sqrt(left @ left / (values.size - 2) / values.size))
+    residuals = values - np.polyval(np.polyfit(at, values, 1), at)
+    return float(np.sqrt(residuals @ residuals / (values.size - 2) / values.size))

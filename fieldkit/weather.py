@@ -101,8 +101,8 @@ class Weather:
     >>> hours = np.datetime64("2026-06-21T10", "ns").astype(int) + 3_600_000_000_000 * np.arange(5)
     >>> dni, dhi, longwave, air, wind = (np.full(5, value) for value in (850.0, 90.0, 320.0, 293.0, 2.0))
     >>> site = fieldkit.Site(47.87, 11.73, 680.0)
-    >>> given = fieldkit.weather.Weather(hours, dni, dhi, longwave, air, wind, site)
-    >>> fieldkit.predict([(30, 180)], given).surface_k[-1].round(1).tolist()
+    >>> weather = fieldkit.weather.Weather(hours, dni, dhi, longwave, air, wind, site)
+    >>> fieldkit.predict([(30, 180)], weather).surface_k[-1].round(1).tolist()
     [320.3]
     """
 

@@ -126,8 +126,8 @@ def emissivity(
         inventory = Inventory(opened.path, tuple(opened.streams.values()), regions, probes)
         setup = measurement_setup(inventory, options)
         collector = ReadingCollector(setup)
-        for one in opened.samples():
-            collector.add(one)
+        for entry in opened.samples():
+            collector.add(entry)
         notify_damage(opened, notify)
         pairs, remarks = pairs_of(steady_intervals(_checked_readings(collector)))
         fit = _fit(pairs, setup)

@@ -78,10 +78,10 @@ def horizon_from_skyline(
     >>> angles = {"yaw_deg": 90.0, "pitch_deg": 0.0, "hfov_deg": 90.0}
     >>> lines = [f"{key} = {value}" for key, value in {**place, **angles}.items()]
     >>> _ = Path("pose.toml").write_text("\n".join(['crs = "EPSG:32654"', *lines]))
-    >>> found = fieldkit.calibrate.horizon_from_skyline("skyline.csv", "pose.toml", (120, 160))
-    >>> [round(elevation) for _, elevation in found]
+    >>> horizon = fieldkit.calibrate.horizon_from_skyline("skyline.csv", "pose.toml", (120, 160))
+    >>> [round(elevation) for _, elevation in horizon]
     [0, 0, 14, 0, 0]
-    >>> fieldkit.calibrate.write_horizon("horizon.csv", found)
+    >>> fieldkit.calibrate.write_horizon("horizon.csv", horizon)
     """
     seen_by = load_pose(Path(pose), utc_ns(at or datetime.now(UTC)))
     return horizon_of_pixels(read_columns(Path(points), ("x_px", "y_px")), seen_by, shape, str(points))

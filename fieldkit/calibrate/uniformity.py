@@ -69,7 +69,7 @@ def uniformity(
     with ExitStack() as stack:
         sources = [before] if after is None else [before, after]
         sessions = [stack.enter_context(reading(source)) for source in sources]
-        return _of_sessions(sorted(sessions, key=lambda one: one.end_ns), name, target_sd_k, notify)
+        return _of_sessions(sorted(sessions, key=lambda session: session.end_ns), name, target_sd_k, notify)
 
 
 def _of_sessions(

@@ -207,7 +207,7 @@ def _of_normals(slopes: SlopeMap, likelihood: PixelPosterior, kinds: Sequence[_K
 
 
 def _risk(likelihood: PixelPosterior, limit_deg: float) -> list[Layer]:
-    """Of a probability there is no uncertainty: it states one."""
+    """Layers of the probability of steeper ground; it has no uncertainty, for it states one."""
     steeper, worst = likelihood.risk(limit_deg)
     return [
         Layer("ptilt", f"probability of a tilt of more than {limit_deg:g} degrees", "1", steeper),

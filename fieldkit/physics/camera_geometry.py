@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from fieldkit.model.arrays import BoolArray, FloatArray, IndexArray
 
 _UNDISTORTING_STEPS = 50
-"""Of the fixed-point iteration: each at least halves the error of a lens that bends rays moderately."""
+"""Steps of the fixed-point iteration: each at least halves the error of a lens that bends rays moderately."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,15 +222,15 @@ def distances_to_ground_m(camera: Camera, ground: Heights, range_m: float) -> Fl
     """
     lines = rays(camera).reshape(-1, 3)
     distance_m = np.full(len(lines), np.nan)
-    left, step = np.arange(len(lines)), 0.5 * ground.cell_m / ground.scale
+    aloft, step = np.arange(len(lines)), 0.5 * ground.cell_m / ground.scale
     above = np.ones(len(lines), np.bool_)  # a ray that enters from below the grid's edge meets nothing
     for number in range(1, int(range_m / step) + 1):
-        over = _height_over(camera, ground, lines[left], np.full(left.size, number * step))
-        meets = above[left] & (over <= 0.0)
-        above[left] = np.where(np.isnan(over), above[left], over > 0.0)
-        distance_m[left[meets]] = _bisect(camera, ground, lines[left[meets]], number * step, step)
-        left = left[~meets]
-        if not left.size:
+        over = _height_over(camera, ground, lines[aloft], np.full(aloft.size, number * step))
+        meets = above[aloft] & (over <= 0.0)
+        above[aloft] = np.where(np.isnan(over), above[aloft], over > 0.0)
+        distance_m[aloft[meets]] = _bisect(camera, ground, lines[aloft[meets]], number * step, step)
+        aloft = aloft[~meets]
+        if not aloft.size:
             break
     return distance_m.reshape(camera.shape)
 

@@ -13,7 +13,7 @@ _MEAN_C, _BY_LATITUDE_C, _SEASON_C = 14.9, 28.0, 15.5
 _COLDEST_DAY, _WARMEST_H = 20.0, 15.0
 _SWING_K = 4.0
 _LAPSE_K_PER_M = 0.005
-"""Of ground that rises, which the sun warms from below; the free air has 0.0065."""
+"""Lapse rate of ground that rises, which the sun warms from below; the free air has 0.0065."""
 _DAY_NS = 86_400 * 10**9
 
 

@@ -83,12 +83,12 @@ def _elevation_of_lines(begin: FloatArray, end: FloatArray, azimuth_deg: FloatAr
     return np.asarray(np.degrees(np.arctan2(up, away)).max(axis=0, where=crosses, initial=-90.0))
 
 
-def higher_horizon(one: Horizon, other: Horizon) -> Horizon:
+def higher_horizon(first: Horizon, second: Horizon) -> Horizon:
     """The higher of two horizons at the azimuths of both; a horizon without pairs hides nothing."""
-    if not len(one) or not len(other):
-        return one or other
-    azimuths = sorted({azimuth % 360.0 for azimuth, _ in (*one, *other)})
-    elevations = np.maximum(horizon_elevation(one, azimuths), horizon_elevation(other, azimuths))
+    if not len(first) or not len(second):
+        return first or second
+    azimuths = sorted({azimuth % 360.0 for azimuth, _ in (*first, *second)})
+    elevations = np.maximum(horizon_elevation(first, azimuths), horizon_elevation(second, azimuths))
     return list(zip(azimuths, elevations.tolist(), strict=True))
 
 

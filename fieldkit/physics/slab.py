@@ -241,6 +241,6 @@ def heat_of_step(slab: Slab, time_s: ArrayLike) -> FloatArray:
     whole = slab.heat_capacity_j_m3_k * slab.depth_m
     fourier_number = slab.conductivity_w_m_k * time / (whole * slab.depth_m)
     odd = np.pi * (np.arange(_TERMS) + 0.5)
-    left = np.exp(-np.multiply.outer(fourier_number, odd**2)) @ (2.0 / odd**2)
+    remaining = np.exp(-np.multiply.outer(fourier_number, odd**2)) @ (2.0 / odd**2)
     deep = 2.0 * slab.thermal_inertia * np.sqrt(time / np.pi)
-    return np.where(fourier_number < _DEEP, deep, whole * (1.0 - left))
+    return np.where(fourier_number < _DEEP, deep, whole * (1.0 - remaining))

@@ -70,7 +70,7 @@ def earth_rotation() -> EarthRotation:
 
 
 DEGREE = 28
-"""Of the series over a day: the sun turns once, and what is left of that is below 1e-12."""
+"""Degree of the series over a day: the sun turns once, and the remainder is below 1e-12."""
 
 
 def sun_vectors(time_ns: ArrayLike, site: Site, *, refraction: bool = False) -> FloatArray:

@@ -72,15 +72,15 @@ class CameraPath:
         return Camera(position_m, *angles, self.hfov_deg, shape, self.distortion, self.grid_scale)
 
 
-def homography_over_level(one: Camera, other: Camera, height_m: float) -> FloatArray:
+def homography_over_level(view: Camera, other: Camera, height_m: float) -> FloatArray:
     """Map (3, 3), of x, y, 1 in pixels, from one camera's frame of level ground at a height to that of
     another.
 
     The lens's distortion is not taken into account. R. Hartley, A. Zisserman, "Multiple View Geometry in
     Computer Vision", 2003, eq. (13.2).
     """
-    above_m = one.position_m[2] - height_m
-    moved_m = np.subtract(one.position_m, other.position_m) / (one.grid_scale, one.grid_scale, 1.0)
-    down = -one.axes[:, 2] / above_m
-    turned = other.axes @ (one.axes.T + np.outer(moved_m, down))
-    return np.asarray(other.intrinsics @ turned @ np.linalg.inv(one.intrinsics))
+    above_m = view.position_m[2] - height_m
+    moved_m = np.subtract(view.position_m, other.position_m) / (view.grid_scale, view.grid_scale, 1.0)
+    down = -view.axes[:, 2] / above_m
+    turned = other.axes @ (view.axes.T + np.outer(moved_m, down))
+    return np.asarray(other.intrinsics @ turned @ np.linalg.inv(view.intrinsics))

@@ -13,7 +13,7 @@ import numpy as np
 from fieldkit.model.arrays import FloatArray
 
 FOCAL_PX = 147.0
-"""Of 160 pixels over 57 degrees, the FLIR Lepton's field of view (datasheet 500-0726-01)."""
+"""Focal length of 160 pixels over 57 degrees, the FLIR Lepton's field of view (datasheet 500-0726-01)."""
 
 
 @dataclass(frozen=True, slots=True)

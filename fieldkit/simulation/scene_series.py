@@ -32,7 +32,7 @@ from fieldkit.simulation.terrain import Terrain, TerrainSeries
 
 STEP_S = 10.0
 TERRAIN_STEP_S = 30.0
-"""Of terrain, which has a surface in every pixel; `SlabStep` is accurate to about that."""
+"""Step of terrain, which has a surface in every pixel; `SlabStep` is accurate to about that."""
 # dense enough to resolve the response of a thin foil to a step of the light: 20 ms, each step 10 % longer
 _AFTER_BREAK_S = np.append(0.0, np.cumsum(0.02 * 1.1 ** np.arange(60)))
 
