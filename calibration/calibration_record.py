@@ -24,6 +24,7 @@ from fieldkit.calibration.uncertainty import COVERAGE_FACTOR, Contribution
 from fieldkit.disk import one_at_a_time, replacing
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, StorageError
+from fieldkit.model.next_step import Argument
 
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
 _Spread = Annotated[float, Field(allow_inf_nan=False, ge=0)]
@@ -188,7 +189,7 @@ def save(record: CalibrationRecord, folder: Path) -> Path:
         folder.mkdir(parents=True, exist_ok=True)
         with one_at_a_time(folder):
             if path.exists():
-                _require_same(path, text, "--sample" if record.kind == "emissivity" else "--name")
+                _require_same(path, text, "sample" if record.kind == "emissivity" else "name")
             else:
                 # whole or not at all: a part of a record would be the latest of its name
                 with replacing(path) as draft:
@@ -199,10 +200,10 @@ def save(record: CalibrationRecord, folder: Path) -> Path:
     return path
 
 
-def _require_same(path: Path, text: bytes, option: str) -> None:
+def _require_same(path: Path, text: bytes, argument: str) -> None:
     if path.read_bytes() != text:
         raise StorageError(
-            f"{path} already exists: a record is never changed", fix=f"give the calibration another {option}"
+            "a record is never changed", place=path, fix="give the calibration another " + Argument(argument)
         )
 
 
@@ -222,7 +223,7 @@ def find(reference: str, folder: Path, kind: str | None = None) -> tuple[Calibra
     names = sorted({file.stem.partition("-")[2] for file in files})
     raise ConfigError(
         f"no calibration named {reference!r} in {folder}",
-        fix=f"available: {', '.join(names)}" if names else "make one: fieldkit calibrate",
+        fix=f"available: {', '.join(names)}" if names else "calibrate first",
     )
 
 

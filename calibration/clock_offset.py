@@ -18,6 +18,7 @@ from scipy.optimize import least_squares
 from fieldkit.calibration.uncertainty import Budgeted, Contribution, combined_uncertainty
 from fieldkit.model.arrays import BoolArray, FloatArray, IntArray
 from fieldkit.model.errors import CalibrationError
+from fieldkit.model.next_step import Action
 from fieldkit.model.site import Site
 from fieldkit.model.units import DAY_S
 from fieldkit.physics.daylight import air_mass
@@ -79,13 +80,13 @@ def offset_from_times(own_ns: IntArray, true_ns: IntArray, reading_sd_s: float, 
     if rollovers and abs(np.median(apart_s) - rollovers * ROLLOVER_S) < DAY_S:
         raise CalibrationError(
             f"the {source} is {abs(1024 * rollovers)} weeks off: its count of weeks has rolled over",
-            fix="update the receiver's firmware, or compare with a phone: --at",
+            fix="update the receiver's firmware, or compare with a phone: " + Action.HOST_CLOCK(),
         )
     scatter = float(np.std(apart_s)) if own_ns.size > 1 else 0.0
     if scatter > 10.0:
         raise CalibrationError(
             f"the clocks differ by {apart_s.min():+.0f} to {apart_s.max():+.0f} s: one was stepped",
-            fix="fieldkit check shows when; compare them again after that",
+            fix=Action.CHECK() + " shows when; compare them again after that",
         )
     drift_s = _change(apart_s[np.argsort(own_ns, kind="stable")])
     budget: tuple[Contribution, ...] = (
@@ -120,7 +121,7 @@ def offset_from_sun(time_ns: IntArray, illuminance_lx: FloatArray, site: Site) -
     if scatter > WORST_SCATTER or chosen.sum() < MIN_READINGS:
         raise CalibrationError(
             f"illuminance scatters by {scatter:.0%} about a clear sky: clouds, or a shaded meter",
-            fix="use a session under a clear sky, or compare with a phone: --at",
+            fix="use a session under a clear sky, or compare with a phone: " + Action.HOST_CLOCK(),
         )
     return ClockOffset(shift_s, light.budget(shift_s, chosen, scatter), int(chosen.sum()))
 
@@ -135,8 +136,7 @@ def _refuse_short(time_ns: IntArray, what: str) -> None:
     if time_ns.size < MIN_READINGS or np.ptp(time_ns) < MIN_SPAN_S * 1e9:
         raise CalibrationError(
             f"{what}: the sun does not determine the time",
-            fix="use a session of three hours or more in the middle of the day, or compare with a phone: "
-            "--at",
+            fix="use a session of three hours or more about noon, or a phone: " + Action.HOST_CLOCK(),
         )
 
 

@@ -29,6 +29,7 @@ from fieldkit.calibration.line import Line, Points, fit_line
 from fieldkit.calibration.uncertainty import Budgeted, Contribution, effective_freedom, largest
 from fieldkit.model.arrays import CountArray, FloatArray
 from fieldkit.model.errors import CalibrationError
+from fieldkit.model.next_step import Argument
 from fieldkit.model.quantities import kelvin_if_fahrenheit
 from fieldkit.model.units import CELSIUS_ZERO_K
 
@@ -371,7 +372,7 @@ def _refuse_after(found: Emissivity, chi_square: float, in_fahrenheit: float) ->
     if (is_impossible or disagrees or value < MIN_SOIL) and MIN_SOIL <= in_fahrenheit <= MAX_SOIL:
         raise CalibrationError(
             f"the emissivity would be {value:.2f}; read as °F the thermometer gives {in_fahrenheit:.2f}",
-            fix="the thermometer seems to show °F: set it to °C, or give --unit F",
+            fix="the thermometer seems to show °F: set it to °C, or give " + Argument("unit", "F"),
         )
     if is_impossible:
         raise CalibrationError(
@@ -423,6 +424,5 @@ def refuse_saturated(frames: int, saturated: int, lowest_k: float) -> None:
     if frames and 2 * saturated >= frames:
         raise CalibrationError(
             f"the foil reads the camera's lowest temperature, {lowest_k - CELSIUS_ZERO_K:.0f} °C: saturated",
-            fix="give the sky's temperature in the camera's band with --reflected, from another instrument, "
-            "or --reflected free with a surface that spans 15 K",
+            fix="measure the sky otherwise; over 15 K, " + Argument("reflected", "free") + " fits it",
         )

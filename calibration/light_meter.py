@@ -15,6 +15,7 @@ from fieldkit.calibration.line import Points, fit_line
 from fieldkit.calibration.uncertainty import Budgeted, Contribution
 from fieldkit.model.arrays import BoolArray, FloatArray, IntArray
 from fieldkit.model.errors import CalibrationError
+from fieldkit.model.next_step import Action
 from fieldkit.physics.irradiance import IrradianceModel, direct_normal, shares_on_plane
 
 MIN_MINUTES, DARK_W_M2 = 10, 20.0
@@ -72,8 +73,8 @@ def refuse_shifted_clocks(lag_s: float) -> None:
         minutes = f"{lag_s / 60.0:+.0f} min"
         raise CalibrationError(
             f"the clocks differ: the meter fits its reference best with {minutes} added to its times",
-            fix="is a time zone wrong? fieldkit calibrate clock finds it for the session; import a logger "
-            f"again with --clock-offset {-lag_s:+.0f}s",
+            fix=f"is a time zone wrong? import a logger again, {-lag_s:+.0f} s added to its times; for the "
+            "session: " + Action.CALIBRATE("clock"),
         )
 
 

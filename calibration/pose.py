@@ -14,6 +14,7 @@ from scipy.optimize import least_squares
 from fieldkit.calibration.uncertainty import students_factor
 from fieldkit.model.arrays import FloatArray
 from fieldkit.model.errors import CalibrationError
+from fieldkit.model.next_step import Argument
 from fieldkit.physics.camera_geometry import Camera, angles_of_axes, project
 
 LEAST_POINTS, WORST_MARK = 4, 10.0
@@ -82,7 +83,7 @@ def fit_pose(
     if not (scale > 0.0).all() or np.linalg.cond(information / np.outer(scale, scale)) > WORST_CONDITION:
         raise CalibrationError(
             "the points do not determine the pose",
-            fix="mark points farther apart and of different heights, or give --hfov-deg",
+            fix="mark points farther apart and of different heights, or give " + Argument("hfov_deg"),
         )
     freedom = max(best.fun.size - count, 1)
     scatter = students_factor(freedom) * float(np.sqrt(2.0 * best.cost / freedom))
@@ -115,7 +116,7 @@ def _refuse_wrong_point(residuals_px: FloatArray, mark_sd_px: float) -> None:
         raise CalibrationError(
             f"no pose sees all points where they are marked: point {residuals_px.argmax() + 1} is off by "
             f"{residuals_px.max():.0f} px",
-            fix="check marks and coordinates (east and north exchanged?), or give a larger --mark-sd-px",
+            fix="check marks and coordinates (east and north swapped?), or enlarge " + Argument("mark_sd_px"),
         )
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from fieldkit.calibration.emissivity import Pairs
 from fieldkit.model.arrays import FloatArray, IntArray
 from fieldkit.model.errors import CalibrationError
+from fieldkit.model.next_step import Argument
 
 STEADY_K_MIN = 0.1
 BLOCK_S, MAX_BLOCKS = 60.0, 5
@@ -114,8 +115,8 @@ def refuse_shifted_clocks(readings: Readings) -> None:
     if lag_s is not None and abs(lag_s) > SIGNIFICANT_LAG_S:
         raise CalibrationError(
             f"the thermometer's readings fit the camera's best when shifted by {lag_s / 60.0:+.1f} min",
-            fix="the clocks of two logs differ: import the thermometer again with --clock-offset "
-            f"{lag_s:+.0f}s; or, of one recording, the probe follows late: less sand over it, a thinner wire",
+            fix=f"the clocks of two logs differ: import the thermometer again, {lag_s:+.0f} s added to its "
+            "times; or, of one recording, the probe follows late: less sand over it, a thinner wire",
         )
 
 
@@ -149,7 +150,7 @@ def refuse_other_bed(readings: Readings, others_k: Mapping[str, FloatArray], cho
     if misfits and own > 2.0 * CAMERA_NOISE_K and BETTER_PROBE * misfits[best] < own:
         raise CalibrationError(
             f"this region follows the probe {best}, not {chosen}: is the region on another bed?",
-            fix=f"choose the region that {chosen} lies in, or --channel {best}",
+            fix=f"choose the region that {chosen} lies in, or " + Argument("channel", best),
         )
 
 

@@ -65,7 +65,7 @@ def check_driver(
     yield _outcome("any bytes give values or reasons", lambda: _bytes(driver))
     yield _outcome("a missing instrument is reported as missing", lambda: _missing(driver, clock))
     if settings is None:
-        yield Outcome("skip", "device", "no instrument named; use --device or --identity")
+        yield Outcome("skip", "device", "no instrument was named")
         return
     yield from _device(driver, clock, settings, cable)
 
@@ -156,7 +156,7 @@ def _device(driver: Driver, clock: Clock, settings: DeviceSettings, cable: Cable
     yield _outcome("it closes, twice", lambda: _closes(opened[0]))
     yield _outcome("it opens again as the same instrument", lambda: _again(driver, clock, settings, info))
     if cable is None:
-        yield Outcome("skip", "cable", "not tested; --unplug asks you to pull it")
+        yield Outcome("skip", "cable", "not tested")
         return
     yield _outcome("it reports being unplugged", lambda: _lost(driver, clock, settings, cable))
     cable.plug()

@@ -18,16 +18,17 @@ from typing import TypeAlias
 
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceNotFoundError
+from fieldkit.model.next_step import Action, Text
 
 # --- what to type when an instrument may not be opened
 
-UDEV_FIX = "fieldkit doctor --udev | sudo tee /etc/udev/rules.d/70-fieldkit.rules"
+UDEV_FIX = Action.UDEV_RULES()
 
 
-def permission_fix(group: str) -> str:
+def permission_fix(group: str) -> Text:
     """Commands that give access to a node of `group`; root is not a group to join."""
-    rules = f"{UDEV_FIX}, then unplug and plug it"
-    return rules if group == "root" else f"{rules}; or: sudo usermod -aG {group} $USER, then log in again"
+    rules = UDEV_FIX + ", then unplug and plug it"
+    return rules if group == "root" else rules + f"; or: sudo usermod -aG {group} $USER, then log in again"
 
 
 def group_of(path: str) -> str:
@@ -125,10 +126,10 @@ def listing(present: Sequence[Found], what: str) -> str:
     return "connected: " + ", ".join(names) if names else f"no {what} is connected"
 
 
-def identity_fix(name: str, present: Sequence[object]) -> str:
+def identity_fix(name: str, present: Sequence[object]) -> Text:
     """Next step when the instrument called `name` is not found among those `present`."""
     if not present:
-        return "plug it in and switch it on; fieldkit devices shows what this computer sees"
+        return "plug it in and switch it on; " + Action.FIND_DEVICES() + " shows what this computer sees"
     return f'write the right one into the configuration of {name}: identity = "..."'
 
 

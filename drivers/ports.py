@@ -43,6 +43,7 @@ from fieldkit.drivers.opening import close_on_failure
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, DiscoveredDevice
 from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
+from fieldkit.model.next_step import Action
 from fieldkit.model.units import SECOND_NS
 
 # --- records out of a stream of bytes
@@ -465,7 +466,7 @@ def open_failure(path: str, error: Exception) -> DeviceError:
     if code in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
         return DeviceNotFoundError(
             f"no serial port {path}; {listing(serial_ports(), 'USB serial port')}",
-            fix="plug the instrument in; fieldkit devices shows the identity to configure",
+            fix="plug the instrument in; " + Action.FIND_DEVICES() + " shows the identity",
         )
     if code in (errno.EACCES, errno.EPERM):
         return DeviceAccessError(
@@ -475,9 +476,9 @@ def open_failure(path: str, error: Exception) -> DeviceError:
     if code in (errno.EAGAIN, errno.EBUSY):
         return DeviceAccessError(
             f"{path} is used by another program",
-            fix=f"close it (fuser -v {path} names it); if it is ModemManager, install the rules: {UDEV_FIX}",
+            fix=f"close it (fuser -v {path} names it); if it is ModemManager, install the rules: " + UDEV_FIX,
         )
-    return DeviceAccessError(f"{path} cannot be opened: {error}", fix="fieldkit doctor checks for the cause")
+    return DeviceAccessError(f"{path} cannot be opened: {error}", fix=Action.DOCTOR() + " checks the cause")
 
 
 def _sysfs_node(path: str) -> Path:

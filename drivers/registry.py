@@ -22,6 +22,7 @@ from fieldkit.model.clock import Clock
 from fieldkit.model.device import Device, DeviceSettings, Driver
 from fieldkit.model.errors import ConfigError, message_of
 from fieldkit.model.installation import DISTRIBUTION
+from fieldkit.model.next_step import Action
 
 GROUP = "fieldkit.drivers"
 
@@ -66,7 +67,7 @@ def get(name: str) -> Driver:
     owners = ([DISTRIBUTION] if name in BUILT_IN else []) + sorted(_package(point) for point in plugins)
     if not owners:
         near = difflib.get_close_matches(name, names(), n=1)
-        hint = f"did you mean {near[0]}?" if near else "fieldkit devices lists the drivers"
+        hint = f"did you mean {near[0]}?" if near else Action.FIND_DEVICES() + " lists the drivers"
         raise ConfigError(f"there is no driver {name!r}; available: {', '.join(names())}", fix=hint)
     if len(owners) > 1:
         raise ConfigError(
@@ -97,7 +98,7 @@ def decode(name: str, data: bytes, given: Mapping[str, Any]) -> Decoded:
     """Decode `data` with the driver called `name` and the options `given`; raises `ConfigError`."""
     driver = get(name)
     if not isinstance(driver, Decodes):
-        raise ConfigError(f"the driver {name} cannot decode without its instrument", fix="fieldkit record")
+        raise ConfigError(f"the driver {name} cannot decode without its instrument", fix=Action.RECORD())
     _reject_unknown(decoding_settings(name, given), driver)
     return driver.decode(data, given)
 

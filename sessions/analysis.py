@@ -18,6 +18,7 @@ from fieldkit.model.arrays import CountArray, FlagArray, FloatArray, IntArray
 from fieldkit.model.channels import quantity_of
 from fieldkit.model.device import StreamInfo, regions_on
 from fieldkit.model.errors import IntegrityError, SessionError
+from fieldkit.model.next_step import Action, Argument
 from fieldkit.model.quantities import UNKNOWN
 from fieldkit.model.region_schedule import RegionSchedule
 from fieldkit.model.samples import is_damaged, is_usable
@@ -131,7 +132,7 @@ def kelvin(
                 row = frames.start + int(np.argmax(bad))
                 raise IntegrityError(
                     f"{session.path}: frame {row} of {info.name} does not match its checksum",
-                    fix='damaged="nan" returns NaN in its place; fieldkit check lists what is damaged',
+                    fix=Argument("damaged", "nan") + " returns NaN there; " + Action.CHECK() + " lists them",
                 )
             values[bad] = np.nan
         parts.append(values)
@@ -349,7 +350,7 @@ def to_xarray(session: SessionReader, stream: str) -> xr.Dataset:
     from fieldkit.sessions.lazy_flags import verified_flags
 
     if session.state == "interrupted":
-        raise SessionError(f"{session.path} is interrupted", fix=f"fieldkit recover {session.path}")
+        raise SessionError(f"{session.path} is interrupted", fix=Action.RECOVER(session.path))
     session.stream(stream)
     session.datasets(stream)
     is_live = session.group(stream).file.swmr_mode  # HDF5 opens a file in one way only

@@ -19,6 +19,7 @@ from fieldkit.model.device import StreamInfo
 from fieldkit.model.durations import precise_duration, rounded_duration
 from fieldkit.model.errors import SessionError, message_of
 from fieldkit.model.finding import Finding
+from fieldkit.model.next_step import Action
 from fieldkit.model.samples import NO_COUNTER, EventKind, Quality, Severity
 from fieldkit.model.site import RegionKind, Site
 from fieldkit.model.units import MINUTE_NS
@@ -62,7 +63,7 @@ def check(path: str | Path) -> list[Finding]:
                 findings.extend(check_one(session))
             except Exception as error:  # whatever is in the file, the other checks go on
                 findings.append(
-                    Finding("fail", "file", f"damaged: {message_of(error)}", f"fieldkit recover {path}")
+                    Finding("fail", "file", f"damaged: {message_of(error)}", Action.RECOVER(path))
                 )
         return list(dict.fromkeys(findings))  # the same damage may stop several checks
 
@@ -84,7 +85,7 @@ def integrity_findings(session: SessionReader) -> Iterator[Finding]:
 
 
 def _state(session: SessionReader) -> Iterator[Finding]:
-    fix = f"fieldkit recover {session.path}"
+    fix = Action.RECOVER(session.path)
     match session.state:
         case "sealed":
             yield Finding("ok", "state", "sealed: every sample was compared with the journal")
@@ -164,7 +165,7 @@ _REPORTED_ELSEWHERE = (
     Quality.BAD_CRC | Quality.LOW_SUN | Quality.SHADED | Quality.UNRESOLVED | Quality.IMPLAUSIBLE
 )
 
-_LIMITS = "wrong scale or unit? see fieldkit show; what this site can have: [limits] in fieldkit.toml"
+_LIMITS = "wrong scale or unit? what this site can have: [limits] in fieldkit.toml"
 
 _HARMLESS = (Quality.SHUTTER, Quality.DUPLICATE)
 
@@ -200,7 +201,7 @@ def _emissivity(info: StreamInfo) -> Iterator[Finding]:
     applied = info.settings.get("emissivity", 1.0)
     if info.is_camera and applied != 1.0:
         text = f"the camera has corrected for an emissivity of {applied:g} itself"
-        yield Finding("warn", info.name, text, "set it to 1 in the camera; fieldkit corrects for each region")
+        yield Finding("warn", info.name, text, "set it to 1 in the camera; each region is corrected")
 
 
 def _contents(reader: StreamReader) -> tuple[list[int], float, float]:
@@ -342,7 +343,7 @@ def _at_the_end(
         f"{len(session.clock_checks())} comparisons; "
         f"at the end the system clock was {away_ns / 1e9:+.3f} s from recorded times"
     )
-    fix = f"fieldkit check --apply {session.path}" if is_open and proposed else ""
+    fix = Action.CORRECT_CLOCK(session.path) if is_open and proposed else ""
     return Finding("warn" if is_open else "ok", "clock", text, fix)
 
 

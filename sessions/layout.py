@@ -115,9 +115,7 @@ def _check_stream(info: StreamInfo) -> None:
 def check_new(header: SessionHeader) -> None:
     """Raise `ConfigError` if a file has no room for so many regions."""
     if (count := len(header.region_names)) > MAX_REGIONS:
-        raise ConfigError(
-            f"{count} regions; a session has room for {MAX_REGIONS}", fix="remove some: fieldkit roi"
-        )
+        raise ConfigError(f"{count} regions; a session has room for {MAX_REGIONS}", fix="remove some")
 
 
 def check_region(region: Region) -> None:

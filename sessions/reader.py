@@ -30,6 +30,7 @@ from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import SessionError
 from fieldkit.model.learnt import Learnt
 from fieldkit.model.marks import corrected, marks_now
+from fieldkit.model.next_step import Action
 from fieldkit.model.region_schedule import RegionSchedule
 from fieldkit.model.samples import Event, Health, Quality, Sample
 from fieldkit.model.site import Region, Site
@@ -109,7 +110,7 @@ def _texts(dataset: h5py.Dataset) -> list[str]:
 log: logging.Logger = logging.getLogger(__name__)
 
 _MEANING = ("config/header", "entry/utc_minus_mono_ns")
-_CHANGED = "%s: %s changed after it was sealed; times, places and scales may be wrong: fieldkit check %s"
+_CHANGED = "%s: %s changed after it was sealed; times, places and scales may be wrong: check it"
 
 
 class SessionReader:
@@ -195,7 +196,7 @@ class SessionReader:
         """Raise `SessionError` where its journal may still hold samples missing from the file."""
         self.require_open()
         if self.state not in ("sealed", "recovered"):
-            fix = "fieldkit stop" if self.state == "recording" else f"fieldkit recover {self.path}"
+            fix = Action.STOP() if self.state == "recording" else Action.RECOVER(self.path)
             raise SessionError(f"{self.path} is {self.state}: its journal may hold more", fix=fix)
 
     # --- what was declared
@@ -595,7 +596,9 @@ def _is_closed(path: Path) -> bool:
         return is_clean(path)
     except SessionError as error:
         waits = journal_path(path).exists() and not is_locked(journal_path(path))
-        raise SessionError(error.message, fix=f"fieldkit recover {path}" if waits else error.fix) from error
+        raise SessionError(
+            error.problem, place=error.place, fix=Action.RECOVER(path) if waits else error.fix
+        ) from error
 
 
 def open_interrupted(path: Path, *, salvage: bool = False) -> SessionReader:

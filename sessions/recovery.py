@@ -26,6 +26,7 @@ from fieldkit.model.errors import (
     StorageError,
     message_of,
 )
+from fieldkit.model.next_step import Action
 from fieldkit.model.samples import Event, EventKind, Severity
 from fieldkit.sessions.check import integrity_findings
 from fieldkit.sessions.chunks import PackedBlock
@@ -38,6 +39,7 @@ from fieldkit.sessions.reader import SessionReader, open_interrupted, open_sessi
 from fieldkit.sessions.salvage import LostRange, RecoveryStatistics, Salvage
 from fieldkit.sessions.seal import SealReport, remove_journal, seal
 from fieldkit.sessions.session_file import COMPRESSORS, SessionFile
+from fieldkit.sessions.superblock import CHECK_PATH
 
 log: logging.Logger = logging.getLogger(__name__)
 
@@ -97,9 +99,9 @@ def _locked(path: Path, notes: Sequence[Event]) -> RecoveryReport:
     if not path.exists() and crashed_path(path).exists():
         crashed_path(path).rename(path)
     if not path.exists() and not folder.exists():
-        raise SessionError(f"there is no session {path}", fix="fieldkit ls shows the sessions of a campaign")
+        raise SessionError(f"there is no session {path}", fix=CHECK_PATH)
     if is_locked(folder):
-        fix = "wait until the recording has ended, or stop it: fieldkit stop"
+        fix = "wait until the recording has ended, or stop it: " + Action.STOP()
         raise RefusedError(f"{path} is in use: it is being recorded", fix=fix)
     _check_versions(path, folder)
     is_ours = not folder.exists()  # only for the lock: a file of which nothing is left is not interrupted

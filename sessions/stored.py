@@ -18,6 +18,7 @@ import numpy as np
 
 from fieldkit.model.arrays import IntArray
 from fieldkit.model.errors import FormatError, SessionError, message_of
+from fieldkit.model.next_step import Action
 from fieldkit.sessions.layout import Column
 
 MOST_CHUNK_BYTES = 16_777_216
@@ -34,7 +35,7 @@ def explained(path: Path, error: Exception) -> SessionError:
         return error
     text = message_of(error)
     known = isinstance(error, SessionError) and str(path) in text
-    fix = getattr(error, "fix", None) or f"fieldkit recover {path}"
+    fix = getattr(error, "fix", None) or Action.RECOVER(path)
     return SessionError(text if known else f"{path} is damaged: {text}", fix=fix)
 
 

@@ -14,11 +14,12 @@ import struct
 from pathlib import Path
 
 from fieldkit.model.errors import SessionError
+from fieldkit.model.next_step import Action
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _SIZE, _VERSION, _FLAGS, _END, _CHECKSUM = 48, 8, 11, 28, 44
 _MASK = 0xFFFFFFFF
-CHECK_PATH = "check the path; fieldkit ls shows the sessions of a campaign"
+CHECK_PATH = "check the path; " + Action.LIST_SESSIONS() + " shows the sessions of a campaign"
 _LONGEST = 2**46  # bytes; no disk is larger, a damaged or hostile file may claim more
 
 

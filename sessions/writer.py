@@ -34,6 +34,7 @@ from fieldkit.model.errors import (
     StorageError,
     message_of,
 )
+from fieldkit.model.next_step import Action
 from fieldkit.model.samples import Event, EventKind, Frame, Sample, Severity
 from fieldkit.model.slope import SlopeEstimate
 from fieldkit.sessions.journal import Journal, SessionIdentity, SyncThread
@@ -235,8 +236,8 @@ class SessionWriter:
     def _not_sealed(self, error: Exception) -> StorageError:
         text = f"the session could not be sealed: {message_of(error)}"
         if not self._journal.is_there():
-            return StorageError(text, fix=f"finish it from what its file holds: fieldkit recover {self.path}")
-        fix = f"see that there is free space, then: fieldkit recover {self.path}"
+            return StorageError(text, fix=Action.RECOVER(self.path) + " finishes it from its file")
+        fix = "see that there is free space, then: " + Action.RECOVER(self.path)
         return StorageError(f"{text}; its journal is kept", fix=fix)
 
     def _finish_file(self, end_ns: int) -> bool:

@@ -40,6 +40,7 @@ from fieldkit.drivers.ports import Line, SerialPort, serial_ports
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, FrameSource
 from fieldkit.model.errors import DecodeError, DeviceError, DeviceTimeoutError
+from fieldkit.model.next_step import Action
 from fieldkit.model.samples import Quality
 from fieldkit.model.units import CELSIUS_ZERO_K, SECOND_NS
 
@@ -133,7 +134,7 @@ class BosonSerial:
                 raise DeviceError(f"the Boson at {self._port.path} refuses {function:#010x}: {reason}")
             return message.payload
         raise DeviceTimeoutError(
-            f"the Boson at {self._port.path} does not reply", fix="keep ModemManager off it: fieldkit doctor"
+            f"the Boson at {self._port.path} does not reply", fix="stop ModemManager: " + Action.DOCTOR()
         )
 
     def number(self, function: int) -> int:
@@ -308,7 +309,7 @@ def make_radiometric(serial: BosonSerial | None, facts: Mapping[str, str], confi
     if serial is None:
         raise DeviceError(
             f"the Boson cannot be switched to temperatures; its commands: {facts['commands']}",
-            fix="fieldkit doctor",
+            fix=Action.DOCTOR(),
         )
     if facts["gain"] != "high" and math.isnan(configured_scale):
         raise DeviceError(

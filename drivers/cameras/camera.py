@@ -18,6 +18,7 @@ from fieldkit.model.arrays import CountArray, SingleArray
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import Buffer, DeviceSettings, FrameSource, StreamInfo
 from fieldkit.model.errors import DecodeError, DeviceError, DeviceTimeoutError
+from fieldkit.model.next_step import Action
 from fieldkit.model.samples import NO_COUNTER, Frame, Quality
 from fieldkit.physics.camera_laws import law_named
 
@@ -387,7 +388,7 @@ def first_frame(source: FrameSource, decode: Decode, name: str, clock: Clock) ->
         raise DecodeError(
             f"{name}: the camera at {source.port} sends something else: {wrong}",
             raw=raw,
-            fix="is it another camera, or in another mode? fieldkit devices shows what is connected",
+            fix="is it another camera, or in another mode? " + Action.FIND_DEVICES() + " shows it",
         )
     raise DeviceTimeoutError(
         f"{name}: no frame from {source.port} within {FIRST_FRAME_S:g} s",

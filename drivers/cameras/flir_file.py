@@ -18,6 +18,7 @@ import numpy as np
 from fieldkit.drivers.decoding import text_of
 from fieldkit.model.arrays import CountArray, SingleArray
 from fieldkit.model.errors import DecodeError
+from fieldkit.model.next_step import Argument
 from fieldkit.physics.camera_laws import Planck, path_transmission, planck_k
 
 MAGIC = (b"FFF\0", b"AFF\0")
@@ -31,7 +32,7 @@ _INFORMATION_END = 0x394
 _MOST_PADDING = 16
 """Bytes between frames or after the last: some models fill up to whole words."""
 
-_EXPORT_TIFF = "export it as 16-bit TIFF from the maker's program, and import that with --kelvin-per-count"
+_EXPORT_TIFF = "export 16-bit TIFF by the maker's program; import that with " + Argument("kelvin_per_count")
 _RANGES = {
     # wider than any camera writes: other numbers would only fail later, inside the law
     "emissivity": (1e-3, 1.0), "window_transmission": (1e-3, 1.0), "humidity": (0.0, 1.0),
@@ -106,14 +107,14 @@ def _without_fff(segments: list[tuple[int, bytes]], head: bytes) -> DecodeError:
     is_dji = any(marker == _APP1 and b"DJI\0" in body for marker, body in segments)
     if is_dji and any(marker == _APP3 for marker, _ in segments):
         # the counts are in APP3 (GDAL reads them, pull request 12972), but nobody has published their law
-        fix = "convert it to 32-bit TIFF with Thermal Tools (UAV4GEO) or DJI's SDK; import that with --unit C"
+        fix = "convert it to 32-bit TIFF with Thermal Tools (UAV4GEO) or DJI's SDK: " + Argument("unit", "C")
         words = "a radiometric JPEG of DJI, whose temperatures only DJI's own program finds"
         return DecodeError(words, head, fix=fix)
     if any(marker == _APP2 and body[4:10] == b"IJPEG\0" for marker, body in segments):
         words = "a radiometric JPEG of InfiRay, which fieldkit does not read"
         return DecodeError(words, head, fix=_EXPORT_TIFF)
-    fix = f"if it is of a FLIR camera, export it as radiometric JPEG; else {_EXPORT_TIFF}"
-    return DecodeError("a JPEG without FLIR's thermal data", head, fix=fix)
+    else_tiff = "if it is of a FLIR camera, export it as radiometric JPEG; else " + _EXPORT_TIFF
+    return DecodeError("a JPEG without FLIR's thermal data", head, fix=else_tiff)
 
 
 def frame_length(data: bytes | mmap, start: int = 0) -> int:

@@ -18,8 +18,9 @@ from fieldkit.drivers.opening import close_on_failure
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import Buffer, DeviceSettings, DiscoveredDevice, FrameSource
 from fieldkit.model.errors import DeviceError, DeviceLostError, DeviceNotFoundError
+from fieldkit.model.next_step import Action
 
-_ANOTHER_CAMERA = "use another camera, or import what the maker's program records: fieldkit import"
+_ANOTHER_CAMERA = "use another camera, or import what the maker's program records: " + Action.IMPORT()
 
 # --- OpenCV, where there is no Video4Linux or the configuration selects it
 
@@ -47,7 +48,7 @@ class OpenCvSource:
         self.close()
         raise DeviceNotFoundError(
             f"OpenCV gets no raw {fourcc.strip()} frame from {port}",
-            fix="close other programs that use the camera; fieldkit devices shows what is connected",
+            fix="close other programs that use the camera; " + Action.FIND_DEVICES() + " shows what there is",
         )
 
     def read(self, timeout_s: float) -> Buffer | None:

@@ -19,6 +19,7 @@ from fieldkit.drivers.identity import permission_fix
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import Buffer
 from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
+from fieldkit.model.next_step import Action
 from fieldkit.model.units import SECOND_NS
 
 # --- structures and request numbers of linux/videodev2.h and linux/uvcvideo.h
@@ -293,7 +294,7 @@ class V4l2Source:
         if not (caps.device_caps & CAP_CAPTURE and caps.device_caps & CAP_STREAMING):
             raise DeviceNotFoundError(
                 f"{self.port} is a metadata node, not the camera's frame",
-                fix="omit port from the configuration: fieldkit finds the node by identity",
+                fix="omit port from the configuration: the node is found by identity",
             )
 
     def _choose(self, fourcc: str, sizes: Sequence[tuple[int, int]]) -> tuple[int, int]:
@@ -302,7 +303,7 @@ class V4l2Source:
         if chosen is None:
             raise DeviceNotFoundError(
                 f"{self.port} offers no {fourcc.strip()} frame of {_list(sizes)}; it has {_list(offered)}",
-                fix="is it another camera, or in another mode? fieldkit devices shows what is connected",
+                fix="is it another camera, or in another mode? " + Action.FIND_DEVICES() + " shows it",
             )
         request = Format(type=CAPTURE)
         request.fmt.pix = PixelFormat(width=chosen[0], height=chosen[1], pixelformat=_code(fourcc), field=1)
@@ -379,9 +380,7 @@ def _list(sizes: Sequence[tuple[int, int]]) -> str:
 def _failure(path: str, error: OSError) -> DeviceError:
     """Error of a video node that would not start, with what to type."""
     if error.errno in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
-        return DeviceNotFoundError(
-            f"no camera at {path}", fix="fieldkit devices shows the identity to configure"
-        )
+        return DeviceNotFoundError(f"no camera at {path}", fix=Action.FIND_DEVICES() + " shows the identity")
     if error.errno in (errno.EACCES, errno.EPERM):
         return DeviceAccessError(f"no permission for the camera {path}", fix=permission_fix("video"))
     if error.errno == errno.EBUSY:

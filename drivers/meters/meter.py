@@ -221,7 +221,7 @@ def _require(stamped: Stamped | None, port: Port, name: str, hint: str, timeout_
             f"{name}: {port.framer.received} bytes from {port.path}, none of them a record"
             f": {port.framer.reason or repr(port.framer.unread[:60])[1:]}",
             raw=port.framer.unread,
-            fix="check driver and line settings; fieldkit decode DRIVER HEX explains bytes",
+            fix="check driver and line settings",
         )
     raise DeviceTimeoutError(f"{name}: nothing received from {port.path} within {timeout_s:g} s", fix=hint)
 

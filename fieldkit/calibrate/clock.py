@@ -17,6 +17,7 @@ from fieldkit.calibration.clock_offset import ClockOffset, offset_from_sun, offs
 from fieldkit.config import Config
 from fieldkit.model.clock import utc_ns
 from fieldkit.model.errors import CalibrationError, ConfigError
+from fieldkit.model.next_step import Action, Argument
 from fieldkit.model.samples import NO_COUNTER, Quality, Reading, Sample, is_usable
 from fieldkit.model.units import DAY_S
 from fieldkit.physics.bodies import EARTH, body_of
@@ -217,7 +218,7 @@ def _against_sun(session: SessionReader, config: Config) -> ClockOffset:
     if (body := body_of(session.site)) is not EARTH:
         raise ConfigError(
             f"{session.path.name} is of {body.name}; the clock is found by the light under the Earth's air",
-            fix="give a GPS stream with --gps, or read another clock with --at",
+            fix="give a GPS stream as " + Argument("gps") + ", or use " + Action.HOST_CLOCK(),
         )
     meter = light_meter(session, config).name
     minutes, illuminance = minute_means(session, meter, recorded=True)

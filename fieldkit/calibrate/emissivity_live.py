@@ -30,6 +30,7 @@ from fieldkit.model.samples import Frame, Reading
 from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.recorder.recorder import Shown
 from fieldkit.recording.background import RecordOptions
+from fieldkit.recording.preflight import Notify
 from fieldkit.recording.record import PreparedRecording, RecordedSession, prepare
 from fieldkit.results.sources import Settings, log_warning, settings_from
 
@@ -53,7 +54,7 @@ def record_emissivity(
     options: MeasurementOptions | None = None,
     settings: Settings = (),
     on_minute: Callable[[str], None] = lambda line: None,
-    notify: Callable[[str], None] = log_warning,
+    notify: Notify = log_warning,
 ) -> RecordedSession:
     """Record a campaign's instruments until the surface was steady at enough temperatures.
 
@@ -127,7 +128,7 @@ class PreparedMeasurement:
 
 @contextmanager
 def prepare_emissivity(
-    config: Config, sample: str, options: MeasurementOptions, notify: Callable[[str], None] = log_warning
+    config: Config, sample: str, options: MeasurementOptions, notify: Notify = log_warning
 ) -> Iterator[PreparedMeasurement]:
     """Open a campaign's instruments and choose streams and regions; see `record_emissivity`."""
     require_name(sample)

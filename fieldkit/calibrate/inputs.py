@@ -17,6 +17,7 @@ from fieldkit.disk import replacing, sha256
 from fieldkit.model.arrays import FloatArray, IntArray
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, StorageError
+from fieldkit.model.next_step import Action
 from fieldkit.model.site import Region
 from fieldkit.sessions import analysis
 from fieldkit.sessions.reader import SessionReader
@@ -65,7 +66,7 @@ def one_region(regions: Sequence[Region], name: str, path: Path) -> Region:
         if region.name == name:
             return region
     have = ", ".join(region.name for region in regions) or "none"
-    raise ConfigError(f"{path} has no region {name!r}", fix=f"it has {have}; fieldkit roi add draws one")
+    raise ConfigError(f"{path} has no region {name!r}", fix=f"it has {have}; draw: " + Action.ADD_REGION())
 
 
 def one_stream(session: SessionReader, quantity: str, name: str | None = None) -> StreamInfo:
@@ -103,5 +104,5 @@ def minute_means(
     """
     minutes, means = analysis.minute_means(session, stream, recorded=recorded)
     if not minutes.size:
-        raise ConfigError(f"{session.path}: {stream} has no usable readings", fix="fieldkit check shows why")
+        raise ConfigError(f"{session.path}: {stream} has no usable readings", fix=Action.CHECK())
     return minutes, means

@@ -35,6 +35,7 @@ from fieldkit.model.arrays import FloatArray
 from fieldkit.model.device import StreamInfo, find_camera
 from fieldkit.model.errors import CalibrationError, ConfigError
 from fieldkit.model.limits import bounds_by_name
+from fieldkit.model.next_step import Action, Argument
 from fieldkit.model.quantities import kelvin_if_fahrenheit
 from fieldkit.model.samples import Frame, Sample, is_usable
 from fieldkit.model.site import Region, RegionKind
@@ -249,7 +250,7 @@ def _require_different_regions(setup: MeasurementSetup) -> None:
         if names.count(name) > 1:
             raise ConfigError(
                 f"the region {name} cannot be two of sample, foil and tape",
-                fix="draw one region on each, and name them: --region, --reflected, --tape",
+                fix="draw one region on each, and name them",
             )
 
 
@@ -262,7 +263,7 @@ def _with_thermometer(setup: MeasurementSetup, inventory: Inventory) -> Measurem
         return replace(setup, thermometer=own[0], channel=own[1])
     if len(chosen) != 1:
         have = ", ".join(info.name for info in thermometers) or "none"
-        raise ConfigError(f"{inventory.path}: which thermometer?", fix=f"--thermometer; it has {have}")
+        raise ConfigError(f"{inventory.path}: which thermometer?", fix=Argument("thermometer") + f": {have}")
     (info,) = chosen
     channel = _channel(info, options.channel)
     elsewhere = inventory.other_region_of(info, channel, setup.sample.name)
@@ -270,7 +271,7 @@ def _with_thermometer(setup: MeasurementSetup, inventory: Inventory) -> Measurem
         first, region = f"{info.name}:{info.channel_names[channel]}", setup.sample.name
         raise ConfigError(
             f"no probe is in {region}; {first} is in {elsewhere}",
-            fix=f"name the one in {region} with --channel, or give that region its probes",
+            fix=f"give the one in {region} as " + Argument("channel") + ", or that region its probes",
         )
     return replace(setup, thermometer=info, channel=channel, probe_is_in=elsewhere)
 
@@ -280,8 +281,8 @@ def _applied_emissivity(camera: StreamInfo, given: float | None) -> float:
     reported = float(camera.settings.get("emissivity", 1.0))
     if given is not None and reported not in (1.0, given):
         raise ConfigError(
-            f"the camera reports that it applied {reported:g}, --camera-emissivity is {given:g}",
-            fix="omit --camera-emissivity: an emissivity must not be corrected for twice",
+            f"the camera reports that it applied {reported:g}, not {given:g}",
+            fix="omit " + Argument("camera_emissivity") + ": an emissivity must not be corrected for twice",
         )
     return reported if given is None else given
 
@@ -298,7 +299,7 @@ def _reflected_source(
         return one_region(regions, str(reflected), where), math.nan
     if celsius not in TEMPERATURE_C:
         raise ConfigError(
-            f"--reflected {reflected} is not a temperature",
+            f"{reflected} is not a reflected temperature",
             fix=f"give one in °C {TEMPERATURE_C.words}, a foil's region, or free",
         )
     return None, celsius + CELSIUS_ZERO_K
@@ -376,7 +377,7 @@ class ReadingCollector:
         if not self._camera or (setup.thermometer is not None and not self._probes):
             raise CalibrationError(
                 f"no usable {'frames' if not self._camera else 'thermometer readings'}",
-                fix="fieldkit check shows why samples are flagged",
+                fix=Action.CHECK() + " shows why samples are flagged",
             )
         times = np.array([row[0] for row in self._camera], np.int64)
         table = np.array([row[1:] for row in self._camera], np.float64).T

@@ -12,6 +12,7 @@ from fieldkit.calibration.pose import QUANTITIES, PoseFit, fit_pose
 from fieldkit.calibration.ranges import require_ranges
 from fieldkit.config.pose import pose_table
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.next_step import Argument
 from fieldkit.physics.camera_geometry import Grid
 from fieldkit.sessions.formats import geotiff
 
@@ -54,7 +55,7 @@ class PoseCalibration:
             height = f"{self.values['height_m']:.1f} m"
             raise ConfigError(
                 f"level ground at {ground_m:g} m is not below the camera at {height}",
-                fix="correct --ground-m",
+                fix="correct " + Argument("ground_m"),
             )
         write_lines(path, [tomlkit.dumps(table).rstrip()])
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from fieldkit.calibration.calibration_record import CalibrationRecord, expiry, save
 from fieldkit.calibration.ranges import require_name
 from fieldkit.model.errors import CalibrationError
+from fieldkit.model.next_step import Action
 from fieldkit.model.version import __version__
 
 if TYPE_CHECKING:
@@ -66,7 +67,7 @@ def stamp(record: CalibrationRecord) -> CalibrationRecord:
     if not (math.isfinite(record.value) and math.isfinite(record.standard_uncertainty)):
         raise CalibrationError(
             f"{record.name} would be {record.value:g} ± {record.standard_uncertainty:g}: not determined",
-            fix="check the standard uncertainties given, and the data: fieldkit check",
+            fix="check the standard uncertainties given, and the data: " + Action.CHECK(),
         )
     version = f"fieldkit {__version__}"
     return replace(record, software=version, expires=expiry(record.kind, record.date))

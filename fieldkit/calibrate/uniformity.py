@@ -17,6 +17,7 @@ from fieldkit.calibration.uniformity import TargetView, Uniformity
 from fieldkit.estimation.scale import offsets_from_uniform
 from fieldkit.model.arrays import FloatArray
 from fieldkit.model.errors import CalibrationError, ConfigError
+from fieldkit.model.next_step import Action
 from fieldkit.model.samples import is_usable
 from fieldkit.model.site import RegionKind
 from fieldkit.results.sources import SessionOrFile, config_for, log_warning, notify_damage, reading
@@ -130,7 +131,7 @@ def target_view(session: SessionReader) -> TargetView:
     kinds = {region.name: region.kind for region in session.regions}
     is_reference = np.array([kinds[name] is RegionKind.REFERENCE for name in series.regions])
     if not is_reference.any() or is_reference.all():
-        raise ConfigError(f"{session.path} needs a reference and other regions", fix="fieldkit roi add")
+        raise ConfigError(f"{session.path} needs a reference and other regions", fix=Action.ADD_REGION())
     good = is_usable(series.flags)
     blocks, place = np.unique(series.time_ns[good] // BLOCK_NS, return_inverse=True)
     if blocks.size < LEAST_BLOCKS:

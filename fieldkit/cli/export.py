@@ -11,6 +11,7 @@ from fieldkit.cli.common import Command, options, print_json, progress
 from fieldkit.cli.session_paths import latest_session
 from fieldkit.cli.types import PATH, parse_speed
 from fieldkit.model.errors import IntegrityError
+from fieldkit.model.next_step import Action
 from fieldkit.palettes import NAMES
 from fieldkit.sessions.formats.exports import EXPORTS
 
@@ -55,7 +56,7 @@ def command(session: Path | None, kind: str, speed: str, **given: Any) -> None:
         exported = export(opened, kind, speed=factor, on_frame=lambda: bar.advance(task), **given)
     _print(path, exported)
     if exported.problems:
-        raise IntegrityError(f"{path}: {'; '.join(exported.problems)}", fix=f"fieldkit check {path}")
+        raise IntegrityError(f"{path}: {'; '.join(exported.problems)}", fix=Action.CHECK(path))
 
 
 def _print(session: Path, exported: Export) -> None:

@@ -20,7 +20,6 @@ import click
 from fieldkit.cli.common import discard, json_text, options, to_stderr
 from fieldkit.cli.next_steps import in_commands
 from fieldkit.model.errors import FieldkitError, StorageError
-from fieldkit.model.wording import typed
 
 if TYPE_CHECKING:  # every command would wait for it, also --help
     from pathlib import Path
@@ -47,11 +46,6 @@ def explain_failures(ctx: click.Context) -> Iterator[None]:
     (`click.ClickException`, code 2) are left to click. A pipe closed by its reader, such as ``head``, is a
     success: 0; output or files that cannot be written are an error of storage: 6.
     """
-    with typed():
-        yield from _report_errors(ctx)
-
-
-def _report_errors(ctx: click.Context) -> Iterator[None]:
     _replace_missing_letters()
     try:
         yield

@@ -17,18 +17,23 @@ COMMANDS = {
     Action.ADD_REGION: "roi add",
     Action.CALIBRATE: "calibrate",
     Action.CHECK: "check",
+    Action.CORRECT_CLOCK: "check --apply",
     Action.CREATE_CAMPAIGN: "init DIR",
     Action.DOCTOR: "doctor",
     Action.ESTIMATE: "estimate",
     Action.EXPORT: "export",
     Action.FIND_DEVICES: "devices",
+    Action.HOST_CLOCK: "calibrate clock --at",
     Action.IMPORT: "import",
     Action.IMPORT_INTO: "import --into SESSION",
+    Action.INSTALL_SERVICE: "service install",
     Action.LIST_SESSIONS: "ls",
     Action.RECORD: "record",
     Action.RECOVER: "recover",
+    Action.REMOVE_SERVICE: "service remove",
     Action.STATUS: "status",
     Action.STOP: "stop",
+    Action.UDEV_RULES: "doctor --udev | sudo tee /etc/udev/rules.d/70-fieldkit.rules",
 }
 """The command of each action."""
 RUNNING = "fieldkit.command"
@@ -41,8 +46,8 @@ def in_commands(text: Text) -> str:
         case Sentence(parts):
             return "".join(map(in_commands, parts))
         case Step(action, values, arguments):
-            words, command = COMMANDS[action], _command(COMMANDS[action])
-            options = [_option(argument, command) for argument in arguments]
+            words = COMMANDS[action]
+            options = [_option(argument, _command(words)) for argument in arguments]  # imports the command
             return " ".join(["fieldkit", words, *map(_quoted, values), *options])
         case Argument():
             context = click.get_current_context(silent=True)
@@ -73,6 +78,7 @@ def _option(argument: Argument, command: click.Command | None) -> str:
 
 
 def _quoted(value: Any) -> str:
+    """A value as it is typed; settings, and drivers of instruments, as ``KEY=VALUE``."""
     if isinstance(value, Mapping):
-        return " ".join(f"{key}={_quoted(setting)}" for key, setting in value.items())
+        return ",".join(f"{key}={_quoted(setting)}" for key, setting in value.items()).replace("driver=", "")
     return shlex.quote(str(value))

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from fieldkit.cli.common import recordings, say, say_warning, working_folder
 from fieldkit.model.errors import ConfigError, SessionError
+from fieldkit.model.next_step import Action
 from fieldkit.recording.recordings import began, exists, is_interrupted, sessions_in
 
 
@@ -53,7 +54,7 @@ def find_session(given: Path) -> Path:
     """
     path = given if exists(given) else recordings_folder() / given
     if not exists(path):
-        raise SessionError(f"there is no session {given}", fix="fieldkit ls shows the sessions of a campaign")
+        raise SessionError(f"there is no session {given}", fix=Action.LIST_SESSIONS() + " shows the sessions")
     return path
 
 
@@ -68,5 +69,7 @@ def _expand(paths: Sequence[Path]) -> list[Path]:
             sessions.append(path)
     if not sessions:
         where = f"in {', '.join(map(str, paths))}" if paths else "here"
-        raise SessionError(f"there are no sessions {where}", fix="name one, or record one: fieldkit record")
+        raise SessionError(
+            f"there are no sessions {where}", fix="name one, or record one: " + Action.RECORD()
+        )
     return sessions

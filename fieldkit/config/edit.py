@@ -20,6 +20,7 @@ from fieldkit.config.toml_lines import KeyPath, key_lines, toml_lines
 from fieldkit.config.validation import ConfigMistakesError
 from fieldkit.disk import one_at_a_time, replacing
 from fieldkit.model.errors import ConfigError, StorageError
+from fieldkit.model.next_step import Action
 
 
 @dataclass
@@ -112,7 +113,7 @@ def remove_region(draft: Draft, name: str) -> None:
 def _find(draft: Draft, name: str) -> int:
     names = _names(draft)
     if name not in names:
-        fix = f"the regions are {', '.join(map(str, names))}" if names else "add it with: fieldkit roi add"
+        fix = f"the regions are {', '.join(map(str, names))}" if names else "add it: " + Action.ADD_REGION()
         raise ConfigError(f"there is no region {name!r}", fix=fix)
     return names.index(name)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.next_step import Action
 
 FILE_NAME = "fieldkit.toml"
 
@@ -34,5 +35,5 @@ def find_campaign(start: Path) -> Path:
             return folder / FILE_NAME
     raise ConfigError(
         f"no {FILE_NAME} in {start.resolve()} or above it",
-        fix="change to a campaign folder, name it with -C DIR, or create one: fieldkit init DIR",
+        fix="change to a campaign folder, name one, or create one: " + Action.CREATE_CAMPAIGN(),
     )

@@ -39,8 +39,9 @@ from fieldkit.config.validation import (
     unknown_foil,
 )
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.next_step import Argument, Text
 
-SET = "--set "
+SET = "setting "
 log: logging.Logger = logging.getLogger(__name__)
 ENVIRONMENT = "FIELDKIT_"
 OF_CAMPAIGNS = (unknown_drivers, crossed_outlines, repeated_azimuths, unknown_foil)
@@ -97,16 +98,14 @@ def config_from_text(text: str, path: Path, *, settings: Sequence[str] = ()) -> 
         log.warning("%s: the configuration's %s is unknown to this version and ignored", path.name, key)
     document.take_secrets()
     document.set(settings)
-    return _checked(*document.check(path), fix=f"correct the settings given with --set for {path.name}")
+    return _checked(*document.check(path), fix=f"correct the settings for {path.name}")
 
 
 def changed_config(config: Config, settings: Sequence[str]) -> Config:
     """A configuration with ``KEY=VALUE`` over it, as a sweep needs many; raises as `load_config`."""
     document = _Document(config.tables.model_dump(by_alias=True, exclude_none=True))
     document.set(settings)
-    return _checked(
-        *document.check(config.path), fix=f"correct the settings given with --set for {config.path.name}"
-    )
+    return _checked(*document.check(config.path), fix=f"correct the settings for {config.path.name}")
 
 
 def parse_toml(text: str, file: Path) -> dict[str, Any]:
@@ -133,10 +132,10 @@ def _checked(config: Config | None, mistakes: list[tuple[str, Mistake]], fix: st
     return config
 
 
-def _correct(origins: Sequence[str]) -> str | None:
+def _correct(origins: Sequence[str]) -> Text | None:
     """The fix if all mistakes come from the command line or the environment."""
     if all(origin.startswith(SET) for origin in origins):
-        return "correct --set on the command line"
+        return "correct the " + Argument("settings")
     if all(origin.startswith(ENVIRONMENT) for origin in origins):
         return f"correct {', '.join(origins)} in the environment"
     return None
@@ -267,7 +266,7 @@ def _from_settings(settings: Sequence[str]) -> Iterator[tuple[str, list[str], An
     for setting in settings:
         key, equals, text = setting.partition("=")
         if not equals or not key.strip():
-            raise ConfigError(f"--set {setting}: no value", fix="write it as --set surface.albedo=0.25")
+            raise ConfigError(f"{SET}{setting}: no value", fix="write it as surface.albedo=0.25")
         yield f"{SET}{setting}", key.strip().split("."), _value(text)
 
 

@@ -18,6 +18,7 @@ from fieldkit.config.files import FILE_NAME
 from fieldkit.config.toml_lines import KeyPath, regions_in
 from fieldkit.config.validation import Mistake
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.next_step import Action
 
 
 class _Key(NamedTuple):
@@ -104,7 +105,7 @@ def _value(record: CalibrationRecord, key: _Key) -> float:
     if key.kind == "surface":
         raise ConfigError(
             f"@{record.name} has no value for {key.part}",
-            fix='learn it: estimator.model = "learned", then fieldkit calibrate surface',
+            fix='learn it: estimator.model = "learned", then ' + Action.CALIBRATE("surface"),
         )
     raise ConfigError(
         f"@{record.name} has no value for region {key.part!r}; it has {', '.join(record.values)}"

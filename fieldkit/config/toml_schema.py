@@ -67,7 +67,7 @@ class CampaignTable(Table):
     license: str = Field(default="", description="licence of the data, such as CC-BY-4.0")
     references: str = Field(default="", description="papers or pages to cite")
     exact_place: bool = Field(
-        default=False, description="whether export --to ro-crate states the exact place; else to 0.1 degrees"
+        default=False, description="whether an RO-Crate states the exact place; else to 0.1 degrees"
     )
 
 

@@ -22,6 +22,7 @@ from fieldkit.estimation.surface_kinds import SAND
 from fieldkit.model.clock import YEARS
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.light_meter import OF_DAYLIGHT
+from fieldkit.model.next_step import Text
 from fieldkit.model.site import Region, RegionKind, known_zone
 
 UNITS = {
@@ -73,7 +74,7 @@ class Mistake:
 class ConfigMistakesError(ConfigError):
     """All mistakes of a configuration; `mistakes` holds one line for each."""
 
-    def __init__(self, mistakes: Iterable[tuple[str, Mistake]], *, fix: str | None = None) -> None:
+    def __init__(self, mistakes: Iterable[tuple[str, Mistake]], *, fix: Text | None = None) -> None:
         self.mistakes: tuple[str, ...] = tuple(
             f"{where}: {mistake.key}: {mistake.message}" for where, mistake in mistakes
         )

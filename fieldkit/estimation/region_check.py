@@ -146,12 +146,9 @@ def _check_evenness(
     rims = _Rims(inspection.region, frame)
     inspection.edge_k = rims.edge_k(0)
     if abs(inspection.edge_k) > UNEVEN_EDGE_K:
-        name, pixels = inspection.region.name, rims.pixels_to_shrink()
-        inspection.shrink_px = pixels
-        advice = (
-            f"roi edit {name} --shrink {pixels}" if pixels else f"roi remove {name}, then draw it smaller"
-        )
-        inspection.warnings.append(f"edge pixels differ by {inspection.edge_k:+.1f} K: fieldkit {advice}")
+        inspection.shrink_px = pixels = rims.pixels_to_shrink()
+        advice = f"shrink it by {pixels} px" if pixels else "draw it smaller"
+        inspection.warnings.append(f"edge pixels differ by {inspection.edge_k:+.1f} K: {advice}")
 
 
 class _Rims:

@@ -11,6 +11,7 @@ import numpy as np
 from fieldkit.estimation.region_check import MIN_PIXELS, check_region
 from fieldkit.model.arrays import BoolArray, FloatArray, SingleArray
 from fieldkit.model.errors import NoAnswerError
+from fieldkit.model.next_step import Action
 from fieldkit.model.site import Region, RegionKind
 
 LEAST_CONTRAST_K = 0.5
@@ -29,7 +30,7 @@ _INSET_PX = 1.5
 _ALONG = np.linspace(0.12, 0.88, 32)
 _INSIDE_PX, _OUTSIDE_PX = (-3.0, -2.0, -1.0), (3.0, 4.0, 5.0)
 """Distances from the edge of an even area, which ends up to two pixels before that of its bed."""
-FIX = "try again when the sun has warmed the beds apart, or draw them: fieldkit roi add"
+FIX = "try again when the sun has warmed the beds apart, or draw them: " + Action.ADD_REGION()
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,6 +19,7 @@ from fieldkit.estimation.budget import BudgetTerm
 from fieldkit.estimation.chain import Estimated, SlopeChain
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.next_step import Argument
 from fieldkit.model.site import Region, RegionKind, Site, apart_m
 
 MOST_APART_M = 100.0
@@ -65,7 +66,7 @@ def slopes_together(parts: Sequence[Part]) -> Together:
     if last.settings.model != "learned":
         raise ConfigError(
             f"{last.name}: only the learned model estimates sessions together",
-            fix="add --set estimator.model=learned",
+            fix='set estimator.model = "learned"',
         )
     for part in parts[:-1]:
         _require_same_place(part, last)
@@ -103,12 +104,12 @@ def _require_same_place(part: Part, other: Part) -> None:
     if part.site.body != other.site.body or away_m > MOST_APART_M:
         raise ConfigError(
             f"{part.name} and {other.name} are {away_m:.0f} m apart; one place is within {MOST_APART_M:g} m",
-            fix="estimate them one by one, or correct a wrong site with --set site.latitude_deg=...",
+            fix="estimate them one by one, or correct a wrong site.latitude_deg",
         )
     if (mine := _references(part)) != (others := _references(other)):
         raise ConfigError(
             f"other references: {part.name} has {_words(mine)}, {other.name} {_words(others)}",
-            fix="state the same names, tilts and azimuths for both: fieldkit roi, then --campaign",
+            fix="state the same names, tilts and azimuths in the campaign, then " + Argument("present", True),
         )
     kinds = {region.name: region for region in other.regions}
     for region in part.regions:
@@ -117,7 +118,7 @@ def _require_same_place(part: Part, other: Part) -> None:
             raise ConfigError(
                 f"{region.name} is not the same region in {part.name} and {other.name}: azimuth "
                 f"{region.azimuth_deg:g}° and {same.azimuth_deg:g}°",
-                fix="regions of one name must be one place: rename one of them with fieldkit roi",
+                fix="regions of one name must be one place: rename one of them",
             )
 
 
@@ -140,7 +141,7 @@ def _require_same_settings(part: Part, other: Part) -> None:
     if names := list(_differing("estimator", part.settings, other.settings)):
         raise ConfigError(
             f"{part.name} and {other.name} differ in {', '.join(names)}",
-            fix=f"give one value for both: --set {names[0]}=..., or --campaign for those of the campaign",
+            fix="give both one value, or those of the campaign: " + Argument("present", True),
         )
 
 

@@ -21,6 +21,7 @@ from fieldkit.estimation.pixel_slopes import SlopeMap
 from fieldkit.ground.terrain_products import Layer
 from fieldkit.model.arrays import BoolArray, FloatArray, IndexArray, SingleArray
 from fieldkit.model.errors import ConfigError, NoAnswerError
+from fieldkit.model.next_step import Argument
 from fieldkit.physics.camera_geometry import (
     Camera,
     Grid,
@@ -148,7 +149,7 @@ def _cells(points: FloatArray, pose: PoseTable, dem: Heights | None, cell_m: flo
     )
     if rows * cols > MOST_CELLS:
         raise ConfigError(
-            f"cells of {cell_m:g} m make {rows} x {cols} of them", fix="choose a larger --cell-m"
+            f"cells of {cell_m:g} m make {rows} x {cols} of them", fix="choose a larger " + Argument("cell_m")
         )
     top = south + rows * cell_m
     flat = np.full((rows, cols), np.nan if pose.ground_m is None else pose.ground_m)

@@ -21,6 +21,7 @@ from fieldkit.model.arrays import FloatArray, SingleArray
 from fieldkit.model.confidence import interval_sds
 from fieldkit.model.errors import ConfigError, NoAnswerError
 from fieldkit.model.learnt import LearntParameter
+from fieldkit.model.next_step import Argument
 from fieldkit.model.site import Region, Site
 from fieldkit.model.units import SECOND_NS
 from fieldkit.physics.bodies import body_of
@@ -53,11 +54,11 @@ class Products:
             raise ConfigError(f"{unknown[0]!r} is not a product", fix=f"choose from {', '.join(NAMES)}")
         if "ptilt" in self.names and not 0.0 < self.limit_deg < 90.0:
             raise ConfigError(
-                "ptilt needs a tilt between 0 and 90 degrees that it is the risk of", fix="add --limit-deg 20"
+                "ptilt needs a tilt of 0 to 90 degrees that it is the risk of", fix=Argument("limit_deg", 20)
             )
         if "rdir" in self.names and not math.isfinite(self.drive_deg):
             raise ConfigError(
-                "rdir needs the direction of the drive, from north, clockwise", fix="add --drive-deg 90"
+                "rdir needs the direction of the drive, from north, clockwise", fix=Argument("drive_deg", 90)
             )
 
 
@@ -220,7 +221,7 @@ def _inertia(slopes: SlopeMap, regions: Sequence[Region], inertia: LearntParamet
     if inertia is None:
         raise NoAnswerError(
             "only the learned model finds a thermal inertia, and the map is of another",
-            fix="add --set estimator.model=learned, or omit inertia",
+            fix='set estimator.model = "learned", or omit inertia',
         )
     rows, cols = slopes.state.shape
     inside = np.any([region.mask((rows, cols)) for region in regions], axis=0)

@@ -28,7 +28,6 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from fieldkit.model.next_step import Phrase, Text
-from fieldkit.model.wording import worded
 
 if TYPE_CHECKING:  # every command would wait for it, also --help
     from pathlib import Path
@@ -55,12 +54,7 @@ class FieldkitError(Exception):
         self, problem: Text, *, place: str | Path | Phrase | None = None, fix: Text | None = None
     ) -> None:
         super().__init__(problem)
-        self.problem, self.place, self._fix = problem, place, fix
-
-    @property
-    def fix(self) -> Text | None:
-        """What to do next, if that is known."""
-        return worded(self._fix) if isinstance(self._fix, str) else self._fix
+        self.problem, self.place, self.fix = problem, place, fix
 
     @property
     def explanation(self) -> Text:
@@ -73,7 +67,7 @@ class FieldkitError(Exception):
     @property
     def message(self) -> str:
         """What happened, to which thing."""
-        return worded(str(self.explanation))
+        return str(self.explanation)
 
     def __str__(self) -> str:
         """Message and fix, so that a traceback or a notebook also shows what to do next."""

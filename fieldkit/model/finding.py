@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from fieldkit.model.next_step import Text
-from fieldkit.model.wording import worded
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,10 +16,6 @@ class Finding:
     what: str
     text: str
     fix: Text = ""
-
-    def __post_init__(self) -> None:
-        if isinstance(self.fix, str):
-            object.__setattr__(self, "fix", worded(self.fix))
 
 
 def worst(findings: Sequence[Finding]) -> str:

@@ -126,6 +126,4 @@ def _time_ns(when: When, now_ns: int) -> int:
 def _check_near(when: When, away_s: float) -> None:
     """Raise `ConfigError` for a mistyped year: no recording is ten years long."""
     if not abs(away_s) <= TEN_YEARS_S:  # NaN is rejected too
-        raise ConfigError(
-            f"{when!r} is more than ten years away", fix="give the time again: fieldkit mark --at"
-        )
+        raise ConfigError(f"{when!r} is more than ten years away", fix="give the time again")

@@ -7,6 +7,7 @@ and arguments of Python, the command line commands and options.
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any, TypeAlias
@@ -31,6 +32,11 @@ class Sentence(Phrase):
 
     parts: tuple[Text, ...]
 
+    @classmethod
+    def listing(cls, phrases: Sequence[Phrase]) -> Sentence:
+        """The phrases with commas between them."""
+        return cls(tuple(part for phrase in phrases for part in (", ", phrase))[1:])
+
     def __str__(self) -> str:
         return "".join(map(str, self.parts))
 
@@ -53,18 +59,23 @@ class Action(Enum):
     ADD_REGION = "campaign.add_region(name, points=[...])"
     CALIBRATE = "fieldkit.calibrate"
     CHECK = "fieldkit.check(session)"
+    CORRECT_CLOCK = "fieldkit.results.check.correct_clock(session)"
     CREATE_CAMPAIGN = "fieldkit.init_campaign(folder)"
     DOCTOR = "fieldkit.doctor()"
     ESTIMATE = "fieldkit.estimate(session)"
     EXPORT = "fieldkit.export(session)"
     FIND_DEVICES = "fieldkit.find_devices()"
+    HOST_CLOCK = "fieldkit.calibrate.host_clock(config, host_ns=..., shown=...)"
     IMPORT = "fieldkit.import_recording(source)"
     IMPORT_INTO = "fieldkit.import_into(session, source)"
+    INSTALL_SERVICE = "fieldkit.recording.service.install_service(unit)"
     LIST_SESSIONS = "fieldkit.open_campaign().sessions"
     RECORD = "fieldkit.record()"
     RECOVER = "fieldkit.sessions.recovery.recover(session)"
+    REMOVE_SERVICE = "fieldkit.recording.service.remove_service()"
     STATUS = "fieldkit.status()"
     STOP = "fieldkit.stop()"
+    UDEV_RULES = "fieldkit.recording.doctor.udev_rules(folder)"
 
     def __call__(self, *values: Any, **arguments: Any) -> Step:
         """The action with its values: of a session, its file."""
@@ -83,7 +94,7 @@ class Step(Phrase):
         name, bracket, names = self.action.value.partition("(")
         positional = ", ".join(map(_literal, self.values)) or names.rstrip(")")
         inside = ", ".join(filter(None, (positional, *map(str, self.arguments))))
-        return f"{name}({inside})" if bracket else name
+        return f"{name}({inside})" if bracket else ".".join((name, *self.values))
 
 
 def _parts(text: Text) -> tuple[Text, ...]:

@@ -193,7 +193,7 @@ class Page:
             finally:
                 self._waiting -= 1
         text = "this link was used already, has expired, or is of another page"
-        return JSONResponse({"text": text, "fix": "make another: fieldkit page --link control"}, 403)
+        return JSONResponse({"text": text, "fix": "make another link where the page is served"}, 403)
 
     # --- sessions
 

@@ -22,6 +22,7 @@ from fieldkit.config import Config
 from fieldkit.disk import is_regular
 from fieldkit.model.arrays import FloatArray
 from fieldkit.model.errors import RefusedError, SessionError
+from fieldkit.model.next_step import Action
 from fieldkit.page import outgoing
 from fieldkit.page.pictures import thumbnail
 from fieldkit.page.viewer import Role
@@ -72,7 +73,7 @@ class PastSessions:
         if is_locked(journal_path(path)):
             raise RefusedError(f"{path.stem} is being recorded", fix="stop the recording first")
         if not path.exists():
-            raise SessionError(f"only the journal of {path.stem} is left", fix=f"fieldkit recover {path}")
+            raise SessionError(f"only the journal of {path.stem} is left", fix=Action.RECOVER(path))
         return path
 
     def listed(self, role: Role) -> list[dict[str, Any]]:

@@ -19,6 +19,7 @@ from fieldkit.estimation.estimator import Estimator, Minute
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import Device
 from fieldkit.model.errors import StorageError
+from fieldkit.model.next_step import Action
 from fieldkit.model.samples import Event, EventKind, Frame, Health, Sample, Severity
 from fieldkit.model.site import RegionRecord
 from fieldkit.recorder.alarm_watch import AlarmWatch
@@ -191,7 +192,7 @@ class Recorder:
         if not self._carry_out(self.last_requests()):
             raise StorageError(
                 f"the last marks could not be stored in {self.writer.path}; they are kept beside it",
-                fix=f"free some space, then: fieldkit recover {self.writer.path}",
+                fix="free some space, then: " + Action.RECOVER(self.writer.path),
             )
         now = self.clock.mono_ns()
         utc = self.clock.to_utc_ns(now)
@@ -342,7 +343,7 @@ class Recorder:
     def _give_up_after(self, waited_s: float) -> None:
         """Go on without estimates once the end, or simulated time, has waited for them too long."""
         if self._estimating is not None and waited_s > LONGEST_WAIT_S:
-            self._stop_estimating(f"none came for {LONGEST_WAIT_S:g} s; fieldkit estimate finds them later")
+            self._stop_estimating(f"none came for {LONGEST_WAIT_S:g} s; a later estimate finds them")
 
     def _keep_estimated(self, estimated: Future[Minute]) -> None:
         if self._estimating is None:  # a minute before this one failed

@@ -19,6 +19,7 @@ from fieldkit.model.channels import radiation_components
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings, StreamInfo
 from fieldkit.model.errors import ConfigError, DeviceError, DeviceNotFoundError
+from fieldkit.model.next_step import Action
 from fieldkit.model.quantities import COMPONENTS
 from fieldkit.recording.opening import SIMULATED
 from fieldkit.recording.preflight import STATE_UNIT, UNKNOWN_UNIT
@@ -41,12 +42,10 @@ class Question:
         return f"{self.key} of {self.stated or 'the instrument'} on {id_of(self.device)}, {self.device.port}"
 
     def refused(self) -> str:
-        """Raises `ConfigError` with the option that states it."""
-        option = f"{id_of(self.device)}={self.stated}" + (f",{self.key}=" if self.stated else "")
-        raise ConfigError(
-            f"{self} is not known",
-            fix=f"fieldkit devices --add --instrument {option}X, where X is {', '.join(self.choices)}",
-        )
+        """Raises `ConfigError` with the argument that states it."""
+        options = {"driver": self.stated, self.key: "X"}  # the driver is the key where it is not known
+        fix = Action.ADD_DEVICES(stated={id_of(self.device): options})
+        raise ConfigError(f"{self} is not known", fix=fix + f", where X is {', '.join(self.choices)}")
 
 
 Ask = Callable[[Question], str]
@@ -110,7 +109,7 @@ def add_devices(file: Path, stated: Stated | None = None, ask: Ask = Question.re
 
 
 def _not_connected(identity: str) -> DeviceNotFoundError:
-    fix = "fieldkit devices shows the identities of what is connected"
+    fix = Action.FIND_DEVICES() + " shows the identities of what is connected"
     return DeviceNotFoundError(f"no instrument {identity} is connected", fix=fix)
 
 
@@ -122,7 +121,7 @@ def id_of(device: ConnectedDevice) -> str:
 def _config(file: Path) -> Config:
     config = load_config(file)
     if any(device.port == SIMULATED for device in config.devices):
-        raise ConfigError(f"the instruments of {file} are simulated", fix="fieldkit init DIR, for real ones")
+        raise ConfigError(f"the instruments of {file} are simulated", fix="create another campaign")
     return config
 
 

@@ -22,6 +22,7 @@ from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import ConfigError, DeviceError, DeviceNotFoundError, FieldkitError
 from fieldkit.model.finding import Finding
 from fieldkit.model.installation import DISTRIBUTION
+from fieldkit.model.next_step import Action
 from fieldkit.model.version import __version__
 from fieldkit.recording.preflight import STATE_UNIT, UNKNOWN_UNIT
 
@@ -151,7 +152,7 @@ def _configuration(folder: Path) -> Iterator[Finding]:
     if config.devices:
         yield Finding("ok", "configuration", counted)
     else:
-        fix = "fieldkit devices --add writes what is plugged in into fieldkit.toml"
+        fix = Action.ADD_DEVICES() + " writes what is plugged in into fieldkit.toml"
         yield Finding("warn", "configuration", f"{counted}: there is nothing to record", fix)
     for device in config.devices:
         yield from _configured(device)
@@ -162,7 +163,7 @@ def _calibrations(config: Config) -> Iterator[Finding]:
     """Checks of the active calibration records and their age; no instrument is opened here."""
     for key, record in config.calibrations().items():
         if issues := expiry_warnings(record, datetime.now(UTC)):
-            yield Finding("warn", key, "; ".join(issues), f"fieldkit calibrate {record.kind}")
+            yield Finding("warn", key, "; ".join(issues), Action.CALIBRATE(record.kind))
         else:
             yield Finding("ok", key, f"{record.name} of {record.date:%Y-%m-%d} is good")
 
@@ -174,11 +175,9 @@ def _configured(device: DeviceSettings) -> Iterator[Finding]:
         identities = {plugged.identity for plugged in driver.find()}
         present = device.identity in identities or is_connected(device.identity)
         level, text = ("ok", "plugged in") if present else ("fail", f"{device.identity} is not plugged in")
-        yield Finding(level, device.name, text, "" if present else "fieldkit devices shows what is")
+        yield Finding(level, device.name, text, "" if present else Action.FIND_DEVICES())
     elif device.port.startswith("/") and not Path(device.port).exists():
-        yield Finding(
-            "fail", device.name, f"there is no {device.port}", "fieldkit devices shows what is there"
-        )
+        yield Finding("fail", device.name, f"there is no {device.port}", Action.FIND_DEVICES())
     if registry.needs(device.driver).keys() - device.options.keys():
         yield from _declared(device)
     if driver.quantity == "illuminance" and device.name == "lux" and "range_max_lx" not in device.options:

@@ -51,7 +51,7 @@ def mark_of(
     reject_impossible(mark, now)
     if longest is not None:
         if test is None or test[1] == "end" or to is not None:
-            raise ConfigError("--for is of a shade test that begins: shade-test REGION without an interval")
+            raise ConfigError("only a shade test that begins, without an interval, has a longest duration")
         mark = replace(mark, longest_s=parse_duration(longest))
     return mark, "" if test is None else _effect(mark, *test, now)
 

@@ -14,6 +14,7 @@ from fieldkit.drivers import registry
 from fieldkit.model.clock import Clock, HostClock
 from fieldkit.model.device import Device, DeviceSettings, StreamInfo
 from fieldkit.model.errors import ConfigError, DeviceError, DeviceNotFoundError
+from fieldkit.model.next_step import Action, Sentence
 
 SIMULATED = "simulated"
 OPEN_END_S = 8 * 3600.0
@@ -56,7 +57,7 @@ def open_instruments(
     if not config.devices:
         raise ConfigError(
             "no instruments are configured",
-            fix="fieldkit devices --add writes what is plugged in into fieldkit.toml",
+            fix=Action.ADD_DEVICES() + " writes what is plugged in into fieldkit.toml",
         )
     free_here = partial(free_bytes, config.recordings)
     if not any(settings.port == SIMULATED for settings in config.devices):
@@ -112,12 +113,9 @@ def together(failed: Sequence[ConfigError | DeviceError]) -> ConfigError | Devic
     """One error that shows what is wrong with each of several instruments."""
     if len(failed) == 1:
         return failed[0]
-    lines = "".join(
-        f"\n  {error.message}" + (f"\n    fix: {error.fix}" if error.fix else "") for error in failed
-    )
-    return DeviceError(
-        f"{len(failed)} instruments cannot be used:{lines}", fix="fieldkit doctor shows the causes"
-    )
+    each = ["\n  " + error.explanation + ("\n    fix: " + error.fix if error.fix else "") for error in failed]
+    problem = Sentence((f"{len(failed)} instruments cannot be used:", *each))
+    return DeviceError(problem, fix=Action.DOCTOR() + " shows the causes")
 
 
 def free_bytes(folder: Path) -> int:

@@ -18,6 +18,7 @@ from fieldkit.model.arrays import FloatArray, IntArray
 from fieldkit.model.channels import components_named, is_air_temperature
 from fieldkit.model.clock import utc_ns
 from fieldkit.model.errors import ConfigError, NoAnswerError, StorageError
+from fieldkit.model.next_step import Argument
 from fieldkit.model.site import RegionKind, Site, as_site
 from fieldkit.model.units import CELSIUS_ZERO_K, DAY_S, HOUR_NS, MINUTE_NS, SECOND_NS
 from fieldkit.physics.bodies import EARTH, body_of
@@ -278,7 +279,7 @@ class MeasuringPlan:
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(content, encoding="utf-8")
         except OSError as error:
-            raise StorageError(f"cannot write {path}: {error.strerror}", fix="give another --out") from error
+            raise StorageError(f"cannot write {path}: {error.strerror}", fix="name another file") from error
         return path
 
 
@@ -384,7 +385,7 @@ def target_facets(config: Config) -> tuple[tuple[float, float], ...]:
     )
     if not known:
         raise ConfigError(
-            "no target in fieldkit.toml has a tilt and an azimuth to plan for", fix="add --facet TILT,AZIMUTH"
+            "no target in fieldkit.toml has a tilt and an azimuth to plan for", fix=Argument("facets")
         )
     return known
 

@@ -13,6 +13,7 @@ from fieldkit.estimation.instruments import Instruments as EstimatorInstruments
 from fieldkit.model.channels import how_to_state
 from fieldkit.model.device import StreamInfo, frame_shapes
 from fieldkit.model.errors import ConfigError, StorageError
+from fieldkit.model.next_step import Action, Text
 from fieldkit.model.units import SECOND_NS
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.recorder import Sampling
@@ -21,11 +22,11 @@ from fieldkit.views import formatting
 
 NO_REGIONS = (
     "no regions are drawn: frames and readings are recorded, no slope is estimated. Find them on the "
-    "report's image, add them with fieldkit roi add, then: fieldkit report SESSION --campaign"
+    "report's image, then " + Action.ADD_REGION() + " and " + Action.ESTIMATE(present=True)
 )
 UNKNOWN_UNIT = "the unit of the values is not known"
 STATE_UNIT = 'print the unit (T=21.5 C), name the column by it (temp_c), or set options.unit = "C"'
-Notify = Callable[[str], None]
+Notify = Callable[[Text], None]
 """Receives a warning."""
 log: logging.Logger = logging.getLogger(__name__)
 
@@ -85,7 +86,7 @@ def _check_regions(config: Config, streams: Sequence[StreamInfo], notify: Notify
         if not region.is_within((rows, cols)):
             raise ConfigError(
                 f"region {region.name!r} reaches outside the frame of {cols} x {rows} pixels",
-                fix="fieldkit roi check, then correct its points_px in fieldkit.toml",
+                fix="correct its points_px in fieldkit.toml",
             )
 
 

@@ -19,6 +19,7 @@ from fieldkit.estimation.estimator import Estimator, Minute
 from fieldkit.model.device import Camera, regions_on
 from fieldkit.model.durations import as_seconds
 from fieldkit.model.errors import DeviceNotFoundError, DeviceTimeoutError, StorageError
+from fieldkit.model.next_step import Action
 from fieldkit.model.samples import Event, Frame, Health, Sample, StreamHealth, is_showable
 from fieldkit.recorder import EstimatorThread, SampleQueue, Sampling, View
 from fieldkit.recorder.device_reader import DeviceReader
@@ -129,7 +130,7 @@ def usable_frame(instruments: Instruments) -> Frame:
     """The camera's next frame without a flag that makes it unfit to show."""
     camera = next((device for device in instruments.devices if isinstance(device, Camera)), None)
     if camera is None:
-        raise DeviceNotFoundError("no camera is configured or plugged in", fix="fieldkit devices")
+        raise DeviceNotFoundError("no camera is configured or plugged in", fix=Action.FIND_DEVICES())
     with instruments.clock.taking_part():
         end_ns = instruments.clock.mono_ns() + round(FRAME_WITHIN_S * 1e9)
         while instruments.clock.mono_ns() < end_ns:

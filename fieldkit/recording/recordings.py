@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import os
 import re
-import shlex
 from collections.abc import Callable, Iterable
 from datetime import UTC, datetime
 from pathlib import Path
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from fieldkit.disk import is_regular
 from fieldkit.model.errors import ConfigError, SessionError
+from fieldkit.model.next_step import Argument
 from fieldkit.model.units import SECOND_NS
 from fieldkit.sessions.lock import is_locked, journal_path
 
@@ -115,7 +115,7 @@ def _check_name(name: str) -> None:
         what = f"the name {name!r} has a character that is not text"
     else:
         return
-    raise ConfigError(what, fix=f"--name {shlex.quote(plain)}")
+    raise ConfigError(what, fix=Argument("name", plain))
 
 
 def _unused(path: Path) -> Path:

@@ -15,6 +15,7 @@ from fieldkit.estimation.region_check import RegionInspection, check_regions
 from fieldkit.model.arrays import FloatArray
 from fieldkit.model.device import StreamInfo, find_camera
 from fieldkit.model.errors import ConfigError, SessionError
+from fieldkit.model.next_step import Argument
 from fieldkit.model.samples import Frame, Sample, is_usable
 from fieldkit.physics.camera_laws import frame_k, has_temperatures
 
@@ -156,7 +157,7 @@ def _shrunk_points(config: Config, name: str, pixels: float) -> list[list[int | 
     try:
         corners = region.shrunk(pixels).vertices if region else ()
     except ValueError as error:
-        raise ConfigError(str(error), fix="a smaller --shrink") from error
+        raise ConfigError(str(error), fix="shrink it less") from error
     return _written([(round(x, 1), round(y, 1)) for x, y in corners])
 
 
@@ -198,7 +199,7 @@ def mean_of_first_frames_k(path: Path, name: str = "") -> FloatArray:
         frames = _usable_frames_k(session.samples(camera.name), camera) if camera else iter(())
         first_frames = list(itertools.islice(frames, AVERAGED_FRAMES))
     if not first_frames:
-        raise SessionError(f"{path} has no usable frame with temperatures", fix="omit --session")
+        raise SessionError(f"{path} has no usable frame with temperatures", fix="omit " + Argument("session"))
     return np.asarray(np.mean(first_frames, axis=0, dtype=np.float64))
 
 

@@ -17,6 +17,7 @@ from typing import Any
 from fieldkit.model.clock import Clock
 from fieldkit.model.errors import StorageError, message_of
 from fieldkit.model.marks import Mark, mark_event
+from fieldkit.model.next_step import Action
 from fieldkit.model.samples import Event, EventKind, Severity
 from fieldkit.model.site import RegionRecord
 from fieldkit.recorder import ShutterRequest
@@ -134,7 +135,7 @@ def _oldest_first(folder: Path) -> list[Path]:
     except OSError as error:
         raise StorageError(
             f"the marks in {folder} cannot be read: {error.strerror or error}",
-            fix="check that the disk is accessible, then: fieldkit recover",
+            fix="check that the disk is accessible, then: " + Action.RECOVER(),
         ) from error
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import shlex
 import signal
 import time
 from collections.abc import Callable, Iterator
@@ -18,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fieldkit.model.errors import RefusedError, SessionError, StorageError
+from fieldkit.model.next_step import Action
 from fieldkit.recording.recordings import JOURNAL, is_interrupted
 from fieldkit.sessions.lock import SessionLock, is_locked, journal_path, owner
 
@@ -47,10 +47,10 @@ def running_session(recordings: Path) -> Path:
     path = session_in_progress(recordings)
     if path is None and (pid := waiting_recorder(recordings)) is not None:
         raise RefusedError(
-            f"process {pid} records nothing yet: it waits for its time", fix="fieldkit stop calls it off"
+            f"process {pid} records nothing yet: it waits for its time", fix=Action.STOP() + " calls it off"
         )
     if path is None:
-        raise RefusedError("no recording is running in this campaign", fix="fieldkit record")
+        raise RefusedError("no recording is running in this campaign", fix=Action.RECORD())
     return path
 
 
@@ -153,7 +153,7 @@ def _refuse_second(recordings: Path) -> None:
 def _already_recorded(what: str) -> RefusedError:
     return RefusedError(
         f"this campaign is being recorded already: {what}",
-        fix="fieldkit status shows it, fieldkit stop ends it",
+        fix=Action.STATUS() + " shows it, " + Action.STOP() + " ends it",
     )
 
 
@@ -218,7 +218,7 @@ def stop_recording(recordings: Path, notify: Callable[[UnresponsiveRecorder], No
     path = running_session(recordings)
     pid = owner(journal_path(path))
     if pid is None:  # it has ended since
-        raise RefusedError("no recording is running in this campaign", fix="fieldkit record")
+        raise RefusedError("no recording is running in this campaign", fix=Action.RECORD())
     if _is_first_to_stop(path):
         os.kill(pid, signal.SIGTERM)
     deadline, is_reported = time.monotonic() + SEALED_WITHIN_S, False
@@ -240,7 +240,7 @@ def stop_recording(recordings: Path, notify: Callable[[UnresponsiveRecorder], No
     if is_interrupted(path):
         raise SessionError(
             f"the recording ended without sealing {path.name}; its journal is kept",
-            fix=f"fieldkit recover {shlex.quote(str(path))}",
+            fix=Action.RECOVER(path),
         )
     return path
 

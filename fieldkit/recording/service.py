@@ -20,6 +20,7 @@ import platformdirs
 
 from fieldkit.config import Config
 from fieldkit.model.errors import RefusedError, StorageError
+from fieldkit.model.next_step import Action, Argument, Step, Text
 from fieldkit.recording.preflight import Notify
 from fieldkit.recording.service_unit import GROUPS, NAME, Unit, campaign_of, is_temporary
 
@@ -54,7 +55,7 @@ def install_service(unit: Unit, notify: Notify = log.warning) -> Path:
     if (other := manager.campaign()) not in (None, unit.campaign):
         raise RefusedError(
             f"{NAME} is installed for {other}",
-            fix=f"fieldkit service remove{manager.option}, then install it",
+            fix=manager.removal + ", then install it",
         )
     _write(manager.unit, text)
     manager.systemctl("daemon-reload")
@@ -96,8 +97,8 @@ class _Manager:
         return "system service" if self.is_system else "user service"
 
     @property
-    def option(self) -> str:
-        return " --system" if self.is_system else ""
+    def removal(self) -> Step:
+        return Action.REMOVE_SERVICE(system=True) if self.is_system else Action.REMOVE_SERVICE()
 
     def campaign(self) -> Path | None:
         """The campaign of the unit that `install_service` wrote, None without one."""
@@ -118,14 +119,14 @@ class _Manager:
     def _fix(self) -> str:
         if self.is_system:
             return f"journalctl --unit {NAME}"
-        return "log in as this user, not by su or sudo; or install a system service: --system"
+        return "log in as this user, not by su or sudo; or install a system service"
 
 
 def _need_systemd() -> None:
     if not SYSTEMD_RUNS.is_dir():
         raise RefusedError(
             "systemd does not run on this computer, so there is no service",
-            fix="fieldkit page, or fieldkit record, started by hand or by this computer's own init program",
+            fix="start the page, or a recording, by hand or by this computer's own init program",
         )
 
 
@@ -135,11 +136,11 @@ def _need_rights(system: bool, command: str) -> None:
     if system and not is_root:
         raise RefusedError(
             f"only root may {command} a system service",
-            fix=f"sudo $(command -v fieldkit) service {command} --system; or without --system as this user",
+            fix="use sudo and the full path of the command, or omit " + Argument("system"),
         )
     if is_root and not system:
         raise RefusedError(
-            "this would be a service of the user root", fix="run it without sudo, or add --system"
+            "this would be a service of user root", fix="run it without sudo, or with " + Argument("system")
         )
 
 
@@ -151,13 +152,13 @@ def _write(path: Path, text: str) -> None:
         raise StorageError(f"cannot write {path}: {error.strerror}") from error
 
 
-def _installed_elsewhere(system: bool) -> str:
+def _installed_elsewhere(system: bool) -> Text:
     other = _Manager(system)
     if other.campaign() is None:
         if (PACKAGED_UNITS / NAME).exists():
             return f"the one of the package is stopped by: sudo systemctl disable --now {NAME}"
-        return "fieldkit service install installs one"
-    return f"a {other.words} is: fieldkit service remove{other.option}"
+        return Action.INSTALL_SERVICE() + " installs one"
+    return f"a {other.words} is: " + other.removal
 
 
 def _warnings(unit: Unit) -> Iterator[str]:

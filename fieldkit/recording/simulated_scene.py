@@ -18,6 +18,7 @@ from fieldkit.ground.on_ground import ground_view
 from fieldkit.model.arrays import BoolArray
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.fault_kind import FaultKind
+from fieldkit.model.next_step import Action
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.units import SECOND_NS
 from fieldkit.physics.bodies import EARTH, Body, body_of
@@ -74,7 +75,7 @@ def scene_of(config: Config, duration_s: float) -> Scene:
     if simulation is None:
         raise ConfigError(
             "the devices are simulated, but there is no [simulation] table",
-            fix="add [simulation] to fieldkit.toml; fieldkit init --simulated shows one",
+            fix="add [simulation] to fieldkit.toml; " + Action.CREATE_CAMPAIGN(simulated=True) + " shows one",
         )
     start_ns = ALAMOSA_NOON_NS
     if simulation.start is not None:

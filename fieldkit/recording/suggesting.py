@@ -15,6 +15,7 @@ from fieldkit.config.edit import Draft
 from fieldkit.estimation.region_suggestions import FIX, FoundBed, find_beds
 from fieldkit.model.arrays import FloatArray
 from fieldkit.model.errors import NoAnswerError
+from fieldkit.model.next_step import Action
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.physics.camera_laws import frame_k, has_temperatures
 from fieldkit.recording.opening import Instruments, open_instruments
@@ -113,6 +114,6 @@ def _next_frames_k(instruments: Instruments) -> FloatArray:
     frames = [usable_frame(instruments) for _ in range(FRAMES)]
     info = next(info for info in instruments.streams if info.name == frames[0].stream)
     if not has_temperatures(info):
-        raise NoAnswerError("the camera's temperatures are not known", fix="fieldkit doctor shows why")
+        raise NoAnswerError("the camera's temperatures are not known", fix=Action.DOCTOR() + " shows why")
     kelvin = [frame_k(info, frame.counts, frame.metadata_rows) for frame in frames]
     return np.asarray(np.mean(kelvin, axis=0, dtype=np.float64))

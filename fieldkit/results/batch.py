@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fieldkit.model.errors import ConfigError, FieldkitError, IntegrityError
+from fieldkit.model.next_step import Action, Argument
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import RegionKind
 from fieldkit.results.executors import THIS_PROCESS, Workers
@@ -56,7 +57,7 @@ def _require_target(source: Source) -> None:
     if not any(region.kind is RegionKind.TARGET for region in source.regions.columns):
         raise ConfigError(
             f"{source.path} has no target region to estimate",
-            fix="fieldkit roi add in its campaign, then once more with --campaign",
+            fix=Action.ADD_REGION() + " in its campaign, then " + Argument("present", True),
         )
 
 
@@ -89,7 +90,7 @@ def _damage(outcome: Outcome) -> IntegrityError | None:
         return None
     path = outcome.run.source.path
     return IntegrityError(
-        f"{path} has damaged samples in {minutes} minutes; they are excluded", fix=f"fieldkit check {path}"
+        f"{path} has damaged samples in {minutes} minutes; they are excluded", fix=Action.CHECK(path)
     )
 
 

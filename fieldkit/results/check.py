@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -58,14 +58,14 @@ class CheckedSession:
         )
 
     def _repr_html_(self) -> str:
-        rows = [(finding.level, finding.what, finding.text, finding.fix) for finding in self.findings]
+        rows = [(finding.level, finding.what, finding.text, str(finding.fix)) for finding in self.findings]
         return html.table_html(html.Table(("", "about", "finding", "fix"), rows, str(self.path)))
 
     def to_frame(self) -> pd.DataFrame:
         """The findings, one row each."""
         import pandas as pd
 
-        return pd.DataFrame(self.findings)
+        return pd.DataFrame([replace(finding, fix=str(finding.fix)) for finding in self.findings])
 
 
 def check(session: SessionOrFile, *, estimates: bool = True) -> CheckedSession:

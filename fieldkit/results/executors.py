@@ -17,6 +17,7 @@ from typing import Any, TypeVar
 
 from fieldkit.model.errors import ConfigError, FieldkitError, RefusedError
 from fieldkit.model.installation import DISTRIBUTION, install_extra
+from fieldkit.model.next_step import Argument
 from fieldkit.model.version import __version__
 from fieldkit.results.cache import code_version
 
@@ -65,7 +66,7 @@ def _submit(executor: Executor, work: Callable[[], Any]) -> Future[Any]:
     except BrokenProcessPool as error:
         raise FieldkitError(
             "worker processes are killed repeatedly, perhaps for lack of memory",
-            fix="what was finished is kept: run the same again, with fewer processes (-j)",
+            fix="what was finished is kept: run the same again, with fewer processes: " + Argument("jobs"),
         ) from error
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from fieldkit.model.errors import ConfigError, IncompleteError, StorageError
 from fieldkit.model.mark_times import parse_when
+from fieldkit.model.next_step import Argument
 from fieldkit.results.result_files import campaign_folder
 from fieldkit.results.sources import SessionOrFile, path_of, reading
 from fieldkit.sessions.formats.exports import EXPORTS, ExportFormat
@@ -80,8 +81,7 @@ def export(
         raise ConfigError(f"{to!r} is not a kind of export", fix=f"use one of {', '.join(EXPORTS)}")
     chosen = EXPORTS[to]
     passed_options = {
-        "--stream": stream, "--every": every, "--from": begin, "--until": until, "--speed": speed,
-        "--palette": palette,
+        "stream": stream, "every": every, "begin": begin, "until": until, "speed": speed, "palette": palette,
     }  # fmt: skip
     _refuse_unused(to, {name: value for name, value in passed_options.items() if value not in (None, 1)})
     target = Path(folder) if folder is not None else _default_folder(path_of(session))
@@ -96,7 +96,7 @@ def export(
         except OSError as error:
             raise StorageError(
                 f"cannot write into {target}: {error.strerror or error}",
-                fix="name a folder that can be written and has room: -o DIR",
+                fix="name a folder that can be written and has room",
             ) from error
         return Export(target, tuple(files), (*problems, *_damage(opened, chosen)))
 
@@ -108,14 +108,12 @@ def _default_folder(session: Path) -> Path:
 
 def _refuse_unused(to: str, given: Mapping[str, object]) -> None:
     """Raise `ConfigError` for an option that the format does not take."""
-    takes = {"--from": "between_ns", "--until": "between_ns"}
     for option, value in given.items():
-        name = takes.get(option, option.removeprefix("--"))
+        name = "between_ns" if option in ("begin", "until") else option
         if name not in EXPORTS[to].takes:
             those = ", ".join(kind for kind, export_format in EXPORTS.items() if name in export_format.takes)
-            raise ConfigError(
-                f"{option} {value}: --to {to} does not take it", fix=f"omit {option}, which is for {those}"
-            )
+            fix = "omit " + Argument(option) + f", which is for {those}"
+            raise ConfigError(f"{to} does not take it", place=Argument(option, value), fix=fix)
 
 
 def _between_ns(session: SessionReader, begin: str | None, until: str | None) -> tuple[float, float]:
@@ -124,11 +122,11 @@ def _between_ns(session: SessionReader, begin: str | None, until: str | None) ->
     start = first if begin is None else _moment(begin, first, last)
     end = last if until is None else _moment(until, first, last)
     if begin and until and start > end:
-        raise ConfigError("the end lies before the start", fix="give the earlier time to --from")
+        raise ConfigError("the end lies before the start", fix="the earlier time is " + Argument("begin"))
     if start > last or end < first:
         raise ConfigError(
             f"no sample lies then: the session lasts from {first:%Y-%m-%d %X} to {last:%Y-%m-%d %X}",
-            fix="give --from and --until a time of the session",
+            fix="give times of the session",
         )
     return (
         -math.inf if begin is None else round(start.timestamp() * 1e6) * 1000,

@@ -17,6 +17,7 @@ from fieldkit.estimation.instruments import sunlight_source
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.errors import ConfigError, FieldkitError
 from fieldkit.model.limits import changed_rows
+from fieldkit.model.next_step import Action, Argument, Sentence
 from fieldkit.model.quantities import COMPONENTS
 from fieldkit.model.samples import Severity
 from fieldkit.model.site import Site, apart_m, known_zone
@@ -37,6 +38,7 @@ from fieldkit.sessions.seal import SealReport
 from fieldkit.weather import is_station_file
 
 AUTO: Literal["auto"] = "auto"
+_OFFSET = Argument("offset_s")
 TABLES = (".csv", ".txt", ".tsv", ".dat")
 NEAR_M = 2000.0
 """A station nearer than this has the session's clouds."""
@@ -107,17 +109,18 @@ class ImportOptions:
     def __post_init__(self) -> None:
         scale = 1.0 if self.kelvin_per_count is None else self.kelvin_per_count
         offset_s = 0.0 if self.offset_s == AUTO else self.offset_s
-        for is_wrong, field, fix in (
-            (self.name and not is_stream_name(self.name), "name", "--as logger2"),
-            (self.zone and known_zone(self.zone) is None, "zone", "--zone Asia/Tokyo, or --zone UTC"),
-            (scale <= 0.0 or math.isinf(scale), "kelvin_per_count", "--kelvin-per-count 0.01, or none"),
-            (not math.isfinite(self.kelvin_at_zero), "kelvin_at_zero", "--kelvin-at-zero 273.15"),
-            (not math.isfinite(offset_s), "offset_s", "--clock-offset +83s, or auto"),
-            (self.keep not in (None, *get_args(Keep)), "keep", "--keep first, or last"),
-            (self.measures not in ("", *COMPONENTS), "measures", f"--measures of {', '.join(COMPONENTS)}"),
+        for is_wrong, field, example, others in (
+            (self.name and not is_stream_name(self.name), "name", "logger2", ""),
+            (self.zone and known_zone(self.zone) is None, "zone", "Asia/Tokyo", ", or UTC"),
+            (scale <= 0.0 or math.isinf(scale), "kelvin_per_count", 0.01, "; NaN (none) if not known"),
+            (not math.isfinite(self.kelvin_at_zero), "kelvin_at_zero", 273.15, ""),
+            (not math.isfinite(offset_s), "offset_s", 83, ", or auto"),
+            (self.keep not in (None, *get_args(Keep)), "keep", "first", ", or last"),
+            (self.measures not in ("", *COMPONENTS), "measures", "ghi", f", of {', '.join(COMPONENTS)}"),
         ):
             if is_wrong:
-                raise ConfigError(f"{getattr(self, field)!r} is not a valid value of {_flag(field)}", fix=fix)
+                place, fix = Argument(field), Argument(field, example) + others
+                raise ConfigError(f"{getattr(self, field)!r} is not valid", place=place, fix=fix)
 
 
 @dataclass(frozen=True)
@@ -193,7 +196,7 @@ def import_recording(
     """
     source, options = Path(source), options or ImportOptions()
     if options.offset_s == AUTO:
-        raise ConfigError("--clock-offset auto needs the session to align with", fix="--into SESSION")
+        raise ConfigError("auto needs the session to align with", place=_OFFSET, fix=Action.IMPORT_INTO())
     recording = read_source(source, options)
     config = _campaign_or_none(Path(campaign), notify)
     site, recording = _with_site(recording, options.site, config)
@@ -228,7 +231,7 @@ def import_into(
     ['camera', 'lux', 'thermometer', 'logger']
     """
     source, options = Path(source), options or ImportOptions()
-    _refuse_unused(source, options, {"title", "site"}, "a stream of --into, which keeps site and title")
+    _refuse_unused(source, options, {"title", "site"}, "merged into a session, which keeps site and title")
     recording = read_source(source, options)
     stream_name = options.name or recording.streams[0].name
     with reading(session) as opened:
@@ -272,8 +275,8 @@ def _with_site(
     """Site of the recording, and the recording with a warning if only the campaign states that."""
     if site is not None and recording.site is not None and apart_m(site, recording.site) >= NEAR_M:
         raise ConfigError(
-            f"the recording states the place {_coordinates(recording.site)}, --site {_coordinates(site)}",
-            fix="omit --site",
+            f"the recording states the place {_coordinates(recording.site)}, not {_coordinates(site)}",
+            fix="omit " + Argument("site"),
         )
     place = site or recording.site
     if place is not None:
@@ -281,14 +284,14 @@ def _with_site(
     if config is None:
         raise ConfigError(
             "where this was recorded is not known, and slopes need it",
-            fix="--site LAT,LON,ALT, or run this inside a campaign (fieldkit init)",
+            fix="give its " + Argument("site") + ", or run this inside a campaign",
         )
     place = config.site
     where = f"{_coordinates(place)}{_note_on_default(place)}"
     return place, _with_warning(
         recording,
-        f"no --site: taken as recorded at the campaign's site, {where}; "
-        "if it was elsewhere, import it again with --site LAT,LON,ALT",
+        f"no site was given: taken as recorded at the campaign's site, {where}; "
+        "if it was elsewhere, import it again with its site",
     )
 
 
@@ -299,7 +302,7 @@ def _coordinates(site: Site) -> str:
 def _note_on_default(site: Site) -> str:
     default = PAPER_SITE["latitude_deg"], PAPER_SITE["longitude_deg"]
     is_default = (site.latitude_deg, site.longitude_deg) == default
-    return " (the paper's, the default of fieldkit init)" if is_default else ""
+    return " (the paper's, the default of a campaign)" if is_default else ""
 
 
 def _warned_of_distance(recording: ImportedRecording, site: Site) -> ImportedRecording:
@@ -364,16 +367,9 @@ def read_source(source: Path, options: ImportOptions) -> ImportedRecording:
 def _refuse_unused(source: Path, options: ImportOptions, unused: AbstractSet[str], name: str) -> None:
     """Refuse options other than their defaults that would have no effect."""
     used_options = [field.name for field in fields(options) if getattr(options, field.name) != field.default]
-    flags = [_flag(field) for field in used_options if field in unused]
-    if flags:
-        flag_names = ", ".join(flags)
-        raise ConfigError(f"{source} is {name}: {flag_names} would have no effect", fix=f"omit {flag_names}")
-
-
-def _flag(field: str) -> str:
-    """The option of the command line that sets a field of `ImportOptions`."""
-    others = {"name": "--as", "offset_s": "--clock-offset", "columns": "--column", "time_columns": "--time"}
-    return others.get(field, f"--{field.replace('_', '-')}")
+    if without_effect := [Argument(field) for field in used_options if field in unused]:
+        names = Sentence.listing(without_effect)
+        raise ConfigError(f"{source} is {name}: " + names + " would have no effect", fix="omit " + names)
 
 
 def _is_flir(source: Path) -> bool:
@@ -402,7 +398,7 @@ def _is_stills(source: Path) -> bool:
 def _stills(source: Path, options: ImportOptions) -> ImportedRecording:
     per_count = options.kelvin_per_count
     if per_count is None and options.kelvin_at_zero:
-        raise ConfigError("--kelvin-at-zero has no effect alone", fix="add --kelvin-per-count")
+        raise ConfigError(Argument("kelvin_at_zero") + " has no effect", fix=Argument("kelvin_per_count"))
     scale = None if per_count is None else stills.Scale(per_count, options.kelvin_at_zero)
     return stills.read_stills(
         source,
@@ -454,9 +450,7 @@ def _table(source: Path, options: ImportOptions) -> ImportedRecording:
 def _offset_ns(options: ImportOptions) -> int:
     """The offset of frames, which cannot be found from a session's streams."""
     if options.offset_s == AUTO:
-        raise ConfigError(
-            "--clock-offset auto aligns readings, not frames", fix="give it: --clock-offset +83s"
-        )
+        raise ConfigError("auto aligns readings, not frames", place=_OFFSET, fix=Argument("offset_s", 83))
     return round(options.offset_s * 1e9)
 
 

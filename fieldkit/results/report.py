@@ -14,6 +14,7 @@ from markupsafe import Markup
 from fieldkit.model.device import find_camera, regions_on
 from fieldkit.model.errors import ConfigError, FieldkitError
 from fieldkit.model.installation import install_extra
+from fieldkit.model.next_step import Action, Argument
 from fieldkit.model.samples import is_usable
 from fieldkit.palettes import INFERNO
 from fieldkit.physics.sun import sun_vectors
@@ -139,16 +140,16 @@ def report(
     target = None if out is None else Path(out)
     kind = ".html" if target is None else target.suffix.lower()
     if kind not in (".html", ".pdf", ".png"):
-        raise ConfigError(f"{target}: a report is HTML, PDF or an image", fix="-o FILE.html, .pdf or .png")
+        raise ConfigError(f"{target}: a report is HTML, PDF or an image", fix="name a file of these")
     pdf = target if kind == ".pdf" else None
     page = target if pdf is None else pdf.with_suffix(".html")
     if pdf is not None:
         require_weasyprint()
     failures: dict[Path, FieldkitError] = {}
     if len(paths) > 1 and kind == ".png":
-        raise ConfigError("an image is of one session", fix="name one session, or -o FILE.html")
+        raise ConfigError("an image is of one session", fix="name one session, or a file.html")
     if options.palette is not None and kind != ".png":
-        raise ConfigError("--palette is for an image", fix="-o FILE.png, or omit --palette")
+        raise ConfigError("only an image has a palette", fix="name a .png, or omit " + Argument("palette"))
     if len(paths) == 1:
         pages = _report_session(paths[0], page, options, notify)
     else:
@@ -262,7 +263,7 @@ def _image(
     require_palette(palette)
     frames = list(_shown_frames(session, known))
     if not frames:
-        raise ConfigError(f"{session.path} has no usable frame", fix=f"fieldkit check {session.path}")
+        raise ConfigError(f"{session.path} has no usable frame", fix=Action.CHECK(session.path))
     try:
         session_map = slope_map(session, settings=options.settings, present=options.present)
         mapped = None if session_map.along_sun is not None else session_map.slopes

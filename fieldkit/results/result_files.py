@@ -24,7 +24,7 @@ from fieldkit.sessions.formats.tables_out import as_text
 
 Columns = Mapping[str, Sequence[Any]]
 ENDINGS = (".csv", ".parquet", ".json")
-_RECALLABLE = "name a session, or the BASE of fieldkit estimate -o BASE"
+_RECALLABLE = "name a session, or the base of the files that an estimate wrote"
 
 
 def base_path(out: Path, endings: Sequence[str] = ENDINGS) -> Path:
@@ -51,7 +51,7 @@ def writing(out: Path) -> Iterator[None]:
         yield
     except OSError as error:
         why = error.strerror or error
-        raise StorageError(f"cannot write {out}: {why}", fix="name another place with -o") from error
+        raise StorageError(f"cannot write {out}: {why}", fix="name another place") from error
 
 
 def write_results(
@@ -113,10 +113,10 @@ def _about(document: Path) -> dict[str, Any]:
     keys: set[str] = set(about) if isinstance(about, dict) else set()
     if {"sessions", "parameters"} <= keys:
         raise ConfigError(
-            f"{document} has many sets of parameters", fix="report its sessions with --set of one set"
+            f"{document} has many sets of parameters", fix="report its sessions with the settings of one set"
         )
     if not {"sessions", "settings"} <= keys:
-        raise ConfigError(f"{document} is not what estimate -o wrote", fix=_RECALLABLE)
+        raise ConfigError(f"{document} is not what an estimate wrote", fix=_RECALLABLE)
     return dict(about)
 
 

@@ -15,6 +15,7 @@ import h5py
 from fieldkit.model.arrays import FlagArray, FloatArray, IntArray
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import SessionError
+from fieldkit.model.next_step import Action
 from fieldkit.model.samples import Sample
 from fieldkit.model.site import Region
 from fieldkit.model.units import CELSIUS_ZERO_K
@@ -356,9 +357,7 @@ class Session(SessionReader):
         cameras = [name for name, info in self.streams.items() if info.is_camera and self.regions]
         meters = [name for name, info in self.streams.items() if not info.is_camera]
         if not cameras + meters:
-            raise SessionError(
-                f"{self.path} has no regions to plot", fix="draw them: fieldkit roi add, then plot again"
-            )
+            raise SessionError(f"{self.path} has no regions to plot", fix="draw them: " + Action.ADD_REGION())
         return self[(cameras + meters)[0]].plot(ax)
 
     def __repr__(self) -> str:

@@ -37,6 +37,7 @@ from fieldkit.model.device import StreamInfo, find_camera, regions_on
 from fieldkit.model.durations import as_seconds
 from fieldkit.model.errors import ConfigError, FieldkitError, IntegrityError, NoAnswerError
 from fieldkit.model.learnt import Learnt, LearntParameter
+from fieldkit.model.next_step import Action, Argument
 from fieldkit.model.samples import Frame, Quality, is_usable
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.slope import CERTAIN, WITH_SLOPE, SlopeState, final_estimates
@@ -167,7 +168,7 @@ class MappedSession:
             f"no pixels of regions of another kind of surface: {', '.join(self.settings.kinds)}": bool(
                 self.settings.kinds
             ),
-            "the frame moved within the window: edges are smeared; choose another --window": self.has_moved,
+            "the frame moved within the window: edges are smeared; choose another window": self.has_moved,
         }
         return [note for note, applies in holds.items() if applies]
 
@@ -177,7 +178,7 @@ class MappedSession:
         if not self.damaged:
             return None
         text = f"{self.path}: {self.damaged} frames do not match their checksum; the map is made without them"
-        return IntegrityError(text, fix=f"fieldkit check {self.path}")
+        return IntegrityError(text, fix=Action.CHECK(self.path))
 
     def by_region(self) -> list[MappedRegion]:
         """Each region of the map in numbers."""
@@ -224,7 +225,7 @@ class MappedSession:
         """Products of the map. Raises `NoAnswerError` for one that cannot be made of it."""
         if self.along_sun is not None:
             if set(wanted.names) != {"rdir"}:
-                raise NoAnswerError(f"{self.path.name}: {ONE_MINUTE}", fix="choose another --window")
+                raise NoAnswerError(f"{self.path.name}: {ONE_MINUTE}", fix="choose another window")
             return [layer_along_sun(self.along_sun, self.bounds.confidence)]
         return layers(
             wanted,
@@ -246,7 +247,7 @@ class MappedSession:
             raise NoAnswerError(
                 f"{self.path.name}: the camera moved within the window, and one pose cannot place its pixels "
                 "on the ground",
-                fix="choose another --window, in which it stood still, or omit --pose",
+                fix="choose a window in which it stood still, or omit " + Argument("pose"),
             )
         rows, cols = self.slopes.state.shape
         at = pose.at((self.start_ns + self.end_ns) // 2)
@@ -449,7 +450,7 @@ def _map_session(
     if not len(chosen):
         raise NoAnswerError(
             f"{session.path}: no minute has frames, reference, sun and steady irradiance",
-            fix="run fieldkit check for what is missing; --window all uses the whole session",
+            fix=Action.CHECK() + " shows what is missing; " + Argument("window", "all") + " uses all of it",
         )
     is_instant = len(chosen) < LEAST_MINUTES
     chosen = chosen[-1:] if is_instant else chosen

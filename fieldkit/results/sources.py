@@ -18,6 +18,7 @@ from fieldkit.estimation.region_check import check_regions
 from fieldkit.model.device import frame_shapes
 from fieldkit.model.errors import ConfigError, FieldkitError, SessionError, message_of
 from fieldkit.model.marks import numbers_named
+from fieldkit.model.next_step import Action, Text
 from fieldkit.model.region_schedule import RegionSchedule
 from fieldkit.model.samples import Event
 from fieldkit.model.site import Region, Site
@@ -26,7 +27,7 @@ from fieldkit.sessions.reader import SessionReader, open_session
 TABLES = ("surface", "air", "irradiance", "estimator", "prior", "slab", "site")
 """Tables of ``fieldkit.toml`` whose keys enter an estimate."""
 
-log_warning: Callable[[str], None] = logging.getLogger(__name__).warning
+log_warning: Callable[[Text], None] = logging.getLogger(__name__).warning
 log_info: Callable[[str], None] = logging.getLogger(__name__).info
 """Receiver of notes unless the caller receives them."""
 
@@ -59,9 +60,7 @@ def reading(session: SessionOrFile) -> Iterator[SessionReader]:
     except FieldkitError:
         raise
     except (OSError, RuntimeError, ValueError) as error:
-        raise SessionError(
-            f"{path} cannot be read: {message_of(error)}", fix=f"fieldkit check {path}"
-        ) from error
+        raise SessionError(f"{path} cannot be read: {message_of(error)}", fix=Action.CHECK(path)) from error
 
 
 def marks_of(session: SessionReader, without: Collection[int] = ()) -> list[Event]:
@@ -79,7 +78,7 @@ def notify_damage(
     """
     for name, count in (session.damaged if damaged is None else damaged).items():
         what = f"{count} of {session.count(name)} samples of {name} do not match their checksum"
-        notify(f"{session.path}: {what} and are excluded; fieldkit check lists what is damaged")
+        notify(f"{session.path}: {what} and are excluded; a check lists them")
 
 
 @dataclass(frozen=True)
@@ -109,7 +108,7 @@ def source_of(
     """
     with open_session(path) as session:
         if session.state == "recording":
-            raise SessionError(f"{path} is still being recorded", fix="fieldkit stop, or wait until it ends")
+            raise SessionError(f"{path} is being recorded", fix="wait until it ends, or " + Action.STOP())
         config = config_for(session, present=present)
         schedule = (
             regions_for(session, config, present=present)
@@ -148,7 +147,7 @@ def config_for(session: SessionReader, settings: Settings = (), *, present: bool
             raise
         raise ConfigError(
             f"{session.path} has no configuration of its own (it was imported), and no campaign is around it",
-            fix="put it into recordings/ of a campaign (fieldkit init), and draw regions with fieldkit roi",
+            fix="put it into recordings/ of a campaign, and draw regions there: " + Action.ADD_REGION(),
         ) from error
 
 

@@ -193,7 +193,7 @@ def prior_of_others(runs: Sequence[Run], estimate: Estimate) -> Iterator[tuple[R
     if len({run.source.path for run in runs}) < 2:
         raise ConfigError("prior=others needs two sessions or more", fix="name the other sessions too")
     if any(run.settings.model != "learned" for run in runs):
-        raise ConfigError("prior=others needs the learned model", fix="add --set estimator.model=learned")
+        raise ConfigError("prior=others needs the learned model", fix='set estimator.model = "learned"')
     outcomes = list(estimate([_learning(run) for run in runs]))
     for run in runs:
         others = [
@@ -259,7 +259,7 @@ def read_grid(settings: Sequence[str]) -> Grid:
     keys = [parameter.key for parameter in parameters]
     for key in keys:
         if keys.count(key) > 1:
-            raise ConfigError(f"--set {key} is given more than once", fix=f"write one list: {key}=A,B,C")
+            raise ConfigError(f"{key} is given more than once", fix=f"write one list: {key}=A,B,C")
     return _grid(parameters)
 
 
@@ -292,7 +292,7 @@ def _parameter(key: str, values: Sequence[Any]) -> Parameter:
 def _parse_setting(setting: str) -> Parameter:
     key, equals, text = (part.strip() for part in setting.partition("="))
     if not equals or not key or not text:
-        raise ConfigError(f"--set {setting}: no value", fix="write it as --set surface.albedo=0.15:0.35:0.05")
+        raise ConfigError(f"{setting}: no value", fix="write it as surface.albedo=0.15:0.35:0.05")
     if text.startswith("["):
         return Parameter(key, (text,))
     values: list[str] = []
@@ -305,7 +305,7 @@ def _parse_setting(setting: str) -> Parameter:
 def _stepped_values(setting: str, low: Decimal, high: Decimal, step: Decimal) -> list[str]:
     if step <= 0 or high < low or (high - low) / step > MOST_VALUES:
         raise ConfigError(
-            f"--set {setting}: {low} to {high} in steps of {step} is not a valid range",
+            f"{setting}: {low} to {high} in steps of {step} is not a valid range",
             fix="use LOW:HIGH:STEP with STEP above 0",
         )
     return [format(low + count * step, "f") for count in range(int((high - low) / step) + 1)]

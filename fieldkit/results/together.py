@@ -156,6 +156,6 @@ def _part(run: Run, notify: Callable[[str], None]) -> Part:
     """The minutes of a session in which its last regions hold."""
     path, measured, schedule = run.source.path, measure_run(run), run.source.regions
     if damaged := sum(measured.damaged.values()):
-        notify(f"{path}: {damaged} damaged samples are excluded; fieldkit check lists them")
+        notify(f"{path}: {damaged} damaged samples are excluded; a check lists them")
     history, regions = measured.history.at_last(schedule)
     return Part(str(path), run.site, regions, history, run.settings)

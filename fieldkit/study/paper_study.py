@@ -19,6 +19,7 @@ import numpy as np
 
 from fieldkit.model.arrays import FloatArray
 from fieldkit.model.errors import NoAnswerError, StorageError
+from fieldkit.model.next_step import Argument
 from fieldkit.physics.facet import normal
 from fieldkit.results.json_document import to_json
 from fieldkit.results.sun_angles import sun_rows
@@ -318,7 +319,7 @@ def _write_files(folder: Path, texts: dict[str, str], tables: dict[str, Rows], d
             (folder / name).write_text(text, encoding="utf-8")
     except OSError as error:
         raise StorageError(
-            f"cannot write into {folder}: {error.strerror}", fix="give another --out"
+            f"cannot write into {folder}: {error.strerror}", fix="give another " + Argument("out")
         ) from error
 
 

@@ -125,7 +125,7 @@ def conditions(options: StudyOptions, start: time) -> Conditions:
     if not (np.all(sun[:, 2] > 0.0) and np.all(dni > 0.0)):
         raise NoAnswerError(
             f"no direct sunlight all the time from {local.isoformat()} on",
-            fix="choose another --start or --on",
+            fix="choose another day or start",
         )
     return Conditions(sun, dni, longwave, air)
 

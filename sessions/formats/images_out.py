@@ -17,6 +17,7 @@ from fieldkit.disk import replacing
 from fieldkit.model.arrays import ByteArray, CountArray, SingleArray
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, StorageError
+from fieldkit.model.next_step import Action, Argument
 from fieldkit.model.samples import Frame, is_damaged
 from fieldkit.model.site import Region
 from fieldkit.model.slope import SlopeEstimate
@@ -32,8 +33,8 @@ from fieldkit.sessions.reader import SessionReader
 TIFF_KELVIN_PER_COUNT = 0.01
 _MOST_COUNTS = 65_535
 _WIDTH, _BAR = 640, 36
-_ROOM = "make room, or name another folder: -o DIR"
-_TABLES = "export --to csv, for what it has"
+_ROOM = "make room, or name another folder"
+_TABLES = Action.EXPORT(to="csv") + " for what it has"
 _FRAMES_PER_S = 25.0
 ALWAYS = (-math.inf, math.inf)
 log: logging.Logger = logging.getLogger(__name__)
@@ -140,7 +141,7 @@ def export_video(
             code = cv2.VideoWriter.fourcc(*"vp09")
             film = cv2.VideoWriter(str(path), code, _FRAMES_PER_S, (image.shape[1], image.shape[0]))
             if not film.isOpened():
-                raise StorageError(f"cannot write {path}", fix="export --to png, and make a film of them")
+                raise StorageError(f"cannot write {path}", fix=Action.EXPORT(to="png") + ", then make a film")
         film.write(image)
         count += 1
     if film is None:
@@ -176,11 +177,11 @@ def _camera(session: SessionReader, stream: str | None) -> StreamInfo:
     if stream is None and len(names) > 1:
         raise ConfigError(
             f"{session.path} has frames of {len(names)} cameras",
-            fix=f"--stream with one of {', '.join(names)}",
+            fix=Argument("stream") + f" is one of {', '.join(names)}",
         )
     if stream is not None and stream not in names:
         raise ConfigError(
-            f"{session.path} has no camera {stream!r}", fix=f"--stream with one of {', '.join(names)}"
+            f"{session.path} has no camera {stream!r}", fix=f"its cameras are {', '.join(names)}"
         )
     return session.streams[stream or names[0]]
 

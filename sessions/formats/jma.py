@@ -19,6 +19,7 @@ from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.next_step import Argument
 from fieldkit.model.quantities import QUANTITIES, Meaning, Unit, unit_of
 from fieldkit.model.samples import Reading, Severity
 from fieldkit.sessions.formats.imported import ImportedRecording, imported_reading, station_stream
@@ -104,7 +105,7 @@ def _obsdl(path: Path, rows: list[list[str]], name: str) -> ImportedRecording:
         raise ConfigError(
             f"{path} has times of day ({_TIME_OF_DAY}) but no date",
             fix="write the date before each time (2026-07-05 00:10, the next day's 00:00 for 24:00), "
-            "and import it with --zone Asia/Tokyo",
+            "and import it with " + Argument("zone", "Asia/Tokyo"),
         )
     at = _names_at(rows)
     if at is None:

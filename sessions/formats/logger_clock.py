@@ -15,6 +15,7 @@ import numpy as np
 
 from fieldkit.model.durations import precise_duration
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.next_step import Argument
 from fieldkit.model.samples import Severity
 from fieldkit.model.units import SECOND_NS
 
@@ -60,11 +61,11 @@ def in_clock_order(
     notes = [
         *_note(Severity.WARNING, far, "more than a year from the others"),
         *_note(Severity.INFO, copies, "copies of earlier ones"),
-        *_note(Severity.WARNING, twice, f"as their times come twice (--keep {keep})"),
+        *_note(Severity.WARNING, twice, f"as their times come twice ({keep} kept)"),
         *_longest_gap(kept),
     ]
     if keep and not twice:
-        notes.append((Severity.INFO, f"--keep {keep} has no effect: no time comes twice"))
+        notes.append((Severity.INFO, f"nothing to keep {keep}: no time comes twice"))
     return kept, notes
 
 
@@ -123,8 +124,7 @@ def _step(path: Path, rows: Sequence[TimedRow], least_ns: int) -> ConfigError:
     more = f", and {len(steps) - 1} more times" if len(steps) > 1 else ""
     return ConfigError(
         f"{path}: the clock {what} from {before} to {after}{more}",
-        fix="--keep first or --keep last, of the times that come twice; or import the rows before and after "
-        "on their own; if summer time ended, --zone with that zone, such as Europe/Berlin",
+        fix=Argument("keep") + ", or import both parts alone; if summer time ended: " + Argument("zone"),
     )
 
 

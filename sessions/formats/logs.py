@@ -21,6 +21,7 @@ from fieldkit.model import quantities
 from fieldkit.model.channels import how_to_state
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.next_step import Argument
 from fieldkit.model.quantities import KNOWN_UNITS, POWER, Meaning, Quantity, meaning_of, unknown_meaning
 from fieldkit.model.samples import Quality, Reading, Severity
 from fieldkit.sessions.formats.imported import ImportedRecording, imported_reading, usual_rate_hz
@@ -181,13 +182,14 @@ def _on_zone(path: Path, table: Table, given: tzinfo | None, times: Times) -> No
     if given is None:
         return []
     if not times.needed_zone:
-        return [(Severity.WARNING, f"every time states its own offset: --zone {given} applies to none")]
+        return [(Severity.WARNING, f"every time states its own offset: the zone {given} applies to none")]
     stated = table.zone or given
     moments = [datetime.fromtimestamp(time_ns // 10**9, given) for time_ns in times.known_ns.values()]
     if any(moment.utcoffset() != moment.astimezone(stated).utcoffset() for moment in moments):
         raise ConfigError(
-            f"{path} states the zone {stated} of its times, --zone {given}",
-            fix="omit --zone; if the clock was not set to that zone, --clock-offset moves the times",
+            f"its times are of the zone {stated}, not of {given}",
+            place=path,
+            fix="omit " + Argument("zone") + "; " + Argument("offset_s") + " moves times of a wrong clock",
         )
     return []
 
@@ -224,7 +226,7 @@ class Channel(NamedTuple):
 def _channels(path: Path, table: Table, options: LogOptions) -> tuple[list[Channel], Notes]:
     """The columns that are read, and notes on the others."""
     if options.unit and quantities.unit_of(options.unit) is None:
-        raise ConfigError(f"{options.unit!r} is not a known unit", fix=f"--unit of {KNOWN_UNITS}")
+        raise ConfigError(f"{options.unit!r} is not a known unit", fix=f"known units: {KNOWN_UNITS}")
     asked = [place_of(path, table.columns, one) for one in options.columns.values]
     if not asked:
         return _all_channels(path, table, options.unit)
@@ -256,11 +258,11 @@ def _all_channels(path: Path, table: Table, unit: str) -> tuple[list[Channel], N
     if not any(channel.meaning.unit.shown for channel in channels):
         raise ConfigError(
             f"{path}: no column has a unit",
-            fix=f'headers like "T1 [C]", or --unit of {KNOWN_UNITS} for columns without one',
+            fix='headers like "T1 [C]", or ' + Argument("unit") + f" of {KNOWN_UNITS} for the others",
         )
     text = f"stored as they came, and not used: {', '.join(heads['unknown'])}; known units: {KNOWN_UNITS}"
     notes = [(Severity.WARNING, text)] if heads["unknown"] else []
-    return channels, [*notes, *_on_option("--unit", unit, heads["option"], heads["table"])]
+    return channels, [*notes, *_on_option("the unit", unit, heads["option"], heads["table"])]
 
 
 def _is_as_measured(column: Column) -> bool:
@@ -279,17 +281,17 @@ def _asked(path: Path, table: Table, place: int, options: LogOptions) -> Channel
     written, stated = _stated(path, table, place)
     if written and given and stated != given:
         raise ConfigError(
-            f"{path}: column {column.head!r} states the unit {written!r}, --unit {options.unit}",
-            fix="omit --unit, or the column",
+            f"{path}: column {column.head!r} states the unit {written!r}, not {options.unit!r}",
+            fix="omit " + Argument("unit") + ", or the column",
         )
     meaning = stated or given or unknown_meaning(written)
     if not meaning.unit.shown:
-        raise ConfigError(f"{path}: column {column.head!r} has no unit", fix=f"--unit of {KNOWN_UNITS}")
+        raise ConfigError(f"{path}: column {column.head!r} has no unit", fix=f"known units: {KNOWN_UNITS}")
     component = quantities.quantity_named(column.label, POWER.stored)
     if options.measures and meaning.quantity.units == POWER and component not in ("", options.measures):
         raise ConfigError(
-            f"{path}: column {column.head!r} states {component}, --measures {options.measures}",
-            fix="omit --measures, or the column",
+            f"{path}: column {column.head!r} states {component}, not {options.measures}",
+            fix="omit " + Argument("measures") + ", or the column",
         )
     return _channel(table, place, meaning)
 
@@ -435,7 +437,7 @@ def _on_option(option: str, given: str, applied: Sequence[str], stated: Sequence
 def _on_measures(channels: Sequence[Channel], measures: str) -> Notes:
     labels = [channel.label for channel in channels if channel.meaning.quantity.units == POWER]
     stated = [label for label in labels if quantities.quantity_named(label, POWER.stored)]
-    return _on_option("--measures", measures, [label for label in labels if label not in stated], stated)
+    return _on_option("measures", measures, [label for label in labels if label not in stated], stated)
 
 
 def _on_cells(rows: Sequence[TimedRow], channels: Sequence[Channel]) -> Notes:
@@ -466,7 +468,7 @@ def _on_stream(stream: _Stream, rows: Sequence[TimedRow]) -> Notes:
     notes: Notes = []
     if info.unit == POWER.stored and not info.measures:
         note = f"what {labels} measures is not known, so slopes cannot use it"
-        fix = f"import it with --measures ghi, or {how_to_state(info.name)}"
+        fix = f"import it as global irradiance (ghi), or {how_to_state(info.name)}"
         notes.append((Severity.WARNING, f"{note}: {fix}"))
     if stream.channels[0].is_average and len(rows) > 1:
         interval = f"{1 / info.rate_hz:g} s"

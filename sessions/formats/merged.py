@@ -13,6 +13,7 @@ from fieldkit.model.arrays import FloatArray
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, NoAnswerError
 from fieldkit.model.limits import Bounds, bounds_of
+from fieldkit.model.next_step import Argument
 from fieldkit.model.samples import Event, EventKind, Reading, Sample, Severity, is_usable
 from fieldkit.sessions.analysis import region_series
 from fieldkit.sessions.finished_file import apply_time_map
@@ -53,13 +54,13 @@ def merge(session: SessionReader, imported: ImportedRecording, path: Path, sourc
     common = {info.name for info in imported.streams} & set(session.streams)
     if common:
         raise ConfigError(
-            f"{session.path} has a stream {common.pop()!r} already", fix="another name: --as NAME"
+            f"{session.path} has a stream {common.pop()!r} already", fix="give another " + Argument("name")
         )
     time_ns = [sample.time_ns for sample in imported.samples]
     if not time_ns or max(time_ns) < session.start_ns or min(time_ns) > session.end_ns:
         raise ConfigError(
             f"{source} and {session.path} do not overlap in time",
-            fix="check --zone and --clock-offset of the logger",
+            fix="check " + Argument("zone") + " and " + Argument("offset_s") + " of the logger",
         )
     header = replace(session.header, streams=(*session.header.streams, *imported.streams))
     steps = session.time_map()
@@ -122,7 +123,7 @@ def aligned(session: SessionReader, imported: ImportedRecording) -> ImportedReco
     )
     notes = [*imported.notes, (Severity.INFO, note)]
     if abs(found.offset_s) > _ZONE_S:
-        notes.append((Severity.WARNING, "too much for a clock's drift: check --zone and summer time"))
+        notes.append((Severity.WARNING, "too much for a clock's drift: check its zone and summer time"))
     return ImportedRecording(imported.streams, moved, tuple(notes), imported.site)
 
 
@@ -145,7 +146,7 @@ def _best_stream(
         reason = refused or f"it has no time series of {quantities}"
         raise NoAnswerError(
             f"{session.path} does not determine the log's offset: {reason}",
-            fix="give it: --clock-offset +12s, or --clock-offset 0s",
+            fix="give it, such as " + Argument("offset_s", 12),
         )
     return min(found, key=lambda one: one[1].uncertainty_s)
 
@@ -201,7 +202,7 @@ _OF_A_STEP = 0.05  # between two readings the log is a straight line
 _LEAST_POINTS, _COARSE_POINTS, _MOST_POINTS = 20, 400, 20_000
 _MOST_PEAKS, _FINE_OFFSETS, _BLOCKS, _REACH = 8, 81, 10, 3.0
 _LEAST_COARSE_S, _MOST_UNCERTAIN_S = 1.0, 60.0
-_FIX = "use a longer interval with clouds or a shadow, or give the offset: --clock-offset +12s"
+_FIX = "use a longer interval with clouds or a shadow, or give " + Argument("offset_s", 12)
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,7 +236,7 @@ def best_offset(log: TimeSeries, reference: TimeSeries) -> Alignment:
     if min(log.time_s.size, reference.time_s.size) < _LEAST_POINTS:
         raise NoAnswerError(
             f"an offset needs {_LEAST_POINTS} points of both time series at least",
-            fix="give it: --clock-offset +12s",
+            fix="give it, such as " + Argument("offset_s", 12),
         )
     finest = 2.0 * max(log.step_s, reference.step_s, span / _MOST_POINTS)
     coarse = max(finest, span / _COARSE_POINTS, _LEAST_COARSE_S)
@@ -274,7 +275,7 @@ def _distinct(tops: Sequence[tuple[float, float]], reach: float) -> tuple[float,
     if not tops or tops[0][1] < _LEAST_FIT:
         raise NoAnswerError(
             f"the two time series match nowhere: at best {tops[0][1] if tops else 0.0:.0%} of the variance",
-            fix="check that they are of the same thing, or give the offset: --clock-offset +12s",
+            fix="check that they are of the same thing, or give " + Argument("offset_s", 12),
         )
     left_over = max(1 - tops[0][1], _LEFT_OVER)
     for offset, fit in tops[1:]:

@@ -98,7 +98,7 @@ def _header(path: Path, file: gzip.GzipFile) -> tuple[tuple[int, int], float]:
     except _UNREADABLE as error:
         raise ConfigError(
             f"{path} is not a recording of the PureThermal Y16 recorder: {message_of(error)}",
-            fix="fieldkit import reads .raw.y16.gz, folders of 16-bit TIFF, and tables (CSV)",
+            fix="imports are .raw.y16.gz, folders of 16-bit TIFF, and tables (CSV)",
         ) from error
 
 

@@ -21,6 +21,7 @@ import numpy as np
 from fieldkit.model.arrays import AnyArray, CountArray
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, message_of
+from fieldkit.model.next_step import Argument
 from fieldkit.model.quantities import TEMPERATURE, Unit, meaning_of
 from fieldkit.model.samples import Frame, Quality, Severity
 from fieldkit.sessions.formats.imported import ImportedRecording, flag_bunched, refuse_bomb, usual_rate_hz
@@ -42,19 +43,19 @@ _WORDS = {_SIGNED: "signed ", _FLOAT: "floating-point "}
 
 _NOT_COLOURED = "export the radiometric frames as unsigned 16-bit counts, not coloured or scaled for display"
 
-_UNIT_OF_FLOAT = "if they are temperatures: --unit C, or K, F"
+_UNIT_OF_FLOAT = "if they are temperatures: " + Argument("unit", "C") + ", or K, F"
 
 
 _PNG_MAGIC, _PNG_HEAD = b"\x89PNG\r\n\x1a\n", struct.Struct(">IIBB")  # its IHDR: width, height, bits, colour
 
 _GREY_16 = (16, 0)
 
-_OR_NONE = "or --kelvin-per-count none for frames only"
+_SCALE = Argument("kelvin_per_count", 0.01) + " (the maker's number); NaN (none) for frames only"
 
 _SAY_SCALE = {
-    "TIFF": f"--kelvin-per-count 0.01 (the maker's number), {_OR_NONE}",
-    "PNG": f"--kelvin-per-count 0.01 (the maker's number), {_OR_NONE}",
-    "IRG": f"--kelvin-per-count 0.0625 (InfiRay C200) or 0.1 (others), {_OR_NONE}",
+    "TIFF": _SCALE,
+    "PNG": _SCALE,
+    "IRG": Argument("kelvin_per_count", 0.0625) + " (InfiRay C200) or 0.1; NaN (none) for frames only",
 }
 
 
@@ -142,7 +143,7 @@ def read_stills(
         )
     kind = _kind(paths)
     if kind != "TIFF" and unit:
-        raise ConfigError(f"{source} holds counts: --unit would have no effect", fix="omit --unit")
+        raise ConfigError(f"{source} holds counts, which have no unit", fix="omit " + Argument("unit"))
     if kind == "TIFF":
         stills, notes = _tiff_stills(paths, unit)
     else:
@@ -197,7 +198,7 @@ def _temperature_unit(written: str) -> Unit | None:
     """The unit of floating-point frames, None if none is given; raises `ConfigError` for another quantity."""
     meaning = meaning_of(written)
     if written and (meaning is None or meaning.quantity.units != TEMPERATURE):
-        raise ConfigError(f"--unit {written} is not a temperature", fix="--unit C, or K, F")
+        raise ConfigError(f"{written} is not a unit of temperature", fix=Argument("unit", "C") + ", or K, F")
     return meaning.unit if meaning else None
 
 
@@ -205,7 +206,7 @@ def _tiff_stills(paths: Sequence[Path], written: str) -> tuple[list[_Still], lis
     """The pages that are frames, and notes on those that are not, and on turned ones."""
     pages = {path: _pages(path) for path in paths}
     if written and not any(page.kind == _FLOAT for those in pages.values() for page in those):
-        raise ConfigError(f"{paths[0]} holds counts: --unit would have no effect", fix="omit --unit")
+        raise ConfigError(f"{paths[0]} holds counts, which have no unit", fix="omit " + Argument("unit"))
     unit = _temperature_unit(written)
     stills = [
         _Still(
@@ -263,7 +264,7 @@ def _refuse_other_numbers(still: _Still) -> None:
     if fits:
         return
     if is_counts:
-        raise ConfigError(f"{still.label} holds counts: --unit would have no effect", fix="omit --unit")
+        raise ConfigError(f"{still.label} holds counts, which have no unit", fix="omit " + Argument("unit"))
     one = f"{page.bits}-bit {_WORDS.get(page.kind, '')}numbers"
     numbers = one if page.channels == 1 else f"{page.channels} channels"
     raise ConfigError(
@@ -303,7 +304,7 @@ def _refuse_another_scale(still: _Still, given: Scale) -> None:
         raise ConfigError(
             f"{still.label} states {own.kelvin_per_count:g} K per count and {own.kelvin_at_zero:g} K "
             f"at zero, the options {given.kelvin_per_count:g} and {given.kelvin_at_zero:g}",
-            fix="omit --kelvin-per-count and --kelvin-at-zero",
+            fix="omit " + Argument("kelvin_per_count") + " and " + Argument("kelvin_at_zero"),
         )
 
 

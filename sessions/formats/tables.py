@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.next_step import Argument
 from fieldkit.model.quantities import short_cut_unit, unit_of
 from fieldkit.sessions.formats.times import is_clock, is_date_alone, is_dated, is_time, is_unix, stated_zone
 
@@ -34,7 +35,7 @@ _SAMPLE = 200
 
 DEFAULT_ENCODING = "utf-8-sig"
 _MARKS = {codecs.BOM_UTF8: DEFAULT_ENCODING, codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
-_NAME_ENCODING = "name its encoding: --encoding cp1252 (Western Windows), cp932 (Japanese), utf-16, utf-16-le"
+_NAME_ENCODING = Argument("encoding", "cp1252") + " (Western Windows), cp932 (Japanese), utf-16 or utf-16-le"
 
 SAMPLED, AVERAGED = ("", "Smp"), ("Avg", "WVc")  # WVc: a mean of wind vectors
 _PROCESSES = ("Smp", *AVERAGED, "Max", "Min", "Std", "Tot", "Med", "TMx", "TMn", "Cov", "Mom", "Hst", "FFT")
@@ -163,7 +164,7 @@ def _text(path: Path, encoding: str) -> str:
             fix=_NAME_ENCODING,
         ) from error
     except LookupError as error:
-        raise ConfigError(f"{error}", fix="--encoding utf-8, cp1252, cp932 or utf-16") from error
+        raise ConfigError(f"{error}", fix=_NAME_ENCODING) from error
     except (OSError, UnicodeError) as error:
         raise _unreadable(path, str(error)) from error
     if "\0" in text:
@@ -175,7 +176,7 @@ def _stated_encoding(path: Path, start: bytes, given: str) -> str:
     """The encoding given, or that of the mark at the beginning of the file."""
     stated = next((name for mark, name in _MARKS.items() if start.startswith(mark)), given)
     if given != DEFAULT_ENCODING and codecs.lookup(given).name[:6] != codecs.lookup(stated).name[:6]:
-        raise ConfigError(f"{path} begins as {stated}, the option states {given}", fix="omit --encoding")
+        raise ConfigError(f"{path} begins as {stated}, not as {given}", fix="omit " + Argument("encoding"))
     return stated
 
 
@@ -266,7 +267,7 @@ def _refuse_without_dates(path: Path, rows: Sequence[Row]) -> None:
     if re.fullmatch(r"[+-]?\d+([.,]\d+)?", first):
         raise ConfigError(
             f"{path}: column {rows[0].cells[0]!r} counts from {first}, and no column has a date",
-            fix="add a column with date and time, such as 2026-05-12T15:30:46, or name it: --time",
+            fix="add a column such as 2026-05-12T15:30:46, or name it: " + Argument("time_columns"),
         )
 
 

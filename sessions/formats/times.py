@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 from fieldkit.model import clock
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.next_step import Argument, Text
 from fieldkit.model.site import known_zone
 
 _COARSE_S = 1800.0
@@ -109,7 +110,7 @@ def _zoned(text: str, moment: datetime, zone: tzinfo | None) -> datetime:
     if moment.tzinfo is not None:
         return moment
     if zone is None:
-        raise ConfigError(f"the time {text!r} has no zone", fix="give it: --zone Asia/Tokyo, or --zone UTC")
+        raise ConfigError(f"the time {text!r} has no zone", fix=Argument("zone", "Asia/Tokyo") + ", or UTC")
     return moment.replace(tzinfo=zone)
 
 
@@ -146,13 +147,13 @@ def _second_times(moments: Mapping[int, datetime], texts: Sequence[str]) -> Iter
         yield from rows[back[0] :]
 
 
-def _fixed_offset(moment: datetime) -> str:
+def _fixed_offset(moment: datetime) -> Text:
     """Next step where a clock's zone leaves its times open: name the offset that it kept."""
     offsets = (moment.replace(fold=fold).utcoffset() or timedelta() for fold in (0, 1))
     hours = sorted(offset / timedelta(hours=1) for offset in offsets)
-    zones = " or ".join(f"--zone Etc/GMT{-int(hour):+d}" for hour in hours if hour.is_integer())
+    zones = " or ".join(f"Etc/GMT{-int(hour):+d}" for hour in hours if hour.is_integer())
     cut = "export it with times in UTC, or import what lies before and after on its own"
-    return f"if its clock was never put forward or back: {zones}; else {cut}" if zones else cut
+    return "if its clock was never set: " + Argument("zone") + f" {zones}; else {cut}" if zones else cut
 
 
 def utc_ns(moment: datetime) -> int:
@@ -188,7 +189,7 @@ def _parsed(text: str, time_format: str | None) -> datetime:
         example = f"{date} %I:%M:%S %p" if text.upper().endswith(("AM", "PM")) else usual
         raise ConfigError(
             f"{text!r} is not a time as expected: {expected}",
-            fix=f'give the format of the times, such as --time-format "{example}"',
+            fix="give the format of the times, such as " + Argument("time_format", example),
         ) from error
 
 
@@ -230,7 +231,7 @@ def _pattern(time_format: str) -> str:
     elif ("I" in codes) != ("p" in codes):
         wrong, fix = "has only one of %I and %p", "write %I with %p for hours up to 12, else %H"
     elif "Z" in codes:
-        wrong, fix = "has %Z, which reads no zone", "write the letters for %Z and add --zone, or %z for +0900"
+        wrong, fix = "has %Z, which reads no zone", "write the letters for %Z and name the zone, or %z"
     else:
         return pattern
     raise ConfigError(f"the format of the times, {time_format!r}, {wrong}", fix=fix)
@@ -289,7 +290,7 @@ def stated_zone(text: str) -> tzinfo | None:
 # --- of frames, given beside them: in a table, or in the names of their files
 
 
-GIVE_TIMES = '--times stamps.csv (file name, time), or --time-format "%Y%m%dT%H%M%S" (in the names)'
+GIVE_TIMES = Argument("times", "stamps.csv") + " (file name, time), or " + Argument("time_format")
 
 
 def given_times_ns(
@@ -309,7 +310,7 @@ def given_times_ns(
     if time_format is not None:
         return _from_names(frames, time_format, zone)
     if zone is not None:
-        raise ConfigError("--zone has no effect: the times in the files are UTC", fix="omit --zone")
+        raise ConfigError("the times in the files are UTC", fix="omit " + Argument("zone"))
     return None
 
 
@@ -352,7 +353,7 @@ def _from_names(frames: Mapping[Path, int], time_format: str, zone: tzinfo | Non
     if several is not None:
         raise ConfigError(
             f"{several} has {frames[several]} frames, its name only one time",
-            fix="--times stamps.csv, with a line for each: file name, time",
+            fix=Argument("times", "stamps.csv") + ", with a line for each: file name, time",
         )
     times_ns = parse_times_ns([path.stem for path in frames], zone, time_format)
     return {path: [time_ns] for path, time_ns in zip(frames, times_ns, strict=True)}

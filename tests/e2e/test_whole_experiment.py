@@ -15,6 +15,7 @@ from fieldkit.drivers.meters.meter import Meter
 from fieldkit.model.alarm import phase_of
 from fieldkit.model.errors import StorageError
 from fieldkit.model.marks import Mark
+from fieldkit.model.next_step import Action
 from fieldkit.model.samples import EventKind, Health, Quality, Reading, Severity
 from fieldkit.recording.opening import open_instruments
 from fieldkit.recording.record import PreparedRecording
@@ -23,6 +24,7 @@ from fieldkit.results.sources import config_for
 from fieldkit.sessions.lock import journal_path
 from fieldkit.sessions.reader import open_session
 from tests.harness.disk import full_disk, small_disk
+from tests.harness.next_steps import steps
 from tests.harness.replayed_minutes import replayed_minutes
 
 
@@ -260,7 +262,7 @@ def test_a_mark_that_no_room_is_left_for_is_not_sealed_away(campaign):
         pytest.raises(StorageError, match="stored") as failed,
     ):
         PreparedRecording(config, tools, path, duration_s=20.0).run([Filling(path, 10)])
-    assert "recover(" in (failed.value.fix or "")
+    assert [step.action for step in steps(failed.value)] == [Action.RECOVER]
     fieldkit("recover", path)
     with open_session(path) as session:
         assert [one.text for one in session.events() if one.kind is EventKind.MARK] == ["the last"]

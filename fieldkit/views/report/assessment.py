@@ -140,7 +140,7 @@ def _slope_warnings(columns: Series) -> list[str]:
 def _recording_warnings(events: Sequence[Event], state: str) -> list[str]:
     warnings = []
     if state not in ("sealed", "recovered"):
-        warnings.append(f"The session is {state}, not sealed: more may follow, or run fieldkit recover.")
+        warnings.append(f"The session is {state}, not sealed: more may follow, or recover it.")
     for kind, (singular, many) in _COUNTED.items():
         count = sum(event.kind is kind for event in events)
         if count:

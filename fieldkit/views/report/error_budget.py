@@ -40,7 +40,7 @@ LEAST_SHARE = 1e-3
 GUM = (
     "The variance of each tilt by input, after the data (JCGM 100:2008). Type A: determined by the session's "
     "own minutes, B: resting on the prior. Without unit: relative. A negative share compensates another. "
-    "In CSV: fieldkit estimate -o BASE."
+    "An estimate writes it as CSV."
 )
 MODELS = (
     "The same minutes by each model: final tilts, ± the larger half of the likelihood region; mean absolute "

@@ -5,7 +5,9 @@ import pytest
 from fieldkit.drivers import discovery, registry
 from fieldkit.drivers.identity import usb_parent
 from fieldkit.drivers.meters.lutron import Lutron
+from fieldkit.model.next_step import Action
 from tests.harness.connected import plugged_in
+from tests.harness.next_steps import steps
 
 
 @pytest.fixture
@@ -37,7 +39,7 @@ def test_instruments_with_nothing_but_the_raw_node_are_looked_at(sysfs, monkeypa
     ]
     assert found.level == level
     assert ":".join(kind) in (found.what + found.text)
-    assert allowed or "doctor --udev" in found.fix
+    assert allowed or Action.UDEV_RULES() in steps(found)
 
 
 @pytest.mark.parametrize(("kind", "missing"), [(("3474", "45a2"), False), (("1a86", "e008"), True)])

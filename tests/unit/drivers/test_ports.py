@@ -16,7 +16,9 @@ from fieldkit.drivers.ports import Line, SerialPort, Stamped, open_failure, open
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceAccessError, DeviceLostError, DeviceNotFoundError
+from fieldkit.model.next_step import Action
 from tests.harness.connected import plugged_in
+from tests.harness.next_steps import steps
 from tests.harness.rights import ordinary_rights
 
 RECORD = bytes.fromhex("02 34 31 31 35 30 30 30 30 30 39 38 37 36 30 0D")
@@ -161,7 +163,7 @@ def test_port_taken_by_another_program_says_how_to_find_it(wire):
     assert other.stdout.readline() == "open\n"
     with pytest.raises(DeviceAccessError, match="program") as caught:
         SerialPort(wire.path, Line(), HostClock())
-    assert f"fuser -v {wire.path}" in caught.value.fix
+    assert f"fuser -v {wire.path}" in str(caught.value.fix)
     other.communicate()
 
 
@@ -186,8 +188,8 @@ def test_permission_says_what_to_type_and_never_to_join_root(tmp_path, monkeypat
     monkeypatch.setattr(identity.grp, "getgrgid", lambda number: SimpleNamespace(gr_name=group))
     failure = open_failure(str(tmp_path), OSError(errno.EACCES, "denied"))
     assert isinstance(failure, DeviceAccessError)
-    assert "doctor --udev" in failure.fix
-    assert (f"usermod -aG {group}" in failure.fix) == joins
+    assert Action.UDEV_RULES() in steps(failure)
+    assert (f"usermod -aG {group}" in str(failure.fix)) == joins
 
 
 def test_port_without_permission_is_an_access_error(tmp_path):

@@ -14,9 +14,11 @@ from fieldkit.config import load_config
 from fieldkit.drivers.identity import UsbIdentity
 from fieldkit.drivers.meters.modbus import pack_request
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.next_step import Action
 from fieldkit.recording.adding import add_devices
 from fieldkit.recording.doctor import doctor
 from tests.harness.connected import plugged_in
+from tests.harness.next_steps import steps
 from tests.unit.drivers.conftest import Wire
 
 LUX = bytes.fromhex("02 34 31 31 35 30 30 30 30 30 39 38 37 36 30 0D")
@@ -130,7 +132,7 @@ def test_a_board_whose_lines_have_no_unit_is_asked_for_it_once(plug, file):
     stated = {"10c4:ea60:B1": {"driver": "text"}}
     refused = add_devices(file, stated).failures[0]
     assert "unit of text on 10c4:ea60:B1" in refused.message
-    assert 'campaign.add_devices({"10c4:ea60:B1": {"driver": "text", "unit": X}})' in refused.fix
+    assert steps(refused) == [Action.ADD_DEVICES(stated={"10c4:ea60:B1": {"driver": "text", "unit": "X"}})]
     asked = []
     done = add_devices(file, stated, lambda question: asked.append(question.key) or "C")
     assert asked == ["unit"]

@@ -1,7 +1,6 @@
 """What counts as a session of a folder, whatever lies in it, and what a session may be called."""
 
 import os
-import shlex
 import shutil
 import socket
 import subprocess
@@ -13,7 +12,6 @@ import pytest
 
 from fieldkit.config import load_config
 from fieldkit.model.errors import ConfigError
-from fieldkit.model.wording import typed
 from fieldkit.recording.campaign import open_campaign
 from fieldkit.recording.recordings import session_path, sessions_in
 from fieldkit.sessions.writer import SessionWriter
@@ -104,8 +102,7 @@ def test_a_session_is_called_by_text_without_control_characters(recordings, name
     with pytest.raises(ConfigError) as caught:
         session_path(config, name, 0)
     assert caught.value.message.isprintable()
-    with typed():
-        (_, usable) = shlex.split(caught.value.fix or "")
+    usable = caught.value.fix.value
     assert session_path(config, usable, 0).parent == recordings
 
 

@@ -51,7 +51,7 @@ def test_a_rim_that_sees_something_else_is_a_warning():
     )
     assert too_large.level == "warn"
     assert too_large.edge_k == pytest.approx(-10.0)
-    assert too_large.warnings == ["edge pixels differ by -10.0 K: fieldkit roi edit drawn --shrink 2"]
+    assert (len(too_large.warnings), too_large.shrink_px) == (1, 2)
     assert right.level == "ok"
     assert right.spread_k == 0.0
     assert (too_large.shrink_px, right.shrink_px) == (2, None)

@@ -91,7 +91,7 @@ def test_one_session_or_another_model_cannot_be_joined(days):
         fieldkit.estimate_together(days[:1])
     with pytest.raises(ConfigError, match="learned") as refused:
         fieldkit.estimate_together(days, model="full")
-    assert refused.value.fix == 'add settings={"estimator.model": "learned"}'
+    assert "estimator.model" in refused.value.fix
     assert typed(*days, "--together", "-j", 2).exit_code == 2
 
 

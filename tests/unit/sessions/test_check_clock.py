@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from fieldkit.model.clock import ClockCheck
+from fieldkit.model.next_step import Action, Text
 from fieldkit.model.samples import Quality
 from fieldkit.model.units import SECOND_NS
-from fieldkit.model.wording import typed
 from fieldkit.sessions.check import check
 from fieldkit.sessions.finished_file import apply_time_map, propose_time_map
 from fieldkit.sessions.reader import open_session
@@ -111,15 +111,14 @@ def stepped_by(path: Path, *offsets_s: float) -> Path:
     return recorded(path, STEADY, checks)
 
 
-def advice(path: Path) -> list[str]:
+def advice(path: Path) -> list[Text]:
     return [one.fix for one in check(path) if one.what == "clock" and one.fix]
 
 
 def test_clock_stepped_before_the_first_comparison_is_corrected_too(tmp_path):
     path = stepped_by(tmp_path / "a.h5", 3600, 3600, 3600)
     assert "stepped by +3600.000 s" in said(path, "clock")
-    with typed():
-        assert advice(path) == [f"fieldkit check --apply {path}"]
+    assert advice(path) == [Action.CORRECT_CLOCK(path)]
     assert set(added_s(path)) == {3600.0}
 
 

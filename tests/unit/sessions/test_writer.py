@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from fieldkit.model.errors import IntegrityError, RefusedError, StorageError
+from fieldkit.model.next_step import Action
 from fieldkit.model.samples import Event, EventKind, Health, Quality, Sample, Severity, StreamHealth
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SlopeEstimate, SlopeState
@@ -21,6 +22,7 @@ from fieldkit.sessions.records import MinuteRecord, RegionRecord
 from fieldkit.sessions.recovery import recover
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.disk import full_disk
+from tests.harness.next_steps import steps
 from tests.harness.recording import CountedClock, fill, header, same, sample
 from tests.harness.waiting import wait_until
 
@@ -212,7 +214,7 @@ def test_session_of_which_something_is_lost_is_not_sealed(tmp_path, monkeypatch)
     part.write_bytes(data)
     with pytest.raises(StorageError, match="camera: 5 samples lost") as caught:
         writer.close()
-    assert "recover(" in (caught.value.fix or "")
+    assert [step.action for step in steps(caught.value)] == [Action.RECOVER]
     assert sorted(item.name for item in tmp_path.iterdir()) == ["a.h5", "a.h5.journal"]
     (run,) = recover(path).lost
     assert (run.stream, run.first, run.last) == ("camera", 75, 79)
@@ -282,7 +284,7 @@ def test_journal_deleted_while_recording_is_reported_and_the_session_interrupted
     wait_until(lambda: "was deleted while recording" in caplog.text, "no sync has noticed")
     with pytest.raises(StorageError, match="recorded") as caught:
         writer.close()
-    assert "recover(" in (caught.value.fix or "")
+    assert [step.action for step in steps(caught.value)] == [Action.RECOVER]
     assert is_interrupted(path)
     report = recover(path)
     assert report.damage == ("the journal is gone: only what the file itself holds is recovered",)

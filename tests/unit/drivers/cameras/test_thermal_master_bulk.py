@@ -10,7 +10,9 @@ from fieldkit.drivers.conformance import check_driver
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceAccessError, DeviceLostError
+from fieldkit.model.next_step import Action
 from fieldkit.model.samples import Quality
+from tests.harness.next_steps import steps
 from tests.harness.usb_bus import Instrument
 
 TEXTS = {7: b"P3-000042", 6: b"P3-256X192"}
@@ -136,7 +138,7 @@ def test_camera_without_permission_says_what_to_type(camera):
     camera.forbidden = True
     with pytest.raises(DeviceAccessError, match="no permission") as caught:
         opened()
-    assert "doctor --udev" in caught.value.fix
+    assert Action.UDEV_RULES() in steps(caught.value)
 
 
 @pytest.mark.parametrize(("reply", "gain"), [(0, "low"), (0x35, "unknown (35)")])

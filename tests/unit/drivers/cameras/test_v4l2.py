@@ -17,8 +17,9 @@ from fieldkit.drivers.identity import UsbIdentity
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
-from fieldkit.model.wording import typed
+from fieldkit.model.next_step import Action
 from tests.harness.connected import plugged_in
+from tests.harness.next_steps import steps
 from tests.harness.rights import ordinary_rights
 
 SLOT = 65536
@@ -240,7 +241,7 @@ def test_missing_node_and_missing_permission_are_told_apart(tmp_path):
     node.touch(mode=0)
     with ordinary_rights(), pytest.raises(DeviceAccessError, match="no permission") as caught:
         V4l2Source(str(node), "Y16 ", ((1, 1),), HostClock())
-    assert "usermod -aG video" in caught.value.fix
+    assert "usermod -aG video" in str(caught.value.fix)
 
 
 def test_unplugged_camera_is_lost_and_closes_quietly(kernel, source):
@@ -320,6 +321,5 @@ def test_a_camera_that_shares_an_identity_and_gives_no_temperatures_is_refused_b
     settings = DeviceSettings("ir", driver.name, identity=usb.as_text())
     with pytest.raises(DeviceNotFoundError, match=named) as caught:
         driver().open(settings, HostClock())
-    with typed():
-        assert "fieldkit import" in caught.value.fix
+    assert steps(caught.value) == [Action.IMPORT()]
     assert not kernel.streaming

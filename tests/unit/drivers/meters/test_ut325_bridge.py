@@ -11,6 +11,8 @@ from fieldkit.drivers.meters.ut325 import Ut325
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceAccessError, DeviceLostError, DeviceNotFoundError, DeviceTimeoutError
+from fieldkit.model.next_step import Action
+from tests.harness.next_steps import steps
 from tests.harness.usb_bus import Instrument
 
 T1 = bytes.fromhex(
@@ -104,7 +106,7 @@ def test_bridge_without_permission_says_what_to_type(bridge):
     bridge.forbidden = True
     with pytest.raises(DeviceAccessError, match="no permission") as caught:
         opened()
-    assert "doctor --udev" in caught.value.fix
+    assert Action.UDEV_RULES() in steps(caught.value)
 
 
 @pytest.mark.usefixtures("impatient")

@@ -21,6 +21,7 @@ from mcap import reader as reading
 from PIL import Image
 
 from fieldkit.model.errors import ConfigError, SessionError, StorageError
+from fieldkit.model.next_step import Argument
 from fieldkit.model.samples import Event, EventKind, Frame, Quality, Reading
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.physics.camera_laws import ht301
@@ -408,7 +409,7 @@ def test_pictures_of_each_camera_have_files_of_their_own(two_cameras, tmp_path, 
 def test_camera_that_is_not_known_is_asked_for(two_cameras, tmp_path, export):
     with pytest.raises(ConfigError, match="frames of 2 cameras") as caught:
         export(two_cameras, tmp_path)
-    assert caught.value.fix == "stream with one of camera, cam2"
+    assert caught.value.fix == Argument("stream") + " is one of camera, cam2"
     with pytest.raises(ConfigError, match="no camera 'lux'"):
         export(two_cameras, tmp_path, stream="lux")
 

@@ -10,6 +10,7 @@ import pytest
 
 from fieldkit.model.channels import air_quantities
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.next_step import Argument
 from fieldkit.model.samples import Quality, Reading, Severity
 from fieldkit.model.site import Site
 from fieldkit.sessions.formats.imported import ImportedRecording, possible
@@ -17,6 +18,7 @@ from fieldkit.sessions.formats.logs import LogColumns, LogOptions, read_log, rea
 from fieldkit.sessions.formats.merged import cut_to, merge
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter
+from tests.harness.next_steps import steps
 from tests.harness.recording import START_NS, CountedClock, fill, header, same
 
 TOKYO = ZoneInfo("Asia/Tokyo")
@@ -311,19 +313,19 @@ def test_radiation_of_a_table_is_what_its_columns_are_called_or_what_was_said(tm
     unknown = read_log(path, "sun", LogOptions(zone=DENVER, columns=sun))
     assert unknown.streams[0].measures == ()
     warned = [text for severity, text in unknown.notes if severity is Severity.WARNING]
-    assert any("--measures ghi" in text and "irradiance.measures.sun" in text for text in warned)
+    assert any("ghi" in text and "irradiance.measures.sun" in text for text in warned)
     said = read_log(path, "sun", LogOptions(zone=DENVER, columns=sun, measures="ghi"))
     assert said.streams[0].measures == ("ghi",)
     named = written(tmp_path, TOA5.replace("SWin_Avg", "DNI_Avg"))
     imported = read_log(named, "sun", LogOptions(zone=DENVER, columns=LogColumns(values=("DNI_Avg",))))
     assert imported.streams[0].measures == ("dni",)
-    assert not any("--measures" in text for _, text in [*said.notes, *imported.notes])
+    assert not any("ghi" in text for _, text in [*said.notes, *imported.notes])
 
 
 def test_samples_of_a_campbell_table_are_not_told_to_be_means(tmp_path):
     path = written(tmp_path, TOA5.replace('"Avg"', '"Smp"'))
     imported = read_log(path, "sun", LogOptions(zone=DENVER, columns=LogColumns(values=("SWin_Avg",))))
-    assert not any("--clock-offset" in text for _, text in imported.notes)
+    assert not any("interval" in text for _, text in imported.notes)
 
 
 @pytest.mark.parametrize("text", [HOBO, HOBO.split("\n", 1)[1]], ids=["title", "no title"])
@@ -351,9 +353,10 @@ def test_a_hobo_table_says_its_zone_and_counts_fahrenheit(tmp_path, text):
 )
 def test_a_zone_against_the_one_in_the_header_is_refused_with_both(tmp_path, head, stated):
     path = written(tmp_path, f'"{head}",T [C]\n2026-05-12 10:00:00,20\n2026-05-12 10:01:00,21\n')
-    with pytest.raises(ConfigError, match="Pacific/Auckland") as caught:
+    with pytest.raises(ConfigError, match="not of Pacific/Auckland") as caught:
         read_log(path, "x", LogOptions(zone=ZoneInfo("Pacific/Auckland")))
-    assert f"zone {stated} of" in caught.value.message
+    assert f"zone {stated}, " in caught.value.message
+    assert caught.value.place == path
     assert len(readings(read_log(path, "x"))) == 2
 
 
@@ -462,18 +465,20 @@ def test_a_unit_that_is_given_is_of_columns_that_state_none(tmp_path):
 def test_a_unit_against_that_of_a_column_asked_for_is_refused_with_both(tmp_path, column, unit):
     path = table(tmp_path, minutes("RH [%],T,T2 [F],WindDir (deg)", "55,21,68,180"))
     asked = LogColumns(values=(column,))
-    with pytest.raises(ConfigError, match=f"states the unit '{unit}', unit=\"C\""):
+    with pytest.raises(ConfigError, match=f"unit '{unit}', not 'C'") as caught:
         read_log(path, "x", LogOptions(zone=UTC, unit="C", columns=asked))
+    assert steps(caught.value) == [Argument("unit")]
 
 
 def test_a_component_that_is_given_is_of_columns_that_name_none(tmp_path):
     path = table(tmp_path, minutes("GHI [W/m2],sun [W/m2],DHI [W/m2]", "800,900,100", "801,901,101"))
     imported = read_log(path, "x", LogOptions(zone=UTC, measures="dni"))
     assert imported.streams[0].measures == ("ghi", "dni", "dhi")
-    assert "--measures dni applies to sun; stated by the table: GHI, DHI" in notes(imported)
+    assert "dni applies to sun; stated by the table: GHI, DHI" in notes(imported)
     named_ghi = LogOptions(zone=UTC, measures="dni", columns=LogColumns(values=("GHI",)))
-    with pytest.raises(ConfigError, match=r"'GHI \[W/m2\]' states ghi, measures=.dni."):
+    with pytest.raises(ConfigError, match=r"GHI \[W/m2\].* ghi, not dni") as caught:
         read_log(path, "x", named_ghi)
+    assert steps(caught.value) == [Argument("measures")]
 
 
 # --- averages: each column by its own process

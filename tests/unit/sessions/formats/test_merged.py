@@ -126,7 +126,7 @@ def test_log_is_moved_onto_the_sessions_curve_and_says_so(session, tmp_path):
 
 
 def test_whole_hours_are_suspected_to_be_a_zone(session, tmp_path):
-    assert "check --zone" in aligned(session, log(tmp_path, 3600.0)).notes[-1][1]
+    assert "zone" in aligned(session, log(tmp_path, 3600.0)).notes[-1][1]
 
 
 def test_regions_of_the_pictures_tell_the_offset_of_a_probe_in_the_sand(tmp_path):

@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.next_step import Argument
 from fieldkit.model.samples import Reading, Severity
 from fieldkit.sessions.formats.imported import ImportedRecording
 from fieldkit.sessions.formats.jma import is_obsdl, is_radiation_table, read_obsdl, read_radiation_table
 from fieldkit.sessions.formats.stations import read_station
 from fieldkit.weather import STATIONS
 from tests.harness import foreign_files
+from tests.harness.next_steps import steps
 from tests.shared_data import shared
 
 
@@ -145,7 +147,7 @@ def test_ten_minute_table_without_a_date_is_refused_for_that(tmp_path, encoding)
     assert is_obsdl(path)
     with pytest.raises(ConfigError, match="but no date") as caught:
         read_obsdl(path, "jma")
-    assert 'zone="Asia/Tokyo"' in (caught.value.fix or "")
+    assert steps(caught.value) == [Argument("zone", "Asia/Tokyo")]
     path.write_bytes("時分,気温(℃)\r\n2026-07-05 00:10,22.1\r\n".encode(encoding))
     assert not is_obsdl(path), "with dates it is a table like any other"
 
