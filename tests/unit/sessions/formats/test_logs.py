@@ -458,7 +458,7 @@ def test_a_unit_that_is_given_is_of_columns_that_state_none(tmp_path):
     assert imported.streams[0].channels == ("T", "T2")
     assert readings(imported)[0].values == pytest.approx((294.15, 293.15))  # 68 °F are 20 °C
     assert [info.unit for info in imported.streams] == ["K", "degree", "%"]
-    assert "--unit C applies to T; stated by the table: T2 [F], WindDir (deg)" in notes(imported)
+    assert "the unit C applies to T; stated by the table: T2 [F], WindDir (deg)" in notes(imported)
 
 
 @pytest.mark.parametrize(("column", "unit"), [("RH", "%"), ("T2", "F"), ("WindDir", "deg")])
