@@ -7,11 +7,10 @@ Who wins: ``--set`` > ``FIELDKIT_TABLE__KEY`` in the environment > the campaign'
 from __future__ import annotations
 
 import functools
-import logging
 import operator
 import os
 import tomllib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -28,24 +27,17 @@ from fieldkit.config.references import resolve
 from fieldkit.config.secret_texts import secrets_in
 from fieldkit.config.toml_schema import Tables
 from fieldkit.config.validation import (
-    UNKNOWN_KEY,
     ConfigMistakesError,
     Mistake,
     cross_check,
-    crossed_outlines,
     explain,
-    repeated_azimuths,
     unknown_drivers,
-    unknown_foil,
 )
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Argument, Text
 
 SET = "setting "
-log: logging.Logger = logging.getLogger(__name__)
 ENVIRONMENT = "FIELDKIT_"
-OF_CAMPAIGNS = (unknown_drivers, crossed_outlines, repeated_azimuths, unknown_foil)
-"""Checks of a campaign's file that the configuration in a session need not pass."""
 
 
 def user_file() -> Path:
@@ -82,21 +74,17 @@ def read_config(
             document.add(text if file == path and text is not None else read_text(file), file)
     for origin, keys, value in (*_from_environment(environment), *_from_settings(settings)):
         document.put(origin, keys, value)
-    return document.check(path, *OF_CAMPAIGNS)
+    return document.check(path, of_campaign=True)
 
 
 def config_from_text(text: str, path: Path, *, settings: Sequence[str] = ()) -> Config:
     """The configuration a session keeps of itself, with ``KEY=VALUE`` of the command line over it.
 
-    Environment and user configuration are ignored, so that a session keeps its meaning. Unknown keys are
-    skipped with a warning, because old sessions must stay readable; secrets that one holds are left out.
-    Raises as `load_config`.
+    Environment and user configuration are ignored, so that a session keeps its meaning; its drivers need not
+    be installed here. Raises as `load_config`.
     """
     document = _Document()
     document.add(text, path)
-    for key in document.drop_unknown():
-        log.warning("%s: the configuration's %s is unknown to this version and ignored", path.name, key)
-    document.take_secrets()
     document.set(settings)
     return _checked(*document.check(path), fix=f"correct the settings for {path.name}")
 
@@ -123,7 +111,7 @@ def mistakes_in(text: str, path: Path) -> list[tuple[str, Mistake]]:
     """
     document = _Document()
     document.add(text, path)
-    return document.check(path, *OF_CAMPAIGNS)[1]
+    return document.check(path, of_campaign=True)[1]
 
 
 def _checked(config: Config | None, mistakes: list[tuple[str, Mistake]], fix: str) -> Config:
@@ -169,16 +157,6 @@ class _Document:
         for setting in values:
             self.put(*setting)
 
-    def drop_unknown(self) -> Iterator[str]:
-        """Remove unknown keys; yields their names."""
-        try:
-            Tables.model_validate(self.values)
-        except ValidationError as error:
-            for mistake in error.errors(include_url=False):
-                if mistake["type"] in UNKNOWN_KEY:
-                    self._drop(mistake["loc"])
-                    yield ".".join(str(part) for part in mistake["loc"])
-
     def take_secrets(self) -> list[Mistake]:
         """Remove what looks like a secret, so that no message quotes it; the mistakes."""
         secrets = list(secrets_in(self.values))
@@ -194,11 +172,11 @@ class _Document:
         del functools.reduce(operator.getitem, tables, self.values)[key]  # type: ignore[arg-type]
 
     def check(
-        self, path: Path, *more: Callable[[Mapping[str, Any]], Iterable[Mistake]]
+        self, path: Path, *, of_campaign: bool = False
     ) -> tuple[Config | None, list[tuple[str, Mistake]]]:
         """The configuration, if there can be one, and every mistake with its place, in file order.
 
-        `more` are additional checks for configurations of campaigns.
+        Of a campaign every driver must be installed here.
         """
         secrets = self.take_secrets()
         values, mistakes = resolve(self.values, path)
@@ -211,7 +189,7 @@ class _Document:
         except ValidationError as error:
             mistakes += [mistake for mistake in explain(error, values) if mistake.path not in reported]
         reported = {mistake.path for mistake in mistakes}
-        between = [*cross_check(values), *(mistake for check in more for mistake in check(values))]
+        between = [*cross_check(values), *(unknown_drivers(values) if of_campaign else ())]
         mistakes += [mistake for mistake in between if mistake.path not in reported]
         located = [(self._origin(mistake.path) or path.name, mistake) for mistake in mistakes]
         return (Config(path, tables) if tables else None), sorted(located, key=_by_line)

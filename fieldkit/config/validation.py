@@ -171,6 +171,9 @@ def cross_check(document: Mapping[str, Any]) -> list[Mistake]:
         _cameras_of_regions,
         _reference,
         _outside_the_frame,
+        _crossed_outlines,
+        _repeated_azimuths,
+        _unknown_foil,
         _method,
         _irradiance,
         _incomplete_pairs,
@@ -195,8 +198,8 @@ def unknown_drivers(document: Mapping[str, Any]) -> Iterator[Mistake]:
         yield Mistake((*path, "driver"), f"unknown driver {name!r}; {hint}")
 
 
-def crossed_outlines(document: Mapping[str, Any]) -> Iterator[Mistake]:
-    """Regions whose outline crosses itself: allowed in an old session, not in a new one."""
+def _crossed_outlines(document: Mapping[str, Any]) -> Iterator[Mistake]:
+    """Regions whose outline crosses itself."""
     for path, region in regions_in(document):
         corners = outline(region.get("points_px"))
         if corners and Region("", RegionKind.TARGET, tuple(corners)).crosses_itself:
@@ -204,8 +207,8 @@ def crossed_outlines(document: Mapping[str, Any]) -> Iterator[Mistake]:
             yield Mistake((*path, "points_px"), message)
 
 
-def repeated_azimuths(document: Mapping[str, Any]) -> Iterator[Mistake]:
-    """Horizons with two elevations of one azimuth: allowed in an old session, not in a new one."""
+def _repeated_azimuths(document: Mapping[str, Any]) -> Iterator[Mistake]:
+    """Horizons with two elevations of one azimuth."""
     for path, table in ((("site",), table_in(document, "site")), *regions_in(document)):
         pairs = table.get("horizon")
         horizon = pairs if isinstance(pairs, list) else ()
@@ -215,8 +218,8 @@ def repeated_azimuths(document: Mapping[str, Any]) -> Iterator[Mistake]:
             yield Mistake((*path, "horizon"), "every azimuth may stand once (0 and 360 are the same)")
 
 
-def unknown_foil(document: Mapping[str, Any]) -> Iterator[Mistake]:
-    """A simulated foil on no region: it may have been removed since an old session, not in a campaign."""
+def _unknown_foil(document: Mapping[str, Any]) -> Iterator[Mistake]:
+    """A simulated foil on no region."""
     foil = table_in(document, "simulation").get("foil")
     names = [str(region.get("name")) for _, region in regions_in(document)]
     if foil and foil not in names:

@@ -1,11 +1,9 @@
 """The horizon's file in the configuration."""
 
-from pathlib import Path
-
 import pytest
 
 from fieldkit.config.horizon import load_horizon, with_horizons
-from fieldkit.config.load import config_from_text, load_config
+from fieldkit.config.load import load_config
 from fieldkit.model.errors import ConfigError
 
 
@@ -45,11 +43,3 @@ def test_pairs_in_the_configuration_are_checked(tmp_path):
         file.write_text(f"{site}{pairs}\n", encoding="utf-8")
         with pytest.raises(ConfigError, match=rf"site\.horizon{words}"):
             load_config(file, environment={})
-
-
-def test_a_session_with_two_elevations_of_one_azimuth_still_opens():
-    site = "[site]\nlatitude_deg = 0.0\nlongitude_deg = 0.0\nhorizon = [[0, 5], [360, 7]]\n"
-    assert config_from_text(site, Path("session.h5")).estimator_settings().horizon == (
-        (0.0, 5.0),
-        (360.0, 7.0),
-    )

@@ -246,14 +246,6 @@ def test_a_sessions_own_configuration_heeds_settings_but_neither_environment_nor
         config_from_text(SITE, Path("x.h5"), settings=["surface.albedo=2"])
 
 
-def test_a_session_of_another_version_is_read_without_the_keys_nobody_knows_any_more(caplog):
-    text = SITE + "\n[surface]\nalbedo = 0.31\nsparkle = 3\n\n[forgotten]\nkey = 1\n"
-    config = config_from_text(text, Path("old.h5"))
-    assert config.surface_parameters().albedo == 0.31
-    assert "surface.sparkle" in caplog.text
-    assert "forgotten" in caplog.text
-
-
 def test_what_is_wrong_on_the_command_line_is_corrected_there_not_in_the_file(tmp_path):
     file = tmp_path / "fieldkit.toml"
     file.write_text("[site]\nlatitude_deg = 35\nlongitude_deg = 139\nelevation_m = 9\n")

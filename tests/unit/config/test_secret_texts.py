@@ -1,13 +1,12 @@
 """No password, token or topic gets into a configuration, from which it would get into every session."""
 
 import json
-from pathlib import Path
 from typing import Any
 
 import pytest
 import tomlkit
 
-from fieldkit.config import ConfigMistakesError, config_from_text, load_config
+from fieldkit.config import ConfigMistakesError, load_config
 
 SITE = "[site]\nlatitude_deg = 35.5\nlongitude_deg = 139.4\n"
 SECRET = "s3cr3t"
@@ -110,11 +109,3 @@ def test_a_setting_that_is_wrong_in_another_way_does_not_show_its_secret(file):
             load_config(file, settings=[setting, "surface.albedo=9"], environment={})
         assert SECRET not in str(caught.value)
         assert '"surface.albedo": 9' in str(caught.value)
-
-
-@pytest.mark.parametrize(("key", "value", "fix"), REFUSED, ids=names(REFUSED))
-def test_a_session_that_holds_a_secret_is_read_without_it(key, value, fix):
-    config = config_from_text(toml(key, value), Path("old.h5"))
-    assert SECRET not in config.to_toml()
-    with pytest.raises(ConfigMistakesError, match=r"^settings alarms\.services: "):
-        config_from_text(config.to_toml(), Path("old.h5"), settings=["alarms.services=mqtt://user:pass@host"])
