@@ -640,4 +640,4 @@ def _warn_where_changed(session: SessionReader) -> None:
         known = [path for path in _MEANING if path in sealed]
         changed = [path for path in known if session.object_digest(path) != sealed[path]]
         if changed:
-            log.warning(_CHANGED, session.path, " and ".join(changed), session.path)
+            log.warning(_CHANGED, session.path, " and ".join(changed))

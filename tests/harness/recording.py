@@ -45,7 +45,7 @@ def header(shape: tuple[int, int] = (120, 160), rate_hz: float = 9.0, rows: int 
     )
     site = Site(35.558675, 139.395232, 9.0, "Asia/Tokyo")
     return SessionHeader(
-        "three beds – テスト", site, (camera, lux, thermometer), regions, 'schema = 1\n[site]\nname = "é"'
+        "three beds – テスト", site, (camera, lux, thermometer), regions, "schema = 1  # é\n[site]\n"
     )
 
 
