@@ -21,7 +21,7 @@ from benchmarks.replayed import PreparedCamera, meters
 from benchmarks.result import Result, Row
 from benchmarks.sides import share
 from fieldkit.drivers import registry
-from fieldkit.drivers.cameras.camera import DecodedFrame, ThermalCamera, extremes
+from fieldkit.drivers.cameras.camera import DecodedFrame, ThermalCamera
 from fieldkit.drivers.simulated.lepton import SimulatedLepton
 from fieldkit.estimation.estimator import Estimator, EstimatorSettings
 from fieldkit.model.clock import HostClock
@@ -105,7 +105,7 @@ def large_camera() -> list[Result]:
 
 def _decode_large(data: bytes) -> DecodedFrame:
     counts = np.frombuffer(data, "<u2").reshape(512, 640)
-    return DecodedFrame(counts, extremes(counts), scale=0.01)
+    return DecodedFrame(counts, scale=0.01)
 
 
 class _Recording:

@@ -28,9 +28,7 @@ from fieldkit.drivers.cameras.camera import (
     Decode,
     DecodedFrame,
     decode_frames,
-    extremes,
     pixel_view,
-    quality_flags,
 )
 from fieldkit.drivers.cameras.source import CameraDriver, CameraFormat, open_source
 from fieldkit.drivers.decoding import Decoded, Layout, Parsed, Record, Rejected, text_of
@@ -185,9 +183,7 @@ def decode(data: bytes, scale: float = math.nan) -> DecodedFrame | Rejected:
         return Rejected(len(data), f"{len(data)} bytes; a Boson's frame has {sizes}")
     pixels = pixel_view(data, shape)
     height = IMAGE_ROWS[shape[1]]
-    counts = pixels[:height]
-    ends = extremes(counts)
-    return DecodedFrame(counts, ends, pixels[height:], scale, quality=quality_flags(ends, (0, 0xFFFF), scale))
+    return DecodedFrame(pixels[:height], pixels[height:], scale)
 
 
 class Boson(CameraDriver):

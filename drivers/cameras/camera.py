@@ -7,55 +7,72 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras.source import OpenedSource
 from fieldkit.drivers.decoding import Decoded, Rejected, Value
-from fieldkit.model.arrays import CountArray, SingleArray
+from fieldkit.model.arrays import AnyArray, CountArray
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import Buffer, DeviceSettings, FrameSource, StreamInfo
 from fieldkit.model.errors import DecodeError, DeviceError, DeviceTimeoutError
 from fieldkit.model.next_step import Action
 from fieldkit.model.samples import NO_COUNTER, Frame, Quality
-from fieldkit.physics.camera_laws import law_named
+from fieldkit.physics.camera_laws import law_named, linear
 
 # --- one buffer: what its bytes alone give
 
 PLAUSIBLE_K = (200.0, 700.0)
 """Scenes outside are a wrong scale, not weather."""
 
+WORD_ENDS = (0, 0xFFFF)
+"""The ends of a pixel's range in most cameras."""
+
 _GOOD, _SATURATED, _NO_VALUE = Quality.GOOD, Quality.SATURATED, Quality.NO_VALUE
 """Looking a flag up in its class would take as long as finding the extremes."""
 
 NO_ROWS = np.empty((0, 0), np.uint16)
-_NEW: Any = None  # for OpenCV to make; its type hints want an array
 _WORD = np.dtype("<u2")  # made once: reading its name takes as long as finding a row
 
 
 class DecodedFrame(NamedTuple):
     """One frame as decoded from its bytes alone; a tuple, because one is made for every frame.
 
-    `extremes` are the coldest and the hottest of the counts. Kelvin are ``counts * scale + offset`` if `law`
-    is linear; `scale` is NaN where they are not, or unknown.
+    Kelvin are ``counts * scale + offset`` if `law` is linear; `scale` is NaN where they are not, or unknown.
+    `ends` are the counts of a saturated pixel; `flags` follow from the bytes beside the range of the pixels.
     `shutter` is whether a correction runs or has just run, None where the camera does not report it.
     """
 
     counts: CountArray
-    extremes: tuple[float, float]
     metadata_rows: CountArray = NO_ROWS
     scale: float = math.nan
     offset: float = 0.0
     law: str = "linear"
-    quality: Quality = Quality.GOOD
+    ends: tuple[int, int] = WORD_ENDS
+    flags: Quality = Quality.GOOD
     shutter: bool | None = None
     device_time: int = NO_COUNTER
     device_seq: int = NO_COUNTER
     fpa_temperature_k: float = math.nan
     housing_temperature_k: float = math.nan
     gain: str = ""
+
+    @property
+    def quality(self) -> Quality:
+        """Its `flags`, with `SATURATED` for a pixel at either end, `NO_VALUE` without a plausible scene.
+
+        A scale that puts even the warmest pixel below, or the coldest above, anything on this Earth is wrong.
+        A decoder with a law of its own judges the scene itself.
+        """
+        coldest, hottest = extremes(self.counts)
+        low, high = PLAUSIBLE_K
+        quality = self.flags
+        if coldest <= self.ends[0] or hottest >= self.ends[1]:
+            quality |= _SATURATED
+        is_scene = hottest * self.scale + self.offset >= low and coldest * self.scale + self.offset <= high
+        return quality if is_scene or self.law != "linear" else quality | _NO_VALUE  # NaN is in no range
 
 
 Decode = Callable[[bytes], DecodedFrame | Rejected]
@@ -72,21 +89,6 @@ def extremes(counts: CountArray) -> tuple[float, float]:
 
     coldest, hottest, _, _ = cv2.minMaxLoc(counts)
     return coldest, hottest
-
-
-def quality_flags(
-    extremes: tuple[float, float], ends: tuple[int, int], scale: float = math.nan, offset: float = 0.0
-) -> Quality:
-    """`SATURATED` with a pixel at either end of the camera's range, `NO_VALUE` without a plausible scene.
-
-    A scale that puts even the warmest pixel below, or the coldest above, anything on this Earth is wrong.
-    """
-    coldest, hottest = extremes
-    low, high = PLAUSIBLE_K
-    is_scene = hottest * scale + offset >= low and coldest * scale + offset <= high  # NaN is in no range
-    if coldest > ends[0] and hottest < ends[1]:
-        return _GOOD if is_scene else _NO_VALUE
-    return _SATURATED if is_scene else _SATURATED | _NO_VALUE
 
 
 def decode_frames(data: bytes, decode: Decode, lengths: tuple[int, ...]) -> Decoded:
@@ -153,21 +155,11 @@ def summary(frame: DecodedFrame) -> list[Value]:
     return values
 
 
-def kelvin(frame: DecodedFrame) -> SingleArray:
-    """Brightness temperature of a frame, float32.
-
-    OpenCV converts and scales in one pass where numpy needs two, but only for a given largest value.
-    """
-    import cv2
-
+def kelvin(frame: DecodedFrame) -> AnyArray:
+    """Brightness temperature of a frame, float32."""
     if frame.law != "linear":
         return law_named(frame.law)(frame.counts, frame.metadata_rows, {})
-    hottest_k = frame.extremes[1] * frame.scale
-    scaled = cv2.normalize(frame.counts, _NEW, hottest_k, 0.0, cv2.NORM_INF, cv2.CV_32F)
-    image = cast("SingleArray", scaled)
-    if frame.offset:
-        image += frame.offset
-    return image
+    return linear(frame.counts, frame.scale, frame.offset)
 
 
 # --- the frames around it: what only a sequence shows

@@ -51,7 +51,7 @@ def decode(data: bytes, law: str = "ht301") -> DecodedFrame | Rejected:
         return Rejected(len(data), f"{len(data)} bytes; a frame of this family has {sizes}")
     pixels = pixel_view(data, shape)
     counts, rows = pixels[:-ROWS], pixels[-ROWS:]
-    ends = coldest, hottest = extremes(counts)
+    coldest, hottest = extremes(counts)
     if hottest > HT301_COUNTS:
         return Rejected(len(data), "an ordinary image, not temperatures: the camera is in the wrong mode")
     parameters = ht301_parameters(rows)
@@ -59,11 +59,9 @@ def decode(data: bytes, law: str = "ht301") -> DecodedFrame | Rejected:
     warm = [math.sqrt(max(count * scale + offset, 0.0)) + zero for count in (coldest, hottest)]
     # NaN is in no range
     is_plausible = law == "ht301" and warm[1] >= PLAUSIBLE_K[0] and warm[0] <= PLAUSIBLE_K[1]
-    quality = Quality.GOOD if is_plausible else Quality.NO_VALUE
-    if coldest <= 0 or hottest >= HT301_COUNTS:
-        quality |= Quality.SATURATED
+    flags, ends = Quality.GOOD if is_plausible else Quality.NO_VALUE, (0, HT301_COUNTS)
     fpa_k = ht301_fpa_c(parameters.width, parameters.fpa_raw) + CELSIUS_ZERO_K
-    return DecodedFrame(counts, ends, rows, law=law, quality=quality, fpa_temperature_k=fpa_k)
+    return DecodedFrame(counts, rows, law=law, ends=ends, flags=flags, fpa_temperature_k=fpa_k)
 
 
 def user_block(rows: CountArray) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from contextlib import suppress
 from typing import Any
 
 from fieldkit.drivers.cameras import camera
-from fieldkit.drivers.cameras.camera import DecodedFrame, decode_frames, extremes, pixel_view, quality_flags
+from fieldkit.drivers.cameras.camera import DecodedFrame, decode_frames, pixel_view
 from fieldkit.drivers.cameras.source import CameraDriver, OpenedSource
 from fieldkit.drivers.cameras.streaming import StreamSource
 from fieldkit.drivers.connections import address_of
@@ -50,12 +50,8 @@ def decode(data: bytes) -> DecodedFrame | Rejected:
     if len(data) != LENGTH:
         return Rejected(len(data), f"{len(data)} bytes; a frame of 32x32 has {LENGTH}")
     counts = pixel_view(data, (SIDE, SIDE))
-    ends = extremes(counts)
     ambient_k = int.from_bytes(data[AMBIENT : AMBIENT + 2], "little") * SCALE
-    quality = quality_flags(ends, (0, 0xFFFF), SCALE)
-    return DecodedFrame(
-        counts, ends, scale=SCALE, quality=quality, shutter=False, fpa_temperature_k=ambient_k
-    )
+    return DecodedFrame(counts, scale=SCALE, shutter=False, fpa_temperature_k=ambient_k)
 
 
 class UdpSource(StreamSource):

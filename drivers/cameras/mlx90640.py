@@ -20,7 +20,7 @@ import numpy as np
 
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera
-from fieldkit.drivers.cameras.camera import DecodedFrame, extremes, quality_flags, summary
+from fieldkit.drivers.cameras.camera import DecodedFrame, summary
 from fieldkit.drivers.cameras.source import OpenedSource
 from fieldkit.drivers.cameras.streaming import PortSource
 from fieldkit.drivers.decoding import Layout, Parsed, Record, Rejected, skip_to
@@ -74,9 +74,7 @@ def _image(celsius: list[float] | None, length: int) -> DecodedFrame | Rejected:
         return Rejected(length, f"{len(celsius or ())} numbers; an image has {sizes}")
     kelvin_100 = np.rint(np.array(celsius) / SCALE) + ZERO
     counts = np.clip(kelvin_100, 0, 0xFFFF).astype(np.uint16).reshape(shape)
-    ends = extremes(counts)
-    quality = quality_flags(ends, (0, 0xFFFF), SCALE)
-    return DecodedFrame(counts, ends, scale=SCALE, quality=quality, shutter=False)
+    return DecodedFrame(counts, scale=SCALE, shutter=False)
 
 
 def _numbers(text: bytes) -> list[float] | None:

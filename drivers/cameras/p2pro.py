@@ -30,7 +30,7 @@ import numpy as np
 
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera
-from fieldkit.drivers.cameras.camera import DecodedFrame, decode_frames, extremes, pixel_view, quality_flags
+from fieldkit.drivers.cameras.camera import DecodedFrame, decode_frames, extremes, pixel_view
 from fieldkit.drivers.cameras.source import CameraDriver, CameraFormat, open_source
 from fieldkit.drivers.decoding import Decoded, Rejected, text_of
 from fieldkit.drivers.identity import UsbIdentity, permission_fix
@@ -229,20 +229,17 @@ def decode(data: bytes) -> DecodedFrame | Rejected:
     if len(data) != LENGTH:
         return Rejected(len(data), f"{len(data)} bytes; a frame of {WIDTH}x{2 * HEIGHT} has {LENGTH}")
     counts = pixel_view(data, (HEIGHT, WIDTH), LENGTH // 2)
-    ends = extremes(counts)
-    return DecodedFrame(counts, ends, scale=SCALE, quality=flags(counts, ends))
+    return DecodedFrame(counts, scale=SCALE, flags=flags(counts))
 
 
-def flags(counts: CountArray, ends: tuple[float, float], scale: float = SCALE) -> Quality:
-    """Flags by the temperatures alone: end of scale, not started, not corrected, or the grey half."""
-    quality = quality_flags(ends, (0, 0xFFFF), scale)
+def flags(counts: CountArray, scale: float = SCALE) -> Quality:
+    """`NO_VALUE` for a frame that is not started, not corrected, or the grey half."""
     middle = len(counts) // 2
     row = counts[middle].astype(np.int32)
     step = np.abs(row[1:] - row[:-1]).mean()
     # halves that are exchanged or shifted leave one of these rows grey
-    if step * scale > UNCORRECTED_K or any(_is_grey(counts[place]) for place in (0, middle, -1)):
-        quality |= Quality.NO_VALUE
-    return quality
+    has_no_value = step * scale > UNCORRECTED_K or any(_is_grey(counts[place]) for place in (0, middle, -1))
+    return Quality.NO_VALUE if has_no_value else Quality.GOOD
 
 
 def _is_grey(row: CountArray) -> bool:

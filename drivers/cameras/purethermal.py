@@ -22,7 +22,7 @@ from functools import partial
 from typing import Any, Protocol, runtime_checkable
 
 from fieldkit.drivers.cameras import camera
-from fieldkit.drivers.cameras.camera import DecodedFrame, decode_frames, extremes, pixel_view, quality_flags
+from fieldkit.drivers.cameras.camera import WORD_ENDS, DecodedFrame, decode_frames, pixel_view
 from fieldkit.drivers.cameras.source import CameraDriver, CameraFormat, cannot_command, open_source
 from fieldkit.drivers.decoding import Decoded, Rejected, text_of
 from fieldkit.drivers.options import decoding_settings, kelvin_per_count
@@ -30,6 +30,7 @@ from fieldkit.model.arrays import CountArray
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, FrameSource
 from fieldkit.model.errors import DeviceError
+from fieldkit.model.samples import Quality
 
 WANTED = CameraFormat(((0x1E4E, 0x0100),), "Y16 ", ((160, 122), (80, 63), (160, 120), (80, 60)))
 SHAPES = {2 * width * height: (height, width) for width, height in WANTED.sizes}
@@ -38,8 +39,8 @@ SETTLING_MS = 10_000  # levels creep after a correction
 RESOLUTION_K = {(1, 0): 0.1, (1, 1): 0.01}
 """K per count by TLinear (1: on) and its resolution."""
 
-TLINEAR_ENDS, COUNTS_ENDS = (0, 0xFFFF), (0, 0x3FFF)
-"""The ends of a pixel's range; without TLinear it has 14 bits."""
+COUNTS_ENDS = (0, 0x3FFF)
+"""The ends of a pixel's range without TLinear, of 14 bits."""
 
 GAINS = {0: "high", 1: "low", 2: "automatic"}
 EMISSIVITY_WORD, EMISSIVITY_1 = 99, 8192
@@ -63,18 +64,16 @@ def decode(data: bytes, default_scale: float = math.nan) -> DecodedFrame | Rejec
     pixels, height = pixel_view(data, shape), IMAGE_ROWS[shape[1]]
     counts, rows = pixels[:height], pixels[height:]
     if height == shape[0]:
-        return _without_telemetry(counts, rows, default_scale)
+        return DecodedFrame(counts, rows, default_scale, ends=_ends(counts, default_scale))
     fields = _TELEMETRY.unpack_from(data, 2 * height * shape[1])
     revision, uptime, status, counter, fpa, housing, corrected, gain, linear, resolution = fields
     if not (revision and COLDEST_FPA < fpa < HOTTEST_FPA):  # the rows are not filled in
-        return _without_telemetry(counts, rows, default_scale)
+        return DecodedFrame(counts, rows, default_scale, ends=_ends(counts, default_scale))
     scale = RESOLUTION_K.get((linear, resolution), math.nan)
-    ends = extremes(counts)
-    quality = quality_flags(ends, TLINEAR_ENDS if scale > 0 else _ends(ends), scale)
     state, (running, done) = status >> 4 & 3, OLD_FFC if revision == OLD_REVISION else FFC
     shutter = state == running or (state == done and 0 <= uptime - corrected < SETTLING_MS)
     fields = (
-        counts, ends, rows, scale, 0.0, "linear", quality, shutter, uptime, counter,
+        counts, rows, scale, 0.0, "linear", _ends(counts, scale), Quality.GOOD, shutter, uptime, counter,
         fpa / 100, housing / 100, GAINS.get(gain, "unknown"),
     )  # fmt: skip
     # not by the named tuple's own constructor: it takes a tenth of the decoding, and the goal of
@@ -82,16 +81,9 @@ def decode(data: bytes, default_scale: float = math.nan) -> DecodedFrame | Rejec
     return tuple.__new__(DecodedFrame, fields)
 
 
-def _without_telemetry(counts: CountArray, rows: CountArray, scale: float) -> DecodedFrame:
-    """A frame without telemetry."""
-    ends = extremes(counts)
-    quality = quality_flags(ends, TLINEAR_ENDS if scale > 0 else _ends(ends), scale)
-    return DecodedFrame(counts, ends, rows, scale, quality=quality)
-
-
-def _ends(found: tuple[float, float]) -> tuple[int, int]:
-    """The range of pixels of unknown scale; above 14 bits TLinear must be on."""
-    return TLINEAR_ENDS if found[1] > COUNTS_ENDS[1] else COUNTS_ENDS
+def _ends(counts: CountArray, scale: float) -> tuple[int, int]:
+    """The range of pixels; above 14 bits TLinear must be on, whatever the scale."""
+    return WORD_ENDS if scale > 0 or counts.max() > COUNTS_ENDS[1] else COUNTS_ENDS
 
 
 def _sizes() -> str:

@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from fieldkit.drivers.cameras import camera, p2pro
-from fieldkit.drivers.cameras.camera import DecodedFrame, decode_frames, extremes, pixel_view
+from fieldkit.drivers.cameras.camera import DecodedFrame, decode_frames, pixel_view
 from fieldkit.drivers.cameras.source import CameraDriver, CameraFormat, open_source
 from fieldkit.drivers.decoding import Decoded, Rejected
 from fieldkit.model.clock import Clock
@@ -40,8 +40,7 @@ def decode(data: bytes) -> DecodedFrame | Rejected:
     if len(data) != LENGTH:
         return Rejected(len(data), f"{len(data)} bytes; a frame of {FRAME[1]}x{FRAME[0]} has {LENGTH}")
     counts, rows = pixel_view(data, (HEIGHT, WIDTH)), pixel_view(data, FRAME)[TELEMETRY]
-    ends = extremes(counts)
-    return DecodedFrame(counts, ends, rows, SCALE, quality=p2pro.flags(counts, ends, SCALE))
+    return DecodedFrame(counts, rows, SCALE, flags=p2pro.flags(counts, SCALE))
 
 
 class Tc002c(CameraDriver):

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera, p2pro
-from fieldkit.drivers.cameras.camera import DecodedFrame, decode_frames, extremes, pixel_view
+from fieldkit.drivers.cameras.camera import DecodedFrame, decode_frames, pixel_view
 from fieldkit.drivers.cameras.source import (
     CameraDriver,
     CameraFormat,
@@ -217,10 +217,7 @@ def decode(data: bytes) -> DecodedFrame | Rejected:
     width, height = LENGTHS[bare]
     pixels = pixel_view(data, (2 * height + 2, width))
     rows, counts = pixels[height : height + 2], pixels[height + 2 :]
-    ends = extremes(counts)
-    return DecodedFrame(
-        counts, ends, rows, p2pro.SCALE, quality=p2pro.flags(counts, ends), device_seq=counter
-    )
+    return DecodedFrame(counts, rows, p2pro.SCALE, flags=p2pro.flags(counts), device_seq=counter)
 
 
 class ThermalMaster(CameraDriver):

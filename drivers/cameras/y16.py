@@ -16,9 +16,7 @@ from fieldkit.drivers.cameras.camera import (
     Decode,
     DecodedFrame,
     decode_frames,
-    extremes,
     pixel_view,
-    quality_flags,
 )
 from fieldkit.drivers.cameras.source import CameraDriver, CameraFormat, cameras, open_source
 from fieldkit.drivers.decoding import Decoded, Rejected
@@ -47,10 +45,7 @@ def decode(
     """A frame of width x height words."""
     if len(data) != 2 * width * height:
         return Rejected(len(data), f"{len(data)} bytes; a frame of {width}x{height} has {2 * width * height}")
-    counts = pixel_view(data, (height, width))
-    ends = extremes(counts)
-    quality = quality_flags(ends, (0, 0xFFFF), scale, offset)
-    return DecodedFrame(counts, ends, scale=scale, offset=offset, quality=quality)
+    return DecodedFrame(pixel_view(data, (height, width)), scale=scale, offset=offset)
 
 
 def _sizes(settings: DeviceSettings) -> tuple[tuple[int, int], ...]:

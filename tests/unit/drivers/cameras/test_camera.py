@@ -29,10 +29,6 @@ def test_without_a_scale_there_are_no_kelvin():
     assert np.isnan(kelvin(frame(COUNTS, float("nan")))).all()
 
 
-def test_a_frame_knows_its_coldest_and_hottest():
-    assert frame(COUNTS, 0.01).extremes == (COUNTS.min(), COUNTS.max())
-
-
 def test_a_frame_with_telemetry_has_every_field():
     rows = np.zeros(320, "<u2")
     rows[[0, 24, 26, 208, 209]] = 14, 30_015, 29_815, 1, 1
