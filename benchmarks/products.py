@@ -108,7 +108,7 @@ def mapped_world(world: World, model: Model = "learned") -> WorldMap:
         },
         found.learnt,
     )
-    slopes, bounds, *_ = asked.solved(by_minute.__getitem__)
+    slopes, bounds, *_ = asked.solve(by_minute.__getitem__)
     return WorldMap(slopes, bounds, found.slopes)
 
 

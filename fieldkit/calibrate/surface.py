@@ -22,7 +22,7 @@ from fieldkit.config import Config
 from fieldkit.estimation import balance
 from fieldkit.estimation.balance import Rows
 from fieldkit.estimation.bins import History, RegionColumns
-from fieldkit.estimation.carried import Carried, carried, keys
+from fieldkit.estimation.carried import Carried, carry_over, keys
 from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.learned.prior_state import DAY_TO_DAY
 from fieldkit.estimation.normal import LOWEST_COS_INCIDENCE
@@ -239,7 +239,7 @@ def sand(
     regions, settings = regions_for(session, config), config.estimator_settings()
     history = SessionMinutes(session, config).measured.history
     learnt = _learnt(history, with_known(regions, beds), settings)
-    prior = carried(settings, [(settings, learnt)])
+    prior = carry_over(settings, [(settings, learnt)])
     steeper_deg = tilt_sd_deg if any(region.name in beds for region in regions.columns) else 0.0
     steeper = _learnt(history, with_known(regions, beds, steeper_deg), settings) if steeper_deg else learnt
     budget = _budget(prior["gain"], _gain(steeper) - _gain(learnt), tilt_sd_deg)

@@ -148,9 +148,9 @@ def least_squares_rows(
     # one minute alone shows nothing of the stored heat
     stores_heat = settings.model == "full" and len(history) > 1
     if stores_heat:
-        storage_flux = conducted(history.minute, over_k, settings.slab)
+        storage_flux = conduction(history.minute, over_k, settings.slab)
         systematics += [
-            conducted(history.minute, over_k, s) - storage_flux for s in _perturbed_slabs(settings)
+            conduction(history.minute, over_k, s) - storage_flux for s in _perturbed_slabs(settings)
         ]
         kernel = smoothed_kernel(settings.slab)
     for shifted in shifted_k:
@@ -158,7 +158,7 @@ def least_squares_rows(
         shift = _heat_difference(other_k, other_reference_k, settings) - heat
         if stores_heat:
             further_k = other_k - np.mean(other_reference_k, axis=1, keepdims=True)
-            shift += conducted(history.minute, further_k, settings.slab) - storage_flux
+            shift += conduction(history.minute, further_k, settings.slab) - storage_flux
         systematics.append(shift)
     scale = (beam * settings.scale)[:, np.newaxis]
     # the difference has the target's noise and that of the references' mean
@@ -362,7 +362,7 @@ def _perturbed_slabs(settings: EstimatorSettings) -> list[Slab]:
     ]
 
 
-def conducted(minutes: IntArray, difference_k: FloatArray, slab: Slab) -> FloatArray:
+def conduction(minutes: IntArray, difference_k: FloatArray, slab: Slab) -> FloatArray:
     """Heat flux into the layer of a target less that into the same layer of the reference, W/m2.
 
     `minutes` (n,) since 1970 increase; gaps are bridged by straight lines. `difference_k` (n, m) are surface

@@ -104,7 +104,7 @@ class MinuteBin:
         return self.minute * MINUTE_NS
 
 
-def padded(values: AnyArray, columns: int, fill: float = math.nan) -> AnyArray:
+def pad(values: AnyArray, columns: int, fill: float = math.nan) -> AnyArray:
     """Values of a bin in so many columns, of which it was made before the last were drawn."""
     return np.append(values, np.full(columns - values.size, fill, values.dtype))
 
@@ -123,7 +123,7 @@ class RegionPixels:
     def __init__(self, regions: Sequence[Region], shape: tuple[int, int]) -> None:
         self._hold([_pixels_of(region, shape) for region in regions], shape)
 
-    def moved(self, steps: IntArray, redrawn: Mapping[int, Region] = MappingProxyType({})) -> RegionPixels:
+    def shift(self, steps: IntArray, redrawn: Mapping[int, Region] = MappingProxyType({})) -> RegionPixels:
         """The regions moved by whole pixels to the right and down (n, 2); one that leaves the frame is empty.
 
         They keep their shape and their number of pixels, so regions at rest give the same sums to the bit.
@@ -132,13 +132,13 @@ class RegionPixels:
         if not (steps.any() or redrawn):
             return self
         other = copy(self)
-        masks = [self._moved(*mask_and_step) for mask_and_step in zip(self._masks, steps, strict=True)]
+        masks = [self._shift_mask(*mask_and_step) for mask_and_step in zip(self._masks, steps, strict=True)]
         for place, region in redrawn.items():
             masks[place] = _pixels_of(region, self._shape)
         other._hold(masks, self._shape)
         return other
 
-    def _moved(self, mask: IndexArray, step: IntArray) -> IndexArray:
+    def _shift_mask(self, mask: IndexArray, step: IntArray) -> IndexArray:
         rows, cols = np.divmod(mask, self._shape[1])
         rows, cols = rows + step[1], cols + step[0]
         inside = (rows >= 0) & (rows < self._shape[0]) & (cols >= 0) & (cols < self._shape[1])
@@ -288,7 +288,7 @@ class Follower:
         columns = camera.columns
         if self._ground is None:
             steps = self._drawn.update(frame.counts, columns)
-            return None if steps is None else camera.outline.moved(steps)
+            return None if steps is None else camera.outline.shift(steps)
         pinned = np.flatnonzero([bool(region.points_m) for region in camera.regions])
         free = np.setdiff1d(np.arange(columns.size), pinned)
         chosen = [camera.regions[place] for place in pinned]
@@ -298,7 +298,7 @@ class Follower:
         if shifts is None or moved is None:
             return None
         steps[free] = moved
-        return camera.outline.moved(steps, dict(zip(pinned.tolist(), shifts, strict=True)))
+        return camera.outline.shift(steps, dict(zip(pinned.tolist(), shifts, strict=True)))
 
 
 class CameraBin:
@@ -473,14 +473,14 @@ class History:
             for name in names
         }
         entries = [(b.minute, *cell) for b in bins for cell in b.reflagged]
-        flags = [padded(np.array(b.region_flags, np.int64), regions, 0) for b in bins]
+        flags = [pad(np.array(b.region_flags, np.int64), regions, 0) for b in bins]
         shape = (len(bins), regions)
         return cls(
             **by_minute,
             sun=np.array([b.sun for b in bins], np.float64).reshape(-1, 3),
-            temperature_k=np.array([padded(b.temperature_k, regions) for b in bins], float).reshape(shape),
+            temperature_k=np.array([pad(b.temperature_k, regions) for b in bins], float).reshape(shape),
             region_flags=np.array(flags, np.int64).reshape(shape),
-            probe_k=np.array([padded(b.probe_k, regions) for b in bins], float).reshape(shape),
+            probe_k=np.array([pad(b.probe_k, regions) for b in bins], float).reshape(shape),
             shade_ledger=np.array(entries, np.int64).reshape(-1, 3),
         )
 
@@ -550,7 +550,7 @@ class History:
         return replace(self, temperature_k=np.where(has_moved[:, np.newaxis], np.nan, self.temperature_k))
 
 
-def joined(parts: Sequence[History]) -> History:
+def join(parts: Sequence[History]) -> History:
     """Histories of the same columns as one, in the order given."""
     arrays = [part.arrays() for part in parts]
     return History(**{name: np.concatenate([array[name] for array in arrays]) for name in arrays[0]})

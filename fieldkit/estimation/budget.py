@@ -82,7 +82,8 @@ def _priors(learner: Learner) -> dict[str, float]:
     """Standard deviations of all inputs before the data; of `LOGARITHMS` relative."""
     settings = learner.settings
     low, high = np.log(depths_m(np.array(DEPTH_QUANTILES), settings))
-    sds = {name: sd for name, (_, sd) in prior_places(settings, prior_sds(settings, learner.logged)).items()}
+    places = prior_places(settings, prior_sds(settings, learner.logged_inputs))
+    sds = {name: sd for name, (_, sd) in places.items()}
     sds |= {"offset": settings.offset_sd_k, "depth": float(high - low) / 2.0}
     return {name: sds[name] for name in ("gain", *STATES, "offset", *LOGARITHMS)}
 

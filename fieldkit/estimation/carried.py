@@ -33,7 +33,7 @@ class Carried:
     log_sd: float
 
 
-def carried(
+def carry_over(
     settings: EstimatorSettings, sessions: Iterable[tuple[EstimatorSettings, Learnt]]
 ) -> dict[str, Carried]:
     """Priors for a further session of the same sand, from those recorded, by parameter.
@@ -50,7 +50,7 @@ def carried(
         before = _priors(used)
         for parameter in learnt.parameters:
             name = parameter.name
-            if name in before and (added := _added(before[name], _posterior(parameter))) is not None:
+            if name in before and (added := _likelihood(before[name], _posterior(parameter))) is not None:
                 centre, weight = added.value, 1.0 / (added.log_sd**2 + DAY_TO_DAY[name] ** 2)
                 precision[name] += weight
                 weighted[name] += weight * centre
@@ -93,7 +93,7 @@ def _posterior(parameter: LearntParameter) -> Carried:
     return Carried(parameter.value, width / (2.0 * interval_sds(parameter.confidence)))
 
 
-def _added(before: Carried, after: Carried) -> Carried | None:
+def _likelihood(before: Carried, after: Carried) -> Carried | None:
     """Logarithm of the value, and its standard deviation, that a session's data alone would give."""
     prior, posterior = before.log_sd**-2, after.log_sd**-2
     added = posterior - prior

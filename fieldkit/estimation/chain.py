@@ -14,7 +14,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from fieldkit.estimation.bins import History, RegionColumns, joined
+from fieldkit.estimation.bins import History, RegionColumns, join
 from fieldkit.estimation.budget import BudgetTerm, slope_budget
 from fieldkit.estimation.instant import with_along_sun
 from fieldkit.estimation.learned.inputs import (
@@ -109,7 +109,7 @@ class SlopeChain:
 
     def at(self, history: History) -> Estimated:
         """Slopes at the last minute; the history must begin with the minutes given before."""
-        estimated = self._learned(history) if self._learns else None
+        estimated = self._learned_slopes(history) if self._learns else None
         minute, history = int(history.minute[-1]) if len(history) else 0, history.in_place()
         of_active, regions = history.at_last(self.schedule)
         if estimated is None:
@@ -139,7 +139,7 @@ class SlopeChain:
         to a session, or to what follows a gap of hours in it, begins anew. A region that a session does not
         have is without temperatures there.
         """
-        history = joined(sessions)
+        history = join(sessions)
         ends = np.cumsum([len(session) for session in sessions])[:-1]
         return self._at_once(history, sorted({0, *ends.tolist(), *rows_after_gaps(history)}))
 
@@ -158,7 +158,7 @@ class SlopeChain:
             return {}
         return budgets(*history.in_place().at_last(self.schedule), self._of_bins)
 
-    def _learned(self, history: History) -> Estimated | None:
+    def _learned_slopes(self, history: History) -> Estimated | None:
         """Slopes by what was learned; None without a reference or a target."""
         drawn = self.schedule.columns[: history.temperature_k.shape[1]]
         corrected = remove_offsets(history.in_place(), drawn, self._settings)
@@ -330,14 +330,14 @@ class _Group:
         if used < self._settings.min_minutes:
             reason = f"{used} of {self._settings.min_minutes} minutes so far"
             return replace(blank, state=SlopeState.TOO_FEW, reason=reason, n_bins=used)
-        return self._filled(replace(blank, n_bins=used), self._learner, index)
+        return self._with_slope(replace(blank, n_bins=used), self._learner, index)
 
-    def _filled(self, blank: SlopeEstimate, learner: Learner, index: int) -> SlopeEstimate:
+    def _with_slope(self, blank: SlopeEstimate, learner: Learner, index: int) -> SlopeEstimate:
         slope = self._found[index]
         region = self._columns.regions[self._targets[index]]
         tilt, azimuth = (float(angle) for angle in tilt_azimuth(slope.best))
         if self._layout.facing[index].shape[1] == 2:
-            tilt, azimuth = _signed(tilt, azimuth, region.azimuth_deg)
+            tilt, azimuth = _along_known_azimuth(tilt, azimuth, region.azimuth_deg)
         filled = replace(
             blank,
             tilt_deg=tilt,
@@ -354,9 +354,9 @@ class _Group:
             return replace(filled, state=SlopeState.SHADED, reason=reason)
         if why := self._contradiction(learner, index):
             return replace(filled, state=SlopeState.NO_INTERSECTION, reason=why)
-        return self._judged(filled, slope, index)
+        return self._with_state(filled, slope, index)
 
-    def _judged(self, filled: SlopeEstimate, slope: KnownSlope, index: int) -> SlopeEstimate:
+    def _with_state(self, filled: SlopeEstimate, slope: KnownSlope, index: int) -> SlopeEstimate:
         """The estimate with its state, and what would help where it is not certain."""
         if slope.second is not None:
             tilt, azimuth = (float(angle) for angle in tilt_azimuth(slope.second))
@@ -411,7 +411,7 @@ class _Group:
         return f"{unusual}: {cause(learner.minutes, unusual)}" if learner and unusual else ""
 
     def _surprise(self, learner: Learner) -> Surprise | None:
-        return surprise(self._moments, self._settings, prior_sds(self._settings, learner.logged))
+        return surprise(self._moments, self._settings, prior_sds(self._settings, learner.logged_inputs))
 
     def _advice(self, index: int, half_deg: float) -> str:
         """The measurement that would narrow a tilt most, known to `half_deg`."""
@@ -483,7 +483,7 @@ def _kelvin_per_degree(learner: Learner, target: int, tilt_deg: float, azimuth_d
     return kelvin_per_degree(tilt_deg, azimuth_deg, minute.sun, loss / light)
 
 
-def _signed(tilt: float, azimuth: float, known_azimuth: float) -> tuple[float, float]:
+def _along_known_azimuth(tilt: float, azimuth: float, known_azimuth: float) -> tuple[float, float]:
     """Tilt along a known azimuth: 0 where the best normal leans the other way."""
     leans_away = math.cos(math.radians(azimuth - known_azimuth)) < 0.0
     return (0.0 if leans_away else tilt), known_azimuth % 360.0

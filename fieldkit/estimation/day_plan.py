@@ -167,12 +167,12 @@ class DayPlan:
             return f"poor: {what} within {self.settings.window_min} min"
         weak = self.weak[:, minute]
         if weak.any():
-            return f"weak for {self._named(weak)}"
+            return f"weak for {self._facet_names(weak)}"
         if elevation < LONG_SHADOWS_DEG:
             return "fair: low sun, long shadows"
         return "usable"
 
-    def _named(self, chosen: BoolArray) -> str:
+    def _facet_names(self, chosen: BoolArray) -> str:
         if chosen.all() and chosen.size > 1:
             return "all"
         return ", ".join(label(self.facets[facet]) for facet in np.flatnonzero(chosen))

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 
 from fieldkit.estimation.binner import Binner, Closed
-from fieldkit.estimation.bins import History, MinuteBin, padded
+from fieldkit.estimation.bins import History, MinuteBin, pad
 from fieldkit.estimation.budget import BudgetTerm
 from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.settings import EstimatorSettings
@@ -155,13 +155,13 @@ def measured_minute(closed: Closed, schedule: RegionSchedule, irradiance_model: 
     zenith, azimuth = (float(angle) for angle in tilt_azimuth(entry.sun))
     columns, count = schedule.at(entry.minute), len(schedule.columns)
     names = [schedule.columns[column].name for column in columns]
-    kelvin, spread = (padded(row, count)[columns].tolist() for row in (entry.temperature_k, entry.spread_k))
+    kelvin, spread = (pad(row, count)[columns].tolist() for row in (entry.temperature_k, entry.spread_k))
     return Minute(
         time_ns=entry.time_ns,
         estimates=(),
         temperature_k=dict(zip(names, kelvin, strict=True)),
         spread_k=dict(zip(names, spread, strict=True)),
-        pixels=dict(zip(names, padded(entry.pixels, count, 0)[columns].tolist(), strict=True)),
+        pixels=dict(zip(names, pad(entry.pixels, count, 0)[columns].tolist(), strict=True)),
         illuminance_lx=entry.illuminance_lx,
         dni_w_m2=entry.dni_w_m2,
         irradiance_model=irradiance_model,

@@ -135,11 +135,11 @@ def _match(key: Spectrum, now: Spectrum, shape: tuple[int, int], scale: int, key
     row, col = (int(index) for index in np.unravel_index(int(np.argmax(surface)), shape))
     spread = float(surface.std())
     peak = float(surface[row, col] - surface.mean()) / spread if spread > 0.0 else 0.0
-    right, down = _centred(surface[row], col), _centred(surface[:, col], row)
+    right, down = _signed_peak(surface[row], col), _signed_peak(surface[:, col], row)
     return _Match(Shift(key_at.right_px + right * scale, key_at.down_px + down * scale), peak)
 
 
-def _centred(line: NDArray[np.floating[Any]], at: int) -> float:
+def _signed_peak(line: NDArray[np.floating[Any]], at: int) -> float:
     """Peak position on a line, refined by a parabola, as a signed shift."""
     left, middle, right = (float(line[(at + step) % line.size]) for step in (-1, 0, 1))
     bend = left - 2.0 * middle + right
@@ -169,11 +169,11 @@ class RegionFollower:
         now = self._frames.update(counts)
         if now is None:
             return None
-        off = [now.since(self._drawn_at(column, now)) for column in drawn]
+        off = [now.since(self._first_place(column, now)) for column in drawn]
         self.shift_px = off[0].length_px
         return np.array([[round(shift.right_px), round(shift.down_px)] for shift in off], np.int64)
 
-    def _drawn_at(self, column: int, now: Shift) -> Shift:
+    def _first_place(self, column: int, now: Shift) -> Shift:
         first = self._drawn.setdefault(column, [])
         is_shake = not first or now.since(first[0]).length_px < SHAKE_PX
         if len(first) < DRAWN_ON and is_shake:
@@ -224,7 +224,9 @@ class GroundFollower:
         self._is_lost = steps is None
         if steps is None:
             return None
-        corners = [_placed(camera, region, back, step) for region, step in zip(regions, steps, strict=True)]
+        corners = [
+            _corners_by_pose(camera, region, back, step) for region, step in zip(regions, steps, strict=True)
+        ]
         self._report(corners[0].mean(axis=0))
         return [
             replace(region, vertices=_within(one, camera.shape))
@@ -244,7 +246,7 @@ def _overlaps(camera: Camera, view: Camera, height_m: float) -> bool:
     grid = last * np.stack(np.meshgrid(*[np.linspace(0.0, 1.0, 9)] * 2), axis=-1).reshape(-1, 2)
     # rays that do not point down never meet the ground
     up = np.column_stack([(grid - 0.5 * last) / view.focal_px, np.ones(len(grid))]) @ view.axes[:, 2]
-    here = _mapped(homography_over_level(view, camera, height_m), grid[up < 0.0])
+    here = _map_points(homography_over_level(view, camera, height_m), grid[up < 0.0])
     inside = ((here >= 0.0) & (here <= last)).all(axis=1)
     return bool(inside.sum() >= LEAST_OVERLAP * inside.size)
 
@@ -261,18 +263,18 @@ def _from_there(counts: AnyIntArray, back: FloatArray) -> AnyArray:
     )
 
 
-def _placed(camera: Camera, region: Region, back: FloatArray, step: IntArray) -> FloatArray:
+def _corners_by_pose(camera: Camera, region: Region, back: FloatArray, step: IntArray) -> FloatArray:
     """Corners (n, 2) by the pose, and by whole pixels from there by what the frames show."""
     x, y, _ = project(camera, region.points_m)
     corners: FloatArray = np.column_stack([x, y])
     middle = corners.mean(axis=0, keepdims=True)
     forth: FloatArray = np.asarray(np.linalg.inv(back), np.float64)
-    shown = _mapped(forth, _mapped(back, middle) + step) - middle
+    shown = _map_points(forth, _map_points(back, middle) + step) - middle
     # whole pixels here too: sums of counts stay exact
     return np.asarray(corners + np.rint(shown))
 
 
-def _mapped(homography: NDArray[np.floating[Any]], points: NDArray[np.floating[Any]]) -> FloatArray:
+def _map_points(homography: NDArray[np.floating[Any]], points: NDArray[np.floating[Any]]) -> FloatArray:
     """Points (n, 2), NaN where they come to lie behind the camera."""
     mapped = np.column_stack([points, np.ones(len(points))]) @ homography.T
     return np.asarray(mapped[:, :2] / np.where(mapped[:, 2:] > 0.0, mapped[:, 2:], np.nan))

@@ -108,13 +108,13 @@ class ProfileMisfit:
 
     def __call__(self, normals: FloatArray) -> FloatArray:
         """Misfit of normals (..., 3) at the best scale and light for each, with their penalties."""
-        return self._profiled(lambda form: form(normals))
+        return self._profile(lambda form: form(normals))
 
     def on_grid(self, grid: Grid) -> FloatArray:
         """The same of the normals of a grid, for many slopes."""
-        return self._profiled(lambda form: grid.quadratic(form.H, form.b, form.c))
+        return self._profile(lambda form: grid.quadratic(form.H, form.b, form.c))
 
-    def _profiled(self, value: Callable[[Misfit], FloatArray]) -> FloatArray:
+    def _profile(self, value: Callable[[Misfit], FloatArray]) -> FloatArray:
         """Products of the residual (0) and the effects (1 ...), each of which is eliminated in turn."""
         products = {place: value(form) for place, form in self._forms.items()}
         # Schur complement, effect by effect: q - (r'e)^2 / (e'e + 1)

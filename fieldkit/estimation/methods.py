@@ -91,14 +91,14 @@ def solutions(
             columns = np.asarray(indices)[places]
             level = np.broadcast_to(rows.reference, (places.size, 3))
             problem = _Problem(rows, columns, weights[places], along, settings, level)
-            by_place |= dict(zip(places.tolist(), _solved(problem), strict=True))
+            by_place |= dict(zip(places.tolist(), _solve(problem), strict=True))
     return [by_place[place] for place in range(len(beds))]
 
 
-def _solved(problem: _Problem) -> list[Solution]:
+def _solve(problem: _Problem) -> list[Solution]:
     problem, fit, stands = _of_sunlit_rows(problem)
     solved = _by_method(problem, fit)
-    return [slope if ok else _undecided(slope) for slope, ok in zip(solved, stands.tolist(), strict=True)]
+    return [slope if ok else _as_undecided(slope) for slope, ok in zip(solved, stands.tolist(), strict=True)]
 
 
 def _of_sunlit_rows(problem: _Problem) -> tuple[_Problem, Choice, BoolArray]:
@@ -109,18 +109,18 @@ def _of_sunlit_rows(problem: _Problem) -> tuple[_Problem, Choice, BoolArray]:
     """
     whole, fit = problem, _least_squares(problem)
     for _ in range(SHADE_ROUNDS):
-        lit = whole.used & (fit.best @ problem.rows.sun.T >= LOWEST_COS_INCIDENCE)
+        lit = whole.is_used & (fit.best @ problem.rows.sun.T >= LOWEST_COS_INCIDENCE)
         is_enough = lit.sum(axis=1) >= problem.fewest
-        lit = np.where(is_enough[:, np.newaxis], lit, whole.used)
-        stands = is_enough & (lit == problem.used).all(axis=1)
-        if (lit == problem.used).all() and problem.is_of(fit.best):
+        lit = np.where(is_enough[:, np.newaxis], lit, whole.is_used)
+        stands = is_enough & (lit == problem.is_used).all(axis=1)
+        if (lit == problem.is_used).all() and problem.is_of(fit.best):
             break
         problem = whole.of(fit.best, lit)
         fit = _least_squares(problem)
     return problem, fit, stands
 
 
-def _undecided(solution: Solution) -> Solution:
+def _as_undecided(solution: Solution) -> Solution:
     reason = "which minutes are in its own shade depends on the slope, and no slope agrees with its choice"
     return replace(solution, state=SlopeState.NO_INTERSECTION, reason=reason, explained=False)
 
@@ -131,24 +131,24 @@ def _by_method(problem: _Problem, fit: Choice) -> list[Solution]:
         problem = replace(problem, weights=problem.weights / ratio[:, np.newaxis])
         fit = _least_squares(problem)
     if problem.settings.method == "unit-norm" or problem.azimuth_deg is not None:
-        return _judged(problem, fit, fit.best)
+        return _solutions(problem, fit, fit.best)
     return [_by_contours(problem.only(place)) for place in range(len(problem.indices))]
 
 
 def _noise_ratios(problem: _Problem, fit: Choice) -> FloatArray:
     """`noise_ratio` of each target's residuals."""
     residuals = (problem.y - fit.best @ problem.design.T) * np.sqrt(problem.weights)
-    return np.array([noise_ratio(row[used]) for row, used in zip(residuals, problem.used, strict=True)])
+    return np.array([noise_ratio(row[used]) for row, used in zip(residuals, problem.is_used, strict=True)])
 
 
 def _by_contours(problem: _Problem) -> Solution:
     """One target by the paper's contours."""
-    best, score = _scored(problem)
+    best, score = _best_by_contours(problem)
     fit = _least_squares(problem)
     if best is None:
         nowhere = _nowhere(problem, fit, 0, f"no slope lies on enough contours: {score}")
         return replace(nowhere, explained=False)
-    return _judged(problem, fit, best[np.newaxis])[0]
+    return _solutions(problem, fit, best[np.newaxis])[0]
 
 
 @dataclass(frozen=True)
@@ -189,7 +189,7 @@ class _Problem:
         )
 
     @cached_property
-    def used(self) -> BoolArray:
+    def is_used(self) -> BoolArray:
         """Rows of each target that are used (m, n)."""
         return self.weights > 0.0
 
@@ -201,7 +201,7 @@ class _Problem:
     @cached_property
     def y(self) -> FloatArray:
         """Measured cosines (m, n), zeros where a row is not used."""
-        return np.where(self.used, self.rows.y.T[self.indices], 0.0)
+        return np.where(self.is_used, self.rows.y.T[self.indices], 0.0)
 
     @cached_property
     def misfit(self) -> Misfit:
@@ -223,7 +223,7 @@ class _Problem:
     @cached_property
     def systematics(self) -> FloatArray:
         """Effects that do not depend on the slope, (p, m, n)."""
-        return np.where(self.used, np.swapaxes(self.rows.systematics, 1, 2)[:, self.indices], 0.0)
+        return np.where(self.is_used, np.swapaxes(self.rows.systematics, 1, 2)[:, self.indices], 0.0)
 
     def information(self, best: FloatArray) -> FloatArray:
         """Information (m, 3, 3) about normals near the best ones, after the part of every uncertainty."""
@@ -233,12 +233,12 @@ class _Problem:
 
     def light_effects(self, slopes: FloatArray) -> FloatArray:
         """Effects of the uncertain light on slopes (m, 3), (q, m, n)."""
-        return np.where(self.used, self.rows.light_effects(slopes), 0.0)
+        return np.where(self.is_used, self.rows.light_effects(slopes), 0.0)
 
     @cached_property
     def freedom(self) -> IntArray:
         """Degrees of freedom (m,): rows less fitted angles."""
-        return np.asarray(self.used.sum(axis=1) - (2 if self.azimuth_deg is None else 1))
+        return np.asarray(self.is_used.sum(axis=1) - (2 if self.azimuth_deg is None else 1))
 
     @property
     def fewest(self) -> int:
@@ -259,12 +259,12 @@ def _least_squares(problem: _Problem) -> Choice:
     return choose(misfit, solve(misfit), limit, at_limit=bool(problem.rows.light.size))
 
 
-def _scored(problem: _Problem) -> tuple[FloatArray | None, str]:
+def _best_by_contours(problem: _Problem) -> tuple[FloatArray | None, str]:
     """Contour scoring of the cosine of incidence, with a tolerance of its own for every minute bin.
 
     None with the score in words where no normal lies on enough contours.
     """
-    settings, used, reference = problem.settings, problem.used[0], problem.rows.reference
+    settings, used, reference = problem.settings, problem.is_used[0], problem.rows.reference
     design = problem.design[used]
     table = RadiationTable(slope_grid(settings.tilt_limit_deg), design, reference)
     tolerance = 2.0 * problem.rows.sigma[used, problem.indices[0]]
@@ -279,10 +279,10 @@ def _scored(problem: _Problem) -> tuple[FloatArray | None, str]:
 
 def _nowhere(problem: _Problem, fit: Choice, place: int, reason: str) -> Solution:
     chi_square = max(float(fit.misfit[place]), 0.0) / int(problem.freedom[place])  # rounding
-    return Solution(SlopeState.NO_INTERSECTION, reason, chi_square, int(problem.used[place].sum()))
+    return Solution(SlopeState.NO_INTERSECTION, reason, chi_square, int(problem.is_used[place].sum()))
 
 
-def _judged(problem: _Problem, fit: Choice, best: FloatArray) -> list[Solution]:
+def _solutions(problem: _Problem, fit: Choice, best: FloatArray) -> list[Solution]:
     """States and regions of a method's best normals (m, 3)."""
     alarm = np.array([chi_square_limit(freedom) for freedom in problem.freedom.tolist()])
     chi_square = np.maximum(fit.misfit, 0.0) / problem.freedom  # rounding may make it negative
@@ -332,7 +332,7 @@ def _state(
 
 def _misfit_reason(problem: _Problem, place: int, chi_square: float) -> str:
     """The likely cause of a misfit, in words."""
-    brightest = float(problem.y[place, problem.used[place]].max())
+    brightest = float(problem.y[place, problem.is_used[place]].max())
     if brightest > 1.0:
         return f"warmer than any slope explains (cosine {brightest:.2f}): scale, offset or emissivity is off"
     return f"the minutes agree on no slope (chi-square {chi_square:.1f}): cloud, shade, wind or a drift"

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fieldkit.estimation.balance import absorbed_light, conducted, smoothed_kernel
+from fieldkit.estimation.balance import absorbed_light, conduction, smoothed_kernel
 from fieldkit.estimation.bins import History, RegionColumns
 from fieldkit.estimation.instant import AlongSun
 from fieldkit.estimation.learned.pixels import pixel_rows
@@ -49,7 +49,7 @@ class MinuteMap:
     normals: Mapping[str, FloatArray]
     learnt: Learnt | None = None
 
-    def solved(self, surface_k: SurfaceK) -> Mapped:
+    def solve(self, surface_k: SurfaceK) -> Mapped:
         """Slopes of every pixel, bounds, likelihood, and of one minute the component along the sun."""
         settings = self.settings
         limits = (settings.tilt_limit_deg, settings.confidence)
@@ -60,13 +60,13 @@ class MinuteMap:
             settings = self._add_learned(sums, surface_k, self.learnt)
         else:
             self._add_full(sums, surface_k)
-        slopes = sums.solve(self._explained)
+        slopes = sums.solve(self._explained_pixels)
         likelihood = posterior(slopes, sums, self._reference_normal, settings)
         along_sun = sums.along_sun(self._reference_normal, settings) if self.chosen.size == 1 else None
         return *with_bounds(slopes, likelihood, settings), likelihood, along_sun
 
     @property
-    def _explained(self) -> BoolArray:
+    def _explained_pixels(self) -> BoolArray:
         """Pixels of the references, and of the targets that have a slope."""
         explained = np.zeros(self.shape, np.bool_)
         for region in self.regions:
@@ -79,7 +79,7 @@ class MinuteMap:
         return RegionColumns(self.regions)
 
     @property
-    def _seen(self) -> BoolArray:
+    def _measured_references(self) -> BoolArray:
         """References with any temperature, as for regions: the others are averaged."""
         table = self.history.temperature_k[np.ix_(self.chosen, self._columns.references)]
         return np.asarray(np.isfinite(table).any(axis=0))
@@ -96,12 +96,12 @@ class MinuteMap:
 
     @property
     def _reference_k(self) -> FloatArray:
-        columns = self._columns.references[self._seen]
+        columns = self._columns.references[self._measured_references]
         return np.asarray(self.history.temperature_k[:, columns].mean(axis=1))
 
     @property
     def _reference_normal(self) -> FloatArray:
-        return np.asarray(self._columns.reference_normals[self._seen].mean(axis=0))
+        return np.asarray(self._columns.reference_normals[self._measured_references].mean(axis=0))
 
     def _add_paper(self, sums: MapSums, surface_k: SurfaceK) -> None:
         history, reference_k = self.history, self._reference_k
@@ -137,7 +137,7 @@ class MinuteMap:
         stored, kernel = np.zeros(over_k.shape), np.zeros(1)
         if self.chosen.size > 1:
             kernel = smoothed_kernel(settings.slab)
-            pieces = [conducted(minutes.minute, piece, settings.slab) for piece in _pieces(over_k)]
+            pieces = [conduction(minutes.minute, piece, settings.slab) for piece in _pieces(over_k)]
             stored = np.concatenate(pieces, axis=1)
         beam, vertical = absorbed_light(minutes, base_k, settings)
         design = minutes.sun + (vertical / beam)[:, np.newaxis] * VERTICAL
@@ -154,7 +154,7 @@ class MinuteMap:
         """Add the minutes by the learned model; the settings with the uncertainties that rows leave out."""
         rows, over_k = self.rows, self._over_k(surface_k)
         history = self.history.at(rows)
-        columns = np.array([*self._columns.references[self._seen], *self._alike], np.int64)
+        columns = np.array([*self._columns.references[self._measured_references], *self._alike], np.int64)
         regions = [self.regions[column] for column in columns]
         chosen = np.isin(rows, self.chosen)
         pixels = pixel_rows(history.only(columns), regions, chosen, self.normals, self.settings, learnt)

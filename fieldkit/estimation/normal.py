@@ -113,7 +113,7 @@ def solve(misfit: Misfit) -> Branches:
     polished = _polish(lam[:, np.newaxis], beta[:, np.newaxis], starts)
     normals = [_from_eigenbasis(vectors, polished[:, branch], shared) for branch in (0, 1)]
     misfits = [misfit(normal) for normal in normals]
-    return _ordered(normals, misfits, is_known)
+    return _order(normals, misfits, is_known)
 
 
 def _starts(lam: FloatArray, beta: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -198,7 +198,7 @@ def _times(matrices: FloatArray, rows: FloatArray) -> FloatArray:
     return np.asarray(np.matmul(matrices, rows[..., np.newaxis])[..., 0])
 
 
-def _ordered(normals: list[FloatArray], misfits: list[FloatArray], is_known: BoolArray) -> Branches:
+def _order(normals: list[FloatArray], misfits: list[FloatArray], is_known: BoolArray) -> Branches:
     swap = misfits[1] < misfits[0]
     blank = np.where(is_known, 0.0, np.nan)
     first = np.where(swap[..., np.newaxis], normals[1], normals[0]) + blank[..., np.newaxis]

@@ -196,7 +196,7 @@ class MapSums:
     ) -> None:
         import cv2
 
-        y1, y2, pull, remainder = self._resolved(piece, values, vectors)
+        y1, y2, pull, remainder = self._resolve(piece, values, vectors)
         m, e2, e1 = vectors.T.astype(np.float32)
         sun = (self._towards_sun / np.linalg.norm(self._towards_sun)).astype(np.float32)
         lowest, middle, highest = values.astype(np.float32)
@@ -238,7 +238,7 @@ class MapSums:
         unknown = state >= np.uint8(SlopeState.NO_INTERSECTION)  # else all are converted to integers
         tilt[unknown] = azimuth[unknown] = np.nan  # they lie together
 
-    def _resolved(self, piece: slice, values: FloatArray, vectors: FloatArray) -> Iterator[SingleArray]:
+    def _resolve(self, piece: slice, values: FloatArray, vectors: FloatArray) -> Iterator[SingleArray]:
         """Each pixel's components in the plane of the sun's motion, its gradient across, and its misfit.
 
         Once the ill-conditioned sums are resolved into these, single precision is enough.

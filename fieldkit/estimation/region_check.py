@@ -156,7 +156,7 @@ class _Rims:
 
     def __init__(self, region: Region, frame: FloatArray) -> None:
         self._region, self._frame, self._box = region, frame, region.box(frame.shape)
-        self._sums = cache(self._summed)
+        self._sums = cache(self._sum)
 
     def edge_k(self, pixels: int) -> float:
         """Difference of the outer pixels of the smaller region from those inside; NaN without either."""
@@ -181,7 +181,7 @@ class _Rims:
                 fewest = pixels
         return fewest
 
-    def _summed(self, pixels: int) -> tuple[int, float]:
+    def _sum(self, pixels: int) -> tuple[int, float]:
         """Number of pixels and sum of kelvin of the region so many pixels smaller."""
         try:
             smaller = self._region.shrunk(pixels) if pixels else self._region

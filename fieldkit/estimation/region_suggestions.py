@@ -64,17 +64,17 @@ def find_beds(frame: FloatArray) -> list[FoundBed]:
     if not np.isfinite(frame).any():
         raise NoAnswerError("the frame has no known temperature", fix=FIX)
     factor = max(1, round(frame.shape[1] / _COLS))
-    image = _prepared(frame, factor)
-    candidates = [bed for corners in _quadrilaterals(image) if (bed := _measured(corners, image))]
+    image = _working_image(frame, factor)
+    candidates = [bed for corners in _quadrilaterals(image) if (bed := _measure(corners, image))]
     usable = [bed for bed in _apart(candidates, image.shape) if _is_usable(bed, image)]
     if not usable:
         raise NoAnswerError(_missing(candidates), fix=FIX)
     largest = max(bed.pixels for bed in usable)
-    large = [_enlarged(bed, factor) for bed in usable if bed.pixels >= _LEAST_OF_LARGEST * largest]
+    large = [_enlarge(bed, factor) for bed in usable if bed.pixels >= _LEAST_OF_LARGEST * largest]
     return sorted(large, key=lambda bed: _row_by_row(bed, frame.shape[0]))
 
 
-def _prepared(frame: FloatArray, factor: int) -> SingleArray:
+def _working_image(frame: FloatArray, factor: int) -> SingleArray:
     """The frame at its working size, without single wrong pixels."""
     filled = np.where(np.isfinite(frame), frame, np.nanmedian(frame)).astype(np.float32)
     size = frame.shape[1] // factor, frame.shape[0] // factor
@@ -121,7 +121,7 @@ def _is_filled(corners: FloatArray, area: BoolArray) -> bool:
     return bool((inside & area).sum() >= _FILLED * (inside | area).sum())
 
 
-def _measured(corners: FloatArray, image: SingleArray) -> FoundBed | None:
+def _measure(corners: FloatArray, image: SingleArray) -> FoundBed | None:
     """The inset outline with its contrast and spread; None where nothing is left inside."""
     try:
         region = _region(corners).shrunk(_INSET_PX)
@@ -169,7 +169,7 @@ def _is_usable(bed: FoundBed, image: SingleArray) -> bool:
     return check_region(region, image.shape, image.astype(np.float64)).level == "ok"
 
 
-def _enlarged(bed: FoundBed, factor: int) -> FoundBed:
+def _enlarge(bed: FoundBed, factor: int) -> FoundBed:
     """A bed of the working size in pixels of the frame, whose centres are at whole numbers."""
     corners = [((x + 0.5) * factor - 0.5, (y + 0.5) * factor - 0.5) for x, y in bed.vertices]
     vertices = tuple((round(x, 1), round(y, 1)) for x, y in corners)

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fieldkit.estimation.bins import padded
+from fieldkit.estimation.bins import pad
 from fieldkit.model.arrays import FloatArray, IntArray
 from fieldkit.model.marks import SHADE_TEST_S, corrected
 from fieldkit.model.region_schedule import RegionSchedule
@@ -79,7 +79,7 @@ class _Shade:
         falls = [fall / self.depth for fall in self.falls.values()]
         return len(falls) >= SHORTEST_MIN and max(falls[:2]) >= SHARP and max(falls[-2:]) >= SHARP
 
-    def trimmed(self, after: float) -> list[int]:
+    def trim_end(self, after: float) -> list[int]:
         """Take away the last minutes that were as sunny as those after them, and return them.
 
         Ground that loses its heat otherwise than nominal sand does not come back to its level at once.
@@ -126,7 +126,7 @@ class ShadeTestMonitor:
             return []
         self._widen(temperature_k.size)
         sunlight = self._sunlight_w_m2(minute, temperature_k)
-        ended = self._returned(minute, sunlight)
+        ended = self._end_shades(minute, sunlight)
         if len(self._lit) >= LEAST_LIT and not is_cloudy:
             self._begin(minute, sunlight)
         if not self._active:
@@ -148,10 +148,10 @@ class ShadeTestMonitor:
         """Give a region that was drawn later its place in what is remembered."""
         if not self._kelvin or self._kelvin[0][1].size == regions:
             return
-        self._kelvin = deque((minute, padded(kelvin, regions)) for minute, kelvin in self._kelvin)
-        self._lit = deque((padded(values, regions) for values in self._lit), maxlen=LEAST_LIT)
+        self._kelvin = deque((minute, pad(kelvin, regions)) for minute, kelvin in self._kelvin)
+        self._lit = deque((pad(values, regions) for values in self._lit), maxlen=LEAST_LIT)
         if self._before is not None:
-            self._before = self._before[0], padded(self._before[1], regions)
+            self._before = self._before[0], pad(self._before[1], regions)
 
     def _sunlight_w_m2(self, minute: int, temperature_k: FloatArray) -> FloatArray:
         """Absorbed sunlight of the regions up to a constant, as of nominal sand."""
@@ -160,7 +160,7 @@ class ShadeTestMonitor:
         self._kelvin.append((minute, temperature_k))
         minutes = np.arange(self._kelvin[0][0], minute + 1)
         found_at, kelvin = np.array([at for at, _ in self._kelvin]), np.array([k for _, k in self._kelvin])
-        even = np.column_stack([_filled(minutes, found_at, column) for column in kelvin.T])
+        even = np.column_stack([_fill_gaps(minutes, found_at, column) for column in kelvin.T])
         # what the sand takes up, and what a warmer region loses more than another
         return np.asarray(conducted_flux(NOMINAL, even, 60.0)[-1] + LOSS_W_M2_K * temperature_k)
 
@@ -202,7 +202,7 @@ class ShadeTestMonitor:
         # differences know no slow change, and have twice the variance
         return float(np.std(np.diff(alone)) / np.sqrt(2.0)) if alone.size > 1 else 0.0
 
-    def _returned(self, minute: int, sunlight: FloatArray) -> list[ShadeTest]:
+    def _end_shades(self, minute: int, sunlight: FloatArray) -> list[ShadeTest]:
         """Carry on with the shaded regions; the tests that are over."""
         ended = []
         for column, shade in list(self._active.items()):
@@ -214,12 +214,12 @@ class ShadeTestMonitor:
                 self.shaded.add((minute, column))
             elif np.isfinite(fall):
                 del self._active[column]
-                self.shaded -= {(lit, column) for lit in shade.trimmed(fall)}
+                self.shaded -= {(lit, column) for lit in shade.trim_end(fall)}
                 ended += [shade.test(column)] if shade.is_sharp else []
         return ended
 
 
-def _filled(minutes: IntArray, found_at: IntArray, kelvin: FloatArray) -> FloatArray:
+def _fill_gaps(minutes: IntArray, found_at: IntArray, kelvin: FloatArray) -> FloatArray:
     """A temperature at every minute, linear across minutes without one; NaN if there is none at all."""
     is_finite = np.isfinite(kelvin)
     if not is_finite[-1]:
@@ -249,7 +249,7 @@ class ShadeMarks:
             (noted, column, event)
             for event in corrected(self._events)
             if "shade_test" in event.data
-            if (noted := _noted(event)) <= minute or is_last
+            if (noted := _noted_minute(event)) <= minute or is_last
             if (column := schedule.column(str(event.data["shade_test"]), noted)) is not None
         ]
         marked.sort(key=lambda one: (one[2].time_ns, one[0], one[2].text))
@@ -267,11 +267,11 @@ class ShadeMarks:
     def just_begun(self, minute: int, schedule: RegionSchedule) -> set[int]:
         """Columns whose test was marked as begun in the minute before."""
         begins = (event for event in corrected(self._events) if event.data.get("phase") == "begin")
-        names = (begin.data["shade_test"] for begin in begins if _noted(begin) == minute - 1)
+        names = (begin.data["shade_test"] for begin in begins if _noted_minute(begin) == minute - 1)
         return {column for name in names if (column := schedule.column(str(name), minute)) is not None}
 
 
-def _noted(mark: Event) -> int:
+def _noted_minute(mark: Event) -> int:
     """The minute from which a mark counts."""
     return int(mark.data.get("noted_ns", mark.time_ns)) // MINUTE_NS
 

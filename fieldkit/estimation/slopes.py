@@ -187,7 +187,7 @@ class Window:
             solved, solutions(self.rows, solved, self._weights.T[solved], beds, self.settings), strict=True
         ):
             azimuth = self._known_azimuth(self.columns.targets[index])
-            by_target[index] = _filled(by_target[index], solution, self.rows, index, azimuth)
+            by_target[index] = _with_solution(by_target[index], solution, self.rows, index, azimuth)
             if self.settings.reference == "weather" and solution.best is not None:
                 by_target[index] = self._with_gain(by_target[index], index, solution.best)
             if not solution.explained:
@@ -230,7 +230,7 @@ class Window:
             return replace(blank, reason=reason), False
         column = self.columns.targets[index]
         flags = Quality(int(self.past.flags[-1] | self.past.region_flags[-1, column]))
-        if self._shaded[-1, index]:
+        if self._is_shaded[-1, index]:
             flags |= Quality.SHADED
         blank = replace(
             blank,
@@ -238,7 +238,7 @@ class Window:
             window_start_ns=int(self.past.time_ns[self.first]),
             flags=flags,
         )
-        n_bins = int(self._used[:, index].sum())
+        n_bins = int(self._is_used[:, index].sum())
         if (unsolvable := self._unsolvable(index, n_bins)) is not None:
             state, reason = unsolvable
             low = Quality.LOW_SUN if state == SlopeState.LOW_SUN else Quality.GOOD
@@ -271,10 +271,10 @@ class Window:
             return estimates
         limit = self.settings.tilt_limit_deg
         drifts = drifts_k(self.rows, self._weights, minute[self.first :], limit)
-        return [_drifting(slope, float(kelvin)) for slope, kelvin in zip(estimates, drifts, strict=True)]
+        return [_with_drift(slope, float(kelvin)) for slope, kelvin in zip(estimates, drifts, strict=True)]
 
     @cached_property
-    def _used(self) -> BoolArray:
+    def _is_used(self) -> BoolArray:
         """Rows of each target that can be used (n, targets)."""
         if self.rows is None:
             return np.zeros((0, self.columns.targets.size), np.bool_)
@@ -306,9 +306,9 @@ class Window:
     def _weights(self) -> FloatArray:
         """Inverse variances (n, targets); zero where a row is not used."""
         if self.rows is None:
-            return np.zeros(self._used.shape)
-        weights = np.where(self._used, 1.0 / np.where(self._used, self.rows.sigma, 1.0) ** 2, 0.0)
-        downweighted = self._shaded[self.first :]
+            return np.zeros(self._is_used.shape)
+        weights = np.where(self._is_used, 1.0 / np.where(self._is_used, self.rows.sigma, 1.0) ** 2, 0.0)
+        downweighted = self._is_shaded[self.first :]
         if self.settings.model == "paper":
             clouded = (self.past.flags[self.first :] & Quality.CLOUD) != 0
             downweighted = downweighted | clouded[:, np.newaxis]
@@ -330,8 +330,8 @@ class Window:
             no_reference = "no air temperature for its reference"
         has_light = np.isfinite(self.past.dni_w_m2[self.first :]).any()
         for what, is_known in (
-            ("no temperatures of this region", self._seen[column]),
-            (no_reference, self._seen[self.columns.references].any()),
+            ("no temperatures of this region", self._has_temperature[column]),
+            (no_reference, self._has_temperature[self.columns.references].any()),
             ("no irradiance", has_light),
         ):
             if not is_known:
@@ -339,17 +339,17 @@ class Window:
         needed = max(self._fewest(column), self.settings.min_minutes)
         if n_bins < needed:
             return SlopeState.TOO_FEW, f"{n_bins} of {needed} minutes so far"
-        if self._shaded[-1, index]:
+        if self._is_shaded[-1, index]:
             return SlopeState.SHADED, _shade_reason(self.past, column)
         return None
 
     @cached_property
-    def _seen(self) -> BoolArray:
+    def _has_temperature(self) -> BoolArray:
         """Regions that have a temperature in the window."""
         return np.asarray(np.isfinite(self.past.temperature_k[self.first :]).any(axis=0))
 
     @cached_property
-    def _shaded(self) -> BoolArray:
+    def _is_shaded(self) -> BoolArray:
         """Minutes (n, targets) in which a target or a reference is shaded alone."""
         return shaded_rows(self.past, self.columns, self.columns.targets)
 
@@ -378,7 +378,9 @@ def label_of(settings: EstimatorSettings) -> str:
     return f"{settings.model}{method}{', azimuth known' if settings.azimuth == 'known' else ''}"
 
 
-def _filled(blank: SlopeEstimate, solved: Solution, rows: Rows, index: int, azimuth: float) -> SlopeEstimate:
+def _with_solution(
+    blank: SlopeEstimate, solved: Solution, rows: Rows, index: int, azimuth: float
+) -> SlopeEstimate:
     """The estimate with the solution's numbers; `azimuth` is the known one, or NaN."""
     filled = replace(
         blank,
@@ -477,7 +479,7 @@ def _median(values: FloatArray) -> float:
     return float(np.median(finite)) if finite.size else 0.0
 
 
-def _drifting(estimate: SlopeEstimate, kelvin: float) -> SlopeEstimate:
+def _with_drift(estimate: SlopeEstimate, kelvin: float) -> SlopeEstimate:
     if not kelvin or estimate.state not in (*SOLVED, SlopeState.NO_INTERSECTION):
         return estimate
     reason = (

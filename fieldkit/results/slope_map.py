@@ -476,7 +476,7 @@ def _map_session(
         on_progress(next(finished), total)
         return surface_k(mean_of_minute_k(session, camera, minute))
 
-    slopes, bounds, likelihood, along_sun = minute_map.solved(counted_k)
+    slopes, bounds, likelihood, along_sun = minute_map.solve(counted_k)
     first, last = history.minute[chosen[[0, -1]]].tolist()
     return MappedSession(
         path=session.path,

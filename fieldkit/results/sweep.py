@@ -188,7 +188,7 @@ def prior_of_others(runs: Sequence[Run], estimate: Estimate) -> Iterator[tuple[R
     that is estimated keeps them as targets, so that its errors are those of unknown slopes. Raises
     `ConfigError` with a single session, and with another model than the learned.
     """
-    from fieldkit.estimation.carried import carried, keys  # takes a second
+    from fieldkit.estimation.carried import carry_over, keys  # takes a second
 
     if len({run.source.path for run in runs}) < 2:
         raise ConfigError("prior=others needs two sessions or more", fix="name the other sessions too")
@@ -202,7 +202,7 @@ def prior_of_others(runs: Sequence[Run], estimate: Estimate) -> Iterator[tuple[R
             if outcome.run.number == run.number and outcome.run.source.path != run.source.path
             if (learnt := outcome.estimates.learnt.final) is not None
         ]
-        prior = keys(carried(run.settings, others), run.settings)
+        prior = keys(carry_over(run.settings, others), run.settings)
         yield run, [f"{key}={value!r}" for key, value in prior.items()]
 
 

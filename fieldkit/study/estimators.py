@@ -119,7 +119,7 @@ def simulated_temperatures(
         rng = np.random.default_rng(settings.seed)
         target = target + settings.noise_k * rng.standard_normal(target.shape)
         reference = reference + settings.noise_k * rng.standard_normal(target.shape)
-    return _quantised(target, settings.quantum_k), _quantised(reference, settings.quantum_k)
+    return _quantise(target, settings.quantum_k), _quantise(reference, settings.quantum_k)
 
 
 def run_study(slopes: FloatArray, conditions: Conditions, settings: StudySettings) -> Outcome:
@@ -197,7 +197,7 @@ def _by_posterior(
     return means
 
 
-def _quantised(temperature_k: FloatArray, quantum_k: float) -> FloatArray:
+def _quantise(temperature_k: FloatArray, quantum_k: float) -> FloatArray:
     return np.round(temperature_k / quantum_k) * quantum_k if quantum_k > 0.0 else temperature_k
 
 

@@ -153,7 +153,7 @@ class PaperStudy:
             "study.html",
             conditions=f"{options.day}, {options.minutes} min windows, {options.irradiance}, "
             f"noise {options.noise_k:g} K",
-            tables=[(TITLES[name], _shown(tables[name])) for name in TITLES if tables.get(name)],
+            tables=[(TITLES[name], _as_table(tables[name])) for name in TITLES if tables.get(name)],
             drawn=[Figure(svg, _caption(name), _caption(name)) for name, svg in sorted(figures.items())],
         )
 
@@ -290,7 +290,7 @@ def _caption(name: str) -> str:
     return f"{CAPTIONS[kind]} ({which})" if which else CAPTIONS[kind]
 
 
-def _shown(rows: Sequence[Mapping[str, Any]]) -> Table:
+def _as_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     columns = [column.replace("_", " ") for column in rows[0]]
     return Table(columns, [[_cell(value) for value in row.values()] for row in rows])
 

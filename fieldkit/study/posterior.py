@@ -42,7 +42,7 @@ def posterior(design: FloatArray, y: FloatArray, weights: FloatArray, tilt_limit
     motion divides the sphere between them. The mean is of the branch with more probability: between two
     branches lies no slope that fits.
     """
-    robust, branches = _reweighted(design, y, weights)
+    robust, branches = _reweight(design, y, weights)
     information = Misfit.of_rows(design, y, robust).H
     across = np.linalg.eigh(information)[1][:, 0]
 
@@ -68,7 +68,7 @@ def posterior(design: FloatArray, y: FloatArray, weights: FloatArray, tilt_limit
     return Posterior(moments[int(np.argmax(masses))][1], robust, (shares[0], shares[1]))
 
 
-def _reweighted(design: FloatArray, y: FloatArray, weights: FloatArray) -> tuple[FloatArray, Branches]:
+def _reweight(design: FloatArray, y: FloatArray, weights: FloatArray) -> tuple[FloatArray, Branches]:
     """Weights of the t distribution at its mode, by iteratively reweighted least squares."""
     robust = weights
     branches = solve(Misfit.of_rows(design, y, robust))

@@ -48,7 +48,7 @@ class Filters(KalmanBank):
     @property
     def exchange(self) -> FloatArray:
         """Heat exchange of the present session (p,), W m-2 K-1."""
-        further = self.mean[:, self.layout.shared("session_exchange")]
+        further = self.mean[:, self.layout.place("session_exchange")]
         return np.maximum(self.hypotheses.exchange + further, LEAST_EXCHANGE)
 
     def begin_session(
@@ -60,7 +60,7 @@ class Filters(KalmanBank):
     ) -> None:
         """Begin a further session: what lasts is known as before, everything else as before any data."""
         self.ends.append(self.mean)
-        lasting = self.layout.lasting
+        lasting = self.layout.lasting_places
         # the light meter's response to another sun, and dust: gain, and normals times the gain
         scaled = self.layout.gain_and_normals
         self.covariance[:, scaled[:, np.newaxis], scaled] += DAY_TO_DAY["gain"] ** 2 * (
@@ -70,7 +70,7 @@ class Filters(KalmanBank):
         self._begin(first, logged, around, noise)
         self.mean[:, lasting] = mean
         self.covariance[:, lasting[:, np.newaxis], lasting] = covariance
-        exchange = self.layout.shared("session_exchange")
+        exchange = self.layout.place("session_exchange")
         # weather stays with its day: this session's exchange is as uncertain as the first one's was
         spread = self._settings.prior.exchange_log_sd * self.hypotheses.exchange
         self.covariance[:, exchange, exchange] = spread**2

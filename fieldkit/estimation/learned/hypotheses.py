@@ -97,13 +97,13 @@ class Proposal:
         return cls(np.zeros(UNKNOWNS), np.eye(UNKNOWNS))
 
     @classmethod
-    def fitted(cls, points: FloatArray, log_density: FloatArray) -> Proposal:
+    def fit(cls, points: FloatArray, log_density: FloatArray) -> Proposal:
         """Fitted to the logarithm of the posterior density at points (p, 5), (p,) up to a constant.
 
         Its second-order polynomial by least squares, where the density is high: the mean and covariance of
         few points say less than the density that is known at each of them.
         """
-        weights = tempered(log_density)
+        weights = temper(log_density)
         centre = weights @ points
         away = points - centre
         covariance = (weights[:, np.newaxis] * away).T @ away
@@ -155,22 +155,22 @@ def _polynomial(points: FloatArray, values: FloatArray, weights: FloatArray) -> 
 
 def effective(log_weights: FloatArray) -> float:
     """Effective number of weighted hypotheses."""
-    weights = normalised(log_weights)
+    weights = normalise(log_weights)
     return float(1.0 / (weights**2).sum())
 
 
-def normalised(log_weights: FloatArray) -> FloatArray:
+def normalise(log_weights: FloatArray) -> FloatArray:
     """Weights that add up to one."""
     weights = np.exp(log_weights - log_weights.max())
     return np.asarray(weights / weights.sum())
 
 
-def tempered(log_weights: FloatArray) -> FloatArray:
+def temper(log_weights: FloatArray) -> FloatArray:
     """Weights flattened until `LEAST_EFFECTIVE` hypotheses carry them."""
     power = 1.0
     while effective(power * log_weights) < LEAST_EFFECTIVE and power > 1e-6:
         power *= 0.8
-    return normalised(power * log_weights)
+    return normalise(power * log_weights)
 
 
 def hypotheses(points: FloatArray, settings: EstimatorSettings) -> Hypotheses:

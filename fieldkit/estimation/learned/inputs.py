@@ -144,7 +144,7 @@ class Recorded(NamedTuple):
     minutes: list[MinuteInputs]
 
 
-def logged(
+def logged_inputs(
     history: History, row: int, layout: Layout, regions: Sequence[Region], settings: EstimatorSettings
 ) -> Logged:
     """Quantities of the minute bin in a row; `regions` are the columns of the history."""
@@ -283,7 +283,7 @@ def recorded_session(
 ) -> Recorded:
     """The session of the rows from `first` to before `end`; `regions` are the columns of the history."""
     minutes = minutes_between(history, first, end, layout, settings)
-    return Recorded(logged(history, first, layout, regions, settings), minutes)
+    return Recorded(logged_inputs(history, first, layout, regions, settings), minutes)
 
 
 def _begin_k(kelvin: FloatArray, layout: Layout) -> FloatArray:

@@ -100,12 +100,12 @@ class Layout:
         """Level and stores of a region's layer."""
         return slice(region * STORES, (region + 1) * STORES)
 
-    def shared(self, name: str) -> int:
+    def place(self, name: str) -> int:
         """Place of something shared."""
-        return self._shared[name]
+        return self._shared_places[name]
 
     @cached_property
-    def _shared(self) -> dict[str, int]:
+    def _shared_places(self) -> dict[str, int]:
         return {name: place for place, name in enumerate(SHARED, start=self.regions * STORES)}
 
     def slow_exchange(self, target: int) -> int:
@@ -150,21 +150,21 @@ class Layout:
     def gain_and_normals(self) -> IntArray:
         """Places of the gain and of all normals times the gain."""
         normals = range(self.normal(0).start, self.normal(self.targets - 1).stop)
-        return np.array([self.shared("gain"), *normals], np.int64)
+        return np.array([self.place("gain"), *normals], np.int64)
 
     @cached_property
-    def lasting(self) -> IntArray:
+    def lasting_places(self) -> IntArray:
         """Places of what one session leaves to the next: constants of the ground and of each bed.
 
         How much more one bed gives off than another depends on where the wind comes from.
         """
         own = range(self.own_response(0), self.own_response(self.targets))
-        return np.array([self.shared("wind"), *self.gain_and_normals, *own], np.int64)
+        return np.array([self.place("wind"), *self.gain_and_normals, *own], np.int64)
 
     @property
     def smooth(self) -> dict[int, int]:
         """Places of processes without jumps, each with the place of what drives it."""
-        shared = {self.shared(name): self.shared(f"{name}_drive") for name in SMOOTH}
+        shared = {self.place(name): self.place(f"{name}_drive") for name in SMOOTH}
         own = {self.slow_exchange(target): self.slow_exchange_drive(target) for target in range(self.targets)}
         return shared | own
 

@@ -18,7 +18,7 @@ from fieldkit.estimation.learned.hypotheses import (
     effective,
     hypotheses,
     log_prior,
-    normalised,
+    normalise,
 )
 from fieldkit.estimation.learned.inputs import Logged, MinuteInputs, Recorded, bridge
 from fieldkit.estimation.learned.layout import Layout
@@ -82,7 +82,7 @@ class Posterior:
     @property
     def weights(self) -> FloatArray:
         """Weights of the hypotheses (p,), adding up to one."""
-        return normalised(self.log_weights)
+        return normalise(self.log_weights)
 
     @property
     def state(self) -> FloatArray:
@@ -119,7 +119,7 @@ class Learner:
         return self._sessions[-1].minutes[-1]
 
     @property
-    def logged(self) -> Logged:
+    def logged_inputs(self) -> Logged:
         """Quantities that the last session logs."""
         return self._sessions[-1].logged
 
@@ -135,7 +135,7 @@ class Learner:
     def reshade(self, minutes: list[MinuteInputs]) -> None:
         """Take the same minutes again, of which some turned out to be shaded, or not."""
         # what was drawn and judged under the wrong shade counts no longer
-        self._take([Recorded(self.logged, minutes)])
+        self._take([Recorded(self.logged_inputs, minutes)])
 
     def draw_for_all(self) -> None:
         """Draw the hypotheses for all minutes at once, not as they add up."""
@@ -152,13 +152,13 @@ class Learner:
             log_density = self.posterior.log_weights + self._proposal.log_density(self._points)
             densities = [*densities, (self._points, log_density)][-REMEMBERED:]
             points, log_densities = (np.concatenate(arrays) for arrays in zip(*densities, strict=True))
-            self._draw(Proposal.fitted(points, log_densities))
+            self._draw(Proposal.fit(points, log_densities))
             self.posterior = self._posterior(STEPS_AFTER_DRAW)
         self._judged = len(self.minutes)
 
     def _centres(self) -> list[FloatArray | None]:
         """The state at the end of each session, with what lasts as it is known by now."""
-        now, lasting = self.posterior.state, self.layout.lasting
+        now, lasting = self.posterior.state, self.layout.lasting_places
         ends = [self.posterior.weights @ mean for mean in self._filters.ends]
         for end in ends:
             end[lasting] = now[lasting]
@@ -192,18 +192,18 @@ class Learner:
         self._starts = self._directions()
 
     def _posterior(self, steps: int) -> Posterior:
-        best = self._weighed(self._starts, steps)
+        best = self._weigh(self._starts, steps)
         others = {}
         for target, start in self._second_branches(*best).items():
             starts = tuple(start if i == target else unit for i, unit in enumerate(best[0].units))
-            other = self._weighed(starts, STEPS_AFTER_DRAW)
+            other = self._weigh(starts, STEPS_AFTER_DRAW)
             if mass(other[1]) > mass(best[1]):
                 best, other = other, best
             others[target] = other
         self._starts = best[0].units
         return Posterior(self._filters, best[1], best[0], others)
 
-    def _weighed(self, starts: tuple[FloatArray, ...], steps: int) -> tuple[UnitNormals, FloatArray]:
+    def _weigh(self, starts: tuple[FloatArray, ...], steps: int) -> tuple[UnitNormals, FloatArray]:
         normals = unit_normals(self._filters, starts, steps)
         tilts = [
             tilt_azimuth(unit @ axes.T)[0]

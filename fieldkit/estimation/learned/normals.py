@@ -95,7 +95,7 @@ class _Fit:
         weighted = np.matmul(information, residual[..., np.newaxis])[..., 0]
         return cls(gain, units, own, tangents, jacobian, residual, (residual * weighted).sum(axis=1))
 
-    def stepped(self, step: FloatArray) -> tuple[FloatArray, list[FloatArray], FloatArray]:
+    def after_step(self, step: FloatArray) -> tuple[FloatArray, list[FloatArray], FloatArray]:
         """Gain, unit normals and own gains after a step of gain, turns and own gains (p, q)."""
         units, column = [], 1
         for unit, tangent in zip(self.units, self.tangents, strict=True):
@@ -109,7 +109,7 @@ class _Fit:
 
 def unit_normals(filters: Filters, starts: tuple[FloatArray, ...], steps: int) -> UnitNormals:
     """Most probable unit normals near the starts, one (k,) or (p, k) for each target, in at most `steps`."""
-    filtered, free = _known(filters)
+    filtered, free = _gain_and_normals(filters)
     # beds that are unlike in what passes are unlike in what stays
     own_sd = filters.model.settings.prior.own_gain_sd * filters.noise.unlike(filters.hypotheses.unrest)
     kinds_sd = [filters.layout.unlike_of(target).gain_sd for target in range(len(starts))]
@@ -122,7 +122,7 @@ def unit_normals(filters: Filters, starts: tuple[FloatArray, ...], steps: int) -
         step = _step(fit, information, damping)
         if np.abs(step).max() < CONVERGED:
             break
-        trial = _Fit.at(mean, information, *fit.stepped(step))
+        trial = _Fit.at(mean, information, *fit.after_step(step))
         better = trial.misfit <= fit.misfit + NO_WORSE
         damping = np.where(better, 0.2 * damping, 10.0 * damping + 1e-3)
         fit = trial if better.all() else _either(mean, information, better, trial, fit)
@@ -154,7 +154,7 @@ def _with_own_gains(
     return np.column_stack([mean, np.zeros((count, targets))]), whole
 
 
-def _known(filters: Filters) -> tuple[FloatArray, FloatArray]:
+def _gain_and_normals(filters: Filters) -> tuple[FloatArray, FloatArray]:
     """The filter's mean (p, m) and information (p, m, m) of gain and normals."""
     places = filters.layout.gain_and_normals
     information = np.linalg.inv(filters.covariance[:, places][:, :, places])

@@ -23,7 +23,7 @@ from scipy.linalg import block_diag, solve_triangular
 from fieldkit.estimation.bins import History, RegionColumns
 from fieldkit.estimation.learned.bank import JUMP_SDS
 from fieldkit.estimation.learned.hypotheses import Hypotheses
-from fieldkit.estimation.learned.inputs import logged, minutes_between
+from fieldkit.estimation.learned.inputs import logged_inputs, minutes_between
 from fieldkit.estimation.learned.layout import GUSTS, Layout
 from fieldkit.estimation.learned.noise import OWN_MINUTES, noise_of
 from fieldkit.estimation.learned.prior_state import prior_covariance, prior_mean, processes
@@ -132,11 +132,11 @@ class _Pair:
     def _take_model(self) -> None:
         """The filters' model and priors with what was learnt as the one hypothesis."""
         layout, settings, minutes = self._layout, self._settings, self._minutes
-        quantities = logged(self._history, 0, layout, self._columns.regions, settings)
+        quantities = logged_inputs(self._history, 0, layout, self._columns.regions, settings)
         noise, drawn = noise_of(minutes, settings.noise_k), self._hypothesis()
         around = prior_mean(layout, settings, minutes[0], quantities)
         for name in ("gain", "diffuse", "circumsolar"):
-            around[layout.shared(name)] = self._learnt[name].value
+            around[layout.place(name)] = self._learnt[name].value
         self._surface = SurfaceModel(layout, drawn, settings, quantities, around, noise)
         self._processes = processes(layout, settings.prior, drawn, quantities, noise)
         self._prior: FloatArray = prior_covariance(layout, settings, drawn, quantities, noise)[0]
@@ -156,7 +156,7 @@ class _Pair:
 
     def rows(self) -> PixelRows:
         """The rows of a pixel, by the exchange that the targets show."""
-        shared, unknown = self._shared
+        shared, unknown = self._shared_effects
         change, reference = np.split(shared, 2)
         chosen, settings, at = self._chosen, self._settings, self._frames[self._chosen]
         effect = self._effect(self._typical_over_k)
@@ -181,7 +181,7 @@ class _Pair:
     # --- what the targets show of the exchange and of the reference
 
     @cached_property
-    def _shared(self) -> tuple[FloatArray, FloatArray]:
+    def _shared_effects(self) -> tuple[FloatArray, FloatArray]:
         """Shared by all pixels: mean (2 m,) and covariance (2 m, 2 m), by the targets of known slope.
 
         First the exchange of each minute over that of all, then what the reference's temperature, with the
@@ -240,8 +240,8 @@ class _Pair:
         wind_sd = self._settings.prior.wind_sd_w_m2_k_per_m_s
         covariance = wind_sd**2 * np.outer(self._wind_change, self._wind_change)
         for name in GUSTS:
-            covariance += _relaxing(self._apart, *_of(by_place[layout.shared(name)]))
-        covariance += _following(self._apart, *_of(by_place[layout.shared("slow_gust_drive")]))
+            covariance += _relaxing(self._apart, *_of(by_place[layout.place(name)]))
+        covariance += _following(self._apart, *_of(by_place[layout.place("slow_gust_drive")]))
         return np.asarray(covariance + LEAST_GUST**2 * np.eye(len(covariance)))
 
     @cached_property

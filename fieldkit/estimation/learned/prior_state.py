@@ -110,15 +110,15 @@ def processes(
     """
     unrest = SMOOTHED * hypotheses.unrest
     by_place = {
-        layout.shared("slow_gust_drive"): (unrest * prior.slow_gust_sd * hypotheses.exchange, SLOW_MINUTES),
-        layout.shared("common_flux_drive"): (unrest * prior.common_flux_sd_w_m2, COMMON_MINUTES),
-        layout.shared("air_change_drive"): (
+        layout.place("slow_gust_drive"): (unrest * prior.slow_gust_sd * hypotheses.exchange, SLOW_MINUTES),
+        layout.place("common_flux_drive"): (unrest * prior.common_flux_sd_w_m2, COMMON_MINUTES),
+        layout.place("air_change_drive"): (
             unrest * (AIR_NOISE_K if logged.air else AIR_CHANGE_K),
             AIR_MINUTES,
         ),
     }
     for name, share, minutes in zip(GUSTS, GUST_SHARES, GUST_MINUTES, strict=True):
-        by_place[layout.shared(name)] = (share * hypotheses.gust, float(minutes))
+        by_place[layout.place(name)] = (share * hypotheses.gust, float(minutes))
     for target in range(layout.targets):
         spread = unrest * prior.own_slow_exchange * hypotheses.exchange * layout.unlike_of(target).exchange
         by_place[layout.slow_exchange_drive(target)] = (spread, SLOW_MINUTES)
@@ -134,12 +134,12 @@ def prior_mean(
     mean = np.zeros(layout.size)
     for region in range(layout.regions):
         mean[layout.stores(region).start] = first.temperature_k[region]
-    mean[layout.shared("gain")] = settings.scale
+    mean[layout.place("gain")] = settings.scale
     # to a camera that reads high the air would be warmer by as much
-    mean[layout.shared("air")] = logged.camera_k
-    mean[layout.shared("circumsolar")] = settings.prior.circumsolar_share
-    mean[layout.shared("brightening")] = settings.prior.brightening_share
-    mean[layout.shared("wind")] = settings.prior.wind_w_m2_k_per_m_s
+    mean[layout.place("air")] = logged.camera_k
+    mean[layout.place("circumsolar")] = settings.prior.circumsolar_share
+    mean[layout.place("brightening")] = settings.prior.brightening_share
+    mean[layout.place("wind")] = settings.prior.wind_w_m2_k_per_m_s
     for target in range(layout.targets):
         up, _ = upwards(layout.unlike_of(target).normal_horizontal_sd)
         mean[layout.normal(target)] = settings.scale * up * layout.facing[target][2]
@@ -185,7 +185,7 @@ def prior_covariance(
     variance = np.zeros((hypotheses.exchange.size, layout.size))
     unlike = noise.unlike(hypotheses.unrest)
     for name, sd in prior_sds(settings, logged).items():
-        variance[:, layout.shared(name)] = sd**2
+        variance[:, layout.place(name)] = sd**2
     for place, (spread, _) in processes(layout, prior, hypotheses, logged, noise).items():
         variance[:, place] = spread**2
     for target in range(layout.targets):
@@ -204,7 +204,7 @@ def prior_covariance(
     covariance[:, range(layout.size), range(layout.size)] = variance
     offsets = slice(layout.offset(1), layout.offset(layout.regions - 1) + 1)
     covariance[:, offsets, offsets] += logged.emissivities_k2
-    air, longwave = layout.shared("air"), layout.shared("longwave")
+    air, longwave = layout.place("air"), layout.place("longwave")
     together = logged.longwave_per_k * variance[:, air]  # a sky is as warm as its air
     covariance[:, longwave, longwave] += logged.longwave_per_k * together
     covariance[:, air, longwave] = covariance[:, longwave, air] = together

@@ -201,7 +201,7 @@ def moments(learner: Learner) -> Moments:
     inner = covariances.shape[1]
     # law of total variance: the spread of the means, and the mean of the spreads
     covariance[:inner, :inner] += np.tensordot(weights, covariances, axes=1)
-    further = layout.shared("session_exchange")
+    further = layout.place("session_exchange")
     own = posterior.filters.covariance[:, further, further] / exchange**2
     covariance[inner, inner] += weights @ own  # of the first of LOGARITHMS
     tilts = tuple(f"tilt{target}" for target in range(layout.targets))
@@ -212,7 +212,7 @@ def moments(learner: Learner) -> Moments:
 def _within(posterior: Posterior, learner: Learner) -> tuple[FloatArray, FloatArray]:
     """Means (p, m) and covariances (p, m, m) of gain, tilts, shared states and offsets, by hypothesis."""
     layout, normals, filters = learner.layout, posterior.normals, posterior.filters
-    others = [layout.shared(name) for name in STATES]
+    others = [layout.place(name) for name in STATES]
     others += [layout.offset(layout.references + target) for target in range(layout.targets)]
     constrained = layout.gain_and_normals
     shared = filters.covariance[:, others][:, :, constrained]
@@ -268,7 +268,7 @@ def prior_places(settings: EstimatorSettings, sds: dict[str, float]) -> dict[str
 
 def learnt_parameters(learner: Learner, joint: Moments) -> tuple[LearntParameter, ...]:
     """The shared parameters as learnt, with their priors."""
-    settings, logged = learner.settings, learner.logged
+    settings, logged = learner.settings, learner.logged_inputs
     places = prior_places(settings, prior_sds(settings, logged))
     places["air"] = (logged.camera_k, places["air"][1])
 

@@ -120,7 +120,7 @@ class SurfaceModel:
         """Into a minute, from the one with this flux: stores fade and take it, processes relax."""
         layout, drives = self.layout, list(self.layout.smooth.values())
         decay = self._decay.copy()
-        decay[layout.shared("board")] = float(minute.shaded.any())
+        decay[layout.place("board")] = float(minute.shaded.any())
         followed = np.broadcast_to(np.eye(layout.size)[drives], (len(flux.rows), len(drives), layout.size))
         rows = np.concatenate([flux.rows, followed], axis=1)
         constant = np.concatenate([flux.constant, np.zeros(followed.shape[:2])], axis=1)
@@ -135,9 +135,9 @@ class SurfaceModel:
         for place, passing in self.passing(minute).items():
             variance[:, place] = passing
         if minute.air_returns:  # what was wrong with the guess is no error of the thermometer
-            variance[:, self.layout.shared("air")] = self.settings.prior.air_unlogged_sd_k**2
+            variance[:, self.layout.place("air")] = self.settings.prior.air_unlogged_sd_k**2
         if minute.air_stale_h > 0.0:
-            drive = self.layout.shared("air_change_drive")
+            drive = self.layout.place("air_change_drive")
             change = SMOOTHED * AIR_CHANGE_K * self.hypotheses.unrest
             variance[:, drive] = change**2 * (1.0 - self._decay[drive] ** 2)
         return variance
@@ -153,7 +153,7 @@ class SurfaceModel:
             "camera": prior.camera_noise_k,
             "board": 0.0 if minute.shaded.any() else BOARD_SD_W_M2,
         }
-        return {self.layout.shared(name): sd**2 for name, sd in sds.items()}
+        return {self.layout.place(name): sd**2 for name, sd in sds.items()}
 
     @cached_property
     def _decay(self) -> FloatArray:
@@ -168,7 +168,7 @@ class SurfaceModel:
             decay[place] = decay[drive]
         # what one minute brings is not left in the next
         for name in ("beam", "moment", "edge", "camera"):
-            decay[layout.shared(name)] = 0.0
+            decay[layout.place(name)] = 0.0
         return decay
 
     @cached_property
@@ -188,7 +188,7 @@ class SurfaceModel:
     def readings(self, minute: MinuteInputs, temperature: Affine) -> Affine:
         """Temperatures of the regions as the camera shows them."""
         layout, rows = self.layout, temperature.rows.copy()
-        rows[:, :, layout.shared("camera")] += 1.0
+        rows[:, :, layout.place("camera")] += 1.0
         for region in range(layout.regions):
             rows[:, region, layout.own(region)] += 1.0
         for region in range(1, layout.regions):
@@ -255,11 +255,11 @@ class SurfaceModel:
         # first at the last prediction, then at this one, which knows of a cloud, and unlike the measurement
         # nothing of its noise
         for _ in range(2):
-            temperature, flux = self._linearised(minute, sources, mean, taken_k)
+            temperature, flux = self._linearise(minute, sources, mean, taken_k)
             taken_k = temperature.at(mean)
         return temperature, flux
 
-    def _linearised(
+    def _linearise(
         self, minute: MinuteInputs, sources: Affine, mean: FloatArray, taken_k: FloatArray
     ) -> tuple[Affine, Affine]:
         """Mean temperature and net flux; the flux is taken at `taken_k` and corrected to first order."""
@@ -268,7 +268,7 @@ class SurfaceModel:
         # the flux q - L (T - T0) warms the surface at once by T = R q + stores: solved for T
         damping = 1.0 / (1.0 + quick * steepness)
         rows = quick[..., np.newaxis] * flux.rows
-        beam, moment = self.layout.shared("beam"), self.layout.shared("moment")
+        beam, moment = self.layout.place("beam"), self.layout.place("moment")
         # a mean that came too early or late is of the surface alone: the ground takes up the right flux
         rows[:, :, moment] = quick * flux.rows[:, :, beam]
         for region in range(self.layout.regions):
@@ -286,7 +286,7 @@ class SurfaceModel:
 
     def _flux(self, minute: MinuteInputs, sources: Affine, taken_k: FloatArray) -> Affine:
         """Net flux of each region at temperatures `taken_k` (p, regions)."""
-        place = self.layout.shared
+        place = self.layout.place
         rows, further = sources.rows.copy(), self._around[place("session_exchange")] * self.layout.exchanges
         over_air, exchange = taken_k - minute.air_k, self._exchange
         by_wind = over_air * self.layout.exchanges
@@ -306,10 +306,10 @@ class SurfaceModel:
     def _steepness(self, minute: MinuteInputs, mean: FloatArray, taken_k: FloatArray) -> FloatArray:
         """Loss of heat per kelvin (p, regions), W m-2 K-1."""
         layout = self.layout
-        gusts = sum(mean[:, layout.shared(name)] for name in (*GUSTS, "slow_gust"))
-        session = mean[:, layout.shared("session_exchange")]
+        gusts = sum(mean[:, layout.place(name)] for name in (*GUSTS, "slow_gust"))
+        session = mean[:, layout.place("session_exchange")]
         common = (
-            self.hypotheses.exchange + session + gusts + minute.wind_change * mean[:, layout.shared("wind")]
+            self.hypotheses.exchange + session + gusts + minute.wind_change * mean[:, layout.place("wind")]
         )
         own = np.zeros_like(taken_k)
         for first in (layout.slow_exchange(0), layout.own_exchange(0)):
@@ -323,7 +323,7 @@ class SurfaceModel:
         layout = self.layout
         normals = np.zeros((layout.regions, layout.size, 3))
         for region, known_normal in enumerate(layout.known):
-            normals[region, layout.shared("gain")] = known_normal
+            normals[region, layout.place("gain")] = known_normal
         for target, axes in enumerate(layout.facing):
             normals[layout.references + target, layout.normal(target)] = axes.T
         return normals
@@ -333,7 +333,7 @@ class SurfaceModel:
 
         Absorbed sunlight, longwave and fluxes without a cause.
         """
-        layout, place, now = self.layout, self.layout.shared, self._around
+        layout, place, now = self.layout, self.layout.place, self._around
         view, shaded, upwards = layout.sky_views, minute.shaded, self._normals[..., 2]
         # what of the sky reaches a region, as light that it absorbs
         sky, upwards_now = layout.absorbs * (1.0 - HIDDEN * shaded), upwards @ now
@@ -403,6 +403,6 @@ def _possible(layout: Layout, state: FloatArray) -> FloatArray:
         "diffuse": (-0.5, 1.0),
     }
     for name, (low, high) in limits.items():
-        place = layout.shared(name)
+        place = layout.place(name)
         possible[place] = min(max(possible[place], low), high)
     return possible

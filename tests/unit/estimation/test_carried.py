@@ -3,7 +3,7 @@ from dataclasses import replace
 
 import pytest
 
-from fieldkit.estimation.carried import carried, keys
+from fieldkit.estimation.carried import carry_over, keys
 from fieldkit.estimation.learned.prior_state import DAY_TO_DAY
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.learnt import Learnt, LearntParameter
@@ -20,7 +20,7 @@ def learnt(name: str, value: float, log_sd: float) -> tuple[EstimatorSettings, L
 
 
 def inertia(*sessions: tuple[float, float]) -> tuple[float, float]:
-    found = carried(SETTINGS, [learnt("thermal_inertia", *one) for one in sessions])["thermal_inertia"]
+    found = carry_over(SETTINGS, [learnt("thermal_inertia", *one) for one in sessions])["thermal_inertia"]
     return found.value, found.log_sd
 
 
@@ -53,15 +53,15 @@ def test_the_prior_of_a_session_is_not_counted_as_data():
     # learnt with a wrong prior that was not moved: nothing to carry
     wrong = replace(SETTINGS, slab=Slab(conductivity_w_m_k=0.5))
     session = wrong, learnt("thermal_inertia", wrong.slab.thermal_inertia, PRIOR[1])[1]
-    assert carried(SETTINGS, [session])["thermal_inertia"].value == pytest.approx(PRIOR[0])
+    assert carry_over(SETTINGS, [session])["thermal_inertia"].value == pytest.approx(PRIOR[0])
 
 
 def test_weather_is_not_carried_over():
-    assert set(carried(SETTINGS, [learnt("exchange", 20.0, 0.05)])) == set(DAY_TO_DAY)
+    assert set(carry_over(SETTINGS, [learnt("exchange", 20.0, 0.05)])) == set(DAY_TO_DAY)
 
 
 def test_the_keys_are_those_of_the_prior():
-    known = carried(SETTINGS, [])
+    known = carry_over(SETTINGS, [])
     found = keys(known, SETTINGS)
     slab = Slab(depth_m=found["slab.depth_m"], conductivity_w_m_k=found["slab.conductivity_w_m_k"])
     assert slab.thermal_inertia == pytest.approx(PRIOR[0])

@@ -56,11 +56,11 @@ def test_frames_without_edges_move_nothing():
 def test_regions_at_rest_stay_the_same_object_and_one_that_leaves_the_frame_is_empty():
     square = Region("a", RegionKind.TARGET, ((1, 1), (4, 1), (4, 3), (1, 3)))
     pixels = RegionPixels((square,), (6, 8))
-    assert pixels.moved(np.zeros((1, 2), np.int64)) is pixels
+    assert pixels.shift(np.zeros((1, 2), np.int64)) is pixels
     shown = np.arange(48).reshape(6, 8)
-    totals, *_ = pixels.moved(np.array([[3, 2]])).sums(shown)
+    totals, *_ = pixels.shift(np.array([[3, 2]])).sums(shown)
     assert totals == [int(shown[3:6, 4:8].sum())]
-    assert pixels.moved(np.array([[4, 0]])).pixels.tolist() == [0]
+    assert pixels.shift(np.array([[4, 0]])).pixels.tolist() == [0]
 
 
 @pytest.mark.parametrize("redrawn", [1, 7])

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.drawn_worlds import CLEAR, DAY_NS, SOUTH
 from benchmarks.estimation_together import alone_and_together, as_part, half_widths, visits
-from fieldkit.estimation.bins import joined
+from fieldkit.estimation.bins import join
 from fieldkit.estimation.together import MOST_APART_M, slopes_together
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import EARTH_RADIUS_M, RegionKind
@@ -92,7 +92,7 @@ def test_a_region_that_a_session_lacks_is_not_measured_there(parts):
 
 
 def test_a_gap_of_a_night_within_a_session_begins_anew_as_another_session_does(parts):
-    night = replace(parts[0], history=joined([one.history for one in parts]))
+    night = replace(parts[0], history=join([one.history for one in parts]))
     after = later(parts[0], 2 * DAY_NS)
     split = slopes_together([*parts, after]).estimated.slopes
     assert slopes_together([night, after]).estimated.slopes == split

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_banded
 
-from fieldkit.estimation.balance import conducted
+from fieldkit.estimation.balance import conduction
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.energy_balance import balance_temperature
 from fieldkit.physics.slab import Slab, SlabStep, conducted_flux, heat_of_step, surface_series
@@ -86,7 +86,7 @@ def test_three_days_of_weather_are_not_forgotten_by_deep_sand(depth_m):
     expected = finite_differences(slab, surface)
     flux = conducted_flux(slab, surface, 60.0)
     assert np.abs(flux - expected)[60:].max() < 0.3
-    by_minute = conducted(np.arange(hours.size), surface[:, np.newaxis], slab)[:, 0]
+    by_minute = conduction(np.arange(hours.size), surface[:, np.newaxis], slab)[:, 0]
     assert np.abs(by_minute - expected)[60:].max() < 0.3
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.drawn_worlds import CLEAR
-from fieldkit.estimation.bins import joined
+from fieldkit.estimation.bins import join
 from fieldkit.model.clock import utc_ns
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Event, EventKind, Frame, Reading, Sample
@@ -116,7 +116,7 @@ def test_a_map_of_the_learned_model_is_of_the_last_day():
     day, learned = world.history, replace(world.settings, model="learned")
     moved = {"minute": day.minute + 1440, "time_ns": day.time_ns + 1440 * MINUTE_NS}
     known = SimpleNamespace(
-        settings=learned, regions=world.regions, history=joined([day, replace(day, **moved)])
+        settings=learned, regions=world.regions, history=join([day, replace(day, **moved)])
     )
     np.testing.assert_array_equal(_window(known, [], "all"), np.arange(20, 40))
     known.history = replace(day, minute=day.minute[0] + 100 * np.arange(20))

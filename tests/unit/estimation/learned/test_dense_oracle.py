@@ -46,8 +46,8 @@ class FrozenModel(surface.SurfaceModel):
 
     fixed: np.ndarray
 
-    def _linearised(self, minute, sources, mean, taken_k):
-        return super()._linearised(minute, sources, self.fixed[np.newaxis], minute.temperature_k[np.newaxis])
+    def _linearise(self, minute, sources, mean, taken_k):
+        return super()._linearise(minute, sources, self.fixed[np.newaxis], minute.temperature_k[np.newaxis])
 
     def light(self, minute, mean, covariance):
         return super().light(minute, self.fixed[np.newaxis], np.zeros((1, self.fixed.size, self.fixed.size)))
@@ -69,7 +69,7 @@ class LinearFilters(Filters):
         for target, axes in enumerate(self.layout.facing):  # leaning to the sun, so that all terms count
             fixed[self.layout.normal(target)] -= 0.1 * axes[1]
         if self.ends:
-            fixed[self.layout.shared("session_exchange")] = LATER_EXCHANGE
+            fixed[self.layout.place("session_exchange")] = LATER_EXCHANGE
         self.model = FrozenModel(self.layout, DRAWN, self._settings, logged, fixed, noise)
         self.model.fixed = fixed
 
@@ -259,9 +259,9 @@ class Dense:
         """Which unknown stands at which place of the filter's state, as pairs."""
         layout = self.layout
         for name in (*LASTING, *OF_SESSION, "session_exchange", "board"):
-            yield layout.shared(name), self.blocks[name].start
+            yield layout.place(name), self.blocks[name].start
         for name in (*GUSTS, "slow_gust", "common_flux", "air_change", "beam", "edge"):
-            yield layout.shared(name), self.blocks[name].start + minute
+            yield layout.place(name), self.blocks[name].start + minute
         for target in range(layout.targets):
             yield layout.slow_exchange(target), self.blocks[f"slow_exchange{target}"].start + minute
             yield layout.own_exchange(target), self.blocks[f"own_exchange{target}"].start
@@ -291,8 +291,8 @@ class Dense:
         taken_k = np.array([minute.temperature_k[region] for minute in self.minutes])
         emissivity = self.settings.surface.emissivity_broadband
         steepness = 4.0 * emissivity * STEFAN_BOLTZMANN * taken_k**3
-        by_wind = fixed[self.layout.shared("wind")] * np.array([one.wind_change for one in self.minutes])
-        further = fixed[self.layout.shared("session_exchange")] + by_wind
+        by_wind = fixed[self.layout.place("wind")] * np.array([one.wind_change for one in self.minutes])
+        further = fixed[self.layout.place("session_exchange")] + by_wind
         losses = np.diag(steepness + own_exchange(*about) * (1.0 + further / DRAWN.exchange[0]))
         free = conducted @ rows
         free[:, self.blocks[f"level{region}"]] += 1.0
@@ -383,7 +383,7 @@ def agree(filters, lasting, of_session, mean, covariance):
         rows[:, of_session["gain_change"].start] = filters.ends[-1][0, place] if filters.ends else 0.0
         return rows
 
-    gain = slice(layout.shared("gain"), layout.shared("gain") + 1)
+    gain = slice(layout.place("gain"), layout.place("gain") + 1)
     expected, variance = (
         scaled("gain", gain) @ mean,
         scaled("gain", gain) @ covariance @ scaled("gain", gain).T,
@@ -397,7 +397,7 @@ def agree(filters, lasting, of_session, mean, covariance):
         spread, wanted = filters.covariance[0, place, place], along @ covariance @ along.T
         np.testing.assert_allclose(spread, wanted, rtol=1e-5, atol=1e-6 * np.trace(wanted))
     for name in ("wind", *OF_SESSION, *(("session_exchange",) if filters.ends else ())):
-        place, block = layout.shared(name), {**lasting, **of_session}[name].start
+        place, block = layout.place(name), {**lasting, **of_session}[name].start
         sd = np.sqrt(covariance[block, block])
         assert filters.mean[0, place] == pytest.approx(mean[block], abs=1e-5 * sd)
         assert np.sqrt(filters.covariance[0, place, place]) == pytest.approx(sd, rel=1e-5)

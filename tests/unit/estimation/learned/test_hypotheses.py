@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fieldkit.estimation.learned.hypotheses import UNKNOWNS, Proposal, effective, log_prior, normalised
+from fieldkit.estimation.learned.hypotheses import UNKNOWNS, Proposal, effective, log_prior, normalise
 
 CENTRE = np.array([2.0, -1.0, 0.5, -3.0, 1.5])
 TURNED = np.linalg.qr(np.random.default_rng(1).standard_normal((UNKNOWNS, UNKNOWNS)))[0]
@@ -19,17 +19,17 @@ def test_a_normal_posterior_is_found_in_few_rounds(sds):
     proposal, rounds = Proposal.prior(), 0
     points = proposal.draw()
     while effective(weights := log_density(points, sds) - proposal.log_density(points)) < 25.0:
-        proposal, rounds = Proposal.fitted(points, log_density(points, sds)), rounds + 1
+        proposal, rounds = Proposal.fit(points, log_density(points, sds)), rounds + 1
         points = proposal.draw()
         assert rounds < 6
-    mean = normalised(weights) @ points
+    mean = normalise(weights) @ points
     assert np.all(np.abs((mean - CENTRE) @ TURNED) < 0.2 * sds)
     away = (points - mean) @ TURNED
-    assert np.sqrt(normalised(weights) @ away**2) == pytest.approx(sds, rel=0.25)
+    assert np.sqrt(normalise(weights) @ away**2) == pytest.approx(sds, rel=0.25)
 
 
 def test_a_flat_posterior_is_the_prior():
     points = Proposal.prior().draw()
-    found = Proposal.fitted(points, log_prior(points))
+    found = Proposal.fit(points, log_prior(points))
     assert np.abs(found.centre).max() < 0.2
     assert found.root @ found.root.T == pytest.approx(1.44 * np.eye(UNKNOWNS), abs=0.4)

@@ -65,5 +65,5 @@ def test_without_anything_learnt_pixels_are_solved_by_the_full_model():
         settings = replace(world.settings, model=model)
         minutes = np.arange(len(history))
         asked = MinuteMap(history, regions, minutes, (4, 2), settings, {})
-        tilts.append(asked.solved(by_minute.__getitem__)[0].tilt_deg)
+        tilts.append(asked.solve(by_minute.__getitem__)[0].tilt_deg)
     np.testing.assert_array_equal(*tilts)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.drawn_worlds import CLEAR
-from fieldkit.estimation.bins import History, RegionColumns, joined
+from fieldkit.estimation.bins import History, RegionColumns, join
 from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.learned import inputs
 from fieldkit.estimation.learned.layout import Layout
@@ -28,7 +28,7 @@ def test_after_a_night_the_reason_is_that_of_the_new_day():
     day = world.history
     later = replace(a_day_later(day), temperature_k=np.full_like(day.temperature_k, np.nan))
     chain = SlopeChain(world.regions, replace(world.settings, model="learned"))
-    for one in chain.at(joined([day, later])).slopes:
+    for one in chain.at(join([day, later])).slopes:
         assert one.reason == "no temperatures of the reference yet"
         assert one.window_start_ns == later.time_ns[0]
 
@@ -37,7 +37,7 @@ def test_all_days_of_a_table_count():
     """Five minutes of the second day took the place of all of the first."""
     world = drawn_world(5, CLEAR, minutes=30)
     settings = replace(world.settings, model="learned")
-    table = joined([world.history, a_day_later(world.history).until(5)])
+    table = join([world.history, a_day_later(world.history).until(5)])
     for one in slopes_of_part(Part("table", packaged_day().site, world.regions, table, settings)):
         assert one.state is not SlopeState.TOO_FEW
         assert one.n_bins == 35
