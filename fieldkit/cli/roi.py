@@ -213,11 +213,12 @@ def remove(name: str) -> None:
 @command.command("list")
 def list_() -> None:
     """List the regions."""
+    from fieldkit.config.toml_schema import RegionOutline
     from fieldkit.recording.regions import read_regions
 
     regions = read_regions(campaign_file())[0].regions
     if options().json:
-        print_json({"regions": [_document(region) for region in regions]})
+        print_json({"regions": [RegionOutline.of(region).model_dump() for region in regions]})
     elif regions:
         print_table(("name", "kind", "tilt/azimuth", "corners"), [_row(region) for region in regions])
     else:
@@ -309,15 +310,3 @@ def _suggested_row(suggestion: SuggestedRegion) -> tuple[str, ...]:
     name, kind, _, corners = _row(suggestion.region)
     match = suggestion.found
     return name, kind, f"{match.pixels} px", f"{match.contrast_k:.1f} K", f"{match.spread_k:.2f} K", corners
-
-
-def _document(region: Region) -> dict[str, Any]:
-    return {
-        "name": region.name,
-        "kind": region.kind.name.lower(),
-        "points_px": region.vertices,
-        "points_m": region.points_m,
-        "tilt_deg": region.tilt_deg,
-        "azimuth_deg": region.azimuth_deg,
-        "emissivity": region.emissivity,
-    }

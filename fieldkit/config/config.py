@@ -20,13 +20,12 @@ from fieldkit.config.toml_schema import (
     LuxTable,
     MeterTable,
     RecordTable,
-    RegionTable,
     SimulationTable,
     Tables,
 )
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.limits import changed_rows
-from fieldkit.model.site import Region, RegionKind, Site
+from fieldkit.model.site import Region, Site
 from fieldkit.model.units import CELSIUS_ZERO_K
 
 if TYPE_CHECKING:
@@ -39,7 +38,6 @@ if TYPE_CHECKING:
 NAN = float("nan")
 RECORDINGS = "recordings"
 """Folder of a campaign's sessions."""
-KINDS = {"reference": RegionKind.REFERENCE, "target": RegionKind.TARGET}
 
 
 @dataclass(frozen=True)
@@ -114,7 +112,7 @@ class Config:
     @property
     def regions(self) -> tuple[Region, ...]:
         """The regions, in the order of the file; a reference of unknown tilt is horizontal."""
-        return tuple(_region(table) for table in self.tables.region)
+        return tuple(table.region for table in self.tables.region)
 
     @property
     def devices(self) -> tuple[DeviceSettings, ...]:
@@ -225,19 +223,3 @@ def _device(name: str, table: DeviceTable) -> DeviceSettings:
         options["range_max_lx"] = table.range_max_lx
     every_s = table.every_s if isinstance(table, MeterTable) else 1.0
     return DeviceSettings(name, table.driver, table.port, table.identity, every_s, options)
-
-
-def _region(table: RegionTable) -> Region:
-    reference = table.kind == "reference"
-    tilt_deg = table.tilt_deg if table.tilt_deg is not None else 0.0 if reference else NAN
-    azimuth_deg = table.azimuth_deg if table.azimuth_deg is not None else 0.0 if tilt_deg == 0.0 else NAN
-    return Region(
-        name=table.name,
-        kind=KINDS[table.kind],
-        vertices=tuple((x, y) for x, y in table.points_px),
-        tilt_deg=tilt_deg,
-        azimuth_deg=azimuth_deg,
-        emissivity=NAN if table.emissivity is None else table.emissivity,
-        points_m=tuple((at[0], at[1], at[2] if len(at) > 2 else NAN) for at in table.points_m),
-        camera="" if table.camera == "camera" else table.camera,
-    )

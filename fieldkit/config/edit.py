@@ -157,7 +157,7 @@ def _is_toml(text: str) -> bool:
 
 
 def _assignments(table: Mapping[str, Any]) -> str:
-    return "".join(f"{assignment(key, value)}\n" for key, value in table.items())
+    return "".join(f"{assignment(key, value)}\n" for key, value in table.items() if value is not None)
 
 
 def _write(file: Path, text: str) -> None:

@@ -7,8 +7,9 @@ Defaults of physical parameters are those of the paper's Tables 1 and 3.
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, Literal, get_args
+from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
 from pydantic import AfterValidator, AwareDatetime, BaseModel, ConfigDict, Field, model_validator
 from pydantic.json_schema import SkipJsonSchema
@@ -22,7 +23,7 @@ from fieldkit.estimation.surface_kinds import SAND, Kind
 from fieldkit.model.alarm import Condition
 from fieldkit.model.light_meter import ConfiguredKind, Diffuse, Mounting
 from fieldkit.model.quantities import LIMITS, Component
-from fieldkit.model.site import ELEVATIONS_M
+from fieldkit.model.site import ELEVATIONS_M, Region, RegionKind
 
 Degrees = Annotated[float, Field(ge=0, le=360)]
 Tilt = Annotated[float, Field(ge=0, le=90)]
@@ -42,6 +43,7 @@ Fault = Literal[
 ConditionName = Annotated[Condition, Field(strict=False, description="")]
 SeverityWord = Literal["info", "warning", "error"]
 
+NAN = math.nan
 TABLE_1 = "(paper, Table 1)"
 
 
@@ -378,8 +380,8 @@ class SimulationTable(Table):
     )
 
 
-class RegionTable(Table):
-    """A region: a polygon of the frame."""
+class RegionOutline(Table):
+    """A region's outline and measured properties, as the campaign's file, the page and JSON state them."""
 
     name: Name = Field(examples=["b15"], description="letters, digits, - and _")
     kind: Literal["reference", "target"] = Field(
@@ -401,6 +403,48 @@ class RegionTable(Table):
     emissivity: Fraction | None = _unset(
         0.93, 'in the camera\'s band, where it differs from surface.emissivity; or "@name"'
     )
+    camera: str = Field(
+        default="", description="the camera it lies in, such as second of [device.second]; default: the first"
+    )
+
+    @classmethod
+    def of(cls, region: Region) -> Self:
+        """The statement of a region; None for what is unknown."""
+        stated = {
+            key: None if math.isnan(value := getattr(region, key)) else value
+            for key in ("tilt_deg", "azimuth_deg", "emissivity")
+        }
+        # not validated: names and corners in a session need not be those that a new campaign may have
+        return cls.model_construct(
+            name=region.name,
+            kind=region.kind.name.lower(),
+            points_px=[list(corner) for corner in region.vertices],
+            points_m=[list(corner) for corner in region.points_m],
+            camera=region.camera,
+            **stated,
+        )
+
+    @property
+    def region(self) -> Region:
+        """The region as it is estimated; a reference of unknown tilt is horizontal."""
+        reference = self.kind == "reference"
+        tilt_deg = self.tilt_deg if self.tilt_deg is not None else 0.0 if reference else NAN
+        azimuth_deg = self.azimuth_deg if self.azimuth_deg is not None else 0.0 if tilt_deg == 0.0 else NAN
+        return Region(
+            name=self.name,
+            kind=RegionKind[self.kind.upper()],
+            vertices=tuple((x, y) for x, y in self.points_px),
+            tilt_deg=tilt_deg,
+            azimuth_deg=azimuth_deg,
+            emissivity=NAN if self.emissivity is None else self.emissivity,
+            points_m=tuple((at[0], at[1], at[2] if len(at) > 2 else NAN) for at in self.points_m),
+            camera="" if self.camera == "camera" else self.camera,
+        )
+
+
+class RegionTable(RegionOutline):
+    """A region: a polygon of the frame."""
+
     emissivity_sd: float = Field(
         default=0.0, ge=0, lt=1, description="standard uncertainty of emissivity; a record brings its own"
     )
@@ -419,9 +463,6 @@ class RegionTable(Table):
     )
     horizon: list[HorizonPoint] = Field(
         default=[], description="its own horizon instead of the site's: pairs or a CSV file"
-    )
-    camera: str = Field(
-        default="", description="the camera it lies in, such as second of [device.second]; default: the first"
     )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from fieldkit.estimation.region_check import MIN_PIXELS, check_region
 from fieldkit.model.arrays import BoolArray, FloatArray, SingleArray
-from fieldkit.model.errors import NoAnswerError
+from fieldkit.model.errors import ConfigError, NoAnswerError
 from fieldkit.model.next_step import Action
 from fieldkit.model.site import Region, RegionKind
 
@@ -125,7 +125,7 @@ def _measure(corners: FloatArray, image: SingleArray) -> FoundBed | None:
     """The inset outline with its contrast and spread; None where nothing is left inside."""
     try:
         region = _region(corners).shrunk(_INSET_PX)
-    except ValueError:
+    except ConfigError:
         return None
     inside = image[region.mask((image.shape[0], image.shape[1]))]
     if inside.size < MIN_PIXELS:

@@ -179,7 +179,7 @@ class Region:
         return all(0 <= x <= cols - 1 and 0 <= y <= rows - 1 for x, y in self.vertices)
 
     def shrunk(self, pixels: float) -> Region:
-        """The region with every edge moved inwards by `pixels`; raises `ValueError` if nothing remains."""
+        """The region with every edge moved inwards by `pixels`; raises `ConfigError` if nothing remains."""
         corners = self._corners
         along = np.roll(corners, -1, axis=0) - corners
         left = along[:, ::-1] * (-1.0, 1.0) / np.linalg.norm(along, axis=1, keepdims=True)
@@ -190,7 +190,8 @@ class Region:
             moved = corners + pixels * mitre
         is_convex = np.sum((np.roll(moved, -1, axis=0) - moved) * along, axis=1) > 0.0  # no edge is reversed
         if not (is_convex.all() and inward.any()):
-            raise ValueError(f"nothing of region {self.name!r} is {pixels:g} px inside its edge")
+            what = f"nothing of region {self.name!r} is {pixels:g} px inside its edge"
+            raise ConfigError(what, fix="shrink it less")
         return replace(self, vertices=tuple((float(x), float(y)) for x, y in moved))
 
 

@@ -21,7 +21,7 @@ from fieldkit.model.durations import parse_duration, parse_time_of_day
 from fieldkit.model.errors import ConfigError, FieldkitError, RefusedError
 from fieldkit.model.marks import Mark
 from fieldkit.model.samples import Event, Severity
-from fieldkit.model.site import Region, RegionKind
+from fieldkit.model.site import Region
 from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.page import outgoing, requests
 from fieldkit.page.conductor import Conductor
@@ -228,9 +228,9 @@ class Answers:
     # --- regions
 
     def _verdict(self, request: requests.CheckRegion) -> Document:
-        region = _region(request.region)
+        region = request.region.region
         if request.shrink:
-            region = _shrunk(region, request.shrink)
+            region = region.shrunk(request.shrink)
         shape, frame, present = self._outline_of(request.session)
         replaced = request.instead_of or region.name
         others = [other for other in present if not other.camera and other.name != replaced]
@@ -332,12 +332,12 @@ def _change(request: requests.Request) -> tuple[str, Callable[[edit.Draft], Any]
     """A change of ``fieldkit.toml``, in words and as a function."""
     match request:
         case requests.AddRegion(region=drawn):
-            return f"added {drawn.name}", lambda draft: campaign_regions.add_region(draft, **_new(drawn))
+            return f"added {drawn.name}", lambda draft: edit.add_region(draft, _table(drawn))
         case requests.RemoveRegion(name=name):
             return f"removed {name}", lambda draft: edit.remove_region(draft, name)
         case requests.EditRegion(name=name, region=drawn):
             words = f"changed {name}" if name == drawn.name else f"{name} is now {drawn.name}"
-            return words, lambda draft: edit.change_region(draft, name, {"name": drawn.name, **_table(drawn)})
+            return words, lambda draft: edit.change_region(draft, name, _table(drawn))
         case _:
             raise ConfigError(f"{request.do} is not about regions")
 
@@ -360,31 +360,7 @@ def record_options(request: requests.Start) -> RecordOptions:
     )
 
 
-def _region(drawn: requests.DrawnRegion) -> Region:
-    angles = (drawn.tilt_deg, drawn.azimuth_deg, drawn.emissivity)
-    tilt, azimuth, emissivity = (math.nan if value is None else value for value in angles)
-    kind = RegionKind[drawn.role.upper()]
-    return Region(drawn.name, kind, tuple(drawn.vertices), tilt, azimuth, emissivity)
-
-
-def _shrunk(region: Region, pixels: float) -> Region:
-    try:
-        return region.shrunk(pixels)
-    except ValueError as error:
-        raise ConfigError(str(error), fix="shrink it less") from error
-
-
 def _table(drawn: requests.DrawnRegion) -> dict[str, Any]:
-    """The keys of a region in ``fieldkit.toml``; None for what is not known."""
-    return {
-        "kind": drawn.role, "points_px": [list(corner) for corner in drawn.vertices],
-        "tilt_deg": drawn.tilt_deg, "azimuth_deg": drawn.azimuth_deg, "emissivity": drawn.emissivity,
-    }  # fmt: skip
-
-
-def _new(drawn: requests.DrawnRegion) -> dict[str, Any]:
-    inherited = {key: getattr(drawn, key) for key in ("tilt_deg", "azimuth_deg", "emissivity")}
-    properties = {key: value for key, value in inherited.items() if value is not None}
-    return {
-        "name": drawn.name, "points": drawn.vertices, "reference": drawn.role == "reference", **properties
-    }  # fmt: skip
+    """The keys of a drawn region in ``fieldkit.toml``; None removes one."""
+    points = campaign_regions.written_points(drawn.points_px)
+    return {**drawn.model_dump(exclude_unset=True), "points_px": points}

@@ -15,9 +15,10 @@ from fieldkit.model.channels import quantity_of
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.next_step import Argument, Sentence, Step, Text
 from fieldkit.model.samples import Event, Health
-from fieldkit.model.site import Region, RegionKind
+from fieldkit.model.site import Region
 from fieldkit.model.slope import SLOPE_FIELDS, SlopeEstimate
 from fieldkit.model.units import CELSIUS_ZERO_K
+from fieldkit.page.requests import DrawnRegion
 from fieldkit.views import formatting
 from fieldkit.views.latest import Latest
 from fieldkit.views.trend import Trend
@@ -52,19 +53,10 @@ def _stream(info: StreamInfo, frames_every_s: float | None) -> Document:
     }  # fmt: skip
 
 
-def regions(known: Sequence[Region]) -> Document:
+def regions(regions: Sequence[Region]) -> Document:
     """The regions with their corners in pixels."""
-    return {"type": "regions", "regions": [_region(region) for region in known]}
-
-
-def _region(region: Region) -> Document:
-    return {
-        "name": region.name,
-        "role": "reference" if region.kind is RegionKind.REFERENCE else "target",
-        "vertices": [list(corner) for corner in region.vertices],
-        "tilt_deg": region.tilt_deg, "azimuth_deg": region.azimuth_deg, "emissivity": region.emissivity,
-        "camera": region.camera,
-    }  # fmt: skip
+    outlines = [DrawnRegion.of(region).model_dump(by_alias=True) for region in regions]
+    return {"type": "regions", "regions": outlines}
 
 
 def minute(closed: Minute) -> Document:

@@ -19,6 +19,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
+from fieldkit.config.toml_schema import RegionOutline
 from fieldkit.model.errors import FieldkitError
 from fieldkit.page.pictures import Mode
 
@@ -87,17 +88,14 @@ class Value(_Request):
     y: Pixel
 
 
-class DrawnRegion(BaseModel):
-    """A region as drawn: corners in pixels, angles in degrees, None where unknown."""
+class DrawnRegion(RegionOutline):
+    """A region as drawn: browsers call its kind ``role`` and its corners ``vertices``."""
 
-    model_config: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True, frozen=True)
-
-    name: Word
-    role: Literal["reference", "target"]
-    vertices: Annotated[list[tuple[Pixel, Pixel]], Field(min_length=3, max_length=64)]
-    tilt_deg: Number | None = None
-    azimuth_deg: Number | None = None
-    emissivity: Number | None = None
+    model_config: ClassVar[ConfigDict] = ConfigDict(
+        alias_generator=lambda key: {"kind": "role", "points_px": "vertices"}.get(key, key),
+        populate_by_name=True,
+    )
+    name: Word  # while it is typed; the campaign's file refuses what no region may be called
 
 
 class CheckRegion(_Request):

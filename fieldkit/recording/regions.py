@@ -77,7 +77,7 @@ def add_region(
     table = {
         "name": name,
         "kind": "reference" if reference else "target",
-        "points_m" if is_ground else "points_px": _written(corners),
+        "points_m" if is_ground else "points_px": written_points(corners),
         **properties,
     }
     edit.add_region(draft, table)
@@ -100,11 +100,13 @@ def edit_region(
     """
     changes: dict[str, Any] = dict(properties)
     if points:
-        changes["points_px"] = _written(points)
+        changes["points_px"] = written_points(points)
     if reference is not None:
         changes["kind"] = "reference" if reference else "target"
     if shrink_px is not None:
-        changes["points_px"] = _shrunk_points(regions_in_draft(draft), name, shrink_px)
+        regions = {region.name: region for region in regions_in_draft(draft).regions}
+        shrunk = regions[name].shrunk(shrink_px).vertices if name in regions else ()
+        changes["points_px"] = written_points([(round(x, 1), round(y, 1)) for x, y in shrunk])
     if not changes:
         raise ConfigError("give what to change: size, tilt, azimuth, emissivity or offset")
     edit.change_region(draft, name, changes)
@@ -151,17 +153,7 @@ def _corners(x: float, y: float, width: float, height: float) -> list[Point]:
     return [(x, y), (right, y), (right, bottom), (x, bottom)]
 
 
-def _shrunk_points(config: Config, name: str, pixels: float) -> list[list[int | float]]:
-    """Corners of the region called `name`, moved inwards; empty if there is no such region."""
-    region = next((region for region in config.regions if region.name == name), None)
-    try:
-        corners = region.shrunk(pixels).vertices if region else ()
-    except ValueError as error:
-        raise ConfigError(str(error), fix="shrink it less") from error
-    return _written([(round(x, 1), round(y, 1)) for x, y in corners])
-
-
-def _written(corners: Sequence[Point]) -> list[list[int | float]]:
+def written_points(corners: Sequence[Sequence[float]]) -> list[list[int | float]]:
     """Corners as they stand in ``fieldkit.toml``."""
     return [[_short(x), _short(y)] for x, y in corners]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -40,14 +40,8 @@ class SuggestedRegion:
 
     def document(self) -> dict[str, Any]:
         """The suggestion as a JSON object, angles and emissivity left to the user."""
-        return {
-            "name": self.region.name,
-            "role": self.region.kind.name.lower(),
-            "vertices": [list(corner) for corner in self.region.vertices],
-            "pixels": self.found.pixels,
-            "contrast_k": self.found.contrast_k,
-            "spread_k": self.found.spread_k,
-        }
+        role = self.region.kind.name.lower()
+        return {"name": self.region.name, "role": role, **asdict(self.found)}
 
 
 def suggest_regions(

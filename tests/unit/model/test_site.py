@@ -18,7 +18,7 @@ def test_a_triangle_shrinks_towards_the_middle_of_its_inscribed_circle():
     nearly = region(*RIGHT_TRIANGLE).shrunk(9.999)
     assert all(corner == pytest.approx((10.0, 10.0), abs=0.01) for corner in nearly.vertices)
     assert (nearly.name, nearly.tilt_deg, nearly.azimuth_deg) == ("bed", 15.0, 180.0)
-    with pytest.raises(ValueError, match="'bed'"):
+    with pytest.raises(ConfigError, match="'bed'"):
         region(*RIGHT_TRIANGLE).shrunk(10.1)
 
 
@@ -38,7 +38,7 @@ def test_every_edge_moves_inwards_whichever_way_it_was_drawn(corners):
     ],
 )
 def test_what_has_no_inside_does_not_shrink(corners):
-    with pytest.raises(ValueError, match="nothing"):
+    with pytest.raises(ConfigError, match="nothing"):
         region(*corners).shrunk(1.0)
 
 
