@@ -114,7 +114,7 @@ def test_a_file_that_is_no_mark_becomes_a_warning_and_stops_nothing(folder, cloc
     "times", [{"at": "12:31"}, *({key: when} for key in ("at", "to") for when in TOO_FAR)], ids=str
 )
 def test_a_mark_of_an_impossible_time_is_kept_with_its_text_and_time_in_words(folder, clock, times):
-    (folder / "0.json").write_text(json.dumps({"text": "wind picks up", **times}))
+    (folder / "0.json").write_text(json.dumps({"do": "mark", "text": "wind picks up", **times}))
     (event,) = RequestReader(folder, clock)()
     assert event.severity is Severity.WARNING
     assert "wind picks up (at " in event.text
