@@ -340,6 +340,21 @@ def test_a_phones_time_is_that_of_the_key_press_not_of_the_programs_start(beds, 
     assert found["expanded_uncertainty"] == pytest.approx(1.0, abs=0.1)
 
 
+def test_a_phones_time_without_a_terminal_is_refused(beds):
+    shown = datetime.now(UTC).isoformat()
+    assert "key press" in fieldkit("calibrate", "clock", "-C", beds, "--at", shown, code=2).output
+
+
+@pytest.mark.parametrize(
+    ("verb", "option"),
+    [("emissivity", "--sample"), ("uniformity", "--name"), ("irradiance", "--name"), ("surface", "--name"),
+     ("clock", "--name")],
+)  # fmt: skip
+def test_a_records_name_with_a_slash_is_refused_before_anything_is_read(verb, option):
+    refused = fieldkit("calibrate", verb, "absent.h5", option, "sand/dry", code=2).output
+    assert "write 'sand-dry'" in " ".join(refused.replace("│", " ").split())
+
+
 def test_one_temperature_is_refused_at_once():
     refused = fieldkit("calibrate", "emissivity", "--sample", "sand", "--temperatures", "1", code=2).output
     assert f"x>={MIN_PAIRS}" in refused
@@ -389,3 +404,9 @@ def test_a_board_before_and_after_gives_offsets_drift_and_a_record_that_corrects
     from fieldkit.config import load_config
 
     assert load_config(config).estimator_settings().offsets_k == {"b15": pytest.approx(0.36, abs=0.02)}
+
+
+def test_what_is_no_uniform_target_is_refused(three_beds, tmp_path):
+    session = tmp_path / "beds.h5"
+    session.write_bytes(three_beds.read_bytes())
+    assert "did not view one target" in fieldkit("calibrate", "uniformity", session, code=8).output

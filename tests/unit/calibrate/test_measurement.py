@@ -20,9 +20,11 @@ from fieldkit.calibrate.measurement import (
 from fieldkit.calibration.band import FLAT, CameraBand, ResponseBand
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import CalibrationError, ConfigError
+from fieldkit.model.next_step import Argument
 from fieldkit.model.samples import Frame, Quality, Reading
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.physics.radiance import band_radiance, band_temperature, brightness_temperature_k
+from tests.harness.next_steps import steps
 
 CAMERA = StreamInfo("camera", "brightness_temperature", "K", (6, 9), scale=0.01)
 PROBES = StreamInfo("thermometer", "temperature", "K", (3,), channels=("sand", "tape", "air"))
@@ -115,8 +117,9 @@ def test_an_emissivity_that_the_camera_applied_is_undone():
     told = replace(CAMERA, settings={"emissivity": 0.9})
     assert made(told, PROBES).camera_emissivity == 0.9
     assert made(told, PROBES, camera_emissivity=0.9).camera_emissivity == 0.9
-    with pytest.raises(ConfigError, match=r"applied 0\.9, camera_emissivity is 0\.8"):
+    with pytest.raises(ConfigError, match=r"0\.9.*0\.8") as refused:
         made(told, PROBES, camera_emissivity=0.8)
+    assert Argument("camera_emissivity") in steps(refused.value)
 
 
 def test_the_air_in_between_is_taken_out():
@@ -210,6 +213,25 @@ def test_a_number_that_cannot_be_is_refused_in_python_as_on_the_command_line(giv
     assert refused.value.fix.startswith("give ")
 
 
+@pytest.mark.parametrize("reflected", ["nan", math.inf, "-400", -273.15])
+def test_a_reflected_temperature_that_is_none_is_refused(reflected):
+    with pytest.raises(ConfigError, match="reflected temperature"):
+        made(reflected=reflected)
+
+
+@pytest.mark.parametrize("given", [{"tape": "sand"}, {"reflected": "sand"}, {"tape": "foil"}])
+def test_a_region_is_not_compared_with_itself(given):
+    """Sand that is its own tape of 0.95 has an emissivity of 0.950, whatever it is."""
+    with pytest.raises(ConfigError, match="cannot be two of sample, foil and tape"):
+        made(**given)
+
+
+@pytest.mark.parametrize("band", ["-5,1", "nan,1", "0,1", "-1,1428,1,0", "1428,inf", "1,2,3"])
+def test_constants_that_no_camera_has_are_refused(band):
+    with pytest.raises(ConfigError, match="not a valid band"):
+        band_of(band)
+
+
 def test_a_response_that_is_not_there_is_not_taken_for_a_damaged_session():
     with pytest.raises(ConfigError, match="nofile"):
         band_of("nofile.csv")
@@ -223,6 +245,18 @@ def test_a_regions_own_probe_is_chosen(region, probe):
     """The first one gave a bed of 5 degrees 0.957 ± 0.035 for 0.90, by the probe of the bed beside it."""
     setup = made(probes=IN_REGIONS, region=region)
     assert (setup.probe_name, setup.remarks) == (probe, ())
+
+
+def test_of_several_thermometers_the_one_with_the_regions_probe_is_chosen():
+    other = replace(PROBES, name="logger")
+    setup = made(CAMERA, PROBES, other, probes={"sand": ["logger:air"]})
+    assert setup.thermometer == other
+    assert setup.probe_name == "air"
+
+
+def test_a_region_without_a_probe_is_not_given_that_of_another():
+    with pytest.raises(ConfigError, match="no probe is in foil; thermometer:sand is in sand"):
+        made(probes=IN_REGIONS, region="foil", reflected=-40.0)
 
 
 def test_a_probe_of_another_region_is_noted():

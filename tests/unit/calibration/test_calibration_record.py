@@ -25,6 +25,8 @@ from fieldkit.calibration.calibration_record import (
 from fieldkit.calibration.uncertainty import Contribution
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, StorageError
+from fieldkit.model.next_step import Argument
+from tests.harness.next_steps import steps
 
 DATE = datetime(2026, 12, 10, 1, 30, tzinfo=UTC)
 SAND = CalibrationRecord(
@@ -69,6 +71,22 @@ def test_what_is_not_known_is_left_out_and_comes_back_unknown():
     document = tomllib.loads(to_toml(bare))
     assert not {"angle_deg", "band", "budget", "expires", "degrees_of_freedom"} & document.keys()
     assert math.isnan(from_toml(to_toml(bare), "x").angle_deg)
+
+
+@pytest.mark.parametrize("unknown", [math.nan, None, math.inf, np.float64("nan")])
+def test_what_is_not_known_keeps_its_place_in_a_list(unknown):
+    record = replace(SAND, details={"reflected_c": [1.5, unknown, 3.5]})
+    first, middle, last = from_toml(to_toml(record), "x").details["reflected_c"]
+    assert (first, last) == (1.5, 3.5)
+    assert math.isnan(middle)
+
+
+@pytest.mark.parametrize("field", ["uncertainty", "effect"])
+def test_a_budget_with_an_unknown_number_can_be_read_again(field):
+    line = replace(SAND.budget[0], **{field: math.nan})
+    (read,) = from_toml(to_toml(replace(SAND, budget=(line,))), "x").budget
+    assert math.isnan(getattr(read, field))
+    assert replace(read, **{field: 0.0}) == replace(line, **{field: 0.0})
 
 
 def test_a_record_is_never_overwritten_but_may_be_saved_again_as_it_is(tmp_path):
@@ -217,6 +235,20 @@ def test_of_a_kind_the_latest_of_a_name_is_found(tmp_path):
     ]  # fmt: skip
 
 
+def test_a_record_saved_by_an_editor_with_a_byte_order_mark_is_read(tmp_path):
+    path = save(SAND, tmp_path)
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
+    assert find(SAND.name, tmp_path)[0] == SAND
+
+
+def test_a_file_that_cannot_be_read_is_named(tmp_path):
+    (tmp_path / "20261210T013000Z-latin.toml").write_bytes(b"name = '\xe9t\xe9'")
+    (tmp_path / "20261210T013000Z-folder.toml").mkdir()
+    for name, said in (("latin", "is not UTF-8"), ("folder", "cannot read")):
+        with pytest.raises(ConfigError, match=said):
+            find(name, tmp_path)
+
+
 def test_a_disk_that_is_full_leaves_no_part_of_a_record(tmp_path, monkeypatch):
     """A part would be the latest of its name, and in the way of the whole."""
 
@@ -233,3 +265,11 @@ def test_a_disk_that_is_full_leaves_no_part_of_a_record(tmp_path, monkeypatch):
     assert refused.value.fix
     assert not any(tmp_path.iterdir())
     assert from_toml(save(SAND, tmp_path).read_text(), "x") == SAND
+
+
+def test_what_names_an_emissivity_is_its_sample(tmp_path):
+    for kind, argument in (("emissivity", "sample"), ("surface", "name")):
+        save(replace(SAND, kind=kind), tmp_path / kind)
+        with pytest.raises(StorageError) as refused:
+            save(replace(SAND, kind=kind, value=0.9), tmp_path / kind)
+        assert steps(refused.value) == [Argument(argument)]

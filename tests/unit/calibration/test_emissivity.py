@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fieldkit.calibration.band import CameraBand, before_camera_settings, own_part_k
+from fieldkit.calibration.band import CameraBand, ResponseBand, before_camera_settings, own_part_k
 from fieldkit.calibration.emissivity import (
     DEFAULT_SHARED_UNCERTAINTIES,
     Pairs,
@@ -110,6 +110,12 @@ def test_a_cameras_constants_r_and_o_fall_out_and_its_band_is_used():
     one, other = (fit_emissivity(pairs(), NO_ERROR, band=band).value for band in (plain, full))
     assert one == pytest.approx(other, abs=1e-6)
     assert one == pytest.approx(0.90, abs=0.01)  # the flat band made them
+
+
+def test_a_flat_response_is_the_flat_band():
+    band = ResponseBand([8.0, 14.0], [1.0, 1.0])
+    assert fit_emissivity(pairs(), NO_ERROR, band=band).value == pytest.approx(0.90, abs=1e-4)
+    np.testing.assert_allclose(band.temperature(band.signal([230.0, 300.0])), [230.0, 300.0], atol=1e-2)
 
 
 @pytest.mark.parametrize(
@@ -274,6 +280,16 @@ def test_the_median_error_of_a_good_day_is_below_a_hundredth():
         )  # fmt: skip
         errors.append(abs(fit_emissivity(day.pairs, good).value - day.emissivity))
     assert np.median(errors) <= 0.01
+
+
+def test_no_steady_pair_at_all_is_refused_for_that_reason():
+    with pytest.raises(CalibrationError, match="0 steady pairs cannot show"):
+        fit_emissivity(pairs(()))
+
+
+def test_pairs_without_a_temperature_in_the_band_are_not_called_pairs_that_disagree():
+    with pytest.raises(CalibrationError, match="no temperature in this band"):
+        fit_emissivity(replace(pairs(), reflected_k=np.full(3, np.nan)))
 
 
 def test_an_emissivity_above_1_within_its_uncertainty_says_what_to_write():

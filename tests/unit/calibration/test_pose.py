@@ -88,9 +88,25 @@ def test_the_pose_of_a_camera_with_a_distorting_lens_is_found():
     assert without.residuals_px.max() > 0.2 > 1e-3 > found.residuals_px.max()
 
 
+@pytest.mark.parametrize("place", [[5000.0, -300.0], [np.nan, 50.0], [160.0, 50.0]])
+def test_a_mark_outside_the_frame_is_named(place):
+    pixels = marked()
+    pixels[2] = place
+    with pytest.raises(CalibrationError, match=r"point 3 at .* is outside a frame of 160 x 120 pixels"):
+        fit_pose(pixels, POINTS, TRUTH.shape)
+
+
 def test_a_mistyped_coordinate_gives_no_pose():
     """Thirty metres to the east: 36 px of misfit gave a pose of 23 degrees, and the exit code of success."""
     points = POINTS.copy()
     points[1, 0] += 30.0
     with pytest.raises(CalibrationError, match="points"):
         fit_pose(marked(), points, TRUTH.shape, hfov_deg=50.0)
+
+
+@pytest.mark.parametrize(
+    "same", [(marked()[:1].repeat(6, axis=0), POINTS), (marked(), POINTS[:1].repeat(6, axis=0))]
+)
+def test_points_that_are_all_at_one_place_are_refused(same):
+    with pytest.raises(CalibrationError):
+        fit_pose(*same, TRUTH.shape, hfov_deg=50.0)
