@@ -102,6 +102,27 @@ def test_driver_that_breaks_the_rules_is_caught():
     }
 
 
+class Overdue(Lutron):
+    """Declares one channel and delivers two."""
+
+    def open(self, settings, clock):
+        device = super().open(settings, clock)
+        read = device.read
+
+        def doubled(timeout_s):
+            found = read(timeout_s)
+            return found and found._replace(values=found.values * 2)
+
+        device.read = doubled
+        return device
+
+
+def test_samples_that_were_not_declared_are_caught(wire):
+    wire.talk(LUX)
+    outcomes = list(check_driver(Overdue(), HostClock(), DeviceSettings("t", "lutron", port=wire.path)))
+    assert levels(outcomes)["it delivers what it declared"] == "fail"
+
+
 class Clinging(Lutron):
     """Takes a cut cable for silence."""
 

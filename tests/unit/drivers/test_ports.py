@@ -287,6 +287,12 @@ def test_each_port_of_an_adapter_has_an_identity_of_its_own(sysfs, kind, serial,
     assert list(identities().values()) == expected
 
 
+def test_ports_of_one_interface_are_told_apart_by_their_place(sysfs):
+    for number in range(2):
+        sysfs.plug(f"ttyUSB{number}", "1-1", "9710:7840", "00", port_number=str(number))
+    assert list(identities().values()) == ["9710:7840-if00", "9710:7840-if00-port1"]
+
+
 def test_two_adapters_alike_are_named_by_socket_and_interface(sysfs):
     for number, (socket, interface) in enumerate(
         [("1-1", "00"), ("1-1", "01"), ("1-2", "00"), ("1-2", "01")]
@@ -320,3 +326,16 @@ def test_an_identity_that_two_ports_of_an_adapter_share_is_refused_with_the_choi
         ports.port_path(settings(identity=identity, port=port))
     for choice in ("0403:6010:FT1-if00 at /dev/ttyUSB0", "0403:6010:FT1-if01 at /dev/ttyUSB1"):
         assert choice in caught.value.message
+
+
+@pytest.mark.parametrize("identity", ["0403:6001", "0403:6001:A1", "1-1", "0403:6001:A1-if00"])
+def test_identities_of_adapters_with_one_port_keep_working(sysfs, identity):
+    sysfs.plug("ttyUSB0", "1-1", "0403:6001", "00", "A1")
+    assert ports.port_path(settings(identity=identity)) == "/dev/ttyUSB0"
+    assert ports.port_path(settings(identity=identity, port="/dev/ttyUSB0")) == "/dev/ttyUSB0"
+
+
+def test_look_alikes_with_one_port_each_may_still_be_named_by_port(sysfs):
+    for number in range(2):
+        sysfs.plug(f"ttyUSB{number}", f"1-{number + 1}", "10c4:ea60", "00")
+    assert ports.port_path(settings(identity="10c4:ea60", port="/dev/ttyUSB1")) == "/dev/ttyUSB1"

@@ -162,6 +162,15 @@ def test_frames_from_before_the_switch_to_temperatures_are_let_go(reel, serial):
     assert camera.read(1.0).quality == Quality.GOOD
 
 
+def test_answer_to_another_question_of_the_same_number_is_not_taken(wire):
+    """As of before the camera was opened again, when the numbers begin anew."""
+    late = answering(0x0005000C, (2).to_bytes(4, "big"))
+    wire.reply({pack(1, 0x00050030): late + answering(0x00050030, (251).to_bytes(2, "big"))})
+    serial = BosonSerial(wire.path, HostClock())
+    assert serial.fpa_temperature_k() == pytest.approx(298.25)
+    serial.close()
+
+
 def test_radiometric_that_gives_no_temperatures_is_refused(reel, serial):
     source = reel(frame(count=8000))
     with pytest.raises(DeviceError, match="no temperatures"):

@@ -191,6 +191,11 @@ def test_setting_the_firmware_ignores_is_an_error(far, monkeypatch):
         connected(far, monkeypatch, distance_m=3)
 
 
+def test_emissivity_may_be_read_back_one_count_lower(far, monkeypatch):
+    far.properties[3], far.refuses = 127, (3,)  # as by the reading that 127 is 1
+    assert connected(far, monkeypatch, emissivity=1.0)[1]["camera_emissivity_counts"] == 127
+
+
 @pytest.mark.parametrize(("counts", "applied"), [(128, 1.0), (127, 1.0), (122, 0.9531), (64, 0.5)])
 def test_the_emissivity_that_the_camera_applies_is_reported(far, monkeypatch, counts, applied):
     """128 counts are 1 by the maker's header, 127 by the public program: neither is a correction."""
@@ -218,6 +223,12 @@ def test_unreachable_commands_are_a_fact_unless_a_setting_is_wanted(reel):
     with pytest.raises(DeviceAccessError, match="gain cannot be set"):
         opened(source, gain="low")
     assert source.closed
+
+
+def test_kernels_error_flag_is_a_rejection(reel):
+    camera = opened(reel(frame(), Buffer(frame(), 1, 1, error=True)))
+    assert camera.read(1.0) is None
+    assert camera.rejected == 1
 
 
 def test_a_scene_with_edges_and_one_as_hot_as_a_stove_are_temperatures():

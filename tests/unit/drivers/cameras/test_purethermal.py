@@ -52,6 +52,13 @@ def test_emissivity_that_the_camera_applied_is_recorded(reel):
     assert [settings.get("emissivity") for settings in told] == [0.98, 1.0, None]
 
 
+def test_rows_of_ones_tell_nothing():
+    told = decode(frame()[: 2 * 120 * 160] + b"\xff" * 640)
+    assert told.quality & Quality.NO_VALUE
+    assert told.shutter is None
+    assert np.isnan(told.fpa_temperature_k)
+
+
 def test_lepton_2_has_three_telemetry_rows_of_eighty_words():
     data = frame()
     counts, rows = data[: 2 * 80 * 60], data[2 * 120 * 160 :][: 2 * 3 * 80]
@@ -180,6 +187,13 @@ def test_gap_in_the_kernels_numbers_is_a_loss(reel):
     assert flags == [Quality.GOOD, Quality.DROPPED_BEFORE, Quality.GOOD]
 
 
+def test_gap_made_by_skipping_is_no_loss(reel):
+    camera = opened(reel(*(frame(w20=count, w1=count) for count in range(1, 20))))
+    camera.read(1.0)
+    camera.skip_until(2 * 10**9)
+    assert camera.read(1.0).quality == Quality.GOOD
+
+
 def test_damaged_and_short_buffers_are_rejected_and_counted(reel):
     damaged = Buffer(frame(), 2, 2, error=True)
     camera = opened(reel(frame(), damaged, frame()[:-2]))
@@ -241,6 +255,13 @@ def test_public_recording_of_a_purethermal_3(reel):
     kelvin = frames[0].counts * camera.info.scale
     assert kelvin.mean() - 273.15 == pytest.approx(22.760, abs=0.001)
     assert dataclasses.replace(camera.info).shape == tuple(expected["shape"])
+
+
+def test_a_damaged_first_frame_declares_nothing(reel):
+    """Cut before its telemetry and marked so by the kernel, it has the length of a frame without."""
+    cut = Buffer(frame()[: 2 * 120 * 160], 10**9, 0, error=True)
+    camera = opened(reel(cut, frame(w20=28), frame(w20=29)))
+    assert (camera.info.metadata_shape, camera.info.scale) == ((2, 160), 0.01)
 
 
 @pytest.mark.parametrize(

@@ -10,9 +10,9 @@ from contextlib import suppress
 import numpy as np
 import pytest
 
-from fieldkit.drivers.cameras.tcam import TCam, decode, parse
+from fieldkit.drivers.cameras.tcam import LAYOUT, TCam, decode, parse
 from fieldkit.drivers.conformance import check_driver
-from fieldkit.drivers.decoding import Rejected
+from fieldkit.drivers.decoding import Record, Rejected
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import ConfigError, DeviceLostError, DeviceNotFoundError
@@ -92,6 +92,21 @@ def test_packets_are_found_among_replies_and_noise():
     assert [(part.offset, part.length) for part in decoded.rejected] == [(0, 2)]
     assert decoded.rest == 100
     assert decoded.values[1].value == pytest.approx(302.43)
+
+
+def test_half_a_packet_does_not_take_the_next_one_with_it():
+    decoded = TCam().decode(image()[:20_000] + image(), {})
+    assert decoded.notes == ("frame of 160x120",)
+    assert [(one.length, one.reason) for one in decoded.rejected] == [
+        (20_000, "a packet begins before this one ends")
+    ]
+
+
+def test_bytes_without_an_end_are_dropped_at_once():
+    parsed = parse(b"\x02" + bytes([65]) * (LAYOUT.longest - 1))
+    assert isinstance(parsed, Rejected)
+    assert parsed.length == LAYOUT.longest
+    assert isinstance(parse(wrapped(STATUS)), Record)
 
 
 class FarEnd:

@@ -5,11 +5,11 @@ import struct
 import numpy as np
 import pytest
 
-from fieldkit.drivers.cameras.thermal_master import ThermalMaster
+from fieldkit.drivers.cameras.thermal_master import BulkSource, ThermalMaster
 from fieldkit.drivers.conformance import check_driver
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
-from fieldkit.model.errors import DeviceAccessError, DeviceLostError
+from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceLostError
 from fieldkit.model.next_step import Action
 from fieldkit.model.samples import Quality
 from tests.harness.next_steps import steps
@@ -147,6 +147,23 @@ def test_gain_is_told_as_the_camera_has_it(camera, reply, gain):
     device = opened()
     assert device.info.settings["gain"] == gain
     device.close()
+
+
+def test_refused_command_says_so_at_once(camera):
+    source = BulkSource(DeviceSettings("ir", "thermal-master"), HostClock())
+    camera.refuses = True
+    with pytest.raises(DeviceError, match="refuses the command: status 4"):
+        source.run_shutter()
+    source.close()
+
+
+def test_busy_camera_is_an_error_after_a_while(camera, monkeypatch):
+    monkeypatch.setattr("fieldkit.drivers.cameras.thermal_master.PATIENCE_S", 0.01)  # a shorter wait
+    source = BulkSource(DeviceSettings("ir", "thermal-master"), HostClock())
+    camera.busy_for = 10**9
+    with pytest.raises(DeviceError, match="stays busy"):
+        source.run_shutter()
+    source.close()
 
 
 def test_driver_conforms_on_its_camera(camera):

@@ -252,6 +252,14 @@ def test_unplugged_camera_is_lost_and_closes_quietly(kernel, source):
     source.close()
 
 
+def test_skipped_frames_go_back_to_the_kernel(kernel, source):
+    for number in range(5):
+        kernel.deliver(b"frame", number)
+    source.skip_until(HostClock().mono_ns() + 20_000_000)
+    assert source.read(0.0) is None
+    assert len(kernel.free) == v4l2.BUFFERS
+
+
 def test_extension_unit_is_read_and_written_at_its_own_length(kernel, source):
     kernel.extension[6, 19] = bytes(4)
     source.set_control(6, 19, (1).to_bytes(4, "little"))
@@ -260,6 +268,11 @@ def test_extension_unit_is_read_and_written_at_its_own_length(kernel, source):
         source.get_control(6, 9, 4)
     with pytest.raises(DeviceError):
         source.set_control(6, 19, b"\x01")
+
+
+def test_zoom_is_the_absolute_one(kernel, source):
+    source.set_zoom(0x8004)
+    assert kernel.zoom == (0x009A090D, 0x8004)
 
 
 C_PROGRAM = r"""

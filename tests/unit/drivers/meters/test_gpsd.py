@@ -9,7 +9,7 @@ from fieldkit.drivers.meters.gpsd import WATCH, Gpsd, parse
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceLostError, DeviceNotFoundError
-from fieldkit.model.samples import Quality
+from fieldkit.model.samples import NO_COUNTER, Quality
 
 
 def line(**report):
@@ -58,6 +58,14 @@ def test_position_and_clock_error_are_recorded_until_it_hangs_up(daemon):
     device.close()
 
 
+def test_fewer_names_than_channels_leave_the_others_out(daemon):
+    labels = {"labels": ["latitude", "longitude"]}
+    device = Gpsd().open(DeviceSettings("gps", "gpsd", port=daemon, options=labels), HostClock())
+    assert device.info.shape == (2,)
+    assert device.read(1.0).values == (35.689447, 139.75502)
+    device.close()
+
+
 def test_a_report_with_every_field_has_room_in_the_recording(daemon):
     """Fields of gpsd_json(5), from a receiver by the name that udev links."""
     names = (
@@ -93,6 +101,14 @@ def test_position_without_a_fix_is_no_value():
 
 
 @pytest.mark.parametrize(
+    "time", ["2016-12-31T23:59:60.000Z", "9999-12-31T23:59:59Z", "2026-11-21T02:15:30", 1479695730.0, None]
+)
+def test_position_with_a_time_that_cannot_be_held_is_still_one(time):
+    record = parse(line(**{"class": "TPV", "mode": 2, "time": time, "lat": 46.5, "lon": 7.5}))
+    assert (record.values[0].value, record.device_time) == (46.5, NO_COUNTER)
+
+
+@pytest.mark.parametrize(
     ("text", "reason"),
     [
         (b"{\n", "not a gpsd report"),
@@ -117,3 +133,8 @@ def test_a_position_that_is_reckoned_or_simulated_is_no_value(status, is_fix):
         line(**{"class": "TPV", "mode": 3, "status": status, "lat": 46.5, "lon": 7.5, "altMSL": 600})
     )
     assert [value.quality == Quality.GOOD for value in record.values] == [is_fix] * 3
+
+
+def test_a_height_beyond_numbers_is_none():
+    record = parse(b'{"class":"TPV","mode":3,"lat":46.5,"lon":7.5,"altMSL":1e999}\n')
+    assert str(record.values[2].value) == "nan"

@@ -1,5 +1,6 @@
 import pytest
 
+from fieldkit.drivers.decoding import Rejected
 from fieldkit.drivers.meters.konica_minolta import KonicaMinolta, check, pack_request, parse
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
@@ -9,6 +10,11 @@ from fieldkit.model.samples import Quality
 LUX = bytes.fromhex(
     "02 30 30 31 30 30 20 35 30 2B 39 38 37 36 35 20 20 20 20 20 20 20 20 20 20 20 20 03 30 39 0D 0A"
 )
+
+
+OVER = LUX.replace(b"100 50", b"100550")
+
+
 PC_MODE = bytes.fromhex("02 30 30 35 34 20 20 20 20 03 30 32 0D 0A")
 
 
@@ -88,6 +94,10 @@ def test_hold_and_range_mean_what_the_command_makes_of_them(body, lux, flags):
     assert lux is None or value.value == lux
 
 
+def test_unknown_status_is_named():
+    assert "no status of a meter: '0850'" in parse(signed(b"00100850+98765            \x03")).reason
+
+
 @pytest.mark.usefixtures("impatient")
 def test_silent_meter_says_what_to_do(wire):
     with pytest.raises(DeviceTimeoutError, match="command"):
@@ -97,3 +107,10 @@ def test_silent_meter_says_what_to_do(wire):
 def test_bytes_of_a_port_opened_without_parity_say_so():
     with_parity = bytes(byte | (byte.bit_count() & 1) << 7 for byte in LUX)
     assert "open this port 7E1" in parse(with_parity).reason
+
+
+def test_lower_case_check_is_accepted_and_a_wrong_one_is_not():
+    record = signed(b"0054    \x03")
+    assert not isinstance(parse(record.lower()), Rejected)
+    wrong = parse(LUX[:-3] + b"8\r\n")
+    assert wrong.reason == "check is 08, should be 09"

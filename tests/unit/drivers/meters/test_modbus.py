@@ -250,6 +250,20 @@ def test_word_order_of_floats_is_the_maps(tmp_path, low_first, registers):
     assert value.value == pytest.approx(843.7)
 
 
+@pytest.mark.parametrize("number", ["7F 80 00 00", "FF 80 00 00", "7F C0 00 00"])
+def test_what_is_no_number_is_no_value(number):
+    frame = bytes.fromhex("01 03 04" + number)
+    (value,) = Modbus().decode(frame + crc16(frame).to_bytes(2, "little"), {"map": "apogee"}).values
+    assert math.isnan(value.value)
+    assert value.flags == ["no_value", "not_a_number"]
+
+
+def test_short_answer_with_a_wrong_check_is_named():
+    given = Modbus().decode(RTD + bytes.fromhex("01 03 02 00 FA B8 45"), {})
+    assert given.rejected == (Rejected(7, "the CRC does not fit", len(RTD)),)
+    assert (len(given.values), given.rest) == (8, 0)
+
+
 @pytest.mark.parametrize("unit", [0, 248, 256, 300, -1])
 def test_a_unit_that_no_instrument_can_have_is_refused_in_words(wire, unit):
     """Modbus over Serial Line 1.02, 2.2: 1 to 247; 0 is for all, 248 to 255 are reserved."""
@@ -273,6 +287,13 @@ def one_register(**more):
 def test_decimals_told_by_the_instrument_may_be_negative(decimals, value):
     (found,) = one_register(decimals_register=1).values([84, decimals])
     assert found.value == pytest.approx(value)
+
+
+def test_a_register_that_stands_for_no_value_has_none():
+    (found,) = one_register().values([32_767, 0])
+    assert math.isnan(found.value)
+    assert found.quality == Quality.NO_VALUE
+    assert "open" in found.states
 
 
 @pytest.mark.parametrize(

@@ -77,6 +77,19 @@ def test_board_with_header_and_clock_is_recorded(wire):
     device.close()
 
 
+class HurriedClock(HostClock):
+    """Time passes a hundred times as fast."""
+
+    def mono_ns(self):
+        return 100 * time.monotonic_ns()
+
+
+def test_a_board_that_prints_only_comments_is_said_to_after_a_while(wire):
+    wire.talk(b"# hello\r\nms,T1_c\r\n")
+    with pytest.raises(DecodeError, match="only comments and headers"):
+        Text().open(settings(wire), HurriedClock())
+
+
 def test_a_board_that_turns_to_comments_gives_no_reading_within_the_time_it_is_given(wire):
     wire.talk(b"T1=21.5 C\r\n")
     device = Text().open(settings(wire), HostClock())
@@ -114,6 +127,11 @@ def test_decimal_commas_do_not_become_separators():
     rejected = Grammar().parse(b"21,5;98760\n")
     assert isinstance(rejected, Rejected)
     assert "point" in rejected.reason
+
+
+def test_units_are_known_as_people_type_them():
+    record = Grammar().parse("a=70 degF, b=294 °K, c=21 ºC, d=800 W/m^2\n".encode())
+    assert [value.unit for value in record.values] == ["°F", "K", "°C", "W/m²"]
 
 
 @pytest.mark.parametrize(
@@ -232,6 +250,14 @@ def test_lines_end_with_cr_lf_or_both(wire, end):
     device = Text().open(settings(wire), HostClock())
     assert [device.read(1.0).values[0] for _ in range(3)] == [pytest.approx(294.65)] * 3
     assert device.rejected <= 1  # the line that was under way
+    device.close()
+
+
+def test_messages_of_a_board_that_starts_do_not_declare_its_stream(wire):
+    boot = b"rst:0x1 (POWERON_RESET),boot:0x13\r\nmode:DIO, clock div:1\r\nWiFi connected: yes\r\nready\r\n"
+    wire.talk(boot + b"21.5 C, 98760 lx\r\n")
+    device = Text().open(settings(wire), HostClock())
+    assert (device.info.unit, device.info.channels) == ("K", ("column 1",))
     device.close()
 
 

@@ -6,6 +6,7 @@ from fieldkit.drivers.cameras.purethermal import decode
 from fieldkit.drivers.simulated import SimulatedField
 from fieldkit.drivers.simulated.lepton import PERIOD_NS, SimulatedLepton
 from fieldkit.model.device import DeviceSettings
+from fieldkit.model.errors import DeviceLostError
 from fieldkit.model.fault_kind import FaultKind
 from fieldkit.model.samples import Quality
 from fieldkit.model.units import SECOND_NS
@@ -79,6 +80,14 @@ def test_frames_come_at_the_rate_of_the_sensor_each_different(camera):
     )
 
 
+def test_slow_reader_loses_frames_and_is_told(camera, clock):
+    camera.read(1.0)
+    clock.sleep(2.0)
+    frame = camera.read(1.0)
+    assert Quality.DROPPED_BEFORE in frame.quality
+    assert clock.mono_ns() - frame.mono_ns < SECOND_NS, "only what the kernel's buffers hold is old"
+
+
 # --- shutter
 
 
@@ -132,6 +141,21 @@ def test_correction_changes_the_level_of_the_whole_frame(source, clock, scene):
     changes = np.array(changes)
     assert np.abs(changes).max() > 0.05, "levels do jump"
     assert np.ptp(changes, axis=1).max() < 0.02, "and alike in all beds"
+
+
+def test_pulled_cable_is_a_lost_device_until_it_is_back():
+    scene = sand_slopes(duration_s=60.0, faults=(Fault(FaultKind.CABLE, 20.0, 10.0),))
+    with SimulatedClock(scene.start_ns) as clock:
+        settings = SimulatedField(scene, clock).plug(CAMERA)
+        camera = registry.open_device(settings, clock)
+        with pytest.raises(DeviceLostError):
+            list(read_until(camera, clock, 60.0, scene))
+        assert 20.0 <= (clock.to_utc_ns(clock.mono_ns()) - scene.start_ns) / SECOND_NS < 20.3
+        camera.close()
+        with pytest.raises(DeviceLostError):
+            registry.open_device(settings, clock)
+        clock.sleep(10.0)
+        assert registry.open_device(settings, clock).read(1.0) is not None
 
 
 # --- controls
