@@ -24,6 +24,7 @@ from fieldkit.model.errors import ConfigError, SessionError, StorageError
 from fieldkit.model.next_step import Argument
 from fieldkit.model.samples import Event, EventKind, Frame, Quality, Reading
 from fieldkit.model.site import Region, RegionKind
+from fieldkit.palettes import palette
 from fieldkit.physics.camera_laws import ht301
 from fieldkit.pixel_axes import BELOW_PX, LEFT_PX
 from fieldkit.results.export import export
@@ -111,6 +112,14 @@ def test_region_outside_the_picture_and_meters_are_refused(session):
         session.raw("lux")
     with pytest.raises(SessionError, match="no stream 'sonar'"):
         session.to_pandas("sonar")
+
+
+def test_pandas_has_units_in_its_columns(session):
+    table = session.to_pandas("thermometer")
+    assert list(table.columns[:4]) == ["T1 [K]", "T2 [K]", "T3 [K]", "T4 [K]"]
+    assert table["T3 [K]"].iloc[4] == 252 + 4 / 3
+    assert str(table.index.tz) == "UTC"
+    assert list(session.to_pandas("lux").columns[:1]) == ["illuminance [lx]"]
 
 
 def test_meter_without_a_reading_is_an_empty_table(tmp_path):
@@ -380,6 +389,30 @@ def test_a_spreadsheet_computes_nothing_that_somebody_typed(tmp_path):
     assert table["'=1+1 [lx]"].tolist() == [3.0]
 
 
+@pytest.mark.parametrize("sign", "=+-@\uff1d\uff0b\uff0d\uff20")
+@pytest.mark.parametrize(
+    "before",
+    [
+        "",
+        " ",
+        "   ",
+        "\t",
+        "\r",
+        "\n",
+        " \t ",
+        "\xa0",
+        "\u3000",
+        "\u2003",
+        "\u200b",
+        "\ufeff",
+        "\x00",
+        "\x1f",
+    ],
+)
+def test_blanks_before_a_sign_do_not_make_a_formula_of_a_cell(before, sign):
+    assert as_text(f"{before}{sign}1+1") == f"'{before}{sign}1+1"
+
+
 @pytest.mark.parametrize("text", ["b15", " b15", "5 = 5", "a\n=1", "", " ", "°C", "(=1)", "\u200bx=1"])
 def test_other_cells_of_a_table_stay_as_they_are(text):
     assert as_text(text) == text
@@ -447,6 +480,17 @@ def test_images_have_the_colours_of_the_palette_that_is_named(session, tmp_path)
     assert (bar == bar[:, :1]).all()
     with pytest.raises(ConfigError, match="'jet'"):
         export_pngs(session, tmp_path, palette="jet")
+
+
+@pytest.mark.parametrize(
+    ("name", "coldest", "hottest"),
+    [
+        ("inferno", (0, 0, 4), (252, 255, 164)),  # matplotlib's inferno.colors
+        ("cividis", (0, 34, 78), (254, 232, 56)),  # matplotlib's cividis.colors
+    ],
+)
+def test_a_palette_begins_and_ends_as_published(name, coldest, hottest):
+    assert palette(name)[[0, -1]] == pytest.approx(np.array([coldest, hottest]), abs=1)
 
 
 def test_only_frames_between_two_times_are_written_and_all_are_counted(session, tmp_path):

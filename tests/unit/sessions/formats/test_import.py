@@ -98,6 +98,14 @@ def test_a_rate_that_no_camera_has_is_refused(tmp_path, rate):
         read_purethermal(path)
 
 
+def test_a_header_of_endless_depth_is_refused(tmp_path):
+    header = b"[" * 100_000
+    path = tmp_path / "deep.gz"
+    path.write_bytes(gzip.compress(b"PTY16V1\n" + struct.pack("<I", len(header)) + header))
+    with pytest.raises(ConfigError, match="not a recording"):
+        read_purethermal(path)
+
+
 def test_picture_of_hostile_size_is_refused(tmp_path):
     header = json.dumps({"width": 10**9, "height": 10**9, "fps": 9}).encode()
     path = tmp_path / "huge.gz"
@@ -346,6 +354,24 @@ def test_pngs_beside_other_frames_are_only_to_look_at(tmp_path):
     folder = png(tiffs(tmp_path / "f", ["20260512.tif"]), np.zeros((5, 7), np.uint8))
     (frame,) = read_stills(folder, Scale(0.01), **MOMENT).samples
     assert int(frame.counts[0, 0]) == 6900
+
+
+def test_directories_in_a_circle_or_cut_off_are_named(tmp_path):
+    data = tiff_pages((FIRST, {}), (FIRST, {}))
+    circle = data[:-4] + data[4:8]
+    with pytest.raises(ConfigError, match="form a circle"):
+        read_stills(tiff_file(tmp_path, circle), Scale(0.01), **MOMENT)
+    for length in (0, 3, 7, len(data) - 1, len(data) - 100):
+        with pytest.raises(ConfigError, match="cannot be read as a frame"):
+            read_stills(tiff_file(tmp_path, data[:length]), Scale(0.01), **MOMENT)
+
+
+def test_pages_that_unpack_to_more_than_their_file_can_hold_are_refused(tmp_path):
+    """Sixty pages of 4000 x 4000 pixels, 1.9 GB, in a file of some kilobytes."""
+    pages = [(SMALL, {256: 4000, 257: 4000})] * 60
+    path = tiff_file(tmp_path, tiff_pages(*pages))
+    with pytest.raises(ConfigError, match=r"unpacks to 1920 MB"):
+        read_stills(path, Scale(0.01), **MOMENT)
 
 
 def test_frames_that_state_different_scales_are_not_taken_for_one(tmp_path):

@@ -152,6 +152,11 @@ def test_two_downloads_that_overlap_are_joined(tmp_path):
     assert "3 rows excluded, copies of earlier ones: row 7" in notes(imported)
 
 
+def test_several_rows_within_a_second_are_all_kept(tmp_path):
+    times = [time for time in at([0, 1 / 60, 2 / 60]) for _ in range(3)]
+    assert len(lines(read_log(log(tmp_path, numbered(times)), "x", LogOptions(zone=UTC)))) == 9
+
+
 def test_a_clock_set_forward_is_named_as_a_gap(tmp_path):
     imported = read_log(log(tmp_path, numbered(at([0, 1, 2, 62, 63]))), "x", LogOptions(zone=UTC))
     assert "a gap of 1 h 00 min before row 5 (2026-06-11 13:02:00 UTC): nothing" in notes(imported)
@@ -170,3 +175,10 @@ def test_twenty_four_hours_are_midnight_of_the_next_day(tmp_path, texts, time_fo
     imported = read_log(path, "x", LogOptions(zone=UTC, time_format=time_format))
     midnight_ns = int(datetime(2026, 6, 12, tzinfo=UTC).timestamp()) * 10**9
     assert [one.time_ns - midnight_ns for one in imported.samples] == [-3600 * 10**9, 0, 3600 * 10**9]
+
+
+def test_a_leap_second_is_the_second_before(tmp_path):
+    times = ["2016-12-31 23:59:58", "2016-12-31 23:59:59", "2016-12-31 23:59:60", "2017-01-01 00:00:00"]
+    imported = read_log(log(tmp_path, numbered(times)), "x", LogOptions(zone=UTC))
+    new_year = 1_483_228_800  # 2017-01-01T00:00:00Z by date(1)
+    assert [one.time_ns // 10**9 - new_year for one in imported.samples] == [-2, -1, -1, 0]

@@ -176,6 +176,28 @@ def test_hour_that_comes_twice_keeps_the_order_of_the_rows(tmp_path, minutes, ne
 
 
 @pytest.mark.parametrize(
+    "minutes", [[*range(-60, -30)], [*range(10, 100)], [-120, -50, 70], [-20, -10, 5, -30, 20]]
+)
+def test_hour_that_came_twice_is_refused_where_its_rows_do_not_tell_which(tmp_path, minutes):
+    with pytest.raises(ConfigError, match="Europe/Berlin") as caught:
+        read_log(local_log(tmp_path, minutes), "logger", LogOptions(zone=BERLIN))
+    assert "Etc/GMT-2" in str(caught.value.fix)  # what a clock left in summer time needs
+
+
+def test_log_of_a_clock_that_stayed_in_summer_time_is_taken_with_its_offset(tmp_path):
+    path = table(tmp_path, "time,T1 [C]\n2026-10-25 02:30:00,1\n2026-10-25 03:30:00,2\n")
+    imported = read_log(path, "logger", LogOptions(zone=ZoneInfo("Etc/GMT-2")))
+    times = [one.time_ns for one in imported.samples]
+    assert times == [END_OF_SUMMER_NS - 30 * 60 * 10**9, END_OF_SUMMER_NS + 30 * 60 * 10**9]
+
+
+def test_time_over_which_clocks_were_put_forward_is_refused(tmp_path):
+    path = table(tmp_path, "time,T1 [C]\n2026-03-29 01:59:00,1\n2026-03-29 02:01:00,2\n")
+    with pytest.raises(ConfigError, match="'2026-03-29 02:01:00'"):
+        read_log(path, "logger", LogOptions(zone=BERLIN))
+
+
+@pytest.mark.parametrize(
     ("cells", "expected"),
     [
         (["12.345,6", "1.234.567"], [12345.6, 1234567.0]),
@@ -190,6 +212,14 @@ def test_marks_in_numbers_between_semicolons_are_what_the_numbers_show(tmp_path,
     imported = read_log(table(tmp_path, f"time;E [lx]\n{rows}"), "lux")
     assert [one.values[0] for one in imported.samples if isinstance(one, Reading)] == expected
     assert len(imported.notes) == 1
+
+
+@pytest.mark.parametrize("mark", [";", "\t"])
+@pytest.mark.parametrize("cells", [["12.345", "900"], ["12.345", "20,5"], ["12.345", "98.760"]])
+def test_points_that_may_be_of_thousands_are_refused_as_commas_are(tmp_path, cells, mark):
+    rows = "".join(f"2026-05-12T01:0{minute}:00Z{mark}{cell}\n" for minute, cell in enumerate(cells))
+    with pytest.raises(ConfigError, match=r"'12\.345'"):
+        read_log(table(tmp_path, f"time{mark}E [lx]\n{rows}"), "lux")
 
 
 def test_cells_that_are_not_numbers_are_counted(tmp_path):
@@ -340,6 +370,18 @@ def test_a_hobo_table_says_its_zone_and_counts_fahrenheit(tmp_path, text):
     assert imported.streams[0].channels == ("Temp",)
 
 
+def test_times_with_am_and_pm_are_asked_for_by_an_example_that_fits(tmp_path):
+    with pytest.raises(ConfigError, match="'05/12/26 10:00:00 AM'") as caught:
+        read_log(written(tmp_path, HOBO), "bed3", LogOptions(columns=LogColumns(values=("Temp",))))
+    assert Argument("time_format", HOBO_TIME) in steps(caught.value)
+
+
+def test_thousands_with_a_point_behind_them_are_understood(tmp_path):
+    columns = LogColumns(values=("Intensity",))
+    imported = read_log(written(tmp_path, HOBO), "lux", LogOptions(time_format=HOBO_TIME, columns=columns))
+    assert [one.values[0] for one in readings(imported)][:2] == [52_356.0, 52_400.0]
+
+
 @pytest.mark.parametrize(
     ("head", "stated"),
     [
@@ -376,6 +418,14 @@ def test_sensors_of_a_hobo_are_called_by_label_or_number(tmp_path):
     assert readings(imported)[0].time_ns == 1_778_547_600_000_000_000  # 2026-05-12T01:00:00Z
 
 
+@pytest.mark.parametrize("separator", ["\u2028", "\x85"])
+def test_a_line_separator_in_a_cell_ends_no_row(tmp_path, separator):
+    """As pasted into a note from a web page."""
+    rows = f"time,T [C],note\n2026-05-12 10:00:00,20.5,wind{separator}picks up\n2026-05-12 10:01:00,20.6,\n"
+    table = read_table(written(tmp_path, rows))
+    assert [row.cells[1] for row in table.rows] == ["20.5", "20.6"]
+
+
 # --- units and encodings
 
 
@@ -394,6 +444,22 @@ def test_thousands_of_a_unit_and_foot_candles_become_the_streams(tmp_path, unit,
     (reading,) = imported.samples
     assert imported.streams[0].unit == stored
     assert reading.values == pytest.approx((value,), rel=1e-7)
+
+
+def test_a_table_of_western_windows_asks_for_its_encoding(tmp_path):
+    path = table(tmp_path, "time,T1 [°C]\n2026-05-12T10:00:00,21.5\n", "cp1252")
+    with pytest.raises(ConfigError, match="0xb0") as caught:
+        read_log(path, "log", LogOptions(zone=UTC))
+    assert Argument("encoding", "cp1252") in steps(caught.value)
+    (reading,) = read_log(path, "log", LogOptions(zone=UTC, encoding="cp1252")).samples
+    assert reading.values == pytest.approx((294.65,))
+
+
+def test_an_encoding_that_is_none_is_named(tmp_path):
+    path = table(tmp_path, "time,T1 [C]\n2026-05-12T10:00:00,21.5\n")
+    with pytest.raises(ConfigError, match="klingon") as caught:
+        read_log(path, "log", LogOptions(zone=UTC, encoding="klingon"))
+    assert Argument("encoding", "cp1252") in steps(caught.value)
 
 
 def test_one_import_takes_columns_of_every_unit(tmp_path):
@@ -470,6 +536,28 @@ def test_a_unit_against_that_of_a_column_asked_for_is_refused_with_both(tmp_path
     assert steps(caught.value) == [Argument("unit")]
 
 
+def test_a_unit_that_every_column_states_itself_applies_to_none(tmp_path):
+    path = table(tmp_path, minutes("T [C]", "20", "21"))
+    imported = read_log(path, "x", LogOptions(zone=UTC, unit="F"))
+    assert readings(imported)[0].values == pytest.approx((293.15,))
+    assert (Severity.WARNING, "the unit F applies to no column; stated by the table: T [C]") in imported.notes
+    asked = LogOptions(zone=UTC, unit="degC", columns=LogColumns(values=("T",)))
+    assert readings(read_log(path, "x", asked))[0].values == pytest.approx((293.15,))
+
+
+def test_brackets_around_a_number_or_a_place_state_no_unit(tmp_path):
+    """Arrays of Campbell loggers are ``Temp(1)``, ``Temp(2)``."""
+    path = table(tmp_path, minutes("No,Temp(1),Temp(2),T (shade),note", "1,20,21,22,dry", "2,21,22,23,wet"))
+    imported = read_log(path, "x", LogOptions(zone=UTC, unit="C"))
+    assert imported.streams[0].channels == ("No", "Temp(1)", "Temp(2)", "T (shade)")
+
+
+def test_counters_before_the_time_and_words_are_no_values(tmp_path):
+    text = "No,Date,Time,T,note\n1,2026-06-11,12:00,20,dry\n2,2026-06-11,12:01,21,wet\n"
+    imported = read_log(table(tmp_path, text), "x", LogOptions(zone=UTC, unit="C"))
+    assert imported.streams[0].channels == ("T",)
+
+
 def test_a_component_that_is_given_is_of_columns_that_name_none(tmp_path):
     path = table(tmp_path, minutes("GHI [W/m2],sun [W/m2],DHI [W/m2]", "800,900,100", "801,901,101"))
     imported = read_log(path, "x", LogOptions(zone=UTC, measures="dni"))
@@ -479,6 +567,26 @@ def test_a_component_that_is_given_is_of_columns_that_name_none(tmp_path):
     with pytest.raises(ConfigError, match=r"GHI \[W/m2\].* ghi, not dni") as caught:
         read_log(path, "x", named_ghi)
     assert steps(caught.value) == [Argument("measures")]
+
+
+@pytest.mark.parametrize("columns", ["GHI [W/m2],DNI [W/m2]", "T1 [C],T2 [C]"])
+def test_a_component_that_no_column_can_take_is_named(tmp_path, columns):
+    path = table(tmp_path, minutes(columns, "8,9", "7,6"))
+    imported = read_log(path, "x", LogOptions(zone=UTC, measures="dhi"))
+    assert "dhi" in notes(imported)
+    assert "dhi" not in imported.streams[0].measures
+
+
+def test_offsets_of_times_hold_against_a_zone_that_is_given(tmp_path):
+    path = table(tmp_path, "time,T [C]\n2026-06-11T21:00:00+09:00,20\n2026-06-11T12:01:00Z,21\n")
+    imported = read_log(path, "x", LogOptions(zone=DENVER))
+    assert [one.time_ns - NOON_NS for one in readings(imported)] == [0, 60 * 10**9]
+    assert "America/Denver" in notes(imported)
+
+
+def test_a_zone_that_agrees_with_the_one_in_the_header_is_taken(tmp_path):
+    path = table(tmp_path, "time (UTC+02:00),T [C]\n2026-06-11 14:00:00,20\n2026-06-11 14:01:00,21\n")
+    assert readings(read_log(path, "x", LogOptions(zone=BERLIN)))[0].time_ns == NOON_NS
 
 
 # --- averages: each column by its own process
@@ -549,6 +657,12 @@ def test_averages_after_a_gap_or_of_another_interval_have_their_own_middle(tmp_p
     assert seconds(read_log(path, "log", LogOptions(zone=UTC)), "log-irradiance") == middles
 
 
+def test_one_average_alone_shows_no_interval(tmp_path):
+    imported = read_log(table(tmp_path, mixed("12:00:00")), "log", LogOptions(zone=UTC))
+    assert seconds(imported, "log-irradiance") == [0]
+    assert "averages of GHI_Avg are stamped at the end of their interval" in notes(imported)
+
+
 def test_a_campbell_table_of_two_header_lines_has_units_and_processes_in_its_names(tmp_path):
     """Names as Campbell's Short Cut gives them: AirTC in °C, SlrW in W/m², WS_ms in m/s."""
     text = (
@@ -565,3 +679,18 @@ def test_a_campbell_table_of_two_header_lines_has_units_and_processes_in_its_nam
     }
     assert seconds(imported, "log-temperature") == [-1800, 1800]
     assert seconds(imported, "log-speed") == [0, 3600]
+
+
+def test_a_process_that_is_not_known_is_no_sample(tmp_path):
+    text = mixed("12:00:00", "12:10:00").replace('"Smp","Avg"', '"Rfl","Avg"')
+    imported = read_log(table(tmp_path, text), "log", LogOptions(zone=UTC))
+    assert imported.streams[0].channels == ("T_Avg",)
+    assert "T_sand_C [Deg C]" in notes(imported)
+
+
+@pytest.mark.parametrize("year", [1650, 1965, 2255, 9999])
+def test_years_that_no_session_holds_are_refused(tmp_path, year):
+    path = tmp_path / "a.csv"
+    path.write_text(f"time,T [K]\n{year}-05-12T01:00:00+00:00,300\n")
+    with pytest.raises(ConfigError, match=r"year must lie within|none of a recording"):
+        read_log(path, "a", LogOptions())

@@ -91,6 +91,13 @@ def test_hourly_sums_become_means_in_the_middle_of_their_hour(tmp_path):
     assert any("風速: station or instrument changed" in text for _, text in imported.notes)
 
 
+def test_date_may_be_split_into_cells(tmp_path):
+    """The other choice at the download page; 24 h is the next day's beginning."""
+    path = obsdl(tmp_path, ",,,,館野\r\n年,月,日,時,気温(℃)\r\n,,,,\r\n2024,6,1,24,20.0\r\n")
+    (air,) = readings(read_obsdl(path, "jma"), "jma-air")
+    assert utc(air) == "2024-06-01T15:00:00+00:00"
+
+
 def test_real_daily_download_is_read():
     """Expected: the rows as they stand in the file."""
     imported = read_obsdl(shared("data/weather/jma_obsdl_kyoto_daily_201406.csv"), "kyoto")
@@ -160,6 +167,22 @@ def test_marked_values_are_counted(tmp_path):
     assert "2 cells that are not plain numbers were excluded, the first '22.1 )'" in imported.notes[1][1]
 
 
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig"])
+def test_download_that_was_saved_again_as_utf8_is_read(tmp_path, encoding):
+    path = tmp_path / "data.csv"
+    path.write_bytes(foreign_files.obsdl().decode("cp932").encode(encoding))
+    assert is_obsdl(path)
+    assert readings(read_obsdl(path, "jma"), "jma-global")[0].values == (1000.0,)
+
+
+def test_pressure_of_vapour_is_not_that_of_the_air(tmp_path):
+    """Names of items: JMA obsdl; 24.1 hPa of vapour in air of 1004.0 hPa."""
+    head = ",東京,東京\r\n年月日時,蒸気圧(hPa),現地気圧(hPa)\r\n"
+    imported = read_obsdl(obsdl(tmp_path, f"{head}2024/7/1 12:00:00,24.1,1004.0\r\n"), "jma")
+    assert [info.channels for info in imported.streams] == [("現地気圧",)]
+    assert readings(imported, "jma-pressure")[0].values == pytest.approx((100_400.0,))
+
+
 def test_pressure_reduced_to_the_sea_is_not_the_stations(tmp_path):
     """Names of items: JMA obsdl; on Mount Fuji 640 hPa stand against 1015 hPa at the sea."""
     head = ",富士山,富士山\r\n年月日時,海面気圧(hPa),現地気圧(hPa)\r\n"
@@ -168,6 +191,16 @@ def test_pressure_reduced_to_the_sea_is_not_the_stations(tmp_path):
     assert readings(imported, "jma-sea-level-pressure")[0].values == pytest.approx((101_500.0,))
     quantities = {info.name: info.quantity for info in imported.streams}
     assert quantities["jma-sea-level-pressure"] == "air_pressure_at_mean_sea_level"  # CF standard name
+
+
+@pytest.mark.parametrize("date", ["2024/7/1", "2024,7,1"])
+def test_sunshine_hours_before_the_sums_of_days_do_not_make_them_hourly(tmp_path, date):
+    """Layout: JMA obsdl/top/help3; 日照時間 (sunshine duration) has the character of an hour in its name."""
+    skip, names = ("", "年月日") if "/" in date else (",,", "年,月,日")
+    head = f"{skip},東京,東京\r\n{names},日照時間(時間),合計全天日射量(MJ/㎡)\r\n"
+    (sun,) = readings(read_obsdl(obsdl(tmp_path, f"{head}{date},5.0,21.6\r\n"), "jma"), "jma-global")
+    assert sun.values == pytest.approx((250.0,))  # 21.6 MJ/m² in 86 400 s
+    assert utc(sun) == "2024-07-01T03:00:00+00:00"  # noon in Japan
 
 
 @pytest.mark.parametrize(

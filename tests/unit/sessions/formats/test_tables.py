@@ -75,6 +75,13 @@ def test_times_are_found_behind_counters_and_apart_from_their_dates(tmp_path, te
     assert readings(tmp_path, text) == TWO_ROWS
 
 
+def test_microseconds_in_a_column_of_their_own_belong_to_the_time(tmp_path):
+    text = "NO.,Date,Time,us,T1 [C]\n1,2026-06-11,12:00:00,0,+ 20.081\n2,2026-06-11,12:00:00,500000,- 0.413\n"
+    assert readings(tmp_path, text) == [(0, 20.081), (0.5, -0.413)]
+    milliseconds = text.replace(",us,", ",ms,").replace("500000", "5")
+    assert readings(tmp_path, milliseconds)[1] == (0.005, -0.413)
+
+
 def test_a_column_of_the_time_may_be_named(tmp_path):
     rows = "2026-06-11 08:00,20.5,2026-06-11,12:00\n2026-06-11 08:02,21.5,2026-06-11,12:01\n"
     text = f"Logged,T [C],Shown,Clock\n{rows}"
@@ -122,6 +129,13 @@ def test_a_row_longer_than_the_header_is_excluded_by_its_number(tmp_path):
     assert "1 row excluded: row 5 (it has 4 cells, the header 3)" in notes
     with pytest.raises(ConfigError, match="header"):
         readings(tmp_path, "time,T [C]\n2026-06-11 12:00:00,20,5\n2026-06-11 12:01:00,21,5\n")
+
+
+def test_decimals_below_a_header_that_ends_in_a_separator_are_no_column(tmp_path):
+    rows = "".join(f"2026-06-11 12:0{m}:00,20,5,\n" for m in range(3))
+    with pytest.raises(ConfigError, match="row 2: it has 4 cells, the header 2"):
+        readings(tmp_path, f"time,T [C],\n{rows}")
+    assert len(readings(tmp_path, "time,T [C],\n" + rows.replace(",5,", ",wet"))) == 3
 
 
 @pytest.mark.parametrize("order", ["time,region", "region,time"])
@@ -225,3 +239,8 @@ def test_utf_16_without_a_mark_is_asked_for(tmp_path):
 def test_a_zone_above_the_header_is_used(tmp_path, line):
     found = readings(tmp_path, f"{line}\ntime,T [C]\n{ROWS}", LogOptions())
     assert [at for at, _ in found] == [5 * 3600, 5 * 3600 + 60]
+
+
+def test_a_date_of_the_preamble_does_not_state_the_zone(tmp_path):
+    with pytest.raises(ConfigError, match="no zone"):
+        readings(tmp_path, f"# read out 2026-06-12 08:00 UTC, by hand\ntime,T [C]\n{ROWS}", LogOptions())
