@@ -94,6 +94,17 @@ def test_frames_lost_on_the_way_are_counted(tmp_path):
     assert "2 samples were lost before they came here" in said(tmp_path / "a.h5", "camera")
 
 
+def test_light_brighter_than_the_sun_is_not_plausible(tmp_path):
+    """The brightest sun gives some 130 000 lx."""
+    clock = CountedClock()
+    writer = SessionWriter(tmp_path / "a.h5", HEADER, clock)
+    for seq in range(5):
+        reading = sample(LUX, seq, seq * 10**9, clock.to_utc_ns(seq * 10**9))
+        writer.append(reading._replace(values=(300_000.0,)))
+    writer.close()
+    assert "5 implausible values, the first 300000 lx" in said(tmp_path / "a.h5", "lux")
+
+
 LEVELS = {
     EventKind.LOST: (Severity.ERROR, "warn"),
     EventKind.GARBLED: (Severity.WARNING, "warn"),

@@ -5,13 +5,16 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+import pandas as pd
 import pytest
+import xarray as xr
 
 from fieldkit.model.errors import IncompleteError, IntegrityError, SessionError
 from fieldkit.model.next_step import Argument
 from fieldkit.model.samples import Frame, Quality, Reading
 from fieldkit.results.session import open_session
 from fieldkit.sessions.analysis import minute_means
+from fieldkit.sessions.formats.images_out import export_pngs, export_tiffs
 from fieldkit.sessions.formats.tables_out import export_csv, export_netcdf
 from fieldkit.sessions.reader import SessionReader
 from fieldkit.sessions.writer import SessionWriter
@@ -181,6 +184,38 @@ def test_light_is_not_averaged_over_a_meddled_reading(damaged):
         _, means = minute_means(session, "lux")
         assert session.damaged == {"lux": 1}
     assert means == pytest.approx([np.delete(good, [1, 7]).mean()])  # 7 is flagged by the recording
+
+
+def test_tables_are_written_with_the_flag(damaged, tmp_path):
+    with damaged(flip("lux/value", 1, EXPONENT), spoil("camera/counts", 1)) as session:
+        paths = {path.stem.removeprefix("field-"): path for path in export_csv(session, tmp_path)}
+        assert session.damaged == {"lux": 1, "camera": DEPTH}
+    lux, regions = pd.read_csv(paths["lux"]), pd.read_csv(paths["camera-regions"])
+    assert np.flatnonzero(lux["flags"] & BAD).tolist() == [1]
+    bad = (regions["flags"] & BAD) != 0
+    assert bad.sum() == 2 * DEPTH
+    assert regions["temperature [K]"].isna().tolist() == bad.tolist()
+
+
+def test_pictures_are_written_without_the_damaged_ones(damaged, tmp_path):
+    with damaged(spoil("camera/counts", 1)) as session:
+        names = {int(path.stem[-7:]) for path in export_tiffs(session, tmp_path) if path.suffix == ".tiff"}
+        assert len(export_pngs(session, tmp_path)) == FRAMES - DEPTH
+        assert session.damaged == {"camera": DEPTH}
+    assert names == set(range(FRAMES)) - set(range(DEPTH, 2 * DEPTH))
+
+
+def test_netcdf_has_the_flag_and_the_fill_value(damaged, tmp_path):
+    with damaged(spoil("camera/counts", 1), flip("lux/value", 1, EXPONENT)) as session:
+        export_netcdf(session, tmp_path)
+        kelvin = session.kelvin(damaged="nan")
+    with xr.open_dataset(tmp_path / "field-camera.nc", engine="h5netcdf") as camera:
+        lost = (camera["flags"].values & BAD) != 0
+        assert np.flatnonzero(lost).tolist() == list(range(DEPTH, 2 * DEPTH))
+        assert np.isnan(camera["counts"].values[lost]).any(axis=(1, 2)).all()
+        assert camera["counts"].values[~lost] == pytest.approx(kelvin[~lost], abs=1e-9)
+    with xr.open_dataset(tmp_path / "field-lux.nc", engine="h5netcdf") as lux:
+        assert np.flatnonzero(lux["flags"].values & BAD).tolist() == [1]
 
 
 def remove_table(path: Path) -> None:

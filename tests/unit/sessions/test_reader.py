@@ -16,6 +16,7 @@ import h5py
 import numpy as np
 import pytest
 
+from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import SessionError
 from fieldkit.model.learnt import Learnt
 from fieldkit.model.next_step import Action
@@ -25,6 +26,7 @@ from fieldkit.results.session import open_session
 from fieldkit.results.session import open_session as open_whole_session
 from fieldkit.sessions.check import check
 from fieldkit.sessions.file_tree import LIBVER
+from fieldkit.sessions.layout import MAX_LEARNT
 from fieldkit.sessions.lock import SessionLock, journal_path
 from fieldkit.sessions.reader import SessionReader
 from fieldkit.sessions.records import MinuteRecord
@@ -165,6 +167,13 @@ def test_every_method_of_a_closed_session_states_that_it_is_closed(path):
                 read(of, name)
 
 
+def test_a_closed_session_can_be_shown(path):
+    with open_whole_session(path) as session:
+        camera = session["camera"]
+    assert (repr(session), session._repr_html_()) == ("<Session field: closed>", None)
+    assert repr(camera).startswith("<Stream camera: closed, ")
+
+
 def test_session_closed_while_its_samples_are_read_is_not_damaged(path):
     with open_session(path) as session:
         samples = session.samples("camera")
@@ -219,6 +228,19 @@ def test_what_was_learnt_comes_back_minute_by_minute(tmp_path, how):
         assert session.state == how
         assert session.learnt() == expected
         assert [minute.learnt for minute in session.minutes()] == [None, *expected.values()]
+
+
+def test_more_parameters_than_a_row_holds_are_cut_and_end_no_recording(tmp_path):
+    clock = CountedClock()
+    writer = SessionWriter(tmp_path / "field.h5", header((24, 32)), clock)
+    fill(writer, 2, clock)
+    many = replace(learnt(), parameters=learnt().parameters * 2, residual_k={"elsewhere": 1.0})
+    writer.put(MinuteRecord(clock.to_utc_ns(clock.mono_ns()), (), learnt=many))
+    writer.close()
+    with open_session(tmp_path / "field.h5") as session:
+        (found,) = session.learnt().values()
+    assert found.parameters == many.parameters[:MAX_LEARNT]
+    assert found.residual_k == {}
 
 
 def _remove_group(file: h5py.File) -> None:
@@ -387,6 +409,12 @@ def test_hostile_session_is_refused_without_much_memory(path, harm):
         tracemalloc.stop()
 
 
+def test_no_new_samples_of_a_stream_are_none_and_no_error(path):
+    with open_session(path) as session:
+        for name in session.streams:
+            assert not list(session.stream(name).samples(2, 2))
+
+
 def test_session_tells_where_it_came_from(path):
     with open_session(path) as session:
         assert set(session.provenance) >= {"fieldkit_version", "packages", "platform", "command_line"}
@@ -438,3 +466,19 @@ def test_readings_that_cannot_be_are_stored_as_they_came_and_have_no_value(tmp_p
     assert readings.flags.tolist() == [0, int(Quality.IMPLAUSIBLE)]
     assert [one.quality for one in again] == [Quality.GOOD, Quality.IMPLAUSIBLE]
     assert again[1].values == (290.0, -7725.85, 292.0, 9.9e37)
+
+
+def test_light_that_the_sun_cannot_give_at_that_height_has_no_value(tmp_path):
+    """In Tokyo it is night at 15:06 UTC: BSRN's limit of global light is then 100 W/m2."""
+    sun = StreamInfo("sun", "irradiance", "W m-2", (1,), measures=("ghi",), raw_bytes=16)
+    writer = SessionWriter(
+        tmp_path / "a.h5", replace(header((24, 32)), streams=(sun,)), clock := CountedClock()
+    )
+    for seq, value in enumerate([50.0, 800.0]):
+        now = clock.mono_ns()
+        writer.append(sample(sun, seq, now, clock.to_utc_ns(now))._replace(values=(value,)))
+    writer.close()
+    with open_session(tmp_path / "a.h5") as session:
+        assert session.readings("sun").flags.tolist() == [0, int(Quality.IMPLAUSIBLE)]
+        (excess,) = session.stream("sun").excesses()
+    assert (excess.count, excess.first, excess.value) == (1, 1, 800.0)

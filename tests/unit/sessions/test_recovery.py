@@ -19,6 +19,7 @@ from fieldkit.sessions.lock import journal_path
 from fieldkit.sessions.log import Kind, LogReader, LogWriter
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.recovery import recover
+from fieldkit.sessions.sample_fields import STAMPS_BYTES
 from fieldkit.sessions.session_file import SessionFile
 from fieldkit.sessions.time_map import TimeStep
 from fieldkit.sessions.writer import SessionWriter
@@ -171,6 +172,15 @@ def test_whole_blocks_are_taken_as_they_are(longer, monkeypatch):
         assert packed[0] == packed[1]
 
 
+def test_block_that_is_not_as_it_was_written_is_made_from_the_journal(longer):
+    with h5py.File(longer) as file:
+        place = file["camera/counts"].id.get_chunk_info_by_coord((18, 0, 0))
+    data = bytearray(longer.read_bytes())
+    data[place.byte_offset + 50] ^= 1
+    longer.write_bytes(data)
+    assert recover(longer).lost_samples == 0
+
+
 def test_block_that_does_not_verify_is_made_again_sample_by_sample(longer, monkeypatch):
     """The journal itself is damaged: one row's stamp is not the one that its checksum is of."""
     rewritten(journal_path(longer) / "000001.log", lambda seq, row: later(row) if seq == 20 else row)
@@ -245,6 +255,16 @@ def test_complete_new_file_of_a_recovery_that_was_cut_off_is_used(tmp_path):
         assert session.state == "recovered"
 
 
+def test_new_file_of_another_session_of_that_name_is_not_used(originals, longer, tmp_path):
+    """As in simulation, where each recording of a day has the same time and name."""
+    killed_before_its_place_is_taken(longer)
+    longer.unlink(missing_ok=True)
+    (tmp_path / "a.h5.crashed").unlink(missing_ok=True)
+    shutil.rmtree(journal_path(longer))
+    shutil.copytree(originals[20], tmp_path, dirs_exist_ok=True)
+    assert recover(longer).counts["camera"] == 20
+
+
 def test_events_that_a_torn_journal_lost_come_from_the_file_once_and_in_order(tmp_path, monkeypatch):
     path = tmp_path / "a.h5"
     monkeypatch.setattr(session_file, "FLUSH_EVERY_S", 0.0)  # all that is taken is in the file
@@ -267,6 +287,19 @@ def test_events_that_a_torn_journal_lost_come_from_the_file_once_and_in_order(tm
     assert marks == list(range(200))
 
 
+def test_new_file_that_was_damaged_before_it_took_its_place_is_made_again(interrupted, tmp_path):
+    killed_before_its_place_is_taken(interrupted)
+    fresh = tmp_path / "a.h5.recovering"
+    with h5py.File(fresh) as file:
+        place = file["lux/value"].id.get_chunk_info(0).byte_offset
+    data = bytearray(fresh.read_bytes())
+    data[place + 5] ^= 1
+    fresh.write_bytes(data)
+    assert recover(interrupted).counts["lux"] == 20
+    with open_session(interrupted) as session:
+        assert [item.quality & Quality.BAD_CRC for item in session.samples("lux")] == [0] * 20
+
+
 def test_journal_goes_only_when_the_disk_has_the_new_file_in_its_place(tmp_path):
     path = tmp_path / "disk" / "a.h5"
     path.parent.mkdir()
@@ -279,6 +312,14 @@ def test_journal_goes_only_when_the_disk_has_the_new_file_in_its_place(tmp_path)
     synced = next(n for n, one in enumerate(changes) if n > renamed and (one.kind, one.path) == ("E", "."))
     gone = next(n for n, one in enumerate(changes) if one.kind == "U" and one.path.endswith("000001.log"))
     assert renamed < synced < gone
+
+
+def test_full_disk_leaves_the_crashed_file_where_it_is(interrupted, monkeypatch):
+    # where links are full while data still fits; tests/e2e/test_failing_disk.py has real failures
+    monkeypatch.setattr(os, "link", lambda *_: (_ for _ in ()).throw(OSError(errno.ENOSPC, "No space left")))
+    with pytest.raises(StorageError, match="No space left"):
+        recover(interrupted)
+    assert interrupted.exists()
 
 
 @pytest.mark.parametrize("share", [0.0, 0.5, 0.99])
@@ -340,6 +381,17 @@ def test_recovery_where_nothing_can_be_written_is_a_storage_error(interrupted):
     (journal_path(interrupted) / "recovery.lock").mkdir()
     with pytest.raises(StorageError, match="recovered"):
         recover(interrupted)
+
+
+def test_chunks_are_where_the_journal_says(longer):
+    data = bytearray(longer.read_bytes())
+    data[:4096] = bytes(4096)  # the file's own index is out of reach
+    longer.write_bytes(data)
+    folder = journal_path(longer)
+    rewritten(folder / "000001.log", lambda seq, row: row[:STAMPS_BYTES] if seq < 90 else row)
+    report = recover(longer)
+    assert report.lost_samples <= 9  # a chunk may have stood in what was overwritten
+    assert report.counts["camera"] >= 86
 
 
 def test_session_killed_before_its_journal_was_made_is_cleared_away(tmp_path):

@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 import pytest
 
-from fieldkit.model.errors import IntegrityError, RefusedError, StorageError
+from fieldkit.model.errors import ConfigError, IntegrityError, RefusedError, SessionError, StorageError
 from fieldkit.model.next_step import Action
 from fieldkit.model.samples import Event, EventKind, Health, Quality, Sample, Severity, StreamHealth
 from fieldkit.model.site import Region, RegionKind
@@ -134,6 +134,20 @@ def test_entries_that_no_column_holds_keep_nothing_from_being_stored(tmp_path, i
         assert [estimate.n_bins for estimate in session.estimates()] == [2**31 - 1]
 
 
+@pytest.mark.parametrize("count", [256, 257])
+def test_session_has_room_for_as_many_regions_as_a_byte_counts(tmp_path, count):
+    regions = tuple(dataclasses.replace(HEADER.regions[0], name=f"r{n}") for n in range(count))
+    many = dataclasses.replace(HEADER, regions=regions)
+    if count > 256:
+        with pytest.raises(ConfigError, match="257 regions"):
+            SessionWriter(tmp_path / "a.h5", many, CountedClock())
+        assert not list(tmp_path.iterdir())
+        return
+    SessionWriter(tmp_path / "a.h5", many, CountedClock()).close()
+    with open_session(tmp_path / "a.h5") as session:
+        assert [record.region.name for record in session.region_history()] == [f"r{n}" for n in range(256)]
+
+
 def test_sample_that_is_not_as_declared_is_refused(tmp_path):
     writer = SessionWriter(tmp_path / "a.h5", HEADER, CountedClock())
     with pytest.raises(ValueError, match="declared"):
@@ -152,6 +166,13 @@ def test_sample_that_is_not_as_declared_is_refused(tmp_path):
     with pytest.raises(ValueError, match="65 corners"):
         writer.put(RegionRecord(Region("big", RegionKind.TARGET, many), 0))
     assert writer.close().verified == 0
+
+
+def test_closed_writer_takes_nothing(tmp_path):
+    writer = SessionWriter(tmp_path / "a.h5", HEADER, CountedClock())
+    writer.close()
+    with pytest.raises(SessionError, match="closed"):
+        writer.append(sample(HEADER.streams[0], 0))
 
 
 def test_what_was_not_handed_over_is_read_back_from_the_journal(tmp_path, monkeypatch):
