@@ -205,6 +205,16 @@ def test_a_serial_port_without_permission_exits_4_and_says_how_to_get_it(simulat
     assert "udev" in message
 
 
+def test_two_instruments_that_are_missing_are_told_together(simulated):
+    code, message = fieldkit(
+        "record", "-C", simulated, "--for", "1s",
+        "--set", "lux.port=/dev/ttyNOWHERE", "--set", "thermometer.port=/dev/ttyNEVER",
+    )  # fmt: skip
+    assert code == 4
+    assert "/dev/ttyNOWHERE" in message
+    assert "/dev/ttyNEVER" in message
+
+
 @pytest.mark.parametrize("kind", ["text", "truncated"])
 def test_check_marks_what_is_damaged_and_exits_7(tmp_path, session, kind):
     file = bad_file(tmp_path / "bad.h5", session, kind)

@@ -253,3 +253,12 @@ def test_a_reference_that_is_redrawn_makes_all_learn_anew(campaign, drawn):
     same(by_minute(iter(fieldkit.estimate(path))), operator.estimates)
     reason = "2 of 5 minutes so far; the reference was redrawn: begun anew; only the component along the sun"
     assert all(one.reason.startswith(reason) for one in operator.minutes[6].estimates)
+
+
+def test_a_slope_measured_afterwards_changes_no_estimate(campaign, drawn):
+    measured = tuple(replace(one, tilt_deg=14.2) if one.name == "b15" else one for one in drawn["first"])
+    path = campaign / "recordings" / "measured.h5"
+    operator = record(config_of(campaign), path, Operator(path, {250: [NewRegions(measured)]}), 480.0)
+    assert {one.region: one.n_bins for one in operator.minutes[6].estimates} == {"b05": 7, "b15": 7, "b25": 7}
+    with open_session(path) as session:
+        assert {region.name: region.tilt_deg for region in session.regions}["b15"] == 14.2

@@ -8,7 +8,9 @@ from pathlib import Path
 import pytest
 
 from fieldkit.recording.campaign import init_campaign
+from fieldkit.recording.running import session_in_progress
 from fieldkit.sessions.reader import open_session
+from tests.harness.waiting import wait_until
 
 PROJECT = Path(__file__).parents[2]
 RECORD = ("record", "--quiet", "--name", "day", "--set", "simulation.speed=max", "--for")
@@ -40,4 +42,17 @@ def test_of_two_recorders_started_together_one_is_refused(campaign):
     assert "this campaign is being recorded already" in ends[1][1]
     (path,) = (campaign / "recordings").glob("*.h5")
     with open_session(path) as session:
+        assert session.state == "sealed"
+
+
+def test_a_killed_recorder_does_not_keep_the_next_from_beginning_under_the_same_name(campaign):
+    first = fieldkit(campaign, *RECORD, "3h", "--set", "simulation.speed=1")
+    recordings = campaign / "recordings"
+    wait_until(lambda: session_in_progress(recordings) or first.poll() is not None, "it does not begin")
+    assert first.poll() is None
+    first.kill()
+    outcome(first)
+    code, errors = outcome(fieldkit(campaign, *RECORD, "30s"))
+    assert code == 0, errors
+    with open_session(next((campaign / "recordings").glob("*-2.h5"))) as session:
         assert session.state == "sealed"

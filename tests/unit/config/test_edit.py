@@ -7,6 +7,7 @@ import pytest
 
 from fieldkit.config import ConfigMistakesError
 from fieldkit.config.edit import add_region, change_region, editing, remove_region
+from fieldkit.config.toml_lines import key_lines
 from fieldkit.model.errors import ConfigError, StorageError
 from tests.harness.rights import ordinary_rights
 
@@ -132,6 +133,23 @@ def test_a_new_key_stands_with_the_keys_of_its_region(file, ending):
     assert "\n]\ntilt_deg = 15.0\nazimuth_deg = 180.0\n\n# the sand\n[surface]\n" in text
 
 
+@pytest.mark.parametrize("change", CHANGES[1:])
+def test_tables_between_regions_stay_where_they_are(file, change):
+    changed(file, add_region, BED)
+    after = file.read_text().partition("\n[surface]")[2]
+    change(file)
+    assert file.read_text().partition("\n[surface]")[2] == after
+
+
+def test_a_region_that_is_removed_leaves_the_comments_around_it(file):
+    steep = '# the steep one\n[[region]]\nname = "b15"\npoints_px = [[0, 20], [9, 20], [9, 29]]\n\n'
+    file.write_text(TEXT.replace("[surface]", f"{steep}# the sand\n[surface]"))
+    changed(file, remove_region, "flat")
+    assert f"longitude_deg = 139.4\n\n{steep}# the sand\n" in file.read_text()
+    changed(file, remove_region, "b15")
+    assert "# the sand\n[surface]\n" in file.read_text()
+
+
 def test_a_new_key_at_the_end_of_a_file_has_a_line_of_its_own(file):
     file.write_text(TEXT.partition("\n[surface]")[0].rstrip())
     changed(file, change_region, "flat", {"emissivity": 0.9})
@@ -174,3 +192,19 @@ def test_regions_added_at_the_same_time_are_all_there(file):
     names = [region["name"] for region in tomllib.loads(file.read_text())["region"]]
     assert sorted(names) == sorted(["flat", *(f"b{n}-{m}" for n in range(3) for m in range(5))])
     assert [path.name for path in file.parent.iterdir()] == ["fieldkit.toml"]
+
+
+@pytest.mark.parametrize("change", CHANGES)
+@pytest.mark.parametrize("separator", ["\u2028", "\u2029", "\x85"])
+def test_line_separators_in_comments_and_strings_end_no_line(file, change, separator):
+    """As pasted from a web page or a word processor; TOML's own lines end with a line feed only."""
+    written = TEXT.replace("the flat bed", f"the flat{separator}bed of = sand").replace(
+        "# my campaign", f'# my{separator}[campaign]\n[campaign]\ntitle = "sand{separator}slopes"\n'
+    )
+    file.write_text(written, encoding="utf-8", newline="")
+    before = tomllib.loads(written)
+    change(file)
+    after = tomllib.loads(file.read_text(encoding="utf-8"))
+    assert after["campaign"] == before["campaign"]
+    assert after["surface"] == before["surface"]
+    assert key_lines(written)["region", 0, "name"] == written.split("\n").index("[[region]]") + 2

@@ -156,10 +156,21 @@ def test_a_missing_site_is_told(campaign):
     assert told.startswith("fieldkit.toml: site: missing")
 
 
+def test_a_misspelled_key_does_not_also_count_as_missing(campaign):
+    (told,) = mistakes(campaign("[site]\nlatitud_deg = 35.5\nlongitude_deg = 139.4\n"))
+    assert "did you mean latitude_deg?" in told
+
+
 def test_text_that_is_not_toml_is_told_with_its_line(campaign):
     file = campaign("[site]\nlatitude_deg = \n")
     with pytest.raises(ConfigError, match=r"not valid TOML.*line 2"):
         load_config(file)
+
+
+def test_a_byte_order_mark_is_passed_over(campaign):
+    file = campaign("")
+    file.write_bytes(b"\xef\xbb\xbf" + SITE.encode())
+    assert load_config(file, environment={}).site.latitude_deg == 35.5
 
 
 def test_a_file_that_cannot_be_read_is_told(campaign, tmp_path):
@@ -214,6 +225,10 @@ def test_a_mistake_outside_the_file_is_told_where_it_was_made(campaign, given, p
 def test_a_setting_without_key_or_value_is_refused(campaign, setting):
     with pytest.raises(ConfigError, match=r"^setting "):
         load_config(campaign(SITE), environment={}, settings=[setting])
+
+
+def test_environment_variables_without_double_underscore_are_not_settings(campaign):
+    assert load_config(campaign(SITE), environment={"FIELDKIT_NONSENSE": "1", "HOME": "/"})
 
 
 def test_a_campaign_is_found_from_a_folder_inside_it(campaign, tmp_path):

@@ -149,10 +149,28 @@ def test_a_reference_that_leads_nowhere_is_told_with_its_line(folder, text, said
     assert said in told
 
 
+def test_every_bad_reference_is_told_beside_other_mistakes(folder):
+    with pytest.raises(ConfigMistakesError) as caught:
+        load(folder, '[surface]\nemissivity = "@mud"\nalbedo = 2\n')
+    assert len(caught.value.mistakes) == 2
+
+
 def test_what_is_measured_of_one_sand_may_have_one_name(folder):
     save(record("surface", "sand", 1.2, day=12), folder / "calibration")
     config = load(folder, '[surface]\nemissivity = "@sand"\n[estimator]\nscale = "@sand"\n')
     assert (config.surface_parameters().emissivity, config.estimator_settings().scale) == (0.93, 1.2)
+
+
+def test_offsets_of_several_records_are_as_uncertain_as_the_worst(folder):
+    save(record("uniformity", "lid", 0.1, 0.01, values={"b25": 0.1}), folder / "calibration")
+    other = '[[region]]\nname = "b25"\npoints_px = [[0, 0], [9, 0], [9, 9]]\noffset_k = "@lid"\n'
+    assert load(folder, REGIONS + other).estimator_settings().offset_sd_k == 0.04
+
+
+def test_a_value_in_place_of_a_table_is_a_mistake_of_the_file(folder):
+    """The record of the scale brings prior.gain_sd as well."""
+    with pytest.raises(ConfigMistakesError, match="prior"):
+        load(folder, "[estimator]\nscale = '@beds'\n", settings=["prior=5"])
 
 
 @pytest.mark.parametrize("wrong", ["5", "{'prior.gain_sd' = 'narrow'}"])
@@ -167,3 +185,8 @@ def test_standard_deviations_of_a_record_that_are_not_numbers_are_a_mistake(fold
     file.write_text(text)
     with pytest.raises(ConfigMistakesError, match="prior_sds"):
         load(folder, '[estimator]\nscale = "@learnt"\n')
+
+
+def test_a_record_typed_into_the_configuration_is_a_mistake_whatever_is_in_it(folder):
+    with pytest.raises(ConfigMistakesError, match="fieldkit stores records here"):
+        load(folder, '[calibration."surface.emissivity"]\nkind = "emissivity"\nname = "sand"\ndetails = 5\n')

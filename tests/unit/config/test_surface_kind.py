@@ -65,6 +65,16 @@ def test_steep_kinds_may_be_vertical():
     assert set(limits.values()) == {45.0, 90.0}
 
 
+def test_explicit_keys_win_over_the_kind():
+    text = '[surface]\nkind = "snow"\nalbedo = 0.6\n[prior]\nexchange_w_m2_k = 5.0\n[slab]\ndepth_m = 0.5\n'
+    settings = config(text, "estimator.tilt_limit_deg=30").estimator_settings()
+    assert settings.surface.albedo == 0.6
+    assert (settings.prior.exchange_w_m2_k, settings.prior.gain_sd) == (5.0, KINDS["snow"].gain_sd)
+    assert settings.slab.depth_m == 0.5
+    assert settings.slab.conductivity_w_m_k == KINDS["snow"].conductivity_w_m_k
+    assert settings.tilt_limit_deg == 30.0
+
+
 def test_a_recorded_session_is_estimated_as_another_kind():
     """A session states every value that was used: those of its kind give way, others do not."""
     stored = config("[prior]\nexchange_log_sd = 0.3\n").to_toml()
@@ -75,6 +85,12 @@ def test_a_recorded_session_is_estimated_as_another_kind():
     assert again.tables == plate.tables
     back = changed_config(plate, ["surface.kind=sand"])
     assert back.tables == config_from_text(stored, HERE).tables
+
+
+def test_what_is_set_with_another_kind_stays_also_where_sand_has_the_same():
+    stored = config().to_toml()
+    settings = ["surface.albedo=0.2", "surface.kind=snow"]
+    assert config_from_text(stored, HERE, settings=settings).tables.surface.albedo == 0.2
 
 
 def test_an_unknown_kind_is_refused_with_the_list():

@@ -103,6 +103,21 @@ def test_an_estimator_that_fails_is_left_out_once_and_the_recording_goes_on(
     assert failures == [1]  # it is not asked again
 
 
+def test_an_estimator_that_fails_at_the_very_end_does_not_keep_the_session_from_being_sealed(
+    campaign, monkeypatch
+):
+    def fail(self: Estimator) -> None:
+        raise ValueError("nothing to divide by")
+
+    monkeypatch.setattr(Estimator, "collect_rest", fail)  # only a mistake of ours does
+    assert record(campaign).exit_code == 0
+    counts, events = stored(the_session(campaign))
+    assert is_whole(counts)
+    assert [event.text for event in events if event.kind is EventKind.ESTIMATOR] == [
+        "live estimates stopped: ValueError('nothing to divide by'); recording goes on"
+    ]
+
+
 def test_what_the_data_taught_is_stored_with_the_slopes(campaign, monkeypatch):
     found = learnt()
     genuine = Estimator.minute

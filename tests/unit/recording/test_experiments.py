@@ -15,6 +15,7 @@ from fieldkit.model.site import Site
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.recording.campaign import init_campaign
 from fieldkit.recording.experiments import (
+    Experiment,
     Experiments,
     PlannedSession,
     Run,
@@ -108,6 +109,24 @@ def test_the_table_and_the_frame_have_each_bed(found):
     assert frame["half_region_deg"].isna().sum() == 1
     assert "as planned" in found._repr_html_()
     assert found.document["experiments"][0]["half_region_deg"] == found.outcomes[0].half_region_deg
+
+
+def test_an_azimuth_that_is_not_resolved_has_no_width():
+    outcome = Experiment("as planned", 20, (math.nan, 2.0), (False, False), (True, False))
+    assert Experiments(SESSION, (outcome,)).table.rows[0][2:] == (
+        "two slopes fit",
+        "±2.0°",
+        "two slopes for 5°/180°",
+    )
+
+
+def test_a_session_goes_on_until_an_hour_after_sunset():
+    start_ns = SUNSET_NS - 25 * MINUTE_NS
+    session = replace(SESSION, facets=SESSION.facets[:1], start_ns=start_ns, minutes=20, sunset_ns=SUNSET_NS)
+    (evening,) = named(session, "until an hour after sunset")
+    assert evening.marks[0][1] == 85
+    over = measures(replace(session, sunset_ns=start_ns))
+    assert "until an hour after sunset" not in [run.marks[0][0] for run in over]
 
 
 def test_a_plan_hands_over_the_best_window_and_what_it_assumes():

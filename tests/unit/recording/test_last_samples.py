@@ -20,6 +20,8 @@ from fieldkit.model.clock import HostClock
 from fieldkit.model.samples import EventKind, Frame, Reading
 from fieldkit.recording.last_samples import (
     FOLDER,
+    KEPT_BYTES,
+    KEPT_S,
     LastSamples,
     ask_for_last_samples,
     left_samples,
@@ -183,6 +185,25 @@ def frame(mono_ns, counts):
     return Frame("camera", mono_ns, 0, counts, np.zeros((2, 160), np.uint16))
 
 
+def test_only_so_many_minutes_are_kept_and_so_many_bytes(campaign, instruments):
+    kept = LastSamples(campaign.config, instruments)
+    now_ns = instruments.clock.mono_ns()
+    ages_s = (2 * KEPT_S, KEPT_S + 1, KEPT_S - 1, 1, 0)
+    for age_s in ages_s:
+        kept.show(lux(now_ns - round(age_s * 1e9), age_s))
+    large = np.zeros((120, 160), np.uint16)
+    frames = KEPT_BYTES // large.nbytes + 10
+    for number in range(frames):
+        kept.show(frame(now_ns + number, large))
+    ask_for_last_samples(campaign.config.recordings)
+    kept.close()
+    with left_samples(campaign.config.recordings) as left:
+        included = left.included(instruments, KEPT_S, pytest.fail)
+        counts = [sample.stream for sample in included.samples]
+    assert 0.99 * KEPT_BYTES < counts.count("camera") * large.nbytes <= KEPT_BYTES
+    assert counts.count("lux") == 0  # older than the frames that are left
+
+
 def test_samples_are_handed_over_as_they_came_without_those_before(campaign, instruments):
     kept, now_ns = LastSamples(campaign.config, instruments), instruments.clock.mono_ns()
     counts = np.arange(120 * 160, dtype=np.uint16).reshape(120, 160)
@@ -224,3 +245,26 @@ def test_nothing_is_written_where_nobody_asked_and_nothing_of_an_earlier_recorde
     with left_samples(recordings) as left:
         assert left is None
     assert not (recordings / FOLDER).exists()
+
+
+def test_what_is_left_and_cannot_be_read_does_not_end_the_recording(campaign, instruments, caplog):
+    kept, now_ns = LastSamples(campaign.config, instruments), instruments.clock.mono_ns()
+    kept.show(lux(now_ns - 2))
+    kept.show(lux(now_ns - 1))
+    ask_for_last_samples(campaign.config.recordings)
+    kept.close()
+    with left_samples(campaign.config.recordings) as left:
+        samples = left.included(instruments, 60, pytest.fail).samples
+        assert next(samples).mono_ns == now_ns - 2
+        left.journal.close()  # as a disk that is gone
+        assert list(samples) == []
+    assert "cannot be read" in caplog.text
+
+
+def test_a_preview_that_cannot_write_ends_as_ever(campaign, instruments, caplog):
+    kept = LastSamples(campaign.config, instruments)
+    kept.show(lux(instruments.clock.mono_ns()))
+    ask_for_last_samples(campaign.config.recordings)
+    (campaign.config.recordings / FOLDER / "kept.log").mkdir()  # in the way
+    kept.close()
+    assert "begins without the last samples" in caplog.text

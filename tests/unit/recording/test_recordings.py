@@ -1,5 +1,6 @@
 """What counts as a session of a folder, whatever lies in it, and what a session may be called."""
 
+import json
 import os
 import shutil
 import socket
@@ -106,6 +107,15 @@ def test_a_session_is_called_by_text_without_control_characters(recordings, name
     assert session_path(config, usable, 0).parent == recordings
 
 
+@pytest.mark.parametrize("letter", ["x", "ü", "地", "🌡"])
+def test_a_session_is_called_by_a_name_that_leaves_room_for_all_that_is_made_of_it(recordings, letter):
+    config = load_config(recordings.parent / "fieldkit.toml")
+    with pytest.raises(ConfigError, match="120") as caught:
+        session_path(config, 240 * letter, 0)
+    longest = session_path(config, caught.value.fix.value, 0).stem
+    (recordings / f".{longest}-{32 * 's'}-regions.parquet.4194304.new").touch()
+
+
 def test_other_names_of_sessions_are_free(recordings):
     config = load_config(recordings.parent / "fieldkit.toml")
     for name in ("three beds", "砂 五\u3000度", "=1+1", "..", "-x", "👨\u200d👩"):
@@ -115,3 +125,15 @@ def test_other_names_of_sessions_are_free(recordings):
 def fieldkit(*words: object) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "fieldkit", *map(str, words)]
     return subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S)
+
+
+def test_a_pipe_among_the_sessions_holds_up_no_command(recordings):
+    os.mkfifo(recordings / "pipe.h5")
+    (recordings / "b.h5.journal").mkdir()
+    os.mkfifo(recordings / "b.h5.journal" / "lock")
+    done = fieldkit("ls", "-C", recordings.parent, "--json")
+    assert [session["name"] for session in json.loads(done.stdout)["sessions"]] == ["a.h5", "b.h5"]
+    assert str(recordings / "pipe.h5") in done.stderr
+    assert fieldkit("status", "-C", recordings.parent).returncode == 9  # nothing is recorded
+    named = fieldkit("show", recordings / "pipe.h5")
+    assert (named.returncode, "pipe.h5" in named.stderr) == (3, True)

@@ -1,16 +1,20 @@
 import json
 import os
+from contextlib import contextmanager
 from dataclasses import replace
 
 import pytest
 
+from fieldkit.model.errors import StorageError
 from fieldkit.model.marks import Mark
+from fieldkit.model.next_step import Action
 from fieldkit.model.samples import EventKind, Severity
 from fieldkit.model.site import Region, RegionKind, RegionRecord, Site
 from fieldkit.recording.redrawing import NewRegions, Redrawing
 from fieldkit.recording.request_reader import RequestReader, left_requests
 from fieldkit.recording.requests import Acknowledgement, Shutter, inbox, send
 from fieldkit.simulation.simulated_clock import SimulatedClock
+from tests.harness.next_steps import steps
 from tests.harness.rights import ordinary_rights
 
 NOON_NS = 1_451_674_800_000_000_000  # 2016-01-01T19:00:00Z, noon in Denver
@@ -141,6 +145,42 @@ def test_marks_of_a_recording_that_was_killed_at_its_last_look_are_left(folder, 
     send(folder, Mark("the last"))
     marks.close()  # nobody goes through them
     assert [event.text for event in left_requests(folder)] == ["the last"]
+
+
+@pytest.fixture
+def hiccup(folder):
+    """While in it, the folder of the marks cannot be looked into, as on a network drive that is away."""
+
+    @contextmanager
+    def hiccup():
+        folder.parent.chmod(0)
+        try:
+            with ordinary_rights():
+                yield
+        finally:
+            folder.parent.chmod(0o700)
+
+    return hiccup
+
+
+def test_marks_that_cannot_be_looked_at_just_now_are_found_later(folder, clock, hiccup):
+    send(folder, Mark("wind"))
+    marks = RequestReader(folder, clock)
+    with hiccup():
+        assert list(marks()) == []
+    assert [event.text for event in marks()] == ["wind"]
+
+
+def test_marks_that_cannot_be_read_at_the_end_keep_the_session_from_being_sealed(folder, clock, hiccup):
+    send(folder, Mark("wind"))
+    marks = RequestReader(folder, clock)
+    with hiccup():
+        with pytest.raises(StorageError, match="Permission denied") as caught:
+            marks.close()
+        with pytest.raises(StorageError, match="Permission denied"):
+            left_requests(folder)
+    assert [step.action for step in steps(caught.value)] == [Action.RECOVER]
+    assert [event.text for event in left_requests(folder)] == ["wind"]
 
 
 def test_a_mark_that_cannot_be_removed_is_taken_once(folder, clock):

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from fieldkit.model.errors import ConfigError
 from fieldkit.recording.service_unit import NAME, Unit, campaign_of
 
 ODD = 'three "beds" 100 % $HOME \\ ü'
@@ -100,3 +101,16 @@ def test_a_system_service_sees_its_campaign_in_a_temporary_folder(folder):
     assert f"\nBindPaths={quoted}\nBindReadOnlyPaths=/tmp/venv\n" in text
     assert "Bind" not in Unit(Path("/home/pi/tmp/beds"), "pi", python="/usr/bin/python3").text()
     assert "Bind" not in Unit(Path(folder)).text()
+
+
+@needs_systemd
+def test_systemd_accepts_a_temporary_folder(analyze, tmp_path):
+    folder = tmp_path / "a: b"
+    folder.mkdir()
+    done = analyze(Unit(folder, "daemon"), "verify")
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_folder_that_no_unit_can_name(tmp_path):
+    with pytest.raises(ConfigError, match="control character"):
+        Unit(tmp_path / "two\nlines").text()
