@@ -121,6 +121,14 @@ def test_other_names_are_not(page, name):
     assert page.ask("GET", "/", Host=f"{name}:{page.port}").status == 403
 
 
+@pytest.mark.parametrize(
+    ("name", "is_known"), [("127.0.0.1", True), ("localhost", True), ("[::1]", False), ("127.0.0.2", False)]
+)
+def test_ipv4_is_known_on_a_socket_of_both_kinds(page, name, is_known):
+    scope = {"type": "http", "headers": [(b"host", name.encode())], "server": ("::ffff:127.0.0.1", 8765)}
+    assert (known_host(scope, page.page.keys) is None) == is_known
+
+
 # --- 3. origin of every upgrade and every POST
 
 
@@ -487,6 +495,25 @@ def test_half_open_connections_keep_out_nobody(folder, begun):
             assert browser.request(do="value", x=1, y=1)["ok"]  # who was there already, stays
 
 
+def test_a_request_broken_off_counts_as_a_wrong_key_and_leaves_no_traceback(folder, caplog):
+    with served(folder) as page:
+        for _ in range(page_server.WRONG_TRIES_FREE - 1):
+            with socket.create_connection((HOST, page.port), PATIENCE_S) as broken:
+                broken.sendall(HALF_OPEN["half a key"].replace(b"HOST", page.host.encode()))
+                broken.shutdown(socket.SHUT_WR)
+                assert broken.recv(1) == b""  # the server has seen the end
+        assert tries(page, 1) < 1.0  # the last free one
+        assert tries(page, 1) >= 1.0
+    assert not [record for record in caplog.records if record.exc_info]
+
+
+@pytest.mark.parametrize("key", ["\ud800", "\x00", "ü", "\U0001f321"])
+def test_a_key_of_any_letters_is_refused(page, key, caplog):
+    assert page.ask("POST", "/key", {"key": key}, Origin=page.origin).status == 403
+    page.cookie()  # a right key: the next wrong one is not delayed
+    assert not [record for record in caplog.records if record.exc_info]
+
+
 def test_a_key_that_cannot_be_kept_is_answered_with_the_reason(folder):
     with served(folder) as page:
         key = page.page.keys.new_link("view")
@@ -495,6 +522,20 @@ def test_a_key_that_cannot_be_kept_is_answered_with_the_reason(folder):
     assert answer.status == 507
     assert "File too large" in answer.json["text"]
     assert "room" in answer.json["fix"]
+
+
+@pytest.mark.parametrize("odd", ["a\x00b", "a\ud800b", "\udc00", "\x1b[2J"])
+@pytest.mark.parametrize(
+    ("do", "key"), [("start", "name"), ("mark", "text"), ("mark", "kind"), ("acknowledge", "alarm")]
+)
+def test_text_that_is_not_text_is_answered(page, do, key, odd):
+    with page.browser() as browser:
+        answer = browser.request(
+            **{"do": do, "text": "x", key: odd} if do == "mark" else {"do": do, key: odd}
+        )
+        assert not answer["ok"]
+        assert "has a character that is not text" in answer["text"]
+        assert answer["fix"] == "type it anew"
 
 
 @pytest.mark.parametrize(
@@ -526,6 +567,17 @@ def test_an_alarm_that_is_not_there_cannot_be_acknowledged(page):
     with page.browser() as browser:
         answer = browser.request(do="acknowledge", alarm="disk")
     assert (answer["ok"], answer["text"]) == (False, "there is no alarm 'disk', or it is over")
+
+
+def test_a_request_that_fails_in_any_other_way_is_answered(page, monkeypatch, caplog):
+    def fail(*_: object) -> None:
+        raise ZeroDivisionError("no list at all")
+
+    monkeypatch.setattr(page.page.past, "listed", fail)  # only a mistake of ours does
+    with page.browser() as browser:
+        answer = browser.request(do="sessions")
+    assert (answer["ok"], "no list at all" in answer["text"]) == (False, True)
+    assert "ZeroDivisionError" in caplog.text
 
 
 @pytest.mark.parametrize(
@@ -593,3 +645,12 @@ def test_files_of_any_name_are_listed_and_a_session_without_a_file_is_explained(
         assert [answers[latin, what].status for what in ("report", "picture", "thumbnail")] == [202, 404, 404]
         for what in ("download", "report", "picture", "thumbnail"):
             assert answers[left, what].body.startswith(b"only the journal of left is left")
+
+
+def test_a_file_that_cannot_be_served_for_any_other_reason_is_explained(page, monkeypatch):
+    def fail(*_: object) -> None:
+        raise ZeroDivisionError("no file at all")
+
+    monkeypatch.setattr(page.page.past, "sealed", fail)  # only a mistake of ours does
+    answer = page.ask("GET", "/session/0123456789abcdef/download", Cookie=page.cookie())
+    assert (answer.status, b"no file at all" in answer.body) == (500, True)
