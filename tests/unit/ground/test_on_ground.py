@@ -128,6 +128,13 @@ def test_heights_are_in_metres_by_the_bands_scale_offset_and_unit(tmp_path, raw,
     assert found.heights_m == pytest.approx(np.full((4, 4), metres), rel=1e-9)
 
 
+def test_whole_numbers_with_a_scale_keep_their_declared_gaps(tmp_path):
+    band = np.array([[4000, -9999], [4010, 4020]], np.int16)
+    path = write_dem(tmp_path / "dem.tif", band, gain=0.1, nodata=-9999)
+    found = geotiff.read_heights(path, geotiff.projected_crs("EPSG:32654"), 1.0).heights_m
+    assert found == pytest.approx(np.array([[400.0, np.nan], [401.0, 402.0]]), nan_ok=True)
+
+
 @pytest.mark.parametrize(
     ("raw", "stored", "words"),
     [
@@ -151,6 +158,13 @@ def test_a_dem_that_holds_no_heights_in_the_poses_system_says_what_to_do(tmp_pat
     with pytest.raises(ConfigError) as error:
         geotiff.read_heights(path, geotiff.projected_crs("EPSG:32654"), 1.0)
     assert re.search(words, f"{error.value.message} {error.value.fix}")
+
+
+def test_a_tile_that_ends_at_the_place_gives_no_level_horizon(tmp_path):
+    """On its western edge nothing is known of the ground to the west, which may be a mountain."""
+    write_dem(tmp_path / "dem.tif", np.zeros((120, 220)), west=354500.0, north=3936260.0)
+    with pytest.raises(ConfigError, match=r"no heights beyond the place in \d+ of 360 directions"):
+        horizon_from_dem(tmp_path / "dem.tif", "EPSG:32654", 354500.5, 3936200.5)
 
 
 def test_a_wall_in_feet_is_as_high_for_every_reader(tmp_path):
@@ -256,6 +270,16 @@ def test_slopes_and_horizons_are_those_on_the_ground(tmp_path):
     assert tilt_azimuth(ramp.normals(0.0, 0.0)) == pytest.approx((45.0, 270.0))
     assert horizon_of_ground(ramp, 0.0, 0.0, np.array([90.0]), 0.0) == pytest.approx(45.0)
     assert dict(horizon_from_dem(path, STRETCHED, 0.0, 0.0))[90.0] == pytest.approx(45.0, abs=0.01)
+
+
+def test_relief_rises_by_the_distance_on_the_ground(tmp_path):
+    """Slopes of 45 degrees everywhere, towards north: each cell to the south is its side / 1.008 higher."""
+    nadir = ABOVE.replace("-45.0", "-90.0") + "ground_m = 0.0"
+    view = ground_view(pose_of(pose_file(tmp_path, nadir)), SHAPE, 0.1)
+    tilt, north = np.full(SHAPE, 45.0, np.float32), np.zeros(SHAPE, np.float32)
+    heights, _ = view.relief(SlopeMap(tilt, north, north, north, north.astype(np.uint8)))
+    rise = np.diff(heights, axis=0)
+    assert rise[np.isfinite(rise)] == pytest.approx(0.1 / 1.008, rel=1e-3)
 
 
 def test_ground_behind_the_ridge_is_unknown(tmp_path, dem):
@@ -391,6 +415,13 @@ def test_a_wrong_trajectory_is_named_with_its_line(tmp_path, name, text, words):
     (tmp_path / name).write_text(text)
     with pytest.raises(ConfigError, match=words):
         pose_of(pose_file(tmp_path, f'{STOPPED}trajectory = "{name}"'), START_NS)
+
+
+@pytest.mark.parametrize("off_ns", [-1_000_000_000, 11_000_000_000])
+def test_a_time_outside_the_trajectory_has_no_pose(tmp_path, off_ns):
+    (tmp_path / "run.tum").write_text(TUM)
+    with pytest.raises(ConfigError, match="from 2016-01-01T19:00:00Z to 2016-01-01T19:00:10Z, none of"):
+        pose_of(pose_file(tmp_path, f'{STOPPED}trajectory = "run.tum"'), START_NS + off_ns)
 
 
 def test_a_pose_is_given_once(tmp_path):

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 import fieldkit
 from fieldkit.cli import main
-from fieldkit.model.errors import SessionError
+from fieldkit.model.errors import ConfigError, SessionError
 from fieldkit.model.samples import Event, EventKind, Quality
 from fieldkit.model.units import MINUTE_NS, SECOND_NS
 from fieldkit.results.check import check
@@ -78,6 +78,26 @@ def test_an_edited_mark_keeps_what_is_not_given_and_counts_again(path):
         session.edit_mark(2, at="-1s")
         assert session.marks()[2].time_ns == session.end_ns - SECOND_NS
         assert "end_ns" not in session.marks()[2].data
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda session: session.take_back("rain"), "no mark 'rain'"),
+        (lambda session: session.take_back(4), "no mark 4"),
+        (lambda session: session.take_back("wind"), "2 marks have the text 'wind'"),
+        (lambda session: session.edit_mark(2, "shade-test b51"), "no region is called 'b51'"),
+        (lambda session: session.edit_mark(2, at="at noon"), "not a valid time"),
+        (lambda session: session.edit_mark(2, at="-1s", to="-2s"), "the end lies before the start"),
+    ],
+)
+def test_what_cannot_be_meant_changes_nothing(path, change, message):
+    before = path.read_bytes()
+    with fieldkit.open_session(path) as session, pytest.raises(ConfigError, match=message) as refused:
+        change(session)  # type: ignore[operator]
+    assert path.read_bytes() == before
+    if "no mark" in message:
+        assert "1 wolke über b05; 2 wind; 3 wind" in str(refused.value)
 
 
 def test_corrected_marks_have_the_times_of_a_corrected_clock(path):

@@ -1,6 +1,8 @@
 """What a notebook calls: estimates, maps, reports and plans without a command line."""
 
 import csv
+import re
+import shutil
 from dataclasses import replace
 from datetime import date, datetime
 from pathlib import Path
@@ -26,6 +28,8 @@ from fieldkit.results.session import open_session
 from fieldkit.results.session_estimates import Estimates, LearntSeries
 from fieldkit.results.slope_map import slope_map
 from fieldkit.results.sources import settings_from
+from fieldkit.sessions.finished_file import apply_time_map
+from fieldkit.sessions.time_map import TimeStep
 from tests.harness.learnt import learnt
 
 
@@ -173,6 +177,9 @@ def test_other_models_learn_nothing_and_write_no_table_of_it(sessions, tmp_path)
     assert not list(tmp_path.glob("base-learnt*"))
 
 
+EARLIER_NS = 7_200_000_000_000
+
+
 def times_ns(session):
     """The times of all that is computed from a session or drawn of it."""
     estimates, axes = session.estimate(model="full"), session.plot()
@@ -186,3 +193,22 @@ def times_ns(session):
         "plot": [round(day * 86_400) * SECOND_NS for day in axes.lines[0].get_xdata()],
         "show": [utc_ns(datetime.fromisoformat(shown[name])) for name in ("start", "end")],
     }
+
+
+def test_results_and_figures_have_the_times_of_a_corrected_clock(sessions, tmp_path):
+    """A clock two hours ahead; the recording began at 12:00:01 by it, and ended at 12:11."""
+    path = tmp_path / shutil.copy(sessions[0], tmp_path)
+    with fieldkit.open_session(path) as session:
+        recorded_ns = times_ns(session)
+    apply_time_map(path, [TimeStep(0, -EARLIER_NS, "another clock")])
+    with fieldkit.open_session(path) as session:
+        corrected_ns = times_ns(session)
+        made = session.report(tmp_path / "report.html")
+        assert session.count("camera") > 0  # still open
+    assert (made.sessions, made.path) == ((path,), tmp_path / "report.html")
+    page = made.path.read_text(encoding="utf-8")
+    assert page.lower().startswith("<!doctype html>")
+    for name, times in recorded_ns.items():
+        assert corrected_ns[name] == [time_ns - EARLIER_NS for time_ns in times], name
+    assert re.search(r"\b10:0\d", page)
+    assert re.findall(r".*\b12:[01]\d.*", page) == []

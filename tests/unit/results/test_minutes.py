@@ -193,6 +193,19 @@ def test_hostile_header_is_a_finding(sessions, tmp_path, seed):
     assert check(with_header(sessions[0], change, tmp_path / "a.h5")).level == "fail"
 
 
+def test_header_with_fewer_regions_than_the_tables_is_a_finding(sessions, tmp_path):
+    path = with_header(sessions[0], lambda header: header["regions"].pop(), tmp_path / "a.h5")
+    assert ("file", "fail") in {(finding.what, finding.level) for finding in check(path).findings}
+
+
+def test_configuration_that_cannot_be_used_is_a_finding(sessions, tmp_path):
+    def change(header: Any) -> None:
+        header["config_toml"] = "schema = ["
+
+    findings = check(with_header(sessions[0], change, tmp_path / "a.h5")).findings
+    assert "slopes" in [finding.what for finding in findings]
+
+
 def test_a_session_without_a_sample_has_no_slopes_and_every_result_says_so(sessions, tmp_path):
     """What a recording is in its first seconds, when somebody already follows it."""
     path = tmp_path / "empty.h5"

@@ -84,6 +84,15 @@ def test_the_best_set_has_the_smallest_mean_error_over_sessions():
     assert found.worst_deg == 4
 
 
+def test_leaving_a_session_out_shows_what_a_lucky_choice_is_worth():
+    # by hand: without the first session set 2 wins (1 < 2) and gives the first 9;
+    # without the second, set 0 wins (0 < 2) and gives the second 9: 9 on average, not 2
+    found = ranking_of([[0, 9], [2, 2], [9, 1]])
+    assert (found.best, found.error_deg[found.best]) == (1, 2)
+    assert (found.cross_validated_deg, found.same_choice, found.folds) == (9, 0, 2)
+    assert any("overfitting" in warning for warning in found.warnings)
+
+
 def test_a_choice_that_every_session_agrees_with_is_not_doubted():
     found = ranking_of([[3, 3, 3], [1, 1.1, 1], [2, 2, 2]])
     assert (found.same_choice, found.folds) == (3, 3)
@@ -101,6 +110,11 @@ def test_a_set_that_hardly_answers_is_not_ranked():
     found = ranking_of([[0.1, 0.1], [1, 1], [2, 2]], answers=[[2, 2], [10, 10], [10, 10]])
     assert found.best == 1
     assert np.isnan(found.error_deg[0])
+
+
+def test_a_session_without_any_answer_counts_for_nothing():
+    found = ranking_of([[3, np.nan], [1, np.nan], [2, np.nan]])
+    assert (found.best, found.folds) == (1, 1)
 
 
 def test_a_session_without_any_answer_is_named():
@@ -128,6 +142,10 @@ def test_parameters_that_solve_no_other_session_are_not_cross_validated():
     )
 
 
+def test_nothing_known_gives_no_ranking():
+    assert ranking_of(np.full((3, 2), np.nan)) is None
+
+
 def test_a_ranking_says_how_many_of_its_slopes_are_uncertain():
     found = ranking_of([[3, 3], [1, 1], [2, 2]], uncertain=[[0, 0], [10, 5], [0, 0]])
     assert found.uncertain_share == 0.75
@@ -139,6 +157,11 @@ def test_the_effect_of_a_parameter_is_its_mean_over_the_others():
     found = ranking_of([[1], [3], [5], [7]], grid=grid)  # a: (1+3)/2, (5+7)/2; b: (1+5)/2, (3+7)/2
     assert [(effect.key, effect.error_deg) for effect in found.effects] == [("a", (2, 6)), ("b", (3, 5))]
     assert [effect.span_deg for effect in found.effects] == [4, 2]
+
+
+def test_a_best_value_at_the_end_of_those_tried_is_told():
+    found = ranking_of([[1, 1], [2, 2], [3, 3]])
+    assert found.warnings == ("a: the best value is at the edge of those tried; widen the range",)
 
 
 # --- one bed's line in the summary

@@ -207,6 +207,12 @@ def test_a_file_that_is_not_there_is_a_config_error(tmp_path):
     assert caught.value.fix
 
 
+def test_a_table_that_runs_into_the_night_ends_with_its_last_sun(table):
+    night = "2017-08-30T21:00:00+09:00,298.0,297.9,0\n2017-08-30T22:00:00+09:00,297.5,297.4,\n"
+    (day,), (both,) = (slopes_of(table(text), SITE, WHOLE) for text in (CASE_1, CASE_1 + night))
+    assert both == day
+
+
 FAR_AWAY = {
     "Sydney, winter": ((-33.9, 151.2, 50.0), "2018-06-21T11:00+10:00", 90),
     "Cape Town, summer, tilted reference": ((-33.9, 18.4, 100.0), "2017-12-30T09:00+02:00", 120),
@@ -278,6 +284,16 @@ def test_a_cell_that_cannot_be_is_as_an_empty_one_and_is_named_by_its_line(table
     empty = estimate_tables([table(with_cell(""))], SITE, settings=settings, notify=told.append)
     assert repr(found) == repr(empty)
     assert len(told) == 1
+
+
+def test_light_of_a_table_in_another_zone_is_refused_and_said(table):
+    """Stamps of UTC taken for those of Japan: the sun is down in half of its rows, or never so high."""
+    told: list[str] = []
+    path = table(CASE_1.replace("+09:00", "-03:00"))
+    (bed,) = estimate_tables([path], SITE, settings=["estimator.model=paper"], notify=told.append)
+    assert bed.state is SlopeState.LOW_SUN or bed.state is SlopeState.NO_DATA
+    assert "irradiance_w_m2: 4 implausible values" in told[0]
+    assert "are place and time right?" in told[0]
 
 
 def test_a_hot_plate_is_possible_where_the_limits_say_so(table):

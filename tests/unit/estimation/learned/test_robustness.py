@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.drawn_worlds import CLEAR, regions
+from benchmarks.drawn_worlds import BROKEN_CLOUD, CLEAR, regions
 from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.learned.learner import Learner
 from fieldkit.model.samples import Quality
@@ -142,6 +142,15 @@ def test_light_that_comes_late_starts_the_chain_then():
     assert {one.n_bins for one in found.slopes} == {10}
 
 
+def test_before_any_minute_and_with_few():
+    drawn = world(6)
+    none = last(drawn.history.until(0), drawn.regions, drawn.settings)
+    assert {(one.state, one.reason) for one in none.slopes} == {(SlopeState.NO_DATA, "no minutes yet")}
+    few = last(drawn.history.until(4), drawn.regions, drawn.settings)
+    reasons = {(one.state, one.reason.partition(";")[0]) for one in few.slopes}
+    assert reasons == {(SlopeState.TOO_FEW, "4 of 5 minutes so far")}
+
+
 def test_no_reference_no_target_one_target():
     drawn = world(8)
     flat, bed, *_ = drawn.regions
@@ -195,6 +204,12 @@ def test_a_night_alone_has_slopes_without_end():
     assert SlopeState.OK not in {one.state for one in found.slopes}
 
 
+def test_clouds_the_whole_time():
+    drawn = world(30, BROKEN_CLOUD)
+    dull = replace(drawn.history, dni_w_m2=np.zeros(30), dhi_w_m2=0.2 * drawn.history.dhi_w_m2)
+    assert_has_slopes(last(dull, drawn.regions, drawn.settings))
+
+
 @pytest.mark.parametrize("azimuth", AZIMUTHS)
 def test_beds_in_their_own_shade(azimuth):
     """30 degrees north in the evening of a low sun: no direct light on the beds, sun on the reference."""
@@ -221,6 +236,15 @@ def test_a_slope_beyond_the_tilt_limit_is_not_relied_on(azimuth):
     assert found.slopes[0].state in WITH_A_SLOPE
     steep = found.slopes[2]
     assert (steep.state, steep.reason) == (SlopeState.NO_INTERSECTION, "no tilt up to 10° fits")
+
+
+def test_temperatures_of_another_world_are_survived():
+    """A lens cap on and off, a camera in degrees Celsius: 60 K up and down at once."""
+    drawn = world(20)
+    mad = drawn.history.temperature_k.copy()
+    mad[8:12] -= 60.0
+    mad[14, 1] += 80.0
+    assert_sound(last(replace(drawn.history, temperature_k=mad), drawn.regions, drawn.settings))
 
 
 def shaded(history, columns, rows, found_at=None):
