@@ -106,6 +106,11 @@ def test_a_stream_that_is_not_there_names_those_that_are(session):
         session["nope"]
 
 
+def test_a_misspelt_stream_is_suggested(session):
+    with pytest.raises(SessionError, match="did you mean 'camera'"):
+        session["camra"]
+
+
 def test_samples_of_a_stream_by_their_place(session):
     stream = session["camera"]
     frames = list(stream)

@@ -55,6 +55,14 @@ def test_a_folder_is_meant_from_the_one_that_was_named(init, tmp_path):
     assert (tmp_path / "below" / "fieldkit.toml").exists()
 
 
+def test_the_demos_campaign_too_is_below_the_folder_that_was_named(tmp_path):
+    (tmp_path / "here").mkdir()
+    (tmp_path / "here" / "fieldkit.toml").write_text("schema = no number")
+    done = fieldkit("demo", "-C", tmp_path, "--out", "here")
+    assert done.exit_code == 3
+    assert str(tmp_path / "here" / "fieldkit.toml") in done.stderr
+
+
 def test_what_to_do_next_works_where_one_stands(init, tmp_path):
     assert "next: cd here && fieldkit record" in init("here", "--simulated").stderr
     assert "'my sand'" in init("my sand").stderr
@@ -76,6 +84,10 @@ def test_on_a_terminal_it_offers_to_add_what_is_connected(monkeypatch, tmp_path,
     said = capsys.readouterr().err
     assert "add what is connected now?" in said
     assert f"&& {following}, then fieldkit roi add" in said
+
+
+def test_without_a_site_it_says_that_the_papers_stands_there(init):
+    assert "put yours under [site]" in init("here").stderr
 
 
 def test_simulated_has_three_beds_and_a_flat_reference_on_simulated_devices(init, tmp_path):
@@ -134,3 +146,8 @@ def test_the_schema_is_a_json_schema_of_every_table(init):
     schema = json.loads(init("--schema").stdout)
     assert schema["properties"].keys() >= {"site", "camera", "lux", "thermometer", "estimator", "region"}
     assert schema["additionalProperties"] is False
+
+
+def test_json_names_the_files(init):
+    document = json.loads(init("here", "--json").stdout)
+    assert document == {"schema": 1, "campaign": "here", "config": "here/fieldkit.toml"}

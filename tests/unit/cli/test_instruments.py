@@ -53,6 +53,11 @@ def test_hexadecimal_may_be_written_as_one_likes(hexadecimal):
     assert decoded("lutron", hexadecimal)["readings"][0]["value"] == 98760.0
 
 
+@pytest.mark.parametrize("records", [20, 200, 3000])
+def test_hexadecimal_may_be_longer_than_a_file_name_may_be(records):
+    assert len(decoded("lutron", records * LUX.replace(" ", ""))["readings"]) == records
+
+
 def test_no_value_is_null_with_its_flag():
     frame = "02 80 06 00 00 00 00 00 EF" + " 00" * 30 + " 0E 00 00 00 00 03"
     readings = decoded("center-309", frame)["readings"]

@@ -12,6 +12,7 @@ import fieldkit
 from fieldkit.recording.running import session_in_progress
 from fieldkit.recording.status import status_reply, stored_status
 from fieldkit.recording.status_request import recorder_status, status_path
+from fieldkit.views import unix_socket
 from tests.harness.seldom import SET_SELDOM
 from tests.harness.waiting import wait_until
 
@@ -184,6 +185,17 @@ def times(document) -> list[int]:
 def known(value: float | None) -> float:
     """A number of a document, -1 for none: null in the recorder's JSON, NaN in Python."""
     return -1.0 if value is None or value != value else value
+
+
+def test_a_request_that_is_not_one_gets_no_answer_and_the_next_one_does(recording):
+    session = recording[1]
+    for bad in (b"", b"{}", b"[]", b'{"cols": "x"}', b"\xff"):
+        with unix_socket.connect(status_path(session), 10.0) as connection:
+            connection.sendall(bad)
+            connection.shutdown(1)
+            assert connection.recv(1) == b""
+    assert recorder_status(session)["regions"] == ["flat", "b05", "b15", "b25"]
+    assert status_path(session).stat().st_mode & 0o777 == 0o600
 
 
 def test_a_killed_recorder_leaves_nothing_that_looks_like_a_recording(tmp_path):

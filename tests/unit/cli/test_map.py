@@ -17,6 +17,7 @@ from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SlopeState
 from fieldkit.physics.facet import angle_between_deg, normal
+from fieldkit.physics.radiance import brightness_temperature_k
 from fieldkit.results import slope_map
 from fieldkit.sessions.reader import open_session
 from tests.harness.command_line import fieldkit
@@ -185,6 +186,15 @@ def test_one_minute_maps_the_component_along_the_sun(session, tmp_path):
     assert "another hour of the day" in refused.stderr
 
 
+def test_known_offset_of_a_region_is_taken_from_its_brightness():
+    bed = Region("b", RegionKind.TARGET, ((0, 0), (4, 0), (4, 4), (0, 4)), emissivity=0.85)
+    flat = Region("flat", RegionKind.REFERENCE, ((0, 0), (1, 0), (0, 1)))
+    seen = float(brightness_temperature_k(318.15, 0.85, 233.15)) + 1.0
+    settings = EstimatorSettings(model="paper", offsets_k={"b": 1.0})
+    surface_k = slope_map.surface_of_pixels((flat, bed), (4, 4), settings)
+    assert surface_k(np.full((4, 4), seen)) == pytest.approx(318.15, abs=1e-3)
+
+
 def test_pixels_by_the_learnt_parameters_agree_with_the_full_model_of_their_region(session, tmp_path):
     """Truth of the scene: the bed of 15 degrees faces south."""
     done = fieldkit("map", session, "-o", tmp_path / "x", "--set", "estimator.model=learned", "--json")
@@ -250,6 +260,14 @@ def test_many_sessions_are_mapped_by_several_processes_and_a_torn_one_does_not_s
         assert one["regions"] == mapped["regions"]
         with h5py.File(one["files"][1]) as arrays, h5py.File(mapped["files"][1]) as alone:
             assert arrays["tilt_deg"][:].tobytes() == alone["tilt_deg"][:].tobytes()
+
+
+def test_maps_of_one_name_are_not_written_over_each_other(session, tmp_path):
+    other = tmp_path / session.name
+    shutil.copy(session, other)
+    done = fieldkit("map", session, other, "-o", tmp_path / "maps")
+    assert done.exit_code == 2
+    assert "one name" in done.stderr
 
 
 @pytest.fixture(scope="module")

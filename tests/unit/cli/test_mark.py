@@ -168,6 +168,13 @@ def test_interrupted_sessions_are_not_in_progress(campaign):
 
 
 @pytest.mark.parametrize(
+    "arguments", [("--from", "-4m"), ("--until", "-4m"), ("--at", "-1m", "--from", "-4m", "--until", "-1m")]
+)
+def test_half_a_span_is_wrong_usage(campaign, arguments):
+    assert mark(campaign, "x", *arguments).exit_code == 2
+
+
+@pytest.mark.parametrize(
     ("arguments", "told"),
     [
         (("--from", "-1m", "--until", "-4m"), "the end lies before the start"),
@@ -213,6 +220,11 @@ def test_a_shade_test_says_at_once_what_it_does(campaign, recording, arguments, 
     assert minutes is None or (times[1] - times[0]).seconds == 60 * minutes
     *_, event = RequestReader(recording / "running.h5.journal" / "marks", SimulatedClock(NOON_NS))()
     assert event.data.get("for_s") == (420.0 if "--for" in arguments else None)
+
+
+def test_only_a_shade_test_that_begins_has_a_longest_time(campaign, recording):
+    assert mark(campaign, "wind", "--for", "5m").exit_code == 2
+    assert mark(campaign, "--take-back", "1", "--for", "5m").exit_code == 2
 
 
 def test_a_shade_test_of_an_unknown_region_is_refused(campaign, recording):

@@ -279,6 +279,11 @@ def test_the_best_window_has_the_sun_on_as_many_slopes_as_possible():
     assert document(*words)["best_window_start"][11:13] in ("11", "12")
 
 
+def test_a_window_that_is_longer_than_the_day_is_named():
+    found = document("--site", "55,10,100", "--on", "2026-12-21", "--facet", "15,180", "--window", "6h")
+    assert found["warnings"][0] == "no window of 360 min determines any of these slopes"
+
+
 def test_a_remedy_for_a_twin_excludes_the_twin_alone():
     # at 34 degrees south the sun of late November passes 12 degrees north of the zenith
     facets = ("--facet", "5,0", "--facet", "15,0", "--facet", "25,0", "--facet", "5,90")
@@ -295,6 +300,11 @@ def test_a_remedy_for_a_twin_excludes_the_twin_alone():
 def test_a_slope_beyond_the_limit_is_named():
     lines = document(*WINTER, "--facet", "60,180")["warnings"]
     assert "60°/180° is steeper than estimator.tilt_limit_deg = 45: no estimate reaches it" in lines
+
+
+def test_a_sun_that_is_up_between_two_rows_alone_has_a_row():
+    (row,) = document(*WINTER, "--step", "24h")["rows"]
+    assert row["time"] == "2026-12-11T11:35:00+09:00"
 
 
 def test_a_row_of_the_next_day_has_its_date():

@@ -105,6 +105,12 @@ def test_sleep_of_nothing_returns_at_once(clock):
     assert clock.mono_ns() == START_MONO_NS
 
 
+def test_fractions_of_a_nanosecond_do_not_hang(clock):
+    for seconds in (1e-9, 1.4e-9, 1.5e-9, 0.1 / 3, 1 / 8.7):
+        clock.sleep(seconds)
+    assert clock.mono_ns() > START_MONO_NS
+
+
 def test_utc_follows_the_anchor_and_not_a_step_of_the_system_clock(clock):
     anchor = clock.check()
     clock.sleep(10.0)
@@ -120,6 +126,21 @@ def test_sleepers_wake_in_the_order_of_their_deadlines(clock):
         crew.hire(name, lambda name=name, seconds=seconds: (clock.sleep(seconds), woken.append(name)))
     crew.work()
     assert woken == ["early", "middle", "late"]
+
+
+def test_threads_with_one_deadline_wake_one_after_the_other_by_name(clock):
+    log, crew = [], Crew(clock)
+
+    def work(name):
+        clock.sleep(1.0)
+        log.append(f"{name} wakes")
+        time.sleep(0.002)  # long enough for another to begin, were it awake
+        log.append(f"{name} waits")
+
+    for name in "cabd":
+        crew.hire(name, lambda name=name: work(name))
+    crew.work()
+    assert log == [f"{name} {what}" for name in "abcd" for what in ("wakes", "waits")]
 
 
 def test_time_stands_while_somebody_who_takes_part_is_at_work(clock):
@@ -187,6 +208,18 @@ def test_request_and_answer_take_the_same_time_however_busy_the_computer(clock, 
     for number, times in heard.items():
         asked = [START_MONO_NS + round(turn * (0.5 + number / 10) * SECOND_NS) for turn in range(rounds)]
         assert times == [(at_ns, at_ns + 30_000_000) for at_ns in asked]
+
+
+def test_failure_of_an_instrument_is_told_to_whoever_waits(clock, caplog):
+    def fail():
+        raise ZeroDivisionError("broken far end")
+
+    clock.call_at(START_MONO_NS + SECOND_NS, fail)
+    for _ in range(2):
+        with pytest.raises(RuntimeError, match="simulated instrument failed") as caught:
+            clock.sleep(10.0)
+        assert isinstance(caught.value.__cause__, ZeroDivisionError)
+    assert "failed" in caplog.text
 
 
 def test_speed_keeps_scene_time_from_running_ahead():

@@ -2,6 +2,7 @@
 
 import math
 import stat
+import threading
 import time
 
 import numpy as np
@@ -15,6 +16,7 @@ from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.views.feed import LENGTHS, Feed, FeedReader, FeedStart, decode, encode
 from fieldkit.views.latest import Latest
 from fieldkit.views.trend import Trend
+from tests.harness.waiting import wait_until
 
 SITE = Site(37.7, -105.92, 2317.0, "America/Denver")
 REGIONS = (Region("flat", RegionKind.REFERENCE, ((0.0, 0.0), (9.0, 0.0), (9.0, 9.0)), 0.0, 0.0),)
@@ -110,6 +112,14 @@ def test_only_this_user_can_open_it(feed, path):
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
 
 
+def test_a_long_path_is_no_obstacle(tmp_path):
+    folder = tmp_path / ("a" * 200) / "20261211T025512Z-long.h5.journal"  # a socket's address holds 107 bytes
+    folder.mkdir(parents=True)
+    feed = Feed(folder / "feed", Latest(SITE, REGIONS, STREAMS))
+    assert isinstance(next(FeedReader(folder / "feed").items()), FeedStart)
+    feed.close()
+
+
 def test_a_reader_that_does_not_read_loses_frames_and_delays_nothing(feed, path):
     reader = FeedReader(path)
     frames = [frame(number, (512, 640)) for number in range(1, 10)]
@@ -124,3 +134,13 @@ def test_a_reader_that_does_not_read_loses_frames_and_delays_nothing(feed, path)
     while not isinstance(item := next(items), Event):
         received.append(item)
     assert sum(isinstance(item, Frame) for item in received) < 30
+
+
+def test_readers_come_and_go(feed, path):
+    before = threading.active_count()
+    for number in range(30):
+        reader = FeedReader(path)
+        next(iter(reader.items()))
+        reader.close()
+        feed.show(frame(number))
+    wait_until(lambda: feed.show(frame(0)) or threading.active_count() <= before, "their threads stay")

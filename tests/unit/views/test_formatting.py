@@ -115,6 +115,20 @@ def test_places_have_letters_for_their_halves():
 
 
 @pytest.mark.parametrize(
+    ("n_bytes", "said"), [(11.2e9, "11.2 GB"), (28e6, "28.0 MB"), (640e3, "640 kB"), (12, "12 B")]
+)
+def test_sizes(n_bytes, said):
+    assert formatting.size(n_bytes) == said
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "said"), [(8.96, "9.0/s"), (0.05, "3/min"), (0.0, "0/min"), (math.nan, "–/s")]
+)
+def test_rates(rate_hz, said):
+    assert formatting.rate(rate_hz) == said
+
+
+@pytest.mark.parametrize(
     ("tilt", "azimuth", "said"),
     [(15.0, 180.0, "15°/180°"), (0.0, 0.0, "0°"), (15.0, math.nan, "15°"), (math.nan, 180.0, "–")],
 )

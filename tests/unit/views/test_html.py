@@ -34,6 +34,14 @@ def test_figure_is_an_element_of_the_page_with_words_for_those_who_cannot_see_it
     assert "xml" not in made
 
 
+def test_two_figures_of_a_page_share_no_id():
+    drawing = '<svg><defs><path id="a"/></defs><use href="#a" clip-path="url(#a)"/></svg>'
+    one, other = (Figure(drawing, "", words) for words in ("tilt", "azimuth"))
+    assert one.key != other.key
+    assert one.inline.count(f'id="{one.key}-a"') == 1
+    assert f'href="#{one.key}-a" clip-path="url(#{one.key}-a)"' in one.inline
+
+
 def test_values_by_minute_are_reached_without_a_script():
     made = block("figure", Figure("<svg/>", "", "", readings=[Reading(12.5, 0.6, "12:04\nb15 <1°")]))
     assert 'style="--left:12.5%;--width:0.6%"' in made

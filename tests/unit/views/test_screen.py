@@ -146,6 +146,29 @@ def test_times_of_other_days_have_their_dates(latest, cols, rows):
     assert "\n14:08:00  mark the second day" in text
 
 
+def test_newest_events_are_last_and_old_ones_go(latest):
+    for number in range(20):
+        latest.update(Event(EventKind.MARK, 1, START_NS + number, f"mark number {number:02d}"))
+    text = "\n".join(letters(latest, 80, 24))
+    assert text.index("mark number 18") < text.index("mark number 19")
+    assert "mark number 10" not in text
+
+
+@pytest.mark.parametrize(("cols", "rows"), [(60, 24), (60, 20), (80, 24)])
+def test_regions_without_room_are_counted_not_dropped_in_silence(site, streams, regions, frame, cols, rows):
+    many = tuple(replace(regions[1], name=f"bed{number}") for number in range(9))
+    crowded = Latest(site, many, streams)
+    crowded.update(frame)
+    lines = letters(crowded, cols, rows)
+    shown = sum(line.startswith("bed") for line in lines)
+    assert 0 < shown < 9
+    (told,) = [line.strip() for line in lines if "hidden" in line]
+    more_rows = 9 - (rows - 18)
+    assert told == f"{9 - shown} more regions hidden: {more_rows} more rows show them"
+    enlarged = letters(crowded, cols, rows + more_rows)
+    assert sum(line.startswith("bed") for line in enlarged) == 9
+
+
 @pytest.mark.parametrize("cols", [60, 80, 120])
 def test_the_key_that_ends_a_recording_is_shown(latest, cols):
     assert "Ctrl-C stops" in letters(latest, cols, 24)[-1]

@@ -1,5 +1,6 @@
 """The whole report of a session in the paper's own world, where eqs. (6), (7) and (10) are exact."""
 
+import hashlib
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -113,6 +114,10 @@ def test_results_in_the_papers_world_are_right(page_text, minutes, regions, sett
     }
     assert temperature_rmse_k(columns.temperature_k, modelled) < 0.02
     assert "RMSE 0.0" in Page(page_text).text
+
+
+def test_checksum_is_the_files(page_text, recorded):
+    assert hashlib.sha256(recorded.read_bytes()).hexdigest() in page_text
 
 
 def test_every_figure_has_words_for_those_who_cannot_see_it(page_text):

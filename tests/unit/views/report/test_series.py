@@ -57,6 +57,18 @@ def test_without_a_reference_there_is_no_modelled_temperature(hours):
     assert np.isnan(modelled_temperature(columns, columns.targets[0], SurfaceParameters())).all()
 
 
+def test_sun_vector_is_that_of_the_angles(hours):
+    columns = series(hours[:1], (FLAT, B10))
+    # SPA, 30 Aug 2017 03:00 UTC at the paper's site; 0.003 degrees
+    assert columns.sun[0] == pytest.approx([-0.072789, -0.446187, 0.891975], abs=5e-5)
+
+
+def test_minutes_come_out_in_order_of_time(make_minute, regions):
+    columns = series([make_minute(2, tilt_deg=12.0), make_minute(0, tilt_deg=10.0)], regions)
+    assert np.all(np.diff(columns.time_ns) > 0)
+    assert columns.targets[0].tilt_deg == pytest.approx([10.0, 12.0])
+
+
 def test_held_slopes_are_shown_but_count_for_no_error(make_minute, regions):
     minutes = [make_minute(0), make_minute(1, state=SlopeState.HELD_CLOUD, flags=Quality.CLOUD)]
     columns = series(minutes, regions)
