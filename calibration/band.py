@@ -130,8 +130,8 @@ def before_camera_settings(
 
     Any shape; the settings are an emissivity in (0, 1] and a reflected temperature in kelvin.
     """
-    seen = emissivity * band.signal(reported_k) + (1.0 - emissivity) * band.signal(reflected_k)
-    return band.temperature(seen)
+    signal = emissivity * band.signal(reported_k) + (1.0 - emissivity) * band.signal(reflected_k)
+    return band.temperature(signal)
 
 
 def transmission(distance_m: float, air_k: float, humidity: float) -> float:

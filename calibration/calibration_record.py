@@ -127,7 +127,7 @@ def _as_json(value: Any) -> Any:
         return {key: item for key, item in entries.items() if item not in (None, "", {}, [])}
     if isinstance(value, list | tuple):
         # nothing is omitted from a list, where the position of a number is its meaning
-        return [math.nan if (known := _as_json(item)) is None else known for item in value]
+        return [math.nan if (entry := _as_json(item)) is None else entry for item in value]
     if hasattr(value, "tolist"):  # a numpy number or array
         return _as_json(value.tolist())
     if isinstance(value, float):

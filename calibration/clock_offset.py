@@ -165,8 +165,8 @@ class _ClearSkyFit:
         """Mean deviation at one shift with the best haze; the sun is never taken as below the horizon."""
         height = np.maximum(self.height(shift_s), HORIZON)
         y, mass = self.log_light - np.log(height), air_mass(height, self.site.elevation_m)
-        corrected = y + _haze(mass, y) * mass
-        return float(np.mean(np.abs(corrected - np.median(corrected))))
+        above_air = y + _haze(mass, y) * mass
+        return float(np.mean(np.abs(above_air - np.median(above_air))))
 
     def fit(self, start_s: float, used: BoolArray) -> tuple[float, FloatArray]:
         """Best shift near a first guess by the readings `used`, and the residuals of all (n,)."""

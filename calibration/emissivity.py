@@ -200,11 +200,11 @@ class _Fit:
     def line(self) -> Line:
         """With a fixed reflected temperature both signals above that of it."""
         pairs, is_fixed = self.pairs, self.reflected == "fixed"
-        seen, black = self.band.signal(pairs.apparent_k), self.band.signal(pairs.contact_k)
+        apparent, black = self.band.signal(pairs.apparent_k), self.band.signal(pairs.contact_k)
         mirror = self.band.signal(pairs.reflected_k) if is_fixed else np.zeros(len(pairs))
         points = Points(
             black - mirror,
-            seen - mirror,
+            apparent - mirror,
             self.per_k(pairs.contact_k) * pairs.contact_sd_k,
             self.per_k(pairs.apparent_k) * pairs.apparent_sd_k,
         )
@@ -214,7 +214,7 @@ class _Fit:
         """dM/dT of the band signal per kelvin."""
         return np.asarray(self.band.signal(temperature_k + 0.5) - self.band.signal(temperature_k - 0.5))
 
-    def moved(self, reflected: Reflected, **changed: FloatArray) -> float:
+    def slope_change(self, reflected: Reflected, **changed: FloatArray) -> float:
         """Change of the slope with some columns of the pairs."""
         return _Fit(replace(self.pairs, **changed), reflected, self.band).line.slope - self.line.slope
 
@@ -231,33 +231,33 @@ def _shared_effects(fit: _Fit, shared: SharedUncertainties, tape: float | None) 
     """Change of the emissivity for each shared error, found by shifting the data and fitting again."""
     pairs, band, is_fixed = fit.pairs, fit.band, fit.reflected == "fixed"
 
-    def moved(
+    def slope_change(
         *, camera_k: float = 0.0, probe_k: FloatArray | float = 0.0, reflected_k: FloatArray | float = 0.0
     ) -> float:
         mirror, contact = pairs.reflected_k + reflected_k, pairs.contact_k + probe_k
         if tape is not None:  # the same camera views the tape, which reflects the same
-            seen = tape * band.signal(pairs.contact_k) + (1.0 - tape) * band.signal(pairs.reflected_k)
-            contact = own_part_k(band.temperature(seen) + camera_k, tape, mirror, band)
+            tape_signal = tape * band.signal(pairs.contact_k) + (1.0 - tape) * band.signal(pairs.reflected_k)
+            contact = own_part_k(band.temperature(tape_signal) + camera_k, tape, mirror, band)
         seen_k = pairs.apparent_k + camera_k
-        return fit.moved(fit.reflected, apparent_k=seen_k, contact_k=contact, reflected_k=mirror)
+        return fit.slope_change(fit.reflected, apparent_k=seen_k, contact_k=contact, reflected_k=mirror)
 
-    yield Contribution("camera offset", shared.camera_k, "K", "B", moved(camera_k=shared.camera_k))
+    yield Contribution("camera offset", shared.camera_k, "K", "B", slope_change(camera_k=shared.camera_k))
     if tape is None:
         for name, error_k in (
             ("thermometer calibration", shared.thermometer_k),
             ("probe to skin temperature", shared.probe_to_skin_k),
         ):
-            yield Contribution(name, error_k, "K", "B", moved(probe_k=error_k))
+            yield Contribution(name, error_k, "K", "B", slope_change(probe_k=error_k))
         gradient_k = shared.probe_gradient_k
-        effect = moved(probe_k=gradient_k * _position(pairs))
+        effect = slope_change(probe_k=gradient_k * _position(pairs))
         yield Contribution("probe error with heat flow", gradient_k, "K", "B", effect)
     if is_fixed or tape is not None:
-        shift = moved(reflected_k=shared.reflected_k)
+        shift = slope_change(reflected_k=shared.reflected_k)
         yield Contribution("reflected temperature", shared.reflected_k, "K", "B", shift)
     if not pairs.follows_the_sky:
         drift_k = shared.sky_drift_k
         shift_k = drift_k * _position(pairs)
-        effect = moved(reflected_k=shift_k) if is_fixed else _drift_effect(fit, shift_k, tape)
+        effect = slope_change(reflected_k=shift_k) if is_fixed else _drift_effect(fit, shift_k, tape)
         yield Contribution("drift of the sky", drift_k, "K", "B", effect)
     if tape is None:  # the camera sees the tape through the same air
         yield Contribution(
@@ -282,7 +282,7 @@ def _drift_effect(fit: _Fit, drift_k: FloatArray, tape: float | None) -> float:
     by_tape = 0.0 if tape is None else (1.0 - tape) / tape
     seen_k, slope = fit.pairs.apparent_k, fit.line.slope
     per_k = fit.per_k(np.full(seen_k.size, WARM_SKY_K)) / fit.per_k(seen_k)
-    of_mirror = fit.moved("free", apparent_k=seen_k + per_k * drift_k)
+    of_mirror = fit.slope_change("free", apparent_k=seen_k + per_k * drift_k)
     effect = of_mirror * (max(1.0 - slope, MIN_REFLECTANCE) - by_tape * slope)
     return effect / max(1.0 - abs(of_mirror) * (1.0 + by_tape), 0.25)
 
@@ -291,7 +291,7 @@ def _foil_contribution(fit: _Fit, foil_sd: float) -> Contribution:
     """Effect of a foil that emits more or less than assumed: the sky would be colder or warmer."""
     mirror_k = fit.pairs.reflected_k
     own = fit.band.signal(fit.pairs.contact_k) - fit.band.signal(mirror_k)
-    effect = fit.moved("fixed", reflected_k=mirror_k - foil_sd * own / fit.per_k(mirror_k))
+    effect = fit.slope_change("fixed", reflected_k=mirror_k - foil_sd * own / fit.per_k(mirror_k))
     return Contribution("emissivity of the foil", foil_sd, "1", "B", effect)
 
 

@@ -144,11 +144,11 @@ def _start(
     )  # as OpenCV asks
     lens = np.array(distortion) if distortion else None
     try:
-        ok, turned, moved = cv2.solvePnP(points, marks, intrinsics, lens, flags=cv2.SOLVEPNP_SQPNP)
+        ok, rotation, translation = cv2.solvePnP(points, marks, intrinsics, lens, flags=cv2.SOLVEPNP_SQPNP)
     except cv2.error:  # points or marks that are all at one place
         return None
     if not ok:
         return None
-    axes = cv2.Rodrigues(turned)[0]
-    position = -axes.T @ moved.ravel()
+    axes = cv2.Rodrigues(rotation)[0]
+    position = -axes.T @ translation.ravel()
     return np.array([*position, *angles_of_axes(np.asarray(axes)), hfov_deg])

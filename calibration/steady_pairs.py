@@ -126,8 +126,8 @@ def best_lag_s(readings: Readings) -> float | None:
     Shifts of up to 30 minutes either way are tried, or a third of the time span. 0 where no shift is twice as
     good, None if undetermined.
     """
-    seen = readings.apparent_k[np.isfinite(readings.apparent_k)]
-    if seen.size == 0 or np.ptp(seen) < MIN_VARIATION_K:
+    apparent_k = readings.apparent_k[np.isfinite(readings.apparent_k)]
+    if apparent_k.size == 0 or np.ptp(apparent_k) < MIN_VARIATION_K:
         return None
     span_s = float(readings.contact_ns[-1] - readings.contact_ns[0]) / 1e9
     steps = int(min(MAX_LAG_S, span_s / 3.0) // LAG_STEP_S)
@@ -160,14 +160,14 @@ def _misfit(readings: Readings, contact_k: FloatArray, lag_s: float = 0.0, margi
     Frames within `margin_s` of the probe's ends are excluded, so that every lag is judged by the same
     frames.
     """
-    has_contact, seen = np.isfinite(contact_k), np.isfinite(readings.apparent_k)
+    has_contact, is_apparent = np.isfinite(contact_k), np.isfinite(readings.apparent_k)
     if not has_contact.any():
         return float("nan")
     origin = readings.contact_ns[0]
     probe_s, camera_s = (
         (times - origin) / 1e9 for times in (readings.contact_ns[has_contact], readings.camera_ns)
     )
-    inside = seen & (camera_s >= probe_s[0] + margin_s) & (camera_s <= probe_s[-1] - margin_s)
+    inside = is_apparent & (camera_s >= probe_s[0] + margin_s) & (camera_s <= probe_s[-1] - margin_s)
     if inside.sum() < 10:
         return float("nan")
     x, y = np.interp(camera_s[inside], probe_s + lag_s, contact_k[has_contact]), readings.apparent_k[inside]
@@ -182,14 +182,14 @@ def _blocks(readings: Readings) -> _Blocks:
     rows = []
     for number in numbers:
         start, end = int(number) * block_ns, (int(number) + 1) * block_ns
-        seen = _within(readings.camera_ns, start, end)
-        felt = _within(readings.contact_ns, start, end)
+        in_view = _within(readings.camera_ns, start, end)
+        in_contact = _within(readings.contact_ns, start, end)
         near = _within(readings.contact_ns, start - block_ns // 2, end + block_ns // 2)
-        contact, apparent = readings.contact_k[felt], readings.apparent_k[seen]
+        contact, apparent = readings.contact_k[in_contact], readings.apparent_k[in_view]
         contact = contact[np.isfinite(contact)]
         if contact.size and np.isfinite(apparent).any():
             drift = drift_k_min(readings.contact_ns[near], readings.contact_k[near])
-            mirrored = _mean(readings.reflected_k[seen])
+            mirrored = _mean(readings.reflected_k[in_view])
             rows.append((start, _mean(apparent), mirrored, float(np.median(contact)), drift))
     table = np.array([row[1:] for row in rows], np.float64).reshape(-1, 4).T
     return _Blocks(np.array([row[0] for row in rows], np.int64), *table)

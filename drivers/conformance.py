@@ -94,12 +94,14 @@ def _metadata(driver: Driver) -> list[tuple[str, Callable[[], str]]]:
         return f"{driver.name}: {driver.title}"
 
     def finds() -> str:
-        found: object = driver.find()
-        if not isinstance(found, list) or not all(isinstance(device, DiscoveredDevice) for device in found):
+        devices: object = driver.find()
+        if not isinstance(devices, list) or not all(
+            isinstance(device, DiscoveredDevice) for device in devices
+        ):
             raise CheckError("find() gives no list of DiscoveredDevice")
-        strange = [device.driver for device in found if device.driver != driver.name]
+        strange = [device.driver for device in devices if device.driver != driver.name]
         _need(not strange, f"find() returns devices of {strange}")
-        return f"{len(found)} connected"
+        return f"{len(devices)} connected"
 
     return [("it describes itself", named), ("it finds instruments", finds)]
 
@@ -139,21 +141,21 @@ def _missing(driver: Driver, clock: Clock) -> str:
 
 
 def _device(driver: Driver, clock: Clock, settings: DeviceSettings, cable: Cable | None) -> Iterator[Outcome]:
-    opened: list[Device] = []
+    devices: list[Device] = []
 
     def opens() -> str:
         device = opened_by(driver, settings, clock)
-        opened.append(device)
+        devices.append(device)
         _need(isinstance(device, Device), "open() does not return a Device")
-        return _declared(device.info, settings)
+        return _check_declaration(device.info, settings)
 
     yield (first := _outcome("it opens and declares its stream", opens))
     if first.level != "ok":
         return
-    info = opened[0].info
-    yield _outcome("it meets its deadline", lambda: _deadline(opened[0], clock))
-    yield _outcome("it delivers what it declared", lambda: _delivers(opened[0], clock))
-    yield _outcome("it closes, twice", lambda: _closes(opened[0]))
+    info = devices[0].info
+    yield _outcome("it meets its deadline", lambda: _deadline(devices[0], clock))
+    yield _outcome("it delivers what it declared", lambda: _delivers(devices[0], clock))
+    yield _outcome("it closes, twice", lambda: _closes(devices[0]))
     yield _outcome("it opens again as the same instrument", lambda: _again(driver, clock, settings, info))
     if cable is None:
         yield Outcome("skip", "cable", "not tested")
@@ -163,7 +165,7 @@ def _device(driver: Driver, clock: Clock, settings: DeviceSettings, cable: Cable
     yield _outcome("it returns as the same instrument", lambda: _back(driver, clock, settings, info))
 
 
-def _declared(info: StreamInfo, settings: DeviceSettings) -> str:
+def _check_declaration(info: StreamInfo, settings: DeviceSettings) -> str:
     _need(info.name == settings.name, f"the stream is called {info.name}, not {settings.name}")
     _need(bool(info.quantity and info.unit and info.shape), "quantity, unit or shape is missing")
     _need(info.is_camera or len(info.channels) == info.shape[0], f"{info.channels} for shape {info.shape}")

@@ -72,7 +72,9 @@ class Record(NamedTuple):
     def values(self) -> tuple[Value, ...]:
         """Each number with its description."""
         pairs = zip(self.numbers, self.channels, strict=True)
-        return tuple(Value(number, one.unit, one.name, one.quality, one.states) for number, one in pairs)
+        return tuple(
+            Value(number, value.unit, value.name, value.quality, value.states) for number, value in pairs
+        )
 
 
 class Rejected(NamedTuple):
@@ -113,7 +115,7 @@ class Decodes(Protocol):
 
 
 class RecordDriver:
-    """What the drivers of instruments share whose records have a `layout`."""
+    """Base of the drivers of instruments whose records have a `layout`."""
 
     layout: Layout
 
@@ -135,17 +137,17 @@ def decode_records(data: bytes, layout: Layout) -> Decoded:
     notes: list[str] = []
     position = 0
     while position < len(data):
-        parsed = layout.parse(data[position : position + layout.longest])
-        if parsed is None:
+        record = layout.parse(data[position : position + layout.longest])
+        if record is None:
             if len(data) - position < layout.longest:
                 break
-            parsed = Rejected(1, "no end of record found")
-        if isinstance(parsed, Record):
-            values.extend(parsed.values)
-            notes.extend([parsed.note] if parsed.note else [])
+            record = Rejected(1, "no end of record found")
+        if isinstance(record, Record):
+            values.extend(record.values)
+            notes.extend([record.note] if record.note else [])
         else:
-            _note_rejected(rejected, parsed, position)
-        position += parsed.length
+            _note_rejected(rejected, record, position)
+        position += record.length
     return Decoded(tuple(values), tuple(rejected), len(data) - position, tuple(notes))
 
 

@@ -76,7 +76,7 @@ def discover() -> tuple[list[ConnectedDevice], list[str]]:
     drivers, problems = registry.load_all()
     devices: dict[tuple[str, str], ConnectedDevice] = {}
     for driver in drivers:
-        for found in _found(driver, problems):
+        for found in _devices_of(driver, problems):
             key = (found.identity, found.port)
             before = devices.get(key)
             names = (*(before.drivers if before else ()), found.driver)
@@ -84,13 +84,13 @@ def discover() -> tuple[list[ConnectedDevice], list[str]]:
             devices[key] = ConnectedDevice(found.identity, found.port, found.title, names, note)
     recognised = {device.port for device in devices.values()}
     others = [
-        *_unrecognised(cameras(), recognised, "y16 reads it if it has Y16"),
-        *_unrecognised(serial_ports(), recognised, NO_DRIVER),
+        *_other_devices(cameras(), recognised, "y16 reads it if it has Y16"),
+        *_other_devices(serial_ports(), recognised, NO_DRIVER),
     ]
     return [*devices.values(), *others], problems
 
 
-def _found(driver: Driver, problems: list[str]) -> list[DiscoveredDevice]:
+def _devices_of(driver: Driver, problems: list[str]) -> list[DiscoveredDevice]:
     """The instruments of a driver; what keeps it from looking is a problem of its own, not of the others."""
     try:
         return driver.find()
@@ -101,7 +101,7 @@ def _found(driver: Driver, problems: list[str]) -> list[DiscoveredDevice]:
         return []
 
 
-def _unrecognised(present: list[Found], recognised: set[str], note: str) -> list[ConnectedDevice]:
+def _other_devices(present: list[Found], recognised: set[str], note: str) -> list[ConnectedDevice]:
     units = [usb for _, usb in present]
     return [
         ConnectedDevice(
@@ -154,7 +154,7 @@ def check_instruments(sysfs: Path = SYSFS) -> Iterator[Finding]:
     if not found_ports:
         yield Finding("warn", "serial port", "no USB serial port is connected", "connect the meter's adapter")
     for path, usb in found_ports:
-        yield _permission(path, usb, "dialout", [one for _, one in found_ports])
+        yield _permission(path, usb, "dialout", [usb for _, usb in found_ports])
         yield from _latency(path, sysfs)
         yield from _autosuspend(path, usb, sysfs)
     yield _modem_manager([path for path, _ in found_ports])

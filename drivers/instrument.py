@@ -117,8 +117,8 @@ class MeasuredReading:
         return _utc(self.reading.time_ns)
 
     def __repr__(self) -> str:
-        shown = ", ".join(f"{name} {value:.6g} {self.unit}" for name, value in self.values.items())
-        return f"<reading of {self.info.name}: {shown}, {_stamp(self.time)}, {_flags(self.quality)}>"
+        values = ", ".join(f"{name} {value:.6g} {self.unit}" for name, value in self.values.items())
+        return f"<reading of {self.info.name}: {values}, {_stamp(self.time)}, {_flags(self.quality)}>"
 
 
 def _utc(time_ns: int) -> datetime:

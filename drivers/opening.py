@@ -14,13 +14,13 @@ _opened: ContextVar[ExitStack | None] = ContextVar("opened", default=None)
 
 def opened_by(driver: Driver, settings: DeviceSettings, clock: Clock) -> Device:
     """The instrument as `driver` opens it; raises as `Driver.open`, and then nothing is left open."""
-    with ExitStack() as opened:
-        token = _opened.set(opened)
+    with ExitStack() as stack:
+        token = _opened.set(stack)
         try:
             device = driver.open(settings, clock)
         finally:
             _opened.reset(token)
-        opened.pop_all()
+        stack.pop_all()
         return device
 
 

@@ -63,8 +63,8 @@ def text(settings: DeviceSettings, key: str, default: str, choices: Sequence[str
     """The option `key` as text, one of `choices` if there are any; raises `ConfigError`."""
     value = settings.options.get(key, default)
     if not isinstance(value, str) or (choices and value not in choices):
-        named = ", ".join(filter(None, choices))
-        raise wrong(settings, key, value, f"one of {named}" if choices else "text")
+        listing = ", ".join(filter(None, choices))
+        raise wrong(settings, key, value, f"one of {listing}" if choices else "text")
     return value
 
 

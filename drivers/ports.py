@@ -138,13 +138,13 @@ class Framer:
         length = len(chunk)
         self.received += length
         if not self.left and 0 < length <= layout.longest:  # the short path
-            parsed = layout.parse(chunk)
+            record = layout.parse(chunk)
             begun_ns = mono_ns - length * self._byte_ns
-            if isinstance(parsed, Record) and parsed.length == length and begun_ns >= self._passed_ns:
+            if isinstance(record, Record) and record.length == length and begun_ns >= self._passed_ns:
                 self._refused = b""
                 self._passed = self.received
                 self._passed_ns = self._read_ns = mono_ns
-                return Stamped(parsed, chunk, begun_ns)
+                return Stamped(record, chunk, begun_ns)
         self.left += chunk
         self._arrivals.append(Arrival(self.received, mono_ns, mono_ns - self._read_ns))
         self._read_ns = mono_ns
@@ -165,24 +165,24 @@ class Framer:
             self.left = buffer[length:]
             if isinstance(parsed, Record):
                 self._refused = b""
-                return self._stamped(layout, parsed, buffer[:length])
+                return self._stamp(layout, parsed, buffer[:length])
             if not self._refused:
                 self.rejected += 1
                 self.reason = parsed.reason if parsed else "no end of record found"
             self._refused = (self._refused + buffer[:length])[-_REFUSED_KEPT:]
         return None
 
-    def _stamped(self, layout: Layout, record: Record, raw: bytes) -> Stamped:
+    def _stamp(self, layout: Layout, record: Record, raw: bytes) -> Stamped:
         """A record that was just taken, with its place in time; the place of its end is kept for the next."""
         end = self.received - len(self.left)
         arrival = self._arrival_of(end - len(raw))
-        bunched = not self._asked and self._waited(layout, arrival, record)
+        bunched = not self._asked and self._has_waited(layout, arrival, record)
         self._before, self._asked = (arrival, record.channels, bunched), False
         begun_ns = self._when(arrival, end - len(raw))
         self._when(self._arrival_of(end - 1), end)
         return Stamped(record, raw, begun_ns, bunched)
 
-    def _waited(self, layout: Layout, arrival: Arrival, record: Record) -> bool:
+    def _has_waited(self, layout: Layout, arrival: Arrival, record: Record) -> bool:
         """True if a record waited in the port: the wire had no time for it, or two alike came in one chunk.
 
         Different records that an instrument sends in one burst did not wait, nor what an adapter
@@ -413,7 +413,7 @@ def find_ports(driver: str, title: str, kinds: Sequence[Kind], caveat: str) -> l
 
 
 class SerialDriver(RecordDriver):
-    """What the drivers of instruments at serial ports share: any adapter is a candidate, or those of `kinds`.
+    """Base of the drivers of instruments at serial ports: any adapter is a candidate, or those of `kinds`.
 
     `caveat` says what decides.
     """
@@ -447,13 +447,13 @@ def _refuse_another(settings: DeviceSettings, ports: list[Found]) -> None:
     usb = next((usb for path, usb in ports if path == real), None)
     if usb is None or not settings.identity:
         return
-    named = [port for port in usb.ports(present) if port.matches(settings.identity)]
-    if named == [usb]:
+    matching = [port for port in usb.ports(present) if port.matches(settings.identity)]
+    if matching == [usb]:
         return
     own = usb.as_text(present)
     wrong = f"{settings.port} is {own}, not {settings.identity}"
-    if usb in named:
-        wrong = f"identity {settings.identity} is that of {len(named)} ports of one adapter"
+    if usb in matching:
+        wrong = f"identity {settings.identity} is that of {len(matching)} ports of one adapter"
     raise DeviceNotFoundError(
         f"{settings.name}: {wrong}; {listing(ports, 'USB serial port')}",
         fix=f'omit port from the configuration: the identity is enough, of {settings.port} "{own}"',

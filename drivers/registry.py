@@ -90,8 +90,8 @@ def open_device(settings: DeviceSettings, clock: Clock) -> Device:
 
 def needs(name: str) -> Mapping[str, Sequence[str]]:
     """Options that state what the driver's stream measures where its bytes do not show it; see `Driver`."""
-    found: Mapping[str, Sequence[str]] = getattr(get(name), "needs", {})
-    return found
+    options: Mapping[str, Sequence[str]] = getattr(get(name), "needs", {})
+    return options
 
 
 def decode(name: str, data: bytes, given: Mapping[str, Any]) -> Decoded:

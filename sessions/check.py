@@ -293,7 +293,7 @@ def _units(reader: StreamReader, lowest: float, highest: float) -> Iterator[Find
         yield Finding(
             "warn", info.name, f"no values in {info.unit}: the scale is not known, or nothing was measured"
         )
-    elif info.is_camera and reader.bounds.exceeded(np.array([[lowest], [highest]])).any():
+    elif info.is_camera and reader.bounds.is_exceeded(np.array([[lowest], [highest]])).any():
         text = f"values from {lowest:.4g} to {highest:.4g} {info.unit} are implausible"
         yield Finding("warn", info.name, text, _LIMITS)
     for excess in excesses:

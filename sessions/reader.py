@@ -29,7 +29,7 @@ from fieldkit.model.clock import ClockCheck, utc_ns
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import SessionError
 from fieldkit.model.learnt import Learnt
-from fieldkit.model.marks import corrected, marks_now
+from fieldkit.model.marks import corrected_events, marks_now
 from fieldkit.model.next_step import Action
 from fieldkit.model.region_schedule import RegionSchedule
 from fieldkit.model.samples import Event, Health, Quality, Sample
@@ -225,7 +225,7 @@ class SessionReader:
         drawn, changes = self._drawn_and_changed()
         schedule = RegionSchedule.of([record.region for record in drawn] or self.header.regions)
         for record in changes:
-            schedule = schedule.changed(record)
+            schedule = schedule.with_record(record)
         return schedule
 
     @property
@@ -333,7 +333,11 @@ class SessionReader:
         """
         stored = self.timed_table("events", recorded=True)
         events = [*entry_rows.events_from(stored), *self._later_events()]
-        return events if recorded else [mapped_event(self.time_map(), event) for event in corrected(events)]
+        return (
+            events
+            if recorded
+            else [mapped_event(self.time_map(), event) for event in corrected_events(events)]
+        )
 
     def marks(self) -> dict[int, Event]:
         """The marks by their numbers, as corrected since; those taken back are omitted."""

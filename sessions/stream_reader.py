@@ -273,8 +273,10 @@ class StreamReader:
         """True for values (n, channels) beyond what their quantity can be, whatever the flags."""
         values = columns["value"].reshape(-1, *self.info.shape)
         if recorded or not self.bounds.depend_on_sun:
-            return self.bounds.exceeded(values)
-        return self.bounds.exceeded(values, sun_vectors(columns["time_ns"], self._site).reshape(-1, 3)[:, 2])
+            return self.bounds.is_exceeded(values)
+        return self.bounds.is_exceeded(
+            values, sun_vectors(columns["time_ns"], self._site).reshape(-1, 3)[:, 2]
+        )
 
     def _possible(self, columns: Columns, recorded: bool) -> FloatArray:
         values = columns["value"].reshape(-1, *self.info.shape)

@@ -196,7 +196,7 @@ class Boson(CameraDriver):
     name = "boson"
     title = "FLIR Boson"
     options: tuple[str, ...] = (*camera.OPTIONS, "radiometric", "kelvin_per_count")
-    wanted = WANTED
+    video = WANTED
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes of one or more frames; option `kelvin_per_count` (0.01 for TLinear)."""
@@ -207,15 +207,15 @@ class Boson(CameraDriver):
         """Open frames and commands; a Boson without reachable commands still gives frames."""
         scale = kelvin_per_count(settings)
         radiometric = options.flag(settings, "radiometric", False)
-        opened = open_source(settings, WANTED, clock)
-        serial, facts = connect(opened.usb, clock)
+        source = open_source(settings, WANTED, clock)
+        serial, facts = connect(source.usb, clock)
         if radiometric:
             scale = make_radiometric(serial, facts, scale)
         read = partial(decode, scale=scale)
-        first = _first_frame(opened.source, read, settings.name, clock, radiometric)
-        info = camera.describe(settings, opened, first, facts, vendor="FLIR")
+        first = _first_frame(source.source, read, settings.name, clock, radiometric)
+        info = camera.describe(settings, source, first, facts, vendor="FLIR")
         run = partial(serial.request, RUN_FFC) if serial else None
-        return BosonCamera(info, opened.source, read, clock, run, serial)
+        return BosonCamera(info, source.source, read, clock, run, serial)
 
 
 class BosonCamera(camera.ThermalCamera):

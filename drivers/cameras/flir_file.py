@@ -63,7 +63,7 @@ class FlirFrame:
 def frames(data: bytes | mmap) -> Iterator[FlirFrame]:
     """Every frame of an FFF, SEQ or radiometric JPEG file; raises `DecodeError` where it is none."""
     if data[:2] == b"\xff\xd8":
-        data = embedded(data)
+        data = embedded_fff(data)
     start = 0
     while start < len(data):
         length = frame_length(data, start)
@@ -80,7 +80,7 @@ def _after_padding(data: bytes | mmap, start: int) -> int:
     return len(data) if len(gap) <= _MOST_PADDING else start
 
 
-def embedded(jpeg: bytes | mmap) -> bytes:
+def embedded_fff(jpeg: bytes | mmap) -> bytes:
     """The FFF inside a radiometric JPEG: its APP1 segments "FLIR", joined in order."""
     segments = list(_segments(jpeg))
     parts = {

@@ -117,12 +117,12 @@ class GenicamSource(StreamSource):
         return self._clock.mono_ns() - (age_ns if 0 <= age_ns < LATE_NS else 0)
 
     def _number(self, block_id: int) -> int:
-        self._sequence += passed(self._id, block_id) if self._id >= 0 else 1
+        self._sequence += blocks_between(self._id, block_id) if self._id >= 0 else 1
         self._id = block_id
         return self._sequence
 
 
-def passed(before: int, after: int) -> int:
+def blocks_between(before: int, after: int) -> int:
     """Blocks from one id to a later one, also through the wrap of 16 bits."""
     return after - before if after > before else after - before + BLOCK_IDS
 
@@ -164,41 +164,41 @@ class Genicam(CameraDriver):
         return camera.ThermalCamera(info, source, read, clock)
 
 
-def _set_up(found: Any, settings: DeviceSettings) -> dict[str, Any]:
+def _set_up(device: Any, settings: DeviceSettings) -> dict[str, Any]:
     """Choose region, Mono16 and FLIR's linear temperatures; what the camera reports of itself."""
     with _errors(f"{settings.name}: the camera refuses"):
-        vendor, model = found.get_vendor_name(), found.get_model_name()
-        formats = found.dup_available_pixel_formats_as_strings()
+        vendor, model = device.get_vendor_name(), device.get_model_name()
+        formats = device.dup_available_pixel_formats_as_strings()
         if MONO16 not in formats:
             raise DeviceError(
                 f"{settings.name}: {vendor} {model} gives {', '.join(formats)}: images without temperatures",
                 fix=f"only cameras with {MONO16} are recorded",
             )
-        found.set_pixel_format_from_string(MONO16)
+        device.set_pixel_format_from_string(MONO16)
         width, height = size_of(settings)
         if width > 0 and height > 0:
-            found.set_region(0, 0, width, height)
-        region = found.get_region()
+            device.set_region(0, 0, width, height)
+        region = device.get_region()
         return {
-            "vendor": vendor, "model": model, "serial_number": found.get_device_serial_number() or "",
-            "size": (region.width, region.height), "rate_hz": found.get_frame_rate(),
-            **_temperatures(found, settings),
+            "vendor": vendor, "model": model, "serial_number": device.get_device_serial_number() or "",
+            "size": (region.width, region.height), "rate_hz": device.get_frame_rate(),
+            **_temperatures(device, settings),
         }  # fmt: skip
 
 
-def _temperatures(found: Any, settings: DeviceSettings) -> dict[str, Any]:
+def _temperatures(device: Any, settings: DeviceSettings) -> dict[str, Any]:
     """Kelvin per count, by FLIR's ``IRFormat`` as read back, else by the configuration; NaN if unknown."""
-    if not found.is_feature_available("IRFormat"):
+    if not device.is_feature_available("IRFormat"):
         scale = options.kelvin_per_count(settings)
         return {"kelvin_per_count": scale, "scale_from": "unknown" if math.isnan(scale) else "configuration"}
-    wanted, scale = IR_FORMATS[options.text(settings, "resolution", "10mK", tuple(IR_FORMATS))]
-    found.set_string("IRFormat", wanted)
-    if (read_back := found.get_string("IRFormat")) != wanted:
+    ir_format, scale = IR_FORMATS[options.text(settings, "resolution", "10mK", tuple(IR_FORMATS))]
+    device.set_string("IRFormat", ir_format)
+    if (read_back := device.get_string("IRFormat")) != ir_format:
         raise DeviceError(
-            f"{settings.name}: the camera keeps IRFormat {read_back}, not {wanted}",
+            f"{settings.name}: the camera keeps IRFormat {read_back}, not {ir_format}",
             fix="end the maker's program, which may hold the camera's settings",
         )
-    facts = {"kelvin_per_count": scale, "scale_from": "camera", "ir_format": wanted}
-    if found.is_feature_available(EMISSIVITY):  # the camera has applied it
-        facts["emissivity"] = round(found.get_float(EMISSIVITY), 4)
+    facts = {"kelvin_per_count": scale, "scale_from": "camera", "ir_format": ir_format}
+    if device.is_feature_available(EMISSIVITY):  # the camera has applied it
+        facts["emissivity"] = round(device.get_float(EMISSIVITY), 4)
     return facts

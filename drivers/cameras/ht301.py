@@ -85,7 +85,7 @@ class Ht301(CameraDriver):
     name = "ht301"
     title = "HT-301 / T3S / T2L"
     options: tuple[str, ...] = (*camera.OPTIONS, "range")
-    wanted = WANTED
+    video = WANTED
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes of one or more frames; see `fieldkit.drivers.decoding.Decodes`."""

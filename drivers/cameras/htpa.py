@@ -153,7 +153,7 @@ class Htpa(CameraDriver):
 
 
 def _facts(name: str, answer: str) -> dict[str, Any]:
-    """What a board reports of itself; raises `DeviceError` for another array than 32x32d."""
+    """A board's report of itself; raises `DeviceError` for another array than 32x32d."""
     array = re.search(r"Arraytype (\d+)", answer)
     if array is None or int(array[1]) != ARRAY_TYPE:
         what = array[0] if array else "an unknown array"
@@ -163,4 +163,4 @@ def _facts(name: str, answer: str) -> dict[str, Any]:
         )
     serial, firmware = re.search(r"DevID: *(\d+)", answer), re.search(r"v\. ?(\d+\.\d+)", answer)
     facts = {"model": "HTPA32x32d", "serial_number": serial, "firmware": firmware}
-    return {key: one[1] if isinstance(one, re.Match) else one for key, one in facts.items() if one}
+    return {key: value[1] if isinstance(value, re.Match) else value for key, value in facts.items() if value}

@@ -148,7 +148,7 @@ class Mlx90640(SerialDriver):
 
     def open(self, settings: DeviceSettings, clock: Clock) -> camera.ThermalCamera:
         """Open the port, set what the options request, and wait for a frame."""
-        commands = _requested(settings)
+        commands = _commands_for(settings)
         port = open_port(settings, Line(baud(settings, LINE.baud)), clock)
         for command in commands:
             port.write(command)
@@ -161,7 +161,7 @@ class Mlx90640(SerialDriver):
         return camera.ThermalCamera(info, source, decode, clock)
 
 
-def _requested(settings: DeviceSettings) -> list[bytes]:
+def _commands_for(settings: DeviceSettings) -> list[bytes]:
     """Commands for the options; boards that print text ignore them. Raises `ConfigError`."""
     commands = [command(CONTINUOUS)]
     if "emissivity" in settings.options:
@@ -169,7 +169,7 @@ def _requested(settings: DeviceSettings) -> list[bytes]:
         commands.insert(0, command(b"\xa5\x45", percent))
     if "rate_hz" in settings.options:
         rate_hz = options.number(settings, "rate_hz", 4.0, (RATES_HZ[0], RATES_HZ[-1]))
-        nearest = min(RATES_HZ, key=lambda one: abs(one - rate_hz))
+        nearest = min(RATES_HZ, key=lambda rate: abs(rate - rate_hz))
         commands.insert(0, command(b"\xa5\x25", RATES_HZ.index(nearest)))
     return commands
 

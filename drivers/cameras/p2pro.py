@@ -83,22 +83,22 @@ def requested_settings(settings: DeviceSettings) -> list[CameraSetting]:
 
     Raises `ConfigError` for values that no camera of the family has.
     """
-    found: list[CameraSetting] = []
+    requested: list[CameraSetting] = []
     if gain := options.text(settings, "gain", "", ("", *GAINS)):
-        found.append(CameraSetting("gain", gain, PROPERTIES, GAIN, GAINS.index(gain)))
+        requested.append(CameraSetting("gain", gain, PROPERTIES, GAIN, GAINS.index(gain)))
     emissivity = options.number(settings, "emissivity", math.nan, (1 / PER_UNIT, 1.0))
     if not math.isnan(emissivity):
         counts = round(emissivity * PER_UNIT)
-        found.append(CameraSetting("emissivity", emissivity, PROPERTIES, EMISSIVITY, counts, slack=1))
+        requested.append(CameraSetting("emissivity", emissivity, PROPERTIES, EMISSIVITY, counts, slack=1))
     distance_m = options.number(settings, "distance_m", math.nan, (0.0, LONGEST_M))
     if not math.isnan(distance_m):
-        found.append(
+        requested.append(
             CameraSetting("distance_m", distance_m, PROPERTIES, DISTANCE, round(distance_m * PER_UNIT))
         )
     if "auto_shutter" in settings.options:
         on = options.flag(settings, "auto_shutter", True)
-        found.append(CameraSetting("auto_shutter", on, AUTO_SHUTTER, 0, int(on)))
-    return found
+        requested.append(CameraSetting("auto_shutter", on, AUTO_SHUTTER, 0, int(on)))
+    return requested
 
 
 class Commands:
@@ -159,7 +159,7 @@ class Commands:
 
 
 def connect(
-    usb: UsbIdentity, clock: Clock, wanted: Sequence[CameraSetting] = ()
+    usb: UsbIdentity, clock: Clock, requested: Sequence[CameraSetting] = ()
 ) -> tuple[Commands | None, dict[str, Any]]:
     """The command channel of a camera and the facts it reports; (None, reason) where it cannot be reached.
 
@@ -168,19 +168,19 @@ def connect(
     """
     units = [unit for unit, found in usb_instruments(((usb.vendor, usb.product),)) if found.path == usb.path]
     if not units:
-        if wanted:
+        if requested:
             raise DeviceAccessError(
-                f"the camera's commands cannot be reached, so its {wanted[0].name} cannot be set",
+                f"the camera's commands cannot be reached, so its {requested[0].name} cannot be set",
                 fix=permission_fix("plugdev"),
             )
         return None, {"commands": "not reachable"}
     commands = Commands(units[0], f"at USB {usb.path}", clock)
     try:
-        for setting in wanted:
+        for setting in requested:
             _apply(commands, setting)
         return commands, _facts(commands)
     except DeviceError as error:
-        if wanted:
+        if requested:
             raise
         return None, {"commands": error.message}
 
@@ -257,7 +257,7 @@ class P2Pro(CameraDriver):
     name = "p2pro"
     title = "InfiRay P2 Pro / Topdon TC001"
     options: tuple[str, ...] = (*camera.OPTIONS, "gain", "emissivity", "distance_m", "auto_shutter")
-    wanted = WANTED
+    video = WANTED
     caveat = "webcams share this id; only the frame size 256x384 decides"
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:

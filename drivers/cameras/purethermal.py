@@ -100,7 +100,7 @@ class PureThermal(CameraDriver):
     name = "purethermal"
     title = "PureThermal with FLIR Lepton"
     options: tuple[str, ...] = (*camera.OPTIONS, "kelvin_per_count")
-    wanted = WANTED
+    video = WANTED
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes of one or more frames; see `fieldkit.drivers.decoding.Decodes`."""

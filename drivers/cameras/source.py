@@ -124,17 +124,17 @@ class CameraFormat:
 
 
 class CameraDriver:
-    """What the drivers of cameras share; a family without a `wanted` format is not looked for."""
+    """Base of the drivers of cameras; a family without a `video` format is not looked for."""
 
     name: str
     title: str
     quantity = "brightness_temperature"
-    wanted: CameraFormat = CameraFormat((), "", ())
+    video: CameraFormat = CameraFormat((), "", ())
     caveat = ""
 
     def find(self) -> list[DiscoveredDevice]:
         """Connected cameras of the family."""
-        return find_cameras(self.name, self.title, self.wanted, self.caveat)
+        return find_cameras(self.name, self.title, self.video, self.caveat)
 
 
 def cannot_command(source: FrameSource) -> DeviceError:
@@ -162,29 +162,29 @@ WITHOUT_TEMPERATURES = {
 
 def cameras(sysfs: Path = SYSFS) -> list[Found]:
     """(path, identity) of the frame node of every USB camera."""
-    found: list[Found] = []
+    nodes: list[Found] = []
     for node in sorted(
         (sysfs / "class/video4linux").glob("video*"), key=lambda node: (len(node.name), node.name)
     ):
         usb = usb_parent(node.resolve())
         if usb is not None and _index(node) == 0:
-            found.append((f"/dev/{node.name}", usb))
-    return found
+            nodes.append((f"/dev/{node.name}", usb))
+    return nodes
 
 
-def find_cameras(driver: str, title: str, wanted: CameraFormat, caveat: str = "") -> list[DiscoveredDevice]:
-    """Connected cameras of the wanted kinds."""
+def find_cameras(driver: str, title: str, video: CameraFormat, caveat: str = "") -> list[DiscoveredDevice]:
+    """Connected cameras of that format."""
     present = cameras()
     return [
         DiscoveredDevice(
             driver, usb.as_text([other for _, other in present]), path, usb.title or title, caveat
         )
         for path, usb in present
-        if (usb.vendor, usb.product) in wanted.kinds
+        if (usb.vendor, usb.product) in video.kinds
     ]
 
 
-def open_source(settings: DeviceSettings, wanted: CameraFormat, clock: Clock) -> OpenedSource:
+def open_source(settings: DeviceSettings, video: CameraFormat, clock: Clock) -> OpenedSource:
     """The source that `settings` give or name; raises `DeviceNotFoundError` or `DeviceAccessError`.
 
     Option `backend`: ``v4l2``, ``opencv``, or ``auto`` (V4L2 on Linux, OpenCV elsewhere).
@@ -193,26 +193,26 @@ def open_source(settings: DeviceSettings, wanted: CameraFormat, clock: Clock) ->
         return OpenedSource(settings.source, settings.identity)
     backend = options.text(settings, "backend", "auto", ("auto", "v4l2", "opencv"))
     present = cameras()
-    path, usb = _pick(settings, wanted, present)
-    if refused := WITHOUT_TEMPERATURES.get((usb.vendor, usb.product)):
-        raise DeviceNotFoundError(f"{settings.name}: {refused}", fix=_ANOTHER_CAMERA)
+    path, usb = _pick(settings, video, present)
+    if reason := WITHOUT_TEMPERATURES.get((usb.vendor, usb.product)):
+        raise DeviceNotFoundError(f"{settings.name}: {reason}", fix=_ANOTHER_CAMERA)
     direct = backend == "v4l2" or (backend == "auto" and sys.platform == "linux")
     reader = V4l2Source if direct else OpenCvSource
     identity = usb.as_text([other for _, other in present]) if usb.vendor else settings.identity
     try:
-        return OpenedSource(reader(path, wanted.fourcc, wanted.sizes, clock), identity, usb)
+        return OpenedSource(reader(path, video.fourcc, video.sizes, clock), identity, usb)
     except DeviceNotFoundError as error:
-        if not wanted.otherwise or (usb.vendor, usb.product) not in wanted.kinds:
+        if not video.otherwise or (usb.vendor, usb.product) not in video.kinds:
             raise
-        raise DeviceNotFoundError(f"{error.message}: {wanted.otherwise}", fix=_ANOTHER_CAMERA) from error
+        raise DeviceNotFoundError(f"{error.message}: {video.otherwise}", fix=_ANOTHER_CAMERA) from error
 
 
-def _pick(settings: DeviceSettings, wanted: CameraFormat, present: list[Found]) -> Found:
+def _pick(settings: DeviceSettings, video: CameraFormat, present: list[Found]) -> Found:
     """The node that identity or port name; another camera in its place is an error, not a fallback."""
     if settings.port and not settings.identity:
         real = os.path.realpath(settings.port)
         return next(((path, usb) for path, usb in present if path == real), (settings.port, NO_USB))
-    return only_one(settings, fitting(settings, present, wanted.kinds), present, "USB camera")
+    return only_one(settings, fitting(settings, present, video.kinds), present, "USB camera")
 
 
 def _index(node: Path) -> int:

@@ -74,11 +74,11 @@ class PortSource(StreamSource):
         self._port.close()
 
     def _receive(self, timeout_s: float) -> Buffer | None:
-        found, self._held = self._held or self._frame(timeout_s), None
+        stamped, self._held = self._held or self._frame(timeout_s), None
         if self._port.framer.rejected > self._rejected:
-            self._rejected, self._held = self._port.framer.rejected, found
+            self._rejected, self._held = self._port.framer.rejected, stamped
             return Buffer(b"", self._clock.mono_ns(), error=True)
-        return Buffer(found.raw, found.mono_ns) if found else None
+        return Buffer(stamped.raw, stamped.mono_ns) if stamped else None
 
     def _frame(self, timeout_s: float) -> Stamped | None:
         """The next record that is not a note."""

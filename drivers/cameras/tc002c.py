@@ -49,7 +49,7 @@ class Tc002c(CameraDriver):
     name = "tc002c"
     title = "Topdon TC002C Duo"
     options: tuple[str, ...] = camera.OPTIONS
-    wanted = WANTED
+    video = WANTED
     caveat = "HIKMICRO modules without temperatures share this id; only the frame size 512x484 decides"
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:

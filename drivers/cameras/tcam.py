@@ -104,7 +104,7 @@ class TCam(CameraDriver, RecordDriver):
 
     def open(self, settings: DeviceSettings, clock: Clock) -> camera.ThermalCamera:
         """Connect, switch AGC off, and let the camera stream as fast as it can."""
-        source, facts, run_shutter = _simulated(settings.source) or _connected(settings, clock)
+        source, facts, run_shutter = _simulated_camera(settings.source) or _connect(settings, clock)
         opened = OpenedSource(source, settings.identity)
         first = camera.first_frame(source, decode, settings.name, clock)
         info = camera.describe(
@@ -118,7 +118,7 @@ _Camera = tuple[FrameSource, dict[str, Any], Callable[[], None]]
 """Its frames, what it reports of itself, and how its shutter is run."""
 
 
-def _connected(settings: DeviceSettings, clock: Clock) -> _Camera:
+def _connect(settings: DeviceSettings, clock: Clock) -> _Camera:
     port = SocketPort(address_of(settings, PORT), clock, "tCam", _ADVICE)
     facts = _facts(port, clock)
     port.write(packet(STREAM_ON))
@@ -126,12 +126,12 @@ def _connected(settings: DeviceSettings, clock: Clock) -> _Camera:
     return source, facts, lambda: port.write(packet(RUN_FFC))
 
 
-def _simulated(source: FrameSource | None) -> _Camera | None:
+def _simulated_camera(source: FrameSource | None) -> _Camera | None:
     return (source, {"model": "tCam"}, partial(purethermal.run_shutter, source)) if source else None
 
 
 def _facts(port: Port, clock: Clock) -> dict[str, Any]:
-    """What the camera reports of itself, after AGC is off; what it does not answer is left out."""
+    """The camera's report of itself, after AGC is off; without what it does not answer."""
     status = _ask(port, "status", clock)
     port.write(packet(AGC_OFF))
     config = _ask(port, "config", clock)

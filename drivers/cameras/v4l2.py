@@ -209,7 +209,7 @@ class V4l2Source:
             now_ns = self._clock.mono_ns()
             until_ns = min(end_ns, self._last_ns + OVERTAKEN_NS) if self._early else end_ns
             try:
-                arrived = self._arrived(max(until_ns - now_ns, 0) / 1e9)
+                arrived = self._next_arrival(max(until_ns - now_ns, 0) / 1e9)
             except DeviceLostError:
                 if not self._early:
                     raise
@@ -244,7 +244,7 @@ class V4l2Source:
         try:
             fcntl.ioctl(self._fd, S_CTRL, Control(ZOOM_ABSOLUTE, value))
         except OSError as error:
-            raise self._refused(f"zoom command {value:#06x}", error) from error
+            raise self._refusal(f"zoom command {value:#06x}", error) from error
 
     def close(self) -> None:
         """Release the camera; a second call does nothing."""
@@ -271,7 +271,7 @@ class V4l2Source:
         self._next, self._last_ns = number + 1, frame.mono_ns
         return frame
 
-    def _arrived(self, timeout_s: float) -> Buffer | None:
+    def _next_arrival(self, timeout_s: float) -> Buffer | None:
         """The next frame in the order the kernel has done with them."""
         descriptor = self._dequeue(timeout_s)
         if descriptor is None:
@@ -298,7 +298,7 @@ class V4l2Source:
             )
 
     def _choose(self, fourcc: str, sizes: Sequence[tuple[int, int]]) -> tuple[int, int]:
-        offered = list(self._offered(fourcc))
+        offered = list(self._sizes_offered(fourcc))
         chosen = next((size for size in sizes if size in offered), None)
         if chosen is None:
             raise DeviceNotFoundError(
@@ -316,7 +316,7 @@ class V4l2Source:
             )
         return chosen
 
-    def _offered(self, fourcc: str) -> Sequence[tuple[int, int]]:
+    def _sizes_offered(self, fourcc: str) -> Sequence[tuple[int, int]]:
         sizes: list[tuple[int, int]] = []
         while True:
             entry = FrameSize(index=len(sizes), pixel_format=_code(fourcc))
@@ -362,10 +362,10 @@ class V4l2Source:
         try:
             fcntl.ioctl(self._fd, UVC_QUERY, ExtensionQuery(unit, selector, query, len(data), address))
         except OSError as error:
-            raise self._refused(f"control {selector} of unit {unit}", error) from error
+            raise self._refusal(f"control {selector} of unit {unit}", error) from error
         return content.raw
 
-    def _refused(self, what: str, error: OSError) -> DeviceError:
+    def _refusal(self, what: str, error: OSError) -> DeviceError:
         return DeviceError(f"the camera at {self.port} refused {what}: {os.strerror(error.errno or 0)}")
 
 

@@ -17,7 +17,7 @@ _NEVER = r"(?!)"
 
 
 class Sensor(NamedTuple):
-    """What one example prints: patterns of whole lines; the group of `value` is the value, in `unit`.
+    """Output of one example: patterns of whole lines; the group of `value` is the value, in `unit`.
 
     `failure` is a line in place of a value, `others` are lines without it; `options` are the driver's, unless
     the configuration gives them. Where several lines make one record, `last` is the line behind them, and the

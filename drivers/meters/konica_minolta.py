@@ -137,15 +137,15 @@ def _long(buffer: bytes) -> Parsed:
 
 def _states(command: bytes, status: bytes) -> tuple[Quality, tuple[str, ...]]:
     """Quality and states from the four status characters."""
-    hold, error, used, battery = status
+    hold, error, range_status, battery = status
     quality = Quality.GOOD
     states = [ERRORS[error]] if error in ERRORS else []
     if states:
         quality |= Quality.NO_VALUE  # the digits are still sent, and mean nothing
-    if used == OUT_OF_RANGE:
+    if range_status == OUT_OF_RANGE:
         states.append("out_of_range")
         quality |= Quality.NO_VALUE
-    if error == ord("5") or used == OUT_OF_RANGE:
+    if error == ord("5") or range_status == OUT_OF_RANGE:
         quality |= Quality.OVERRANGE
     if error == ord("6"):
         states.append("too_dark_for_colour")

@@ -95,9 +95,9 @@ def _unit_shown(port: Port, first: Stamped) -> str:
     """The unit that decides what is recorded: light before temperature, as a light meter may show both."""
     units: dict[str, str] = {}
     stamped: Stamped | None = first
-    while stamped is not None and (shown := stamped.record.channels[0]).name not in units:
-        units[shown.name] = shown.unit
-        stamped = port.read(LAYOUT, meter.FIRST_RECORD_S) if shown.unit not in LIGHT else None
+    while stamped is not None and (x := stamped.record.channels[0]).name not in units:
+        units[x.name] = x.unit
+        stamped = port.read(LAYOUT, meter.FIRST_RECORD_S) if x.unit not in LIGHT else None
     readable = sorted(units.values(), key=lambda unit: (unit not in LIGHT, unit not in TEMPERATURE))
     return readable[0]
 

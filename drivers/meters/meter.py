@@ -191,7 +191,7 @@ def conversion(channels: Sequence[Channel], keys: Sequence[str], units: Sequence
 
 
 def _conversion(channel: Channel, unit: str) -> tuple[float, float] | None:
-    """What to add to a channel's values and to divide the sum by, for a stream's unit; None for another."""
+    """Addend of a channel's values and divisor of the sum, for a stream's unit; None for another."""
     if channel.unit == unit or Quality.NO_VALUE in channel.quality:  # OL has no unit
         return 0.0, 1.0
     meaning = meaning_of(channel.unit, channel.name)

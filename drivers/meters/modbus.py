@@ -132,7 +132,7 @@ class RegisterMap:
         decimals = (
             0
             if channel.decimals_register is None
-            else _signed(registers[channel.decimals_register - self.first])
+            else _as_signed(registers[channel.decimals_register - self.first])
         )
         # 234 tenths are 23.4 by division; by multiplication they would be 23.400000000000002
         power = 10.0**decimals if abs(decimals) <= MOST_DECIMALS else math.nan
@@ -147,19 +147,19 @@ class RegisterMap:
         return Value(math.nan, channel.unit, channel.name, quality | Quality.NO_VALUE, states)
 
 
-def packaged() -> list[str]:
+def packaged_maps() -> list[str]:
     """Names of the maps that come with fieldkit."""
     return sorted(path.stem for path in FOLDER.glob("*.toml"))
 
 
 def load_map(name: str) -> RegisterMap:
     """A packaged map by name, or one in a file; raises `ConfigError` with what is wrong and where."""
-    path = FOLDER / f"{name}.toml" if name in packaged() else Path(name)
+    path = FOLDER / f"{name}.toml" if name in packaged_maps() else Path(name)
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise ConfigError(
-            f"no register map {name!r}", fix=f"there are {', '.join(packaged())}, or give a file"
+            f"no register map {name!r}", fix=f"there are {', '.join(packaged_maps())}, or give a file"
         ) from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigError(
@@ -209,7 +209,7 @@ def _read_map(table: Mapping[str, Any]) -> RegisterMap:
     register_map = RegisterMap(
         **{name: getattr(file, name) for name in ("title", "quantity", "unit", "line", "function", "first")},
         count=file.count,
-        channels=tuple(channel for entry in file.channel for channel in _repeated(entry)),
+        channels=tuple(channel for entry in file.channel for channel in _repeat(entry)),
         no_value=file.no_value,
         **_measures(file.measures),
         limits=file.range,
@@ -233,7 +233,7 @@ def _measures(measures: str | Mapping[str, Any]) -> dict[str, Any]:
     return {"measures": by_type, "type_register": register}
 
 
-def _repeated(channel: Channel) -> list[Channel]:
+def _repeat(channel: Channel) -> list[Channel]:
     """T1 ... Tn from one entry: number and register count up."""
     if channel.repeat == 1:
         return [channel]
@@ -264,7 +264,7 @@ def _check(register_map: RegisterMap) -> None:
         raise ValueError(f"no channel has the unit of the stream, {register_map.unit}")
 
 
-def _signed(register: int) -> int:
+def _as_signed(register: int) -> int:
     return register - 0x10000 if register & 0x8000 else register
 
 
@@ -382,8 +382,8 @@ class Modbus(SerialDriver):
     title = "Modbus RTU instrument by register map"
     quantity = "irradiance"
     options: tuple[str, ...] = (*meter.OPTIONS, "map", "unit", "baud", "parity")
-    needs: Mapping[str, Sequence[str]] = {"map": packaged()}
-    caveat = f"any adapter; needs map = {' | '.join(packaged())}"
+    needs: Mapping[str, Sequence[str]] = {"map": packaged_maps()}
+    caveat = f"any adapter; needs map = {' | '.join(packaged_maps())}"
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes; see `fieldkit.drivers.decoding.Decodes`. Option `map`; without it raw registers."""
@@ -401,7 +401,8 @@ class Modbus(SerialDriver):
         name = options.text(settings, "map", "")
         if not name:
             raise ConfigError(
-                f"{settings.name}: which instrument?", fix=f"map = one of {', '.join(packaged())}, or a file"
+                f"{settings.name}: which instrument?",
+                fix=f"map = one of {', '.join(packaged_maps())}, or a file",
             )
         register_map = load_map(name)
         request = pack_request(_unit(settings), register_map.function, register_map.first, register_map.count)

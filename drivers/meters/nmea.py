@@ -51,10 +51,10 @@ def parse(buffer: bytes) -> Parsed:
     sentence = _SENTENCE.fullmatch(buffer[:end].rstrip(b"\r"))
     if sentence is None:
         return Rejected(end + 1, "not of the form $...*check")
-    return _checked(sentence, end + 1)
+    return _sentence_record(sentence, end + 1)
 
 
-def _checked(sentence: re.Match[bytes], length: int) -> Parsed:
+def _sentence_record(sentence: re.Match[bytes], length: int) -> Parsed:
     body, check = sentence.groups()
     expected = reduce(xor, body, 0)
     if int(check, 16) != expected:
@@ -74,8 +74,8 @@ def _checked(sentence: re.Match[bytes], length: int) -> Parsed:
 def _meaning(message: Any, length: int) -> Parsed:
     if message.msgID == "GGA":
         return _gga(message, length)
-    measured = getattr(message, "posMode", "") not in NOT_MEASURED  # absent before NMEA 2.3
-    valid = message.msgID == "ZDA" or (message.status == "A" and measured)
+    is_measured = getattr(message, "posMode", "") not in NOT_MEASURED  # absent before NMEA 2.3
+    valid = message.msgID == "ZDA" or (message.status == "A" and is_measured)
     place = () if message.msgID == "ZDA" else _place(message.lat, message.lon, valid)
     moment = _moment(message)
     if moment is None:

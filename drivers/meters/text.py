@@ -105,13 +105,13 @@ class Grammar:
             return None if len(buffer) < LONGEST else Rejected(len(buffer), reason)
         if self.sensor and self.sensor.last and re.match(self.sensor.value.encode(), buffer):
             return self._block(self.sensor, buffer)
-        line = _decoded(buffer[: end.start()])
+        line = _line_of(buffer[: end.start()])
         if line is None:
             return Rejected(end.end(), f"{_start(buffer)}: not text: wrong baud rate?")
-        parsed = Record(0, note=line) if not line or line.startswith("#") else self._line(line)
-        if isinstance(parsed, Record):
-            return parsed._replace(length=end.end())
-        return Rejected(end.end(), f"{line[:60]!r}: {parsed}")
+        record = Record(0, note=line) if not line or line.startswith("#") else self._line(line)
+        if isinstance(record, Record):
+            return record._replace(length=end.end())
+        return Rejected(end.end(), f"{line[:60]!r}: {record}")
 
     def _line(self, line: str) -> Record | str:
         """A record without its length, or why the line is none."""
@@ -123,7 +123,7 @@ class Grammar:
             return self._json(body)
         keys = list(_KEY.finditer(body))
         if keys:
-            return self._named(body, keys)
+            return self._named_values(body, keys)
         if "," in body and (";" in body or "\t" in body):  # 21,5;98760 would become three numbers
             return "two separators, or decimal commas: print numbers with a point"
         fields = _split(body)
@@ -133,10 +133,10 @@ class Grammar:
         return self._row(fields, has_stamp=stamp is not None)
 
     def _of_sensor(self, sensor: Sensor, line: str) -> Record | str:
-        shown = sensor.reading(line)
-        if shown is None:
+        text = sensor.reading(line)
+        if text is None:
             return "not a line of this sensor's example; without the option sensor other lines are read"
-        return self._record([_Field(sensor.channel, shown, sensor.unit)]) if shown else Record(0, note=line)
+        return self._record([_Field(sensor.channel, text, sensor.unit)]) if text else Record(0, note=line)
 
     def _block(self, sensor: Sensor, buffer: bytes) -> Parsed:
         """A record of several lines, once the line behind them is complete."""
@@ -144,13 +144,13 @@ class Grammar:
         if last is None:
             reason = f"{_start(buffer)}: no end of a record in {BLOCK_LONGEST} bytes"
             return None if len(buffer) < BLOCK_LONGEST else Rejected(len(buffer), reason)
-        lines = [_decoded(line) for line in _LINE_END.split(buffer[: last.start()])]
-        shown = sensor.channels([line or "" for line in lines]) if None not in lines else None
-        fields = [_Field(channel, value, sensor.unit) for channel, value in shown or ()]
-        parsed = self._record(fields) if fields else "a line that is not of this sensor's example"
-        if isinstance(parsed, Record):
-            return parsed._replace(length=last.end())
-        return Rejected(last.end(), f"{_start(buffer)}: {parsed}")
+        lines = [_line_of(line) for line in _LINE_END.split(buffer[: last.start()])]
+        readings = sensor.channels([line or "" for line in lines]) if None not in lines else None
+        fields = [_Field(channel, value, sensor.unit) for channel, value in readings or ()]
+        record = self._record(fields) if fields else "a line that is not of this sensor's example"
+        if isinstance(record, Record):
+            return record._replace(length=last.end())
+        return Rejected(last.end(), f"{_start(buffer)}: {record}")
 
     def _json(self, body: str) -> Record | str:
         try:
@@ -161,7 +161,7 @@ class Grammar:
             return self._row([_json_text(item) for item in document], has_stamp=False)
         return self._record(list(_leaves(document)))
 
-    def _named(self, body: str, keys: Sequence[re.Match[str]]) -> Record | str:
+    def _named_values(self, body: str, keys: Sequence[re.Match[str]]) -> Record | str:
         """Values behind their names; what stands between may also be the first words of the next name."""
         fields, first = [], _SEPARATOR.split(body[: keys[0].start()])[-1]
         for key, following in zip(keys, [*keys[1:], None], strict=True):
@@ -196,22 +196,24 @@ class Grammar:
         clock = next((field.text for field in fields if field.name == "ms"), "")
         if len(clock) > _LONGEST_CLOCK:
             return f"{clock[:20]!r} is not a time in milliseconds"
-        measured = [field for field in fields if field.name != "ms"]
-        if not any(_is_value(field.text) for field in measured):
+        measurements = [field for field in fields if field.name != "ms"]
+        if not any(_is_value(field.text) for field in measurements):
             return f"no number in it; lines may be {FORMS}"
-        values = [self._value(field) for field in measured]
+        values = [self._value(field) for field in measurements]
         return Record.of(0, _distinct(values), device_time=int(clock) if clock.isdecimal() else NO_COUNTER)
 
     def _value(self, field: _Field) -> Value:
         match = _FIELD.fullmatch(field.text.strip())
-        name, stated = _name_and_unit(field.name)
-        stated = _unit(field.unit) or stated or self.unit
-        shown = _unit(match[2] or "") if match else ""
+        name, unit_of_name = _name_and_unit(field.name)
+        unit_of_name = _unit(field.unit) or unit_of_name or self.unit
+        unit_of_value = _unit(match[2] or "") if match else ""
         number = float(match[1]) if match else math.nan
-        is_garbled = bool(stated and shown) and meaning_of(shown) is None  # 2x.5 below temp_c
+        is_garbled = (
+            bool(unit_of_name and unit_of_value) and meaning_of(unit_of_value) is None
+        )  # 2x.5 below temp_c
         if is_garbled or not math.isfinite(number) or number in self.no_value:
-            return Value(math.nan, stated, name, Quality.NO_VALUE)
-        return Value(number, shown or stated, name)
+            return Value(math.nan, unit_of_name, name, Quality.NO_VALUE)
+        return Value(number, unit_of_value or unit_of_name, name)
 
     @property
     def layout(self) -> Layout:
@@ -223,7 +225,7 @@ def _start(buffer: bytes) -> str:
     return repr(buffer[:40])[1:]
 
 
-def _decoded(raw: bytes) -> str | None:
+def _line_of(raw: bytes) -> str | None:
     """A line as text, or None; of Latin-1 only the letters of units, or any noise would be text."""
     try:
         line = raw.decode("utf-8")
@@ -298,9 +300,9 @@ def _heading(names: Sequence[str], line: str) -> Record | str:
 
 def _distinct(values: Sequence[Value]) -> Iterator[Value]:
     """The values with names of their own: ``Temp``, ``Temp 2``."""
-    seen: dict[str, int] = {}
+    counts: dict[str, int] = {}
     for value in values:
-        seen[value.channel] = count = seen.get(value.channel, 0) + 1
+        counts[value.channel] = count = counts.get(value.channel, 0) + 1
         yield value if count == 1 else value._replace(channel=f"{value.channel} {count}")
 
 
@@ -349,8 +351,8 @@ class Text(SerialDriver):
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes; see `fieldkit.drivers.decoding.Decodes`. The header may stand anywhere in them."""
         names = options.get("columns", ())
-        listed = {**options, "columns": names.split(",") if isinstance(names, str) else names}
-        grammar = _grammar(_completed(decoding_settings(self.name, listed)))
+        with_columns = {**options, "columns": names.split(",") if isinstance(names, str) else names}
+        grammar = _grammar(_with_sensor_options(decoding_settings(self.name, with_columns)))
         if not grammar.columns:
             grammar = replace(grammar, columns=header(decode_records(data, grammar.layout).notes))
         return decode_records(data, grammar.layout)
@@ -360,14 +362,14 @@ class Text(SerialDriver):
 
         Raises `DecodeError` where only comments and headers come for `PREAMBLE_S`.
         """
-        settings = _completed(settings)
+        settings = _with_sensor_options(settings)
         grammar = _grammar(settings)
         port = open_port(settings, Line(baud(settings, LINE.baud)), clock)
         grammar, first = _first_values(port, grammar, settings, clock)
-        shown = _first_unit(first) or first.channels[0].unit
-        of_unit = [channel.name for channel in first.channels if channel.unit == shown]
-        quantity = _quantity(shown, of_unit[0])
-        keys = [name for name in of_unit if _quantity(shown, name) == quantity]
+        unit_shown = _first_unit(first) or first.channels[0].unit
+        of_unit = [channel.name for channel in first.channels if channel.unit == unit_shown]
+        quantity = _quantity(unit_shown, of_unit[0])
+        keys = [name for name in of_unit if _quantity(unit_shown, name) == quantity]
         names = options.labels(settings, keys)
         unit = quantity.units.stored
         info = meter.describe(settings, port, grammar.layout, quantity.name, unit, names, model="text")
@@ -389,7 +391,7 @@ def _first_values(
     that was being printed when the port was opened lacks its first channels, so the first of all is not taken
     but from a board that prints rarely.
     """
-    within_s, given, before = max(PREAMBLE_S, 3.0 * settings.every_s), grammar.columns, Record(0)
+    within_s, configured_columns, before = max(PREAMBLE_S, 3.0 * settings.every_s), grammar.columns, Record(0)
     is_whole = settings.every_s > meter.SLOW_S
     end_ns = clock.mono_ns() + int(within_s * 1e9)
     while clock.mono_ns() < end_ns:
@@ -399,7 +401,7 @@ def _first_values(
         if has_value and (_first_unit(first) or first.channels == before.channels):
             return grammar, first
         before, is_whole = first, True
-        grammar = replace(grammar, columns=given or header([first.note]) or grammar.columns)
+        grammar = replace(grammar, columns=configured_columns or header([first.note]) or grammar.columns)
     raise DecodeError(
         f"{settings.name}: only comments and headers from {port.path}, the last one {before.note[:60]!r}",
         raw=before.note.encode(),
@@ -423,7 +425,7 @@ def _first_unit(record: Record) -> str:
     return next((channel.unit for channel in record.channels if _is_unit(channel.unit)), "")
 
 
-def _completed(settings: DeviceSettings) -> DeviceSettings:
+def _with_sensor_options(settings: DeviceSettings) -> DeviceSettings:
     """The settings with the options of their sensor, where they give none themselves."""
     name = options.text(settings, "sensor", "", ("", *SENSORS))
     return replace(settings, options={**SENSORS[name].options, **settings.options}) if name else settings

@@ -64,7 +64,7 @@ class SimulatedField:
             instrument = meter(self._scene, self._clock, settings)
             self._meters.append(instrument)
             return replace(
-                settings, port=instrument.path, options={**instrument.declared(), **settings.options}
+                settings, port=instrument.path, options={**instrument.timing_options(), **settings.options}
             )
         raise ConfigError(
             f"{settings.name}: there is no simulated instrument for the driver {settings.driver!r}",

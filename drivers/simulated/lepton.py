@@ -298,9 +298,9 @@ class SimulatedLepton:
     def _draw(self, number: int) -> bytes:
         """Bytes of a frame; while the shutter is closed they show what was seen before."""
         shutter = self._shutter.at(self._seen_ns(number))
-        shown = self._index(shutter.began_ns) if shutter.state is ShutterState.RUNNING else number
-        seen_ns = self._seen_ns(shown)
-        kelvin = self._scene.frame(self._clock.to_utc_ns(seen_ns), shown, self._correction(seen_ns))
+        drawn_number = self._index(shutter.began_ns) if shutter.state is ShutterState.RUNNING else number
+        seen_ns = self._seen_ns(drawn_number)
+        kelvin = self._scene.frame(self._clock.to_utc_ns(seen_ns), drawn_number, self._correction(seen_ns))
         counts = np.rint((kelvin + self._offset_k) * np.float32(self._board.counts_per_kelvin)).astype("<u2")
         return bytes(counts.tobytes()) + self._board.telemetry(self._vitals(self._seen_ns(number), number))
 

@@ -56,7 +56,7 @@ class SimulatedMeter(ABC):
         self.path: str = self._terminal.path
         self._start()
 
-    def declared(self) -> dict[str, float]:
+    def timing_options(self) -> dict[str, float]:
         """Options by which the driver's stream declares latency and response."""
         return {"latency_s": self.latency_s, "response_s": self.response_s}
 
@@ -84,7 +84,7 @@ class SimulatedMeter(ABC):
             return
         now_ns = self._clock.to_utc_ns(self._clock.mono_ns())
         if self._scene.is_on(FaultKind.GARBLED, now_ns):
-            record = garbled(record, np.random.default_rng([self._scene.seed, now_ns]))
+            record = garble(record, np.random.default_rng([self._scene.seed, now_ns]))
         self._terminal.send(record)
 
 
@@ -167,7 +167,7 @@ def center_309_record(celsius: ArrayLike) -> bytes:
     return bytes(record)
 
 
-def garbled(record: bytes, random: np.random.Generator) -> bytes:
+def garble(record: bytes, random: np.random.Generator) -> bytes:
     """A record after a bad contact: mostly with bytes lost and others changed."""
     if random.random() > _SPOILT_SHARE:
         return record
@@ -206,7 +206,7 @@ class PseudoTerminal:
 
     def listen(self, receive: Callable[[bytes], None]) -> None:
         """Call `receive` with what the driver sends."""
-        self._clock.watch(self._master, lambda: receive(self._received()))
+        self._clock.watch(self._master, lambda: receive(self._receive()))
         self._watched = True
 
     def send(self, data: bytes) -> None:
@@ -242,7 +242,7 @@ class PseudoTerminal:
             time.sleep(20e-6)
         return False
 
-    def _received(self) -> bytes:
+    def _receive(self) -> bytes:
         with self._open:
             try:
                 return os.read(self._master, 4096) if self._master >= 0 else b""

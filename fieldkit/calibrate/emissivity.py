@@ -147,7 +147,7 @@ def emissivity(
             instrument=instrument_of(setup.camera),
             sources=(record_source(opened.path),),
             details=_details(fit, pairs, setup),
-            settings={"sample": sample, **options.recorded()},
+            settings={"sample": sample, **options.as_settings()},
             remarks=fit.remarks,
         )
         used_by = f'surface.emissivity = "@{sample}"'

@@ -186,10 +186,10 @@ def _reference(
 def _radiation(session: SessionReader, config: Config, stream: str, components: Sequence[str]) -> str:
     """The stream of that name; raises `ConfigError` if it is known to measure something else."""
     info = one_stream(session, "irradiance", stream)
-    measured = set(radiation_components(info, config.tables.irradiance.measures)) - {""}
-    if measured and not measured & set(components):
+    components_measured = set(radiation_components(info, config.tables.irradiance.measures)) - {""}
+    if components_measured and not components_measured & set(components):
         raise ConfigError(
-            f"{stream} measures {', '.join(sorted(measured))}, not {' or '.join(components)}",
+            f"{stream} measures {', '.join(sorted(components_measured))}, not {' or '.join(components)}",
             fix=f"name another stream, or correct irradiance.measures.{stream}",
         )
     return info.name

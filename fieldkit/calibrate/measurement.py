@@ -102,7 +102,7 @@ class MeasurementOptions:
     Examples
     --------
     >>> options = fieldkit.calibrate.MeasurementOptions(region="flat", reflected=-42.0, probe_sd_k=0.2)
-    >>> options.recorded()["reflected"]
+    >>> options.as_settings()["reflected"]
     '-42.0'
     """
 
@@ -137,7 +137,7 @@ class MeasurementOptions:
         if self.unit not in get_args(_Unit):
             raise ConfigError(f"{self.unit!r} is not a unit of a thermometer", fix="give C or F")
 
-    def recorded(self) -> dict[str, Any]:
+    def as_settings(self) -> dict[str, Any]:
         """The options by their names in a calibration record, to repeat it; empty ones are omitted."""
         options = {**asdict(self), "reflected": str(self.reflected)}
         return {key: value for key, value in options.items() if value not in (None, "", False)}
@@ -400,7 +400,9 @@ class ReadingCollector:
         probe = self.setup.thermometer
         assert probe is not None
         kelvin = kelvin_if_fahrenheit(values) if self.setup.options.unit == "F" else values
-        return np.where(bounds_by_name(["probe_temperature"], probe.limits).exceeded(kelvin), np.nan, kelvin)
+        return np.where(
+            bounds_by_name(["probe_temperature"], probe.limits).is_exceeded(kelvin), np.nan, kelvin
+        )
 
     def other_probes_k(self) -> dict[str, FloatArray]:
         """The probes that were not chosen, by name; probes without any reading are omitted."""

@@ -73,7 +73,7 @@ class Binner:
         A mark may come as early as wanted: it counts from the minute in which it was made. So may a change.
         """
         if isinstance(sample, RegionRecord):
-            self.schedule = self.schedule.changed(sample)
+            self.schedule = self.schedule.with_record(sample)
             return []
         if isinstance(sample, Event):
             self._disturbances.add(sample)

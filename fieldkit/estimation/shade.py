@@ -17,7 +17,7 @@ import numpy as np
 
 from fieldkit.estimation.bins import pad
 from fieldkit.model.arrays import FloatArray, IntArray
-from fieldkit.model.marks import SHADE_TEST_S, corrected
+from fieldkit.model.marks import SHADE_TEST_S, corrected_events
 from fieldkit.model.region_schedule import RegionSchedule
 from fieldkit.model.samples import Event
 from fieldkit.model.units import MINUTE_NS, SECOND_NS
@@ -247,7 +247,7 @@ class ShadeMarks:
         """
         marked = [
             (noted, column, event)
-            for event in corrected(self._events)
+            for event in corrected_events(self._events)
             if "shade_test" in event.data
             if (noted := _noted_minute(event)) <= minute or is_last
             if (column := schedule.column(str(event.data["shade_test"]), noted)) is not None
@@ -266,7 +266,7 @@ class ShadeMarks:
 
     def just_begun(self, minute: int, schedule: RegionSchedule) -> set[int]:
         """Columns whose test was marked as begun in the minute before."""
-        begins = (event for event in corrected(self._events) if event.data.get("phase") == "begin")
+        begins = (event for event in corrected_events(self._events) if event.data.get("phase") == "begin")
         names = (begin.data["shade_test"] for begin in begins if _noted_minute(begin) == minute - 1)
         return {column for name in names if (column := schedule.column(str(name), minute)) is not None}
 

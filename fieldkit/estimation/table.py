@@ -109,7 +109,7 @@ def possible(
     )
     values = np.column_stack([*surfaces.values(), *columns.values()])
     sun = sun_vectors(table.time_ns, site, refraction=settings.refraction).reshape(-1, 3)
-    exceeded = bounds.exceeded(values, sun[:, 2])
+    exceeded = bounds.is_exceeded(values, sun[:, 2])
     reference, *others = np.where(exceeded, np.nan, values).T
     targets = dict(zip(table.targets_k, others, strict=False))
     kept = dict(zip(columns, others[len(targets) :], strict=True))

@@ -70,8 +70,8 @@ class GroundView:
 
     def on_cells(self, values: SingleArray) -> SingleArray:
         """Values (rows, cols) of the frame on the cells of the ground; NaN where the camera sees none."""
-        row, col, seen = self._visible_cells()
-        return np.where(seen, values[row, col], np.float32(np.nan))
+        row, col, is_visible = self._visible_cells()
+        return np.where(is_visible, values[row, col], np.float32(np.nan))
 
     def relief(self, slopes: SlopeMap) -> tuple[FloatArray, FloatArray]:
         """Heights in metres that have these slopes, of the ground's mean, and their misclosure in degrees.

@@ -58,7 +58,7 @@ class FieldkitError(Exception):
 
     @property
     def explanation(self) -> Text:
-        """What happened, and where: the text of `message` with its arguments as data."""
+        """The problem, and its place: the text of `message` with its arguments as data."""
         if self.place is None:
             return self.problem
         place = self.place if isinstance(self.place, Phrase) else str(self.place)
@@ -66,7 +66,7 @@ class FieldkitError(Exception):
 
     @property
     def message(self) -> str:
-        """What happened, to which thing."""
+        """The problem, with its place, as text."""
         return str(self.explanation)
 
     def __str__(self) -> str:

@@ -1,4 +1,4 @@
-"""What can go wrong in a simulated field."""
+"""Kinds of faults in a simulated field."""
 
 from __future__ import annotations
 

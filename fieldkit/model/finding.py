@@ -1,4 +1,4 @@
-"""What a check found, and the worst of several findings."""
+"""Findings of a check, and the worst of several."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ def changed_rows(stated: Mapping[str, Sequence[float]], body: str) -> dict[str, 
     rows = {} if body == "earth" else {key: row.elsewhere for key, row in LIMITS.items() if row.elsewhere}
     for key, row in LIMITS.items():
         if ends := stated.get(row.limits_key):
-            low, high = (Meaning(row, row.shown).stored(end) for end in ends)
+            low, high = (Meaning(row, row.shown).in_stream_unit(end) for end in ends)
             rows[key] = low, high
     return rows
 
@@ -61,7 +61,7 @@ class Bounds:
         """True if a channel's limit depends on the sun's elevation."""
         return bool((self.rise > 0.0).any())
 
-    def exceeded(self, values: FloatArray, sine: FloatArray | float | None = None) -> BoolArray:
+    def is_exceeded(self, values: FloatArray, sine: FloatArray | float | None = None) -> BoolArray:
         """True for values (..., channels) that cannot be; False for NaN.
 
         `sine`, (...) or one for all, is of the sun's elevation, if known.
@@ -79,7 +79,7 @@ class Bounds:
         sine: FloatArray | float | None = None,
     ) -> FloatArray:
         """Values (..., channels) for whatever computes: NaN where flags (...) or limits exclude them."""
-        excluded = self.exceeded(values, sine) | ~is_usable(flags)[..., np.newaxis]
+        excluded = self.is_exceeded(values, sine) | ~is_usable(flags)[..., np.newaxis]
         return np.where(excluded, np.nan, values)
 
 
@@ -110,7 +110,7 @@ def excesses(
 ) -> list[Excess]:
     """Each channel with values (n, channels) beyond its limits; `labels` are names and units of all channels.
 
-    `exceeded` (n, channels) is what `Bounds.exceeded` found.
+    `exceeded` (n, channels) is what `Bounds.is_exceeded` found.
     """
     channels = []
     for place in np.flatnonzero(exceeded.any(axis=0)).tolist():
@@ -129,7 +129,7 @@ def labels_of(info: StreamInfo) -> list[tuple[str, str]]:
 
 def flag_implausible(sample: S, bounds: Bounds) -> S:
     """The sample, flagged `IMPLAUSIBLE` if it is a reading with a channel beyond its limits."""
-    if isinstance(sample, Frame) or not bounds.exceeded(np.array(sample.values)).any():
+    if isinstance(sample, Frame) or not bounds.is_exceeded(np.array(sample.values)).any():
         return sample
     return sample._replace(quality=sample.quality | Quality.IMPLAUSIBLE)
 

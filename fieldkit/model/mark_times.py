@@ -34,7 +34,7 @@ def parse_when(text: str, now: datetime) -> When:
     return (moment if moment.tzinfo else moment.replace(tzinfo=now.tzinfo)).isoformat()
 
 
-def shown_at(shown: time_of_day, now: datetime) -> list[datetime]:
+def moments_of(shown: time_of_day, now: datetime) -> list[datetime]:
     """When clocks in the zone of `now` show a time, from yesterday to tomorrow."""
     return [  # an hour that clocks show twice has two moments, the later of them with a fold
         datetime.combine(now.date() + timedelta(days), shown.replace(fold=fold), now.tzinfo)
@@ -46,7 +46,7 @@ def shown_at(shown: time_of_day, now: datetime) -> list[datetime]:
 def _last(shown: time_of_day, now: datetime) -> datetime:
     """When clocks last showed a time, in its own zone if it has one."""
     latest_s = now.timestamp() + CLOCKS_DIFFER.total_seconds()
-    moments = shown_at(shown, now.astimezone(shown.tzinfo) if shown.tzinfo else now)
+    moments = moments_of(shown, now.astimezone(shown.tzinfo) if shown.tzinfo else now)
     return next(moment for moment in reversed(moments) if moment.timestamp() <= latest_s)
 
 
@@ -56,8 +56,8 @@ def reject_impossible(mark: Mark, now: datetime) -> None:
     after_s = [_after_s(end, now) for end in ends]
     for end, seconds in zip(ends, after_s, strict=True):
         if abs(seconds) > FAR_S:
-            shown = f"{seconds:g} s" if isinstance(end, float) else end
-            raise ConfigError(f"{shown} is more than {FAR_S / YEAR_S:.0f} years from now; correct the time")
+            text = f"{seconds:g} s" if isinstance(end, float) else end
+            raise ConfigError(f"{text} is more than {FAR_S / YEAR_S:.0f} years from now; correct the time")
     if after_s[-1] < after_s[0]:
         raise ConfigError("the end lies before the start; exchange them")
 

@@ -63,7 +63,7 @@ def shade_test(text: str) -> tuple[str, str] | None:
 
 
 def mark_details(mark: Mark, end_ns: int, noted_ns: int) -> dict[str, str | int | float]:
-    """What an event keeps of a mark besides its text: its label, a span's end, what it says of shade."""
+    """Details of a mark in its event, besides its text: label, end of a span, shade test."""
     label: dict[str, str | int | float] = {"label": mark.label} if mark.label else {}
     span = label if mark.to is None else {**label, "end_ns": end_ns}
     if mark.corrects:
@@ -92,10 +92,10 @@ def marks_now(events: Collection[Event]) -> dict[int, Event]:
 
 
 def _as_made(mark: Event) -> Event:
-    return replace(mark, data={name: one for name, one in mark.data.items() if name != "corrects"})
+    return replace(mark, data={name: value for name, value in mark.data.items() if name != "corrects"})
 
 
-def corrected(events: Collection[Event]) -> list[Event]:
+def corrected_events(events: Collection[Event]) -> list[Event]:
     """A session's events with every mark as corrected last, without those taken back."""
     now = marks_now(events)
     places = {id(mark): now.get(number) for number, mark in marks_made(events).items()}

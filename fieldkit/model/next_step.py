@@ -53,7 +53,7 @@ class Argument(Phrase):
 
 
 class Action(Enum):
-    """What a person can do next; the value is its call in Python. Called with values, it is a `Step`."""
+    """A person's next action; the value is its call in Python. Called with values, it is a `Step`."""
 
     ADD_DEVICES = "campaign.add_devices()"
     ADD_REGION = "campaign.add_region(name, points=[...])"

@@ -282,12 +282,12 @@ _LABEL_END = re.compile(rf"(_avg|_ms|{'|'.join(_SUFFIXES)})+$")
 
 
 class Meaning(NamedTuple):
-    """What the numbers of a column are: their quantity, and the unit they are written in."""
+    """Meaning of a column's numbers: their quantity, and the unit they are written in."""
 
     quantity: Quantity
     unit: Unit
 
-    def stored(self, number: float) -> float:
+    def in_stream_unit(self, number: float) -> float:
         """A written number in the unit of the stream."""
         return (number + self.unit.add) / self.unit.by
 

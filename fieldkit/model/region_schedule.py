@@ -35,7 +35,7 @@ class RegionSchedule:
             return regions
         return cls(tuple(regions), (_ALWAYS,) * len(regions), (_NEVER,) * len(regions))
 
-    def changed(self, record: RegionRecord) -> RegionSchedule:
+    def with_record(self, record: RegionRecord) -> RegionSchedule:
         """The schedule with a region added, redrawn or removed; the same one where nothing changes."""
         minute, column = -(-record.time_ns // MINUTE_NS), self._current(record.region.name)
         if (
@@ -72,8 +72,8 @@ class RegionSchedule:
     @property
     def latest(self) -> tuple[Region, ...]:
         """Every region once, as it was drawn last; also those that were removed."""
-        drawn = {region.name: region for region in self.columns}
-        return tuple(drawn[name] for name in self.names)
+        latest = {region.name: region for region in self.columns}
+        return tuple(latest[name] for name in self.names)
 
     @property
     def is_constant(self) -> bool:
@@ -92,8 +92,10 @@ class RegionSchedule:
 
     def _current(self, name: str) -> int | None:
         """The column of a region that has not ended."""
-        held = (i for i, one in enumerate(self.columns) if one.name == name and self.until[i] == _NEVER)
-        return next(held, None)
+        columns = (
+            i for i, region in enumerate(self.columns) if region.name == name and self.until[i] == _NEVER
+        )
+        return next(columns, None)
 
 
 Regions = Sequence[Region] | RegionSchedule

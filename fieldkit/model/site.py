@@ -187,12 +187,12 @@ class Region:
         before = np.roll(inward, 1, axis=0)
         with np.errstate(divide="ignore", invalid="ignore"):  # an edge that runs straight back
             mitre = (before + inward) / (1.0 + np.sum(before * inward, axis=1, keepdims=True))
-            moved = corners + pixels * mitre
-        is_convex = np.sum((np.roll(moved, -1, axis=0) - moved) * along, axis=1) > 0.0  # no edge is reversed
+            inner = corners + pixels * mitre
+        is_convex = np.sum((np.roll(inner, -1, axis=0) - inner) * along, axis=1) > 0.0  # no edge is reversed
         if not (is_convex.all() and inward.any()):
             what = f"nothing of region {self.name!r} is {pixels:g} px inside its edge"
             raise ConfigError(what, fix="shrink it less")
-        return replace(self, vertices=tuple((float(x), float(y)) for x, y in moved))
+        return replace(self, vertices=tuple((float(x), float(y)) for x, y in inner))
 
 
 @dataclass(frozen=True, slots=True)

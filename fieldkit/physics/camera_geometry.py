@@ -263,8 +263,8 @@ def project_to_frame(
     inside = (x > -0.5) & (x < cols - 0.5) & (y > -0.5) & (y < rows - 0.5)
     row, col = (np.rint(np.where(inside, coordinate, 0.0)).astype(np.intp) for coordinate in (y, x))
     # the pixel's own ray may meet farther ground than the point does near its edge
-    seen = inside & (np.abs(distances_m[row, col] - away) <= slack_m + 0.05 * away)
-    return np.where(seen, row, 0), np.where(seen, col, 0), seen
+    is_visible = inside & (np.abs(distances_m[row, col] - away) <= slack_m + 0.05 * away)
+    return np.where(is_visible, row, 0), np.where(is_visible, col, 0), is_visible
 
 
 def is_hidden(ground: Heights, eye_m: ArrayLike, points_m: FloatArray, slack_m: float) -> BoolArray:

@@ -331,8 +331,8 @@ def hay_davies_diffuse(
     """
     circumsolar = np.clip(np.divide(dni_w_m2, extraterrestrial_w_m2), 0.0, 1.0)
     beam_ratio = np.maximum(cos_incidence, 0.0) / np.maximum(cos_zenith, _LOWEST_COS_ZENITH)
-    seen = circumsolar * beam_ratio + (1.0 - circumsolar) * sky_view(cos_tilt)
-    return np.asarray(np.multiply(dhi_w_m2, seen))
+    share = circumsolar * beam_ratio + (1.0 - circumsolar) * sky_view(cos_tilt)
+    return np.asarray(np.multiply(dhi_w_m2, share))
 
 
 def perez_brightening(
@@ -365,8 +365,8 @@ def perez_diffuse(
     around_sun, horizon = perez_brightening(dhi_w_m2, dni_w_m2, extraterrestrial_w_m2, cos_zenith)
     beam_ratio = np.maximum(cos_incidence, 0.0) / np.maximum(cos_zenith, _LOWEST_PEREZ_COS)
     sine = np.sqrt(np.clip(1.0 - np.square(cos_tilt), 0.0, 1.0))
-    seen = (1.0 - around_sun) * sky_view(cos_tilt) + around_sun * beam_ratio + horizon * sine
-    return np.asarray(np.maximum(np.multiply(dhi_w_m2, seen), 0.0))
+    share = (1.0 - around_sun) * sky_view(cos_tilt) + around_sun * beam_ratio + horizon * sine
+    return np.asarray(np.maximum(np.multiply(dhi_w_m2, share), 0.0))
 
 
 def ground_reflected(ghi_w_m2: ArrayLike, ground_albedo: ArrayLike, cos_tilt: ArrayLike) -> FloatArray:

@@ -132,8 +132,8 @@ def _to_sun(unix_s: FloatArray) -> tuple[FloatArray, FloatArray]:
     moon = erfa.moon98(*tt)
     position, velocity = -(heliocentric["p"] + moon["p"]), barycentric["v"] + moon["v"]
     distance = np.linalg.norm(position, axis=1)
-    seen = position / distance[:, np.newaxis] + velocity / _C_AU_D  # aberration
-    return seen / np.linalg.norm(seen, axis=1, keepdims=True), distance
+    is_visible = position / distance[:, np.newaxis] + velocity / _C_AU_D  # aberration
+    return is_visible / np.linalg.norm(is_visible, axis=1, keepdims=True), distance
 
 
 def _rotation(days: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -20,7 +20,7 @@ from fieldkit.estimation.estimator import Estimator, Minute
 from fieldkit.model.channels import with_components
 from fieldkit.model.device import StreamInfo, frame_shapes
 from fieldkit.model.durations import as_seconds
-from fieldkit.model.mark_times import shown_at
+from fieldkit.model.mark_times import moments_of
 from fieldkit.model.site import Site
 from fieldkit.model.units import SECOND_NS
 from fieldkit.recorder import Recorder, Summary, View
@@ -308,7 +308,7 @@ def ns_until(time_of_day: time, site: Site, utc_ns: int) -> int:
     """Nanoseconds from a time to the next one at which the site's clocks show `time_of_day`."""
     now = formatting.local_time(utc_ns, site)
     # by timestamps: local times differ by an hour more or less where clocks change in between
-    left_s = [moment.timestamp() - now.timestamp() for moment in shown_at(time_of_day, now)]
+    left_s = [moment.timestamp() - now.timestamp() for moment in moments_of(time_of_day, now)]
     return round(next(wait_s for wait_s in left_s if wait_s > 0.0) * SECOND_NS)
 
 

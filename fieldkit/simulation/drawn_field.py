@@ -151,15 +151,15 @@ def drawn_field(seed: int, spread: Spread | None = None) -> DrawnField:
 
 def drawn_scene(scene: Scene) -> Scene:
     """The same beds, ground, day and faults in the field of the scene's seed."""
-    drawn = drawn_field(scene.seed)
+    field = drawn_field(scene.seed)
     return replace(
         scene,
-        sky=drawn.sky(scene.sky),
-        facets=tuple(drawn.bed(facet) for facet in scene.facets),
-        ground=scene.ground if scene.terrain is None else drawn.bed(scene.ground),
-        exchange=drawn.exchange,
-        circumsolar_share=drawn.circumsolar_share,
-        light_factor=drawn.light_factor,
+        sky=field.sky(scene.sky),
+        facets=tuple(field.bed(facet) for facet in scene.facets),
+        ground=scene.ground if scene.terrain is None else field.bed(scene.ground),
+        exchange=field.exchange,
+        circumsolar_share=field.circumsolar_share,
+        light_factor=field.light_factor,
     )
 
 

@@ -75,12 +75,12 @@ def pixel_shares(facets: Sequence[Facet]) -> SingleArray:
 
     Each facet covers those before it; edges are blurred as by a lens.
     """
-    seen = np.zeros((len(facets) + 1, *FRAME_SHAPE))
-    seen[-1] = 1.0
+    layers = np.zeros((len(facets) + 1, *FRAME_SHAPE))
+    layers[-1] = 1.0
     for number, facet in enumerate(facets):
         mask = Region(facet.name, RegionKind.TARGET, facet.vertices).mask(FRAME_SHAPE)
-        seen[:, mask] = 0.0
-        seen[number, mask] = 1.0
-    soft = np.stack([gaussian_filter(layer, _BLUR_PX, mode="nearest") for layer in seen])
-    shares: SingleArray = (soft / soft.sum(axis=0)).reshape(len(seen), -1).astype(np.float32)
+        layers[:, mask] = 0.0
+        layers[number, mask] = 1.0
+    soft = np.stack([gaussian_filter(layer, _BLUR_PX, mode="nearest") for layer in layers])
+    shares: SingleArray = (soft / soft.sum(axis=0)).reshape(len(layers), -1).astype(np.float32)
     return shares

@@ -41,5 +41,5 @@ class Motion:
             shift = shift + self.jump_px
         turn = cv2.Rodrigues(np.array([0.0, np.radians(share * self.pan_deg), 0.0]))[0]
         centre = np.array([[FOCAL_PX, 0.0, 79.5], [0.0, FOCAL_PX, 59.5], [0.0, 0.0, 1.0]])
-        moved = np.array([[1.0, 0.0, shift[0]], [0.0, 1.0, shift[1]], [0.0, 0.0, 1.0]])
-        return np.asarray(centre @ turn @ np.linalg.inv(centre) @ moved)
+        translation = np.array([[1.0, 0.0, shift[0]], [0.0, 1.0, shift[1]], [0.0, 0.0, 1.0]])
+        return np.asarray(centre @ turn @ np.linalg.inv(centre) @ translation)

@@ -66,9 +66,9 @@ class MeasuredSky:
         """See `Sky`; the position of the sun is part of the measurement."""
         day = self.weather
         if time_ns[-1] < day.time_ns[0] or time_ns[0] > day.time_ns[-1]:
-            measured = day.time_ns[[0, -1]].astype("datetime64[ns]").astype("datetime64[m]")
+            span = day.time_ns[[0, -1]].astype("datetime64[ns]").astype("datetime64[m]")
             raise ConfigError(
-                f"the weather was measured from {measured[0]} to {measured[1]} UTC, not at the scene's time",
+                f"the weather was measured from {span[0]} to {span[1]} UTC, not at the scene's time",
                 fix="let the scene start on that day",
             )
         return SkyState(

@@ -91,7 +91,7 @@ def possible(
         for place, reading in zip(places, readings, strict=True):
             # whatever the sun's height: times may be corrected
             samples[place] = flag_implausible(reading, bounds)
-        found = excesses(labels_of(info), bounds, values, bounds.exceeded(values, sine))
+        found = excesses(labels_of(info), bounds, values, bounds.is_exceeded(values, sine))
         words = (one.words(_place(readings[one.first])) for one in found)
         notes += [(Severity.WARNING, f"{text}; stored, not used") for text in words]
     return replace(imported, streams=streams, samples=samples, notes=tuple(notes))
@@ -103,7 +103,7 @@ def _on_first_frame(frame: Sample | None, info: StreamInfo) -> Iterator[tuple[Se
     # NaN, and so possible, where counts alone do not give kelvin
     median_k = float(np.median(frame.counts)) * info.scale + info.offset
     bounds = bounds_of(info)
-    if bounds.exceeded(np.array([median_k])).any():
+    if bounds.is_exceeded(np.array([median_k])).any():
         possible_k = f"possible: {bounds.low[0]:.4g} to {bounds.high[0]:.4g}"
         text = f"{info.name}: the median of the first frame is {median_k:.6g} K; {possible_k}"
         yield Severity.WARNING, f"{text}; are its unit and scale right? stored, not used"

@@ -265,7 +265,7 @@ def _value(item: _Item, row: Sequence[str], step: timedelta) -> float:
     if not _is_normal(item, row):
         return float("nan")
     is_sum = item.kind.unit == _SUM
-    return number * 1e6 / step.total_seconds() if is_sum else item.kind.stored(number)
+    return number * 1e6 / step.total_seconds() if is_sum else item.kind.in_stream_unit(number)
 
 
 # --- radiation tables: one quantity of one month, a row a day

@@ -212,7 +212,7 @@ class Channel(NamedTuple):
     def value(self, cells: Sequence[str]) -> float:
         """The number of a row in the stream's unit; NaN without one."""
         meaning = self.meaning_in(cells)
-        return meaning.stored(_number(_cell(cells, self.place))) if meaning else math.nan
+        return meaning.in_stream_unit(_number(_cell(cells, self.place))) if meaning else math.nan
 
     def meaning_in(self, cells: Sequence[str]) -> Meaning | None:
         """Meaning of a row's number; None where its unit is of another quantity."""

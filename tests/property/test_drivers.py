@@ -30,7 +30,7 @@ from fieldkit.drivers.cameras.camera import DecodedFrame
 from fieldkit.drivers.decoding import Rejected
 from fieldkit.drivers.meters import center, lutron, text
 from fieldkit.drivers.meters.board_sensors import SENSORS
-from fieldkit.drivers.meters.modbus import packaged
+from fieldkit.drivers.meters.modbus import packaged_maps
 from fieldkit.drivers.ports import Framer
 from fieldkit.drivers.registry import BUILT_IN
 from fieldkit.model.errors import DecodeError
@@ -50,7 +50,7 @@ LARGEST = {
     "gpsd": None,
     "text": None,
 }
-OPTIONS = [(name, {}) for name in LARGEST] + [("modbus", {"map": name}) for name in packaged()]
+OPTIONS = [(name, {}) for name in LARGEST] + [("modbus", {"map": name}) for name in packaged_maps()]
 OPTIONS += [("text", {"sensor": name}) for name in SENSORS]
 FRAMES = {
     "purethermal": (purethermal.decode, tuple(purethermal.SHAPES)),

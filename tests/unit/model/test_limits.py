@@ -25,7 +25,7 @@ STREAMS = {
 
 
 def exceeds(name: str, value: float, sine: float | None = None) -> bool:
-    return bool(bounds_of(STREAMS[name]).exceeded(np.array([[value]]), sine).any())
+    return bool(bounds_of(STREAMS[name]).is_exceeded(np.array([[value]]), sine).any())
 
 
 @pytest.mark.parametrize(
@@ -97,13 +97,13 @@ def test_no_beam_comes_from_a_sun_that_is_down():
     site = Site(37.6969, -105.9231, 2317.0)  # of the station's file
     sine = sun_vectors(weather.time_ns, site)[:, 2]
     assert sine.min() < -0.05 < 0.45 < sine.max()
-    assert not bounds_of(STREAMS["dni"]).exceeded(weather.dni_w_m2[:, np.newaxis], sine).any()
+    assert not bounds_of(STREAMS["dni"]).is_exceeded(weather.dni_w_m2[:, np.newaxis], sine).any()
     for name, value in (("dni", 300.0), ("lux", 30_000.0)):  # as where the clock is off by half a day
         assert exceeds(name, value, -0.3)
         assert not exceeds(name, value, 0.02)
     bounds = bounds_of(STREAMS["dni"])
     values = np.array([[300.0]])
-    (found,) = excesses(labels_of(STREAMS["dni"]), bounds, values, bounds.exceeded(values, -0.3))
+    (found,) = excesses(labels_of(STREAMS["dni"]), bounds, values, bounds.is_exceeded(values, -0.3))
     assert found.words("row 1").endswith(
         "more than the sun gives at its height then; are place and time right?"
     )
@@ -112,8 +112,8 @@ def test_no_beam_comes_from_a_sun_that_is_down():
 def test_a_row_that_is_stated_replaces_the_table():
     hot = changed_rows({"probe_temperature_c": (-20.0, 300.0), "ghi_w_m2": (-10.0, 3000.0)}, "earth")
     plate = np.array([[273.15 + 250.0], [273.15 - 30.0]])
-    assert bounds_of(STREAMS["probe"], hot).exceeded(plate)[:, 0].tolist() == [False, True]
-    assert not bounds_of(STREAMS["ghi"], hot).exceeded(np.array([[2900.0]]), 0.1).any()
+    assert bounds_of(STREAMS["probe"], hot).is_exceeded(plate)[:, 0].tolist() == [False, True]
+    assert not bounds_of(STREAMS["ghi"], hot).is_exceeded(np.array([[2900.0]]), 0.1).any()
 
 
 def test_a_row_that_is_stated_replaces_the_limits_of_a_stream():
@@ -122,15 +122,17 @@ def test_a_row_that_is_stated_replaces_the_limits_of_a_stream():
     )
     hot = changed_rows({"probe_temperature_c": (-20.0, 300.0)}, "earth")
     values = np.array([[400.0], [600.0]])
-    assert bounds_of(own).exceeded(values)[:, 0].tolist() == [True, True]
-    assert bounds_of(own, hot).exceeded(values)[:, 0].tolist() == [False, True]
+    assert bounds_of(own).is_exceeded(values)[:, 0].tolist() == [True, True]
+    assert bounds_of(own, hot).is_exceeded(values)[:, 0].tolist() == [False, True]
 
 
 def test_other_worlds_are_colder():
     """The Moon's night is 95 K at the equator, the shadows at its poles 25 K (Paige et al., 2010)."""
     moon = bounds_of(STREAMS["camera"], changed_rows({}, "moon"))
-    assert moon.exceeded(np.array([[95.0], [25.0], [10.0]]))[:, 0].tolist() == [False, False, True]
-    assert not bounds_of(STREAMS["longwave_down"], changed_rows({}, "moon")).exceeded(np.array([[0.0]])).any()
+    assert moon.is_exceeded(np.array([[95.0], [25.0], [10.0]]))[:, 0].tolist() == [False, False, True]
+    assert (
+        not bounds_of(STREAMS["longwave_down"], changed_rows({}, "moon")).is_exceeded(np.array([[0.0]])).any()
+    )
 
 
 def test_a_reading_is_flagged_if_one_of_its_channels_cannot_be():
@@ -150,7 +152,7 @@ def test_what_cannot_be_is_counted_by_channel_and_the_first_named():
     bounds = bounds_of(info)
     words = [
         one.words(f"row {one.first}")
-        for one in excesses(labels_of(info), bounds, values, bounds.exceeded(values))
+        for one in excesses(labels_of(info), bounds, values, bounds.is_exceeded(values))
     ]
     assert words == [
         "logger air: 1 implausible value, the first 9.9e+37 K at row 2; possible: 183.9 to 350",

@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from fieldkit.drivers.cameras.genicam import Genicam, _temperatures, passed
+from fieldkit.drivers.cameras.genicam import Genicam, _temperatures, blocks_between
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import ConfigError, DeviceAccessError
@@ -13,7 +13,7 @@ from fieldkit.model.errors import ConfigError, DeviceAccessError
 @pytest.mark.parametrize(("before", "after", "count"), [(1, 2, 1), (5, 8, 3), (65_535, 1, 1), (65_534, 2, 3)])
 def test_block_ids_wrap_and_are_never_zero(before, after, count):
     """GigE Vision 1: a block id has 16 bits, and 0 is reserved for test packets."""
-    assert passed(before, after) == count
+    assert blocks_between(before, after) == count
 
 
 def test_what_is_missing_is_named_with_how_to_get_it(monkeypatch):

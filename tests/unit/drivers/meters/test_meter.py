@@ -19,4 +19,4 @@ EXACT = [
 def test_what_a_meter_shows_is_stored_in_si(unit, shown, stored):
     meaning = meaning_of(unit)
     assert meaning is not None
-    assert meaning.stored(shown) == pytest.approx(stored, rel=1e-12)
+    assert meaning.in_stream_unit(shown) == pytest.approx(stored, rel=1e-12)

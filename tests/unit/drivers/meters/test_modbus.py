@@ -10,7 +10,7 @@ from fieldkit.drivers.meters.modbus import (
     crc16,
     load_map,
     pack_request,
-    packaged,
+    packaged_maps,
     parse,
 )
 from fieldkit.drivers.ports import Line
@@ -202,7 +202,7 @@ def test_adapter_that_echoes_the_question_is_understood(wire):
     device.close()
 
 
-@pytest.mark.parametrize("name", packaged())
+@pytest.mark.parametrize("name", packaged_maps())
 def test_packaged_maps_are_whole(name):
     assert load_map(name).channels
 
