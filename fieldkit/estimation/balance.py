@@ -30,10 +30,7 @@ from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.arrays import BoolArray, FloatArray, IntArray
 from fieldkit.physics.bodies import BODIES
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
-from fieldkit.physics.daylight import (
-    extraterrestrial,
-    perez_brightening,
-)
+from fieldkit.physics.daylight import extraterrestrial, perez_brightening
 from fieldkit.physics.facet import VERTICAL
 from fieldkit.physics.irradiance import DIFFUSE_MODELS
 from fieldkit.physics.slab import Slab, conducted_flux
@@ -149,9 +146,8 @@ def least_squares_rows(
     stores_heat = settings.model == "full" and len(history) > 1
     if stores_heat:
         storage_flux = conduction(history.minute, over_k, settings.slab)
-        systematics += [
-            conduction(history.minute, over_k, s) - storage_flux for s in _perturbed_slabs(settings)
-        ]
+        for slab in _perturbed_slabs(settings):
+            systematics.append(conduction(history.minute, over_k, slab) - storage_flux)
         kernel = smoothed_kernel(settings.slab)
     for shifted in shifted_k:
         other_k, other_reference_k = shifted[:, columns.targets], shifted[:, columns.references[references]]
@@ -192,12 +188,8 @@ def _offset_drift_exchange(
 ) -> list[FloatArray]:
     """Heat (n, m) for one standard uncertainty of offset, drift and exchange with the air, W/m2."""
     drift = settings.drift_sd_k_per_h * (history.minute - history.minute[first:].mean()) / 60.0
-    exchange_sd = settings.surface.exchange_w_m2_k * settings.exchange_sd
-    return [
-        settings.offset_sd_k * steepness,
-        drift[:, np.newaxis] * steepness,
-        exchange_sd * _trend(over_k, first),
-    ]
+    exchange = settings.surface.exchange_w_m2_k * settings.exchange_sd * _trend(over_k, first)
+    return [settings.offset_sd_k * steepness, drift[:, np.newaxis] * steepness, exchange]
 
 
 def _unsteadiness(dni_w_m2: FloatArray) -> FloatArray:
@@ -237,15 +229,13 @@ def _heat_loss_per_kelvin(temperature_k: FloatArray, settings: EstimatorSettings
 class MinuteLight:
     """Light of each minute (n,): direct normal and diffuse horizontal in W/m2, NaN without sun.
 
-    `cos_zenith` is that of the sun, `circumsolar` the share of diffuse light around it after Hay and Davies,
-    of which the configured sky has `sky_share`.
+    `cos_zenith` is that of the sun, `circumsolar` the share of diffuse light around it after Hay and Davies.
     """
 
     beam: FloatArray
     diffuse: FloatArray
     cos_zenith: FloatArray
     circumsolar: FloatArray
-    sky_share: float
 
     @classmethod
     def of(cls, history: History, settings: EstimatorSettings) -> MinuteLight:
@@ -258,8 +248,7 @@ class MinuteLight:
             share = share_by_beam(clearness)
         assumed = share / (1.0 - share) * beam * cos_zenith
         diffuse = np.where(np.isnan(history.dhi_w_m2), assumed, history.dhi_w_m2)
-        sky_share = 1.0 if settings.sky == "hay-davies" else 0.0
-        return cls(beam, diffuse, cos_zenith, np.clip(clearness, 0.0, 1.0), sky_share)
+        return cls(beam, diffuse, cos_zenith, np.clip(clearness, 0.0, 1.0))
 
     @property
     def ghi(self) -> FloatArray:
@@ -275,7 +264,7 @@ def absorbed_light(
     absorptance = 1.0 - surface.albedo
     if settings.model == "paper":
         return absorptance * light.beam, np.zeros_like(light.beam)
-    circumsolar = light.sky_share * light.circumsolar
+    circumsolar = settings.circumsolar_share * light.circumsolar
     measured = history.longwave_down_w_m2
     longwave = np.where(np.isnan(measured), settings.longwave_down_w_m2, measured)
     emissivity = surface.emissivity_broadband
@@ -302,7 +291,7 @@ def light_uncertainties(history: History, settings: EstimatorSettings) -> FloatA
     circumsolar_sd, brightening_sd, diffuse_sd, albedo_sd = light_sds(history, settings)
     sun, even = history.sun / light.cos_zenith[:, np.newaxis], VERTICAL / 2.0
     uneven = sun - even
-    more_sky = even + (light.sky_share * light.circumsolar)[:, np.newaxis] * uneven
+    more_sky = even + (settings.circumsolar_share * light.circumsolar)[:, np.newaxis] * uneven
     # direct light that is the rest of the global decreases by as much
     rest = settings.ground_albedo * even if settings.irradiance.is_direct else sun
     changes = [
@@ -317,10 +306,10 @@ def light_uncertainties(history: History, settings: EstimatorSettings) -> FloatA
 
 def light_sds(history: History, settings: EstimatorSettings) -> tuple[float, float, float, float]:
     """Standard uncertainties of `LIGHT`: the sky's by the prior and its distance from the configured one."""
-    prior, circumsolar = settings.prior, 1.0 if settings.sky == "hay-davies" else 0.0
+    prior = settings.prior
     is_measured = bool(np.isfinite(history.dhi_w_m2).any())
     return (
-        math.hypot(prior.circumsolar_sd, circumsolar - prior.circumsolar_share),
+        math.hypot(prior.circumsolar_sd, settings.circumsolar_share - prior.circumsolar_share),
         math.hypot(prior.brightening_sd, prior.brightening_share),
         prior.diffuse_sd if is_measured else prior.diffuse_unmeasured_sd,
         GROUND_ALBEDO_SD,
@@ -353,13 +342,12 @@ def _trend(values: FloatArray, first: int) -> FloatArray:
     return trend
 
 
-def _perturbed_slabs(settings: EstimatorSettings) -> list[Slab]:
+def _perturbed_slabs(settings: EstimatorSettings) -> tuple[Slab, Slab]:
     """The layer with its conductivity, and with its heat capacity, one standard uncertainty higher."""
     slab = settings.slab
-    return [
-        replace(slab, conductivity_w_m_k=slab.conductivity_w_m_k * (1.0 + settings.conductivity_sd)),
-        replace(slab, heat_capacity_j_m3_k=slab.heat_capacity_j_m3_k * (1.0 + settings.capacity_sd)),
-    ]
+    conductivity = slab.conductivity_w_m_k * (1.0 + settings.conductivity_sd)
+    capacity = slab.heat_capacity_j_m3_k * (1.0 + settings.capacity_sd)
+    return replace(slab, conductivity_w_m_k=conductivity), replace(slab, heat_capacity_j_m3_k=capacity)
 
 
 def conduction(minutes: IntArray, difference_k: FloatArray, slab: Slab) -> FloatArray:

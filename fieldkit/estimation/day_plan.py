@@ -105,10 +105,8 @@ class DayPlan:
         Of the facets that a window bounds; one that bounds more of them comes first.
         """
         last = self.rows + self.settings.window_min
-        whole = [
-            row for row in range(self.rows.size) if last[row] < self.usable.size and self._is_usable(row)
-        ]
-        sds = {row: self.tilt_sd_deg(row) for row in whole}
+        whole = np.flatnonzero(last < self.usable.size).tolist()
+        sds = {row: self.tilt_sd_deg(row) for row in whole if self._is_usable(row)}
         bounded = {row: sd[np.isfinite(sd)] for row, sd in sds.items() if np.isfinite(sd).any()}
         worst = {row: (-sd.size, float(np.max(sd))) for row, sd in bounded.items()}
         return min(worst, key=worst.__getitem__) if worst else None
@@ -144,10 +142,8 @@ class DayPlan:
         """First and last usable minute of every interval in which `condition` (n,) holds, UTC nanoseconds."""
         minutes = np.flatnonzero(self.usable)
         inside = np.concatenate([[False], condition[minutes], [False]])
-        starts, ends = (
-            np.flatnonzero(inside[1:] & ~inside[:-1]),
-            np.flatnonzero(inside[:-1] & ~inside[1:]) - 1,
-        )
+        starts = np.flatnonzero(inside[1:] & ~inside[:-1])
+        ends = np.flatnonzero(inside[:-1] & ~inside[1:]) - 1
         times = self.time_ns[minutes]
         return [(int(times[a]), int(times[b])) for a, b in zip(starts, ends, strict=True)]
 
@@ -160,9 +156,8 @@ class DayPlan:
         if not self.usable[minute]:
             return "poor: the horizon hides the sun"
         if not self._is_usable(row):
-            is_low = self.elevation_deg[minute : minute + self.settings.window_min + 1].min() < (
-                self.settings.low_sun_deg
-            )
+            lowest = self.elevation_deg[minute : minute + self.settings.window_min + 1].min()
+            is_low = lowest < self.settings.low_sun_deg
             what = "the sun is too low" if is_low else "the horizon hides the sun"
             return f"poor: {what} within {self.settings.window_min} min"
         weak = self.weak[:, minute]

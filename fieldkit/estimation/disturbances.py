@@ -263,10 +263,8 @@ class DisturbanceMonitor:
         if minute.loss or not (was_lost or minute.shift_px > self._shift_px + MOVED_PX):
             return
         self._shift_px = max(minute.shift_px, self._shift_px)
-        text, shift_px = (
-            f"the camera moved: regions corrected by {minute.shift_px:.1f} px",
-            round(minute.shift_px, 2),
-        )
+        text = f"the camera moved: regions corrected by {minute.shift_px:.1f} px"
+        shift_px = round(minute.shift_px, 2)
         self._report(text, Severity.INFO, EventKind.MOVED, phase="corrected", shift_px=shift_px)
 
 

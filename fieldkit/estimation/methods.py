@@ -180,13 +180,8 @@ class _Problem:
         """One of the targets."""
         part = slice(place, place + 1)
         azimuth = None if self.azimuth_deg is None else self.azimuth_deg[part]
-        return replace(
-            self,
-            indices=self.indices[part],
-            weights=self.weights[part],
-            azimuth_deg=azimuth,
-            slopes=self.slopes[part],
-        )
+        indices, weights, slopes = self.indices[part], self.weights[part], self.slopes[part]
+        return replace(self, indices=indices, weights=weights, azimuth_deg=azimuth, slopes=slopes)
 
     @cached_property
     def is_used(self) -> BoolArray:
@@ -216,9 +211,8 @@ class _Problem:
         scale_sd = math.hypot(settings.scale_sd, settings.factor_sd, neglected)
         light = self.rows.light_near(self.slopes)
         columns = [*self.design.T, self.y, *light.reshape(-1, *self.y.shape)]
-        return ProfileMisfit(
-            profiled_gram(columns, self.weights, self.systematics), self.rows.reference, scale_sd
-        )
+        gram = profiled_gram(columns, self.weights, self.systematics)
+        return ProfileMisfit(gram, self.rows.reference, scale_sd)
 
     @cached_property
     def systematics(self) -> FloatArray:

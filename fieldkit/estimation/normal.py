@@ -98,11 +98,9 @@ def solve(misfit: Misfit) -> Branches:
     """
     is_known = np.isfinite(misfit.b).all(axis=-1) & (misfit.count > 0)
     # unknown slopes are solved as level ones and set to NaN at the end
-    H = (
-        misfit.H
-        if misfit.H.ndim == 2 and is_known.any()
-        else np.where(is_known[..., np.newaxis, np.newaxis], misfit.H, np.eye(3))
-    )
+    H = misfit.H
+    if H.ndim != 2 or not is_known.any():
+        H = np.where(is_known[..., np.newaxis, np.newaxis], H, np.eye(3))
     values, vectors = np.linalg.eigh(H)
     shared = H.ndim == 2
     b = np.where(is_known[..., np.newaxis], misfit.b, VERTICAL)
@@ -111,9 +109,9 @@ def solve(misfit: Misfit) -> Branches:
     lam = values.reshape(3, *([1] * (beta.ndim - 1))) if shared else values.T
     starts = np.stack(_starts(lam, beta), axis=1)
     polished = _polish(lam[:, np.newaxis], beta[:, np.newaxis], starts)
-    normals = [_from_eigenbasis(vectors, polished[:, branch], shared) for branch in (0, 1)]
-    misfits = [misfit(normal) for normal in normals]
-    return _order(normals, misfits, is_known)
+    both = polished[:, 0].T, polished[:, 1].T
+    normals = np.stack([x @ vectors.T if shared else _times(vectors, x) for x in both])
+    return _order(normals, np.stack([misfit(branch) for branch in normals]), is_known)
 
 
 def _starts(lam: FloatArray, beta: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -190,26 +188,15 @@ def tangent_pair(x: FloatArray) -> tuple[FloatArray, FloatArray]:
     )
 
 
-def _from_eigenbasis(vectors: FloatArray, x: FloatArray, shared: bool) -> FloatArray:
-    return x.T @ vectors.T if shared else _times(vectors, x.T)
-
-
 def _times(matrices: FloatArray, rows: FloatArray) -> FloatArray:
     return np.asarray(np.matmul(matrices, rows[..., np.newaxis])[..., 0])
 
 
-def _order(normals: list[FloatArray], misfits: list[FloatArray], is_known: BoolArray) -> Branches:
-    swap = misfits[1] < misfits[0]
-    blank = np.where(is_known, 0.0, np.nan)
-    first = np.where(swap[..., np.newaxis], normals[1], normals[0]) + blank[..., np.newaxis]
-    second = np.where(swap[..., np.newaxis], normals[0], normals[1]) + blank[..., np.newaxis]
-    return Branches(
-        first,
-        second,
-        np.where(swap, misfits[1], misfits[0]) + blank,
-        np.where(swap, misfits[0], misfits[1]) + blank,
-        np.linalg.norm(first - second, axis=-1) < _MERGED,
-    )
+def _order(normals: FloatArray, misfits: FloatArray, is_known: BoolArray) -> Branches:
+    swap, blank = misfits[1] < misfits[0], np.where(is_known, 0.0, np.nan)
+    first, second = np.where(swap[..., np.newaxis], normals[::-1], normals) + blank[..., np.newaxis]
+    least, other = np.where(swap, misfits[::-1], misfits) + blank
+    return Branches(first, second, least, other, np.linalg.norm(first - second, axis=-1) < _MERGED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,8 +226,7 @@ def choose(misfit: Misfit, branches: Branches, tilt_limit_deg: float, *, at_limi
     misfits = np.stack([branches.first_misfit, branches.second_misfit])
     tilts = tilt_azimuth(normals)[0]
     allowed = tilts <= tilt_limit_deg + _ROUNDING_DEG
-    penalised = misfits + _price(tilts)
-    penalised = np.where(allowed, penalised, np.inf)
+    penalised = np.where(allowed, misfits + _price(tilts), np.inf)
     swap = penalised[1] < penalised[0]
     swapped = swap[..., np.newaxis]
     best, other = np.where(swapped, normals[::-1], normals)
@@ -334,9 +320,8 @@ def _polish_tilts(H: FloatArray, b: FloatArray, tilts: FloatArray, limit: float)
         sine, cosine = np.sin(tilts), np.cos(tilts)
         double, twice = np.sin(2.0 * tilts), np.cos(2.0 * tilts)
         slope = (H[0, 0] - H[1, 1]) * double + 2.0 * H[0, 1] * twice - 2.0 * (b[0] * cosine - b[1] * sine)
-        bend = (
-            2.0 * (H[0, 0] - H[1, 1]) * twice - 4.0 * H[0, 1] * double + 2.0 * (b[0] * sine + b[1] * cosine)
-        )
+        pull = b[0] * sine + b[1] * cosine
+        bend = 2.0 * (H[0, 0] - H[1, 1]) * twice - 4.0 * H[0, 1] * double + 2.0 * pull
         # on a hump Newton's step climbs: stay where the grid has its minimum
         is_bowl = bend > 0.0
         step = np.where(is_bowl, slope / np.where(is_bowl, bend, 1.0), 0.0)

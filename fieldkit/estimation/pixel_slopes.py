@@ -370,9 +370,8 @@ def with_bounds(
     slopes = _within_limit(slopes, planes, settings.tilt_limit_deg)
     flat = np.zeros(is_known.shape, np.bool_)
     flat[is_known] = is_vertical
-    return _with_states(slopes, planes, flat), PixelBounds(
-        planes[0], planes[1], planes[2], planes[3], settings.confidence
-    )
+    low, high, left, right = planes
+    return _with_states(slopes, planes, flat), PixelBounds(low, high, left, right, settings.confidence)
 
 
 def _where_they_touch(touches: BoolArray, own: FloatArray, other: FloatArray) -> Iterator[FloatArray]:

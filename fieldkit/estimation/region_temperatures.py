@@ -52,9 +52,8 @@ def shifted_temperatures(
     """
     for camera in dict.fromkeys(region.camera for region in regions):
         if camera != regions[0].camera:
-            yield temperature_k + CAMERA_OFFSET_SD_K * np.array(
-                [region.camera == camera for region in regions]
-            )
+            is_of = np.array([region.camera == camera for region in regions])
+            yield temperature_k + CAMERA_OFFSET_SD_K * is_of
     own = [column for column, region in enumerate(regions) if not math.isnan(region.emissivity)]
     common = [column for column in range(len(regions)) if column not in own]
     surface = settings.surface.emissivity
@@ -66,10 +65,8 @@ def shifted_temperatures(
     for columns, emissivity, sd in sources:
         if sd > 0.0 and columns:
             shifted = temperature_k.copy()
-            observed = temperature_k[:, columns]
-            shifted[:, columns] += sd * kelvin_per_emissivity(
-                observed, emissivity, settings.reflected_temperature_k
-            )
+            reflected_k = settings.reflected_temperature_k
+            shifted[:, columns] += sd * kelvin_per_emissivity(shifted[:, columns], emissivity, reflected_k)
             yield shifted
 
 

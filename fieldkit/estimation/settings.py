@@ -90,6 +90,11 @@ class EstimatorSettings(EstimatorKeys):
         """Length of the window of ``paper`` and ``full`` in s; None where it is as long as one slope fits."""
         return None if isinstance(self.window_s, str) else self.window_s
 
+    @property
+    def circumsolar_share(self) -> float:
+        """Share of Hay and Davies' circumsolar light that the configured sky has."""
+        return 1.0 if self.sky == "hay-davies" else 0.0
+
     def unlike(self, region: str) -> Unlike:
         """The surface of a region by its name against that of the references."""
         kind, prior = self.kinds.get(region), self.prior

@@ -59,7 +59,10 @@ def slopes_together(parts: Sequence[Part]) -> Together:
     not measured there. Settings are those of the last part. Raises `ConfigError` if the parts are not of one
     place (more than `MOST_APART_M` apart, other references), overlap in time, or differ in their settings.
     """
-    parts = sorted((_with_minutes(part) for part in parts), key=lambda part: int(part.history.time_ns[0]))
+    for part in parts:
+        if not len(part.history):
+            raise ConfigError(f"{part.name} has no minutes", fix="omit it")
+    parts = sorted(parts, key=lambda part: int(part.history.time_ns[0]))
     for before, after in pairwise(parts):
         _require_later(before, after)
     last = parts[-1]
@@ -78,12 +81,6 @@ def slopes_together(parts: Sequence[Part]) -> Together:
     ]
     chain = SlopeChain(regions, last.settings)
     return Together(regions, histories[-1], chain.together(histories), chain.budgets(histories[-1]))
-
-
-def _with_minutes(part: Part) -> Part:
-    if not len(part.history):
-        raise ConfigError(f"{part.name} has no minutes", fix="omit it")
-    return part
 
 
 def _require_later(before: Part, after: Part) -> None:
@@ -124,17 +121,14 @@ def _require_same_place(part: Part, other: Part) -> None:
 
 def _references(part: Part) -> dict[str, tuple[float, float]]:
     """Tilt and azimuth of each reference; without one it is level, and a level one has no azimuth."""
-    references = {}
-    for region in part.regions:
-        if region.kind is RegionKind.REFERENCE:
-            tilt = 0.0 if math.isnan(region.tilt_deg) else region.tilt_deg
-            references[region.name] = tilt, region.azimuth_deg if tilt else 0.0
-    return references
+    references = (region for region in part.regions if region.kind is RegionKind.REFERENCE)
+    tilts = ((region, 0.0 if math.isnan(region.tilt_deg) else region.tilt_deg) for region in references)
+    return {region.name: (tilt, region.azimuth_deg if tilt else 0.0) for region, tilt in tilts}
 
 
 def _words(references: Mapping[str, tuple[float, float]]) -> str:
-    said = [f"{name} ({tilt:g}°, {azimuth:g}°)" for name, (tilt, azimuth) in sorted(references.items())]
-    return ", ".join(said) or "none"
+    slopes = (f"{name} ({tilt:g}°, {azimuth:g}°)" for name, (tilt, azimuth) in sorted(references.items()))
+    return ", ".join(slopes) or "none"
 
 
 def _require_same_settings(part: Part, other: Part) -> None:

@@ -37,15 +37,8 @@ def beside_level(
     targets = RegionColumns(tuple(regions)).targets
     emissivity = settings.surface.emissivity
     level = Region(NAME, RegionKind.REFERENCE, ((0.0, 0.0),), 0.0, 0.0, emissivity=emissivity)
-    kelvin = level_k(history, settings)
-    own = history.only(targets)
-    flags = np.zeros((len(history), 1), np.int64)
-    beside = replace(
-        own,
-        temperature_k=np.column_stack([own.temperature_k, kelvin]),
-        region_flags=np.column_stack([own.region_flags, flags]),
-        probe_k=np.column_stack([own.probe_k, np.full(len(history), np.nan)]),
-    )
+    beside = history.only(targets).spread(range(targets.size), targets.size + 1)
+    beside.temperature_k[:, -1] = level_k(history, settings)
     return beside, (*(regions[column] for column in targets), level)
 
 

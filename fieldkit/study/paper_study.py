@@ -107,20 +107,13 @@ class PaperStudy:
     @property
     def document(self) -> dict[str, Any]:
         """The options and the short tables, as in ``study.json`` and with ``--json``."""
-        options = self.options
+        options, tables = self.options, ("table-2", "errors", "directions", "sensitivity", "field")
+        numbers = ("minutes", "irradiance", "noise_k", "quantum_k", "tolerance_w_m2", "seed")
         return {
             "site": asdict(options.site),
             "day": str(options.day),
-            "minutes": options.minutes,
-            "irradiance": options.irradiance,
-            "noise_k": options.noise_k,
-            "quantum_k": options.quantum_k,
-            "tolerance_w_m2": options.tolerance_w_m2,
-            "seed": options.seed,
-            **{
-                name.replace("-", "_"): self.tables[name]
-                for name in ("table-2", "errors", "directions", "sensitivity", "field")
-            },
+            **{name: getattr(options, name) for name in numbers},
+            **{name.replace("-", "_"): self.tables[name] for name in tables},
         }
 
     def to_frame(self) -> pd.DataFrame:
@@ -196,16 +189,11 @@ def summary_rows(runs: Sequence[Run]) -> Rows:
     """One row per start and estimator: errors of the tilt, then of the normal, degrees."""
     rows = []
     for run in runs:
-        tilt, angle = (
-            summarise(errors) for errors in (run.outcome.tilt_error_deg, run.outcome.normal_error_deg)
-        )
-        both = {
-            f"tilt_{name}": value
-            for name, value in asdict(tilt).items()
-            if name not in ("slopes", "unsolved")
-        }
+        outcome = run.outcome
+        tilt, angle = asdict(summarise(outcome.tilt_error_deg)), summarise(outcome.normal_error_deg)
+        counts = {name: tilt.pop(name) for name in ("slopes", "unsolved")}
+        both = {f"tilt_{name}": value for name, value in tilt.items()}
         both |= {f"normal_{name}": getattr(angle, name) for name in ("mae", "p50", "p90", "largest")}
-        counts = {"slopes": tilt.slopes, "unsolved": tilt.unsolved}
         paper = PAPER_P90_DEG.get(run.begin, float("nan")) if run.method == "contours" else float("nan")
         rows.append({**run.key, **counts, **both, "paper_tilt_p90": paper})
     return rows
@@ -245,10 +233,8 @@ def _of_the_method(options: StudyOptions) -> dict[str, str]:
     first = next(iter(tables.values()))
     row, column = int(EXAMPLE[0] / 0.5), int(EXAMPLE[1])
     measured = [float(table[row, column]) for table in tables.values()]
-    scores = sum(
-        (np.abs(table - value) <= 2.0).astype(np.float64)
-        for table, value in zip(tables.values(), measured, strict=True)
-    )
+    near = [np.abs(table - value) <= 2.0 for table, value in zip(tables.values(), measured, strict=True)]
+    scores = np.asarray(np.sum(near, axis=0, dtype=np.float64))
     # a cloud takes a fifth of the beam at the last time; the table assumes a clear sky
     clouded = [*measured[:-1], 0.8 * measured[-1] - 20.0]
     grid = (tilts, azimuths)
@@ -256,7 +242,7 @@ def _of_the_method(options: StudyOptions) -> dict[str, str]:
         "figure-05": study_figures.radiation_table(first, *grid),
         "figure-06": study_figures.contour_on_table(first, *grid, measured[0]),
         "figure-07": study_figures.contours(tables, *grid, measured, EXAMPLE),
-        "figure-08": study_figures.scores(np.asarray(scores), *grid),
+        "figure-08": study_figures.scores(scores, *grid),
         "figure-14": study_figures.contours(tables, *grid, clouded, None),
     }
 
@@ -296,15 +282,11 @@ def _as_table(rows: Sequence[Mapping[str, Any]]) -> Table:
 
 
 def _cell(value: object) -> str:
-    if isinstance(value, float):
-        return (
-            formatting.UNKNOWN
-            if value != value
-            else "<0.001"
-            if 0 < value < 0.001
-            else f"{round(value, 3):g}"
-        )
-    return str(value)
+    if not isinstance(value, float):
+        return str(value)
+    if value != value:
+        return formatting.UNKNOWN
+    return "<0.001" if 0 < value < 0.001 else f"{round(value, 3):g}"
 
 
 def _write_files(folder: Path, texts: dict[str, str], tables: dict[str, Rows], drawn: dict[str, str]) -> None:

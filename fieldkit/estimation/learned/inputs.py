@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -105,17 +105,14 @@ class MinuteInputs:
 
     def between(self, later: MinuteInputs, share: float) -> MinuteInputs:
         """Inputs of a minute without a bin, `share` of the way to a later one."""
-        values = {}
-        for name in self.__slots__:
-            now, then = getattr(self, name), getattr(later, name)
-            values[name] = (
-                now
-                if name in ("measured", "shaded", "is_edge", "air_returns")
-                else (1.0 - share) * now + share * then
-            )
+        values = {
+            name: (1.0 - share) * getattr(self, name) + share * getattr(later, name)
+            for name in self.__slots__
+            if name not in ("shaded", "is_edge", "air_returns")
+        }
         values["measured"] = np.zeros_like(self.measured)
         values["direct_change"] = abs(later.direct - self.direct)
-        return MinuteInputs(**values)
+        return replace(self, **values)
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,10 +202,7 @@ def minute_inputs(
     surface = settings.surface
     kelvin = history.temperature_k[row, layout.columns]
     measured = np.isfinite(kelvin)
-    if not measured.all():
-        kelvin = np.where(
-            measured, kelvin, _begin_k(kelvin, layout) if before is None else before.temperature_k
-        )
+    kelvin = np.where(measured, kelvin, _begin_k(kelvin, layout) if before is None else before.temperature_k)
     cos_zenith = max(float(history.sun[row, 2]), 0.0)
     direct, diffuse, is_known = _light(history, row, cos_zenith, settings)
     absorptance = 1.0 - surface.albedo
@@ -224,17 +218,17 @@ def minute_inputs(
     is_edge = is_moved | ((visible > 0.0) & (visible < 1.0))
     logged_k, stale_h = _logged_air_k(history, row, start, settings)
     longwave = float(history.longwave_down_w_m2[row])
-    air_k = (
-        logged_k if np.isfinite(logged_k) else air_unlogged_k(longwave, settings, int(history.time_ns[row]))
-    )
+    air_k = logged_k
+    if math.isnan(logged_k):
+        air_k = air_unlogged_k(longwave, settings, int(history.time_ns[row]))
     longwave = longwave if np.isfinite(longwave) else sky_longwave(air_k, settings)
     grey = surface.emissivity_broadband
     # the ground around, which the regions see, is taken to be as warm as the references
     ground_k = kelvin[: layout.references].mean()
     top = float(extraterrestrial(history.time_ns[row], BODIES[settings.body]))
-    circumsolar = float(np.clip(direct / top, 0.0, 1.0)) if settings.sky == "hay-davies" else 0.0
+    circumsolar = settings.circumsolar_share * float(np.clip(direct / top, 0.0, 1.0))
     around_sun, band = circumsolar, 0.0
-    if settings.sky == "hay-davies" and BODIES[settings.body].has_air_of_earth and cos_zenith > 0.0:
+    if settings.circumsolar_share and BODIES[settings.body].has_air_of_earth and cos_zenith > 0.0:
         around_sun, band = map(float, perez_brightening(diffuse, direct, top, cos_zenith))
     return MinuteInputs(
         hours=float(history.minute[row] - start) / 60.0,
@@ -333,8 +327,9 @@ def _light(
         return 0.0, 0.0, False
     direct = max(direct, 0.0)
     diffuse = float(history.dhi_w_m2[row])
-    share = settings.diffuse_fraction / (1.0 - settings.diffuse_fraction)
-    return direct, share * direct * cos_zenith if np.isnan(diffuse) else max(diffuse, 0.0), True
+    if np.isnan(diffuse):
+        diffuse = settings.diffuse_fraction / (1.0 - settings.diffuse_fraction) * direct * cos_zenith
+    return direct, max(diffuse, 0.0), True
 
 
 def _logged_air_k(history: History, row: int, start: int, settings: EstimatorSettings) -> tuple[float, float]:

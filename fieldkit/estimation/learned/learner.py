@@ -13,13 +13,7 @@ import numpy as np
 
 from fieldkit.estimation.learned.bank import Innovation
 from fieldkit.estimation.learned.filters import Filters
-from fieldkit.estimation.learned.hypotheses import (
-    Proposal,
-    effective,
-    hypotheses,
-    log_prior,
-    normalise,
-)
+from fieldkit.estimation.learned.hypotheses import Proposal, effective, hypotheses, log_prior, normalise
 from fieldkit.estimation.learned.inputs import Logged, MinuteInputs, Recorded, bridge
 from fieldkit.estimation.learned.layout import Layout
 from fieldkit.estimation.learned.noise import noise_of
