@@ -168,6 +168,7 @@ class Binner:
             probe[minute.columns] = probes
         sun = sun_vectors(minute.time_ns, self._site, refraction=self._settings.refraction)
         low = sun[2] < math.sin(math.radians(self._settings.low_sun_deg))
+        moved = minute.not_whole | minute.lost
         flags = minute.flags | light.flags | (Quality.LOW_SUN if low else Quality.GOOD)
         return MinuteBin(
             minute=minute.minute,
@@ -183,9 +184,7 @@ class Binner:
             longwave_down_w_m2=self._instruments.mean(minute, "longwave_down"),
             contact_k=self._instruments.contact_k(minute),
             flags=flags,
-            region_flags=tuple(
-                Quality.MOVED if column in minute.not_whole else Quality.GOOD for column in range(count)
-            ),
+            region_flags=tuple(Quality.MOVED if column in moved else Quality.GOOD for column in range(count)),
             air_k=self._instruments.mean(minute, AIR_TEMPERATURE),
             wind_m_s=self._instruments.mean(minute, WIND_SPEED),
             probe_k=probe if probes.size else probes,

@@ -356,6 +356,12 @@ class OpenBin:
         return Quality(reduce(or_, (frames.flags for frames in self.cameras.values()), 0))
 
     @property
+    def lost(self) -> set[int]:
+        """Columns of the regions whose camera moved too far to be followed."""
+        moved = (frames for frames in self.cameras.values() if frames.flags & Quality.MOVED)
+        return {int(column) for frames in moved for column in frames.camera.columns}
+
+    @property
     def frames(self) -> int:
         """Number of the frames used."""
         return sum(frames.sums.frames for frames in self.cameras.values())
@@ -543,11 +549,17 @@ class History:
         return shaded
 
     def in_place(self) -> History:
-        """Without temperatures of minutes in which the regions were lost for a while."""
-        has_moved = (self.flags & int(Quality.MOVED)) != 0
-        if not has_moved.any():
+        """Without temperatures of regions in minutes in which their camera was lost for a while."""
+        # a region alone is flagged also where it left the frame: it then keeps the frames in which it lay
+        is_lost = (self.flags[:, np.newaxis] & self.region_flags & int(Quality.MOVED)) != 0
+        if not is_lost.any():
             return self
-        return replace(self, temperature_k=np.where(has_moved[:, np.newaxis], np.nan, self.temperature_k))
+        return replace(self, temperature_k=np.where(is_lost, np.nan, self.temperature_k))
+
+    def last_flags(self, column: int) -> Quality:
+        """Flags of a region at the last minute: the minute's, without a movement of another camera."""
+        flags = Quality(int(self.flags[-1])) & ~Quality.MOVED
+        return flags | Quality(int(self.region_flags[-1, column]))
 
 
 def join(parts: Sequence[History]) -> History:

@@ -43,7 +43,7 @@ from fieldkit.estimation.learned.readout import (
     moments,
     surprise,
 )
-from fieldkit.estimation.region_temperatures import remove_offsets
+from fieldkit.estimation.region_temperatures import CAMERA_OFFSET_SD_K, remove_offsets
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.slopes import budgets, kelvin_per_degree, label_of, slopes
 from fieldkit.model.arrays import BoolArray, FloatArray, IntArray
@@ -119,6 +119,7 @@ class SlopeChain:
             explained = [with_along_sun(slope, of_active, regions, self._settings) for slope in explained]
         if (history.flags & int(Quality.MOVED)).any() and not np.isfinite(history.temperature_k).any():
             explained = [replace(slope, reason=LOST) for slope in estimated.slopes]
+        explained = [self._beside_other_cameras(slope, regions) for slope in explained]
         return replace(estimated, slopes=tuple(explained))
 
     def series(self, history: History) -> Iterator[Estimated]:
@@ -202,6 +203,16 @@ class SlopeChain:
             return replace(estimate, reason=f"{estimate.reason}; redrawn: begun anew")
         return estimate
 
+    def _beside_other_cameras(self, estimate: SlopeEstimate, regions: Sequence[Region]) -> SlopeEstimate:
+        """Say that a slope includes the offset between cameras: its own has no reference."""
+        cameras = {region.camera for region in regions if region.kind is RegionKind.REFERENCE}
+        if self._settings.reference == "weather":
+            cameras.add("")  # the level surface by the weather stands in for a region of the first camera
+        region = next(region for region in regions if region.name == estimate.region)
+        if not cameras or region.camera in cameras:
+            return estimate
+        return replace(estimate, reason="; ".join(filter(None, (estimate.reason, OTHER_CAMERA))))
+
 
 def rows_after_gaps(history: History) -> list[int]:
     """Rows that follow a gap too long to be bridged: the learned model begins anew there."""
@@ -209,6 +220,7 @@ def rows_after_gaps(history: History) -> list[int]:
     return gaps
 
 
+OTHER_CAMERA = f"no reference in its camera: {CAMERA_OFFSET_SD_K:g} K between cameras are included"
 LOST = "the regions were lost in all frames: the camera moved too far, or its trajectory has no pose then"
 
 
@@ -320,7 +332,7 @@ class _Group:
             blank,
             time_ns=int(history.time_ns[-1]),
             window_start_ns=int(history.time_ns[self._first]),
-            flags=Quality(int(history.flags[-1] | history.region_flags[-1, column])),
+            flags=history.last_flags(int(column)),
         )
         if self._learner is None:
             since = history.since(self._first)

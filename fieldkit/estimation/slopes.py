@@ -229,7 +229,7 @@ class Window:
             reason = "no minutes yet" if self.columns.references.size else "no reference region"
             return replace(blank, reason=reason), False
         column = self.columns.targets[index]
-        flags = Quality(int(self.past.flags[-1] | self.past.region_flags[-1, column]))
+        flags = self.past.last_flags(int(column))
         if self._is_shaded[-1, index]:
             flags |= Quality.SHADED
         blank = replace(

@@ -31,8 +31,9 @@ function newCard(region) {
   for (const key of ["temperature", "tilt", "azimuth"]) card[key] = el("dd", {}, "–");
   for (const key of ["words", "reason"]) card[key] = el("p", { class: key === "words" ? "words" : "small" });
   card.course = el("div");
-  const edit = el("button", { type: "button", class: "control", "aria-label": `Edit ${region.name}`, onclick: () => beginDrawing(card.region) }, "Edit");
-  edit.hidden = link.role !== "control";
+  // the picture is the first camera's: no region of another can be drawn on it
+  const edit = region.camera ? el("small", {}, `in ${region.camera}: edit it in fieldkit.toml`) : el("button", { type: "button", class: "control", "aria-label": `Edit ${region.name}`, onclick: () => beginDrawing(card.region) }, "Edit");
+  if (!region.camera) edit.hidden = link.role !== "control";
   const fact = (name, value) => el("div", {}, el("dt", {}, name), value);
   const facts = [fact(`Mean, ${temperature.unit}`, card.temperature)];
   if (region.role === "target") facts.push(fact("Tilt, °", card.tilt), fact("Azimuth, °", card.azimuth));

@@ -9,6 +9,7 @@ from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 
 from fieldkit.estimation.binner import Binner
+from fieldkit.estimation.bins import History
 from fieldkit.estimation.estimator import Estimator
 from fieldkit.estimation.following import GroundFollower
 from fieldkit.estimation.settings import EstimatorSettings
@@ -161,6 +162,26 @@ def test_a_trajectory_of_another_time_is_the_reason_for_no_slope(model):
     assert bed.flags & Quality.MOVED
 
 
+def test_a_camera_that_is_lost_leaves_the_regions_of_the_other():
+    path, regions = known_pose(Motion())
+    poses = path.trajectory
+    other = Trajectory((1, 2), poses.position_m * 2, poses.quaternion * 2)
+    settings = EstimatorSettings(camera_path=CameraPath(other, path.hfov_deg))
+    corners = ((10, 80), (40, 80), (40, 110))
+    both = [regions[0], Region("beside", RegionKind.TARGET, corners, camera="second")]
+    names = ("camera", "second")
+    cameras = [StreamInfo(name, "brightness_temperature", "K", SHAPE, scale=0.01) for name in names]
+    binner = Binner(Site(37.7, -105.92), both, cameras, settings)
+    for name in names:
+        time_ns, shown = 1_451_674_800 * SECOND_NS, np.full(SHAPE, 30_000, np.uint16)
+        binner.add(Frame(name, time_ns, time_ns, shown, np.empty((0, 160), np.uint16)))
+    ((entry, _),) = binner.finish()
+    assert [bool(flag & Quality.MOVED) for flag in entry.region_flags] == [True, False]
+    history = History.of([entry], 2)
+    assert np.isfinite(history.in_place().temperature_k).tolist() == [[False, True]]
+    assert [bool(history.last_flags(column) & Quality.MOVED) for column in range(2)] == [True, False]
+
+
 def test_minutes_in_which_a_region_is_not_in_the_frame_or_no_pose_is_known_are_flagged():
     """A pixel is 0.1 m; the camera goes 0.5 m to the west a minute, for eight minutes."""
     position, quaternion = pose(Motion(), 0.0, np.zeros(3))
@@ -182,7 +203,7 @@ def test_minutes_in_which_a_region_is_not_in_the_frame_or_no_pose_is_known_are_f
     in_frame = [[bool(np.isfinite(k)) for k in entry.temperature_k] for entry, _ in closed]
     assert in_frame == [[True, True]] * 3 + [[True, False]] * 5 + [[False, False]] * 2
     flagged = [[bool(flag & Quality.MOVED) for flag in entry.region_flags] for entry, _ in closed]
-    assert flagged == [[False, False]] * 2 + [[False, True]] * 6 + [[False, False]] * 2
+    assert flagged == [[False, False]] * 2 + [[False, True]] * 6 + [[True, True]] * 2
     assert [bool(entry.flags & Quality.MOVED) for entry, _ in closed] == [False] * 8 + [True] * 2
     said = [event.text for _, events in closed for event in events if event.kind is EventKind.MOVED]
     ends = "the trajectory has no pose of this time: regions are lost, such minutes enter no slope"

@@ -57,7 +57,10 @@ def test_an_uncertain_offset_between_cameras_widens_a_slope_unless_its_own_has_a
         for region in session.regions
     ]
     alone, beside = (session.estimate(model=model, regions=regions) for regions in (None, beside_own))
+    assert "reference" not in alone["b05"].reason
     for name in ("b15", "b25"):
+        assert "reference" in alone[name].reason
+        assert "reference" not in beside[name].reason
         assert beside[name].tilt_low_deg > alone[name].tilt_low_deg
         assert beside[name].tilt_low_deg < TILTS_DEG[name] < beside[name].tilt_high_deg
 
