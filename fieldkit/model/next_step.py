@@ -91,10 +91,13 @@ class Step(Phrase):
     arguments: tuple[Argument, ...] = ()
 
     def __str__(self) -> str:
-        name, bracket, names = self.action.value.partition("(")
+        call = self.action.value
+        if not call.endswith(")"):
+            return ".".join((call, *self.values))
+        name, _, names = call.partition("(")
         positional = ", ".join(map(_literal, self.values)) or names.rstrip(")")
         inside = ", ".join(filter(None, (positional, *map(str, self.arguments))))
-        return f"{name}({inside})" if bracket else ".".join((name, *self.values))
+        return f"{name}({inside})"
 
 
 def _parts(text: Text) -> tuple[Text, ...]:

@@ -11,6 +11,7 @@ def test_text_of_an_error_carries_the_fix():
     error = ConfigError("holds counts", place=Path("a.tiff"), fix="omit " + Argument("unit"))
     assert str(error) == "a.tiff: holds counts\n  fix: omit unit"
     assert str(DeviceTimeoutError("nothing arrived")) == "nothing arrived"
+    assert str(Action.LIST_SESSIONS()) == "fieldkit.open_campaign().sessions"
 
 
 def test_quoted_error_is_its_message_alone():
