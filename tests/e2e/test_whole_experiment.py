@@ -259,7 +259,7 @@ def test_a_mark_that_no_room_is_left_for_is_not_sealed_away(campaign):
     path = campaign / "recordings" / "no-room.h5"
     with (
         open_instruments(config, duration_s=20.0) as tools,
-        pytest.raises(StorageError, match="stored") as failed,
+        pytest.raises(StorageError, match=r"no-room\.h5") as failed,
     ):
         PreparedRecording(config, tools, path, duration_s=20.0).run([Filling(path, 10)])
     assert [step.action for step in steps(failed.value)] == [Action.RECOVER]

@@ -136,7 +136,7 @@ def test_a_ridge_that_hides_the_sun_until_it_is_high_counts_as_cloud():
 def test_a_sun_that_stays_low_is_refused_for_that_reason():
     times, lux, elevation = clear_day(SITES["Berlin"], "2017-12-11", 2.5)
     low = elevation < 8.0
-    with pytest.raises(CalibrationError, match="daylight"):
+    with pytest.raises(CalibrationError, match=r"daylight .* 9°"):
         offset_from_sun(times[low][:120], lux[low][:120], SITES["Berlin"])
 
 
@@ -161,7 +161,7 @@ def test_a_clock_that_was_stepped_in_between_and_no_moment_at_all_are_refused():
     own = np.arange(100) * 1_000_000_000
     with pytest.raises(CalibrationError, match="one was stepped"):
         offset_from_times(own, own + np.where(own > own[50], 3_600_000_000_000, 0), 0.4, "receiver")
-    with pytest.raises(CalibrationError, match="readings"):
+    with pytest.raises(CalibrationError, match="both clocks"):
         offset_from_times(own[:0], own[:0], 0.4, "receiver")
 
 

@@ -98,7 +98,7 @@ def test_clocks_that_agree_pass_and_a_still_day_says_nothing():
 def test_a_region_on_another_bed_follows_another_probe():
     readings = day(120, swing, apparent=lambda m: 290.0 + 0.05 * m)
     other = 300.0 + 0.05 * readings.contact_ns / MINUTE
-    with pytest.raises(CalibrationError, match="follows"):
+    with pytest.raises(CalibrationError, match="T2, not T1"):
         refuse_other_bed(readings, {"T2": other}, "T1")
     refuse_other_bed(day(120, swing), {"T2": other}, "T1")
     refuse_other_bed(day(120, swing), {}, "T1")

@@ -17,7 +17,7 @@ def test_a_session_that_is_named_twice_fails_once_and_as_what_it_is(tmp_path):
 
 def test_of_several_sessions_it_is_told_how_many_failed(tmp_path):
     paths = [tmp_path / "a.h5", tmp_path / "b.h5"]
-    with pytest.raises(SessionError, match="estimated"):
+    with pytest.raises(SessionError, match="1 of 2"):
         batch.raise_failures({paths[0]: ConfigError("a mistake")}, paths)
     batch.raise_failures({}, paths)
 

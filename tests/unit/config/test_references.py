@@ -169,7 +169,7 @@ def test_offsets_of_several_records_are_as_uncertain_as_the_worst(folder):
 
 def test_a_value_in_place_of_a_table_is_a_mistake_of_the_file(folder):
     """The record of the scale brings prior.gain_sd as well."""
-    with pytest.raises(ConfigMistakesError, match="prior"):
+    with pytest.raises(ConfigMistakesError, match="prior=5"):
         load(folder, "[estimator]\nscale = '@beds'\n", settings=["prior=5"])
 
 

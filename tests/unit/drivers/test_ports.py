@@ -161,7 +161,7 @@ def test_port_taken_by_another_program_says_how_to_find_it(wire):
         [sys.executable, "-c", code, wire.path], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     )
     assert other.stdout.readline() == "open\n"
-    with pytest.raises(DeviceAccessError, match="program") as caught:
+    with pytest.raises(DeviceAccessError, match="fuser -v") as caught:
         SerialPort(wire.path, Line(), HostClock())
     assert f"fuser -v {wire.path}" in str(caught.value.fix)
     other.communicate()

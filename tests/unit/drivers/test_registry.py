@@ -46,7 +46,7 @@ def test_name_of_two_packages_is_refused_and_both_are_named(site_packages):
 
 def test_name_of_ours_is_not_for_others(site_packages):
     install(site_packages, "my-lutron", "lutron")
-    with pytest.raises(ConfigError, match="fieldkit"):
+    with pytest.raises(ConfigError, match=r"'lutron': .* my-lutron"):
         registry.get("lutron")
 
 

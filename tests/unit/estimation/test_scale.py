@@ -67,7 +67,7 @@ def test_minutes_in_own_shade_do_not_bend_the_scale(bed, reference):
 
 def test_a_nearly_flat_bed_cannot_tell_the_scale():
     rays, bed = sun(21), normal(0.2, 180.0)
-    with pytest.raises(CalibrationError, match="reference"):
+    with pytest.raises(CalibrationError, match="10 to 25 degrees"):
         scale_from_known_bed(rays, rays[:, 2], np.full(21, SIGMA), VERTICAL, bed)
 
 

@@ -43,7 +43,7 @@ def test_two_browsers_that_start_at_once_begin_one_recording(config, monkeypatch
         asked = [browsers.submit(starting.start, RecordOptions()) for _ in range(2)]
     begun, refused = sorted(asked, key=lambda one: one.exception() is not None)
     assert begun.result().name == "day.h5"
-    with pytest.raises(RefusedError, match="recorded"):
+    with pytest.raises(RefusedError, match="stop that recording"):
         refused.result()
 
 

@@ -106,11 +106,11 @@ def test_short_names_of_parameters(name, key):
 
 
 def test_ambiguous_and_unknown_names_are_refused(campaign):
-    with pytest.raises(ConfigError, match="ambiguous"):
+    with pytest.raises(ConfigError, match=r"irradiance\.diffuse_fraction"):
         campaign.sessions[0].estimate(diffuse_fraction=0.2)
     with pytest.raises(ConfigError, match="no parameter"):
         campaign.sessions[0].estimate(albdo=0.2)
-    with pytest.raises(ConfigError, match="albedo"):
+    with pytest.raises(ConfigError, match=r"albedo=1\.5"):
         campaign.sessions[0].estimate(albedo=1.5)
 
 
@@ -118,7 +118,7 @@ def test_a_damaged_session_raises_its_own_error(folder, sessions, tmp_path):
     (tmp_path / "recordings").mkdir()
     (tmp_path / "fieldkit.toml").write_text((folder / "fieldkit.toml").read_text("utf-8"), "utf-8")
     (tmp_path / "recordings" / "torn.h5").write_bytes(sessions[0].read_bytes()[:5000])
-    with pytest.raises(SessionError, match="torn"):
+    with pytest.raises(SessionError, match=r"(?s)torn\.h5.*recover\("):
         fieldkit.open_campaign(tmp_path).sessions[0]
 
 

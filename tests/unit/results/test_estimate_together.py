@@ -89,7 +89,7 @@ def test_sessions_of_the_same_minutes_are_refused_by_name(sessions):
 def test_one_session_or_another_model_cannot_be_joined(days):
     with pytest.raises(ConfigError, match="one session without a gap of two hours"):
         fieldkit.estimate_together(days[:1])
-    with pytest.raises(ConfigError, match="learned") as refused:
+    with pytest.raises(ConfigError, match=r'estimator\.model = "learned"') as refused:
         fieldkit.estimate_together(days, model="full")
     assert "estimator.model" in refused.value.fix
     assert typed(*days, "--together", "-j", 2).exit_code == 2

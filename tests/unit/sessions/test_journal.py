@@ -48,9 +48,9 @@ def test_entry_is_the_same_after_json(entry):
 
 
 def test_entry_that_makes_no_sense_is_named():
-    with pytest.raises(SessionError, match="cloud"):
+    with pytest.raises(SessionError, match="'cloud'"):
         decode_entry("cloud", "{}")
-    with pytest.raises(SessionError, match="event"):
+    with pytest.raises(SessionError, match="'event'"):
         decode_entry("event", '{"kind": 3}')
 
 

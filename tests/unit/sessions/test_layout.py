@@ -15,12 +15,12 @@ def header(*names: str) -> SessionHeader:
 
 @pytest.mark.parametrize("name", [*sorted(RESERVED_NAMES), "", "a/b", ".hidden"])
 def test_a_stream_cannot_take_the_name_of_a_table(name):
-    with pytest.raises(ValueError, match="stream"):
+    with pytest.raises(ValueError, match="name of a stream"):
         header("lux", name)
 
 
 def test_two_streams_cannot_have_one_name():
-    with pytest.raises(ValueError, match="streams"):
+    with pytest.raises(ValueError, match="lux, lux"):
         header("lux", "lux")
 
 

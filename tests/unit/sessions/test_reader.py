@@ -131,7 +131,7 @@ def test_a_stream_that_is_not_there_or_cannot_do_it_is_refused_by_name(path):
         assert all(name in str(caught.value.fix) for name in session.streams)
         with pytest.raises(SessionError, match="'camera' is a camera"):
             session["camera"].readings()
-        with pytest.raises(SessionError, match="lux") as caught:
+        with pytest.raises(SessionError, match="'lux' is not") as caught:
             session["lux"].kelvin()
         assert "camera" in caught.value.message + str(caught.value.fix)
 

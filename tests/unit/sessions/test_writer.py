@@ -150,7 +150,7 @@ def test_session_has_room_for_as_many_regions_as_a_byte_counts(tmp_path, count):
 
 def test_sample_that_is_not_as_declared_is_refused(tmp_path):
     writer = SessionWriter(tmp_path / "a.h5", HEADER, CountedClock())
-    with pytest.raises(ValueError, match="declared"):
+    with pytest.raises(ValueError, match=r"\(24, 32\).*\(12, 32\)"):
         writer.append(sample(header((12, 32)).streams[0], 0))
     with pytest.raises(ValueError, match="raw bytes"):
         writer.append(sample(HEADER.streams[1], 0)._replace(raw=bytes(17)))
@@ -171,7 +171,7 @@ def test_sample_that_is_not_as_declared_is_refused(tmp_path):
 def test_closed_writer_takes_nothing(tmp_path):
     writer = SessionWriter(tmp_path / "a.h5", HEADER, CountedClock())
     writer.close()
-    with pytest.raises(SessionError, match="closed"):
+    with pytest.raises(SessionError, match=r"a\.h5 is closed"):
         writer.append(sample(HEADER.streams[0], 0))
 
 
@@ -303,7 +303,7 @@ def test_journal_deleted_while_recording_is_reported_and_the_session_interrupted
     appended = fill(writer, 30, clock)
     shutil.rmtree(journal_path(path))
     wait_until(lambda: "was deleted while recording" in caplog.text, "no sync has noticed")
-    with pytest.raises(StorageError, match="recorded") as caught:
+    with pytest.raises(StorageError, match=r"(?s)journal.*recover\(") as caught:
         writer.close()
     assert [step.action for step in steps(caught.value)] == [Action.RECOVER]
     assert is_interrupted(path)

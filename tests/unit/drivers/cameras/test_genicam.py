@@ -17,7 +17,7 @@ def test_block_ids_wrap_and_are_never_zero(before, after, count):
 
 
 def test_what_is_missing_is_named_with_how_to_get_it(monkeypatch):
-    with pytest.raises(ConfigError, match="genicam"):
+    with pytest.raises(ConfigError, match="ir: genicam"):
         Genicam().open(DeviceSettings("ir", "genicam"), HostClock())
     monkeypatch.setitem(sys.modules, "gi", None)
     with pytest.raises(DeviceAccessError, match=r"need aravis 0\.8") as caught:

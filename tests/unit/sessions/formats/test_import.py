@@ -195,7 +195,7 @@ def test_trouble_with_tiffs_is_told(tmp_path):
     (tmp_path / "empty").mkdir()
     times = tmp_path / "times.csv"
     times.write_text("a.tif,2026-05-12T10:00:01Z\n")
-    with pytest.raises(ConfigError, match="temperatures"):
+    with pytest.raises(ConfigError, match=r"empty(?s:.*)\.irg"):
         read_stills(tmp_path / "empty", Scale(1.0), times=times)
     with pytest.raises(ConfigError, match=r"first b\.tif: 0 times for 1 frames"):
         read_stills(folder, Scale(1.0), times=times)
@@ -238,7 +238,7 @@ def test_every_page_of_a_tiff_is_a_frame_with_a_time_of_its_own(tmp_path, layout
     times = tmp_path / "times.csv"
     times.write_text("".join(f"{path.name},2026-05-12T10:00:{second:02}Z\n" for second in range(10)))
     assert [frame[0, 0] for frame in frames_of(path, times=times)] == list(range(30_000, 30_010))
-    with pytest.raises(ConfigError, match="frames"):
+    with pytest.raises(ConfigError, match="10 frames"):
         read_stills(path, Scale(0.01), **MOMENT)
     times.write_text(times.read_text().replace("2026-05-12T10:00:09Z", ""))
     times.write_text("".join(times.read_text().splitlines(keepends=True)[:9]))
@@ -341,7 +341,7 @@ def test_png_of_16_bits_needs_its_scale(tmp_path):
     folder = png(tmp_path / "f", FIRST)
     (frame,) = read_stills(folder, Scale(0.01), **MOMENT).samples
     assert np.array_equal(frame.counts, FIRST)
-    with pytest.raises(ConfigError, match="frames"):
+    with pytest.raises(ConfigError, match="kelvin_per_count"):
         read_stills(folder, None, **MOMENT)
     with pytest.raises(ConfigError, match="16-bit"):
         read_stills(png(folder, np.zeros((5, 7), np.uint8)), Scale(0.01), **MOMENT)
@@ -558,7 +558,7 @@ def test_pipes_and_devices_are_refused_before_they_are_read(tmp_path):
     os.mkfifo(tmp_path / "log.csv")
     (tmp_path / "zero.csv").symlink_to("/dev/zero")
     for name in ("log.csv", "zero.csv", "missing.csv"):
-        with pytest.raises(ConfigError, match="folder"):
+        with pytest.raises(ConfigError, match="neither"):
             read_source(tmp_path / name, ImportOptions())
 
 

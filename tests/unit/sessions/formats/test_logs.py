@@ -258,7 +258,7 @@ def test_stream_is_added_beside_an_old_session(tmp_path):
     imported = read_log(table(tmp_path, "time,T1 [C]\n" + rows), "logger")
     with open_session(tmp_path / "old.h5") as session:
         report = merge(session, imported, tmp_path / "new.h5", "log.csv")
-        with pytest.raises(ConfigError, match="already"):
+        with pytest.raises(ConfigError, match="'lux' already"):
             merge(session, read_log(tmp_path / "log.csv", "lux"), tmp_path / "x.h5", "log.csv")
         late = table(tmp_path, "time,T1 [C]\n2031-01-01T00:00:00Z,1\n")
         with pytest.raises(ConfigError, match="do not overlap"):

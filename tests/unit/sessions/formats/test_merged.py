@@ -150,5 +150,5 @@ def test_regions_of_the_pictures_tell_the_offset_of_a_probe_in_the_sand(tmp_path
 def test_log_of_another_quantity_is_refused(session, tmp_path):
     path = tmp_path / "lux.csv"
     path.write_text("time,L [lx]\n" + "\n".join(f"{START_NS / 1e9 + n},{n % 7}" for n in range(50)))
-    with pytest.raises(NoAnswerError, match="illuminance"):
+    with pytest.raises(NoAnswerError, match="offset_s=12"):
         aligned(session, read_log(path, "lux"))
