@@ -11,12 +11,12 @@ from __future__ import annotations
 import grp
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
 
-from fieldkit.model.device import DeviceSettings
+from fieldkit.model.device import DeviceSettings, DiscoveredDevice
 from fieldkit.model.errors import DeviceNotFoundError
 from fieldkit.model.next_step import Action, Text
 
@@ -90,6 +90,18 @@ Kind: TypeAlias = tuple[int, int]
 
 NO_USB = UsbIdentity(0, 0)
 """Of an instrument that is none of USB's."""
+
+
+def candidates(
+    driver: str, title: str, present: Sequence[Found], kinds: Collection[Kind] | None, caveat: str = ""
+) -> list[DiscoveredDevice]:
+    """Those of `present` that are one of `kinds` (all if None) for `Driver.find`; `title` if one has none."""
+    units = [usb for _, usb in present]
+    return [
+        DiscoveredDevice(driver, usb.as_text(units), path, usb.title or title, caveat)
+        for path, usb in present
+        if kinds is None or (usb.vendor, usb.product) in kinds
+    ]
 
 
 def fitting(settings: DeviceSettings, present: Sequence[Found], kinds: Sequence[Kind]) -> list[Found]:

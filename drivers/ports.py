@@ -21,7 +21,7 @@ import termios
 from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
@@ -32,6 +32,7 @@ from fieldkit.drivers.identity import (
     UDEV_FIX,
     Found,
     Kind,
+    candidates,
     fitting,
     group_of,
     listing,
@@ -399,19 +400,6 @@ def serial_ports() -> list[Found]:
     return [(path, identity) for path, identity in parents if identity is not None]
 
 
-def find_ports(driver: str, title: str, kinds: Sequence[Kind], caveat: str) -> list[DiscoveredDevice]:
-    """USB serial ports whose adapter is one of `kinds` (all if empty), as candidates for `driver`."""
-    ports = serial_ports()
-    present = [identity for _, identity in ports]
-    return [
-        DiscoveredDevice(
-            driver, identity.as_text(present), path, f"{title} ({identity.title or 'serial adapter'})", caveat
-        )
-        for path, identity in ports
-        if not kinds or (identity.vendor, identity.product) in kinds
-    ]
-
-
 class SerialDriver(RecordDriver):
     """Base of the drivers of instruments at serial ports: any adapter is a candidate, or those of `kinds`.
 
@@ -425,7 +413,8 @@ class SerialDriver(RecordDriver):
 
     def find(self) -> list[DiscoveredDevice]:
         """Serial adapters that the instrument may have."""
-        return find_ports(self.name, self.title, self.kinds, self.caveat)
+        adapters = candidates(self.name, "serial adapter", serial_ports(), self.kinds or None, self.caveat)
+        return [replace(adapter, title=f"{self.title} ({adapter.title})") for adapter in adapters]
 
 
 def port_path(settings: DeviceSettings, kinds: Sequence[Kind] = ()) -> str:

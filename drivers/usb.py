@@ -10,8 +10,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from fieldkit.drivers.identity import Kind, UsbIdentity, fitting, only_one, permission_fix
-from fieldkit.model.device import DeviceSettings, DiscoveredDevice
+from fieldkit.drivers.identity import Found, Kind, UsbIdentity, fitting, only_one, permission_fix
+from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceLostError
 
 
@@ -26,13 +26,9 @@ def usb_instruments(kinds: Sequence[Kind]) -> list[tuple[Any, UsbIdentity]]:
     return [(unit, _identity(unit)) for unit in present if (unit.idVendor, unit.idProduct) in kinds]
 
 
-def find_usb(driver: str, title: str, kinds: Sequence[Kind], caveat: str = "") -> list[DiscoveredDevice]:
-    """Connected instruments of `kinds`, for `Driver.find`."""
-    units = [identity for _, identity in usb_instruments(kinds)]
-    return [
-        DiscoveredDevice(driver, unit.as_text(units), f"usb:{unit.path}", unit.title or title, caveat)
-        for unit in units
-    ]
+def usb_nodes(kinds: Sequence[Kind]) -> list[Found]:
+    """(path, identity) of every connected device that is one of `kinds`."""
+    return [(f"usb:{usb.path}", usb) for _, usb in usb_instruments(kinds)]
 
 
 def pick_usb(settings: DeviceSettings, kinds: Sequence[Kind]) -> tuple[Any, UsbIdentity]:

@@ -13,7 +13,17 @@ from pathlib import Path
 
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras.v4l2 import V4l2Source
-from fieldkit.drivers.identity import NO_USB, SYSFS, Found, Kind, UsbIdentity, fitting, only_one, usb_parent
+from fieldkit.drivers.identity import (
+    NO_USB,
+    SYSFS,
+    Found,
+    Kind,
+    UsbIdentity,
+    candidates,
+    fitting,
+    only_one,
+    usb_parent,
+)
 from fieldkit.drivers.opening import close_on_failure
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import Buffer, DeviceSettings, DiscoveredDevice, FrameSource
@@ -134,7 +144,7 @@ class CameraDriver:
 
     def find(self) -> list[DiscoveredDevice]:
         """Connected cameras of the family."""
-        return find_cameras(self.name, self.title, self.video, self.caveat)
+        return candidates(self.name, self.title, cameras(), self.video.kinds, self.caveat)
 
 
 def cannot_command(source: FrameSource) -> DeviceError:
@@ -170,18 +180,6 @@ def cameras(sysfs: Path = SYSFS) -> list[Found]:
         if usb is not None and _index(node) == 0:
             nodes.append((f"/dev/{node.name}", usb))
     return nodes
-
-
-def find_cameras(driver: str, title: str, video: CameraFormat, caveat: str = "") -> list[DiscoveredDevice]:
-    """Connected cameras of that format."""
-    present = cameras()
-    return [
-        DiscoveredDevice(
-            driver, usb.as_text([other for _, other in present]), path, usb.title or title, caveat
-        )
-        for path, usb in present
-        if (usb.vendor, usb.product) in video.kinds
-    ]
 
 
 def open_source(settings: DeviceSettings, video: CameraFormat, clock: Clock) -> OpenedSource:

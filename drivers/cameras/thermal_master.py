@@ -26,11 +26,11 @@ from fieldkit.drivers.cameras.source import (
     CameraFormat,
     OpenedSource,
     cameras,
-    find_cameras,
     open_source,
 )
 from fieldkit.drivers.decoding import Decoded, Rejected, text_of
-from fieldkit.drivers.usb import find_usb, pick_usb, read_until, usb_errors
+from fieldkit.drivers.identity import candidates
+from fieldkit.drivers.usb import pick_usb, read_until, usb_errors, usb_nodes
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import Buffer, DeviceSettings, DiscoveredDevice
 from fieldkit.model.errors import DeviceError
@@ -232,7 +232,8 @@ class ThermalMaster(CameraDriver):
 
     def find(self) -> list[DiscoveredDevice]:
         """Connected cameras of the family, with and without a kernel driver."""
-        return find_cameras(self.name, self.title, WANTED) + find_usb(self.name, self.title, tuple(KINDS))
+        nodes = cameras() + usb_nodes(tuple(KINDS))
+        return candidates(self.name, self.title, nodes, {*WANTED.kinds, *KINDS})
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes of one or more frames; see `fieldkit.drivers.decoding.Decodes`."""

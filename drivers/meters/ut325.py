@@ -25,10 +25,11 @@ import re
 
 from fieldkit.drivers import options
 from fieldkit.drivers.decoding import Layout, Parsed, Record, RecordDriver, Rejected, Value
+from fieldkit.drivers.identity import candidates
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.opening import close_on_failure
 from fieldkit.drivers.ports import Framer, Line, Stamped
-from fieldkit.drivers.usb import find_usb, pick_usb, read_until, usb_errors
+from fieldkit.drivers.usb import pick_usb, read_until, usb_errors, usb_nodes
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, DiscoveredDevice
 from fieldkit.model.samples import Quality
@@ -135,7 +136,8 @@ class Ut325(RecordDriver):
 
     def find(self) -> list[DiscoveredDevice]:
         """CH9325 bridges; other UNI-T meters have the same, so each is only a candidate."""
-        return find_usb(self.name, self.title, KINDS, "other UNI-T meters use the same bridge")
+        caveat = "other UNI-T meters use the same bridge"
+        return candidates(self.name, self.title, usb_nodes(KINDS), None, caveat)
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
         """Open the bridge, start the live stream and wait for its first record."""

@@ -32,7 +32,7 @@ from fieldkit.physics.camera_geometry import (
     project_to_frame,
 )
 from fieldkit.physics.facet import normal
-from fieldkit.physics.heights import heights_from_normals
+from fieldkit.physics.terrain import heights_from_normals
 from fieldkit.sessions.formats import geotiff, ros2
 
 if TYPE_CHECKING:

@@ -2,29 +2,40 @@
 
 from __future__ import annotations
 
+import enum
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
 from fieldkit.model.arrays import FloatArray
-from fieldkit.model.fault_kind import FaultKind
 from fieldkit.model.units import MINUTE_NS, SECOND_NS
 
-LASTS_S = {
-    FaultKind.CLOUD: 360.0,
-    FaultKind.CABLE: 90.0,
-    FaultKind.SHUTTER: 240.0,
-    FaultKind.FROZEN: 150.0,
-    FaultKind.GARBLED: 120.0,
-    FaultKind.DISK: 600.0,
-    FaultKind.CLOCK: 0.0,
-    FaultKind.SILENT: 150.0,
-    FaultKind.OVERRANGE: 60.0,
-    FaultKind.MOVED: 600.0,
-    FaultKind.SHADE: 600.0,
-    FaultKind.DRIFT: 720.0,
-}
-"""Default duration of each kind of fault."""
+
+class FaultKind(enum.StrEnum):
+    """Kinds of fault in a scene, each with its default duration."""
+
+    lasts_s: float
+
+    def __new__(cls, word: str, lasts_s: float = 0.0) -> Self:
+        """Give the member of that value its duration."""
+        kind = str.__new__(cls, word)
+        kind._value_, kind.lasts_s = word, lasts_s
+        return kind
+
+    CLOUD = "cloud", 360.0  # a cloud passes before the sun
+    CABLE = "cable", 90.0  # the camera is unplugged and plugged in again
+    SHUTTER = "shutter", 240.0  # an unrequested correction leaves a wrong level until the next one
+    FROZEN = "frozen", 150.0  # the camera repeats one frame
+    GARBLED = "garbled", 120.0  # bytes of the serial instruments are corrupted
+    DISK = "disk", 600.0  # another program fills the disk
+    CLOCK = "clock"  # the computer's UTC is set forward by an hour
+    SILENT = "silent", 150.0  # the camera answers but sends no more frames
+    OVERRANGE = "overrange", 60.0  # the light meter shows overload
+    MOVED = "moved", 600.0  # somebody kicks the tripod, and puts it back
+    SHADE = "shade", 600.0  # a board shades the last bed
+    DRIFT = "drift", 720.0  # the last bed is warmed by something that is not the sun
+
 
 CLOCK_STEP_S = 3600.0
 SHUTTER_STEP_K = 0.8
@@ -35,7 +46,7 @@ WARMED_K, WARMED_WITHIN_NS, COOLED_WITHIN_NS = 3.0, 2 * MINUTE_NS, 8 * MINUTE_NS
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One fault; it begins in the middle of the scene and lasts `LASTS_S`, unless given."""
+    """One fault; it begins in the middle of the scene and lasts as long as its kind, unless given."""
 
     kind: FaultKind
     after_s: float | None = None
@@ -43,7 +54,7 @@ class Fault:
 
     def span_ns(self, start_ns: int, scene_s: float) -> tuple[int, int]:
         """Begin and end in UTC nanoseconds, in a scene that starts at `start_ns` and lasts `scene_s`."""
-        lasts_s = LASTS_S[self.kind] if self.duration_s is None else self.duration_s
+        lasts_s = self.kind.lasts_s if self.duration_s is None else self.duration_s
         after_s = scene_s / 2.0 if self.after_s is None else self.after_s
         begin_ns = start_ns + round(after_s * SECOND_NS)
         return begin_ns, begin_ns + round(lasts_s * SECOND_NS)

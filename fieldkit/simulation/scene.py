@@ -10,11 +10,10 @@ from functools import cached_property
 import numpy as np
 
 from fieldkit.model.arrays import FloatArray, SingleArray
-from fieldkit.model.fault_kind import FaultKind
 from fieldkit.model.site import Region, Site
 from fieldkit.model.units import SECOND_NS
 from fieldkit.simulation.boards import Board
-from fieldkit.simulation.camera_frame import CameraModel, Correction
+from fieldkit.simulation.camera_frame import CameraModel, Correction, Motion
 from fieldkit.simulation.facets import GROUND, Facet
 from fieldkit.simulation.faults import (
     COOLED_WITHIN_NS,
@@ -23,11 +22,11 @@ from fieldkit.simulation.faults import (
     WARMED_WITHIN_NS,
     CloudTransmission,
     Fault,
+    FaultKind,
     LightStep,
     cloud_transmission,
     step_transmission,
 )
-from fieldkit.simulation.motion import Motion
 from fieldkit.simulation.scene_series import EXCHANGE, Exchange, SceneModel, SceneSeries, SceneState
 from fieldkit.simulation.sky import MeasuredSky, Sky
 from fieldkit.simulation.terrain import Terrain, TerrainSeries

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fieldkit.model.arrays import FloatArray
-from fieldkit.simulation.motion import FOCAL_PX, Motion
+from fieldkit.simulation.camera_frame import FOCAL_PX, Motion
 
 PIXEL_M = 0.1
 LENS = {

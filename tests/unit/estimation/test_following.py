@@ -6,8 +6,7 @@ import pytest
 from fieldkit.estimation.bins import RegionPixels
 from fieldkit.estimation.following import FrameFollower, RegionFollower
 from fieldkit.model.site import Region, RegionKind
-from fieldkit.simulation.camera_frame import Correction
-from fieldkit.simulation.motion import Motion
+from fieldkit.simulation.camera_frame import Correction, Motion
 from fieldkit.simulation.scene import sand_slopes
 
 MINUTE_NS = 60_000_000_000

@@ -19,7 +19,7 @@ from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.slope import SlopeState
 from fieldkit.physics.camera_geometry import Camera, project, quaternion_of_angles
 from fieldkit.physics.trajectory import CameraPath, Trajectory, homography_over_level
-from fieldkit.simulation.motion import Motion
+from fieldkit.simulation.camera_frame import Motion
 from fieldkit.simulation.scene import sand_slopes
 from tests.harness.nadir_camera import EAST_M, LENS, NORTH_M, on_ground, pose
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fieldkit.physics.heights import heights_from_normals
+from fieldkit.physics.terrain import heights_from_normals
 
 CELL_M, SIDE = 0.25, 200
 EAST, NORTH = np.meshgrid(CELL_M * np.arange(SIDE), CELL_M * np.arange(SIDE)[::-1])

@@ -13,7 +13,7 @@ from fieldkit.recording.campaign import create_campaign
 from fieldkit.recording.record import prepare
 from fieldkit.results.estimate import estimate
 from fieldkit.sessions.reader import open_session
-from fieldkit.simulation.motion import Motion
+from fieldkit.simulation.camera_frame import Motion
 from fieldkit.simulation.scene import ALAMOSA_NOON_NS
 from tests.harness.nadir_camera import LENS, on_ground, write_trajectory
 from tests.harness.seldom import SELDOM
