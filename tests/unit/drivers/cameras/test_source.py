@@ -1,8 +1,9 @@
 import pytest
 
 from fieldkit.drivers.cameras import source
+from fieldkit.drivers.cameras.purethermal import PureThermal
 from fieldkit.drivers.cameras.source import CameraFormat, cameras, open_source
-from fieldkit.drivers.identity import UsbIdentity, candidates
+from fieldkit.drivers.identity import UsbIdentity
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceNotFoundError
@@ -105,6 +106,4 @@ def test_with_nothing_plugged_in_the_advice_is_to_plug_it_in(monkeypatch):
 
 
 def test_found_cameras_are_those_of_the_family(present):
-    assert [found.identity for found in candidates("purethermal", "", cameras(), WANTED.kinds)] == [
-        "1e4e:0100:ABC"
-    ]
+    assert [camera.identity for camera in PureThermal().find()] == ["1e4e:0100:ABC"]
