@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 
-from fieldkit.calibrate.inputs import end_of, light_meter, minute_means, record_source
-from fieldkit.calibrate.result import Calibration, stamp
-from fieldkit.calibration.calibration_record import CalibrationRecord, Source
+from fieldkit.calibrate.inputs import light_meter, minute_means, open_to_calibrate
+from fieldkit.calibrate.result import Calibration, make_record
 from fieldkit.calibration.clock_offset import ClockOffset, offset_from_sun, offset_from_times
 from fieldkit.config import Config
 from fieldkit.model.clock import utc_ns
@@ -21,7 +20,7 @@ from fieldkit.model.next_step import Action, Argument
 from fieldkit.model.samples import NO_COUNTER, Quality, Reading, Sample, is_usable
 from fieldkit.model.units import DAY_S
 from fieldkit.physics.bodies import EARTH, body_of
-from fieldkit.results.sources import SessionOrFile, config_for, log_warning, notify_damage, reading
+from fieldkit.results.sources import SessionOrFile, log_warning
 from fieldkit.results.sun_angles import moment
 from fieldkit.sessions.finished_file import apply_time_map
 from fieldkit.sessions.reader import SessionReader
@@ -109,16 +108,14 @@ def clock(
     >>> fieldkit.calibrate.clock(logged.path)
     <ClockCalibration: add -363... ± 22... s (k=2)   the light against the sun's height>
     """
-    with reading(session) as opened:
-        config = config_for(opened)
+    with open_to_calibrate(session, (), notify) as (opened, config):
         if gps is None:
             offset, method = _against_sun(opened, config), "the light against the sun's height"
         else:
             offset, method = _against_gps(opened, gps), f"GPS receiver {gps}"
-        notify_damage(opened, notify)
         _warn_of_another_day(offset, notify)
-        record = _record(name, end_of(opened), offset, method, (record_source(opened.path),))
-        return _calibration(record, offset, "apply() corrects the session's times", config, opened.path)
+        use = "apply() corrects the session's times"
+        return _calibration(name, offset, method, use, config, sessions=[opened])
 
 
 def host_clock(
@@ -146,35 +143,34 @@ def host_clock(
     offset = offset_from_times(own, true, BY_HAND_S, "other clock by hand")
     _warn_of_another_day(offset, notify)
     date = datetime.fromtimestamp(host_ns // 10**9, UTC)
-    record = _record(name, date, offset, "another clock, read by hand")
-    return _calibration(record, offset, "set this computer's clock before recording", config)
-
-
-def _record(
-    name: str, date: datetime, found: ClockOffset, method: str, sources: tuple[Source, ...] = ()
-) -> CalibrationRecord:
-    freedom = max(0, found.readings - 1)
-    return stamp(
-        CalibrationRecord(
-            kind="clock",
-            name=name,
-            date=date,
-            value=found.offset_s,
-            standard_uncertainty=found.standard_uncertainty,
-            unit="s",
-            method=method,
-            degrees_of_freedom=freedom,
-            budget=found.budget,
-            sources=sources,
-        )
-    )
+    method, use = "another clock, read by hand", "set this computer's clock before recording"
+    return _calibration(name, offset, method, use, config, date=date)
 
 
 def _calibration(
-    record: CalibrationRecord, found: ClockOffset, use: str, config: Config, session: Path | None = None
+    name: str,
+    offset: ClockOffset,
+    method: str,
+    use: str,
+    config: Config,
+    *,
+    sessions: Sequence[SessionReader] = (),
+    date: datetime | None = None,
 ) -> ClockCalibration:
-    summary = f"add {found.offset_s:+.1f} ± {found.expanded:.1f} s (k=2)   {record.method}"
-    calibration = ClockCalibration(record, summary, use, config.calibration, found, session)
+    record = make_record(
+        "clock",
+        name,
+        offset.offset_s,
+        "s",
+        offset.budget,
+        sessions,
+        date=date,
+        method=method,
+        degrees_of_freedom=max(0, offset.readings - 1),
+    )
+    summary = f"add {offset.offset_s:+.1f} ± {offset.expanded:.1f} s (k=2)   {method}"
+    path = sessions[0].path if sessions else None
+    calibration = ClockCalibration(record, summary, use, config.calibration, offset, path)
     return calibration if calibration.is_significant else replace(calibration, used_by=NOTHING_TO_DO)
 
 

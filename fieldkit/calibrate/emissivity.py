@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fieldkit.calibrate.inputs import end_of, record_source, write_lines
+from fieldkit.calibrate.inputs import open_to_calibrate, write_lines
 from fieldkit.calibrate.measurement import (
     Inventory,
     MeasurementOptions,
@@ -16,8 +16,8 @@ from fieldkit.calibrate.measurement import (
     ReadingCollector,
     measurement_setup,
 )
-from fieldkit.calibrate.result import Calibration, stamp
-from fieldkit.calibration.calibration_record import CalibrationRecord, instrument_of
+from fieldkit.calibrate.result import Calibration, make_record
+from fieldkit.calibration.calibration_record import instrument_of
 from fieldkit.calibration.emissivity import Emissivity, Pairs, SharedUncertainties, fit_emissivity
 from fieldkit.calibration.steady_pairs import (
     Readings,
@@ -27,14 +27,7 @@ from fieldkit.calibration.steady_pairs import (
     steady_intervals,
 )
 from fieldkit.model.units import CELSIUS_ZERO_K
-from fieldkit.results.sources import (
-    SessionOrFile,
-    Settings,
-    config_for,
-    log_warning,
-    notify_damage,
-    reading,
-)
+from fieldkit.results.sources import SessionOrFile, Settings, log_warning
 from fieldkit.views.calibration_figure import emissivity_figure
 from fieldkit.views.plotting import available, svg
 
@@ -113,14 +106,13 @@ def emissivity(
     >>> fieldkit.calibrate.emissivity(session, sample="dry-sand", reflected="b05")
     <EmissivityCalibration: emissivity 0.900 ± 0.032 (k=2)   band 8-14 um, flat   residual 0.03 K   n=4 ...>
     """
-    with reading(session) as opened:
-        options = options or MeasurementOptions()
-        options = replace(
-            options,
-            region=region or options.region,
-            reflected=options.reflected if reflected is None else reflected,
-        )
-        config = config_for(opened, settings)
+    options = options or MeasurementOptions()
+    options = replace(
+        options,
+        region=region or options.region,
+        reflected=options.reflected if reflected is None else reflected,
+    )
+    with open_to_calibrate(session, settings, notify) as (opened, config):
         probes = config.estimator_settings().probes
         regions = opened.regions or config.regions
         inventory = Inventory(opened.path, tuple(opened.streams.values()), regions, probes)
@@ -128,31 +120,28 @@ def emissivity(
         collector = ReadingCollector(setup)
         for entry in opened.samples():
             collector.add(entry)
-        notify_damage(opened, notify)
         pairs, remarks = pairs_of(steady_intervals(_checked_readings(collector)))
         fit = _fit(pairs, setup)
         fit = replace(fit, remarks=(*setup.remarks, *remarks, *fit.remarks))
-        record = CalibrationRecord(
-            kind="emissivity",
-            name=sample,
-            date=end_of(opened),
-            value=fit.value,
-            standard_uncertainty=fit.standard_uncertainty,
-            unit="1",
+        record = make_record(
+            "emissivity",
+            sample,
+            fit.value,
+            "1",
+            fit.budget,
+            [opened],
             method=WITH_THERMOMETER if setup.tape is None else WITH_TAPE,
             degrees_of_freedom=fit.freedom,
-            budget=fit.budget,
             band=setup.band.label,
             angle_deg=math.nan if options.angle_deg is None else options.angle_deg,
             instrument=instrument_of(setup.camera),
-            sources=(record_source(opened.path),),
             details=_details(fit, pairs, setup),
             settings={"sample": sample, **options.as_settings()},
             remarks=fit.remarks,
         )
         used_by = f'surface.emissivity = "@{sample}"'
         summary = _summary(fit, pairs, setup)
-        return EmissivityCalibration(stamp(record), summary, used_by, config.calibration, fit, pairs, setup)
+        return EmissivityCalibration(record, summary, used_by, config.calibration, fit, pairs, setup)
 
 
 def _checked_readings(collector: ReadingCollector) -> Readings:

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
-from datetime import UTC, datetime
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
-from fieldkit.calibration.calibration_record import Source
 from fieldkit.config import Config
 from fieldkit.config.files import read_text
-from fieldkit.disk import replacing, sha256
+from fieldkit.disk import replacing
 from fieldkit.model.arrays import FloatArray, IntArray
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, StorageError
 from fieldkit.model.next_step import Action
 from fieldkit.model.site import Region
+from fieldkit.results.sources import SessionOrFile, Settings, config_for, notify_damage, reading
 from fieldkit.sessions import analysis
 from fieldkit.sessions.reader import SessionReader
 
@@ -50,14 +50,16 @@ def write_lines(path: Path, lines: Sequence[str]) -> None:
         raise StorageError(f"cannot write {path}: {error.strerror or error}") from error
 
 
-def end_of(session: SessionReader) -> datetime:
-    """End of a session: the date of a calibration made from it."""
-    return datetime.fromtimestamp(session.end_ns // 10**9, UTC)
-
-
-def record_source(path: Path) -> Source:
-    """A session or file as a record refers to it: name and SHA-256."""
-    return Source(path.name, sha256(path))
+@contextmanager
+def open_to_calibrate(
+    session: SessionOrFile, settings: Settings, notify: Callable[[str], None]
+) -> Iterator[tuple[SessionReader, Config]]:
+    """The session with its configuration; its damaged samples are reported when it has been read."""
+    with reading(session) as opened:
+        try:
+            yield opened, config_for(opened, settings)
+        finally:
+            notify_damage(opened, notify)
 
 
 def one_region(regions: Sequence[Region], name: str, path: Path) -> Region:

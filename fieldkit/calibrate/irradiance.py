@@ -8,9 +8,9 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from fieldkit.calibrate.inputs import end_of, light_meter, minute_means, one_stream, record_source
-from fieldkit.calibrate.result import Calibration, stamp
-from fieldkit.calibration.calibration_record import CalibrationRecord, instrument_of
+from fieldkit.calibrate.inputs import light_meter, minute_means, one_stream, open_to_calibrate
+from fieldkit.calibrate.result import Calibration, make_record
+from fieldkit.calibration.calibration_record import instrument_of
 from fieldkit.calibration.light_meter import (
     MAX_LAG_S,
     LightFactor,
@@ -29,14 +29,7 @@ from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.irradiance import DIFFUSE_MODELS
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.recording.simulated_scene import measured_weather
-from fieldkit.results.sources import (
-    SessionOrFile,
-    Settings,
-    config_for,
-    log_warning,
-    notify_damage,
-    reading,
-)
+from fieldkit.results.sources import SessionOrFile, Settings, log_warning
 from fieldkit.sessions.reader import SessionReader
 
 Against = Literal["pyranometer", "pyrheliometer", "station"]
@@ -96,8 +89,7 @@ def irradiance(
         raise ConfigError(
             f"{against!r} is not a kind of reference", fix=f"give {', '.join(get_args(Against))}"
         )
-    with reading(session) as opened:
-        config = config_for(opened, settings)
+    with open_to_calibrate(session, settings, notify) as (opened, config):
         files = [Path(reference).resolve()] if against == "station" and Path(reference).is_file() else []
         if files:  # relative paths are meant from the current folder, not from the campaign's
             reference = str(files[0])
@@ -105,7 +97,6 @@ def irradiance(
         minutes, illuminance = minute_means(opened, meter.name)
         around = _with_margins(minutes)
         plane, method, diffuse_sd = _reference(opened, config, around, against, reference)
-        notify_damage(opened, notify)
         refuse_shifted_clocks(lag_s := clock_lag_s(minutes, illuminance, around, plane))
 
         def factor(on_meter: FloatArray) -> LightFactor:
@@ -116,18 +107,17 @@ def irradiance(
             at_lag = np.interp(minutes + round(lag_s * 1e9), around, plane)
             calibration_factor = with_lag(calibration_factor, factor(at_lag), lag_s)
         model = config.irradiance_model()
-        record = CalibrationRecord(
-            kind="irradiance",
-            name=name,
-            date=end_of(opened),
-            value=calibration_factor.value,
-            standard_uncertainty=calibration_factor.standard_uncertainty,
-            unit="W/m2/lx",
+        record = make_record(
+            "irradiance",
+            name,
+            calibration_factor.value,
+            "W/m2/lx",
+            calibration_factor.budget,
+            [opened],
+            files=files,
             method=method,
             degrees_of_freedom=calibration_factor.minutes - 1,
-            budget=calibration_factor.budget,
             instrument=instrument_of(meter),
-            sources=tuple(record_source(file) for file in (opened.path, *files)),
             details={
                 "minutes": calibration_factor.minutes,
                 "scatter": calibration_factor.scatter,
@@ -144,7 +134,7 @@ def irradiance(
             remarks=calibration_factor.remarks,
         )
         used_by = f'irradiance.model = "calibrated", irradiance.factor = "@{name}"'
-        return Calibration(stamp(record), _summary(calibration_factor), used_by, config.calibration)
+        return Calibration(record, _summary(calibration_factor), used_by, config.calibration)
 
 
 def _summary(found: LightFactor) -> str:

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from fieldkit.calibration.calibration_record import CalibrationRecord, expiry, save
+from fieldkit.calibration.calibration_record import CalibrationRecord, Kind, Source, expiry, save
 from fieldkit.calibration.ranges import require_name
+from fieldkit.calibration.uncertainty import Contribution, combined_uncertainty
+from fieldkit.disk import sha256
 from fieldkit.model.errors import CalibrationError
 from fieldkit.model.next_step import Action
 from fieldkit.model.version import __version__
+from fieldkit.sessions.reader import SessionReader
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -56,6 +61,37 @@ class Calibration:
         import pandas as pd
 
         return pd.DataFrame(self.record.budget)
+
+
+def make_record(
+    kind: Kind,
+    name: str,
+    value: float,
+    unit: str,
+    budget: tuple[Contribution, ...],
+    sessions: Sequence[SessionReader] = (),
+    *,
+    date: datetime | None = None,
+    files: Sequence[Path] = (),
+    **parts: Any,
+) -> CalibrationRecord:
+    """The record of a calibration; the end of its last session is its `date`, the budget its uncertainty.
+
+    Its sources are the sessions and `files`; `parts` are further fields. Raises as `stamp`.
+    """
+    paths = (*(session.path for session in sessions), *files)
+    record = CalibrationRecord(
+        kind,
+        name,
+        date or datetime.fromtimestamp(sessions[-1].end_ns // 10**9, UTC),
+        value,
+        combined_uncertainty(budget),
+        unit,
+        budget=budget,
+        sources=tuple(Source(path.name, sha256(path)) for path in paths),
+        **parts,
+    )
+    return stamp(record)
 
 
 def stamp(record: CalibrationRecord) -> CalibrationRecord:

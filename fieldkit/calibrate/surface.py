@@ -12,9 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from fieldkit.calibrate.inputs import end_of, record_source
-from fieldkit.calibrate.result import Calibration, stamp
-from fieldkit.calibration.calibration_record import CalibrationRecord
+from fieldkit.calibrate.inputs import open_to_calibrate
+from fieldkit.calibrate.result import Calibration, make_record
 from fieldkit.calibration.ranges import require_ranges
 from fieldkit.calibration.surface_scale import BedScale, PooledScale, pool
 from fieldkit.calibration.uncertainty import Contribution, combined_uncertainty
@@ -47,8 +46,6 @@ from fieldkit.results.sources import (
     Settings,
     config_for,
     log_warning,
-    notify_damage,
-    reading,
     regions_for,
     settings_from,
 )
@@ -102,18 +99,14 @@ def surface(
       b05 1.079   b15 1.118   b25 1.138>
     """
     require_ranges({"tilt_sd_deg": tilt_sd_deg})
-    with reading(session) as opened:
-        config = config_for(opened, settings)
+    with open_to_calibrate(session, settings, notify) as (opened, config):
         if config.tables.estimator.model == "learned":
             bed_slopes = known_slopes(regions_for(opened, config).latest, beds, opened.path)
-            learnt = sand(opened, config, bed_slopes, tilt_sd_deg, name)
-            notify_damage(opened, notify)
-            return learnt
+            return sand(opened, config, bed_slopes, tilt_sd_deg, name)
         # kappa is measured relative to one, whatever was configured
         config = config_for(opened, (*settings_from(settings), "estimator.scale=1.0"))
         minutes = SessionMinutes(opened, config)
         history = minutes.history
-        notify_damage(opened, notify)
         bed_slopes = known_slopes(minutes.regions, beds, opened.path)
         if not bed_slopes:
             raise CalibrationError(
@@ -124,25 +117,23 @@ def surface(
         scales = {bed: _scale_of(rows, slope, tilt_sd_deg) for bed, slope in bed_slopes.items()}
         pooled = pool(scales, tilt_sd_deg)
         model = fit_exchange(minutes, history, bed_slopes)
-        record = CalibrationRecord(
-            kind="surface",
-            name=name,
-            date=end_of(opened),
-            value=pooled.kappa,
-            standard_uncertainty=pooled.standard_uncertainty,
-            unit="1",
+        record = make_record(
+            "surface",
+            name,
+            pooled.kappa,
+            "1",
+            pooled.budget,
+            [opened],
             method=f"beds of known slope, {minutes.settings.model} model",
             degrees_of_freedom=pooled.freedom,
-            budget=pooled.budget,
             values={bed: scale.kappa for bed, scale in scales.items()},
             uncertainties={bed: scale.kappa_sd for bed, scale in scales.items()},
-            sources=(record_source(opened.path),),
             details=_details(model, minutes),
             settings={"name": name, "beds": list(bed_slopes), "tilt_sd": tilt_sd_deg},
             remarks=(model.summary,),
         )
         summary = _summary(pooled, scales, minutes)
-        return Calibration(stamp(record), summary, f'estimator.scale = "@{name}"', config.calibration)
+        return Calibration(record, summary, f'estimator.scale = "@{name}"', config.calibration)
 
 
 def clear_rows(minutes: SessionMinutes, history: History) -> Rows:
@@ -246,26 +237,22 @@ def sand(
     gain_sd = combined_uncertainty(budget)
     prior["gain"] = Carried(prior["gain"].value, gain_sd / prior["gain"].value)
     brought = keys(prior, settings)
-    record = CalibrationRecord(
+    record = make_record(
         "surface",
         name,
-        end_of(session),
         prior["gain"].value,
-        gain_sd,
         "1",
-        "learned model",
-        budget=budget,
+        budget,
+        [session],
+        method="learned model",
         values={key: brought[place] for place, key in VALUES.items()},
         uncertainties=_uncertainties(brought, prior),
-        sources=(record_source(session.path),),
         details=_sand_details(history, learnt, brought, settings),
         settings={"name": name, "beds": sorted(beds), "tilt_sd": tilt_sd_deg},
         remarks=(WEATHER,),
     )
     used_by = ", ".join(f'{key} = "@{name}"' for key in ("estimator.scale", *VALUES))
-    return Calibration(
-        stamp(record), _sand_summary(prior, gain_sd, len(history)), used_by, config.calibration
-    )
+    return Calibration(record, _sand_summary(prior, gain_sd, len(history)), used_by, config.calibration)
 
 
 def _learnt(history: History, regions: Regions, settings: EstimatorSettings) -> Learnt:

@@ -7,10 +7,9 @@ from contextlib import ExitStack
 
 import numpy as np
 
-from fieldkit.calibrate.inputs import end_of, record_source
-from fieldkit.calibrate.result import Calibration, stamp
+from fieldkit.calibrate.result import Calibration, make_record
 from fieldkit.calibration import uniformity as offsets
-from fieldkit.calibration.calibration_record import CalibrationRecord, Instrument, instrument_of
+from fieldkit.calibration.calibration_record import Instrument, instrument_of
 from fieldkit.calibration.ranges import require_ranges
 from fieldkit.calibration.uncertainty import students_factor
 from fieldkit.calibration.uniformity import TargetView, Uniformity
@@ -82,27 +81,24 @@ def _of_sessions(
         views.append(target_view(session))
         notify_damage(session, notify)
     result = offsets.uniformity(*views, target_sd_k=target_sd_k)
-    camera, last, worst = _one_camera(sessions), sessions[-1], result.worst
     sds = {region: result.standard_uncertainty_k(region) for region in result.offset_k}
-    record = CalibrationRecord(
+    record = make_record(
         "uniformity",
         name,
-        end_of(last),
         max(result.offset_k.values(), key=abs),
-        sds[worst],
         "K",
-        "uniform target over all regions" + (", before and after" if len(sessions) == 2 else ""),
-        budget=result.budget[worst],
+        result.budget[result.worst],
+        sessions,
+        method="uniform target over all regions" + (", before and after" if len(sessions) == 2 else ""),
         values=dict(result.offset_k),
         uncertainties=sds,
-        instrument=camera,
-        sources=tuple(record_source(session.path) for session in sessions),
+        instrument=_one_camera(sessions),
         details={"drift_k_per_h": dict(result.drift_k_per_h)},
         settings={"name": name, "target_sd": target_sd_k},
     )
     used_by = f'offset_k = "@{name}" in each [[region]]'
     summary = _summary(result, with_drift=len(sessions) == 2)
-    return Calibration(stamp(record), summary, used_by, config_for(last).calibration)
+    return Calibration(record, summary, used_by, config_for(sessions[-1]).calibration)
 
 
 def _one_camera(sessions: Sequence[SessionReader]) -> Instrument:
