@@ -196,7 +196,7 @@ def save(record: CalibrationRecord, folder: Path) -> Path:
                     draft.write_bytes(text)
     except OSError as error:
         fix = "make room there, or let yourself write there"
-        raise StorageError(f"cannot write {path}: {error.strerror}", fix=fix) from error
+        raise StorageError(f"cannot write: {error.strerror}", place=path, fix=fix) from error
     return path
 
 
@@ -232,9 +232,9 @@ def _read(file: Path) -> CalibrationRecord:
         text = file.read_text(encoding="utf-8-sig")
     except OSError as error:
         fix = "check who may read it"
-        raise ConfigError(f"cannot read {file}: {error.strerror}", fix=fix) from error
+        raise ConfigError(f"cannot read: {error.strerror}", place=file, fix=fix) from error
     except UnicodeDecodeError as error:
-        raise ConfigError(f"{file} is not UTF-8 text: {error.reason}", fix="save it as UTF-8") from error
+        raise ConfigError(f"not UTF-8 text: {error.reason}", place=file, fix="save it as UTF-8") from error
     return from_toml(text, str(file))
 
 

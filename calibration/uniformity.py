@@ -78,7 +78,8 @@ def _refuse_no_target(views: list[TargetView]) -> None:
         for name, offset in view.offset_k.items():
             if not abs(offset) <= MAX_OFFSET_K:
                 raise CalibrationError(
-                    f"{name} differs from the reference by {offset:+.1f} K: they did not view one target",
+                    f"differs from the reference by {offset:+.1f} K: they did not view one target",
+                    place=name,
                     fix="put one board over all regions, in the shade, and let it settle for ten minutes",
                 )
         if view.change_k > STEADY_K:

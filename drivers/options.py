@@ -89,4 +89,4 @@ def kelvin_per_count(settings: DeviceSettings) -> float:
 
 def wrong(settings: DeviceSettings, key: str, value: Any, expected: str) -> ConfigError:
     """The error of an option that is not as expected."""
-    return ConfigError(f"{settings.name}: {key} = {value!r} is not {expected}", fix=f"give {expected}")
+    return ConfigError(f"{key} = {value!r} is not {expected}", place=settings.name, fix=f"give {expected}")

@@ -377,7 +377,7 @@ class SerialPort:
 
     def _lost(self) -> DeviceLostError:
         return DeviceLostError(
-            f"{self.path} is gone", fix="plug the cable back in; it is opened again by identity"
+            "gone", place=self.path, fix="plug the cable back in; it is opened again by identity"
         )
 
 
@@ -464,10 +464,13 @@ def open_failure(path: str, error: Exception) -> DeviceError:
         )
     if code in (errno.EAGAIN, errno.EBUSY):
         return DeviceAccessError(
-            f"{path} is used by another program",
+            "used by another program",
+            place=path,
             fix=f"close it (fuser -v {path} names it); if it is ModemManager, install the rules: " + UDEV_FIX,
         )
-    return DeviceAccessError(f"{path} cannot be opened: {error}", fix=Action.DOCTOR() + " checks the cause")
+    return DeviceAccessError(
+        f"cannot be opened: {error}", place=path, fix=Action.DOCTOR() + " checks the cause"
+    )
 
 
 def _sysfs_node(path: str) -> Path:

@@ -224,13 +224,13 @@ def read_station_file(path: Path) -> Weather:
         content = _content(path, _MOST_BYTES)
         if len(content) == _MOST_BYTES:
             raise ConfigError(
-                f"{path} has more than {_MOST_BYTES // 10**6} MB", fix="use one day, or one month"
+                f"more than {_MOST_BYTES // 10**6} MB", place=path, fix="use one day, or one month"
             )
         if _BSRN_START.match(content):
             return _bsrn(path, content.decode("ascii", errors="replace"))
         _surfrad_site(path, content)
         if not path.read_bytes().startswith(content[:2]):
-            raise ConfigError(f"{path} is compressed", fix=f"unpack it first: gunzip {path}")
+            raise ConfigError("compressed", place=path, fix=f"unpack it first: gunzip {path}")
         return read_surfrad(path)
     except ConfigError:
         raise
@@ -250,7 +250,7 @@ def _content(path: Path, most: int) -> bytes:
 
 def _damage_error(path: Path, error: Exception) -> ConfigError:
     return ConfigError(
-        f"{path} is damaged: {error}", fix="download it again from SURFRAD or BSRN, and do not edit it"
+        f"damaged: {error}", place=path, fix="download it again from SURFRAD or BSRN, and do not edit it"
     )
 
 
@@ -259,7 +259,8 @@ def _surfrad_site(path: Path, content: bytes) -> Site:
     place = _SURFRAD_PLACE.match(content)
     if place is None:
         raise ConfigError(
-            f"{path} is not a SURFRAD daily file, nor one of BSRN",
+            "not a SURFRAD daily file, nor one of BSRN",
+            place=path,
             fix="give a file as the network names it, like slv16001.dat or tat0624.dat.gz",
         )
     latitude, longitude = float(place[1]), float(place[2])
@@ -267,7 +268,7 @@ def _surfrad_site(path: Path, content: bytes) -> Site:
         apart = abs(latitude - site.latitude_deg), abs(abs(longitude) - abs(site.longitude_deg))
         if max(apart) <= _NEAR_DEG:
             return site
-    raise ConfigError(f"{path} is of an unknown SURFRAD station", fix=f"known: {', '.join(STATIONS)}")
+    raise ConfigError("of an unknown SURFRAD station", place=path, fix=f"known: {', '.join(STATIONS)}")
 
 
 def read_surfrad(path: Path) -> Weather:
@@ -306,7 +307,8 @@ def _surfrad_rows(path: Path) -> tuple[Site, Rows, tuple[str, ...]]:
         rows, notes = _whole_rows([line.split() for line in lines[2:] if line.strip()])
     except ValueError as cause:
         raise ConfigError(
-            f"{path} is not a SURFRAD daily file: {cause}",
+            f"not a SURFRAD daily file: {cause}",
+            place=path,
             fix="give a file as NOAA names it, like slv16001.dat",
         ) from cause
     return site, rows, tuple(f"{path.name}: {note}" for note in notes)
@@ -376,7 +378,7 @@ def _bsrn(path: Path, text: str) -> Weather:
         raise _damage_error(path, error) from error
     if table.empty or not about:
         raise ConfigError(
-            f"{path} has no basic radiation (logical record 0100)", fix="download the whole month from BSRN"
+            "no basic radiation (logical record 0100)", place=path, fix="download the whole month from BSRN"
         )
     latitude, longitude, elevation = (float(about[key]) for key in ("latitude", "longitude", "altitude"))
     site = Site(latitude, longitude, elevation, zone_by_longitude(longitude))

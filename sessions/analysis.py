@@ -74,8 +74,8 @@ def camera_of(session: SessionReader, stream: str | None = None) -> StreamInfo:
     if len(chosen) != 1:
         have = ", ".join(info.name for info in cameras) or "none"
         if stream is not None:
-            raise SessionError(f"{session.path}: {stream!r} is not a camera", fix=f"its cameras: {have}")
-        raise SessionError(f"{session.path}: which camera? It has {have}", fix="name one: stream=...")
+            raise SessionError(f"{stream!r} is not a camera", place=session.path, fix=f"its cameras: {have}")
+        raise SessionError(f"which camera? It has {have}", place=session.path, fix="name one: stream=...")
     return chosen[0]
 
 
@@ -350,7 +350,7 @@ def to_xarray(session: SessionReader, stream: str) -> xr.Dataset:
     from fieldkit.sessions.lazy_flags import verified_flags
 
     if session.state == "interrupted":
-        raise SessionError(f"{session.path} is interrupted", fix=Action.RECOVER(session.path))
+        raise SessionError("interrupted", place=session.path, fix=Action.RECOVER(session.path))
     session.stream(stream)
     session.datasets(stream)
     is_live = session.group(stream).file.swmr_mode  # HDF5 opens a file in one way only

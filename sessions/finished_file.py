@@ -52,7 +52,8 @@ def add_to_finished(path: Path, add: Callable[[h5py.File], None]) -> None:
                 draft.unlink(missing_ok=True)
     except OSError as error:
         raise StorageError(
-            f"{path} could not be corrected: {error.strerror or error}",
+            f"could not be corrected: {error.strerror or error}",
+            place=path,
             fix="see that its folder can be written and has room for a copy of it; nothing was changed",
         ) from error
 

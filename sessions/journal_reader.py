@@ -122,7 +122,7 @@ class JournalReader:
                 return identity
         damage = "; ".join(self._unreadable) or "nothing in it can be read"
         self.close()
-        raise SessionError(f"{self.folder} holds no readable journal: {damage}")
+        raise SessionError(f"holds no readable journal: {damage}", place=self.folder)
 
     def _identities(self) -> Iterator[tuple[Head, bytes]]:
         for log in self._logs:

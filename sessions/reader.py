@@ -75,7 +75,7 @@ _MAX_HEADER_BYTES = 16_000_000
 def check_format(path: Path, file: h5py.File) -> None:
     """Raise `SessionError` where the file is not a session, `FormatError` for one of another version."""
     if attribute(file, "fieldkit_format") != FORMAT_NAME:
-        raise SessionError(f"{path} is an HDF5 file, but not a fieldkit session", fix=CHECK_PATH)
+        raise SessionError("an HDF5 file, but not a fieldkit session", place=path, fix=CHECK_PATH)
     check_version(path, str(attribute(file, "fieldkit_format_version")))
 
 
@@ -90,7 +90,7 @@ def scalar(file: h5py.File, name: str) -> Any:
     dataset = stored_here(file, name)
     is_scalar = isinstance(dataset, h5py.Dataset) and dataset.shape == ()
     if not is_scalar or dataset.dtype.itemsize > _MAX_HEADER_BYTES:
-        raise SessionError(f"{file.filename}: {name} is missing")
+        raise SessionError(f"{name} is missing", place=file.filename)
     return dataset[()]
 
 
@@ -103,7 +103,7 @@ def _texts(dataset: h5py.Dataset) -> list[str]:
     """The texts of a dataset; raises `SessionError` where it does not hold texts."""
     check_size(dataset)
     if dataset.dtype.kind != "S" or dataset.ndim != 1:
-        raise SessionError(f"{dataset.name} does not hold texts")
+        raise SessionError("does not hold texts", place=dataset.name)
     return [decode_text(text) for text in dataset[:].tolist()]
 
 
@@ -197,7 +197,7 @@ class SessionReader:
         self.require_open()
         if self.state not in ("sealed", "recovered"):
             fix = Action.STOP() if self.state == "recording" else Action.RECOVER(self.path)
-            raise SessionError(f"{self.path} is {self.state}: its journal may hold more", fix=fix)
+            raise SessionError(f"{self.state}: its journal may hold more", place=self.path, fix=fix)
 
     # --- what was declared
 
@@ -257,7 +257,7 @@ class SessionReader:
             near = get_close_matches(name, self._readers, n=1)
             hint = f"; did you mean {near[0]!r}?" if near else ""
             raise SessionError(
-                f"{self.path} has no stream {name!r}{hint}", fix=f"it has {', '.join(self._readers)}"
+                f"no stream {name!r}{hint}", place=self.path, fix=f"it has {', '.join(self._readers)}"
             )
         return self._readers[name]
 

@@ -102,7 +102,7 @@ def _locked(path: Path, notes: Sequence[Event]) -> RecoveryReport:
         raise SessionError(f"there is no session {path}", fix=CHECK_PATH)
     if is_locked(folder):
         fix = "wait until the recording has ended, or stop it: " + Action.STOP()
-        raise RefusedError(f"{path} is in use: it is being recorded", fix=fix)
+        raise RefusedError("in use: it is being recorded", place=path, fix=fix)
     _check_versions(path, folder)
     is_ours = not folder.exists()  # only for the lock: a file of which nothing is left is not interrupted
     folder.mkdir(exist_ok=True)
@@ -280,7 +280,7 @@ def _verified(
         with Salvage(path, packed=packed) as salvage:
             _write(fresh, salvage, notes, report=state == RECOVERED)
         if state == SEALED and salvage.losses:
-            raise IntegrityError(f"{path} is not whole: {'; '.join(salvage.losses)}")
+            raise IntegrityError(f"not whole: {'; '.join(salvage.losses)}", place=path)
         return seal(fresh, {name: stats.crc32s for name, stats in salvage.statistics.items()}, state), salvage
     except (OSError, IntegrityError):
         with suppress(OSError):

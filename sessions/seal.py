@@ -107,13 +107,13 @@ def _verified(session: SessionReader, stream: str, expected: Iterable[int]) -> i
     stored = reader.column("crc32")
     if any(one != other for one, other in zip_longest(stored, expected)):  # a day has a million
         raise IntegrityError(
-            f"{session.path}: the {len(stored)} samples of {stream} are not those of the journal"
+            f"the {len(stored)} samples of {stream} are not those of the journal", place=session.path
         )
     with ThreadPoolExecutor(_THREADS) as pool:  # one reads while the other computes checksums
         bad = list(chain.from_iterable(pool.map(partial(_bad, reader), range(0, len(reader), _BLOCK))))
     if bad:
         raise IntegrityError(
-            f"{session.path}: {len(bad)} samples of {stream} do not match, first number {bad[0]}"
+            f"{len(bad)} samples of {stream} do not match, first number {bad[0]}", place=session.path
         )
     return crc_of_crcs(stored)
 

@@ -41,7 +41,7 @@ def explained(path: Path, error: Exception) -> SessionError:
 
 def closed(path: Path) -> SessionError:
     """Error of reading a session that was closed."""
-    return SessionError(f"{path} is closed", fix=f'open it again: fieldkit.open_session("{path}")')
+    return SessionError("closed", place=path, fix=f'open it again: fieldkit.open_session("{path}")')
 
 
 def stored_here(group: h5py.Group, path: str) -> Any:
@@ -49,11 +49,11 @@ def stored_here(group: h5py.Group, path: str) -> Any:
     found: Any = group
     for name in path.split("/"):
         if found.__class__ is h5py.Dataset or link_of(found, name).__class__ is not h5py.HardLink:
-            raise SessionError(f"{path} is missing, or points somewhere else")
+            raise SessionError("missing, or points somewhere else", place=path)
         try:
             found = found[name]
         except (KeyError, OSError, RuntimeError) as error:
-            raise SessionError(f"{path} cannot be read: {error}") from error
+            raise SessionError(f"cannot be read: {error}", place=path) from error
     if found.__class__ is h5py.Dataset and (found.is_virtual or found.external):
         raise SessionError(f"{found.name} does not hold its data itself")
     return found
@@ -64,7 +64,7 @@ def link_of(group: h5py.Group, name: str) -> object:
     try:
         return group.get(name, getlink=True)
     except RuntimeError as error:
-        raise SessionError(f"{group.name} cannot be read: {error}") from error
+        raise SessionError(f"cannot be read: {error}", place=group.name) from error
 
 
 def members(group: h5py.Group) -> Iterator[tuple[str, Any]]:
@@ -78,10 +78,12 @@ def dataset_of(group: h5py.Group, name: str, row_shape: tuple[int, ...], dtype: 
     path = f"{group.name.rstrip('/')}/{name}"
     dataset = stored_here(group, name)
     if not isinstance(dataset, h5py.Dataset):
-        raise SessionError(f"{path} is a group, not a dataset")
+        raise SessionError("a group, not a dataset", place=path)
     is_declared = dataset.ndim == 1 + len(row_shape) and dataset.shape[1:] == row_shape
     if not is_declared or dataset.dtype.str[1:] != dtype:
-        raise SessionError(f"{path} has shape {dataset.shape}, {dataset.dtype}; expected rows of {row_shape}")
+        raise SessionError(
+            f"shape {dataset.shape}, {dataset.dtype}; expected rows of {row_shape}", place=path
+        )
     return dataset
 
 
@@ -108,9 +110,9 @@ def check_size(dataset: h5py.Dataset, *, salvage: bool = False) -> None:
             raise SessionError(f"the index of {dataset.name} is damaged: {error}") from error
         stored = _MOST_UNINDEXED_BYTES
     if dataset.size * dataset.dtype.itemsize > stored:
-        raise SessionError(f"{dataset.name} claims {dataset.shape} values that are not there")
+        raise SessionError(f"claims {dataset.shape} values that are not there", place=dataset.name)
     if dataset.chunks and math.prod(dataset.chunks) * dataset.dtype.itemsize > MOST_CHUNK_BYTES:
-        raise SessionError(f"{dataset.name} is cut into chunks of {dataset.chunks}")
+        raise SessionError(f"cut into chunks of {dataset.chunks}", place=dataset.name)
 
 
 def check_inflation(dataset: h5py.Dataset) -> None:

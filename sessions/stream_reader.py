@@ -115,10 +115,10 @@ class StreamReader:
         dataset = dataset_of(self._group, name, shape, "u2")
         block = (chunk_shape(self.info)[0], *shape)
         if 2 * math.prod(block) > MOST_BLOCK_BYTES:
-            raise SessionError(f"{dataset.name} has frames of {shape}, larger than any camera's")
+            raise SessionError(f"frames of {shape}, larger than any camera's", place=dataset.name)
         chunks = dataset.chunks or (math.inf,)
         if any(side > most for side, most in zip(chunks, block, strict=False)):
-            raise SessionError(f"{dataset.name} is cut into chunks of {dataset.chunks}")
+            raise SessionError(f"cut into chunks of {dataset.chunks}", place=dataset.name)
         return dataset
 
     def __len__(self) -> int:
@@ -341,5 +341,5 @@ def _rows(dataset: h5py.Dataset, start: int, stop: int) -> AnyArray:
     try:
         values: AnyArray = dataset[start:stop]
     except (OSError, RuntimeError) as error:
-        raise SessionError(f"{dataset.name} cannot be read: {error}") from error
+        raise SessionError(f"cannot be read: {error}", place=dataset.name) from error
     return values

@@ -30,16 +30,16 @@ def is_clean(path: Path) -> bool:
 
 def _superblock(path: Path) -> bytes:
     if path.exists() and not path.is_file():  # a pipe would wait for its other end
-        raise SessionError(f"{path} is a directory, pipe or device, not a file", fix=CHECK_PATH)
+        raise SessionError("a directory, pipe or device, not a file", place=path, fix=CHECK_PATH)
     try:
         with path.open("rb") as file:
             head = file.read(_SIZE)
     except OSError as error:
-        raise SessionError(f"cannot read {path}: {error.strerror}", fix=CHECK_PATH) from error
+        raise SessionError(f"cannot read: {error.strerror}", place=path, fix=CHECK_PATH) from error
     if len(head) < _SIZE or not head.startswith(SIGNATURE):
-        raise SessionError(f"{path} is not an HDF5 file", fix=CHECK_PATH)
+        raise SessionError("not an HDF5 file", place=path, fix=CHECK_PATH)
     if head[_VERSION] != 3:
-        raise SessionError(f"{path} is an HDF5 file, but not a fieldkit session", fix=CHECK_PATH)
+        raise SessionError("an HDF5 file, but not a fieldkit session", place=path, fix=CHECK_PATH)
     return head
 
 

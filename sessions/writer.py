@@ -89,7 +89,7 @@ class SessionWriter:
                 self._make(undo)
             except FileExistsError as error:
                 raise RefusedError(
-                    f"{self.path} exists already", fix="give the session another name"
+                    "exists already", place=self.path, fix="give the session another name"
                 ) from error
             except (OSError, RuntimeError) as error:
                 raise StorageError(
@@ -164,7 +164,7 @@ class SessionWriter:
 
     def _store(self, record: Record) -> None:
         if self.is_closed:
-            raise SessionError(f"{self.path} is closed")
+            raise SessionError("closed", place=self.path)
         number, crc32 = self._journal.append(record)
         self._syncer.grown()
         self._file_thread.offer(number, record, crc32)

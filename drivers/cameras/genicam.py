@@ -63,7 +63,7 @@ def _errors(what: str) -> Iterator[None]:
     try:
         yield
     except GLib.Error as error:
-        raise DeviceError(f"{what}: {error.message}", fix="switch the camera off and on") from error
+        raise DeviceError(error.message, place=what, fix="switch the camera off and on") from error
 
 
 class GenicamSource(StreamSource):
@@ -149,7 +149,7 @@ class Genicam(CameraDriver):
         """Open the camera, choose Mono16 and temperatures, and let it send."""
         if not settings.port:
             raise ConfigError(
-                f"{settings.name}: genicam needs the camera's address", fix='port = "192.168.1.20"'
+                "genicam needs the camera's address", place=settings.name, fix='port = "192.168.1.20"'
             )
         source = GenicamSource(settings.port, clock)
         opened = OpenedSource(source, settings.identity)

@@ -198,7 +198,7 @@ class KonicaMinolta(SerialDriver):
 def _enter_pc_mode(port: Port, clock: Clock, name: str) -> None:
     """Command 54 must come first; the meter then needs half a second."""
     if port.read(LAYOUT, meter.REPLY_TIMEOUT_S, pack_request(0, "54", "1")) is None:
-        raise DeviceTimeoutError(f"{name}: no reply to the PC mode command from {port.path}", fix=_HINT)
+        raise DeviceTimeoutError(f"no reply to the PC mode command from {port.path}", place=name, fix=_HINT)
     clock.sleep(0.5)
 
 

@@ -163,7 +163,7 @@ def load_map(name: str) -> RegisterMap:
         ) from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigError(
-            f"{path}: {error}", fix="repair the file; see the how-to on register maps"
+            str(error), place=path, fix="repair the file; see the how-to on register maps"
         ) from error
     try:
         return _read_map(table)
@@ -174,7 +174,7 @@ def load_map(name: str) -> RegisterMap:
         else:
             reason = message_of(error)
         raise ConfigError(
-            f"{path}: {reason}", fix="compare with the map rtd-8 that comes with fieldkit"
+            str(reason), place=path, fix="compare with the map rtd-8 that comes with fieldkit"
         ) from error
 
 

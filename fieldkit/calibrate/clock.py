@@ -183,13 +183,14 @@ def _warn_of_another_day(found: ClockOffset, notify: Callable[[str], None]) -> N
 def _against_gps(session: SessionReader, stream: str) -> ClockOffset:
     reader = session.stream(stream)
     if reader.info.device_time_unit != "ns since 1970 UTC":
-        raise ConfigError(f"{session.path}: {stream} carries no UTC", fix="use the drivers gpsd or nmea")
+        raise ConfigError(f"{stream} carries no UTC", place=session.path, fix="use the drivers gpsd or nmea")
     moments = [
         (sample.time_ns, sample.device_time) for sample in reader.samples(recorded=True) if _is_fix(sample)
     ]
     if not moments:
         raise CalibrationError(
-            f"{stream} never had a fix; without one a receiver's time is a guess",
+            "never had a fix; without one a receiver's time is a guess",
+            place=stream,
             fix="give the receiver a view of the sky",
         )
     own, true = np.array(moments, np.int64).T

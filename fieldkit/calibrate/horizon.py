@@ -99,7 +99,7 @@ def horizon_of_pixels(
     inside = (table >= -0.5).all() and (table < np.array(shape[::-1]) - 0.5).all()
     if len(table) < 2 or not inside:
         raise ConfigError(
-            f"{source}: needs two or more pixels, all within the frame", fix="check the size of the frame"
+            "needs two or more pixels, all within the frame", place=source, fix="check the size of the frame"
         )
     camera = pose.camera(shape, Grid())  # yaw is against true north
     x, y = table.T

@@ -47,7 +47,7 @@ def write_lines(path: Path, lines: Sequence[str]) -> None:
         with replacing(path, synced=False) as file:
             file.write_text("\n".join([*lines, ""]), encoding="utf-8")
     except OSError as error:
-        raise StorageError(f"cannot write {path}: {error.strerror or error}") from error
+        raise StorageError(f"cannot write: {error.strerror or error}", place=path) from error
 
 
 @contextmanager
@@ -68,7 +68,7 @@ def one_region(regions: Sequence[Region], name: str, path: Path) -> Region:
         if region.name == name:
             return region
     have = ", ".join(region.name for region in regions) or "none"
-    raise ConfigError(f"{path} has no region {name!r}", fix=f"it has {have}; draw: " + Action.ADD_REGION())
+    raise ConfigError(f"no region {name!r}", place=path, fix=f"it has {have}; draw: " + Action.ADD_REGION())
 
 
 def one_stream(session: SessionReader, quantity: str, name: str | None = None) -> StreamInfo:
@@ -79,7 +79,7 @@ def one_stream(session: SessionReader, quantity: str, name: str | None = None) -
         return chosen[0]
     have = ", ".join(info.name for info in candidates) or "none"
     which = f"no {quantity} stream {name!r}" if name else f"which {quantity} stream?"
-    raise ConfigError(f"{session.path}: {which}", fix=f"it has {have}")
+    raise ConfigError(which, place=session.path, fix=f"it has {have}")
 
 
 def light_meter(session: SessionReader, config: Config) -> StreamInfo:
@@ -106,5 +106,5 @@ def minute_means(
     """
     minutes, means = analysis.minute_means(session, stream, recorded=recorded)
     if not minutes.size:
-        raise ConfigError(f"{session.path}: {stream} has no usable readings", fix=Action.CHECK())
+        raise ConfigError(f"{stream} has no usable readings", place=session.path, fix=Action.CHECK())
     return minutes, means

@@ -179,7 +179,8 @@ def _radiation(session: SessionReader, config: Config, stream: str, components: 
     components_measured = set(radiation_components(info, config.tables.irradiance.measures)) - {""}
     if components_measured and not components_measured & set(components):
         raise ConfigError(
-            f"{stream} measures {', '.join(sorted(components_measured))}, not {' or '.join(components)}",
+            f"measures {', '.join(sorted(components_measured))}, not {' or '.join(components)}",
+            place=stream,
             fix=f"name another stream, or correct irradiance.measures.{stream}",
         )
     return info.name

@@ -110,7 +110,8 @@ def surface(
         bed_slopes = known_slopes(minutes.regions, beds, opened.path)
         if not bed_slopes:
             raise CalibrationError(
-                f"{opened.path} has no region of known slope",
+                "no region of known slope",
+                place=opened.path,
                 fix="give tilt_deg and azimuth_deg of one bed of 10 to 25 degrees",
             )
         rows = clear_rows(minutes, history)

@@ -127,12 +127,13 @@ def target_view(session: SessionReader) -> TargetView:
     kinds = {region.name: region.kind for region in session.regions}
     is_reference = np.array([kinds[name] is RegionKind.REFERENCE for name in series.regions])
     if not is_reference.any() or is_reference.all():
-        raise ConfigError(f"{session.path} needs a reference and other regions", fix=Action.ADD_REGION())
+        raise ConfigError("needs a reference and other regions", place=session.path, fix=Action.ADD_REGION())
     good = is_usable(series.flags)
     blocks, place = np.unique(series.time_ns[good] // BLOCK_NS, return_inverse=True)
     if blocks.size < LEAST_BLOCKS:
         raise CalibrationError(
-            f"{session.path} has {good.sum()} good frames: too few",
+            f"has {good.sum()} good frames: too few",
+            place=session.path,
             fix="record a minute or more of the target",
         )
     counts = np.bincount(place)[:, np.newaxis]

@@ -56,7 +56,7 @@ def command(session: Path | None, kind: str, speed: str, **given: Any) -> None:
         exported = export(opened, kind, speed=factor, on_frame=lambda: bar.advance(task), **given)
     _print(path, exported)
     if exported.problems:
-        raise IntegrityError(f"{path}: {'; '.join(exported.problems)}", fix=Action.CHECK(path))
+        raise IntegrityError(f"{'; '.join(exported.problems)}", place=path, fix=Action.CHECK(path))
 
 
 def _print(session: Path, exported: Export) -> None:

@@ -123,7 +123,8 @@ def _names(draft: Draft) -> list[Any]:
     values, file = tomllib.loads(draft.text), draft.file
     if "region" in values and ("region", 0) not in key_lines(draft.text):
         raise ConfigError(
-            f"{file} defines its regions inline (region = ...), which can only be edited by hand",
+            "defines its regions inline (region = ...), which can only be edited by hand",
+            place=file,
             fix=f"edit {file}: write each region as its own [[region]] and remove region = ...",
         )
     return [region.get("name") for region in values.get("region", [])]
@@ -169,7 +170,7 @@ def _write(file: Path, text: str) -> None:
             shutil.copymode(file, draft)  # first: a file that may not be written is not replaced either
             draft.write_bytes(_encoded(text, file.read_bytes()))
     except OSError as error:
-        raise StorageError(f"cannot write {file}: {error.strerror}") from error
+        raise StorageError(f"cannot write: {error.strerror}", place=file) from error
 
 
 def _encoded(text: str, before: bytes) -> bytes:

@@ -20,9 +20,9 @@ def read_text(file: Path, *, newline: str | None = None) -> str:
             return opened.read()
     except OSError as error:
         fix = "check its path, and who may read it"
-        raise ConfigError(f"cannot read {file}: {error.strerror}", fix=fix) from error
+        raise ConfigError(f"cannot read: {error.strerror}", place=file, fix=fix) from error
     except UnicodeDecodeError as error:
-        raise ConfigError(f"{file} is not UTF-8 text: {error.reason}", fix="save it as UTF-8") from error
+        raise ConfigError(f"not UTF-8 text: {error.reason}", place=file, fix="save it as UTF-8") from error
 
 
 def find_campaign(start: Path) -> Path:

@@ -21,7 +21,7 @@ def load_horizon(path: Path) -> list[list[float]]:
     """The pairs (azimuth, elevation) of a CSV file, in degrees. Raises `ConfigError`."""
     rows = [row for row in csv.reader(read_text(path).splitlines()) if row]
     if not rows or [name.strip() for name in rows[0]] != COLUMNS:
-        raise ConfigError(f"{path}: the first line must be {','.join(COLUMNS)}")
+        raise ConfigError(f"the first line must be {','.join(COLUMNS)}", place=path)
     pairs = [_pair(path, number, row) for number, row in enumerate(rows[1:], 2)]
     azimuths = [azimuth % 360.0 for azimuth, _ in pairs]
     if not pairs or len(set(azimuths)) < len(azimuths):
@@ -33,9 +33,9 @@ def _pair(path: Path, number: int, row: list[str]) -> list[float]:
     try:
         azimuth, elevation = map(float, row)
     except ValueError:
-        raise ConfigError(f"{path}: row {number}: write azimuth,elevation in degrees") from None
+        raise ConfigError(f"row {number}: write azimuth,elevation in degrees", place=path) from None
     if not (math.isfinite(azimuth) and 0.0 <= azimuth <= 360.0 and -90.0 < elevation < 90.0):
-        raise ConfigError(f"{path}: row {number}: azimuth must be 0 to 360, elevation between -90 and 90")
+        raise ConfigError(f"row {number}: azimuth must be 0 to 360, elevation between -90 and 90", place=path)
     return [azimuth, elevation]
 
 

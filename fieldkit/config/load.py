@@ -101,7 +101,7 @@ def parse_toml(text: str, file: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{file} is not valid TOML: {error}", fix=f"edit {file}") from error
+        raise ConfigError(f"not valid TOML: {error}", place=file, fix=f"edit {file}") from error
 
 
 def mistakes_in(text: str, path: Path) -> list[tuple[str, Mistake]]:
@@ -145,7 +145,7 @@ class _Document:
         for key in keys[:-1]:
             table = table.setdefault(key, {})
             if not isinstance(table, dict):
-                raise ConfigError(f"{_key_of(origin)}: {key} is not a table", fix="write table.key=value")
+                raise ConfigError(f"{key} is not a table", place=_key_of(origin), fix="write table.key=value")
         table[keys[-1]] = value
         self.origins[tuple(keys)] = origin
 

@@ -120,20 +120,20 @@ def _table_in(path: Path) -> PoseTable:
     try:
         values = tomllib.loads(read_text(path))
     except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{path}: {error}", fix=f"correct {path}") from error
+        raise ConfigError(str(error), place=path, fix=f"correct {path}") from error
     return pose_table(values, path)
 
 
 def pose_table(values: dict[str, Any], path: Path) -> PoseTable:
     """The checked table with these keys, of a file at `path`; raises `ConfigError` with the first mistake."""
     for key, message in _contradictions(values):
-        raise ConfigError(f"{path}: {key}: {message}", fix=f"correct {key} in {path}")
+        raise ConfigError(f"{key}: {message}", place=path, fix=f"correct {key} in {path}")
     try:
         return PoseTable.model_validate(_with_trajectory(values, path.parent))
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"])
-        raise ConfigError(f"{path}: {key}: {first['msg']}", fix=f"correct {key} in {path}") from None
+        raise ConfigError(f"{key}: {first['msg']}", place=path, fix=f"correct {key} in {path}") from None
 
 
 def _with_trajectory(values: Mapping[str, Any], folder: Path) -> dict[str, Any]:

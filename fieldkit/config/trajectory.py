@@ -45,7 +45,7 @@ def trajectory_from(text: str, name: str) -> Trajectory:
             raise _wrong(name, line, "its time is not after that of the pose before")
         poses.append(pose)
     if len(poses) < 2:
-        raise ConfigError(f"{name} holds {len(poses)} poses", fix="a trajectory needs two or more")
+        raise ConfigError(f"holds {len(poses)} poses", place=name, fix="a trajectory needs two or more")
     times, places, quaternions = zip(*poses, strict=True)
     return Trajectory(times, places, quaternions)
 
@@ -62,7 +62,8 @@ def outside(trajectory: Trajectory, time_ns: int, name: str) -> ConfigError:
     """The error for a time of which a trajectory has no pose."""
     first, last = trajectory.time_ns[0], trajectory.time_ns[-1]
     return ConfigError(
-        f"{name} holds poses from {_iso(first)} to {_iso(last)}, none of {_iso(time_ns)}",
+        f"holds poses from {_iso(first)} to {_iso(last)}, none of {_iso(time_ns)}",
+        place=name,
         fix="give the trajectory of this session, its times in UTC",
     )
 

@@ -312,7 +312,8 @@ def _refuse(source: Source, model: IrradianceModel) -> None:
     name = source.info.name
     if source.measures == "" and source.info.quantity == "irradiance":
         raise ConfigError(
-            f"{name} is in W/m2, but what it measures is not known, so it cannot be used as sunlight",
+            "in W/m2, but what it measures is not known, so it cannot be used as sunlight",
+            place=name,
             fix=f"{how_to_state(name)}: a level pyranometer, a pyrheliometer, a tilted one, a shaded one, "
             "a pyrgeometer",
         )

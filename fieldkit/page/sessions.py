@@ -71,7 +71,7 @@ class PastSessions:
         """The same for one that has a file; raises `RefusedError` while it is being recorded."""
         path = self.path(wanted)
         if is_locked(journal_path(path)):
-            raise RefusedError(f"{path.stem} is being recorded", fix="stop the recording first")
+            raise RefusedError("being recorded", place=path.stem, fix="stop the recording first")
         if not path.exists():
             raise SessionError(f"only the journal of {path.stem} is left", fix=Action.RECOVER(path))
         return path

@@ -108,7 +108,7 @@ class Campaign:
         matches = [path for path in paths if path.stem == name or path.stem.endswith(f"-{name}")]
         if not matches:
             names = ", ".join(path.stem for path in paths) or "none yet"
-            raise SessionError(f"{self.directory} has no session {name!r}", fix=f"it has {names}")
+            raise SessionError(f"no session {name!r}", place=self.directory, fix=f"it has {names}")
         return open_session(matches[-1])
 
     @property
@@ -290,7 +290,7 @@ def create_campaign(folder: str | Path, tables: Mapping[str, Any]) -> Campaign:
         raise ConfigMistakesError(mistakes, fix="nothing was written; correct the options")
     if file.exists():
         raise RefusedError(
-            f"{file} is there already", fix="choose another folder; init never overwrites a campaign"
+            "there already", place=file, fix="choose another folder; init never overwrites a campaign"
         )
     try:
         for name in FOLDERS:

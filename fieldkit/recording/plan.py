@@ -279,7 +279,9 @@ class MeasuringPlan:
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(content, encoding="utf-8")
         except OSError as error:
-            raise StorageError(f"cannot write {path}: {error.strerror}", fix="name another file") from error
+            raise StorageError(
+                f"cannot write: {error.strerror}", place=path, fix="name another file"
+            ) from error
         return path
 
 

@@ -191,7 +191,7 @@ def mean_of_first_frames_k(path: Path, name: str = "") -> FloatArray:
         frames = _usable_frames_k(session.samples(camera.name), camera) if camera else iter(())
         first_frames = list(itertools.islice(frames, AVERAGED_FRAMES))
     if not first_frames:
-        raise SessionError(f"{path} has no usable frame with temperatures", fix="omit " + Argument("session"))
+        raise SessionError("no usable frame with temperatures", place=path, fix="omit " + Argument("session"))
     return np.asarray(np.mean(first_frames, axis=0, dtype=np.float64))
 
 

@@ -149,7 +149,7 @@ def _write(path: Path, text: str) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
     except OSError as error:
-        raise StorageError(f"cannot write {path}: {error.strerror}") from error
+        raise StorageError(f"cannot write: {error.strerror}", place=path) from error
 
 
 def _installed_elsewhere(system: bool) -> Text:

@@ -90,7 +90,7 @@ def _damage(outcome: Outcome) -> IntegrityError | None:
         return None
     path = outcome.run.source.path
     return IntegrityError(
-        f"{path} has damaged samples in {minutes} minutes; they are excluded", fix=Action.CHECK(path)
+        f"damaged samples in {minutes} minutes; they are excluded", place=path, fix=Action.CHECK(path)
     )
 
 

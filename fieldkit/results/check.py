@@ -146,7 +146,7 @@ def correct_clock(path: str | Path) -> tuple[TimeStep, ...]:
     with open_session(path) as session:
         steps = propose_time_map(session)
         if not steps:
-            raise RefusedError(f"{path.name}: its clock comparisons call for no correction")
+            raise RefusedError("its clock comparisons call for no correction", place=path.name)
         if steps == session.time_map():
             return ()
     apply_time_map(path, steps)

@@ -97,7 +97,7 @@ def _with_times(files: list[_File], given: Mapping[Path, list[int]] | None, offs
     for file in files:
         time_ns = given[file.path] if given else file.time_ns
         if 0 in time_ns:
-            raise ConfigError(f"{file.path}: frame {time_ns.index(0)} has no time", fix=GIVE_TIMES)
+            raise ConfigError(f"frame {time_ns.index(0)} has no time", place=file.path, fix=GIVE_TIMES)
         shifted_ns = [plausible_ns(stamp + offset_ns) for stamp in time_ns]
         stamped.append(replace(file, time_ns=shifted_ns))
     return sorted(stamped, key=lambda file: file.time_ns[0])
@@ -112,7 +112,7 @@ def _scan(source: Path) -> tuple[FlirFrame, list[_File], tuple[tuple[Severity, s
             frame, file = _scanned_file(path, first)
         except DecodeError as error:
             if not source.is_dir():
-                raise ConfigError(f"{path}: {error.message}", fix=error.fix or _COPY) from error
+                raise ConfigError(error.message, place=path, fix=error.fix or _COPY) from error
             fix = fix if others else error.fix or _COPY
             others.append(f"{path.name} ({error.message})")
         else:
@@ -120,7 +120,7 @@ def _scan(source: Path) -> tuple[FlirFrame, list[_File], tuple[tuple[Severity, s
             files.append(file)
     if first is None:
         raise ConfigError(
-            f"{source} has no frame with temperatures: {others[0] if others else 'it is empty'}", fix=fix
+            f"no frame with temperatures: {others[0] if others else 'it is empty'}", place=source, fix=fix
         )
     if not others:
         return first, files, ()
@@ -161,4 +161,4 @@ def _stored_frames(path: Path) -> Iterator[FlirFrame]:
         with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
             yield from flir_file.frames(data)
     except OSError as error:
-        raise ConfigError(f"{path}: {error}", fix=_COPY) from error
+        raise ConfigError(str(error), place=path, fix=_COPY) from error

@@ -351,14 +351,15 @@ def read_source(source: Path, options: ImportOptions) -> ImportedRecording:
     Raises `ConfigError` if none does, or if an option is given that the format does not use.
     """
     if not source.is_file() and not source.is_dir():  # a pipe or a device may never end
-        raise ConfigError(f"{source} is neither a file nor a folder", fix="check the path")
+        raise ConfigError("neither a file nor a folder", place=source, fix="check the path")
     for found in _FORMATS:
         if found.fits(source):
             unused = {field.name for field in fields(options)} - _OF_ALL - found.uses
             _refuse_unused(source, options, unused, found.name)
             return found.read(source, options)
     raise ConfigError(
-        f"{source} has no format that fieldkit reads",
+        "no format that fieldkit reads",
+        place=source,
         fix="it reads .raw.y16.gz, .fff, .seq, radiometric .jpg, TIFF, 16-bit PNG and .irg frames, "
         "tables of loggers, files of SURFRAD, BSRN and the Japan Meteorological Agency",
     )

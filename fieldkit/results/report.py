@@ -140,7 +140,7 @@ def report(
     target = None if out is None else Path(out)
     kind = ".html" if target is None else target.suffix.lower()
     if kind not in (".html", ".pdf", ".png"):
-        raise ConfigError(f"{target}: a report is HTML, PDF or an image", fix="name a file of these")
+        raise ConfigError("a report is HTML, PDF or an image", place=target, fix="name a file of these")
     pdf = target if kind == ".pdf" else None
     page = target if pdf is None else pdf.with_suffix(".html")
     if pdf is not None:
@@ -263,7 +263,7 @@ def _image(
     require_palette(palette)
     frames = list(_shown_frames(session, known))
     if not frames:
-        raise ConfigError(f"{session.path} has no usable frame", fix=Action.CHECK(session.path))
+        raise ConfigError("no usable frame", place=session.path, fix=Action.CHECK(session.path))
     try:
         session_map = slope_map(session, settings=options.settings, present=options.present)
         mapped = None if session_map.along_sun is not None else session_map.slopes

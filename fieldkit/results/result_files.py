@@ -109,14 +109,14 @@ def _about(document: Path) -> dict[str, Any]:
     try:
         about = json.loads(document.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise ConfigError(f"{document} cannot be read: {message_of(error)}", fix=_RECALLABLE) from error
+        raise ConfigError(f"cannot be read: {message_of(error)}", place=document, fix=_RECALLABLE) from error
     keys: set[str] = set(about) if isinstance(about, dict) else set()
     if {"sessions", "parameters"} <= keys:
         raise ConfigError(
-            f"{document} has many sets of parameters", fix="report its sessions with the settings of one set"
+            "many sets of parameters", place=document, fix="report its sessions with the settings of one set"
         )
     if not {"sessions", "settings"} <= keys:
-        raise ConfigError(f"{document} is not what an estimate wrote", fix=_RECALLABLE)
+        raise ConfigError("not what an estimate wrote", place=document, fix=_RECALLABLE)
     return dict(about)
 
 

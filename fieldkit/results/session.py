@@ -357,7 +357,7 @@ class Session(SessionReader):
         cameras = [name for name, info in self.streams.items() if info.is_camera and self.regions]
         meters = [name for name, info in self.streams.items() if not info.is_camera]
         if not cameras + meters:
-            raise SessionError(f"{self.path} has no regions to plot", fix="draw them: " + Action.ADD_REGION())
+            raise SessionError("no regions to plot", place=self.path, fix="draw them: " + Action.ADD_REGION())
         return self[(cameras + meters)[0]].plot(ax)
 
     def __repr__(self) -> str:

@@ -225,7 +225,7 @@ class MappedSession:
         """Products of the map. Raises `NoAnswerError` for one that cannot be made of it."""
         if self.along_sun is not None:
             if set(wanted.names) != {"rdir"}:
-                raise NoAnswerError(f"{self.path.name}: {ONE_MINUTE}", fix="choose another window")
+                raise NoAnswerError(f"{ONE_MINUTE}", place=self.path.name, fix="choose another window")
             return [layer_along_sun(self.along_sun, self.bounds.confidence)]
         return layers(
             wanted,
@@ -245,8 +245,8 @@ class MappedSession:
         """
         if self.has_moved:
             raise NoAnswerError(
-                f"{self.path.name}: the camera moved within the window, and one pose cannot place its pixels "
-                "on the ground",
+                "the camera moved within the window, and one pose cannot place its pixels on the ground",
+                place=self.path.name,
                 fix="choose a window in which it stood still, or omit " + Argument("pose"),
             )
         rows, cols = self.slopes.state.shape
@@ -443,7 +443,7 @@ def _map_session(
     regions = regions_on(camera.name, minutes.regions, instruments.cameras) if camera else ()
     if camera is None or not RegionColumns(regions).references.size:
         missing = "camera whose temperatures are known" if camera is None else "reference region"
-        raise NoAnswerError(f"{session.path} has no {missing}, so it has no slope map")
+        raise NoAnswerError(f"no {missing}, so it has no slope map", place=session.path)
     columns = [place for place, region in enumerate(minutes.regions) if region in regions]
     history, estimates = minutes.history.only(np.array(columns, np.int64)), minutes.estimates()
     chosen = _window(minutes, estimates, window)

@@ -60,7 +60,9 @@ def reading(session: SessionOrFile) -> Iterator[SessionReader]:
     except FieldkitError:
         raise
     except (OSError, RuntimeError, ValueError) as error:
-        raise SessionError(f"{path} cannot be read: {message_of(error)}", fix=Action.CHECK(path)) from error
+        raise SessionError(
+            f"cannot be read: {message_of(error)}", place=path, fix=Action.CHECK(path)
+        ) from error
 
 
 def marks_of(session: SessionReader, without: Collection[int] = ()) -> list[Event]:
@@ -108,7 +110,7 @@ def source_of(
     """
     with open_session(path) as session:
         if session.state == "recording":
-            raise SessionError(f"{path} is being recorded", fix="wait until it ends, or " + Action.STOP())
+            raise SessionError("being recorded", place=path, fix="wait until it ends, or " + Action.STOP())
         config = config_for(session, present=present)
         schedule = (
             regions_for(session, config, present=present)
@@ -146,7 +148,8 @@ def config_for(session: SessionReader, settings: Settings = (), *, present: bool
         if session.config_toml or "no fieldkit.toml" not in error.message:
             raise
         raise ConfigError(
-            f"{session.path} has no configuration of its own (it was imported), and no campaign is around it",
+            "no configuration of its own (it was imported), and no campaign is around it",
+            place=session.path,
             fix="put it into recordings/ of a campaign, and draw regions there: " + Action.ADD_REGION(),
         ) from error
 
@@ -176,7 +179,7 @@ def qualified_key(name: str) -> str:
     if len(names) == 1:
         return names[0]
     if names:
-        raise ConfigError(f"{name} is ambiguous", fix=f'qualify it: estimate({{"{names[0]}": ...}})')
+        raise ConfigError("ambiguous", place=name, fix=f'qualify it: estimate({{"{names[0]}": ...}})')
     raise ConfigError(
         f"no parameter of an estimate is called {name}",
         fix='see the configuration reference; other keys need their table: {"record.every_s": 30}',

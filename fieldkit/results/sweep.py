@@ -259,7 +259,7 @@ def read_grid(settings: Sequence[str]) -> Grid:
     keys = [parameter.key for parameter in parameters]
     for key in keys:
         if keys.count(key) > 1:
-            raise ConfigError(f"{key} is given more than once", fix=f"write one list: {key}=A,B,C")
+            raise ConfigError("given more than once", place=key, fix=f"write one list: {key}=A,B,C")
     return _grid(parameters)
 
 
@@ -292,7 +292,7 @@ def _parameter(key: str, values: Sequence[Any]) -> Parameter:
 def _parse_setting(setting: str) -> Parameter:
     key, equals, text = (part.strip() for part in setting.partition("="))
     if not equals or not key or not text:
-        raise ConfigError(f"{setting}: no value", fix="write it as surface.albedo=0.15:0.35:0.05")
+        raise ConfigError("no value", place=setting, fix="write it as surface.albedo=0.15:0.35:0.05")
     if text.startswith("["):
         return Parameter(key, (text,))
     values: list[str] = []

@@ -40,12 +40,12 @@ def read_table(path: Path, *, needs_reference: bool = True) -> TemperatureTable:
         rows = list(_filled_rows(path, reader))
     except csv.Error as error:
         raise ConfigError(
-            f"{path}: cannot be read as a table: {error}", fix="export it again as CSV"
+            f"cannot be read as a table: {error}", place=path, fix="export it again as CSV"
         ) from error
     _refuse_repeated(path, names)
     temperatures = _temperature_columns(path, names, needs_reference)
     if not rows:
-        raise ConfigError(f"{path}: the table has no rows", fix="give one row per measurement")
+        raise ConfigError("the table has no rows", place=path, fix="give one row per measurement")
     times = np.array([_time_ns(path, line, row) for line, row in rows], np.int64)
     order = np.argsort(times, kind="stable")
     kelvin = {

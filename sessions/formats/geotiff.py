@@ -158,11 +158,12 @@ def read_heights(path: Path, crs: CRS, scale: float) -> Heights:
         raise ConfigError(f"cannot read the DEM {path}: {error}", fix="name a GeoTIFF of heights") from error
     if _horizontal(crs_of_file) != _horizontal(crs):
         raise ConfigError(
-            f"{path} is in {crs_of_file or 'no reference system'}, the pose in {crs}",
+            f"in {crs_of_file or 'no reference system'}, the pose in {crs}",
+            place=path,
             fix=f"gdalwarp -t_srs {crs} -r bilinear {path} dem.tif",
         )
     if place.b or place.d or place.e >= 0.0 or not math.isclose(place.a, -place.e, rel_tol=1e-6):
-        raise ConfigError(f"{path} has no square cells with north up", fix="gdalwarp -tr 0.5 0.5 ...")
+        raise ConfigError("no square cells with north up", place=path, fix="gdalwarp -tr 0.5 0.5 ...")
     upwards = -1.0 if ",DOWN]" in crs_of_file.to_wkt() else 1.0  # a system of depths
     heights = upwards * (band * gain + offset) * _metres_per_unit(path, unit)
     _refuse_no_heights(path, heights, band)
@@ -183,7 +184,8 @@ def _metres_per_unit(path: Path, unit: str | None) -> float:
         return 1.0
     if (metres := UNITS_M.get(re.sub("[^a-z]", "", unit.lower()))) is None:
         raise ConfigError(
-            f"{path} has heights in {unit!r}, a unit that is not known",
+            f"heights in {unit!r}, a unit that is not known",
+            place=path,
             fix=f"set it to m, ft or US survey foot: rio edit-info --bidx 1 --units m {path}",
         )
     return metres
@@ -195,7 +197,8 @@ def _refuse_no_heights(path: Path, heights_m: FloatArray, band: FloatArray) -> N
     if is_marker.any():
         marker = band[is_marker][0]
         raise ConfigError(
-            f"{path} holds {marker:.17g}, which is no height, and does not declare it as missing",
+            f"holds {marker:.17g}, which is no height, and does not declare it as missing",
+            place=path,
             fix=f"declare it: rio edit-info --nodata {marker:.17g} {path}, or correct scale, offset and unit",
         )
 

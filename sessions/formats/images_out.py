@@ -145,7 +145,7 @@ def export_video(
         film.write(image)
         count += 1
     if film is None:
-        raise ConfigError(f"{session.path} has no frames", fix=_TABLES)
+        raise ConfigError("no frames", place=session.path, fix=_TABLES)
     film.release()
     if cv2.VideoCapture(str(path)).get(cv2.CAP_PROP_FRAME_COUNT) < count:  # OpenCV reports no full disk
         path.unlink()
@@ -173,15 +173,16 @@ def _camera(session: SessionReader, stream: str | None) -> StreamInfo:
     """The camera named, or the only one; raises `ConfigError`."""
     names = _cameras(session)
     if not names:
-        raise ConfigError(f"{session.path} has no frames", fix=_TABLES)
+        raise ConfigError("no frames", place=session.path, fix=_TABLES)
     if stream is None and len(names) > 1:
         raise ConfigError(
-            f"{session.path} has frames of {len(names)} cameras",
+            f"frames of {len(names)} cameras",
+            place=session.path,
             fix=Argument("stream") + f" is one of {', '.join(names)}",
         )
     if stream is not None and stream not in names:
         raise ConfigError(
-            f"{session.path} has no camera {stream!r}", fix=f"its cameras are {', '.join(names)}"
+            f"no camera {stream!r}", place=session.path, fix=f"its cameras are {', '.join(names)}"
         )
     return session.streams[stream or names[0]]
 
@@ -272,7 +273,7 @@ def _range(session: SessionReader, info: StreamInfo) -> tuple[float, float]:
     shown = [_shown(frame, info) for frame in frames if not is_damaged(frame.quality)]
     ends = np.array([np.nanpercentile(one, (1, 99)) for one in shown if np.isfinite(one).any()])
     if not len(ends):
-        raise ConfigError(f"{session.path} has no frames", fix=_TABLES)
+        raise ConfigError("no frames", place=session.path, fix=_TABLES)
     low, high = float(ends[:, 0].min()), float(ends[:, 1].max())
     return low, max(high, low + (0.01 if has_temperatures(info) else 1))
 

@@ -139,7 +139,7 @@ def write_imported(path: Path, header: SessionHeader, imported: ImportedRecordin
     samples = iter(imported.samples)
     first = next(samples, None)
     if first is None:
-        raise ConfigError(f"{source} has no samples", fix="check that it is the right file, and whole")
+        raise ConfigError("no samples", place=source, fix="check that it is the right file, and whole")
     clock = StampedClock(first.time_ns)
     writer = SessionWriter(path, header, clock)
     try:
@@ -219,6 +219,7 @@ def refuse_bomb(path: Path, unpacked_bytes: int) -> None:
     size = path.stat().st_size
     if unpacked_bytes > _ALWAYS_BYTES + _MOST_TIMES * size:
         raise ConfigError(
-            f"{path} of {size / 1e6:.1f} MB unpacks to {unpacked_bytes / 1e6:.0f} MB or more",
+            f"of {size / 1e6:.1f} MB unpacks to {unpacked_bytes / 1e6:.0f} MB or more",
+            place=path,
             fix="check where it comes from, and copy it again",
         )

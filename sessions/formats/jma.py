@@ -103,7 +103,8 @@ def read_obsdl(path: Path, name: str) -> ImportedRecording:
 def _obsdl(path: Path, rows: list[list[str]], name: str) -> ImportedRecording:
     if rows and rows[0][0] == _TIME_OF_DAY:
         raise ConfigError(
-            f"{path} has times of day ({_TIME_OF_DAY}) but no date",
+            f"times of day ({_TIME_OF_DAY}) but no date",
+            place=path,
             fix="write the date before each time (2026-07-05 00:10, the next day's 00:00 for 24:00), "
             "and import it with " + Argument("zone", "Asia/Tokyo"),
         )
@@ -112,18 +113,19 @@ def _obsdl(path: Path, rows: list[list[str]], name: str) -> ImportedRecording:
         raise not_understood(path, f"no row names the items, beginning with {_SPLIT[0]}")
     if rows[at][0] and rows[at].count(rows[at][0]) > 1:  # 集計開始 and 集計終了
         raise ConfigError(
-            f"{path} has values of periods of several days, from one date to another",
+            "values of periods of several days, from one date to another",
+            place=path,
             fix="choose hourly or daily values (時別値, 日別値) at obsdl",
         )
     hourly = _is_hourly(rows[at], rows[at + 1 :])
     below = [(_stamp(row, is_split=rows[at][0] == _SPLIT[0], hourly=hourly), row) for row in rows[at + 1 :]]
     body = [(stamp, row) for stamp, row in below if stamp is not None]
     if not body:
-        raise ConfigError(f"{path} has no row that begins with a date", fix="choose hourly values at obsdl")
+        raise ConfigError("no row that begins with a date", place=path, fix="choose hourly values at obsdl")
     items = _items(rows[:at], rows[at], [row for stamp, row in below if stamp is None])
     if not items:
         have = ", ".join(row.of_jma for row in QUANTITIES.values() if row.of_jma)
-        raise ConfigError(f"{path} has no item that fieldkit takes", fix=f"it takes {have}")
+        raise ConfigError("no item that fieldkit takes", place=path, fix=f"it takes {have}")
     return _recording(path, name, items, body, timedelta(hours=1 if hourly else 24))
 
 
@@ -362,6 +364,7 @@ def _decoded(content: bytes) -> str:
 def not_understood(path: Path, why: str) -> ConfigError:
     """The error of a file that is laid out otherwise."""
     return ConfigError(
-        f"{path} is not as the {VENDOR} writes it: {why}",
+        f"not as the {VENDOR} writes it: {why}",
+        place=path,
         fix="download it anew and leave name and encoding (Shift_JIS) as they are",
     )

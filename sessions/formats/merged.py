@@ -54,12 +54,13 @@ def merge(session: SessionReader, imported: ImportedRecording, path: Path, sourc
     common = {info.name for info in imported.streams} & set(session.streams)
     if common:
         raise ConfigError(
-            f"{session.path} has a stream {common.pop()!r} already", fix="give another " + Argument("name")
+            f"a stream {common.pop()!r} already", place=session.path, fix="give another " + Argument("name")
         )
     time_ns = [sample.time_ns for sample in imported.samples]
     if not time_ns or max(time_ns) < session.start_ns or min(time_ns) > session.end_ns:
         raise ConfigError(
-            f"{source} and {session.path} do not overlap in time",
+            f"and {session.path} do not overlap in time",
+            place=source,
             fix="check " + Argument("zone") + " and " + Argument("offset_s") + " of the logger",
         )
     header = replace(session.header, streams=(*session.header.streams, *imported.streams))
@@ -145,7 +146,8 @@ def _best_stream(
         quantities = " or ".join(info.quantity for info in streams)
         reason = refused or f"it has no time series of {quantities}"
         raise NoAnswerError(
-            f"{session.path} does not determine the log's offset: {reason}",
+            f"does not determine the log's offset: {reason}",
+            place=session.path,
             fix="give it, such as " + Argument("offset_s", 12),
         )
     return min(found, key=lambda one: one[1].uncertainty_s)

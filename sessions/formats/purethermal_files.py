@@ -97,7 +97,8 @@ def _header(path: Path, file: gzip.GzipFile) -> tuple[tuple[int, int], float]:
         return shape, rate_hz
     except _UNREADABLE as error:
         raise ConfigError(
-            f"{path} is not a recording of the PureThermal Y16 recorder: {message_of(error)}",
+            f"not a recording of the PureThermal Y16 recorder: {message_of(error)}",
+            place=path,
             fix="imports are .raw.y16.gz, folders of 16-bit TIFF, and tables (CSV)",
         ) from error
 

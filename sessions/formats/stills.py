@@ -93,7 +93,7 @@ class _Still:
             return read_irg(self.path).counts
         pixels = self.page.read(self.path) if self.page else _read_png(self.path)
         if pixels is None or pixels.dtype != (np.float32 if self.unit else np.uint16) or pixels.ndim != 2:
-            raise ConfigError(f"{self.label} cannot be read as a frame", fix=_EXPORT_AGAIN)
+            raise ConfigError("cannot be read as a frame", place=self.label, fix=_EXPORT_AGAIN)
         return _counts_of(pixels, self.unit) if self.unit else pixels.astype(np.uint16, copy=False)
 
 
@@ -138,12 +138,13 @@ def read_stills(
     paths = image_files(source)
     if not paths:
         raise ConfigError(
-            f"{source} has no frames with temperatures",
+            "no frames with temperatures",
+            place=source,
             fix="name the folder that has the .tif, .tiff, .irg or .png files, or FLIR's .jpg, .fff or .seq",
         )
     kind = _kind(paths)
     if kind != "TIFF" and unit:
-        raise ConfigError(f"{source} holds counts, which have no unit", fix="omit " + Argument("unit"))
+        raise ConfigError("holds counts, which have no unit", place=source, fix="omit " + Argument("unit"))
     if kind == "TIFF":
         stills, notes = _tiff_stills(paths, unit)
     else:
@@ -184,11 +185,11 @@ def _png_stills(paths: Sequence[Path]) -> tuple[list[_Still], list[Note]]:
             head = file.read(26)
         if not head.startswith(_PNG_MAGIC) or len(head) < 26:
             raise ConfigError(
-                f"{path} cannot be read as a frame: it does not begin as a PNG", fix=_EXPORT_AGAIN
+                "cannot be read as a frame: it does not begin as a PNG", place=path, fix=_EXPORT_AGAIN
             )
         width, height, *kind = _PNG_HEAD.unpack_from(head, 16)
         if tuple(kind) != _GREY_16:
-            raise ConfigError(f"{path} has not one 16-bit number per pixel", fix=_NOT_COLOURED)
+            raise ConfigError("not one 16-bit number per pixel", place=path, fix=_NOT_COLOURED)
         _refuse_pixels(str(path), width * height)
         refuse_bomb(path, 2 * width * height)
     return [_Still(path, str(path), None) for path in paths], []
@@ -238,7 +239,7 @@ def _pages(path: Path) -> list[Page]:
         pages = list(read_pages(path))
     except (OSError, ValueError) as error:
         raise ConfigError(
-            f"{path} cannot be read as a frame: {message_of(error)}", fix=_EXPORT_AGAIN
+            f"cannot be read as a frame: {message_of(error)}", place=path, fix=_EXPORT_AGAIN
         ) from error
     if not any(page.is_frame for page in pages):
         raise ConfigError(f"no page of {path} ({len(pages)} in all) is a frame", fix=_EXPORT_AGAIN)
@@ -366,7 +367,7 @@ def read_irg(path: Path) -> IrgFrame:
         with path.open("rb") as file:
             data = file.read(0x10000 + 3 * _MOST_IRG_PIXELS)
     except OSError as error:
-        raise ConfigError(f"cannot read {path}: {error.strerror}", fix="check the path") from error
+        raise ConfigError(f"cannot read: {error.strerror}", place=path, fix="check the path") from error
     if len(data) < _HEAD.size or data[:2] not in _KELVIN_PER_COUNT:
         raise _refusal(path, "it does not begin as one")
     magic, length, preview, rows, cols = _HEAD.unpack_from(data)
@@ -381,6 +382,7 @@ def read_irg(path: Path) -> IrgFrame:
 
 def _refusal(path: Path, why: str) -> ConfigError:
     return ConfigError(
-        f"{path} is not a known .irg frame: {why}",
+        f"not a known .irg frame: {why}",
+        place=path,
         fix="export it from the camera's program as 16-bit TIFF, and import that",
     )

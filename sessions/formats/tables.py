@@ -123,7 +123,8 @@ def read_table(
     names, below = _header(rows[:first], date)
     if len(names) < 2 or first >= len(rows):
         raise ConfigError(
-            f"{path} has no table with a header line and rows",
+            "no table with a header line and rows",
+            place=path,
             fix="keep the header line, with the unit of each column in brackets",
         )
     columns = _columns(names, below, is_campbell=rows[0].cells[0] in _CAMPBELL)
@@ -144,7 +145,7 @@ def place_of(path: Path, columns: Sequence[Column], name: str) -> int:
         if name in (column.head, column.label):
             return place
     raise ConfigError(
-        f"{path} has no column {name!r}", fix=f"it has: {', '.join(column.head for column in columns)}"
+        f"no column {name!r}", place=path, fix=f"it has: {', '.join(column.head for column in columns)}"
     )
 
 
@@ -154,13 +155,14 @@ def place_of(path: Path, columns: Sequence[Column], name: str) -> int:
 def _text(path: Path, encoding: str) -> str:
     try:
         if path.stat().st_size > _MAX_BYTES:
-            raise ConfigError(f"{path} is larger than {_MAX_BYTES // 10**6} MB", fix="split it")
+            raise ConfigError(f"larger than {_MAX_BYTES // 10**6} MB", place=path, fix="split it")
         with path.open("rb") as file:
             stated = _stated_encoding(path, file.read(3), encoding)
         text = path.read_text(encoding=stated)
     except UnicodeDecodeError as error:
         raise ConfigError(
-            f"{path} is not in {error.encoding}: byte {error.object[error.start]:#04x} at {error.start}",
+            f"not in {error.encoding}: byte {error.object[error.start]:#04x} at {error.start}",
+            place=path,
             fix=_NAME_ENCODING,
         ) from error
     except LookupError as error:
@@ -168,7 +170,7 @@ def _text(path: Path, encoding: str) -> str:
     except (OSError, UnicodeError) as error:
         raise _unreadable(path, str(error)) from error
     if "\0" in text:
-        raise ConfigError(f"{path} is not in {stated}: it has bytes of zero", fix=_NAME_ENCODING)
+        raise ConfigError(f"not in {stated}: it has bytes of zero", place=path, fix=_NAME_ENCODING)
     return text.removeprefix("\ufeff")
 
 
@@ -176,7 +178,9 @@ def _stated_encoding(path: Path, start: bytes, given: str) -> str:
     """The encoding given, or that of the mark at the beginning of the file."""
     stated = next((name for mark, name in _MARKS.items() if start.startswith(mark)), given)
     if given != DEFAULT_ENCODING and codecs.lookup(given).name[:6] != codecs.lookup(stated).name[:6]:
-        raise ConfigError(f"{path} begins as {stated}, not as {given}", fix="omit " + Argument("encoding"))
+        raise ConfigError(
+            f"begins as {stated}, not as {given}", place=path, fix="omit " + Argument("encoding")
+        )
     return stated
 
 
@@ -194,7 +198,7 @@ def refuse_swallowed(path: Path, line: int, cells: Iterable[str], width: int, de
 
 
 def _unreadable(path: Path, why: str) -> ConfigError:
-    return ConfigError(f"{path} cannot be read as a table: {why}", fix="save it as CSV, UTF-8")
+    return ConfigError(f"cannot be read as a table: {why}", place=path, fix="save it as CSV, UTF-8")
 
 
 def _rows(text: str, delimiter: str) -> Iterator[Row]:
@@ -254,7 +258,8 @@ def _refuse_without_dates(path: Path, rows: Sequence[Row]) -> None:
     """Refuse what other tables hold in place of times; raises `ConfigError`."""
     if any(row.cells[0].startswith(("File:", "Frame ")) for row in rows[:_SAMPLE]):
         raise ConfigError(
-            f"{path} holds the temperatures of an image without its time, as FLIR's programs export them",
+            "holds the temperatures of an image without its time, as FLIR's programs export them",
+            place=path,
             fix="export the radiometric .jpg, .fff or .seq and import that",
         )
     clock = _place_where(rows[1:_SAMPLE], is_clock)

@@ -161,7 +161,7 @@ def utc_ns(moment: datetime) -> int:
     try:
         time_ns = clock.utc_ns(moment)
     except ValueError as error:
-        raise ConfigError(f"{moment.isoformat()}: {error}", fix="check its clock and format") from None
+        raise ConfigError(str(error), place=moment.isoformat(), fix="check its clock and format") from None
     return plausible_ns(time_ns)
 
 

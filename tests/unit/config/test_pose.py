@@ -125,7 +125,7 @@ def test_corners_have_the_heights_of_a_dem_and_are_not_seen_behind_a_wall(tmp_pa
         (LENS + DOWN + "quaternion = [1, 0, 0, 0]", "", "both quaternion and yaw_deg, pitch_deg"),
         (LENS + DOWN.split("yaw")[0] + "quaternion = [0, 0, 0, 0]", "", "its length is 0, not 1"),
         (LENS + DOWN + 'dem = "dem.tif"', "", "either ground_m"),
-        (LENS + 'trajectory = "none.csv"', "", "camera.pose: cannot read"),
+        (LENS + 'trajectory = "none.csv"', "", "none.csv: cannot read"),
         (LENS + 'trajectory = "run.csv"', "", "run.csv:3: its time is not after"),
         (LENS + 'trajectory = "far.csv"', "", "far.csv:3: the year must lie within"),
         (LENS.replace("32613", "99999") + DOWN, REGION + CORNERS, "unknown coordinate reference system"),

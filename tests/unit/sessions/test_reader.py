@@ -143,7 +143,7 @@ ARGUMENTS = {
 VAR_ARGS, VAR_NAMES = Parameter.VAR_POSITIONAL, Parameter.VAR_KEYWORD
 OPEN_OR_NOT = {"close", "is_closed", "name", "config_toml", "damaged", "info", "frame_datasets", "tables"}
 """What does not need the file; the last are objects of h5py, which closed with it."""
-CLOSED = r"field\.h5 is closed\n  fix: open it again: fieldkit\.open_session|'\w+' is (not )?a camera"
+CLOSED = r"field\.h5: closed\n  fix: open it again: fieldkit\.open_session|'\w+' is (not )?a camera"
 
 
 def read(of: object, name: str) -> None:
@@ -178,7 +178,7 @@ def test_session_closed_while_its_samples_are_read_is_not_damaged(path):
     with open_session(path) as session:
         samples = session.samples("camera")
         next(samples)
-    with pytest.raises(SessionError, match="is closed"):
+    with pytest.raises(SessionError, match=": closed"):
         list(samples)
     assert session.damaged == {}
 
