@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib
 import json
 import math
-import pkgutil
 import sys
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -13,38 +12,27 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.result import Result, Sides, declared
+from benchmarks.result import Result, Sides, module_rows
 from benchmarks.sides import BUSY_STEAL, Steal
 
 LEAST_WIDTH = 150
-HELPERS = {
-    "__main__",
-    "drawn_worlds",
-    "harsh_worlds",
-    "mjpeg_page",
-    "one_image",
-    "replayed",
-    "result",
-    "session_data",
-    "sides",
-}
 
 
 def modules() -> list[str]:
-    """Names of the modules that measure something."""
-    found = (module.name for module in pkgutil.iter_modules([str(Path(__file__).parent)]))
-    return sorted(name for name in found if name not in HELPERS)
+    """Names of the modules that measure something: those with a function `run`."""
+    files = Path(__file__).parent.glob("*.py")
+    return sorted(file.stem for file in files if "\ndef run(" in file.read_text(encoding="utf-8"))
 
 
-def main(wanted: list[str]) -> None:
+def main(words: list[str]) -> None:
     """Run and print; ``--json`` prints one JSON document instead of tables."""
-    as_json = "--json" in wanted
-    names = [name for name in wanted if name != "--json"] or modules()
+    as_json = "--json" in words
+    names = [word for word in words if word != "--json"] or modules()
     if unknown := set(names) - set(modules()):
         sys.exit(f"no such benchmark: {', '.join(sorted(unknown))}\nthere are: {', '.join(modules())}")
     results: dict[str, list[Result]] = {}
     for name in names:
-        results[name] = _measured(name)
+        results[name] = _measure(name)
         if not as_json:
             _print(name, results[name])
     if as_json:
@@ -52,13 +40,13 @@ def main(wanted: list[str]) -> None:
         print(json.dumps(document, indent=2))
 
 
-def _measured(name: str) -> list[Result]:
-    """What a module measures, and the rows it declares and did not measure: something is not installed."""
+def _measure(name: str) -> list[Result]:
+    """Results of a module, and the rows it declares and did not measure: something is not installed."""
     module, steal = importlib.import_module(f"benchmarks.{name}"), Steal()
     results: list[Result] = module.run()
     results = [replace(result, steal=steal.share()) if result.steal is None else result for result in results]
-    measured = {result.id for result in results}
-    missing = [row for row in declared(module) if row.id not in measured]
+    ids = {result.id for result in results}
+    missing = [row for row in module_rows(module) if row.id not in ids]
     return [*results, *(row.measured(float("nan"), "not measured here") for row in missing)]
 
 

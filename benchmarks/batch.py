@@ -5,7 +5,6 @@ Some twenty minutes on two cores; ``batch.run(2, 1.0)`` from Python is a smaller
 
 from __future__ import annotations
 
-import os
 import re
 import subprocess
 import sys
@@ -17,7 +16,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from benchmarks.result import Result, Row
-from benchmarks.sides import times_as_fast
+from benchmarks.sides import python_process, times_as_fast
 
 SESSIONS, HOURS = 20, 3.0
 GRID = (
@@ -76,9 +75,8 @@ def _record(folder: Path, sessions: int, hours: float) -> list[Path]:
 
 
 def _sweep(folder: Path, recordings: list[Path], cache: str, *options: str) -> float:
-    began = time.perf_counter()
-    _fieldkit(folder / cache, "sweep", *recordings, *GRID, "-o", folder / "results", *options)
-    return time.perf_counter() - began
+    """Seconds of the clock."""
+    return _fieldkit(folder / cache, "sweep", *recordings, *GRID, "-o", folder / "results", *options)
 
 
 def _on_dask(folder: Path, recordings: list[Path], count: int) -> float:
@@ -102,17 +100,15 @@ def _dask(folder: Path, *arguments: str) -> Iterator[str]:
         )
     try:
         deadline = time.monotonic() + PATIENCE_S
-        while (found := re.search(LISTENS, log.read_text())) is None:
+        while (match := re.search(LISTENS, log.read_text())) is None:
             if time.monotonic() > deadline:
                 raise TimeoutError(log.read_text())
             time.sleep(0.02)
-        yield found.group(1)
+        yield match.group(1)
     finally:
         process.terminate()
         process.wait()
 
 
-def _fieldkit(cache: Path, *arguments: object) -> None:
-    command = [sys.executable, "-m", "fieldkit", *map(str, arguments), "-q"]
-    environment = {**os.environ, "XDG_CACHE_HOME": str(cache)}
-    subprocess.run(command, env=environment, stdout=subprocess.DEVNULL, check=True)
+def _fieldkit(cache: Path, *words: object) -> float:
+    return python_process("-m", "fieldkit", *words, "-q", cache=cache)[1]

@@ -5,7 +5,6 @@ Those beside a recording work on a simulated one in a process of its own.
 
 from __future__ import annotations
 
-import resource
 import subprocess
 import sys
 import tempfile
@@ -15,7 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from benchmarks.result import Result, Row
-from benchmarks.sides import share, times_as_fast
+from benchmarks.sides import python_process, share, times_as_fast
 from fieldkit.recording.running import session_in_progress
 from fieldkit.recording.status_request import recorder_status
 
@@ -49,8 +48,8 @@ def run() -> list[Result]:
 
 def _help() -> list[Result]:
     for code in (BARE, LAZY, EAGER):
-        _seconds(code)  # warm: compiled files and disk cache
-    rounds = [[_seconds(code) for code in (BARE, LAZY, EAGER)] for _ in range(ROUNDS)]
+        python_process("-c", code)  # warm: compiled files and disk cache
+    rounds = [[python_process("-c", code)[0] for code in (BARE, LAZY, EAGER)] for _ in range(ROUNDS)]
     return [
         share(OVER_CLICK, [(lazy, bare) for bare, lazy, _ in rounds]),
         times_as_fast(OVER_LAZY, [(lazy, eager) for _, lazy, eager in rounds]),
@@ -67,8 +66,8 @@ def _beside_a_recording() -> list[Result]:
             SHUTTER: ["shutter", "-C", folder],
             LIST: ["ls", "-C", folder],
         }
-        found = [share(row, [_against_click(words) for _ in range(ROUNDS)]) for row, words in of_row.items()]
-        return [*found, share(STOP, [_against_click(["stop", "-C", folder])])]
+        shares = [share(row, [_against_click(words) for _ in range(ROUNDS)]) for row, words in of_row.items()]
+        return [*shares, share(STOP, [_against_click(["stop", "-C", folder])])]
 
 
 @contextmanager
@@ -89,12 +88,5 @@ def _recording() -> Iterator[str]:
 
 
 def _against_click(words: list[str]) -> tuple[float, float]:
-    return _seconds(f"from fieldkit.cli import main; main({words!r}, prog_name='fieldkit')"), _seconds(BARE)
-
-
-def _seconds(code: str) -> float:
-    """Processor time of a fresh interpreter: what it waits for a busy computer does not count."""
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    code = f"from fieldkit.cli import main; main({words!r}, prog_name='fieldkit')"
+    return python_process("-c", code)[0], python_process("-c", BARE)[0]

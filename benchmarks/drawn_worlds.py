@@ -127,15 +127,15 @@ def drawn_world(
     model, noon_ns = _model(day, outline, field, shade_test)
     begin_ns = noon_ns + (round(60.0 * (start_h - NOON_H)) - LEAD_MIN) * MINUTE_NS
     history = field_history(model, begin_ns, LEAD_MIN + minutes).since(LEAD_MIN)
-    measured = _measured(history, field, errors, random)
-    settings = EstimatorSettings(
-        azimuth="known" if beds == SOUTH else "free",
-        slab=CONFIGURED_SLAB,
-        offset_sd_k=offset_sd_k,
-        noise_k=NOISE_K,
-        site=model.site,
-    )
-    return World(measured, _with_known(outline) if known_bed else outline, settings, field, errors)
+    readings = _readings(history, field, errors, random)
+    settings = settings_of(beds, model.site, offset_sd_k)
+    return World(readings, _with_known(outline) if known_bed else outline, settings, field, errors)
+
+
+def settings_of(beds: str, site: Site, offset_sd_k: float = 0.25) -> EstimatorSettings:
+    """Settings of an estimate of drawn beds; the azimuths of those to the south are known."""
+    configured = EstimatorSettings(slab=CONFIGURED_SLAB, offset_sd_k=offset_sd_k, noise_k=NOISE_K, site=site)
+    return replace(configured, azimuth="known") if beds == SOUTH else configured
 
 
 def regions(beds: Sequence[Bed]) -> tuple[Region, ...]:
@@ -170,25 +170,20 @@ def _model(
 ) -> tuple[SceneModel, int]:
     """The beds on that day, and local noon."""
     site, sky, noon_ns = day_of(day)
-    ground, *facets = (
-        field.bed(Facet(name, (), tilt, azimuth))
-        for name, tilt, azimuth in (
-            ("ground", 0.0, 0.0),
-            *((one.name, one.tilt_deg, one.azimuth_deg) for one in outline),
-        )
+    facets = tuple(
+        field.bed(Facet(region.name, (), region.tilt_deg, region.azimuth_deg)) for region in outline
     )
     beds = [bed.name for bed in outline[1:]] if shade_test else []
-    boards = boards_in_turn(beds, LEAD_MIN + FIRST_BOARD_MIN, BETWEEN_BOARDS_MIN, BOARD_MIN)
     model = SceneModel(
         site=site,
         sky=field.sky(sky),
-        beds=tuple(facets),
-        ground=ground,
+        beds=facets,
+        ground=field.bed(Facet("ground", (), 0.0, 0.0)),
         exchange=field.exchange,
         transmissions=(),
         response_s=1.0,
         circumsolar_share=field.circumsolar_share,
-        boards=boards,
+        boards=boards_in_turn(beds, LEAD_MIN + FIRST_BOARD_MIN, BETWEEN_BOARDS_MIN, BOARD_MIN),
     )
     return model, noon_ns
 
@@ -208,14 +203,18 @@ def _noon_ns(site: Site, day_ns: int) -> int:
     return day_ns + round(12.0 - site.longitude_deg / 15.0) * 60 * MINUTE_NS
 
 
-def _measured(history: History, field: DrawnField, errors: BedErrors, random: np.random.Generator) -> History:
-    """What the instruments read of the true minutes."""
+def _readings(history: History, field: DrawnField, errors: BedErrors, random: np.random.Generator) -> History:
+    """The true minutes as the instruments read them."""
     hours = np.arange(len(history))[:, np.newaxis] / 60.0
     temperature = history.temperature_k + NOISE_K * random.standard_normal(history.temperature_k.shape)
     temperature[:, 1:] += errors.offsets_k + errors.drifts_k_per_h * hours
+    return replace(weather_readings(history, field), temperature_k=temperature)
+
+
+def weather_readings(history: History, field: DrawnField) -> History:
+    """The true minutes with light and air as the instruments read them."""
     return replace(
         history,
-        temperature_k=temperature,
         dni_w_m2=field.light_factor * history.dni_w_m2,
         dhi_w_m2=field.light_factor * history.dhi_w_m2,
         longwave_down_w_m2=history.longwave_down_w_m2 + field.longwave_error_w_m2,

@@ -82,17 +82,7 @@ def lepton_bytes(seed: int) -> bytes:
     """160x120 of a room at 22 °C, and its telemetry."""
     counts = 29515 + np.random.default_rng(seed).integers(-200, 1200, (120, 160))
     rows = np.zeros(320, "<u2")
-    for word, value in (
-        (0, 14),
-        (1, 60_000),
-        (3, 0x30),
-        (20, 27),
-        (24, 30015),
-        (26, 29815),
-        (208, 1),
-        (209, 1),
-    ):
-        rows[word] = value
+    rows[[0, 1, 3, 20, 24, 26, 208, 209]] = 14, 60_000, 0x30, 27, 30015, 29815, 1, 1
     return counts.astype("<u2").tobytes() + rows.tobytes()
 
 

@@ -108,7 +108,7 @@ class Found:
 
 @dataclass(slots=True)
 class Outcome:
-    """What one world gave: estimates by minutes for each model, and the share of minutes without one."""
+    """Outcome of one world: estimates by minutes for each model, and the share of minutes without one."""
 
     by_model: dict[str, dict[int, list[Found]]] = field(default_factory=dict)
     silent_share: float = 0.0
@@ -156,7 +156,7 @@ def _is_sunny(path: Path) -> bool:
 
 
 def missing() -> Iterator[Result]:
-    """What is not measured because there is no file for it."""
+    """Rows that are not measured because there is no file for them."""
     for name, is_here in (("broken", BROKEN.exists()), ("other stations", bool(other_sunny_days()))):
         if not is_here:
             note = f"no file of such a day in {BROKEN.parent}"
@@ -174,27 +174,25 @@ def outcome(scenario: Scenario, seed: int) -> Outcome:
         history = replace(history, air_k=np.full(len(history), np.nan))
     settings = replace(world.settings, model="learned")
     run = [minute.slopes for minute in SlopeChain(world.regions, settings).series(history)]
-    silent = [
-        [estimate.state not in SOLVED for estimate in estimates] for estimates in run[FIRST_MINUTE - 1 :]
-    ]
-    learned = {cell.minutes: _found(run[cell.minutes - 1], world) for cell in scenario.cells}
+    silent = [slope.state not in SOLVED for minute in run[FIRST_MINUTE - 1 :] for slope in minute]
+    learned = {cell.minutes: _against_truths(run[cell.minutes - 1], world) for cell in scenario.cells}
     result = Outcome({"learned": learned}, float(np.mean(silent)))
     if scenario.with_others:
         for model in ("paper", "full"):
             result.by_model[model] = {
-                cell.minutes: _found(_whole_window(world, history, model, cell.minutes), world)
+                cell.minutes: _against_truths(_whole_window(world, history, model, cell.minutes), world)
                 for cell in scenario.cells
             }
     return result
 
 
 def _whole_window(world: World, history: History, model: Any, minutes: int) -> tuple[SlopeEstimate, ...]:
-    """What another model estimates from all of the first minutes."""
+    """Slopes by another model from all of the first minutes."""
     settings = replace(world.settings, model=model, window_s=60.0 * (minutes - 1))
     return slopes(history.until(minutes), world.regions, settings)
 
 
-def _found(estimates: Sequence[SlopeEstimate], world: World) -> list[Found]:
+def _against_truths(estimates: Sequence[SlopeEstimate], world: World) -> list[Found]:
     truths = {region.name: region for region in world.regions}
     return [_against(estimate, truths[estimate.region], world.settings) for estimate in estimates]
 

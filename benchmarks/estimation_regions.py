@@ -8,12 +8,13 @@ from __future__ import annotations
 import statistics
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from benchmarks.estimation_speed import PAPER, SITE, START_NS
 from benchmarks.result import Result, Row
-from benchmarks.sides import compared
+from benchmarks.sides import compared, seconds
 from fieldkit.estimation.bins import History
 from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.settings import EstimatorSettings
@@ -65,12 +66,8 @@ def scene(targets: int) -> tuple[History, tuple[Region, ...]]:
 
 def _cpu_ms(row: Row, work: Callable[[], object]) -> Result:
     """Processor time: the median of rounds, with their range."""
-    found = []
-    for _ in range(ROUNDS):
-        began = time.process_time()
-        work()
-        found.append(1e3 * (time.process_time() - began))
-    return row.measured(statistics.median(found), f"{min(found):.3g} to {max(found):.3g} in {ROUNDS} rounds")
+    took = [1e3 * seconds(work, time.process_time) for _ in range(ROUNDS)]
+    return row.measured(statistics.median(took), f"{min(took):.3g} to {max(took):.3g} in {ROUNDS} rounds")
 
 
 def _of_all(settings: EstimatorSettings, together_row: Row, loop_row: Row) -> list[Result]:
@@ -84,13 +81,11 @@ def _of_all(settings: EstimatorSettings, together_row: Row, loop_row: Row) -> li
     def one_by_one() -> object:
         return [slopes(history.only(two), [regions[column] for column in two], settings) for two in beds]
 
-    return [
-        _cpu_ms(together_row, together),
-        compared(loop_row, together, one_by_one, ROUNDS, time.process_time),
-    ]
+    compare = compared(loop_row, together, one_by_one, ROUNDS, time.process_time)
+    return [_cpu_ms(together_row, together), compare]
 
 
-def _learned() -> Result:
+def _learned_model() -> Result:
     """Minutes of the learned model between two draws of its hypotheses."""
     history, regions = scene(LEARNED_REGIONS)
     chain = SlopeChain(regions, EstimatorSettings(model="learned"))
@@ -103,5 +98,5 @@ def _learned() -> Result:
 def run() -> list[Result]:
     """All rows; about half a minute."""
     free = EstimatorSettings(model="full", window_s=1200.0)
-    known = EstimatorSettings(model="full", window_s=1200.0, azimuth="known")
-    return [*_of_all(free, FREE, FREE_LOOP), *_of_all(known, KNOWN, KNOWN_LOOP), _learned()]
+    along = replace(free, azimuth="known")
+    return [*_of_all(free, FREE, FREE_LOOP), *_of_all(along, KNOWN, KNOWN_LOOP), _learned_model()]

@@ -1,4 +1,4 @@
-"""What the live estimator costs: a frame, a minute, a map; and live against batch.
+"""Cost of the live estimator: a frame, a minute, a map; and live against batch.
 
 The contour scoring and least squares of the whole study are measured in `benchmarks.study`.
 """
@@ -8,11 +8,12 @@ from __future__ import annotations
 import statistics
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 
 from benchmarks.result import Result, Row
-from benchmarks.sides import compared
+from benchmarks.sides import compared, seconds
 from fieldkit.estimation.bins import RegionPixels, RegionSums
 from fieldkit.estimation.estimator import Estimator, EstimatorSettings, Minute
 from fieldkit.estimation.pixel_slopes import MapSums
@@ -85,7 +86,7 @@ def session(minutes: int) -> list[Sample]:
     return sorted(made, key=lambda sample: sample.time_ns)
 
 
-def estimated(samples: Sequence[Sample], settings: EstimatorSettings) -> list[Minute]:
+def estimate(samples: Sequence[Sample], settings: EstimatorSettings) -> list[Minute]:
     """All minutes of a session."""
     estimator = Estimator(SITE, BEDS, STREAMS, settings)
     closed = [minute for sample in samples for minute in estimator.add(sample)]
@@ -118,23 +119,18 @@ def sessions() -> list[Result]:
         (BURSTS_FULL, EstimatorSettings(model="full")),
         (BURSTS_LEARNED, EstimatorSettings(model="learned")),
     )
-    found = [row.measured(min(_timed(samples, settings) for _ in range(2))) for row, settings in rows]
+    works = [(row, partial(estimate, samples, settings)) for row, settings in rows]
+    results = [row.measured(min(seconds(work, time.process_time) for _ in range(2))) for row, work in works]
     random = np.random.default_rng(2)
     late = np.array([sample.time_ns for sample in samples]) + random.uniform(0, 0.99e9, len(samples))
     shuffled = [samples[index] for index in np.argsort(late, kind="stable")]
     worst = max(
         max(abs(a.tilt_deg - b.tilt_deg), abs(a.azimuth_deg - b.azimuth_deg))
-        for one, other in zip(estimated(samples, paper), estimated(shuffled, paper), strict=True)
+        for one, other in zip(estimate(samples, paper), estimate(shuffled, paper), strict=True)
         for a, b in zip(one.estimates, other.estimates, strict=True)
         if not np.isnan(a.tilt_deg)
     )
-    return [*found, ORDER.measured(worst)]
-
-
-def _timed(samples: Sequence[Sample], settings: EstimatorSettings) -> float:
-    begin = time.process_time()
-    estimated(samples, settings)
-    return time.process_time() - begin
+    return [*results, ORDER.measured(worst)]
 
 
 def map_sums(shape: tuple[int, int]) -> Callable[[], object]:

@@ -139,7 +139,7 @@ class GroundMap:
 
     @classmethod
     def read(cls, path: Path, true_north_deg: float) -> GroundMap:
-        """Of a file that ``fieldkit map`` wrote."""
+        """Layers of a file that ``fieldkit map`` wrote."""
         with rasterio.open(path) as file:
             layers = dict(zip(file.descriptions, file.read(), strict=True))
             rows, cols = np.indices(file.shape)
@@ -212,19 +212,14 @@ def compared(folder: Path, times_ns: IntArray) -> list[Result]:
     off = (tilt - found.tilt_deg)[telling]
     turned = angle_between_deg(normal(tilt, azimuth), normal(found.tilt_deg, found.azimuth_deg))[telling]
     is_steep = found.tilt_deg[telling] > 5.0
+    cells_off = found.places_off_m() / found.cell_m
     steep, sd = np.abs(off[is_steep]), found.layers["slope_sd"][telling][is_steep]
     return [
         Result("tilt where a degree is worth 0.2 K", rms(off), "° RMSE", "<= 1.0", f"{telling.sum()} cells"),
         Result("  steeper than 5°", rms(steep), "° RMSE", "", f"{steep.size} cells"),
         Result("  these within their 90 % bounds", 100.0 * float((steep < 1.645 * sd).mean()), "%", "90"),
         Result("  normal", rms(turned), "° RMSE", ""),
-        Result(
-            "place of the crater",
-            found.places_off_m() / found.cell_m,
-            "cells",
-            "<= 0.5",
-            f"{found.cell_m:.3f} m",
-        ),
+        Result("place of the crater", cells_off, "cells", "<= 0.5", f"{found.cell_m:.3f} m"),
         Result("heights over a relief of 3.2 m", 100.0 * found.heights_off_share(), "% RMSE", "<= 5"),
     ]
 

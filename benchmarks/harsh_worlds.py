@@ -13,7 +13,6 @@ import numpy as np
 
 from benchmarks.drawn_worlds import (
     BEDS_SOUTH,
-    CONFIGURED_SLAB,
     DRIFT_SD_K_PER_H,
     GUESSED,
     LEAD_MIN,
@@ -25,9 +24,10 @@ from benchmarks.drawn_worlds import (
     day_of,
     random_beds,
     regions,
+    settings_of,
+    weather_readings,
 )
 from fieldkit.estimation.bins import History
-from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.arrays import FloatArray
 from fieldkit.model.site import Site
 from fieldkit.model.units import MINUTE_NS, SECOND_NS
@@ -113,12 +113,7 @@ class _Light(NamedTuple):
 
 
 def harsh_world(
-    seed: int,
-    day: str,
-    beds: str = SOUTH,
-    *,
-    harm: Harm = HARSH,
-    minutes: int = SESSION_MIN,
+    seed: int, day: str, beds: str = SOUTH, *, harm: Harm = HARSH, minutes: int = SESSION_MIN
 ) -> World:
     """One world: as `benchmarks.drawn_worlds.drawn_world`, with harm."""
     random = np.random.default_rng(seed)
@@ -132,14 +127,7 @@ def harsh_world(
     true = _history(site, sky, noon_ns - LEAD_MIN * MINUTE_NS, minutes, facets, field, harm, own)
     drifts = DRIFT_SD_K_PER_H * random.standard_normal(len(facets) - 1)
     errors = BedErrors(0.25 * random.standard_normal(len(facets) - 1), drifts)
-    settings = EstimatorSettings(
-        azimuth="known" if beds == SOUTH else "free",
-        slab=CONFIGURED_SLAB,
-        offset_sd_k=0.25,
-        noise_k=NOISE_K,
-        site=site,
-    )
-    return World(_measured(true, field, errors, harm, own), outline, settings, field, errors)
+    return World(_readings(true, field, errors, harm, own), outline, settings_of(beds, site), field, errors)
 
 
 def _own(field: DrawnField, facet: Facet, harm: Harm, random: np.random.Generator) -> Facet:
@@ -224,13 +212,11 @@ def _own_exchange(beds: int, steps: int, harm: Harm, random: np.random.Generator
 
 def _wandering(beds: int, steps: int, minutes: float, random: np.random.Generator) -> FloatArray:
     """Ornstein-Uhlenbeck processes of unit variance (beds, steps)."""
-    kept = np.exp(-STEP_S / (60.0 * minutes))
-    pushes = random.standard_normal((beds, steps))
-    found = np.empty_like(pushes)
-    found[:, 0] = pushes[:, 0]
+    decay = np.exp(-STEP_S / (60.0 * minutes))
+    values = random.standard_normal((beds, steps))
     for step in range(1, steps):
-        found[:, step] = kept * found[:, step - 1] + np.sqrt(1.0 - kept**2) * pushes[:, step]
-    return found
+        values[:, step] = decay * values[:, step - 1] + np.sqrt(1.0 - decay**2) * values[:, step]
+    return values
 
 
 def _surfaces(
@@ -238,16 +224,17 @@ def _surfaces(
 ) -> FloatArray:
     """Surface temperatures (beds, steps); the ground around is a flat bed's sand."""
     ground, air_k = field.bed(Facet("ground", ())), light.skies[0].air_temperature_k
-    level = _absorbed(ground, ground, light.skies[0], light, np.zeros_like(time_s))
+    level = _absorption(ground, ground, light.skies[0], light, np.zeros_like(time_s))
     ground_k = surface_temperatures([ground], time_s, level[np.newaxis], exchange.mean(axis=0), air_k)[0]
     upwards = longwave_leaving_ground(ground_k, ground, light.skies[0])
     absorbed = [
-        _absorbed(facet, ground, sky, light, upwards) for facet, sky in zip(facets, light.skies, strict=True)
+        _absorption(facet, ground, sky, light, upwards)
+        for facet, sky in zip(facets, light.skies, strict=True)
     ]
     return surface_temperatures(facets, time_s, np.array(absorbed), exchange, air_k)
 
 
-def _absorbed(
+def _absorption(
     facet: Facet, ground: Facet, sky: SkyState, light: _Light, upwards_w_m2: FloatArray
 ) -> FloatArray:
     radiation = FacetRadiation(sky, light.sun, light.top_w_m2, ground.albedo, light.circumsolar_share)
@@ -261,10 +248,10 @@ def _absorbed(
     return absorbed + (1.0 - facet.albedo) * instead
 
 
-def _measured(
+def _readings(
     true: History, field: DrawnField, errors: BedErrors, harm: Harm, random: np.random.Generator
 ) -> History:
-    """What the instruments read of the true minutes."""
+    """The true minutes as the instruments read them."""
     minutes, beds = true.temperature_k.shape
     hours = np.arange(minutes)[:, np.newaxis] / 60.0
     kelvin = true.temperature_k + NOISE_K * random.standard_normal((minutes, beds))
@@ -275,14 +262,6 @@ def _measured(
     kelvin += np.repeat(steps, SHUTTER_MIN, axis=0)[:minutes]
     kelvin += harm.vignetting_k * np.sin(2.0 * np.pi * (hours + random.random(beds)))
     in_the_sun = harm.air_sun_k * random.random() * true.dni_w_m2 / 1000.0
-    return replace(
-        true,
-        temperature_k=kelvin,
-        dni_w_m2=field.light_factor * true.dni_w_m2,
-        dhi_w_m2=field.light_factor * true.dhi_w_m2,
-        longwave_down_w_m2=true.longwave_down_w_m2 + field.longwave_error_w_m2,
-        air_k=true.air_k
-        + field.air_error_k
-        + in_the_sun
-        + harm.air_noise_k * random.standard_normal(minutes),
-    )
+    readings = weather_readings(true, field)
+    air_k = readings.air_k + in_the_sun + harm.air_noise_k * random.standard_normal(minutes)
+    return replace(readings, temperature_k=kelvin, air_k=air_k)

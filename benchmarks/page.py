@@ -171,10 +171,7 @@ def _first_pictures(browser: Browser, campaign: Path, port: int) -> list[Result]
     tab.goto(address)
     slow = tab.evaluate(FIRST_PICTURE)
     tab.context.close()
-    return [
-        FIRST.measured(_median(loads)),
-        FIRST_SLOW.measured(slow),
-    ]
+    return [FIRST.measured(_median(loads)), FIRST_SLOW.measured(slow)]
 
 
 def _delays(browser: Browser, campaign: Path, port: int) -> list[Result]:
@@ -245,10 +242,7 @@ def _socket(port: int, cookie: str, mode: str, end: float) -> int:
     """Bytes of a viewer's WebSocket until a time, once it has settled."""
     headers, origin = {"Cookie": cookie}, Origin(f"http://{HOST}:{port}")
     with connect(
-        f"ws://{HOST}:{port}/socket",
-        origin=origin,
-        additional_headers=headers,
-        compression=None,
+        f"ws://{HOST}:{port}/socket", origin=origin, additional_headers=headers, compression=None
     ) as viewer:
         viewer.send(json.dumps({"do": "picture", "mode": mode, "id": 1}))
         total, first = 0, time.monotonic() + SETTLED_S

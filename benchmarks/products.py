@@ -16,7 +16,7 @@ from benchmarks.estimation_speed import PAPER, SITE, START_NS
 from benchmarks.harsh_worlds import harsh_world
 from benchmarks.result import Result, Row
 from benchmarks.session_data import LARGE, camera
-from benchmarks.sides import share
+from benchmarks.sides import seconds, share
 from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.estimator_keys import Model
 from fieldkit.estimation.minute_maps import MinuteMap
@@ -58,7 +58,7 @@ ALL = Row(
 )  # fmt: skip
 
 
-def mapped(frames_k: Sequence[FloatArray], rays: AnyArray) -> MappedSession:
+def slope_map(frames_k: Sequence[FloatArray], rays: AnyArray) -> MappedSession:
     """The map of some frames, as `fieldkit.slope_map` makes it of a session's."""
     (rows, cols), _ = LARGE
     sums = MapSums((rows, cols), PAPER, NOISE_K, SETTINGS.tilt_limit_deg)
@@ -119,7 +119,7 @@ def of_beds() -> list[Result]:
         harsh_world(FIRST_WORLD + number, CLEAR, beds, minutes=minutes)
         for number, (beds, minutes) in enumerate(kinds)
     ]
-    learned, full = (_judged([mapped_world(world, model) for world in worlds]) for model in MODELS)
+    learned, full = (_refused_and_off([mapped_world(world, model) for world in worlds]) for model in MODELS)
     note = f"{WORLDS} harsh worlds; with one exchange for all minutes, as configured (full): {full[0]:.0f} %"
     return [
         Result("pixels of beds with a slope that are refused", learned[0], "%", "0", note),
@@ -127,7 +127,7 @@ def of_beds() -> list[Result]:
     ]
 
 
-def _judged(maps: Sequence[WorldMap]) -> tuple[float, float]:
+def _refused_and_off(maps: Sequence[WorldMap]) -> tuple[float, float]:
     """Share of refused pixels in percent, and the median of how far the tilts are off those of their beds."""
     beds = [
         (one.slopes.state[row], one.slopes.tilt_deg[row] - bed.tilt_deg)
@@ -152,9 +152,7 @@ def run() -> list[Result]:
     ]
     every = Products(NAMES, limit_deg=20.0, drive_deg=90.0)
 
-    def seconds(wanted: Products) -> float:
-        began = time.process_time()
-        mapped(frames_k, rays).products(wanted)
-        return time.process_time() - began
+    def cpu_s(products: Products) -> float:
+        return seconds(lambda: slope_map(frames_k, rays).products(products), time.process_time)
 
-    return [*of_beds(), share(ALL, [(seconds(every), seconds(Products(("slope",)))) for _ in range(ROUNDS)])]
+    return [*of_beds(), share(ALL, [(cpu_s(every), cpu_s(Products(("slope",)))) for _ in range(ROUNDS)])]

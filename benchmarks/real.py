@@ -71,7 +71,19 @@ Truth = tuple[float, float]
 
 
 def run() -> list[Result]:
-    return [*pv(), *twin(), *wall(), *_glob(), *_flat(), *_images()]
+    """Rows of every file that is there, and a row that says which is not."""
+    twin_house = "twinhouse-o5-2013-aug-sep.csv"
+    measured = (
+        ("photovoltaic module", "pv-module-2016-jul-sep.csv", pv),
+        ("vertical pyranometers", twin_house, twin),
+        ("west wall", twin_house, wall),
+        ("pyranometers of 45°", "glob-2025-apr-may-odd-days.csv", _glob),
+    )
+    results: list[Result] = []
+    for name, file, rows in measured:
+        path = SHARED / "real" / file
+        results += rows(_columns(path)) if path.exists() else [_missing(name, path)]
+    return [*results, *_flat(), *_images()]
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,15 +100,14 @@ class Case:
         solved = [(one, truth) for one, truth in self.found if one.state in SOLVED]
         errors = [float(angle_between_deg(_normal(one), normal(*truth))) for one, truth in solved]
         inside = [100.0 * _covers(one, truth[0]) for one, truth in solved]
-        note = (
-            f"{self._refused()}; median tilt {_average(np.median, [one.tilt_deg for one, _ in solved]):.1f}"
-        )
+        tilt_deg = _average(np.median, [one.tilt_deg for one, _ in solved])
+        note = f"{self._refusals()}; median tilt {tilt_deg:.1f}"
         median = _average(np.median, errors)
         yield Result(f"{self.name}: error of the normal, median", median, "deg", self.goal_deg, note)
         covered = _average(np.mean, inside)
-        yield Result("  tilt inside its 90 % region", covered, "%", self.goal_covered, self._refused())
+        yield Result("  tilt inside its 90 % region", covered, "%", self.goal_covered, self._refusals())
 
-    def _refused(self) -> str:
+    def _refusals(self) -> str:
         """How many estimates there are, how many are refused and why, and how many are called uncertain."""
         states = [one.state for one, _ in self.found]
         refused = [state.name.lower() for state in states if state not in SOLVED]
@@ -179,21 +190,18 @@ def _rows(table: TemperatureTable, chosen: BoolArray) -> TemperatureTable:
     return TemperatureTable(table.time_ns[chosen], table.reference_k[chosen], targets, **columns)
 
 
-def _found(
+def _estimates(
     days: Iterable[TemperatureTable], site: Site, settings: EstimatorSettings, truths: dict[str, Truth]
 ) -> list[tuple[SlopeEstimate, Truth]]:
     parts = (as_part("", day, site, settings) for day in days)
     return [(one, truths[one.region]) for part in parts for one in slopes_of_part(part)]
 
 
-def pv() -> Iterator[Result]:
-    path = SHARED / "real" / "pv-module-2016-jul-sep.csv"
-    if not path.exists():
-        yield _missing("photovoltaic module", path)
-        return
-    columns, settings, truth = _columns(path), settings_of("plate"), {"module": (40.0, 180.0)}
+def pv(columns: Columns) -> Iterator[Result]:
+    """Rows of the back of a photovoltaic module."""
+    settings, truth = settings_of("plate"), {"module": (40.0, 180.0)}
     days = [day for day in _days(_module(columns), PV_SITE.longitude_deg) if _is_clear(day, columns)]
-    found = _found(days, PV_SITE, replace(settings, reference="weather"), truth)
+    found = _estimates(days, PV_SITE, replace(settings, reference="weather"), truth)
     yield from Case(f"module of 40°, {len(days)} clear days", found, goal_covered=">= 85").rows()
     beside = [_with_level_module(day, columns, settings) for day in days]
     yield from _pv_together(beside, settings, truth["module"])
@@ -273,13 +281,8 @@ def _is_clear(day: TemperatureTable, columns: Columns) -> bool:
     return bool(sunny.any() and np.mean(np.abs(ghi[sunny] / clear[sunny] - 1.0)) < 0.05)
 
 
-def twin() -> Iterator[Result]:
+def twin(columns: Columns) -> Iterator[Result]:
     """Rows of the vertical pyranometers of the twin house, under either sky."""
-    path = SHARED / "real" / "twinhouse-o5-2013-aug-sep.csv"
-    if not path.exists():
-        yield _missing("vertical pyranometers", path)
-        return
-    columns = _columns(path)
     time_ns = columns["time_cet"].astype(np.int64) - 65 * MINUTE_NS  # the end of ten minutes, UTC+1
     ghi, dhi = columns["ghi_w_m2"], columns["dhi_w_m2"]
     planes = {name: columns[f"{name}_vertical_w_m2"] for name in TWIN_PLANES}
@@ -287,18 +290,14 @@ def twin() -> Iterator[Result]:
     truths = {name: (90.0, azimuth) for name, azimuth in TWIN_PLANES.items()}
     for sky in ("hay-davies", "isotropic"):
         days = [day for day in _days(table, TWIN_SITE.longitude_deg) if _is_sunny(day, TWIN_SITE)]
-        found = _found(days, TWIN_SITE, of_light(sky=sky), truths)
+        found = _estimates(days, TWIN_SITE, of_light(sky=sky), truths)
         for name, goal in TWIN_GOALS.items():
             mine = [one for one in found if one[0].region == name]
             yield from Case(f"vertical pyranometer facing {name}, {sky} sky", mine, goal).rows()
 
 
-def wall() -> Iterator[Result]:
-    path = SHARED / "real" / "twinhouse-o5-2013-aug-sep.csv"
-    if not path.exists():
-        yield _missing("west wall", path)
-        return
-    columns = _columns(path)
+def wall(columns: Columns) -> Iterator[Result]:
+    """Rows of the west wall's surface."""
     table = TemperatureTable(
         columns["time_cet"].astype(np.int64) - 65 * MINUTE_NS,
         np.full_like(columns["air_c"], np.nan),
@@ -311,7 +310,7 @@ def wall() -> Iterator[Result]:
     )
     days = [day for day in _days(table, TWIN_SITE.longitude_deg) if _is_sunny(day, TWIN_SITE)]
     settings = settings_of("wall", reference="weather", irradiance=OF_GHI)
-    found = _found(days, TWIN_SITE, settings, {"west wall": (90.0, 270.0)})
+    found = _estimates(days, TWIN_SITE, settings, {"west wall": (90.0, 270.0)})
     yield from Case("west wall's surface", found, goal_covered=">= 80").rows()
     known = [one for one, _ in found if one.state in SOLVED and "north–south" not in one.reason]
     off = [abs((one.azimuth_deg - 90.0) % 360.0 - 180.0) for one in known]
@@ -320,24 +319,16 @@ def wall() -> Iterator[Result]:
     yield Result("  error of its azimuth, median", _average(np.median, off), "deg", "<= 10", note)
 
 
-def _glob() -> Iterator[Result]:
-    path = SHARED / "real" / "glob-2025-apr-may-odd-days.csv"
-    if not path.exists():
-        yield _missing("pyranometers of 45°", path)
-        return
-    columns = _columns(path)
+def _glob(columns: Columns) -> Iterator[Result]:
     time_ns, ghi = columns["time_utc"].astype(np.int64), columns["GHI"]
     planes = {f"{name}_45": columns[f"{name}_45"] for name in GLOB_PLANES}
-    days = [
-        day
-        for day in _days(_pyranometers(time_ns, ghi, planes, np.full_like(ghi, np.nan)), 0.0)
-        if _is_sunny(day, GLOB_SITE)
-    ]
+    table = _pyranometers(time_ns, ghi, planes, np.full_like(ghi, np.nan))
+    days = [day for day in _days(table, 0.0) if _is_sunny(day, GLOB_SITE)]
     albedo = min(float(np.nansum(columns["GHI_ground"]) / np.nansum(ghi)), MOST_ALBEDO)
     truths = {f"{name}_45": (45.0, float(azimuth)) for name, azimuth in GLOB_PLANES.items()}
     for sky in ("hay-davies", "isotropic"):
         settings = of_light(sky=sky, ground_albedo=albedo)
-        found = _found(days, GLOB_SITE, settings, truths)
+        found = _estimates(days, GLOB_SITE, settings, truths)
         yield from Case(f"pyranometers of 45° at 79° N, {sky} sky", found, "<= 7", ">= 80").rows()
 
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from benchmarks.replayed import PreparedCamera, meters
 from benchmarks.result import Result, Row
-from benchmarks.sides import share
+from benchmarks.sides import seconds, share
 from fieldkit.drivers import registry
 from fieldkit.drivers.cameras.camera import DecodedFrame, ThermalCamera
 from fieldkit.drivers.simulated.lepton import SimulatedLepton
@@ -128,7 +128,7 @@ def _record(path: Path, devices: Sequence[Device], source: PreparedCamera, clock
     scene = sand_slopes()
     streams = tuple(device.info for device in devices)
     writer = SessionWriter(path, SessionHeader("benchmark", scene.site, streams, scene.regions), clock)
-    append_s = _timed(writer)
+    append_s = _time_appends(writer)
     recorder = Recorder(
         devices,
         lambda name: devices[0],
@@ -147,17 +147,15 @@ def _record(path: Path, devices: Sequence[Device], source: PreparedCamera, clock
     return _Recording(summary, time.monotonic() - wall, time.process_time() - cpu, memory, append_s)
 
 
-def _timed(writer: SessionWriter) -> list[float]:
+def _time_appends(writer: SessionWriter) -> list[float]:
     """Note how long each append takes."""
     times: list[float] = []
     append = writer.append
 
-    def timed(sample: object) -> None:
-        start = time.perf_counter()
-        append(sample)  # type: ignore[arg-type]
-        times.append(time.perf_counter() - start)
+    def append_in_time(sample: object) -> None:
+        times.append(seconds(lambda: append(sample)))  # type: ignore[arg-type]
 
-    writer.append = timed  # type: ignore[method-assign]
+    writer.append = append_in_time  # type: ignore[method-assign]
     return times
 
 
@@ -176,9 +174,7 @@ def cost_of_a_frame() -> list[Result]:
 
 
 def _per_frame(work: Callable[[Sequence[bytes]], None], raw_frames: Sequence[bytes]) -> float:
-    start = time.perf_counter()
-    work(raw_frames)
-    return (time.perf_counter() - start) / len(raw_frames)
+    return seconds(lambda: work(raw_frames)) / len(raw_frames)
 
 
 def _ours(raw_frames: Sequence[bytes]) -> None:
@@ -198,7 +194,7 @@ def _ours(raw_frames: Sequence[bytes]) -> None:
 
 
 def _plain(raw_frames: Sequence[bytes]) -> None:
-    """What a user writes: view the buffer, cut the telemetry, append, and flush so that it survives."""
+    """The loop that a user writes: view the buffer, cut the telemetry, append, flush so that it survives."""
     with tempfile.TemporaryDirectory() as folder, h5py.File(Path(folder) / "plain.h5", "w") as file:
         frames = file.create_dataset(
             "frames", (0, 120, 160), "<u2", maxshape=(None, 120, 160), chunks=(1, 120, 160)

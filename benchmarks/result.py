@@ -74,6 +74,6 @@ class Result:
     steal: float | None = None
 
 
-def declared(module: ModuleType) -> list[Row]:
+def module_rows(module: ModuleType) -> list[Row]:
     """The rows that a module declares, in its order."""
     return [value for value in vars(module).values() if isinstance(value, Row)]

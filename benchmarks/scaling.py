@@ -21,6 +21,7 @@ from benchmarks.drawn_worlds import CLEAR, RANDOM, World, drawn_world
 from benchmarks.estimation_learned import with_targets
 from benchmarks.estimation_speed import ONE_MAP, map_sums
 from benchmarks.result import Result, Row
+from benchmarks.sides import seconds
 from fieldkit.estimation.chain import SlopeChain
 from fieldkit.recording.simulate import simulate
 from fieldkit.results.batch import estimate_sessions
@@ -60,21 +61,15 @@ def growths() -> Iterator[Growth]:
     )
     yield _growth(BY_PIXELS, (160 * 128, 320 * 128, 320 * 256, 640 * 256), _mapping)
     with tempfile.TemporaryDirectory() as folder:
-        sessions = [_recorded(Path(folder) / f"{seed}", seed) for seed in range(8)]
-        yield _growth(BY_SESSIONS, (1, 2, 4, 8), lambda size: lambda: _estimated(sessions[:size]))
+        sessions = [_record(Path(folder) / f"{seed}", seed) for seed in range(8)]
+        yield _growth(BY_SESSIONS, (1, 2, 4, 8), lambda size: lambda: _estimate(sessions[:size]))
 
 
 def _growth(row: Row, sizes: tuple[int, ...], prepared: Callable[[int], Callable[[], object]]) -> Growth:
     works = [prepared(size) for size in sizes]
     works[0]()  # what is loaded with the first use
-    rounds = [[_cpu_s(work) for work in works] for _ in range(ROUNDS)]
+    rounds = [[seconds(work, time.process_time) for work in works] for _ in range(ROUNDS)]
     return Growth(row, sizes, tuple(statistics.median(column) for column in zip(*rounds, strict=True)))
-
-
-def _cpu_s(work: Callable[[], object]) -> float:
-    began = time.process_time()
-    work()
-    return time.process_time() - began
 
 
 def _estimating(world: World, minutes: int) -> Callable[[], object]:
@@ -92,12 +87,12 @@ def _mapping(pixels: int) -> Callable[[], object]:
     return work
 
 
-def _recorded(folder: Path, seed: int) -> Path:
+def _record(folder: Path, seed: int) -> Path:
     with simulate(folder, seed=seed) as session:
         return session.path
 
 
-def _estimated(sessions: list[Path]) -> None:
+def _estimate(sessions: list[Path]) -> None:
     with tempfile.TemporaryDirectory() as cache, mock.patch.dict(os.environ, XDG_CACHE_HOME=cache):
         estimate_sessions(sessions)
 

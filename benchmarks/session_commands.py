@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import os
-import resource
 import statistics
-import subprocess
-import sys
 import tempfile
-import time
+from functools import partial
 from pathlib import Path
 
 from benchmarks.result import Result, Row
+from benchmarks.sides import python_process
 
 ROUNDS = 3
 WHOLE = "whole command, three beds, learned model: interpreter, reading, slopes; processor time"
@@ -27,24 +24,13 @@ DEMO = Row(
 )  # fmt: skip
 
 
-def _fieldkit(*words: str, cache: Path) -> tuple[float, float]:
-    """Processor and wall time of a command, seconds."""
-    before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-    subprocess.run(
-        [sys.executable, "-m", "fieldkit", *words],
-        check=True,
-        capture_output=True,
-        env={**os.environ, "XDG_CACHE_HOME": str(cache)},
-    )
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return cpu, time.perf_counter() - began
+_fieldkit = partial(python_process, "-m", "fieldkit")
 
 
-def _recorded(folder: Path) -> Path:
+def _record(folder: Path) -> Path:
     """Three hours on simulated instruments."""
-    _fieldkit("init", "--simulated", str(folder), cache=folder)
-    _fieldkit("record", "-C", str(folder), "--for", "3h", "-q", "--set", "simulation.speed=max", cache=folder)
+    _fieldkit("init", "--simulated", folder, cache=folder)
+    _fieldkit("record", "-C", folder, "--for", "3h", "-q", "--set", "simulation.speed=max", cache=folder)
     (path,) = (folder / "recordings").glob("*.h5")
     return path
 
@@ -54,30 +40,27 @@ def _rows(first: Row, again: Row, *words: str) -> list[Result]:
     for _ in range(ROUNDS):
         with tempfile.TemporaryDirectory() as cache:
             rounds.append([_fieldkit(*words, cache=Path(cache)) for _ in range(2)])
-    found = []
+    results = []
     for row, times in zip((first, again), zip(*rounds, strict=True), strict=True):
         cpu, wall = zip(*times, strict=True)
         clock = f"{statistics.median(wall):.2f} s on the clock"
         note = f"{min(cpu):.2f} to {max(cpu):.2f} in {ROUNDS} rounds; {clock}"
-        found.append(row.measured(statistics.median(cpu), note))
-    return found
+        results.append(row.measured(statistics.median(cpu), note))
+    return results
 
 
 def _demo(folder: Path) -> Result:
-    times = [
-        _fieldkit("demo", "--fast", "--out", str(folder / str(at)), cache=folder) for at in range(ROUNDS)
-    ]
+    times = [_fieldkit("demo", "--fast", "--out", folder / str(at), cache=folder) for at in range(ROUNDS)]
     cpu, wall = zip(*times, strict=True)
-    note = (
-        f"{min(wall):.1f} to {max(wall):.1f} in {ROUNDS} rounds; {statistics.median(cpu):.1f} s of processor"
-    )
+    clock = f"{min(wall):.1f} to {max(wall):.1f} in {ROUNDS} rounds"
+    note = f"{clock}; {statistics.median(cpu):.1f} s of processor"
     return DEMO.measured(statistics.median(wall), note)
 
 
 def run() -> list[Result]:
     """All rows; three minutes."""
     with tempfile.TemporaryDirectory() as folder:
-        path = str(_recorded(Path(folder) / "campaign"))
+        path = str(_record(Path(folder) / "campaign"))
         report = ("report", path, "-o", str(Path(folder) / "report.html"))
         commands = _rows(CHECK, CHECK_AGAIN, "check", path) + _rows(REPORT, REPORT_AGAIN, *report)
         return [_demo(Path(folder)), *commands]

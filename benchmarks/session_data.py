@@ -19,6 +19,7 @@ from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Frame
 from fieldkit.model.site import Site
 from fieldkit.sessions.layout import SessionHeader
+from fieldkit.sessions.writer import SessionWriter
 
 LARGE, MEDIUM, SMALL = ((512, 640), 30.0), ((192, 256), 25.0), ((120, 160), 9.0)
 Camera = tuple[tuple[int, int], float]
@@ -51,8 +52,17 @@ def frame(info: StreamInfo, counts: CountArray, clock: HostClock) -> Frame:
     return Frame(info.name, now, clock.to_utc_ns(now), counts, np.empty((0, 0), np.uint16))
 
 
+def write_session(path: Path, size: Camera, data: CountArray) -> SessionWriter:
+    """A recording of some frames as fast as possible, not closed yet."""
+    info, clock = camera(*size), HostClock()
+    writer = SessionWriter(path, header(info), clock)
+    for counts in data:
+        writer.append(frame(info, counts, clock))
+    return writer
+
+
 def write_naively(path: Path, data: CountArray, flush_every: int = 0) -> None:
-    """What one writes first: resize, assign, gzip, h5py's own chunks, perhaps a flush each second."""
+    """As one writes first: resize, assign, gzip, h5py's own chunks, perhaps a flush each second."""
     with h5py.File(path, "w") as file:
         dataset = file.create_dataset(
             "frames", (0, *data.shape[1:]), "u2", maxshape=(None, *data.shape[1:]), chunks=True,

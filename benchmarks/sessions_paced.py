@@ -18,7 +18,17 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.result import Result, Row
-from benchmarks.session_data import LARGE, MEDIUM, Camera, camera, folder, frame, header, noisy_frames
+from benchmarks.session_data import (
+    LARGE,
+    MEDIUM,
+    Camera,
+    camera,
+    folder,
+    frame,
+    header,
+    noisy_frames,
+    write_session,
+)
 from benchmarks.sides import Steal
 from fieldkit.model.clock import HostClock
 from fieldkit.recorder.sample_queue import queue_limit
@@ -136,10 +146,6 @@ def _loaded() -> list[Result]:
 
 
 def _burst() -> Result:
-    info, clock = camera(*LARGE), HostClock()
     with folder() as place:
-        writer = SessionWriter(place / "burst.h5", header(info), clock)
-        for one in noisy_frames(LARGE[0], 50):
-            writer.append(frame(info, one, clock))
-        kept = writer.close().counts["camera"]
-    return BURST.measured(kept)
+        summary = write_session(place / "burst.h5", LARGE, noisy_frames(LARGE[0], 50)).close()
+    return BURST.measured(summary.counts["camera"])

@@ -49,7 +49,7 @@ def _forget(path: Path) -> None:
     os.close(descriptor)
 
 
-def _recorded(path: Path, info: StreamInfo, count: int) -> SessionWriter:
+def _record(path: Path, info: StreamInfo, count: int) -> SessionWriter:
     clock, writer = HostClock(), SessionWriter(path, header(info), HostClock())
     ready = noisy_frames((info.shape[0], info.shape[1]))
     for number in range(count):
@@ -66,7 +66,7 @@ def _series() -> list[Result]:
     region = Region("bed", RegionKind.TARGET, corners)
     with folder() as place:
         ours, theirs = place / "ours.h5", place / "theirs.h5"
-        _recorded(ours, info, SERIES_FRAMES).close()
+        _record(ours, info, SERIES_FRAMES).close()
         with open_session(ours) as session, h5py.File(theirs, "w") as file:
             file.create_dataset(
                 "frames", data=session.raw("camera")[:], chunks=(1, *info.shape), shuffle=True,
@@ -77,17 +77,13 @@ def _series() -> list[Result]:
         began = time.perf_counter()
         with open_session(ours) as session:
             mine = region_series(session, [region]).mean_k[:, 0]
-        our_s = time.perf_counter() - began
-        began = time.perf_counter()
+        middle = time.perf_counter()
         with h5py.File(theirs) as file:
             one_by_one = [file["frames"][n, 80:100, 100:120].mean() * 0.01 for n in range(SERIES_FRAMES)]
-        their_s = time.perf_counter() - began
+        our_s, their_s = middle - began, time.perf_counter() - middle
     assert np.allclose(mine, one_by_one)
     scale = THREE_HOURS * info.rate_hz / SERIES_FRAMES
-    return [
-        SERIES.measured(our_s * scale),
-        times_as_fast(OVER_FRAMES, [(our_s, their_s)]),
-    ]
+    return [SERIES.measured(our_s * scale), times_as_fast(OVER_FRAMES, [(our_s, their_s)])]
 
 
 def _follow(path: Path, ages_file: Path) -> None:
@@ -128,9 +124,9 @@ def _live() -> list[Result]:
     ]
 
 
-def _killed(path: Path, info: StreamInfo) -> None:
+def _record_until_killed(path: Path, info: StreamInfo) -> None:
     """A recording that ended without being sealed; its file is as far as one in its own time would be."""
-    writer = _recorded(path, info, RECOVERY_FRAMES)
+    writer = _record(path, info, RECOVERY_FRAMES)
     while writer._file_thread._next_id < RECOVERY_FRAMES:
         time.sleep(0.01)
     writer.abandon()
@@ -140,7 +136,7 @@ def _recovery() -> Result:
     info = camera(*SMALL)
     with folder() as place:
         path = place / "killed.h5"
-        _killed(path, info)
+        _record_until_killed(path, info)
         began = time.perf_counter()
         report = recover(path)
         seconds = time.perf_counter() - began

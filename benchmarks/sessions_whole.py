@@ -21,18 +21,14 @@ from benchmarks.session_data import (
     LARGE,
     MEDIUM,
     Camera,
-    camera,
     folder,
-    frame,
-    header,
     noisy_frames,
     write_mcap,
     write_naively,
+    write_session,
 )
-from benchmarks.sides import Steal, times_as_fast
+from benchmarks.sides import Steal, in_rounds, times_as_fast
 from fieldkit.model.arrays import CountArray
-from fieldkit.model.clock import HostClock
-from fieldkit.sessions.writer import SessionWriter
 
 FRAMES, ROUNDS = 600, 5
 NAIVE_LARGE_FRAMES = 60  # more would take minutes, and each takes as long as the one before
@@ -58,7 +54,7 @@ MEDIUM_ZSTD = Row("medium-zstd", "whole recording over MCAP with zstd, 256x192",
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """Of one frame of a recording: seconds, seconds of the processor, bytes of the file."""
+    """Cost of one frame of a recording: seconds, seconds of the processor, bytes of the file."""
 
     wall_s: float
     cpu_s: float
@@ -89,8 +85,7 @@ def _costs(size: Camera, naive_frames: int) -> dict[str, list[Cost]]:
         sides |= {
             name: partial(_cost, partial(write_mcap, compression=name), many) for name in ("ZSTD", "NONE")
         }
-    rounds = [{name: side() for name, side in sides.items()} for _ in range(ROUNDS)]
-    return {name: [round[name] for round in rounds] for name in sides}
+    return in_rounds(sides, ROUNDS)
 
 
 def _cost(write: Callable[[Path, CountArray], None], data: CountArray) -> Cost:
@@ -120,8 +115,4 @@ def _size(row: Row, costs: dict[str, list[Cost]]) -> Result:
 
 
 def _session(size: Camera, path: Path, data: CountArray) -> None:
-    info, clock = camera(*size), HostClock()
-    writer = SessionWriter(path, header(info), clock)
-    for one in data:
-        writer.append(frame(info, one, clock))
-    writer.close()
+    write_session(path, size, data).close()

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import importlib.util
 import os
-import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -32,8 +32,9 @@ from benchmarks.session_data import (
     noisy_frames,
     write_mcap,
     write_naively,
+    write_session,
 )
-from benchmarks.sides import share
+from benchmarks.sides import in_rounds, seconds, share
 from fieldkit.model.arrays import CountArray
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import StreamInfo
@@ -75,7 +76,7 @@ JOURNAL = Row(
 
 
 def run() -> list[Result]:
-    results = _sustained()
+    results = _against_formats()
     results += [_against_naive(MEDIUM, NAIVE_MEDIUM), _against_naive(LARGE, NAIVE_LARGE)]
     return [*results, _size(), _journal_size()]
 
@@ -83,24 +84,22 @@ def run() -> list[Result]:
 def _rate(work: Callable[[Path], None], data: CountArray) -> float:
     """Megabytes of frames a second, final sync included."""
     with folder() as place:
-        before = time.perf_counter()
-        work(place)
-        return data.nbytes / (time.perf_counter() - before) / 1e6
+        return data.nbytes / seconds(lambda: work(place)) / 1e6
 
 
-def _sustained() -> list[Result]:
+def _against_formats() -> list[Result]:
     info = camera(*LARGE)
     data = np.tile(noisy_frames(LARGE[0]), (RAW_FRAMES // 60, 1, 1))
     ways: dict[str, Callable[[Path], None]] = {
         "os.write": lambda place: _os_write(place / "raw", data),
         "twice": lambda place: _os_write_twice(place, data),
         "chunks": lambda place: _chunks(place / "chunks.h5", info, data),
-        "both": lambda place: _session_uncompressed(place / "session.h5", info, data),
+        "both": lambda place: _session_uncompressed(place / "session.h5", data),
     }
     for name, write in (("mcap", write_mcap), ("zarr", _zarr)):
         if importlib.util.find_spec(name):
             ways[name] = _into(write, data)
-    rates = _rates(ways, data)
+    rates = in_rounds({name: partial(_rate, work, data) for name, work in ways.items()}, ROUNDS)
     pairs = (
         (CHUNKS, "chunks", "os.write"), (BOTH, "both", "os.write"), (TWICE, "twice", "os.write"),
         (OVER_TWICE, "both", "twice"), (OVER_MCAP, "chunks", "mcap"), (OVER_ZARR, "chunks", "zarr"),
@@ -108,12 +107,6 @@ def _sustained() -> list[Result]:
     return [
         share(row, list(zip(rates[a], rates[b], strict=True)), "MB/s") for row, a, b in pairs if b in rates
     ]
-
-
-def _rates(ways: dict[str, Callable[[Path], None]], data: CountArray) -> dict[str, list[float]]:
-    """The rates of each, in rounds: a moment when the disk is slow is then slow for all."""
-    rounds = [{name: _rate(work, data) for name, work in ways.items()} for _ in range(ROUNDS)]
-    return {name: [round[name] for round in rounds] for name in ways}
 
 
 def _into(write: Callable[[Path, CountArray], None], data: CountArray) -> Callable[[Path], None]:
@@ -168,16 +161,13 @@ def _plain_dataset(
     )
 
 
-def _session_uncompressed(path: Path, info: StreamInfo, data: CountArray) -> None:
+def _session_uncompressed(path: Path, data: CountArray) -> None:
     """A whole recording, journal included, up to where every byte is in both and synced."""
-    clock = HostClock()
     with (
         mock.patch.object(file_tree, "put_frames", _plain_dataset),
         mock.patch.object(chunks, "pack", _plain_pack),
     ):
-        writer = SessionWriter(path, header(info), clock)
-        for one in data:
-            writer.append(frame(info, one, clock))
+        writer = write_session(path, LARGE, data)
         writer._stop()
         writer._file_thread.finish(0)
         writer._file_thread.close()
@@ -196,7 +186,7 @@ def _zarr(path: Path, data: CountArray) -> None:
         _sync(file)
 
 
-def _compressed(path: Path, info: StreamInfo, data: CountArray) -> None:
+def _compress(path: Path, info: StreamInfo, data: CountArray) -> None:
     with h5py.File(path, "w", libver=LIBVER) as file, ThreadPoolExecutor(2) as pool:
         dataset = put_frames(file, "counts", chunk_shape(info), info.shape, 65535)
         writer = FrameWriter(dataset, pool)
@@ -213,7 +203,7 @@ def _against_naive(size: Camera, row: Row) -> Result:
     many = np.tile(few, (5, 1, 1))
     rounds = [
         (
-            _rate(lambda place: _compressed(place / "a.h5", info, many), many),
+            _rate(lambda place: _compress(place / "a.h5", info, many), many),
             _rate(lambda place: write_naively(place / "a.h5", few), few),
         )
         for _ in range(3)
@@ -222,14 +212,10 @@ def _against_naive(size: Camera, row: Row) -> Result:
 
 
 def _size() -> Result:
-    info, clock = camera(*MEDIUM), HostClock()
+    data = noisy_frames(MEDIUM[0], 250)
     with folder() as place:
         path = place / "size.h5"
-        writer = SessionWriter(path, header(info), clock)
-        data = noisy_frames(MEDIUM[0], 250)
-        for one in data:
-            writer.append(frame(info, one, clock))
-        writer.close()
+        write_session(path, MEDIUM, data).close()
         with h5py.File(path) as file:
             stored = file["camera/counts"].id.get_storage_size()
     return SIZE.measured(data.nbytes / stored)
@@ -249,5 +235,5 @@ def _journal_size() -> Result:
                 now = clock.mono_ns()
                 writer.append(Reading("lux", now, clock.to_utc_ns(now), (float(number),)))
         writer.abandon()
-        taken = sum(log.stat().st_size for log in journal_path(writer.path).glob("*.log"))
-    return JOURNAL.measured(taken / (data.nbytes + 8 * 120))
+        journal_bytes = sum(log.stat().st_size for log in journal_path(writer.path).glob("*.log"))
+    return JOURNAL.measured(journal_bytes / (data.nbytes + 8 * 120))

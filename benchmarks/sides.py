@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import os
+import resource
 import statistics
+import subprocess
+import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TypeVar
 
 from benchmarks.result import Result, Row, Sides
 
+Measure = TypeVar("Measure")
 BUSY_STEAL = 0.05
 """Share of the processors that a host may take away before a row says so."""
 
@@ -36,7 +41,7 @@ def compared(
         Seconds: those of the clock, or of the processor (`time.process_time`) for work without waiting.
     """
     steal = Steal()
-    pairs = [(_seconds(ours, clock), _seconds(theirs, clock)) for _ in range(rounds)]
+    pairs = [(seconds(ours, clock), seconds(theirs, clock)) for _ in range(rounds)]
     return replace(times_as_fast(row, pairs), steal=steal.share())
 
 
@@ -70,7 +75,27 @@ class Steal:
         return (_stolen_s() - self._stolen_s) / passed_s
 
 
-def _seconds(work: Callable[[], object], clock: Callable[[], float]) -> float:
+def in_rounds(sides: Mapping[str, Callable[[], Measure]], rounds: int) -> dict[str, list[Measure]]:
+    """Measures of each side, round by round: a moment when the machine is slow is then slow for all."""
+    measures = [{name: side() for name, side in sides.items()} for _ in range(rounds)]
+    return {name: [measure[name] for measure in measures] for name in sides}
+
+
+def python_process(*words: object, cache: Path | None = None) -> tuple[float, float]:
+    """Processor and wall time of a fresh interpreter, interpreter included, seconds.
+
+    Processor time does not count what it waits for a busy computer.
+    """
+    before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+    environment = {**os.environ, "XDG_CACHE_HOME": str(cache)} if cache else None
+    subprocess.run([sys.executable, *map(str, words)], check=True, capture_output=True, env=environment)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    cpu_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return cpu_s, time.perf_counter() - began
+
+
+def seconds(work: Callable[[], object], clock: Callable[[], float] = time.perf_counter) -> float:
+    """How long some work takes, by a clock as of `compared`."""
     began = clock()
     work()
     return clock() - began

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.__main__ import modules
-from benchmarks.result import Row, declared
+from benchmarks.result import Row, module_rows
 from benchmarks.sides import share, times_as_fast
 
 PAGE = Path(__file__).parents[2] / "docs" / "explanation" / "speed.md"
@@ -26,7 +26,7 @@ def declared_rows():
     return {
         (name, row.id): (row.title, row.included, f"{row.goal} {row.unit}".strip() if row.goal else "")
         for name in modules()
-        for row in declared(import_module(f"benchmarks.{name}"))
+        for row in module_rows(import_module(f"benchmarks.{name}"))
     }
 
 
