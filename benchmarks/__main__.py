@@ -47,7 +47,7 @@ def _measure(name: str) -> list[Result]:
     results = [replace(result, steal=steal.share()) if result.steal is None else result for result in results]
     ids = {result.id for result in results}
     missing = [row for row in module_rows(module) if row.id not in ids]
-    return [*results, *(row.measured(float("nan"), "not measured here") for row in missing)]
+    return [*results, *(row.result(float("nan"), "not measured here") for row in missing)]
 
 
 def _print(name: str, rows: list[Result]) -> None:

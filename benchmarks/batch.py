@@ -54,7 +54,7 @@ def run(sessions: int = SESSIONS, hours: float = HOURS) -> list[Result]:
         by_workers = {count: _on_dask(folder, part, count) for count in (1, 2)}
     size = f"{sessions} sessions of {hours:g} h, {SETS} sets, two processes: {first_s:.0f} s"
     return [
-        SWEEP.measured(sessions * hours * 3600.0 * SETS / first_s, size),
+        SWEEP.result(sessions * hours * 3600.0 * SETS / first_s, size),
         times_as_fast(AGAIN, [(again_s, first_s) for again_s in repeated_s]),
         times_as_fast(DASK, [(by_workers[2], by_workers[1])], f"{len(part)} sessions"),
     ]

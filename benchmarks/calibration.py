@@ -43,19 +43,19 @@ def run() -> list[Result]:
 
 
 def _emissivity() -> list[Result]:
-    errors, inside, refused, sds, others = [], [], [], [], []
+    errors, inside, refusals, sds, others = [], [], [], [], []
     for day in days(DAYS, seed=1):
         sds.append(day.expected_sd)
         try:
-            found = fit_emissivity(day.pairs, day.shared)
+            fit = fit_emissivity(day.pairs, day.shared)
         except CalibrationError:
-            refused.append(True)
+            refusals.append(True)
             continue
-        refused.append(False)
-        errors.append(found.value - day.emissivity)
-        inside.append(abs(errors[-1]) <= found.expanded)
+        refusals.append(False)
+        errors.append(fit.value - day.emissivity)
+        inside.append(abs(errors[-1]) <= fit.expanded)
         others.append(_ordinary(day))
-    table, no, sd = np.array(others), np.array(refused), np.array(sds)
+    table, no, sd = np.array(others), np.array(refusals), np.array(sds)
     hopeless, easy = sd > UNDETERMINED, sd < DETERMINED
     absolute = np.abs(errors)
     return [
@@ -76,8 +76,8 @@ def _without_foil() -> Iterable[Result]:
         inside = []
         for day in free_days(DAYS, case):
             with suppress(CalibrationError):
-                found = fit_emissivity(day.pairs, day.shared, reflected="free")
-                inside.append(abs(found.value - day.emissivity) <= found.expanded)
+                fit = fit_emissivity(day.pairs, day.shared, reflected="free")
+                inside.append(abs(fit.value - day.emissivity) <= fit.expanded)
         note = f"{len(inside)} of {DAYS} days"
         yield Result(f"no foil, {case}: truth inside k = 2", _percent(inside), "%", ">= 92", note)
 
@@ -87,8 +87,8 @@ def _percent(yes: ArrayLike) -> float:
 
 
 def _other(name: str, table: FloatArray) -> Iterable[Result]:
-    error, stated = table.T
-    covered = _percent(np.abs(error) <= 2.0 * stated)
+    error, stated_sd = table.T
+    covered = _percent(np.abs(error) <= 2.0 * stated_sd)
     note = f"bias {np.median(error):+.4f} (median), median |error| {np.median(np.abs(error)):.4f}"
     yield Result(f"{name}: truth inside k = 2", covered, "%", "", note)
 
@@ -97,10 +97,10 @@ def _ordinary(day: Day) -> tuple[float, float]:
     """Error of an ordinary regression with an intercept, and its standard error."""
     x, y = band_radiance(day.pairs.contact_k), band_radiance(day.pairs.apparent_k)
     slope, intercept = np.polyfit(x, y, 1)
-    left = y - slope * x - intercept
+    residual = y - slope * x - intercept
     freedom = max(1, x.size - 2)
-    stated = np.sqrt(left @ left / freedom / np.sum((x - x.mean()) ** 2))
-    return float(slope - day.emissivity), float(stated)
+    slope_sd = np.sqrt(residual @ residual / freedom / np.sum((x - x.mean()) ** 2))
+    return float(slope - day.emissivity), float(slope_sd)
 
 
 def _good_day() -> float:
@@ -126,7 +126,7 @@ def _scale() -> list[Result]:
 
 
 def _loss(known_deg: float, minutes: int, goal: str) -> Result:
-    """What kappa from a bed of `known_deg` costs the others against perfectly known parameters."""
+    """Tilt error that kappa from a bed of `known_deg` adds to others', over perfectly known parameters."""
     errors = np.array(list(_trials(known_deg, minutes)))
     wrong, right, scaled = errors.mean(axis=0)
     sd = float(np.std(errors[:, 2] - errors[:, 1])) / len(errors) ** 0.5
@@ -143,14 +143,14 @@ def _trials(known_deg: float, minutes: int) -> Iterable[list[float]]:
     truth = SurfaceParameters()
     sun = sun_vectors(PAPER_START_NS + np.arange(minutes) * 60_000_000_000, PAPER_SITE)
     random = np.random.default_rng(4)
-    known = normal(known_deg, 180.0)
+    known_normal = normal(known_deg, 180.0)
     sigma = np.full(minutes, np.sqrt(2.0) * 31.0 * NOISE_K / LIGHT_W_M2)
     for trial in range(TRIALS):
         wrong = replace(truth, exchange_m_s=(0.8, 1.2)[trial % 2] * truth.exchange_m_s)
-        warm, flat = (_temperature(bed, sun, random) for bed in (known, VERTICAL))
+        warm, flat = (_temperature(bed, sun, random) for bed in (known_normal, VERTICAL))
         share = irradiance_difference(warm, flat, wrong) / LIGHT_W_M2
         level = sun @ VERTICAL
-        kappa = scale_from_known_bed(sun, share + level, sigma, VERTICAL, known).kappa
+        kappa = scale_from_known_bed(sun, share + level, sigma, VERTICAL, known_normal).kappa
         yield np.mean(
             [_errors(tilt, azimuth, sun, random, (wrong, truth), kappa) for tilt, azimuth in BEDS], axis=0
         ).tolist()

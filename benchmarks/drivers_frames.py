@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 
 from benchmarks.result import Result, Row
-from benchmarks.sides import compared
+from benchmarks.sides import compare
 from fieldkit.drivers.cameras import boson, flir_file, ht301, p2pro, purethermal
 from fieldkit.drivers.cameras.camera import DecodedFrame, kelvin
 from fieldkit.drivers.decoding import Rejected
@@ -55,7 +55,7 @@ def _around(row: Row, ring: Sequence[bytes], ours: Work, theirs: Work) -> Result
         for data in ring:
             work(data)
 
-    return compared(row, partial(lap, ours), partial(lap, theirs), ROUNDS, time.process_time)
+    return compare(row, partial(lap, ours), partial(lap, theirs), ROUNDS, time.process_time)
 
 
 class _Bed:
@@ -210,7 +210,7 @@ def _seq() -> list[Result]:
             for frame in Seq(str(path), height=512, width=640):
                 frame.get_radiometric_image()
 
-        return [compared(SEQ, ours, theirs)]
+        return [compare(SEQ, ours, theirs)]
 
 
 def run() -> list[Result]:

@@ -228,11 +228,9 @@ def _compare(row: Row, record: bytes, readers: tuple[Any, Any]) -> Result:
         [_with(FarEnd(record, talks=talks), reader, pace=not talks) for reader in readers]
         for _ in range(ROUNDS)
     ]
-    ours, theirs = (np.array([turn[side] for turn in rounds]) for side in (0, 1))
-    delays = [
-        "{:.0f} µs, 99 % within {:.0f}".format(*np.percentile(side[..., 1], (50, 99)))
-        for side in (ours, theirs)
-    ]
-    note = f"a reading is in hand after {delays[0]}, theirs {delays[1]}"
+    ours, theirs = np.array(rounds).swapaxes(0, 1)
+    delays = "{:.0f} µs, 99 % within {:.0f}"
+    mine, other = (delays.format(*np.percentile(side[..., 1], (50, 99))) for side in (ours, theirs))
+    note = f"a reading is in hand after {mine}, theirs {other}"
     cpu_s = [1e-6 * np.median(side[..., 0], axis=1) for side in (ours, theirs)]
     return share(row, list(zip(*cpu_s, strict=True)), note=note)

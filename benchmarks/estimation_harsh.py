@@ -22,6 +22,7 @@ from benchmarks.estimation_learned import (
     estimates,
     mean_error_deg,
     outcomes,
+    percent,
     without_wind,
 )
 from benchmarks.harsh_worlds import HARMLESS, HARSH, PEREZ, Harm, harsh_world
@@ -88,19 +89,20 @@ def air_stops(history: History) -> History:
 
 def run() -> list[Result]:
     """All rows; ``FIELDKIT_WORLDS=12`` takes a quarter of an hour, the default hours."""
-    found: list[Result] = []
+    results: list[Result] = []
     for scenario, worlds in outcomes(list(scenarios())):
         for cell in scenario.cells:
             each = estimates(worlds, "learned", cell)
-            certain = [one for one in each if one.is_certain]
-            held = 100.0 * float(np.mean([one.is_inside for one in certain])) if certain else float("nan")
-            wider = float(np.quantile([one.scaled_error for one in each if not one.is_silent], 0.9))
+            certain = [estimate for estimate in each if estimate.is_certain]
+            inside = percent([estimate.is_inside for estimate in certain])
+            scaled_errors = [estimate.scaled_error for estimate in each if not estimate.is_silent]
+            wider = float(np.quantile(scaled_errors, 0.9))
             note = (
-                f"{WORLDS} worlds, {len(certain)} of {len(each)} certain, {held:.0f} % of them held; "
+                f"{WORLDS} worlds, {len(certain)} of {len(each)} certain, {inside:.0f} % of them held; "
                 f"regions are {1.0 / wider:.2f} times as wide as needed"
             )
             name = f"{scenario.name}, {cell.minutes} min"
             must = "reported" if np.isnan(cell.must_deg) else f"≤ {cell.must_deg:g}"
-            found.append(Result(f"{name}: mean tilt error", mean_error_deg(each), "°", must, note))
-            found.append(Result(f"{name}: regions hold the truth", coverage_percent(each), "%", "85-95"))
-    return found
+            results.append(Result(f"{name}: mean tilt error", mean_error_deg(each), "°", must, note))
+            results.append(Result(f"{name}: regions hold the truth", coverage_percent(each), "%", "85-95"))
+    return results

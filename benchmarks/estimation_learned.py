@@ -12,10 +12,10 @@ from __future__ import annotations
 
 import os
 import pickle
-import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -34,6 +34,7 @@ from benchmarks.drawn_worlds import (
     drawn_world,
 )
 from benchmarks.result import Result
+from benchmarks.sides import seconds
 from fieldkit.estimation.bins import History
 from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.settings import EstimatorSettings
@@ -121,9 +122,9 @@ def scenarios() -> Iterator[Scenario]:
     without = (Cell(20, 3.3, 3.0), Cell(60, 3.0, 2.9), Cell(180, 2.2, 1.9))
     yield Scenario(f"{name}, no air temperature", without, south, air=False)
     yield Scenario(name, (Cell(20, 1.7, 1.5), Cell(60, 1.5, 1.4), Cell(180, 1.0, 0.9)), south)
-    known = {**south, "known_bed": True, "offset_sd_k": 0.1}
+    with_known = {**south, "known_bed": True, "offset_sd_k": 0.1}
     yield Scenario(
-        f"{name}, one known bed, offsets 0.1 K", (Cell(20, 1.0), Cell(60, 0.7), Cell(180, 0.5)), known
+        f"{name}, one known bed, offsets 0.1 K", (Cell(20, 1.0), Cell(60, 0.7), Cell(180, 0.5)), with_known
     )
     yield Scenario(BOARDS, (Cell(60),), {**south, "shade_test": True}, with_others=False)
     yield Scenario(
@@ -225,7 +226,7 @@ def outcomes(asked: Sequence[Scenario]) -> Iterator[tuple[Scenario, list[Outcome
     """Every scenario with the outcomes of its worlds."""
     seeds = range(FIRST_SEED, FIRST_SEED + WORLDS)
     with processes() as pool:
-        waiting = [(one, [pool.submit(outcome, one, seed) for seed in seeds]) for one in asked]
+        waiting = [(scenario, [pool.submit(outcome, scenario, seed) for seed in seeds]) for scenario in asked]
         for scenario, futures in waiting:
             yield scenario, [future.result() for future in futures]
 
@@ -235,11 +236,11 @@ def rows(scenario: Scenario, worlds: Sequence[Outcome]) -> Iterator[Result]:
     for cell in scenario.cells:
         name = f"{scenario.name}, {cell.minutes} min"
         found = estimates(worlds, "learned", cell)
-        answered = sum(not one.is_silent for one in found)
+        answered = sum(not estimate.is_silent for estimate in found)
         must = "reported" if np.isnan(cell.must_deg) else f"≤ {cell.must_deg:g}"
         error = mean_error_deg(found)
         yield Result(f"{name}: mean tilt error", error, "°", must, _beside(worlds, cell))
-        certain = 100.0 * float(np.mean([one.is_certain for one in found]))
+        certain = percent([estimate.is_certain for estimate in found])
         note = f"{answered} of {len(found)} estimates, {certain:.0f} % certain"
         yield Result(f"{name}: regions hold the truth", coverage_percent(found), "%", "85-95", note)
     silent = 100.0 * float(np.mean([world.silent_share for world in worlds]))
@@ -248,18 +249,22 @@ def rows(scenario: Scenario, worlds: Sequence[Outcome]) -> Iterator[Result]:
 
 def estimates(worlds: Sequence[Outcome], model: str, cell: Cell) -> list[Found]:
     """All estimates of a model in some worlds after the minutes of a cell."""
-    return [one for world in worlds for one in world.by_model.get(model, {}).get(cell.minutes, [])]
+    return [estimate for world in worlds for estimate in world.by_model.get(model, {}).get(cell.minutes, [])]
+
+
+def percent(values: Sequence[bool]) -> float:
+    """Share of what is true, per cent; NaN of nothing."""
+    return 100.0 * float(np.mean(values)) if values else float("nan")
 
 
 def coverage_percent(found: Sequence[Found]) -> float:
     """Share of regions that hold the truth, of estimates that are not silent; NaN without any."""
-    answered = [one.is_inside for one in found if not one.is_silent]
-    return 100.0 * float(np.mean(answered)) if answered else float("nan")
+    return percent([estimate.is_inside for estimate in found if not estimate.is_silent])
 
 
 def mean_error_deg(found: Sequence[Found]) -> float:
     """Mean error of tilt, degrees; NaN without any tilt."""
-    errors = [one.tilt_error_deg for one in found if not np.isnan(one.tilt_error_deg)]
+    errors = [estimate.tilt_error_deg for estimate in found if not np.isnan(estimate.tilt_error_deg)]
     return float(np.mean(errors)) if errors else float("nan")
 
 
@@ -270,26 +275,26 @@ def _beside(worlds: Sequence[Outcome], cell: Cell) -> str:
     ]
     parts = []
     if answered:
-        p90 = np.percentile([one.tilt_error_deg for one in answered], 90)
-        parts = [f"p90 {p90:.2f}°", f"normals {np.mean([one.angle_deg for one in answered]):.2f}°"]
+        p90 = np.percentile([estimate.tilt_error_deg for estimate in answered], 90)
+        parts = [f"p90 {p90:.2f}°", f"normals {np.mean([estimate.angle_deg for estimate in answered]):.2f}°"]
     if not np.isnan(cell.bound_deg):
         parts.append(f"bound {cell.bound_deg:g}°")
     for model in ("paper", "full"):
         if found := estimates(worlds, model, cell):
-            silent = 100.0 * float(np.mean([one.is_silent for one in found]))
+            silent = percent([estimate.is_silent for estimate in found])
             parts.append(f"{model} {mean_error_deg(found):.2f}° ({silent:.0f} % silent)")
     return ", ".join([*parts, f"{len(worlds)} worlds from seed {FIRST_SEED}"])
 
 
 def accuracy() -> list[Result]:
     """Every scenario, and what the boards bring."""
-    found: list[Result] = []
+    results: list[Result] = []
     errors: dict[str, float] = {}
     for scenario, worlds in outcomes(list(scenarios())):
-        found += rows(scenario, worlds)
+        results += rows(scenario, worlds)
         errors[scenario.name] = mean_error_deg(estimates(worlds, "learned", Cell(60)))
     share = errors[BOARDS] / errors["clear, south, known"]
-    return [*found, Result("shade test: error over that without, 60 min", share, "", "≤ 0.6"), *missing()]
+    return [*results, Result("shade test: error over that without, 60 min", share, "", "≤ 0.6"), *missing()]
 
 
 # --- cost
@@ -318,9 +323,7 @@ def minute_costs(world: World) -> tuple[FloatArray, list[int]]:
     took, sizes = [], []
     for last in range(1, len(world.history) + 1):
         history = world.history.until(last)
-        begin = time.perf_counter()
-        chain.at(history)
-        took.append(time.perf_counter() - begin)
+        took.append(seconds(partial(chain.at, history)))
         if last in (THREE_HOURS, TEN_HOURS):
             sizes.append(len(pickle.dumps(chain)))
     return np.array(took), sizes

@@ -18,6 +18,7 @@ References
 from __future__ import annotations
 
 import os
+from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from concurrent.futures import as_completed
 from dataclasses import replace
@@ -56,14 +57,14 @@ def world_ranks(seed: int) -> dict[str, float]:
     """Ranks of one world's truths after the whole session, by what they are of; a refused bed has none."""
     world = harsh_world(seed, CLEAR, RANDOM)
     settings = replace(world.settings, model="learned")
-    found = SlopeChain(world.regions, settings).at(without_wind(world.history))
+    estimated = SlopeChain(world.regions, settings).at(without_wind(world.history))
     beds = {region.name: region for region in world.regions}
     ranks: dict[str, float] = {}
-    for slope in found.slopes:
+    for slope in estimated.slopes:
         if slope.state in SOLVED:
             ranks |= _of_bed(slope, beds[slope.region])
     truths = _truths(world)
-    for learnt in found.learnt.parameters if found.learnt else ():
+    for learnt in estimated.learnt.parameters if estimated.learnt else ():
         if learnt.name in truths:
             numbers = np.array([truths[learnt.name], learnt.value, learnt.low, learnt.high])
             numbers = np.log(numbers) if learnt.name in LOGARITHMS else numbers
@@ -83,7 +84,7 @@ def _of_bed(one: SlopeEstimate, bed: Region) -> Iterator[tuple[str, float]]:
 
 
 def _truths(world: World) -> dict[str, float]:
-    """What the learnt parameters should be: of the reference's sand, and of errors the opposite."""
+    """True values of the learnt parameters: of the reference's sand, and of errors the opposite."""
     field = world.field
     return {
         "gain": 1.0 / field.light_factor,
@@ -97,12 +98,14 @@ def ranks(worlds: int) -> Ranks:
     """Ranks of many worlds by what they are of, (worlds,) at most; progress on the error output."""
     seeds = range(FIRST_SEED, FIRST_SEED + worlds)
     with processes() as pool:
-        done = as_completed([pool.submit(world_ranks, seed) for seed in seeds])
-        shown = track(done, "worlds", total=worlds, console=Console(stderr=True))
-        found = [one.result() for one in shown]
-    names = sorted({name for one in found for name in one}, key=lambda name: (" of " not in name, name))
-    by_name = {name: np.array([one[name] for one in found if name in one]) for name in names}
-    return {name: np.sort(values[np.isfinite(values)]) for name, values in by_name.items()}
+        finished = as_completed([pool.submit(world_ranks, seed) for seed in seeds])
+        with_progress = track(finished, "worlds", total=worlds, console=Console(stderr=True))
+        by_name = defaultdict[str, list[float]](list)
+        for future in with_progress:
+            for name, value in future.result().items():
+                by_name[name].append(value)
+    names = sorted(by_name, key=lambda name: (" of " not in name, name))
+    return {name: np.sort([value for value in by_name[name] if np.isfinite(value)]) for name in names}
 
 
 def evenness(values: FloatArray) -> tuple[float, float]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from benchmarks.estimation_speed import PAPER, SITE, START_NS
 from benchmarks.result import Result, Row
-from benchmarks.sides import compared, seconds
+from benchmarks.sides import compare, seconds
 from fieldkit.estimation.bins import History
 from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.settings import EstimatorSettings
@@ -67,7 +67,7 @@ def scene(targets: int) -> tuple[History, tuple[Region, ...]]:
 def _cpu_ms(row: Row, work: Callable[[], object]) -> Result:
     """Processor time: the median of rounds, with their range."""
     took = [1e3 * seconds(work, time.process_time) for _ in range(ROUNDS)]
-    return row.measured(statistics.median(took), f"{min(took):.3g} to {max(took):.3g} in {ROUNDS} rounds")
+    return row.result(statistics.median(took), f"{min(took):.3g} to {max(took):.3g} in {ROUNDS} rounds")
 
 
 def _of_all(settings: EstimatorSettings, together_row: Row, loop_row: Row) -> list[Result]:
@@ -81,8 +81,8 @@ def _of_all(settings: EstimatorSettings, together_row: Row, loop_row: Row) -> li
     def one_by_one() -> object:
         return [slopes(history.only(two), [regions[column] for column in two], settings) for two in beds]
 
-    compare = compared(loop_row, together, one_by_one, ROUNDS, time.process_time)
-    return [_cpu_ms(together_row, together), compare]
+    ratio = compare(loop_row, together, one_by_one, ROUNDS, time.process_time)
+    return [_cpu_ms(together_row, together), ratio]
 
 
 def _learned_model() -> Result:

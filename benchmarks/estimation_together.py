@@ -36,7 +36,7 @@ def visits(seed: int, first_day: str, second_day: str, beds: str, minutes: int =
     if first_day == second_day:
         minute, time_ns = second.history.minute + 1440, second.history.time_ns + DAY_NS
         second = replace(second, history=replace(second.history, minute=minute, time_ns=time_ns))
-    return [replace(one, settings=replace(one.settings, model="learned")) for one in (first, second)]
+    return [replace(world, settings=replace(world.settings, model="learned")) for world in (first, second)]
 
 
 def as_part(world: World) -> Part:
@@ -74,10 +74,10 @@ def _rows(name: str, first_day: str, second_day: str, beds: str) -> Iterator[Res
         widths += zip(half_widths(alone), half_widths(together), strict=True)
         truths = {region.name: region.tilt_deg for region in worlds[0].regions}
         errors += [
-            [abs(one.tilt_deg - truths[one.region]) for one in pair]
+            [abs(slope.tilt_deg - truths[slope.region]) for slope in pair]
             for pair in zip(alone, together, strict=True)
         ]
-        inside += [one.tilt_low_deg <= truths[one.region] <= one.tilt_high_deg for one in together]
+        inside += [slope.tilt_low_deg <= truths[slope.region] <= slope.tilt_high_deg for slope in together]
     before, after = np.mean(widths, axis=0)
     was, now = np.mean(errors, axis=0)
     about = f"{WORLDS} worlds; the second hour alone ±{before:.2f}°, error {was:.2f}°"

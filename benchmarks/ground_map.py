@@ -68,12 +68,12 @@ def crest_east_m(north_m: ArrayLike) -> FloatArray:
 
 def regions() -> list[dict[str, Any]]:
     """A flat reference, and two patches of even slope on the ridge, of unknown tilt."""
-    drawn = [FLAT]
+    tables = [FLAT]
     for name, (first, last, south, north) in FLANKS.items():
         at = [(first, south), (last, south), (last, north), (first, north)]
         corners = [[WEST_M + float(crest_east_m(y)) + x, SOUTH_M + y] for x, y in at]
-        drawn.append({"name": name, "points_m": corners})
-    return drawn
+        tables.append({"name": name, "points_m": corners})
+    return tables
 
 
 def slope_deg(east_m: FloatArray, north_m: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -103,7 +103,7 @@ def write_dem(path: Path, ground: Heights) -> None:
         file.write(ground.heights_m, 1)
 
 
-def recorded(folder: Path, duration: str, ground: Heights) -> Session:
+def record_terrain(folder: Path, duration: str, ground: Heights) -> Session:
     """Record a session of the terrain from noon on, under a clear sky."""
     folder.mkdir(parents=True)
     write_dem(folder / "dem.tif", ground)
@@ -144,7 +144,7 @@ class GroundMap:
             layers = dict(zip(file.descriptions, file.read(), strict=True))
             rows, cols = np.indices(file.shape)
             east, north = xy(file.transform, rows.ravel(), cols.ravel())
-            east, north = (np.reshape(one, file.shape) for one in (east, north))
+            east, north = (np.reshape(values, file.shape) for values in (east, north))
             cell_m = file.transform.a
         tilt, azimuth = slope_deg(east, north)
         return cls(layers, cell_m, east, north, tilt, azimuth - true_north_deg)
@@ -153,19 +153,19 @@ class GroundMap:
         """How far the crater lies from its place: the shift that fits its slopes best."""
         away = np.hypot(self.east_m - CRATER_M[0], self.north_m - CRATER_M[1])
         around = (away < 1.6 * RIM_M) & np.isfinite(self.layers["slope"])
-        east, north, found = self.east_m[around], self.north_m[around], self.layers["slope"][around]
+        east, north, tilt = self.east_m[around], self.north_m[around], self.layers["slope"][around]
 
         def misfit(off_m: FloatArray) -> FloatArray:
-            return slope_deg(east - off_m[0], north - off_m[1])[0] - found
+            return slope_deg(east - off_m[0], north - off_m[1])[0] - tilt
 
         fit = least_squares(misfit, (0.0, 0.0))
         return float(np.hypot(*fit.x))
 
     def heights_off_share(self) -> float:
         """Root mean square error of the heights over the relief, about the median."""
-        known = np.isfinite(self.layers["height"])
-        true = height_m(self.east_m, self.north_m)[known]
-        off = self.layers["height"][known] - true
+        has_height = np.isfinite(self.layers["height"])
+        true = height_m(self.east_m, self.north_m)[has_height]
+        off = self.layers["height"][has_height] - true
         return float(np.std(off) / np.ptp(true))
 
 
@@ -175,7 +175,7 @@ def kelvin_per_degree(view: GroundView, folder: Path, times_ns: IntArray) -> Flo
     assert config.pose is not None
     sun = sun_vectors(times_ns, config.site)
     east, north = view.points_m[..., 0], view.points_m[..., 1]
-    tilt, azimuth = (one.reshape(-1) for one in slope_deg(east, north))
+    tilt, azimuth = (angle.reshape(-1) for angle in slope_deg(east, north))
     azimuth -= view.grid.true_north_deg
     turned = np.abs((normal(tilt + 0.5, azimuth) - normal(tilt - 0.5, azimuth)) @ sun.T)
     facing = normal(tilt, azimuth) @ sun.T > 0.0
@@ -184,7 +184,7 @@ def kelvin_per_degree(view: GroundView, folder: Path, times_ns: IntArray) -> Flo
     return np.asarray((turned * facing * lit).mean(axis=1).reshape(east.shape) * DNI_W_M2 / loss)
 
 
-def mapped(folder: Path) -> Path:
+def write_map(folder: Path) -> Path:
     """Map the campaign's session on the ground by the command; the GeoTIFF."""
     words = ["map", "-q", "-o", "ground", "--products", "slope,heading,ptilt", "--limit-deg", "20"]
     subprocess.run([sys.executable, "-m", "fieldkit", *words], cwd=folder, check=True, stdout=subprocess.PIPE)
@@ -195,32 +195,32 @@ def run() -> list[Result]:
     """Record three hours, map them, compare: two minutes."""
     with tempfile.TemporaryDirectory() as parent:
         folder = Path(parent, "terrain")
-        with recorded(folder, "3h", dem()) as session:
+        with record_terrain(folder, "3h", dem()) as session:
             begin_ns = session.start_ns
-        return compared(folder, begin_ns + np.arange(0, 180 * 60 * 10**9, STEP_NS))
+        return compare(folder, begin_ns + np.arange(0, 180 * 60 * 10**9, STEP_NS))
 
 
-def compared(folder: Path, times_ns: IntArray) -> list[Result]:
+def compare(folder: Path, times_ns: IntArray) -> list[Result]:
     """The map of a recorded campaign against the formula."""
     config = load_config(folder / "fieldkit.toml")
     assert config.pose is not None
     view = ground_view(config.pose.at(int(times_ns[0])), (120, 160))
-    found = GroundMap.read(mapped(folder), view.grid.true_north_deg)
+    ground = GroundMap.read(write_map(folder), view.grid.true_north_deg)
     worth = view.on_cells(kelvin_per_degree(view, folder, times_ns).astype(np.float32))
-    tilt, azimuth = found.layers["slope"], found.layers["heading"]
+    tilt, azimuth = ground.layers["slope"], ground.layers["heading"]
     telling = np.isfinite(tilt) & (worth >= LEAST_K_PER_DEG)
-    off = (tilt - found.tilt_deg)[telling]
-    turned = angle_between_deg(normal(tilt, azimuth), normal(found.tilt_deg, found.azimuth_deg))[telling]
-    is_steep = found.tilt_deg[telling] > 5.0
-    cells_off = found.places_off_m() / found.cell_m
-    steep, sd = np.abs(off[is_steep]), found.layers["slope_sd"][telling][is_steep]
+    off = (tilt - ground.tilt_deg)[telling]
+    turned = angle_between_deg(normal(tilt, azimuth), normal(ground.tilt_deg, ground.azimuth_deg))[telling]
+    is_steep = ground.tilt_deg[telling] > 5.0
+    cells_off = ground.places_off_m() / ground.cell_m
+    steep, sd = np.abs(off[is_steep]), ground.layers["slope_sd"][telling][is_steep]
     return [
         Result("tilt where a degree is worth 0.2 K", rms(off), "° RMSE", "<= 1.0", f"{telling.sum()} cells"),
         Result("  steeper than 5°", rms(steep), "° RMSE", "", f"{steep.size} cells"),
         Result("  these within their 90 % bounds", 100.0 * float((steep < 1.645 * sd).mean()), "%", "90"),
         Result("  normal", rms(turned), "° RMSE", ""),
-        Result("place of the crater", cells_off, "cells", "<= 0.5", f"{found.cell_m:.3f} m"),
-        Result("heights over a relief of 3.2 m", 100.0 * found.heights_off_share(), "% RMSE", "<= 5"),
+        Result("place of the crater", cells_off, "cells", "<= 0.5", f"{ground.cell_m:.3f} m"),
+        Result("heights over a relief of 3.2 m", 100.0 * ground.heights_off_share(), "% RMSE", "<= 5"),
     ]
 
 

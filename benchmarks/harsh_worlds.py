@@ -122,7 +122,8 @@ def harsh_world(
     field = field if harm.gusts else replace(field, gusts=None)
     outline = regions(slopes)
     own = np.random.default_rng([seed, 11])
-    facets = [_own(field, Facet(one.name, (), one.tilt_deg, one.azimuth_deg), harm, own) for one in outline]
+    alike = (Facet(region.name, (), region.tilt_deg, region.azimuth_deg) for region in outline)
+    facets = [_own(field, facet, harm, own) for facet in alike]
     site, sky, noon_ns = day_of(day)
     true = _history(site, sky, noon_ns - LEAD_MIN * MINUTE_NS, minutes, facets, field, harm, own)
     drifts = DRIFT_SD_K_PER_H * random.standard_normal(len(facets) - 1)
@@ -201,7 +202,7 @@ def _under_people(sky: SkyState, beds: int, harm: Harm, random: np.random.Genera
     for _ in range(random.poisson(harm.shadows_per_h * sky.dni_w_m2.size * STEP_S / 3600.0)):
         first = random.integers(sky.dni_w_m2.size)
         lit[random.integers(beds), first : first + random.integers(1, 5)] = 0.0
-    return tuple(replace(sky, dni_w_m2=sky.dni_w_m2 * one) for one in lit)
+    return tuple(replace(sky, dni_w_m2=sky.dni_w_m2 * share) for share in lit)
 
 
 def _own_exchange(beds: int, steps: int, harm: Harm, random: np.random.Generator) -> FloatArray:

@@ -29,8 +29,8 @@ def pictures() -> Iterator[bytes]:
     for counts in itertools.cycle(frames):
         low, high = float(counts.min()), float(counts.max())
         grey = ((counts - low) * (255.0 / (high - low))).astype(np.uint8)
-        shown = cv2.resize(cv2.applyColorMap(grey, cv2.COLORMAP_INFERNO), (640, 480))
-        yield BOUNDARY + cv2.imencode(".jpg", shown)[1].tobytes() + b"\r\n"
+        image = cv2.resize(cv2.applyColorMap(grey, cv2.COLORMAP_INFERNO), (640, 480))
+        yield BOUNDARY + cv2.imencode(".jpg", image)[1].tobytes() + b"\r\n"
         time.sleep(1.0 / RATE_HZ)
 
 

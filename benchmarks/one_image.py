@@ -61,7 +61,7 @@ class Scene:
         return cls(_means(kelvin, by), height - height.mean(), normals)
 
     def columns(self, directions: FloatArray) -> FloatArray:
-        """Of each cell (cells, 2 + k): one, its height, what its normal adds along directions (3, k)."""
+        """Columns of a fit (cells, 2 + k): one, its height, what its normal adds along directions (3, k)."""
         along = (self.normals - VERTICAL).reshape(-1, 3) @ directions
         return np.column_stack([np.ones(self.kelvin.size), self.height_m.ravel(), along])
 
@@ -76,18 +76,18 @@ def _means(values: FloatArray, by: int) -> FloatArray:
     return np.asarray(squares.mean(axis=(1, 3)))
 
 
-def _fitted(scenes: Sequence[Scene], directions: FloatArray) -> tuple[FloatArray, float]:
+def _fit(scenes: Sequence[Scene], directions: FloatArray) -> tuple[FloatArray, float]:
     """Temperature of level ground, its change per metre and along directions (3, k), and what is left."""
     design = np.vstack([scene.columns(directions) for scene in scenes])
     kelvin = np.concatenate([scene.kelvin.ravel() for scene in scenes])
-    known = np.isfinite(kelvin)
-    found = np.linalg.lstsq(design[known], kelvin[known])[0]
-    return found, float(np.std(kelvin[known] - design[known] @ found))
+    is_finite = np.isfinite(kelvin)
+    coefficients = np.linalg.lstsq(design[is_finite], kelvin[is_finite])[0]
+    return coefficients, float(np.std(kelvin[is_finite] - design[is_finite] @ coefficients))
 
 
 def _warming(scenes: Sequence[Scene]) -> tuple[float, float]:
     """Kelvin per unit of slope, and the azimuth towards which surfaces are warmer."""
-    east, north = _fitted(scenes, np.eye(3)[:, :2])[0][2:]
+    east, north = _fit(scenes, np.eye(3)[:, :2])[0][2:]
     return float(np.hypot(east, north)), float(np.degrees(np.arctan2(east, north)) % 360.0)
 
 
@@ -106,26 +106,27 @@ class Components:
         cls, known: Sequence[Scene], asked: Scene, sun: FloatArray, settings: EstimatorSettings
     ) -> Components:
         """The map of one instant of a scene, with what is learnt from other scenes under the same sun."""
-        (level_k, per_m, per_cosine), noise_k = _fitted(known, sun[:, np.newaxis])
+        (level_k, per_m, per_cosine), noise_k = _fit(known, sun[:, np.newaxis])
         # the noise of a map is that of a pixel and of its reference, which here has none
-        used = replace(settings, model="paper", noise_k=noise_k / np.sqrt(2.0), offset_sd_k=0.0, scale_sd=0.0)
+        noise_k /= np.sqrt(2.0)
+        settings = replace(settings, model="paper", noise_k=noise_k, offset_sd_k=0.0, scale_sd=0.0)
         rows, cols = asked.kelvin.shape
-        sums = MapSums((rows, cols), used.surface, used.noise_k)
-        light = per_cosine * float(irradiance_per_kelvin(level_k, used.surface))
+        sums = MapSums((rows, cols), settings.surface, noise_k)
+        light = per_cosine * float(irradiance_per_kelvin(level_k, settings.surface))
         sums.add(asked.kelvin - per_m * asked.height_m, level_k, sun, light, VERTICAL)
-        found = sums.along_sun(VERTICAL, used)
-        spread = np.std(np.concatenate([one.along_deg(found.azimuth_deg).ravel() for one in known]))
-        truth = asked.along_deg(found.azimuth_deg)
-        columns = (found.tilt_deg, truth, found.low_deg, found.high_deg, np.full(truth.shape, spread))
-        return cls(*(column[np.isfinite(found.tilt_deg)] for column in columns))
+        along = sums.along_sun(VERTICAL, settings)
+        spread = np.std(np.concatenate([scene.along_deg(along.azimuth_deg).ravel() for scene in known]))
+        truth = asked.along_deg(along.azimuth_deg)
+        columns = (along.tilt_deg, truth, along.low_deg, along.high_deg, np.full(truth.shape, spread))
+        return cls(*(column[np.isfinite(along.tilt_deg)] for column in columns))
 
     def with_prior(self) -> Components:
         """The same if slopes are spread as in the other scenes: the product of two normal distributions."""
         sds = interval_sds(EstimatorSettings().confidence)
         sd = (self.high_deg - self.low_deg) / (2.0 * sds)
         share = self.spread_deg**2 / (self.spread_deg**2 + sd**2)
-        found, half = share * self.found_deg, sds * np.sqrt(share) * sd
-        return replace(self, found_deg=found, low_deg=found - half, high_deg=found + half)
+        centre, half = share * self.found_deg, sds * np.sqrt(share) * sd
+        return replace(self, found_deg=centre, low_deg=centre - half, high_deg=centre + half)
 
     def error_deg(self) -> float:
         """Mean absolute error."""
@@ -135,13 +136,13 @@ class Components:
         """Error of level ground everywhere."""
         return float(np.mean(np.abs(self.truth_deg)))
 
-    def covered(self) -> Result:
+    def coverage(self) -> Result:
         """The share of regions that hold the truth."""
         inside = (self.low_deg <= self.truth_deg) & (self.truth_deg <= self.high_deg)
         return Result("  component inside its 90 % region", 100.0 * float(inside.mean()), "%", "85-95")
 
 
-def _joined(parts: Sequence[Components]) -> Components:
+def _join(parts: Sequence[Components]) -> Components:
     columns = [[getattr(part, name) for part in parts] for name in Components.__slots__]
     return Components(*map(np.concatenate, columns))
 
@@ -174,18 +175,19 @@ def _leafless(
     kelvin: FloatArray, dem_m: FloatArray, utc: str, settings: EstimatorSettings
 ) -> Iterator[Result]:
     sun = _sun(utc, RIDGES_SITE)
-    measured, azimuth = _warming([Scene.of(kelvin, dem_m, 30.0, 4)])
+    per_slope, azimuth = _warming([Scene.of(kelvin, dem_m, 30.0, 4)])
     predicted = _predicted_warming(utc, sun, settings)
-    away = 100.0 * (predicted / measured - 1.0)
-    note = f"predicted {predicted:.1f}, measured {measured:.1f} K per unit of slope towards {azimuth:.0f}°"
+    away = 100.0 * (predicted / per_slope - 1.0)
+    note = f"predicted {predicted:.1f}, measured {per_slope:.1f} K per unit of slope towards {azimuth:.0f}°"
     yield Result("  predicted warming by slope less measured", away, "%", "within 15", note)
-    halves = [Scene.of(kelvin[:, part], dem_m[:, part], 30.0, 4) for part in (slice(75), slice(75, 150))]
-    pairs = ((0, 1), (1, 0))
-    found = _joined([Components.of([halves[known]], halves[asked], sun, settings) for known, asked in pairs])
-    for one, name in ((found, "gain of the other half"), (found.with_prior(), "and its spread of slopes")):
-        note = f"level ground everywhere {one.guess_deg():.2f}"
-        yield Result(f"  component along the sun, {name}", one.error_deg(), "deg", "<= 2.8", note)
-        yield one.covered()
+    west, east = (Scene.of(kelvin[:, part], dem_m[:, part], 30.0, 4) for part in (slice(75), slice(75, 150)))
+    pairs = ((west, east), (east, west))
+    components = _join([Components.of([known], asked, sun, settings) for known, asked in pairs])
+    names = ("gain of the other half", "and its spread of slopes")
+    for name, estimate in zip(names, (components, components.with_prior()), strict=True):
+        note = f"level ground everywhere {estimate.guess_deg():.2f}"
+        yield Result(f"  component along the sun, {name}", estimate.error_deg(), "deg", "<= 2.8", note)
+        yield estimate.coverage()
 
 
 def _predicted_warming(utc: str, sun: FloatArray, settings: EstimatorSettings) -> float:
@@ -215,12 +217,13 @@ def desert(path: Path, settings: EstimatorSettings) -> Iterator[Result]:
         others = [tile for tile in tiles if tile is not asked]
         sun = normal(suns["winter time"][0], _warming(others)[1])
         parts.append(Components.of(others, asked, sun, settings))
-    found = _joined(parts)
-    for one, name in ((found, "gain and direction of other tiles"), (found.with_prior(), "and their slopes")):
-        skill = 100.0 * (1.0 - one.error_deg() / one.guess_deg())
-        note = f"error {one.error_deg():.1f}, level ground everywhere {one.guess_deg():.1f} deg"
+    components = _join(parts)
+    names = ("gain and direction of other tiles", "and their slopes")
+    for name, part in zip(names, (components, components.with_prior()), strict=True):
+        skill = 100.0 * (1.0 - part.error_deg() / part.guess_deg())
+        note = f"error {part.error_deg():.1f}, level ground everywhere {part.guess_deg():.1f} deg"
         yield Result(f"  skill of the component, {name}", skill, "%", ">= 14", note)
-        yield one.covered()
+        yield part.coverage()
 
 
 def _tile(celsius: FloatArray, height_m: FloatArray, shade: FloatArray) -> Scene:

@@ -105,10 +105,10 @@ def run() -> list[Result]:
         cookies = [_cookie(campaign, ours) for _ in range(8)]
 
         def view(count: int, mode: str = "jpeg") -> tuple[float, float]:
-            return _watched(page, [partial(_socket, ours, cookie, mode) for cookie in cookies[:count]])
+            return _load(page, [partial(_socket, ours, cookie, mode) for cookie in cookies[:count]])
 
         def view_flask(count: int) -> tuple[float, float]:
-            return _watched(flask, [partial(_stream, theirs)] * count)
+            return _load(flask, [partial(_stream, theirs)] * count)
 
         three, eight = ([(view(n), view_flask(n)) for _ in range(ROUNDS)] for n in (3, 8))
         hidden = view(1, "off")
@@ -117,14 +117,14 @@ def run() -> list[Result]:
     return [
         _ratio(OVER_FLASK_3, three),
         _ratio(OVER_FLASK_8, eight),
-        CPU.measured(100 * _median(one[0] for one, _ in eight)),
-        TRAFFIC.measured(
-            _median(one[1] for one, _ in three) / 1000,
+        CPU.result(100 * _median(ours[0] for ours, _ in eight)),
+        TRAFFIC.result(
+            _median(ours[1] for ours, _ in three) / 1000,
             f"Flask {_median(other[1] for _, other in three) / 1000:.0f} kB/s",
         ),
-        HIDDEN.measured(hidden[1] / 1000),
+        HIDDEN.result(hidden[1] / 1000),
         *pictures,
-        SIZE.measured(size),
+        SIZE.result(size),
     ]
 
 
@@ -137,7 +137,7 @@ def _median(values: Iterable[float]) -> float:
 
 
 def _in_chromium(campaign: Path, port: int) -> list[Result]:
-    """What people see; nothing without the system's Chromium."""
+    """Delays that people see; nothing without the system's Chromium."""
     chromium = shutil.which("chromium")
     if chromium is None:
         return []
@@ -171,7 +171,7 @@ def _first_pictures(browser: Browser, campaign: Path, port: int) -> list[Result]
     tab.goto(address)
     slow = tab.evaluate(FIRST_PICTURE)
     tab.context.close()
-    return [FIRST.measured(_median(loads)), FIRST_SLOW.measured(slow)]
+    return [FIRST.result(_median(loads)), FIRST_SLOW.result(slow)]
 
 
 def _delays(browser: Browser, campaign: Path, port: int) -> list[Result]:
@@ -181,8 +181,8 @@ def _delays(browser: Browser, campaign: Path, port: int) -> list[Result]:
     delays = [on_screen - taken - offset_ms for taken, on_screen in tab.evaluate("drawn.slice(20)")]
     note = f"{len(delays)} pictures, 3 browsers on this computer"
     return [
-        DELAY.measured(_median(delays), note),
-        DELAY_SLOWEST.measured(statistics.quantiles(delays, n=100)[-1]),
+        DELAY.result(_median(delays), note),
+        DELAY_SLOWEST.result(statistics.quantiles(delays, n=100)[-1]),
     ]
 
 
@@ -217,9 +217,7 @@ def _running(*words: str, at: Path) -> Iterator[subprocess.Popen[bytes]]:
         process.wait()
 
 
-def _watched(
-    server: subprocess.Popen[bytes], viewers: Sequence[Callable[[float], int]]
-) -> tuple[float, float]:
+def _load(server: subprocess.Popen[bytes], viewers: Sequence[Callable[[float], int]]) -> tuple[float, float]:
     """Share of a core that a server takes while viewers look, and bytes a second of each."""
     received: list[int] = []
     end = time.monotonic() + SECONDS
@@ -268,7 +266,7 @@ def _stream(port: int, end: float) -> int:
 
 
 def _cookie(campaign: Path, port: int) -> str:
-    """What a browser has after it has opened a link."""
+    """The cookie that a browser has after it has opened a link."""
     connection = http.client.HTTPConnection(HOST, port)
     key = Keys(campaign / "recordings").new_link("view")
     headers = {"Origin": f"http://{HOST}:{port}", "Content-Type": "application/json"}

@@ -89,27 +89,27 @@ class WorldMap(NamedTuple):
 def mapped_world(world: World, model: Model = "learned") -> WorldMap:
     """The map of a drawn world: pixels as noisy as a minute, and on average as warm as their region."""
     history, shape = without_wind(world.history), (len(world.regions), PIXELS)
-    found = SlopeChain(world.regions, replace(world.settings, model="learned")).at_once(history)
+    estimated = SlopeChain(world.regions, replace(world.settings, model="learned")).at_once(history)
     noise_k = NOISE_K * np.random.default_rng(5).standard_normal((len(history), *shape))
     noise_k -= noise_k.mean(axis=-1, keepdims=True)
     frames_k = history.temperature_k[..., np.newaxis] + noise_k
     by_minute = dict(zip(history.minute.tolist(), frames_k, strict=True))
     outlines = [((0.0, y), (PIXELS - 1.0, y), (PIXELS - 1.0, y), (0.0, y)) for y in range(shape[0])]
-    asked = MinuteMap(
+    minute_map = MinuteMap(
         history,
-        tuple(replace(one, vertices=at) for one, at in zip(world.regions, outlines, strict=True)),
+        tuple(replace(region, vertices=at) for region, at in zip(world.regions, outlines, strict=True)),
         np.arange(len(history)),
         shape,
         replace(world.settings, model=model),
         {
             slope.region: normal(slope.tilt_deg, slope.azimuth_deg)
-            for slope in found.slopes
+            for slope in estimated.slopes
             if slope.state in WITH_SLOPE
         },
-        found.learnt,
+        estimated.learnt,
     )
-    slopes, bounds, *_ = asked.solve(by_minute.__getitem__)
-    return WorldMap(slopes, bounds, found.slopes)
+    slopes, bounds, *_ = minute_map.solve(by_minute.__getitem__)
+    return WorldMap(slopes, bounds, estimated.slopes)
 
 
 def of_beds() -> list[Result]:
@@ -130,9 +130,9 @@ def of_beds() -> list[Result]:
 def _refused_and_off(maps: Sequence[WorldMap]) -> tuple[float, float]:
     """Share of refused pixels in percent, and the median of how far the tilts are off those of their beds."""
     beds = [
-        (one.slopes.state[row], one.slopes.tilt_deg[row] - bed.tilt_deg)
-        for one in maps
-        for row, bed in enumerate(one.regions, start=1)
+        (world.slopes.state[row], world.slopes.tilt_deg[row] - bed.tilt_deg)
+        for world in maps
+        for row, bed in enumerate(world.regions, start=1)
         if bed.state in WITH_SLOPE
     ]
     states, off_deg = (np.concatenate(columns) for columns in zip(*beds, strict=True))

@@ -73,14 +73,14 @@ Truth = tuple[float, float]
 def run() -> list[Result]:
     """Rows of every file that is there, and a row that says which is not."""
     twin_house = "twinhouse-o5-2013-aug-sep.csv"
-    measured = (
+    sources = (
         ("photovoltaic module", "pv-module-2016-jul-sep.csv", pv),
         ("vertical pyranometers", twin_house, twin),
         ("west wall", twin_house, wall),
         ("pyranometers of 45°", "glob-2025-apr-may-odd-days.csv", _glob),
     )
     results: list[Result] = []
-    for name, file, rows in measured:
+    for name, file, rows in sources:
         path = SHARED / "real" / file
         results += rows(_columns(path)) if path.exists() else [_missing(name, path)]
     return [*results, *_flat(), *_images()]
@@ -91,16 +91,16 @@ class Case:
     """Estimates of some days with the true tilt and azimuth of each; goals in degrees and per cent."""
 
     name: str
-    found: Sequence[tuple[SlopeEstimate, Truth]]
+    estimates: Sequence[tuple[SlopeEstimate, Truth]]
     goal_deg: str = ""
     goal_covered: str = ""
 
     def rows(self) -> Iterator[Result]:
         """Median error of the normal and share of covered tilts, of the estimates that are not refused."""
-        solved = [(one, truth) for one, truth in self.found if one.state in SOLVED]
-        errors = [float(angle_between_deg(_normal(one), normal(*truth))) for one, truth in solved]
-        inside = [100.0 * _covers(one, truth[0]) for one, truth in solved]
-        tilt_deg = _average(np.median, [one.tilt_deg for one, _ in solved])
+        solved = [(slope, truth) for slope, truth in self.estimates if slope.state in SOLVED]
+        errors = [float(angle_between_deg(_normal(slope), normal(*truth))) for slope, truth in solved]
+        inside = [100.0 * _covers(slope, truth[0]) for slope, truth in solved]
+        tilt_deg = _average(np.median, [slope.tilt_deg for slope, _ in solved])
         note = f"{self._refusals()}; median tilt {tilt_deg:.1f}"
         median = _average(np.median, errors)
         yield Result(f"{self.name}: error of the normal, median", median, "deg", self.goal_deg, note)
@@ -109,11 +109,11 @@ class Case:
 
     def _refusals(self) -> str:
         """How many estimates there are, how many are refused and why, and how many are called uncertain."""
-        states = [one.state for one, _ in self.found]
-        refused = [state.name.lower() for state in states if state not in SOLVED]
-        reasons = ", ".join(f"{refused.count(name)} {name}" for name in sorted(set(refused)))
+        states = [slope.state for slope, _ in self.estimates]
+        refusals = [state.name.lower() for state in states if state not in SOLVED]
+        reasons = ", ".join(f"{refusals.count(name)} {name}" for name in sorted(set(refusals)))
         uncertain = sum(state in SOLVED and state not in CERTAIN for state in states)
-        words = f"refused {len(refused)}{f' ({reasons})' if reasons else ''}"
+        words = f"refused {len(refusals)}{f' ({reasons})' if reasons else ''}"
         return f"{len(states)} estimates, {words}, {uncertain} uncertain or not resolved"
 
 
@@ -133,21 +133,21 @@ def _covers(one: SlopeEstimate, tilt_deg: float) -> bool:
 def settings_of(kind: Kind, **changes: object) -> EstimatorSettings:
     """The full model of a kind of surface, over whole days."""
     text = f'[site]\nlatitude_deg = 0\nlongitude_deg = 0\n[surface]\nkind = "{kind}"\n'
-    found = config_from_text(text, Path("benchmark.toml")).estimator_settings()
-    return replace(found, model="full", window_s=DAY_S, site=None, **changes)  # type: ignore[arg-type]
+    configured = config_from_text(text, Path("benchmark.toml")).estimator_settings()
+    return replace(configured, model="full", window_s=DAY_S, site=None, **changes)  # type: ignore[arg-type]
 
 
 def of_light(**changes: object) -> EstimatorSettings:
     """Settings by which irradiance in W/m2 is a temperature in kelvin: offsets and noise of 5 W/m2."""
-    found = settings_of("plate", noise_k=5.0, offset_sd_k=5.0, **changes)
+    settings = settings_of("plate", noise_k=5.0, offset_sd_k=5.0, **changes)
     surface = replace(
-        found.surface,
+        settings.surface,
         albedo=0.0,
         emissivity_broadband=1e-9,
-        exchange_m_s=1.0 / (found.surface.heat_capacity_j_kg_k * found.surface.air_density_kg_m3),
+        exchange_m_s=1.0 / (settings.surface.heat_capacity_j_kg_k * settings.surface.air_density_kg_m3),
     )
     return replace(
-        found,
+        settings,
         surface=surface,
         irradiance=OF_GHI,
         slab=Slab(1e-6, 0.25, 1.0),
@@ -163,13 +163,13 @@ def _columns(path: Path) -> Columns:
     with path.open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     times = [name for name in rows[0] if name.startswith("time")]
-    found = {
+    columns = {
         name: np.array([float(row[name] or "nan") for row in rows]) for name in rows[0] if name not in times
     }
     for name in times:
         text = [row[name][:19].replace(" ", "T") for row in rows]
-        found[name] = np.array(text, "datetime64[ns]").astype(np.int64)
-    return found
+        columns[name] = np.array(text, "datetime64[ns]").astype(np.int64)
+    return columns
 
 
 def _missing(name: str, path: Path) -> Result:
@@ -179,8 +179,8 @@ def _missing(name: str, path: Path) -> Result:
 def _days(table: TemperatureTable, longitude_deg: float) -> Iterator[TemperatureTable]:
     """A table for each solar day."""
     day = (table.time_ns + round(longitude_deg / 360.0 * DAY_NS)) // DAY_NS
-    for one in np.unique(day):
-        yield _rows(table, day == one)
+    for number in np.unique(day):
+        yield _rows(table, day == number)
 
 
 def _rows(table: TemperatureTable, chosen: BoolArray) -> TemperatureTable:
@@ -194,15 +194,15 @@ def _estimates(
     days: Iterable[TemperatureTable], site: Site, settings: EstimatorSettings, truths: dict[str, Truth]
 ) -> list[tuple[SlopeEstimate, Truth]]:
     parts = (as_part("", day, site, settings) for day in days)
-    return [(one, truths[one.region]) for part in parts for one in slopes_of_part(part)]
+    return [(slope, truths[slope.region]) for part in parts for slope in slopes_of_part(part)]
 
 
 def pv(columns: Columns) -> Iterator[Result]:
     """Rows of the back of a photovoltaic module."""
     settings, truth = settings_of("plate"), {"module": (40.0, 180.0)}
     days = [day for day in _days(_module(columns), PV_SITE.longitude_deg) if _is_clear(day, columns)]
-    found = _estimates(days, PV_SITE, replace(settings, reference="weather"), truth)
-    yield from Case(f"module of 40°, {len(days)} clear days", found, goal_covered=">= 85").rows()
+    estimates = _estimates(days, PV_SITE, replace(settings, reference="weather"), truth)
+    yield from Case(f"module of 40°, {len(days)} clear days", estimates, goal_covered=">= 85").rows()
     beside = [_with_level_module(day, columns, settings) for day in days]
     yield from _pv_together(beside, settings, truth["module"])
 
@@ -211,18 +211,18 @@ def _pv_together(
     days: Sequence[TemperatureTable], settings: EstimatorSettings, truth: Truth
 ) -> Iterator[Result]:
     """Three days as one estimate: with one declination of the sun, tilt and gain cannot be parted."""
-    joined = replace(settings, model="learned")
-    found = {
-        int(three[-1].time_ns[-1]): (_together(three, joined), truth)
-        for three in triples([_sunlit(day, joined) for day in days])
+    learned = replace(settings, model="learned")
+    by_end = {
+        int(three[-1].time_ns[-1]): (_together(three, learned), truth)
+        for three in triples([_sunlit(day, learned) for day in days])
     }
-    early = [one for end_ns, one in found.items() if end_ns < EQUINOX_NEAR_NS]
-    late = [one for end_ns, one in found.items() if end_ns >= EQUINOX_NEAR_NS]
+    early = [estimate for end_ns, estimate in by_end.items() if end_ns < EQUINOX_NEAR_NS]
+    late = [estimate for end_ns, estimate in by_end.items() if end_ns >= EQUINOX_NEAR_NS]
     name = "three clear days that span six weeks, one estimate, the last before 22 August"
     yield from Case(name, early, "<= 7", ">= 80").rows()
     name = "  the same, the last from 22 August on"
     yield from Case(name, late).rows()
-    undetermined = [100.0 * (one.state not in CERTAIN) for one, _ in late]
+    undetermined = [100.0 * (slope.state not in CERTAIN) for slope, _ in late]
     yield Result(f"{name}: refused or uncertain", _average(np.mean, undetermined), "%", "100")
 
 
@@ -290,9 +290,9 @@ def twin(columns: Columns) -> Iterator[Result]:
     truths = {name: (90.0, azimuth) for name, azimuth in TWIN_PLANES.items()}
     for sky in ("hay-davies", "isotropic"):
         days = [day for day in _days(table, TWIN_SITE.longitude_deg) if _is_sunny(day, TWIN_SITE)]
-        found = _estimates(days, TWIN_SITE, of_light(sky=sky), truths)
+        estimates = _estimates(days, TWIN_SITE, of_light(sky=sky), truths)
         for name, goal in TWIN_GOALS.items():
-            mine = [one for one in found if one[0].region == name]
+            mine = [estimate for estimate in estimates if estimate[0].region == name]
             yield from Case(f"vertical pyranometer facing {name}, {sky} sky", mine, goal).rows()
 
 
@@ -310,11 +310,11 @@ def wall(columns: Columns) -> Iterator[Result]:
     )
     days = [day for day in _days(table, TWIN_SITE.longitude_deg) if _is_sunny(day, TWIN_SITE)]
     settings = settings_of("wall", reference="weather", irradiance=OF_GHI)
-    found = _estimates(days, TWIN_SITE, settings, {"west wall": (90.0, 270.0)})
-    yield from Case("west wall's surface", found, goal_covered=">= 80").rows()
-    known = [one for one, _ in found if one.state in SOLVED and "north–south" not in one.reason]
-    off = [abs((one.azimuth_deg - 90.0) % 360.0 - 180.0) for one in known]
-    undetermined = sum("north–south" in one.reason for one, _ in found)
+    estimates = _estimates(days, TWIN_SITE, settings, {"west wall": (90.0, 270.0)})
+    yield from Case("west wall's surface", estimates, goal_covered=">= 80").rows()
+    solved = [slope for slope, _ in estimates if slope.state in SOLVED and "north–south" not in slope.reason]
+    off = [abs((slope.azimuth_deg - 90.0) % 360.0 - 180.0) for slope in solved]
+    undetermined = sum("north–south" in slope.reason for slope, _ in estimates)
     note = f"{undetermined} with north–south undetermined"
     yield Result("  error of its azimuth, median", _average(np.median, off), "deg", "<= 10", note)
 
@@ -328,8 +328,8 @@ def _glob(columns: Columns) -> Iterator[Result]:
     truths = {f"{name}_45": (45.0, float(azimuth)) for name, azimuth in GLOB_PLANES.items()}
     for sky in ("hay-davies", "isotropic"):
         settings = of_light(sky=sky, ground_albedo=albedo)
-        found = _estimates(days, GLOB_SITE, settings, truths)
-        yield from Case(f"pyranometers of 45° at 79° N, {sky} sky", found, "<= 7", ">= 80").rows()
+        estimates = _estimates(days, GLOB_SITE, settings, truths)
+        yield from Case(f"pyranometers of 45° at 79° N, {sky} sky", estimates, "<= 7", ">= 80").rows()
 
 
 def _pyranometers(time_ns: IntArray, ghi: FloatArray, planes: Columns, dhi: FloatArray) -> TemperatureTable:
@@ -361,14 +361,14 @@ def _flat() -> Iterator[Result]:
         yield _missing("level ground", SHARED / "real" / "flat-bp-rad.csv")
         return
     settings = settings_of("soil", reference="weather")
-    found = [
+    estimates = [
         (SlopeChain([GROUND], settings).at(day).slopes[0], (0.0, 0.0))
         for path in paths
         for day in _ground_days(path, settings)
     ]
-    yield from Case(f"level ground, {len(paths)} sites", found).rows()
-    held = sum(one.state in SOLVED and _covers(one, 0.0) for one, _ in found)
-    yield Result(f"  null test: days of {len(found)} that hold 0°", float(held), "", ">= 5")
+    yield from Case(f"level ground, {len(paths)} sites", estimates).rows()
+    holding = sum(slope.state in SOLVED and _covers(slope, 0.0) for slope, _ in estimates)
+    yield Result(f"  null test: days of {len(estimates)} that hold 0°", float(holding), "", ">= 5")
 
 
 LEAST_SUNNY_MINUTES = 360

@@ -78,9 +78,9 @@ def small_camera() -> list[Result]:
         devices = [registry.open_device(setting, clock) for setting in settings]
         recording = _record(Path(folder) / "small.h5", devices, source, clock)
     return [
-        SMALL_CPU.measured(100.0 * recording.cpu_s / recording.wall_s, recording.appends()),
-        SMALL_LOST.measured(recording.lost + source.skipped),
-        SMALL_GROWN.measured(recording.grown_mb),
+        SMALL_CPU.result(100.0 * recording.cpu_s / recording.wall_s, recording.appends()),
+        SMALL_LOST.result(recording.lost + source.skipped),
+        SMALL_GROWN.result(recording.grown_mb),
     ]
 
 
@@ -95,11 +95,11 @@ def large_camera() -> list[Result]:
     camera = ThermalCamera(info, source, _decode_large, clock)
     with tempfile.TemporaryDirectory() as folder:
         recording = _record(Path(folder) / "large.h5", [camera], source, clock)
-    lost, kept = recording.lost + source.skipped, recording.counts["camera"]
+    lost, stored = recording.lost + source.skipped, recording.counts["camera"]
     return [
-        LARGE_CPU.measured(100.0 * recording.cpu_s / recording.wall_s, recording.appends()),
-        LARGE_LOST.measured(lost, f"of {kept + lost}"),
-        LARGE_GROWN.measured(recording.grown_mb),
+        LARGE_CPU.result(100.0 * recording.cpu_s / recording.wall_s, recording.appends()),
+        LARGE_LOST.result(lost, f"of {stored + lost}"),
+        LARGE_GROWN.result(recording.grown_mb),
     ]
 
 

@@ -90,8 +90,8 @@ def _serve() -> None:
     print(os.ttyname(lux_end), os.ttyname(thermometer_end), flush=True)
     due = time.monotonic()
     while True:
-        asked, _, _ = select.select([thermometer], [], [], max(0.0, due - time.monotonic()))
-        if asked:
+        ready, _, _ = select.select([thermometer], [], [], max(0.0, due - time.monotonic()))
+        if ready:
             letters = os.read(thermometer, 16)
             os.write(thermometer, center if letters.endswith(b"A") else b"309\r")
         if time.monotonic() >= due:

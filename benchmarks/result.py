@@ -32,7 +32,7 @@ class Row:
     unit: str = "x"
     included: str = ""
 
-    def measured(self, value: float, note: str = "") -> Result:
+    def result(self, value: float, note: str = "") -> Result:
         """The row with one number."""
         return Result(self.title, value, self.unit, self.goal, note, self.included, self.id)
 

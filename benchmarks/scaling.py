@@ -12,6 +12,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from unittest import mock
 
@@ -19,7 +20,7 @@ import numpy as np
 
 from benchmarks.drawn_worlds import CLEAR, RANDOM, World, drawn_world
 from benchmarks.estimation_learned import with_targets
-from benchmarks.estimation_speed import ONE_MAP, map_sums
+from benchmarks.estimation_speed import ONE_MAP, map_sums, ten_times
 from benchmarks.result import Result, Row
 from benchmarks.sides import seconds
 from fieldkit.estimation.chain import SlopeChain
@@ -78,13 +79,7 @@ def _estimating(world: World, minutes: int) -> Callable[[], object]:
 
 
 def _mapping(pixels: int) -> Callable[[], object]:
-    add_and_solve = map_sums((128, pixels // 128))
-
-    def work() -> None:
-        for _ in range(10):
-            add_and_solve()
-
-    return work
+    return partial(ten_times, map_sums((128, pixels // 128)))
 
 
 def _record(folder: Path, seed: int) -> Path:
@@ -104,4 +99,4 @@ def run() -> list[Result]:
 
 def _result(growth: Growth) -> Result:
     points = zip(growth.sizes, growth.seconds, strict=True)
-    return growth.row.measured(growth.exponent, ", ".join(f"{size}: {took:.2g} s" for size, took in points))
+    return growth.row.result(growth.exponent, ", ".join(f"{size}: {took:.2g} s" for size, took in points))

@@ -45,7 +45,7 @@ def _rows(first: Row, again: Row, *words: str) -> list[Result]:
         cpu, wall = zip(*times, strict=True)
         clock = f"{statistics.median(wall):.2f} s on the clock"
         note = f"{min(cpu):.2f} to {max(cpu):.2f} in {ROUNDS} rounds; {clock}"
-        results.append(row.measured(statistics.median(cpu), note))
+        results.append(row.result(statistics.median(cpu), note))
     return results
 
 
@@ -54,7 +54,7 @@ def _demo(folder: Path) -> Result:
     cpu, wall = zip(*times, strict=True)
     clock = f"{min(wall):.1f} to {max(wall):.1f} in {ROUNDS} rounds"
     note = f"{clock}; {statistics.median(cpu):.1f} s of processor"
-    return DEMO.measured(statistics.median(wall), note)
+    return DEMO.result(statistics.median(wall), note)
 
 
 def run() -> list[Result]:

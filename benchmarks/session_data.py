@@ -68,9 +68,9 @@ def write_naively(path: Path, data: CountArray, flush_every: int = 0) -> None:
             "frames", (0, *data.shape[1:]), "u2", maxshape=(None, *data.shape[1:]), chunks=True,
             shuffle=True, compression="gzip", compression_opts=1,
         )  # fmt: skip
-        for number, one in enumerate(data):
+        for number, counts in enumerate(data):
             dataset.resize(number + 1, axis=0)
-            dataset[number] = one
+            dataset[number] = counts
             if flush_every and (number + 1) % flush_every == 0:
                 file.flush()
     with path.open("rb") as written:
@@ -86,8 +86,8 @@ def write_mcap(path: Path, data: CountArray, compression: str = "NONE") -> None:
         writer.start()
         schema_id = writer.register_schema("raw", "", b"")
         channel = writer.register_channel("camera", "raw", schema_id)
-        for number, one in enumerate(data):
-            writer.add_message(channel, number, one.tobytes(), number)
+        for number, counts in enumerate(data):
+            writer.add_message(channel, number, counts.tobytes(), number)
         writer.finish()
         file.flush()
         os.fsync(file)

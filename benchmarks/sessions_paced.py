@@ -13,6 +13,7 @@ import time
 import zlib
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +30,7 @@ from benchmarks.session_data import (
     noisy_frames,
     write_session,
 )
-from benchmarks.sides import Steal
+from benchmarks.sides import Steal, seconds
 from fieldkit.model.clock import HostClock
 from fieldkit.recorder.sample_queue import queue_limit
 from fieldkit.sessions.writer import SessionWriter
@@ -56,7 +57,7 @@ BURST = Row("burst", "frames kept of a burst of 50 of 640x512", "50", "frames")
 def run() -> list[Result]:
     large = (LARGE_MEDIAN, LARGE_SLOWEST, LARGE_DROPPED, LARGE_CPU)
     medium = (MEDIUM_MEDIAN, MEDIUM_SLOWEST, MEDIUM_DROPPED, MEDIUM_CPU)
-    return [*_paced(LARGE, large), *_paced(MEDIUM, medium), *_loaded(), _burst()]
+    return [*_at_camera_rate(LARGE, large), *_at_camera_rate(MEDIUM, medium), *_beside_load(), _burst()]
 
 
 def _record_paced(size: Camera, place: Path) -> tuple[list[float], float, int]:
@@ -69,14 +70,12 @@ def _record_paced(size: Camera, place: Path) -> tuple[list[float], float, int]:
     writer = SessionWriter(place / "paced.h5", header(info), clock)
     missing = 0
     patience_s = queue_limit(info) / info.rate_hz
-    began, used = time.monotonic(), time.process_time()
+    began, cpu_began = time.monotonic(), time.process_time()
     for number, late_s in _turns(info.rate_hz):
         missing += late_s > patience_s
         sample = frame(info, ready[number % len(ready)], clock)
-        before = time.perf_counter()
-        writer.append(sample)
-        waits.append((time.perf_counter() - before) * 1000)
-    share = (time.process_time() - used) / (time.monotonic() - began)
+        waits.append(1000 * seconds(partial(writer.append, sample)))
+    share = (time.process_time() - cpu_began) / (time.monotonic() - began)
     return waits, 100 * share, missing + len(waits) - writer.close().counts["camera"]
 
 
@@ -90,27 +89,23 @@ def _turns(rate_hz: float) -> Iterator[tuple[int, float]]:
 
 def _bare_checksums(size: Camera) -> list[float]:
     """Milliseconds of each checksum of a frame at the camera's rate, with nothing else going on."""
-    data, waits = noisy_frames(size[0], 1).tobytes(), []
-    for _ in _turns(size[1]):
-        before = time.perf_counter()
-        zlib.crc32(data)
-        waits.append((time.perf_counter() - before) * 1000)
-    return waits
+    checksum = partial(zlib.crc32, noisy_frames(size[0], 1).tobytes())
+    return [1000 * seconds(checksum) for _ in _turns(size[1])]
 
 
-def _paced(size: Camera, rows: tuple[Row, Row, Row, Row]) -> list[Result]:
+def _at_camera_rate(size: Camera, rows: tuple[Row, Row, Row, Row]) -> list[Result]:
     bare = float(np.quantile(_bare_checksums(size), 0.999))
     steal = Steal()
     with folder() as place:
         waits, share, missing = _record_paced(size, place)
     median, slowest, dropped, cpu = rows
-    measured = [
-        median.measured(float(np.median(waits)), f"{len(waits)} frames"),
-        slowest.measured(float(np.quantile(waits, 0.999)), f"a bare checksum {bare:.1f} ms"),
-        dropped.measured(missing),
-        cpu.measured(share),
+    results = [
+        median.result(float(np.median(waits)), f"{len(waits)} frames"),
+        slowest.result(float(np.quantile(waits, 0.999)), f"a bare checksum {bare:.1f} ms"),
+        dropped.result(missing),
+        cpu.result(share),
     ]
-    return [replace(one, steal=steal.share()) for one in measured]
+    return [replace(result, steal=steal.share()) for result in results]
 
 
 def _spin(until: float) -> None:
@@ -127,7 +122,7 @@ def _write_flat_out(path: Path, until: float) -> None:
                 file.seek(0)
 
 
-def _loaded() -> list[Result]:
+def _beside_load() -> list[Result]:
     """Two busy cores and a process that writes flat out beside the largest camera."""
     until = time.monotonic() + SECONDS + 5
     with folder() as place:
@@ -140,12 +135,12 @@ def _loaded() -> list[Result]:
         for other in others:
             other.join()
     return [
-        LOADED_SLOWEST.measured(float(np.quantile(waits, 0.999)), f"{len(waits)} frames"),
-        LOADED_DROPPED.measured(missing),
+        LOADED_SLOWEST.result(float(np.quantile(waits, 0.999)), f"{len(waits)} frames"),
+        LOADED_DROPPED.result(missing),
     ]
 
 
 def _burst() -> Result:
     with folder() as place:
         summary = write_session(place / "burst.h5", LARGE, noisy_frames(LARGE[0], 50)).close()
-    return BURST.measured(summary.counts["camera"])
+    return BURST.result(summary.counts["camera"])

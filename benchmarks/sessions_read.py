@@ -83,21 +83,21 @@ def _series() -> list[Result]:
         our_s, their_s = middle - began, time.perf_counter() - middle
     assert np.allclose(mine, one_by_one)
     scale = THREE_HOURS * info.rate_hz / SERIES_FRAMES
-    return [SERIES.measured(our_s * scale), times_as_fast(OVER_FRAMES, [(our_s, their_s)])]
+    return [SERIES.result(our_s * scale), times_as_fast(OVER_FRAMES, [(our_s, their_s)])]
 
 
 def _follow(path: Path, ages_file: Path) -> None:
     """Look ten times a second and note how old each frame is when first seen."""
-    ages, seen, used, began = [], 0, time.process_time(), time.monotonic()
+    ages, first, cpu_began, began = [], 0, time.process_time(), time.monotonic()
     with open_session(path) as session:
         while is_locked(journal_path(path)):
             time.sleep(0.1)
             session.stream("camera").refresh()
             count = session.count("camera")
-            stamps = session.stream("camera").column("mono_ns", seen, count)
+            stamps = session.stream("camera").column("mono_ns", first, count)
             ages += ((time.monotonic_ns() - stamps) / 1e9).tolist()
-            seen = count
-    share = (time.process_time() - used) / (time.monotonic() - began)
+            first = count
+    share = (time.process_time() - cpu_began) / (time.monotonic() - began)
     ages_file.write_text(json.dumps({"ages": ages, "share": share}))
 
 
@@ -115,12 +115,12 @@ def _live() -> list[Result]:
             time.sleep(max(0.0, began + number / info.rate_hz - time.monotonic()))
         writer.abandon()
         reader.join()
-        found = json.loads(ages_file.read_text())
-    ages = np.array(found["ages"][int(5 * info.rate_hz) :])  # after the reader has got going
+        follower = json.loads(ages_file.read_text())
+    ages = np.array(follower["ages"][int(5 * info.rate_hz) :])  # after the reader has got going
     return [
-        AGE.measured(float(np.median(ages))),
-        AGE_WORST.measured(float(ages.max())),
-        FOLLOWER_CPU.measured(100 * found["share"]),
+        AGE.result(float(np.median(ages))),
+        AGE_WORST.result(float(ages.max())),
+        FOLLOWER_CPU.result(100 * follower["share"]),
     ]
 
 
@@ -138,8 +138,6 @@ def _recovery() -> Result:
         path = place / "killed.h5"
         _record_until_killed(path, info)
         began = time.perf_counter()
-        report = recover(path)
-        seconds = time.perf_counter() - began
-    assert report.counts["camera"] == RECOVERY_FRAMES
-    scaled = seconds * THREE_HOURS * info.rate_hz / RECOVERY_FRAMES
-    return RECOVERY.measured(scaled)
+        assert recover(path).counts["camera"] == RECOVERY_FRAMES
+        took_s = time.perf_counter() - began
+    return RECOVERY.result(took_s * THREE_HOURS * info.rate_hz / RECOVERY_FRAMES)

@@ -90,15 +90,15 @@ def _costs(size: Camera, naive_frames: int) -> dict[str, list[Cost]]:
 
 def _cost(write: Callable[[Path, CountArray], None], data: CountArray) -> Cost:
     with folder() as place:
-        began, used = time.perf_counter(), time.process_time()
+        began, cpu_began = time.perf_counter(), time.process_time()
         write(place / "recording", data)
-        wall_s, cpu_s = time.perf_counter() - began, time.process_time() - used
-        stored = (place / "recording").stat().st_size
-    return Cost(wall_s / len(data), cpu_s / len(data), stored / len(data))
+        wall_s, cpu_s = time.perf_counter() - began, time.process_time() - cpu_began
+        file_bytes = (place / "recording").stat().st_size
+    return Cost(wall_s / len(data), cpu_s / len(data), file_bytes / len(data))
 
 
 def _cpu(row: Row, costs: dict[str, list[Cost]]) -> Result:
-    return row.measured(1e3 * statistics.median(cost.cpu_s for cost in costs["ours"]), f"{ROUNDS} rounds")
+    return row.result(1e3 * statistics.median(cost.cpu_s for cost in costs["ours"]), f"{ROUNDS} rounds")
 
 
 def _over(row: Row, costs: dict[str, list[Cost]], other: str) -> Result:
@@ -111,7 +111,7 @@ def _over(row: Row, costs: dict[str, list[Cost]], other: str) -> Result:
 
 
 def _size(row: Row, costs: dict[str, list[Cost]]) -> Result:
-    return row.measured(costs["ours"][0].file_bytes / costs["ZSTD"][0].file_bytes)
+    return row.result(costs["ours"][0].file_bytes / costs["ZSTD"][0].file_bytes)
 
 
 def _session(size: Camera, path: Path, data: CountArray) -> None:

@@ -35,6 +35,7 @@ from benchmarks.session_data import (
     write_session,
 )
 from benchmarks.sides import in_rounds, seconds, share
+from fieldkit.disk import sync
 from fieldkit.model.arrays import CountArray
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import StreamInfo
@@ -115,8 +116,8 @@ def _into(write: Callable[[Path, CountArray], None], data: CountArray) -> Callab
 
 def _os_write(path: Path, data: CountArray) -> None:
     descriptor = os.open(path, os.O_WRONLY | os.O_CREAT)
-    for one in data:
-        os.write(descriptor, one.tobytes())
+    for counts in data:
+        os.write(descriptor, counts.tobytes())
     os.fsync(descriptor)
     os.close(descriptor)
 
@@ -139,18 +140,12 @@ def _chunks(path: Path, info: StreamInfo, data: CountArray) -> None:
         dataset = _plain_dataset(file, "counts", chunk_shape(info), info.shape, 65535)
         file.swmr_mode = True
         writer = FrameWriter(dataset, pool)
-        for one in data:
-            writer.put(one)
+        for counts in data:
+            writer.put(counts)
             if writer.is_full:
                 writer.write()
                 file.flush()
-    _sync(path)
-
-
-def _sync(path: Path) -> None:
-    descriptor = os.open(path, os.O_RDONLY)
-    os.fsync(descriptor)
-    os.close(descriptor)
+    sync(path)
 
 
 def _plain_dataset(
@@ -180,18 +175,18 @@ def _zarr(path: Path, data: CountArray) -> None:
     array = zarr.create_array(
         str(path), shape=data.shape, chunks=(1, *data.shape[1:]), dtype="uint16", compressors=None
     )
-    for number, one in enumerate(data):
-        array[number] = one
+    for number, counts in enumerate(data):
+        array[number] = counts
     for file in path.rglob("*"):
-        _sync(file)
+        sync(file)
 
 
 def _compress(path: Path, info: StreamInfo, data: CountArray) -> None:
     with h5py.File(path, "w", libver=LIBVER) as file, ThreadPoolExecutor(2) as pool:
         dataset = put_frames(file, "counts", chunk_shape(info), info.shape, 65535)
         writer = FrameWriter(dataset, pool)
-        for one in data:
-            writer.put(one)
+        for counts in data:
+            writer.put(counts)
             if writer.is_full:
                 writer.write()
         writer.write()
@@ -217,8 +212,8 @@ def _size() -> Result:
         path = place / "size.h5"
         write_session(path, MEDIUM, data).close()
         with h5py.File(path) as file:
-            stored = file["camera/counts"].id.get_storage_size()
-    return SIZE.measured(data.nbytes / stored)
+            stored_bytes = file["camera/counts"].id.get_storage_size()
+    return SIZE.result(data.nbytes / stored_bytes)
 
 
 def _journal_size() -> Result:
@@ -229,11 +224,11 @@ def _journal_size() -> Result:
     data = np.tile(noisy_frames(SMALL[0]), (9, 1, 1))
     with folder() as place:
         writer = SessionWriter(place / "a.h5", head, clock)
-        for number, one in enumerate(data):
-            writer.append(frame(info, one, clock))
+        for number, counts in enumerate(data):
+            writer.append(frame(info, counts, clock))
             if number % 9 in (0, 4):
                 now = clock.mono_ns()
                 writer.append(Reading("lux", now, clock.to_utc_ns(now), (float(number),)))
         writer.abandon()
         journal_bytes = sum(log.stat().st_size for log in journal_path(writer.path).glob("*.log"))
-    return JOURNAL.measured(journal_bytes / (data.nbytes + 8 * 120))
+    return JOURNAL.result(journal_bytes / (data.nbytes + 8 * 120))

@@ -20,7 +20,7 @@ BUSY_STEAL = 0.05
 """Share of the processors that a host may take away before a row says so."""
 
 
-def compared(
+def compare(
     row: Row,
     ours: Callable[[], object],
     theirs: Callable[[], object],
@@ -60,11 +60,11 @@ def _of_rounds(
 ) -> Result:
     ours, theirs = (statistics.median(side) for side in zip(*rounds, strict=True))
     sides = Sides(ours, theirs, unit, min(ratios), max(ratios), len(ratios))
-    return replace(row.measured(statistics.median(ratios), note), sides=sides)
+    return replace(row.result(statistics.median(ratios), note), sides=sides)
 
 
 class Steal:
-    """What the host takes away from this machine from now on."""
+    """Processor time that the host takes away from this machine from now on."""
 
     def __init__(self) -> None:
         self._stolen_s, self._began_s = _stolen_s(), time.perf_counter()
@@ -95,7 +95,7 @@ def python_process(*words: object, cache: Path | None = None) -> tuple[float, fl
 
 
 def seconds(work: Callable[[], object], clock: Callable[[], float] = time.perf_counter) -> float:
-    """How long some work takes, by a clock as of `compared`."""
+    """How long some work takes, by a clock as of `compare`."""
     began = clock()
     work()
     return clock() - began

@@ -70,11 +70,11 @@ def _plain_loop(
     return normals, np.array(best), np.array(tied)
 
 
-def _timed(work: Callable[[], Answer]) -> tuple[float, Answer]:
+def _cpu_s(work: Callable[[], Answer]) -> tuple[float, Answer]:
     """Processor time, which neighbours on the machine disturb least."""
     started = time.process_time()
-    found = work()
-    return time.process_time() - started, found
+    result = work()
+    return time.process_time() - started, result
 
 
 @dataclass(frozen=True)
@@ -92,15 +92,15 @@ class Start:
     def at(cls, start: str) -> Start:
         """Time all of it at one start of the 20 minutes."""
         slopes, cells, conditions = paper_slopes(), slope_grid(), _conditions(start)
-        simulated_s, differences = _timed(lambda: _differences(slopes, conditions))
+        simulated_s, differences = _cpu_s(lambda: _differences(slopes, conditions))
         design = conditions.sun * conditions.dni_w_m2[:, np.newaxis]
-        stored, some = design @ (cells - VERTICAL).T, differences[::EVERY]
-        plain_s, plain = _timed(lambda: _plain_loop(cells, stored, some))
-        ours_s, ours = _timed(
+        table, some = design @ (cells - VERTICAL).T, differences[::EVERY]
+        plain_s, plain = _cpu_s(lambda: _plain_loop(cells, table, some))
+        ours_s, ours = _cpu_s(
             lambda: RadiationTable(cells, design, VERTICAL).winners(differences, TOLERANCE_W_M2)
         )
-        squares_s, found = _timed(lambda: run_study(slopes, conditions, StudySettings(method="unit-norm")))
-        p90 = summarise(found.normal_error_deg).p90
+        squares_s, outcome = _cpu_s(lambda: run_study(slopes, conditions, StudySettings(method="unit-norm")))
+        p90 = summarise(outcome.normal_error_deg).p90
         return cls(simulated_s, plain_s * EVERY, ours_s, squares_s, _different(ours, *plain), p90)
 
 
@@ -119,12 +119,12 @@ def run() -> list[Result]:
         return [sum(getattr(start, name) for start in round) for round in rounds]
 
     plain, simulated = seconds("plain_s"), seconds("simulated_s")
-    whole = [one + other for one, other in zip(plain, simulated, strict=True)]
+    whole = [plain_s + other for plain_s, other in zip(plain, simulated, strict=True)]
     return [
         times_as_fast(CONTOURS, list(zip(seconds("ours_s"), plain, strict=True))),
-        SAME.measured(sum(start.different for start in every), f"of every {EVERY}th"),
+        SAME.result(sum(start.different for start in every), f"of every {EVERY}th"),
         times_as_fast(SQUARES, list(zip(seconds("squares_s"), whole, strict=True))),
-        EXACT.measured(max(start.p90_deg for start in every), "worst start"),
+        EXACT.result(max(start.p90_deg for start in every), "worst start"),
     ]
 
 

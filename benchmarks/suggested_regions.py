@@ -64,26 +64,27 @@ class Score:
 
 def run() -> list[Result]:
     """All frames; takes about four minutes of processor time."""
-    drawn = [drawn_frame(seed) for seed in range(SCENES)] + [in_relief(seed) for seed in range(SCENES // 3)]
-    score = sum(map(scored, drawn), start=Score(0, 0, 0, 0, 0, 0))
+    frames = [drawn_frame(seed) for seed in range(SCENES)] + [in_relief(seed) for seed in range(SCENES // 3)]
+    total = sum(map(score, frames), start=Score(0, 0, 0, 0, 0, 0))
     return [
-        INSIDE.measured(100.0 * score.inside / score.suggested),
-        SUGGESTED.measured(score.suggested),
-        FOUND.measured(100.0 * score.found / score.beds, f"of {score.beds}"),
-        LEVEL.measured(100.0 * score.references / score.levels, f"of {score.levels}"),
+        INSIDE.result(100.0 * total.inside / total.suggested),
+        SUGGESTED.result(total.suggested),
+        FOUND.result(100.0 * total.found / total.beds, f"of {total.beds}"),
+        LEVEL.result(100.0 * total.references / total.levels, f"of {total.levels}"),
     ]
 
 
-def scored(drawn: Drawn) -> Score:
-    """What is suggested in a frame against its beds."""
+def score(drawn: Drawn) -> Score:
+    """Score of the regions suggested in a frame against its beds."""
     try:
-        suggestions = [one.region for one in suggested(drawn.frame, ())]
+        suggestions = [suggestion.region for suggestion in suggested(drawn.frame, ())]
     except NoAnswerError:
         suggestions = []
     beds = [_mask(bed.vertices) for bed in drawn.beds]
     under = [_bed_under(_mask(suggestion.vertices), beds) for suggestion in suggestions]
     level = next((number for number, bed in enumerate(drawn.beds) if bed.is_reference), None)
-    references = [at for at, one in zip(under, suggestions, strict=True) if one.kind is RegionKind.REFERENCE]
+    kinds = [suggestion.kind for suggestion in suggestions]
+    references = [at for at, kind in zip(under, kinds, strict=True) if kind is RegionKind.REFERENCE]
     return Score(
         suggested=len(under),
         inside=sum(at is not None for at in under),
@@ -102,7 +103,7 @@ def drawn_frame(seed: int) -> Drawn:
     scene = drawn_scene(scene) if seed % 3 else scene
     frame = scene.frame(scene.start_ns, 1).astype(np.float64)
     if kind >= 2:
-        frame = cluttered(frame, random, int(random.integers(1, 5)))
+        frame = add_clutter(frame, random, int(random.integers(1, 5)))
     if kind == 3:
         frame += random.choice([0.05, 0.15, 0.3]) * random.standard_normal(FRAME_SHAPE)
     return Drawn(frame, scene.facets)
@@ -139,16 +140,16 @@ def moved_beds(random: np.random.Generator) -> tuple[Facet, ...]:
         turn = scale * np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
         middle, shift = np.array([79.5, 59.5]), random.uniform(-12.0, 12.0, 2)
         beds = [(bed, (np.array(bed.vertices) - middle) @ turn.T + middle + shift) for bed in BEDS]
-        seen = [
+        in_view = [
             replace(bed, vertices=tuple((float(x), float(y)) for x, y in corners))
             for bed, corners in beds
             if (corners >= MARGIN_PX).all() and (corners <= np.array(FRAME_SHAPE[::-1]) - 1 - MARGIN_PX).all()
         ]
-        if len(seen) >= 2:
-            return tuple(seen)
+        if len(in_view) >= 2:
+            return tuple(in_view)
 
 
-def cluttered(frame: FloatArray, random: np.random.Generator, count: int) -> FloatArray:
+def add_clutter(frame: FloatArray, random: np.random.Generator, count: int) -> FloatArray:
     """A frame with people, cables, vessels and boxes before it, mostly warmer than the ground."""
     for _ in range(count):
         shape = (_person, _cable, _vessel, _box)[random.integers(4)](random)

@@ -13,7 +13,7 @@ from astropy.time import Time
 from astropy.utils import iers
 
 from benchmarks.result import Result, Row
-from benchmarks.sides import compared
+from benchmarks.sides import compare
 from fieldkit.model.arrays import FloatArray
 from fieldkit.model.site import Site
 from fieldkit.physics import sun
@@ -33,12 +33,12 @@ FEW_OVER_SPA = Row("spa", "10 000 sun vectors, pvlib's SPA over ours", ">= 1.5",
 def run() -> list[Result]:
     day, ten_thousand = START_S + np.arange(DAY_S), START_S + np.arange(0, DAY_S, 8.64).astype(np.int64)
     sun.sun_vectors(day[:1] * 10**9, SITE)  # reads the tables
-    found, known = sun.sun_vectors(day[::97] * 10**9, SITE), _astropy(day[::97])
+    ours, theirs = sun.sun_vectors(day[::97] * 10**9, SITE), _astropy(day[::97])
     return [
-        compared(OVER_ASTROPY, lambda: _ours(day), lambda: _astropy(day), rounds=3),
-        compared(OVER_SPA, lambda: _ours(day), lambda: _spa(day)),
-        compared(FEW_OVER_SPA, lambda: _ours(ten_thousand), lambda: _spa(ten_thousand)),
-        LARGEST.measured(3600.0 * float(np.max(angle_between_deg(found, known)))),
+        compare(OVER_ASTROPY, lambda: _ours(day), lambda: _astropy(day), rounds=3),
+        compare(OVER_SPA, lambda: _ours(day), lambda: _spa(day)),
+        compare(FEW_OVER_SPA, lambda: _ours(ten_thousand), lambda: _spa(ten_thousand)),
+        LARGEST.result(3600.0 * float(np.max(angle_between_deg(ours, theirs)))),
     ]
 
 
@@ -55,13 +55,13 @@ def _astropy(unix_s: np.ndarray[tuple[int], np.dtype[np.int64]]) -> FloatArray:
     moments = Time(unix_s, format="unix", scale="utc")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of dates beyond its tables
-        seen = get_sun(moments).transform_to(AltAz(obstime=moments, location=place))
-    return normal(90.0 - seen.alt.deg, seen.az.deg)
+        horizontal = get_sun(moments).transform_to(AltAz(obstime=moments, location=place))
+    return normal(90.0 - horizontal.alt.deg, horizontal.az.deg)
 
 
 def _spa(unix_s: np.ndarray[tuple[int], np.dtype[np.int64]]) -> FloatArray:
     times = pd.DatetimeIndex(pd.to_datetime(unix_s, unit="s", utc=True))
-    seen = pvlib.solarposition.spa_python(
+    position = pvlib.solarposition.spa_python(
         times, SITE.latitude_deg, SITE.longitude_deg, SITE.elevation_m, temperature=12.0
     )
-    return normal(seen["zenith"].to_numpy(), seen["azimuth"].to_numpy())
+    return normal(position["zenith"].to_numpy(), position["azimuth"].to_numpy())

@@ -17,7 +17,7 @@ from benchmarks import ground_map
 def campaign(tmp_path_factory):
     """A campaign with 20 minutes before a DEM of 100 x 100 cells, mapped."""
     folder = tmp_path_factory.mktemp("ground") / "terrain"
-    ground_map.recorded(folder, "20m", ground_map.dem(100, 0.6)).close()
+    ground_map.record_terrain(folder, "20m", ground_map.dem(100, 0.6)).close()
     ground_map.mapped(folder)
     return folder
 
@@ -66,9 +66,9 @@ def test_slopes_and_heights_of_an_afternoon(tmp_path):
 
     The goal where a degree is worth 0.2 K is 1.0 degree; pixels as unlike as beds may be reach 1.9.
     """
-    with ground_map.recorded(tmp_path / "terrain", "3h", ground_map.dem()) as session:
+    with ground_map.record_terrain(tmp_path / "terrain", "3h", ground_map.dem()) as session:
         times_ns = session.start_ns + np.arange(0, 180 * 60 * 10**9, ground_map.STEP_NS)
-    found = {one.name: one.value for one in ground_map.compared(tmp_path / "terrain", times_ns)}
+    found = {one.name: one.value for one in ground_map.compare(tmp_path / "terrain", times_ns)}
     assert found["tilt where a degree is worth 0.2 K"] <= 2.1
     assert found["  these within their 90 % bounds"] >= 88.0
     assert found["place of the crater"] <= 0.5

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from benchmarks.suggested_regions import Score, drawn_frame, scored
+from benchmarks.suggested_regions import Score, drawn_frame, score
 from fieldkit.estimation.region_check import check_region
 from fieldkit.estimation.region_suggestions import find_beds
 from fieldkit.model.errors import NoAnswerError
@@ -29,9 +29,9 @@ def field(*rectangles: tuple[int, int, int, int, float]) -> np.ndarray:
 
 def test_nearly_all_that_is_suggested_lies_inside_a_bed():
     """Four of the benchmark's frames: as the field stands, moved, cluttered, and noisy too."""
-    score = sum((scored(drawn_frame(seed)) for seed in range(4)), start=NOTHING)
-    assert score.inside >= 0.95 * score.suggested
-    assert score.found >= 0.6 * score.beds
+    total = sum((score(drawn_frame(seed)) for seed in range(4)), start=NOTHING)
+    assert total.inside >= 0.95 * total.suggested
+    assert total.found >= 0.6 * total.beds
 
 
 def test_hills_and_ridges_are_no_beds():
