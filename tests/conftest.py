@@ -23,9 +23,7 @@ RECORD = ("record", "--for", "12m", "--name", "short", "-q", "--set", "simulatio
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_runtest_makereport(
-    item: pytest.Item,
-) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
     """Where everything is installed, as in continuous integration, only missing hardware excuses a skip."""
     report = yield
     excused = item.get_closest_marker("hardware") or NO_SHARED_DATA in str(report.longrepr)

@@ -185,15 +185,6 @@ def test_an_address_where_nobody_answers_is_told(recordings, tmp_path):
     assert "no Dask scheduler replies at tcp://127.0.0.1:9" in found.stderr
 
 
-def test_a_cluster_without_workers_is_told(recordings, tmp_path):
-    quiet = ("--no-dashboard", "--host", "127.0.0.1")
-    with dask("scheduler", "--port", "0", *quiet, folder=tmp_path) as (_, address):
-        options = ("--executor", "dask", "--address", address)
-        found = run("sweep", recordings, *GRID, *options, "-o", tmp_path / "r", cache=tmp_path)
-    assert found.returncode == 9
-    assert "no workers" in found.stderr
-
-
 def test_a_worker_that_has_no_fieldkit_is_named_with_what_to_install(recordings, tmp_path):
     (tmp_path / "fieldkit.py").write_text("raise ModuleNotFoundError(\"No module named 'fieldkit'\")")
     quiet = ("--no-dashboard", "--host", "127.0.0.1")

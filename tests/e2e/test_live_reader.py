@@ -8,15 +8,7 @@ from pathlib import Path
 from fieldkit.model.samples import Quality
 from fieldkit.sessions.lock import is_locked, journal_path
 from fieldkit.sessions.reader import open_session
-from tests.harness.recording import (
-    STREAMS,
-    Counters,
-    header,
-    record_until_killed,
-    same,
-    sample,
-    started,
-)
+from tests.harness.recording import STREAMS, Counters, header, record_until_killed, same, sample, started
 from tests.harness.waiting import PATIENCE_S
 
 FRAMES, RATE_HZ, LOOKS = 500, 100.0, 10

@@ -47,8 +47,9 @@ def test_a_bit_of_each_structure_of_the_file_is_named(faults, tmp_path):
         assert is_named_or_harmless(faults, place, chance.randrange(8), tmp_path / "a.h5"), place
 
 
-def test_random_bits_of_the_file_are_named_or_harmless(faults, tmp_path):
+@pytest.mark.parametrize("trials", [2, pytest.param(2000, marks=pytest.mark.slow)])
+def test_random_bits_of_the_file_are_named_or_harmless(faults, tmp_path, trials):
     chance = random.Random(3)
-    for _ in range(2):
+    for _ in range(trials):
         place, bit = chance.randrange(len(faults.data)), chance.randrange(8)
         assert is_named_or_harmless(faults, place, bit, tmp_path / "a.h5"), (place, bit)

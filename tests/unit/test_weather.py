@@ -51,10 +51,7 @@ def test_direct_and_diffuse_add_up_to_the_measured_global(day):
 
 def test_command_makes_the_packaged_table_from_the_file_of_noaa(tmp_path):
     made = tmp_path / "table.csv"
-    subprocess.run(
-        [sys.executable, "-m", "fieldkit.weather", shared(SURFRAD), "--out", made],
-        check=True,
-    )
+    subprocess.run([sys.executable, "-m", "fieldkit.weather", shared(SURFRAD), "--out", made], check=True)
     kept = resources.files("fieldkit") / "data" / weather.PACKAGED
     assert made.read_text() == kept.read_text()
 

@@ -20,13 +20,7 @@ SOURCES = {"v4l2": V4l2Source, "opencv": OpenCvSource}
 
 
 def stream(
-    path: str,
-    backend: str,
-    fourcc: str,
-    width: int,
-    height: int,
-    pictures: int,
-    actions: list[list[Any]],
+    path: str, backend: str, fourcc: str, width: int, height: int, pictures: int, actions: list[list[Any]]
 ) -> dict[str, Any]:
     """Read that many pictures; their checksums, sequence numbers, stamps and ages.
 

@@ -26,10 +26,7 @@ def test_exchange_of_heat_is_not_told_from_minutes_in_own_shade():
     assert (sunlight[:, 1] == 0.0).sum() > 60
     kelvin = surface_temperature(800.0 * sunlight, 400.0, 303.15, SURFACE)
     history = History(time_ns // 60_000_000_000, time_ns, sun, kelvin, np.full(320, 800.0))
-    regions = (
-        Region("flat", RegionKind.REFERENCE, CORNERS),
-        Region("bed", RegionKind.TARGET, CORNERS, *BED),
-    )
+    regions = (Region("flat", RegionKind.REFERENCE, CORNERS), Region("bed", RegionKind.TARGET, CORNERS, *BED))
     estimator = SimpleNamespace(regions=regions, settings=EstimatorSettings(model="paper", surface=SURFACE))
     found = fit_exchange(estimator, history, {"bed": KnownSlope(0, *BED)})
     lit = sunlight[:, 1] > 0.03

@@ -36,10 +36,7 @@ def test_the_flattest_stays_a_target_where_no_other_is_left():
 @pytest.fixture(scope="module")
 def sand(folder):
     return fieldkit.calibrate.surface(
-        next((folder / "recordings").glob("*s1.h5")),
-        beds=["b15"],
-        name="this-sand",
-        settings=LEARNED,
+        next((folder / "recordings").glob("*s1.h5")), beds=["b15"], name="this-sand", settings=LEARNED
     )
 
 

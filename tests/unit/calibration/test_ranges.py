@@ -21,6 +21,7 @@ def test_what_is_beyond_a_range_or_not_a_number_is_not_in_it(value):
 
 def test_an_end_may_be_excluded():
     assert [end in Range(0.0, 1.0, above=True, below=True) for end in (0.0, 0.5, 1.0)] == [False, True, False]
+    assert math.inf not in Range(0.0)
 
 
 def test_what_is_not_given_is_not_refused_and_the_refusal_says_what_can_be_given():

@@ -51,9 +51,6 @@ class Wire:
         except OSError:
             return
 
-    def hear(self, length):
-        return os.read(self.far, length)
-
     def reply(self, replies):
         """Reply from `replies` (question: answer) until the wire is cut."""
         self._start(self._answer, replies)

@@ -3,13 +3,7 @@
 import numpy as np
 import pytest
 
-from fieldkit.estimation.day_plan import (
-    PlanSettings,
-    bound,
-    cosine_noise,
-    expected_temperature,
-    sensitivity,
-)
+from fieldkit.estimation.day_plan import PlanSettings, bound, cosine_noise, expected_temperature, sensitivity
 from fieldkit.model.site import Site
 from fieldkit.physics.energy_balance import SurfaceParameters
 from fieldkit.physics.facet import normal

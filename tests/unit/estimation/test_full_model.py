@@ -64,8 +64,7 @@ def test_full_model_is_within_a_tenth_of_a_degree_where_the_papers_is_off_by_deg
 
 
 @pytest.mark.parametrize(
-    ("slab", "limit"),
-    [(replace(SLAB, conductivity_w_m_k=0.16), 0.3), (replace(SLAB, depth_m=0.05), 1.0)],
+    ("slab", "limit"), [(replace(SLAB, conductivity_w_m_k=0.16), 0.3), (replace(SLAB, depth_m=0.05), 1.0)]
 )
 def test_wrong_layer_costs_tenths_of_a_degree(clear_day, slab, limit):
     # 20 % of the inertia, or 5 cm taken for 3; most of it on the bed facing east, whose heat changes fastest

@@ -5,12 +5,7 @@ import pytest
 from scipy.stats import chi2
 
 from fieldkit.estimation.balance import Rows
-from fieldkit.estimation.methods import (
-    chi_square_limit,
-    noise_ratio,
-    solutions,
-    sunlit,
-)
+from fieldkit.estimation.methods import chi_square_limit, noise_ratio, solutions, sunlit
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.slopes import kelvin_per_degree
 from fieldkit.model.site import Region, RegionKind
@@ -68,11 +63,7 @@ def test_minutes_that_no_slope_agrees_to_be_sunlit_in_give_no_slope():
     """Noon, 60 and 75 degrees later, latitude 40: the slope that fits faces away from one of the three."""
     hour_angle, latitude = np.radians([0.0, 60.0, 75.0]), np.radians(40.0)
     sun = np.stack(
-        [
-            -np.sin(hour_angle),
-            -np.cos(hour_angle) * np.sin(latitude),
-            np.cos(hour_angle) * np.cos(latitude),
-        ],
+        [-np.sin(hour_angle), -np.cos(hour_angle) * np.sin(latitude), np.cos(hour_angle) * np.cos(latitude)],
         axis=-1,
     )
     y, sigma, level = np.array([[0.1], [0.3], [1.0]]), np.full((3, 1), 0.01), np.array([0.0, 0.0, 1.0])

@@ -214,13 +214,7 @@ def summed(normals, sun, seed: int = 1) -> MapSums:
     sums = MapSums(normals.shape[:2], PAPER, NOISE_K)
     for ray in sun:
         noise = np.sqrt(2.0) * NOISE_K * random.standard_normal(normals.shape[:2])
-        sums.add(
-            temperatures(normals, ray) + noise,
-            float(temperatures(VERTICAL, ray)),
-            ray,
-            800.0,
-            VERTICAL,
-        )
+        sums.add(temperatures(normals, ray) + noise, float(temperatures(VERTICAL, ray)), ray, 800.0, VERTICAL)
     return sums
 
 

@@ -15,11 +15,7 @@ from fieldkit.estimation.region_temperatures import (
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.physics.energy_balance import SurfaceParameters, surface_temperature
-from fieldkit.physics.radiance import (
-    brightness_temperature_k,
-    kelvin_per_emissivity,
-    surface_temperature_k,
-)
+from fieldkit.physics.radiance import brightness_temperature_k, kelvin_per_emissivity, surface_temperature_k
 from tests.harness.last_minute import last_of
 
 CORNERS = ((0.0, 0.0), (9.0, 0.0), (9.0, 9.0))

@@ -15,7 +15,6 @@ from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Event, EventKind, Frame, Reading, Sample
 from fieldkit.model.site import Site
 from fieldkit.model.units import HOUR_NS, MINUTE_NS
-from fieldkit.results.export import _between_ns
 from fieldkit.results.marks import edited
 from fieldkit.results.report import report
 from fieldkit.results.slope_map import _window
@@ -58,11 +57,6 @@ def test_the_report_dates_what_is_after_midnight(night, tmp_path):
     assert ">23:00:00<" in page  # when it was imported, on the first day
     assert f"local time ({BOTH})" in page
     assert "2026-03-08 09:00\n" in page  # the values by minute
-
-
-def test_hours_before_the_end_are_hours_also_where_the_clocks_change(night):
-    with open_session(night) as session:
-        assert _between_ns(session, "-8h", None)[0] == END_NS - 8 * 3600 * 10**9
 
 
 @pytest.mark.parametrize(

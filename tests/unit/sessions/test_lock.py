@@ -51,25 +51,3 @@ def test_a_lock_that_stays_is_refused_after_a_moment(tmp_path):
     look.cancel()
     os.close(look.args[0])
     SessionLock(tmp_path).release()
-
-
-def test_many_looks_leave_the_lock_to_its_recorder(tmp_path):
-    (tmp_path / RECORDING).touch()
-    ended = threading.Event()
-
-    def look() -> None:
-        while not ended.is_set():
-            is_locked(tmp_path)
-
-    looking = [threading.Thread(target=look) for _ in range(3)]
-    for thread in looking:
-        thread.start()
-    try:
-        for _ in range(20):
-            lock = SessionLock(tmp_path)
-            assert is_locked(tmp_path)
-            lock.release()
-    finally:
-        ended.set()
-        for thread in looking:
-            thread.join()

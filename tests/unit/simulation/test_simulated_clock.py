@@ -128,21 +128,6 @@ def test_sleepers_wake_in_the_order_of_their_deadlines(clock):
     assert woken == ["early", "middle", "late"]
 
 
-def test_threads_with_one_deadline_wake_one_after_the_other_by_name(clock):
-    log, crew = [], Crew(clock)
-
-    def work(name):
-        clock.sleep(1.0)
-        log.append(f"{name} wakes")
-        time.sleep(0.002)  # long enough for another to begin, were it awake
-        log.append(f"{name} waits")
-
-    for name in "cabd":
-        crew.hire(name, lambda name=name: work(name))
-    crew.work()
-    assert log == [f"{name} {what}" for name in "abcd" for what in ("wakes", "waits")]
-
-
 def test_time_stands_while_somebody_who_takes_part_is_at_work(clock):
     seen, crew = [], Crew(clock)
 

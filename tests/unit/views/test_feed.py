@@ -2,7 +2,6 @@
 
 import math
 import stat
-import threading
 import time
 
 import numpy as np
@@ -16,7 +15,6 @@ from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.views.feed import LENGTHS, Feed, FeedReader, FeedStart, decode, encode
 from fieldkit.views.latest import Latest
 from fieldkit.views.trend import Trend
-from tests.harness.waiting import wait_until
 
 SITE = Site(37.7, -105.92, 2317.0, "America/Denver")
 REGIONS = (Region("flat", RegionKind.REFERENCE, ((0.0, 0.0), (9.0, 0.0), (9.0, 9.0)), 0.0, 0.0),)
@@ -134,13 +132,3 @@ def test_a_reader_that_does_not_read_loses_frames_and_delays_nothing(feed, path)
     while not isinstance(item := next(items), Event):
         received.append(item)
     assert sum(isinstance(item, Frame) for item in received) < 30
-
-
-def test_readers_come_and_go(feed, path):
-    before = threading.active_count()
-    for number in range(30):
-        reader = FeedReader(path)
-        next(iter(reader.items()))
-        reader.close()
-        feed.show(frame(number))
-    wait_until(lambda: feed.show(frame(0)) or threading.active_count() <= before, "their threads stay")

@@ -12,9 +12,6 @@ LUX = bytes.fromhex(
 )
 
 
-OVER = LUX.replace(b"100 50", b"100550")
-
-
 PC_MODE = bytes.fromhex("02 30 30 35 34 20 20 20 20 03 30 32 0D 0A")
 
 

@@ -65,11 +65,7 @@ SECONDS = np.arange(3000.0)
 
 @pytest.mark.parametrize(
     ("curve", "words"),
-    [
-        (np.sin(SECONDS / 50), "does as well"),
-        (SECONDS, "not distinct"),
-        (np.ones(3000), "match nowhere"),
-    ],
+    [(np.sin(SECONDS / 50), "does as well"), (SECONDS, "not distinct"), (np.ones(3000), "match nowhere")],
     ids=["periodic", "a straight line", "constant"],
 )
 def test_curves_that_fit_in_several_places_or_nowhere_are_refused(curve, words):
