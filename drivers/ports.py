@@ -22,7 +22,6 @@ from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 from fieldkit.drivers import options
@@ -473,10 +472,6 @@ def open_failure(path: str, error: Exception) -> DeviceError:
     )
 
 
-def _sysfs_node(path: str) -> Path:
-    return (SYSFS / "class/tty" / os.path.basename(os.path.realpath(path)) / "device").resolve()
-
-
 def _shorten_usb_latency(port: Any) -> int | None:
     """Ask an FTDI adapter to deliver at once; its latency timer in ms as read back, None for others.
 
@@ -485,6 +480,7 @@ def _shorten_usb_latency(port: Any) -> int | None:
     with suppress(OSError, ValueError, NotImplementedError):
         port.set_low_latency_mode(True)
     try:
-        return int((_sysfs_node(port.port) / "latency_timer").read_text())
+        node = SYSFS / "class/tty" / os.path.basename(os.path.realpath(port.port))
+        return int((node / "device" / "latency_timer").read_text())
     except (OSError, ValueError):
         return None

@@ -30,7 +30,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.model.arrays import FloatArray, IntArray
 from fieldkit.model.errors import ConfigError
@@ -160,19 +159,12 @@ def read_table(lines: Iterable[str]) -> Weather:
             float(about["elevation_m"]),
             about["timezone"],
         )
-        ends = np.array([row["end_utc"].rstrip("Z") for row in rows], dtype="datetime64[ns]")
+        ends_ns = np.array([row["end_utc"].rstrip("Z") for row in rows], "datetime64[ns]").astype(np.int64)
         values = {name: np.array([float(row[name] or "nan") for row in rows]) for name in _COLUMNS}
     except KeyError as missing:
         raise ConfigError(
             f"the weather table lacks {missing}", fix="make it again: python -m fieldkit.weather"
         ) from None
-    return _table_weather(ends, values, site, about.get("source", ""))
-
-
-def _table_weather(
-    ends: NDArray[np.datetime64], values: dict[str, FloatArray], site: Site, source: str
-) -> Weather:
-    ends_ns = ends.astype(np.int64)
     return Weather(
         time_ns=ends_ns - half_step_ns(ends_ns),
         dni_w_m2=values["dni_w_m2"],
@@ -184,7 +176,7 @@ def _table_weather(
         ghi_w_m2=values["ghi_w_m2"],
         longwave_up_w_m2=values["longwave_up_w_m2"],
         site=site,
-        source=source,
+        source=about.get("source", ""),
     )
 
 

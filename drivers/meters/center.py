@@ -54,7 +54,6 @@ from operator import truediv
 from types import MappingProxyType
 from typing import Any
 
-from fieldkit.drivers import options
 from fieldkit.drivers.decoding import (
     Channel,
     Decoded,
@@ -202,10 +201,9 @@ def open_thermometer(
             fix=f'driver = "{driver}"' if driver else "this model has no driver",
         )
     meter.first_reply(port, b"A", layout, settings.name, _HINT)
-    names = options.labels(settings, channels)
-    info = meter.describe(settings, port, layout, "temperature", "K", names, model)
+    info = meter.describe(settings, port, layout, "temperature", "K", channels, model)
     poll = meter.PollSettings(b"A", settings.every_s)
-    return meter.Meter(info, port, layout, clock, channels[: len(names)], poll=poll)
+    return meter.Meter(info, port, layout, clock, channels, poll=poll)
 
 
 def configured_model(settings: DeviceSettings) -> str:

@@ -13,7 +13,6 @@ from dataclasses import replace
 from datetime import datetime
 from typing import Any
 
-from fieldkit.drivers import options
 from fieldkit.drivers.connections import SocketPort, address_of
 from fieldkit.drivers.decoding import Layout, Parsed, Record, RecordDriver, Rejected, Value
 from fieldkit.drivers.meters import meter
@@ -112,8 +111,7 @@ class Gpsd(RecordDriver):
         port = SocketPort(address_of(settings, PORT, "localhost"), clock, "gpsd", _ADVICE)
         port.write(WATCH)
         meter.first_record(port, LAYOUT, settings.name, _HINT, settings.every_s)
-        names = options.labels(settings, [name for name, _ in CHANNELS])
-        info = meter.describe(settings, port, LAYOUT, "position", UNIT, names)
+        keys, units = zip(*CHANNELS, strict=True)
+        info = meter.describe(settings, port, LAYOUT, "position", UNIT, keys)
         info = replace(info, device_time_unit="ns since 1970 UTC", raw_bytes=LONGEST_KEPT)
-        keys, units = zip(*CHANNELS[: len(names)], strict=True)
         return meter.Meter(info, port, LAYOUT, clock, keys, units=units)

@@ -187,9 +187,8 @@ class KonicaMinolta(SerialDriver):
         port = open_port(settings, LINE, clock, kinds=KINDS)
         _enter_pc_mode(port, clock, settings.name)
         poll = _prepare(port, clock, model, head, settings.every_s)
-        names = options.labels(settings, ("lux",))
         info = meter.describe(
-            settings, port, LAYOUT, "illuminance", "lx", names, model=model, latency_s=LATENCY_S
+            settings, port, LAYOUT, "illuminance", "lx", ("lux",), model=model, latency_s=LATENCY_S
         )
         key = "illuminance" if head == 0 else f"illuminance head {head:02d}"
         return meter.Meter(info, port, LAYOUT, clock, (key,), poll=poll)

@@ -29,7 +29,6 @@ import re
 from functools import lru_cache
 from typing import NamedTuple
 
-from fieldkit.drivers import options
 from fieldkit.drivers.decoding import Channel, Layout, Parsed, Record, Rejected, skip_to
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.ports import Line, Port, SerialDriver, Stamped, open_port
@@ -121,15 +120,13 @@ class Lutron(SerialDriver):
         first = meter.first_record(port, LAYOUT, settings.name, _HINT, settings.every_s)
         unit = _unit_shown(port, first)
         if unit in LIGHT:
-            names = options.labels(settings, ("lux",))
-            info = meter.describe(settings, port, LAYOUT, "illuminance", "lx", names)
+            info = meter.describe(settings, port, LAYOUT, "illuminance", "lx", ("lux",))
         elif unit in TEMPERATURE:
-            names = options.labels(settings, ("T1", "T2", "T3", "T4"))
-            info = meter.describe(settings, port, LAYOUT, "temperature", "K", names)
+            info = meter.describe(settings, port, LAYOUT, "temperature", "K", ("T1", "T2", "T3", "T4"))
         else:
             raise DecodeError(
                 f"{settings.name}: the meter sends {unit}, neither light nor temperature",
                 raw=first.raw,
                 fix="switch the meter to lux, foot-candle, °C or °F",
             )
-        return meter.Meter(info, port, LAYOUT, clock, "123456789ABC"[: len(names)])
+        return meter.Meter(info, port, LAYOUT, clock, "123456789ABC")

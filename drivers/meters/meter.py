@@ -44,11 +44,11 @@ class PollSettings:
 
 
 class Meter:
-    """An opened meter; `keys` are its own names of the stream's channels, in order.
+    """An opened meter; `keys` are its own names of its channels, in order: the stream has the first of them.
 
     `units` are the channels' own where the stream has more than one. `states` are the states that the meter
     reported with its last values: "hold", "relative", "low_battery". Raises `ConfigError` where the stream
-    has another number of channels.
+    has more channels.
     """
 
     def __init__(
@@ -62,6 +62,7 @@ class Meter:
         units: Sequence[str] = (),
         poll: PollSettings | None = None,
     ) -> None:
+        keys, units = keys[: info.shape[0]], units[: info.shape[0]]
         if info.shape != (len(keys),):
             raise ConfigError(
                 f"{info.name}: {info.shape[0]} names are given, the meter has {len(keys)} channels",
@@ -232,12 +233,12 @@ def describe(
     layout: Layout,
     quantity: str,
     unit: str,
-    channels: Sequence[str],
+    labels: Sequence[str],
     model: str = "",
     latency_s: float = 0.0,
 ) -> StreamInfo:
-    """The stream of a meter, from its configuration and port."""
-    facts = dict(port.facts)
+    """The stream of a meter, from its configuration and port; `labels` are its channels' own names."""
+    facts, channels = dict(port.facts), options.labels(settings, labels)
     if "range_max_lx" in settings.options:
         facts["range_max_lx"] = options.number(settings, "range_max_lx", math.inf, options.POSITIVE)
     return StreamInfo(
@@ -245,7 +246,7 @@ def describe(
         quantity=quantity,
         unit=unit,
         shape=(len(channels),),
-        channels=tuple(channels),
+        channels=channels,
         rate_hz=1.0 / settings.every_s if settings.every_s > SLOW_S else 0.0,
         driver=settings.driver,
         model=model,

@@ -410,14 +410,13 @@ class Modbus(SerialDriver):
         replies = layout(register_map, request)
         meter.first_reply(port, request, replies, settings.name, _HINT)
         keys = [channel.name for channel in register_map.channels if channel.unit == register_map.unit]
-        names = options.labels(settings, keys)
         meaning = meaning_of(register_map.unit, register_map.quantity)
         unit = meaning.quantity.units.stored if meaning else register_map.unit
-        info = meter.describe(settings, port, replies, register_map.quantity, unit, names, register_map.title)
+        info = meter.describe(settings, port, replies, register_map.quantity, unit, keys, register_map.title)
         if component := _component(settings, port, register_map):
-            info = replace(info, measures=(component,) * len(names))
+            info = replace(info, measures=(component,) * info.shape[0])
         poll = meter.PollSettings(request, settings.every_s)
-        return meter.Meter(info, port, replies, clock, keys[: len(names)], poll=poll)
+        return meter.Meter(info, port, replies, clock, keys, poll=poll)
 
 
 def _unit(settings: DeviceSettings) -> int:

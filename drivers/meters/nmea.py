@@ -17,7 +17,6 @@ from functools import reduce
 from operator import xor
 from typing import Any
 
-from fieldkit.drivers import options
 from fieldkit.drivers.decoding import Decoded, Layout, Parsed, Record, Rejected, Value, decode_records
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.ports import Line, SerialDriver, baud, open_port
@@ -147,8 +146,7 @@ class Nmea(SerialDriver):
         """Open the port and wait for the first sentence."""
         port = open_port(settings, Line(baud(settings, LINE.baud)), clock)
         meter.first_record(port, LAYOUT, settings.name, _HINT, settings.every_s)
-        names = options.labels(settings, [name for name, _ in CHANNELS])
-        info = meter.describe(settings, port, LAYOUT, "position", UNIT, names)
+        keys, units = zip(*CHANNELS, strict=True)
+        info = meter.describe(settings, port, LAYOUT, "position", UNIT, keys)
         info = replace(info, device_time_unit="ns since 1970 UTC")
-        keys, units = zip(*CHANNELS[: len(names)], strict=True)
         return meter.Meter(info, port, LAYOUT, clock, keys, units=units)

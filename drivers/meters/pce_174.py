@@ -25,7 +25,6 @@ from __future__ import annotations
 
 import math
 
-from fieldkit.drivers import options
 from fieldkit.drivers.decoding import Layout, Parsed, Record, Rejected, Value, skip_to
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.ports import Line, SerialDriver, open_port
@@ -95,6 +94,6 @@ class Pce174(SerialDriver):
         """Open the port and wait for one record."""
         port = open_port(settings, LINE, clock, kinds=KINDS)
         meter.first_reply(port, ASK_LIVE, LAYOUT, settings.name, _HINT)
-        info = meter.describe(settings, port, LAYOUT, "illuminance", "lx", options.labels(settings, ("lux",)))
+        info = meter.describe(settings, port, LAYOUT, "illuminance", "lx", ("lux",))
         poll = meter.PollSettings(ASK_LIVE, settings.every_s)
         return meter.Meter(info, port, LAYOUT, clock, ("illuminance",), poll=poll)

@@ -370,16 +370,15 @@ class Text(SerialDriver):
         of_unit = [channel.name for channel in first.channels if channel.unit == unit_shown]
         quantity = _quantity(unit_shown, of_unit[0])
         keys = [name for name in of_unit if _quantity(unit_shown, name) == quantity]
-        names = options.labels(settings, keys)
         unit = quantity.units.stored
-        info = meter.describe(settings, port, grammar.layout, quantity.name, unit, names, model="text")
-        components = components_named(names) or components_named(keys[: len(names)])
+        info = meter.describe(settings, port, grammar.layout, quantity.name, unit, keys, model="text")
+        components = components_named(info.channels) or components_named(keys[: info.shape[0]])
         info = replace(
             info,
             measures=components if unit == POWER.stored else (),
             device_time_unit="ms" if first.device_time != NO_COUNTER else "",
         )
-        return meter.Meter(info, port, grammar.layout, clock, keys[: len(names)])
+        return meter.Meter(info, port, grammar.layout, clock, keys)
 
 
 def _first_values(

@@ -23,7 +23,6 @@ from __future__ import annotations
 import math
 import re
 
-from fieldkit.drivers import options
 from fieldkit.drivers.decoding import Layout, Parsed, Record, RecordDriver, Rejected, Value
 from fieldkit.drivers.identity import candidates
 from fieldkit.drivers.meters import meter
@@ -144,6 +143,5 @@ class Ut325(RecordDriver):
         port = HidBridge(settings, clock)
         port.write(START_LIVE)
         meter.first_record(port, LAYOUT, settings.name, _HINT, settings.every_s)
-        names = options.labels(settings, CHANNELS)
-        info = meter.describe(settings, port, LAYOUT, "temperature", "K", names, "UT325")
-        return meter.Meter(info, port, LAYOUT, clock, CHANNELS[: len(names)])
+        info = meter.describe(settings, port, LAYOUT, "temperature", "K", CHANNELS, "UT325")
+        return meter.Meter(info, port, LAYOUT, clock, CHANNELS)
