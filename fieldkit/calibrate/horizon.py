@@ -14,8 +14,8 @@ from fieldkit.calibrate.inputs import read_columns, write_lines
 from fieldkit.calibration.ranges import require_ranges
 from fieldkit.config import Config
 from fieldkit.config.edit import change_region, editing, set_key
-from fieldkit.config.horizon import COLUMNS
 from fieldkit.config.pose import Pose, load_pose
+from fieldkit.config.references import COLUMNS
 from fieldkit.model.clock import utc_ns
 from fieldkit.model.errors import ConfigError
 from fieldkit.physics.camera_geometry import Grid, horizon_of_ground, rays

@@ -128,7 +128,7 @@ def command(
 
 def _follow(path: Path, map_now: Callable[[], None]) -> None:
     """Map at each new minute of a recording until it ends; a minute without a map is reported."""
-    from fieldkit.recording.follow import new_minutes
+    from fieldkit.recording.status import new_minutes
 
     for _ in new_minutes(path):
         try:

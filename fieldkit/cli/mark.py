@@ -76,7 +76,7 @@ def command(
 
 
 def _add(text: str, kind: str, at: str, end: str | None, longest: str | None) -> None:
-    from fieldkit.recording.new_mark import mark_of
+    from fieldkit.recording.marks import mark_of
     from fieldkit.recording.requests import sent
     from fieldkit.recording.running import unresponsive_recorder
 
@@ -96,13 +96,16 @@ def _correct(
     session: Path | None, take_back: str | None, edit: str | None, text: str,
     given: tuple[str | None, str | None, str | None, str | None],
 ) -> None:  # fmt: skip
-    from fieldkit.recording import mark_corrections as marks
+    from fieldkit.recording.marks import correct_mark
+    from fieldkit.results.marks import edited, taken_back
 
     path, (kind, at, start, end) = _session(session), given
     if take_back is not None:
-        say(f"{path.name}: {marks.take_back(path, take_back).text}")
+        mark = correct_mark(path, lambda session: taken_back(session, take_back))
+        say(f"{path.name}: {mark.text}")
     elif edit is not None:
-        mark = marks.edit(path, edit, text or None, label=kind, at=at or start, to=end)
+        times = {"at": at or start, "to": end}
+        mark = correct_mark(path, lambda session: edited(session, edit, text or None, label=kind, **times))
         say(f"{path.name}: mark {mark.corrects} is now: {mark.text}")
     else:
         _list(path)

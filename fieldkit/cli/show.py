@@ -86,7 +86,7 @@ def _slope(slope: SlopeEstimate) -> str:
 def _follow(session: SessionReader) -> None:
     """Print what is recorded meanwhile, until the recording ends."""
     from fieldkit.model.samples import Event
-    from fieldkit.recording.follow import changes
+    from fieldkit.recording.status import changes
 
     for change in changes(session):
         if isinstance(change, Event):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from fieldkit.config.toml_lines import table_in
+from fieldkit.config.files import table_in
 from fieldkit.estimation.surface_kinds import KINDS, SAND, Kind
 from fieldkit.physics.bodies import BODIES, EARTH, Body
 from fieldkit.physics.dust import dusty_sky

@@ -13,10 +13,9 @@ from typing import Any
 
 import tomlkit
 
-from fieldkit.config.files import read_text
+from fieldkit.config.files import KeyPath, key_lines, read_text, toml_lines
 from fieldkit.config.load import mistakes_in, parse_toml
 from fieldkit.config.template import assignment
-from fieldkit.config.toml_lines import KeyPath, key_lines, toml_lines
 from fieldkit.config.validation import ConfigMistakesError
 from fieldkit.disk import one_at_a_time, replacing
 from fieldkit.model.errors import ConfigError, StorageError

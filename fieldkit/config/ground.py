@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from pydantic import ValidationError
 
+from fieldkit.config.files import regions_in, table_in
 from fieldkit.config.pose import CameraPose
 from fieldkit.config.references import campaign_folder
-from fieldkit.config.toml_lines import regions_in, table_in
 from fieldkit.config.toml_schema import PoseTable
 from fieldkit.config.validation import Mistake
 from fieldkit.model.arrays import BoolArray, FloatArray

@@ -18,19 +18,17 @@ from typing import Any
 import platformdirs
 from pydantic import ValidationError
 
-from fieldkit.config import toml_lines
 from fieldkit.config.config import Config
 from fieldkit.config.defaults import KIND, forget_defaults_of_kind
-from fieldkit.config.files import read_text
-from fieldkit.config.horizon import with_horizons
-from fieldkit.config.references import resolve
-from fieldkit.config.secret_texts import secrets_in
+from fieldkit.config.files import KeyPath, key_lines, read_text, regions_in, table_in
+from fieldkit.config.references import resolve, with_horizons
 from fieldkit.config.toml_schema import Tables
 from fieldkit.config.validation import (
     ConfigMistakesError,
     Mistake,
     cross_check,
     explain,
+    secrets_in,
     unknown_drivers,
 )
 from fieldkit.model.errors import ConfigError
@@ -134,11 +132,11 @@ class _Document:
     """The merged plain document, and where each of its keys came from."""
 
     values: dict[str, Any] = field(default_factory=dict)
-    origins: dict[toml_lines.KeyPath, str] = field(default_factory=dict)
+    origins: dict[KeyPath, str] = field(default_factory=dict)
 
     def add(self, text: str, file: Path) -> None:
         _merge(self.values, parse_toml(text, file))
-        self.origins |= {path: f"{file.name}:{line}" for path, line in toml_lines.key_lines(text).items()}
+        self.origins |= {path: f"{file.name}:{line}" for path, line in key_lines(text).items()}
 
     def put(self, origin: str, keys: Sequence[str], value: Any) -> None:
         table = self.values
@@ -167,7 +165,7 @@ class _Document:
                     self.origins[place] = _key_of(self.origins[place])
         return secrets
 
-    def _drop(self, path: toml_lines.KeyPath) -> None:
+    def _drop(self, path: KeyPath) -> None:
         *tables, key = path
         del functools.reduce(operator.getitem, tables, self.values)[key]  # type: ignore[arg-type]
 
@@ -194,7 +192,7 @@ class _Document:
         located = [(self._origin(mistake.path) or path.name, mistake) for mistake in mistakes]
         return (Config(path, tables) if tables else None), sorted(located, key=_by_line)
 
-    def _origin(self, path: toml_lines.KeyPath) -> str | None:
+    def _origin(self, path: KeyPath) -> str | None:
         """Line and file of the key, or of the closest table around it."""
         while path and path not in self.origins:
             path = path[:-1]
@@ -203,8 +201,8 @@ class _Document:
 
 def _on_ground(values: dict[str, Any], path: Path) -> list[Mistake]:
     """Complete the pose and the regions on its ground; what that needs is imported only if they are there."""
-    has_pose = "pose" in toml_lines.table_in(values, "camera")
-    if not has_pose and not any(region.get("points_m") for _, region in toml_lines.regions_in(values)):
+    has_pose = "pose" in table_in(values, "camera")
+    if not has_pose and not any(region.get("points_m") for _, region in regions_in(values)):
         return []
     from fieldkit.config.ground import with_regions
     from fieldkit.config.pose import with_pose

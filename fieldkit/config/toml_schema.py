@@ -16,7 +16,7 @@ from pydantic.json_schema import SkipJsonSchema
 from pydantic.main import create_model
 
 from fieldkit.config.defaults import with_defaults_of_kind, with_defaults_of_world
-from fieldkit.config.toml_lines import KeyPath
+from fieldkit.config.files import KeyPath
 from fieldkit.estimation.estimator_keys import EstimatorKeys
 from fieldkit.estimation.prior import Prior
 from fieldkit.estimation.surface_kinds import SAND, Kind

@@ -32,8 +32,7 @@ from fieldkit.page.sessions import PastSessions, identifier
 from fieldkit.page.viewer import Viewer
 from fieldkit.recording import regions as campaign_regions
 from fieldkit.recording.background import RecordOptions
-from fieldkit.recording.mark_corrections import keep
-from fieldkit.recording.new_mark import mark_of
+from fieldkit.recording.marks import correct_mark, mark_of
 from fieldkit.recording.redrawing import change_regions
 from fieldkit.recording.requests import Acknowledgement, SentRequest, Shutter, sent
 from fieldkit.recording.running import (
@@ -178,7 +177,7 @@ class Answers:
         correction = await asyncio.to_thread(_correction, path, request)
         if request.session is None:
             return await self._by_recorder(sent, path.parent, correction)
-        await asyncio.to_thread(keep, path, correction)
+        await asyncio.to_thread(correct_mark, path, lambda session: correction)
         return Done(f"mark {request.mark} is now: {correction.text}")
 
     def _acknowledge(self, alarm: str) -> SentRequest:

@@ -19,15 +19,19 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, wait
 from contextlib import suppress
+from dataclasses import dataclass, field
 from functools import partial
 from typing import ClassVar
 from urllib.parse import unquote, urlsplit
 
+from fieldkit.estimation.estimator import Minute
 from fieldkit.model.alarm import alarm_of, phase_of
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.installation import install_extra
-from fieldkit.model.samples import Event, EventKind, Severity
-from fieldkit.recorder.home_assistant import Publication, alarm_topic
+from fieldkit.model.samples import Event, EventKind, Health, Sample, Severity
+from fieldkit.model.site import RegionRecord
+from fieldkit.recorder.alarms import AlarmEngine
+from fieldkit.recorder.home_assistant import HomeAssistant, Publication, alarm_topic
 
 log: logging.Logger = logging.getLogger(__name__)
 
@@ -340,3 +344,34 @@ class MqttOutput(AlarmOutput):
             self._publish(f"{self.base}/recorder", "ended")
         self._client.disconnect()
         self._client.loop_stop()
+
+
+@dataclass
+class AlarmWatch:
+    """Function that the recorder calls for every item: returns the events to store, and sends them on.
+
+    Without an `engine` nothing is watched.
+    """
+
+    engine: AlarmEngine | None = None
+    outputs: AlarmOutputs = field(default_factory=AlarmOutputs)
+    sensors: HomeAssistant | None = None
+
+    def update(self, item: Sample | Event | Health | Minute | RegionRecord) -> list[Event]:
+        """Alarms raised, acknowledged and cleared; once a second also outputs that begin to fail."""
+        events = [] if self.engine is None else self.engine.update(item)
+        self._publish(item)
+        for event in events:
+            self._publish(event)
+            self.outputs.send(event)
+        if isinstance(item, Health):
+            events += self.outputs.failures(item.mono_ns, item.time_ns)
+        return events
+
+    def _publish(self, item: object) -> None:
+        if self.sensors is not None and (publication := self.sensors.update(item)) is not None:
+            self.outputs.publish(publication)
+
+    def close(self) -> None:
+        """The recording is over."""
+        self.outputs.close()

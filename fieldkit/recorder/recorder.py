@@ -22,7 +22,7 @@ from fieldkit.model.errors import StorageError
 from fieldkit.model.next_step import Action
 from fieldkit.model.samples import Event, EventKind, Frame, Health, Sample, Severity
 from fieldkit.model.site import RegionRecord
-from fieldkit.recorder.alarm_watch import AlarmWatch
+from fieldkit.recorder.alarm_outputs import AlarmWatch
 from fieldkit.recorder.device_reader import DeviceReader, Sampling
 from fieldkit.recorder.estimator_thread import LONGEST_WAIT_S, EstimatorThread
 from fieldkit.recorder.health import (

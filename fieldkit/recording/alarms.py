@@ -15,11 +15,11 @@ from fieldkit.model.samples import Severity
 from fieldkit.recorder.alarm_outputs import (
     AlarmOutput,
     AlarmOutputs,
+    AlarmWatch,
     CommandOutput,
     MqttOutput,
     output_at,
 )
-from fieldkit.recorder.alarm_watch import AlarmWatch
 from fieldkit.recorder.alarms import AlarmEngine, AlarmSettings, Limits
 from fieldkit.recorder.home_assistant import HomeAssistant
 from fieldkit.recording.preflight import sampling_of

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fieldkit.config import find_campaign, load_config
-from fieldkit.recording.new_mark import mark_of
+from fieldkit.recording.marks import mark_of
 from fieldkit.recording.requests import SentRequest, sent
 from fieldkit.recording.running import UnresponsiveRecorder, running_session, stop_recording
 from fieldkit.recording.status_request import present_status

@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 
 from fieldkit.calibration.calibration_record import CalibrationRecord, model_warnings, record_warnings
 from fieldkit.config import Config
-from fieldkit.config.trajectory import outside
+from fieldkit.config.pose import outside
 from fieldkit.estimation.instruments import Instruments as EstimatorInstruments
 from fieldkit.model.channels import how_to_state
 from fieldkit.model.device import StreamInfo, frame_shapes

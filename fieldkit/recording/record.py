@@ -32,10 +32,9 @@ from fieldkit.recording.opening import Instruments, open_instruments
 from fieldkit.recording.preflight import Notify, disk_reserve_bytes, log, preflight, sampling_of
 from fieldkit.recording.recordings import session_path
 from fieldkit.recording.redrawing import Redrawing
-from fieldkit.recording.request_reader import RequestReader
+from fieldkit.recording.request_reader import RequestReader, StatusServer
 from fieldkit.recording.requests import inbox
 from fieldkit.recording.running import await_preview_end, only_recorder
-from fieldkit.recording.status_server import StatusServer
 from fieldkit.results.minutes import keep_recorded
 from fieldkit.results.session import Session, open_session
 from fieldkit.sessions.layout import SessionHeader

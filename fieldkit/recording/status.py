@@ -1,11 +1,13 @@
-"""The present state of a session that is being recorded.
+"""A session that is being recorded: its present state, and what is new in it.
 
-Its recorder reports it (`status_request`); of one that does not respond it is worked out from what is stored.
+Its recorder reports the state (`status_request`); of one that does not respond it is worked out from what is
+stored.
 """
 
 from __future__ import annotations
 
 import heapq
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,13 +16,15 @@ from typing import Any
 import numpy as np
 
 from fieldkit.estimation.estimator import Minute
-from fieldkit.model.samples import Sample
+from fieldkit.model.samples import Event, Frame, Sample
 from fieldkit.model.units import MINUTE_NS, SECOND_NS
+from fieldkit.physics.camera_laws import frame_k
 from fieldkit.recording.running import UnresponsiveRecorder, unresponsive_recorder
 from fieldkit.results.describe import brief, recorded_learnt
 from fieldkit.results.estimate import as_document, estimator_for
 from fieldkit.results.json_document import learnt_document
 from fieldkit.results.sources import config_for
+from fieldkit.sessions.lock import is_locked, journal_path
 from fieldkit.sessions.reader import SessionReader, open_session
 from fieldkit.views import formatting
 from fieldkit.views.latest import RATE_OVER_S, Latest
@@ -127,3 +131,57 @@ def _last_samples(session: SessionReader) -> Iterator[Sample]:
     first = {name: int(np.searchsorted(session.times_ns(name), since_ns)) for name in session.streams}
     parts = (session.stream(name).samples(start) for name, start in first.items())
     return heapq.merge(*parts, key=lambda sample: sample.mono_ns)
+
+
+SAMPLES_POLL_S = 0.5
+MINUTES_POLL_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class StreamProgress:
+    """The latest sample of a stream and how many there are; `value` is the mean of a frame, in `unit`."""
+
+    stream: str
+    samples: int
+    value: float | list[float]
+    unit: str
+    time_ns: int
+
+
+def changes(session: SessionReader) -> Iterator[Event | StreamProgress]:
+    """The events and samples that come after what `session` has shown so far."""
+    counts = {name: session.count(name) for name in session.streams}
+    events = len(session.events(recorded=True))
+    while is_locked(journal_path(session.path)):
+        time.sleep(SAMPLES_POLL_S)
+        session.refresh()
+        for event in session.events(recorded=True)[events:]:
+            events += 1
+            yield event
+        for name, before in counts.items():
+            counts[name] = session.count(name)
+            if counts[name] > before:
+                yield _progress(session, name, counts[name])
+
+
+def new_minutes(path: Path) -> Iterator[int]:
+    """The minute of a recording's latest sample, as minutes since 1970, each time it is another one."""
+    latest = -1
+    while is_locked(journal_path(path)):
+        with open_session(path) as session:
+            minute = session.end_ns // MINUTE_NS
+        if minute > latest:
+            latest = minute
+            yield minute
+        time.sleep(MINUTES_POLL_S)
+
+
+def _progress(session: SessionReader, name: str, count: int) -> StreamProgress:
+    info = session.streams[name]
+    sample = next(session.stream(name).samples(count - 1, count))
+    value = (
+        float(frame_k(info, sample.counts, sample.metadata_rows).mean())
+        if isinstance(sample, Frame)
+        else list(sample.values)
+    )
+    return StreamProgress(name, count, value, info.unit, sample.time_ns)

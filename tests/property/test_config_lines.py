@@ -4,7 +4,7 @@ import tomlkit
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fieldkit.config.toml_lines import key_lines
+from fieldkit.config.files import key_lines
 
 keys = st.from_regex(r"[a-z][a-z0-9_]{0,6}", fullmatch=True)
 values = st.one_of(

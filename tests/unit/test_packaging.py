@@ -19,7 +19,7 @@ from click.testing import CliRunner
 
 import fieldkit
 from fieldkit.cli import main
-from fieldkit.recording.service_unit import GROUPS
+from fieldkit.recording.service import GROUPS
 from fieldkit.results import origin
 
 ROOT = Path(__file__).parents[2]

@@ -8,7 +8,7 @@ import rasterio
 from click.testing import Result
 
 from fieldkit.config import load_config
-from fieldkit.config.horizon import load_horizon
+from fieldkit.config.references import load_horizon
 from fieldkit.physics.horizon import horizon_elevation
 from tests.harness.command_line import fieldkit
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from fieldkit.recording import service, service_unit
-from fieldkit.recording.service_unit import NAME, packaged_unit
+from fieldkit.recording import service
+from fieldkit.recording.service import NAME, packaged_unit
 from tests.harness.command_line import fieldkit
 
 SYSTEMCTL = """#!/bin/sh
@@ -74,7 +74,7 @@ def test_install_warns_of_what_a_person_must_do(campaign, systemd, monkeypatch):
     done = run("install", "-C", campaign)
     assert "sudo loginctl enable-linger 12345" in done.stderr
     # a campaign under /tmp is where all of pytest's are
-    monkeypatch.setattr(service_unit, "TEMPORARY", (str(campaign.parent),))
+    monkeypatch.setattr(service, "TEMPORARY", (str(campaign.parent),))
     again = run("install", "-C", campaign)
     assert f"{campaign} is emptied when the computer starts: move the campaign" in again.stderr
 

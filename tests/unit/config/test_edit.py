@@ -7,7 +7,7 @@ import pytest
 
 from fieldkit.config import ConfigMistakesError
 from fieldkit.config.edit import add_region, change_region, editing, remove_region
-from fieldkit.config.toml_lines import key_lines
+from fieldkit.config.files import key_lines
 from fieldkit.model.errors import ConfigError, StorageError
 from tests.harness.rights import ordinary_rights
 

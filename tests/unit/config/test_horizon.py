@@ -2,8 +2,8 @@
 
 import pytest
 
-from fieldkit.config.horizon import load_horizon, with_horizons
 from fieldkit.config.load import load_config
+from fieldkit.config.references import load_horizon, with_horizons
 from fieldkit.model.errors import ConfigError
 
 

@@ -6,8 +6,7 @@ import rasterio
 
 from fieldkit.config import ConfigMistakesError, config_from_text, load_config
 from fieldkit.config.edit import change_region, editing
-from fieldkit.config.pose import load_pose
-from fieldkit.config.trajectory import trajectory_from
+from fieldkit.config.pose import load_pose, trajectory_from
 from fieldkit.model.errors import ConfigError
 from fieldkit.recording.campaign import open_campaign
 

@@ -1,4 +1,4 @@
-from fieldkit.config.toml_lines import key_lines
+from fieldkit.config.files import key_lines
 
 DOCUMENT = '''\
 schema = 1

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from fieldkit.model.errors import ConfigError
-from fieldkit.recording.service_unit import NAME, Unit, campaign_of
+from fieldkit.recording.service import NAME, Unit, campaign_of
 
 ODD = 'three "beds" 100 % $HOME \\ ü'
 SYSTEM_EXPOSURE, USER_EXPOSURE = 20, 70  # tenths; 1.8 and 6.6 were measured with systemd 252

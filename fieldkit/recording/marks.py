@@ -1,4 +1,4 @@
-"""A mark as people write it, on the recording that runs: its time by that recording's clock."""
+"""Marks as people write them, by the clock of the recording; those of any session taken back or edited."""
 
 from __future__ import annotations
 
@@ -15,12 +15,13 @@ from fieldkit.model.errors import ConfigError
 from fieldkit.model.mark_times import parse_when, reject_impossible, reject_unknown_region
 from fieldkit.model.marks import Mark, When, shade_test
 from fieldkit.model.units import SECOND_NS
-from fieldkit.recording.requests import STARTED_WITHIN_S, await_inbox
+from fieldkit.recording.requests import STARTED_WITHIN_S, await_inbox, sent
 from fieldkit.recording.running import session_in_progress
 from fieldkit.recording.status_request import recorder_status
 
 if TYPE_CHECKING:
     from fieldkit.config import Config
+    from fieldkit.sessions.reader import SessionReader
 
 
 def mark_of(
@@ -98,3 +99,21 @@ def _now(config: Config, session: Path | None) -> datetime:
         with open_session(session) as opened:
             end_ns = opened.end_ns
     return datetime.fromtimestamp(end_ns / SECOND_NS, zone) if end_ns else datetime.now(zone)
+
+
+def correct_mark(path: Path, correction_of: Callable[[SessionReader], Mark]) -> Mark:
+    """Correct a mark of any session: by its recorder while it records, else in its file; the correction.
+
+    Raises `ConfigError` where no mark or more than one is meant, `SessionError` where the session is
+    interrupted, `RefusedError` where its recording has just ended, `StorageError`.
+    """
+    from fieldkit.results.marks import correct
+    from fieldkit.sessions.reader import open_session
+
+    with open_session(path) as session:
+        correction = correction_of(session)
+        if session.state == "recording":
+            sent(session.path.parent, correction)
+        else:
+            correct(session, correction)
+    return correction
