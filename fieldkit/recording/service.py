@@ -198,10 +198,6 @@ def packaged_unit() -> Unit:
     )
 
 
-if __name__ == "__main__":
-    sys.stdout.write(packaged_unit().text())
-
-
 SYSTEMD_RUNS = Path("/run/systemd/system")
 """Exists where systemd is the init process, see sd_booted(3)."""
 SYSTEM_UNITS = Path("/etc/systemd/system")
@@ -379,3 +375,7 @@ def _is_group(name: str) -> bool:
     except KeyError:
         return False
     return True
+
+
+if __name__ == "__main__":
+    sys.stdout.write(packaged_unit().text())

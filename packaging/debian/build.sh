@@ -38,7 +38,7 @@ gzip -9 --no-name <CHANGELOG.md >"$share/doc/fieldkit/changelog.gz"
 install -m 644 -D udev/70-fieldkit.rules -t "$root/usr/lib/udev/rules.d"
 install -m 644 -D "$here/sysusers.conf" "$root/usr/lib/sysusers.d/fieldkit.conf"
 mkdir -p "$root/usr/lib/systemd/system"
-"$root/$home/bin/python3" -B -m fieldkit.recording.service_unit >"$root/usr/lib/systemd/system/fieldkit.service"
+"$root/$home/bin/python3" -B -m fieldkit.recording.service >"$root/usr/lib/systemd/system/fieldkit.service"
 
 # Names, sizes and checksums.
 version=$("$root/$home/bin/python3" -B -c 'import fieldkit; print(fieldkit.__version__)')

@@ -116,7 +116,7 @@ def test_without_a_recording_the_refusal_loads_no_heavy_library(tmp_path, words)
         ("wind",),
         ("noon", "--at", "12:00"),
         ("shade-test", "b15"),
-        ("cloud", "-k", "cloud", "--from=-9s", "--to=-1s"),
+        ("cloud", "-k", "cloud", "--from=-9s", "--until=-1s"),
     ],
 )
 def test_marks_of_every_form_load_no_heavy_library(recording, words):

@@ -108,4 +108,4 @@ def test_a_setting_that_is_wrong_in_another_way_does_not_show_its_secret(file):
         with pytest.raises(ConfigMistakesError) as caught:
             load_config(file, settings=[setting, "surface.albedo=9"], environment={})
         assert SECRET not in str(caught.value)
-        assert '"surface.albedo": 9' in str(caught.value)
+        assert "surface.albedo" in str(caught.value)
