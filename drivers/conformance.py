@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from fieldkit.drivers.decoding import Decodes
-from fieldkit.drivers.opening import opened_by
+from fieldkit.drivers.opening import open_with
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import Device, DeviceSettings, DiscoveredDevice, Driver, StreamInfo
 from fieldkit.model.errors import ConfigError, DeviceError, DeviceLostError, DeviceNotFoundError
@@ -87,7 +87,7 @@ def _need(fact: bool, message: str) -> None:
 
 
 def _metadata(driver: Driver) -> list[tuple[str, Callable[[], str]]]:
-    def named() -> str:
+    def describes() -> str:
         for attribute in ("name", "title", "quantity"):
             text = getattr(driver, attribute, None)
             _need(isinstance(text, str) and bool(text), f"{attribute} is {text!r}, not a text")
@@ -103,7 +103,7 @@ def _metadata(driver: Driver) -> list[tuple[str, Callable[[], str]]]:
         _need(not strange, f"find() returns devices of {strange}")
         return f"{len(devices)} connected"
 
-    return [("it describes itself", named), ("it finds instruments", finds)]
+    return [("it describes itself", describes), ("it finds instruments", finds)]
 
 
 def _bytes(driver: Driver) -> str:
@@ -130,7 +130,7 @@ def _bytes(driver: Driver) -> str:
 
 def _missing(driver: Driver, clock: Clock) -> str:
     try:
-        device = opened_by(driver, DeviceSettings("selftest", driver.name, identity=ABSENT_IDENTITY), clock)
+        device = open_with(driver, DeviceSettings("selftest", driver.name, identity=ABSENT_IDENTITY), clock)
     except DeviceNotFoundError as error:
         _need(bool(error.fix), f"no fix is named: {error.message}")
         return error.message
@@ -144,7 +144,7 @@ def _device(driver: Driver, clock: Clock, settings: DeviceSettings, cable: Cable
     devices: list[Device] = []
 
     def opens() -> str:
-        device = opened_by(driver, settings, clock)
+        device = open_with(driver, settings, clock)
         devices.append(device)
         _need(isinstance(device, Device), "open() does not return a Device")
         return _check_declaration(device.info, settings)
@@ -215,7 +215,7 @@ def _closes(device: Device) -> str:
 
 
 def _again(driver: Driver, clock: Clock, settings: DeviceSettings, before: StreamInfo) -> str:
-    device = opened_by(driver, settings, clock)
+    device = open_with(driver, settings, clock)
     try:
         for name in ("identity", "serial_number", "shape", "unit"):
             old, new = getattr(before, name), getattr(device.info, name)
@@ -227,7 +227,7 @@ def _again(driver: Driver, clock: Clock, settings: DeviceSettings, before: Strea
 
 
 def _lost(driver: Driver, clock: Clock, settings: DeviceSettings, cable: Cable) -> str:
-    device = opened_by(driver, settings, clock)
+    device = open_with(driver, settings, clock)
     cable.unplug()
     deadline_ns = clock.mono_ns() + int(HAND_S * 1e9)
     try:

@@ -12,7 +12,7 @@ from fieldkit.model.device import Device, DeviceSettings, Driver
 _opened: ContextVar[ExitStack | None] = ContextVar("opened", default=None)
 
 
-def opened_by(driver: Driver, settings: DeviceSettings, clock: Clock) -> Device:
+def open_with(driver: Driver, settings: DeviceSettings, clock: Clock) -> Device:
     """The instrument as `driver` opens it; raises as `Driver.open`, and then nothing is left open."""
     with ExitStack() as stack:
         token = _opened.set(stack)

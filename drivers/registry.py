@@ -16,7 +16,7 @@ from types import MappingProxyType
 from typing import Any, cast
 
 from fieldkit.drivers.decoding import Decoded, Decodes
-from fieldkit.drivers.opening import opened_by
+from fieldkit.drivers.opening import open_with
 from fieldkit.drivers.options import decoding_settings, reject_unknown
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import Device, DeviceSettings, Driver
@@ -82,7 +82,7 @@ def open_device(settings: DeviceSettings, clock: Clock) -> Device:
     """Open the instrument that `settings` names; raises `ConfigError` or `DeviceError`."""
     driver = get(settings.driver)
     _reject_unknown(settings, driver)
-    device = opened_by(driver, settings, clock)
+    device = open_with(driver, settings, clock)
     if settings.limits:
         device.info = replace(device.info, limits=settings.limits)
     return device

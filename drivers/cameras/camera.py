@@ -322,7 +322,7 @@ def _number(frame: DecodedFrame, buffer: Buffer) -> int:
 
 def describe(
     settings: DeviceSettings,
-    opened: OpenedSource,
+    handle: OpenedSource,
     first: DecodedFrame,
     facts: Mapping[str, Any],
     *,
@@ -334,7 +334,7 @@ def describe(
     `facts` are what the camera reports of itself: `model`, `serial_number` and `firmware` have places of
     their own, the others are kept as settings. A frame's law other than ``linear`` gives temperatures.
     """
-    facts = {"backend": opened.source.backend, **facts}
+    facts = {"backend": handle.source.backend, **facts}
     has_kelvin = first.law != "linear" or not math.isnan(first.scale)
     return StreamInfo(
         name=settings.name,
@@ -348,11 +348,11 @@ def describe(
         rate_hz=rate_hz,
         driver=settings.driver,
         vendor=vendor,
-        model=str(facts.pop("model", "")) or opened.usb.title,
-        serial_number=str(facts.pop("serial_number", "")) or opened.usb.serial,
+        model=str(facts.pop("model", "")) or handle.usb.title,
+        serial_number=str(facts.pop("serial_number", "")) or handle.usb.serial,
         firmware=str(facts.pop("firmware", "")),
-        port=opened.source.port,
-        identity=opened.identity,
+        port=handle.source.port,
+        identity=handle.identity,
         latency_s=options.number(settings, "latency_s", 0.0, options.POSITIVE),
         accuracy=options.number(settings, "accuracy", math.nan, options.POSITIVE),
         settings=facts,

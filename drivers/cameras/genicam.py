@@ -152,7 +152,7 @@ class Genicam(CameraDriver):
                 "genicam needs the camera's address", place=settings.name, fix='port = "192.168.1.20"'
             )
         source = GenicamSource(settings.port, clock)
-        opened = OpenedSource(source, settings.identity)
+        handle = OpenedSource(source, settings.identity)
         facts = _set_up(source.camera, settings)
         source.start()
         (width, height), scale = facts.pop("size"), facts.pop("kelvin_per_count")
@@ -160,7 +160,7 @@ class Genicam(CameraDriver):
         read = partial(decode, width=width, height=height, scale=scale, offset=offset)
         first = camera.first_frame(source, read, settings.name, clock)
         rate_hz = facts.pop("rate_hz")
-        info = camera.describe(settings, opened, first, facts, vendor=facts.pop("vendor"), rate_hz=rate_hz)
+        info = camera.describe(settings, handle, first, facts, vendor=facts.pop("vendor"), rate_hz=rate_hz)
         return camera.ThermalCamera(info, source, read, clock)
 
 

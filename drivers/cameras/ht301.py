@@ -94,19 +94,19 @@ class Ht301(CameraDriver):
     def open(self, settings: DeviceSettings, clock: Clock) -> camera.ThermalCamera:
         """Open the camera and switch it to temperatures."""
         chosen = options.text(settings, "range", "normal", tuple(RANGES))
-        opened = open_source(settings, WANTED, clock)
-        command = _zoom_of(opened.source)
+        handle = open_source(settings, WANTED, clock)
+        command = _zoom_of(handle.source)
         clock.sleep(SETTLES_S)
         command(RANGES[chosen])
         command(TEMPERATURES)
         read = partial(decode, law="ht301" if chosen == "normal" else "ht301-high")
-        first = camera.first_frame(opened.source, read, settings.name, clock)
+        first = camera.first_frame(handle.source, read, settings.name, clock)
         facts = {"range": chosen, **user_block(first.metadata_rows)}
-        facts["model"] = opened.usb.title or "HT-301 family"
+        facts["model"] = handle.usb.title or "HT-301 family"
         # the law of the high range is not known
         declared = first if chosen == "normal" else first._replace(law="linear")
-        info = camera.describe(settings, opened, declared, facts, vendor="Infiray / Xtherm", rate_hz=RATE_HZ)
-        return camera.ThermalCamera(info, opened.source, read, clock, partial(command, CALIBRATE))
+        info = camera.describe(settings, handle, declared, facts, vendor="Infiray / Xtherm", rate_hz=RATE_HZ)
+        return camera.ThermalCamera(info, handle.source, read, clock, partial(command, CALIBRATE))
 
 
 def _zoom_of(source: FrameSource) -> Callable[[int], None]:

@@ -143,12 +143,12 @@ class Htpa(CameraDriver):
     def open(self, settings: DeviceSettings, clock: Clock) -> camera.ThermalCamera:
         """Bind the board to this computer and let it send temperatures."""
         source = UdpSource(address_of(settings, PORT), clock)
-        opened = OpenedSource(source, settings.identity)
+        handle = OpenedSource(source, settings.identity)
         facts = _facts(settings.name, source.ask(CALL, b"HTPA series responsed"))
         source.ask(BIND, b"HW Filter is")
         source.send(TEMPERATURES)
         first = camera.first_frame(source, decode, settings.name, clock)
-        info = camera.describe(settings, opened, first, facts, vendor="Heimann Sensor")
+        info = camera.describe(settings, handle, first, facts, vendor="Heimann Sensor")
         return camera.ThermalCamera(info, source, decode, clock)
 
 

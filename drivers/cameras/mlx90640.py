@@ -155,9 +155,9 @@ class Mlx90640(SerialDriver):
         facts = {"model": "MLX9064x", **_emissivity(port, clock)}
         source = PortSource(port, LAYOUT, clock)
         first = camera.first_frame(source, decode, settings.name, clock)
-        opened = OpenedSource(source, settings.identity or port.identity)
+        handle = OpenedSource(source, settings.identity or port.identity)
         rate_hz = options.number(settings, "rate_hz", 0.0)
-        info = camera.describe(settings, opened, first, facts, vendor="Melexis", rate_hz=rate_hz)
+        info = camera.describe(settings, handle, first, facts, vendor="Melexis", rate_hz=rate_hz)
         return camera.ThermalCamera(info, source, decode, clock)
 
 

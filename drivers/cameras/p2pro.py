@@ -267,10 +267,10 @@ class P2Pro(CameraDriver):
     def open(self, settings: DeviceSettings, clock: Clock) -> camera.ThermalCamera:
         """Open the camera, apply the requested settings, record what its commands report."""
         requested = requested_settings(settings)
-        opened = open_source(settings, WANTED, clock)
-        first = camera.first_frame(opened.source, decode, settings.name, clock)
-        commands, facts = connect(opened.usb, clock, requested)
-        info = camera.describe(settings, opened, first, facts, vendor="InfiRay", rate_hz=RATE_HZ)
+        handle = open_source(settings, WANTED, clock)
+        first = camera.first_frame(handle.source, decode, settings.name, clock)
+        commands, facts = connect(handle.usb, clock, requested)
+        info = camera.describe(settings, handle, first, facts, vendor="InfiRay", rate_hz=RATE_HZ)
         return camera.ThermalCamera(
-            info, opened.source, decode, clock, commands.calibrate if commands else None
+            info, handle.source, decode, clock, commands.calibrate if commands else None
         )

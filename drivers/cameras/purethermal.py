@@ -110,14 +110,14 @@ class PureThermal(CameraDriver):
     def open(self, settings: DeviceSettings, clock: Clock) -> camera.ThermalCamera:
         """Open the board, choose the frame with telemetry, declare what the first one reports."""
         default_scale = kelvin_per_count(settings)
-        opened = open_source(settings, WANTED, clock)
-        source = opened.source
+        handle = open_source(settings, WANTED, clock)
+        source = handle.source
         if math.isnan(default_scale):
             default_scale = ask_scale(source)
         read = partial(decode, default_scale=default_scale)
         first = camera.first_frame(source, read, settings.name, clock)
-        facts = {"firmware": opened.usb.title, **_facts(source, first)}
-        info = camera.describe(settings, opened, first, facts, vendor="GroupGets / FLIR", rate_hz=RATE_HZ)
+        facts = {"firmware": handle.usb.title, **_facts(source, first)}
+        info = camera.describe(settings, handle, first, facts, vendor="GroupGets / FLIR", rate_hz=RATE_HZ)
         if "gain" in facts:  # with telemetry
             info = replace(info, device_time_unit="ms")
         return camera.ThermalCamera(info, source, read, clock, partial(run_shutter, source))

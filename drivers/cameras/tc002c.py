@@ -58,8 +58,8 @@ class Tc002c(CameraDriver):
 
     def open(self, settings: DeviceSettings, clock: Clock) -> camera.ThermalCamera:
         """Open the camera; none of its commands are known."""
-        opened = open_source(settings, WANTED, clock)
-        first = camera.first_frame(opened.source, decode, settings.name, clock)
+        handle = open_source(settings, WANTED, clock)
+        first = camera.first_frame(handle.source, decode, settings.name, clock)
         facts = {"commands": "not documented"}
-        info = camera.describe(settings, opened, first, facts, vendor="Topdon", rate_hz=RATE_HZ)
-        return camera.ThermalCamera(info, opened.source, decode, clock)
+        info = camera.describe(settings, handle, first, facts, vendor="Topdon", rate_hz=RATE_HZ)
+        return camera.ThermalCamera(info, handle.source, decode, clock)

@@ -105,10 +105,10 @@ class TCam(CameraDriver, RecordDriver):
     def open(self, settings: DeviceSettings, clock: Clock) -> camera.ThermalCamera:
         """Connect, switch AGC off, and let the camera stream as fast as it can."""
         source, facts, run_shutter = _simulated_camera(settings.source) or _connect(settings, clock)
-        opened = OpenedSource(source, settings.identity)
+        handle = OpenedSource(source, settings.identity)
         first = camera.first_frame(source, decode, settings.name, clock)
         info = camera.describe(
-            settings, opened, first, facts, vendor="danjulio / FLIR", rate_hz=purethermal.RATE_HZ
+            settings, handle, first, facts, vendor="danjulio / FLIR", rate_hz=purethermal.RATE_HZ
         )
         info = replace(info, device_time_unit="ms")
         return camera.ThermalCamera(info, source, decode, clock, run_shutter)

@@ -244,17 +244,17 @@ class ThermalMaster(CameraDriver):
         model = options.text(settings, "model", "auto", MODELS)
         if settings.source is None and (model == "bulk" or (model == "auto" and not _has_video(settings))):
             source = BulkSource(settings, clock)
-            opened = OpenedSource(source, settings.identity or source.usb.as_text(), source.usb)
-            return self._start(settings, clock, opened, source)
+            handle = OpenedSource(source, settings.identity or source.usb.as_text(), source.usb)
+            return self._start(settings, clock, handle, source)
         return self._start(settings, clock, open_source(settings, WANTED, clock), None)
 
     def _start(
-        self, settings: DeviceSettings, clock: Clock, opened: OpenedSource, bulk: BulkSource | None
+        self, settings: DeviceSettings, clock: Clock, handle: OpenedSource, bulk: BulkSource | None
     ) -> camera.ThermalCamera:
-        first = camera.first_frame(opened.source, decode, settings.name, clock)
+        first = camera.first_frame(handle.source, decode, settings.name, clock)
         facts = _facts(bulk)
-        info = camera.describe(settings, opened, first, facts, vendor="Thermal Master", rate_hz=p2pro.RATE_HZ)
-        return camera.ThermalCamera(info, opened.source, decode, clock, bulk.run_shutter if bulk else None)
+        info = camera.describe(settings, handle, first, facts, vendor="Thermal Master", rate_hz=p2pro.RATE_HZ)
+        return camera.ThermalCamera(info, handle.source, decode, clock, bulk.run_shutter if bulk else None)
 
 
 def _has_video(settings: DeviceSettings) -> bool:

@@ -106,11 +106,11 @@ class Y16(CameraDriver):
                 fix='identity = "vendor:product"',
             )
         sizes = _sizes(settings)
-        opened = open_source(settings, CameraFormat((), "Y16 ", sizes), clock)
-        width, height = getattr(opened.source, "size", sizes[0])
+        handle = open_source(settings, CameraFormat((), "Y16 ", sizes), clock)
+        width, height = getattr(handle.source, "size", sizes[0])
         read = decoder(settings, width, height)
-        first = camera.first_frame(opened.source, read, settings.name, clock)
+        first = camera.first_frame(handle.source, read, settings.name, clock)
         facts = {"scale_from": "unknown" if math.isnan(first.scale) else "configuration"}
         rate_hz = options.number(settings, "rate_hz", 0.0, options.POSITIVE)
-        info = camera.describe(settings, opened, first, facts, rate_hz=rate_hz)
-        return camera.ThermalCamera(info, opened.source, read, clock)
+        info = camera.describe(settings, handle, first, facts, rate_hz=rate_hz)
+        return camera.ThermalCamera(info, handle.source, read, clock)

@@ -6,7 +6,7 @@ import pytest
 from fieldkit.drivers.cameras import boson
 from fieldkit.drivers.cameras.boson import Boson, BosonSerial, decode, pack, parse, unpack
 from fieldkit.drivers.decoding import Rejected
-from fieldkit.drivers.opening import opened_by
+from fieldkit.drivers.opening import open_with
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import ConfigError, DeviceError, DeviceTimeoutError
@@ -18,7 +18,7 @@ def frame(count=29515, rows=512, seed=0):
 
 
 def opened(source, **options):
-    return opened_by(Boson(), DeviceSettings("ir", "boson", source=source, options=options), HostClock())
+    return open_with(Boson(), DeviceSettings("ir", "boson", source=source, options=options), HostClock())
 
 
 def test_frame_is_escaped_and_taken_apart_again():

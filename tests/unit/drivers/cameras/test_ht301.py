@@ -5,7 +5,7 @@ import pytest
 
 from fieldkit.drivers.cameras.ht301 import Ht301, decode
 from fieldkit.drivers.decoding import Rejected
-from fieldkit.drivers.opening import opened_by
+from fieldkit.drivers.opening import open_with
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DecodeError, DeviceError
@@ -33,7 +33,7 @@ def flat(count, width=384, height=288):
 
 
 def opened(source, **options):
-    return opened_by(Ht301(), DeviceSettings("ir", "ht301", source=source, options=options), HostClock())
+    return open_with(Ht301(), DeviceSettings("ir", "ht301", source=source, options=options), HostClock())
 
 
 def kelvin(frame):

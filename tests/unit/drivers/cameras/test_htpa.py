@@ -9,7 +9,7 @@ import pytest
 from fieldkit.drivers.cameras.htpa import AMBIENT, FIRST, Htpa, decode
 from fieldkit.drivers.conformance import check_driver
 from fieldkit.drivers.decoding import Rejected
-from fieldkit.drivers.opening import opened_by
+from fieldkit.drivers.opening import open_with
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
@@ -75,7 +75,7 @@ class Board:
 
 
 def opened(board):
-    return opened_by(Htpa(), DeviceSettings("ir", "htpa", port=board.port), HostClock())
+    return open_with(Htpa(), DeviceSettings("ir", "htpa", port=board.port), HostClock())
 
 
 def test_a_board_is_bound_read_and_released_and_a_lost_packet_is_counted():
@@ -123,5 +123,5 @@ def test_a_board_that_is_off_is_named_with_its_address():
         unused.bind(("127.0.0.1", 0))
         port = f"127.0.0.1:{unused.getsockname()[1]}"
     with pytest.raises((DeviceNotFoundError, DeviceLostError), match=port) as caught:
-        opened_by(Htpa(), DeviceSettings("ir", "htpa", port=port), HostClock())
+        open_with(Htpa(), DeviceSettings("ir", "htpa", port=port), HostClock())
     assert "switch the board on" in caught.value.fix

@@ -7,7 +7,7 @@ from fieldkit.drivers.cameras import p2pro
 from fieldkit.drivers.cameras.p2pro import LENGTH, Commands, P2Pro, decode
 from fieldkit.drivers.decoding import Rejected
 from fieldkit.drivers.identity import UsbIdentity
-from fieldkit.drivers.opening import opened_by
+from fieldkit.drivers.opening import open_with
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import Buffer, DeviceSettings
 from fieldkit.model.errors import ConfigError, DeviceAccessError, DeviceError
@@ -23,7 +23,7 @@ def frame(counts=None, seed=0):
 
 
 def opened(source, **options):
-    return opened_by(P2Pro(), DeviceSettings("ir", "p2pro", source=source, options=options), HostClock())
+    return open_with(P2Pro(), DeviceSettings("ir", "p2pro", source=source, options=options), HostClock())
 
 
 def test_lower_half_is_kelvin_times_64():

@@ -8,7 +8,7 @@ import pytest
 
 from fieldkit.drivers.cameras.purethermal import PureThermal, decode
 from fieldkit.drivers.decoding import Rejected
-from fieldkit.drivers.opening import opened_by
+from fieldkit.drivers.opening import open_with
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import Buffer, Camera, DeviceSettings
 from fieldkit.model.errors import DecodeError, DeviceTimeoutError
@@ -30,7 +30,7 @@ def frame(counts=None, **words):
 
 def opened(source, **options):
     settings = DeviceSettings("ir", "purethermal", source=source, options=options)
-    return opened_by(PureThermal(), settings, HostClock())
+    return open_with(PureThermal(), settings, HostClock())
 
 
 def test_telemetry_documents_every_frame():
