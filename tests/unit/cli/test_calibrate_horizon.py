@@ -116,7 +116,7 @@ def test_a_higher_bed_is_the_horizon_of_the_lower_one(tmp_path):
     file.write_text(CAMPAIGN)
     done = fieldkit("calibrate", "horizon", "-C", tmp_path, "--regions")
     assert done.exit_code == 0, done.output
-    assert "26.6°" in done.output
+    assert "26.6° at azimuth 270°" in done.output
     assert "# the lower bed" in file.read_text()
     known = load_config(file).estimator_settings()
     assert set(known.horizons) == {"low"}

@@ -328,7 +328,7 @@ def test_a_region_that_a_recording_could_not_use_is_not_written_either(campaign,
     before = (campaign / "fieldkit.toml").read_bytes()
     result = CliRunner().invoke(main, ["roi", "add", "-C", str(campaign), "b", "--rect", "10,10,30,30"])
     assert result.exit_code == 3
-    assert "400" in result.stderr
+    assert "400 px" in result.stderr
     assert (campaign / "fieldkit.toml").read_bytes() == before
     assert len(requests_in(recording)) == 1
 

@@ -108,7 +108,7 @@ def test_from_a_recording_without_regions_to_slopes_as_the_tutorial_says(undrawn
 def test_the_picture_to_find_pixels_in_says_that_it_is_enlarged(undrawn, tmp_path):
     found = fieldkit("live", "-C", undrawn, "--png", tmp_path / "p.png", "--set", "simulation.speed=max")
     assert found.exit_code == 0, found.output
-    assert "160" in found.stderr
+    assert "160 x 120" in found.stderr
 
 
 def test_the_simulated_field_shows_its_beds_before_and_while_they_are_drawn(undrawn):

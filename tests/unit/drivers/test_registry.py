@@ -40,7 +40,7 @@ def test_driver_of_another_package_is_found_by_its_entry_point(site_packages):
 def test_name_of_two_packages_is_refused_and_both_are_named(site_packages):
     install(site_packages, "first-meter", "same")
     install(site_packages, "second-meter", "same")
-    with pytest.raises(ConfigError, match="'same'"):
+    with pytest.raises(ConfigError, match=r"'same'.* first-meter.* second-meter"):
         registry.get("same")
 
 
