@@ -15,7 +15,7 @@ from typing import Any, Protocol
 
 from fieldkit.drivers.decoding import Decodes
 from fieldkit.drivers.opening import open_with
-from fieldkit.model.clock import Clock
+from fieldkit.model.clock import Clock, time_left
 from fieldkit.model.device import Device, DeviceSettings, DiscoveredDevice, Driver, StreamInfo
 from fieldkit.model.errors import ConfigError, DeviceError, DeviceLostError, DeviceNotFoundError
 from fieldkit.model.quantities import COMPONENTS, POWER
@@ -229,9 +229,8 @@ def _again(driver: Driver, clock: Clock, settings: DeviceSettings, before: Strea
 def _lost(driver: Driver, clock: Clock, settings: DeviceSettings, cable: Cable) -> str:
     device = open_with(driver, settings, clock)
     cable.unplug()
-    deadline_ns = clock.mono_ns() + int(HAND_S * 1e9)
     try:
-        while clock.mono_ns() < deadline_ns:
+        for _ in time_left(clock, HAND_S):
             device.read(DEADLINE_S)
     except DeviceLostError as error:
         _need(bool(error.fix), f"no fix is named: {error.message}")

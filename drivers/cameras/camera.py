@@ -15,7 +15,7 @@ from fieldkit.drivers import options
 from fieldkit.drivers.cameras.source import OpenedSource
 from fieldkit.drivers.decoding import Decoded, Rejected, Value
 from fieldkit.model.arrays import AnyArray, CountArray
-from fieldkit.model.clock import Clock
+from fieldkit.model.clock import Clock, time_left
 from fieldkit.model.device import Buffer, DeviceSettings, FrameSource, StreamInfo
 from fieldkit.model.errors import DecodeError, DeviceError, DeviceTimeoutError
 from fieldkit.model.next_step import Action
@@ -365,10 +365,9 @@ def first_frame(source: FrameSource, decode: Decode, name: str, clock: Clock) ->
     Some cameras begin with frames of another kind, so a wrong one is an error only after a while. Raises
     `DeviceTimeoutError` if none comes, `DecodeError` if what comes is none.
     """
-    deadline_ns = clock.mono_ns() + int(FIRST_FRAME_S * 1e9)
     wrong, raw = "", b""
-    while (remaining_ns := deadline_ns - clock.mono_ns()) > 0:
-        buffer = source.read(remaining_ns / 1e9)
+    for left_s in time_left(clock, FIRST_FRAME_S):
+        buffer = source.read(left_s)
         if buffer is None:
             break
         frame = decode(buffer.data)

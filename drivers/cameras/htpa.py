@@ -24,7 +24,7 @@ from fieldkit.drivers.cameras.source import CameraDriver, OpenedSource
 from fieldkit.drivers.cameras.streaming import StreamSource
 from fieldkit.drivers.connections import address_of
 from fieldkit.drivers.decoding import Decoded, Rejected
-from fieldkit.model.clock import Clock
+from fieldkit.model.clock import Clock, time_left
 from fieldkit.model.device import Buffer, DeviceSettings
 from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
 
@@ -75,9 +75,8 @@ class UdpSource(StreamSource):
     def ask(self, request: bytes, reply: bytes) -> str:
         """The text that begins with `reply`; raises `DeviceNotFoundError` if none comes in `REPLY_S`."""
         self.send(request)
-        deadline_ns = self._clock.mono_ns() + int(REPLY_S * 1e9)
-        while (left_ns := deadline_ns - self._clock.mono_ns()) > 0:
-            datagram = self._datagram(left_ns / 1e9)
+        for left_s in time_left(self._clock, REPLY_S):
+            datagram = self._datagram(left_s)
             if datagram.startswith(b"Device already bound"):
                 raise DeviceAccessError(
                     f"the camera at {self.port} is bound to another computer",
@@ -102,9 +101,8 @@ class UdpSource(StreamSource):
 
     def _receive(self, timeout_s: float) -> Buffer | None:
         """A frame of two datagrams; of one without the other `decode` finds the length wrong."""
-        deadline_ns = self._clock.mono_ns() + int(timeout_s * 1e9)
-        while (left_ns := deadline_ns - self._clock.mono_ns()) > 0:
-            datagram = self._datagram(left_ns / 1e9)
+        for left_s in time_left(self._clock, timeout_s):
+            datagram = self._datagram(left_s)
             first, self._first = self._first, datagram if len(datagram) == FIRST else b""
             if len(datagram) == SECOND or (first and datagram):
                 return Buffer(first + datagram, self._clock.mono_ns())

@@ -25,7 +25,7 @@ from fieldkit.drivers.cameras.source import OpenedSource
 from fieldkit.drivers.cameras.streaming import PortSource
 from fieldkit.drivers.decoding import Layout, Parsed, Record, Rejected, skip_to
 from fieldkit.drivers.ports import Line, SerialDriver, SerialPort, baud, open_port
-from fieldkit.model.clock import Clock
+from fieldkit.model.clock import Clock, time_left
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.units import CELSIUS_ZERO_K
 
@@ -177,9 +177,8 @@ def _commands_for(settings: DeviceSettings) -> list[bytes]:
 def _emissivity(port: SerialPort, clock: Clock) -> dict[str, float]:
     """The emissivity that the module has applied; nothing for boards that print text."""
     port.write(command(ASK_EMISSIVITY))
-    deadline_ns = clock.mono_ns() + int(REPLY_S * 1e9)
-    while (left_ns := deadline_ns - clock.mono_ns()) > 0:
-        reply = port.read(LAYOUT, left_ns / 1e9)
+    for left_s in time_left(clock, REPLY_S):
+        reply = port.read(LAYOUT, left_s)
         if reply and reply.record.note.startswith("emissivity "):
             return {"emissivity": float(reply.record.note.split()[1])}
     return {}

@@ -7,7 +7,7 @@ from contextlib import suppress
 
 from fieldkit.drivers.decoding import Layout
 from fieldkit.drivers.ports import Port, Stamped
-from fieldkit.model.clock import Clock
+from fieldkit.model.clock import Clock, time_left
 from fieldkit.model.device import Buffer
 from fieldkit.model.errors import DeviceError, DeviceLostError
 
@@ -82,9 +82,8 @@ class PortSource(StreamSource):
 
     def _frame(self, timeout_s: float) -> Stamped | None:
         """The next record that is not a note."""
-        deadline_ns = self._clock.mono_ns() + int(timeout_s * 1e9)
-        while (left_ns := deadline_ns - self._clock.mono_ns()) > 0:
-            record = self._port.read(self._layout, left_ns / 1e9)
+        for left_s in time_left(self._clock, timeout_s):
+            record = self._port.read(self._layout, left_s)
             if record is None or record.record.numbers:
                 return record
         return None

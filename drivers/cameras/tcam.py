@@ -24,7 +24,7 @@ from fieldkit.drivers.cameras.streaming import PortSource
 from fieldkit.drivers.connections import SocketPort, address_of
 from fieldkit.drivers.decoding import Layout, Parsed, Record, RecordDriver, Rejected, skip_to
 from fieldkit.drivers.ports import Port
-from fieldkit.model.clock import Clock
+from fieldkit.model.clock import Clock, time_left
 from fieldkit.model.device import DeviceSettings, FrameSource
 
 PORT = 5001
@@ -146,9 +146,8 @@ def _facts(port: Port, clock: Clock) -> dict[str, Any]:
 def _ask(port: Port, what: str, clock: Clock) -> dict[str, Any]:
     """The reply to ``get_<what>``, empty if none comes; replies to other commands are passed over."""
     port.write(packet({"cmd": f"get_{what}"}))
-    deadline_ns = clock.mono_ns() + int(REPLY_S * 1e9)
-    while (left_ns := deadline_ns - clock.mono_ns()) > 0:
-        packet_read = port.read(LAYOUT, left_ns / 1e9)
+    for left_s in time_left(clock, REPLY_S):
+        packet_read = port.read(LAYOUT, left_s)
         reply = content_of(packet_read.raw).get(what) if packet_read else None
         if isinstance(reply, dict):
             return reply

@@ -31,7 +31,7 @@ from fieldkit.drivers.cameras.source import (
 from fieldkit.drivers.decoding import Decoded, Rejected, text_of
 from fieldkit.drivers.identity import candidates
 from fieldkit.drivers.usb import pick_usb, read_until, usb_errors, usb_nodes
-from fieldkit.model.clock import Clock
+from fieldkit.model.clock import Clock, time_left
 from fieldkit.model.device import Buffer, DeviceSettings, DiscoveredDevice
 from fieldkit.model.errors import DeviceError
 from fieldkit.model.samples import NO_COUNTER
@@ -135,9 +135,8 @@ class BulkSource:
 
     def read(self, timeout_s: float) -> Buffer | None:
         """The next frame with its markers, stamped when it was complete."""
-        deadline_ns = self._clock.mono_ns() + int(timeout_s * 1e9)
-        while (remaining_ns := deadline_ns - self._clock.mono_ns()) > 0:
-            chunk = self._chunk(remaining_ns // 1_000_000)
+        for left_s in time_left(self._clock, timeout_s):
+            chunk = self._chunk(int(left_s * 1000.0))
             frame = self._assembler.feed(chunk) if chunk else None
             if frame is not None:
                 return Buffer(frame, self._clock.mono_ns(), self._assembler.sequence)

@@ -36,7 +36,7 @@ from fieldkit.drivers.meters.board_sensors import SENSORS, Sensor
 from fieldkit.drivers.options import decoding_settings
 from fieldkit.drivers.ports import Line, Port, SerialDriver, baud, open_port
 from fieldkit.model.channels import components_named
-from fieldkit.model.clock import Clock
+from fieldkit.model.clock import Clock, time_left
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DecodeError
 from fieldkit.model.quantities import POWER, Quantity, meaning_of, suffix_unit, unknown_meaning
@@ -392,8 +392,7 @@ def _first_values(
     """
     within_s, configured_columns, before = max(PREAMBLE_S, 3.0 * settings.every_s), grammar.columns, Record(0)
     is_whole = settings.every_s > meter.SLOW_S
-    end_ns = clock.mono_ns() + int(within_s * 1e9)
-    while clock.mono_ns() < end_ns:
+    for _ in time_left(clock, within_s):
         first = _next(port, grammar, settings)
         is_whole = is_whole or port.framer.rejected > 0
         has_value = is_whole and any(Quality.NO_VALUE not in channel.quality for channel in first.channels)

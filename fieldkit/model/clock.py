@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import select
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
@@ -82,6 +82,13 @@ class Clock(Protocol):
 
         `settled(timeout_s)` waits until it is, at most that long, and returns whether it is.
         """
+
+
+def time_left(clock: Clock, timeout_s: float) -> Iterator[float]:
+    """The seconds left of a time-out, again and again until none are."""
+    deadline_ns = clock.mono_ns() + int(timeout_s * 1e9)
+    while (left_ns := deadline_ns - clock.mono_ns()) > 0:
+        yield left_ns / 1e9
 
 
 class HostClock:

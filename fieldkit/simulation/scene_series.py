@@ -135,10 +135,8 @@ class SceneModel:
             normals = terrain.normals[piece]
             absorbed = radiation.absorbed_by_w_m2(self.ground, normals, lit, view, longwave_up)
             surface = _of_one_material(self.ground, time_s, absorbed, exchange, air)
-            radiances_k = _brightness_k(
-                self.ground.emissivity, surface, normals[:, 2:], from_sky, from_ground
-            )
-            brightness[:, piece] = radiances_k.T
+            piece_k = _brightness_k(self.ground.emissivity, surface, normals[:, 2:], from_sky, from_ground)
+            brightness[:, piece] = piece_k.T
         return TerrainSeries(origin_ns, time_s, brightness)
 
     def _radiation(self, origin_ns: int, time_s: FloatArray) -> FacetRadiation:
