@@ -214,7 +214,7 @@ def test_tables_maps_and_reports_hold_each_region_where_it_held(recorded):
 def test_regions_drawn_afterwards_hold_for_all_of_a_session(recorded, drawn):
     before = recorded.session.read_bytes()
     found = fieldkit.estimate(recorded.session, regions=drawn["first"])
-    as_drawn = {one.name for one in drawn["first"] if one.kind is RegionKind.TARGET}
+    as_drawn = {bed.name for bed in drawn["first"] if bed.kind is RegionKind.TARGET}
     assert set(found.final) == as_drawn
     assert len(found) == len(as_drawn) * len(recorded.minutes)
     same(by_minute(iter(found)), by_minute(iter(recorded.minutes[6].estimates)))
@@ -252,13 +252,13 @@ def test_a_reference_that_is_redrawn_makes_all_learn_anew(campaign, drawn):
     record(config_of(campaign, "learned"), path, operator, 480.0)
     same(by_minute(iter(fieldkit.estimate(path))), operator.estimates)
     reason = "2 of 5 minutes so far; the reference was redrawn: begun anew; only the component along the sun"
-    assert all(one.reason.startswith(reason) for one in operator.minutes[6].estimates)
+    assert all(bed.reason.startswith(reason) for bed in operator.minutes[6].estimates)
 
 
 def test_a_slope_measured_afterwards_changes_no_estimate(campaign, drawn):
-    measured = tuple(replace(one, tilt_deg=14.2) if one.name == "b15" else one for one in drawn["first"])
+    measured = tuple(replace(bed, tilt_deg=14.2) if bed.name == "b15" else bed for bed in drawn["first"])
     path = campaign / "recordings" / "measured.h5"
     operator = record(config_of(campaign), path, Operator(path, {250: [NewRegions(measured)]}), 480.0)
-    assert {one.region: one.n_bins for one in operator.minutes[6].estimates} == {"b05": 7, "b15": 7, "b25": 7}
+    assert {bed.region: bed.n_bins for bed in operator.minutes[6].estimates} == {"b05": 7, "b15": 7, "b25": 7}
     with open_session(path) as session:
         assert {region.name: region.tilt_deg for region in session.regions}["b15"] == 14.2

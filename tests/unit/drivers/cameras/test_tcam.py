@@ -97,7 +97,7 @@ def test_packets_are_found_among_replies_and_noise():
 def test_half_a_packet_does_not_take_the_next_one_with_it():
     decoded = TCam().decode(image()[:20_000] + image(), {})
     assert decoded.notes == ("frame of 160x120",)
-    assert [(one.length, one.reason) for one in decoded.rejected] == [
+    assert [(rejected.length, rejected.reason) for rejected in decoded.rejected] == [
         (20_000, "a packet begins before this one ends")
     ]
 

@@ -65,14 +65,14 @@ def test_damaged_or_cut_sentences_are_rejected(broken):
 
 def test_a_fix_without_height_has_no_height():
     sentence = b"GPGGA,021530.00,3541.36682,N,13945.30120,E,1,08,0.9,,M,,M,,"
-    heights = [one for one in parse(signed(sentence)).values if one.channel == "altitude"]
-    assert [one.quality for one in heights] == [Quality.NO_VALUE]
+    heights = [value for value in parse(signed(sentence)).values if value.channel == "altitude"]
+    assert [value.quality for value in heights] == [Quality.NO_VALUE]
 
 
 @pytest.mark.parametrize("cut", [b"*", b"*7", b"$GPRMC*00", b"$GPGGA,1*"])
 def test_the_missing_line_end_of_the_last_sentence_is_not_counted(cut):
     given = Nmea().decode(cut, {})
-    assert (sum(one.length for one in given.rejected), given.rest) == (len(cut), 0)
+    assert (sum(rejected.length for rejected in given.rejected), given.rest) == (len(cut), 0)
 
 
 def test_other_sentences_are_let_by():
@@ -83,7 +83,7 @@ def test_a_receiver_that_still_shows_its_last_place_without_a_fix_gives_no_value
     """NMEA 0183: quality 0 in GGA and status V in RMC say that the position is not valid."""
     lost = b"GPGGA,021530.00,3541.3668,N,13945.3012,E,0,00,99.99,38.4,M,39.5,M,,"
     places = [
-        one for one in parse(signed(lost)).values if one.channel in ("latitude", "longitude", "altitude")
+        item for item in parse(signed(lost)).values if item.channel in ("latitude", "longitude", "altitude")
     ]
     assert len(places) == 3
     assert all(math.isnan(one.value) and one.quality == Quality.NO_VALUE for one in places)

@@ -145,9 +145,9 @@ def test_light_that_comes_late_starts_the_chain_then():
 def test_before_any_minute_and_with_few():
     drawn = world(6)
     none = last(drawn.history.until(0), drawn.regions, drawn.settings)
-    assert {(one.state, one.reason) for one in none.slopes} == {(SlopeState.NO_DATA, "no minutes yet")}
+    assert {(slope.state, slope.reason) for slope in none.slopes} == {(SlopeState.NO_DATA, "no minutes yet")}
     few = last(drawn.history.until(4), drawn.regions, drawn.settings)
-    reasons = {(one.state, one.reason.partition(";")[0]) for one in few.slopes}
+    reasons = {(slope.state, slope.reason.partition(";")[0]) for slope in few.slopes}
     assert reasons == {(SlopeState.TOO_FEW, "4 of 5 minutes so far")}
 
 

@@ -181,4 +181,4 @@ def test_a_leap_second_is_the_second_before(tmp_path):
     times = ["2016-12-31 23:59:58", "2016-12-31 23:59:59", "2016-12-31 23:59:60", "2017-01-01 00:00:00"]
     imported = read_log(log(tmp_path, numbered(times)), "x", LogOptions(zone=UTC))
     new_year = 1_483_228_800  # 2017-01-01T00:00:00Z by date(1)
-    assert [one.time_ns // 10**9 - new_year for one in imported.samples] == [-2, -1, -1, 0]
+    assert [reading.time_ns // 10**9 - new_year for reading in imported.samples] == [-2, -1, -1, 0]

@@ -187,7 +187,7 @@ def test_hour_that_came_twice_is_refused_where_its_rows_do_not_tell_which(tmp_pa
 def test_log_of_a_clock_that_stayed_in_summer_time_is_taken_with_its_offset(tmp_path):
     path = table(tmp_path, "time,T1 [C]\n2026-10-25 02:30:00,1\n2026-10-25 03:30:00,2\n")
     imported = read_log(path, "logger", LogOptions(zone=ZoneInfo("Etc/GMT-2")))
-    times = [one.time_ns for one in imported.samples]
+    times = [reading.time_ns for reading in imported.samples]
     assert times == [END_OF_SUMMER_NS - 30 * 60 * 10**9, END_OF_SUMMER_NS + 30 * 60 * 10**9]
 
 
@@ -379,7 +379,7 @@ def test_times_with_am_and_pm_are_asked_for_by_an_example_that_fits(tmp_path):
 def test_thousands_with_a_point_behind_them_are_understood(tmp_path):
     columns = LogColumns(values=("Intensity",))
     imported = read_log(written(tmp_path, HOBO), "lux", LogOptions(time_format=HOBO_TIME, columns=columns))
-    assert [one.values[0] for one in readings(imported)][:2] == [52_356.0, 52_400.0]
+    assert [reading.values[0] for reading in readings(imported)][:2] == [52_356.0, 52_400.0]
 
 
 @pytest.mark.parametrize(
@@ -488,7 +488,7 @@ def test_one_import_takes_columns_of_every_unit(tmp_path):
         ("wind_speed",),
         ("",),
     ]
-    times = [one.time_ns for one in imported.samples]
+    times = [reading.time_ns for reading in imported.samples]
     assert times == sorted(times)
     said = [text for _, text in imported.notes]
     assert said[0] == "log.csv: 2 rows"
@@ -580,7 +580,7 @@ def test_a_component_that_no_column_can_take_is_named(tmp_path, columns):
 def test_offsets_of_times_hold_against_a_zone_that_is_given(tmp_path):
     path = table(tmp_path, "time,T [C]\n2026-06-11T21:00:00+09:00,20\n2026-06-11T12:01:00Z,21\n")
     imported = read_log(path, "x", LogOptions(zone=DENVER))
-    assert [one.time_ns - NOON_NS for one in readings(imported)] == [0, 60 * 10**9]
+    assert [reading.time_ns - NOON_NS for reading in readings(imported)] == [0, 60 * 10**9]
     assert "America/Denver" in notes(imported)
 
 
