@@ -22,8 +22,11 @@ if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
 
 
-MODULES = {"import": "import_session"}
-"""Modules of commands whose name is a word of Python; all others have the command's name."""
+PLACES = {
+    "import": ("import_session", "command"),  # a word of Python
+    **{name: ("running", name) for name in ("status", "stop", "shutter")},
+}
+"""Module and name of commands that are not ``command`` in a module of their own name."""
 
 COMMANDS: dict[str, dict[str, str]] = {
     "Start": {
@@ -96,7 +99,8 @@ class CommandTable(click.Group):
         """The command of this name, or None."""
         if cmd_name not in self.summaries:
             return None
-        command = importlib.import_module(f"{__name__}.{MODULES.get(cmd_name, cmd_name)}").command
+        module, name = PLACES.get(cmd_name, (cmd_name, "command"))
+        command = getattr(importlib.import_module(f"{__name__}.{module}"), name)
         assert isinstance(command, click.Command)
         return command
 
@@ -163,7 +167,7 @@ def _citation() -> str:
 
 
 def _version() -> str:
-    from fieldkit.results.origin import origin
+    from fieldkit.model.installation import origin
 
     return f"fieldkit {__version__} ({origin()})"
 

@@ -12,36 +12,20 @@ import click
 from fieldkit.calibration.foil import FOIL_EMISSIVITY, FOIL_EMISSIVITY_SD
 from fieldkit.cli import common
 from fieldkit.cli.session_paths import find_session
-from fieldkit.cli.types import DURATION, PATH, RECORD_NAME, argument_range
+from fieldkit.cli.types import DURATION, PATH, RECORD_NAME, argument_range, number_option
 
 if TYPE_CHECKING:
     from fieldkit.calibrate import MeasurementOptions
 
 
-def _number(
-    name: str, field: str, default: float, help: str, *, metavar: str | None = None
-) -> common.Decorator:
-    """An option for a number that has a default."""
-    within = argument_range(field)
-    return click.option(
-        name, field, type=within, default=default, show_default=True, metavar=metavar, help=help
-    )
-
-
-_kelvin = partial(_number, metavar="K")
+_kelvin = partial(number_option, metavar="K")
 """An option for a standard uncertainty."""
 
 
 # options whose values go into `MeasurementOptions`: the second name is that of its field
 @click.command(cls=common.Command)
 @click.argument("session", required=False, type=PATH)
-@click.option(
-    "--sample",
-    type=RECORD_NAME,
-    required=True,
-    metavar="NAME",
-    help="Name of the sample and of the record.",
-)
+@click.option("--sample", type=RECORD_NAME, required=True, help="Name of the sample and of the record.")
 @click.option("--region", metavar="REGION", help="Region of the sample [default: the reference].")
 @click.option("--thermometer", metavar="STREAM", help="Thermometer, if there are several.")
 @click.option(
@@ -55,13 +39,13 @@ _kelvin = partial(_number, metavar="K")
     help="Reflected temperature: a foil's region, a temperature, or free to fit it.",
 )
 @click.option("--tape", metavar="REGION", help="Tape or paint of known emissivity instead of a thermometer.")
-@_number("--tape-emissivity", "tape_emissivity", 0.95, "Emissivity of the tape.")
-@_number("--tape-sd", "tape_sd", 0.01, "Standard uncertainty of the tape's emissivity.")
-@_number(
+@number_option("--tape-emissivity", "tape_emissivity", 0.95, "Emissivity of the tape.")
+@number_option("--tape-sd", "tape_sd", 0.01, "Standard uncertainty of the tape's emissivity.")
+@number_option(
     "--foil-emissivity", "foil_emissivity", FOIL_EMISSIVITY,
     "Emissivity of the foil itself, which has the surface's temperature.",
 )  # fmt: skip
-@_number("--foil-sd", "foil_sd", FOIL_EMISSIVITY_SD, "Standard uncertainty of the foil's emissivity.")
+@number_option("--foil-sd", "foil_sd", FOIL_EMISSIVITY_SD, "Standard uncertainty of the foil's emissivity.")
 @click.option(
     "--band",
     default="8-14",
@@ -74,7 +58,7 @@ _kelvin = partial(_number, metavar="K")
     type=argument_range("camera_emissivity"),
     help="Emissivity already applied by the camera.",
 )
-@_number(
+@number_option(
     "--camera-reflected", "camera_reflected_c", 20.0, "Reflected temperature already applied by the camera.",
     metavar="°C",
 )  # fmt: skip
@@ -86,8 +70,8 @@ _kelvin = partial(_number, metavar="K")
     metavar="M",
     help="Path through the air, if above a few metres.",
 )
-@_number("--air", "air_c", 20.0, "Air temperature along the path.", metavar="°C")
-@_number("--humidity", "humidity_percent", 50.0, "Relative humidity along the path.", metavar="%")
+@number_option("--air", "air_c", 20.0, "Air temperature along the path.", metavar="°C")
+@number_option("--humidity", "humidity_percent", 50.0, "Relative humidity along the path.", metavar="%")
 @click.option(
     "--angle",
     "angle_deg",
@@ -122,13 +106,7 @@ _kelvin = partial(_number, metavar="K")
     help="With instruments: stop after this many steady temperatures, 5 K apart; with --reflected free "
     "not before they span 15 K.",
 )
-@click.option(
-    "--for",
-    "duration",
-    type=DURATION,
-    metavar="TIME",
-    help="With instruments: stop after this time: 3h, 90m.",
-)
+@click.option("--for", "duration", type=DURATION, help="With instruments: stop after this time: 3h, 90m.")
 @common.set_option
 def command(session: Path | None, sample: str, settings: tuple[str, ...], **given: Any) -> None:
     r"""Find the emissivity of a sample in the camera's band.

@@ -8,25 +8,16 @@ from pathlib import Path
 import click
 
 from fieldkit.cli import common
-from fieldkit.cli.types import FILE, MOMENT, NEW_FILE, NUMBER, argument_range, parse_frame
+from fieldkit.cli.types import FILE, MOMENT, NEW_FILE, NUMBER, number_option, parse_frame
 
 
 @click.command(cls=common.Command)
 @click.option("--dem", type=FILE, help="GeoTIFF of heights.")
 @click.option("--crs", help="Projected system of the DEM in metres, such as EPSG:32654.")
 @click.option(
-    "--place",
-    type=(NUMBER, NUMBER),
-    metavar="EAST NORTH",
-    help="Place of the regions in the DEM, in metres.",
+    "--place", type=(NUMBER, NUMBER), metavar="EAST NORTH", help="Place of the regions in the DEM, in metres."
 )
-@click.option(
-    "--nearest-m",
-    type=argument_range("nearest_m"),
-    default=0.0,
-    help="Nearer ground is omitted.",
-    show_default=True,
-)
+@number_option("--nearest-m", "nearest_m", 0.0, "Nearer ground is omitted.")
 @click.option("--skyline", type=FILE, help="CSV file of pixels on the skyline: x_px, y_px.")
 @click.option("--pose", "pose_file", type=FILE, help="Pose of the camera that saw them.")
 @click.option("--at", "moment", type=MOMENT, help="When, if the camera moves [default: now].")
@@ -54,7 +45,7 @@ def command(
     if regions:
         if dem or skyline:
             raise click.UsageError("--regions stands alone")
-        _of_regions()
+        _write_horizons_of_regions()
         return
     from fieldkit.calibrate.horizon import horizon_from_dem, horizon_from_skyline, write_horizon
 
@@ -69,26 +60,21 @@ def command(
     write_horizon(out, skyline_horizon)
     highest = max(skyline_horizon, key=lambda pair: pair[1])
     if common.options().json:
-        common.print_json({"file": str(out), "horizon": [list(pair) for pair in skyline_horizon]})
+        common.print_json({"file": str(out), "horizon": skyline_horizon})
         return
     click.echo(f"highest {highest[1]:.1f}° at azimuth {highest[0]:.0f}°")
     click.echo(f"wrote {out}")
     common.say(f'next: horizon = "{out.name}" in fieldkit.toml, under [site] or of a region')
 
 
-def _of_regions() -> None:
+def _write_horizons_of_regions() -> None:
     from fieldkit.calibrate.horizon import horizons_of_regions, set_horizons
 
     config = common.campaign()
     horizons = horizons_of_regions(config)
     files = set_horizons(config.path, horizons)
     if common.options().json:
-        common.print_json(
-            {
-                "files": [str(file) for file in files],
-                "horizons": {name: list(horizon) for name, horizon in horizons.items()},
-            }
-        )
+        common.print_json({"files": list(map(str, files)), "horizons": horizons})
         return
     for (name, horizon), path in zip(horizons.items(), files, strict=True):
         azimuth, elevation = max(horizon, key=lambda pair: pair[1])

@@ -8,7 +8,9 @@ from pathlib import Path
 import click
 
 from fieldkit.cli import common
-from fieldkit.cli.types import FILE, NEW_FILE, NUMBER, argument_range, parse_frame
+from fieldkit.cli.types import FILE, NEW_FILE, NUMBER, argument_range, number_option, parse_frame
+
+HFOV_DEG = argument_range("hfov_deg")
 
 
 @click.command(cls=common.Command)
@@ -16,13 +18,9 @@ from fieldkit.cli.types import FILE, NEW_FILE, NUMBER, argument_range, parse_fra
 @click.option("--crs", required=True, help="Projected system of the points in metres, such as EPSG:32654.")
 @click.option("--frame", required=True, metavar="COLSxROWS", help="Size of the camera's frame: 160x120.")
 @click.option(
-    "--hfov-deg", type=argument_range("hfov_deg"), metavar="DEG",
-    help="Horizontal field of view [default: found as well].",
-)  # fmt: skip
-@click.option(
-    "--mark-sd-px", type=argument_range("mark_sd_px"), default=1.0, show_default=True, metavar="PX",
-    help="Standard uncertainty of a mark.",
-)  # fmt: skip
+    "--hfov-deg", type=HFOV_DEG, metavar="DEG", help="Horizontal field of view [default: found as well]."
+)
+@number_option("--mark-sd-px", "mark_sd_px", 1.0, "Standard uncertainty of a mark.", metavar="PX")
 @click.option("--distortion", metavar="K1,K2,P1,P2,K3", help="Of the lens, as OpenCV's calibration gives it.")
 @click.option("--range-m", type=NUMBER, default=100.0, show_default=True, help="Farther ground is omitted.")
 @click.option("--ground-m", type=NUMBER, metavar="M", help="Height of level ground; or give --dem.")

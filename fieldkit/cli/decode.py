@@ -29,14 +29,7 @@ _MAX_ROWS = 200
 @click.argument("driver")
 @click.argument("data", nargs=-1, required=True, metavar="HEX...|FILE|-")
 @click.option("--map", "register_map", metavar="NAME|FILE", help="Register map, for modbus.")
-@click.option(
-    "--option",
-    "pairs",
-    type=KEY_VALUE,
-    multiple=True,
-    metavar="KEY=VALUE",
-    help="An option of the driver.",
-)
+@click.option("--option", "pairs", type=KEY_VALUE, multiple=True, help="An option of the driver.")
 def command(
     driver: str, data: tuple[str, ...], register_map: str | None, pairs: tuple[tuple[str, Any], ...]
 ) -> None:

@@ -22,11 +22,7 @@ if TYPE_CHECKING:
 @click.argument("source", type=click.Path(exists=True, path_type=Path))
 @click.option("-o", "--out", type=PATH, metavar="FILE.h5", help="[default: recordings/]")
 @click.option(
-    "--as",
-    "name",
-    type=STREAM_NAME,
-    metavar="NAME",
-    help="Name of the stream [default: camera, station or logger].",
+    "--as", "name", type=STREAM_NAME, help="Name of the stream [default: camera, station or logger]."
 )
 @click.option(
     "--site",
@@ -37,7 +33,6 @@ if TYPE_CHECKING:
 @click.option(
     "--kelvin-per-count",
     type=KELVIN_PER_COUNT,
-    metavar="K|none",
     help="Scale of TIFF, PNG or IRG counts; none if it is not known. Never guessed.",
 )
 @click.option("--kelvin-at-zero", type=NUMBER, default=0.0, help="Kelvin of count 0 [default: 0].")
@@ -49,7 +44,6 @@ if TYPE_CHECKING:
     "offset_s",
     default="0s",
     type=CLOCK_OFFSET,
-    metavar="[+-]Ns|auto",
     help="Add to the times of frames or a table, if their clock was slow; auto finds a table's from --into.",
 )
 @click.option(

@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 @click.option(
     "--window",
     type=WINDOW,
-    metavar="TIME",
     help="How far back from the last usable minute: 20m, 1h, all, or weather: as far as the regions' "
     "slopes look [default: as configured]. By the learned model no further than a day or a gap of two hours.",
 )
@@ -45,7 +44,7 @@ if TYPE_CHECKING:
     help="Direction of the drive that rdir is the slope along, from north, clockwise.",
 )  # fmt: skip
 @click.option(
-    "--pose", type=FILE, metavar="FILE",
+    "--pose", type=FILE,
     help="Pose of the camera and its ground, a TOML file: adds NAME.tif, NAME.mcap [default: camera.pose].",
 )  # fmt: skip
 @click.option(

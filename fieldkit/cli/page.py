@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from io import StringIO
 from typing import TYPE_CHECKING
 
 import click
@@ -129,8 +130,6 @@ def _end(process: subprocess.Popen[bytes]) -> None:
 
 def _show_qr_code(link: str) -> None:
     """A link for a phone, in a terminal."""
-    from fieldkit.views.qr_code import qr_lines
-
     if common.console(err=True).is_terminal:
         for line in qr_lines(link):
             common.say(line)
@@ -153,3 +152,20 @@ def _link(config: Config, address: str, port: int, role: Role) -> str:
 
     host = socket.gethostname() if address in WILDCARDS else f"[{address}]" if ":" in address else address
     return f"http://{host}:{port}/#{Keys(config.recordings).new_link(role)}"
+
+
+WHITE_ON_BLACK, PLAIN = "\x1b[38;5;231;48;5;16m", "\x1b[0m"
+"""Fixed colours of the 256-colour cube: many phones do not read a code in a light theme's inverse colours."""
+
+
+def qr_lines(text: str) -> list[str]:
+    """Lines of half blocks that show `text` as a QR code, the same on dark and light themes.
+
+    An address with a key of 128 bits takes 19 lines of 37 characters, quiet zone included. Raises
+    `ImportError` without the library of ``fieldkit-slope[page]``.
+    """
+    import segno
+
+    drawn = StringIO()
+    segno.make_qr(text).terminal(drawn, compact=True)
+    return [f"{WHITE_ON_BLACK}{line}{PLAIN}" for line in drawn.getvalue().splitlines()]

@@ -45,7 +45,6 @@ if TYPE_CHECKING:
     "--include-last",
     "include_last_s",
     type=DURATION,
-    metavar="TIME",
     help="Begin with what fieldkit live or the field page has shown last, such as 2m, as far as it has it.",
 )
 @click.option("--detach", is_flag=True, help="Record in the background, beyond the end of this terminal.")

@@ -61,11 +61,7 @@ def live_views(prepared: PreparedRecording, theme: ThemeName = "dark") -> list[V
 
 
 def terminal_views(
-    config: Config,
-    instruments: Instruments,
-    title: str,
-    duration_s: float | None,
-    theme: ThemeName,
+    config: Config, instruments: Instruments, title: str, duration_s: float | None, theme: ThemeName
 ) -> list[View]:
     """The live view on stderr, none with ``--quiet`` or ``--json``."""
     from fieldkit.recording.alarms import least_sent

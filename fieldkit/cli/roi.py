@@ -66,7 +66,7 @@ def command() -> None:
 @click.option("--points", "first", type=XY, metavar="X,Y X,Y X,Y ...", help="Corners, at least three.")
 @click.option("--rect", type=RECT, help="Rectangle: left, top, width, height.")
 @click.option(
-    "--pose", type=FILE, metavar="FILE",
+    "--pose", type=FILE,
     help="Pose of the camera: --points are east,north on the ground, in metres, drawn once.",
 )  # fmt: skip
 @click.option(

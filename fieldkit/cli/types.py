@@ -77,6 +77,16 @@ def argument_range(name: str) -> NumberRange:
     return NumberRange(low, None if high == inf else high, min_open=above, max_open=below)
 
 
+def number_option(
+    name: str, argument: str, default: float, help: str, *, metavar: str | None = None
+) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """An option for a number with a default, an argument of `fieldkit.calibrate`."""
+    within = argument_range(argument)
+    return click.option(
+        name, argument, type=within, default=default, show_default=True, metavar=metavar, help=help
+    )
+
+
 def minutes(low: int, high: int) -> click.ParamType:  # type: ignore[type-arg]
     """A type of durations in whole minutes within a range."""
 

@@ -7,14 +7,17 @@ nor what a proxy says about them.
 
 from __future__ import annotations
 
+import asyncio
 import ipaddress
 import socket
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from starlette.datastructures import Headers
 from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from fieldkit.page.keys import Keys
 
@@ -126,3 +129,26 @@ def _with_headers(send: Send) -> Send:
         await send(message)
 
     return sending
+
+
+REQUEST_WITHIN_S = 10.0
+"""A browser sends its request at once; what stays silent for longer would only hold a place."""
+
+
+class PromptProtocol(H11Protocol):
+    """HTTP/1.1 of uvicorn, which aborts connections on which no whole request arrives in time."""
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]  # as uvicorn's
+        """Accept a connection."""
+        super().connection_made(transport)
+        self.loop.call_later(REQUEST_WITHIN_S, self._abort_if_silent, None)
+
+    def _abort_if_silent(self, previous: Any) -> None:
+        """Abort if there was no request after the `previous` one, which is answered."""
+        if self.transport.is_closing() or self.transport.get_protocol() is not self:  # or a WebSocket now
+            return
+        is_answered = previous is None or previous.response_complete
+        if is_answered and self.cycle is previous:
+            self.transport.abort()
+        else:
+            self.loop.call_later(REQUEST_WITHIN_S, self._abort_if_silent, self.cycle)

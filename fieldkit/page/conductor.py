@@ -39,8 +39,7 @@ from fieldkit.recording.running import (
 )
 from fieldkit.sessions.lock import is_locked, journal_path, owner
 from fieldkit.views.feed import FeedReader, FeedStart, feed_path
-from fieldkit.views.latest import Item, Latest
-from fieldkit.views.trend import Trend
+from fieldkit.views.latest import Item, Latest, Trend
 
 log: logging.Logger = logging.getLogger(__name__)
 

@@ -20,8 +20,7 @@ from fieldkit.model.slope import SLOPE_FIELDS, SlopeEstimate
 from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.page.requests import DrawnRegion
 from fieldkit.views import formatting
-from fieldkit.views.latest import Latest
-from fieldkit.views.trend import Trend
+from fieldkit.views.latest import Latest, Trend
 
 Document = dict[str, Any]
 

@@ -28,16 +28,16 @@ from starlette.websockets import WebSocket, WebSocketDisconnect, WebSocketState
 
 from fieldkit.config import Config
 from fieldkit.model.errors import FieldkitError, StorageError
-from fieldkit.page import protocol, requests, service_reports
+from fieldkit.page import requests
 from fieldkit.page.answers import Answers, failure
-from fieldkit.page.checks import CHECKS, Check, Guarded, bearer
+from fieldkit.page.checks import CHECKS, REQUEST_WITHIN_S, Check, Guarded, PromptProtocol, bearer
 from fieldkit.page.conductor import Conductor
 from fieldkit.page.document import document
 from fieldkit.page.hub import MAX_VIEWERS, Hub
 from fieldkit.page.keys import SESSION_LASTS_S, Keys
 from fieldkit.page.pictures import still
+from fieldkit.page.service import keep_recording, report_page
 from fieldkit.page.sessions import PastSessions
-from fieldkit.page.unattended import keep_recording
 from fieldkit.page.viewer import Role, Viewer, ViewerLeftError
 from fieldkit.results.json_document import plain_json
 from fieldkit.views.service_manager import notify
@@ -113,7 +113,7 @@ class Page:
     @asynccontextmanager
     async def _running(self, _: Starlette) -> AsyncIterator[None]:
         beat = asyncio.create_task(self.hub.run())
-        reports = asyncio.create_task(service_reports.report(self.hub))
+        reports = asyncio.create_task(report_page(self.hub))
         thread = threading.Thread(target=self.conductor.run, name="conductor", daemon=True)
         thread.start()
         ending = threading.Event()
@@ -302,7 +302,7 @@ async def _short_body(request: Request) -> bytes:
     """The body of a request; empty if it is too long, late or broken off."""
     body = b""
     with suppress(ClientDisconnect, TimeoutError):
-        async with asyncio.timeout(protocol.REQUEST_WITHIN_S):
+        async with asyncio.timeout(REQUEST_WITHIN_S):
             async for part in request.stream():
                 body += part
                 if len(body) > KEY_MAX_BYTES:
@@ -336,7 +336,7 @@ def server(page: Page) -> uvicorn.Server:
     return uvicorn.Server(
         uvicorn.Config(
             page.app(),
-            http=protocol.PromptProtocol,
+            http=PromptProtocol,
             ws="websockets-sansio",
             loop="asyncio",
             lifespan="on",

@@ -43,7 +43,7 @@ from fieldkit.sessions.writer import SessionWriter
 from fieldkit.views import formatting
 from fieldkit.views.feed import Feed, feed_path
 from fieldkit.views.latest import Latest
-from fieldkit.views.notebook_line import NotebookLine, is_notebook
+from fieldkit.views.terminal_view import NotebookLine, is_notebook
 
 if TYPE_CHECKING:
     from fieldkit.recording.campaign import Campaign

@@ -28,7 +28,7 @@ from fieldkit.sessions.lock import is_locked, journal_path
 from fieldkit.sessions.reader import SessionReader, open_session
 from fieldkit.views import formatting
 from fieldkit.views.latest import RATE_OVER_S, Latest
-from fieldkit.views.status_text import status_text
+from fieldkit.views.screen import status_text
 
 LAST_EVENTS = 5
 LAST_MINUTES_NS = 150 * SECOND_NS

@@ -30,8 +30,7 @@ from fieldkit.model.samples import Event, Frame, Health, Quality, Reading
 from fieldkit.model.site import Region, RegionRecord, Site
 from fieldkit.sessions.json_forms import build
 from fieldkit.views import unix_socket
-from fieldkit.views.latest import Item, Latest
-from fieldkit.views.trend import Trend
+from fieldkit.views.latest import Item, Latest, Trend
 
 log: logging.Logger = logging.getLogger(__name__)
 

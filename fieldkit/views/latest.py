@@ -6,7 +6,9 @@ and never changed in place, so that a reader needs no lock.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, TypeAlias
 
 from fieldkit.model.alarm import Alarm, Phase, phase_of, present_after
@@ -14,7 +16,6 @@ from fieldkit.model.device import StreamInfo, find_camera
 from fieldkit.model.samples import Event, EventKind, Frame, Health, Reading, Severity, StreamHealth
 from fieldkit.model.site import Region, RegionRecord, Site
 from fieldkit.views import formatting
-from fieldkit.views.trend import Trend
 
 if TYPE_CHECKING:
     from fieldkit.estimation.estimator import Minute
@@ -23,6 +24,33 @@ Item: TypeAlias = "Frame | Reading | Event | RegionRecord | Minute | Health"
 """What a recording passes to its views."""
 EVENTS_KEPT = 50
 RATE_OVER_S = 60
+
+
+@dataclass(frozen=True)
+class Trend:
+    """One value per minute and region, NaN where there is none; `times_ns` are UTC nanoseconds.
+
+    `temperature_k` in kelvin and `tilt_deg` in degrees, by the region's name, as long as `times_ns`.
+    """
+
+    times_ns: list[int] = field(default_factory=list)
+    temperature_k: dict[str, list[float]] = field(default_factory=dict)
+    tilt_deg: dict[str, list[float]] = field(default_factory=dict)
+
+    def plus(self, minute: Minute) -> Trend:
+        """The same with a minute's values at its end; a minute that it has already changes nothing."""
+        if minute.time_ns in self.times_ns[-1:]:
+            return self
+        tilts = {estimate.region: estimate.tilt_deg for estimate in minute.estimates}
+        temperature_k = self._extend(self.temperature_k, minute.temperature_k)
+        return Trend([*self.times_ns, minute.time_ns], temperature_k, self._extend(self.tilt_deg, tilts))
+
+    def _extend(
+        self, columns: Mapping[str, list[float]], values: Mapping[str, float]
+    ) -> dict[str, list[float]]:
+        """Columns with one value more; a region that is new has none for the minutes before."""
+        names, unknown = {**columns, **values}, [math.nan] * len(self.times_ns)
+        return {name: [*columns.get(name, unknown), values.get(name, math.nan)] for name in names}
 
 
 class Latest:

@@ -1,6 +1,6 @@
-"""Views in a terminal: a screen that redraws itself, and plain lines where there is no screen.
+"""Views in a terminal, a screen or plain lines where there is none, and a line below a notebook's cell.
 
-Both receive the items of a recording through `show`, which never blocks on a terminal and never raises: a
+All receive the items of a recording through `show`, which never blocks on a terminal and never raises: a
 recording must not depend on its display.
 """
 
@@ -9,9 +9,11 @@ from __future__ import annotations
 import logging
 import math
 import queue
+import sys
 import threading
+import time
 from collections.abc import Sequence
-from typing import IO, TYPE_CHECKING, Literal
+from typing import IO, TYPE_CHECKING, Any, Literal
 
 from rich.console import Console
 from rich.live import Live
@@ -179,3 +181,54 @@ def _slope(estimate: SlopeEstimate) -> str:
     if not math.isfinite(estimate.tilt_deg):
         return ""
     return f"{formatting.tilt(estimate)}° ({formatting.slope_number(estimate, 'kelvin_per_degree')} K per °) "
+
+
+EVERY_S = 0.5
+
+
+def is_notebook() -> bool:
+    """Whether this is the kernel of a notebook, which can show what changes below a cell."""
+    shell = sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None
+    return getattr(shell, "kernel", None) is not None
+
+
+class NotebookLine:
+    """A view that replaces its line twice a second; made by the thread of the cell, in a notebook only."""
+
+    def __init__(self, latest: Latest) -> None:
+        from IPython.display import display
+
+        self._latest, self._next_s = latest, 0.0
+        show: Any = display  # IPython states no types
+        self._shown = show(_plain("the recording begins"), raw=True, display_id=True)
+
+    def show(self, item: Item) -> None:
+        """Keep an item; now and then show what is latest."""
+        self._latest.update(item)
+        if (now_s := time.monotonic()) >= self._next_s:
+            self._next_s = now_s + EVERY_S
+            self._update()
+
+    def close(self) -> None:
+        """Show the last state."""
+        self._update()
+
+    def _update(self) -> None:
+        self._shown.update(_plain(line(self._latest)), raw=True)
+
+
+def line(latest: Latest) -> str:
+    """The recording in one line: its name, for how long of how long, each target's slope, present alarms."""
+    minutes = (latest.time_ns - latest.start_ns) / 60e9
+    planned = f" of {(latest.planned_end_ns - latest.start_ns) / 60e9:.0f}" if latest.planned_end_ns else ""
+    estimates = latest.minute.estimates if latest.minute else ()
+    slopes = [
+        f"{estimate.region} {formatting.tilt(estimate)}° {formatting.state(estimate)}"
+        for estimate in estimates
+    ]
+    alarms = [f"{alarm.condition} {alarm.subject}".strip() for alarm in latest.alarms]
+    return "   ".join([f"{latest.title}  {minutes:.0f}{planned} min", *slopes, *alarms])
+
+
+def _plain(text: str) -> dict[str, Any]:
+    return {"text/plain": text}

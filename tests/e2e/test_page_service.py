@@ -12,12 +12,12 @@ import pytest
 from click.testing import CliRunner
 
 from fieldkit.cli import main
-from fieldkit.page.service_reports import EVERY_S
+from fieldkit.page.service import REPORT_EVERY_S
 from fieldkit.recording.running import session_in_progress
 from fieldkit.sessions.lock import journal_path, owner
 from tests.harness.service_manager import ServiceManager
 
-SILENCE_S = EVERY_S + 3.0
+SILENCE_S = REPORT_EVERY_S + 3.0
 
 
 @pytest.fixture

@@ -19,8 +19,8 @@ from click.testing import CliRunner
 
 import fieldkit
 from fieldkit.cli import main
+from fieldkit.model import installation
 from fieldkit.recording.service import GROUPS
-from fieldkit.results import origin
 
 ROOT = Path(__file__).parents[2]
 CONDA_NAMES = {"astropy": "astropy-base", "isal": "python-isal", "opencv-python-headless": "py-opencv"}
@@ -126,10 +126,10 @@ def test_version_says_where_an_installation_came_from(records, said, tmp_path, m
     stamp = tmp_path / "commit.txt"
     stamp.write_text("0123456789ab\n")
     # tests/wheel.py installs for real, but from a file alone
-    monkeypatch.setattr(origin, "STAMP", stamp)
+    monkeypatch.setattr(installation, "STAMP", stamp)
     installed = importlib.metadata.PathDistribution(tmp_path)
     monkeypatch.setattr(importlib.metadata, "distribution", lambda name: installed)
-    assert origin.origin() == f"commit 0123456789ab, {said}"
+    assert installation.origin() == f"commit 0123456789ab, {said}"
 
 
 def wheel_of(folder: Path) -> Path:
@@ -158,7 +158,7 @@ def test_a_wheel_built_again_is_equal_and_holds_the_whole_package(tmp_path):
     files = {file.relative_to(ROOT) for room in (package, *linked) for file in room.rglob("*.py")}
     held = zipfile.ZipFile(first)
     assert {str(file) for file in files} <= set(held.namelist())
-    assert held.read("fieldkit/commit.txt").decode().strip() == origin.origin().split()[1].rstrip(",")
+    assert held.read("fieldkit/commit.txt").decode().strip() == installation.origin().split()[1].rstrip(",")
     share = f"fieldkit_slope-{fieldkit.__version__}.data/data/share"
     pages = (f"man/man1/{name}" for name in man_pages())
     scripts = ("bash-completion/completions/fieldkit", "zsh/site-functions/_fieldkit", *pages)

@@ -14,8 +14,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from fieldkit.cli import (
-    calibrate_surface,
-    calibrate_uniformity,
+    calibrate,
     check,
     estimate,
     export,
@@ -132,8 +131,9 @@ def test_names_that_ls_prints_are_found_from_the_campaigns_folder(campaign):
     (campaign / "fieldkit.toml").write_text("schema = 1\n")
     for name in ("20261211T025512Z-a.h5", "20261212T025512Z-b.h5"):
         assert name in run(show, "-C", campaign, name).stdout
-    for verb in (show, recover, replay, calibrate_surface, calibrate_uniformity):
-        gone = run(verb, "-C", campaign, "c.h5").exception
+    subcommands = ((calibrate, "surface"), (calibrate, "uniformity"))
+    for words in ((show,), (recover,), (replay,), *subcommands):
+        gone = run(*words, "-C", campaign, "c.h5").exception
         assert gone.message == "there is no session c.h5"
 
 
@@ -199,10 +199,10 @@ def test_calibration_says_which_samples_it_is_made_without(tmp_path):
         now = number * 1_000_000_000
         writer.append(sample(about.streams[0], number, now, START_NS + now))
     writer.close()
-    whole = run(calibrate_uniformity, tmp_path / "board.h5")
+    whole = run(calibrate, "uniformity", tmp_path / "board.h5")
     with h5py.File(tmp_path / "board.h5", "r+") as file:
         file["camera/fpa_temperature"][20] += 1.0
-    done = run(calibrate_uniformity, tmp_path / "board.h5", "--name", "again")
+    done = run(calibrate, "uniformity", tmp_path / "board.h5", "--name", "again")
     assert done.exit_code == 0
     said = "1 of 40 samples of camera do not match their checksum and are excluded"
     assert "do not match" not in whole.stderr

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from fieldkit.views.qr_code import qr_lines
+from fieldkit.cli.page import qr_lines
 
 ADDRESS = "http://192.168.4.20:8420/#pQ8x0Zt3V7cJm2LkYw9RbA"
 # upper and lower half of a character cell: whether the foreground colour covers it (Unicode, block elements)

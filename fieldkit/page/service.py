@@ -1,15 +1,18 @@
-"""An unattended recording: begun when the page begins, and again when it fails."""
+"""The page as a service: the recording that it keeps running, and its reports to the service manager."""
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import threading
 
 from fieldkit.model.errors import DeviceError, DeviceLostError, FieldkitError
 from fieldkit.page.conductor import Conductor
+from fieldkit.page.hub import Hub, Phase, State
 from fieldkit.recording.background import RecordOptions
 from fieldkit.recording.recordings import is_interrupted, sessions_in
 from fieldkit.recording.request_reader import recover_session
+from fieldkit.views.service_manager import notify
 
 NAME = "unattended"
 AGAIN_AFTER_S = 30.0
@@ -43,3 +46,31 @@ def _recover(conductor: Conductor) -> None:
                 recover_session(path)
         except FieldkitError as error:  # the next recording does not depend on it
             log.warning("%s was not recovered: %s", path.name, error)
+
+
+REPORT_EVERY_S = 5.0
+PHASE_TEXTS: dict[Phase, str] = {
+    "preview": "no recording; the page shows the instruments",
+    "starting": "a recording is starting",
+    "waiting": "a recording waits for its time",
+    "recording": "a recording that was started elsewhere goes on",
+    "sealing": "the session is being sealed",
+    "no-instruments": "no recording, no instruments",
+}
+
+
+async def report_page(hub: Hub) -> None:
+    """Report that the page is ready, then that it is alive, until cancelled.
+
+    A recording that the page started reports its own progress: then the page keeps silent, because a page
+    that works proves nothing about the recorder.
+    """
+    notify("READY=1")
+    while True:
+        if not _recorder_reports(hub.state):
+            notify("WATCHDOG=1", f"STATUS={hub.state.problem or PHASE_TEXTS[hub.state.phase]}")
+        await asyncio.sleep(REPORT_EVERY_S)
+
+
+def _recorder_reports(state: State) -> bool:
+    return state.phase == "recording" and state.ours
