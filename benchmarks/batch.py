@@ -84,7 +84,7 @@ def _on_dask(folder: Path, recordings: list[Path], count: int) -> float:
         address = stack.enter_context(_dask(folder, "scheduler", "--port", "0"))
         for _ in range(count):
             stack.enter_context(_dask(folder, "worker", address, "--nthreads", "1"))
-        return _sweep(folder, recordings, f"dask{count}", "--executor", "dask", "--address", address)
+        return _sweep(folder, recordings, f"dask{count}", "--address", address)
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""Shared by the commands over many sessions: workers, progress, names of results, failures at the end."""
+"""Shared by the commands over many sessions: progress, names of results, failures at the end."""
 
 from __future__ import annotations
 
@@ -14,16 +14,6 @@ from fieldkit.model.errors import FieldkitError, IntegrityError, SessionError
 
 if TYPE_CHECKING:
     from fieldkit.results.batch import Progress
-    from fieldkit.results.executors import Workers
-
-
-def workers(kind: str, address: str | None, jobs: int | None) -> Workers:
-    """The workers that the options ask for."""
-    from fieldkit.results.executors import Workers
-
-    if (kind == "dask") != (address is not None):
-        raise click.UsageError("--executor dask and --address belong together")
-    return Workers(jobs, address)
 
 
 @contextmanager

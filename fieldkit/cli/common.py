@@ -129,22 +129,19 @@ def options_together(*single: Decorator) -> Decorator:
     return decorated
 
 
-jobs_option: Decorator = click.option(
-    "-j", "--jobs", type=click.IntRange(min=1), metavar="N", help="Processes [default: one for each core]."
-)
-
-
 workers_options: Decorator = options_together(
-    jobs_option,
     click.option(
-        "--executor", "kind", type=click.Choice(["local", "dask"]), default="local", show_default=True,
-        help="Processes of this computer, or the workers of a Dask cluster that runs.",
+        "-j",
+        "--jobs",
+        type=click.IntRange(min=1),
+        metavar="N",
+        help="Processes [default: one for each core].",
     ),
     click.option(
-        "--address", metavar="ADDRESS", help="Scheduler of that cluster, such as tcp://10.0.0.5:8786."
+        "--address", metavar="ADDRESS", help="Dask scheduler whose workers to use: tcp://10.0.0.5:8786."
     ),
-)  # fmt: skip
-"""``-j``, ``--executor``, ``--address`` for commands over many sessions; pass them to `batch.workers`."""
+)
+"""``-j`` and ``--address`` for commands over many sessions, the fields of `Workers`."""
 
 
 def campaign_file() -> Path:

@@ -51,7 +51,6 @@ def command(
     out: Path | None,
     together: bool,
     jobs: int | None,
-    kind: str,
     address: str | None,
     site: Site | None,
     reference: tuple[float, float],
@@ -72,6 +71,8 @@ def command(
     With -o all of them go into one table, BASE.csv (and BASE.parquet with fieldkit-slope[lab]), and BASE.json
     records what made it: code, parameters, checksums of the sessions, command line.
     """
+    from fieldkit.results.executors import Workers
+
     are_tables = [path.suffix.lower() == ".csv" for path in sessions]
     if any(are_tables) and not (all(are_tables) and (together or len(sessions) == 1)):
         raise click.UsageError(
@@ -92,7 +93,7 @@ def command(
             raise click.UsageError("sessions are joined in this process: omit -j and --address")
         _estimate_together(paths, out, settings, chosen)
         return
-    _estimate_sessions(paths, out, batch.workers(kind, address, jobs), settings, chosen)
+    _estimate_sessions(paths, out, Workers(jobs, address), settings, chosen)
 
 
 def _estimate_sessions(

@@ -67,7 +67,6 @@ def command(
     present: bool,
     follow: bool,
     jobs: int | None,
-    kind: str,
     address: str | None,
     settings: tuple[str, ...],
 ) -> None:
@@ -96,6 +95,7 @@ def command(
     """
     from fieldkit.config.pose import read_pose
     from fieldkit.ground.terrain_products import Products
+    from fieldkit.results.executors import Workers
     from fieldkit.results.slope_map import ENDINGS, default_base, map_sessions, slope_map, variant
 
     chosen = None
@@ -107,7 +107,7 @@ def command(
     if len(paths) > 1:
         if follow:
             raise click.UsageError("--follow is for one session")
-        workers = batch.workers(kind, address, jobs)
+        workers = Workers(jobs, address)
         make_all = partial(map_sessions, window=window, settings=settings, present=present, workers=workers)
         write_all = partial(make_all, wanted=chosen, pose=camera, cell_m=cell_m, notify=common.say)
         of_map = variant(window, settings)

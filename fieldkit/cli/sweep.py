@@ -36,7 +36,6 @@ def command(
     out: Path | None,
     present: bool,
     jobs: int | None,
-    kind: str,
     address: str | None,
 ) -> None:
     r"""Estimate SESSIONS, or folders of them, with every combination of parameters.
@@ -55,6 +54,7 @@ def command(
     fieldkit sweep recordings/ --set estimator.model=learned --set prior=configured,others
     """
     from fieldkit.cli import batch
+    from fieldkit.results.executors import Workers
     from fieldkit.results.sweep import read_grid, sweep
 
     grid = read_grid(settings)
@@ -65,7 +65,7 @@ def command(
             paths,
             grid,
             present=present,
-            workers=batch.workers(kind, address, jobs),
+            workers=Workers(jobs, address),
             on_progress=on_progress,
             notify=common.say,
         )

@@ -159,7 +159,7 @@ def cluster(tmp_path):
 
 def test_a_killed_worker_of_a_cluster_costs_nothing_but_time(cluster, recordings, undisturbed, tmp_path):
     address, workers = cluster
-    options = ("--executor", "dask", "--address", address, "-o", tmp_path / "remote")
+    options = ("--address", address, "-o", tmp_path / "remote")
     with sweep_held_still(recordings, tmp_path / "cache", *options) as sweep:
         workers[0].send_signal(signal.SIGKILL)
     finished(sweep)
@@ -170,7 +170,7 @@ def test_a_killed_worker_of_a_cluster_costs_nothing_but_time(cluster, recordings
 @pytest.mark.slow  # of several processes: tests/unit/cli/test_map.py; of a cluster: the sweep above
 def test_slope_maps_of_many_sessions_come_from_a_cluster_as_from_here(cluster, recordings, tmp_path):
     address, _ = cluster
-    for name, workers in (("remote", ("--executor", "dask", "--address", address)), ("here", ("-j", 1))):
+    for name, workers in (("remote", ("--address", address)), ("here", ("-j", 1))):
         done = run("map", recordings, *workers, *QUICKEST, "-o", tmp_path / name, cache=tmp_path)
         assert done.returncode == 0, done.stderr
     remote, here = (sorted((tmp_path / name).glob("*.png")) for name in ("remote", "here"))
@@ -192,7 +192,7 @@ def test_a_worker_that_has_no_fieldkit_is_named_with_what_to_install(recordings,
         dask("scheduler", "--port", "0", *quiet, folder=tmp_path) as (_, address),
         dask("worker", address, "--no-nanny", *quiet, folder=tmp_path, PYTHONPATH=str(tmp_path)),
     ):
-        options = ("--executor", "dask", "--address", address)
+        options = ("--address", address)
         found = run("sweep", recordings, *GRID, *options, "-o", tmp_path / "r", cache=tmp_path)
     assert found.returncode == 9, found.stderr
     assert "cannot import fieldkit" in found.stderr

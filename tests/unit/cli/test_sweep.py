@@ -252,9 +252,3 @@ def test_a_session_named_twice_counts_once(recordings, tmp_path):
     path = sorted(recordings.glob("*.h5"))[0]
     fieldkit("estimate", path, recordings, *PAPER, "-j", 1, "-o", tmp_path / "r")
     assert len(json.loads((tmp_path / "r.json").read_text("utf-8"))["sessions"]) == 3
-
-
-def test_a_cluster_needs_its_address(recordings):
-    found = fieldkit("sweep", recordings, *GRID, "--executor", "dask")
-    assert found.exit_code == 2
-    assert "--address" in found.stderr
