@@ -42,9 +42,8 @@ _kelvin = partial(number_option, metavar="K")
 @number_option("--tape-emissivity", "tape_emissivity", 0.95, "Emissivity of the tape.")
 @number_option("--tape-sd", "tape_sd", 0.01, "Standard uncertainty of the tape's emissivity.")
 @number_option(
-    "--foil-emissivity", "foil_emissivity", FOIL_EMISSIVITY,
-    "Emissivity of the foil itself, which has the surface's temperature.",
-)  # fmt: skip
+    "--foil-emissivity", "foil_emissivity", FOIL_EMISSIVITY, "Emissivity of the foil, as warm as the surface."
+)
 @number_option("--foil-sd", "foil_sd", FOIL_EMISSIVITY_SD, "Standard uncertainty of the foil's emissivity.")
 @click.option(
     "--band",
@@ -59,9 +58,8 @@ _kelvin = partial(number_option, metavar="K")
     help="Emissivity already applied by the camera.",
 )
 @number_option(
-    "--camera-reflected", "camera_reflected_c", 20.0, "Reflected temperature already applied by the camera.",
-    metavar="°C",
-)  # fmt: skip
+    "--camera-reflected", "camera_reflected_c", 20.0, "Reflected temperature it has applied.", metavar="°C"
+)
 @click.option(
     "--distance",
     "distance_m",

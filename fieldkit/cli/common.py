@@ -135,7 +135,7 @@ workers_options: Decorator = options_together(
         "--jobs",
         type=click.IntRange(min=1),
         metavar="N",
-        help="Processes [default: one for each core].",
+        help="Processes [default: one per core].",
     ),
     click.option(
         "--address", metavar="ADDRESS", help="Dask scheduler whose workers to use: tcp://10.0.0.5:8786."

@@ -20,9 +20,12 @@ if TYPE_CHECKING:
 @click.command(cls=Command)
 @click.option("--add", "is_adding", is_flag=True, help="Write what is connected into fieldkit.toml.")
 @click.option(
-    "--instrument", "stated", type=INSTRUMENT, multiple=True, metavar="IDENTITY=DRIVER[,KEY=VALUE]",
+    "--instrument",
+    "stated",
+    type=INSTRUMENT,
+    multiple=True,
     help="With --add: what is on a cable and its options, instead of a question; DRIVER skip: nothing.",
-)  # fmt: skip
+)
 def command(is_adding: bool, stated: tuple[tuple[str, dict[str, Any]], ...]) -> None:
     r"""List connected instruments, or write them into fieldkit.toml.
 
@@ -116,10 +119,8 @@ def _list() -> None:
 
 
 def _row(device: ConnectedDevice) -> dict[str, Any]:
-    return {
-        "identity": device.identity, "port": device.port, "title": device.title,
-        "drivers": device.drivers, "remark": device.note,
-    }  # fmt: skip
+    row = asdict(device)
+    return {**row, "remark": row.pop("note")}
 
 
 def _names(drivers: tuple[str, ...]) -> str:

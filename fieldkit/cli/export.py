@@ -9,7 +9,7 @@ import click
 
 from fieldkit.cli.common import Command, options, print_json, progress
 from fieldkit.cli.session_paths import latest_session
-from fieldkit.cli.types import PATH, parse_speed
+from fieldkit.cli.types import PATH, default_option, parse_speed
 from fieldkit.model.errors import IntegrityError
 from fieldkit.model.next_step import Action
 from fieldkit.palettes import NAMES
@@ -27,21 +27,15 @@ FORMATS = "\n".join(f"{name:<8} {export_format.meaning}" for name, export_format
 @click.argument("session", required=False, type=PATH)
 @click.option("--to", "kind", type=click.Choice(tuple(EXPORTS)), required=True, help="Format to write.")
 @click.option("-o", "--out", "folder", type=PATH, metavar="DIR", help="[default: results/NAME]")
-@click.option(
-    "--stream",
-    metavar="NAME",
-    help="Which camera, if there are several; for mcap and ros2, only this stream.",
-)
+@click.option("--stream", metavar="NAME", help="Camera, if there are several; of mcap and ros2, any stream.")
 @click.option("--every", type=click.IntRange(1), default=1, help="Only every n-th frame.")
 @click.option(
-    "--from", "begin", metavar="TIME",
-    help="Only frames from then on: 12:31 (the last one), 2026-12-11T12:31, -5m before the end.",
-)  # fmt: skip
+    "--from", "begin", metavar="TIME", help="Only frames since 12:31, 2026-12-11T12:31 or -5m (from the end)."
+)
 @click.option("--until", metavar="TIME", help="Only frames up to then.")
-@click.option(
-    "--speed", default="max", show_default=True, metavar="N|max",
-    help="Of a video: session seconds per second; max: 25 frames a second.",
-)  # fmt: skip
+@default_option(
+    "--speed", "speed", "max", "Session seconds per second of video; max: 25 frames.", metavar="N|max"
+)
 @click.option("--palette", type=click.Choice(NAMES), help="Colours of images and videos. [default: inferno]")
 def command(session: Path | None, kind: str, speed: str, **given: Any) -> None:
     """Write a session for other programs."""

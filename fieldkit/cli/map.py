@@ -22,10 +22,7 @@ if TYPE_CHECKING:
 
 @click.command(cls=common.Command)
 @click.argument("sessions", nargs=-1, type=PATH)
-@click.option(
-    "-o", "--out", type=PATH, metavar="NAME",
-    help="Of several sessions: a folder [default: the results folder].",
-)  # fmt: skip
+@click.option("-o", "--out", type=PATH, metavar="NAME", help="A folder for several [default: results/].")
 @click.option(
     "--window",
     type=WINDOW,
@@ -40,17 +37,12 @@ if TYPE_CHECKING:
 )
 @click.option("--limit-deg", type=NUMBER, default=math.nan, metavar="DEG", help="Tilt whose risk ptilt is.")
 @click.option(
-    "--drive-deg", type=NUMBER, default=math.nan, metavar="DEG",
-    help="Direction of the drive that rdir is the slope along, from north, clockwise.",
-)  # fmt: skip
+    "--drive-deg", type=NUMBER, default=math.nan, metavar="DEG", help="Direction of rdir's drive, from north."
+)
+@click.option("--pose", type=FILE, help="Pose of the camera, adds NAME.tif and .mcap [default: camera.pose].")
 @click.option(
-    "--pose", type=FILE,
-    help="Pose of the camera and its ground, a TOML file: adds NAME.tif, NAME.mcap [default: camera.pose].",
-)  # fmt: skip
-@click.option(
-    "--cell-m", type=NumberRange(min=0, min_open=True), metavar="M",
-    help="Side of the cells of NAME.tif [default: as far apart as the pixels are].",
-)  # fmt: skip
+    "--cell-m", type=NumberRange(0, min_open=True), help="Side of NAME.tif's cells [default: as pixels are]."
+)
 @common.present_option
 @click.option("--follow", is_flag=True, help="Map a session anew each minute while it is being recorded.")
 @common.workers_options

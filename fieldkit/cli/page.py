@@ -31,7 +31,6 @@ ENDS_WITHIN_S = 5.0
 @click.command(cls=common.Command)
 @click.option(
     "--address",
-    "address",
     default=LOOPBACK,
     show_default=True,
     metavar="ADDRESS",
@@ -41,9 +40,8 @@ ENDS_WITHIN_S = 5.0
     "--port", type=click.IntRange(1, 65_535), default=PORT, show_default=True, metavar="PORT", help="Port."
 )
 @click.option(
-    "--link", "role", type=click.Choice(["view", "control"]),
-    help="Print one more link for the page that runs, and exit.",
-)  # fmt: skip
+    "--link", "role", type=click.Choice(["view", "control"]), help="Print one more link for the running page."
+)
 @click.option("--record", is_flag=True, help="Begin a recording at once, and again when it fails.")
 @common.set_option
 def command(address: str, port: int, role: Role | None, record: bool, settings: tuple[str, ...]) -> None:

@@ -18,7 +18,7 @@ from fieldkit.cli.common import (
     print_table,
     say,
 )
-from fieldkit.cli.types import DAY, FACET, HOUR, NEW_FILE, SITE, ZONE, NumberRange, minutes
+from fieldkit.cli.types import DAY, FACET, HOUR, NEW_FILE, SITE, ZONE, NumberRange, default_option, minutes
 from fieldkit.model.site import Site, with_zone
 
 if TYPE_CHECKING:
@@ -31,43 +31,26 @@ if TYPE_CHECKING:
 @click.option("--site", type=SITE, help="Site [default: the campaign's].")
 @click.option("--zone", type=ZONE, help="Time zone to show, like Asia/Tokyo [default: by longitude].")
 @click.option("--on", "day", type=DAY, help="Day, in that zone [default: the next].")
-@click.option(
-    "--at", type=HOUR, metavar="TIME",
-    help="Start of the session, such as 10:30 at the site [default: around the best window].",
-)  # fmt: skip
-@click.option(
-    "--for", "session_min", type=minutes(20, 720), default="3h", show_default=True,
-    help="Length of the session.",
-)  # fmt: skip
+@click.option("--at", type=HOUR, metavar="TIME", help="Start of the session [default: at the best window].")
+@default_option("--for", "session_min", "3h", "Length of the session.", minutes(20, 720))
 @click.option(
     "--as-planned", is_flag=True, help="Do not predict what instruments, calibrations and tests would bring."
 )
 @click.option(
     "--facet", "facets", type=FACET, multiple=True, help="A region's slope [default: the campaign's targets]."
 )
-@click.option(
-    "--dni", "dni_w_m2", type=NumberRange(1.0, 1408.0), default=800.0, show_default=True,
-    help="Direct normal irradiance assumed over the day, W/m².",
-)  # fmt: skip
-@click.option(
-    "--clear-sky", "turbidity", type=NumberRange(1.0), metavar="TURBIDITY",
-    help="Clear-sky model instead; Linke 2..6. A session always has one, by default of 3.",
-)  # fmt: skip
-@click.option(
-    "--noise", "noise_k", type=NumberRange(1e-4),
-    help="Noise of a region's minute mean, K [default: estimator.noise_k].",
-)  # fmt: skip
-@click.option(
-    "--window", "window_min", type=minutes(3, 360), default="20m", show_default=True,
-    help="Length of the best window.",
-)  # fmt: skip
-@click.option(
-    "--air-c", type=NumberRange(-150.0, 60.0), default=15.0, show_default=True,
-    help="Air temperature expected, °C.",
-)  # fmt: skip
-@click.option(
-    "--step", "step_min", type=minutes(1, 1440), default="30m", show_default=True, help="Time between rows."
+@default_option(
+    "--dni", "dni_w_m2", 800.0, "Direct normal irradiance over the day, W/m².", NumberRange(1.0, 1408.0)
 )
+@click.option(
+    "--clear-sky", "turbidity", type=NumberRange(1.0), metavar="TURBIDITY", help="Clear sky instead, 2..6."
+)
+@click.option(
+    "--noise", "noise_k", type=NumberRange(1e-4), help="Noise of a minute mean, K [default: as configured]."
+)
+@default_option("--window", "window_min", "20m", "Length of the best window.", minutes(3, 360))
+@default_option("--air-c", "air_c", 15.0, "Air temperature expected, °C.", NumberRange(-150.0, 60.0))
+@default_option("--step", "step_min", "30m", "Time between rows.", minutes(1, 1440))
 @click.option("-o", "--out", type=NEW_FILE, help="Page to write.")
 def command(
     site: Site | None,
@@ -80,7 +63,7 @@ def command(
     out: Path | None,
     **assumed: Any,
 ) -> None:
-    r"""What a session will determine: half widths of every tilt by the half hour.
+    r"""Show how well a session will determine the slopes: half widths of every tilt by the half hour.
 
     Simulates the session under that day's clear sky with the sand, instruments and noise of
     the campaign, and estimates it with the learned model; then again with each measure that
@@ -125,7 +108,7 @@ def command(
 
 
 def _instruments(config: Config | None) -> dict[str, Any]:
-    """What the campaign measures and its references; without one a level reference, and frames and light."""
+    """Streams and references of the campaign; without one a level reference, and frames and light."""
     from fieldkit.recording.plan import logged_by, reference_facets
 
     return {"logged": logged_by(config), "references": reference_facets(config)} if config else {}

@@ -50,9 +50,13 @@ if TYPE_CHECKING:
 @click.option("--detach", is_flag=True, help="Record in the background, beyond the end of this terminal.")
 @click.option("--allow-missing", is_flag=True, help="Record without instruments that are not plugged in.")
 @click.option(
-    "--page", "page_address", is_flag=False, flag_value=LOOPBACK, metavar="[ADDRESS]",
-    help=f"Show the recording on the field page, on this address [{LOOPBACK}], not in this terminal.",
-)  # fmt: skip
+    "--page",
+    "page_address",
+    is_flag=False,
+    flag_value=LOOPBACK,
+    metavar="[ADDRESS]",
+    help=f"Show the recording on the field page, at this address [{LOOPBACK}], not in this terminal.",
+)
 @click.option("--options", "as_json", hidden=True, help="All of these as one JSON object.")
 @common.theme_option
 @common.set_option
@@ -134,6 +138,8 @@ def _detach(config: Config, options: RecordOptions) -> None:
 
 def print_summary(path: Path, summary: Summary) -> None:
     """Print what was recorded, and what to do next."""
+    from fieldkit.results.estimate import as_document
+
     estimates = summary.last_minute.estimates if summary.last_minute else ()
     learnt = summary.last_minute.learnt if summary.last_minute else None
     if common.options().json:
@@ -143,14 +149,10 @@ def print_summary(path: Path, summary: Summary) -> None:
                 "counts": summary.counts,
                 "dropped": summary.dropped,
                 "bytes": path.stat().st_size,
-                "estimates": [
-                    {"region": slope.region, "state": slope.state.name.lower(), "tilt_deg": slope.tilt_deg,
-                     "azimuth_deg": slope.azimuth_deg}
-                    for slope in estimates
-                ],
+                "estimates": [as_document(slope) for slope in estimates],
                 "learnt": learnt_document(learnt),
             }
-        )  # fmt: skip
+        )
         return
     counts = ", ".join(f"{count} {stream}" for stream, count in summary.counts.items())
     lost = sum(summary.dropped.values())

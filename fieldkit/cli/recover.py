@@ -14,6 +14,7 @@ from fieldkit.cli.session_paths import find_session, recordings_folder
 from fieldkit.cli.types import PATH
 from fieldkit.model.errors import FieldkitError, IntegrityError
 from fieldkit.recording.recordings import delete_crash_files, is_interrupted, sessions_in
+from fieldkit.results.json_document import attributes
 
 if TYPE_CHECKING:
     from fieldkit.sessions.recovery import RecoveryReport
@@ -104,18 +105,11 @@ def _utc(time_ns: int) -> str | None:
 
 
 def _document(report: RecoveryReport) -> dict[str, object]:
-    return {
-        "session": str(report.path),
-        "was_complete": report.was_complete,
-        "samples": report.counts,
-        "from_journal": report.from_journal,
-        "lost": [
-            {
-                "stream": run.stream, "first": run.first, "last": run.last, "samples": run.count,
-                "after": _utc(run.after_ns), "before": _utc(run.before_ns),
-            }
-            for run in report.lost
-        ],
-        "damage": list(report.damage),
-        "end_is_known": report.end_is_known,
-    }  # fmt: skip
+    counts = {"samples": report.counts, "from_journal": report.from_journal}
+    lost, state = list(map(_lost_document, report.lost)), attributes(report, "was_complete", "end_is_known")
+    return {"session": str(report.path), **state, **counts, "lost": lost, "damage": list(report.damage)}
+
+
+def _lost_document(run: LostRange) -> dict[str, object]:
+    times = {"after": _utc(run.after_ns), "before": _utc(run.before_ns)}
+    return {**attributes(run, "stream", "first", "last"), "samples": run.count, **times}

@@ -32,23 +32,11 @@ if TYPE_CHECKING:
 Point = tuple[float, float]
 
 _property_options = options_together(
-    click.option(
-        "--tilt", "tilt_deg", type=NumberRange(0, 90),
-        help="Tilt by inclinometer, degrees from horizontal.",
-    ),
-    click.option(
-        "--azimuth", "azimuth_deg", type=NumberRange(0, 360),
-        help="Azimuth by compass, degrees from north, clockwise.",
-    ),
-    click.option(
-        "--emissivity", type=OR_RECORD,
-        help="Emissivity in the camera's band, or a record of calibrate emissivity.",
-    ),
-    click.option(
-        "--offset", "offset_k", type=OR_RECORD, metavar="K|@NAME",
-        help="Temperature offset of the camera there, or a record of calibrate uniformity.",
-    ),
-)  # fmt: skip
+    click.option("--tilt", "tilt_deg", type=NumberRange(0, 90), help="Tilt from horizontal, degrees."),
+    click.option("--azimuth", "azimuth_deg", type=NumberRange(0, 360), help="Azimuth from north, clockwise."),
+    click.option("--emissivity", type=OR_RECORD, help="Emissivity in the camera's band, or its record."),
+    click.option("--offset", "offset_k", type=OR_RECORD, help="Temperature offset there, K, or its record."),
+)
 """What is measured of a region, by the names of its keys in ``fieldkit.toml``."""
 
 
@@ -65,10 +53,7 @@ def command() -> None:
 @click.argument("more", nargs=-1, type=XY, metavar="[X,Y]...")
 @click.option("--points", "first", type=XY, metavar="X,Y X,Y X,Y ...", help="Corners, at least three.")
 @click.option("--rect", type=RECT, help="Rectangle: left, top, width, height.")
-@click.option(
-    "--pose", type=FILE,
-    help="Pose of the camera: --points are east,north on the ground, in metres, drawn once.",
-)  # fmt: skip
+@click.option("--pose", type=FILE, help="Pose of the camera: --points are east,north in metres, drawn once.")
 @click.option(
     "--ground", is_flag=True, help="The same by camera.pose; the region stays on the ground when it changes."
 )

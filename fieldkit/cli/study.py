@@ -8,9 +8,10 @@ from typing import Any
 import click
 
 from fieldkit.cli.common import Command, options, print_json, print_table, progress, say
-from fieldkit.cli.types import DAY, FILE, HOUR, SITE, ZONE, NumberRange, minutes
+from fieldkit.cli.types import DAY, FILE, HOUR, SITE, ZONE, NumberRange, default_option, minutes
 from fieldkit.model.site import Site, with_zone
 
+METHODS = click.Choice(["contours", "unit-norm", "posterior"])
 SHOWN = {
     "start": "start",
     "estimator": "estimator",
@@ -32,17 +33,12 @@ SHOWN = {
 @click.option("--zone", type=ZONE, help="Time zone of a --site [default: by longitude].")
 @click.option("--on", "day", type=DAY, help="Day [default: 2017-08-30, the paper's].")
 @click.option("--start", "starts", type=HOUR, multiple=True, help="Local start [default: 9, 12, 15 h].")
-@click.option(
-    "--window", "minutes", type=minutes(2, 720), default="20m", show_default=True, help="Length of a window."
-)
+@default_option("--window", "minutes", "20m", "Length of a window.", minutes(2, 720))
 @click.option("--dni", "dni_w_m2", type=NumberRange(1.0), help="Constant direct normal irradiance, W/m².")
 @click.option("--weather", type=FILE, help="SURFRAD or BSRN file instead; sets site and day.")
 @click.option("--slopes", type=click.IntRange(1), help="Number of random slopes [default: 61x361].")
-@click.option("--noise", "noise_k", type=NumberRange(0.0), default=0.0, show_default=True, help="Noise, K.")
-@click.option(
-    "--estimator", "estimators", type=click.Choice(["contours", "unit-norm", "posterior"]), multiple=True,
-    default=("contours", "unit-norm"), show_default=True, help="May be repeated.",
-)  # fmt: skip
+@default_option("--noise", "noise_k", 0.0, "Noise, K.", NumberRange(0.0))
+@click.option("--estimator", "estimators", type=METHODS, multiple=True, help="[default: the first two]")
 @click.option("--seed", default=1, show_default=True, help="Random seed.")
 @click.option("--sensitivity", is_flag=True, help="Also vary what the paper does not state (Fig. 9).")
 @click.option(
@@ -63,7 +59,7 @@ def command(
     sensitivity: bool,
     sessions: tuple[Path, ...],
     out: Path,
-    **given: Any,
+    **assumptions: Any,
 ) -> None:
     r"""Reproduce sections 2–5 of the paper, with tables and figures.
 
@@ -83,7 +79,7 @@ def command(
     chosen = StudyOptions.of(
         site=with_zone(site, zone) if site else None,
         weather=read_station_file(weather) if weather else None,
-        **given,
+        **assumptions,
     )
     with progress() as bar:
         task = bar.add_task("study", total=None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from datetime import datetime
 from typing import Any
 
@@ -32,13 +33,7 @@ def command(site: Site | None, moments: tuple[datetime, ...], facets: tuple[Face
     place = site or campaign().site
     rows = sun_rows(place, moments, facets)
     if options().json:
-        where = {
-            "latitude_deg": place.latitude_deg,
-            "longitude_deg": place.longitude_deg,
-            "elevation_m": place.elevation_m,
-            "body": place.body,
-        }
-        print_json({"site": where, "rows": rows})
+        print_json({"site": asdict(place), "rows": rows})
     else:
         _print_rows(rows, facets)
 

@@ -21,13 +21,16 @@ if TYPE_CHECKING:
 @click.command(cls=common.Command)
 @click.argument("sessions", nargs=-1, required=True, type=PATH)
 @click.option(
-    "--set", "settings", multiple=True, required=True, metavar="KEY=VALUES",
+    "--set",
+    "settings",
+    multiple=True,
+    required=True,
+    metavar="KEY=VALUES",
     help="Values to try of a key of fieldkit.toml: LOW:HIGH:STEP or A,B,C; may be given for several keys.",
-)  # fmt: skip
+)
 @click.option(
-    "-o", "--out", type=PATH, metavar="BASE",
-    help="Write BASE.csv, BASE.json (and BASE.parquet) [default: sweep-TIME in the results folder].",
-)  # fmt: skip
+    "-o", "--out", type=PATH, metavar="BASE", help="Write BASE.csv, .json, .parquet [default: sweep-TIME]."
+)
 @common.present_option
 @common.workers_options
 def command(

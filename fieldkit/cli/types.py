@@ -77,14 +77,19 @@ def argument_range(name: str) -> NumberRange:
     return NumberRange(low, None if high == inf else high, min_open=above, max_open=below)
 
 
+def default_option(
+    name: str, argument: str, default: Any, help: str, type: Any = None, metavar: str | None = None
+) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """An option whose default is shown."""
+    settings = {"type": type, "default": default, "metavar": metavar, "help": help}
+    return click.option(name, argument, **settings, show_default=True)
+
+
 def number_option(
-    name: str, argument: str, default: float, help: str, *, metavar: str | None = None
+    name: str, argument: str, default: float, help: str, metavar: str | None = None
 ) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """An option for a number with a default, an argument of `fieldkit.calibrate`."""
-    within = argument_range(argument)
-    return click.option(
-        name, argument, type=within, default=default, show_default=True, metavar=metavar, help=help
-    )
+    return default_option(name, argument, default, help, argument_range(argument), metavar)
 
 
 def minutes(low: int, high: int) -> click.ParamType:  # type: ignore[type-arg]
@@ -282,7 +287,7 @@ STREAM_NAME = _Typed("NAME", parse_stream_name)
 KELVIN_PER_COUNT = _Typed("K|none", parse_kelvin_per_count)
 CLOCK_OFFSET = _Typed("[+-]Ns|auto", parse_clock_offset)
 KEY_VALUE = _Typed("KEY=VALUE", parse_key_value)
-INSTRUMENT = _Typed("IDENTITY=DRIVER", parse_instrument)
+INSTRUMENT = _Typed("IDENTITY=DRIVER[,KEY=VALUE]", parse_instrument)
 
 
 def parse_frame(text: str) -> tuple[int, int]:

@@ -42,6 +42,7 @@ from fieldkit.recording.running import (
     stop_recording,
 )
 from fieldkit.recording.suggesting import suggested
+from fieldkit.results.json_document import attributes
 from fieldkit.results.marks import edited, every_mark, taken_back
 from fieldkit.sessions.reader import open_session
 from fieldkit.views import formatting, frame_image
@@ -104,7 +105,7 @@ class Answers:
             case requests.CheckRegion():
                 return Done(data=await self._query(self._verdict, request))
             case requests.Sessions():
-                return Done(data=await self._query(self.past.listed, viewer.role))
+                return Done(data=await self._query(self.past.rows, viewer.role))
             case requests.CheckSession():
                 ok, text = await self.past.check(request.session)
                 return Done(text, ok=ok)
@@ -164,7 +165,7 @@ class Answers:
 
     def _session_to_mark(self, session: str | None) -> Path:
         """The session whose marks are meant: of the list, or the running one."""
-        return self.past.sealed(session) if session else running_session(self.config.recordings)
+        return self.past.sealed_path(session) if session else running_session(self.config.recordings)
 
     def _marks(self, session: str | None) -> list[Document]:
         with open_session(self._session_to_mark(session)) as opened:
@@ -234,11 +235,8 @@ class Answers:
         replaced = request.instead_of or region.name
         others = [other for other in present if not other.camera and other.name != replaced]
         check = check_region(region, shape, frame, others)
-        return {
-            "pixels": check.pixels, "spread_c": check.spread_k, "level": check.level,
-            "text": check.text or "ok", "shrink_px": check.shrink_px,
-            "vertices": [list(corner) for corner in region.vertices],
-        }  # fmt: skip
+        about = {"spread_c": check.spread_k, "text": check.text or "ok", "vertices": region.vertices}
+        return attributes(check, "pixels", "level", "shrink_px") | about
 
     def _suggestions(self, request: requests.SuggestRegions) -> list[Document]:
         _, frame, present = self._outline_of(request.session)

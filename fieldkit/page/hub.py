@@ -28,7 +28,7 @@ from fieldkit.page.pictures import Mode, picture
 from fieldkit.page.viewer import Role, Viewer
 from fieldkit.physics.radiance import surface_temperature_k
 from fieldkit.recording.preflight import sampling_of
-from fieldkit.results.json_document import plain_json
+from fieldkit.results.json_document import attributes, plain_json
 from fieldkit.sessions.layout import MAX_REGIONS
 from fieldkit.views import frame_image
 from fieldkit.views.latest import Item, Latest
@@ -189,25 +189,17 @@ class Hub:
     def _hello(self, role: Role) -> dict[str, Any]:
         config, site = self.config, self.config.site
         name = config.campaign.title or config.directory.name
-        return {
-            "type": "hello", "role": role, "version": __version__, "campaign": name,
-            "site": {
-                "name": name, "latitude": site.latitude_deg, "longitude": site.longitude_deg,
-                "zone": site.timezone,
-            },
-            "limits": {"viewers": MAX_VIEWERS},
-        }  # fmt: skip
+        place = {"latitude": site.latitude_deg, "longitude": site.longitude_deg, "zone": site.timezone}
+        about = {"type": "hello", "role": role, "version": __version__, "campaign": name}
+        return {**about, "site": {"name": name, **place}, "limits": {"viewers": MAX_VIEWERS}}
 
     def _state(self) -> dict[str, Any]:
         state = self.state
-        started, planned = (
-            None if time_ns is None else outgoing.ms(time_ns)
-            for time_ns in (state.started_ns, state.planned_end_ns)
-        )
-        return {
-            "type": "state", "phase": state.phase, "session": state.session, "started_ms": started,
-            "planned_end_ms": planned, "ours": state.ours, "problem": state.problem,
-        }  # fmt: skip
+        times = {
+            name.replace("_ns", "_ms"): None if time_ns is None else outgoing.ms(time_ns)
+            for name, time_ns in attributes(state, "started_ns", "planned_end_ns").items()
+        }
+        return {"type": "state", **attributes(state, "phase", "session", "ours", "problem"), **times}
 
     def _so_far(self) -> list[dict[str, Any]]:
         latest = self.latest

@@ -1,4 +1,4 @@
-"""What the page sends to browsers: JSON documents of a recording's latest state.
+"""Messages to browsers: JSON documents of a recording's latest state.
 
 Times are UTC milliseconds (`time_ms`), temperatures °C, unknown numbers null.
 """
@@ -14,11 +14,12 @@ from fieldkit.model.alarm import Alarm
 from fieldkit.model.channels import quantity_of
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.next_step import Argument, Sentence, Step, Text
-from fieldkit.model.samples import Event, Health
+from fieldkit.model.samples import Event, StreamHealth
 from fieldkit.model.site import Region
 from fieldkit.model.slope import SLOPE_FIELDS, SlopeEstimate
 from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.page.requests import DrawnRegion
+from fieldkit.results.json_document import attributes
 from fieldkit.views import formatting
 from fieldkit.views.latest import Latest, Trend
 
@@ -45,11 +46,9 @@ def streams(infos: Sequence[StreamInfo], frames_every_s: float | None = None) ->
 def _stream(info: StreamInfo, frames_every_s: float | None) -> Document:
     rows, cols = info.shape if info.is_camera else (0, 0)
     channels = [] if info.is_camera else list(info.channel_names)
-    return {
-        "name": info.name, "quantity": info.quantity, "unit": info.unit, "channels": channels,
-        "is_camera": info.is_camera, "rows": rows, "cols": cols,
-        "every_s": frames_every_s if info.is_camera else None,
-    }  # fmt: skip
+    every_s = frames_every_s if info.is_camera else None
+    shape = {"channels": channels, "rows": rows, "cols": cols, "every_s": every_s}
+    return attributes(info, "name", "quantity", "unit", "is_camera") | shape
 
 
 def regions(regions: Sequence[Region]) -> Document:
@@ -77,15 +76,13 @@ def _measurements(closed: Minute, name: str, slope: SlopeEstimate | None) -> Doc
     if slope is None:
         return {**temperature, "state": "reference", "words": "", "reason": ""}
     angles = {key: getattr(slope, key) for key in SLOPE_FIELDS}
-    return {
-        **temperature,
-        "state": slope.state.name.lower(),
-        "words": formatting.state(slope),
-        "reason": slope.reason,
-        "tilt": formatting.tilt(slope),
-        "azimuth": formatting.azimuth(slope),
-        **angles,
-    }
+    state = {"state": slope.state.name.lower(), "reason": slope.reason}
+    return temperature | state | _slope_words(slope) | angles
+
+
+def _slope_words(slope: SlopeEstimate) -> Document:
+    words = {"words": formatting.state, "tilt": formatting.tilt, "azimuth": formatting.azimuth}
+    return {key: text(slope) for key, text in words.items()}
 
 
 def history(trend: Trend) -> Document:
@@ -107,29 +104,21 @@ def history(trend: Trend) -> Document:
 
 def event(happened: Event) -> Document:
     """One event."""
-    return {
-        "type": "event", "time_ms": ms(happened.time_ns), "kind": happened.kind.name.lower(),
-        "severity": happened.severity.name.lower(), "text": formatting.event_text(happened),
-        "stream": happened.stream,
-    }  # fmt: skip
+    levels = {"kind": happened.kind.name.lower(), "severity": happened.severity.name.lower()}
+    text = {"text": formatting.event_text(happened), "stream": happened.stream}
+    return {"type": "event", "time_ms": ms(happened.time_ns), **levels, **text}
 
 
-def mark(number: int, made: Event, *, counts: bool) -> Document:
+def mark(number: int, event: Event, *, counts: bool) -> Document:
     """A mark of a session; `counts` is false if it was taken back."""
-    label = str(made.data.get("label", ""))
-    words = formatting.event_text(made)
-    return {
-        "mark": number, "time_ms": ms(made.time_ns), "kind": label, "text": made.text, "words": words,
-        "counts": counts,
-    }  # fmt: skip
+    texts = {"kind": str(event.data.get("label", "")), "text": event.text}
+    words = formatting.event_text(event)
+    return {"mark": number, "time_ms": ms(event.time_ns), **texts, "words": words, "counts": counts}
 
 
 def slope(estimated: SlopeEstimate) -> Document:
     """A slope in words."""
-    return {
-        "region": estimated.region, "tilt": formatting.tilt(estimated),
-        "azimuth": formatting.azimuth(estimated), "words": formatting.state(estimated),
-    }  # fmt: skip
+    return {"region": estimated.region, **_slope_words(estimated)}
 
 
 def alarms(present: Sequence[Alarm]) -> Document:
@@ -138,11 +127,8 @@ def alarms(present: Sequence[Alarm]) -> Document:
 
 
 def _alarm(alarm: Alarm) -> Document:
-    return {
-        "id": alarm.id, "condition": alarm.condition, "subject": alarm.subject,
-        "severity": alarm.severity.name.lower(), "since_ms": ms(alarm.since_ns), "text": alarm.text,
-        "acknowledged": alarm.acknowledged,
-    }  # fmt: skip
+    row = attributes(alarm, "id", "condition", "subject", "text", "acknowledged")
+    return {**row, "severity": alarm.severity.name.lower(), "since_ms": ms(alarm.since_ns)}
 
 
 def now(latest: Latest, regions_c: Mapping[str, float], bytes_per_s: float) -> Document:
@@ -150,24 +136,19 @@ def now(latest: Latest, regions_c: Mapping[str, float], bytes_per_s: float) -> D
     health = latest.health
     free = health.disk_free_bytes if health else None
     left_s = free / bytes_per_s if free is not None and bytes_per_s > 0 else None
-    return {
-        "type": "now", "time_ms": ms(latest.time_ns), "disk_free_bytes": free, "disk_left_s": left_s,
-        "bytes": health.written_bytes if health else 0,
-        "streams": {name: _present(latest, info, health) for name, info in latest.streams.items()},
-        "regions": {name: {"temperature_c": value} for name, value in regions_c.items()},
-    }  # fmt: skip
+    size = {"disk_free_bytes": free, "disk_left_s": left_s, "bytes": health.written_bytes if health else 0}
+    streams = {name: _present(latest, info) for name, info in latest.streams.items()}
+    regions = {name: {"temperature_c": value} for name, value in regions_c.items()}
+    return {"type": "now", "time_ms": ms(latest.time_ns), **size, "streams": streams, "regions": regions}
 
 
-def _present(latest: Latest, info: StreamInfo, health: Health | None) -> Document:
-    health_row = latest.stream_health(info.name) if health else None
+def _present(latest: Latest, info: StreamInfo) -> Document:
+    health = latest.stream_health(info.name) or StreamHealth(info.name, received=0, dropped=0, queued=0)
+    counts = attributes(health, "dropped", "rejected", "implausible")
+    counts |= {"samples": health.received, "gaps": latest.gaps.get(info.name, 0)}
     values, unit = _values(latest, info)
-    return {
-        "samples": health_row.received if health_row else 0, "rate_hz": latest.rate_hz(info.name),
-        "gaps": latest.gaps.get(info.name, 0), "dropped": health_row.dropped if health_row else 0,
-        "rejected": health_row.rejected if health_row else 0,
-        "implausible": health_row.implausible if health_row else 0, "age_s": latest.age_s(info.name),
-        "value": values[0] if values else None, "values": values, "unit": unit,
-    }  # fmt: skip
+    reading = {"value": values[0] if values else None, "values": values, "unit": unit}
+    return {**counts, "rate_hz": latest.rate_hz(info.name), "age_s": latest.age_s(info.name), **reading}
 
 
 def _values(latest: Latest, info: StreamInfo) -> tuple[list[float], str]:

@@ -222,7 +222,7 @@ class Page:
 
     async def download(self, session: str) -> Response:
         """A session's file."""
-        path = self.past.sealed(session)
+        path = self.past.sealed_path(session)
         name = path.name.encode(errors="replace").decode()
         return FileResponse(path, media_type="application/x-hdf5", filename=name)
 

@@ -34,6 +34,7 @@ from fieldkit.results.report import default_path
 from fieldkit.sessions.lock import is_locked, journal_path
 from fieldkit.sessions.reader import open_session
 
+FILES = ("report", "download", "picture", "thumbnail")
 SHOWN = 200
 """The latest sessions of a campaign; more are listed by ``fieldkit ls``."""
 
@@ -60,41 +61,39 @@ class PastSessions:
         latest = sessions_in(self.config.recordings)[::-1][:SHOWN]
         return {identifier(path): path for path in latest}
 
-    def path(self, wanted: str) -> Path:
+    def path(self, identity: str) -> Path:
         """The file of a session in the list; raises `SessionError` for anything else."""
-        path = self.paths().get(wanted)
+        path = self.paths().get(identity)
         if path is None:
             raise SessionError("there is no such session", fix="show the list of sessions again")
         return path
 
-    def sealed(self, wanted: str) -> Path:
+    def sealed_path(self, identity: str) -> Path:
         """The same for one that has a file; raises `RefusedError` while it is being recorded."""
-        path = self.path(wanted)
+        path = self.path(identity)
         if is_locked(journal_path(path)):
             raise RefusedError("being recorded", place=path.stem, fix="stop the recording first")
         if not path.exists():
             raise SessionError(f"only the journal of {path.stem} is left", fix=Action.RECOVER(path))
         return path
 
-    def listed(self, role: Role) -> list[dict[str, Any]]:
+    def rows(self, role: Role) -> list[dict[str, Any]]:
         """The list for a browser; links to files only where it may control."""
         return [self._entry(name, path, role) for name, path in self.paths().items()]
 
     def _entry(self, name: str, path: Path, role: Role) -> dict[str, Any]:
         brief = describe_briefly(path)
         start = brief.get("start")
-        files = ("report", "download", "picture", "thumbnail")
+        started_ms = datetime.fromisoformat(start).timestamp() * 1000 if start else None
         has_files = role == "control" and path.exists() and not is_locked(journal_path(path))
-        return {
-            "id": name, "title": brief.get("title") or path.stem, "state": brief["state"],
-            "started_ms": datetime.fromisoformat(start).timestamp() * 1000 if start else None,
-            "duration_s": brief.get("length_s"), "bytes": brief["bytes"],
-            **{f"{file}_url": f"/session/{name}/{file}" if has_files else None for file in files},
-        }  # fmt: skip
+        links = {f"{file}_url": f"/session/{name}/{file}" if has_files else None for file in FILES}
+        about = {"id": name, "title": brief.get("title") or path.stem, "state": brief["state"]}
+        extent = {"started_ms": started_ms, "duration_s": brief.get("length_s"), "bytes": brief["bytes"]}
+        return about | extent | links
 
-    async def check(self, wanted: str) -> tuple[bool, str]:
+    async def check(self, identity: str) -> tuple[bool, str]:
         """Whether a session is without failures, and the findings in words."""
-        path = self.sealed(wanted)
+        path = self.sealed_path(identity)
         async with self._one_check, self._one_job:  # a report waits for one check at most
             _, output, errors = await _fieldkit("check", str(path))
         try:
@@ -109,29 +108,29 @@ class PastSessions:
         is_clean = not any(finding["level"] == "fail" for finding in findings)
         return is_clean, "; ".join(words) or f"ok: {len(findings)} checks passed"
 
-    def frame_k(self, wanted: str) -> FloatArray:
+    def frame_k(self, identity: str) -> FloatArray:
         """The mean of a session's first good frames in kelvin, to draw on."""
-        path = self.sealed(wanted)
+        path = self.sealed_path(identity)
         if path not in self._frames:
             self._frames = {path: mean_of_first_frames_k(path)}  # of the one that is looked at
         return self._frames[path]
 
-    def thumbnail(self, wanted: str) -> bytes:
+    def thumbnail(self, identity: str) -> bytes:
         """A small image of that frame, as a message for browsers."""
-        path = self.sealed(wanted)
+        path = self.sealed_path(identity)
         key = (path, path.stat().st_mtime_ns)
         if key not in self._thumbnails:
             self._thumbnails[key] = thumbnail(mean_of_first_frames_k(path))
         return self._thumbnails[key]
 
-    def slopes(self, wanted: str) -> list[dict[str, Any]]:
+    def slopes(self, identity: str) -> list[dict[str, Any]]:
         """The final slope of each target of a session, as recorded."""
-        with open_session(self.sealed(wanted)) as session:
+        with open_session(self.sealed_path(identity)) as session:
             return [outgoing.slope(slope) for slope in recorded_slopes(session)]
 
-    async def estimate(self, wanted: str) -> list[dict[str, Any]]:
+    async def estimate(self, identity: str) -> list[dict[str, Any]]:
         """Slopes of a session with the campaign's regions as they are now."""
-        path = self.sealed(wanted)
+        path = self.sealed_path(identity)
         async with self._one_job:
             _, output, errors = await _fieldkit("estimate", str(path), "--campaign")
         try:
@@ -139,9 +138,9 @@ class PastSessions:
         except (ValueError, KeyError):
             raise command_error(errors, f"{path.stem} could not be estimated") from None
 
-    def report(self, wanted: str) -> Path | asyncio.Task[str]:
+    def report(self, identity: str) -> Path | asyncio.Task[str]:
         """The report of a session, or the task that makes it; its result is why it failed, if it did."""
-        session = self.sealed(wanted)
+        session = self.sealed_path(identity)
         report = default_path(session)
         if os.path.lexists(report) and not is_regular(report):  # it may lead anywhere
             raise RefusedError(f"{report} is a link, a folder or a device", fix="delete it, then ask again")
@@ -157,9 +156,9 @@ class PastSessions:
                 return report  # whichever is the newer by a clock that was corrected meanwhile
         return making
 
-    def waited_s(self, wanted: str) -> float:
+    def waited_s(self, identity: str) -> float:
         """Seconds since the report of a session was asked for first."""
-        return time.monotonic() - self._asked_s[self.path(wanted)]
+        return time.monotonic() - self._asked_s[self.path(identity)]
 
     async def _make(self, session: Path) -> str:
         async with self._one_job:
@@ -169,12 +168,11 @@ class PastSessions:
 
 async def _fieldkit(*arguments: str) -> tuple[int, str, str]:
     """Exit code and output of a command with ``--json`` that gives way to all other processes."""
-    pipe = asyncio.subprocess.PIPE
+    words = ["nice", "-n", "15", sys.executable, "-P", "-m", "fieldkit", *arguments]
+    pipe, nothing = asyncio.subprocess.PIPE, asyncio.subprocess.DEVNULL
     process = await asyncio.create_subprocess_exec(
-        "nice", "-n", "15", sys.executable, "-P", "-m", "fieldkit", *arguments,
-        "--json", "--quiet", "--no-input",
-        stdin=asyncio.subprocess.DEVNULL, stdout=pipe, stderr=pipe,
-    )  # fmt: skip
+        *words, "--json", "--quiet", "--no-input", stdin=nothing, stdout=pipe, stderr=pipe
+    )
     try:
         output, errors = await process.communicate()
     finally:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -10,56 +11,54 @@ from fieldkit.model.channels import radiation_components
 from fieldkit.model.durations import precise_duration
 from fieldkit.model.errors import SessionError
 from fieldkit.model.learnt import Learnt
-from fieldkit.model.site import Site
+from fieldkit.model.samples import Event
+from fieldkit.model.site import Region, Site
 from fieldkit.model.slope import SlopeEstimate, final_estimates
-from fieldkit.results.json_document import learnt_document
+from fieldkit.results.json_document import attributes, learnt_document
 from fieldkit.sessions.lock import journal_path
 from fieldkit.sessions.reader import SessionReader, open_session
 from fieldkit.views import formatting
-from fieldkit.views.formatting import by_time
 
 
 def describe(session: SessionReader) -> dict[str, Any]:
     """Description of a session, as ``fieldkit show --json`` prints it."""
     site = session.site
     return {
-        "session": str(session.path), "title": session.header.title, "state": session.state,
-        "site": {
-            "latitude_deg": site.latitude_deg, "longitude_deg": site.longitude_deg,
-            "elevation_m": site.elevation_m, "timezone": site.timezone,
-            "body": site.body,
-        },
-        "began": local_time(site, session.start_ns), "ended": local_time(site, session.end_ns),
-        "start": iso_time(site, session.start_ns), "end": iso_time(site, session.end_ns),
-        "length_s": (session.end_ns - session.start_ns) / 1e9,
+        "session": str(session.path),
+        **attributes(session.header, "title", "operator", "description", "license"),
+        "state": session.state,
+        "site": asdict(site),
+        **_interval(site, session.start_ns, session.end_ns),
+        "ended": local_time(site, session.end_ns),
         "streams": [_stream(session, name) for name in session.streams],
-        "regions": [
-            {
-                "name": region.name, "kind": region.kind.name.lower(), "tilt_deg": region.tilt_deg,
-                "azimuth_deg": region.azimuth_deg, "corners": len(region.vertices),
-            }
-            for region in session.regions
-        ],
-        "slopes": [
-            {
-                "region": slope.region, "at": local_time(site, slope.time_ns),
-                "state": slope.state.name.lower(),
-                "tilt_deg": slope.tilt_deg, "azimuth_deg": slope.azimuth_deg, "model": slope.model,
-            }
-            for slope in recorded_slopes(session)
-        ],
+        "regions": [_region(region) for region in session.regions],
+        "slopes": [_slope(slope, site) for slope in recorded_slopes(session)],
         "learnt": learnt_document(recorded_learnt(session)),
-        "events": [
-            {
-                "at": local_time(site, event.time_ns), "kind": event.kind.name.lower(),
-                "stream": event.stream, "text": event.text, "label": str(event.data.get("label", "")),
-                "end": local_time(site, int(event.data.get("end_ns", 0))),
-            }
-            for event in by_time(session.events())
-        ],
-        "operator": session.header.operator, "description": session.header.description,
-        "license": session.header.license, **session.provenance,
-    }  # fmt: skip
+        "events": [_event(event, site) for event in formatting.by_time(session.events())],
+        **session.provenance,
+    }
+
+
+def _interval(site: Site, start_ns: int, end_ns: int) -> dict[str, Any]:
+    """Begin, end and length of a session."""
+    iso = {"start": iso_time(site, start_ns), "end": iso_time(site, end_ns)}
+    return {"began": local_time(site, start_ns), **iso, "length_s": (end_ns - start_ns) / 1e9}
+
+
+def _region(region: Region) -> dict[str, Any]:
+    measured = attributes(region, "name", "tilt_deg", "azimuth_deg")
+    return {**measured, "kind": region.kind.name.lower(), "corners": len(region.vertices)}
+
+
+def _slope(slope: SlopeEstimate, site: Site) -> dict[str, Any]:
+    angles = attributes(slope, "region", "tilt_deg", "azimuth_deg", "model")
+    return {**angles, "at": local_time(site, slope.time_ns), "state": slope.state.name.lower()}
+
+
+def _event(event: Event, site: Site) -> dict[str, Any]:
+    times = {"at": local_time(site, event.time_ns), "end": local_time(site, int(event.data.get("end_ns", 0)))}
+    label = str(event.data.get("label", ""))
+    return {**times, "kind": event.kind.name.lower(), **attributes(event, "stream", "text"), "label": label}
 
 
 def recorded_slopes(session: SessionReader) -> list[SlopeEstimate]:
@@ -74,12 +73,10 @@ def recorded_learnt(session: SessionReader) -> Learnt | None:
 
 def _stream(session: SessionReader, name: str) -> dict[str, Any]:
     info = session.streams[name]
-    return {
-        "name": name, "quantity": info.quantity, "unit": info.unit, "shape": list(info.shape),
-        "samples": session.count(name), "driver": info.driver,
-        "device": " ".join(word for word in (info.vendor, info.model, info.serial_number) if word),
-        "rate_hz": info.rate_hz, "measures": list(radiation_components(info, {})),
-    }  # fmt: skip
+    device = " ".join(filter(None, (info.vendor, info.model, info.serial_number)))
+    measures = list(radiation_components(info, {}))
+    stated = attributes(info, "name", "quantity", "unit", "shape", "driver", "rate_hz")
+    return {**stated, "samples": session.count(name), "device": device, "measures": measures}
 
 
 def describe_briefly(path: Path) -> dict[str, Any]:
@@ -99,13 +96,10 @@ def brief(
     path: Path, state: str, site: Site, start_ns: int, end_ns: int, counts: Mapping[str, int], title: str
 ) -> dict[str, Any]:
     """The same of what is known of a session."""
-    length_s = (end_ns - start_ns) / 1e9
-    return {
-        "name": path.name, "state": state, "began": local_time(site, start_ns),
-        "start": iso_time(site, start_ns), "end": iso_time(site, end_ns),
-        "length": precise_duration(length_s), "length_s": length_s,
-        "samples": counts, "bytes": _size(path), "title": title,
-    }  # fmt: skip
+    interval = _interval(site, start_ns, end_ns)
+    interval["length"] = precise_duration(interval["length_s"])
+    size = {"samples": counts, "bytes": _size(path)}
+    return {"name": path.name, "state": state, **interval, **size, "title": title}
 
 
 def _size(path: Path) -> int:

@@ -26,6 +26,11 @@ def plain_json(document: Mapping[str, Any]) -> str:
     return json.dumps(_plain(document), allow_nan=False, separators=(",", ":"))
 
 
+def attributes(source: Any, *names: str) -> dict[str, Any]:
+    """Attributes of an object under their own names, as a part of a document."""
+    return {name: getattr(source, name) for name in names}
+
+
 def learnt_document(learnt: Learnt | None) -> dict[str, Any] | None:
     """Document of what was learnt: parameters in their units, residuals in kelvin; None with other models."""
     return None if learnt is None else asdict(learnt)

@@ -50,6 +50,7 @@ from fieldkit.physics.radiance import surface_temperature_k
 from fieldkit.results.batch import Failures, Progress, no_progress
 from fieldkit.results.cache import code_version
 from fieldkit.results.executors import THIS_PROCESS, Workers, results
+from fieldkit.results.json_document import attributes
 from fieldkit.results.map_file import BOUNDS, VARIABLES, write_map
 from fieldkit.results.minutes import SessionMinutes
 from fieldkit.results.result_files import campaign_folder, command_line, writing
@@ -186,12 +187,10 @@ class MappedSession:
 
     def document(self) -> dict[str, Any]:
         """The map in numbers, for ``--json``: minutes, states, flags, regions."""
-        return {
-            "minutes": self.minutes, "start_ns": self.start_ns, "end_ns": self.end_ns,
-            "confidence": self.bounds.confidence, "states": self.states,
-            "flags": [str(flag.name).lower() for flag in self.flags],
-            "regions": [asdict(region) for region in self.by_region()],
-        }  # fmt: skip
+        flags = [str(flag.name).lower() for flag in self.flags]
+        regions = [asdict(region) for region in self.by_region()]
+        extent = attributes(self, "minutes", "start_ns", "end_ns", "states")
+        return {**extent, "confidence": self.bounds.confidence, "flags": flags, "regions": regions}
 
     def __repr__(self) -> str:
         shares = ", ".join(f"{share:.0%} {state}" for state, share in self.states.items())
