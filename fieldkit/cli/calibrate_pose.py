@@ -50,13 +50,8 @@ def command(
     camera_pose.write(out, range_m=range_m, ground_m=ground_m, dem=dem)
     residuals = [float(residual) for residual in camera_pose.fit.residuals_px]
     if common.options().json:
-        document = {
-            "file": str(out),
-            "pose": camera_pose.values,
-            "sd": camera_pose.fit.sd,
-            "residuals_px": residuals,
-        }
-        common.print_json(document)
+        fit = {"pose": camera_pose.values, "sd": camera_pose.fit.sd, "residuals_px": residuals}
+        common.print_json({"file": str(out), **fit})
         return
     rows = [
         (name, number(value, 3), number(camera_pose.fit.sd[name], 3))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -41,26 +41,11 @@ def command(paths: tuple[Path, ...], strict: bool, apply_map: bool, no_estimates
         if not options().json:
             _print(session_check)
     if options().json:
-        print_json(
-            {
-                "sessions": [
-                    {
-                        "session": str(session_check.path),
-                        "level": session_check.level,
-                        "findings": [
-                            asdict(finding_in_commands(finding)) for finding in session_check.findings
-                        ],
-                    }
-                    for session_check in checks
-                ]
-            }
-        )
+        print_json({"sessions": [_document(session_check) for session_check in checks]})
     for session_check in checks if apply_map else ():
         _correct_clock(session_check.path, is_only=len(paths) == 1 and not paths[0].is_dir())
-    if any(
-        session_check.level == "fail" or (strict and session_check.level == "warn")
-        for session_check in checks
-    ):
+    failing = {"fail", "warn"} if strict else {"fail"}
+    if failing & {session_check.level for session_check in checks}:
         raise IntegrityError("not everything is in order", fix="see the lines marked FAIL")
 
 
@@ -81,9 +66,14 @@ def _correct_clock(path: Path, *, is_only: bool) -> None:
         say(f"{path.name}: {step.add_ns / 1e9:+.3f} s from now on when reading ({step.reason})")
 
 
-def _print(found: CheckedSession) -> None:
-    click.echo(found.path)
-    for finding in found.findings:
+def _document(session_check: CheckedSession) -> dict[str, Any]:
+    findings = [asdict(finding_in_commands(finding)) for finding in session_check.findings]
+    return {"session": str(session_check.path), "level": session_check.level, "findings": findings}
+
+
+def _print(session_check: CheckedSession) -> None:
+    click.echo(session_check.path)
+    for finding in session_check.findings:
         mark, colour = _MARKS[finding.level]
         text = click.style(mark, fg=colour) if colour and not options().no_color else mark
         click.echo(f"  {text}  {finding.what:<14} {finding.text}")

@@ -11,9 +11,10 @@ import json
 import logging
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import reduce
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -121,12 +122,10 @@ present_option: Decorator = click.option(
 def options_together(*single: Decorator) -> Decorator:
     """Options that several commands share, as one decorator."""
 
-    def decorated(command: Callable[..., Any]) -> Callable[..., Any]:
-        for option in reversed(single):
-            command = option(command)
-        return command
+    def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
+        return reduce(lambda inner, option: option(inner), reversed(single), command)
 
-    return decorated
+    return decorate
 
 
 workers_options: Decorator = options_together(
@@ -256,7 +255,7 @@ def console(*, err: bool = False) -> Console:
     return console
 
 
-def print_table(columns: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
+def print_table(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
     """Print rows under column headings on stdout; numbers should come formatted."""
     from rich.table import Table
 
@@ -270,17 +269,12 @@ def progress() -> Progress:
     """A progress bar on stderr, silent with ``--quiet``, ``--json`` or without a terminal."""
     from rich.progress import Progress
 
-    screen = console(err=True)
-    chosen = options()
-    return Progress(
-        console=screen, disable=chosen.quiet or chosen.json or not screen.is_terminal, transient=True
-    )
+    screen, chosen = console(err=True), options()
+    is_silent = chosen.quiet or chosen.json or not screen.is_terminal
+    return Progress(console=screen, disable=is_silent, transient=True)
 
 
-def _configure_logging(given: Options) -> None:
-    level = (
-        logging.ERROR
-        if given.quiet
-        else {0: logging.WARNING, 1: logging.INFO}.get(given.verbose, logging.DEBUG)
-    )
+def _configure_logging(options: Options) -> None:
+    levels = {0: logging.WARNING, 1: logging.INFO}
+    level = logging.ERROR if options.quiet else levels.get(options.verbose, logging.DEBUG)
     logging.basicConfig(level=level, format="%(levelname)s %(name)s: %(message)s", force=True)

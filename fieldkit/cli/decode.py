@@ -85,17 +85,11 @@ def _is_file(word: str) -> bool:
 
 def as_document(decoded: Decoded) -> dict[str, Any]:
     """The JSON form: readings, what was rejected and why, bytes left over, notes."""
-    return {
-        "readings": [
-            {"value": value.value, "unit": value.unit, "channel": value.channel, "flags": value.flags}
-            for value in decoded.values
-        ],
-        "rejected": [
-            {"offset": part.offset, "length": part.length, "reason": part.reason} for part in decoded.rejected
-        ],
-        "rest": decoded.rest,
-        "notes": list(decoded.notes),
-    }
+    from fieldkit.results.json_document import attributes
+
+    readings = [attributes(value, "value", "unit", "channel", "flags") for value in decoded.values]
+    rejected = [attributes(part, "offset", "length", "reason") for part in decoded.rejected]
+    return {"readings": readings, "rejected": rejected, "rest": decoded.rest, "notes": list(decoded.notes)}
 
 
 def _print(decoded: Decoded) -> None:

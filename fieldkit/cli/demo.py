@@ -75,14 +75,8 @@ def _conclude(
     if common.options().json:
         by_name = {region.name: region for region in regions}
         documents = [as_document(slope, by_name[name]) for name, slope in slopes.items()]
-        common.print_json(
-            {
-                "session": str(path),
-                "report": str(report),
-                "slopes": documents,
-                "mean_tilt_error_deg": error_deg,
-            }
-        )
+        files = {"session": str(path), "report": str(report)}
+        common.print_json({**files, "slopes": documents, "mean_tilt_error_deg": error_deg})
         return
     common.say(f"done in {took_s:.0f} s")
     print_slopes(slopes, regions)

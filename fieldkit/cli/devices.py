@@ -54,21 +54,13 @@ def add_connected(file: Path, stated: dict[str, dict[str, Any]]) -> None:
 
     additions = add_devices(file, stated, _answer if is_interactive() else Question.refused)
     if options().json:
-        print_json(
-            {
-                "config": str(file),
-                "added": [asdict(device) for device in additions.added],
-                "configured": additions.configured,
-                "skipped": [_row(device) for device in additions.skipped],
-                "failures": [
-                    {
-                        "message": in_commands(failure.explanation),
-                        "fix": in_commands(failure.fix or "") or None,
-                    }
-                    for failure in additions.failures
-                ],
-            }
-        )
+        failures = [
+            {"message": in_commands(failure.explanation), "fix": in_commands(failure.fix or "") or None}
+            for failure in additions.failures
+        ]
+        added, skipped = list(map(asdict, additions.added)), list(map(_row, additions.skipped))
+        lists = {"added": added, "skipped": skipped, "failures": failures}
+        print_json({"config": str(file), "configured": additions.configured, **lists})
     _report(file, additions)
     if additions.failures:
         raise together(additions.failures)
@@ -79,35 +71,33 @@ def _answer(question: Question) -> str:
     return answer
 
 
-def _report(file: Path, done: AddedDevices) -> None:
-    for added in done.added:
+def _report(file: Path, additions: AddedDevices) -> None:
+    for added in additions.added:
         quantity = f"{added.quantity} in {added.unit}"
         say(f"added {added.name} to {file}: {added.driver}, {quantity}, {added.identity or added.port}")
-    for identity, name in done.configured.items():
+    for identity, name in additions.configured.items():
         say(f"{identity} is configured already, as {name}")
-    for device in done.skipped:
+    for device in additions.skipped:
         say(f"skipped {device.identity or device.port}: {device.note}")
-    if not (done.added or done.configured or done.skipped or done.failures):
+    if not (additions.added or additions.configured or additions.skipped or additions.failures):
         say("no instrument is plugged in; next: fieldkit doctor")
 
 
 def _list() -> None:
     from fieldkit.drivers import registry
     from fieldkit.drivers.discovery import discover
+    from fieldkit.results.json_document import attributes
 
-    things, problems = discover()
+    devices, problems = discover()
     drivers, _ = registry.load_all()
     if options().json:
-        driver_rows = [
-            {"name": driver.name, "title": driver.title, "quantity": driver.quantity} for driver in drivers
-        ]
-        print_json(
-            {"devices": [_row(thing) for thing in things], "drivers": driver_rows, "problems": problems}
-        )
+        driver_rows = [attributes(driver, "name", "title", "quantity") for driver in drivers]
+        print_json({"devices": list(map(_row, devices)), "drivers": driver_rows, "problems": problems})
         return
-    if things:
+    if devices:
         rows = [
-            [thing.identity, thing.port, thing.title, _names(thing.drivers), thing.note] for thing in things
+            [device.identity, device.port, device.title, _names(device.drivers), device.note]
+            for device in devices
         ]
         print_table(["identity", "at", "what", "driver", "remark"], rows)
     else:

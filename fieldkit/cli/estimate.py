@@ -163,19 +163,19 @@ def _estimate_tables(
     require_slope(slopes)
 
 
-def _print(found: EstimatedSessions) -> None:
+def _print(sessions: EstimatedSessions) -> None:
     from fieldkit.results.estimate import slopes_document
 
     if common.options().json:
         documents = [
-            {"session": str(found.paths[name]), **slopes_document(slopes)}
-            for name, slopes in found.estimates.items()
+            {"session": str(sessions.paths[name]), **slopes_document(slopes)}
+            for name, slopes in sessions.estimates.items()
         ]
         common.print_json(documents[0] if len(documents) == 1 else {"sessions": documents})
         return
-    for name, estimates in found.estimates.items():
-        if len(found.estimates) > 1:
+    for name, estimates in sessions.estimates.items():
+        if len(sessions.estimates) > 1:
             click.echo(name)
         print_slopes(estimates.final, estimates.regions)
         print_learnt(estimates.learnt.final)
-    explain_slopes(slope for estimates in found.estimates.values() for slope in estimates.final.values())
+    explain_slopes(slope for estimates in sessions.estimates.values() for slope in estimates.final.values())

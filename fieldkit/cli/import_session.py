@@ -73,7 +73,7 @@ if TYPE_CHECKING:
 @click.option(
     "--into", type=PATH, metavar="SESSION", help="Make a new session of this one and SOURCE together."
 )
-def command(source: Path, out: Path | None, into: Path | None, **given: Any) -> None:
+def command(source: Path, out: Path | None, into: Path | None, **stated: Any) -> None:
     """Turn SOURCE into a session: frames, tables of loggers, files of weather stations.
 
     PureThermal .raw.y16.gz; FLIR .fff, .seq, radiometric .jpg, TIFF (16 bits, floats), 16-bit PNG and .irg,
@@ -86,30 +86,22 @@ def command(source: Path, out: Path | None, into: Path | None, **given: Any) -> 
     from fieldkit.results.result_files import command_line
     from fieldkit.sessions.reader import open_session
 
-    unstated = ImportOptions(**{**given, "measures": given["measures"] or ""})
+    import_options = ImportOptions(**{**stated, "measures": stated["measures"] or ""})
     if into is not None:
         with open_session(find_session(into)) as session:
-            _print(import_into(session, source, out, unstated))
+            _print(import_into(session, source, out, import_options))
         return
-    _print(
-        import_recording(
-            source,
-            out,
-            unstated,
-            campaign=working_folder(),
-            command_line=command_line(),
-            notify=say,
-        )
-    )
+    folder, words = working_folder(), command_line()
+    _print(import_recording(source, out, import_options, campaign=folder, command_line=words, notify=say))
 
 
-def _print(made: ImportedSession) -> None:
+def _print(session: ImportedSession) -> None:
     if options().json:
-        notes = [text for _, text in made.notes]
-        print_json({"session": str(made.path), "samples": made.samples, "remarks": notes})
+        notes = [text for _, text in session.notes]
+        print_json({"session": str(session.path), "samples": session.samples, "remarks": notes})
         return
-    for severity, text in made.notes:
+    for severity, text in session.notes:
         say(f"  {'warning: ' if severity is Severity.WARNING else ''}{text}")
-    counts = ", ".join(f"{name} {count}" for name, count in made.samples.items())
-    click.echo(f"{made.path}  {counts} samples, {made.size_bytes / 1e6:.1f} MB")
-    say(f"next: fieldkit show {made.path}")
+    counts = ", ".join(f"{name} {count}" for name, count in session.samples.items())
+    click.echo(f"{session.path}  {counts} samples, {session.size_bytes / 1e6:.1f} MB")
+    say(f"next: fieldkit show {session.path}")

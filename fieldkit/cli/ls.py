@@ -28,20 +28,11 @@ def command(folder: Path | None) -> None:
     if not rows:
         say(f"no sessions in {folder}")
         return
-    print_table(
-        ("session", "state", "began", "length", "samples", "MB"),
-        [
-            (
-                row["name"],
-                row["state"],
-                row["began"],
-                row["length"],
-                _counts(row),
-                f"{row['bytes'] / 1e6:.1f}",
-            )
-            for row in rows
-        ],
-    )
+    cells = [
+        (*map(row.get, ("name", "state", "began", "length")), _counts(row), f"{row['bytes'] / 1e6:.1f}")
+        for row in rows
+    ]
+    print_table(("session", "state", "began", "length", "samples", "MB"), cells)
     if any(row["state"] == "interrupted" for row in rows):
         say("finish interrupted sessions with: fieldkit recover")
 

@@ -17,7 +17,7 @@ from fieldkit.model.errors import NoAnswerError
 
 if TYPE_CHECKING:
     from fieldkit.results.batch import Failures
-    from fieldkit.results.slope_map import MappedSession, Maps
+    from fieldkit.results.slope_map import MappedRegion, MappedSession, Maps
 
 
 @click.command(cls=common.Command)
@@ -79,7 +79,7 @@ def command(
       solar     mean cosine of the sun's incidence over the day
       uvw       unit normal: east, north, up
       ptilt     P(tilt > --limit-deg), and the mean of the steepest tenth that fits
-      inertia   thermal inertia found by the learned model
+      inertia   thermal inertia session_map by the learned model
 
     With a pose they (or slope and heading) are also written on the ground: NAME.tif, a cloud-optimised
     GeoTIFF with a band for each layer, and NAME.mcap, a grid map and of ptilt an occupancy grid for ROS 2.
@@ -107,8 +107,8 @@ def command(
         return
     make = partial(slope_map, paths[0], window, settings=settings, present=present)
 
-    def write(found: MappedSession, base: Path) -> list[Path]:
-        return found.write(base, chosen, pose=camera, cell_m=cell_m, notify=common.say)
+    def write(session_map: MappedSession, base: Path) -> list[Path]:
+        return session_map.write(base, chosen, pose=camera, cell_m=cell_m, notify=common.say)
 
     name = base(paths[0]) if out is None else batch.base_of(out, ENDINGS)
     map_now = partial(_map, paths[0], name, make, write, on_one_line=follow)
@@ -160,7 +160,7 @@ def _map_many(
 
     with batch.progress_bar("mapping") as on_progress:
         maps, failures = make(bases, on_progress=on_progress)
-    for note in dict.fromkeys(note for found, _ in maps.values() for note in found.notes):
+    for note in dict.fromkeys(note for session_map, _ in maps.values() for note in session_map.notes):
         common.say(note)
     for path, (_, files) in maps.items():
         _say_earlier(bases[path], files)
@@ -171,13 +171,12 @@ def _map_many(
             [session_map for session_map, _ in maps.values()], folder / f"slope-maps{of_map}.html"
         )
     if common.options().json:
-        common.print_json(
-            {"sessions": [_document(path, *entry) for path, entry in maps.items()], "page": page}
-        )
+        documents = [_document(path, *entry) for path, entry in maps.items()]
+        common.print_json({"sessions": documents, "page": page})
     else:
-        for path, (found, files) in maps.items():
+        for path, (session_map, files) in maps.items():
             click.echo(path.stem)
-            _print_map(found, files)
+            _print_map(session_map, files)
         if page:
             click.echo(f"all maps: {page}")
     batch.raise_failures(failures, bases)
@@ -202,36 +201,37 @@ def _bases(
     return bases
 
 
-def _document(path: Path, found: MappedSession, files: Sequence[Path]) -> dict[str, Any]:
-    return {"session": str(path), "files": [str(file) for file in files], **found.document()}
+def _document(path: Path, session_map: MappedSession, files: Sequence[Path]) -> dict[str, Any]:
+    return {"session": str(path), "files": [str(file) for file in files], **session_map.document()}
 
 
-def _print_map(found: MappedSession, files: Sequence[Path]) -> None:
+def _print_map(session_map: MappedSession, files: Sequence[Path]) -> None:
     """Each region of the map in numbers, and the files."""
     from fieldkit.model.confidence import percent
     from fieldkit.views.formatting import number
 
-    if found.along_sun is not None:
-        towards = f"tilt towards {number(found.along_sun.azimuth_deg)} °"
+    if session_map.along_sun is not None:
+        towards = f"tilt towards {number(session_map.along_sun.azimuth_deg)} °"
         regions = [
-            (region.region, number(region.along_sun_deg, 1), region.pixels) for region in found.by_region()
+            (region.region, number(region.along_sun_deg, 1), region.pixels)
+            for region in session_map.by_region()
         ]
         common.print_table(("region", towards, "pixels"), regions)
-    rows = [
-        (
-            region.region, number(region.tilt_deg, 1), number(region.azimuth_deg, 0),
-            _range(region.tilt_low_deg, region.tilt_high_deg), _range(*region.tilt_region_deg), region.pixels,
-            ", ".join(f"{state} {share:.0%}" for state, share in region.states.items()),
-        )
-        for region in found.by_region()
-    ]  # fmt: skip
-    of_one = f"{percent(found.bounds.confidence)} of one °"
-    if found.along_sun is None:
-        common.print_table(
-            ("region", "tilt °", "azimuth °", "half of pixels °", of_one, "pixels", "states"), rows
-        )
+    else:
+        of_one = f"{percent(session_map.bounds.confidence)} of one °"
+        columns = ("region", "tilt °", "azimuth °", "half of pixels °", of_one, "pixels", "states")
+        common.print_table(columns, map(_region_row, session_map.by_region()))
     for file in files:
         click.echo(file)
+
+
+def _region_row(region: MappedRegion) -> tuple[object, ...]:
+    from fieldkit.views.formatting import number
+
+    half, of_one = _range(region.tilt_low_deg, region.tilt_high_deg), _range(*region.tilt_region_deg)
+    states = ", ".join(f"{state} {share:.0%}" for state, share in region.states.items())
+    angles = number(region.tilt_deg, 1), number(region.azimuth_deg, 0), half, of_one
+    return (region.region, *angles, region.pixels, states)
 
 
 def _range(low: float, high: float) -> str:

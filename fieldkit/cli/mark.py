@@ -6,17 +6,12 @@ from pathlib import Path
 
 import click
 
-from fieldkit.cli.common import (
-    Command,
-    campaign,
-    options,
-    print_json,
-    print_table,
-    recordings,
-    say,
-    usage_errors,
-)
+from fieldkit.cli import common
+from fieldkit.cli.common import Command, campaign, options, print_json, print_table, recordings, say
 from fieldkit.cli.types import PATH, WORDS
+
+Changes = tuple[str | None, str | None, str | None, str | None]
+"""Label, time, start and end of a mark, as typed."""
 
 
 @click.command(cls=Command)
@@ -61,14 +56,14 @@ def command(
     fieldkit mark --take-back 2
     fieldkit mark --edit 3 shade-test b25 --at 12:31 --session recordings/noon.h5
     """
-    text, times = " ".join(words), (kind, at, start, end)
+    text, changes = " ".join(words), (kind, at, start, end)
     if (start is None) != (end is None) or (at and start):
         raise click.UsageError("give --at, or --from and --until together")
     actions = is_list + (take_back is not None) + (edit is not None)
-    if actions > 1 or (actions and (longest or (edit is None and (text or any(times))))):
+    if actions > 1 or (actions and (longest or (edit is None and (text or any(changes))))):
         raise click.UsageError("--list and --take-back stand alone; --edit takes TEXT, --kind and a time")
     if actions:
-        _correct(session, take_back, edit, text, times)
+        _correct(_session(session), take_back, edit, text, changes)
     elif not text or session is not None:
         raise click.UsageError("give the TEXT of a mark; --session needs --list, --take-back or --edit")
     else:
@@ -81,7 +76,7 @@ def _add(text: str, kind: str, at: str, end: str | None, longest: str | None) ->
     from fieldkit.recording.running import unresponsive_recorder
 
     folder = recordings()
-    with usage_errors():
+    with common.usage_errors():
         mark, effect = mark_of(folder, campaign, text, kind=kind, at=at, to=end, longest=longest)
     session = sent(folder, mark).session
     if options().json:
@@ -92,31 +87,30 @@ def _add(text: str, kind: str, at: str, end: str | None, longest: str | None) ->
         say(f"marked in {session.name}: {effect or text}")
 
 
-def _correct(
-    session: Path | None, take_back: str | None, edit: str | None, text: str,
-    given: tuple[str | None, str | None, str | None, str | None],
-) -> None:  # fmt: skip
+def _correct(path: Path, take_back: str | None, edit: str | None, text: str, changes: Changes) -> None:
     from fieldkit.recording.marks import correct_mark
-    from fieldkit.results.marks import edited, taken_back
+    from fieldkit.results.marks import replacement, withdrawal
 
-    path, (kind, at, start, end) = _session(session), given
+    kind, at, start, end = changes
     if take_back is not None:
-        mark = correct_mark(path, lambda session: taken_back(session, take_back))
+        mark = correct_mark(path, lambda session: withdrawal(session, take_back))
         say(f"{path.name}: {mark.text}")
     elif edit is not None:
         times = {"at": at or start, "to": end}
-        mark = correct_mark(path, lambda session: edited(session, edit, text or None, label=kind, **times))
+        mark = correct_mark(
+            path, lambda session: replacement(session, edit, text or None, label=kind, **times)
+        )
         say(f"{path.name}: mark {mark.corrects} is now: {mark.text}")
     else:
         _list(path)
 
 
-def _session(given: Path | None) -> Path:
+def _session(path: Path | None) -> Path:
     """The session named, else the one being recorded, else the campaign's latest."""
     from fieldkit.cli.session_paths import latest_session
     from fieldkit.recording.running import session_in_progress
 
-    return (session_in_progress(recordings()) if given is None else None) or latest_session(given)
+    return (session_in_progress(recordings()) if path is None else None) or latest_session(path)
 
 
 def _list(path: Path) -> None:

@@ -48,7 +48,7 @@ def in_commands(text: Text) -> str:
         case Step(action, values, arguments):
             words = COMMANDS[action]
             options = [_option(argument, _command(words)) for argument in arguments]  # imports the command
-            return " ".join(["fieldkit", words, *map(_quoted, values), *options])
+            return " ".join(["fieldkit", words, *map(_quote, values), *options])
         case Argument():
             context = click.get_current_context(silent=True)
             return _option(text, context.meta.get(RUNNING) if context else None)
@@ -74,11 +74,11 @@ def _option(argument: Argument, command: click.Command | None) -> str:
     """An option and its value; one that the command lacks has the argument's name."""
     names = (option.opts[-1] for option in command.params if option.name == argument.name) if command else ()
     flag = next(iter(names), f"--{argument.name.replace('_', '-')}")
-    return flag if argument.value in (None, True) else f"{flag} {_quoted(argument.value)}"
+    return flag if argument.value in (None, True) else f"{flag} {_quote(argument.value)}"
 
 
-def _quoted(value: Any) -> str:
+def _quote(value: Any) -> str:
     """A value as it is typed; settings, and drivers of instruments, as ``KEY=VALUE``."""
     if isinstance(value, Mapping):
-        return ",".join(f"{key}={_quoted(setting)}" for key, setting in value.items()).replace("driver=", "")
+        return ",".join(f"{key}={_quote(setting)}" for key, setting in value.items()).replace("driver=", "")
     return shlex.quote(str(value))

@@ -164,6 +164,6 @@ def qr_lines(text: str) -> list[str]:
     """
     import segno
 
-    drawn = StringIO()
-    segno.make_qr(text).terminal(drawn, compact=True)
-    return [f"{WHITE_ON_BLACK}{line}{PLAIN}" for line in drawn.getvalue().splitlines()]
+    code = StringIO()
+    segno.make_qr(text).terminal(code, compact=True)
+    return [f"{WHITE_ON_BLACK}{line}{PLAIN}" for line in code.getvalue().splitlines()]

@@ -10,14 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fieldkit.cli.batch import progress_bar
-from fieldkit.cli.common import (
-    Command,
-    campaign,
-    options,
-    print_json,
-    print_table,
-    say,
-)
+from fieldkit.cli.common import Command, campaign, options, print_json, print_table, say
 from fieldkit.cli.types import DAY, FACET, HOUR, NEW_FILE, SITE, ZONE, NumberRange, default_option, minutes
 from fieldkit.model.site import Site, with_zone
 
@@ -96,13 +89,8 @@ def command(
     if path:
         day_plan.write(path, experiments)
     if options().json:
-        print_json(
-            {
-                **day_plan.document,
-                **(experiments.document if experiments else {"experiments": None}),
-                "page": path,
-            }
-        )
+        simulated = experiments.document if experiments else {"experiments": None}
+        print_json({**day_plan.document, **simulated, "page": path})
     else:
         _print(day_plan, experiments, path)
 
@@ -114,21 +102,21 @@ def _instruments(config: Config | None) -> dict[str, Any]:
     return {"logged": logged_by(config), "references": reference_facets(config)} if config else {}
 
 
-def _print(made: MeasuringPlan, found: Experiments | None, path: Path | None) -> None:
+def _print(day_plan: MeasuringPlan, experiments: Experiments | None, path: Path | None) -> None:
     from fieldkit.views import plan_page
 
-    plan, site = made.day_plan, made.site
-    click.echo(plan_page.heading(plan, site, made.irradiance))
-    if found:
-        for line in found.summary:
+    plan, site = day_plan.day_plan, day_plan.site
+    click.echo(plan_page.heading(plan, site, day_plan.irradiance))
+    if experiments:
+        for line in experiments.summary:
             click.echo(line)
-        print_table(found.table.columns, found.table.rows)
-        click.echo(found.table.caption)
+        print_table(experiments.table.columns, experiments.table.rows)
+        click.echo(experiments.table.caption)
         click.echo()
     print_table(plan_page.COLUMNS, plan_page.rows(plan, site))
     for line in plan_page.footnotes(plan, site):
         click.echo(line)
-    for warning in made.warnings:
+    for warning in day_plan.warnings:
         click.echo(f"beware: {warning}")
     say(f"page {path}" if path else "for a page to print: --out plan.html")
     say("next: fieldkit doctor")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from fieldkit.views.terminal_view import ThemeName
 
 
+# all options but --detach, --page and --theme are fields of `RecordOptions`
 @click.command(cls=common.Command)
 @click.option("--name", default="", metavar="NAME", help="Part of the file name.")
 @click.option("--for", "duration_s", type=DURATION, metavar="TIME", help="Duration: 3h, 90m, 45s.")
@@ -61,32 +62,17 @@ if TYPE_CHECKING:
 @common.theme_option
 @common.set_option
 def command(
-    name: str,
-    duration_s: float | None,
-    at: time | None,
-    until: time | None,
-    include_last_s: float | None,
-    detach: bool,
-    allow_missing: bool,
-    page_address: str | None,
-    as_json: str | None,
-    theme: ThemeName,
-    settings: tuple[str, ...],
+    detach: bool, page_address: str | None, as_json: str | None, theme: ThemeName, **stated: Any
 ) -> None:
     """Record a session of this campaign; Ctrl-C stops and seals it, a second one stops at once."""
     from fieldkit.recording.background import RecordOptions
     from fieldkit.recording.record import prepare
 
-    if duration_s is not None and until is not None:
+    options = RecordOptions(**stated) if as_json is None else RecordOptions.model_validate_json(as_json)
+    if options.duration_s is not None and options.until is not None:
         raise click.UsageError("give --for or --until, not both")
-    if include_last_s is not None and at is not None:
+    if options.include_last_s is not None and options.at is not None:
         raise click.UsageError("give --at or --include-last, not both; an earlier --at records the same")
-    options = RecordOptions(
-        name=name, duration_s=duration_s, at=at, until=until, include_last_s=include_last_s,
-        allow_missing=allow_missing, settings=settings,
-    )  # fmt: skip
-    if as_json is not None:
-        options = RecordOptions.model_validate_json(as_json)
     config = common.campaign(options.settings)
     report_interrupted(sessions_in(config.recordings))
     if detach and page_address is not None:

@@ -38,13 +38,8 @@ def command(session: Path, speed: str, settings: tuple[str, ...]) -> None:
     summary = replay(session, speed=factor, settings=settings, view_of=_view if is_shown else None)
     slopes = summary.estimates
     if common.options().json:
-        common.print_json(
-            {
-                "session": str(session),
-                "slopes": [as_document(slope) for slope in slopes.values()],
-                "learnt": learnt_document(summary.learnt),
-            }
-        )
+        documents, learnt = list(map(as_document, slopes.values())), learnt_document(summary.learnt)
+        common.print_json({"session": str(session), "slopes": documents, "learnt": learnt})
         return
     if not slopes:
         common.say("no region is a target: nothing was estimated. next: fieldkit roi add in its campaign")

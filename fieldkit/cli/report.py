@@ -66,11 +66,11 @@ def command(
         raise SessionError(f"{len(pages.failures)} of {len(paths)} sessions are not in the report")
 
 
-def _print(made: Report) -> None:
+def _print(pages: Report) -> None:
     if common.options().json:
-        common.print_json({"sessions": [str(path) for path in made.sessions], "report": str(made.path)})
+        common.print_json({"sessions": [str(path) for path in pages.sessions], "report": str(pages.path)})
         return
-    click.echo(made.path)
+    click.echo(pages.path)
     from fieldkit.views import plotting
 
     if not plotting.available():

@@ -10,16 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fieldkit.cli.common import (
-    CommandGroup,
-    campaign_file,
-    options,
-    options_together,
-    print_json,
-    print_table,
-    say,
-    say_warning,
-)
+from fieldkit.cli import common
+from fieldkit.cli.common import campaign_file, options, print_json, print_table, say
 from fieldkit.cli.session_paths import find_session
 from fieldkit.cli.types import FILE, OR_RECORD, PATH, RECT, XY, NumberRange
 from fieldkit.model.errors import ConfigError
@@ -31,7 +23,7 @@ if TYPE_CHECKING:
 
 Point = tuple[float, float]
 
-_property_options = options_together(
+_property_options = common.options_together(
     click.option("--tilt", "tilt_deg", type=NumberRange(0, 90), help="Tilt from horizontal, degrees."),
     click.option("--azimuth", "azimuth_deg", type=NumberRange(0, 360), help="Azimuth from north, clockwise."),
     click.option("--emissivity", type=OR_RECORD, help="Emissivity in the camera's band, or its record."),
@@ -40,7 +32,7 @@ _property_options = options_together(
 """What is measured of a region, by the names of its keys in ``fieldkit.toml``."""
 
 
-@click.group(cls=CommandGroup)
+@click.group(cls=common.CommandGroup)
 def command() -> None:
     """Manage the regions of the image: targets, and the flat reference.
 
@@ -94,15 +86,9 @@ def add(
         raise click.UsageError("give --pose or --ground, not both")
     file = campaign_file()
     corners = [first, *more] if first else []
-    addition = partial(
-        add_region,
-        name=name,
-        points=corners if pose is None else _on_frame(file, pose, corners),
-        is_ground=ground,
-        rect=rect,
-        reference=reference,
-        **_stated_properties(properties),
-    )
+    points = corners if pose is None else _on_frame(file, pose, corners)
+    where: dict[str, Any] = {"points": points, "is_ground": ground, "rect": rect}
+    addition = partial(add_region, name=name, **where, reference=reference, **_stated_properties(properties))
     region, reply = change_regions(file, addition)
     _print_change(file, name, {"region": region}, "added to", reply)
 
@@ -224,13 +210,8 @@ def check(ctx: click.Context, session: Path | None) -> None:
     inspections = inspect_regions(config, find_session(session) if session else None)
     failed = bool(mistakes) or any(inspection.level == "FAIL" for inspection in inspections)
     if options().json:
-        print_json(
-            {
-                "regions": [inspection.document() for inspection in inspections],
-                "mistakes": mistakes,
-                "ok": not failed,
-            }
-        )
+        documents = [inspection.document() for inspection in inspections]
+        print_json({"regions": documents, "mistakes": mistakes, "ok": not failed})
     else:
         print_table(
             ("name", "tilt/azimuth", "pixels", "spread", ""), [inspection.row() for inspection in inspections]
@@ -258,7 +239,7 @@ def _say_sent(sent: SentRequest | None) -> None:
     if sent is not None:
         say(f"sent to the recording {sent.session.name}, which uses it from the next full minute on")
         if sent.unused:
-            say_warning(
+            common.say_warning(
                 f"{', '.join(sent.unused)}: used from the next recording on; "
                 f"of this one: fieldkit estimate {sent.session.name} --campaign, once it is sealed"
             )
@@ -274,7 +255,7 @@ def _report_issues(file: Path, name: str) -> None:
 
     config, mistakes = read_regions(file)
     for mistake in mistakes:
-        say_warning(mistake)
+        common.say_warning(mistake)
     for inspection in inspect_regions(config):
         if inspection.region.name == name and inspection.level != "ok":
             issues = "; ".join(inspection.failures + inspection.warnings)

@@ -40,21 +40,13 @@ def command(site: Site | None, moments: tuple[datetime, ...], facets: tuple[Face
 
 def _print_rows(rows: list[dict[str, Any]], facets: tuple[Facet, ...]) -> None:
     headings = [f"on {tilt:g}°/{azimuth:g}°" for tilt, azimuth in facets]
-    print_table(
-        ["time", "solar time", "zenith", "azimuth", "refracted zenith", *headings],
-        [
-            [
-                row["time"],
-                _clock(row["solar_time_h"]),
-                *(
-                    f"{row[name]:.4f}°"
-                    for name in ("sun_zenith_deg", "sun_azimuth_deg", "sun_zenith_refracted_deg")
-                ),
-                *(f"{facet['incidence_deg']:.4f}°" for facet in row["facets"]),
-            ]
-            for row in rows
-        ],
-    )
+    print_table(["time", "solar time", "zenith", "azimuth", "refracted zenith", *headings], map(_cells, rows))
+
+
+def _cells(row: dict[str, Any]) -> list[str]:
+    angles = [row["sun_zenith_deg"], row["sun_azimuth_deg"], row["sun_zenith_refracted_deg"]]
+    angles += [facet["incidence_deg"] for facet in row["facets"]]
+    return [row["time"], _clock(row["solar_time_h"]), *(f"{angle:.4f}°" for angle in angles)]
 
 
 def _clock(hours: float) -> str:

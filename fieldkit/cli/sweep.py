@@ -64,14 +64,8 @@ def command(
     paths = find_sessions(sessions)
     base = batch.base_of(out or _default(paths[0]))
     with batch.progress_bar("estimating") as on_progress:
-        result = sweep(
-            paths,
-            grid,
-            present=present,
-            workers=Workers(jobs, address),
-            on_progress=on_progress,
-            notify=common.say,
-        )
+        workers, notify = Workers(jobs, address), common.say
+        result = sweep(paths, grid, present=present, workers=workers, on_progress=on_progress, notify=notify)
     common.say(f"done, {result.cached} of them known before")
     if result.columns:
         _print(result, result.write(base))
@@ -85,35 +79,36 @@ def _default(session: Path) -> Path:
     return results_folder(session) / time.strftime("sweep-%Y%m%dT%H%M%SZ", time.gmtime())
 
 
-def _print(found: Sweep, written: Sequence[Path]) -> None:
-    ranking = found.ranking_document()
+def _print(result: Sweep, files: Sequence[Path]) -> None:
+    ranking = result.ranking_document()
     if common.options().json:
-        files = [str(path) for path in written]
-        common.print_json({"runs": found.runs, "files": files, "ranking": ranking})
+        common.print_json({"runs": result.runs, "files": list(map(str, files)), "ranking": ranking})
         return
     if ranking is None:
         click.echo("no region of known tilt was estimated: nothing to rank the parameters by")
     else:
         _print_ranking(ranking)
-    for path in written:
-        click.echo(path)
+    for file in files:
+        click.echo(file)
 
 
-def _print_ranking(found: Mapping[str, Any]) -> None:
-    best = ", ".join(f"{key} {value}" for key, value in found["best"].items())
-    click.echo(f"best median |error|: {best}   {found['error_deg']:.1f}° (worst {found['worst_deg']:.1f}°)")
-    if found["sessions"] > 1:
+def _print_ranking(ranking: Mapping[str, Any]) -> None:
+    best = ", ".join(f"{key} {value}" for key, value in ranking["best"].items())
+    click.echo(
+        f"best median |error|: {best}   {ranking['error_deg']:.1f}° (worst {ranking['worst_deg']:.1f}°)"
+    )
+    if ranking["sessions"] > 1:
         click.echo(
-            f"cross-validated over sessions: {_error(found['left_out_deg'])}, "
-            f"the same choice in {found['same_choice']} of {found['sessions']}"
+            f"cross-validated over sessions: {_error(ranking['left_out_deg'])}, "
+            f"the same choice in {ranking['same_choice']} of {ranking['sessions']}"
         )
     rows = [
         (key, "  ".join(f"{value}: {_error(error)}" for value, error in by_value.items()))
-        for key, by_value in found["sensitivity"].items()
+        for key, by_value in ranking["sensitivity"].items()
     ]
     if rows:
         common.print_table(("parameter", "mean |error| by value"), rows)
-    for warning in found["warnings"]:
+    for warning in ranking["warnings"]:
         common.say(f"warning: {warning}")
 
 

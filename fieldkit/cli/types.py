@@ -46,7 +46,7 @@ class _Typed(click.ParamType):  # type: ignore[type-arg]
 
 
 class _Finite:
-    """What click's number types do, without the ``nan`` and ``inf`` that Python reads as numbers."""
+    """Click's number types without the ``nan`` and ``inf`` that Python reads as numbers."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """The number; fails for text that is none, is not finite, or is out of range."""

@@ -1,4 +1,4 @@
-"""What the page does for a request, and the answer: what happened, or what went wrong and what to do next."""
+"""Answers to requests of browsers: what happened, or what went wrong and what to do next."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ from fieldkit.recording.running import (
 )
 from fieldkit.recording.suggesting import suggested
 from fieldkit.results.json_document import attributes
-from fieldkit.results.marks import edited, every_mark, taken_back
+from fieldkit.results.marks import every_mark, replacement, withdrawal
 from fieldkit.sessions.reader import open_session
 from fieldkit.views import formatting, frame_image
 
@@ -261,9 +261,9 @@ class Answers:
         if frame is None:
             return None, None
         info = latest.streams[frame.stream]
-        shown = frame_image.values(frame, info)
-        is_known = frame_image.unit(info) == "°C" and bool(np.isfinite(shown).all())
-        return shown.shape, shown + CELSIUS_ZERO_K if is_known else None
+        values = frame_image.values(frame, info)
+        is_known = frame_image.unit(info) == "°C" and bool(np.isfinite(values).all())
+        return values.shape, values + CELSIUS_ZERO_K if is_known else None
 
     async def _redrawn(self, request: requests.Request) -> Done:
         """Change the campaign's regions, and those of its recording if one runs.
@@ -272,11 +272,11 @@ class Answers:
         """
         words, change = _change(request)
         with self._listening() as events:
-            _, asked = await asyncio.to_thread(change_regions, self.config.path, change)
+            _, request_sent = await asyncio.to_thread(change_regions, self.config.path, change)
             missing = await asyncio.to_thread(self._reread)
-            if asked is None:
+            if request_sent is None:
                 return Done("; ".join([words, *missing]))
-            return await self._await_stored(asked, events)
+            return await self._await_stored(request_sent, events)
 
     def _reread(self) -> list[str]:
         """Use the configuration as it was changed; what its regions still lack."""
@@ -342,8 +342,8 @@ def _change(request: requests.Request) -> tuple[str, Callable[[edit.Draft], Any]
 def _correction(path: Path, request: requests.TakeBack | requests.EditMark) -> Mark:
     with open_session(path) as session:
         if isinstance(request, requests.TakeBack):
-            return taken_back(session, request.mark)
-        return edited(session, request.mark, request.text, label=request.kind, at=request.at)
+            return withdrawal(session, request.mark)
+        return replacement(session, request.mark, request.text, label=request.kind, at=request.at)
 
 
 def record_options(request: requests.Start) -> RecordOptions:

@@ -164,7 +164,7 @@ class Conductor:
 
     def _show_recording(self, reader: FeedReader) -> None:
         self._reader = reader
-        latest, seen = self.hub.latest, False
+        latest, has_begun = self.hub.latest, False
         for item in reader.items():
             if isinstance(item, FeedStart):
                 latest = item.latest()
@@ -172,8 +172,8 @@ class Conductor:
             elif isinstance(item, Trend):
                 latest.trend = item
                 self.hub.begin(latest)
-                seen = True
-            elif seen:
+                has_begun = True
+            elif has_begun:
                 self._show(item)
         self._reader = None
 

@@ -225,15 +225,15 @@ class Hub:
     def region_temperatures_c(self) -> dict[str, float]:
         """Mean surface temperature of each region in its camera's last frame, °C, where there is one."""
         frames = {region.camera: self.latest.frame_of(region.camera) for region in self.latest.regions}
-        shown = {
+        temperatures_c = {
             camera: frame_image.values(frame, info)
             for camera, frame in frames.items()
             if frame is not None and frame_image.unit(info := self.latest.streams[frame.stream]) == "°C"
         }
         return {
-            region.name: self._mean_c(region, shown[region.camera])
+            region.name: self._mean_c(region, temperatures_c[region.camera])
             for region in self.latest.regions
-            if region.camera in shown
+            if region.camera in temperatures_c
         }
 
     def _mean_c(self, region: Region, shown: FloatArray) -> float:

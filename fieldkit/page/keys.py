@@ -82,11 +82,11 @@ class Keys:
 
     def _read(self) -> _Kept:
         try:
-            stored = build(_Kept, json.loads(self.path.read_text(encoding="utf-8")))
+            grants = build(_Kept, json.loads(self.path.read_text(encoding="utf-8")))
         except (OSError, ValueError, TypeError):  # no file yet, or a damaged one: everybody needs a new link
             return _Kept()
         return _Kept(
-            *(tuple(grant for grant in some if grant.ends_at > time.time()) for some in _parts(stored))
+            *(tuple(grant for grant in some if grant.ends_at > time.time()) for some in _parts(grants))
         )
 
     @contextmanager

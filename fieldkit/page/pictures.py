@@ -31,12 +31,12 @@ NARROWEST = 2.0
 
 def picture(frame: Frame, info: StreamInfo, mode: Mode, seq: int) -> bytes:
     """A frame as a message; `seq` counts the pictures of a stream, so that browsers see what was skipped."""
-    shown = frame_image.values(frame, info)
+    values = frame_image.values(frame, info)
     origin = {"seq": seq, "stream": frame.stream, "time_ms": frame.time_ns // 1000 / 1000}
-    header = _header(shown, mode, frame_image.unit(info), **origin)
+    header = _header(values, mode, frame_image.unit(info), **origin)
     if mode == "jpeg":
-        return _message(header, _jpeg(shown, header))
-    counts, scale, offset = _linear(frame.counts, shown, info)
+        return _message(header, _jpeg(values, header))
+    counts, scale, offset = _linear(frame.counts, values, info)
     return _message({**header, "scale": scale, "offset": offset}, _exact(counts))
 
 
@@ -44,20 +44,20 @@ def thumbnail(kelvin: FloatArray) -> bytes:
     """A frame of a past session in few bytes, `THUMBNAIL_COLS` pixels wide at most."""
     rows, cols = kelvin.shape
     smaller = min(1.0, THUMBNAIL_COLS / cols)
-    shown = frame_image.resize(kelvin - CELSIUS_ZERO_K, round(rows * smaller), round(cols * smaller))
-    header = _header(shown, "jpeg", "°C")
-    return _message(header, _jpeg(shown, header))
+    values = frame_image.resize(kelvin - CELSIUS_ZERO_K, round(rows * smaller), round(cols * smaller))
+    header = _header(values, "jpeg", "°C")
+    return _message(header, _jpeg(values, header))
 
 
 def still(kelvin: FloatArray) -> bytes:
     """A frame of a past session, as an exact picture; its time is no longer of interest."""
-    shown = kelvin - CELSIUS_ZERO_K
+    values = kelvin - CELSIUS_ZERO_K
     whole = {"seq": 0, "stream": "", "time_ms": None, "scale": 0.01, "offset": -CELSIUS_ZERO_K}
-    return _message(_header(shown, "exact", "°C", **whole), _exact(_hundredths(shown)))
+    return _message(_header(values, "exact", "°C", **whole), _exact(_hundredths(values)))
 
 
-def _header(shown: FloatArray, mode: Mode, unit: str, **more: Any) -> dict[str, Any]:
-    (rows, cols), (low, high) = shown.shape, _ends(shown)
+def _header(values: FloatArray, mode: Mode, unit: str, **more: Any) -> dict[str, Any]:
+    (rows, cols), (low, high) = values.shape, _ends(values)
     return {"rows": rows, "cols": cols, "mode": mode, "unit": unit, "low_c": low, "high_c": high, **more}
 
 
@@ -66,26 +66,26 @@ def _message(header: dict[str, Any], body: bytes) -> bytes:
     return struct.pack("<H", len(text)) + text + body
 
 
-def _ends(shown: FloatArray) -> tuple[float, float]:
+def _ends(values: FloatArray) -> tuple[float, float]:
     """Whole values around nearly all of a frame: they change less often than its extremes."""
-    finite = shown[np.isfinite(shown)]
+    finite = values[np.isfinite(values)]
     if not len(finite):
         return 0.0, NARROWEST
     low, high = (float(value) for value in np.percentile(finite, ENDS))
     return math.floor(low), max(math.ceil(high), math.floor(low) + NARROWEST)
 
 
-def _jpeg(shown: FloatArray, header: dict[str, Any]) -> bytes:
+def _jpeg(values: FloatArray, header: dict[str, Any]) -> bytes:
     import cv2
 
     low, high = header["low_c"], header["high_c"]
-    grey = np.nan_to_num(np.clip((shown - low) * (255.0 / (high - low)), 0.0, 255.0))
+    grey = np.nan_to_num(np.clip((values - low) * (255.0 / (high - low)), 0.0, 255.0))
     ok, data = cv2.imencode(".jpg", np.rint(grey).astype(np.uint8), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
     assert ok
     return data.tobytes()
 
 
-def _linear(counts: CountArray, shown: FloatArray, info: StreamInfo) -> tuple[CountArray, float, float]:
+def _linear(counts: CountArray, values: FloatArray, info: StreamInfo) -> tuple[CountArray, float, float]:
     """Counts with the scale and offset that turn them into °C (or leave them counts).
 
     A camera of another law has none: its temperatures become counts of a hundredth of a kelvin.
@@ -94,12 +94,12 @@ def _linear(counts: CountArray, shown: FloatArray, info: StreamInfo) -> tuple[Co
         return counts, 1.0, 0.0
     if info.law == "linear":
         return counts, info.scale, info.offset - CELSIUS_ZERO_K
-    return _hundredths(shown), 0.01, -CELSIUS_ZERO_K
+    return _hundredths(values), 0.01, -CELSIUS_ZERO_K
 
 
-def _hundredths(shown: FloatArray) -> CountArray:
+def _hundredths(values: FloatArray) -> CountArray:
     """Degrees Celsius as hundredths of a kelvin."""
-    kelvin = np.nan_to_num(shown) + CELSIUS_ZERO_K
+    kelvin = np.nan_to_num(values) + CELSIUS_ZERO_K
     return np.clip(np.rint(kelvin * 100.0), 0, 65_535).astype(np.uint16)
 
 

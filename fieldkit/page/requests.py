@@ -1,4 +1,4 @@
-"""What a browser may ask for: one JSON object each, strict, small, without a path.
+"""Requests of browsers: one JSON object each, strict, small, without a path.
 
 `parse` is the only way in. Whatever else arrives is a `BadRequestError`.
 """

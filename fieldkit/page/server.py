@@ -144,14 +144,14 @@ class Page:
 
     # --- keys
 
-    def known(self, connection: HTTPConnection) -> tuple[Role, float] | None:
+    def session_of(self, connection: HTTPConnection) -> tuple[Role, float] | None:
         """Role and end of the session that a request belongs to, by its cookie or its bearer key."""
         key = connection.cookies.get(self.cookie) or bearer(Headers(scope=connection.scope))
         return self.keys.session(key) if key else None
 
     async def serve_role(self, request: Request) -> Response:
         """Role of this browser: ``view``, ``control``, or null without a key."""
-        session = self.known(request)
+        session = self.session_of(request)
         return JSONResponse({"role": session[0] if session else None})
 
     async def take_key(self, request: Request) -> Response:
@@ -198,8 +198,8 @@ class Page:
     # --- sessions
 
     async def _of_session(self, serve: Callable[[str], Awaitable[Response]], request: Request) -> Response:
-        session_of = self.known(request)
-        if session_of is None or session_of[0] != "control":
+        grant = self.session_of(request)
+        if grant is None or grant[0] != "control":
             return PlainTextResponse("only for those who may control the page", 403)
         try:
             return await serve(request.path_params["session"])
@@ -240,7 +240,7 @@ class Page:
 
     async def serve_socket(self, socket: WebSocket) -> None:
         """Everything that moves: state and pictures to the browser, requests from it."""
-        session = self.known(socket)
+        session = self.session_of(socket)
         if session is None:
             await self._refuse()
             await socket.close(NO_KEY)
@@ -259,11 +259,12 @@ class Page:
         """Send and receive until either ends."""
         sending = asyncio.create_task(viewer.send(socket.send_text, socket.send_bytes))
         receiving = asyncio.create_task(self._receive(socket, viewer))
-        done, others = await asyncio.wait((sending, receiving), return_when=asyncio.FIRST_COMPLETED)
+        ended, others = await asyncio.wait((sending, receiving), return_when=asyncio.FIRST_COMPLETED)
         for task in others:
             task.cancel()
         await asyncio.gather(*others, return_exceptions=True)
-        cause = next((error for task in done if isinstance(error := task.exception(), ViewerLeftError)), None)
+        causes = (error for task in ended if isinstance(error := task.exception(), ViewerLeftError))
+        cause = next(causes, None)
         if cause is not None and socket.application_state is WebSocketState.CONNECTED:
             with suppress(RuntimeError, WebSocketDisconnect):
                 await socket.close(LEFT, str(cause))

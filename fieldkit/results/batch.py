@@ -61,7 +61,7 @@ def _require_target(source: Source) -> None:
         )
 
 
-def estimated(
+def outcomes_of(
     runs: Sequence[Run],
     failures: Failures,
     workers: Workers = THIS_PROCESS,
@@ -159,12 +159,12 @@ class EstimatedSessions:
 
 def _below(tables: Mapping[str, Mapping[str, list[Any]]]) -> dict[str, list[Any]]:
     """Tables with the same columns below each other, the name of each in its rows' first column."""
-    joined: dict[str, list[Any]] = {}
+    columns: dict[str, list[Any]] = {}
     for name, table in tables.items():
         rows = len(next(iter(table.values())))
         for column, values in {"session": [name] * rows, **table}.items():
-            joined.setdefault(column, []).extend(values)
-    return joined
+            columns.setdefault(column, []).extend(values)
+    return columns
 
 
 def estimate_sessions(
@@ -185,7 +185,7 @@ def estimate_sessions(
     sources, failures = readable_sources(paths, present=present, without_marks=without_marks)
     runs = [run_of(source, settings) for source in sources]
     estimates = {
-        run.run.source.path: run.estimates for run in estimated(runs, failures, workers, on_progress)
+        run.run.source.path: run.estimates for run in outcomes_of(runs, failures, workers, on_progress)
     }
     estimated_sources = tuple(source for source in sources if source.path in estimates)
     names = session_names(estimated_sources)

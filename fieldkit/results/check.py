@@ -190,13 +190,13 @@ def horizon_findings(
 
 def _shaded_minutes(minutes: Sequence[Minute], region: str) -> BoolArray:
     """Minutes (n,) between the events that report the begin and the end of a shadow."""
-    found, is_shaded = [], False
+    shades, is_shaded = [], False
     for minute in minutes:
         for event in minute.events:
             if event.data.get("shaded") == region:
                 is_shaded = event.data.get("phase") == "begin"
-        found.append(is_shaded)
-    return np.array(found, np.bool_)
+        shades.append(is_shaded)
+    return np.array(shades, np.bool_)
 
 
 def _sunlit_below(

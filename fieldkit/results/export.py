@@ -80,14 +80,11 @@ def export(
     if to not in EXPORTS:
         raise ConfigError(f"{to!r} is not a kind of export", fix=f"use one of {', '.join(EXPORTS)}")
     chosen = EXPORTS[to]
-    passed_options = {
-        "stream": stream, "every": every, "begin": begin, "until": until, "speed": speed, "palette": palette,
-    }  # fmt: skip
-    _refuse_unused(to, {name: value for name, value in passed_options.items() if value not in (None, 1)})
+    options: dict[str, object] = {"stream": stream, "every": every, "speed": speed, "palette": palette}
+    _refuse_unused(to, {**options, "begin": begin, "until": until})
     target = Path(folder) if folder is not None else _default_folder(path_of(session))
     with reading(session) as opened:
-        options: dict[str, object] = {"stream": stream, "every": every, "speed": speed, "on_frame": on_frame}
-        options["palette"] = palette
+        options["on_frame"] = on_frame
         options["between_ns"] = None if begin is until is None else _between_ns(opened, begin, until)
         used = {name: value for name, value in options.items() if value is not None and name in chosen.takes}
         try:
@@ -106,11 +103,11 @@ def _default_folder(session: Path) -> Path:
     return results / session.stem if results else session.resolve().parent / f"{session.stem}-export"
 
 
-def _refuse_unused(to: str, given: Mapping[str, object]) -> None:
-    """Raise `ConfigError` for an option that the format does not take."""
-    for option, value in given.items():
+def _refuse_unused(to: str, options: Mapping[str, object]) -> None:
+    """Raise `ConfigError` for an option that is stated and the format does not take."""
+    for option, value in options.items():
         name = "between_ns" if option in ("begin", "until") else option
-        if name not in EXPORTS[to].takes:
+        if value not in (None, 1) and name not in EXPORTS[to].takes:
             those = ", ".join(kind for kind, export_format in EXPORTS.items() if name in export_format.takes)
             fix = "omit " + Argument(option) + f", which is for {those}"
             raise ConfigError(f"{to} does not take it", place=Argument(option, value), fix=fix)

@@ -57,10 +57,9 @@ def write_map(
     path: Path,
     slopes: SlopeMap,
     bounds: PixelBounds,
-    *,
+    layers: Sequence[Layer],
     regions: Sequence[Region],
     site: Site,
-    made: Sequence[Layer],
     attributes: Mapping[str, Any],
 ) -> None:
     """Write the arrays of a map and its products, with attributes of the file. Raises `OSError`."""
@@ -73,21 +72,17 @@ def write_map(
             _put(file, name, getattr(slopes, name), about)
         for name, about in BOUNDS.items():
             _put(file, name, getattr(bounds, name), about)
-        for layer in made:
+        for layer in layers:
             _put_layer(file, layer)
-        _put(
-            file, "region", _region_numbers(regions, (rows, cols)), {
-                "long_name": "which region a pixel belongs to, 0 for none",
-                "flag_values": np.arange(len(regions) + 1, dtype="u1"),
-                "flag_meanings": " ".join(["none", *(region.name for region in regions)]),
-            },
-        )  # fmt: skip
-        for name, value, units in (
-            ("latitude", site.latitude_deg, "degrees_north"),
-            ("longitude", site.longitude_deg, "degrees_east"),
-        ):
-            dataset = file.create_dataset(name, data=float(value), track_order=True)
-            set_attributes(dataset, {"units": units, "standard_name": name})
+        about = {
+            "long_name": "which region a pixel belongs to, 0 for none",
+            "flag_values": np.arange(len(regions) + 1, dtype="u1"),
+            "flag_meanings": " ".join(["none", *(region.name for region in regions)]),
+        }
+        _put(file, "region", _region_numbers(regions, (rows, cols)), about)
+        for name, direction in (("latitude", "north"), ("longitude", "east")):
+            dataset = file.create_dataset(name, data=float(getattr(site, f"{name}_deg")), track_order=True)
+            set_attributes(dataset, {"units": f"degrees_{direction}", "standard_name": name})
 
 
 def _put(file: h5py.File, name: str, values: Any, attributes: dict[str, Any]) -> None:

@@ -18,13 +18,13 @@ _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _TEXT_CHARS = 80
 
 
-def taken_back(session: SessionReader, name: int | str) -> Mark:
-    """What takes back the mark of a session with that number or text; raises `ConfigError`."""
+def withdrawal(session: SessionReader, name: int | str) -> Mark:
+    """The mark that takes back the one of a session with that number or text; raises `ConfigError`."""
     number, mark = _mark_named(session, name)
     return Mark(f"taken back: {mark.text[:_TEXT_CHARS]}", corrects=number, takes_back=True)
 
 
-def edited(
+def replacement(
     session: SessionReader,
     name: int | str,
     text: str | None = None,
@@ -33,7 +33,7 @@ def edited(
     at: str | None = None,
     to: str | None = None,
 ) -> Mark:
-    """What takes the place of the mark with that number or text: the same but for what is given.
+    """The mark that replaces the one with that number or text: the same but for what is stated.
 
     Times are ISO 8601 or ``12:31`` at the site, the one nearest to the mark, or ``-30s`` before the session's
     last sample; with `at` alone the mark has no end any more. A mark that was taken back counts again. Raises

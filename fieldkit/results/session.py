@@ -307,9 +307,9 @@ class Session(SessionReader):
         fieldkit.model.errors.ConfigError: the session has no mark 'a gust'
           fix: its marks: none
         """
-        from fieldkit.results.marks import correct, taken_back
+        from fieldkit.results.marks import correct, withdrawal
 
-        correct(self, taken_back(self, mark))
+        correct(self, withdrawal(self, mark))
         self._reopen()
 
     def edit_mark(
@@ -337,9 +337,9 @@ class Session(SessionReader):
         'a cloud'
         False
         """
-        from fieldkit.results.marks import correct, edited
+        from fieldkit.results.marks import correct, replacement
 
-        correct(self, edited(self, mark, text, label=label, at=at, to=to))
+        correct(self, replacement(self, mark, text, label=label, at=at, to=to))
         self._reopen()
 
     def _reopen(self) -> None:

@@ -295,19 +295,16 @@ class MappedSession:
             notify(f"not put on the ground: {error.message}")
             return None
 
-    def _write_frame(self, base: Path, made: Sequence[Layer]) -> list[Path]:
+    def _write_frame(self, base: Path, layers: Sequence[Layer]) -> list[Path]:
         files = [base.with_name(base.name + ending) for ending in ENDINGS]
-        layers_beside = made if self.along_sun is None else ()  # of one minute the map is the layer
+        layers_beside = layers if self.along_sun is None else ()  # of one minute the map is the layer
         images = {base.with_name(f"{base.name}-{layer.name}.png"): layer for layer in layers_beside}
         # as a whole: a viewer may have the previous one open
         with replacing(files[0], synced=False) as image, replacing(files[1], synced=False) as arrays:
             image.write_bytes(map_png(self))
             with open_session(self.path) as session:
                 attributes = _provenance(self, session)
-            write_map(
-                arrays, self.slopes, self.bounds, regions=self.regions, site=self.site, made=made,
-                attributes=attributes,
-            )  # fmt: skip
+            write_map(arrays, self.slopes, self.bounds, layers, self.regions, self.site, attributes)
         for path, layer in images.items():
             with replacing(path, synced=False) as image:
                 image.write_bytes(_layer_image(self, layer))

@@ -64,12 +64,12 @@ def sun_rows(
     """One row per moment: true solar time, the sun's angles and one incidence angle per facet, degrees."""
     geometric = exact_vectors(np.array([utc_ns(moment) for moment in moments]) * 1e-9, site)
     lifted_by_air = refract(geometric, site.elevation_m) if body_of(site).refracts else geometric
-    seen = (geometric, lifted_by_air)
+    suns = (geometric, lifted_by_air)
     solar_h = solar_time_h([utc_ns(moment) for moment in moments], site)
-    (zenith, azimuth), (apparent, bearing) = (tilt_azimuth(sun) for sun in seen)
+    (zenith, azimuth), (apparent, bearing) = (tilt_azimuth(sun) for sun in suns)
     # the last axis counts facets, so that no facet at all gives an empty table and not an error
     normals = normal([tilt for tilt, _ in facets], [turn for _, turn in facets]).reshape(-1, 3)
-    angles, lifted = (incidence_deg(normals, sun) for sun in seen)
+    angles, lifted = (incidence_deg(normals, sun) for sun in suns)
     return [
         {
             "time": moment.isoformat(),

@@ -21,8 +21,8 @@ from fieldkit.model.slope import SOLVED, SlopeState
 from fieldkit.results.batch import (
     Estimate,
     Progress,
-    estimated,
     no_progress,
+    outcomes_of,
     readable_sources,
     session_names,
 )
@@ -136,10 +136,10 @@ def sweep(
     """
     grid = parameters if isinstance(parameters, Grid) else grid_of(parameters)
     sources, failures = readable_sources(map(Path, sessions), present=present)
-    runs = runs_of(sources, grid, partial(estimated, failures=failures, workers=workers))
+    runs = runs_of(sources, grid, partial(outcomes_of, failures=failures, workers=workers))
     notify(f"{len(runs)} runs: {len(grid.sets)} sets of parameters, {len(sources)} sessions")
     table = SweepTable(grid, session_names(sources))
-    for outcome in estimated(runs, failures, workers, on_progress):
+    for outcome in outcomes_of(runs, failures, workers, on_progress):
         table.add(outcome)
     return Sweep(grid, table.columns(), table.ranking(), failures, tuple(sources), len(runs), table.cached)
 

@@ -112,13 +112,13 @@ def enlargement(shape: tuple[int, ...], width: int = PNG_WIDTH) -> int:
 
 def png(frame: Frame, info: StreamInfo, regions: Sequence[Region] = (), *, width: int = PNG_WIDTH) -> bytes:
     """A PNG file: the frame enlarged close to `width`, axes in camera pixels, outlines, names, scale."""
-    shown = values(frame, info)
-    scale = scale_of(shown, unit(info))
-    factor = enlargement(shown.shape, width)
-    rows, cols = shown.shape[0] * factor, shown.shape[1] * factor
-    canvas = colours(resize(shown, rows, cols), scale)
+    pixels = values(frame, info)
+    scale = scale_of(pixels, unit(info))
+    factor = enlargement(pixels.shape, width)
+    rows, cols = pixels.shape[0] * factor, pixels.shape[1] * factor
+    canvas = colours(resize(pixels, rows, cols), scale)
     for region in regions:
-        mark_region(canvas, region, shown.shape, 0.8, OUTLINE)
+        mark_region(canvas, region, pixels.shape, 0.8, OUTLINE)
     page = with_axes(canvas, factor)
     return png_file(np.hstack((page, _scale_bar(page.shape[0], scale))))
 

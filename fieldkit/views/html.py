@@ -88,22 +88,22 @@ def _align(column: Sequence[object]) -> list[object]:
 
     Before the point only where several numbers share a cell: others stand at the right of the column.
     """
-    found = [[number.partition(".") for number in NUMBER.findall(str(cell))] for cell in column]
+    numbers_by_cell = [[number.partition(".") for number in NUMBER.findall(str(cell))] for cell in column]
     widths = [
         (max(len(whole) for whole, _, _ in numbers), max(len(decimals) for *_, decimals in numbers))
-        for numbers in itertools.zip_longest(*found, fillvalue=("", "", ""))
+        for numbers in itertools.zip_longest(*numbers_by_cell, fillvalue=("", "", ""))
     ]
 
     if len(widths) == 1:
         widths = [(0, widths[0][1])]
 
-    def padded(cell: object) -> object:
+    def pad_cell(cell: object) -> object:
         if not NUMBER.search(str(cell)):
             return cell
         each = iter(widths)
         return NUMBER.sub(lambda number: _pad(number[0], *next(each)), str(cell))
 
-    return [padded(cell) for cell in column]
+    return [pad_cell(cell) for cell in column]
 
 
 def _pad(number: str, before: int, after: int) -> str:

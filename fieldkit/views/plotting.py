@@ -108,9 +108,9 @@ def svg(figure: Figure) -> str:
 def over_time(figure: Figure, axes: Axes, time_ns: IntArray) -> OverTime:
     """A figure whose `axes` run over dates, with the places of these times."""
     figure.align_ylabels()
-    drawn = svg(figure)  # which lays out the axes
+    svg_text = svg(figure)  # which lays out the axes
     points = np.column_stack([days(time_ns), np.zeros(time_ns.size)])
-    return OverTime(drawn, axes.transData.transform(points)[:, 0] / figure.bbox.width)
+    return OverTime(svg_text, axes.transData.transform(points)[:, 0] / figure.bbox.width)
 
 
 def local_axis(axes: Axes, site: Site | None, time_ns: IntArray) -> None:
@@ -120,9 +120,9 @@ def local_axis(axes: Axes, site: Site | None, time_ns: IntArray) -> None:
     zone = UTC if site is None else formatting.zone(site)
     ends_ns = (int(time_ns.min()), int(time_ns.max())) if time_ns.size else ()
     dates = {datetime.fromtimestamp(end / 1e9, zone).date() for end in ends_ns}
-    shown = "%H:%M\n%Y-%m-%d" if len(dates) > 1 else "%H:%M"
+    time_format = "%H:%M\n%Y-%m-%d" if len(dates) > 1 else "%H:%M"
     axes.xaxis.set_major_locator(AutoDateLocator(tz=zone, minticks=3, maxticks=7))  # type: ignore[no-untyped-call]
-    axes.xaxis.set_major_formatter(DateFormatter(shown, tz=zone))  # type: ignore[no-untyped-call]
+    axes.xaxis.set_major_formatter(DateFormatter(time_format, tz=zone))  # type: ignore[no-untyped-call]
     if site is None:
         axes.set_xlabel("UTC")
     elif ends_ns:

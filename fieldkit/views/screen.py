@@ -10,6 +10,7 @@ import io
 import math
 from collections.abc import Iterator, Mapping
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from rich.color import Color
@@ -79,9 +80,9 @@ def screen(latest: Latest, cols: int, rows: int) -> RenderableType:
     is_low = rows < LOW_ROWS
     n_events = 3 if is_low else 6
     top_rows = max(1, rows - n_lines - n_events - 3)
-    seen, seen_cols = _image(latest, cols - INSTRUMENTS_WIDTH - 1, top_rows)
+    image, seen_cols = _image(latest, cols - INSTRUMENTS_WIDTH - 1, top_rows)
     top = Layout()
-    top.split_row(Layout(seen, size=seen_cols + 1), Layout(_instruments(latest, compact=is_low)))
+    top.split_row(Layout(image, size=seen_cols + 1), Layout(_instruments(latest, compact=is_low)))
     whole = Layout()
     whole.split_column(
         Layout(_title(latest), size=1),
@@ -144,9 +145,9 @@ def _draw_frame(
 ) -> RenderableType:
     """The frame in `lines` by `cols` with outlines and names, and the scale in one more line."""
     shape = frame.counts.shape
-    shown = frame_image.values(frame, info)
-    scale = frame_image.scale_of(shown, frame_image.unit(info))
-    small = frame_image.resize(shown, 2 * lines, cols)
+    values = frame_image.values(frame, info)
+    scale = frame_image.scale_of(values, frame_image.unit(info))
+    small = frame_image.resize(values, 2 * lines, cols)
     # 64 levels are more than the eye can distinguish here, and keep the styles in their cache.
     rgb = palette()[(np.rint(scale.position(small) * 63) * 4).astype(np.intp)]
     for region in regions:
@@ -295,7 +296,7 @@ def regions_table(latest: Latest, cols: int, lines: int) -> RenderableType:
     """
     wide = cols >= NOISE_COLS
     hidden = len(latest.regions) - lines
-    shown = latest.regions if hidden <= 0 else latest.regions[: max(1, lines - 1)]
+    visible_regions = latest.regions if hidden <= 0 else latest.regions[: max(1, lines - 1)]
     gap = 2 if wide else 1
     table = Table(box=None, padding=(0, gap, 0, 0), pad_edge=False, expand=True, header_style="quiet")
     table.add_column("region", no_wrap=True, max_width=12)
@@ -307,13 +308,13 @@ def regions_table(latest: Latest, cols: int, lines: int) -> RenderableType:
         table.add_column("noise", no_wrap=True)
         table.add_column("given", no_wrap=True)
     table.add_column("state", no_wrap=True, overflow="ellipsis", ratio=1)
-    for region in shown:
+    for region in visible_regions:
         cells = _region_cells(latest, region)
         more = [_noise(latest, region), formatting.given_slope(region)] if wide else []
         table.add_row(region.name, *cells[:-1], *more, cells[-1])
     if hidden <= 0:
         return table
-    words = f"{len(latest.regions) - len(shown)} more regions hidden: {hidden} more rows show them"
+    words = f"{len(latest.regions) - len(visible_regions)} more regions hidden: {hidden} more rows show them"
     return Group(table, Text(words, "warning"))
 
 
@@ -354,8 +355,8 @@ def _as_seen(latest: Latest, region: Region) -> list[str | Text]:
     frame = latest.frame_of(region.camera)
     if frame is None or frame_image.unit(latest.streams[frame.stream]) != "°C":
         return [formatting.UNKNOWN, formatting.UNKNOWN]
-    shown = frame_image.values(frame, latest.streams[frame.stream])
-    inside = shown[region.mask((shown.shape[0], shown.shape[1]))]
+    values = frame_image.values(frame, latest.streams[frame.stream])
+    inside = values[region.mask((values.shape[0], values.shape[1]))]
     if not np.isfinite(inside).any():
         return [formatting.UNKNOWN, formatting.UNKNOWN]
     return [formatting.number(float(np.nanmean(inside)), 2), formatting.number(float(np.nanstd(inside)), 2)]
@@ -430,12 +431,9 @@ def status_text(name: str, latest: Latest, start_ns: int, end_ns: int, warning: 
 
 
 def _draw(latest: Latest, cols: int) -> str:
-    drawn = io.StringIO()
+    plain: Any = {"highlight": False, "emoji": False, "markup": False, "no_color": False}
     # the theme's colours are among the first sixteen, which every terminal has
-    console = Console(
-        file=drawn, width=cols, force_terminal=True, color_system="standard", no_color=False,
-        highlight=False, emoji=False, markup=False,
-    )  # fmt: skip
-    with console.use_theme(THEMES["dark"]):
+    console = Console(file=io.StringIO(), width=cols, force_terminal=True, color_system="standard", **plain)
+    with console.use_theme(THEMES["dark"]), console.capture() as capture:
         console.print(snapshot(latest, cols))
-    return drawn.getvalue()
+    return capture.get()

@@ -52,8 +52,8 @@ def session_image(
         figure = Figure(figsize=SIZE_IN, dpi=DPI, layout="constrained")
         figure.suptitle(f"{title}\n{subtitle}   {colours}", fontsize=16)
         above, below = figure.subfigures(2, 1, squeeze=False, height_ratios=(1.0, 1.2))[:, 0]
-        for axes, one in zip(above.subplots(1, len(frames), squeeze=False)[0], frames, strict=True):
-            _image(axes, frame_image.colours(one.values, scale, palette), regions, one.words)
+        for axes, frame in zip(above.subplots(1, len(frames), squeeze=False)[0], frames, strict=True):
+            _image(axes, frame_image.colours(frame.values, scale, palette), regions, frame.words)
         left, right = below.subplots(1, 2)
         if slopes is not None:
             full_deg = slope_map_image.full_colour_deg(slopes.tilt_deg)

@@ -145,11 +145,10 @@ def _wheel(panel: Colours, x: int, y: int, full_deg: float) -> None:
         cv2.circle(panel, (x, y), round(part * WHEEL_RADIUS), BLACK, 1, cv2.LINE_AA)
         letters(panel, f"{part * full_deg:g}", x + 4, y + round(part * WHEEL_RADIUS) - 6, 0.45)
     letters(panel, "0", x - 5, y + 5, 0.45)
-    for letter, dx, dy in (
-        ("N", -7, -WHEEL_RADIUS - 10), ("S", -6, WHEEL_RADIUS + 24),
-        ("E", WHEEL_RADIUS + 12, 7), ("W", -WHEEL_RADIUS - 30, 7),
-    ):  # fmt: skip
-        letters(panel, letter, x + dx, y + dy, 0.65)
+    letters(panel, "N", x - 7, y - WHEEL_RADIUS - 10, 0.65)
+    letters(panel, "S", x - 6, y + WHEEL_RADIUS + 24, 0.65)
+    letters(panel, "E", x + WHEEL_RADIUS + 12, y + 7, 0.65)
+    letters(panel, "W", x - WHEEL_RADIUS - 30, y + 7, 0.65)
     letters(panel, "tilt in degrees", x + 30, y + WHEEL_RADIUS + 26, 0.45)
 
 

@@ -20,18 +20,18 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+DIFFERENCE = "coolwarm", "difference to flat ground, W/m²"
+"""Colours and label of a table of irradiance."""
+
 
 def radiation_table(table: FloatArray, tilts: FloatArray, azimuths: FloatArray) -> str:
     """Fig. 5: irradiance on a slope minus that on flat ground, W/m2, (tilts, azimuths)."""
-    figure, axes = _figure()
-    _mesh(figure, axes, table, tilts, azimuths)
-    return plotting.svg(figure)
+    return plotting.svg(_mesh(table, tilts, azimuths, *DIFFERENCE)[0])
 
 
 def contour_on_table(table: FloatArray, tilts: FloatArray, azimuths: FloatArray, measured: float) -> str:
     """Fig. 6: the same with all slopes that explain one measured difference."""
-    figure, axes = _figure()
-    _mesh(figure, axes, table, tilts, azimuths)
+    figure, axes = _mesh(table, tilts, azimuths, *DIFFERENCE)
     axes.contour(azimuths, tilts, table, levels=[measured], colors="black", linewidths=2)
     axes.set_title(f"contour of {measured:.1f} W/m²", fontsize=plotting.FONT_PT)
     return plotting.svg(figure)
@@ -63,9 +63,7 @@ def contours(
 
 def scores(score_map: FloatArray, tilts: FloatArray, azimuths: FloatArray) -> str:
     """Fig. 8: contour score of each slope."""
-    figure, axes = _figure()
-    _mesh(figure, axes, score_map, tilts, azimuths, "viridis", "score")
-    return plotting.svg(figure)
+    return plotting.svg(_mesh(score_map, tilts, azimuths, "viridis", "score")[0])
 
 
 def cumulative(errors: Mapping[str, FloatArray]) -> str:
@@ -106,15 +104,12 @@ def measured_against_modelled(
     """The paper's Fig. 12: one point per minute and bed about the line of equality."""
     figure, (axes,) = plotting.panels(1, 4.6)
     everything = []
-    for index, (name, measured) in enumerate(measured_k.items()):
-        x, y = modelled_k[name] - CELSIUS_ZERO_K, measured - CELSIUS_ZERO_K
+    for index, (name, temperature_k) in enumerate(measured_k.items()):
+        x, y = modelled_k[name] - CELSIUS_ZERO_K, temperature_k - CELSIUS_ZERO_K
         both = np.isfinite(x) & np.isfinite(y)
         everything += [x[both], y[both]]
-        points = axes.plot(
-            x[both], y[both], linestyle="none", markersize=3.5, alpha=0.7, markeredgewidth=0,
-            **plotting.marks(index, name),
-        )  # fmt: skip
-        plotting.mark_part(index, points)
+        style = plotting.marks(index, name) | {"markersize": 3.5, "alpha": 0.7, "markeredgewidth": 0}
+        plotting.mark_part(index, axes.plot(x[both], y[both], linestyle="none", **style))
     values = np.concatenate(everything)
     ends = [float(np.min(values)) - 1.0, float(np.max(values)) + 1.0]
     axes.plot(ends, ends, color="black", linewidth=1)
@@ -163,13 +158,15 @@ def _figure() -> tuple[Figure, Axes]:
 
 
 def _mesh(
-    figure: Figure, axes: Axes, table: FloatArray, tilts: FloatArray, azimuths: FloatArray,
-    colours: str = "coolwarm", label: str = "difference to flat ground, W/m²",
-) -> None:  # fmt: skip
+    table: FloatArray, tilts: FloatArray, azimuths: FloatArray, colours: str, label: str
+) -> tuple[Figure, Axes]:
+    """A figure of a value by tilt and azimuth."""
+    figure, axes = _figure()
     mesh = axes.pcolormesh(azimuths, tilts, table, cmap=colours, rasterized=True)
     with plotting.figure_style():
         figure.colorbar(mesh, label=label)
     _slope_axes(axes)
+    return figure, axes
 
 
 def _slope_axes(axes: Axes) -> None:

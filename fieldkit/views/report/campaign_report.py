@@ -80,9 +80,10 @@ def _headline(parts: Sequence[Part]) -> str:
     if not np.isfinite(mean):
         return "No slope of a region of known tilt was found in these sessions."
     count = int(np.isfinite(error).sum())
-    found = f"Mean absolute tilt error {mean:.1f}° over {count} estimates of all regions and sessions"
+    mean_words = f"Mean absolute tilt error {mean:.1f}° over {count} estimates of all regions and sessions"
     uncertain = sum(target.uncertain for target in targets)
-    return f"{found}, of which {uncertain} are uncertain: {formatting.uncertain_means(_confidence(parts))}."
+    meaning = formatting.uncertain_means(_confidence(parts))
+    return f"{mean_words}, of which {uncertain} are uncertain: {meaning}."
 
 
 def _confidence(parts: Sequence[Part]) -> str:
@@ -156,11 +157,11 @@ def _slope_figures(parts: Sequence[Part]) -> list[Figure]:
 
 
 def _paper_figures(parts: Sequence[Part], sd: SdKind) -> list[Figure]:
-    drawn = []
+    figures = []
     measured, modelled = _temperatures(parts)
     if measured:
         rmse = temperature_rmse_k(measured, modelled)
-        drawn.append(
+        figures.append(
             Figure(
                 study_figures.measured_against_modelled(measured, modelled, rmse),
                 f"As the paper's Fig. 12, a colour for each day. RMSE {rmse:.2f} K (the paper: 1.83 K).",
@@ -169,7 +170,7 @@ def _paper_figures(parts: Sequence[Part], sd: SdKind) -> list[Figure]:
         )
     errors = _errors_by_tilt(parts, sd)
     if any(errors.values()):
-        drawn.append(
+        figures.append(
             Figure(
                 study_figures.errors_over_local_time(errors, _zone(parts[0])),
                 "As the paper's Fig. 13: absolute tilt error over local time, a line for each given tilt, "
@@ -177,7 +178,7 @@ def _paper_figures(parts: Sequence[Part], sd: SdKind) -> list[Figure]:
                 "Absolute tilt error of each given tilt against local time.",
             )
         )
-    return drawn
+    return figures
 
 
 def _errors_by_tilt(parts: Sequence[Part], sd: SdKind) -> dict[str, list[ErrorSpan]]:

@@ -305,8 +305,8 @@ def _per_degree(columns: Series, tilt_deg: float, azimuth_deg: float) -> FloatAr
 
 def _longwave(columns: Series, cos_tilt: float, settings: EstimatorSettings) -> FloatArray:
     """Absorbed longwave that the target receives from the surrounding ground instead of the sky, W/m2."""
-    measured, emissivity = columns.longwave_w_m2, settings.surface.emissivity_broadband
-    down = np.where(np.isnan(measured), settings.longwave_down_w_m2, measured)
+    measured_w_m2, emissivity = columns.longwave_w_m2, settings.surface.emissivity_broadband
+    down = np.where(np.isnan(measured_w_m2), settings.longwave_down_w_m2, measured_w_m2)
     ground = emitted_longwave(columns.reference_k, emissivity) + (1.0 - emissivity) * down
     return emissivity * (daylight.longwave_on_facet(down, ground, cos_tilt) - down)
 
@@ -315,8 +315,8 @@ def _of_emissivity(columns: Series, target: TargetSeries, settings: EstimatorSet
     """Standard uncertainty of target minus reference by their emissivities, kelvin."""
     if not columns.references:
         return np.zeros(columns.time_ns.size)
-    seen = columns.temperature_k[target.region.name], columns.reference_k
-    return difference_k(*seen, target.region, columns.references[0], settings)
+    temperatures = columns.temperature_k[target.region.name], columns.reference_k
+    return difference_k(*temperatures, target.region, columns.references[0], settings)
 
 
 def _stored_heat(columns: Series, target: TargetSeries, settings: EstimatorSettings) -> FloatArray:

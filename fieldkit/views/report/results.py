@@ -133,8 +133,8 @@ def _state(final: SlopeEstimate | None, last: SlopeEstimate | None) -> str:
     if last is None:
         return "no estimate"
     ended = formatting.state(last, second=False)
-    shown = formatting.state(final, second=False) if final else ended
-    return shown if shown == ended else f"{shown}; ended as: {ended}"
+    final_state = formatting.state(final, second=False) if final else ended
+    return final_state if final_state == ended else f"{final_state}; ended as: {ended}"
 
 
 # ---------------------------------------------------------------------- over time
@@ -174,13 +174,13 @@ def time_figures(data: ReportData) -> Iterator[Figure]:
             lambda minute: _azimuths_at(columns, minute),
         )
     if any(np.isfinite(values).any() for values in (*columns.temperature_k.values(), columns.contact_k)):
-        measured = _measured_k(data)
+        temperatures_k = _measured_k(data)
         yield figure_over_time(
             data,
             session_figures.temperatures(columns, data.channels, site),
             f"Surface temperature: {_temperature_words(columns)}.{clouds}",
-            f"Surface temperatures against local time of {', '.join(measured)}.",
-            lambda minute: _temperatures_at(measured, minute),
+            f"Surface temperatures against local time of {', '.join(temperatures_k)}.",
+            lambda minute: _temperatures_at(temperatures_k, minute),
             parts=[region.name for region in columns.regions],
         )
     if np.isfinite(columns.illuminance_lx).any() or np.isfinite(columns.irradiance_w_m2).any():
@@ -276,9 +276,9 @@ def paper_comparison(data: ReportData) -> PaperComparison | None:
 def _paper_figures(data: ReportData, modelled: Mapping[str, FloatArray], rmse_k: float) -> Iterator[Figure]:
     columns = data.columns
     if modelled:
-        measured = {name: columns.temperature_k[name] for name in modelled}
+        temperatures_k = {name: columns.temperature_k[name] for name in modelled}
         yield Figure(
-            study_figures.measured_against_modelled(measured, modelled, rmse_k),
+            study_figures.measured_against_modelled(temperatures_k, modelled, rmse_k),
             f"As the paper's Fig. 12: measured surface temperature against eq. (7) with this session's "
             f"parameters. RMSE {rmse_k:.2f} K. Air temperature and longwave are not measured; the reference "
             "stands in for them through eq. (7), so it is not among the points.",

@@ -189,24 +189,24 @@ def series(minutes: Sequence[Minute], regions: Sequence[Region]) -> Series:
 
 
 def _target(region: Region, minutes: Sequence[Minute]) -> TargetSeries:
-    found = tuple(
+    estimates = tuple(
         next((estimate for estimate in minute.estimates if estimate.region == region.name), None)
         for minute in minutes
     )
     columns = {
-        name: np.array([np.nan if e is None else getattr(e, name) for e in found], np.float64)
+        name: np.array([np.nan if e is None else getattr(e, name) for e in estimates], np.float64)
         for name in _OF_ESTIMATES
     }
-    is_estimate = np.array([e is not None and e.state in SOLVED for e in found], np.bool_)
-    return TargetSeries(region, found, is_estimate=is_estimate, **columns)
+    is_estimate = np.array([e is not None and e.state in SOLVED for e in estimates], np.bool_)
+    return TargetSeries(region, estimates, is_estimate=is_estimate, **columns)
 
 
 def temperature_rmse_k(measured_k: Mapping[str, FloatArray], modelled_k: Mapping[str, FloatArray]) -> float:
     """RMSE over all regions and minutes of measured against modelled surface temperature, kelvin."""
     if not modelled_k:
         return float("nan")
-    measured = np.concatenate([measured_k[name] for name in modelled_k])
-    return root_mean_square_error(measured, np.concatenate(list(modelled_k.values())))
+    temperature_k = np.concatenate([measured_k[name] for name in modelled_k])
+    return root_mean_square_error(temperature_k, np.concatenate(list(modelled_k.values())))
 
 
 def modelled_temperature(columns: Series, target: TargetSeries, parameters: SurfaceParameters) -> FloatArray:
@@ -224,16 +224,15 @@ def modelled_temperature(columns: Series, target: TargetSeries, parameters: Surf
 
 def _air_of_reference(columns: Series, parameters: SurfaceParameters) -> FloatArray:
     """Air temperature that balances the references by eq. (7) without longwave, kelvin, their mean."""
-    found = []
+    air_k = []
     for region in columns.references:
-        measured = columns.temperature_k[region.name]
+        surface_k = columns.temperature_k[region.name]
         azimuth = region.azimuth_deg if np.isfinite(region.azimuth_deg) else 0.0
         direct = columns.direct_on(region.tilt_deg, azimuth)
-        lost = (
-            emitted_longwave(measured, parameters.emissivity_broadband) - (1.0 - parameters.albedo) * direct
-        )
-        found.append(measured + lost / parameters.exchange_w_m2_k)
-    return np.asarray(np.mean(found, axis=0)) if found else np.full(columns.time_ns.size, np.nan)
+        emitted = emitted_longwave(surface_k, parameters.emissivity_broadband)
+        lost = emitted - (1.0 - parameters.albedo) * direct
+        air_k.append(surface_k + lost / parameters.exchange_w_m2_k)
+    return np.asarray(np.mean(air_k, axis=0)) if air_k else np.full(columns.time_ns.size, np.nan)
 
 
 # --- figures over time, with their values minute by minute for who points at them

@@ -92,17 +92,20 @@ def _target_panels(columns: Series) -> tuple[Figure, list[Axes]]:
     return plotting.panels(count, 0.6 + 1.2 * count, plotting.WIDE_IN)
 
 
+Interval = tuple[FloatArray, FloatArray, FloatArray]
+"""An angle by minute, and the low and high ends of its likelihood region, degrees."""
+
+
 def _angle(
-    axes: Axes, columns: Series, target: TargetSeries, found: tuple[FloatArray, FloatArray, FloatArray],
-    given_deg: float, colour: str,
-) -> None:  # fmt: skip
-    """An angle by minute with the ends of its likelihood region, its unreliable minutes, the given one."""
-    days, middle, low, high = plotting.broken(columns.time_ns, *found)
+    axes: Axes, columns: Series, target: TargetSeries, angle: Interval, true_deg: float, colour: str
+) -> None:
+    """An angle by minute with its likelihood region, its unreliable minutes, the true one."""
+    days, middle, low, high = plotting.broken(columns.time_ns, *angle)
     axes.fill_between(days, low, high, color=colour, alpha=0.22, linewidth=0)
     axes.plot(days, middle, color=colour, linewidth=1.6)
-    _unreliable(axes, columns, target, found[0])
-    if np.isfinite(given_deg):
-        axes.axhline(given_deg, color="black", linestyle=(0, (5, 3)), linewidth=1.2)
+    _unreliable(axes, columns, target, angle[0])
+    if np.isfinite(true_deg):
+        axes.axhline(true_deg, color="black", linestyle=(0, (5, 3)), linewidth=1.2)
 
 
 class FinalTilt(NamedTuple):
@@ -121,16 +124,14 @@ def final_tilts(tilts: Sequence[FinalTilt]) -> str:
     for index, target in enumerate(targets):
         of_target = [tilt for tilt in tilts if tilt.estimate.region == target]
         aside = 0.6 * ((index + 0.5) / len(targets) - 0.5)  # bars beside each other
-        at = np.array([sessions.index(estimate.session) for estimate in of_target]) + aside
+        at = np.array([sessions.index(tilt.session) for tilt in of_target]) + aside
         ends = [
             (estimate.tilt_deg, estimate.tilt_low_deg, estimate.tilt_high_deg) for _, estimate, _ in of_target
         ]
-        (middle, low, high), given = np.transpose(ends), [estimate.given_deg for estimate in of_target]
-        bars = axes.errorbar(
-            at, middle, yerr=[middle - low, high - middle], linestyle="none", capsize=3,
-            **plotting.marks(index, target),
-        )  # fmt: skip
-        truths = axes.hlines(given, at - 0.1, at + 0.1, color="black", linewidth=1.8, zorder=3)
+        (middle, low, high), truth = np.transpose(ends), [tilt.given_deg for tilt in of_target]
+        style = plotting.marks(index, target) | {"linestyle": "none"}
+        bars = axes.errorbar(at, middle, yerr=[middle - low, high - middle], capsize=3, **style)
+        truths = axes.hlines(truth, at - 0.1, at + 0.1, color="black", linewidth=1.8, zorder=3)
         plotting.mark_part(index, [*bars.get_children(), truths])
     axes.set_xticks(range(len(sessions)), [name if len(sessions) < 6 else name[:8] for name in sessions])
     axes.set_xlim(-0.5, len(sessions) - 0.5)
@@ -151,12 +152,10 @@ def _unreliable(axes: Axes, columns: Series, target: TargetSeries, values: Float
     unreliable = np.array([e is not None and e.state not in SOLVED for e in target.estimates], np.bool_)
     days, finite = plotting.days(columns.time_ns), np.isfinite(values)
     crosses, ticks = days[unreliable & finite], days[unreliable & ~finite]
-    axes.plot(crosses, values[unreliable & finite], linestyle="none", marker="x", markersize=5, color="black")
+    axes.plot(crosses, values[unreliable & finite], "x", markersize=5, color="black")
     if ticks.size:  # an empty line that may not be clipped confuses matplotlib's layout
-        axes.plot(
-            ticks, np.zeros(ticks.size), transform=axes.get_xaxis_transform(), clip_on=False,
-            linestyle="none", marker="|", markersize=7, color="black",
-        )  # fmt: skip
+        foot: dict[str, Any] = {"transform": axes.get_xaxis_transform(), "clip_on": False}
+        axes.plot(ticks, np.zeros(ticks.size), "|", markersize=7, color="black", **foot)
 
 
 def over_time(

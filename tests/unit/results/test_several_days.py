@@ -15,7 +15,7 @@ from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Event, EventKind, Frame, Reading, Sample
 from fieldkit.model.site import Site
 from fieldkit.model.units import HOUR_NS, MINUTE_NS
-from fieldkit.results.marks import edited
+from fieldkit.results.marks import replacement
 from fieldkit.results.report import report
 from fieldkit.results.slope_map import _window
 from fieldkit.sessions.finished_file import add_later_events
@@ -105,8 +105,8 @@ def test_a_clock_time_that_edits_a_mark_is_the_nearest_to_the_mark(tmp_path):
     noted_ns = START_NS + 30 * MINUTE_NS
     add_later_events(path, [Event(EventKind.MARK, noted_ns, noted_ns, "gust")])
     with open_session(path) as session:
-        assert edited(session, "gust", at="23:25").at == "2026-03-07T23:25:00-07:00"
-        edit = edited(session, "gust", at="23:55", to="00:05")
+        assert replacement(session, "gust", at="23:25").at == "2026-03-07T23:25:00-07:00"
+        edit = replacement(session, "gust", at="23:55", to="00:05")
         assert (edit.at, edit.to) == ("2026-03-07T23:55:00-07:00", "2026-03-08T00:05:00-07:00")
 
 
