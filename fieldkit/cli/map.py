@@ -101,7 +101,7 @@ def command(
             raise click.UsageError("--follow is for one session")
         workers = Workers(jobs, address)
         make_all = partial(map_sessions, window=window, settings=settings, present=present, workers=workers)
-        write_all = partial(make_all, wanted=chosen, pose=camera, cell_m=cell_m, notify=common.say)
+        write_all = partial(make_all, products=chosen, pose=camera, cell_m=cell_m, notify=common.say)
         of_map = variant(window, settings)
         _map_many(_bases(paths, out, base, of_map), write_all, out, of_map)
         return

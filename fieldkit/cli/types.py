@@ -11,7 +11,7 @@ import tomllib
 from datetime import date, datetime, time
 from math import inf, isfinite, nan
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import click
 
@@ -24,6 +24,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from fieldkit.model.site import Site
+
+
+_Time = TypeVar("_Time")
 
 
 class _Typed(click.ParamType):  # type: ignore[type-arg]
@@ -138,12 +141,16 @@ def parse_facet(text: str) -> tuple[float, float]:
     return tilt, azimuth % 360.0
 
 
+def _from_iso(parse: Callable[[str], _Time], text: str, example: str) -> _Time:
+    try:
+        return parse(text)
+    except ValueError:
+        raise ValueError(f"expected {example}") from None
+
+
 def parse_moment(text: str) -> datetime:
     """An ISO 8601 time with its zone."""
-    try:
-        moment = datetime.fromisoformat(text)
-    except ValueError:
-        raise ValueError("expected a time like 2017-08-30T12:00+09:00") from None
+    moment = _from_iso(datetime.fromisoformat, text, "a time like 2017-08-30T12:00+09:00")
     if moment.tzinfo is None:
         raise ValueError(f"has no zone; write {text}Z for UTC, or add the offset like {text}+09:00")
     require_storable(moment)
@@ -152,20 +159,15 @@ def parse_moment(text: str) -> datetime:
 
 def parse_day(text: str) -> date:
     """A day of the calendar, ISO 8601."""
-    try:
-        day = date.fromisoformat(text)
-    except ValueError:
-        raise ValueError("expected a day like 2017-08-30") from None
+    day = _from_iso(date.fromisoformat, text, "a day like 2017-08-30")
     require_storable(day)
     return day
 
 
 def parse_hour(text: str) -> time:
     """A clock time ``HH:MM`` in the site's zone."""
-    try:
-        clock_time = time.fromisoformat(text if ":" in text else f"{text}:00".rjust(5, "0"))
-    except ValueError:
-        raise ValueError("expected a time of the day like 12:00") from None
+    full_text = text if ":" in text else f"{text}:00".rjust(5, "0")
+    clock_time = _from_iso(time.fromisoformat, full_text, "a time of the day like 12:00")
     if clock_time.tzinfo is not None:
         raise ValueError("is in the site's zone; omit the offset")
     return clock_time

@@ -8,7 +8,7 @@ from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, fields, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Literal, NamedTuple, get_args
+from typing import Any, Literal, NamedTuple, get_args
 from zoneinfo import ZoneInfo
 
 from fieldkit.config import Config, find_campaign, load_config
@@ -22,6 +22,7 @@ from fieldkit.model.quantities import COMPONENTS
 from fieldkit.model.samples import Severity
 from fieldkit.model.site import Site, apart_m, known_zone
 from fieldkit.results import import_flir
+from fieldkit.results.json_document import attributes
 from fieldkit.results.session import Session, open_session
 from fieldkit.results.sources import SessionOrFile, log_warning, reading
 from fieldkit.sessions.formats import stills
@@ -235,11 +236,8 @@ def import_into(
     recording = read_source(source, options)
     stream_name = options.name or recording.streams[0].name
     with reading(session) as opened:
-        path = (
-            Path(out)
-            if out is not None
-            else opened.path.with_name(f"{opened.path.stem}-with-{stream_name}.h5")
-        )
+        default = opened.path.with_name(f"{opened.path.stem}-with-{stream_name}.h5")
+        path = default if out is None else Path(out)
         if options.offset_s == AUTO:
             recording = aligned(opened, recording)
         recording = cut_to(opened, _warned_of_distance(recording, opened.site))
@@ -312,17 +310,15 @@ def _warned_of_distance(recording: ImportedRecording, site: Site) -> ImportedRec
     away_m = apart_m(recording.site, site)
     if away_m < NEAR_M:
         return recording
-    return _with_warning(
-        recording, f"the station is {away_m / 1000.0:.0f} km from the session's site: cloud cover may differ"
-    )
+    text = f"the station is {away_m / 1000.0:.0f} km from the session's site: cloud cover may differ"
+    return _with_warning(recording, text)
 
 
 def _warned_of_irradiance(session: SessionReader, recording: ImportedRecording) -> ImportedRecording:
     """The recording, with a warning if estimates will use its irradiance instead of the session's."""
     own = tuple(session.streams.values())
-    before, after = (
-        sunlight_source(streams, EstimatorSettings()) for streams in (own, own + recording.streams)
-    )
+    settings = EstimatorSettings()
+    before, after = (sunlight_source(streams, settings) for streams in (own, own + recording.streams))
     if before is None or after is None or before.info.name == after.info.name:
         return recording
     return _with_warning(
@@ -352,11 +348,11 @@ def read_source(source: Path, options: ImportOptions) -> ImportedRecording:
     """
     if not source.is_file() and not source.is_dir():  # a pipe or a device may never end
         raise ConfigError("neither a file nor a folder", place=source, fix="check the path")
-    for found in _FORMATS:
-        if found.fits(source):
-            unused = {field.name for field in fields(options)} - _OF_ALL - found.uses
-            _refuse_unused(source, options, unused, found.name)
-            return found.read(source, options)
+    for source_format in _FORMATS:
+        if source_format.fits(source):
+            unused = {field.name for field in fields(options)} - _OF_ALL - source_format.uses
+            _refuse_unused(source, options, unused, source_format.name)
+            return source_format.read(source, options)
     raise ConfigError(
         "no format that fieldkit reads",
         place=source,
@@ -381,15 +377,14 @@ def _is_flir(source: Path) -> bool:
     return source.suffix.lower() in import_flir.SUFFIXES
 
 
+def _frame_times(options: ImportOptions) -> dict[str, Any]:
+    """The options of a reader of frames that give their times."""
+    zone, offset_ns = _zone(options), _offset_ns(options)
+    return {**attributes(options, "times", "time_format"), "zone": zone, "offset_ns": offset_ns}
+
+
 def _flir(source: Path, options: ImportOptions) -> ImportedRecording:
-    return import_flir.read_flir(
-        source,
-        options.name or "camera",
-        times=options.times,
-        time_format=options.time_format,
-        zone=_zone(options),
-        offset_ns=_offset_ns(options),
-    )
+    return import_flir.read_flir(source, options.name or "camera", **_frame_times(options))
 
 
 def _is_stills(source: Path) -> bool:
@@ -401,16 +396,8 @@ def _stills(source: Path, options: ImportOptions) -> ImportedRecording:
     if per_count is None and options.kelvin_at_zero:
         raise ConfigError(Argument("kelvin_at_zero") + " has no effect", fix=Argument("kelvin_per_count"))
     scale = None if per_count is None else stills.Scale(per_count, options.kelvin_at_zero)
-    return stills.read_stills(
-        source,
-        scale,
-        name=options.name or "camera",
-        times=options.times,
-        time_format=options.time_format,
-        zone=_zone(options),
-        offset_ns=_offset_ns(options),
-        unit=options.unit,
-    )
+    name = options.name or "camera"
+    return stills.read_stills(source, scale, name=name, unit=options.unit, **_frame_times(options))
 
 
 def _station(source: Path, options: ImportOptions) -> ImportedRecording:
@@ -437,13 +424,9 @@ def _is_table(source: Path) -> bool:
 def _table(source: Path, options: ImportOptions) -> ImportedRecording:
     log_options = LogOptions(
         zone=_zone(options),
-        time_format=options.time_format,
-        unit=options.unit,
         offset_ns=0 if options.offset_s == AUTO else round(options.offset_s * 1e9),
         columns=LogColumns(options.time_columns, options.columns),
-        keep=options.keep,
-        encoding=options.encoding,
-        measures=options.measures,
+        **attributes(options, "time_format", "unit", "keep", "encoding", "measures"),
     )
     return read_log(source, options.name or "logger", log_options)
 

@@ -37,6 +37,7 @@ from fieldkit.model.slope import SlopeEstimate
 from fieldkit.physics.energy_balance import SurfaceParameters
 from fieldkit.results.cache import Arrays, Cache, as_text, digest, of_text
 from fieldkit.results.executors import results
+from fieldkit.results.json_document import attributes
 from fieldkit.results.session_estimates import Budgets, Estimates, LearntSeries
 from fieldkit.results.sources import SessionOrFile, Source, config_for, marks_of, reading, regions_for
 from fieldkit.sessions.reader import SessionReader, open_session
@@ -78,6 +79,12 @@ def run_of(source: Source, settings: Sequence[str] = (), number: int = 0) -> Run
     return Run(source, config.site, config.estimator_settings(), number)
 
 
+BIN_SETTINGS = (
+    *("irradiance", "light_stream", "measures", "probes", "horizon", "horizons", "refraction"),
+    *("reflected_temperature_k", "low_sun_deg", "settle_s", "camera_path", "limits"),
+)
+
+
 def bin_settings(settings: EstimatorSettings) -> EstimatorSettings:
     """The settings that the minute bins depend on, everything else at its default.
 
@@ -85,21 +92,8 @@ def bin_settings(settings: EstimatorSettings) -> EstimatorSettings:
     to DNI (streams, irradiance model, refraction), probes, what flags a minute (low sun, settling,
     horizons), the camera's pose, and the limits of what a quantity can be.
     """
-    return EstimatorSettings(
-        surface=SurfaceParameters(emissivity=settings.surface.emissivity),
-        irradiance=settings.irradiance,
-        light_stream=settings.light_stream,
-        measures=settings.measures,
-        probes=settings.probes,
-        horizon=settings.horizon,
-        horizons=settings.horizons,
-        refraction=settings.refraction,
-        reflected_temperature_k=settings.reflected_temperature_k,
-        low_sun_deg=settings.low_sun_deg,
-        settle_s=settings.settle_s,
-        camera_path=settings.camera_path,
-        limits=settings.limits,
-    )
+    surface = SurfaceParameters(emissivity=settings.surface.emissivity)
+    return EstimatorSettings(surface=surface, **attributes(settings, *BIN_SETTINGS))
 
 
 # --- what was measured
@@ -134,7 +128,7 @@ class Measured:
 def measure(
     session: SessionOrFile,
     regions: Regions,
-    wanted: Sequence[tuple[Site, EstimatorSettings]],
+    requests: Sequence[tuple[Site, EstimatorSettings]],
     streams: Sequence[str] = (),
     without_marks: Collection[int] = (),
 ) -> list[Measured]:
@@ -145,17 +139,14 @@ def measure(
     """
     with reading(session) as opened:
         chosen = tuple(info for name, info in opened.streams.items() if not streams or name in streams)
-        binners = [Binner(site, regions, chosen, settings) for site, settings in wanted]
+        binners = [Binner(site, regions, chosen, settings) for site, settings in requests]
         closed: list[list[Closed]] = [[] for _ in binners]
         for sample in chain(marks_of(opened, without_marks), opened.samples()):
             for binner, minutes in zip(binners, closed, strict=True):
                 minutes.extend(binner.add(sample))
         for binner, minutes in zip(binners, closed, strict=True):
             minutes.extend(binner.finish())
-        return [
-            _as_measured(binner, minutes, opened.damaged)
-            for binner, minutes in zip(binners, closed, strict=True)
-        ]
+        return [_as_measured(*pair, opened.damaged) for pair in zip(binners, closed, strict=True)]
 
 
 def _as_measured(binner: Binner, closed: Sequence[Closed], damaged: Mapping[str, int]) -> Measured:
@@ -172,12 +163,10 @@ def measure_run(run: Run, session: SessionReader | None = None) -> Measured:
     """
     if (cached := _known_minutes(run)) is not None:
         return cached
-    bin_requests = [(run.site, bin_settings(run.settings))]
-    source = run.source
-    (measured,) = measure(
-        session or source.path, source.regions, bin_requests, run.streams, source.without_marks
-    )
-    return _keep_minutes(run, measured)
+    requests, source = [(run.site, bin_settings(run.settings))], run.source
+    chosen = run.streams, source.without_marks
+    (bins,) = measure(session or source.path, source.regions, requests, *chosen)
+    return _keep_minutes(run, bins)
 
 
 def _known_minutes(run: Run) -> Measured | None:
@@ -185,9 +174,9 @@ def _known_minutes(run: Run) -> Measured | None:
     return None if entry is None else Measured.of(entry)
 
 
-def _keep_minutes(run: Run, found: Measured) -> Measured:
-    run.cache.store(run.bins_key, found.arrays())
-    return found
+def _keep_minutes(run: Run, bins: Measured) -> Measured:
+    run.cache.store(run.bins_key, bins.arrays())
+    return bins
 
 
 # --- slopes
@@ -197,20 +186,18 @@ def solve(history: History, regions: Regions, settings: EstimatorSettings) -> Es
     """Slopes of every target at every minute."""
     chain = SlopeChain(regions, settings)
     series = list(chain.series(history))
-    learnt = {
-        int(time): minute.learnt
-        for time, minute in zip(history.time_ns, series, strict=True)
-        if minute.learnt
-    }
+    times_ns = history.time_ns.tolist()
+    learnt = {time: minute.learnt for time, minute in zip(times_ns, series, strict=True) if minute.learnt}
     slopes = [minute.slopes for minute in series]
     return _as_estimates(history, chain.schedule, slopes, learnt, chain.budgets(history))
 
 
-def final_estimates_of(found: Together) -> Estimates:
+def final_estimates_of(together: Together) -> Estimates:
     """The slopes at the last minute of sessions estimated together."""
-    last, estimated = found.history.since(len(found.history) - 1), found.estimated
+    last, estimated = together.history.since(len(together.history) - 1), together.estimated
     learnt = {int(last.time_ns[0]): estimated.learnt} if estimated.learnt else {}
-    return _as_estimates(last, RegionSchedule.of(found.regions), [estimated.slopes], learnt, found.budgets)
+    schedule, slopes = RegionSchedule.of(together.regions), [estimated.slopes]
+    return _as_estimates(last, schedule, slopes, learnt, together.budgets)
 
 
 def _as_estimates(
@@ -236,14 +223,15 @@ def _known_slopes(run: Run) -> Estimates | None:
     return None if entry is None else unpacked_slopes(entry, run.source.regions.latest)
 
 
-def _keep_slopes(run: Run, made: Estimates) -> Estimates:
-    run.cache.store(run.key, packed_slopes(made))
-    return made
+def _keep_slopes(run: Run, estimates: Estimates) -> Estimates:
+    run.cache.store(run.key, packed_slopes(estimates))
+    return estimates
 
 
-def packed_slopes(made: Estimates) -> Arrays:
+def packed_slopes(estimates: Estimates) -> Arrays:
     """Slopes as arrays for the cache, without the regions."""
-    return {"rows": made.rows, "about": as_text((made.texts, made.learnt.by_time_ns, made.budgets))}
+    about = estimates.texts, estimates.learnt.by_time_ns, estimates.budgets
+    return {"rows": estimates.rows, "about": as_text(about)}
 
 
 def unpacked_slopes(arrays: Arrays, regions: tuple[Region, ...]) -> Estimates:
@@ -332,9 +320,9 @@ class SessionMinutes:
     def keep(self, estimator: Estimator) -> None:
         """Keep the minutes and slopes of the estimator that recorded the session."""
         minutes, history = estimator.minutes, estimator.history
-        measured = tuple(replace(minute, estimates=(), learnt=None) for minute in minutes)
+        bins = tuple(replace(minute, estimates=(), learnt=None) for minute in minutes)
         words = estimator.irradiance_model
-        _keep_minutes(self.run, Measured(measured, history, {}, words, is_recordings=True))
+        _keep_minutes(self.run, Measured(bins, history, {}, words, is_recordings=True))
         learnt = {minute.time_ns: minute.learnt for minute in minutes if minute.learnt is not None}
         slopes = [minute.estimates for minute in minutes]
         estimates = _as_estimates(history, estimator.schedule, slopes, learnt, estimator.budgets())
@@ -350,12 +338,8 @@ class SessionMinutes:
             return sum(region.kind is RegionKind.TARGET for region in self.schedule.regions_at(minute))
 
         return [
-            replace(
-                without_slopes,
-                estimates=tuple(islice(slopes, targets(minute))),
-                learnt=learnt.get(without_slopes.time_ns),
-            )
-            for without_slopes, minute in minutes
+            replace(bin_, estimates=tuple(islice(slopes, targets(minute))), learnt=learnt.get(bin_.time_ns))
+            for bin_, minute in minutes
         ]
 
 

@@ -18,17 +18,11 @@ from fieldkit.model.next_step import Action, Argument
 from fieldkit.model.samples import is_usable
 from fieldkit.palettes import INFERNO
 from fieldkit.physics.sun import sun_vectors
+from fieldkit.results import sources
 from fieldkit.results.minutes import SessionMinutes
 from fieldkit.results.result_files import campaign_folder, command_line, writing
 from fieldkit.results.slope_map import slope_map
-from fieldkit.results.sources import (
-    SessionOrFile,
-    Settings,
-    config_for,
-    log_warning,
-    notify_damage,
-    path_of,
-)
+from fieldkit.results.sources import SessionOrFile, Settings, config_for, log_warning, path_of
 from fieldkit.sessions.formats.images_out import require_palette
 from fieldkit.sessions.reader import SessionReader, open_session
 from fieldkit.views import formatting, frame_image, plotting
@@ -133,8 +127,8 @@ def report(
     >>> fieldkit.report(session, "noon.html")
     <Report noon.html: 1 sessions>
     """
-    sources = (sessions,) if isinstance(sessions, str | Path | SessionReader) else sessions
-    paths = tuple(map(path_of, sources))
+    several = (sessions,) if isinstance(sessions, str | Path | SessionReader) else sessions
+    paths = tuple(map(path_of, several))
     if not paths:
         raise ConfigError("no sessions to report", fix="give a session, its file, or several")
     target = None if out is None else Path(out)
@@ -168,7 +162,7 @@ def _report_session(
     with open_session(path) as session:
         config = config_for(session, options.settings, present=options.present)
         minutes = SessionMinutes(session, config, present=options.present)
-        notify_damage(session, notify, minutes.measured.damaged)
+        sources.notify_damage(session, notify, minutes.measured.damaged)
         if out.suffix.lower() == ".png":
             image = _image(session, minutes, options, notify)
             with writing(out):

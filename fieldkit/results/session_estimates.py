@@ -77,12 +77,9 @@ class LearntSeries:
             for time_ns, learnt in self.by_time_ns.items()
             for parameter in learnt.parameters
         ]
-        return {
-            "time_ns": [time_ns for time_ns, _ in rows],
-            "parameter": [parameter.name for _, parameter in rows],
-            "unit": [parameter.unit for _, parameter in rows],
-            **{name: [getattr(parameter, name) for _, parameter in rows] for name in _LEARNT_NUMBERS},
-        }
+        names = {"parameter": "name", **{name: name for name in ("unit", *_LEARNT_NUMBERS)}}
+        columns = {key: [getattr(parameter, name) for _, parameter in rows] for key, name in names.items()}
+        return {"time_ns": [time_ns for time_ns, _ in rows], **columns}
 
     def to_frame(self) -> pd.DataFrame:
         """The tidy table as a pandas frame by UTC; needs ``fieldkit-slope[lab]``."""
@@ -211,16 +208,12 @@ class Estimates:
 
     def plot(self, ax: Axes | None = None, *, site: Site | None = None) -> Axes:
         """Plot each region's tilt over time with its likelihood region; in UTC unless `site` is given."""
-        columns = {region: self.of_region(region) for region in self.regions}
-        targets = {region.name: rows for region, rows in columns.items() if rows.size}
-        true_deg = {region.name: region.tilt_deg for region in self.regions}
-        series = {
-            name: plots.TiltSeries(
-                rows["tilt_deg"], rows["tilt_low_deg"], rows["tilt_high_deg"], true_deg[name]
-            )
-            for name, rows in targets.items()
-        }
-        time_ns = next((rows["time_ns"] for rows in targets.values()), np.empty(0, np.int64))
+        series, time_ns = {}, np.empty(0, np.int64)
+        for region in self.regions:
+            if (rows := self.of_region(region)).size:
+                angles = rows["tilt_deg"], rows["tilt_low_deg"], rows["tilt_high_deg"]
+                series[region.name] = plots.TiltSeries(*angles, region.tilt_deg)
+                time_ns = time_ns if time_ns.size else rows["time_ns"]
         return plots.tilts(time_ns, series, site, ax)
 
     @property
@@ -290,18 +283,21 @@ class Estimates:
         return time_ns, grid
 
 
-def budget_columns(found: Budgets) -> dict[str, list[Any]]:
+_BUDGET_FIELDS = {
+    "term": "name",
+    "type": "kind",
+    "standard_uncertainty": "uncertainty",
+    "unit": "unit",
+    "sensitivity_deg_per_unit": "sensitivity",
+    "share_of_variance": "share",
+}
+
+
+def budget_columns(budgets: Budgets) -> dict[str, list[Any]]:
     """The budgets as a table, a row for each term of each region."""
-    rows = [(name, term) for name, terms in found.items() for term in terms]
-    return {
-        "region": [name for name, _ in rows],
-        "term": [term.name for _, term in rows],
-        "type": [term.kind for _, term in rows],
-        "standard_uncertainty": [term.uncertainty for _, term in rows],
-        "unit": [term.unit for _, term in rows],
-        "sensitivity_deg_per_unit": [term.sensitivity for _, term in rows],
-        "share_of_variance": [term.share for _, term in rows],
-    }
+    rows = [(name, term) for name, terms in budgets.items() for term in terms]
+    numbers = {column: [getattr(term, name) for _, term in rows] for column, name in _BUDGET_FIELDS.items()}
+    return {"region": [name for name, _ in rows], **numbers}
 
 
 def _attributes(name: str) -> dict[str, str]:

@@ -162,16 +162,17 @@ class MappedSession:
     @property
     def notes(self) -> list[str]:
         """Settings for regions that do not apply to pixels, and what spoils the map."""
-        holds = {
-            "the map leaves the azimuth free: only regions have a known one": self.settings.azimuth
-            == "known",
-            ONE_MINUTE: self.along_sun is not None,
-            f"no pixels of regions of another kind of surface: {', '.join(self.settings.kinds)}": bool(
-                self.settings.kinds
+        kinds = ", ".join(self.settings.kinds)
+        notes = (
+            (
+                self.settings.azimuth == "known",
+                "the map leaves the azimuth free: only regions have a known one",
             ),
-            "the frame moved within the window: edges are smeared; choose another window": self.has_moved,
-        }
-        return [note for note, applies in holds.items() if applies]
+            (self.along_sun is not None, ONE_MINUTE),
+            (kinds, f"no pixels of regions of another kind of surface: {kinds}"),
+            (self.has_moved, "the frame moved within the window: edges are smeared; choose another window"),
+        )
+        return [note for applies, note in notes if applies]
 
     @property
     def damage(self) -> IntegrityError | None:
@@ -211,23 +212,18 @@ class MappedSession:
         arrays = {name: getattr(self.slopes, name) for name in VARIABLES}
         arrays |= {name: getattr(self.bounds, name) for name in BOUNDS}
         attributes = VARIABLES | BOUNDS
-        return xr.Dataset(
-            {name: (("y", "x"), values, attributes[name]) for name, values in arrays.items()},
-            attrs={
-                "session": self.path.name,
-                "minutes": self.minutes,
-                "confidence": self.bounds.confidence,
-            },
-        )
+        about = {"session": self.path.name, "minutes": self.minutes, "confidence": self.bounds.confidence}
+        variables = {name: (("y", "x"), values, attributes[name]) for name, values in arrays.items()}
+        return xr.Dataset(variables, attrs=about)
 
-    def products(self, wanted: Products) -> list[Layer]:
+    def products(self, products: Products) -> list[Layer]:
         """Products of the map. Raises `NoAnswerError` for one that cannot be made of it."""
         if self.along_sun is not None:
-            if set(wanted.names) != {"rdir"}:
+            if set(products.names) != {"rdir"}:
                 raise NoAnswerError(f"{ONE_MINUTE}", place=self.path.name, fix="choose another window")
             return [layer_along_sun(self.along_sun, self.bounds.confidence)]
         return layers(
-            wanted,
+            products,
             self.slopes,
             self.likelihood,
             site=self.site,
@@ -256,7 +252,7 @@ class MappedSession:
     def write(
         self,
         base: str | Path | None = None,
-        wanted: Products | None = None,
+        products: Products | None = None,
         *,
         pose: CameraPose | None = None,
         cell_m: float | None = None,
@@ -264,8 +260,8 @@ class MappedSession:
     ) -> list[Path]:
         """Write the map as image ``BASE.png`` and arrays ``BASE.nc``; the files.
 
-        `base` is in the campaign's results by default, or beside a session elsewhere. Products that are
-        `wanted` are added to the arrays; each has an image ``BASE-NAME.png``. With a pose, given or
+        `base` is in the campaign's results by default, or beside a session elsewhere. `products` are added to
+        the arrays; each has an image ``BASE-NAME.png``. With a pose, given or
         configured, they (or slope and heading) are also written on the ground, in cells of `cell_m`:
         ``BASE.tif``, ``BASE.mcap``. `notify` receives how the grid is corrected, or why a
         configured pose does not put the map on it.
@@ -275,11 +271,11 @@ class MappedSession:
         """
         base = default_base(self.path, self.window, self.overrides) if base is None else Path(base)
         view = self._configured_view(cell_m, notify) if pose is None else self.on_ground(pose, cell_m)
-        if self.along_sun is not None and wanted is None:
-            wanted = Products(("rdir",), drive_deg=self.along_sun.azimuth_deg + 180.0)
-        if wanted is None and view is not None:
-            wanted = Products(("slope", "heading"))
-        layers = self.products(wanted) if wanted is not None else []
+        if self.along_sun is not None and products is None:
+            products = Products(("rdir",), drive_deg=self.along_sun.azimuth_deg + 180.0)
+        if products is None and view is not None:
+            products = Products(("slope", "heading"))
+        layers = self.products(products) if products is not None else []
         with writing(base):
             files = self._write_frame(base, layers)
             if view is not None:
@@ -371,7 +367,7 @@ def map_sessions(
     *,
     settings: Sequence[str] = (),
     present: bool = False,
-    wanted: Products | None = None,
+    products: Products | None = None,
     pose: CameraPose | None = None,
     cell_m: float | None = None,
     workers: Workers = THIS_PROCESS,
@@ -389,18 +385,18 @@ def map_sessions(
             (path, partial(slope_map, path.resolve(), window, settings=settings, present=present))
             for path in bases
         ]
-        for done, (path, found) in enumerate(results(executor, pieces), start=1):
+        for done, (path, session_map) in enumerate(results(executor, pieces), start=1):
             on_progress(done, len(bases))
-            if isinstance(found, FieldkitError):
-                failures[path] = found
+            if isinstance(session_map, FieldkitError):
+                failures[path] = session_map
                 continue
             try:
-                files = found.write(bases[path], wanted, pose=pose, cell_m=cell_m, notify=notify)
-                maps[path] = found, files
+                files = session_map.write(bases[path], products, pose=pose, cell_m=cell_m, notify=notify)
+                maps[path] = session_map, files
             except (ConfigError, NoAnswerError) as error:
                 failures[path] = error
                 continue
-            if (damage := found.damage) is not None:
+            if (damage := session_map.damage) is not None:
                 failures[path] = damage
     return {path: maps[path] for path in bases if path in maps}, failures
 
@@ -452,20 +448,14 @@ def _map_session(
     chosen = chosen[-1:] if is_instant else chosen
     learnt = None if is_instant else estimates.learnt.final
     final = final_estimates(estimates, minutes.regions)
-    minute_map = MinuteMap(
-        history,
-        regions,
-        chosen,
-        (camera.shape[0], camera.shape[1]),
-        minutes.settings,
-        {
-            slope.region: normal(slope.tilt_deg, slope.azimuth_deg)
-            for slope in final.values()
-            if slope.state in WITH_SLOPE
-        },
-        learnt,
-    )
-    surface_k = surface_of_pixels(regions, (camera.shape[0], camera.shape[1]), minutes.settings)
+    normals = {
+        slope.region: normal(slope.tilt_deg, slope.azimuth_deg)
+        for slope in final.values()
+        if slope.state in WITH_SLOPE
+    }
+    shape = camera.shape[0], camera.shape[1]
+    minute_map = MinuteMap(history, regions, chosen, shape, minutes.settings, normals, learnt)
+    surface_k = surface_of_pixels(regions, shape, minutes.settings)
     total, finished = len(minute_map.rows), count(1)
 
     def counted_k(minute: int) -> FloatArray:
@@ -518,9 +508,8 @@ def _inertia(settings: EstimatorSettings, learnt: Learnt | None) -> LearntParame
 def _window(known: SessionMinutes, estimates: Estimates, window: Window) -> IntArray:
     """The usable minutes of a window, as rows of `SessionMinutes.history`."""
     final = final_estimates(estimates, known.regions)
-    weather_ns = max(
-        (slope.window_start_ns for slope in final.values() if slope.state in WITH_SLOPE), default=0
-    )
+    starts_ns = [slope.window_start_ns for slope in final.values() if slope.state in WITH_SLOPE]
+    weather_ns = max(starts_ns, default=0)
     window_s: float | None
     match window:
         case None:
@@ -606,8 +595,8 @@ def mean_of_minute_k(session: SessionReader, camera: StreamInfo, minute: int) ->
     return total / count if count else np.full(camera.shape, np.nan)
 
 
-def _mapped_region(found: MappedSession, region: Region) -> MappedRegion:
-    slopes = found.slopes
+def _mapped_region(session_map: MappedSession, region: Region) -> MappedRegion:
+    slopes = session_map.slopes
     inside = region.mask((slopes.state.shape[0], slopes.state.shape[1]))
     has_slope = inside & np.isfinite(slopes.tilt_deg)
     low, middle, high, azimuth, least, most, along_sun = (math.nan,) * 7
@@ -615,11 +604,10 @@ def _mapped_region(found: MappedSession, region: Region) -> MappedRegion:
         low, middle, high = (float(q) for q in np.percentile(slopes.tilt_deg[has_slope], (25, 50, 75)))
         normals = normal(slopes.tilt_deg[has_slope], slopes.azimuth_deg[has_slope])
         azimuth = float(tilt_azimuth(normals.mean(axis=0))[1])
-        bounds = (found.bounds.tilt_low_deg, found.bounds.tilt_high_deg)
+        bounds = (session_map.bounds.tilt_low_deg, session_map.bounds.tilt_high_deg)
         least, most = (float(np.median(bound[has_slope])) for bound in bounds)
-    if found.along_sun is not None and (resolved := inside & found.along_sun.resolved).any():
-        along_sun = float(np.median(found.along_sun.tilt_deg[resolved]))
-    shares = _shares(slopes.state[inside])
+    if session_map.along_sun is not None and (resolved := inside & session_map.along_sun.resolved).any():
+        along_sun = float(np.median(session_map.along_sun.tilt_deg[resolved]))
     return MappedRegion(
         region=region.name,
         tilt_deg=middle,
@@ -628,7 +616,7 @@ def _mapped_region(found: MappedSession, region: Region) -> MappedRegion:
         tilt_high_deg=high,
         tilt_region_deg=(least, most),
         pixels=int(inside.sum()),
-        states=shares,
+        states=_shares(slopes.state[inside]),
         along_sun_deg=along_sun,
     )
 
@@ -639,52 +627,52 @@ def _shares(states: ByteArray) -> dict[str, float]:
     return {name: share for name, share in shares.items() if share}
 
 
-def map_png(found: MappedSession, width: int = 960, full_deg: float = 0.0) -> bytes:
+def map_png(session_map: MappedSession, width: int = 960, full_deg: float = 0.0) -> bytes:
     """A map as a PNG file close to `width` pixels wide; `full_deg` in full colour, by default its own."""
-    if found.along_sun is not None:
-        return _layer_image(found, layer_along_sun(found.along_sun, found.bounds.confidence))
-    about = found.path.stem, _caption(found)
+    if (along_sun := session_map.along_sun) is not None:
+        return _layer_image(session_map, layer_along_sun(along_sun, session_map.bounds.confidence))
+    about = session_map.path.stem, _caption(session_map)
     return slope_map_image.png(
-        found.slopes, found.bounds, found.regions, *about, width=width, full_deg=full_deg
+        session_map.slopes, session_map.bounds, session_map.regions, *about, width=width, full_deg=full_deg
     )
 
 
-def _layer_image(found: MappedSession, layer: Layer) -> bytes:
+def _layer_image(session_map: MappedSession, layer: Layer) -> bytes:
     planes = (layer.values,) if layer.sd is None else (layer.values, layer.sd)
-    title, caption = f"{found.path.stem}: {layer.long_name}", _caption(found)
+    title, caption = f"{session_map.path.stem}: {layer.long_name}", _caption(session_map)
     return slope_map_image.layer_png(
-        planes, found.slopes.state, title, caption, units=layer.units, is_cyclic=layer.is_cyclic
+        planes, session_map.slopes.state, title, caption, units=layer.units, is_cyclic=layer.is_cyclic
     )
 
 
-def _caption(found: MappedSession) -> str:
-    begin = formatting.local_time(found.start_ns, found.site)
-    end = formatting.clock_time(found.end_ns, found.site, since_ns=found.start_ns)
-    zone = formatting.zone_name(found.start_ns, found.site, found.end_ns)
-    return f"{begin:%Y-%m-%d %H:%M}-{end} {zone}, {found.minutes} min"
+def _caption(session_map: MappedSession) -> str:
+    begin = formatting.local_time(session_map.start_ns, session_map.site)
+    end = formatting.clock_time(session_map.end_ns, session_map.site, since_ns=session_map.start_ns)
+    zone = formatting.zone_name(session_map.start_ns, session_map.site, session_map.end_ns)
+    return f"{begin:%Y-%m-%d %H:%M}-{end} {zone}, {session_map.minutes} min"
 
 
-def _provenance(found: MappedSession, session: SessionReader) -> dict[str, Any]:
-    references = [region.name for region in found.regions if region.kind is RegionKind.REFERENCE]
+def _provenance(session_map: MappedSession, session: SessionReader) -> dict[str, Any]:
+    references = [region.name for region in session_map.regions if region.kind is RegionKind.REFERENCE]
     return {
         "Conventions": "CF-1.11",
         "title": f"Slope map of {session.header.title or session.path.stem}",
         "institution": session.header.operator,
         "license": session.header.license,
-        "source": f"{found.camera.name}: {found.camera.vendor} {found.camera.model}",
+        "source": f"{session_map.camera.name}: {session_map.camera.vendor} {session_map.camera.model}",
         "history": f"made by fieldkit {__version__}: {command_line() or 'from Python'}",
         "comment": "camera coordinates: rows and columns of the frame, not a map projection",
         "session": session.path.name,
         "session_id": session.session_id,
         "code_version": code_version(),
         "python": f"{platform.python_version()} on {platform.system()} {platform.machine()}",
-        "settings": " ".join(found.overrides),
-        "time_coverage_start": iso_utc(found.start_ns),
-        "time_coverage_end": iso_utc(found.end_ns),
-        "minutes": found.minutes,
-        "surface_model": SURFACE_MODELS[found.model],
-        "irradiance_model": found.irradiance_model,
+        "settings": " ".join(session_map.overrides),
+        "time_coverage_start": iso_utc(session_map.start_ns),
+        "time_coverage_end": iso_utc(session_map.end_ns),
+        "minutes": session_map.minutes,
+        "surface_model": SURFACE_MODELS[session_map.model],
+        "irradiance_model": session_map.irradiance_model,
         "reference_regions": " ".join(references),
-        **{name: getattr(found.settings.surface, name) for name in SURFACE_ATTRIBUTES},
-        **{name: getattr(found.settings, name) for name in SETTINGS_ATTRIBUTES},
+        **{name: getattr(session_map.settings.surface, name) for name in SURFACE_ATTRIBUTES},
+        **{name: getattr(session_map.settings, name) for name in SETTINGS_ATTRIBUTES},
     }

@@ -18,15 +18,10 @@ from fieldkit.model.arrays import FloatArray, IntArray, TableArray
 from fieldkit.model.errors import ConfigError, FieldkitError
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SOLVED, SlopeState
-from fieldkit.results.batch import (
-    Estimate,
-    Progress,
-    no_progress,
-    outcomes_of,
-    readable_sources,
-    session_names,
-)
+from fieldkit.results import batch
+from fieldkit.results.batch import Estimate, Progress, no_progress, outcomes_of
 from fieldkit.results.executors import THIS_PROCESS, Workers
+from fieldkit.results.json_document import attributes
 from fieldkit.results.minutes import Outcome, Run, run_of
 from fieldkit.results.result_files import provenance, write_results
 from fieldkit.results.sources import Source, log_info, qualified_key
@@ -96,20 +91,17 @@ class Sweep:
         """The ranking as the result file holds it; None without one."""
         if (ranking := self.ranking) is None:
             return None
+        effects = {
+            effect.key: dict(zip(effect.values, effect.error_deg, strict=True)) for effect in ranking.effects
+        }
         return {
             "best": self.best,
             "error_deg": ranking.error_deg[ranking.best],
-            "worst_deg": ranking.worst_deg,
+            **attributes(ranking, "worst_deg", "same_choice", "uncertain_share", "warnings"),
             "left_out_deg": ranking.cross_validated_deg,
-            "same_choice": ranking.same_choice,
             "sessions": ranking.folds,
             "sessions_without_slopes": ranking.unranked,
-            "uncertain_share": ranking.uncertain_share,
-            "sensitivity": {
-                effect.key: dict(zip(effect.values, effect.error_deg, strict=True))
-                for effect in ranking.effects
-            },
-            "warnings": ranking.warnings,
+            "sensitivity": effects,
         }
 
 
@@ -135,10 +127,10 @@ def sweep(
     value that no estimate has, and for the prior from others of a single session.
     """
     grid = parameters if isinstance(parameters, Grid) else grid_of(parameters)
-    sources, failures = readable_sources(map(Path, sessions), present=present)
+    sources, failures = batch.readable_sources(map(Path, sessions), present=present)
     runs = runs_of(sources, grid, partial(outcomes_of, failures=failures, workers=workers))
     notify(f"{len(runs)} runs: {len(grid.sets)} sets of parameters, {len(sources)} sessions")
-    table = SweepTable(grid, session_names(sources))
+    table = SweepTable(grid, batch.session_names(sources))
     for outcome in outcomes_of(runs, failures, workers, on_progress):
         table.add(outcome)
     return Sweep(grid, table.columns(), table.ranking(), failures, tuple(sources), len(runs), table.cached)
@@ -432,18 +424,15 @@ def rank(
         choices = [int(np.nanargmin(_mean(np.delete(judged, out, axis=1)))) for out in range(sessions.size)]
         left_out = float(_mean(np.array([judged[choice, out] for out, choice in enumerate(choices)])))
         same = choices.count(best)
-    effects = tuple(_effect(parameter, grid.sets, error) for parameter in grid.varied)
-    worst = float(np.nanmax(worst_deg[best, sessions]))
-    share = float(uncertain[best].sum() / solved[best].sum())
     return Ranking(
         best=best,
         error_deg=error,
-        worst_deg=worst,
+        worst_deg=float(np.nanmax(worst_deg[best, sessions])),
         cross_validated_deg=left_out,
         same_choice=same,
         folds=sessions.size,
-        effects=effects,
-        uncertain_share=share,
+        effects=tuple(_effect(parameter, grid.sets, error) for parameter in grid.varied),
+        uncertain_share=float(uncertain[best].sum() / solved[best].sum()),
         unranked=unranked,
     )
 

@@ -64,16 +64,11 @@ def rows(plan: DayPlan, site: Site) -> list[Sequence[str]]:
     bearing = np.degrees(np.arctan2(plan.sun[:, 0], plan.sun[:, 1]))
     for index, minute in enumerate(plan.rows):
         before_ns = int(plan.time_ns[plan.rows[max(index - 1, 0)]])
-        table.append(
-            (
-                formatting.clock_time(int(plan.time_ns[minute]), site, since_ns=before_ns),
-                f"{formatting.number(plan.elevation_deg[minute])}°",
-                f"{round(bearing[minute]) % 360}°",
-                _beside(plan.sensitivity.irradiance_w_m2[:, minute], 1),
-                _beside(plan.sensitivity.temperature_k[:, minute], 2),
-                plan.verdict(index),
-            )
-        )
+        at = formatting.clock_time(int(plan.time_ns[minute]), site, since_ns=before_ns)
+        sun = f"{formatting.number(plan.elevation_deg[minute])}°", f"{round(bearing[minute]) % 360}°"
+        irradiance = _beside(plan.sensitivity.irradiance_w_m2[:, minute], 1)
+        kelvin = _beside(plan.sensitivity.temperature_k[:, minute], 2)
+        table.append((at, *sun, irradiance, kelvin, plan.verdict(index)))
     return table
 
 

@@ -9,14 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from fieldkit.disk import sha256
+from fieldkit.estimation import statistics
 from fieldkit.estimation.settings import EstimatorSettings
-from fieldkit.estimation.statistics import (
-    ErrorSpan,
-    SdKind,
-    errors_over_time,
-    mean_absolute_error,
-    root_mean_square_error,
-)
+from fieldkit.estimation.statistics import ErrorSpan, SdKind
 from fieldkit.model.arrays import FloatArray
 from fieldkit.model.site import Site
 from fieldkit.views import formatting, plotting, study_figures
@@ -76,7 +71,7 @@ def _headline(parts: Sequence[Part]) -> str:
     targets = [target for part in parts for target in part.columns.targets]
     errors = [target.estimated_tilt_deg - target.region.tilt_deg for target in targets]
     error = np.concatenate([np.empty(0), *errors])
-    mean = mean_absolute_error(error, 0.0)
+    mean = statistics.mean_absolute_error(error, 0.0)
     if not np.isfinite(mean):
         return "No slope of a region of known tilt was found in these sessions."
     count = int(np.isfinite(error).sum())
@@ -100,24 +95,13 @@ def _targets(parts: Sequence[Part], sd: SdKind) -> Table:
         f"estimate, of which some are uncertain; SD {sd_words(sd)}. RMSE: measured surface temperature "
         " against eq. (7), the reference standing in for air and sky."
     )
-    columns = (
-        "day",
-        "session",
-        "region",
-        "tilt °",
-        "given",
-        "MAE ± SD °",
-        "n",
-        "uncertain",
-        "RMSE K",
-        "clouded min",
-    )
-    return Table(columns, rows, caption)
+    errors = ("MAE ± SD °", "n", "uncertain", "RMSE K", "clouded min")
+    return Table(("day", "session", "region", "tilt °", "given", *errors), rows, caption)
 
 
 def _row(part: Part, target: TargetSeries, sd: SdKind) -> list[object]:
     modelled = modelled_temperature(part.columns, target, part.settings.surface)
-    rmse = root_mean_square_error(part.columns.temperature_k[target.region.name], modelled)
+    rmse = statistics.root_mean_square_error(part.columns.temperature_k[target.region.name], modelled)
     return [
         part.day,
         part.path.stem,
@@ -187,7 +171,7 @@ def _errors_by_tilt(parts: Sequence[Part], sd: SdKind) -> dict[str, list[ErrorSp
     for tilt, targets in _by_tilt(parts).items():
         times_ns = np.concatenate([part.columns.of_day_ns(part.site) for part, _ in targets])
         tilts_deg = np.concatenate([target.estimated_tilt_deg for _, target in targets])
-        rows[f"{tilt:g}°"] = errors_over_time(times_ns, tilts_deg, tilt, span_s=SPAN_S, kind=sd)
+        rows[f"{tilt:g}°"] = statistics.errors_over_time(times_ns, tilts_deg, tilt, span_s=SPAN_S, kind=sd)
     return rows
 
 
@@ -215,9 +199,8 @@ def _error_budget(parts: Sequence[Part]) -> Table | None:
 
 
 def _zone(part: Part) -> str:
-    return (
-        formatting.zone_name(int(part.columns.time_ns[0]), part.site) if part.columns.time_ns.size else "UTC"
-    )
+    times_ns = part.columns.time_ns
+    return formatting.zone_name(int(times_ns[0]), part.site) if times_ns.size else "UTC"
 
 
 def _temperatures(parts: Sequence[Part]) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:

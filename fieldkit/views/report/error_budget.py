@@ -70,18 +70,14 @@ def error_budget(data: ReportData) -> BudgetSection | None:
     if not data.columns.targets or not np.isfinite(data.columns.irradiance_w_m2).any():
         return None
     budgets = [budget(data.columns, target, data.settings) for target in data.columns.targets]
-    contributions = Table(
-        ("cause", *(budget.name for budget in budgets)),
-        cause_rows(budgets),
-        f"Degrees of tilt, medians over the session, {READING}",
-    )
-    models = model_table(data) if data.others else None
+    columns = ("cause", *(budget.name for budget in budgets))
+    caption = f"Degrees of tilt, medians over the session, {READING}"
     return BudgetSection(
         summary=_omitted_words(data, budgets),
         meaning=GUM if data.budgets else "",
         slopes=[_slope_table(name, terms) for name, terms in data.budgets.items()],
-        models=models,
-        contributions=contributions,
+        models=model_table(data) if data.others else None,
+        contributions=Table(columns, cause_rows(budgets), caption),
         advice=_advice(budgets),
     )
 
@@ -99,27 +95,26 @@ def _slope_table(region: str, terms: Sequence[BudgetTerm]) -> Table:
         for term in terms
         if abs(term.share) >= LEAST_SHARE
     ]
-    return Table(
-        ("term", "type", "standard uncertainty", "° per unit", "of the variance"), rows, f"Slope of {region}."
-    )
+    columns = ("term", "type", "standard uncertainty", "° per unit", "of the variance")
+    return Table(columns, rows, f"Slope of {region}.")
 
 
 def model_table(data: ReportData) -> Table:
     """The final slope of each target by each model, its error, and whether regions hold the given tilt."""
-    used = data.settings.model
-    by_model = {model: data.columns if model == used else data.others.get(model) for model in get_args(Model)}
+    chosen = data.settings.model
+    by_model = {**data.others, chosen: data.columns}
     rows = [
-        _model_row(strong(model) if model == used else model, columns)
-        for model, columns in by_model.items()
-        if columns is not None
+        _model_row(strong(model) if model == chosen else model, columns)
+        for model in get_args(Model)
+        if (columns := by_model.get(model)) is not None
     ]
     names = (target.region.name for target in data.columns.targets)
     return Table(("model", *names, "mean error °", "truth within"), rows, f"{MODELS} In bold: used above.")
 
 
 def _model_row(name: object, columns: Series) -> list[object]:
-    held = [_holds_truth(target) for target in columns.targets if np.isfinite(target.region.tilt_deg)]
-    minutes = np.concatenate(held) if held else np.empty(0)
+    holds = [_holds_truth(target) for target in columns.targets if np.isfinite(target.region.tilt_deg)]
+    minutes = np.concatenate(holds) if holds else np.empty(0)
     share = f"{minutes.mean():.0%}" if minutes.size else formatting.UNKNOWN
     tilts = (target.final_words for target in columns.targets)
     return [name, *tilts, formatting.number(mean_error(columns), 1), share]
@@ -128,8 +123,8 @@ def _model_row(name: object, columns: Series) -> list[object]:
 def _holds_truth(target: TargetSeries) -> BoolArray:
     """Whether the likelihood region holds the given tilt, for each minute with an estimate."""
     truth = target.region.tilt_deg
-    held = (target.tilt_low_deg <= truth) & (truth <= target.tilt_high_deg)
-    return np.asarray(held[target.is_estimate])
+    is_inside = (target.tilt_low_deg <= truth) & (truth <= target.tilt_high_deg)
+    return np.asarray(is_inside[target.is_estimate])
 
 
 def cause_rows(budgets: Sequence[ErrorBudget]) -> list[list[object]]:
@@ -164,8 +159,8 @@ def _either_way(degrees: float) -> str:
     return f"±{formatting.number(abs(degrees), 1)}°"
 
 
-def _degrees(found: ErrorBudget, term_w_m2: float) -> str:
-    degrees = found.degrees(term_w_m2)
+def _degrees(budget: ErrorBudget, term_w_m2: float) -> str:
+    degrees = budget.degrees(term_w_m2)
     if not np.isfinite(degrees):
         return formatting.UNKNOWN
     return f"{degrees:+.1f}° ({term_w_m2:+.0f} W/m²)"
@@ -173,7 +168,7 @@ def _degrees(found: ErrorBudget, term_w_m2: float) -> str:
 
 def _omitted_words(data: ReportData, budgets: Sequence[ErrorBudget]) -> str:
     settings, slab = data.settings, data.settings.slab
-    costs = [abs(found.degrees(found.omitted_w_m2)) for found in budgets]
+    costs = [abs(budget.degrees(budget.omitted_w_m2)) for budget in budgets]
     finite = [cost for cost in costs if np.isfinite(cost)]
     cost = formatting.number(float(np.mean(finite)) if finite else float("nan"), 1)
     omitted = (
@@ -188,7 +183,7 @@ def _omitted_words(data: ReportData, budgets: Sequence[ErrorBudget]) -> str:
 
 
 def _advice(budgets: Sequence[ErrorBudget]) -> list[str]:
-    weakest = min(budgets, key=lambda found: np.nan_to_num(abs(found.kelvin_per_degree), nan=np.inf))
+    weakest = min(budgets, key=lambda budget: np.nan_to_num(abs(budget.kelvin_per_degree), nan=np.inf))
     offset_deg = formatting.number(abs(weakest.of_offset(OFFSET_K)), 1)
     return [
         f"Offsets between regions do not average away. {weakest.name} has "
@@ -253,18 +248,14 @@ def budget(columns: Series, target: TargetSeries, settings: EstimatorSettings) -
     light = np.where(in_sun, columns.irradiance_w_m2, np.nan)
     assumed = settings.diffuse_fraction / (1 - settings.diffuse_fraction) * light * columns.cos_zenith
     diffuse = np.where(np.isnan(columns.diffuse_w_m2), assumed, columns.diffuse_w_m2)
+    above_air = daylight.extraterrestrial(columns.time_ns, BODIES[settings.body])
+    incidence = cos_incidence(normal(tilt, azimuth), columns.sun)
     on_target = daylight.hay_davies_diffuse(
-        diffuse,
-        light,
-        daylight.extraterrestrial(columns.time_ns, BODIES[settings.body]),
-        cos_incidence(normal(tilt, azimuth), columns.sun),
-        columns.cos_zenith,
-        cos_tilt,
+        diffuse, light, above_air, incidence, columns.cos_zenith, cos_tilt
     )
-    reflected = daylight.ground_reflected(
-        diffuse + light * columns.cos_zenith, settings.ground_albedo, cos_tilt
-    )
-    absorbing = 1.0 - settings.surface.albedo
+    global_light = diffuse + light * columns.cos_zenith
+    reflected = daylight.ground_reflected(global_light, settings.ground_albedo, cos_tilt)
+    absorbing, half_deg = 1.0 - settings.surface.albedo, (target.tilt_high_deg - target.tilt_low_deg) / 2
     return ErrorBudget(
         name=target.region.name,
         diffuse_w_m2=_median(on_target - diffuse),
@@ -273,9 +264,7 @@ def budget(columns: Series, target: TargetSeries, settings: EstimatorSettings) -
         storage_w_m2=_median(-_stored_heat(columns, target, settings)) / absorbing,
         w_m2_per_degree=_median(light * _per_degree(columns, tilt, azimuth)),
         kelvin_per_degree=_median(target.kelvin_per_degree),
-        noise_deg=_median(
-            np.where(target.is_estimate, (target.tilt_high_deg - target.tilt_low_deg) / 2, np.nan)
-        ),
+        noise_deg=_median(np.where(target.is_estimate, half_deg, np.nan)),
         tilt_deg=tilt,
         emissivity_k=_median(_of_emissivity(columns, target, settings)),
         factor_sd=settings.factor_sd,
@@ -285,15 +274,14 @@ def budget(columns: Series, target: TargetSeries, settings: EstimatorSettings) -
 def pool(name: str, budgets: Sequence[ErrorBudget]) -> ErrorBudget:
     """The medians over several sessions, under one name."""
     numbers = [field.name for field in fields(ErrorBudget) if field.name != "name"]
-    return ErrorBudget(
-        name, **{number: _median(np.array([getattr(b, number) for b in budgets])) for number in numbers}
-    )
+    columns = {number: np.array([getattr(budget, number) for budget in budgets]) for number in numbers}
+    return ErrorBudget(name, **{number: _median(values) for number, values in columns.items()})
 
 
 def _slope(target: TargetSeries) -> tuple[float, float]:
-    given = (target.region.tilt_deg, target.region.azimuth_deg)
+    truth = (target.region.tilt_deg, target.region.azimuth_deg)
     estimated = (_median(target.estimated_tilt_deg), _median(target.azimuth_deg))
-    return given if np.isfinite(given).all() else estimated
+    return truth if np.isfinite(truth).all() else estimated
 
 
 def _per_degree(columns: Series, tilt_deg: float, azimuth_deg: float) -> FloatArray:

@@ -203,16 +203,10 @@ def _azimuths_at(columns: Series, minute: int) -> Iterator[str]:
 def _measured_k(data: ReportData) -> Mapping[str, FloatArray]:
     """Surface temperatures that were measured, by region and probe, kelvin."""
     columns = data.columns
-    probes = {
-        f"probe {name}": columns.contact_k[:, index]
-        for index, name in enumerate(data.channels[: columns.contact_k.shape[1]])
-        if not is_air_temperature(name)
-    }
-    return {
-        name: kelvin
-        for name, kelvin in {**columns.temperature_k, **probes}.items()
-        if np.isfinite(kelvin).any()
-    }
+    channels = zip(data.channels, columns.contact_k.T, strict=False)
+    probes = {f"probe {name}": kelvin for name, kelvin in channels if not is_air_temperature(name)}
+    series = {**columns.temperature_k, **probes}
+    return {name: kelvin for name, kelvin in series.items() if np.isfinite(kelvin).any()}
 
 
 def _temperature_words(columns: Series) -> str:
@@ -285,17 +279,12 @@ def _paper_figures(data: ReportData, modelled: Mapping[str, FloatArray], rmse_k:
             f"Measured against modelled surface temperature, RMSE {rmse_k:.2f} kelvin.",
             parts=list(modelled),
         )
-    errors = {
-        target.region.name: errors_over_time(
-            columns.of_day_ns(data.site),
-            target.estimated_tilt_deg,
-            target.region.tilt_deg,
-            span_s=SPAN_S,
-            kind=data.sd,
-        )
-        for target in columns.targets
-        if np.isfinite(target.region.tilt_deg)
-    }
+    times_ns, errors = columns.of_day_ns(data.site), {}
+    for target in columns.targets:
+        if np.isfinite(truth_deg := target.region.tilt_deg):
+            tilts_deg = target.estimated_tilt_deg
+            spans = errors_over_time(times_ns, tilts_deg, truth_deg, span_s=SPAN_S, kind=data.sd)
+            errors[target.region.name] = spans
     if any(errors.values()):
         yield Figure(
             study_figures.errors_over_local_time(errors, data.zone),
