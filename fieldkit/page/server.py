@@ -28,9 +28,9 @@ from starlette.websockets import WebSocket, WebSocketDisconnect, WebSocketState
 
 from fieldkit.config import Config
 from fieldkit.model.errors import FieldkitError, StorageError
-from fieldkit.page import requests
+from fieldkit.page import checks, requests
 from fieldkit.page.answers import Answers, failure
-from fieldkit.page.checks import CHECKS, REQUEST_WITHIN_S, Check, Guarded, PromptProtocol, bearer
+from fieldkit.page.checks import CHECKS, Check, Guarded, PromptProtocol, bearer
 from fieldkit.page.conductor import Conductor
 from fieldkit.page.document import document
 from fieldkit.page.hub import MAX_VIEWERS, Hub
@@ -303,7 +303,7 @@ async def _short_body(request: Request) -> bytes:
     """The body of a request; empty if it is too long, late or broken off."""
     body = b""
     with suppress(ClientDisconnect, TimeoutError):
-        async with asyncio.timeout(REQUEST_WITHIN_S):
+        async with asyncio.timeout(checks.REQUEST_WITHIN_S):
             async for part in request.stream():
                 body += part
                 if len(body) > KEY_MAX_BYTES:

@@ -12,7 +12,7 @@ from contextlib import ExitStack, suppress
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
-from fieldkit.page import answers, protocol, requests, viewer
+from fieldkit.page import answers, checks, requests, viewer
 from fieldkit.page import server as page_server
 from fieldkit.page.checks import CHECKS, known_host, same_origin
 from fieldkit.page.hub import MAX_VIEWERS
@@ -464,7 +464,7 @@ def test_late_headers_end_their_connection(folder, monkeypatch):
         whole, half = b"GET /role HTTP/1.1\r\n" + host + b"\r\n", b"GET / HTTP/1.1\r\nHost: "
         about = host + b"Content-Type: application/json\r\nContent-Length: 9\r\n\r\n"
         assert lasts(page, half, at_most_s=1.0) >= 1.0  # within the time it may be late
-        monkeypatch.setattr(protocol, "REQUEST_WITHIN_S", 0.5)  # a shorter wait
+        monkeypatch.setattr(checks, "REQUEST_WITHIN_S", 0.5)  # a shorter wait
         for late in ((b"",), (half,), (b"POST /key HTTP/1.1\r\n" + about + b"{",), (whole, half)):
             assert lasts(page, *late) < 2.5
 

@@ -13,8 +13,7 @@ from fieldkit.model.samples import Event, EventKind, Frame, Health, Quality, Rea
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.views.feed import LENGTHS, Feed, FeedReader, FeedStart, decode, encode
-from fieldkit.views.latest import Latest
-from fieldkit.views.trend import Trend
+from fieldkit.views.latest import Latest, Trend
 
 SITE = Site(37.7, -105.92, 2317.0, "America/Denver")
 REGIONS = (Region("flat", RegionKind.REFERENCE, ((0.0, 0.0), (9.0, 0.0), (9.0, 9.0)), 0.0, 0.0),)
