@@ -6,6 +6,7 @@ import pytest
 from click.testing import CliRunner
 
 from fieldkit.cli import main
+from fieldkit.cli.next_steps import in_commands
 from fieldkit.config import FILE_NAME, load_config
 from fieldkit.model.errors import ConfigError, RefusedError, SessionError
 from fieldkit.page.conductor import Conductor
@@ -29,7 +30,7 @@ def test_a_recording_that_cannot_start_answers_with_its_error(config):
     with pytest.raises(RefusedError) as found:
         conductor.start(RecordOptions())
     conductor.close()
-    assert (found.value.message, found.value.fix) == (expected.value.message, expected.value.fix)
+    assert (found.value.message, found.value.fix) == (expected.value.message, in_commands(expected.value.fix))
 
 
 def test_a_session_that_cannot_be_estimated_answers_with_its_error(config):
@@ -39,7 +40,7 @@ def test_a_session_that_cannot_be_estimated_answers_with_its_error(config):
         open_session(path)
     with pytest.raises(RefusedError) as found:
         asyncio.run(PastSessions(config).estimate(identifier(path)))
-    assert (found.value.message, found.value.fix) == (expected.value.message, expected.value.fix)
+    assert (found.value.message, found.value.fix) == (expected.value.message, in_commands(expected.value.fix))
 
 
 @pytest.mark.parametrize("printed", ["", "Killed\n", "[]", '{"schema": 1}', "null"])
