@@ -70,10 +70,10 @@ def command(
         common.say(f"{session.name}: {calibration.applied_s:+.1f} s from now on when reading")
 
 
-def _next_step(session: Path, gps: str | None, name: str, found: ClockCalibration) -> str:
+def _next_step(session: Path, gps: str | None, name: str, calibration: ClockCalibration) -> str:
     """Next step with the offset: a command as one would type it."""
-    if not found.is_significant:
-        return found.used_by
+    if not calibration.is_significant:
+        return calibration.used_by
     source = ["--sun"] if gps is None else ["--gps", gps]
     name_option = [] if name == DEFAULT_NAME else ["--name", name]
     return shlex.join(["fieldkit", "calibrate", "clock", str(session), *source, *name_option, "--apply"])

@@ -106,7 +106,7 @@ _kelvin = partial(number_option, metavar="K")
 )
 @click.option("--for", "duration", type=DURATION, help="With instruments: stop after this time: 3h, 90m.")
 @common.set_option
-def command(session: Path | None, sample: str, settings: tuple[str, ...], **given: Any) -> None:
+def command(session: Path | None, sample: str, settings: tuple[str, ...], **fields: Any) -> None:
     r"""Find the emissivity of a sample in the camera's band.
 
     With a SESSION it is found from that; without one the campaign's instruments are recorded until enough
@@ -119,7 +119,7 @@ def command(session: Path | None, sample: str, settings: tuple[str, ...], **give
     from fieldkit import calibrate
     from fieldkit.cli.calibration_output import save_and_print
 
-    options = calibrate.MeasurementOptions(**given)
+    options = calibrate.MeasurementOptions(**fields)
     if session is None:
         session = _record(sample, options, settings)
         settings = ()  # the recording contains them

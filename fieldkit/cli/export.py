@@ -37,7 +37,7 @@ FORMATS = "\n".join(f"{name:<8} {export_format.meaning}" for name, export_format
     "--speed", "speed", "max", "Session seconds per second of video; max: 25 frames.", metavar="N|max"
 )
 @click.option("--palette", type=click.Choice(NAMES), help="Colours of images and videos. [default: inferno]")
-def command(session: Path | None, kind: str, speed: str, **given: Any) -> None:
+def command(session: Path | None, kind: str, speed: str, **options: Any) -> None:
     """Write a session for other programs."""
     from fieldkit.results.export import export
     from fieldkit.sessions.reader import open_session
@@ -47,7 +47,7 @@ def command(session: Path | None, kind: str, speed: str, **given: Any) -> None:
     with open_session(path) as opened, progress() as bar:
         frames = sum(opened.count(stream.name) for stream in opened.streams.values() if stream.is_camera)
         task = bar.add_task(f"writing {kind}", total=frames)
-        exported = export(opened, kind, speed=factor, on_frame=lambda: bar.advance(task), **given)
+        exported = export(opened, kind, speed=factor, on_frame=lambda: bar.advance(task), **options)
     _print(path, exported)
     if exported.problems:
         raise IntegrityError(f"{'; '.join(exported.problems)}", place=path, fix=Action.CHECK(path))

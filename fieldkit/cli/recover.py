@@ -47,7 +47,7 @@ def command(paths: tuple[Path, ...], tidy: bool) -> None:
             first_error = error
             continue
         if not options().json:
-            _print(reports[-1], kept=not tidy)
+            _print(reports[-1], keeps_file=not tidy)
     deleted = _tidy(named_sessions or sessions_in(folder)) if tidy else []
     if options().json:
         names = [str(path) for path in deleted]
@@ -71,7 +71,7 @@ def _tidy(sessions: Sequence[Path]) -> list[Path]:
     return deleted
 
 
-def _print(report: RecoveryReport, *, kept: bool) -> None:
+def _print(report: RecoveryReport, *, keeps_file: bool) -> None:
     if report.was_complete:
         click.echo(f"{report.path}: complete, nothing to do")
         return
@@ -88,7 +88,7 @@ def _print(report: RecoveryReport, *, kept: bool) -> None:
         click.echo("  the end is not known: samples behind the last one may be lost")
     for line in report.damage:
         click.echo(f"  damaged: {line}")
-    if kept and report.crashed is not None:
+    if keeps_file and report.crashed is not None:
         say(f"the file as it was: {report.crashed.name} (fieldkit recover --tidy deletes it)")
 
 

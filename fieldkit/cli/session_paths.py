@@ -47,21 +47,21 @@ def latest_session(path: Path | None) -> Path:
     return latest
 
 
-def find_session(given: Path) -> Path:
+def find_session(name: Path) -> Path:
     """A session or folder by its path, or by its name among the campaign's, as ``fieldkit ls`` prints it.
 
     Raises `SessionError` if there is neither.
     """
-    path = given if exists(given) else recordings_folder() / given
+    path = name if exists(name) else recordings_folder() / name
     if not exists(path):
-        raise SessionError(f"there is no session {given}", fix=Action.LIST_SESSIONS() + " shows the sessions")
+        raise SessionError(f"there is no session {name}", fix=Action.LIST_SESSIONS() + " shows the sessions")
     return path
 
 
 def _expand(paths: Sequence[Path]) -> list[Path]:
     sessions: list[Path] = []
-    for given in paths or [recordings_folder()]:
-        path = find_session(given)
+    for name in paths or [recordings_folder()]:
+        path = find_session(name)
         if path.is_dir():
             inside = path / "recordings" if (path / "recordings").is_dir() else path
             sessions.extend(sessions_in(inside, say_warning))

@@ -40,7 +40,7 @@ class Grant:
 
 
 @dataclass(frozen=True, slots=True)
-class _Kept:
+class _Grants:
     links: tuple[Grant, ...] = field(default=())
     sessions: tuple[Grant, ...] = field(default=())
 
@@ -80,12 +80,12 @@ class Keys:
         """Whether `exchange` would take this key."""
         return _find(self._read().links, key) is not None
 
-    def _read(self) -> _Kept:
+    def _read(self) -> _Grants:
         try:
-            grants = build(_Kept, json.loads(self.path.read_text(encoding="utf-8")))
+            grants = build(_Grants, json.loads(self.path.read_text(encoding="utf-8")))
         except (OSError, ValueError, TypeError):  # no file yet, or a damaged one: everybody needs a new link
-            return _Kept()
-        return _Kept(
+            return _Grants()
+        return _Grants(
             *(tuple(grant for grant in some if grant.ends_at > time.time()) for some in _parts(grants))
         )
 
@@ -95,15 +95,15 @@ class Keys:
             before = self._read()
             links, sessions = map(list, _parts(before))
             yield links, sessions
-            after = _Kept(tuple(links[-MOST_KEPT:]), tuple(sessions[-MOST_KEPT:]))
+            after = _Grants(tuple(links[-MOST_KEPT:]), tuple(sessions[-MOST_KEPT:]))
             if after != before:
                 self._write(after)
 
-    def _write(self, kept: _Kept) -> None:
+    def _write(self, grants: _Grants) -> None:
         with replacing(self.path, synced=False) as draft:
             descriptor = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
             with open(descriptor, "w", encoding="utf-8") as file:
-                json.dump(asdict(kept), file)
+                json.dump(asdict(grants), file)
 
 
 @contextmanager
@@ -115,8 +115,8 @@ def _report_errors(path: Path) -> Iterator[None]:
         raise StorageError(f"cannot keep the page's keys in {path}: {error.strerror}", fix=fix) from error
 
 
-def _parts(kept: _Kept) -> tuple[tuple[Grant, ...], tuple[Grant, ...]]:
-    return kept.links, kept.sessions
+def _parts(grants: _Grants) -> tuple[tuple[Grant, ...], tuple[Grant, ...]]:
+    return grants.links, grants.sessions
 
 
 def _role(grant: Grant) -> Role:

@@ -177,15 +177,15 @@ def _version_probe() -> Callable[[], str]:
     return version
 
 
-def _refuse_other_versions(found: dict[str, str]) -> None:
-    if not found:
+def _refuse_other_versions(versions: dict[str, str]) -> None:
+    if not versions:
         raise RefusedError("the Dask cluster has no workers", fix="start some: dask worker ADDRESS")
-    if without := [worker for worker, version in found.items() if not version]:
+    if without := [worker for worker, version in versions.items() if not version]:
         raise RefusedError(
             f"the Dask worker {without[0]} cannot import fieldkit",
             fix=f"install {DISTRIBUTION} {__version__} and the same libraries in that worker's environment",
         )
-    other = {worker: version for worker, version in found.items() if version != code_version()}
+    other = {worker: version for worker, version in versions.items() if version != code_version()}
     if other:
         worker, version = next(iter(other.items()))
         raise RefusedError(

@@ -91,11 +91,11 @@ def read_flir(
     return ImportedRecording((info,), samples, ((Severity.INFO, note), *damages, *notes))
 
 
-def _with_times(files: list[_File], given: Mapping[Path, list[int]] | None, offset_ns: int) -> list[_File]:
+def _with_times(files: list[_File], times_ns: Mapping[Path, list[int]] | None, offset_ns: int) -> list[_File]:
     """The files with the times of their frames, in order of time."""
     stamped = []
     for file in files:
-        time_ns = given[file.path] if given else file.time_ns
+        time_ns = times_ns[file.path] if times_ns else file.time_ns
         if 0 in time_ns:
             raise ConfigError(f"frame {time_ns.index(0)} has no time", place=file.path, fix=GIVE_TIMES)
         shifted_ns = [plausible_ns(stamp + offset_ns) for stamp in time_ns]

@@ -418,11 +418,11 @@ def variant(window: Window, overrides: Sequence[str] = ()) -> str:
     return "".join("-" + re.sub(r"[^\w.-]+", "_", part) for part in parts)
 
 
-def earlier_files(base: Path, written: Sequence[Path]) -> list[Path]:
-    """Files of an earlier map under a base that the files written now have not replaced."""
+def earlier_files(base: Path, new_files: Sequence[Path]) -> list[Path]:
+    """Files of an earlier map under a base that the new files have not replaced."""
     endings = (*ON_GROUND, *(f"-{name}.png" for name in LAYERS))
     files = [base.with_name(base.name + ending) for ending in endings]
-    return [file for file in files if file.exists() and file not in written]
+    return [file for file in files if file.exists() and file not in new_files]
 
 
 def _map_session(

@@ -220,8 +220,8 @@ def _instrument_lines(latest: Latest, *, compact: bool) -> Iterator[tuple[str, s
         yield name, _stream_words(latest, name)
     yield "clock", _clock(latest)
     if health is not None:
-        written = f", {formatting.size(health.written_bytes)} written" if health.written_bytes else ""
-        yield "disk", f"{formatting.size(health.disk_free_bytes)} free{written}"
+        amount = f", {formatting.size(health.written_bytes)} written" if health.written_bytes else ""
+        yield "disk", f"{formatting.size(health.disk_free_bytes)} free{amount}"
     if minute is not None and minute.learnt is not None:
         yield from _learnt_lines(minute.learnt, compact=compact)
 

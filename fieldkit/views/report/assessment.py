@@ -49,10 +49,10 @@ def truths_held(columns: Series) -> str:
     """Share of the final likelihood regions that hold the given tilt, in words; empty if none was given."""
     finals = [(target.final_estimate, target.region.tilt_deg) for target in columns.targets]
     with_truth = [(estimate, truth) for estimate, truth in finals if estimate and truth == truth]
-    held = sum(estimate.tilt_low_deg <= truth <= estimate.tilt_high_deg for estimate, truth in with_truth)
+    count = sum(estimate.tilt_low_deg <= truth <= estimate.tilt_high_deg for estimate, truth in with_truth)
     sure = formatting.confidence(estimate for estimate, _ in with_truth)
     return (
-        f"The given tilt is within the {sure} region on {_of(held, len(with_truth))}." if with_truth else ""
+        f"The given tilt is within the {sure} region on {_of(count, len(with_truth))}." if with_truth else ""
     )
 
 
