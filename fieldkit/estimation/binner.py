@@ -20,7 +20,7 @@ from fieldkit.model.channels import AIR_TEMPERATURE, WIND_SPEED, how_to_state
 from fieldkit.model.device import StreamInfo, find_camera
 from fieldkit.model.region_schedule import Regions, RegionSchedule
 from fieldkit.model.samples import Event, EventKind, Quality, Reading, Sample, Severity
-from fieldkit.model.site import RegionRecord, Site
+from fieldkit.model.site import Region, RegionRecord, Site
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.sun import sun_vectors
 
@@ -96,21 +96,13 @@ class Binner:
 
     def _looking_at(self, columns: tuple[int, ...]) -> list[CameraStream]:
         """The cameras, each with those of the regions that it looks at."""
-        emissivity = self._settings.surface.emissivity
-        reflected_k = self._settings.reflected_temperature_k
         cameras = self._instruments.cameras
-        regions = {column: self.schedule.columns[column] for column in columns}
-        seen_by = {column: find_camera(cameras, region.camera) for column, region in regions.items()}
-        return [
-            CameraStream(
-                info,
-                {column: region for column, region in regions.items() if seen_by[column] is info},
-                emissivity,
-                reflected_k,
-                self._settings.limits,
-            )
-            for info in cameras
-        ]
+        by_camera: dict[str, dict[int, Region]] = {info.name: {} for info in cameras}
+        for column in columns:
+            region = self.schedule.columns[column]
+            if (info := find_camera(cameras, region.camera)) is not None:
+                by_camera[info.name][column] = region
+        return [CameraStream(info, by_camera[info.name], self._settings) for info in cameras]
 
     def finish(self) -> list[Closed]:
         """Close the open bins at the end of a recording."""

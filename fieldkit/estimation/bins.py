@@ -23,6 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fieldkit.estimation.following import GroundFollower, RegionFollower
+from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.arrays import AnyArray, AnyIntArray, BoolArray, FloatArray, IndexArray, IntArray
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.limits import bounds_of
@@ -214,25 +215,18 @@ class CameraStream:
     whole hundredths, finer than the noise of one pixel.
     """
 
-    def __init__(
-        self,
-        info: StreamInfo,
-        regions: Mapping[int, Region],
-        emissivity: float,
-        reflected_k: float,
-        limits: Mapping[str, tuple[float, float]] = MappingProxyType({}),
-    ) -> None:
+    def __init__(self, info: StreamInfo, regions: Mapping[int, Region], settings: EstimatorSettings) -> None:
         self.info = info
         self.columns: IntArray = np.array(list(regions), np.int64)
         self.regions: tuple[Region, ...] = tuple(regions.values())
         self.outline: RegionPixels = RegionPixels(self.regions, (info.shape[0], info.shape[1]))
         emissivities = np.array([region.emissivity for region in self.regions], np.float64)
-        self._emissivity = np.where(np.isnan(emissivities), emissivity, emissivities)
-        self._reflected_k = reflected_k
+        self._emissivity = np.where(np.isnan(emissivities), settings.surface.emissivity, emissivities)
+        self._reflected_k = settings.reflected_temperature_k
         self._is_linear = info.law == "linear"
         self._scale = info.scale if self._is_linear else LAW_STEP_K
         self._offset = info.offset if self._is_linear else 0.0
-        bounds = bounds_of(info, limits)
+        bounds = bounds_of(info, settings.limits)
         ends = sorted(
             (float(kelvin) - self._offset) / self._scale for kelvin in (bounds.low[0], bounds.high[0])
         )

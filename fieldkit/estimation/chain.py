@@ -45,7 +45,7 @@ from fieldkit.estimation.learned.readout import (
 )
 from fieldkit.estimation.region_temperatures import CAMERA_OFFSET_SD_K, remove_offsets
 from fieldkit.estimation.settings import EstimatorSettings
-from fieldkit.estimation.slopes import budgets, kelvin_per_degree, label_of, slopes
+from fieldkit.estimation.slopes import blank_estimate, budgets, kelvin_per_degree, slopes
 from fieldkit.model.arrays import BoolArray, FloatArray, IntArray
 from fieldkit.model.confidence import percent
 from fieldkit.model.learnt import Learnt
@@ -322,18 +322,11 @@ class _Group:
         return [i for i in range(self._targets.size) if int(self._places[count + i]) in self._held]
 
     def _estimate(self, history: History, index: int) -> SlopeEstimate:
-        region = self._columns.regions[self._targets[index]]
-        label, confidence = label_of(self._settings), self._settings.confidence
-        blank = SlopeEstimate(0, region.name, SlopeState.NO_DATA, model=label, confidence=confidence)
-        if not len(history):
-            return replace(blank, reason="no minutes yet")
         column = self._targets[index]
-        blank = replace(
-            blank,
-            time_ns=int(history.time_ns[-1]),
-            window_start_ns=int(history.time_ns[self._first]),
-            flags=history.last_flags(int(column)),
-        )
+        region = self._columns.regions[column]
+        blank = blank_estimate(region, column, history, self._first, self._settings)
+        if not len(history):
+            return blank
         if self._learner is None:
             since = history.since(self._first)
             reason = FAILED if self._has_failed else _missing(since, self._layout, region)

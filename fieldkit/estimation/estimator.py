@@ -64,12 +64,8 @@ class Minute:
 
     def __repr__(self) -> str:
         start = datetime.fromtimestamp(self.time_ns / 1e9, UTC)
-        slopes = ", ".join(
-            f"{estimate.region} {estimate.tilt_deg:.1f}°"
-            if estimate.tilt_deg == estimate.tilt_deg
-            else f"{estimate.region} –°"
-            for estimate in self.estimates
-        )
+        tilts = ((slope.region, f"{slope.tilt_deg:.1f}".replace("nan", "–")) for slope in self.estimates)
+        slopes = ", ".join(f"{region} {tilt}°" for region, tilt in tilts)
         return f"<Minute {start:%H:%M} UTC: {slopes or 'no slopes'}; {self.dni_w_m2:.0f} W/m² direct>"
 
 

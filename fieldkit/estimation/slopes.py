@@ -50,6 +50,7 @@ LEAST_BEFORE = 40
 LEAST_RECENT = 5
 LEAST_K = 0.5
 SIGMAS = 4.0
+NO_REFERENCE = "no reference region"
 
 
 def slopes(
@@ -222,28 +223,19 @@ class Window:
 
     def _blank(self, index: int) -> tuple[SlopeEstimate, bool]:
         """The estimate of a target without a slope, and whether it can be solved."""
-        region = self.columns.regions[self.columns.targets[index]]
-        label, confidence = label_of(self.settings), self.settings.confidence
-        blank = SlopeEstimate(0, region.name, SlopeState.NO_DATA, model=label, confidence=confidence)
-        if self.rows is None:
-            reason = "no minutes yet" if self.columns.references.size else "no reference region"
-            return replace(blank, reason=reason), False
         column = self.columns.targets[index]
-        flags = self.past.last_flags(int(column))
-        if self._is_shaded[-1, index]:
-            flags |= Quality.SHADED
-        blank = replace(
-            blank,
-            time_ns=int(self.past.time_ns[-1]),
-            window_start_ns=int(self.past.time_ns[self.first]),
-            flags=flags,
-        )
+        region = self.columns.regions[column]
+        if self.rows is None:
+            blank = blank_estimate(region, column, self.past.until(0), self.first, self.settings)
+            return (blank if self.columns.references.size else replace(blank, reason=NO_REFERENCE)), False
+        blank = blank_estimate(region, column, self.past, self.first, self.settings)
+        flags = blank.flags | (Quality.SHADED if self._is_shaded[-1, index] else Quality.GOOD)
         n_bins = int(self._is_used[:, index].sum())
         if (unsolvable := self._unsolvable(index, n_bins)) is not None:
             state, reason = unsolvable
-            low = Quality.LOW_SUN if state == SlopeState.LOW_SUN else Quality.GOOD
-            return replace(blank, state=state, reason=reason, flags=flags | low, n_bins=n_bins), False
-        return blank, True
+            flags |= Quality.LOW_SUN if state == SlopeState.LOW_SUN else Quality.GOOD
+            return replace(blank, state=state, reason=reason, flags=flags, n_bins=n_bins), False
+        return replace(blank, flags=flags), True
 
     @cached_property
     def shorter(self) -> Window | None:
@@ -321,10 +313,8 @@ class Window:
             return SlopeState.NO_DATA, "a surface_kind of its own needs the model learned"
         if not self._high_sun[-1]:
             elevation = math.degrees(math.asin(self.past.sun[-1, 2]))
-            return (
-                SlopeState.LOW_SUN,
-                f"the sun is at {elevation:.1f}°, below {self.settings.low_sun_deg:g}°",
-            )
+            reason = f"the sun is at {elevation:.1f}°, below {self.settings.low_sun_deg:g}°"
+            return SlopeState.LOW_SUN, reason
         no_reference = "no temperatures of the reference"
         if self.settings.reference == "weather":
             no_reference = "no air temperature for its reference"
@@ -361,6 +351,21 @@ class Window:
         """Azimuth of a region where it is known, in degrees [0, 360), else NaN."""
         is_known = self.settings.azimuth == "known"
         return self.columns.regions[column].azimuth_deg % 360.0 if is_known else math.nan
+
+
+def blank_estimate(
+    region: Region, column: np.int64, history: History, first: int, settings: EstimatorSettings
+) -> SlopeEstimate:
+    """The estimate of a region, a column of the history, without a slope at the last minute.
+
+    Its window begins in the row `first`.
+    """
+    label, confidence = label_of(settings), settings.confidence
+    blank = SlopeEstimate(0, region.name, SlopeState.NO_DATA, model=label, confidence=confidence)
+    if not len(history):
+        return replace(blank, reason="no minutes yet")
+    time_ns, start_ns = int(history.time_ns[-1]), int(history.time_ns[first])
+    return replace(blank, time_ns=time_ns, window_start_ns=start_ns, flags=history.last_flags(int(column)))
 
 
 def _first(past: History, settings: EstimatorSettings, minutes: float | None) -> int:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from fieldkit.estimation.learned.bank import Affine, Innovation, KalmanBank
@@ -21,29 +23,31 @@ Judged: because still air over level ground at night gives no less.
 """
 
 
+class Start(NamedTuple):
+    """First minute of a session and what it logs; the state (n,) to linearise around, and regions' noise."""
+
+    first: MinuteInputs
+    logged: Logged
+    around: FloatArray | None = None
+    noise: Noise | None = None
+
+
 class Filters(KalmanBank):
     """The bank that follows a surface minute by minute; `log_likelihood` (p,) of all that was measured.
 
-    Products of two unknowns are linear only near some state (n,): `around`, else the prior's. `noise` is what
-    each region does alone. `ends` are the means (p, n) with which sessions before this one ended.
+    Products of two unknowns are linear only near some state (n,): that of the `Start`, else the prior's. Its
+    noise is what each region does alone. `ends` are the means (p, n) with which sessions before ended.
     """
 
     def __init__(
-        self,
-        layout: Layout,
-        hypotheses: Hypotheses,
-        settings: EstimatorSettings,
-        first: MinuteInputs,
-        logged: Logged,
-        around: FloatArray | None = None,
-        noise: Noise | None = None,
+        self, layout: Layout, hypotheses: Hypotheses, settings: EstimatorSettings, start: Start
     ) -> None:
         self.layout = layout
         self.hypotheses = hypotheses
         self.ends: list[FloatArray] = []
         self.log_likelihood: FloatArray = np.zeros(hypotheses.exchange.size)
         self._settings = settings
-        self._begin(first, logged, around, noise)
+        self._begin(*start)
 
     @property
     def exchange(self) -> FloatArray:
@@ -51,13 +55,7 @@ class Filters(KalmanBank):
         further = self.mean[:, self.layout.place("session_exchange")]
         return np.maximum(self.hypotheses.exchange + further, LEAST_EXCHANGE)
 
-    def begin_session(
-        self,
-        first: MinuteInputs,
-        logged: Logged,
-        around: FloatArray | None = None,
-        noise: Noise | None = None,
-    ) -> None:
+    def begin_session(self, start: Start) -> None:
         """Begin a further session: what lasts is known as before, everything else as before any data."""
         self.ends.append(self.mean)
         lasting = self.layout.lasting_places
@@ -67,7 +65,7 @@ class Filters(KalmanBank):
             self.mean[:, scaled, np.newaxis] * self.mean[:, np.newaxis, scaled]
         )
         mean, covariance = self.mean[:, lasting], self.covariance[:, lasting[:, np.newaxis], lasting]
-        self._begin(first, logged, around, noise)
+        self._begin(*start)
         self.mean[:, lasting] = mean
         self.covariance[:, lasting[:, np.newaxis], lasting] = covariance
         exchange = self.layout.place("session_exchange")

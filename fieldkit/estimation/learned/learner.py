@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldkit.estimation.learned.bank import Innovation
-from fieldkit.estimation.learned.filters import Filters
+from fieldkit.estimation.learned.filters import Filters, Start
 from fieldkit.estimation.learned.hypotheses import Proposal, effective, hypotheses, log_prior, normalise
 from fieldkit.estimation.learned.inputs import Logged, MinuteInputs, Recorded, bridge
 from fieldkit.estimation.learned.layout import Layout
@@ -171,17 +171,17 @@ class Learner:
         """New hypotheses, taken through all minutes so far."""
         self._proposal = proposal
         self._points = proposal.draw()
-        begun = [
-            (session.minutes[0], session.logged, around, noise_of(session.minutes, self.settings.noise_k))
-            for session, around in zip(self._sessions, self._around, strict=True)
+        starts = [
+            Start(minutes[0], logged, around, noise_of(minutes, self.settings.noise_k))
+            for (logged, minutes), around in zip(self._sessions, self._around, strict=True)
         ]
         drawn = hypotheses(self._points, self.settings)
-        self._filters = Filters(self.layout, drawn, self.settings, *begun[0])
+        self._filters = Filters(self.layout, drawn, self.settings, starts[0])
         self.innovations: list[Innovation] = []
         """Prediction errors of all minutes under the present hypotheses."""
         for number, session in enumerate(self._sessions):
             if number:
-                self._filters.begin_session(*begun[number])
+                self._filters.begin_session(starts[number])
             self.innovations += [self._filters.step(minute) for minute in session.minutes]
         self._starts = self._directions()
 

@@ -108,14 +108,11 @@ def processes(
     A smooth process follows its drive with the same time constant. Chance moves it over tens of minutes but
     not from one to the next; otherwise quiet minutes would be taken for a high inertia.
     """
-    unrest = SMOOTHED * hypotheses.unrest
+    unrest, air_k = SMOOTHED * hypotheses.unrest, AIR_NOISE_K if logged.air else AIR_CHANGE_K
     by_place = {
         layout.place("slow_gust_drive"): (unrest * prior.slow_gust_sd * hypotheses.exchange, SLOW_MINUTES),
         layout.place("common_flux_drive"): (unrest * prior.common_flux_sd_w_m2, COMMON_MINUTES),
-        layout.place("air_change_drive"): (
-            unrest * (AIR_NOISE_K if logged.air else AIR_CHANGE_K),
-            AIR_MINUTES,
-        ),
+        layout.place("air_change_drive"): (unrest * air_k, AIR_MINUTES),
     }
     for name, share, minutes in zip(GUSTS, GUST_SHARES, GUST_MINUTES, strict=True):
         by_place[layout.place(name)] = (share * hypotheses.gust, float(minutes))

@@ -308,9 +308,8 @@ class SurfaceModel:
         layout = self.layout
         gusts = sum(mean[:, layout.place(name)] for name in (*GUSTS, "slow_gust"))
         session = mean[:, layout.place("session_exchange")]
-        common = (
-            self.hypotheses.exchange + session + gusts + minute.wind_change * mean[:, layout.place("wind")]
-        )
+        by_wind = minute.wind_change * mean[:, layout.place("wind")]
+        common = self.hypotheses.exchange + session + gusts + by_wind
         own = np.zeros_like(taken_k)
         for first in (layout.slow_exchange(0), layout.own_exchange(0)):
             own[:, layout.references :] += mean[:, first : first + layout.targets]
@@ -338,10 +337,9 @@ class SurfaceModel:
         # what of the sky reaches a region, as light that it absorbs
         sky, upwards_now = layout.absorbs * (1.0 - HIDDEN * shaded), upwards @ now
         beam, height = _beam(minute), max(minute.sun[2], LOWEST_SUN)
-        share = (
-            now[place("circumsolar")] * minute.circumsolar + now[place("brightening")] * minute.brightening
-        )
-        band = now[place("brightening")] * minute.horizon
+        brightening = now[place("brightening")]
+        share = now[place("circumsolar")] * minute.circumsolar + brightening * minute.brightening
+        band = brightening * minute.horizon
         diffuse = sky * minute.diffuse * (1.0 + now[place("diffuse")])
         dome = view * diffuse * (1.0 - share) / 2.0
         # the ground around a region is in the same shadow of the horizon
@@ -395,13 +393,8 @@ def _possible(layout: Layout, state: FloatArray) -> FloatArray:
     """A state whose gain and skylight can be."""
     # judged: because products are taken to first order around it: half or twice the light, all skylight
     # around the sun or none, half or twice the skylight; beyond, the first order would be worse than none
-    possible = state.copy()
-    limits = {
-        "gain": (0.5, 2.0),
-        "circumsolar": (0.0, 1.0),
-        "brightening": (0.0, 1.0),
-        "diffuse": (-0.5, 1.0),
-    }
+    possible, share = state.copy(), (0.0, 1.0)
+    limits = {"gain": (0.5, 2.0), "circumsolar": share, "brightening": share, "diffuse": (-0.5, 1.0)}
     for name, (low, high) in limits.items():
         place = layout.place(name)
         possible[place] = min(max(possible[place], low), high)

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from fieldkit.estimation.bins import CameraStream, OpenBin, RegionSums
+from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Frame, Quality
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.units import MINUTE_NS
+from fieldkit.physics.energy_balance import SurfaceParameters
 from fieldkit.physics.radiance import brightness_temperature_k
 
 INFO = StreamInfo("ir", "brightness_temperature", "K", (4, 6), scale=0.01)
@@ -23,6 +25,11 @@ def frame(counts: np.ndarray, second: float, quality: Quality = Quality.GOOD) ->
     return Frame("ir", time_ns, time_ns, counts.astype(np.uint16), rows, quality)
 
 
+def surface_settings(emissivity: float, reflected_k: float) -> EstimatorSettings:
+    surface = SurfaceParameters(emissivity=emissivity)
+    return EstimatorSettings(surface=surface, reflected_temperature_k=reflected_k)
+
+
 def minute_of(camera: CameraStream, *frames: Frame) -> OpenBin:
     minute = OpenBin(7, np.arange(2), [camera])
     for each in frames:
@@ -33,7 +40,7 @@ def minute_of(camera: CameraStream, *frames: Frame) -> OpenBin:
 def test_mean_and_spread_of_a_region_are_those_of_its_pixels_in_kelvin():
     random = np.random.default_rng(2)
     frame_counts = [29_800 + random.integers(0, 300, (4, 6)) for _ in range(3)]
-    camera = CameraStream(INFO, {0: FLAT, 1: BED}, 1.0, 233.15)
+    camera = CameraStream(INFO, {0: FLAT, 1: BED}, surface_settings(1.0, 233.15))
     minute = minute_of(camera, *(frame(counts, 10.0 * n) for n, counts in enumerate(frame_counts)))
     mean, spread = camera.means(minute.cameras["ir"].sums)
     for place, box in enumerate((np.s_[0:2, 0:2], np.s_[2:4, 3:6])):
@@ -45,7 +52,7 @@ def test_mean_and_spread_of_a_region_are_those_of_its_pixels_in_kelvin():
 def test_each_region_has_its_own_emissivity_or_the_surfaces():
     surface_k = 320.0
     own = replace(BED, emissivity=0.8)
-    camera = CameraStream(INFO, {0: FLAT, 1: own}, 0.95, 240.0)
+    camera = CameraStream(INFO, {0: FLAT, 1: own}, surface_settings(0.95, 240.0))
     counts = np.zeros((4, 6))
     counts[:2, :2] = round(float(brightness_temperature_k(surface_k, 0.95, 240.0)) * 100)
     counts[2:, 3:] = round(float(brightness_temperature_k(surface_k, 0.80, 240.0)) * 100)
@@ -54,7 +61,7 @@ def test_each_region_has_its_own_emissivity_or_the_surfaces():
 
 
 def test_a_minute_stands_at_the_mean_of_its_pictures_or_in_its_middle():
-    camera = CameraStream(INFO, {0: FLAT, 1: BED}, 1.0, 233.15)
+    camera = CameraStream(INFO, {0: FLAT, 1: BED}, surface_settings(1.0, 233.15))
     flat_counts = np.full((4, 6), 30_000)
     minute = minute_of(camera, *(frame(flat_counts, second) for second in (10.0, 20.0, 45.0)))
     assert minute.time_ns == 7 * MINUTE_NS + 25 * 10**9
@@ -68,7 +75,9 @@ def test_pixels_that_cannot_be_are_left_out_of_the_mean_of_their_region():
     """A dead pixel of 0 counts, -273 degC, would move the mean of 16 pixels by 18 K."""
     info = StreamInfo("camera", "brightness_temperature", "K", (4, 4), 0.01)
     corners = ((0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (0.0, 4.0))
-    camera = CameraStream(info, {0: Region("flat", RegionKind.REFERENCE, corners)}, 1.0, 233.15)
+    camera = CameraStream(
+        info, {0: Region("flat", RegionKind.REFERENCE, corners)}, surface_settings(1.0, 233.15)
+    )
     counts = np.full((4, 4), 29_315, np.uint16)
     counts[1, 2] = 0
     sums = RegionSums(1)

@@ -17,7 +17,7 @@ from benchmarks.drawn_worlds import BROKEN_CLOUD, CLEAR
 from fieldkit.estimation.bins import RegionColumns
 from fieldkit.estimation.learned import prior_state as constants
 from fieldkit.estimation.learned import surface
-from fieldkit.estimation.learned.filters import Filters
+from fieldkit.estimation.learned.filters import Filters, Start
 from fieldkit.estimation.learned.hypotheses import Hypotheses
 from fieldkit.estimation.learned.inputs import Logged, minute_inputs
 from fieldkit.estimation.learned.layout import GUSTS, Layout
@@ -416,7 +416,7 @@ def agree(filters, lasting, of_session, mean, covariance):
 )
 def test_filter_is_the_dense_solution(seed, day, azimuth, has_air, kinds):
     layout, minutes, settings = window(seed, day, azimuth, kinds=kinds)
-    filters = LinearFilters(layout, DRAWN, settings, minutes[0], known(has_air, settings), noise=NOISE)
+    filters = LinearFilters(layout, DRAWN, settings, Start(minutes[0], known(has_air, settings), noise=NOISE))
     unknowns = Unknowns()
     unknowns.lasting(layout, settings, has_air)
     dense = Dense(unknowns, filters.model, NOISE, minutes, settings, has_air)
@@ -437,11 +437,13 @@ def test_two_sessions_are_the_dense_solution_of_both(seed, azimuth, has_air, kin
     _, afternoon, _ = window(seed, CLEAR, azimuth, start_h=14.0)
     unknowns = Unknowns()
     unknowns.lasting(layout, settings, has_air[0])
-    filters = LinearFilters(layout, DRAWN, settings, morning[0], known(has_air[0], settings), noise=NOISE)
+    filters = LinearFilters(
+        layout, DRAWN, settings, Start(morning[0], known(has_air[0], settings), noise=NOISE)
+    )
     first = Dense(unknowns, filters.model, NOISE, morning, settings, has_air[0])
     for minute in morning:
         filters.step(minute)
-    filters.begin_session(afternoon[0], known(has_air[1], settings), noise=LATER_NOISE)
+    filters.begin_session(Start(afternoon[0], known(has_air[1], settings), noise=LATER_NOISE))
     ended = filters.ends[0][0]
     second = Dense(unknowns, filters.model, LATER_NOISE, afternoon, settings, has_air[1], ended)
     for minute in afternoon:

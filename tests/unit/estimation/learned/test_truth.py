@@ -9,7 +9,7 @@ import pytest
 from benchmarks.drawn_worlds import BROKEN_CLOUD, CLEAR
 from fieldkit.estimation.bins import RegionColumns
 from fieldkit.estimation.chain import SlopeChain
-from fieldkit.estimation.learned.filters import Filters
+from fieldkit.estimation.learned.filters import Filters, Start
 from fieldkit.estimation.learned.hypotheses import Hypotheses
 from fieldkit.estimation.learned.inputs import Logged, minute_inputs
 from fieldkit.estimation.learned.layout import Layout
@@ -63,7 +63,7 @@ def filtered(azimuth, hypotheses=ONE, minutes=25):
     drawn = world(2, CLEAR, minutes=minutes)
     settings = replace(drawn.settings, azimuth=azimuth)
     layout, made = inputs(drawn, drawn.regions[:2], settings)
-    filters = Filters(layout, hypotheses, settings, made[0], LOGGED)
+    filters = Filters(layout, hypotheses, settings, Start(made[0], LOGGED))
     for minute in made:
         filters.step(minute)
     return filters
@@ -175,7 +175,7 @@ def test_what_a_reading_would_bring_is_what_it_brings():
     layout, made = inputs(drawn, drawn.regions, drawn.settings)
 
     def spread(settings):
-        filters = Filters(layout, ONE, settings, made[0], LOGGED)
+        filters = Filters(layout, ONE, settings, Start(made[0], LOGGED))
         for minute in made:
             filters.step(minute)
         starts = tuple(filters.mean[:, layout.normal(i)] for i in range(layout.targets))
