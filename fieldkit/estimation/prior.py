@@ -21,26 +21,26 @@ class Prior:
     Attributes
     ----------
     gain_sd
-        Relative, of absorbed over stated direct light. A light meter of class B (limits of 10 %, 6 % as a
+        Relative sd of absorbed over stated direct light. A light meter of class B (limits of 10 %, 6 % as a
         standard deviation; DIN 5032-7) and an albedo of 0.20 +- 0.05. [-]
     diffuse_sd, diffuse_unmeasured_sd
-        Relative, of diffuse light: measured beside the beds (calibration and horizon), or taken as a fixed
+        Relative sd of diffuse light: measured beside the beds (calibration and horizon), or taken as a fixed
         share of the global (between clear and hazy sky the share changes by half). [-]
     circumsolar_share, circumsolar_sd
         Share of Hay and Davies' circumsolar part in the diffuse light: 0 isotropic, 1 as they give it. [-]
     brightening_share, brightening_sd
         Share of what Perez' sky has around sun and horizon beyond Hay and Davies': 0 none, 1 all. [-]
     own_gain_sd, own_exchange, own_inertia_sd
-        Relative, of one bed against the others for the whole session: absorbed light, heat exchange, thermal
-        inertia; scaled by how unlike the minutes show the beds to be. [-]
+        Relative sd of one bed against the others for the whole session: absorbed light, heat exchange,
+        thermal inertia; scaled by how unlike the minutes show the beds to be. [-]
     wind_w_m2_k_per_m_s, wind_sd_w_m2_k_per_m_s
         Heat exchange by the logged wind. [W m-2 K-1 per m/s]
     longwave_sd_w_m2
-        Of longwave, also where it is logged: formulas from air temperature and humidity scatter by 20 to
+        Longwave, also where it is logged: formulas from air temperature and humidity scatter by 20 to
         30 W/m2 under all skies (Flerchinger et al. 2009, doi:10.1029/2008WR007394); with a pyrgeometer state
         10. [W/m2]
     air_sd_k, air_unlogged_sd_k
-        Of the air temperature at the beds: logged by a shaded thermometer nearby, or unknown, within the
+        Air temperature at the beds: logged by a shaded thermometer nearby, or unknown, within the
         daily range. [K]
     exchange_w_m2_k, exchange_log_sd
         Heat exchange with the air; 90 % within 7 to 34. One-dimensional conduction fitted to radiometers over
@@ -54,25 +54,25 @@ class Prior:
         Amplitude of the exchange's gusts, Ornstein-Uhlenbeck processes of 2 to 20 min, and of its logarithm.
         [W m-2 K-1], [-]
     slow_gust_sd
-        Relative, of the wind's slow changes over 60 min. [-]
+        Relative sd of the wind's slow changes over 60 min. [-]
     common_flux_sd_w_m2
-        Of fluxes the model has no term for, shared by all regions over 40 min. [W/m2]
+        Fluxes that the model has no term for, shared by all regions over 40 min. [W/m2]
     own_slow_exchange
-        Relative, of a bed's own exchange against that of the others, over 60 min. [-]
+        Relative sd of a bed's own exchange against that of the others, over 60 min. [-]
     unrest_log_sd
-        Of the logarithm of a factor on the three before, which the data adapt. [-]
+        Logarithm of a factor on the three before, which the data adapt. [-]
     past_flux_sd_w_m2, bed_past_flux_sd_w_m2
-        Of the net fluxes before the first minute: shared by all regions, of one bed. [W/m2]
+        Net fluxes before the first minute: shared by all regions, of one bed. [W/m2]
     normal_horizontal_sd
-        Of each horizontal component of a bed's normal: tilts of up to 25 degrees are ordinary. [-]
+        Each horizontal component of a bed's normal: tilts of up to 25 degrees are ordinary. [-]
     beam_change_share
-        Of the direct light of a minute in which it changes, as a share of the change. [-]
+        Error of the direct light of a minute in which it changes, as a share of the change. [-]
     camera_noise_k
         Noise of a minute's mean that all regions share. [K]
     camera_offset_sd_k
-        Of the camera's error that all regions share. [K]
+        Error of the camera that all regions share. [K]
     probe_sd_k
-        Of a contact probe as the temperature of the bed's surface. [K]
+        Error of a contact probe as the temperature of the bed's surface. [K]
 
     Raises
     ------

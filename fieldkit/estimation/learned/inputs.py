@@ -60,7 +60,7 @@ class MinuteInputs:
     sun
         Unit vector to the sun (3,).
     temperature_k, measured
-        Of the regions; whether it was measured in this minute. [K]
+        Temperature of the regions; whether it was measured in this minute. [K]
     direct, direct_change
         Absorbed by a facet square to the sun; its change within the minute. [W/m2]
     diffuse, circumsolar, reflected
