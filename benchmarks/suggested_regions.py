@@ -18,7 +18,7 @@ from benchmarks.result import Result, Row
 from fieldkit.model.arrays import BoolArray, ByteArray, FloatArray
 from fieldkit.model.errors import NoAnswerError
 from fieldkit.model.site import Region, RegionKind
-from fieldkit.recording.suggesting import suggested
+from fieldkit.recording.suggesting import suggestions_in
 from fieldkit.simulation import Facet, Scene, sand_slopes
 from fieldkit.simulation.drawn_field import drawn_scene
 from fieldkit.simulation.facets import FRAME_SHAPE
@@ -77,7 +77,7 @@ def run() -> list[Result]:
 def score(drawn: Drawn) -> Score:
     """Score of the regions suggested in a frame against its beds."""
     try:
-        suggestions = [suggestion.region for suggestion in suggested(drawn.frame, ())]
+        suggestions = [suggestion.region for suggestion in suggestions_in(drawn.frame, ())]
     except NoAnswerError:
         suggestions = []
     beds = [_mask(bed.vertices) for bed in drawn.beds]

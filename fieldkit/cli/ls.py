@@ -16,12 +16,12 @@ from fieldkit.recording.recordings import sessions_in
 @click.argument("folder", required=False, type=click.Path(exists=True, file_okay=False, path_type=Path))
 def command(folder: Path | None) -> None:
     """List sessions: when, how long, how many samples, which state."""
-    from fieldkit.recording.listing import listed
+    from fieldkit.recording.listing import session_rows
 
     folder = folder or recordings_folder()
     if (folder / "recordings").is_dir():
         folder = folder / "recordings"
-    rows = listed(folder, sessions_in(folder, say_warning))
+    rows = session_rows(folder, sessions_in(folder, say_warning))
     if options().json:
         print_json({"folder": str(folder), "sessions": rows})
         return

@@ -72,13 +72,13 @@ def command(
 
 def _add(text: str, kind: str, at: str, end: str | None, longest: str | None) -> None:
     from fieldkit.recording.marks import mark_of
-    from fieldkit.recording.requests import sent
+    from fieldkit.recording.requests import send_to_recorder
     from fieldkit.recording.running import unresponsive_recorder
 
     folder = recordings()
     with common.usage_errors():
         mark, effect = mark_of(folder, campaign, text, kind=kind, at=at, to=end, longest=longest)
-    session = sent(folder, mark).session
+    session = send_to_recorder(folder, mark).session
     if options().json:
         print_json({"session": str(session), "text": text, "kind": kind, "at": mark.at, "to": mark.to})
     if (silent := unresponsive_recorder(session)) is not None:

@@ -97,9 +97,9 @@ def command(
 
 def _instruments(config: Config | None) -> dict[str, Any]:
     """Streams and references of the campaign; without one a level reference, and frames and light."""
-    from fieldkit.recording.plan import logged_by, reference_facets
+    from fieldkit.recording.plan import logged_quantities, reference_facets
 
-    return {"logged": logged_by(config), "references": reference_facets(config)} if config else {}
+    return {"logged": logged_quantities(config), "references": reference_facets(config)} if config else {}
 
 
 def _print(day_plan: MeasuringPlan, experiments: Experiments | None, path: Path | None) -> None:

@@ -274,5 +274,5 @@ _SUGGESTED = ("name", "kind", "pixels", "contrast", "spread", "corners")
 
 def _suggested_row(suggestion: SuggestedRegion) -> tuple[str, ...]:
     name, kind, _, corners = _row(suggestion.region)
-    match = suggestion.found
+    match = suggestion.area
     return name, kind, f"{match.pixels} px", f"{match.contrast_k:.1f} K", f"{match.spread_k:.2f} K", corners

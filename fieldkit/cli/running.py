@@ -49,9 +49,9 @@ def shutter() -> None:
 
     An event of the session reports whether it was started: not every camera can.
     """
-    from fieldkit.recording.requests import Shutter, sent
+    from fieldkit.recording.requests import Shutter, send_to_recorder
 
-    request = sent(common.recordings(), Shutter())
+    request = send_to_recorder(common.recordings(), Shutter())
     if common.options().json:
         common.print_json({"session": str(request.session), "request": request.id})
     common.say(f"sent to {request.session.name}; an event of the session reports whether the shutter ran")

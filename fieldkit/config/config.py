@@ -203,7 +203,7 @@ class Config:
         """All active values as TOML without comments, as a session stores them."""
         values = self.tables.model_dump(by_alias=True, exclude_none=True)
         if self.pose is not None and (text := self.pose.table.trajectory) is not None:
-            values["camera"]["pose"]["trajectory"] = _quoted(text)
+            values["camera"]["pose"]["trajectory"] = _one_line(text)
         return tomlkit.dumps(values)
 
     def _device_tables(self) -> Iterator[tuple[str, DeviceTable]]:
@@ -212,7 +212,7 @@ class Config:
         yield from self.tables.device.items()
 
 
-def _quoted(text: str) -> String:
+def _one_line(text: str) -> String:
     """A long text on one line; tomlkit's own escapes take half a minute for a megabyte."""
     return String(StringType.SLB, text, json.dumps(text, ensure_ascii=False)[1:-1], Trivia())
 

@@ -78,7 +78,7 @@ def change_region(draft: Draft, name: str, changes: Mapping[str, Any]) -> None:
     Raises `ConfigError` if there is none, `ConfigMistakesError` if the result is invalid.
     """
     index = _find(draft, name)
-    before, region, after = _cut(draft.text, index)
+    before, region, after = _around(draft.text, index)
     document = tomlkit.parse(region)
     document["region"][0].update({key: value for key, value in changes.items() if value is not None})
     redrawn = ["points_m"] if "points_px" in changes else []  # in pixels, no longer on the ground
@@ -105,7 +105,7 @@ def set_key(draft: Draft, table: str, key: str, value: Any) -> None:
 
 def remove_region(draft: Draft, name: str) -> None:
     """Remove the region `name`; raises `ConfigError` if there is none."""
-    before, _, after = _cut(draft.text, _find(draft, name))
+    before, _, after = _around(draft.text, _find(draft, name))
     draft.text = before + after.lstrip("\r\n")
 
 
@@ -129,7 +129,7 @@ def _names(draft: Draft) -> list[Any]:
     return [region.get("name") for region in values.get("region", [])]
 
 
-def _cut(text: str, index: int) -> tuple[str, str, str]:
+def _around(text: str, index: int) -> tuple[str, str, str]:
     """The text before region number `index`, the region from header to last key, and the text after it.
 
     Comments below its last key are not part of it: they usually belong to the next table.
@@ -167,12 +167,12 @@ def _write(file: Path, text: str) -> None:
         with replacing(file) as draft:
             draft.touch()
             shutil.copymode(file, draft)  # first: a file that may not be written is not replaced either
-            draft.write_bytes(_encoded(text, file.read_bytes()))
+            draft.write_bytes(_encode(text, file.read_bytes()))
     except OSError as error:
         raise StorageError(f"cannot write: {error.strerror}", place=file) from error
 
 
-def _encoded(text: str, before: bytes) -> bytes:
+def _encode(text: str, before: bytes) -> bytes:
     """The text with the line ends and the byte order mark that the file had before."""
     if b"\r\n" in before and before.count(b"\r\n") == before.count(b"\n"):
         text = text.replace("\r\n", "\n").replace("\n", "\r\n")

@@ -150,8 +150,8 @@ def _complete(region: dict[str, Any], ground: Ground) -> None:
         raise ConfigError("at least three corners [east, north] or [east, north, height] are needed")
     region["points_m"] = ground.with_heights(points)
     if "points_px" not in region:
-        seen = ground.seen(region["points_m"], ground.path.trajectory.time_ns)
-        region["points_px"] = [list(corner) for corner in seen]
+        corners = ground.seen(region["points_m"], ground.path.trajectory.time_ns)
+        region["points_px"] = [list(corner) for corner in corners]
 
 
 def _is_incomplete(region: dict[str, Any]) -> bool:

@@ -51,7 +51,9 @@ def load_config(
     `settings` are ``KEY=VALUE`` of the command line, values written as in TOML (text may go without
     quotes). Raises `ConfigMistakesError` with every mistake, `ConfigError` if a file cannot be read.
     """
-    return _checked(*read_config(path, settings=settings, environment=environment), fix=f"edit {path}")
+    return _without_mistakes(
+        *read_config(path, settings=settings, environment=environment), fix=f"edit {path}"
+    )
 
 
 def read_config(
@@ -84,14 +86,14 @@ def config_from_text(text: str, path: Path, *, settings: Sequence[str] = ()) -> 
     document = _Document()
     document.add(text, path)
     document.set(settings)
-    return _checked(*document.check(path), fix=f"correct the settings for {path.name}")
+    return _without_mistakes(*document.check(path), fix=f"correct the settings for {path.name}")
 
 
 def changed_config(config: Config, settings: Sequence[str]) -> Config:
     """A configuration with ``KEY=VALUE`` over it, as a sweep needs many; raises as `load_config`."""
     document = _Document(config.tables.model_dump(by_alias=True, exclude_none=True))
     document.set(settings)
-    return _checked(*document.check(config.path), fix=f"correct the settings for {config.path.name}")
+    return _without_mistakes(*document.check(config.path), fix=f"correct the settings for {config.path.name}")
 
 
 def parse_toml(text: str, file: Path) -> dict[str, Any]:
@@ -112,7 +114,7 @@ def mistakes_in(text: str, path: Path) -> list[tuple[str, Mistake]]:
     return document.check(path, of_campaign=True)[1]
 
 
-def _checked(config: Config | None, mistakes: list[tuple[str, Mistake]], fix: str) -> Config:
+def _without_mistakes(config: Config | None, mistakes: list[tuple[str, Mistake]], fix: str) -> Config:
     if config is None or mistakes:
         raise ConfigMistakesError(mistakes, fix=_correct([where for where, _ in mistakes]) or fix)
     return config

@@ -57,15 +57,15 @@ def resolve(document: Mapping[str, Any], path: Path) -> tuple[dict[str, Any], li
     """
     values = copy.deepcopy(dict(document))
     carried = values.pop("calibration", {})
-    mistakes = [Mistake(("calibration", name), TYPED) for name in _typed(carried)]
+    mistakes = [Mistake(("calibration", name), TYPED) for name in _handwritten_records(carried)]
     used = _still_used(values, {} if mistakes else carried)
     brought_by_others: dict[KeyPath, float] = {}
     for place, key in _places(values):
-        given = _get(values, place)
-        if not (isinstance(given, str) and given.startswith("@")):
+        place_value = _get(values, place)
+        if not (isinstance(place_value, str) and place_value.startswith("@")):
             continue
         try:
-            record, file = find(given[1:], calibration_folder(path), key.kind)
+            record, file = find(place_value[1:], calibration_folder(path), key.kind)
             value, document = _value(record, key), as_document(record)
             brings = _brought(document, key)
         except ConfigError as error:
@@ -76,7 +76,7 @@ def resolve(document: Mapping[str, Any], path: Path) -> tuple[dict[str, Any], li
             # regions of several records share one uncertainty: that of the worst
             brought_by_others[brought] = max(number, brought_by_others.get(brought, number))
             _put(values, brought, brought_by_others[brought])
-        used[_name(values, place)] = {"reference": given, "file": file.name, **document}
+        used[_name(values, place)] = {"reference": place_value, "file": file.name, **document}
     if used:
         values["calibration"] = used
     return values, mistakes
@@ -139,7 +139,7 @@ def _places(values: Mapping[str, Any]) -> Iterator[tuple[KeyPath, _Key]]:
             yield (*path, name), key._replace(brings=(place,), part=part)
 
 
-def _typed(carried: Any) -> list[str]:
+def _handwritten_records(carried: Any) -> list[str]:
     """Entries of ``[calibration]`` that fieldkit did not write."""
     if not isinstance(carried, dict):
         return [""]

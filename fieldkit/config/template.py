@@ -79,11 +79,11 @@ def _table(header: str, path: tuple[str | int, ...], given: Mapping[str, Any] | 
         if given is not None and key in given:
             lines.append(_line(key, given[key], field))
         else:
-            lines.append("#" + _line(key, _shown(str(path[0]), key, field), field))
+            lines.append("#" + _line(key, _example(str(path[0]), key, field), field))
     return lines
 
 
-def _shown(table: str, key: str, field: Node) -> Any:
+def _example(table: str, key: str, field: Node) -> Any:
     default = field.get("default")
     if default is not None:
         return default

@@ -192,10 +192,10 @@ def unknown_drivers(document: Mapping[str, Any]) -> Iterator[Mistake]:
     tables += [(("device", name), table_in(others, name)) for name in others]
     for path, table in tables:
         name = table.get("driver")
-        if not isinstance(name, str) or name in registry.BUILT_IN or name in (known := registry.names()):
+        if not isinstance(name, str) or name in registry.BUILT_IN or name in (installed := registry.names()):
             continue
-        near = get_close_matches(name, known, n=1)
-        hint = f"did you mean {near[0]}?" if near else f"available: {', '.join(known)}"
+        near = get_close_matches(name, installed, n=1)
+        hint = f"did you mean {near[0]}?" if near else f"available: {', '.join(installed)}"
         yield Mistake((*path, "driver"), f"unknown driver {name!r}; {hint}")
 
 
@@ -270,8 +270,8 @@ def _other_world(document: Mapping[str, Any]) -> Iterator[Mistake]:
         yield Mistake(("simulation", "drawn"), f"drawn fields have the air of the Earth; omit it on {body}")
     irradiance = table_in(document, "irradiance")
     for key, instead in (("model", "efficacy, calibrated, pyrheliometer or file"), ("diffuse", "fraction")):
-        if (given := irradiance.get(key)) in OF_DAYLIGHT:
-            message = f"{given} is a formula of the Earth's daylight; on {body} use {instead}"
+        if (stated_value := irradiance.get(key)) in OF_DAYLIGHT:
+            message = f"{stated_value} is a formula of the Earth's daylight; on {body} use {instead}"
             yield Mistake(("irradiance", key), message)
 
 

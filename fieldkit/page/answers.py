@@ -34,14 +34,14 @@ from fieldkit.recording import regions as campaign_regions
 from fieldkit.recording.background import RecordOptions
 from fieldkit.recording.marks import correct_mark, mark_of
 from fieldkit.recording.redrawing import change_regions
-from fieldkit.recording.requests import Acknowledgement, SentRequest, Shutter, sent
+from fieldkit.recording.requests import Acknowledgement, SentRequest, Shutter, send_to_recorder
 from fieldkit.recording.running import (
     UnresponsiveRecorder,
     is_recorder_present,
     running_session,
     stop_recording,
 )
-from fieldkit.recording.suggesting import suggested
+from fieldkit.recording.suggesting import suggestions_in
 from fieldkit.results.json_document import attributes
 from fieldkit.results.marks import every_mark, replacement, withdrawal
 from fieldkit.sessions.reader import open_session
@@ -122,7 +122,7 @@ class Answers:
             case requests.AddMark():
                 return await self._by_recorder(self._send_mark, request)
             case requests.Shutter():
-                return await self._by_recorder(sent, self.config.recordings, Shutter())
+                return await self._by_recorder(send_to_recorder, self.config.recordings, Shutter())
             case requests.Acknowledge():
                 return await self._by_recorder(self._acknowledge, request.alarm)
             case requests.Skyline():
@@ -133,7 +133,7 @@ class Answers:
                 key = await asyncio.to_thread(self.keys.new_link, request.role)
                 return Done(f"a link that works once, to {request.role}", {"key": key})
             case _:
-                return await self._redrawn(request)
+                return await self._redraw(request)
 
     async def _query(self, query: Callable[..., T], *arguments: Any) -> T:
         """Result of a function that runs in a thread and changes nothing."""
@@ -161,7 +161,7 @@ class Answers:
         mark, _ = mark_of(
             folder, lambda: self.config, request.text, kind=request.kind, at=request.at, to=request.to
         )
-        return sent(folder, mark)
+        return send_to_recorder(folder, mark)
 
     def _session_to_mark(self, session: str | None) -> Path:
         """The session whose marks are meant: of the list, or the running one."""
@@ -177,7 +177,7 @@ class Answers:
         path = self._session_to_mark(request.session)
         correction = await asyncio.to_thread(_correction, path, request)
         if request.session is None:
-            return await self._by_recorder(sent, path.parent, correction)
+            return await self._by_recorder(send_to_recorder, path.parent, correction)
         await asyncio.to_thread(correct_mark, path, lambda session: correction)
         return Done(f"mark {request.mark} is now: {correction.text}")
 
@@ -186,7 +186,7 @@ class Answers:
             raise RefusedError(
                 f"there is no alarm {alarm!r}, or it is over", fix=f"present: {', '.join(present) or 'none'}"
             )
-        return sent(self.config.recordings, Acknowledgement(alarm))
+        return send_to_recorder(self.config.recordings, Acknowledgement(alarm))
 
     async def _by_recorder(self, send: Callable[..., SentRequest], *arguments: Any) -> Done:
         """Send a request to the recorder; the answer is the event that it stores."""
@@ -245,7 +245,7 @@ class Answers:
                 "there is no frame with known temperatures",
                 fix="wait for one, or draw the regions",
             )
-        return [suggestion.document() for suggestion in suggested(frame, present)]
+        return [suggestion.document() for suggestion in suggestions_in(frame, present)]
 
     def _outline_of(
         self, session: str | None
@@ -265,7 +265,7 @@ class Answers:
         is_known = frame_image.unit(info) == "°C" and bool(np.isfinite(values).all())
         return values.shape, values + CELSIUS_ZERO_K if is_known else None
 
-    async def _redrawn(self, request: requests.Request) -> Done:
+    async def _redraw(self, request: requests.Request) -> Done:
         """Change the campaign's regions, and those of its recording if one runs.
 
         What they lack together, such as a reference, may come with the next change.

@@ -313,7 +313,7 @@ class DeviceReader:
 
 
 def _changes(before: StreamInfo, now: StreamInfo) -> list[str]:
-    """What a reopened instrument reports otherwise than before: it is another, or lost its settings."""
+    """Differences in the report of a reopened instrument: it is another, or lost its settings."""
     old, new = (
         {
             "model": identity.model,

@@ -1,4 +1,4 @@
-"""What Home Assistant needs to show a recording by itself: MQTT discovery of its meters, regions and alarms.
+"""Messages from which Home Assistant shows a recording: MQTT discovery of its meters, regions and alarms.
 
 A retained document under ``homeassistant/`` describes each sensor and the topic of its state; the states
 follow once a minute. Formats and device classes: https://www.home-assistant.io, there
@@ -63,7 +63,7 @@ class HomeAssistant:
     _latest: dict[str, Reading] = field(default_factory=dict, repr=False)
 
     def update(self, item: object) -> Publication | None:
-        """What is to be published after an item: sensors after a minute, an alarm's after its event."""
+        """The publication after an item: sensors after a minute, an alarm's after its event."""
         if isinstance(item, Reading):
             self._latest[item.stream] = item
         elif isinstance(item, Minute):

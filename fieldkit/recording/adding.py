@@ -31,7 +31,7 @@ _NAMES = {"illuminance": "lux", "temperature": "thermometer"}
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """What is not known of an instrument: `key` is ``driver``, ``measures`` or an option of its driver."""
+    """A question about an instrument: `key` is ``driver``, ``measures`` or an option of its driver."""
 
     device: ConnectedDevice
     stated: str
@@ -97,15 +97,15 @@ def add_devices(file: Path, stated: Stated | None = None, ask: Ask = Question.re
     ConfigError
         The configuration is invalid, or its instruments are simulated.
     """
-    done, unmatched = AddedDevices(), dict(stated or {})
+    devices, unmatched = AddedDevices(), dict(stated or {})
     for device in discover()[0]:
         config = _config(file)
         try:
-            _add(config, device, {**unmatched.pop(id_of(device), {})}, ask, done)
+            _add(config, device, {**unmatched.pop(id_of(device), {})}, ask, devices)
         except (ConfigError, DeviceError) as error:
-            done.failures.append(error)
-    done.failures.extend(map(_not_connected, unmatched))
-    return done
+            devices.failures.append(error)
+    devices.failures.extend(map(_not_connected, unmatched))
+    return devices
 
 
 def _not_connected(identity: str) -> DeviceNotFoundError:
@@ -139,10 +139,10 @@ def _add(
         component = stated.pop("measures", "")
         port = "" if device.identity else device.port  # an identity survives a replug, a port does not
         declared = DeviceSettings(driver, driver, port, device.identity, options=stated)
-        settings, info = _declared(device, declared, ask)
+        settings, info = _declaration(device, declared, ask)
         if "" in radiation_components(info, {}):
             component = component or ask(Question(device, driver, "measures", COMPONENTS))
-        done.added.append(_written(config, settings, info, component))
+        done.added.append(_write(config, settings, info, component))
 
 
 def _driver(device: ConnectedDevice, ask: Ask) -> str:
@@ -152,7 +152,7 @@ def _driver(device: ConnectedDevice, ask: Ask) -> str:
     return device.drivers[0] if device.drivers else SKIP
 
 
-def _declared(
+def _declaration(
     device: ConnectedDevice, settings: DeviceSettings, ask: Ask
 ) -> tuple[DeviceSettings, StreamInfo]:
     """The stream that an instrument declares, with the options that it needs for that."""
@@ -169,11 +169,11 @@ def _declared(
             return settings, info
         if not needs:
             raise ConfigError(f"{driver} on {id_of(device)}: {UNKNOWN_UNIT}", fix=STATE_UNIT)
-    found = {key: ask(Question(device, driver, key, values)) for key, values in needs.items()}
-    return _declared(device, replace(settings, options={**settings.options, **found}), ask)
+    options = {key: ask(Question(device, driver, key, values)) for key, values in needs.items()}
+    return _declaration(device, replace(settings, options={**settings.options, **options}), ask)
 
 
-def _written(config: Config, settings: DeviceSettings, info: StreamInfo, component: str) -> AddedDevice:
+def _write(config: Config, settings: DeviceSettings, info: StreamInfo, component: str) -> AddedDevice:
     """Write an instrument that is open no more; raises `ConfigError` if it cannot be configured so."""
     driver = settings.driver
     path = _path(info, driver, {device.name for device in config.devices})

@@ -88,19 +88,19 @@ class BackgroundRecording:
         raise RefusedError("the recorder has not started within a minute", fix="look at the instruments")
 
     def warnings(self) -> list[str]:
-        """What it has warned of so far, such as of a calibration that is too old."""
-        return [line for line in self._printed().splitlines() if line.startswith("warning: ")]
+        """Its warnings so far, such as of a calibration that is too old."""
+        return [line for line in self._error_text().splitlines() if line.startswith("warning: ")]
 
     def forget(self) -> None:
         """Let it go on alone."""
         self._errors.close()
 
-    def _printed(self) -> str:
+    def _error_text(self) -> str:
         self._errors.seek(0)
         return self._errors.read().decode(errors="replace")
 
     def _failure(self) -> RefusedError:
-        return command_error(self._printed(), "the recording ended at once")
+        return command_error(self._error_text(), "the recording ended at once")
 
 
 def command_error(printed: str, otherwise: str) -> RefusedError:

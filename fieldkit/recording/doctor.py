@@ -92,7 +92,7 @@ def _clock(folder: Path) -> Iterator[Finding]:
         yield Finding(
             "fail", "clock", f"shows {now} UTC and was never set", "sudo date -u -s '2026-01-31 12:00'"
         )
-    synchronised = _synchronised()
+    synchronised = _is_clock_synchronised()
     if synchronised is None:
         yield Finding("warn", "clock", "synchronisation is unknown", "sudo apt install chrony")
     elif synchronised:
@@ -103,7 +103,7 @@ def _clock(folder: Path) -> Iterator[Finding]:
         )
 
 
-def _synchronised() -> bool | None:
+def _is_clock_synchronised() -> bool | None:
     """True if the system clock is synchronised, by timedatectl; None without that program."""
     try:
         status = subprocess.run(
@@ -155,7 +155,7 @@ def _configuration(folder: Path) -> Iterator[Finding]:
         fix = Action.ADD_DEVICES() + " writes what is plugged in into fieldkit.toml"
         yield Finding("warn", "configuration", f"{counted}: there is nothing to record", fix)
     for device in config.devices:
-        yield from _configured(device)
+        yield from _instrument_findings(device)
     yield from _calibrations(config)
 
 
@@ -168,7 +168,7 @@ def _calibrations(config: Config) -> Iterator[Finding]:
             yield Finding("ok", key, f"{record.name} of {record.date:%Y-%m-%d} is good")
 
 
-def _configured(device: DeviceSettings) -> Iterator[Finding]:
+def _instrument_findings(device: DeviceSettings) -> Iterator[Finding]:
     """Presence of a configured instrument, and what its configuration lacks."""
     driver = registry.get(device.driver)
     if device.port != "simulated" and device.identity:
@@ -179,7 +179,7 @@ def _configured(device: DeviceSettings) -> Iterator[Finding]:
     elif device.port.startswith("/") and not Path(device.port).exists():
         yield Finding("fail", device.name, f"there is no {device.port}", Action.FIND_DEVICES())
     if registry.needs(device.driver).keys() - device.options.keys():
-        yield from _declared(device)
+        yield from _declaration_findings(device)
     if driver.quantity == "illuminance" and device.name == "lux" and "range_max_lx" not in device.options:
         text = "the meter's range is not configured, so an overflow cannot be detected"
         yield Finding(
@@ -187,7 +187,7 @@ def _configured(device: DeviceSettings) -> Iterator[Finding]:
         )
 
 
-def _declared(device: DeviceSettings) -> Iterator[Finding]:
+def _declaration_findings(device: DeviceSettings) -> Iterator[Finding]:
     """Refuse what `record` refuses: an instrument that does not state what it measures, nor its options."""
     try:
         with closing(registry.open_device(device, HostClock())) as opened:

@@ -98,11 +98,11 @@ class Experiments:
     outcomes: tuple[Experiment, ...]
 
     def __getitem__(self, name: str) -> Experiment:
-        found = {outcome.name: outcome for outcome in self.outcomes}
+        by_name = {outcome.name: outcome for outcome in self.outcomes}
         try:
-            return found[name]
+            return by_name[name]
         except KeyError:
-            raise KeyError(f"no experiment {name!r}; there are {', '.join(found)}") from None
+            raise KeyError(f"no experiment {name!r}; there are {', '.join(by_name)}") from None
 
     @property
     def document(self) -> dict[str, Any]:
@@ -212,8 +212,8 @@ def _cells(one: Experiment) -> list[str]:
 def _narrowing(one: Experiment, planned: Experiment) -> float:
     """Mean half width over that as planned, of the targets that have both; infinite where two slopes fit."""
     ratios = np.array(one.half_region_deg) / np.array(planned.half_region_deg)
-    known = np.isfinite(ratios)
-    return float(ratios[known].mean()) if known.any() and not any(one.not_resolved) else np.inf
+    is_finite = np.isfinite(ratios)
+    return float(ratios[is_finite].mean()) if is_finite.any() and not any(one.not_resolved) else np.inf
 
 
 @dataclass(frozen=True, slots=True)
@@ -250,7 +250,7 @@ def measures(session: PlannedSession) -> Iterator[Run]:
 
 
 def _better_known(session: PlannedSession) -> Iterator[tuple[str, PlannedSession]]:
-    """What instruments and calibrations would add to the knowledge of the settings."""
+    """Additions of instruments and calibrations to the knowledge of the settings."""
     settings, prior, logged = session.settings, session.settings.prior, session.logged
     if AIR not in logged:
         yield "air temperature logged", replace(session, logged=logged | {AIR})
@@ -272,10 +272,10 @@ def _better_known(session: PlannedSession) -> Iterator[tuple[str, PlannedSession
         yield name, replace(session, settings=replace(settings, emissivity_sd=0.0))
 
 
-def predicted(
+def predict_runs(
     runs: Sequence[Run], workers: Workers = THIS_PROCESS, on_run: Callable[[], None] | None = None
 ) -> tuple[Experiment, ...]:
-    """What each session would report at its marks, in the order of the runs.
+    """The report of each session at its marks, in the order of the runs.
 
     Three hours of three targets take six seconds as planned, and three with each measure. `on_run` is called
     as each run is finished.
@@ -297,15 +297,19 @@ def _outcomes(run: Run) -> tuple[Experiment, ...]:
     """Half widths at the marks of a run."""
     session, regions = run.session, _regions(run.session, run.known)
     model = _model(session, _boards(session) if run.shade_test else ())
-    history = _measured(session, model, run.marks[-1][1])
+    history = _simulated_minutes(session, model, run.marks[-1][1])
     chain = SlopeChain(regions, session.settings)
     # a single mark needs no minute before
     slopes_at = chain.at if len(run.marks) > 1 else chain.at_once
     targets = [region.name for region in regions[len(session.references) :]]
-    return tuple(_named(mark, targets, slopes_at(history.until(mark[1])).slopes) for mark in run.marks)
+    return tuple(
+        _experiment_at(mark, targets, slopes_at(history.until(mark[1])).slopes) for mark in run.marks
+    )
 
 
-def _named(mark: tuple[str, int], targets: Sequence[str], slopes: Sequence[SlopeEstimate]) -> Experiment:
+def _experiment_at(
+    mark: tuple[str, int], targets: Sequence[str], slopes: Sequence[SlopeEstimate]
+) -> Experiment:
     by_region: Mapping[str, SlopeEstimate] = {slope.region: slope for slope in slopes}
     estimates = [by_region.get(target) for target in targets]
     two = tuple(estimate is not None and estimate.state is SlopeState.NOT_RESOLVED for estimate in estimates)
@@ -349,7 +353,7 @@ def _boards(session: PlannedSession) -> tuple[Board, ...]:
     return boards_in_turn(names, LEAD_MIN + UNDISTURBED_MIN, between, lasts)
 
 
-def _measured(session: PlannedSession, model: SceneModel, minutes: int) -> History:
+def _simulated_minutes(session: PlannedSession, model: SceneModel, minutes: int) -> History:
     """The session's minutes with the camera's noise, as far as instruments measure them."""
     begin_ns = session.start_ns - LEAD_MIN * MINUTE_NS
     history = field_history(model, begin_ns, LEAD_MIN + minutes).since(LEAD_MIN)
@@ -359,14 +363,14 @@ def _measured(session: PlannedSession, model: SceneModel, minutes: int) -> Histo
     return replace(
         history,
         temperature_k=history.temperature_k + session.settings.noise_k * noise_k,
-        dni_w_m2=_derived(history, diffuse, session.settings),
+        dni_w_m2=_direct_by_meter(history, diffuse, session.settings),
         dhi_w_m2=diffuse,
         longwave_down_w_m2=history.longwave_down_w_m2 if LONGWAVE in logged else unknown,
         air_k=history.air_k if AIR in logged else unknown,
     )
 
 
-def _derived(history: History, diffuse: FloatArray, settings: EstimatorSettings) -> FloatArray:
+def _direct_by_meter(history: History, diffuse: FloatArray, settings: EstimatorSettings) -> FloatArray:
     """Direct irradiance as it follows from a light meter mounted as configured."""
     if settings.irradiance.is_direct:
         return history.dni_w_m2

@@ -1,4 +1,4 @@
-"""What can be done with a campaign's recording in progress, in whichever process: mark, status, stop.
+"""Actions on a campaign's recording in progress, in whichever process: mark, status, stop.
 
 Each imports as little as the command of that name.
 """
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from fieldkit.config import find_campaign, load_config
 from fieldkit.recording.marks import mark_of
-from fieldkit.recording.requests import SentRequest, sent
+from fieldkit.recording.requests import SentRequest, send_to_recorder
 from fieldkit.recording.running import UnresponsiveRecorder, running_session, stop_recording
 from fieldkit.recording.status_request import present_status
 
@@ -61,7 +61,7 @@ def mark(
     file = _file(campaign)
     folder = file.parent / "recordings"
     note, _ = mark_of(folder, lambda: load_config(file), text, kind=kind, at=at, to=until)
-    return sent(folder, note)
+    return send_to_recorder(folder, note)
 
 
 def status(campaign: Campaign | Config | str | Path = ".") -> dict[str, Any]:

@@ -97,7 +97,7 @@ def ask_for_last_samples(recordings: Path) -> None:
 
 @contextmanager
 def left_samples(recordings: Path) -> Iterator[LeftSamples | None]:
-    """What a preview has left for this recorder, deleted at the end; None where there is nothing."""
+    """Samples left by a preview for this recorder, deleted at the end; None where there is nothing."""
     with contextlib.ExitStack() as opened:
         opened.callback(shutil.rmtree, recordings / FOLDER, ignore_errors=True)
         try:

@@ -23,9 +23,9 @@ from fieldkit.sessions.lock import is_locked, journal_path
 Row = dict[str, Any]
 
 
-def listed(folder: Path, sessions: Sequence[Path]) -> list[Row]:
+def session_rows(folder: Path, sessions: Sequence[Path]) -> list[Row]:
     """The rows of all sessions of a folder, as `describe_briefly` has them."""
-    cache = _kept_in(folder)
+    cache = _cache_file(folder)
     before = _read(cache)
     keys = [_key(path) for path in sessions]
     rows = [before.get(key) or _row(path) for key, path in zip(keys, sessions, strict=True)]
@@ -36,7 +36,7 @@ def listed(folder: Path, sessions: Sequence[Path]) -> list[Row]:
 
 
 def _key(path: Path) -> str:
-    """What a finished session is known again by; empty for any other."""
+    """The identity of a finished session; empty for any other."""
     if journal_path(path).exists():
         return ""
     about = path.stat()
@@ -52,7 +52,7 @@ def _row(path: Path) -> Row:
     return describe_briefly(path)
 
 
-def _kept_in(folder: Path) -> Path:
+def _cache_file(folder: Path) -> Path:
     name = hashlib.sha256(f"{__version__} {folder.resolve()}".encode(errors="surrogateescape")).hexdigest()
     return platformdirs.user_cache_path("fieldkit") / "listings" / f"{name[:16]}.json"
 

@@ -15,7 +15,7 @@ from fieldkit.model.errors import ConfigError
 from fieldkit.model.mark_times import parse_when, reject_impossible, reject_unknown_region
 from fieldkit.model.marks import Mark, When, shade_test
 from fieldkit.model.units import SECOND_NS
-from fieldkit.recording.requests import STARTED_WITHIN_S, await_inbox, sent
+from fieldkit.recording.requests import STARTED_WITHIN_S, await_inbox, send_to_recorder
 from fieldkit.recording.running import session_in_progress
 from fieldkit.recording.status_request import recorder_status
 
@@ -113,7 +113,7 @@ def correct_mark(path: Path, correction_of: Callable[[SessionReader], Mark]) -> 
     with open_session(path) as session:
         correction = correction_of(session)
         if session.state == "recording":
-            sent(session.path.parent, correction)
+            send_to_recorder(session.path.parent, correction)
         else:
             correct(session, correction)
     return correction

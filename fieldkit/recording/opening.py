@@ -61,19 +61,21 @@ def open_instruments(
         )
     free_here = partial(free_bytes, config.recordings)
     if not any(settings.port == SIMULATED for settings in config.devices):
-        with _opened(config.devices, HostClock(), free_here, allow_missing) as opened:
+        with _open_together(config.devices, HostClock(), free_here, allow_missing) as opened:
             yield opened
         return
     from fieldkit.recording.simulated_scene import simulated_field
 
     with simulated_field(config, duration_s or OPEN_END_S, simulated_from_ns) as (clock, field):
         plugged = [field.plug(settings) for settings in config.devices]
-        with _opened(plugged, clock, lambda: field.disk_free_bytes(free_here()), allow_missing) as opened:
+        with _open_together(
+            plugged, clock, lambda: field.disk_free_bytes(free_here()), allow_missing
+        ) as opened:
             yield opened
 
 
 @contextmanager
-def _opened(
+def _open_together(
     settings: Sequence[DeviceSettings], clock: Clock, free: Callable[[], int], allow_missing: bool
 ) -> Iterator[Instruments]:
     by_name = {setting.name: setting for setting in settings}

@@ -36,7 +36,7 @@ from fieldkit.recording.experiments import (
     PlannedSession,
     as_planned,
     measures,
-    predicted,
+    predict_runs,
 )
 from fieldkit.recording.predict import checked_facets
 from fieldkit.results.executors import THIS_PROCESS, Workers
@@ -122,25 +122,25 @@ class MeasuringPlan:
     @property
     def document(self) -> dict[str, Any]:
         """The plan as ``fieldkit plan --json`` prints it."""
-        found = self.day_plan
-        budget = found.bias_budget_k()
-        best_ns = None if found.best_row is None else int(found.time_ns[found.rows[found.best_row]])
+        plan = self.day_plan
+        budget = plan.bias_budget_k()
+        best_ns = None if plan.best_row is None else int(plan.time_ns[plan.rows[plan.best_row]])
         return {
             "site": asdict(self.site),
             "day": str(self.day),
             "irradiance": self.irradiance,
-            "noise_k": found.settings.noise_k,
-            "window_min": found.settings.window_min,
+            "noise_k": plan.settings.noise_k,
+            "window_min": plan.settings.window_min,
             "best_window_start": None if best_ns is None else _iso(best_ns, self.site),
-            "minutes_for_azimuth": found.minutes_for_azimuth(),
+            "minutes_for_azimuth": plan.minutes_for_azimuth(),
             "bias_budget": [
                 {
                     "tilt_deg": tilt,
                     "azimuth_deg": azimuth,
-                    "for_deg": found.settings.bias_deg,
+                    "for_deg": plan.settings.bias_deg,
                     "kelvin": kelvin,
                 }
-                for (tilt, azimuth), kelvin in zip(found.facets, budget, strict=True)
+                for (tilt, azimuth), kelvin in zip(plan.facets, budget, strict=True)
             ],
             "warnings": self.warnings,
             "rows": self.rows,
@@ -155,10 +155,10 @@ class MeasuringPlan:
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Plot what one degree of tilt is worth in kelvin over the day, a line for each facet."""
-        found = self.day_plan
-        values = dict(zip(map(label, found.facets), found.sensitivity.temperature_k, strict=True))
-        up = {name: np.where(found.usable, kelvin, np.nan) for name, kelvin in values.items()}
-        return plots.lines(found.time_ns, up, "K per ° of tilt", self.site, ax)
+        plan = self.day_plan
+        values = dict(zip(map(label, plan.facets), plan.sensitivity.temperature_k, strict=True))
+        up = {name: np.where(plan.usable, kelvin, np.nan) for name, kelvin in values.items()}
+        return plots.lines(plan.time_ns, up, "K per ° of tilt", self.site, ax)
 
     def table(self) -> pd.DataFrame:
         """The plan as `to_frame` gives it, by time and facet."""
@@ -217,15 +217,15 @@ class MeasuringPlan:
         )
 
     def _start_ns(self, minutes: int, at: time | None) -> int:
-        found, options = self.day_plan, self.options
+        plan, options = self.day_plan, self.options
         if at is not None:
             return utc_ns(datetime.combine(self.day, at, formatting.zone(self.site)))
-        if found.best_row is None:
+        if plan.best_row is None:
             raise NoAnswerError(
                 f"no window of {options.window_min} min on {self.day} is usable",
                 fix="choose another day, or a shorter window",
             )
-        first = int(found.time_ns[found.rows[found.best_row]])
+        first = int(plan.time_ns[plan.rows[plan.best_row]])
         return first + (options.window_min - minutes) // 2 * MINUTE_NS
 
     def experiments(
@@ -260,7 +260,7 @@ class MeasuringPlan:
         session = session or self.session()
         runs = [as_planned(session), *(measures(session) if with_measures else ())]
         finished = iter(range(1, len(runs) + 1))
-        found = predicted(runs, workers, lambda: on_run(next(finished), len(runs)) if on_run else None)
+        found = predict_runs(runs, workers, lambda: on_run(next(finished), len(runs)) if on_run else None)
         return Experiments(session, found)
 
     def write(self, path: str | Path, experiments: Experiments | None = None) -> Path:
@@ -398,13 +398,13 @@ def reference_facets(config: Config) -> tuple[tuple[float, float], ...]:
     return tuple((reference.tilt_deg, reference.azimuth_deg) for reference in references) or (LEVEL,)
 
 
-def logged_by(config: Config) -> frozenset[str]:
-    """What the instruments of a campaign measure beside light and frames, by their labels and the keys."""
+def logged_quantities(config: Config) -> frozenset[str]:
+    """Quantities measured beside light and frames, by their labels and the keys."""
     labels = [str(label) for device in config.devices for label in device.options.get("labels", ())]
     components = {*components_named(labels), *config.tables.irradiance.measures.values()}
-    found = {AIR: any(map(is_air_temperature, labels))}
-    found |= {DIFFUSE: "dhi" in components, LONGWAVE: "longwave_down" in components}
-    return frozenset(word for word, is_logged in found.items() if is_logged)
+    is_logged_by_name = {AIR: any(map(is_air_temperature, labels))}
+    is_logged_by_name |= {DIFFUSE: "dhi" in components, LONGWAVE: "longwave_down" in components}
+    return frozenset(word for word, is_logged in is_logged_by_name.items() if is_logged)
 
 
 def _sunset_ns(plan: DayPlan) -> int | None:

@@ -77,7 +77,7 @@ def predict(
     [285.5, 294.8]
     """
     facets = checked_facets(facets)
-    used = settings or EstimatorSettings()
+    estimator = settings or EstimatorSettings()
     first_ns, last_ns = (int(weather.time_ns[end]) for end in (0, -1))
     start_ns = utc_ns(moment(start)) if start else first_ns
     start_ns = -(-start_ns // MINUTE_NS) * MINUTE_NS
@@ -87,11 +87,11 @@ def predict(
             f"the weather gives 1 to {most} min from the start on, not {minutes}",
             fix="give fewer minutes, or an earlier start",
         )
-    with_air = used.prior.exchange_w_m2_k if exchange is None else exchange
+    with_air = estimator.prior.exchange_w_m2_k if exchange is None else exchange
     by_wind = with_air if isinstance(with_air, Exchange) else Exchange(with_air, 0.0)
     if not (by_wind.still_w_m2_k >= 0.0 and by_wind.per_wind >= 0.0):
         raise ConfigError(f"{by_wind} is not an exchange with the air", fix="give numbers of 0 or more")
-    model = expected_field(weather.site, MeasuredSky(weather), facets, used, by_wind)
+    model = expected_field(weather.site, MeasuredSky(weather), facets, estimator, by_wind)
     return field_minutes(model, start_ns, minutes or max(most, 1))
 
 

@@ -115,10 +115,10 @@ def record(
     with prepare(config, options, notify) as prepared, _stopped_by_interrupt() as stopping:
         if is_notebook():
             views.append(NotebookLine(prepared.latest()))
-        recorded = prepared.run(views, stopping=stopping)
-    if recorded.summary.failure is not None:
-        raise recorded.summary.failure
-    return open_session(recorded.path)
+        result = prepared.run(views, stopping=stopping)
+    if result.summary.failure is not None:
+        raise result.summary.failure
+    return open_session(result.path)
 
 
 @contextmanager
@@ -205,7 +205,7 @@ class PreparedRecording:
                 clock=instruments.clock,
                 free_bytes=instruments.free_bytes,
                 sampling=sampling_of(config),
-                views=(*views, *self._followed(end_ns, header.title)),
+                views=(*views, *self._views_of_followers(end_ns, header.title)),
                 end_ns=end_ns,
                 requests=requests,
                 last_requests=requests.close,
@@ -226,7 +226,7 @@ class PreparedRecording:
         except Exception as error:  # the session is sealed: nothing may make its recording look failed
             log.info("the recording's own minutes were not kept: %s", error)
 
-    def _followed(self, end_ns: int | None, title: str) -> list[View]:
+    def _views_of_followers(self, end_ns: int | None, title: str) -> list[View]:
         """Views by which other programs follow the recording, as far as they can be opened."""
         latest = self.latest(None if end_ns is None else self.instruments.clock.to_utc_ns(end_ns))
         offered: list[View] = []

@@ -101,7 +101,7 @@ def session_path(config: Config, name: str, time_ns: int) -> Path:
     """
     _check_name(name)
     stamp = datetime.fromtimestamp(time_ns / SECOND_NS, UTC).strftime("%Y%m%dT%H%M%SZ")
-    return _unused(config.recordings / (f"{stamp}-{name}.h5" if name else f"{stamp}.h5"))
+    return _free_path(config.recordings / (f"{stamp}-{name}.h5" if name else f"{stamp}.h5"))
 
 
 def _check_name(name: str) -> None:
@@ -118,7 +118,7 @@ def _check_name(name: str) -> None:
     raise ConfigError(what, fix=Argument("name", plain))
 
 
-def _unused(path: Path) -> Path:
+def _free_path(path: Path) -> Path:
     """The path, or the first ``-2``, ``-3`` ... beside it that does not exist: nothing is overwritten."""
     number, free = 1, path
     while exists(free):

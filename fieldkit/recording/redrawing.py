@@ -17,7 +17,7 @@ from fieldkit.model.samples import Event, EventKind, Severity
 from fieldkit.model.site import Region, RegionRecord, Site
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.recording.regions import check_configured, regions_in_draft
-from fieldkit.recording.requests import SentRequest, sent
+from fieldkit.recording.requests import SentRequest, send_to_recorder
 from fieldkit.recording.running import session_in_progress
 from fieldkit.sessions.entry_rows import event_fits
 from fieldkit.sessions.layout import MAX_REGIONS, check_region
@@ -47,24 +47,24 @@ class Redrawing:
     def __post_init__(self) -> None:
         self._known = {region.name for region in self.regions}
 
-    def redrawn(
-        self, wanted: Sequence[Region], request: str, mono_ns: int, time_ns: int
+    def carry_out(
+        self, requested: Sequence[Region], request: str, mono_ns: int, time_ns: int
     ) -> Iterator[RegionRecord | Event]:
-        """The changes that lead to the regions wanted, and the event that answers; that alone if refused.
+        """The changes that lead to the regions requested, and the event that answers; that alone if refused.
 
         A change holds from the next full minute on, so that no minute is seen through two outlines. Each
         counts as made once the caller asks for what follows.
         """
-        if refusals := self._refusals(wanted):
+        if refusals := self._refusals(requested):
             yield self._answer(f"regions not changed: {'; '.join(refusals)}", request, mono_ns, time_ns)
             return
         since_ns = (time_ns // MINUTE_NS + 1) * MINUTE_NS
-        done: dict[str, list[str]] = {}
-        for record, what in list(_changes(self.regions, wanted, since_ns)):
+        changes: dict[str, list[str]] = {}
+        for record, what in list(_changes(self.regions, requested, since_ns)):
             yield record
             self._follow(record)
-            done.setdefault(what, []).append(record.region.name)
-        yield self._answer(self._words(done, since_ns), request, mono_ns, time_ns, done, since_ns)
+            changes.setdefault(what, []).append(record.region.name)
+        yield self._answer(self._words(changes, since_ns), request, mono_ns, time_ns, changes, since_ns)
 
     def _follow(self, record: RegionRecord) -> None:
         regions = {region.name: region for region in self.regions}
@@ -75,11 +75,11 @@ class Redrawing:
         self.regions = tuple(regions.values())
         self._known.add(record.region.name)
 
-    def _refusals(self, wanted: Sequence[Region]) -> list[str]:
-        """Mistakes of the regions wanted that those of now do not have already."""
+    def _refusals(self, requested: Sequence[Region]) -> list[str]:
+        """Mistakes of the regions requested that those of now do not have already."""
         before = set(self._failures(self.regions))
-        refusals = [failure for failure in self._failures(wanted) if failure not in before]
-        names = [region.name for region in wanted]
+        refusals = [failure for failure in self._failures(requested) if failure not in before]
+        names = [region.name for region in requested]
         refusals += [f"{name} is there twice" for name in dict.fromkeys(names) if names.count(name) > 1]
         if len(self._known | set(names)) > MAX_REGIONS:
             refusals.append(f"a session has room for {MAX_REGIONS} regions")
@@ -122,15 +122,15 @@ class Redrawing:
 
 
 def _changes(
-    regions: Sequence[Region], wanted: Sequence[Region], since_ns: int
+    regions: Sequence[Region], requested: Sequence[Region], since_ns: int
 ) -> Iterator[tuple[RegionRecord, str]]:
     """Differences, each with its word: removals first, so that their pixels are free."""
     before = {region.name: repr(region) for region in regions}  # in which NaN is equal to NaN
-    names = {region.name for region in wanted}
+    names = {region.name for region in requested}
     for region in regions:
         if region.name not in names:
             yield RegionRecord(region, since_ns, is_removed=True), "removed"
-    for region in wanted:
+    for region in requested:
         if before.get(region.name) != repr(region):
             yield RegionRecord(region, since_ns), "changed" if region.name in before else "added"
 
@@ -158,7 +158,7 @@ def change_regions(file: Path, change: Callable[[Draft], T]) -> tuple[T, SentReq
     ConfigError
         The regions would be invalid, or the recording could not use them; nothing is changed then.
     RefusedError, StorageError
-        As `sent`; the file is changed then, and the recording is not.
+        As `send_to_recorder`; the file is changed then, and the recording is not.
     """
     recordings = file.parent / RECORDINGS
     if session_in_progress(recordings) is None:
@@ -170,11 +170,11 @@ def change_regions(file: Path, change: Callable[[Draft], T]) -> tuple[T, SentReq
             result = change(draft)
             after = regions_in_draft(draft)
             check_configured(after, unless=before)
-        request = sent(recordings, NewRegions(after.regions))
-    return result, replace(request, unused=tuple(_unused(before, after)))
+        request = send_to_recorder(recordings, NewRegions(after.regions))
+    return result, replace(request, unused=tuple(_unused_keys(before, after)))
 
 
-def _unused(before: Config, after: Config) -> Iterator[str]:
+def _unused_keys(before: Config, after: Config) -> Iterator[str]:
     """Changed keys of regions that a recording keeps as it began: those that are no part of a `Region`."""
     previous = {region.name: region for region in before.tables.region}
     for region in after.tables.region:

@@ -165,17 +165,17 @@ def _short(value: float) -> int | float:
 
 def check_configured(config: Config, *, unless: Config) -> None:
     """Raise `ConfigError` for regions that cannot be used, apart from what is wrong in `unless` already."""
-    before = {_failed(region) for region in inspect_regions(unless)}
+    before = {_failure_text(region) for region in inspect_regions(unless)}
     failures = [
-        _failed(region)
+        _failure_text(region)
         for region in inspect_regions(config)
-        if region.failures and _failed(region) not in before
+        if region.failures and _failure_text(region) not in before
     ]
     if failures:
         raise ConfigError("; ".join(failures), fix="nothing was changed; draw it again")
 
 
-def _failed(inspection: RegionInspection) -> str:
+def _failure_text(inspection: RegionInspection) -> str:
     return f"region {inspection.region.name}: {'; '.join(inspection.failures)}"
 
 

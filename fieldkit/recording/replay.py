@@ -93,7 +93,7 @@ def play(
     """Show everything in order, `speed` session seconds per real second; the minutes, the alarms' events."""
     minutes: list[Minute] = []
     raised: list[Event] = []
-    for item in _paced(_played(session, estimator), speed):
+    for item in _at_pace(_items(session, estimator), speed):
         events = alarms.update(item)
         raised += events
         minutes += [item] if isinstance(item, Minute) else []
@@ -105,7 +105,7 @@ def play(
     return minutes, raised
 
 
-def _played(session: SessionReader, estimator: Estimator) -> Iterator[Shown]:
+def _items(session: SessionReader, estimator: Estimator) -> Iterator[Shown]:
     """Items that the recorder showed, in order, with the minutes estimated again."""
     for mark in marks_of(session):
         estimator.add(mark)
@@ -113,11 +113,11 @@ def _played(session: SessionReader, estimator: Estimator) -> Iterator[Shown]:
     for item in items:
         yield item
         if isinstance(item, Frame | Reading):
-            yield from _closed(estimator.add(item))
-    yield from _closed(estimator.finish())
+            yield from _with_events(estimator.add(item))
+    yield from _with_events(estimator.finish())
 
 
-def _paced(items: Iterator[Shown], speed: float) -> Iterator[Shown]:
+def _at_pace(items: Iterator[Shown], speed: float) -> Iterator[Shown]:
     """The items, samples and stored events at the pace of the recording times `speed`."""
     clock = HostClock()
     began_ns, first_ns = clock.mono_ns(), None
@@ -129,7 +129,7 @@ def _paced(items: Iterator[Shown], speed: float) -> Iterator[Shown]:
         yield item
 
 
-def _closed(minutes: list[Minute]) -> Iterator[Shown]:
+def _with_events(minutes: list[Minute]) -> Iterator[Shown]:
     for minute in minutes:
         yield from minute.events
         yield minute

@@ -59,7 +59,7 @@ class RequestReader:
             self.folder.mkdir(exist_ok=True)
 
     def __call__(self) -> Iterator[Event | RegionRecord | ShutterRequest]:
-        """What is to be done for the requests sent since the last call.
+        """Tasks from the requests sent since the last call.
 
         An invalid file becomes a warning with its text, so that no note is lost. A folder that cannot be read
         is tried again at the next call.
@@ -85,12 +85,12 @@ class RequestReader:
         if isinstance(request, Shutter):
             yield ShutterRequest(file.stem)
         elif isinstance(request, NewRegions) and self.redrawing is not None:
-            yield from self.redrawing.redrawn(request.regions, file.stem, *now)
+            yield from self.redrawing.carry_out(request.regions, file.stem, *now)
         else:
             yield _answer(request, file.stem, *now)
 
     def close(self) -> Iterator[Event | RegionRecord | ShutterRequest]:
-        """What is to be done for the last requests; a later one finds no folder.
+        """Tasks from the last requests; a later one finds no folder.
 
         Raises `StorageError` if they cannot be read: this is the last attempt, and sealing removes them.
         """
@@ -115,10 +115,10 @@ def left_requests(folder: Path) -> list[Event]:
     acknowledgements can still be kept. Raises `StorageError`.
     """
     files = [*_oldest_first(closed_inbox(folder)), *_oldest_first(folder)]
-    return [replace(_left(file, file.stat().st_mtime_ns), mono_ns=0) for file in files]
+    return [replace(_leftover_event(file, file.stat().st_mtime_ns), mono_ns=0) for file in files]
 
 
-def _left(file: Path, sent_ns: int) -> Event:
+def _leftover_event(file: Path, sent_ns: int) -> Event:
     return _answer(_read(file, 0, sent_ns), file.stem, 0, sent_ns)
 
 

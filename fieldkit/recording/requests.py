@@ -98,7 +98,7 @@ class SentRequest:
     unused: tuple[str, ...] = ()
 
 
-def sent(recordings: Path, request: Request) -> SentRequest:
+def send_to_recorder(recordings: Path, request: Request) -> SentRequest:
     """Send a request to the recording that runs in a campaign's folder of recordings.
 
     Raises `RefusedError` if none is running or it has just ended, `StorageError` if the request cannot be

@@ -129,8 +129,8 @@ def _middle_pixel(bed: Facet) -> int:
 def _facets(config: Config, simulation: SimulationTable) -> tuple[Facet, ...]:
     if simulation.terrain:
         return tuple(_bed(config, region) for region in config.regions if math.isfinite(region.tilt_deg))
-    drawn = tuple(_bed(config, region) for region in config.regions)
-    return (*drawn, *_undrawn(simulation, drawn))
+    beds = tuple(_bed(config, region) for region in config.regions)
+    return (*beds, *_undrawn(simulation, beds))
 
 
 def _bed(config: Config, region: Region) -> Facet:
@@ -172,8 +172,8 @@ def _ground_of(body: Body, bed: Facet) -> Facet:
 
 def _undrawn(simulation: SimulationTable, drawn: Sequence[Facet]) -> Iterator[Facet]:
     """Usual beds without a region; none if some region lies off the usual field: then it is another field."""
-    usual = {bed.name: _covered(bed) for bed in BEDS}
-    under = [{name for name, mask in usual.items() if (mask & _covered(bed)).any()} for bed in drawn]
+    usual = {bed.name: _mask(bed) for bed in BEDS}
+    under = [{name for name, mask in usual.items() if (mask & _mask(bed)).any()} for bed in drawn]
     if all(under):
         covered = set[str]().union(*under)
         for bed in BEDS:
@@ -181,7 +181,7 @@ def _undrawn(simulation: SimulationTable, drawn: Sequence[Facet]) -> Iterator[Fa
                 yield _of_sand(replace(bed, name=f"undrawn {bed.name}"), simulation)
 
 
-def _covered(bed: Facet) -> BoolArray:
+def _mask(bed: Facet) -> BoolArray:
     return Region(bed.name, RegionKind.TARGET, bed.vertices).mask(FRAME_SHAPE)
 
 

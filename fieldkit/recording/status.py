@@ -49,7 +49,7 @@ class RecordingStatus:
 
 
 def status_reply(status: RecordingStatus, cols: int) -> dict[str, Any]:
-    """What commands need of a recording.
+    """A recording's status for commands.
 
     Its status as ``--json`` prints it (``document``) and as coloured text of `cols` columns (``text``), its
     row of ``fieldkit ls`` (``brief``), and what marks depend on: regions' names, time zone, present time.
@@ -57,11 +57,11 @@ def status_reply(status: RecordingStatus, cols: int) -> dict[str, Any]:
     latest, silent = status.latest, status.unresponsive
     warning = "" if silent is None else silent.at(latest.site)
     text = status_text(status.session.name, latest, status.start_ns, status.end_ns, warning, cols)
-    known = (latest.site, status.start_ns, status.end_ns, status.counts, status.title)
+    session_facts = (latest.site, status.start_ns, status.end_ns, status.counts, status.title)
     return {
         "document": _document(status),
         "text": text,
-        "brief": brief(status.session, "recording", *known),
+        "brief": brief(status.session, "recording", *session_facts),
         "regions": [region.name for region in latest.regions],
         "timezone": str(formatting.zone(latest.site)),
         "time_ns": latest.time_ns,

@@ -34,7 +34,7 @@ def present_status(session: Path, cols: int = 80) -> dict[str, Any]:
 
 
 def recorder_status(session: Path, cols: int = 80) -> dict[str, Any] | None:
-    """What `fieldkit.recording.status.status_reply` gives to the recorder of a session.
+    """The reply of `fieldkit.recording.status.status_reply` by the recorder of a session.
 
     None of a recorder that does not respond, has no sample yet, is of another version or of another user.
     """

@@ -33,15 +33,15 @@ FRAMES = 9
 
 @dataclass(frozen=True, slots=True)
 class SuggestedRegion:
-    """A region to accept or not; `found` has its contrast, spread and number of pixels."""
+    """A region to accept or not; `area` has its contrast, spread and number of pixels."""
 
     region: Region
-    found: FoundBed
+    area: FoundBed
 
     def document(self) -> dict[str, Any]:
         """The suggestion as a JSON object, angles and emissivity left to the user."""
         role = self.region.kind.name.lower()
-        return {"name": self.region.name, "role": role, **asdict(self.found)}
+        return {"name": self.region.name, "role": role, **asdict(self.area)}
 
 
 def suggest_regions(
@@ -61,12 +61,12 @@ def suggest_regions(
     config = config_of(campaign)
     recorded = session or session_in_progress(config.recordings)
     if recorded is not None:
-        return suggested(mean_of_first_frames_k(Path(recorded)), config.regions)
+        return suggestions_in(mean_of_first_frames_k(Path(recorded)), config.regions)
     with open_instruments(config, allow_missing=True) as instruments:
-        return suggested(_next_frames_k(instruments), config.regions)
+        return suggestions_in(_next_frames_k(instruments), config.regions)
 
 
-def suggested(frame: FloatArray, present: Sequence[Region]) -> list[SuggestedRegion]:
+def suggestions_in(frame: FloatArray, present: Sequence[Region]) -> list[SuggestedRegion]:
     """Regions found in a frame (rows, cols) of kelvin apart from those `present`.
 
     The one that differs least from its surroundings is suggested as reference where there is none: level sand
@@ -88,7 +88,7 @@ def suggested(frame: FloatArray, present: Sequence[Region]) -> list[SuggestedReg
         for bed in beds
     ]
     return sorted(
-        suggestions, key=lambda suggestion: suggestion.found is not reference
+        suggestions, key=lambda suggestion: suggestion.area is not reference
     )  # no configuration has targets alone
 
 

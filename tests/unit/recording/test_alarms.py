@@ -26,7 +26,7 @@ from fieldkit.recording.background import RecordOptions
 from fieldkit.recording.campaign import create_campaign
 from fieldkit.recording.record import RecordedSession, prepare
 from fieldkit.recording.replay import replay
-from fieldkit.recording.requests import Acknowledgement, sent
+from fieldkit.recording.requests import Acknowledgement, send_to_recorder
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.records import Entry
 from fieldkit.sessions.writer import SessionWriter
@@ -171,7 +171,7 @@ def test_an_acknowledgement_is_stored_and_replayed(tmp_path, monkeypatch):
     def acknowledging(self: SessionWriter, entry: Entry) -> None:
         genuine(self, entry)
         if isinstance(entry, Event) and phase_of(entry) is Phase.RAISED:
-            sent(self.path.parent, Acknowledgement(entry.data["alarm"]))
+            send_to_recorder(self.path.parent, Acknowledgement(entry.data["alarm"]))
 
     # only here does simulated time wait for who acknowledges
     monkeypatch.setattr(SessionWriter, "put", acknowledging)

@@ -19,13 +19,13 @@ from fieldkit.recording.experiments import (
     Experiments,
     PlannedSession,
     Run,
-    _measured,
     _model,
+    _simulated_minutes,
     as_planned,
     measures,
-    predicted,
+    predict_runs,
 )
-from fieldkit.recording.plan import PlanOptions, logged_by, plan
+from fieldkit.recording.plan import PlanOptions, logged_quantities, plan
 from fieldkit.simulation.sky import ClearSky
 
 SITE = Site(35.558675, 139.395232, 9.0, "Asia/Tokyo")
@@ -50,7 +50,7 @@ def named(session: PlannedSession, *names: str) -> list[Run]:
 @pytest.fixture(scope="module")
 def found():
     runs = [as_planned(replace(SESSION, minutes=40)), *named(SESSION, SHADE, KNOWN, AIR)]
-    return Experiments(SESSION, predicted(runs))
+    return Experiments(SESSION, predict_runs(runs))
 
 
 def test_a_session_is_predicted_by_the_half_hour_and_at_its_end_with_each_measure(found):
@@ -96,7 +96,7 @@ def test_what_tells_the_gain_narrows_the_steep_target(found):
 
 def test_minutes_taken_at_once_say_what_one_by_one_do():
     run = Run(replace(SESSION, logged=frozenset({"air"})), (("at once", 30),))
-    (once,), (_, one_by_one) = predicted([run]), predicted([replace(run, marks=(("", 29), ("", 30)))])
+    (once,), (_, one_by_one) = predict_runs([run]), predict_runs([replace(run, marks=(("", 29), ("", 30)))])
     assert once.half_region_deg == pytest.approx(one_by_one.half_region_deg, rel=0.2)
 
 
@@ -157,14 +157,14 @@ def test_a_day_without_a_usable_window_has_no_experiments():
 def test_air_is_logged_where_a_channel_is_named_so(tmp_path):
     init_campaign(tmp_path / "field", simulated=True)
     file = tmp_path / "field" / "fieldkit.toml"
-    assert logged_by(load_config(file)) == {"air"}
+    assert logged_quantities(load_config(file)) == {"air"}
     file.write_text(file.read_text(encoding="utf-8").replace('"air"]', '"T4"]'), encoding="utf-8")
-    assert not logged_by(load_config(file))
+    assert not logged_quantities(load_config(file))
 
 
 def test_what_no_instrument_measures_is_unknown_and_light_comes_from_the_meter():
     dark, lit = (
-        _measured(replace(SESSION, logged=frozenset(logged)), _model(SESSION), 5)
+        _simulated_minutes(replace(SESSION, logged=frozenset(logged)), _model(SESSION), 5)
         for logged in ((), ("diffuse", "longwave", "air"))
     )
     for name in ("air_k", "dhi_w_m2", "longwave_down_w_m2"):
@@ -178,7 +178,7 @@ def test_what_no_instrument_measures_is_unknown_and_light_comes_from_the_meter()
 def test_the_noise_is_that_of_the_settings():
     quiet = replace(SESSION, settings=replace(SESSION.settings, noise_k=1e-9))
     noise = (
-        _measured(SESSION, _model(SESSION), 30).temperature_k
-        - _measured(quiet, _model(quiet), 30).temperature_k
+        _simulated_minutes(SESSION, _model(SESSION), 30).temperature_k
+        - _simulated_minutes(quiet, _model(quiet), 30).temperature_k
     )
     assert np.std(noise) == pytest.approx(SESSION.settings.noise_k, rel=0.2)

@@ -3,7 +3,7 @@
 from datetime import time
 
 from fieldkit.estimation.settings import EstimatorSettings
-from fieldkit.recording.experiments import _measured, _model
+from fieldkit.recording.experiments import _model, _simulated_minutes
 from fieldkit.recording.plan import plan
 
 
@@ -35,6 +35,6 @@ def test_a_session_behind_a_ridge_is_predicted_in_its_shadow():
         settings = EstimatorSettings(horizon=horizon)
         made = plan((37.70, -105.92, 2317.0), "2016-01-01", [(15.0, 180.0)], estimator=settings)
         session = made.session(60, at=time(14, 0))
-        found.append(_measured(session, _model(session), 60).temperature_k[-1])
+        found.append(_simulated_minutes(session, _model(session), 60).temperature_k[-1])
     in_the_sun, behind = found
     assert (behind < in_the_sun - 5.0).all()

@@ -8,7 +8,7 @@ import pytest
 from benchmarks.drawn_worlds import CLEAR
 from fieldkit.estimation.chain import SlopeChain
 from fieldkit.model.arrays import FloatArray
-from fieldkit.recording.experiments import PlannedSession, Run, predicted
+from fieldkit.recording.experiments import PlannedSession, Run, predict_runs
 from fieldkit.simulation.sky import ClearSky
 from fieldkit.weather import packaged_day
 from tests.harness.drawn import drawn_world
@@ -34,7 +34,7 @@ def reached_over_predicted(seeds: range, minutes: int) -> FloatArray:
         settings=settings,
         logged=frozenset({"air", "diffuse", "longwave"}),
     )
-    (planned,) = predicted([Run(session, (("as planned", minutes),))])
+    (planned,) = predict_runs([Run(session, (("as planned", minutes),))])
     return np.array(reached) / planned.half_region_deg
 
 
