@@ -45,7 +45,7 @@ class Redrawing:
     site: Site
 
     def __post_init__(self) -> None:
-        self._known = {region.name for region in self.regions}
+        self._names = {region.name for region in self.regions}
 
     def carry_out(
         self, requested: Sequence[Region], request: str, mono_ns: int, time_ns: int
@@ -67,13 +67,11 @@ class Redrawing:
         yield self._answer(self._words(changes, since_ns), request, mono_ns, time_ns, changes, since_ns)
 
     def _follow(self, record: RegionRecord) -> None:
-        regions = {region.name: region for region in self.regions}
+        regions = {region.name: region for region in self.regions} | {record.region.name: record.region}
         if record.is_removed:
             del regions[record.region.name]
-        else:
-            regions[record.region.name] = record.region
         self.regions = tuple(regions.values())
-        self._known.add(record.region.name)
+        self._names.add(record.region.name)
 
     def _refusals(self, requested: Sequence[Region]) -> list[str]:
         """Mistakes of the regions requested that those of now do not have already."""
@@ -81,7 +79,7 @@ class Redrawing:
         refusals = [failure for failure in self._failures(requested) if failure not in before]
         names = [region.name for region in requested]
         refusals += [f"{name} is there twice" for name in dict.fromkeys(names) if names.count(name) > 1]
-        if len(self._known | set(names)) > MAX_REGIONS:
+        if len(self._names | set(names)) > MAX_REGIONS:
             refusals.append(f"a session has room for {MAX_REGIONS} regions")
         return refusals
 
@@ -91,10 +89,9 @@ class Redrawing:
                 check_region(region)
         except ValueError as error:
             return [str(error)]
-        inspections = check_regions(regions, self.shapes)
         return [
             f"{inspection.region.name}: {failure}"
-            for inspection in inspections
+            for inspection in check_regions(regions, self.shapes)
             for failure in inspection.failures
         ]
 

@@ -54,9 +54,9 @@ def suggest_regions(
 
     Examples
     --------
-    >>> for one in fieldkit.suggest_regions("dunes"):                                      # doctest: +SKIP
-    ...     is_flat = one.region.kind.name == "REFERENCE"
-    ...     dunes.add_region(one.region.name, points=one.region.vertices, reference=is_flat)
+    >>> for suggestion in fieldkit.suggest_regions("dunes"):                               # doctest: +SKIP
+    ...     region, is_flat = suggestion.region, suggestion.region.kind.name == "REFERENCE"
+    ...     dunes.add_region(region.name, points=region.vertices, reference=is_flat)
     """
     config = config_of(campaign)
     recorded = session or session_in_progress(config.recordings)
