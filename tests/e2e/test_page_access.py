@@ -258,7 +258,7 @@ def test_who_may_look_may_not_control(folder, page, what, monkeypatch):
         # (which would start a recording: what it does is the other files' claim)
         everything = (*requests.FOR_ANYONE, *requests.FOR_CONTROL)
         monkeypatch.setattr(requests, "FOR_ANYONE", everything)
-        monkeypatch.setattr(page.page.answers, "_done", done_by_nobody)
+        monkeypatch.setattr(page.page.answers, "_carry_out", done_by_nobody)
         assert browser.request(**what)["text"] == "done"
     assert (folder / "fieldkit.toml").read_bytes() == before
 
@@ -269,7 +269,7 @@ async def done_by_nobody(_: object, request: requests.Request) -> answers.Done:
 
 def test_who_looks_does_not_hold_up_who_controls(page, monkeypatch):
     listed = threading.Event()
-    monkeypatch.setattr(page.page.past, "listed", lambda _: [listed.wait()])  # as long as of a slow disk
+    monkeypatch.setattr(page.page.past, "rows", lambda _: [listed.wait()])  # as long as of a slow disk
     with ExitStack() as opened, page.browser() as control:
         for looking in [opened.enter_context(page.browser("view")) for _ in range(5)]:
             for _ in range(page_server.ANSWERS_AT_ONCE - 1):
@@ -573,7 +573,7 @@ def test_a_request_that_fails_in_any_other_way_is_answered(page, monkeypatch, ca
     def fail(*_: object) -> None:
         raise ZeroDivisionError("no list at all")
 
-    monkeypatch.setattr(page.page.past, "listed", fail)  # only a mistake of ours does
+    monkeypatch.setattr(page.page.past, "rows", fail)  # only a mistake of ours does
     with page.browser() as browser:
         answer = browser.request(do="sessions")
     assert (answer["ok"], "no list at all" in answer["text"]) == (False, True)
@@ -651,6 +651,6 @@ def test_a_file_that_cannot_be_served_for_any_other_reason_is_explained(page, mo
     def fail(*_: object) -> None:
         raise ZeroDivisionError("no file at all")
 
-    monkeypatch.setattr(page.page.past, "sealed", fail)  # only a mistake of ours does
+    monkeypatch.setattr(page.page.past, "sealed_path", fail)  # only a mistake of ours does
     answer = page.ask("GET", "/session/0123456789abcdef/download", Cookie=page.cookie())
     assert (answer.status, b"no file at all" in answer.body) == (500, True)
