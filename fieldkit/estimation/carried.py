@@ -45,7 +45,7 @@ def carry_over(
     """
     start = _priors(settings)
     precision = {name: value.log_sd**-2 for name, value in start.items()}
-    weighted = {name: math.log(one.value) * precision[name] for name, one in start.items()}
+    weighted = {name: math.log(prior.value) * precision[name] for name, prior in start.items()}
     for used, learnt in sessions:
         before = _priors(used)
         for parameter in learnt.parameters:

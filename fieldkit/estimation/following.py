@@ -229,8 +229,8 @@ class GroundFollower:
         ]
         self._report(corners[0].mean(axis=0))
         return [
-            replace(region, vertices=_within(one, camera.shape))
-            for region, one in zip(regions, corners, strict=True)
+            replace(region, vertices=_within(outline, camera.shape))
+            for region, outline in zip(regions, corners, strict=True)
         ]
 
     def _report(self, middle: FloatArray) -> None:

@@ -120,10 +120,10 @@ class ProfileMisfit:
         # Schur complement, effect by effect: q - (r'e)^2 / (e'e + 1)
         for effect in range(len(self._columns) - 1, 0, -1):
             price = products[effect, effect] + 1.0  # in units of its own uncertainty
-            for one, other in products:
-                if one <= other < effect:
-                    shared = products[one, effect] * products[other, effect]
-                    products[one, other] = products[one, other] - shared / price
+            for row, column in products:
+                if row <= column < effect:
+                    shared = products[row, effect] * products[column, effect]
+                    products[row, column] = products[row, column] - shared / price
         return np.asarray(products[0, 0])
 
     @cached_property
@@ -131,9 +131,9 @@ class ProfileMisfit:
         """Products of residual and effects, as quadratic forms of the normal."""
         columns = self._columns
         return {
-            (one, other): self._form(columns[one].T @ self.gram @ columns[other])
-            for one in range(len(columns))
-            for other in range(one, len(columns))
+            (row, column): self._form(columns[row].T @ self.gram @ columns[column])
+            for row in range(len(columns))
+            for column in range(row, len(columns))
         }
 
     @cached_property
