@@ -164,7 +164,7 @@ def _session_uncompressed(path: Path, data: CountArray) -> None:
     ):
         writer = write_session(path, LARGE, data)
         writer._stop()
-        writer._file_thread.finish(0)
+        writer._file_thread.file.finish(0)
         writer._file_thread.close()
         writer._session_lock.release()
 

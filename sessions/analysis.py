@@ -75,7 +75,8 @@ def camera_of(session: SessionReader, stream: str | None = None) -> StreamInfo:
         have = ", ".join(info.name for info in cameras) or "none"
         if stream is not None:
             raise SessionError(f"{stream!r} is not a camera", place=session.path, fix=f"its cameras: {have}")
-        raise SessionError(f"which camera? It has {have}", place=session.path, fix="name one: stream=...")
+        fix = Argument("stream") + f" is one of {have}"
+        raise SessionError(f"which camera? It has {have}", place=session.path, fix=fix)
     return chosen[0]
 
 
@@ -177,21 +178,19 @@ def region_series(
     schedule = session.region_schedule if regions is None else RegionSchedule.of(regions)
     reader, convert = session.stream(info.name), _to_kelvin(info, calibration)
     minutes = session.times_ns(info.name) // MINUTE_NS
-    drawn = regions_on(info.name, schedule.latest, session.streams.values())
-    chosen = drawn if regions is None else tuple(regions)
+    on_camera = regions_on(info.name, schedule.latest, session.streams.values())
+    chosen = on_camera if regions is None else tuple(regions)
     series = [_drawn_series(reader, schedule, region, minutes, convert) for region in chosen]
     # a chunk's own checksum vouches for its pixels; the stamps and flags need the seal, or the whole frame
     flags = reader.column("flags") if session.columns_are_sealed(info.name) else reader.flags()
-    for one in series:
-        flags = flags | one.flags
     shape = (len(reader), len(chosen))
     return RegionSeries(
         tuple(region.name for region in chosen),
         session.times_ns(info.name),
-        np.array([one.mean for one in series]).T.reshape(shape),
-        np.array([one.spread for one in series]).T.reshape(shape),
-        np.array([one.pixels for one in series], np.int64),
-        flags,
+        np.array([part.mean for part in series]).T.reshape(shape),
+        np.array([part.spread for part in series]).T.reshape(shape),
+        np.array([part.pixels for part in series], np.int64),
+        np.bitwise_or.reduce([flags, *(part.flags for part in series)]),
     )
 
 
@@ -217,13 +216,10 @@ def _drawn_series(
     for drawn, since, until in schedule.versions(region.name):
         holds = (minutes >= since) & (minutes < until)
         if holds.any():
-            found = _region_series(reader, drawn, convert)
-            mean[holds], spread[holds], flags[holds] = (
-                found.mean[holds],
-                found.spread[holds],
-                found.flags[holds],
-            )
-            pixels = found.pixels
+            series = _region_series(reader, drawn, convert)
+            mean[holds], spread[holds] = series.mean[holds], series.spread[holds]
+            flags[holds] = series.flags[holds]
+            pixels = series.pixels
     return _RegionSeries(mean, spread, flags, pixels)
 
 
@@ -364,10 +360,10 @@ def to_xarray(session: SessionReader, stream: str) -> xr.Dataset:
     if not session.streams[stream].is_camera:
         values = session.readings(stream).values[: stored.shape[0]]
         read["value"] = dataset["value"].variable.copy(data=values.reshape(dataset["value"].shape))
-    return _named(dataset.assign_coords(time=time).assign(read), session.streams[stream])
+    return _with_quantity_name(dataset.assign_coords(time=time).assign(read), session.streams[stream])
 
 
-def _named(dataset: xr.Dataset, info: StreamInfo) -> xr.Dataset:
+def _with_quantity_name(dataset: xr.Dataset, info: StreamInfo) -> xr.Dataset:
     """The dataset with its values called as their quantity, if they are of that."""
     name = "counts" if info.is_camera else "value"
     if info.is_camera and dataset[name].attrs.get("units") != "K":

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +37,8 @@ from fieldkit.sessions.time_map import TimeStep
 
 _COPY = "take another copy of the session; its numbers may not mean what they did"
 
+_ok, _warn, _fail = (partial(Finding, level) for level in ("ok", "warn", "fail"))
+
 _QUIET = {EventKind.START, EventKind.STOP, EventKind.CLOCK_CHECK, EventKind.REGION}
 
 
@@ -45,26 +48,17 @@ def check(path: str | Path) -> list[Finding]:
     try:
         session = open_session(path)
     except SessionError as error:
-        return [Finding("fail", "file", error.message, error.fix or "")]
+        return [_fail("file", error.message, error.fix or "")]
     with session:
         findings: list[Finding] = []
-        sealed = (_state, integrity_findings, _objects)
-        for check_one in (
-            *sealed,
-            _entries,
-            _streams,
-            _events,
-            clock_findings,
-            sun_findings,
-            radiation_findings,
-            _regions,
-        ):
+        for check_part in (
+            _state, integrity_findings, _objects, _entries, _streams, _events, clock_findings, sun_findings,
+            radiation_findings, _regions,
+        ):  # fmt: skip
             try:
-                findings.extend(check_one(session))
+                findings.extend(check_part(session))
             except Exception as error:  # whatever is in the file, the other checks go on
-                findings.append(
-                    Finding("fail", "file", f"damaged: {message_of(error)}", Action.RECOVER(path))
-                )
+                findings.append(_fail("file", f"damaged: {message_of(error)}", Action.RECOVER(path)))
         return list(dict.fromkeys(findings))  # the same damage may stop several checks
 
 
@@ -76,29 +70,25 @@ def integrity_findings(session: SessionReader) -> Iterator[Finding]:
     for place, name in enumerate(session.streams):
         stored = session.stream(name).column("crc32")
         if len(stored) != sealed["count"][place] or crc_of_crcs(stored) != sealed["crc_of_crcs"][place]:
-            yield Finding(
-                "fail", name, f"{len(stored)} samples, sealed with {sealed['count'][place]}, or others"
-            )
+            yield _fail(name, f"{len(stored)} samples, sealed with {sealed['count'][place]}, or others")
     for name, crc32 in session.sealed_tables().items():
         if table_crc32(session, name) != crc32:
-            yield Finding("fail", name, "the table is not as it was sealed")
+            yield _fail(name, "the table is not as it was sealed")
 
 
 def _state(session: SessionReader) -> Iterator[Finding]:
     fix = Action.RECOVER(session.path)
     match session.state:
         case "sealed":
-            yield Finding("ok", "state", "sealed: every sample was compared with the journal")
+            yield _ok("state", "sealed: every sample was compared with the journal")
         case "recovered":
-            yield Finding("warn", "state", "recovered after an interruption")
+            yield _warn("state", "recovered after an interruption")
         case "recording":
-            yield Finding("warn", "state", "still being recorded; checked as far as it is")
+            yield _warn("state", "still being recorded; checked as far as it is")
         case _ if journal_path(session.path).exists():
-            yield Finding(
-                "fail", "state", "interrupted: the journal holds samples missing from the file", fix
-            )
+            yield _fail("state", "interrupted: the journal holds samples missing from the file", fix)
         case _:
-            yield Finding("fail", "state", "interrupted, and its journal is gone", fix)
+            yield _fail("state", "interrupted, and its journal is gone", fix)
 
 
 def _objects(session: SessionReader) -> Iterator[Finding]:
@@ -106,15 +96,15 @@ def _objects(session: SessionReader) -> Iterator[Finding]:
     if session.state not in ("sealed", "recovered"):
         return
     sealed = session.sealed_objects()
-    reasons = {path: _changed(session, path, digest) for path, digest in sealed.items()}
+    reasons = {path: _fault_of(session, path, digest) for path, digest in sealed.items()}
     for path, reason in reasons.items():
         if reason:
-            yield Finding("fail", path, reason, _COPY)
+            yield _fail(path, reason, _COPY)
     if not any(reasons.values()):
-        yield Finding("ok", "header", f"{len(sealed)} objects are as they were sealed")
+        yield _ok("header", f"{len(sealed)} objects are as they were sealed")
 
 
-def _changed(session: SessionReader, path: str, digest: str) -> str:
+def _fault_of(session: SessionReader, path: str, digest: str) -> str:
     """Mistakes of an object, in words."""
     try:
         return "" if session.object_digest(path) == digest else "it is not as it was sealed"
@@ -154,9 +144,9 @@ def _regions(session: SessionReader) -> Iterator[Finding]:
     text = f"references: {kinds[RegionKind.REFERENCE]}, targets: {kinds[RegionKind.TARGET]}"
     if not kinds[RegionKind.REFERENCE]:
         fix = "draw regions in fieldkit.toml (fieldkit roi add) and estimate again"
-        yield Finding("warn", "regions", f"{text}; slopes need a reference", fix)
+        yield _warn("regions", f"{text}; slopes need a reference", fix)
     else:
-        yield Finding("ok", "regions", text)
+        yield _ok("regions", text)
 
 
 # --- one stream: checksums, numbers, order, gaps, rate, units, flags
@@ -178,17 +168,18 @@ def stream_findings(session: SessionReader, name: str) -> Iterator[Finding]:
     """Findings on one stream; reads all of its samples once."""
     reader = session.stream(name)
     if not len(reader):
-        yield Finding("warn", name, "no samples", "was it plugged in?")
+        yield _warn(name, "no samples", "was it plugged in?")
         return
     bad, lowest, highest = _contents(reader)
     if bad:
-        runs = f"first number {bad[0]}"
         fix = "these samples are excluded from every estimate; a copy made earlier may have them"
-        yield Finding(
-            "fail", name, f"{len(bad)} of {len(reader)} samples do not match their checksum, {runs}", fix
+        yield _fail(
+            name,
+            f"{len(bad)} of {len(reader)} samples do not match their checksum, first number {bad[0]}",
+            fix,
         )
     else:
-        yield Finding("ok", name, f"{len(reader)} samples, every checksum matches")
+        yield _ok(name, f"{len(reader)} samples, every checksum matches")
     yield from _numbers(name, reader)
     yield from _times(name, reader)
     yield from _units(reader, lowest, highest)
@@ -197,11 +188,11 @@ def stream_findings(session: SessionReader, name: str) -> Iterator[Finding]:
 
 
 def _emissivity(info: StreamInfo) -> Iterator[Finding]:
-    """Slopes take the emissivity of a bed into account; what a camera has taken out would count twice."""
+    """Slopes take the emissivity of a region into account; what a camera has taken out would count twice."""
     applied = info.settings.get("emissivity", 1.0)
     if info.is_camera and applied != 1.0:
         text = f"the camera has corrected for an emissivity of {applied:g} itself"
-        yield Finding("warn", info.name, text, "set it to 1 in the camera; each region is corrected")
+        yield _warn(info.name, text, "set it to 1 in the camera; each region is corrected")
 
 
 def _contents(reader: StreamReader) -> tuple[list[int], float, float]:
@@ -214,8 +205,8 @@ def _contents(reader: StreamReader) -> tuple[list[int], float, float]:
         flags, values = readings.flags, readings.values
     is_bad = (flags & Quality.BAD_CRC) != 0
     values = values[~is_bad]
-    known = values[np.isfinite(values)]
-    return seq[is_bad].tolist(), float(known.min(initial=np.inf)), float(known.max(initial=-np.inf))
+    finite = values[np.isfinite(values)]
+    return seq[is_bad].tolist(), float(finite.min(initial=np.inf)), float(finite.max(initial=-np.inf))
 
 
 def _middles_k(reader: StreamReader, seq: IntArray) -> tuple[FlagArray, FloatArray]:
@@ -233,18 +224,17 @@ def _numbers(name: str, reader: StreamReader) -> Iterator[Finding]:
     seq = reader.column("seq")
     missing = int(seq[-1]) + 1 - len(seq)
     if missing:
-        yield Finding("fail", name, f"{missing} samples are missing from the file (numbers 0 to {seq[-1]})")
+        yield _fail(name, f"{missing} samples are missing from the file (numbers 0 to {seq[-1]})")
     if lost := _lost_before(reader):
-        text = f"{lost} samples were lost before they came here, by the device's counter"
-        yield Finding("warn", name, text)
+        yield _warn(name, f"{lost} samples were lost before they came here, by the device's counter")
 
 
 def _lost_before(reader: StreamReader) -> int:
     """Samples lost between device and computer: only where flagged, because bursts skip on purpose."""
     device_seq = reader.column("device_seq")
     flagged = (reader.column("flags") & int(Quality.DROPPED_BEFORE)) != 0
-    known = device_seq != NO_COUNTER
-    steps, flagged = np.diff(device_seq[known]), flagged[known][1:]
+    is_counted = device_seq != NO_COUNTER
+    steps, flagged = np.diff(device_seq[is_counted]), flagged[is_counted][1:]
     if not steps.size or (usual := int(np.median(steps))) <= 0:
         return 0
     return int(np.sum(np.maximum(1, steps[flagged] // usual - 1)))
@@ -257,48 +247,44 @@ def _times(name: str, reader: StreamReader) -> Iterator[Finding]:
         return
     intervals = np.diff(mono_ns) / 1e9
     if (intervals < 0).any():
-        yield Finding("fail", name, f"{int((intervals < 0).sum())} samples stand before the one before them")
+        yield _fail(name, f"{int((intervals < 0).sum())} samples stand before the one before them")
     median = float(np.median(intervals))
     if median <= 0:
         return
-    limit = max(
-        1.0, 3.0 * float(np.quantile(intervals, 0.9))
-    )  # bursts have two intervals: the long one is usual
+    # bursts have two intervals: the long one is usual
+    limit = max(1.0, 3.0 * float(np.quantile(intervals, 0.9)))
     gaps = intervals[intervals > limit]
     if gaps.size:
         longest, together = precise_duration(gaps.max()), rounded_duration(gaps.sum())
-        yield Finding("warn", name, f"{gaps.size} gaps, the longest {longest}, together {together}")
+        yield _warn(name, f"{gaps.size} gaps, the longest {longest}, together {together}")
     yield from _rate(name, reader.info, intervals, median)
 
 
 def _rate(name: str, info: StreamInfo, intervals: FloatArray, median: float) -> Iterator[Finding]:
     text = f"one sample each {median:.3g} s"
     if info.rate_hz <= 0:
-        yield Finding("ok", name, text)
+        yield _ok(name, text)
         return
     nominal = 1.0 / info.rate_hz
     bunched = float(np.mean(intervals < 0.3 * nominal))
     if bunched > _BUNCHED_SHARE:
         share = f"{100 * bunched:.0f} % of the samples came in bunches"
-        yield Finding("warn", name, f"{share}: their stamps are arrivals, not measurements")
+        yield _warn(name, f"{share}: their stamps are arrivals, not measurements")
     off = not 0.8 < median / nominal < 1.25 and median < 5.0  # slower is sparse sampling, asked for
-    declared = f"{text}, declared {info.rate_hz:g} Hz"
-    yield Finding("warn" if off else "ok", name, declared)
+    yield Finding("warn" if off else "ok", name, f"{text}, declared {info.rate_hz:g} Hz")
 
 
 def _units(reader: StreamReader, lowest: float, highest: float) -> Iterator[Finding]:
     """Values that are not there, and those that cannot be: of a camera by the middle of its frames."""
     info, excesses = reader.info, reader.excesses()
     if not (excesses or np.isfinite([lowest, highest]).all()):
-        yield Finding(
-            "warn", info.name, f"no values in {info.unit}: the scale is not known, or nothing was measured"
-        )
+        yield _warn(info.name, f"no values in {info.unit}: the scale is not known, or nothing was measured")
     elif info.is_camera and reader.bounds.is_exceeded(np.array([[lowest], [highest]])).any():
         text = f"values from {lowest:.4g} to {highest:.4g} {info.unit} are implausible"
-        yield Finding("warn", info.name, text, _LIMITS)
+        yield _warn(info.name, text, _LIMITS)
     for excess in excesses:
         at = np.datetime64(int(reader.time_ns(excess.first, excess.first + 1)[0]) // 1_000_000_000, "s")
-        yield Finding("warn", info.name, f"{excess.words(f'{at}Z')}; not used", _LIMITS)
+        yield _warn(info.name, f"{excess.words(f'{at}Z')}; not used", _LIMITS)
 
 
 def _flags(name: str, flags: FlagArray) -> Iterator[Finding]:
@@ -317,20 +303,16 @@ def clock_findings(session: SessionReader) -> Iterator[Finding]:
     checks, in_force = session.clock_checks(), session.time_map()
     if checks:
         proposed = propose_time_map(session)
-        yield from _steps(checks, session.anchor_ns)
+        for step in stepped_ns(checks, session.anchor_ns):
+            text = f"the system clock was stepped by {step / 1e9:+.3f} s; recorded times go on"
+            yield _warn("clock", text)
         yield _at_the_end(session, checks[-1], proposed, in_force)
         yield from _sleep(checks, in_force == proposed)
     else:
-        yield Finding("ok", "clock", "the clocks were not compared while recording")
+        yield _ok("clock", "the clocks were not compared while recording")
     if in_force:
         text = "; ".join(f"{step.add_ns / 1e9:+.3f} s ({step.reason})" for step in in_force)
-        yield Finding("ok", "clock", f"a time map is active: {text}")
-
-
-def _steps(checks: Sequence[ClockCheck], anchor_ns: int) -> Iterator[Finding]:
-    for step in stepped_ns(checks, anchor_ns):
-        text = f"the system clock was stepped by {step / 1e9:+.3f} s; recorded times go on"
-        yield Finding("warn", "clock", text)
+        yield _ok("clock", f"a time map is active: {text}")
 
 
 def _at_the_end(
@@ -353,9 +335,9 @@ def _sleep(checks: Sequence[ClockCheck], is_corrected: bool) -> Iterator[Finding
         return
     slept = f"the computer slept {rounded_duration(slept_ns / 1e9)}"
     if is_corrected:
-        yield Finding("ok", "clock", f"{slept}, which the active time map adds to its times after that")
+        yield _ok("clock", f"{slept}, which the active time map adds to its times after that")
     else:
-        yield Finding("warn", "clock", f"{slept}: its times after that are late")
+        yield _warn("clock", f"{slept}: its times after that are late")
 
 
 # --- the sun as a clock
@@ -382,15 +364,13 @@ def sun_findings(session: SessionReader) -> Iterator[Finding]:
         return
     shift = best_shift_min(time_ns, lux, session.site)
     if shift is None:
-        yield Finding("ok", "sun", "too little light or time to compare the clock with the sun")
+        yield _ok("sun", "too little light or time to compare the clock with the sun")
     elif shift == 0:
         which = "corrected" if session.time_map() else "recorded"
-        yield Finding("ok", "sun", f"the light fits the sun's height at the {which} times")
+        yield _ok("sun", f"the light fits the sun's height at the {which} times")
     else:
         fix = "check the clock, the zone and the site's longitude"
-        yield Finding(
-            "warn", "sun", f"the light fits the sun best at {shift:+d} min: wrong zone or clock?", fix
-        )
+        yield _warn("sun", f"the light fits the sun best at {shift:+d} min: wrong zone or clock?", fix)
 
 
 def best_shift_min(time_ns: IntArray, lux: FloatArray, site: Site) -> int | None:

@@ -76,15 +76,10 @@ def unpack(data: bytes, shape: tuple[int, ...]) -> CountArray:
 def read_chunk(path: Path, chunk: Chunk) -> bytes | None:
     """The packed bytes of a chunk, wherever the file's own index may be; None if they are not as written."""
     try:
-        descriptor = os.open(path, os.O_RDONLY)
+        with path.open("rb", buffering=0) as file:
+            data = os.pread(file.fileno(), chunk.size, chunk.offset)
     except OSError:
         return None
-    try:
-        data = os.pread(descriptor, chunk.size, chunk.offset)
-    except OSError:
-        data = b""
-    finally:
-        os.close(descriptor)
     return data if len(data) == chunk.size and isal_zlib.crc32(data) == chunk.crc32 else None
 
 
@@ -151,15 +146,15 @@ class FrameWriter:
         """Write the block as it is, filled up to its depth, and return where its chunks lie."""
         start = (self.length - 1) // self.depth * self.depth
         self._chunks[:, :, self.length - start :] = self._fill
-        packed = self._pool.map(_packed, self._chunks)  # some are written meanwhile
+        packed = self._pool.map(_pack_strip, self._chunks)  # some are written meanwhile
         before = self._file.get_filesize()
         self._dataset.id.set_extent((self.length, *self._dataset.shape[1:]))
         chunks = [
             self._write_chunk((start, *corner), data, crc32)
             for corner, (data, crc32) in zip(self._corners, chain.from_iterable(packed), strict=True)
         ]
-        if (written := self._file.get_filesize() - before) >= BEGIN_BYTES:
-            begin_sync(self._file.get_vfd_handle(), before, written)
+        if (grown_bytes := self._file.get_filesize() - before) >= BEGIN_BYTES:
+            begin_sync(self._file.get_vfd_handle(), before, grown_bytes)
         return chunks
 
     def copy(self, chunks: Iterable[PackedChunk]) -> None:
@@ -191,7 +186,7 @@ class FrameWriter:
         return int(self._dataset.id.get_chunk_info_by_coord(corner).byte_offset)
 
 
-def _packed(strip: CountArray) -> list[tuple[bytes, int]]:
+def _pack_strip(strip: CountArray) -> list[tuple[bytes, int]]:
     """Packed bytes of each chunk of a strip, and their checksum."""
     return [(data, isal_zlib.crc32(data)) for data in map(pack, strip)]
 

@@ -55,19 +55,19 @@ def _attributes(node: h5py.Group | h5py.Dataset) -> Iterator[bytes]:
     attributes = node.attrs
     for name in sorted(set(attributes) - _REFERENCES):
         value = np.asarray(attributes[name])
-        yield _described(f"@{name}", value)
+        yield _head(f"@{name}", value)
         yield value.tobytes()
 
 
 def _members(group: h5py.Group) -> Iterator[bytes]:
     for name in sorted({*group} - {LATER_EVENTS}):
-        yield _framed(name)
+        yield _with_end(name)
 
 
 def _data(dataset: h5py.Dataset, path: str) -> Iterator[bytes]:
     """Description and content of a dataset; of one that grows after the seal, without how long it is."""
     grows = path.startswith(_LATER)
-    yield _described("", dataset if not grows else np.empty(dataset.shape[1:], dataset.dtype))
+    yield _head("", dataset if not grows else np.empty(dataset.shape[1:], dataset.dtype))
     for axis in range(dataset.ndim):
         for scale in _scales(dataset.id, axis):
             yield h5py.h5ds.get_scale_name(scale) + b"\0"
@@ -93,10 +93,10 @@ def _values(dataset: h5py.Dataset) -> Iterator[bytes]:
         yield dataset[start : start + step].tobytes()
 
 
-def _described(name: str, value: Any) -> bytes:
-    return _framed(f"{name} {value.dtype.str} {tuple(value.shape)}")
+def _head(name: str, value: Any) -> bytes:
+    return _with_end(f"{name} {value.dtype.str} {tuple(value.shape)}")
 
 
-def _framed(text: str) -> bytes:
+def _with_end(text: str) -> bytes:
     """Text after which no other can begin."""
     return text.encode(errors="surrogateescape") + b"\0"

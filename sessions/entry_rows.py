@@ -61,11 +61,8 @@ class EntryRows:
             yield "estimates", self._estimates_row(entry)
             for estimate in entry.estimates:
                 if estimate.region not in self._drawn_before:
-                    label = {"region": encode_text(estimate.region, 64)}
-                    yield (
-                        "later_estimates",
-                        {"time": entry.time_ns // 1000, **label, **_estimate_row(estimate)},
-                    )
+                    label = {"time": entry.time_ns // 1000, "region": encode_text(estimate.region, 64)}
+                    yield "later_estimates", {**label, **_estimate_row(estimate)}
             if entry.learnt is not None:
                 yield "learnt", self._learnt_row(entry.time_ns, entry.learnt)
         elif isinstance(entry, RegionRecord):
@@ -80,8 +77,7 @@ class EntryRows:
     def _estimates_row(self, minute: MinuteRecord) -> Row:
         count = self._places
         row: Row = {name: np.full(count, np.nan) for name in SLOPE_FIELDS}
-        row["n_bins"] = np.zeros(count, object)
-        row["window_start"] = np.zeros(count, object)
+        row["n_bins"], row["window_start"] = np.zeros((2, count), object)
         row["state"] = np.full(count, SlopeState.NO_DATA, np.uint8)
         row["flags"] = np.zeros(count, np.uint32)
         row["model"], row["reason"] = np.zeros(count, "S64"), np.zeros(count, "S160")
@@ -92,13 +88,12 @@ class EntryRows:
         return {"time": minute.time_ns // 1000, **row}
 
     def _learnt_row(self, time_ns: int, learnt: Learnt) -> Row:
-        found = learnt.parameters[:MAX_LEARNT]
         row: Row = {name: np.full(MAX_LEARNT, np.nan) for name in LEARNT_NUMBERS}
-        for name in LEARNT_NUMBERS:
-            row[name][: len(found)] = [getattr(one, name) for one in found]
-        for name in ("name", "unit"):
-            row[name] = np.zeros(MAX_LEARNT, "S32")
-            row[name][: len(found)] = [encode_text(getattr(one, name), 32) for one in found]
+        row |= {name: np.zeros(MAX_LEARNT, "S32") for name in ("name", "unit")}
+        for place, parameter in enumerate(learnt.parameters[:MAX_LEARNT]):
+            for name, column in row.items():
+                value = getattr(parameter, name)
+                column[place] = encode_text(value, 32) if isinstance(value, str) else value
         for name in _BY_REGION:
             row[name] = np.full(self._places, np.nan)
             for region, value in getattr(learnt, name).items():
@@ -188,9 +183,7 @@ def event_columns(events: Sequence[Event]) -> Table:
 
 def stored_details(event: Event) -> bytes:
     """The details of an event as its row has them; what does not fit is omitted."""
-    data = _details(event)
-    if data is None:
-        data = _json(dict(event.data))
+    data = _details(event) or _json(event.data)
     return data if len(data) <= _DATA_BYTES else _json({"left_out": f"details of {len(data)} bytes"})
 
 
@@ -203,12 +196,12 @@ def _details(event: Event) -> bytes | None:
     """The details as stored, with a text that is longer than its column; None where that is too much."""
     whole = str(event.text)
     is_cut = len(whole.encode(errors="replace")) > _TEXT_BYTES
-    data = _json({**event.data, _WHOLE_TEXT: whole} if is_cut else dict(event.data))
+    data = _json({**event.data, _WHOLE_TEXT: whole} if is_cut else event.data)
     return data if len(data) <= _DATA_BYTES else None
 
 
 def _json(data: Mapping[str, Any]) -> bytes:
-    return json.dumps(data, default=str, ensure_ascii=False).encode(errors="replace") if data else b""
+    return json.dumps(dict(data), default=str, ensure_ascii=False).encode(errors="replace") if data else b""
 
 
 def _rows(table: Table) -> Iterator[Row]:
@@ -243,18 +236,15 @@ def _details_from(text: str) -> dict[str, Any]:
 
 def health_from(table: Table, streams: tuple[str, ...]) -> list[Health]:
     """The health of a recording, second by second."""
-    return [
-        Health(
-            row["mono_ns"],
-            row["time_ns"],
-            tuple(
-                StreamHealth(name, **{key: row[key][place] for key in _PER_STREAM})
-                for place, name in enumerate(streams)
-            ),
-            **{name: row[name] for name in _HEALTH},
-        )
-        for row in _rows(table)
-    ]
+    return [_health(row, streams) for row in _rows(table)]
+
+
+def _health(row: Row, streams: tuple[str, ...]) -> Health:
+    of_streams = (
+        StreamHealth(name, **{key: row[key][place] for key in _PER_STREAM})
+        for place, name in enumerate(streams)
+    )
+    return Health(row["mono_ns"], row["time_ns"], tuple(of_streams), **{key: row[key] for key in _HEALTH})
 
 
 def clock_checks_from(table: Table) -> list[ClockCheck]:
@@ -285,7 +275,9 @@ def _region(row: Row) -> Region:
 def estimates_from(table: Table, regions: tuple[str, ...]) -> list[SlopeEstimate]:
     """The estimates of every minute and region that has one."""
     return [
-        _estimate(region, {name: one[place] if isinstance(one, list) else one for name, one in row.items()})
+        _estimate(
+            region, {name: value[place] if isinstance(value, list) else value for name, value in row.items()}
+        )
         for row in _rows(table)
         for place, region in enumerate(regions)
         if row["model"][place] or row["state"][place] != SlopeState.NO_DATA
@@ -311,13 +303,10 @@ def learnt_from(table: Table, regions: tuple[str, ...]) -> dict[int, Learnt]:
 
 
 def _learnt(row: Row, regions: tuple[str, ...]) -> Learnt:
-    parameters = tuple(
-        LearntParameter(
-            decode_text(name),
-            decode_text(row["unit"][place]),
-            **{number: row[number][place] for number in LEARNT_NUMBERS},
-        )
-        for place, name in enumerate(row["name"])
+    texts = (map(decode_text, row[name]) for name in ("name", "unit"))
+    parameters = (
+        LearntParameter(name, unit, **dict(zip(LEARNT_NUMBERS, numbers, strict=True)))
+        for name, unit, *numbers in zip(*texts, *(row[name] for name in LEARNT_NUMBERS), strict=True)
         if name
     )
     by_region = {
@@ -328,4 +317,4 @@ def _learnt(row: Row, regions: tuple[str, ...]) -> Learnt:
         }
         for name in _BY_REGION
     }
-    return Learnt(parameters, **by_region, chi_square=row["chi_square"])
+    return Learnt(tuple(parameters), **by_region, chi_square=row["chi_square"])

@@ -63,7 +63,8 @@ def _tree(file: h5py.File, identity: SessionIdentity) -> None:
     _calibration(file, header)
     _config(file, header)
     _integrity(file, header)
-    _time_map(file)
+    # corrections of the clock are written afterwards and only when asked: data, not edits
+    put_columns(put_group(file, "time_map", "NXcollection"), TIME_MAP_COLUMNS)
     put_digests(file)
 
 
@@ -133,9 +134,6 @@ def _stream_group(file: h5py.File, info: StreamInfo) -> None:
         rows, cols = info.shape
         put_scale(group, "y", np.arange(rows, dtype="<i4"), units="1", long_name="row, downwards")
         put_scale(group, "x", np.arange(cols, dtype="<i4"), units="1", long_name="column, to the right")
-        put_columns(group, stream_columns(info))
-        _frames(group, info)
-        return
     columns = stream_columns(info)
     for column in columns:
         if column.name == "value" and column.dims:
@@ -145,6 +143,8 @@ def _stream_group(file: h5py.File, info: StreamInfo) -> None:
         if column.name == "raw":
             put_scale(group, "byte", np.arange(column.shape[0], dtype="<i4"), units="1")
     put_columns(group, columns)
+    if info.is_camera:
+        _frames(group, info)
 
 
 def _frames(group: h5py.Group, info: StreamInfo) -> None:
@@ -152,10 +152,10 @@ def _frames(group: h5py.Group, info: StreamInfo) -> None:
     attach(group, counts, "time", "y", "x")
     linear = info.law == "linear" and np.isfinite(info.scale)
     scaled = {"scale_factor": float(info.scale), "add_offset": float(info.offset), "units": "K"}
-    named = {"standard_name": "brightness_temperature", "units_metadata": "temperature: on_scale"}
+    about_kelvin = {"standard_name": "brightness_temperature", "units_metadata": "temperature: on_scale"}
     plain = {"units": "1", "long_name": f"camera counts, law {info.law}"}
     flags = {"ancillary_variables": "flags", "_FillValue": np.uint16(FILL_COUNT)}
-    set_attributes(counts, {**({**scaled, **named} if linear else plain), **flags})
+    set_attributes(counts, {**({**scaled, **about_kelvin} if linear else plain), **flags})
     if info.metadata_shape[0]:
         put_scale(group, "metadata_row", np.arange(info.metadata_shape[0], dtype="<i4"), units="1")
         depth = chunk_shape(info)[0]
@@ -167,9 +167,8 @@ def _frames(group: h5py.Group, info: StreamInfo) -> None:
 
 def _entry_group(file: h5py.File, name: str, columns: list[Column], header: SessionHeader) -> None:
     signal = {"signal": "value", "axes": labels(["time"])} if name == "irradiance" else {}
-    group = put_group(
-        file, name, {"irradiance": "NXdata", "events": "NXlog"}.get(name, "NXcollection"), **signal
-    )
+    nx_class = {"irradiance": "NXdata", "events": "NXlog"}.get(name, "NXcollection")
+    group = put_group(file, name, nx_class, **signal)
     if name in ("estimates", "learnt"):
         put_scale(group, "region", labels(header.region_names, 64), long_name="name of the region")
     if name == "learnt":
@@ -254,12 +253,6 @@ def put_digests(file: h5py.File) -> None:
     put_data(group, "object_sha256", empty, "object", long_name=about)
 
 
-def _time_map(file: h5py.File) -> None:
-    """Corrections of the clock, written afterwards and only when asked: data, not edits."""
-    group = put_group(file, "time_map", "NXcollection")
-    put_columns(group, TIME_MAP_COLUMNS)
-
-
 # --- groups and datasets as readers of netCDF and CF expect them
 
 # The format level is pinned to HDF5 1.10: newer levels cannot be read by older tools, older ones have no
@@ -312,8 +305,8 @@ def put_columns(group: h5py.Group, columns: Iterable[Column]) -> None:
             column.name, (0, *column.shape), dtype, maxshape=(None, *column.shape),
             chunks=(column.chunk_rows, *column.shape), fillvalue=column.fill, track_order=True,
         )  # fmt: skip
-        named = {} if "standard_name" in column.attributes else {"long_name": _words(column.name)}
-        set_attributes(dataset, {**named, **column.attributes})
+        long_name = {} if "standard_name" in column.attributes else {"long_name": _words(column.name)}
+        set_attributes(dataset, {**long_name, **column.attributes})
         if column.fill is not None:
             dataset.attrs["_FillValue"] = np.array(column.fill, dataset.dtype)
         if column.name == "time":

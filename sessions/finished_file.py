@@ -111,8 +111,8 @@ def awake_offsets_ns(checks: Sequence[ClockCheck]) -> IntArray:
 
 def stepped_ns(checks: Sequence[ClockCheck], anchor_ns: int) -> IntArray:
     """Steps of the system clock from the anchor of the recorded times to the last comparison."""
-    moved = np.diff(awake_offsets_ns(checks), prepend=np.int64(anchor_ns))
-    return moved[np.abs(moved) > STEP_NS]
+    steps = np.diff(awake_offsets_ns(checks), prepend=np.int64(anchor_ns))
+    return steps[np.abs(steps) > STEP_NS]
 
 
 def propose_time_map(session: SessionReader) -> list[TimeStep]:
@@ -146,9 +146,8 @@ def _asleep(checks: Sequence[ClockCheck]) -> list[TimeStep]:
         more = after.suspended_ns - before.suspended_ns
         if more > STEP_NS:
             slept += more
-            steps.append(
-                TimeStep(before.mono_ns, slept, f"the computer slept {rounded_duration(more / 1e9)}")
-            )
+            reason = f"the computer slept {rounded_duration(more / 1e9)}"
+            steps.append(TimeStep(before.mono_ns, slept, reason))
     return steps
 
 

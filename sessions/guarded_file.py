@@ -32,14 +32,11 @@ def write_in_place(path: Path, values: Mapping[str, Any]) -> None:
     """
     with h5py.File(path, "r", locking=False) as file:
         places = {name: _place(file[name], value) for name, value in values.items()}
-    descriptor = os.open(path, os.O_WRONLY)
-    try:
+    with path.open("r+b", buffering=0) as target:
         for offset, data in places.values():
-            if os.pwrite(descriptor, data, offset) < len(data):
+            if os.pwrite(target.fileno(), data, offset) < len(data):
                 raise OSError(f"{path} took only a part of a value")
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+        os.fsync(target.fileno())
 
 
 def _place(dataset: h5py.Dataset, value: Any) -> tuple[int, bytes]:

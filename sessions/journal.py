@@ -121,7 +121,7 @@ class Journal:
     @property
     def bytes_written(self) -> int:
         """Bytes of all files so far, those that went included."""
-        return self._full_bytes + sum(one.size for one in (self._part, self._kept, self._confirmed))
+        return self._full_bytes + sum(log.size for log in (self._part, self._kept, self._confirmed))
 
     def is_there(self) -> bool:
         """True if the part that takes the records now was not deleted."""
@@ -156,14 +156,14 @@ class Journal:
         self.written = tuple(counts)
 
     def _create(self, path: Path) -> LogWriter:
-        made = LogWriter(path, session_number(self._identity.session_id))
+        log_writer = LogWriter(path, session_number(self._identity.session_id))
         try:
-            made.append(Kind.IDENTITY, 0, self.written, self._identity.to_json())
+            log_writer.append(Kind.IDENTITY, 0, self.written, self._identity.to_json())
         except OSError:
-            made.close()
+            log_writer.close()
             path.unlink(missing_ok=True)
             raise
-        return made
+        return log_writer
 
     def _rotate(self) -> None:
         # the new part first: where the disk takes none, the old one goes on
@@ -212,8 +212,8 @@ class Journal:
 
     def close(self) -> None:
         """Close the files; a second call does nothing."""
-        for one in (self._part, self._kept, self._confirmed):
-            one.close()
+        for log in (self._part, self._kept, self._confirmed):
+            log.close()
 
 
 _BLOCK, _CHUNK = struct.Struct("<qH"), struct.Struct("<IIQII")
@@ -287,14 +287,11 @@ class SyncThread(threading.Thread):
         number = self._journal.number
         start = self._begun[1] if self._begun[0] == number else 0
         try:
-            descriptor = os.open(self._journal.part_path(number), os.O_RDONLY)
+            with self._journal.part_path(number).open("rb", buffering=0) as file:
+                end = os.fstat(file.fileno()).st_size
+                begin_sync(file.fileno(), start, end - start)
         except OSError:
             return  # nothing was promised; the sync will report it
-        try:
-            end = os.fstat(descriptor).st_size
-            begin_sync(descriptor, start, end - start)
-        finally:
-            os.close(descriptor)
         self._begun = number, end
 
     def _sync(self) -> None:

@@ -33,7 +33,7 @@ class JournalReader:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self._logs = list(_opened(folder))
+        self._logs = list(_open_logs(folder))
         self._unreadable: list[str] = []
         self.identity: SessionIdentity = self._identity()
         self._session = session_number(self.identity.session_id)
@@ -90,11 +90,11 @@ class JournalReader:
 
     def chunks(self, dataset: str, n: int) -> list[Chunk]:
         """Places of the chunks of a dataset from row `n` on in the session file."""
-        found: list[Chunk] = []
+        chunks: list[Chunk] = []
         for log, at in self._index.chunks[dataset, n]:
             if (payload := self._payload_at(log, at)) is not None:
-                found += decode_chunks(payload)
-        return found
+                chunks += decode_chunks(payload)
+        return chunks
 
     def since(self, number: int, before: int) -> Iterator[SampleRow | Entry]:
         """Records `number` to `before`, the last excluded, of a journal that is being written."""
@@ -106,7 +106,8 @@ class JournalReader:
             for head in log.heads() if end > number else ():
                 is_wanted = head.kind in (Kind.SAMPLE, Kind.ENTRY) and number <= head.number < before
                 if is_wanted and (payload := self._payload(log, head)) is not None:
-                    yield _record(head, payload)
+                    is_entry = head.kind == Kind.ENTRY
+                    yield _entry(payload) if is_entry else SampleRow.decode(head.stream, head.seq, payload)
 
     def _identity(self) -> SessionIdentity:
         for head, payload in self._identities():
@@ -156,14 +157,10 @@ class JournalReader:
         return _Index(self._logs, self._session, self._entries + 1)
 
 
-def _opened(folder: Path) -> Iterator[LogReader]:
+def _open_logs(folder: Path) -> Iterator[LogReader]:
     for path in sorted(folder.glob("*.log")):
         with contextlib.suppress(FileNotFoundError):  # a part that has just been retired
             yield LogReader(path)
-
-
-def _record(head: Head, payload: bytes) -> SampleRow | Entry:
-    return _entry(payload) if head.kind == Kind.ENTRY else SampleRow.decode(head.stream, head.seq, payload)
 
 
 def _entry(payload: bytes) -> Entry:
@@ -183,7 +180,7 @@ class _Index:
             for head in log.heads():
                 if head.session == session and len(head.counts) == streams:
                     self._take(number, log, head)
-        self.places: list[TableArray] = [_sorted(found) for found in self._found]
+        self.places: list[TableArray] = [_sort(found) for found in self._found]
         # another log that counts more than the parts have shows that they lost their end
         parts = [log for log in logs if log.name[0].isdigit()]
         self.has_end: bool = bool(parts) and parts[-1].is_whole and self._in_parts == sum(self.written)
@@ -199,7 +196,7 @@ class _Index:
             self._found[head.stream].extend((head.seq, head.kind, number, head.at))
 
 
-def _sorted(found: array[int]) -> TableArray:
+def _sort(found: array[int]) -> TableArray:
     """Places by number, and of one number first that with all its bytes."""
     places = np.frombuffer(found, _PLACE)
     return places[np.lexsort((places["kind"], places["seq"]))]

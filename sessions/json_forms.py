@@ -21,8 +21,8 @@ def build(kind: type[T], plain: Any) -> T:
     if not isinstance(plain, Mapping):
         raise ValueError(f"{kind.__name__} is {type(plain).__name__}, not a mapping")
     types = _field_types(kind)  # type: ignore[arg-type]  # mypy takes no type[T] for hashable
-    known = {name: item for name, item in types.items() if name in plain}
-    return kind(**{name: _value(item, plain[name], name) for name, item in known.items()})
+    present = {name: item for name, item in types.items() if name in plain}
+    return kind(**{name: _value(item, plain[name], name) for name, item in present.items()})
 
 
 @cache

@@ -198,13 +198,15 @@ class Column:
         return min(max(_CHUNK_BYTES // max(1, self.row_bytes), 16), 1024)
 
 
-def _time(**more: Any) -> Column:
-    units = {"units": TIME_UNITS, "calendar": "proleptic_gregorian", "standard_name": "time", "axis": "T"}
-    return Column("time", "<i8", attributes={**units, "units_metadata": "leap_seconds: none", **more})
+def _column(name: str, dtype: str, fill: float | None = None, **attributes: Any) -> Column:
+    return Column(name, dtype, fill=fill, attributes=attributes)
 
 
-def _mono(long_name: str = "host monotonic clock at the first byte") -> Column:
-    return Column("mono_ns", "<i8", attributes={"units": "ns", "long_name": long_name})
+_TIME = _column(
+    "time", "<i8", units=TIME_UNITS, calendar="proleptic_gregorian", standard_name="time", axis="T",
+    units_metadata="leap_seconds: none",
+)  # fmt: skip
+_MONO = _column("mono_ns", "<i8", units="ns", long_name="host monotonic clock")
 
 
 def flag_attributes(kind: type[Quality]) -> dict[str, Any]:
@@ -235,19 +237,13 @@ def _flags(*dims: str, shape: tuple[int, ...] = ()) -> Column:
 def _stamps(info: StreamInfo) -> list[Column]:
     """The time first, those of frames alone last: sealed files have a checksum over that order."""
     unit = {"units": info.device_time_unit} if info.device_time_unit else {}
-    columns = {"time": _time()}
-    for sample_field in SAMPLE_FIELDS:
-        own = unit if sample_field.column == "device_time" else {}
-        column = Column(
-            sample_field.column,
-            sample_field.dtype,
-            fill=sample_field.fill,
-            attributes={**sample_field.about, **own},
-        )
-        columns.setdefault(sample_field.column, column)
+    columns = {"time": _TIME}
+    for item in SAMPLE_FIELDS:
+        about = {**item.about, **(unit if item.column == "device_time" else {})}
+        columns.setdefault(item.column, _column(item.column, item.dtype, item.fill, **about))
     columns["flags"] = _flags()
     of_frames = [columns.pop(field.column) for field in SAMPLE_FIELDS if field.of_frames]
-    crc = Column("crc32", "<u4", attributes={"long_name": "CRC-32 of the sample's bytes and stamps"})
+    crc = _column("crc32", "<u4", long_name="CRC-32 of the sample's bytes and stamps")
     return [*columns.values(), crc, *(of_frames if info.is_camera else ())]
 
 
@@ -270,81 +266,76 @@ def stream_columns(info: StreamInfo) -> list[Column]:
         *_stamps(info),
         Column("value", "<f8", shape, dims, np.nan, value),
         Column("raw", "u1", (raw_width(info),), ("byte",), attributes={"long_name": "the bytes as received"}),
-        Column("raw_length", "<u2", attributes={"long_name": "how many bytes were received", "units": "1"}),
+        _column("raw_length", "<u2", long_name="how many bytes were received", units="1"),
     ]
 
 
 def entry_columns(header: SessionHeader) -> dict[str, list[Column]]:
     """The tables of everything but samples, by group."""
     regions, streams = max(1, len(header.region_names)), len(header.streams)
+    of_one = (replace(column, shape=(), dims=()) for column in _estimate_columns(1))
     return {
         "irradiance": [
-            _time(),
-            Column(
-                "value", "<f8", fill=np.nan, attributes={"units": "W m-2", "long_name": "direct irradiance"}
-            ),
+            _TIME,
+            _column("value", "<f8", fill=np.nan, units="W m-2", long_name="direct irradiance"),
             _flags(),
             Column("model", "S64"),
         ],
-        "estimates": [_time(), *_estimate_columns(regions)],
-        "later_estimates": [_time(), Column("region", "S64"), *_of_one_region(_estimate_columns(1))],
-        "learnt": [_time(), *_learnt_columns(regions)],
+        "estimates": [_TIME, *_estimate_columns(regions)],
+        "later_estimates": [_TIME, Column("region", "S64"), *of_one],
+        "learnt": [_TIME, *_learnt_columns(regions)],
         "regions": _region_columns(),
         "events": list(EVENT_COLUMNS),
         "clock": [
-            _time(),
-            _mono("host monotonic clock"),
-            Column("utc_minus_mono_ns", "<i8", attributes={"units": "ns"}),
-            Column("offset_error_ns", "<i8", attributes={"units": "ns"}),
-            Column("suspended_ns", "<i8", attributes={"units": "ns", "long_name": "time asleep since boot"}),
+            _TIME,
+            _MONO,
+            _column("utc_minus_mono_ns", "<i8", units="ns"),
+            _column("offset_error_ns", "<i8", units="ns"),
+            _column("suspended_ns", "<i8", units="ns", long_name="time asleep since boot"),
             Column("source", "S32"),
         ],
-        "health": [_time(), _mono("host monotonic clock"), *_health_columns(streams)],
+        "health": [_TIME, _MONO, *_health_columns(streams)],
     }
 
 
 EVENT_COLUMNS = (
-    _time(),
-    _mono("host monotonic clock"),
-    Column("kind", "u1", attributes=meaning_attributes(EventKind, "what happened")),
-    Column("severity", "u1", attributes=meaning_attributes(Severity, "how bad it is")),
+    _TIME,
+    _MONO,
+    _column("kind", "u1", **meaning_attributes(EventKind, "what happened")),
+    _column("severity", "u1", **meaning_attributes(Severity, "how bad it is")),
     Column("stream", "S32"),
     Column("text", "S256"),
-    Column("data", "S1024", attributes={"long_name": "details, JSON"}),
+    _column("data", "S1024", long_name="details, JSON"),
 )
 
-_ROW_CRC = Column("crc32", "<u4", attributes={"long_name": "CRC-32 of the row's other columns", "units": "1"})
+_ROW_CRC = _column("crc32", "<u4", long_name="CRC-32 of the row's other columns", units="1")
 
 LATER_EVENTS = "later_events"
 """Group that a finished session gets with the first correction of a mark."""
 
 LATER_EVENT_COLUMNS = (
     *EVENT_COLUMNS,
-    Column("written", "<i8", attributes={"units": TIME_UNITS, "long_name": "when this was written"}),
+    _column("written", "<i8", units=TIME_UNITS, long_name="when this was written"),
     _ROW_CRC,
 )
 """Events added afterwards: corrections of marks."""
 
 TIME_MAP_COLUMNS = (
-    Column("time", "<i8", attributes={"units": TIME_UNITS, "long_name": "when this was written"}),
-    Column("mono_ns", "<i8", attributes={"units": "ns", "long_name": "holds from here on"}),
-    Column("add_ns", "<i8", attributes={"units": "ns", "long_name": "to be added to the time"}),
-    Column("version", "<u2", attributes={"units": "1"}),
+    _column("time", "<i8", units=TIME_UNITS, long_name="when this was written"),
+    _column("mono_ns", "<i8", units="ns", long_name="holds from here on"),
+    _column("add_ns", "<i8", units="ns", long_name="to be added to the time"),
+    _column("version", "<u2", units="1"),
     _ROW_CRC,
     Column("reason", "S256"),
 )
 """Corrections of the clock, written afterwards."""
 
 INTEGRITY_COLUMNS = (
-    Column("count", "<i8", attributes={"units": "1"}),
-    Column("first_time", "<i8", attributes={"units": TIME_UNITS}),
-    Column("last_time", "<i8", attributes={"units": TIME_UNITS}),
-    Column("crc_of_crcs", "<u4", attributes={"units": "1"}),
-    Column(
-        "columns_crc32",
-        "<u4",
-        attributes={"long_name": "CRC-32 over the columns of the stream", "units": "1"},
-    ),
+    _column("count", "<i8", units="1"),
+    _column("first_time", "<i8", units=TIME_UNITS),
+    _column("last_time", "<i8", units=TIME_UNITS),
+    _column("crc_of_crcs", "<u4", units="1"),
+    _column("columns_crc32", "<u4", long_name="CRC-32 over the columns of the stream", units="1"),
 )
 """Columns written of each stream when a session is sealed."""
 
@@ -368,11 +359,6 @@ def _estimate_columns(regions: int) -> list[Column]:
     ]
 
 
-def _of_one_region(columns: list[Column]) -> list[Column]:
-    """The same columns with one region in a row."""
-    return [replace(column, shape=(), dims=()) for column in columns]
-
-
 LEARNT_NUMBERS = tuple(item.name for item in fields(LearntParameter) if item.type == "float")
 """Columns of what was learnt that are numbers, named as in `LearntParameter`."""
 
@@ -390,51 +376,40 @@ def _learnt_columns(regions: int) -> list[Column]:
         *(by_parameter(name, "<f8", np.nan) for name in LEARNT_NUMBERS),
         by_region("residual_k", units="K", long_name="root mean square of one-minute prediction errors"),
         by_region("autocorrelation", units="1", long_name="of these errors, from one minute to the next"),
-        Column("chi_square", "<f8", fill=np.nan, attributes={"units": "1", "long_name": "of all errors"}),
+        _column("chi_square", "<f8", fill=np.nan, units="1", long_name="of all errors"),
     ]
 
 
 def _region_columns() -> list[Column]:
+    about_ground = {"units": "m", "long_name": "corners on the ground in the system of the camera's pose"}
     return [
-        _time(),
-        Column("region", "u1", attributes={"long_name": "number of the region", "units": "1"}),
-        Column("version", "<u2", attributes={"long_name": "how often the region was redrawn", "units": "1"}),
-        Column("kind", "u1", attributes=meaning_attributes(RegionKind, "what the region is for")),
-        Column("emissivity", "<f8", fill=np.nan, attributes={"units": "1"}),
-        Column("tilt_deg", "<f8", fill=np.nan, attributes={"units": "degree"}),
-        Column("azimuth_deg", "<f8", fill=np.nan, attributes={"units": "degree"}),
-        Column("n_vertices", "<u2", attributes={"units": "1"}),
+        _TIME,
+        _column("region", "u1", long_name="number of the region", units="1"),
+        _column("version", "<u2", long_name="how often the region was redrawn", units="1"),
+        _column("kind", "u1", **meaning_attributes(RegionKind, "what the region is for")),
+        _column("emissivity", "<f8", fill=np.nan, units="1"),
+        _column("tilt_deg", "<f8", fill=np.nan, units="degree"),
+        _column("azimuth_deg", "<f8", fill=np.nan, units="degree"),
+        _column("n_vertices", "<u2", units="1"),
         Column("vertices", "<f8", (MAX_VERTICES, 2), ("vertex", "xy"), np.nan, {"units": "1"}),
         Column("label", "S64"),
-        Column("removed", "u1", attributes={"long_name": "1: the region ends here", "units": "1"}),
-        Column("camera", "S64", attributes={"long_name": "stream of its camera; empty: the first camera"}),
-        Column(
-            "vertices_m",
-            "<f8",
-            (MAX_VERTICES, 3),
-            ("vertex", "enu"),
-            np.nan,
-            {"units": "m", "long_name": "corners on the ground in the system of the camera's pose"},
-        ),
+        _column("removed", "u1", long_name="1: the region ends here", units="1"),
+        _column("camera", "S64", long_name="stream of its camera; empty: the first camera"),
+        Column("vertices_m", "<f8", (MAX_VERTICES, 3), ("vertex", "enu"), np.nan, about_ground),
     ]
 
 
 def _health_columns(streams: int) -> list[Column]:
-    count = {"units": "1"}
-    per_stream = [
-        Column(name, "<i8", (max(1, streams),), ("stream",), attributes=unit)
-        for name, unit in (
-            ("received", count), ("dropped", count), ("queued", count), ("rejected", count),
-            ("late_max_us", {"units": "us"}), ("implausible", count),
-        )
-    ]  # fmt: skip
+    units = {"received": "1", "dropped": "1", "queued": "1", "rejected": "1", "late_max_us": "us"}
+    units["implausible"] = "1"
+    shape = (max(1, streams),)
     return [
-        *per_stream,
-        Column("disk_free_bytes", "<i8", attributes={"units": "byte"}),
-        Column("written_bytes", "<i8", attributes={"units": "byte"}),
-        Column("sync_ms", "<f8", attributes={"units": "ms"}),
-        Column("cpu_percent", "<f8", attributes={"units": "percent"}),
-        Column("lag_ms", "<f8", attributes={"units": "ms"}),
+        *(Column(name, "<i8", shape, ("stream",), None, {"units": unit}) for name, unit in units.items()),
+        _column("disk_free_bytes", "<i8", units="byte"),
+        _column("written_bytes", "<i8", units="byte"),
+        _column("sync_ms", "<f8", units="ms"),
+        _column("cpu_percent", "<f8", units="percent"),
+        _column("lag_ms", "<f8", units="ms"),
     ]
 
 
@@ -446,10 +421,15 @@ def chunk_shape(info: StreamInfo) -> tuple[int, int, int]:
     return depth, _divisor_near(rows, _CHUNK_ROWS), _divisor_near(cols, _CHUNK_COLS)
 
 
-def _divisor_near(length: int, wanted: int) -> int:
-    """Divisor of `length` nearest to `wanted` by ratio, so that no chunk is cut."""
+def block_rows(info: StreamInfo) -> int:
+    """Samples that are read and recovered together: of a camera those of a chunk."""
+    return chunk_shape(info)[0] if info.is_camera else 1024
+
+
+def _divisor_near(length: int, target: int) -> int:
+    """Divisor of `length` nearest to `target` by ratio, so that no chunk is cut."""
     divisors = [n for n in range(1, length + 1) if length % n == 0]
-    return min(divisors, key=lambda n: max(n / wanted, wanted / n))
+    return min(divisors, key=lambda n: max(n / target, target / n))
 
 
 def encode_text(text: str, width: int) -> bytes:

@@ -26,9 +26,9 @@ class _VerifiedFlags(BackendArray):
         return explicit_indexing_adapter(key, self.shape, IndexingSupport.BASIC, self._read)
 
     def _read(self, key: tuple[int | slice]) -> FlagArray:
-        wanted = np.arange(self.shape[0])[key]
-        if not wanted.size:
+        rows = np.arange(self.shape[0])[key]
+        if not rows.size:
             return np.empty(0, self.dtype)
-        first = int(wanted.min())
+        first = int(rows.min())
         with open_session(self.path) as session:
-            return session.stream(self.stream).flags(first, int(wanted.max()) + 1)[wanted - first]
+            return session.stream(self.stream).flags(first, int(rows.max()) + 1)[rows - first]

@@ -105,9 +105,9 @@ class LogWriter:
     def _write(self, parts: list[bytes | memoryview]) -> None:
         whole = sum(map(len, parts))
         try:
-            done = os.writev(self._descriptor, parts)
-            while done < whole:  # a full disk takes a part, and then says why it takes no more
-                done += os.write(self._descriptor, b"".join(parts)[done:])
+            written = os.writev(self._descriptor, parts)
+            while written < whole:  # a full disk takes a part, and then says why it takes no more
+                written += os.write(self._descriptor, b"".join(parts)[written:])
         except OSError:
             with contextlib.suppress(OSError):  # else the next record is written over what is there
                 os.ftruncate(self._descriptor, self.size)
@@ -166,8 +166,8 @@ class LogReader:
         head, stored = fixed + rest[: -_CRC.size], rest[-_CRC.size :]
         if len(rest) != 8 * streams + _CRC.size or _CRC.pack(crc32(head)) != stored:
             return None
-        found = Head(at, session, kind, stream, struct.unpack_from(f"<{streams}Q", rest), length, crc)
-        return found if found.end <= self._size and stream < streams else None
+        record = Head(at, session, kind, stream, struct.unpack_from(f"<{streams}Q", rest), length, crc)
+        return record if record.end <= self._size and stream < streams else None
 
     def _behind(self, head: Head) -> int:
         """Possible start of the next record: behind this one, or where it lacks bytes, within its length."""

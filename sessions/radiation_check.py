@@ -43,20 +43,20 @@ def radiation_findings(session: SessionReader) -> Iterator[Finding]:
     if body_of(session.site) is not EARTH:
         return
     minute, means = _means(session)
-    known = [name for name in means if name != AIR_TEMPERATURE]
-    if not known:
+    names = [name for name in means if name != AIR_TEMPERATURE]
+    if not names:
         return
     time_ns = minute * MINUTE_NS + MINUTE_NS // 2
     failed = False
     for name, flags in _tests(means, time_ns, session.site):
         if flags.any():
             failed = True
-            yield _failed(name, flags, time_ns, session.site)
+            yield _failure(name, flags, time_ns, session.site)
     if not failed:
-        yield Finding("ok", "radiation", f"{', '.join(known)}: all minutes pass the tests of BSRN")
+        yield Finding("ok", "radiation", f"{', '.join(names)}: all minutes pass the tests of BSRN")
 
 
-def _failed(name: str, flags: BoolArray, time_ns: IntArray, site: Site) -> Finding:
+def _failure(name: str, flags: BoolArray, time_ns: IntArray, site: Site) -> Finding:
     first = datetime.fromtimestamp(time_ns[flags][0] / 1e9, known_zone(site.timezone) or UTC)
     count = int(flags.sum())
     minutes = "minute" if count == 1 else "minutes"
@@ -77,10 +77,8 @@ def _tests(means: Mapping[str, FloatArray], time_ns: IntArray, site: Site) -> It
         if dni is not None:
             both = dhi + dni * sine
             lit, off = is_up & (both > LEAST_W_M2), np.where(is_high, *CLOSURE)
-            yield (
-                "ghi is not dhi and dni together",
-                lit & (np.abs(ghi / np.where(lit, both, 1.0) - 1.0) > off),
-            )
+            ratio = ghi / np.where(lit, both, 1.0)
+            yield "ghi is not dhi and dni together", lit & (np.abs(ratio - 1.0) > off)
     longwave, air_k = means.get("longwave_down"), means.get(AIR_TEMPERATURE)
     if longwave is not None and air_k is not None:
         black = STEFAN_BOLTZMANN * air_k**4
@@ -94,19 +92,15 @@ def _means(session: SessionReader) -> tuple[IntArray, dict[str, FloatArray]]:
     minute = np.arange(first, last + 1)
     means: dict[str, FloatArray] = {}
     for info in session.streams.values():
-        for channel, name in enumerate(_components(info)):
+        for channel, name in enumerate(radiation_components(info, {}) or air_quantities(info)):
             if name in (*RARE, AIR_TEMPERATURE) and name not in means and session.count(info.name):
                 means[name] = _mean_of(session, info, channel, minute)
     return minute, means
 
 
-def _components(info: StreamInfo) -> tuple[str, ...]:
-    return radiation_components(info, {}) or air_quantities(info)
-
-
 def _mean_of(session: SessionReader, info: StreamInfo, channel: int, minute: IntArray) -> FloatArray:
-    """Of one channel, kelvin of temperatures."""
+    """Mean of one channel in each minute, kelvin of temperatures."""
     middle_ns, means = minute_means(session, info.name, channel)
-    found = np.full(minute.size, np.nan)
-    found[np.clip(middle_ns // MINUTE_NS - minute[0], 0, minute.size - 1)] = means
-    return found
+    by_minute = np.full(minute.size, np.nan)
+    by_minute[np.clip(middle_ns // MINUTE_NS - minute[0], 0, minute.size - 1)] = means
+    return by_minute

@@ -17,7 +17,7 @@ from datetime import datetime
 from difflib import get_close_matches
 from functools import cached_property
 from itertools import compress
-from operator import itemgetter
+from operator import attrgetter, itemgetter
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
@@ -57,11 +57,11 @@ from fieldkit.sessions.lock import is_locked, journal_path, locked_within
 from fieldkit.sessions.records import Entry, MinuteRecord, RegionRecord
 from fieldkit.sessions.stored import (
     check_size,
-    closed,
+    closed_error,
     columns_of,
-    explained,
+    explain,
+    group_of,
     link_of,
-    members,
     stored_here,
     whole_rows,
 )
@@ -177,7 +177,7 @@ class SessionReader:
     def require_open(self) -> None:
         """Raise `SessionError` where it is closed."""
         if self.is_closed:
-            raise closed(self.path)
+            raise closed_error(self.path)
 
     @property
     def _file(self) -> h5py.File:
@@ -203,18 +203,18 @@ class SessionReader:
 
     @property
     def identity(self) -> SessionIdentity:
-        """Whose journal this session's is."""
+        """Head of the journal of this session."""
         try:
             start = datetime.fromisoformat(decode_text(scalar(self._file, "entry/start_time")))
         except (SessionError, ValueError) as error:
-            raise explained(self.path, error) from error
+            raise explain(self.path, error) from error
         return SessionIdentity(self.session_id, utc_ns(start), self.anchor_ns, self.header)
 
     @property
     def regions(self) -> tuple[Region, ...]:
         """The regions with their latest outlines, removed ones included."""
-        drawn = {record.region.name: record.region for record in self.region_history(recorded=True)}
-        return tuple(drawn.values()) or self.header.regions
+        latest = {record.region.name: record.region for record in self.region_history(recorded=True)}
+        return tuple(latest.values()) or self.header.regions
 
     @property
     def region_schedule(self) -> RegionSchedule:
@@ -222,8 +222,8 @@ class SessionReader:
 
         Times are as the active time map corrects them.
         """
-        drawn, changes = self._drawn_and_changed()
-        schedule = RegionSchedule.of([record.region for record in drawn] or self.header.regions)
+        at_start, changes = self._drawn_and_changed()
+        schedule = RegionSchedule.of([record.region for record in at_start] or self.header.regions)
         for record in changes:
             schedule = schedule.with_record(record)
         return schedule
@@ -255,10 +255,8 @@ class SessionReader:
         self.require_open()
         if name not in self._readers:
             near = get_close_matches(name, self._readers, n=1)
-            hint = f"; did you mean {near[0]!r}?" if near else ""
-            raise SessionError(
-                f"no stream {name!r}{hint}", place=self.path, fix=f"it has {', '.join(self._readers)}"
-            )
+            problem = f"no stream {name!r}" + (f"; did you mean {near[0]!r}?" if near else "")
+            raise SessionError(problem, place=self.path, fix=f"it has {', '.join(self._readers)}")
         return self._readers[name]
 
     def samples(self, *streams: str, recorded: bool = False) -> Iterator[Sample]:
@@ -273,14 +271,14 @@ class SessionReader:
     @property
     def start_ns(self) -> int:
         """UTC of the first sample, corrected by the active time map; 0 where there is none."""
-        return min((int(reader.time_ns(0, 1)[0]) for reader in self._filled()), default=0)
+        return min((int(reader.time_ns(0, 1)[0]) for reader in self._nonempty()), default=0)
 
     @property
     def end_ns(self) -> int:
         """UTC of the last sample, corrected by the active time map; 0 where there is none."""
-        return max((int(reader.time_ns(len(reader) - 1)[0]) for reader in self._filled()), default=0)
+        return max((int(reader.time_ns(len(reader) - 1)[0]) for reader in self._nonempty()), default=0)
 
-    def _filled(self) -> list[StreamReader]:
+    def _nonempty(self) -> list[StreamReader]:
         self.require_open()
         return [reader for reader in self._readers.values() if len(reader)]
 
@@ -384,12 +382,10 @@ class SessionReader:
 
     def estimates(self, *, recorded: bool = False) -> list[SlopeEstimate]:
         """The slopes as they were estimated while recording, in order of time."""
-        regular, added = (
-            self.timed_table(name, recorded=recorded) for name in ("estimates", "later_estimates")
-        )
-        found = entry_rows.estimates_from(regular, self.header.region_names)
-        later = entry_rows.later_estimates_from(added)
-        return sorted([*found, *later], key=lambda one: one.time_ns) if later else found
+        table = self.timed_table("estimates", recorded=recorded)
+        estimates = entry_rows.estimates_from(table, self.header.region_names)
+        later = entry_rows.later_estimates_from(self.timed_table("later_estimates", recorded=recorded))
+        return sorted([*estimates, *later], key=attrgetter("time_ns")) if later else estimates
 
     def learnt(self, *, recorded: bool = False) -> dict[int, Learnt]:
         """Parameters learnt while recording, by the UTC nanoseconds of each minute that has it."""
@@ -400,12 +396,8 @@ class SessionReader:
         """Direct irradiance as derived while recording: `time_ns`, `irradiance_w_m2`, `flags`, `model`."""
         table = self.timed_table("irradiance")
         models = np.array([decode_text(model) for model in table["model"]], dtype=object)
-        return {
-            "time_ns": table["time_ns"],
-            "irradiance_w_m2": table["value"],
-            "flags": table["flags"],
-            "model": models,
-        }
+        times = {"time_ns": table["time_ns"], "irradiance_w_m2": table["value"]}
+        return {**times, "flags": table["flags"], "model": models}
 
     def time_map(self) -> list[TimeStep]:
         """The active corrections of the clock, written afterwards; usually none."""
@@ -429,8 +421,8 @@ class SessionReader:
         """Digests of the file's objects by their paths, as sealed."""
         with self._explaining():
             group = self.group("integrity")
-            paths, digests = (_texts(stored_here(group, name)) for name in ("object", "object_sha256"))
-            return dict(zip(paths, digests, strict=True))
+            texts = (_texts(stored_here(group, name)) for name in ("object", "object_sha256"))
+            return dict(zip(*texts, strict=True))
 
     def object_digest(self, path: str) -> str:
         """The digest of an object as it is now; see `fieldkit.sessions.digests`."""
@@ -460,10 +452,7 @@ class SessionReader:
     def group(self, name: str) -> h5py.Group:
         """The HDF5 group of a stream or table, as it is."""
         with self._explaining():
-            group = stored_here(self._file, name)
-            if not isinstance(group, h5py.Group):
-                raise SessionError(f"the group {name} is missing")
-            return group
+            return group_of(self._file, name)
 
     def datasets(self, name: str) -> dict[str, h5py.Dataset]:
         """The datasets of the group of a stream or table, those of a newer version among them.
@@ -472,7 +461,8 @@ class SessionReader:
         """
         group = self.group(name)
         with self._explaining():
-            return {name: node for name, node in members(group) if isinstance(node, h5py.Dataset)}
+            nodes = {name: stored_here(group, name) for name in group}
+            return {name: node for name, node in nodes.items() if isinstance(node, h5py.Dataset)}
 
     @contextmanager
     def _explaining(self) -> Iterator[None]:
@@ -480,7 +470,7 @@ class SessionReader:
         try:
             yield
         except SessionError as error:
-            raise explained(self.path, error) from error
+            raise explain(self.path, error) from error
 
     def table(self, name: str) -> dict[str, AnyArray]:
         """The columns of a table of entries as stored, as many rows as all of them have."""
@@ -495,15 +485,14 @@ class SessionReader:
     def timed_table(self, name: str, *, recorded: bool = False) -> dict[str, AnyArray]:
         """A table with its times in UTC nanoseconds beside those stored: `time_ns`, `window_start_ns`."""
         table = self.table(name)
-        stored = [
+        times = (
             column.name for column in self._columns[name] if column.attributes.get("units") == TIME_UNITS
-        ]
+        )
         mono_ns = {"time": table.get("mono_ns")}
-        times = {
-            f"{column}_ns": self._times.utc_ns(table[column], mono_ns.get(column), recorded=recorded)
-            for column in stored
+        return table | {
+            f"{time}_ns": self._times.utc_ns(table[time], mono_ns.get(time), recorded=recorded)
+            for time in times
         }
-        return {**table, **times}
 
     def _whole(self, columns: Mapping[str, h5py.Dataset], length: int) -> int:
         """Rows up to the first of which something is not in a file that may have lost its end."""
@@ -589,10 +578,10 @@ def _open_as(kind: type[S], path: Path) -> S:
     is_written = is_locked(journal_path(path))
     if _is_closed(path):
         unfinished = "recording" if is_written else "interrupted"  # to compare it may take minutes
-        return _opened(kind, path, lambda: h5py.File(path, "r"), unfinished=unfinished)
+        return _open_file(kind, path, lambda: h5py.File(path, "r"), unfinished=unfinished)
     if is_written:
-        return _opened(kind, path, lambda: h5py.File(path, "r", swmr=True), "recording")
-    return _opened(kind, path, lambda: h5py.File(MendedFile(path), "r"), "interrupted")
+        return _open_file(kind, path, lambda: h5py.File(path, "r", swmr=True), "recording")
+    return _open_file(kind, path, lambda: h5py.File(MendedFile(path), "r"), "interrupted")
 
 
 def _is_closed(path: Path) -> bool:
@@ -600,9 +589,8 @@ def _is_closed(path: Path) -> bool:
         return is_clean(path)
     except SessionError as error:
         waits = journal_path(path).exists() and not is_locked(journal_path(path))
-        raise SessionError(
-            error.problem, place=error.place, fix=Action.RECOVER(path) if waits else error.fix
-        ) from error
+        fix = Action.RECOVER(path) if waits else error.fix
+        raise SessionError(error.problem, place=error.place, fix=fix) from error
 
 
 def open_interrupted(path: Path, *, salvage: bool = False) -> SessionReader:
@@ -611,12 +599,12 @@ def open_interrupted(path: Path, *, salvage: bool = False) -> SessionReader:
     Never in SWMR mode, in which HDF5 would wait for the writer to mend what is torn. With `salvage`
     also where a part of the file is gone.
     """
-    return _opened(
+    return _open_file(
         SessionReader, path, lambda: h5py.File(MendedFile(path), "r"), "interrupted", salvage=salvage
     )
 
 
-def _opened(
+def _open_file(
     kind: type[S], path: Path, opened: Callable[[], h5py.File], state: str | None = None, *,
     unfinished: str = "interrupted", salvage: bool = False,
 ) -> S:  # fmt: skip
@@ -626,12 +614,12 @@ def _opened(
         file = opened()
         check_format(path, file)
         complete = int(scalar(file, "entry/complete"))
-        found = {SEALED: "sealed", RECOVERED: "recovered"}.get(complete, unfinished)
-        session = kind(path, file, state or found, salvage=salvage)
+        stored_state = {SEALED: "sealed", RECOVERED: "recovered"}.get(complete, unfinished)
+        session = kind(path, file, state or stored_state, salvage=salvage)
     except (SessionError, OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
         if file is not None:
             file.close()
-        raise explained(path, error) from error
+        raise explain(path, error) from error
     if session.state in ("sealed", "recovered"):
         _warn_where_changed(session)
     return session
@@ -641,7 +629,7 @@ def _warn_where_changed(session: SessionReader) -> None:
     """Warn where what all numbers depend on is not as it was sealed; `check` looks at all the rest."""
     with contextlib.suppress(SessionError, OSError, RuntimeError, KeyError, ValueError):
         sealed = session.sealed_objects()
-        known = [path for path in _MEANING if path in sealed]
-        changed = [path for path in known if session.object_digest(path) != sealed[path]]
+        paths = [path for path in _MEANING if path in sealed]
+        changed = [path for path in paths if session.object_digest(path) != sealed[path]]
         if changed:
             log.warning(_CHANGED, session.path, " and ".join(changed))

@@ -140,7 +140,7 @@ class SampleRow:
         stamps, crc, size = from_journal(payload, seq)
         row = cls(stream, seq, stamps, crc)
         body = payload[STAMPS_BYTES:]
-        return row.with_bytes(body[:size], body[size:]) if body else row
+        return replace(row, data=body[:size], more=body[size:]) if body else row
 
     def sample(self, info: StreamInfo) -> Sample | None:
         """The sample, or None where its bytes are gone or do not match their checksum."""
@@ -156,10 +156,6 @@ class SampleRow:
     def columns(self) -> dict[str, Any]:
         """Values of the sample in the session file's columns."""
         return {**to_columns(self.stamps), "crc32": self.crc32}
-
-    def with_bytes(self, data: bytes, more: bytes) -> SampleRow:
-        """The same row with its frame found elsewhere."""
-        return replace(self, data=data, more=more)
 
 
 def build_sample(info: StreamInfo, stamps: Stamps, data: bytes, more: bytes) -> Sample:

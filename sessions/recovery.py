@@ -43,6 +43,9 @@ from fieldkit.sessions.superblock import CHECK_PATH
 
 log: logging.Logger = logging.getLogger(__name__)
 
+FRESH = ".recovering"
+"""Ending of the new file until it takes the session's place."""
+
 
 @dataclass(frozen=True, slots=True)
 class RecoveryReport:
@@ -85,7 +88,7 @@ def recover(path: str | Path, notes: Sequence[Event] = ()) -> RecoveryReport:
     if complete is not None and not journal_path(path).exists():
         return complete  # also where nothing can be written
     try:
-        return _locked(path, notes)
+        return _recover_locked(path, notes)
     except OSError as error:
         raise StorageError(
             f"the session {path} could not be recovered: {error.strerror or error}",
@@ -93,7 +96,7 @@ def recover(path: str | Path, notes: Sequence[Event] = ()) -> RecoveryReport:
         ) from error
 
 
-def _locked(path: Path, notes: Sequence[Event]) -> RecoveryReport:
+def _recover_locked(path: Path, notes: Sequence[Event]) -> RecoveryReport:
     """Recover the session, or only remove what is left of its journal, unless it is in use."""
     folder = journal_path(path)
     if not path.exists() and crashed_path(path).exists():
@@ -167,25 +170,20 @@ def _never_begun(path: Path, folder: Path) -> RecoveryReport | None:
 
 
 def _recover(path: Path, notes: Sequence[Event]) -> RecoveryReport:
-    kept = crashed_path(path) if path.exists() else None
-    fresh = _fresh_path(path)
-    if (report := _made_before(fresh, path)) is not None:
-        _take_place(fresh, path, kept)
-        return replace(report, path=path, crashed=kept)
-    sealed, salvage = _rebuild(path, RECOVERED, kept, notes)
+    crashed = crashed_path(path) if path.exists() else None
+    fresh = path.with_name(path.name + FRESH)
+    if (report := _finish_earlier(fresh, path)) is not None:
+        _take_place(fresh, path, crashed)
+        return replace(report, path=path, crashed=crashed)
+    sealed, salvage = _rebuild(path, RECOVERED, crashed, notes)
     return RecoveryReport(
         path, sealed.counts, {name: stats.from_journal for name, stats in salvage.statistics.items()},
         tuple(run for stats in salvage.statistics.values() for run in stats.lost),
-        tuple(salvage.damage), kept, bytes=sealed.bytes, end_is_known=salvage.has_end,
+        tuple(salvage.damage), crashed, bytes=sealed.bytes, end_is_known=salvage.has_end,
     )  # fmt: skip
 
 
-def _fresh_path(path: Path) -> Path:
-    """Path at which the new file is made."""
-    return path.with_name(path.name + ".recovering")
-
-
-def _made_before(fresh: Path, path: Path) -> RecoveryReport | None:
+def _finish_earlier(fresh: Path, path: Path) -> RecoveryReport | None:
     """The report on the new file where an earlier recovery completed it and only its place was not taken.
 
     After a power cut that may be all that is left. It is verified once more; one that is not sound, or of
@@ -219,10 +217,9 @@ def _report_of(session: SessionReader) -> RecoveryReport:
     events = [event for event in session.events(recorded=True) if event.kind is EventKind.RECOVERED]
     counts = {name: session.count(name) for name in session.streams}
     summary = events[-1].data if events else {}
+    keys = ("first", "last", "after_ns", "before_ns")
     lost = tuple(
-        LostRange(event.stream, *(int(event.data[key]) for key in ("first", "last", "after_ns", "before_ns")))
-        for event in events
-        if event.stream
+        LostRange(event.stream, *(int(event.data[key]) for key in keys)) for event in events if event.stream
     )
     from_journal = {name: int(summary.get(name, {}).get("from_journal", 0)) for name in counts}
     has_end = bool(summary.get("has_end", True))
@@ -232,9 +229,9 @@ def _report_of(session: SessionReader) -> RecoveryReport:
 def _rebuild(
     path: Path, state: int, keep_as: Path | None, notes: Sequence[Event]
 ) -> tuple[SealReport, Salvage]:
-    fresh = _fresh_path(path)
+    fresh = path.with_name(path.name + FRESH)
     try:
-        report, salvage = _made(path, fresh, state, notes)
+        report, salvage = _make(path, fresh, state, notes)
         _take_place(fresh, path, keep_as)
     except OSError as error:
         raise StorageError(
@@ -246,33 +243,27 @@ def _rebuild(
 
 def _take_place(fresh: Path, path: Path, keep_as: Path | None) -> None:
     """Put the new file in the old one's place; when this returns, the disk has it there."""
-    if keep_as is not None:
-        _keep(path, keep_as)
+    if keep_as is not None and not keep_as.exists():  # one that exists is left by a recovery that was killed
+        try:
+            os.link(path, keep_as)
+        except OSError as error:
+            if error.errno in (errno.ENOSPC, errno.EDQUOT):
+                raise
+            # where a file can have one name only; `recover` takes it back if the new one gets no place
+            os.rename(path, keep_as)
     put_in_place(fresh, path)
 
 
-def _keep(path: Path, keep_as: Path) -> None:
-    """Give the crashed file its second name; where a file can have only one, that name."""
-    if keep_as.exists():  # left by a recovery that was killed
-        return
-    try:
-        os.link(path, keep_as)
-    except OSError as error:
-        if error.errno in (errno.ENOSPC, errno.EDQUOT):
-            raise
-        os.rename(path, keep_as)  # `recover` takes it back if the new file does not get its place
-
-
-def _made(path: Path, fresh: Path, state: int, notes: Sequence[Event]) -> tuple[SealReport, Salvage]:
+def _make(path: Path, fresh: Path, state: int, notes: Sequence[Event]) -> tuple[SealReport, Salvage]:
     """The new file, sealed; if a block taken as it was does not verify, made again sample by sample."""
     try:
-        return _verified(path, fresh, state, notes, packed=True)
+        return _make_sealed(path, fresh, state, notes, packed=True)
     except (IntegrityError, ValueError, TypeError, OverflowError) as error:
         log.warning("recovering %s sample by sample: %s", path, message_of(error))
-        return _verified(path, fresh, state, notes, packed=False)
+        return _make_sealed(path, fresh, state, notes, packed=False)
 
 
-def _verified(
+def _make_sealed(
     path: Path, fresh: Path, state: int, notes: Sequence[Event], *, packed: bool
 ) -> tuple[SealReport, Salvage]:
     fresh.unlink(missing_ok=True)
@@ -339,12 +330,12 @@ def _summary(
     statistics: dict[str, RecoveryStatistics], mono_ns: int, time_ns: int, *, has_end: bool
 ) -> Event:
     lost = {name: sum(run.count for run in stats.lost) for name, stats in statistics.items()}
-    kept = sum(stats.kept for stats in statistics.values())
+    count = sum(stats.kept for stats in statistics.values())
     data: dict[str, object] = {
         name: {"kept": stats.kept, "from_journal": stats.from_journal, "lost": lost[name]}
         for name, stats in statistics.items()
     }
-    text = f"session recovered: {kept} samples, {sum(lost.values())} lost"
+    text = f"session recovered: {count} samples, {sum(lost.values())} lost"
     if not has_end:
         text, data = f"{text}; samples behind the last one may be lost", {**data, "has_end": False}
     severity = Severity.ERROR if any(lost.values()) else Severity.WARNING

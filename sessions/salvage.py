@@ -11,7 +11,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -27,24 +27,20 @@ from fieldkit.model.samples import Event, EventKind, Health, Quality, Sample
 from fieldkit.sessions.chunks import PackedBlock, PackedChunk, corners, read_chunk, unpack
 from fieldkit.sessions.journal import Chunk, SessionIdentity
 from fieldkit.sessions.journal_reader import JournalReader
-from fieldkit.sessions.layout import TIME_MAP_COLUMNS, chunk_shape, entry_columns
+from fieldkit.sessions.layout import FRAME_DATASETS, TIME_MAP_COLUMNS, block_rows, chunk_shape, entry_columns
 from fieldkit.sessions.lock import journal_path
 from fieldkit.sessions.reader import SessionReader, open_interrupted
-from fieldkit.sessions.records import (
-    Entry,
-    MinuteRecord,
-    RegionRecord,
-    SampleRow,
-    sample_bytes,
-    sample_crc32,
-)
+from fieldkit.sessions.records import Entry, MinuteRecord, RegionRecord, SampleRow, sample_bytes, sample_crc32
 from fieldkit.sessions.sample_fields import of_frame
 from fieldkit.sessions.stored import columns_of, whole_rows
 from fieldkit.sessions.time_map import corrections, row_crc32s
 
 _KINDS: tuple[type[Entry], ...] = (RegionRecord, Event, ClockCheck, Health, MinuteRecord)
 
-_READING_BLOCK = 1024
+Rows = dict[int, SampleRow]
+"""Rows of the journal by the numbers of their samples."""
+
+_UNREADABLE = (SessionError, OSError, RuntimeError, ValueError, KeyError)
 _CUT_IMPORT = "it was being imported, and the rest of its source is missing: delete it and import it again"
 
 
@@ -81,8 +77,8 @@ class Salvage:
     @property
     def damage(self) -> list[str]:
         """In words, what could not be read, of the file and of the journal, or was not yet written."""
-        cut = [_CUT_IMPORT] if self._is_cut_import else []
-        return [*dict.fromkeys(self._file_damage), *self._journal_damage, *cut]
+        cut_import = [_CUT_IMPORT] if self._is_cut_import else []
+        return [*dict.fromkeys(self._file_damage), *self._journal_damage, *cut_import]
 
     @property
     def losses(self) -> list[str]:
@@ -126,10 +122,8 @@ class Salvage:
         return None
 
     def _identity(self) -> SessionIdentity:
-        if self._journal is not None:
-            return self._journal.identity
-        if self._session is not None:
-            return self._session.identity
+        if side := self._journal or self._session:
+            return side.identity
         self._stack.close()
         raise SessionError(
             f"nothing can be read of {self._path}: {'; '.join(self.damage)}",
@@ -144,41 +138,33 @@ class Salvage:
         loose = LooseChunks(self._path, self._session, self._journal, info)
         journalled = self._journal.numbers(place) if self._journal is not None else np.empty(0, np.int64)
         numbers = np.union1d(journalled, stored.numbers)
-        depth = chunk_shape(info)[0] if info.is_camera else _READING_BLOCK
-        for wanted in _parts(numbers, numbers // depth):
-            rows = self._rows(place, wanted)
-            block = self._whole_block(info, loose, wanted, rows, stats)
-            if block is not None:
-                yield block
+        for block in _parts(numbers, numbers // block_rows(info)):
+            rows = self._rows(place, block)
+            if (packed := self._packed_block(info, loose, block, rows, stats)) is not None:
+                yield packed
                 continue
-            for seq in wanted.tolist():
-                sample = _found(rows.get(seq), info, stored, loose, seq)
-                if sample is not None and stats.expects(seq):
+            for seq in block.tolist():
+                sample = _first_whole(rows.get(seq), info, stored, loose, seq)
+                if sample is not None and seq >= stats.next_seq:
                     stats.from_journal += not stored.has(seq)
-                    stats.keep_sample(sample)
+                    stats.keep(seq, sample.time_ns, sample_crc32(sample, *sample_bytes(sample)))
                     yield sample
-        stats.finish(max(stored.total, self._written[place]))
+        stats.lose(max(stored.total, self._written[place]), 0)
 
-    def _rows(self, place: int, wanted: IntArray) -> dict[int, SampleRow]:
-        """The journal's rows of a block of samples, by number."""
+    def _rows(self, place: int, block: IntArray) -> Rows:
+        """The journal's rows of a block of samples."""
         if self._journal is None:
             return {}
-        return {row.seq: row for row in self._journal.rows(place, int(wanted[0]), int(wanted[-1]))}
+        return {row.seq: row for row in self._journal.rows(place, int(block[0]), int(block[-1]))}
 
-    def _whole_block(
-        self,
-        info: StreamInfo,
-        loose: LooseChunks,
-        wanted: IntArray,
-        rows: dict[int, SampleRow],
-        stats: RecoveryStatistics,
+    def _packed_block(
+        self, info: StreamInfo, loose: LooseChunks, block: IntArray, rows: Rows, stats: RecoveryStatistics
     ) -> PackedBlock | None:
         """The block of these samples, if both sides have it whole and nothing before it is lost."""
-        whole = info.is_camera and len(wanted) == len(rows) == chunk_shape(info)[0]
-        if not (self._packed and whole and wanted[0] == stats.kept):
+        is_whole = info.is_camera and len(block) == len(rows) == block_rows(info)
+        if not (self._packed and is_whole and block[0] == stats.kept):
             return None
-        chunks = loose.packed(int(wanted[0]))
-        if chunks is None:
+        if (chunks := loose.packed(int(block[0]))) is None:
             return None
         for row in rows.values():
             stats.keep(row.seq, of_frame(row.stamps)["time_ns"], row.crc32)
@@ -188,15 +174,17 @@ class Salvage:
         """Everything but samples: from the journal, and from the file what a damaged journal lost."""
         journalled = list(self._journal.entries()) if self._journal is not None else []
         stored = _stored_entries(self._session, self._file_damage) if self._session is not None else []
-        found = 0
+        count = 0
         for kind in _KINDS:
             ours = [entry for entry in journalled if isinstance(entry, kind)]
             theirs = [entry for entry in stored if isinstance(entry, kind)]
-            more = _together(ours, theirs) if self._journal_damage else max(ours, theirs, key=len)
-            found += len(more)
-            self._is_import |= any(isinstance(one, Event) and one.kind is EventKind.IMPORTED for one in more)
-            yield from more
-        if (lost := self._written[-1] - found) > 0:
+            entries = _together(ours, theirs) if self._journal_damage else max(ours, theirs, key=len)
+            count += len(entries)
+            self._is_import |= any(
+                isinstance(entry, Event) and entry.kind is EventKind.IMPORTED for entry in entries
+            )
+            yield from entries
+        if (lost := self._written[-1] - count) > 0:
             what = "events, slopes and records of health"
             self._missing.append(f"{lost} of {self._written[-1]} {what} are lost")
         if self._session is not None and self._journal is None:
@@ -208,7 +196,7 @@ class Salvage:
             return {}
         try:
             return _time_map(self._session)
-        except (SessionError, OSError, RuntimeError, ValueError, KeyError) as error:
+        except _UNREADABLE as error:
             self._file_damage.append(f"time_map: {message_of(error)}")
             return {}
 
@@ -219,8 +207,8 @@ def _together(ours: list[Entry], theirs: list[Entry]) -> list[Entry]:
     The file has all up to some point, the journal may have holes, but is exact.
     """
     exact = {_key(entry): entry for entry in ours}
-    stored = [exact.pop(_key(entry), entry) for entry in theirs]
-    return stored + list(exact.values())
+    in_file = [exact.pop(_key(entry), entry) for entry in theirs]
+    return in_file + list(exact.values())
 
 
 def _key(entry: Entry) -> tuple[object, ...]:
@@ -251,7 +239,7 @@ def _parts(numbers: IntArray, keys: IntArray) -> list[IntArray]:
     return [part for part in np.split(numbers, borders) if part.size]
 
 
-def _found(
+def _first_whole(
     row: SampleRow | None, info: StreamInfo, stored: StoredSamples, loose: LooseChunks, seq: int
 ) -> Sample | None:
     """The sample from the first side that has it whole."""
@@ -273,7 +261,7 @@ def _stored_entries(session: SessionReader, damage: list[str]) -> list[Entry]:
     ):
         try:
             entries.extend(read())
-        except (SessionError, OSError, RuntimeError, ValueError, KeyError) as error:
+        except _UNREADABLE as error:
             damage.append(message_of(error))
     return entries
 
@@ -282,11 +270,10 @@ def _lost_rows(session: SessionReader) -> Iterator[str]:
     """Rows of tables that the file claims but does not hold, in words."""
     columns_by_table = entry_columns(session.header)
     for name in session.tables:
-        columns = columns_by_table[name]
+        column = columns_by_table[name][0].name
         try:
-            claimed = int(session.group(name)[columns[0].name].shape[0])
-            there = len(session.table(name)[columns[0].name])
-        except (SessionError, OSError, RuntimeError, ValueError, KeyError):
+            claimed, there = len(session.group(name)[column]), len(session.table(name)[column])
+        except _UNREADABLE:
             continue  # reported when its entries were read
         if there < claimed:
             yield f"{name}: rows {there} to {claimed - 1} are lost ({claimed - there} of {claimed})"
@@ -321,31 +308,19 @@ class RecoveryStatistics:
     lost: list[LostRange] = field(default_factory=list)
     crc32s: list[int] = field(default_factory=list)
     last_ns: int = 0
-    _next: int = 0
+    next_seq: int = 0
 
     def keep(self, seq: int, time_ns: int, crc32: int) -> None:
         """Count a sample; numbers between it and the one before are lost."""
-        self._lose(seq, time_ns)
+        self.lose(seq, time_ns)
         self.kept += 1
         self.crc32s.append(crc32)
-        self.last_ns, self._next = time_ns, seq + 1
+        self.last_ns, self.next_seq = time_ns, seq + 1
 
-    def keep_sample(self, sample: Sample) -> None:
-        """Count a sample that was looked at by itself."""
-        crc32 = sample_crc32(sample, *sample_bytes(sample))
-        self.keep(sample.seq, sample.time_ns, crc32)
-
-    def finish(self, total: int) -> None:
-        """Set how many numbers were given: those after the last kept one are lost."""
-        self._lose(total, 0)
-
-    def _lose(self, until: int, before_ns: int) -> None:
-        if until > self._next:
-            self.lost.append(LostRange(self.stream, self._next, until - 1, self.last_ns, before_ns))
-
-    def expects(self, seq: int) -> bool:
-        """True if this number comes after all that were kept."""
-        return seq >= self._next
+    def lose(self, until: int, before_ns: int) -> None:
+        """Count the numbers before `until` that do not come back; `before_ns` is the time of that one."""
+        if until > self.next_seq:
+            self.lost.append(LostRange(self.stream, self.next_seq, until - 1, self.last_ns, before_ns))
 
 
 # --- what the session's file still has: samples by its own index, chunks by the journal's
@@ -363,7 +338,7 @@ class StoredSamples:
     def __init__(self, session: SessionReader | None, info: StreamInfo, damage: list[str]) -> None:
         self._reader = session.stream(info.name) if session is not None else None
         self._damage = damage
-        self._step = chunk_shape(info)[0] if info.is_camera else 1024
+        self._step = block_rows(info)
         self._first, self._block = -1, list[Sample]()
         self.numbers: IntArray = np.empty(0, np.int64)
         self._whole: IntArray = np.empty(0, np.int64)
@@ -407,7 +382,7 @@ class StoredSamples:
         try:
             last = int(self._whole[np.searchsorted(self._whole, first + self._step) - 1])
             return list(self._reader.samples(first, last + 1, recorded=True))
-        except (SessionError, OSError, RuntimeError, ValueError) as error:
+        except _UNREADABLE as error:
             self._damage.append(f"{self._reader.info.name}, rows from {first}: {message_of(error)}")
             return []
 
@@ -434,13 +409,10 @@ class LooseChunks:
             if dataset.shape[0] < start + dataset.chunks[0]:
                 return None
             index = self._indexes.get(dataset.name) or self._indexes.setdefault(dataset.name, _index(dataset))
-            noted = {
-                (chunk.n, chunk.y, chunk.x, chunk.offset, chunk.size): chunk
-                for chunk in self._noted(dataset.name, start)
-            }
+            places = {chunk[1:-1]: chunk for chunk in self._chunks(dataset.name, start)}
             for corner in corners(dataset):
                 # copied unread only where file and journal agree on its place
-                chunk = noted.get((start, *corner, *index.get((start, *corner), (-1, -1))))
+                chunk = places.get((start, *corner, *index.get((start, *corner), (-1, -1))))
                 data = read_chunk(self._path, chunk) if chunk is not None else None
                 if data is None:
                     return None
@@ -451,35 +423,31 @@ class LooseChunks:
         """The frame of a row, put together from the chunks that can be read."""
         if not self._info.is_camera:
             return None
-        counts = self._frame("counts", row.seq, chunk_shape(self._info), self._info.shape)
-        depth = chunk_shape(self._info)[0]
-        shape = self._info.metadata_shape
-        more = self._frame("metadata_rows", row.seq, (depth, *shape), shape) if shape[0] else b""
-        return row.with_bytes(counts, more).sample(self._info)
+        counts, metadata_rows = (self._frame(name, row.seq) for name in FRAME_DATASETS)
+        return replace(row, data=counts, more=metadata_rows).sample(self._info)
 
-    def _frame(self, name: str, seq: int, cut: tuple[int, int, int], shape: tuple[int, ...]) -> bytes:
-        start = seq - seq % cut[0]
+    def _frame(self, name: str, seq: int) -> bytes:
+        start = seq - seq % block_rows(self._info)
         if self._blocks.get(name, (-1, None))[0] != start:
-            self._blocks[name] = (
-                start,
-                self._block(f"/{self._info.name}/{name}", start, cut, shape),
-            )
+            self._blocks[name] = start, self._block(name, start)
         frame: bytes = self._blocks[name][1][seq - start].tobytes()
         return frame
 
-    def _block(
-        self, dataset: str, start: int, cut: tuple[int, int, int], shape: tuple[int, ...]
-    ) -> CountArray:
+    def _block(self, name: str, start: int) -> CountArray:
         """The block with every chunk that can be read; later places of a chunk overrule earlier ones."""
-        block = np.zeros((cut[0], *shape), "<u2")
-        for chunk in sorted(self._noted(dataset, start), key=lambda chunk: chunk.offset):
-            data = read_chunk(self._path, chunk)
-            if data is not None:
-                y, x = chunk.y, chunk.x
-                block[:, y : y + cut[1], x : x + cut[2]] = unpack(data, cut)
+        depth, rows, cols = chunk_shape(self._info)
+        shape = self._info.shape
+        if name != "counts":  # metadata rows are cut into whole frames
+            rows, cols = shape = self._info.metadata_shape
+        block = np.zeros((depth, *shape), "<u2")
+        chunks = self._chunks(f"/{self._info.name}/{name}", start)
+        for chunk in sorted(chunks, key=lambda chunk: chunk.offset):
+            if (data := read_chunk(self._path, chunk)) is not None:
+                place = np.s_[:, chunk.y : chunk.y + rows, chunk.x : chunk.x + cols]
+                block[place] = unpack(data, (depth, rows, cols))
         return block
 
-    def _noted(self, dataset: str, start: int) -> list[Chunk]:
+    def _chunks(self, dataset: str, start: int) -> list[Chunk]:
         return self._journal.chunks(dataset, start) if self._journal is not None else []
 
 

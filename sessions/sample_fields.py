@@ -36,7 +36,7 @@ class SampleField:
 
     @property
     def dtype(self) -> str:
-        """Of the column, in the terms of NumPy."""
+        """Type of the column, in the terms of NumPy."""
         return {"q": "<i8", "I": "<u4", "d": "<f8"}[self.code]
 
 
@@ -91,7 +91,7 @@ def of_reading(stamps: Stamps) -> dict[str, Any]:
 
 def to_columns(stamps: Stamps) -> dict[str, Any]:
     """The numbers by the columns of the session file."""
-    row = {one.column: value for one, value in zip(SAMPLE_FIELDS, stamps, strict=True)}
+    row = {sample_field.column: value for sample_field, value in zip(SAMPLE_FIELDS, stamps, strict=True)}
     return {**row, "time": row["time"] // 1000, "flags": int(row["flags"])}
 
 

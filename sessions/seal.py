@@ -43,18 +43,17 @@ def seal(path: Path, expected: Mapping[str, Iterable[int]], state: int) -> SealR
     `IntegrityError` where the file does not have exactly these.
     """
     with open_session(path) as session:
-        crcs = {name: _verified(session, name, crc32s) for name, crc32s in expected.items()}
+        crcs = [_verify(session, name, crc32s) for name, crc32s in expected.items()]
         counts = {name: len(session.stream(name)) for name in expected}
-        spans = {name: _span(session, name) for name in expected}
-        column_crcs = [session.stream(name).columns_crc32() for name in expected]
+        spans = [_span(session, name) for name in expected]
+        columns = {
+            "count": list(counts.values()),
+            "first_time": [first for first, _ in spans],
+            "last_time": [last for _, last in spans],
+            "crc_of_crcs": crcs,
+            "columns_crc32": [session.stream(name).columns_crc32() for name in expected],
+        }
         table_crcs = [table_crc32(session, name) for name in session.tables]
-    columns = {
-        "count": list(counts.values()),
-        "first_time": [span[0] for span in spans.values()],
-        "last_time": [span[1] for span in spans.values()],
-        "crc_of_crcs": list(crcs.values()),
-        "columns_crc32": column_crcs,
-    }
     written = {f"integrity/{name}": values for name, values in columns.items() if expected}
     write_in_place(path, {**written, "integrity/table_crc32": table_crcs, "integrity/journal_verified": 1})
     write_in_place(path, {"integrity/object_sha256": _digests(path)})
@@ -101,11 +100,11 @@ def _digests(path: Path) -> list[str]:
         return [session.object_digest(name) for name in session.sealed_objects()]
 
 
-def _verified(session: SessionReader, stream: str, expected: Iterable[int]) -> int:
+def _verify(session: SessionReader, stream: str, expected: Iterable[int]) -> int:
     """CRC of the checksums of a stream, all of whose samples are as expected."""
     reader = session.stream(stream)
     stored = reader.column("crc32")
-    if any(one != other for one, other in zip_longest(stored, expected)):  # a day has a million
+    if any(crc != other for crc, other in zip_longest(stored, expected)):  # a day has a million
         raise IntegrityError(
             f"the {len(stored)} samples of {stream} are not those of the journal", place=session.path
         )

@@ -56,9 +56,8 @@ class SessionFile:
             raise
 
     def _begin(self, identity: SessionIdentity, pool: Executor, *, swmr: bool) -> None:
-        self._streams = {
-            info.name: _Stream(self._file[info.name], info, pool) for info in self._header.streams
-        }
+        streams = self._header.streams
+        self._streams = {info.name: _Stream(self._file[info.name], info, pool) for info in streams}
         self._tables = {
             name: TableWriter(self._file[name], columns, fitting_column)
             for name, columns in entry_columns(self._header).items()
@@ -79,8 +78,8 @@ class SessionFile:
     def put(self, record: Record, crc32: int | None = None) -> list[Chunk]:
         """Take a record, with its checksum where that is known; returns the chunks written for it."""
         if isinstance(record, Frame | Reading):
-            known = sample_crc32(record, *sample_bytes(record)) if crc32 is None else crc32
-            return self._streams[record.stream].put(record, known)
+            crc = sample_crc32(record, *sample_bytes(record)) if crc32 is None else crc32
+            return self._streams[record.stream].put(record, crc)
         if isinstance(record, RegionRecord):
             self._latest[record.region.name] = record.region
         for table, row in self._entry_rows.rows(record):
@@ -199,11 +198,11 @@ _POLL_S = 0.01  # what is behind is so by seconds
 class FileThread(threading.Thread):
     """Writes the session file from the records that `offer` queues.
 
-    `failed` is called once, with the error, when the file cannot be written any more.
+    `failed` is called once, with words on the error, when the file cannot be written any more.
     """
 
     def __init__(
-        self, path: Path, journal: Journal, identity: SessionIdentity, failed: Callable[[Exception], None]
+        self, path: Path, journal: Journal, identity: SessionIdentity, failed: Callable[[str], None]
     ) -> None:
         super().__init__(name="session-file", daemon=True)
         self._pool = ThreadPoolExecutor(COMPRESSORS, thread_name_prefix="session-compress")
@@ -258,11 +257,10 @@ class FileThread(threading.Thread):
         except Exception as error:  # whatever it is, the journal has everything and recording must go on
             log.exception("the session file cannot be written")
             self.error = error
-            self._failed(error)
-
-    def finish(self, end_ns: int) -> None:
-        """Complete the file, after the thread has ended."""
-        self.file.finish(end_ns)
+            text = (
+                f"the session file cannot be written: {message_of(error)}; recording goes on in the journal"
+            )
+            self._failed(text)
 
     def close(self) -> None:
         """Close everything, whatever state it is in."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import math
 import zlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -29,34 +29,42 @@ _MOST_INFLATED_BYTES = 536_870_912
 _DEFLATE_RATIO = 1032  # nothing that deflate packs is larger: zlib's technical details
 
 
-def explained(path: Path, error: Exception) -> SessionError:
+def explain(path: Path, error: Exception) -> SessionError:
     """Error with the session and the next step."""
     if isinstance(error, FormatError):
         return error
     text = message_of(error)
-    known = isinstance(error, SessionError) and str(path) in text
+    names_path = isinstance(error, SessionError) and str(path) in text
     fix = getattr(error, "fix", None) or Action.RECOVER(path)
-    return SessionError(text if known else f"{path} is damaged: {text}", fix=fix)
+    return SessionError(text if names_path else f"{path} is damaged: {text}", fix=fix)
 
 
-def closed(path: Path) -> SessionError:
+def closed_error(path: Path) -> SessionError:
     """Error of reading a session that was closed."""
     return SessionError("closed", place=path, fix=f'open it again: fieldkit.open_session("{path}")')
 
 
 def stored_here(group: h5py.Group, path: str) -> Any:
     """Object at a path within this very file; raises `SessionError` where there is nothing, or a link."""
-    found: Any = group
+    node: Any = group
     for name in path.split("/"):
-        if found.__class__ is h5py.Dataset or link_of(found, name).__class__ is not h5py.HardLink:
+        if node.__class__ is h5py.Dataset or link_of(node, name).__class__ is not h5py.HardLink:
             raise SessionError("missing, or points somewhere else", place=path)
         try:
-            found = found[name]
+            node = node[name]
         except (KeyError, OSError, RuntimeError) as error:
             raise SessionError(f"cannot be read: {error}", place=path) from error
-    if found.__class__ is h5py.Dataset and (found.is_virtual or found.external):
-        raise SessionError(f"{found.name} does not hold its data itself")
-    return found
+    if node.__class__ is h5py.Dataset and (node.is_virtual or node.external):
+        raise SessionError(f"{node.name} does not hold its data itself")
+    return node
+
+
+def group_of(file: h5py.File, name: str) -> h5py.Group:
+    """The group of a stream or table within this very file; raises `SessionError` where there is none."""
+    group = stored_here(file, name)
+    if not isinstance(group, h5py.Group):
+        raise SessionError(f"the group {name} is missing")
+    return group
 
 
 def link_of(group: h5py.Group, name: str) -> object:
@@ -65,12 +73,6 @@ def link_of(group: h5py.Group, name: str) -> object:
         return group.get(name, getlink=True)
     except RuntimeError as error:
         raise SessionError(f"cannot be read: {error}", place=group.name) from error
-
-
-def members(group: h5py.Group) -> Iterator[tuple[str, Any]]:
-    """The members of a group, in the order they were made; raises `SessionError` at a link."""
-    for name in group:
-        yield name, stored_here(group, name)
 
 
 def dataset_of(group: h5py.Group, name: str, row_shape: tuple[int, ...], dtype: str) -> h5py.Dataset:
@@ -87,7 +89,7 @@ def dataset_of(group: h5py.Group, name: str, row_shape: tuple[int, ...], dtype: 
     return dataset
 
 
-def column_dataset(group: h5py.Group, column: Column, *, salvage: bool = False) -> h5py.Dataset:
+def _column_dataset(group: h5py.Group, column: Column, *, salvage: bool = False) -> h5py.Dataset:
     """The dataset of a column, with no more rows than it has bytes for (unless torn: `salvage`)."""
     dataset = dataset_of(group, column.name, column.shape, np.dtype(column.dtype).str[1:])
     check_size(dataset, salvage=salvage)
@@ -98,7 +100,7 @@ def columns_of(
     group: h5py.Group, columns: Iterable[Column], *, salvage: bool = False
 ) -> dict[str, h5py.Dataset]:
     """The datasets of columns by their names; a file of a newer version may have more."""
-    return {column.name: column_dataset(group, column, salvage=salvage) for column in columns}
+    return {column.name: _column_dataset(group, column, salvage=salvage) for column in columns}
 
 
 def check_size(dataset: h5py.Dataset, *, salvage: bool = False) -> None:
@@ -115,7 +117,7 @@ def check_size(dataset: h5py.Dataset, *, salvage: bool = False) -> None:
         raise SessionError(f"cut into chunks of {dataset.chunks}", place=dataset.name)
 
 
-def check_inflation(dataset: h5py.Dataset) -> None:
+def check_packed(dataset: h5py.Dataset) -> None:
     """Raise `SessionError` where a packed chunk holds more than a chunk does.
 
     The HDF5 library inflates whatever is there: some megabytes of it can become gigabytes of memory. So
@@ -135,9 +137,8 @@ def check_inflation(dataset: h5py.Dataset) -> None:
         _, packed = dataset.id.read_direct_chunk(offset)
         with contextlib.suppress(zlib.error):  # damage is found by the checksums
             squeezer = zlib.decompressobj()
-            if len(squeezer.decompress(packed, whole)) == whole and squeezer.decompress(
-                squeezer.unconsumed_tail, 1
-            ):
+            is_full = len(squeezer.decompress(packed, whole)) == whole
+            if is_full and squeezer.decompress(squeezer.unconsumed_tail, 1):
                 text = f"{dataset.file.filename}: a chunk of {dataset.name} holds more than {whole} bytes"
                 raise SessionError(text, fix="take another copy of the session; this one was tampered with")
 

@@ -27,15 +27,10 @@ from fieldkit.model.samples import Frame, Quality, Sample
 from fieldkit.model.site import Site
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.sessions.chunks import is_packed, read_block
-from fieldkit.sessions.layout import (
-    FILL_COUNT,
-    MOST_BLOCK_BYTES,
-    chunk_shape,
-    stream_columns,
-)
+from fieldkit.sessions.layout import FILL_COUNT, MOST_BLOCK_BYTES, block_rows, chunk_shape, stream_columns
 from fieldkit.sessions.records import build_sample, stored_crc32s
 from fieldkit.sessions.sample_fields import from_columns
-from fieldkit.sessions.stored import check_inflation, closed, columns_of, dataset_of, stored_here, whole_rows
+from fieldkit.sessions.stored import check_packed, closed_error, columns_of, dataset_of, group_of, whole_rows
 from fieldkit.sessions.time_map import StoredTimes
 
 Columns = dict[str, AnyArray]
@@ -92,18 +87,15 @@ class StreamReader:
     def __init__(
         self, file: h5py.File, info: StreamInfo, site: Site, times: StoredTimes, *, salvage: bool = False
     ) -> None:
-        group = stored_here(file, info.name)
-        if not isinstance(group, h5py.Group):
-            raise SessionError(f"the group of stream {info.name!r} is missing")
         self.info = info
         self._site = site
         self.bounds: Bounds = bounds_of(info, changed_rows({}, site.body) | dict(info.limits))
         self.damaged: set[int] = set()
         self._times = times
-        self._group = group
-        self._columns = columns_of(group, stream_columns(info), salvage=salvage)
+        self._group = group_of(file, info.name)
+        self._columns = columns_of(self._group, stream_columns(info), salvage=salvage)
         self._stored_frames = self._open_frames() if info.is_camera else []
-        self._depth = chunk_shape(info)[0] if info.is_camera else _BLOCK_ROWS
+        self._depth = block_rows(info)
         self._block_rows = max(1, _BLOCK_ROWS // self._depth) * self._depth
         self._packed = {frames.name for frames in self._stored_frames if is_packed(frames)}
 
@@ -127,7 +119,7 @@ class StreamReader:
 
     def _require_open(self) -> None:
         if not self._group:
-            raise closed(self._times.path)
+            raise closed_error(self._times.path)
 
     def _datasets(self) -> Iterator[h5py.Dataset]:
         self._require_open()
@@ -141,11 +133,10 @@ class StreamReader:
 
     def whole_rows(self, end: int) -> IntArray:
         """Rows of which everything but the frame lies in the first `end` bytes of the file."""
-        rows = np.arange(0)
-        for place, dataset in enumerate(self._columns.values()):
-            there = whole_rows(dataset, end)
-            rows = there if place == 0 else np.intersect1d(rows, there, assume_unique=True)
-        return rows[rows < len(self)]
+        rows: IntArray = np.arange(len(self))
+        for dataset in self._columns.values():
+            rows = np.intersect1d(rows, whole_rows(dataset, end), assume_unique=True)
+        return rows
 
     def refresh(self) -> None:
         """See what a living writer has added."""
@@ -188,7 +179,7 @@ class StreamReader:
         Raises `SessionError` where a block is larger than declared.
         """
         for dataset in self._stored_frames:
-            check_inflation(dataset)
+            check_packed(dataset)
         return self._stored_frames
 
     def samples(self, start: int = 0, stop: int | None = None, *, recorded: bool = False) -> Iterator[Sample]:
@@ -217,25 +208,22 @@ class StreamReader:
         if self.info.is_camera:
             raise SessionError(f"stream {self.info.name!r} is a camera", fix="read its frames: kelvin()")
         parts = [part.columns for part in self._timed_parts(start, stop, recorded)]
-        values = np.concatenate(
-            [np.empty((0, *self.info.shape)), *(self._possible(part, recorded) for part in parts)]
-        )
+        values = (np.where(self._beyond(part, recorded), np.nan, self._values(part)) for part in parts)
         return Readings(
             np.concatenate([np.empty(0, np.int64), *(part["time_ns"] for part in parts)]),
-            values,
+            np.concatenate([np.empty((0, *self.info.shape)), *values]),
             np.concatenate([np.empty(0, np.uint32), *(part["flags"] for part in parts)]),
         )
 
     def excesses(self) -> list[Excess]:
-        """Of each channel how many readings are beyond what its quantity can be, and the first, by its row.
+        """How many readings of each channel are beyond what its quantity can be, and the first, by its row.
 
         Compared with no checksum; empty for a camera.
         """
         if not len(self) or self.info.is_camera:
             return []
         columns = {"value": self.column("value"), "time_ns": self.time_ns()}
-        values = columns["value"].reshape(-1, *self.info.shape)
-        return excesses(labels_of(self.info), self.bounds, values, self._exceeded(columns))
+        return excesses(labels_of(self.info), self.bounds, self._values(columns), self._beyond(columns))
 
     def frame_blocks(self, start: int = 0, stop: int | None = None) -> Iterator[FrameBlock]:
         """The frames of a camera as arrays, a chunk at a time."""
@@ -257,7 +245,7 @@ class StreamReader:
             if with_rows:
                 rows, also_bad = self._read(self.frame_datasets[1], start, stop)
                 bad |= also_bad
-            flags = self._flagged(self.column("flags", start, stop), start, bad)
+            flags = self._flag(self.column("flags", start, stop), start, bad)
             yield FrameBlock(start, counts, rows, flags)
 
     def _timed_parts(self, start: int, stop: int | None, recorded: bool) -> Iterator[_Part]:
@@ -265,22 +253,21 @@ class StreamReader:
             time_us, mono_ns = part.columns["time"], part.columns["mono_ns"]
             part.columns["time_ns"] = self._times.utc_ns(time_us, mono_ns, recorded=recorded)
             if not (recorded or self.info.is_camera):
-                exceeded = self._exceeded(part.columns).any(axis=-1)
+                exceeded = self._beyond(part.columns).any(axis=-1)
                 part.columns["flags"] = part.columns["flags"] | exceeded * np.uint32(Quality.IMPLAUSIBLE)
             yield part
 
-    def _exceeded(self, columns: Columns, recorded: bool = False) -> BoolArray:
+    def _beyond(self, columns: Columns, recorded: bool = False) -> BoolArray:
         """True for values (n, channels) beyond what their quantity can be, whatever the flags."""
-        values = columns["value"].reshape(-1, *self.info.shape)
+        values = self._values(columns)
         if recorded or not self.bounds.depend_on_sun:
             return self.bounds.is_exceeded(values)
         return self.bounds.is_exceeded(
             values, sun_vectors(columns["time_ns"], self._site).reshape(-1, 3)[:, 2]
         )
 
-    def _possible(self, columns: Columns, recorded: bool) -> FloatArray:
-        values = columns["value"].reshape(-1, *self.info.shape)
-        return np.where(self._exceeded(columns, recorded), np.nan, values)
+    def _values(self, columns: Columns) -> FloatArray:
+        return columns["value"].reshape(-1, *self.info.shape)
 
     def _parts(self, start: int, stop: int | None) -> Iterator[_Part]:
         """The rows from `start` to `stop`, each compared with its checksum."""
@@ -291,7 +278,7 @@ class StreamReader:
                 columns = {name: values[first - begin : until - begin] for name, values in block.items()}
                 frames = [self._frames_of_chunk(dataset, first, until) for dataset in self.frame_datasets]
                 bad = stored_crc32s(columns, _bodies(columns, frames)) != columns["crc32"]
-                columns["flags"] = self._flagged(columns["flags"], first, bad)
+                columns["flags"] = self._flag(columns["flags"], first, bad)
                 yield _Part(first, columns, frames)
 
     def _frames_of_chunk(self, dataset: h5py.Dataset, first: int, until: int) -> CountArray:
@@ -302,7 +289,7 @@ class StreamReader:
                 return read_block(dataset, first)[: until - first]
         return self._read(dataset, first, until)[0]
 
-    def _flagged(self, flags: FlagArray, start: int, bad: BoolArray) -> FlagArray:
+    def _flag(self, flags: FlagArray, start: int, bad: BoolArray) -> FlagArray:
         """Flags of the rows from `start` on with what was found out about them, which is remembered."""
         self.damaged.update((start + np.flatnonzero(bad)).tolist())
         return np.where(bad, flags | np.uint32(Quality.BAD_CRC), flags)
@@ -339,7 +326,6 @@ def _spans(start: int, stop: int, step: int) -> Iterator[tuple[int, int]]:
 
 def _rows(dataset: h5py.Dataset, start: int, stop: int) -> AnyArray:
     try:
-        values: AnyArray = dataset[start:stop]
+        return np.asarray(dataset[start:stop])
     except (OSError, RuntimeError) as error:
         raise SessionError(f"cannot be read: {error}", place=dataset.name) from error
-    return values

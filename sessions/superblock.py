@@ -43,7 +43,7 @@ def _superblock(path: Path) -> bytes:
     return head
 
 
-def mended(superblock: bytes, length: int) -> bytes:
+def mend(superblock: bytes, length: int) -> bytes:
     """The superblock of a file of `length` bytes that is not being written."""
     head = bytearray(superblock)
     head[_FLAGS] = 0
@@ -73,14 +73,14 @@ def lookup3(data: bytes) -> int:
     return _final((a + x) & _MASK, (b + y) & _MASK, (c + z) & _MASK)
 
 
-def _rotated(value: int, bits: int) -> int:
+def _rotate(value: int, bits: int) -> int:
     return (value << bits | value >> (32 - bits)) & _MASK
 
 
 def _mix(a: int, b: int, c: int) -> tuple[int, int, int]:
     for bits in (4, 6, 8, 16, 19, 4):
         # each round subtracts, rotates and adds; then the three change places
-        a = (a - c) & _MASK ^ _rotated(c, bits)
+        a = (a - c) & _MASK ^ _rotate(c, bits)
         c = (c + b) & _MASK
         a, b, c = b, c, a
     return a, b, c
@@ -88,7 +88,7 @@ def _mix(a: int, b: int, c: int) -> tuple[int, int, int]:
 
 def _final(a: int, b: int, c: int) -> int:
     for bits in (14, 11, 25, 16, 4, 14, 24):
-        c = ((c ^ b) - _rotated(b, bits)) & _MASK
+        c = ((c ^ b) - _rotate(b, bits)) & _MASK
         a, b, c = b, c, a
     return b  # the last round's c has moved on by one place
 
@@ -103,7 +103,7 @@ class MendedFile(io.RawIOBase):
         head = _superblock(path)
         self._file = path.open("rb", buffering=0)
         self._length = max(self._file.seek(0, io.SEEK_END), _recorded_end(head))
-        self._head = mended(head, self._length)
+        self._head = mend(head, self._length)
         self._position = 0
 
     def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
@@ -120,11 +120,10 @@ class MendedFile(io.RawIOBase):
         while count < len(view) and (got := self._file.readinto(view[count:])):
             count += got
         view[count:] = bytes(len(view) - count)
-        count = len(view)
-        for place in range(self._position, min(_SIZE, self._position + count)):
-            view[place - self._position] = self._head[place]
-        self._position += count
-        return count
+        head = self._head[self._position : self._position + len(view)]
+        view[: len(head)] = head
+        self._position += len(view)
+        return len(view)
 
     def close(self) -> None:
         """Let go of the file."""

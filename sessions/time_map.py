@@ -19,13 +19,11 @@ from fieldkit.model.arrays import AnyArray, IntArray
 from fieldkit.model.errors import SessionError
 from fieldkit.model.samples import Event
 from fieldkit.sessions.layout import TIME_MAP_COLUMNS, Column, decode_text, exact_time_ns
-from fieldkit.sessions.stored import columns_of, explained, stored_here
+from fieldkit.sessions.stored import columns_of, explain, stored_here
 
 _FOREVER_NS = 2**63 - 1
 _TIMES = ("begin_ns", "end_ns", "from_ns", "since_ns", "noted_ns", "after_ns", "before_ns")
 """Details of an event that are moments; others in nanoseconds are durations."""
-
-COLUMNS_OF_STEPS = ("version", "mono_ns", "add_ns", "reason")
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,10 +43,10 @@ def row_crc32s(columns: Mapping[str, AnyArray]) -> list[int]:
 
 def corrections(group: h5py.Group, columns: Sequence[Column], of: str = "the clock") -> dict[str, AnyArray]:
     """The rows of a group of corrections; raises `SessionError` where one is not as written."""
-    found = {name: dataset[:] for name, dataset in columns_of(group, columns).items()}
-    if row_crc32s(found) != found["crc32"].tolist():
+    rows = {name: dataset[:] for name, dataset in columns_of(group, columns).items()}
+    if row_crc32s(rows) != rows["crc32"].tolist():
         raise SessionError(f"the corrections of {of} are damaged", fix="take another copy of the session")
-    return found
+    return rows
 
 
 def added_ns(steps: Sequence[TimeStep], mono_ns: int) -> int:
@@ -109,12 +107,10 @@ class StoredTimes:
         """The active corrections; an open file never gets others, because a changed one takes its place."""
         try:
             columns = corrections(stored_here(self._file, "time_map"), TIME_MAP_COLUMNS)
-            if missing := [name for name in COLUMNS_OF_STEPS if name not in columns]:
-                raise SessionError(f"time_map has no {' and no '.join(missing)}")
         except SessionError as error:
-            raise explained(self.path, error) from error
+            raise explain(self.path, error) from error
         latest = columns["version"].max(initial=0)
-        rows = zip(*(columns[name] for name in COLUMNS_OF_STEPS), strict=False)
+        rows = zip(*(columns[name] for name in ("version", "mono_ns", "add_ns", "reason")), strict=False)
         return [TimeStep(int(m), int(a), decode_text(r)) for v, m, a, r in rows if v == latest]
 
     def utc_ns(

@@ -97,7 +97,7 @@ class SessionWriter:
                     fix="choose a folder that can be written and has room",
                 ) from error
             undo.pop_all()
-        self._syncer = SyncThread(self._journal, self._disk_did_not_confirm)
+        self._syncer = SyncThread(self._journal, self._add_error)
         self._file_thread.start()
         self._syncer.start()
 
@@ -114,7 +114,7 @@ class SessionWriter:
         undo.callback(_delete, self.path)
         self._journal = Journal(self._folder, self._identity)
         undo.callback(self._journal.close)
-        self._file_thread = FileThread(self.path, self._journal, self._identity, self._file_failed)
+        self._file_thread = FileThread(self.path, self._journal, self._identity, self._add_error)
         undo.callback(self._file_thread.close)
         _reserve(self._folder)  # last: what is killed before leaves little, and can be recovered
         sync(self.path.parent)
@@ -158,8 +158,7 @@ class SessionWriter:
             self._store(entry)
 
     def _check_regions(self, estimates: Sequence[SlopeEstimate]) -> None:
-        unknown = {estimate.region for estimate in estimates} - self._region_names
-        if unknown:
+        if unknown := {estimate.region for estimate in estimates} - self._region_names:
             raise ValueError(f"estimates for regions the session does not have: {', '.join(sorted(unknown))}")
 
     def _store(self, record: Record) -> None:
@@ -244,7 +243,7 @@ class SessionWriter:
         """Complete the file; False if it must be made again from the journal."""
         try:
             if self._file_thread.error is None:
-                self._file_thread.finish(end_ns)
+                self._file_thread.file.finish(end_ns)
                 return True
         except (OSError, RuntimeError) as error:
             log.warning("the session file could not be completed: %s", message_of(error))
@@ -252,17 +251,10 @@ class SessionWriter:
             self._file_thread.close()
         return False
 
-    def _disk_did_not_confirm(self, text: str) -> None:
-        self._add_note(text, Severity.ERROR)
-
-    def _file_failed(self, error: Exception) -> None:
-        text = f"the session file cannot be written: {message_of(error)}; recording goes on in the journal"
-        self._add_note(text, Severity.ERROR)
-
-    def _add_note(self, text: str, severity: Severity) -> None:
+    def _add_error(self, text: str) -> None:
         """An event of the writer's own; dropped where even the journal is full."""
         now = self._clock.mono_ns()
-        event = Event(EventKind.DISK, now, self._clock.to_utc_ns(now), text, "", severity)
+        event = Event(EventKind.DISK, now, self._clock.to_utc_ns(now), text, "", Severity.ERROR)
         with contextlib.suppress(StorageError, SessionError):
             self.put(event)
 

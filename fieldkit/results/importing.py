@@ -30,7 +30,7 @@ from fieldkit.sessions.formats.imported import ImportedRecording, possible, writ
 from fieldkit.sessions.formats.jma import is_obsdl, is_radiation_table, read_obsdl, read_radiation_table
 from fieldkit.sessions.formats.logger_clock import Keep
 from fieldkit.sessions.formats.logs import LogColumns, LogOptions, read_log
-from fieldkit.sessions.formats.merged import aligned, cut_to, merge
+from fieldkit.sessions.formats.merged import align, cut_session, merge
 from fieldkit.sessions.formats.purethermal_files import is_purethermal, read_purethermal
 from fieldkit.sessions.formats.stations import read_station
 from fieldkit.sessions.layout import SessionHeader, is_stream_name
@@ -239,8 +239,8 @@ def import_into(
         default = opened.path.with_name(f"{opened.path.stem}-with-{stream_name}.h5")
         path = default if out is None else Path(out)
         if options.offset_s == AUTO:
-            recording = aligned(opened, recording)
-        recording = cut_to(opened, _warned_of_distance(recording, opened.site))
+            recording = align(opened, recording)
+        recording = cut_session(opened, _warned_of_distance(recording, opened.site))
         recording = possible(recording, _limits_of(opened), opened.site)
         recording = _warned_of_irradiance(opened, recording)
         return ImportedSession.of(merge(opened, recording, path, str(source)), recording)

@@ -52,9 +52,8 @@ def projected_crs(text: str) -> CRS:
     try:
         crs = CRS.from_user_input(text)
     except CRSError:
-        raise ConfigError(
-            f"unknown coordinate reference system {text!r}", fix='name one such as "EPSG:32654"'
-        ) from None
+        problem = f"unknown coordinate reference system {text!r}"
+        raise ConfigError(problem, fix='name one such as "EPSG:32654"') from None
     if not crs.is_projected or not math.isclose(crs.linear_units_factor[1], 1.0):
         raise ConfigError(f"{text} is not a projected system in metres", fix="use the site's UTM zone")
     return crs
@@ -66,10 +65,10 @@ def grid_at(crs: CRS, east_m: float, north_m: float) -> Grid:
     Raises `ConfigError` outside the system, and where it stretches distances by more than `MOST_STRETCHED`.
     """
     geographic = _geographic(crs)
-    (longitude,), (latitude,) = _transformed(crs, geographic, [east_m], [north_m])
+    (longitude,), (latitude,) = _transform(crs, geographic, [east_m], [north_m])
     per_degree = _metres_per_degree(geographic, latitude)
     steps_deg = np.diag(STEP_M / per_degree)
-    east, north = _transformed(geographic, crs, longitude + steps_deg[0], latitude + steps_deg[1])
+    east, north = _transform(geographic, crs, longitude + steps_deg[0], latitude + steps_deg[1])
     on_grid = np.array([east - east_m, north - north_m]) / STEP_M  # columns: a metre to east, to north
     scales = np.linalg.svd(on_grid, compute_uv=False)
     grid = Grid(math.degrees(math.atan2(*on_grid[:, 1])), float(np.sqrt(scales.prod())))
@@ -85,7 +84,7 @@ def grid_at(crs: CRS, east_m: float, north_m: float) -> Grid:
 
 def require_near(site: Site, crs: CRS, east_m: float, north_m: float) -> None:
     """Raise `ConfigError` for a place further than `MOST_AWAY_M` from the site."""
-    (longitude,), (latitude,) = _transformed(crs, _geographic(crs), [east_m], [north_m])
+    (longitude,), (latitude,) = _transform(crs, _geographic(crs), [east_m], [north_m])
     if apart_m(site, replace(site, latitude_deg=latitude, longitude_deg=longitude)) > MOST_AWAY_M:
         raise ConfigError(
             f"the camera's pose lies at latitude {latitude:.4f}, longitude {longitude:.4f}, the site at "
@@ -109,7 +108,7 @@ def _part(wkt: str, name: str) -> str:
     return "" if start < 0 else wkt[start : start + int(closed[0]) + 1]
 
 
-def _transformed(
+def _transform(
     source: CRS, target: CRS, x: Sequence[float], y: Sequence[float]
 ) -> tuple[FloatArray, FloatArray]:
     from rasterio.warp import transform

@@ -17,7 +17,7 @@ from fieldkit.disk import replacing
 from fieldkit.model.arrays import ByteArray, CountArray, SingleArray
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, StorageError
-from fieldkit.model.next_step import Action, Argument
+from fieldkit.model.next_step import Action
 from fieldkit.model.samples import Frame, is_damaged
 from fieldkit.model.site import Region
 from fieldkit.model.slope import SlopeEstimate
@@ -26,6 +26,7 @@ from fieldkit.model.version import __version__
 from fieldkit.palettes import INFERNO, NAMES, Colours, bgr
 from fieldkit.physics.camera_laws import frame_k, has_temperatures
 from fieldkit.pixel_axes import label, outline, with_axes
+from fieldkit.sessions.analysis import camera_of
 from fieldkit.sessions.file_tree import iso_utc
 from fieldkit.sessions.formats.tiff import TiffTags, write_tiff
 from fieldkit.sessions.reader import SessionReader
@@ -55,9 +56,9 @@ def export_tiffs(
 
     The times stand in ``times.csv`` too. Where a pixel is hotter than 655.35 K, a count is 0.02 K, 0.04 K or
     what else holds it, in all frames. A pixel of 0 has no temperature; counts of a camera without a known
-    scale are written as they are. Raises `OSError`, and `ConfigError` where the camera is not known.
+    scale are written as they are. Raises `OSError`, and `SessionError` where the camera is not known.
     """
-    info = _camera(session, stream)
+    info = camera_of(session, stream)
     unseen: Chosen = {**chosen, "on_frame": lambda: None}  # of two passes the second is counted
     step, paths, rows = _kelvin_per_count(session, info, **unseen), [], []
     for frame in _frames(session, info.name, **chosen):
@@ -110,8 +111,8 @@ def export_pngs(
     import cv2
 
     paths = []
-    info = _camera(session, stream)
-    for frame, image in _drawn(session, info, palette, **chosen):
+    info = camera_of(session, stream)
+    for frame, image in _images(session, info, palette, **chosen):
         path = folder / f"{_stem(session, info)}-{frame.seq:07}.png"
         if not cv2.imwrite(str(path), image):
             raise StorageError(f"cannot write {path}", fix=_ROOM)
@@ -134,9 +135,9 @@ def export_video(
     """
     import cv2
 
-    info = _camera(session, stream)
+    info = camera_of(session, stream)
     path, film, count = folder / f"{_stem(session, info)}.mp4", None, 0
-    for image in _at_speed(_drawn(session, info, palette, **chosen), speed):
+    for image in _at_speed(_images(session, info, palette, **chosen), speed):
         if film is None:
             code = cv2.VideoWriter.fourcc(*"vp09")
             film = cv2.VideoWriter(str(path), code, _FRAMES_PER_S, (image.shape[1], image.shape[0]))
@@ -155,45 +156,23 @@ def export_video(
 
 def _at_speed(drawn: Iterable[tuple[Frame, ByteArray]], speed: float) -> Iterator[ByteArray]:
     """The pictures of a video: each frame until the next one was taken, or once where `speed` is infinite."""
-    first_ns, shown, before = 0, 0, None
+    first_ns, pictures, before = 0, 0, None
     for frame, image in drawn:
         first_ns = first_ns or frame.time_ns
-        due = shown + 1
+        due = pictures + 1
         if math.isfinite(speed):
             due = round((frame.time_ns - first_ns) / SECOND_NS / speed * _FRAMES_PER_S)
         if before is not None:
-            yield from repeat(before, due - shown)
-            shown = max(shown, due)
+            yield from repeat(before, due - pictures)
+            pictures = max(pictures, due)
         before = image
     if before is not None:
         yield before
 
 
-def _camera(session: SessionReader, stream: str | None) -> StreamInfo:
-    """The camera named, or the only one; raises `ConfigError`."""
-    names = _cameras(session)
-    if not names:
-        raise ConfigError("no frames", place=session.path, fix=_TABLES)
-    if stream is None and len(names) > 1:
-        raise ConfigError(
-            f"frames of {len(names)} cameras",
-            place=session.path,
-            fix=Argument("stream") + f" is one of {', '.join(names)}",
-        )
-    if stream is not None and stream not in names:
-        raise ConfigError(
-            f"no camera {stream!r}", place=session.path, fix=f"its cameras are {', '.join(names)}"
-        )
-    return session.streams[stream or names[0]]
-
-
-def _cameras(session: SessionReader) -> list[str]:
-    return [info.name for info in session.streams.values() if info.is_camera]
-
-
 def _stem(session: SessionReader, info: StreamInfo) -> str:
     """Beginning of the names of the files: the camera is in it where the session has several."""
-    several = len(_cameras(session)) > 1
+    several = sum(other.is_camera for other in session.streams.values()) > 1
     return f"{session.path.stem}-{info.name}" if several else session.path.stem
 
 
@@ -232,7 +211,7 @@ def require_palette(name: str) -> None:
         raise ConfigError(f"there is no palette {name!r}", fix=f"one of {', '.join(NAMES)}")
 
 
-def _drawn(
+def _images(
     session: SessionReader, info: StreamInfo, palette: str, **chosen: Unpack[Chosen]
 ) -> Iterator[tuple[Frame, ByteArray]]:
     require_palette(palette)
@@ -247,7 +226,12 @@ def _drawn(
         while slopes and slopes[0].time_ns <= frame.time_ns:
             estimate = slopes.popleft()
             names[estimate.region] = _with_slope(estimate)
-        yield frame, _draw(regions, frame, _shown(frame, info), (low, high), words, names, colours)
+        grey = np.clip(np.nan_to_num((_values(frame, info) - low) / (high - low)) * 255, 0, 255)
+        image = _draw(colours, grey.astype(np.uint8), regions, names)
+        yield (
+            frame,
+            np.vstack([image, _bar(image.shape[1], words, f"{iso_utc(frame.time_ns)[:19]}Z", colours)]),
+        )
 
 
 def _with_slope(estimate: SlopeEstimate) -> str:
@@ -256,7 +240,7 @@ def _with_slope(estimate: SlopeEstimate) -> str:
     return f"{estimate.region}{tilt}"
 
 
-def _shown(frame: Frame, info: StreamInfo) -> SingleArray:
+def _values(frame: Frame, info: StreamInfo) -> SingleArray:
     """Values that an image shows, (rows, cols): °C, or counts where the camera's scale is not known."""
     if not has_temperatures(info):
         return frame.counts.astype(np.float32)
@@ -266,12 +250,12 @@ def _shown(frame: Frame, info: StreamInfo) -> SingleArray:
 def _range(session: SessionReader, info: StreamInfo) -> tuple[float, float]:
     """One colour scale for the whole session: it holds the middle 98 % of each of about fifty frames.
 
-    Of each, not of all together: a bed that is warm for an hour only must not lie beyond the end.
+    Of each, not of all together: a region that is warm for an hour only must not lie beyond the end.
     """
     reader, length = session.stream(info.name), session.count(info.name)
     frames = (reader.frame(row) for row in range(0, length, max(1, length // 50)))
-    shown = [_shown(frame, info) for frame in frames if not is_damaged(frame.quality)]
-    ends = np.array([np.nanpercentile(one, (1, 99)) for one in shown if np.isfinite(one).any()])
+    images = [_values(frame, info) for frame in frames if not is_damaged(frame.quality)]
+    ends = np.array([np.nanpercentile(values, (1, 99)) for values in images if np.isfinite(values).any()])
     if not len(ends):
         raise ConfigError("no frames", place=session.path, fix=_TABLES)
     low, high = float(ends[:, 0].min()), float(ends[:, 1].max())
@@ -279,19 +263,12 @@ def _range(session: SessionReader, info: StreamInfo) -> tuple[float, float]:
 
 
 def _draw(
-    regions: Iterable[Region],
-    frame: Frame,
-    shown: SingleArray,
-    ends: tuple[float, float],
-    words: list[str],
-    names: Mapping[str, str],
-    colours: Colours,
+    colours: Colours, grey: ByteArray, regions: Iterable[Region], names: Mapping[str, str]
 ) -> ByteArray:
+    """The enlarged image with its regions and their names, and axes in pixels."""
     import cv2
 
-    factor = max(1, round(_WIDTH / frame.counts.shape[1]))
-    low, high = ends
-    grey = np.clip(np.nan_to_num((shown - low) / (high - low)) * 255, 0, 255).astype(np.uint8)
+    factor = max(1, round(_WIDTH / grey.shape[1]))
     large = cv2.resize(grey, None, fx=factor, fy=factor, interpolation=cv2.INTER_NEAREST)
     image: ByteArray = colours[large]
     for region in regions:
@@ -299,8 +276,7 @@ def _draw(
         outline(image, corners, thickness=1)
         x, y = corners[0].astype(int).tolist()
         label(image, names[region.name], x + 5, y + 17, 0.45, margin=2)
-    image = with_axes(image, factor)
-    return np.vstack([image, _bar(image.shape[1], words, iso_utc(frame.time_ns)[:19] + "Z", colours)])
+    return with_axes(image, factor)
 
 
 def _bar(width: int, words: list[str], moment: str, colours: Colours) -> ByteArray:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -83,7 +84,7 @@ def possible(
         return replace(imported, notes=(*imported.notes, *about))
     samples, notes = list(imported.samples), list(imported.notes)
     for info in streams:
-        places = [place for place, one in enumerate(samples) if one.stream == info.name]
+        places = [place for place, sample in enumerate(samples) if sample.stream == info.name]
         readings = [one for place in places if isinstance(one := samples[place], Reading)]
         bounds = bounds_of(info)
         values = np.array([reading.values for reading in readings], np.float64).reshape(-1, *info.shape)
@@ -91,8 +92,8 @@ def possible(
         for place, reading in zip(places, readings, strict=True):
             # whatever the sun's height: times may be corrected
             samples[place] = flag_implausible(reading, bounds)
-        found = excesses(labels_of(info), bounds, values, bounds.is_exceeded(values, sine))
-        words = (one.words(_place(readings[one.first])) for one in found)
+        beyond = excesses(labels_of(info), bounds, values, bounds.is_exceeded(values, sine))
+        words = (excess.words(_place(readings[excess.first])) for excess in beyond)
         notes += [(Severity.WARNING, f"{text}; stored, not used") for text in words]
     return replace(imported, streams=streams, samples=samples, notes=tuple(notes))
 
@@ -143,25 +144,15 @@ def write_imported(path: Path, header: SessionHeader, imported: ImportedRecordin
     clock = StampedClock(first.time_ns)
     writer = SessionWriter(path, header, clock)
     try:
-        _add_note(writer, clock, Severity.INFO, f"imported from {source}")
-        for severity, text in imported.notes:
-            _add_note(writer, clock, severity, text)
-        for sample in _chain(first, samples):
+        for severity, text in ((Severity.INFO, f"imported from {source}"), *imported.notes):
+            writer.put(Event(EventKind.IMPORTED, clock.now_ns, clock.now_ns, text, "", severity))
+        for sample in chain([first], samples):
             clock.now_ns = max(clock.now_ns, sample.time_ns)
             writer.append(sample)
     except BaseException:
         writer.discard()
         raise
     return writer.close()
-
-
-def _chain(first: Sample, rest: Iterator[Sample]) -> Iterator[Sample]:
-    yield first
-    yield from rest
-
-
-def _add_note(writer: SessionWriter, clock: StampedClock, severity: Severity, text: str) -> None:
-    writer.put(Event(EventKind.IMPORTED, clock.now_ns, clock.now_ns, text, "", severity))
 
 
 def usual_rate_hz(time_ns: Sequence[int] | IntArray) -> float:
@@ -171,14 +162,13 @@ def usual_rate_hz(time_ns: Sequence[int] | IntArray) -> float:
     return 1e9 / usual if usual > 0 else 0.0
 
 
-def bunched(time_ns: IntArray) -> BoolArray:
+def is_bunched(time_ns: IntArray) -> BoolArray:
     """True for frames that came together, having waited: half the usual interval apart or less."""
     intervals = np.diff(time_ns)
-    late = np.zeros(len(time_ns), np.bool_)
-    if intervals.size >= 3:
-        close = intervals < 0.5 * np.median(intervals)
-        late[1:] |= close
-        late[:-1] |= close
+    if intervals.size < 3:
+        return np.zeros(len(time_ns), np.bool_)
+    is_close = np.pad(intervals < 0.5 * np.median(intervals), 1)
+    late: BoolArray = is_close[1:] | is_close[:-1]
     return late
 
 
@@ -199,16 +189,16 @@ def flag_bunched(
 
     `time_ns` are their stamps, known from a first pass; also a note on bunches.
     """
-    late = bunched(np.array(time_ns, np.int64))
+    late = is_bunched(np.array(time_ns, np.int64))
 
-    def flagged() -> Iterator[Frame]:
+    def flag() -> Iterator[Frame]:
         for is_late, frame in zip(late, read(), strict=False):  # what came after was excluded
             yield frame._replace(quality=frame.quality | Quality.INTERPOLATED) if is_late else frame
 
     if not late.any():
-        return ReadAgain(flagged), ()
+        return ReadAgain(flag), ()
     text = f"{int(late.sum())} of {late.size} frames came in bunches: stamps of arrival, flagged interpolated"
-    return ReadAgain(flagged), ((Severity.WARNING, text),)
+    return ReadAgain(flag), ((Severity.WARNING, text),)
 
 
 _ALWAYS_BYTES, _MOST_TIMES = 100_000_000, 100  # the noise of a sensor packs to a third or so

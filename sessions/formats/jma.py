@@ -14,6 +14,7 @@ import re
 from calendar import monthrange
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
@@ -131,9 +132,9 @@ def _obsdl(path: Path, rows: list[list[str]], name: str) -> ImportedRecording:
 
 def _names_at(rows: Sequence[Sequence[str]]) -> int | None:
     """The row that names the items: its first cells name the date, or nothing where that is in words."""
-    named = (n for n, row in enumerate(rows) if row[0].startswith(_SPLIT[0]))
+    with_date = (n for n, row in enumerate(rows) if row[0].startswith(_SPLIT[0]))
     unnamed = (n for n, row in enumerate(rows) if not row[0] and any(map(_kind, row)))
-    return next(named, next(unnamed, None))
+    return next(with_date, next(unnamed, None))
 
 
 def _is_hourly(names: Sequence[str], below: Sequence[Sequence[str]]) -> bool:
@@ -154,9 +155,8 @@ def _recording(
         streams.append(info)
         for stamp, row in body:
             time_ns = utc_ns(stamp + _to_middle(ours[0].kind, step))
-            readings.append(
-                imported_reading(info.name, time_ns, tuple(_value(item, row, step) for item in ours))
-            )
+            values = tuple(_value(item, row, step) for item in ours)
+            readings.append(imported_reading(info.name, time_ns, values))
     readings.sort(key=lambda reading: reading.time_ns)
     return ImportedRecording(tuple(streams), readings, tuple(_notes(path, items, body, step)))
 
@@ -208,25 +208,25 @@ def _items(
     """The value columns that count, from the row that names the items and the header rows around it."""
     stations = above[-1] if above else []
     several = len({cell for cell in stations if cell}) > 1
-    found = []
+    items = []
     for place, cell in enumerate(names):
         kind = _kind(cell)
         if kind is not None and not any(_cell(row, place) for row in below):
             item = cell.rsplit("(", 1)[0]
             label = f"{_cell(stations, place)} {item}" if several else item
             more = _companions(names, below, place)
-            found.append(_Item(label, kind, place, more.get(_QUALITY, -1), more.get(_HOMOGENEITY, -1)))
-    return _numbered(found)
+            items.append(_Item(label, kind, place, more.get(_QUALITY, -1), more.get(_HOMOGENEITY, -1)))
+    return _distinct(items)
 
 
-def _numbered(items: Sequence[_Item]) -> list[_Item]:
+def _distinct(items: Sequence[_Item]) -> list[_Item]:
     """The items, those of one name told apart by a number: two stations may have the same name."""
-    seen = Counter[str]()
+    counts = Counter[str]()
     numbered = []
     for item in items:
-        seen[item.label] += 1
-        label = f"{item.label} ({seen[item.label]})" if seen[item.label] > 1 else item.label
-        numbered.append(replace(item, label=label))
+        counts[item.label] += 1
+        number = f" ({counts[item.label]})" if counts[item.label] > 1 else ""
+        numbered.append(replace(item, label=item.label + number))
     return numbered
 
 
@@ -240,15 +240,15 @@ def _kind(cell: str) -> Meaning | None:
 
 def _companions(items: Sequence[str], below: Sequence[Sequence[str]], place: int) -> dict[str, int]:
     """Places of the columns that qualify the value at `place`: up to the next value but a direction."""
-    found: dict[str, int] = {}
+    places: dict[str, int] = {}
     for column in range(place + 1, len(items)):
         is_named = items[column].startswith((_QUALITY, _HOMOGENEITY))  # beside the item, not below it
         words = {items[column][:4]} if is_named else {_cell(row, column) for row in below} - {""}
         if not words or not (is_named or items[column] == items[place]):
             break
         for word in words & {_QUALITY, _HOMOGENEITY}:
-            found.setdefault(word, column)
-    return found
+            places.setdefault(word, column)
+    return places
 
 
 def _cell(row: Sequence[str], place: int) -> str:
@@ -265,7 +265,7 @@ def _value(item: _Item, row: Sequence[str], step: timedelta) -> float:
     except ValueError:
         return float("nan")
     if not _is_normal(item, row):
-        return float("nan")
+        return math.nan
     is_sum = item.kind.unit == _SUM
     return number * 1e6 / step.total_seconds() if is_sum else item.kind.in_stream_unit(number)
 
@@ -296,13 +296,13 @@ def read_radiation_table(path: Path, name: str) -> ImportedRecording:
 
     Raises `ConfigError` where the file does not follow the agency's layout.
     """
-    named = _NAME.fullmatch(path.name)
-    if named is None:
+    match = _NAME.fullmatch(path.name)
+    if match is None:
         raise not_understood(path, "its name does not give quantity and month, like DR202406_tat.txt")
-    quantity = QUANTITIES[_COMPONENTS[named[1].upper()]]
-    info = station_stream(name, quantity, 1 / 3600, vendor=VENDOR, model=f"station {named[4]}")
+    quantity = QUANTITIES[_COMPONENTS[match[1].upper()]]
+    info = station_stream(name, quantity, 1 / 3600, vendor=VENDOR, model=f"station {match[4]}")
     try:
-        first = datetime(int(named[2]), int(named[3]), 1, tzinfo=JST)
+        first = datetime(int(match[2]), int(match[3]), 1, tzinfo=JST)
         days = [day for line in japanese_text(path).splitlines() if (day := _day(path, line)) is not None]
         readings = _readings(path, info.name, first, days)
     except OverflowError as error:
@@ -335,8 +335,8 @@ def _day(path: Path, line: str) -> tuple[int, list[float]] | None:
     if len(words) != 26 or not all(re.fullmatch(r"\d+|X+", word) for word in words[1:]):
         raise not_understood(path, f"the row {line.strip()[:40]!r} does not have 24 hours and their sum")
     hours = [float("nan") if "X" in word else float(word) for word in words[1:25]]
-    measured = [hour for hour in hours if hour == hour]
-    if "X" not in words[25] and abs(sum(measured) - float(words[25])) > 0.5 * len(measured) + 1:
+    numbers = [hour for hour in hours if hour == hour]
+    if "X" not in words[25] and abs(sum(numbers) - float(words[25])) > 0.5 * len(numbers) + 1:
         raise not_understood(path, f"the hours of day {words[0]} do not add up to its sum")
     return int(words[0]), [hour * _W_PER_M2 for hour in hours]
 
@@ -349,16 +349,11 @@ def japanese_text(path: Path) -> str:
     try:
         with path.open("rb") as file:
             content = file.read(_MOST_BYTES)
-        return _decoded(content)
+        with suppress(UnicodeDecodeError):  # Japanese in Shift_JIS is not valid UTF-8, so this comes first
+            return content.decode("utf-8-sig")
+        return content.decode("cp932")
     except (OSError, UnicodeDecodeError) as error:
         raise not_understood(path, str(error)) from error
-
-
-def _decoded(content: bytes) -> str:
-    try:
-        return content.decode("utf-8-sig")  # Japanese in Shift_JIS is not valid UTF-8, so this comes first
-    except UnicodeDecodeError:
-        return content.decode("cp932")
 
 
 def not_understood(path: Path, why: str) -> ConfigError:

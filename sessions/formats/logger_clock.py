@@ -54,19 +54,19 @@ def in_clock_order(
     ordered = _oldest_first(near)
     least_ns = 0 if _usual_ns(ordered) <= _FINE_NS else 1
     whole = _without_copies(ordered, least_ns)
-    kept = _once(whole, least_ns, keep)
-    if keep is None and len(kept) < len(whole):
+    rising = _once(whole, least_ns, keep)
+    if keep is None and len(rising) < len(whole):
         raise _step(path, whole, least_ns)
-    copies, twice = _missing(ordered, whole), _missing(whole, kept)
+    copies, twice = _missing(ordered, whole), _missing(whole, rising)
     notes = [
         *_note(Severity.WARNING, far, "more than a year from the others"),
         *_note(Severity.INFO, copies, "copies of earlier ones"),
         *_note(Severity.WARNING, twice, f"as their times come twice ({keep} kept)"),
-        *_longest_gap(kept),
+        *_longest_gap(rising),
     ]
     if keep and not twice:
         notes.append((Severity.INFO, f"nothing to keep {keep}: no time comes twice"))
-    return kept, notes
+    return rising, notes
 
 
 def _near(rows: Sequence[TimedRow]) -> tuple[list[TimedRow], list[TimedRow]]:
@@ -76,11 +76,8 @@ def _near(rows: Sequence[TimedRow]) -> tuple[list[TimedRow], list[TimedRow]]:
     gaps = np.flatnonzero(np.diff(times) > _YEAR_NS) + 1  # the first rows after them
     first = times[max(gaps[gaps <= middle], default=0)]
     last = times[min(gaps[gaps > middle], default=times.size) - 1]
-    inside = [first <= row.time_ns <= last for row in rows]
-    return (
-        [row for row, is_near in zip(rows, inside, strict=True) if is_near],
-        [row for row, is_near in zip(rows, inside, strict=True) if not is_near],
-    )
+    near = [row for row in rows if first <= row.time_ns <= last]
+    return near, [row for row in rows if not first <= row.time_ns <= last]
 
 
 def _oldest_first(rows: list[TimedRow]) -> list[TimedRow]:
@@ -94,30 +91,30 @@ def _usual_ns(rows: Sequence[TimedRow]) -> int:
 
 
 def _without_copies(rows: Sequence[TimedRow], least_ns: int) -> list[TimedRow]:
-    seen: set[tuple[int, tuple[str, ...]]] = set()
-    kept: list[TimedRow] = []
+    keys: set[tuple[int, tuple[str, ...]]] = set()
+    rows_once: list[TimedRow] = []
     latest_ns = -1
     for row in rows:
         key = (row.time_ns, tuple(row.cells))
-        if row.time_ns >= latest_ns + least_ns or key not in seen:
-            kept.append(row)
-        seen.add(key)
+        if row.time_ns >= latest_ns + least_ns or key not in keys:
+            rows_once.append(row)
+        keys.add(key)
         latest_ns = max(latest_ns, row.time_ns)
-    return kept
+    return rows_once
 
 
 def _once(rows: Sequence[TimedRow], least_ns: int, keep: Keep | None) -> list[TimedRow]:
     """The rows whose times rise, each the first of its time, or the last."""
     sign = -1 if keep == "last" else 1
-    kept: list[TimedRow] = []
+    rising: list[TimedRow] = []
     for row in rows[::sign]:
-        if not kept or sign * (row.time_ns - kept[-1].time_ns) >= least_ns:
-            kept.append(row)
-    return kept[::sign]
+        if not rising or sign * (row.time_ns - rising[-1].time_ns) >= least_ns:
+            rising.append(row)
+    return rising[::sign]
 
 
 def _step(path: Path, rows: Sequence[TimedRow], least_ns: int) -> ConfigError:
-    steps = [(one, two) for one, two in pairwise(rows) if two.time_ns - one.time_ns < least_ns]
+    steps = [pair for pair in pairwise(rows) if pair[1].time_ns - pair[0].time_ns < least_ns]
     before, after = steps[0]
     back = timedelta(microseconds=(before.time_ns - after.time_ns) // 1000)
     what = f"goes back by {back}" if back else "stands still"
@@ -134,15 +131,15 @@ def _missing(rows: Sequence[TimedRow], kept: Sequence[TimedRow]) -> list[TimedRo
 
 
 def _note(severity: Severity, rows: Sequence[TimedRow], why: str) -> Notes:
-    return [(severity, f"{counted(rows)} excluded, {why}: {listed(rows)}")] if rows else []
+    return [(severity, f"{row_count(rows)} excluded, {why}: {listing(rows)}")] if rows else []
 
 
-def counted(rows: Sequence[object]) -> str:
+def row_count(rows: Sequence[object]) -> str:
     """Number of rows."""
     return "1 row" if len(rows) == 1 else f"{len(rows)} rows"
 
 
-def listed(rows: Sequence[object]) -> str:
+def listing(rows: Sequence[object]) -> str:
     """The first three of them, and how many more there are."""
     more = f" and {len(rows) - 3} more" if len(rows) > 3 else ""
     return ", ".join(map(str, rows[:3])) + more
@@ -150,7 +147,7 @@ def listed(rows: Sequence[object]) -> str:
 
 def _longest_gap(rows: Sequence[TimedRow]) -> Notes:
     """A gap may be a clock that was set forward: it cannot be seen which."""
-    gaps = [(two.time_ns - one.time_ns, two) for one, two in pairwise(rows)]
+    gaps = [(later.time_ns - earlier.time_ns, later) for earlier, later in pairwise(rows)]
     limit_ns = _GAP * _usual_ns(rows)
     long = [gap for gap in gaps if gap[0] > limit_ns > 0]
     if not long:

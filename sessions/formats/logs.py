@@ -25,7 +25,7 @@ from fieldkit.model.next_step import Argument
 from fieldkit.model.quantities import KNOWN_UNITS, POWER, Meaning, Quantity, meaning_of, unknown_meaning
 from fieldkit.model.samples import Quality, Reading, Severity
 from fieldkit.sessions.formats.imported import ImportedRecording, imported_reading, usual_rate_hz
-from fieldkit.sessions.formats.logger_clock import Keep, Notes, TimedRow, counted, in_clock_order, listed
+from fieldkit.sessions.formats.logger_clock import Keep, Notes, TimedRow, in_clock_order, listing, row_count
 from fieldkit.sessions.formats.tables import (
     AVERAGED,
     DEFAULT_ENCODING,
@@ -128,7 +128,8 @@ def _timed_rows(path: Path, table: Table, options: LogOptions) -> tuple[list[Tim
     times = read_times(texts, zone, options.time_format)
     errors = dict(times.unreadable) | _too_long(table)
     if 2 * len(errors) >= len(rows):
-        place, error = min(errors.items(), key=lambda one: one[0])
+        place = min(errors)
+        error = errors[place]
         raise ConfigError(f"{path}, row {rows[place].number}: {error.message}", fix=error.fix)
     timed = [
         TimedRow(row.number, plausible_ns(times.known_ns[place] + options.offset_ns), row.cells)
@@ -138,7 +139,7 @@ def _timed_rows(path: Path, table: Table, options: LogOptions) -> tuple[list[Tim
     notes: Notes = _on_zone(path, table, options.zone, times)
     if errors:
         named_rows = [f"row {rows[place].number} ({errors[place].message})" for place in sorted(errors)]
-        notes.append((Severity.WARNING, f"{counted(named_rows)} excluded: {listed(named_rows)}"))
+        notes.append((Severity.WARNING, f"{row_count(named_rows)} excluded: {listing(named_rows)}"))
     ordered, about_order = in_clock_order(path, timed, options.keep)
     return ordered, notes + about_order
 
@@ -166,7 +167,9 @@ def _too_long(table: Table) -> dict[int, ConfigError]:
     A header that ends in a separator names nothing there: digits below that may be a number's decimals.
     """
     width = len(table.columns)
-    named_width = max((place for place, one in enumerate(table.columns, start=1) if one.head), default=0)
+    named_width = max(
+        (place for place, column in enumerate(table.columns, start=1) if column.head), default=0
+    )
     return {
         place: ConfigError(
             f"it has {len(row.cells)} cells, the header {named_width}",
@@ -227,12 +230,13 @@ def _channels(path: Path, table: Table, options: LogOptions) -> tuple[list[Chann
     """The columns that are read, and notes on the others."""
     if options.unit and quantities.unit_of(options.unit) is None:
         raise ConfigError(f"{options.unit!r} is not a known unit", fix=f"known units: {KNOWN_UNITS}")
-    asked = [place_of(path, table.columns, one) for one in options.columns.values]
-    if not asked:
+    places = [place_of(path, table.columns, name) for name in options.columns.values]
+    if not places:
         return _all_channels(path, table, options.unit)
-    other = [one for place in asked if not _is_as_measured(one := table.columns[place])]
-    note = f"neither samples nor averages, stamped as the table has them: {_with_process(other)}"
-    channels = [_asked(path, table, place, options) for place in asked]
+    other = [one for place in places if not _is_as_measured(one := table.columns[place])]
+    heads = ", ".join(f"{column.head} ({column.process})" for column in other)
+    note = f"neither samples nor averages, stamped as the table has them: {heads}"
+    channels = [_requested_channel(path, table, place, options) for place in places]
     return channels, [(Severity.WARNING, note)] if other else []
 
 
@@ -246,7 +250,7 @@ def _all_channels(path: Path, table: Table, unit: str) -> tuple[list[Channel], N
     heads: dict[str, list[str]] = {"table": [], "option": [], "unknown": []}
     for place in _free(table):
         column = table.columns[place]
-        written, own = _stated(path, table, place)
+        written, own = _header_unit(path, table, place)
         if own is None and not _has_numbers(table, place):
             continue
         meaning = own or (None if written else meaning_of(unit, column.label))
@@ -270,21 +274,17 @@ def _is_as_measured(column: Column) -> bool:
     return column.process in (*SAMPLED, *AVERAGED)
 
 
-def _with_process(columns: Sequence[Column]) -> str:
-    return ", ".join(f"{column.head} ({column.process})" for column in columns)
-
-
-def _asked(path: Path, table: Table, place: int, options: LogOptions) -> Channel:
+def _requested_channel(path: Path, table: Table, place: int, options: LogOptions) -> Channel:
     """A column asked for by name; raises `ConfigError` where it contradicts an option."""
     column = table.columns[place]
-    given = meaning_of(options.unit, column.label)
-    written, stated = _stated(path, table, place)
-    if written and given and stated != given:
+    option = meaning_of(options.unit, column.label)
+    written, stated = _header_unit(path, table, place)
+    if written and option and stated != option:
         raise ConfigError(
             f"{path}: column {column.head!r} states the unit {written!r}, not {options.unit!r}",
             fix="omit " + Argument("unit") + ", or the column",
         )
-    meaning = stated or given or unknown_meaning(written)
+    meaning = stated or option or unknown_meaning(written)
     if not meaning.unit.shown:
         raise ConfigError(f"{path}: column {column.head!r} has no unit", fix=f"known units: {KNOWN_UNITS}")
     component = quantities.quantity_named(column.label, POWER.stored)
@@ -306,12 +306,11 @@ def _free(table: Table) -> list[int]:
     others = {*table.time_at, *(column.unit_at for column in table.columns)}
     if _flags_at(table) >= 0:
         others |= set(range(len(table.columns))[-len(_EXPORTED) :])
-    return [
-        place for place, column in enumerate(table.columns) if place not in others and column.unit != "RN"
-    ]
+    columns = enumerate(table.columns)
+    return [place for place, column in columns if place not in others and column.unit != "RN"]
 
 
-def _stated(path: Path, table: Table, place: int) -> tuple[str, Meaning | None]:
+def _header_unit(path: Path, table: Table, place: int) -> tuple[str, Meaning | None]:
     """The unit that the table states of a column, as written and what it means."""
     column = table.columns[place]
     if column.unit_at < 0:
@@ -335,7 +334,9 @@ def _stated(path: Path, table: Table, place: int) -> tuple[str, Meaning | None]:
 def _has_numbers(table: Table, place: int) -> bool:
     """True if a column without a unit has numbers, and not those of the rows before their time."""
     numbers = [_number(_cell(row.cells, place)) for row in table.rows]
-    is_numbering = place < min(table.time_at) and all(two == one + 1.0 for one, two in pairwise(numbers))
+    is_numbering = place < min(table.time_at) and all(
+        later == earlier + 1.0 for earlier, later in pairwise(numbers)
+    )
     return not all(map(math.isnan, numbers)) and not is_numbering
 
 
@@ -367,10 +368,8 @@ def _info(
     name: str, channels: Sequence[Channel], measures: str, rate_hz: float, raw_bytes: int
 ) -> StreamInfo:
     labels, quantity = tuple(channel.label for channel in channels), channels[0].meaning.quantity
-    is_power = quantity.units == POWER
-    components = tuple(
-        quantities.quantity_named(label, POWER.stored) or measures for label in labels if is_power
-    )
+    radiation = labels if quantity.units == POWER else ()
+    components = tuple(quantities.quantity_named(label, POWER.stored) or measures for label in radiation)
     return StreamInfo(
         name, quantity.name, quantity.units.stored, (len(labels),), channels=labels,
         measures=components if any(components) else (), rate_hz=rate_hz, driver="import", raw_bytes=raw_bytes,
@@ -419,10 +418,8 @@ def middles_ns(ends_ns: Sequence[int]) -> list[int]:
 
 
 def _on_end(table: Table) -> Notes:
-    if table.has_end:
-        return []
     text = f"row {table.rows[-1].number} does not end its line: was the file cut off within its last number?"
-    return [(Severity.INFO, text)]
+    return [] if table.has_end else [(Severity.INFO, text)]
 
 
 def _on_option(option: str, given: str, applied: Sequence[str], stated: Sequence[str]) -> Notes:
@@ -436,8 +433,8 @@ def _on_option(option: str, given: str, applied: Sequence[str], stated: Sequence
 
 def _on_measures(channels: Sequence[Channel], measures: str) -> Notes:
     labels = [channel.label for channel in channels if channel.meaning.quantity.units == POWER]
-    stated = [label for label in labels if quantities.quantity_named(label, POWER.stored)]
-    return _on_option("measures", measures, [label for label in labels if label not in stated], stated)
+    in_header = [label for label in labels if quantities.quantity_named(label, POWER.stored)]
+    return _on_option("measures", measures, [label for label in labels if label not in in_header], in_header)
 
 
 def _on_cells(rows: Sequence[TimedRow], channels: Sequence[Channel]) -> Notes:
@@ -450,15 +447,15 @@ def _on_cells(rows: Sequence[TimedRow], channels: Sequence[Channel]) -> Notes:
     ]
     words = [cell for cell, _, _ in cells if math.isnan(_number(cell)) and cell.lower() != "nan"]
     units = [
-        f"{cell_of(row.cells, one.unit_at)!r} (row {row.number})"
-        for _, one, row in cells
-        if one.meaning_in(row.cells) is None
+        f"{cell_of(row.cells, channel.unit_at)!r} (row {row.number})"
+        for _, channel, row in cells
+        if channel.meaning_in(row.cells) is None
     ]
     notes = []
     if words:
         notes.append(f"{len(words)} cells are not numbers and have no value, such as {words[0][:20]!r}")
     if units:
-        notes.append(f"{len(units)} cells have no value for their unit: {listed(units)}")
+        notes.append(f"{len(units)} cells have no value for their unit: {listing(units)}")
     return [(Severity.WARNING, text) for text in notes]
 
 
@@ -471,11 +468,8 @@ def _on_stream(stream: _Stream, rows: Sequence[TimedRow]) -> Notes:
         fix = f"import it as global irradiance (ghi), or {how_to_state(info.name)}"
         notes.append((Severity.WARNING, f"{note}: {fix}"))
     if stream.channels[0].is_average and len(rows) > 1:
-        interval = f"{1 / info.rate_hz:g} s"
-        note = (
-            f"averages of {labels} are stamped in the middle of their interval of {interval}, not at its end"
-        )
-        notes.append((Severity.INFO, note))
+        middle = f"in the middle of their interval of {1 / info.rate_hz:g} s, not at its end"
+        notes.append((Severity.INFO, f"averages of {labels} are stamped {middle}"))
     elif stream.channels[0].is_average:
         note = f"averages of {labels} are stamped at the end of their interval, which one row does not show"
         notes.append((Severity.WARNING, note))
@@ -486,11 +480,8 @@ def _on_stream(stream: _Stream, rows: Sequence[TimedRow]) -> Notes:
 
 
 def _refuse_marks(path: Path, table: Table, channels: Sequence[Channel]) -> None:
-    cells = [
-        (_cell(row.cells, channel.place), table.columns[channel.place].head)
-        for row in table.rows
-        for channel in channels
-    ]
+    heads = {channel.place: table.columns[channel.place].head for channel in channels}
+    cells = [(_cell(row.cells, place), head) for row in table.rows for place, head in heads.items()]
     (_refuse_points if table.has_decimal_commas else _refuse_commas)(path, cells)
 
 

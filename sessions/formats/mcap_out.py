@@ -207,9 +207,9 @@ def _counter(value: int) -> int | None:
 def _plain(value: Any) -> Any:
     """A value with null for each number that JSON lacks."""
     if isinstance(value, Mapping):
-        return {name: _plain(one) for name, one in value.items()}
+        return {name: _plain(item) for name, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(one) for one in value]
+        return [_plain(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 

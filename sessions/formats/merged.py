@@ -25,7 +25,7 @@ from fieldkit.sessions.time_map import TimeStep, added_ns, recorded_mono_ns
 from fieldkit.sessions.writer import SessionWriter
 
 
-def cut_to(session: SessionReader, imported: ImportedRecording) -> ImportedRecording:
+def cut_session(session: SessionReader, imported: ImportedRecording) -> ImportedRecording:
     """Part of a recording that belongs to the session's time, and two intervals more on either side."""
     margin_ns = {info.name: round(2e9 / info.rate_hz) if info.rate_hz else 0 for info in imported.streams}
     first_ns, last_ns = session.start_ns, session.end_ns
@@ -36,12 +36,11 @@ def cut_to(session: SessionReader, imported: ImportedRecording) -> ImportedRecor
             if first_ns - more <= sample.time_ns <= last_ns + more:
                 yield sample
 
-    kept = ReadAgain(within)
-    excluded = sum(1 for _ in imported.samples) - sum(1 for _ in kept)
-    if not excluded:
+    part = ReadAgain(within)
+    if not (excluded := sum(1 for _ in imported.samples) - sum(1 for _ in part)):
         return imported
     note = f"{excluded} samples from before or after the session were excluded"
-    return replace(imported, samples=kept, notes=(*imported.notes, (Severity.INFO, note)))
+    return replace(imported, samples=part, notes=(*imported.notes, (Severity.INFO, note)))
 
 
 def merge(session: SessionReader, imported: ImportedRecording, path: Path, source: str) -> SealReport:
@@ -51,8 +50,7 @@ def merge(session: SessionReader, imported: ImportedRecording, path: Path, sourc
     where the session is not finished: a part of it would be missing from the new one for good.
     """
     session.require_finished()
-    common = {info.name for info in imported.streams} & set(session.streams)
-    if common:
+    if common := {info.name for info in imported.streams} & set(session.streams):
         raise ConfigError(
             f"a stream {common.pop()!r} already", place=session.path, fix="give another " + Argument("name")
         )
@@ -65,8 +63,7 @@ def merge(session: SessionReader, imported: ImportedRecording, path: Path, sourc
         )
     header = replace(session.header, streams=(*session.header.streams, *imported.streams))
     steps = session.time_map()
-    began = recorded_mono_ns(steps, session.start_ns, session.anchor_ns)
-    clock = StampedClock(began, session.anchor_ns)
+    clock = StampedClock(recorded_mono_ns(steps, session.start_ns, session.anchor_ns), session.anchor_ns)
     writer = SessionWriter(path, header, clock)
     try:
         began_ns = session.identity.start_ns
@@ -91,11 +88,11 @@ def merge(session: SessionReader, imported: ImportedRecording, path: Path, sourc
 
 def _by_time(session: SessionReader, added: Iterable[Sample], steps: list[TimeStep]) -> Iterator[Sample]:
     """All samples as recorded by the session's clocks, to which the added ones are moved."""
-    moved = (_moved(sample, steps, session.anchor_ns) for sample in added)
-    return heapq.merge(session.samples(recorded=True), moved, key=lambda sample: sample.mono_ns)
+    on_clock = (_move(sample, steps, session.anchor_ns) for sample in added)
+    return heapq.merge(session.samples(recorded=True), on_clock, key=lambda sample: sample.mono_ns)
 
 
-def _moved(sample: Sample, steps: list[TimeStep], anchor_ns: int) -> Sample:
+def _move(sample: Sample, steps: list[TimeStep], anchor_ns: int) -> Sample:
     """A sample whose time the session's time map will make what it was."""
     mono_ns = recorded_mono_ns(steps, sample.time_ns, anchor_ns)
     return sample._replace(mono_ns=mono_ns, time_ns=sample.time_ns - added_ns(steps, mono_ns))
@@ -106,26 +103,26 @@ def _moved(sample: Sample, steps: list[TimeStep], anchor_ns: int) -> Sample:
 _ZONE_S = 1500.0
 
 
-def aligned(session: SessionReader, imported: ImportedRecording) -> ImportedRecording:
+def align(session: SessionReader, imported: ImportedRecording) -> ImportedRecording:
     """The log with its times moved onto the session's series of the same quantity; a note gives the offset.
 
     Raises `NoAnswerError` where no stream of the session determines the offset.
     """
     readings = [sample for sample in imported.samples if isinstance(sample, Reading)]
-    name, found = _best_stream(session, imported.streams, readings)
-    shift_ns = round(found.offset_s * 1e9)
-    moved = [
+    name, alignment = _best_stream(session, imported.streams, readings)
+    shift_ns = round(alignment.offset_s * 1e9)
+    shifted = [
         reading._replace(time_ns=reading.time_ns + shift_ns, mono_ns=reading.mono_ns + shift_ns)
         for reading in readings
     ]
     note = (
-        f"clock offset {found.offset_s:+.1f} s ± {found.uncertainty_s:.1f} s (k=2) found on {name}, "
-        f"correlation {found.correlation:.3f}"
+        f"clock offset {alignment.offset_s:+.1f} s ± {alignment.uncertainty_s:.1f} s (k=2) found on {name}, "
+        f"correlation {alignment.correlation:.3f}"
     )
     notes = [*imported.notes, (Severity.INFO, note)]
-    if abs(found.offset_s) > _ZONE_S:
+    if abs(alignment.offset_s) > _ZONE_S:
         notes.append((Severity.WARNING, "too much for a clock's drift: check its zone and summer time"))
-    return ImportedRecording(imported.streams, moved, tuple(notes), imported.site)
+    return ImportedRecording(imported.streams, shifted, tuple(notes), imported.site)
 
 
 def _best_stream(
@@ -133,24 +130,24 @@ def _best_stream(
 ) -> tuple[str, Alignment]:
     """The time series that determines the offset of the log best, whichever of its streams it is of."""
     start_ns = session.start_ns
-    found, refused = [], ""
+    alignments, why = [], ""
     for info in streams:
         own = (reading for reading in readings if reading.stream == info.name)
         log = _time_series(_points(own, bounds_of(info)), start_ns)
         for name, series in _all_series(session, info.quantity, start_ns):
             try:
-                found.append((name, best_offset(log, series)))
+                alignments.append((name, best_offset(log, series)))
             except NoAnswerError as error:
-                refused = f"{name}: {error.message}"
-    if not found:
+                why = f"{name}: {error.message}"
+    if not alignments:
         quantities = " or ".join(info.quantity for info in streams)
-        reason = refused or f"it has no time series of {quantities}"
+        reason = why or f"it has no time series of {quantities}"
         raise NoAnswerError(
             f"does not determine the log's offset: {reason}",
             place=session.path,
             fix="give it, such as " + Argument("offset_s", 12),
         )
-    return min(found, key=lambda one: one[1].uncertainty_s)
+    return min(alignments, key=lambda pair: pair[1].uncertainty_s)
 
 
 def _points(readings: Iterable[Reading], bounds: Bounds) -> Iterator[tuple[int, float]]:
@@ -242,11 +239,10 @@ def best_offset(log: TimeSeries, reference: TimeSeries) -> Alignment:
         )
     finest = 2.0 * max(log.step_s, reference.step_s, span / _MOST_POINTS)
     coarse = max(finest, span / _COARSE_POINTS, _LEAST_COARSE_S)
-    offsets = coarse * np.arange(
-        _earliest(log, reference) // coarse, -_earliest(reference, log) // coarse + 1
-    )
-    fits = _fits(log, *_binned(reference, coarse), offsets, coarse)
-    grid, y = _binned(reference, finest)
+    first, last = _earliest(log, reference) // coarse, -_earliest(reference, log) // coarse
+    offsets = coarse * np.arange(first, last + 1)
+    fits = _fits(log, *_bins(reference, coarse), offsets, coarse)
+    grid, y = _bins(reference, finest)
     tops = [_top(log, grid, y, float(offsets[place]), coarse, finest) for place in _peaks(fits)]
     offset, fit = _distinct(sorted(tops, key=lambda top: -top[1]), _REACH * coarse)
     uncertainty = 2.0 * max(_standard_deviation(log, grid, y, offset, coarse, finest), finest * _OF_A_STEP)
@@ -312,18 +308,18 @@ def _standard_deviation(
     log: TimeSeries, grid: FloatArray, y: FloatArray, offset: float, coarse: float, step: float
 ) -> float:
     """Standard error of the offset by a delete-one-block jackknife over the series, seconds."""
-    found = []
+    offsets = []
     for block in np.array_split(np.arange(grid.size), _BLOCKS):
         without = y.copy()
         without[block] = np.nan
-        found.append(_top(log, grid, without, offset, coarse, step)[0])
-    return float(np.sqrt((_BLOCKS - 1) * np.var(found)))
+        offsets.append(_top(log, grid, without, offset, coarse, step)[0])
+    return float(np.sqrt((_BLOCKS - 1) * np.var(offsets)))
 
 
 def _fits(log: TimeSeries, grid: FloatArray, y: FloatArray, offsets: FloatArray, step: float) -> FloatArray:
     """Share of the reference's variance that the log explains at each offset; 0 where it cannot."""
     least = max(_LEAST_POINTS // 2, int(0.5 * min(np.isfinite(y).sum(), np.ptp(log.time_s) / step)))
-    return np.array([_fit(_shifted(log, grid, float(offset), step), y, least) for offset in offsets])
+    return np.array([_fit(_shift(log, grid, float(offset), step), y, least) for offset in offsets])
 
 
 def _fit(x: FloatArray, y: FloatArray, least: int) -> float:
@@ -336,7 +332,7 @@ def _fit(x: FloatArray, y: FloatArray, least: int) -> float:
     return max(correlation, 0.0) ** 2
 
 
-def _binned(series: TimeSeries, step: float) -> tuple[FloatArray, FloatArray]:
+def _bins(series: TimeSeries, step: float) -> tuple[FloatArray, FloatArray]:
     """Middles and means of bins of `step` seconds, NaN where nothing was measured."""
     place = np.floor((series.time_s - series.time_s[0]) / step).astype(np.int64)
     counts = np.bincount(place)
@@ -346,7 +342,7 @@ def _binned(series: TimeSeries, step: float) -> tuple[FloatArray, FloatArray]:
     return np.where(counts > 0, middles, series.time_s[0] + (np.arange(counts.size) + 0.5) * step), means
 
 
-def _shifted(log: TimeSeries, grid: FloatArray, offset: float, step: float) -> FloatArray:
+def _shift(log: TimeSeries, grid: FloatArray, offset: float, step: float) -> FloatArray:
     """The log at the moments of the grid, its times moved by `offset`; smoothed to the bins' width."""
     value = log.value
     width = 2 * (round(step / log.step_s) // 2) + 1  # odd, so that nothing moves

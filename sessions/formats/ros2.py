@@ -95,11 +95,7 @@ def export_ros2(
     path = folder / f"{session.path.stem}{'' if stream is None else f'-{stream}'}-ros2.mcap"
     names = tuple(session.streams) if stream is None else (session.stream(stream).info.name,)
     topics = _topics(session.streams)
-    with (
-        replacing(path, synced=False) as draft,
-        draft.open("wb") as file,
-        ros2_writer(file) as writer,
-    ):
+    with replacing(path, synced=False) as draft, draft.open("wb") as file, ros2_writer(file) as writer:
         schemas = {
             kind: writer.register_msgdef(kind, definition({"": text})) for kind, text in _DEFINITIONS.items()
         }
@@ -113,13 +109,13 @@ def export_ros2(
 def _topics(streams: Mapping[str, StreamInfo]) -> dict[str, list[str]]:
     """The topics of each stream: of its images, or one for each channel; a number tells equal ones apart."""
     topics: dict[str, list[str]] = {}
-    taken: set[str] = set()
+    names: set[str] = set()
     for info in streams.values():
         for channel in ("image_raw",) if info.is_camera else channel_names(info):
             topic = f"/{_name(info.name)}/{_name(channel)}"
             numbered = (f"{topic.rstrip('_')}_{number}" for number in count(2))
-            free = topic if topic not in taken else next(one for one in numbered if one not in taken)
-            taken.add(free)
+            free = topic if topic not in names else next(name for name in numbered if name not in names)
+            names.add(free)
             topics.setdefault(info.name, []).append(free)
     return topics
 
@@ -143,16 +139,13 @@ def _log(event: Event) -> dict[str, Any]:
 
 
 def _image(frame: Frame, info: StreamInfo) -> dict[str, Any]:
-    known = has_temperatures(info)
-    pixels = (
-        frame_k(info, frame.counts, frame.metadata_rows, np.float32).astype("<f4")
-        if known
-        else frame.counts.astype("<u2")
-    )
+    is_kelvin = has_temperatures(info)
+    values = frame_k(info, frame.counts, frame.metadata_rows, np.float32) if is_kelvin else frame.counts
+    pixels = values.astype("<f4" if is_kelvin else "<u2")
     rows, cols = pixels.shape
     return {
         "header": header(frame.time_ns, frame.stream), "height": rows, "width": cols,
-        "encoding": "32FC1" if known else "mono16", "is_bigendian": 0, "step": cols * pixels.itemsize,
+        "encoding": "32FC1" if is_kelvin else "mono16", "is_bigendian": 0, "step": cols * pixels.itemsize,
         "data": pixels.tobytes(),
     }  # fmt: skip
 
@@ -203,12 +196,7 @@ UNKNOWN = -1
 
 
 def write_maps(
-    path: Path,
-    layers: Mapping[str, SingleArray],
-    ground: Heights,
-    time_ns: int,
-    *,
-    risk: str | None = None,
+    path: Path, layers: Mapping[str, SingleArray], ground: Heights, time_ns: int, *, risk: str | None = None
 ) -> None:
     """Write layers as ``/grid_map``, and one of them as ``/occupancy_grid``.
 
@@ -225,11 +213,7 @@ def write_maps(
     if risk is not None:
         grid = _occupancy_grid(layers[risk], ground, time_ns)
         messages.append(("/occupancy_grid", "nav_msgs/msg/OccupancyGrid", _OCCUPANCY_GRID, grid))
-    with (
-        replacing(path, synced=False) as draft,
-        draft.open("wb") as file,
-        ros2_writer(file) as writer,
-    ):
+    with replacing(path, synced=False) as draft, draft.open("wb") as file, ros2_writer(file) as writer:
         for topic, kind, parts, message in messages:
             schema = writer.register_msgdef(kind, definition(parts))
             writer.write_message(topic, schema, {"header": head, **message}, time_ns, time_ns)

@@ -135,8 +135,7 @@ def read_stills(
     Frames are read when they are needed, and their orientation is not applied. Raises `ConfigError` if scale
     or times are unknown, or a file cannot be read.
     """
-    paths = image_files(source)
-    if not paths:
+    if not (paths := image_files(source)):
         raise ConfigError(
             "no frames with temperatures",
             place=source,
@@ -203,24 +202,19 @@ def _temperature_unit(written: str) -> Unit | None:
     return meaning.unit if meaning else None
 
 
-def _tiff_stills(paths: Sequence[Path], written: str) -> tuple[list[_Still], list[Note]]:
+def _tiff_stills(paths: Sequence[Path], unit: str) -> tuple[list[_Still], list[Note]]:
     """The pages that are frames, and notes on those that are not, and on turned ones."""
     pages = {path: _pages(path) for path in paths}
-    if written and not any(page.kind == _FLOAT for those in pages.values() for page in those):
+    if unit and not any(page.kind == _FLOAT for those in pages.values() for page in those):
         raise ConfigError(f"{paths[0]} holds counts, which have no unit", fix="omit " + Argument("unit"))
-    unit = _temperature_unit(written)
-    stills = [
-        _Still(
-            path,
-            f"page {number} of {len(those)} of {path}" if those[1:] else str(path),
-            _OF_FLOAT if unit else _own(page),
-            page,
-            unit,
-        )
-        for path, those in pages.items()
-        for number, page in enumerate(those, start=1)
-        if page.is_frame
-    ]
+    scale_unit = _temperature_unit(unit)
+    stills = []
+    for path, those in pages.items():
+        for number, page in enumerate(those, start=1):
+            label = f"page {number} of {len(those)} of {path}" if those[1:] else str(path)
+            if page.is_frame:
+                scale = _OF_FLOAT if scale_unit else _own(page)
+                stills.append(_Still(path, label, scale, page, scale_unit))
     for still in stills:
         _refuse_other_numbers(still)
     for path, those in pages.items():
@@ -261,8 +255,7 @@ def _refuse_other_numbers(still: _Still) -> None:
     _refuse_pixels(still.label, math.prod(page.shape))
     is_counts = (page.channels, page.bits) == (1, 16) and page.kind in (_UNSIGNED, _UNDEFINED)
     is_float = (page.channels, page.bits, page.kind) == (1, 32, _FLOAT)
-    fits = is_float if still.unit else is_counts
-    if fits:
+    if is_float if still.unit else is_counts:
         return
     if is_counts:
         raise ConfigError(f"{still.label} holds counts, which have no unit", fix="omit " + Argument("unit"))
@@ -313,9 +306,9 @@ def _times_ns(
     stills: Sequence[_Still], times: Path | None, time_format: str | None, zone: tzinfo | None
 ) -> list[int]:
     """Time at which each frame was taken, by the one way that was given, else by its own tags."""
-    given = given_times_ns(Counter(still.path for still in stills), times, time_format, zone)
-    if given is not None:
-        left = {path: iter(times_ns) for path, times_ns in given.items()}
+    by_file = given_times_ns(Counter(still.path for still in stills), times, time_format, zone)
+    if by_file is not None:
+        left = {path: iter(times_ns) for path, times_ns in by_file.items()}
         return [next(left[still.path]) for still in stills]
     own = [still.page.tags.time for still in stills if still.page and still.page.tags]
     if len(own) < len(stills):

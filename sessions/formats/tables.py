@@ -132,9 +132,8 @@ def read_table(
     for row in body:
         refuse_swallowed(path, row.number, row.cells, len(names), delimiter)
     _refuse_another_header(path, names, below, body, date)
-    time_at = tuple(place_of(path, columns, name) for name in time_names) or _time_at(
-        path, columns, body, date
-    )
+    named_at = tuple(place_of(path, columns, name) for name in time_names)
+    time_at = named_at or _time_at(path, columns, body, date)
     zone = _zone((names, *below), rows[:first], time_at)
     return Table(columns, body, time_at, delimiter != ",", zone, text.endswith(("\n", "\r")))
 
@@ -204,8 +203,7 @@ def _unreadable(path: Path, why: str) -> ConfigError:
 def _rows(text: str, delimiter: str) -> Iterator[Row]:
     lines = io.StringIO(text, newline="")  # `str.splitlines` would end lines at U+2028 and its like too
     reader = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
-    for cells in reader:
-        yield Row(reader.line_num, [cell.strip() for cell in cells])
+    return (Row(reader.line_num, [cell.strip() for cell in cells]) for cells in reader)
 
 
 def _delimiter(text: str) -> str:
@@ -244,14 +242,14 @@ def _place_of_name(rows: Sequence[Row], name: str) -> int | None:
 
 def _place_where(rows: Sequence[Row], is_of_kind: Callable[[str], bool]) -> int | None:
     """The first column of those whose cells look right in the most rows, a constant one last."""
-    found: dict[int, list[str]] = {}
+    cells_by_place: dict[int, list[str]] = {}
     for row in rows:
         for place, cell in enumerate(row.cells):
             if is_of_kind(cell):
-                found.setdefault(place, []).append(cell)
-    most = max(map(len, found.values()), default=0)
-    usual = [place for place, cells in found.items() if 2 * len(cells) > most]
-    return min(usual, key=lambda place: (len(set(found[place])) == 1, place), default=None)
+                cells_by_place.setdefault(place, []).append(cell)
+    most = max(map(len, cells_by_place.values()), default=0)
+    usual = [place for place, cells in cells_by_place.items() if 2 * len(cells) > most]
+    return min(usual, key=lambda place: (len(set(cells_by_place[place])) == 1, place), default=None)
 
 
 def _refuse_without_dates(path: Path, rows: Sequence[Row]) -> None:
@@ -315,10 +313,8 @@ def _time_at(path: Path, columns: Sequence[Column], rows: Sequence[Row], date: i
     for place in sorted(range(len(columns)), key=lambda place: (abs(place - date), place < date)):
         is_near = is_repeated or abs(place - date) == 1
         if is_near and 2 * sum(is_clock(cell_of(row.cells, place)) for row in rows) > len(rows):
-            has_fraction = (
-                columns[place + 1 : place + 2] and columns[place + 1].label.lower() in _FRACTION_DIGITS
-            )
-            return (date, place, place + 1) if has_fraction else (date, place)
+            after = columns[place + 1].label.lower() if place + 1 < len(columns) else ""
+            return (date, place, place + 1) if after in _FRACTION_DIGITS else (date, place)
     if is_repeated:  # all of them would be put at midnight
         raise ConfigError(
             f"{path}: several rows have the date {Counter(dates).most_common(1)[0][0]!r} and no time of day",
@@ -363,7 +359,7 @@ def _columns(names: list[str], below: Sequence[list[str]], *, is_campbell: bool)
 def _once(label: str, before: Sequence[str]) -> str:
     """The label, with the first number behind it that tells it from those before it."""
     numbered = (f"{label} {number}" for number in range(2, len(before) + 2))
-    return next(one for one in (label, *numbered) if one not in before)
+    return next(name for name in (label, *numbered) if name not in before)
 
 
 def _has_processes(cells: Sequence[str]) -> bool:
@@ -372,8 +368,8 @@ def _has_processes(cells: Sequence[str]) -> bool:
 
 def _column(name: str, unit: str, process: str, *, is_campbell: bool) -> Column:
     label, own_unit = split_head(name)
-    if is_campbell and not process and (found := _PROCESS.search(name)):
-        process = found[1]
+    if is_campbell and not process and (match := _PROCESS.search(name)):
+        process = match[1]
     unit = unit.strip("[]() ") or own_unit or (short_cut_unit(_PROCESS.sub("", name)) if is_campbell else "")
     return Column(name if unit == own_unit else f"{label} [{unit}]", label, unit, process)
 
@@ -397,8 +393,4 @@ def _parts(cell: str) -> tuple[str, str, str]:
         return cell, "", ""
     more = match["more"] or ""
     label, serial = re.search(r"LBL: ([^,]+)", more), re.search(r"SEN S/N: (\w+)", more)
-    return (
-        label[1].strip() if label else match["name"],
-        match["unit"] or "",
-        serial[1] if serial else "",
-    )
+    return (label[1].strip() if label else match["name"], match["unit"] or "", serial[1] if serial else "")

@@ -266,16 +266,16 @@ def all_but_unreadable(parts: Iterable[tuple[str, Callable[[], Path]]]) -> list[
 
     Raises `IncompleteError`, when all the others are written, with the names of those that cannot be read.
     """
-    written, missing = [], []
+    files, missing = [], []
     for name, write in parts:
         try:
-            written.append(write())
+            files.append(write())
         except (SessionError, OSError, RuntimeError) as error:
-            if found := _SYSTEM_ERROR.search(str(error)):
-                raise OSError(found[1]) from error
+            if match := _SYSTEM_ERROR.search(str(error)):
+                raise OSError(match[1]) from error
             if "errno" in message_of(error).lower():
                 raise
             missing.append(f"{name}: {message_of(error)}")
     if missing:
-        raise IncompleteError("not exported: " + "; ".join(missing), written)
-    return written
+        raise IncompleteError("not exported: " + "; ".join(missing), files)
+    return files

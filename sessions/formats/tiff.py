@@ -168,23 +168,23 @@ def read_pages(path: Path) -> Iterator[Page]:
 
 
 def _pages(file: BinaryIO, layout: _Layout) -> Iterator[Page]:
-    (at,), seen = _unpacked(file, layout.first_at, layout, layout.place), set[int]()
+    (at,), places = _unpack(file, layout.first_at, layout, layout.place), set[int]()
     while at:
-        if at in seen:
+        if at in places:
             raise ValueError("its directories form a circle")
-        seen.add(at)
+        places.add(at)
         entries = _entries(file, layout, at)
-        (following,) = _unpacked(file, file.tell(), layout, layout.place)
+        (following,) = _unpack(file, file.tell(), layout, layout.place)
         yield _page(file, layout, at, entries)
         at = following
 
 
 def _entries(file: BinaryIO, layout: _Layout, at: int) -> dict[int, _Entry]:
     """The tags of the directory at byte `at`, after which the file stands at the place of the next."""
-    (count,) = _unpacked(file, at, layout, layout.count)
+    (count,) = _unpack(file, at, layout, layout.count)
     entries = {}
     for _ in range(count):
-        tag, kind, length, value = _unpacked(file, file.tell(), layout, layout.entry)
+        tag, kind, length, value = _unpack(file, file.tell(), layout, layout.entry)
         code = _NUMBERS.get(kind)
         number = struct.unpack_from(layout.order + code, value)[0] if code else 0
         entries[tag] = _Entry(length, number, value, file.tell() - len(value))
@@ -207,7 +207,7 @@ def _page(file: BinaryIO, layout: _Layout, at: int, entries: Mapping[int, _Entry
     )  # fmt: skip
 
 
-def _unpacked(file: BinaryIO, at: int, layout: _Layout, codes: str) -> tuple[Any, ...]:
+def _unpack(file: BinaryIO, at: int, layout: _Layout, codes: str) -> tuple[Any, ...]:
     file.seek(at)
     return struct.unpack(layout.order + codes, file.read(struct.calcsize("=" + codes)))
 

@@ -74,7 +74,7 @@ def read_times(texts: Sequence[str], zone: tzinfo | None, time_format: str | Non
             if time_format is None and is_unix(text):
                 known_ns[row] = _unix_ns(text)
             else:
-                written[row] = _parsed(text, time_format)
+                written[row] = _parse(text, time_format)
         except ConfigError as error:
             unreadable[row] = error
     for row, moment in _in_zone(texts, written, zone).items():
@@ -89,7 +89,7 @@ def _in_zone(
     texts: Sequence[str], written: Mapping[int, datetime], zone: tzinfo | None
 ) -> dict[int, datetime]:
     """The times with their offset, of an hour that came twice the one by the order of the rows."""
-    moments = {row: _zoned(texts[row], moment, zone) for row, moment in written.items()}
+    moments = {row: _with_zone(texts[row], moment, zone) for row, moment in written.items()}
     for row, moment in moments.items():
         if _hours_back(moment) < 0:
             note = f"{texts[row]!r} does not exist in {moment.tzinfo}: clocks were put forward over it"
@@ -106,7 +106,7 @@ def _unix_ns(text: str) -> int:
     return plausible_ns(int(seconds) * 10**9 + int(fraction[:9].ljust(9, "0")))
 
 
-def _zoned(text: str, moment: datetime, zone: tzinfo | None) -> datetime:
+def _with_zone(text: str, moment: datetime, zone: tzinfo | None) -> datetime:
     if moment.tzinfo is not None:
         return moment
     if zone is None:
@@ -125,8 +125,8 @@ def _second_times(moments: Mapping[int, datetime], texts: Sequence[str]) -> Iter
 
     The clock goes back once in such a run of rows, which may stand newest first.
     """
-    shown = {row: moment.replace(tzinfo=None) for row, moment in moments.items()}
-    changes_s = [(later - earlier).total_seconds() for earlier, later in itertools.pairwise(shown.values())]
+    local = {row: moment.replace(tzinfo=None) for row, moment in moments.items()}
+    changes_s = [(later - earlier).total_seconds() for earlier, later in itertools.pairwise(local.values())]
     newest_first = sum(change < 0.0 for change in changes_s) > len(changes_s) / 2
     is_coarse = bool(changes_s) and statistics.median(map(abs, changes_s)) >= _COARSE_S
     order = sorted(moments, reverse=newest_first)
@@ -134,7 +134,7 @@ def _second_times(moments: Mapping[int, datetime], texts: Sequence[str]) -> Iter
         rows = list(run)
         if not is_twice:
             continue
-        pairs = list(enumerate(itertools.pairwise(shown[row] for row in rows), start=1))
+        pairs = list(enumerate(itertools.pairwise(local[row] for row in rows), start=1))
         back = [place for place, (earlier, later) in pairs if later < earlier]
         if not back and is_coarse:  # an hourly log only repeats itself
             back = [place for place, (earlier, later) in pairs if later == earlier]
@@ -175,7 +175,7 @@ def plausible_ns(time_ns: int) -> int:
     return time_ns
 
 
-def _parsed(text: str, time_format: str | None) -> datetime:
+def _parse(text: str, time_format: str | None) -> datetime:
     plain, midnights = _END_OF_DAY.subn("00:00", text)
     plain = _LEAP_SECOND.sub(":59", plain)
     pattern = None if time_format is None else _pattern(time_format)
@@ -248,7 +248,7 @@ def is_dated(text: str) -> bool:
 def is_time(text: str, time_format: str | None) -> bool:
     """True if a text is a time by a format, if there is one."""
     try:
-        return time_format is not None and bool(_parsed(text, time_format))
+        return time_format is not None and bool(_parse(text, time_format))
     except ConfigError:
         return False
 
@@ -317,21 +317,21 @@ def given_times_ns(
 def _from_table(frames: Mapping[Path, int], times: Path, zone: tzinfo | None) -> dict[Path, list[int]]:
     by_name = {path.name: path for path in frames}
     rows = [(by_name[name], time) for name, time in _rows(times) if name in by_name]
-    found: dict[Path, list[int]] = {path: [] for path in frames}
+    times_by_path: dict[Path, list[int]] = {path: [] for path in frames}
     read = read_times([time for _, time in rows], zone)
     for row, error in read.unreadable.items():  # `time_format` is for names
         fix = "write its times in ISO 8601, such as 2026-12-11T12:00:00+09:00"
         raise ConfigError(f"{times}, {rows[row][0].name}: {error.message}", fix=fix)
     for row, (path, _) in enumerate(rows):
-        found[path].append(read.known_ns[row])
-    wrong = [path for path, count in frames.items() if len(found[path]) != count]
+        times_by_path[path].append(read.known_ns[row])
+    wrong = [path for path, count in frames.items() if len(times_by_path[path]) != count]
     if wrong:
-        first = f"{wrong[0].name}: {len(found[wrong[0]])} times for {frames[wrong[0]]} frames"
+        first = f"{wrong[0].name}: {len(times_by_path[wrong[0]])} times for {frames[wrong[0]]} frames"
         raise ConfigError(
             f"{times} does not give each frame of {len(wrong)} files its time, the first {first}",
             fix="give every frame a line with its file's name and its time, in their order in the file",
         )
-    return found
+    return times_by_path
 
 
 def _rows(times: Path) -> list[tuple[str, str]]:

@@ -16,7 +16,7 @@ from fieldkit.sessions.check import check
 from fieldkit.sessions.layout import SessionHeader, decode_text, encode_text
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.recovery import recover
-from fieldkit.sessions.superblock import mended
+from fieldkit.sessions.superblock import mend
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.recording import CountedClock, fill, header, same, sample
 
@@ -44,8 +44,8 @@ def test_header_is_the_same_after_json(title, latitude, toml):
 
 @given(st.binary(min_size=48, max_size=48), st.integers(48, 2**40))
 def test_mending_a_superblock_is_done_once(head, length):
-    once = mended(head, length)
-    assert mended(once, length) == once
+    once = mend(head, length)
+    assert mend(once, length) == once
     assert len(once) == 48
 
 

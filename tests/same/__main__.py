@@ -37,7 +37,9 @@ def main() -> int:
     parser.add_argument(
         "--sessions", type=Path, help="folder to keep the sessions in, and to find them again"
     )
-    parser.add_argument("--only", default="", help="compare only sessions whose name contains this text")
+    parser.add_argument(
+        "--only", default="", help="record and compare only sessions whose name contains this text"
+    )
     options = parser.parse_args()
     programs = Program(options.other.resolve()), Program(HERE)
     with tempfile.TemporaryDirectory(prefix="fieldkit-same-") as scratch:
@@ -45,7 +47,8 @@ def main() -> int:
         sides = folder / "before", folder / "after"
         for program, side in zip(programs, sides, strict=True):
             if not (side / "all").exists():
-                paths = [path.relative_to(side) for path in track(make(program, side), side.name, total=12)]
+                finished = track(make(program, side, options.only), side.name, total=12)
+                paths = [path.relative_to(side) for path in finished]
                 (side / "all").write_text("\n".join(map(str, paths)))
         names = dict.fromkeys(line for side in sides for line in (side / "all").read_text().splitlines())
         chosen = [name for name in names if options.only in name]

@@ -24,12 +24,16 @@ RECORDED: dict[str, Sequence[str]] = {
 MINUTES = 40
 
 
-def make(program: Program, folder: Path) -> Iterator[Path]:
-    """Fill `folder` with sessions and tables; each path as it is finished."""
+def make(program: Program, folder: Path, only: str) -> Iterator[Path]:
+    """Fill `folder` with the sessions and tables whose name contains `only`; each path as it is finished."""
     for name, settings in RECORDED.items():
-        yield record(program, folder / name, settings, MINUTES)
-    yield from imported(program, folder / "imported", folder / "demo")
-    yield two_days(folder / "two-days.csv")
+        if only in name or (name, only) == ("demo", "imported"):  # imports are merged into the demo
+            yield record(program, folder / name, settings, MINUTES)
+    if only in "imported":
+        yield from imported(program, folder / "imported", folder / "demo")
+    if only in "two-days":
+        folder.mkdir(exist_ok=True)
+        yield two_days(folder / "two-days.csv")
 
 
 def record(program: Program, campaign: Path, settings: Sequence[str], minutes: int) -> Path:

@@ -15,7 +15,7 @@ from fieldkit.model.samples import Quality, Reading, Severity
 from fieldkit.model.site import Site
 from fieldkit.sessions.formats.imported import ImportedRecording, possible
 from fieldkit.sessions.formats.logs import LogColumns, LogOptions, read_log, read_table
-from fieldkit.sessions.formats.merged import cut_to, merge
+from fieldkit.sessions.formats.merged import cut_session, merge
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.next_steps import steps
@@ -239,7 +239,7 @@ def test_log_that_ran_longer_is_cut_to_the_session(tmp_path):
         start_s = session.start_ns / 1e9
         rows = "".join(f"{start_s + n + 0.01:.3f},{n}\n" for n in range(-10, 11))
         imported = read_log(table(tmp_path, "time,T1 [C]\n" + rows), "logger")
-        cut = cut_to(session, imported)
+        cut = cut_session(session, imported)
         found = [one.values[0] - 273.15 for one in cut.samples if isinstance(one, Reading)]
         # it is twenty milliseconds long: of readings a second apart, two on either side and the one within
         assert found == pytest.approx([-2, -1, 0, 1, 2], abs=1e-9)

@@ -11,7 +11,7 @@ from fieldkit.model.samples import Frame, Reading
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.sessions.formats.imported import ImportedRecording, write_imported
 from fieldkit.sessions.formats.logs import read_log
-from fieldkit.sessions.formats.merged import TimeSeries, aligned, best_offset
+from fieldkit.sessions.formats.merged import TimeSeries, align, best_offset
 from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.reader import open_session
 from fieldkit.weather import packaged_day, read_surfrad
@@ -114,7 +114,7 @@ def log(tmp_path: Path, offset_s: float) -> ImportedRecording:
 
 
 def test_log_is_moved_onto_the_sessions_curve_and_says_so(session, tmp_path):
-    moved = aligned(session, log(tmp_path, 83.0))
+    moved = align(session, log(tmp_path, 83.0))
     first = next(iter(moved.samples))
     assert (first.time_ns - START_NS) / 1e9 == pytest.approx(100.0, abs=1.0)
     assert first.mono_ns == first.time_ns
@@ -122,7 +122,7 @@ def test_log_is_moved_onto_the_sessions_curve_and_says_so(session, tmp_path):
 
 
 def test_whole_hours_are_suspected_to_be_a_zone(session, tmp_path):
-    assert "zone" in aligned(session, log(tmp_path, 3600.0)).notes[-1][1]
+    assert "zone" in align(session, log(tmp_path, 3600.0)).notes[-1][1]
 
 
 def test_regions_of_the_pictures_tell_the_offset_of_a_probe_in_the_sand(tmp_path):
@@ -137,7 +137,7 @@ def test_regions_of_the_pictures_tell_the_offset_of_a_probe_in_the_sand(tmp_path
     ]
     write_imported(tmp_path / "a.h5", head, ImportedRecording((info,), frames), "here")
     with open_session(tmp_path / "a.h5") as session:
-        moved = aligned(session, log(tmp_path, -20.0))
+        moved = align(session, log(tmp_path, -20.0))
     assert "found on region b05 of camera" in moved.notes[-1][1]
     first = next(iter(moved.samples))
     assert (first.time_ns - START_NS) / 1e9 == pytest.approx(100.0, abs=1.0)
@@ -147,4 +147,4 @@ def test_log_of_another_quantity_is_refused(session, tmp_path):
     path = tmp_path / "lux.csv"
     path.write_text("time,L [lx]\n" + "\n".join(f"{START_NS / 1e9 + n},{n % 7}" for n in range(50)))
     with pytest.raises(NoAnswerError, match="offset_s=12"):
-        aligned(session, read_log(path, "lux"))
+        align(session, read_log(path, "lux"))
