@@ -14,8 +14,9 @@ from fieldkit.drivers.simulated.lepton import LATENCY_S, SimulatedLepton, Simula
 from fieldkit.drivers.simulated.meters import SimulatedCenter309, SimulatedLutron, SimulatedMeter
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.fault_kind import FaultKind
 from fieldkit.simulation import Scene
-from fieldkit.simulation.faults import CLOCK_STEP_S, FaultKind
+from fieldkit.simulation.faults import CLOCK_STEP_S
 from fieldkit.simulation.simulated_clock import SimulatedClock
 
 PORT = "simulated"

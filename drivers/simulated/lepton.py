@@ -20,9 +20,10 @@ import numpy as np
 
 from fieldkit.model.device import Buffer
 from fieldkit.model.errors import DeviceError, DeviceLostError
+from fieldkit.model.fault_kind import FaultKind
 from fieldkit.model.units import SECOND_NS
 from fieldkit.simulation import Correction, Scene
-from fieldkit.simulation.faults import SHUTTER_STEP_K, FaultKind
+from fieldkit.simulation.faults import SHUTTER_STEP_K
 from fieldkit.simulation.simulated_clock import SimulatedClock
 
 # --- the shutter

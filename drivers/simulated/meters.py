@@ -27,9 +27,9 @@ from fieldkit.model.arrays import FloatArray
 from fieldkit.model.channels import is_air_temperature
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceAccessError
+from fieldkit.model.fault_kind import FaultKind
 from fieldkit.model.units import CELSIUS_ZERO_K, SECOND_NS
 from fieldkit.simulation import Scene
-from fieldkit.simulation.faults import FaultKind
 from fieldkit.simulation.simulated_clock import SimulatedClock
 
 _LINE = Line(9600)

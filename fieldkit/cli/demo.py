@@ -14,8 +14,8 @@ from fieldkit.cli import common
 from fieldkit.cli.recording import live_views, run_until_stopped
 from fieldkit.cli.slope_table import explain_slopes, print_learnt, print_slopes
 from fieldkit.cli.types import PATH
+from fieldkit.model.fault_kind import FaultKind
 from fieldkit.model.slope import final_estimates
-from fieldkit.simulation.faults import FaultKind
 from fieldkit.views import formatting
 
 if TYPE_CHECKING:

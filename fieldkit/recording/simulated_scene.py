@@ -17,6 +17,7 @@ from fieldkit.drivers.simulated import SimulatedField
 from fieldkit.ground.on_ground import ground_view
 from fieldkit.model.arrays import BoolArray
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.fault_kind import FaultKind
 from fieldkit.model.next_step import Action
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.units import SECOND_NS
@@ -29,7 +30,6 @@ from fieldkit.simulation import ClearSky, Facet, Fault, MeasuredSky, Scene, Sky
 from fieldkit.simulation.camera_frame import Motion
 from fieldkit.simulation.drawn_field import drawn_scene
 from fieldkit.simulation.facets import FRAME_SHAPE, GROUND
-from fieldkit.simulation.faults import FaultKind
 from fieldkit.simulation.scene import ALAMOSA_NOON_NS, BEDS
 from fieldkit.simulation.scene_series import Exchange
 from fieldkit.simulation.simulated_clock import START_MONO_NS, SimulatedClock

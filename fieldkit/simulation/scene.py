@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from fieldkit.model.arrays import FloatArray, SingleArray
+from fieldkit.model.fault_kind import FaultKind
 from fieldkit.model.site import Region, Site
 from fieldkit.model.units import SECOND_NS
 from fieldkit.simulation.boards import Board
@@ -22,7 +23,6 @@ from fieldkit.simulation.faults import (
     WARMED_WITHIN_NS,
     CloudTransmission,
     Fault,
-    FaultKind,
     LightStep,
     cloud_transmission,
     step_transmission,

@@ -93,7 +93,7 @@ def test_errors_carry_what_to_do_next():
     with pytest.raises(fieldkit.FieldkitError) as caught:
         fieldkit.open_session("nowhere.h5")
     assert caught.value.fix
-    assert caught.value.fix in str(caught.value)
+    assert str(caught.value.fix) in str(caught.value)
 
 
 def test_a_session_shows_its_name_state_and_streams(session):

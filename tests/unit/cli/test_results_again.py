@@ -48,8 +48,8 @@ def test_results_may_be_named_by_any_of_their_files(session, tmp_path, ending):
     ("text", "said"),
     [
         ("{", "cannot be read"),
-        ("[1]", "is not what an estimate wrote"),
-        ('{"weather": "fine"}', "is not what an estimate wrote"),
+        ("[1]", "not what an estimate wrote"),
+        ('{"weather": "fine"}', "not what an estimate wrote"),
         (json.dumps({"sessions": [], "parameters": {}}), "many sets of parameters"),
     ],
 )

@@ -58,8 +58,3 @@ def test_a_clear_day_is_that_of_the_sites_world():
     assert on_earth == clear_sky(cosine, time_ns, 9.0, 3.0)
     on_moon = clear_day(cosine, time_ns, Site(0.0, 0.0, body="moon"), turbidity=3.0)
     assert on_moon[0] == pytest.approx(extraterrestrial(time_ns, MOON))
-    clear, storm = (
-        clear_day(cosine, time_ns, Site(0.0, 0.0, body="mars"), turbidity=3.0, dust=dust)[0]
-        for dust in (None, 3.0)
-    )
-    assert storm[0] < 0.05 * clear[0]

@@ -3,12 +3,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fieldkit.model.fault_kind import FaultKind
 from fieldkit.model.site import RegionKind
 from fieldkit.model.units import SECOND_NS
 from fieldkit.physics.irradiance import IrradianceModel, direct_normal
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.simulation import Fault, LightStep, sand_slopes
-from fieldkit.simulation.faults import FaultKind
 
 MINUTE_NS = 60 * SECOND_NS
 

@@ -8,9 +8,9 @@ from fieldkit.drivers import registry
 from fieldkit.drivers.simulated import SimulatedField
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.fault_kind import FaultKind
 from fieldkit.model.units import SECOND_NS
 from fieldkit.simulation import Fault, sand_slopes
-from fieldkit.simulation.faults import FaultKind
 from fieldkit.simulation.simulated_clock import SimulatedClock
 
 

@@ -7,10 +7,10 @@ from fieldkit.drivers.simulated import SimulatedField
 from fieldkit.drivers.simulated.lepton import PERIOD_NS, SimulatedLepton
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceLostError
+from fieldkit.model.fault_kind import FaultKind
 from fieldkit.model.samples import Quality
 from fieldkit.model.units import SECOND_NS
 from fieldkit.simulation import Fault, sand_slopes
-from fieldkit.simulation.faults import FaultKind
 from fieldkit.simulation.simulated_clock import SimulatedClock
 
 CAMERA = DeviceSettings("camera", "purethermal", "simulated")

@@ -13,9 +13,9 @@ from fieldkit.drivers.simulated.meters import center_309_record, lutron_record
 from fieldkit.model.channels import air_quantities
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceLostError
+from fieldkit.model.fault_kind import FaultKind
 from fieldkit.model.units import SECOND_NS
 from fieldkit.simulation import Fault, sand_slopes
-from fieldkit.simulation.faults import FaultKind
 from fieldkit.simulation.simulated_clock import SimulatedClock
 
 LUX = DeviceSettings("lux", "lutron", "simulated")
