@@ -164,7 +164,7 @@ class Salvage:
         is_whole = info.is_camera and len(block) == len(rows) == block_rows(info)
         if not (self._packed and is_whole and block[0] == stats.kept):
             return None
-        if (chunks := loose.packed(int(block[0]))) is None:
+        if (chunks := loose.pack(int(block[0]))) is None:
             return None
         for row in rows.values():
             stats.keep(row.seq, of_frame(row.stamps)["time_ns"], row.crc32)
@@ -400,7 +400,7 @@ class LooseChunks:
         self._blocks: dict[str, tuple[int, CountArray]] = {}
         self._indexes: dict[str, Index] = {}
 
-    def packed(self, start: int) -> list[PackedChunk] | None:
+    def pack(self, start: int) -> list[PackedChunk] | None:
         """Every chunk of the block that begins with that row, packed; None if one is not as written."""
         if self._session is None:
             return None

@@ -52,7 +52,7 @@ def add_connected(file: Path, stated: dict[str, dict[str, Any]]) -> None:
     from fieldkit.recording.adding import Question, add_devices
     from fieldkit.recording.opening import together
 
-    additions = add_devices(file, stated, _answer if is_interactive() else Question.refused)
+    additions = add_devices(file, stated, _answer if is_interactive() else Question.refuse)
     if options().json:
         failures = [
             {"message": in_commands(failure.explanation), "fix": in_commands(failure.fix or "") or None}

@@ -97,11 +97,11 @@ class MisfitMonitor:
 
     _streams: set[str] = field(default_factory=set)
 
-    def stored(self, stream: str) -> None:
+    def note_stored(self, stream: str) -> None:
         """Note a stored sample: the next misfit begins another run."""
         self._streams.discard(stream)
 
-    def rejected(self, sample: Sample, error: ValueError) -> Iterator[Event]:
+    def note_rejected(self, sample: Sample, error: ValueError) -> Iterator[Event]:
         """An event if the stream's previous sample was stored."""
         if sample.stream not in self._streams:
             self._streams.add(sample.stream)
@@ -180,7 +180,7 @@ class StorageMonitor:
     _until_ns: int = 0
     _skipped: int = 0
 
-    def failed(self, error: StorageError, mono_ns: int) -> bool:
+    def ends_recording(self, error: StorageError, mono_ns: int) -> bool:
         """Note an error; True if it is the second, which ends the recording."""
         if self._error is not None and mono_ns < self._until_ns:
             return True

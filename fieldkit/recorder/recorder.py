@@ -126,7 +126,7 @@ class Recorder:
         `Summary.failure` holds the error.
         """
         self._report(EventKind.START, "recording started")
-        self.clock.hold_until(self._queue.settled)
+        self.clock.hold_until(self._queue.is_settled)
         try:
             self._start_readers()
             self._keep_earlier()
@@ -218,7 +218,7 @@ class Recorder:
             self._keep(item)
         self._check_health()
         if item is not None:
-            self._queue.done(item)  # only now may a simulated clock move on
+            self._queue.finish(item)  # only now may a simulated clock move on
         if self._estimating is not None and not self.clock.is_real:
             self._give_up_after(self._estimating.waited_s())
 
@@ -242,10 +242,10 @@ class Recorder:
             if not self._store(lambda: self.writer.append(sample)):
                 return
         except ValueError as error:  # a driver's mistake costs this sample, not the recording
-            for event in self._misfits.rejected(sample, error):
+            for event in self._misfits.note_rejected(sample, error):
                 self._keep_event(event)
             return
-        self._misfits.stored(sample.stream)
+        self._misfits.note_stored(sample.stream)
         self._counts[sample.stream] += 1
         for event in self._flags.update(sample):
             self._keep_event(event)
@@ -293,7 +293,7 @@ class Recorder:
             write()
         except StorageError as error:
             log.error("cannot store: %s", error.message)
-            if self._storage.failed(error, self.clock.mono_ns()):
+            if self._storage.ends_recording(error, self.clock.mono_ns()):
                 self._failure = error
             return False
         return True
@@ -337,7 +337,7 @@ class Recorder:
         while self._queue.is_busy():
             if (item := self._queue.get(0.1)) is not None:
                 self._keep(item)
-                self._queue.done(item)
+                self._queue.finish(item)
             self._give_up_after(time.monotonic() - ended_s)
 
     def _give_up_after(self, waited_s: float) -> None:

@@ -80,7 +80,7 @@ class SampleQueue:
         except queue.Empty:
             return None
 
-    def done(self, item: Item) -> None:
+    def finish(self, item: Item) -> None:
         """Mark an item returned by `get` as processed."""
         with self._lock:
             if isinstance(item, Frame | Reading):
@@ -97,7 +97,7 @@ class SampleQueue:
         """True if anything was put that is not yet processed."""
         return self._unfinished > 0
 
-    def settled(self, timeout_s: float) -> bool:
+    def is_settled(self, timeout_s: float) -> bool:
         """True if everything that was put is processed within `timeout_s`; see `Clock.hold_until`."""
         with self._lock:
             return self._settled.wait_for(lambda: not self._unfinished, timeout_s)

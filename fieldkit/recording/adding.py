@@ -41,7 +41,7 @@ class Question:
     def __str__(self) -> str:
         return f"{self.key} of {self.stated or 'the instrument'} on {id_of(self.device)}, {self.device.port}"
 
-    def refused(self) -> str:
+    def refuse(self) -> str:
         """Raises `ConfigError` with the argument that states it."""
         options = {"driver": self.stated, self.key: "X"}  # the driver is the key where it is not known
         fix = Action.ADD_DEVICES(stated={id_of(self.device): options})
@@ -80,7 +80,7 @@ class AddedDevices:
         return f"<AddedDevices: {names}; {len(self.configured)} configured, {len(self.failures)} failed>"
 
 
-def add_devices(file: Path, stated: Stated | None = None, ask: Ask = Question.refused) -> AddedDevices:
+def add_devices(file: Path, stated: Stated | None = None, ask: Ask = Question.refuse) -> AddedDevices:
     """Write what is connected into a ``fieldkit.toml``, whose comments stay.
 
     Parameters

@@ -159,7 +159,7 @@ class Campaign:
             )
         self.config = load_config(self.config.path, settings=self.settings)
 
-    def add_devices(self, stated: Stated | None = None, ask: Ask = Question.refused) -> AddedDevices:
+    def add_devices(self, stated: Stated | None = None, ask: Ask = Question.refuse) -> AddedDevices:
         """Write what is connected into ``fieldkit.toml``; parameters and errors as `adding.add_devices`.
 
         Examples

@@ -127,7 +127,7 @@ class LeftSamples:
         identity = self.journal.identity
         return identity.start_ns - identity.anchor_ns
 
-    def included(self, instruments: Instruments, seconds: float, notify: Notify) -> Included | None:
+    def include(self, instruments: Instruments, seconds: float, notify: Notify) -> Included | None:
         """Those of the last `seconds` that fit the streams of the opened instruments; None without any.
 
         `notify` receives the streams that are declared otherwise now.

@@ -156,7 +156,7 @@ class LivePreview:
     def run(self, duration_s: float | None, is_over: Callable[[], bool] = lambda: False) -> None:
         """Show until the duration or the preview is over, the instruments end, or an interrupt."""
         readers = self._readers(duration_s)
-        self.instruments.clock.hold_until(self._queue.settled)
+        self.instruments.clock.hold_until(self._queue.is_settled)
         try:
             with self.instruments.clock.taking_part():
                 for reader in readers:
@@ -204,7 +204,7 @@ class LivePreview:
             self._show(item)
             if not isinstance(item, Event):
                 self._estimating.add(item)
-        self._queue.done(item)
+        self._queue.finish(item)
 
     def _show_minute(self, minute: Minute) -> None:
         for notice in minute.events:

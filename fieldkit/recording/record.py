@@ -272,7 +272,7 @@ def prepare(
             duration_s = ns_until(options.until, config.site, utc_ns + wait_ns) / SECOND_NS
         preflight(config, instruments, duration_s, notify)
         last_s = options.include_last_s
-        included = left.included(instruments, last_s, notify) if left and last_s else None
+        included = left.include(instruments, last_s, notify) if left and last_s else None
         if last_s and included is None:
             notify("no preview of this campaign was running: the recording begins now")
         start_ns = now_ns + wait_ns if included is None else included.start_ns

@@ -39,7 +39,7 @@ def learnt_section(data: ReportData) -> LearntSection | None:
     return LearntSection(
         learnt_words.judgement(learnt),
         Table(learnt_words.COLUMNS, learnt_words.rows(learnt, bar), learnt_words.meaning(learnt)),
-        data.drawn(_figures),
+        data.draw(_figures),
         Table(learnt_words.RESIDUAL_COLUMNS, learnt_words.residual_rows(learnt)),
     )
 

@@ -264,7 +264,7 @@ def paper_comparison(data: ReportData) -> PaperComparison | None:
         f"Measured against modelled surface temperature: RMSE {formatting.number(rmse_k, 2)} K over "
         f"{len(modelled)} regions (the paper reports 1.83 K for its own)."
     )
-    return PaperComparison(summary, data.drawn(lambda data: _paper_figures(data, modelled, rmse_k)))
+    return PaperComparison(summary, data.draw(lambda data: _paper_figures(data, modelled, rmse_k)))
 
 
 def _paper_figures(data: ReportData, modelled: Mapping[str, FloatArray], rmse_k: float) -> Iterator[Figure]:

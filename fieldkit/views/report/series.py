@@ -312,7 +312,7 @@ class ReportData:
         """A time of day at the site, with its date after the first day."""
         return formatting.clock_time(time_ns, self.site, seconds=seconds, since_ns=self.session.start_ns)
 
-    def drawn(self, draw: Callable[[ReportData], Iterator[Figure]]) -> list[Figure] | None:
+    def draw(self, draw: Callable[[ReportData], Iterator[Figure]]) -> list[Figure] | None:
         """The figures that `draw` yields; None without matplotlib."""
         return list(draw(self)) if plotting.available() else None
 

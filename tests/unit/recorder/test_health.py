@@ -108,18 +108,18 @@ def test_a_disk_that_recovers_is_warned_of_again():
 
 def test_pictures_pause_after_an_error_of_storing_and_skipped_frames_are_reported():
     monitor = StorageMonitor()
-    assert not monitor.failed(StorageError("database or disk is full"), 100 * S)
+    assert not monitor.ends_recording(StorageError("database or disk is full"), 100 * S)
     assert [monitor.skips_frame(second * S) for second in (101, 109, 111)] == [True, True, False]
     assert not list(monitor.summary(109 * S, 0))
     (event,) = monitor.summary(111 * S, 0)
     assert event.text == "2 frames skipped after a storage error: database or disk is full"
     assert not list(monitor.summary(112 * S, 0))
-    assert not monitor.failed(StorageError("again, hours later"), 9999 * S)
+    assert not monitor.ends_recording(StorageError("again, hours later"), 9999 * S)
     assert [monitor.skips_frame(10_000 * S)] == [True]
     (at_end,) = monitor.summary(10_000 * S, 0, at_end=True)
     assert at_end.text == "1 frame skipped after a storage error: again, hours later"
-    assert not monitor.failed(StorageError("once more, a day later"), 9999 * S)
-    assert monitor.failed(StorageError("and once more"), 10_001 * S)
+    assert not monitor.ends_recording(StorageError("once more, a day later"), 9999 * S)
+    assert monitor.ends_recording(StorageError("and once more"), 10_001 * S)
 
 
 @pytest.mark.parametrize(("step_s", "reported"), [(0.4, False), (0.6, True), (-0.6, True), (3.0, True)])

@@ -266,7 +266,7 @@ def test_estimates_that_are_late_are_an_event_and_so_is_their_return(campaign, m
     """Of a first minute that takes half a second where a fifth of one is late; the others come as they do."""
     # a slow computer, without its minutes of waiting; simulated time does not wait for it
     monkeypatch.setattr("fieldkit.recorder.health.LATE_S", 0.2)
-    monkeypatch.setattr("fieldkit.recorder.sample_queue.SampleQueue.settled", lambda self, timeout_s: True)
+    monkeypatch.setattr("fieldkit.recorder.sample_queue.SampleQueue.is_settled", lambda self, timeout_s: True)
     genuine, held = Estimator.minute, threading.Event()
 
     def slow(self: Estimator, closed: object) -> object:

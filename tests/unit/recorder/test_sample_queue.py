@@ -14,7 +14,7 @@ def drain(inbox: SampleQueue) -> list[object]:
     items = []
     while (item := inbox.get(0.0)) is not None:
         items.append(item)
-        inbox.done(item)
+        inbox.finish(item)
     return items
 
 
@@ -57,7 +57,7 @@ def test_is_busy_until_the_last_item_is_done():
     item = inbox.get(0.0)
     assert item is not None
     assert inbox.is_busy()
-    inbox.done(item)
+    inbox.finish(item)
     assert not inbox.is_busy()
 
 
@@ -67,7 +67,7 @@ def test_samples_pass_while_a_minute_is_estimated_and_time_is_held_until_it_is_p
     inbox.put(reading(1))
     assert drain(inbox) == [reading(1)]
     assert inbox.is_busy()
-    assert not inbox.settled(0.0)
+    assert not inbox.is_settled(0.0)
     found.set_exception(ZeroDivisionError("no light"))
     assert drain(inbox) == [found]
-    assert inbox.settled(0.0)
+    assert inbox.is_settled(0.0)

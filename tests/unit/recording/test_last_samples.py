@@ -198,7 +198,7 @@ def test_only_so_many_minutes_are_kept_and_so_many_bytes(campaign, instruments):
     ask_for_last_samples(campaign.config.recordings)
     kept.close()
     with left_samples(campaign.config.recordings) as left:
-        included = left.included(instruments, KEPT_S, pytest.fail)
+        included = left.include(instruments, KEPT_S, pytest.fail)
         counts = [sample.stream for sample in included.samples]
     assert 0.99 * KEPT_BYTES < counts.count("camera") * large.nbytes <= KEPT_BYTES
     assert counts.count("lux") == 0  # older than the frames that are left
@@ -212,7 +212,7 @@ def test_samples_are_handed_over_as_they_came_without_those_before(campaign, ins
     ask_for_last_samples(campaign.config.recordings)
     kept.close()
     with left_samples(campaign.config.recordings) as left:
-        reading, picture = left.included(instruments, 60, pytest.fail).samples
+        reading, picture = left.include(instruments, 60, pytest.fail).samples
     assert (reading.values, reading.raw, reading.mono_ns) == ((0.1,), b"raw", now_ns - 50 * 10**9)
     assert reading.time_ns == instruments.clock.to_utc_ns(reading.mono_ns)
     assert np.array_equal(picture.counts, counts)
@@ -228,7 +228,7 @@ def test_a_stream_that_is_another_one_now_is_left_out_and_named(campaign, instru
     camera, _, thermometer = header(rows=0).streams
     now, notes = Instruments((Declared(camera), Declared(thermometer)), instruments.clock, None, int), []
     with left_samples(campaign.config.recordings) as left:
-        assert [one.stream for one in left.included(now, 60, notes.append).samples] == ["thermometer"]
+        assert [one.stream for one in left.include(now, 60, notes.append).samples] == ["thermometer"]
     assert [note.partition(":")[0] for note in notes] == ["camera", "lux"]
 
 
@@ -254,7 +254,7 @@ def test_what_is_left_and_cannot_be_read_does_not_end_the_recording(campaign, in
     ask_for_last_samples(campaign.config.recordings)
     kept.close()
     with left_samples(campaign.config.recordings) as left:
-        samples = left.included(instruments, 60, pytest.fail).samples
+        samples = left.include(instruments, 60, pytest.fail).samples
         assert next(samples).mono_ns == now_ns - 2
         left.journal.close()  # as a disk that is gone
         assert list(samples) == []
