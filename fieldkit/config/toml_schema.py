@@ -484,10 +484,10 @@ PossibleRange = Annotated[list[float], Field(min_length=2, max_length=2), AfterV
 _RANGES: dict[str, Any] = {
     row.limits_key: (PossibleRange | None, _possible(key)) for key, row in LIMITS.items()
 }
-_Possible: Any = create_model("PossibleTable", __base__=Table, **_RANGES)
+_Possible: type[Table] = create_model("PossibleTable", __base__=Table, **_RANGES)
 
 
-class PossibleTable(_Possible):  # type: ignore[misc]
+class PossibleTable(_Possible):  # type: ignore[misc, valid-type]
     """Limits of each quantity, where they differ, such as on a hot plate; a value beyond is not used."""
 
 

@@ -54,7 +54,9 @@ class FieldkitError(Exception):
         self, problem: Text, *, place: str | Path | Phrase | None = None, fix: Text | None = None
     ) -> None:
         super().__init__(problem)
-        self.problem, self.place, self.fix = problem, place, fix
+        self.problem: Text = problem
+        self.place: str | Path | Phrase | None = place
+        self.fix: Text | None = fix
 
     @property
     def explanation(self) -> Text:
