@@ -13,7 +13,7 @@ from demo_day import DemoDay
 from matplotlib.colors import LightSource
 from matplotlib.figure import Figure
 
-from benchmarks.ground_map import GroundMap, dem, height_m, mapped, recorded
+from benchmarks.ground_map import GroundMap, dem, height_m, record_terrain, write_map
 
 IMAGES = ("ground-map.png",)
 WIDTH_PX = 800
@@ -50,7 +50,7 @@ def main(day: DemoDay) -> None:
     """Record, map, draw."""
     with tempfile.TemporaryDirectory() as parent:
         folder = Path(parent, "terrain")
-        recorded(folder, "3h", dem()).close()
+        record_terrain(folder, "3h", dem()).close()
         drawn = Path(parent, IMAGES[0])
-        figure(GroundMap.read(mapped(folder), 0.0)).savefig(drawn, dpi=80)
+        figure(GroundMap.read(write_map(folder), 0.0)).savefig(drawn, dpi=80)
         day.write_png(drawn, drawn.stem, WIDTH_PX)

@@ -179,7 +179,7 @@ def test_slope_maps_of_many_sessions_come_from_a_cluster_as_from_here(cluster, r
 
 
 def test_an_address_where_nobody_answers_is_told(recordings, tmp_path):
-    options = ("--executor", "dask", "--address", "tcp://127.0.0.1:9")
+    options = ("--address", "tcp://127.0.0.1:9")
     found = run("sweep", recordings, *GRID, *options, "-o", tmp_path / "r", cache=tmp_path)
     assert found.returncode == 3
     assert "no Dask scheduler replies at tcp://127.0.0.1:9" in found.stderr

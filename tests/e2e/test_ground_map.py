@@ -18,7 +18,7 @@ def campaign(tmp_path_factory):
     """A campaign with 20 minutes before a DEM of 100 x 100 cells, mapped."""
     folder = tmp_path_factory.mktemp("ground") / "terrain"
     ground_map.record_terrain(folder, "20m", ground_map.dem(100, 0.6)).close()
-    ground_map.mapped(folder)
+    ground_map.write_map(folder)
     return folder
 
 

@@ -244,7 +244,7 @@ def test_a_record_saved_by_an_editor_with_a_byte_order_mark_is_read(tmp_path):
 def test_a_file_that_cannot_be_read_is_named(tmp_path):
     (tmp_path / "20261210T013000Z-latin.toml").write_bytes(b"name = '\xe9t\xe9'")
     (tmp_path / "20261210T013000Z-folder.toml").mkdir()
-    for name, said in (("latin", "is not UTF-8"), ("folder", "cannot read")):
+    for name, said in (("latin", "not UTF-8"), ("folder", "cannot read")):
         with pytest.raises(ConfigError, match=said):
             find(name, tmp_path)
 

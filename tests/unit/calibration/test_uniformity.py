@@ -33,8 +33,8 @@ def test_two_looks_are_averaged_whatever_their_order_and_half_the_change_bounds_
 @pytest.mark.parametrize(
     ("before", "after", "said"),
     [
-        (view(8.0), None, "b15 differs from the reference by \\+8.0 K"),
-        (view(-8.0), None, "b15 differs from the reference by -8.0 K"),
+        (view(8.0), None, "b15: differs from the reference by \\+8.0 K"),
+        (view(-8.0), None, "b15: differs from the reference by -8.0 K"),
         (view(math.nan), None, "b15"),
         (view(0.3, change_k=0.5), None, "drift apart by 0.5 K"),
         (view(0.3), TargetView(HOUR, {"b05": 0.0}, {"b05": 0.1}), "not the same"),

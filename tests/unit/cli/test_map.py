@@ -381,7 +381,7 @@ def test_map_by_the_pose_of_the_configuration_and_without_ground_where_it_has_no
     (campaign / "moving.toml").write_text("\n".join([*moving, 'trajectory = "run.tum"']))
     done = fieldkit("map", session, "-o", tmp_path / "y", "--set", "camera.pose=moving.toml")
     assert done.exit_code == 0, done.output
-    assert "not put on the ground: the trajectory holds poses from 1970-01-01T00:00:01Z" in done.stderr
+    assert "not put on the ground: the trajectory: holds poses from 1970-01-01T00:00:01Z" in done.stderr
     assert (tmp_path / "y.png").exists()
     assert not (tmp_path / "y.tif").exists()
     # without ground under the first name: what stands there is of the map before

@@ -42,7 +42,7 @@ def one_prediction(monkeypatch):
             replace(planned, name="with air temperature logged", half_region_deg=(1.0,) * facets),
         )
 
-    monkeypatch.setattr(planning, "predicted", two)
+    monkeypatch.setattr(planning, "predict_runs", two)
 
 
 def run(*words: str):
@@ -117,10 +117,10 @@ def test_august_says_the_steep_bed_is_weak_after_two():
 
 def test_a_campaign_is_planned_with_its_azimuths_references_and_instruments(tmp_path, monkeypatch):
     sessions = []
-    predict = planning.predicted
+    predict = planning.predict_runs
     # the sessions that would be predicted, which nothing prints
     monkeypatch.setattr(
-        planning, "predicted", lambda runs, *rest: sessions.append(runs[0].session) or predict(runs, *rest)
+        planning, "predict_runs", lambda runs, *rest: sessions.append(runs[0].session) or predict(runs, *rest)
     )
     region = '[[region]]\nname = "b{0}"\nkind = "{1}"\ntilt_deg = {0}\nazimuth_deg = 180\n'
     beds = "".join(

@@ -191,7 +191,7 @@ def test_damaged_pictures_of_a_session_are_left_out_and_told(recordings, tmp_pat
         file.write(b"\xaa" * block.size)
     found = fieldkit("estimate", folder, *PAPER, "-j", 1, "-o", tmp_path / "r")
     assert found.exit_code == 7
-    assert f"{torn} has damaged samples in 3 minutes; they are excluded" in found.stderr
+    assert f"{torn}: damaged samples in 3 minutes; they are excluded" in found.stderr
     assert "1 of 3 sessions are damaged in part" in found.stderr
     table = [row for row in rows(tmp_path / "r.csv") if row["session"].endswith("s2")]
     damaged = [row["temperature_k"] for row in table if "bad_crc" in row["flags"]]

@@ -283,9 +283,7 @@ def test_tilted_pyranometer_goes_through_its_own_plane():
 @pytest.mark.parametrize("first", ["sun", "shaded", "pyrgeometer"])
 def test_radiation_of_unknown_kind_asks_for_the_key_that_names_it(first):
     info = replace(radiation(first), driver="text")
-    with pytest.raises(
-        ConfigError, match=f"^{first} is in W/m2, but what it measures is not known"
-    ) as caught:
+    with pytest.raises(ConfigError, match=f"^{first}: in W/m2, but what it measures is not known") as caught:
         Instruments((info,), EstimatorSettings())
     assert f"irradiance.measures.{first}" in caught.value.fix
     stated = EstimatorSettings(measures={first: "dni"})

@@ -145,9 +145,9 @@ def test_whole_numbers_with_a_scale_keep_their_declared_gaps(tmp_path):
         (-3.4028234663852886e38, {}, "--nodata -3.4028234663852886e[+]38"),
         (np.inf, {}, "holds inf"),
         (100.0, {"gain": 1000.0}, "correct scale, offset and unit"),
-        (100.0, {"crs": "EPSG:4326", "west": 139.0, "north": 35.0}, "is in EPSG:4326, the pose in"),
+        (100.0, {"crs": "EPSG:4326", "west": 139.0, "north": 35.0}, "in EPSG:4326, the pose in"),
         (100.0, {"crs": "EPSG:3857"}, "-t_srs EPSG:32654 -r bilinear"),
-        (100.0, {"crs": "EPSG:2227"}, "is in EPSG:2227"),  # US survey feet on the grid, too
+        (100.0, {"crs": "EPSG:2227"}, "in EPSG:2227"),  # US survey feet on the grid, too
         (100.0, {"crs": None}, "no reference system"),
     ],
 )

@@ -18,7 +18,9 @@ from fieldkit.recording.requests import SentRequest
 def file(tmp_path, monkeypatch):
     """The ``fieldkit.toml`` of a campaign that is being recorded."""
     monkeypatch.setattr(redrawing, "session_in_progress", lambda recordings: recordings / "x.h5")
-    monkeypatch.setattr(redrawing, "sent", lambda recordings, wanted: SentRequest(Path("x.h5"), "1"))
+    monkeypatch.setattr(
+        redrawing, "send_to_recorder", lambda recordings, wanted: SentRequest(Path("x.h5"), "1")
+    )
     return init_campaign(tmp_path / "field", simulated=True).config.path
 
 
@@ -52,7 +54,9 @@ def test_of_two_changes_at_once_the_last_request_has_the_regions_of_both(file, m
     """As of two browsers: the second change comes while the first is checked."""
     requested, second = [], []
     monkeypatch.setattr(
-        redrawing, "sent", lambda _, wanted: requested.append(names(wanted)) or SentRequest(file, "1")
+        redrawing,
+        "send_to_recorder",
+        lambda _, wanted: requested.append(names(wanted)) or SentRequest(file, "1"),
     )
 
     def names(wanted):
