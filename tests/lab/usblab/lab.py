@@ -134,7 +134,7 @@ class Lab:
     def start(self, *arguments: str, user: str = OBSERVER, folder: str = "/tmp") -> Job:
         """Start a program in the guest; the one under test starts warm, see the command loop."""
         program, entry = self.guest.program, ""
-        if arguments[0] == program.distribution:
+        if arguments[0] == program.command:
             self.warm()
             entry = program.entry
         output = f"/tmp/job-{next(self._numbers)}"

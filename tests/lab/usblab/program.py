@@ -14,7 +14,7 @@ class Program:
 
     `distribution` is its name for pip, whose declared dependencies the guest gets; an undeclared import
     fails there. `package` is the folder of its sources as they are now, links followed. `entry` is the
-    function of its command, ``module:name``; the command is called like the distribution.
+    function of its command, ``module:name``; the command is called like the package.
 
     `helpers` is a folder of functions for tests to call in the guest; it becomes a package of its name.
     `warm_up` is one of them, called with `warm_up_arguments` before the command first runs, to import what
@@ -30,3 +30,8 @@ class Program:
     warm_up_arguments: Mapping[str, Any] = field(default_factory=dict)
     files: Mapping[str, bytes] = field(default_factory=dict)
     links: tuple[str, ...] = ()
+
+    @property
+    def command(self) -> str:
+        """The command's name."""
+        return self.package.name

@@ -59,8 +59,8 @@ def _add_program(archive: Archive, program: Program) -> None:
     add_package(archive, program.package, f"layer/{SITE_PACKAGES}")
     module, _, name = program.entry.partition(":")
     script = SCRIPT.format(venv=VENV, module=module, name=name)
-    archive.file(f"layer/{VENV}/bin/{program.distribution}", script.encode(), 0o755)
-    pattern = f"{program.distribution}-*.dist-info"
+    archive.file(f"layer/{VENV}/bin/{program.command}", script.encode(), 0o755)
+    pattern = f"{program.distribution.replace('-', '_')}-*.dist-info"  # the escaped name of its metadata
     metadata = next(found for entry in sys.path for found in Path(entry).glob(pattern))
     for file in ("METADATA", "entry_points.txt"):
         archive.file(f"layer/{SITE_PACKAGES}/{metadata.name}/{file}", (metadata / file).read_bytes())
