@@ -11,7 +11,7 @@ import argparse
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -86,23 +86,25 @@ def try_lowest(run: Run, wheel: Path, folder: Path) -> None:
     resolve = ("uv", "pip", "compile", "--quiet", "--resolution=lowest-direct", "--all-extras")
     python = f"--python-version={LOWEST_PYTHON}"
     subprocess.run([*resolve, python, ROOT / "pyproject.toml", "--output-file", lowest], check=True)
-    _try_all(run, wheel, folder, "--constraint", lowest)
+    # old libraries warn of what newer Pythons and NumPy will not do later
+    _try_all(run, wheel, folder, ("--constraint", lowest), ("--override-ini", "filterwarnings=default"))
 
 
 def try_newest(run: Run, wheel: Path, folder: Path) -> None:
-    """The same with the newest versions, which come without constraints."""
+    """The same with the newest versions, which come without constraints; a warning is an error."""
     _try_all(run, wheel, folder)
 
 
-def _try_all(run: Run, wheel: Path, folder: Path, *versions: object) -> None:
-    """An experiment and unit tests with these versions; libraries may warn of what they will not do later."""
+def _try_all(
+    run: Run, wheel: Path, folder: Path, versions: Sequence[object] = (), options: Sequence[str] = ()
+) -> None:
+    """An experiment and unit tests with these versions."""
     run("pip", "install", "--quiet", "--upgrade", "pip>=25.1")  # the first with --group
     run("pip", "install", "--quiet", *versions, f"{wheel}[{EXTRAS}]")
     run("pip", "install", "--quiet", *versions, "--group", f"{ROOT / 'pyproject.toml'}:test")
     try_wheel(run, wheel, folder)
     tests = [f"tests/unit/{name}" for name in UNIT_TESTS]
-    warnings = ("--override-ini", "filterwarnings=default")
-    print(run("python", "-m", "pytest", "--quiet", "-m", "not slow", *warnings, *tests, at=ROOT))
+    print(run("python", "-m", "pytest", "--quiet", "-m", "not slow", *options, *tests, at=ROOT))
 
 
 if __name__ == "__main__":

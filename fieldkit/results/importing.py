@@ -29,7 +29,7 @@ from fieldkit.sessions.formats import stills
 from fieldkit.sessions.formats.imported import ImportedRecording, possible, write_imported
 from fieldkit.sessions.formats.jma import is_obsdl, is_radiation_table, read_obsdl, read_radiation_table
 from fieldkit.sessions.formats.logger_clock import Keep
-from fieldkit.sessions.formats.logs import LogColumns, LogOptions, read_log
+from fieldkit.sessions.formats.logs import LogOptions, read_log
 from fieldkit.sessions.formats.merged import align, cut_session, merge
 from fieldkit.sessions.formats.purethermal_files import is_purethermal, read_purethermal
 from fieldkit.sessions.formats.stations import read_station
@@ -425,8 +425,7 @@ def _table(source: Path, options: ImportOptions) -> ImportedRecording:
     log_options = LogOptions(
         zone=_zone(options),
         offset_ns=0 if options.offset_s == AUTO else round(options.offset_s * 1e9),
-        columns=LogColumns(options.time_columns, options.columns),
-        **attributes(options, "time_format", "unit", "keep", "encoding", "measures"),
+        **attributes(options, *(_TABLE - {"zone", "offset_s"})),
     )
     return read_log(source, options.name or "logger", log_options)
 

@@ -52,10 +52,10 @@ def projected_crs(text: str) -> CRS:
     try:
         crs = CRS.from_user_input(text)
     except CRSError:
-        problem = f"unknown coordinate reference system {text!r}"
-        raise ConfigError(problem, fix='name one such as "EPSG:32654"') from None
+        problem, fix = "unknown coordinate reference system", 'name one such as "EPSG:32654"'
+        raise ConfigError(problem, place=repr(text), fix=fix) from None
     if not crs.is_projected or not math.isclose(crs.linear_units_factor[1], 1.0):
-        raise ConfigError(f"{text} is not a projected system in metres", fix="use the site's UTM zone")
+        raise ConfigError("not a projected system in metres", place=text, fix="use the site's UTM zone")
     return crs
 
 
@@ -75,8 +75,9 @@ def grid_at(crs: CRS, east_m: float, north_m: float) -> Grid:
     most = float(max(scales - 1.0, key=abs))
     if abs(most) > MOST_STRETCHED:
         raise ConfigError(
-            f"{crs} stretches distances at {east_m:.10g}, {north_m:.10g} by up to {most:+.1%} "
+            f"stretches distances at {east_m:.10g}, {north_m:.10g} by up to {most:+.1%} "
             f"({grid}); {MOST_STRETCHED:.0%} can be corrected",
+            place=str(crs),
             fix=f"use a projection made for the site, on the Earth {_utm(longitude, latitude)}",
         )
     return grid
@@ -87,8 +88,9 @@ def require_near(site: Site, crs: CRS, east_m: float, north_m: float) -> None:
     (longitude,), (latitude,) = _transform(crs, _geographic(crs), [east_m], [north_m])
     if apart_m(site, replace(site, latitude_deg=latitude, longitude_deg=longitude)) > MOST_AWAY_M:
         raise ConfigError(
-            f"the camera's pose lies at latitude {latitude:.4f}, longitude {longitude:.4f}, the site at "
+            f"lies at latitude {latitude:.4f}, longitude {longitude:.4f}, the site at "
             f"{site.latitude_deg:.4f}, {site.longitude_deg:.4f}",
+            place="the camera's pose",
             fix="correct crs, east_m and north_m of the pose, or the place under [site]",
         )
 
@@ -119,7 +121,9 @@ def _transform(
         points = np.full((2, len(x)), np.nan)
     if not np.isfinite(points).all():
         raise ConfigError(
-            f"{x[0]:.10g}, {y[0]:.10g} lies outside {source}", fix="correct east_m and north_m, or crs"
+            f"lies outside {source}",
+            place=f"{x[0]:.10g}, {y[0]:.10g}",
+            fix="correct east_m and north_m, or crs",
         )
     return points[0], points[1]
 
@@ -154,7 +158,8 @@ def read_heights(path: Path, crs: CRS, scale: float) -> Heights:
             crs_of_file, place = file.crs, file.transform
             gain, offset, unit = file.scales[0], file.offsets[0], file.units[0]
     except RasterioIOError as error:
-        raise ConfigError(f"cannot read the DEM {path}: {error}", fix="name a GeoTIFF of heights") from error
+        problem, fix = f"cannot read the DEM: {error}", "name a GeoTIFF of heights"
+        raise ConfigError(problem, place=path, fix=fix) from error
     if _horizontal(crs_of_file) != _horizontal(crs):
         raise ConfigError(
             f"in {crs_of_file or 'no reference system'}, the pose in {crs}",

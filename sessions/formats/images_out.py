@@ -17,7 +17,7 @@ from fieldkit.disk import replacing
 from fieldkit.model.arrays import ByteArray, CountArray, SingleArray
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, StorageError
-from fieldkit.model.next_step import Action
+from fieldkit.model.next_step import Action, Argument
 from fieldkit.model.samples import Frame, is_damaged
 from fieldkit.model.site import Region
 from fieldkit.model.slope import SlopeEstimate
@@ -115,7 +115,7 @@ def export_pngs(
     for frame, image in _images(session, info, palette, **chosen):
         path = folder / f"{_stem(session, info)}-{frame.seq:07}.png"
         if not cv2.imwrite(str(path), image):
-            raise StorageError(f"cannot write {path}", fix=_ROOM)
+            raise StorageError("cannot write", place=path, fix=_ROOM)
         paths.append(path)
     return paths
 
@@ -142,7 +142,8 @@ def export_video(
             code = cv2.VideoWriter.fourcc(*"vp09")
             film = cv2.VideoWriter(str(path), code, _FRAMES_PER_S, (image.shape[1], image.shape[0]))
             if not film.isOpened():
-                raise StorageError(f"cannot write {path}", fix=Action.EXPORT(to="png") + ", then make a film")
+                fix = Action.EXPORT(to="png") + ", then make a film"
+                raise StorageError("cannot write", place=path, fix=fix)
         film.write(image)
         count += 1
     if film is None:
@@ -150,7 +151,7 @@ def export_video(
     film.release()
     if cv2.VideoCapture(str(path)).get(cv2.CAP_PROP_FRAME_COUNT) < count:  # OpenCV reports no full disk
         path.unlink()
-        raise StorageError(f"cannot write {path}", fix=_ROOM)
+        raise StorageError("cannot write", place=path, fix=_ROOM)
     return [path]
 
 
@@ -208,7 +209,9 @@ def _frames(
 def require_palette(name: str) -> None:
     """Raise `ConfigError` for a palette that does not exist."""
     if name not in NAMES:
-        raise ConfigError(f"there is no palette {name!r}", fix=f"one of {', '.join(NAMES)}")
+        raise ConfigError(
+            "no such palette", place=Argument("palette", name), fix=f"one of {', '.join(NAMES)}"
+        )
 
 
 def _images(

@@ -6,7 +6,7 @@ they came: frames that waited somewhere and arrived in bunches are flagged, not 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
@@ -44,19 +44,18 @@ class ImportedRecording:
     site: Site | None = None
 
 
-def imported_reading(
-    stream: str,
-    time_ns: int,
-    values: tuple[float, ...],
-    raw: bytes = b"",
-    row: int = NO_COUNTER,
-    quality: Quality = Quality.GOOD,
-) -> Reading:
+def imported_reading(stream: str, time_ns: int, values: tuple[float, ...], **more: Any) -> Reading:
     """A reading of a table or file, by which every importer makes its readings.
 
-    `row` is its line in the source, the first being 1; the session keeps it as `device_seq`.
+    Its `device_seq` is the line in the source, the first being 1.
     """
-    return Reading(stream, time_ns, time_ns, values, raw, quality, device_seq=row)
+    return Reading(stream, time_ns, time_ns, values, **more)
+
+
+def free_name(name: str, names: Collection[str], numbered: str) -> str:
+    """The name, or, where others have it, the first free one of those with a number: ``"{}-{}"``."""
+    numbers = (numbered.format(name, number) for number in range(2, len(names) + 2))
+    return next(free for free in (name, *numbers) if free not in names)
 
 
 def station_stream(

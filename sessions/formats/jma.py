@@ -12,7 +12,6 @@ import csv
 import math
 import re
 from calendar import monthrange
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -23,7 +22,12 @@ from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Argument
 from fieldkit.model.quantities import QUANTITIES, Meaning, Unit, unit_of
 from fieldkit.model.samples import Reading, Severity
-from fieldkit.sessions.formats.imported import ImportedRecording, imported_reading, station_stream
+from fieldkit.sessions.formats.imported import (
+    ImportedRecording,
+    free_name,
+    imported_reading,
+    station_stream,
+)
 from fieldkit.sessions.formats.times import utc_ns
 
 JST = timezone(timedelta(hours=9), "JST")
@@ -93,12 +97,11 @@ def read_obsdl(path: Path, name: str) -> ImportedRecording:
     Raises `ConfigError` where the file does not follow the agency's layout.
     """
     try:
-        rows = [row for row in csv.reader(japanese_text(path).splitlines()) if row]
-        return _obsdl(path, rows, name)
+        return _obsdl(path, [row for row in csv.reader(_text(path).splitlines()) if row], name)
+    except ConfigError:
+        raise
     except (OverflowError, ValueError, csv.Error) as error:
-        if isinstance(error, ConfigError):
-            raise
-        raise not_understood(path, str(error)) from error
+        raise _not_understood(path, str(error)) from error
 
 
 def _obsdl(path: Path, rows: list[list[str]], name: str) -> ImportedRecording:
@@ -111,7 +114,7 @@ def _obsdl(path: Path, rows: list[list[str]], name: str) -> ImportedRecording:
         )
     at = _names_at(rows)
     if at is None:
-        raise not_understood(path, f"no row names the items, beginning with {_SPLIT[0]}")
+        raise _not_understood(path, f"no row names the items, beginning with {_SPLIT[0]}")
     if rows[at][0] and rows[at].count(rows[at][0]) > 1:  # 集計開始 and 集計終了
         raise ConfigError(
             "values of periods of several days, from one date to another",
@@ -221,13 +224,10 @@ def _items(
 
 def _distinct(items: Sequence[_Item]) -> list[_Item]:
     """The items, those of one name told apart by a number: two stations may have the same name."""
-    counts = Counter[str]()
-    numbered = []
+    labels: list[str] = []
     for item in items:
-        counts[item.label] += 1
-        number = f" ({counts[item.label]})" if counts[item.label] > 1 else ""
-        numbered.append(replace(item, label=item.label + number))
-    return numbered
+        labels.append(free_name(item.label, labels, "{} ({})"))
+    return [replace(item, label=label) for item, label in zip(items, labels, strict=True)]
 
 
 def _kind(cell: str) -> Meaning | None:
@@ -298,24 +298,24 @@ def read_radiation_table(path: Path, name: str) -> ImportedRecording:
     """
     match = _NAME.fullmatch(path.name)
     if match is None:
-        raise not_understood(path, "its name does not give quantity and month, like DR202406_tat.txt")
+        raise _not_understood(path, "its name does not give quantity and month, like DR202406_tat.txt")
     quantity = QUANTITIES[_COMPONENTS[match[1].upper()]]
     info = station_stream(name, quantity, 1 / 3600, vendor=VENDOR, model=f"station {match[4]}")
     try:
         first = datetime(int(match[2]), int(match[3]), 1, tzinfo=JST)
-        days = [day for line in japanese_text(path).splitlines() if (day := _day(path, line)) is not None]
+        days = [day for line in _text(path).splitlines() if (day := _day(path, line)) is not None]
         readings = _readings(path, info.name, first, days)
     except OverflowError as error:
-        raise not_understood(path, str(error)) from error
+        raise _not_understood(path, str(error)) from error
     note = f"{path.name}: hourly sums of {len(days)} days as means, stamped at half past, from Japan's time"
     return ImportedRecording((info,), readings, ((Severity.INFO, note),))
 
 
 def _readings(path: Path, stream: str, first: datetime, days: list[tuple[int, list[float]]]) -> list[Reading]:
     if not days or [number for number, _ in days] != list(range(1, len(days) + 1)):
-        raise not_understood(path, "there are no rows of days, one after another from the first of the month")
+        raise _not_understood(path, "no rows of days, one after another from the first of the month")
     if days[-1][0] > monthrange(first.year, first.month)[1]:
-        raise not_understood(path, f"it has {days[-1][0]} days, more than its month {first:%Y-%m}")
+        raise _not_understood(path, f"it has {days[-1][0]} days, more than its month {first:%Y-%m}")
     readings = []
     for number, hours in days:
         for hour, value in enumerate(hours):
@@ -333,18 +333,18 @@ def _day(path: Path, line: str) -> tuple[int, list[float]] | None:
     if not words or not re.fullmatch(r"[1-9]|[0-3]\d", words[0]) or words[:24] == _HOURS:
         return None
     if len(words) != 26 or not all(re.fullmatch(r"\d+|X+", word) for word in words[1:]):
-        raise not_understood(path, f"the row {line.strip()[:40]!r} does not have 24 hours and their sum")
+        raise _not_understood(path, f"the row {line.strip()[:40]!r} does not have 24 hours and their sum")
     hours = [float("nan") if "X" in word else float(word) for word in words[1:25]]
     numbers = [hour for hour in hours if hour == hour]
     if "X" not in words[25] and abs(sum(numbers) - float(words[25])) > 0.5 * len(numbers) + 1:
-        raise not_understood(path, f"the hours of day {words[0]} do not add up to its sum")
+        raise _not_understood(path, f"the hours of day {words[0]} do not add up to its sum")
     return int(words[0]), [hour * _W_PER_M2 for hour in hours]
 
 
 # --- both
 
 
-def japanese_text(path: Path) -> str:
+def _text(path: Path) -> str:
     """The text of such a file, also of one that was saved again as UTF-8; raises `ConfigError`."""
     try:
         with path.open("rb") as file:
@@ -353,10 +353,10 @@ def japanese_text(path: Path) -> str:
             return content.decode("utf-8-sig")
         return content.decode("cp932")
     except (OSError, UnicodeDecodeError) as error:
-        raise not_understood(path, str(error)) from error
+        raise _not_understood(path, str(error)) from error
 
 
-def not_understood(path: Path, why: str) -> ConfigError:
+def _not_understood(path: Path, why: str) -> ConfigError:
     """The error of a file that is laid out otherwise."""
     return ConfigError(
         f"not as the {VENDOR} writes it: {why}",

@@ -120,7 +120,8 @@ def _step(path: Path, rows: Sequence[TimedRow], least_ns: int) -> ConfigError:
     what = f"goes back by {back}" if back else "stands still"
     more = f", and {len(steps) - 1} more times" if len(steps) > 1 else ""
     return ConfigError(
-        f"{path}: the clock {what} from {before} to {after}{more}",
+        f"the clock {what} from {before} to {after}{more}",
+        place=path,
         fix=Argument("keep") + ", or import both parts alone; if summer time ended: " + Argument("zone"),
     )
 

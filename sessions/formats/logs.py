@@ -11,7 +11,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime, tzinfo
-from itertools import chain, count, groupby, pairwise
+from itertools import chain, groupby, pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -24,7 +24,7 @@ from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Argument
 from fieldkit.model.quantities import KNOWN_UNITS, POWER, Meaning, Quantity, meaning_of, unknown_meaning
 from fieldkit.model.samples import Quality, Reading, Severity
-from fieldkit.sessions.formats.imported import ImportedRecording, imported_reading, usual_rate_hz
+from fieldkit.sessions.formats.imported import ImportedRecording, free_name, imported_reading, usual_rate_hz
 from fieldkit.sessions.formats.logger_clock import Keep, Notes, TimedRow, in_clock_order, listing, row_count
 from fieldkit.sessions.formats.tables import (
     AVERAGED,
@@ -33,6 +33,7 @@ from fieldkit.sessions.formats.tables import (
     Column,
     Table,
     cell_of,
+    named,
     place_of,
     read_table,
 )
@@ -53,28 +54,22 @@ _DECIMAL_POINT = re.compile(r"[+-]?\d*\.\d*([eE][+-]?\d+)?")
 
 
 @dataclass(frozen=True, slots=True)
-class LogColumns:
-    """Choice of columns: where empty, the first that looks like a time, and all others with a unit."""
-
-    time: tuple[str, ...] = ()
-    values: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
 class LogOptions:
     """Facts that a table does not state itself: zone and format of its times, units, columns, encoding.
 
     `zone` is of times without one; `time_format` of date and time of day together where they stand in two
-    columns; `offset_ns` is added to the times; `keep` decides where the clock stepped back. `unit` is of
-    columns whose header has none; `measures` the component of radiation (``ghi``, ``dni``, ``dhi``) of those
-    whose names do not give it.
+    columns; `offset_ns` is added to the times; `keep` decides where the clock stepped back. Without
+    `time_columns` the first that looks like a time is it, without `columns` all others with a unit are read.
+    `unit` is of columns whose header has none; `measures` the component of radiation (``ghi``, ``dni``,
+    ``dhi``) of those whose names do not give it.
     """
 
     zone: tzinfo | None = None
     time_format: str | None = None
     offset_ns: int = 0
     unit: str = ""
-    columns: LogColumns = LogColumns()
+    columns: tuple[str, ...] = ()
+    time_columns: tuple[str, ...] = ()
     encoding: str = DEFAULT_ENCODING
     measures: str = ""
     keep: Keep | None = None
@@ -94,7 +89,7 @@ def read_log(path: Path, name: str, options: LogOptions = AS_WRITTEN) -> Importe
     contradicts an option or cannot be read.
     """
     table = read_table(
-        path, options.encoding, time_names=options.columns.time, time_format=options.time_format
+        path, options.encoding, time_names=options.time_columns, time_format=options.time_format
     )
     channels, about_columns = _channels(path, table, options)
     _refuse_marks(path, table, channels)
@@ -130,7 +125,7 @@ def _timed_rows(path: Path, table: Table, options: LogOptions) -> tuple[list[Tim
     if 2 * len(errors) >= len(rows):
         place = min(errors)
         error = errors[place]
-        raise ConfigError(f"{path}, row {rows[place].number}: {error.message}", fix=error.fix)
+        raise ConfigError(error.message, place=f"{path}, row {rows[place].number}", fix=error.fix)
     timed = [
         TimedRow(row.number, plausible_ns(times.known_ns[place] + options.offset_ns), row.cells)
         for place, row in enumerate(rows)
@@ -156,7 +151,8 @@ def _refuse_several_things(path: Path, table: Table, rows: Sequence[TimedRow]) -
         if is_telling and all(math.isnan(_number(_cell(row.cells, place))) for row in rows):
             head = table.columns[place].head
             raise ConfigError(
-                f"{path}: rows of one time are of several things, by their {head!r}",
+                f"rows of one time are of several things, by their {head!r}",
+                place=path,
                 fix="give each a column of its own, or import the rows of each on their own",
             )
 
@@ -229,8 +225,9 @@ class Channel(NamedTuple):
 def _channels(path: Path, table: Table, options: LogOptions) -> tuple[list[Channel], Notes]:
     """The columns that are read, and notes on the others."""
     if options.unit and quantities.unit_of(options.unit) is None:
-        raise ConfigError(f"{options.unit!r} is not a known unit", fix=f"known units: {KNOWN_UNITS}")
-    places = [place_of(path, table.columns, name) for name in options.columns.values]
+        place = Argument("unit", options.unit)
+        raise ConfigError("not a unit that is known", place=place, fix=f"known units: {KNOWN_UNITS}")
+    places = [place_of(path, table.columns, name) for name in options.columns]
     if not places:
         return _all_channels(path, table, options.unit)
     other = [one for place in places if not _is_as_measured(one := table.columns[place])]
@@ -261,7 +258,8 @@ def _all_channels(path: Path, table: Table, unit: str) -> tuple[list[Channel], N
         heads[source].append(column.head)
     if not any(channel.meaning.unit.shown for channel in channels):
         raise ConfigError(
-            f"{path}: no column has a unit",
+            "no column has a unit",
+            place=path,
             fix='headers like "T1 [C]", or ' + Argument("unit") + f" of {KNOWN_UNITS} for the others",
         )
     text = f"stored as they came, and not used: {', '.join(heads['unknown'])}; known units: {KNOWN_UNITS}"
@@ -281,16 +279,18 @@ def _requested_channel(path: Path, table: Table, place: int, options: LogOptions
     written, stated = _header_unit(path, table, place)
     if written and option and stated != option:
         raise ConfigError(
-            f"{path}: column {column.head!r} states the unit {written!r}, not {options.unit!r}",
+            f"states the unit {written!r}, not {options.unit!r}",
+            place=named(path, column),
             fix="omit " + Argument("unit") + ", or the column",
         )
     meaning = stated or option or unknown_meaning(written)
     if not meaning.unit.shown:
-        raise ConfigError(f"{path}: column {column.head!r} has no unit", fix=f"known units: {KNOWN_UNITS}")
+        raise ConfigError("has no unit", place=named(path, column), fix=f"known units: {KNOWN_UNITS}")
     component = quantities.quantity_named(column.label, POWER.stored)
     if options.measures and meaning.quantity.units == POWER and component not in ("", options.measures):
         raise ConfigError(
-            f"{path}: column {column.head!r} states {component}, not {options.measures}",
+            f"states {component}, not {options.measures}",
+            place=named(path, column),
             fix="omit " + Argument("measures") + ", or the column",
         )
     return _channel(table, place, meaning)
@@ -324,7 +324,8 @@ def _header_unit(path: Path, table: Table, place: int) -> tuple[str, Meaning | N
     if len(meanings) > 1:
         units = " and ".join(f"{cell!r} (row {cells[cell]})" for _, cell in meanings.values())
         raise ConfigError(
-            f"{path}: column {column.head!r} has values in {units}",
+            f"has values in {units}",
+            place=named(path, column),
             fix="import the rows of each quantity on their own",
         )
     meaning, written = next(iter(meanings.values()), (None, next(iter(cells))))
@@ -358,8 +359,7 @@ def _streams(
     for (quantity, is_average), ours in groups.items():
         suffix = "-mean" if is_average and (quantity, False) in groups else ""
         stream = name if len(groups) == 1 else f"{name}-{quantity.name}{suffix}"
-        numbered = (f"{stream}-{number}" for number in count(2))  # unknown quantities of several units
-        free = next(word for word in chain([stream], numbered) if word not in streams)
+        free = free_name(stream, streams, "{}-{}")  # unknown quantities of several units
         streams[free] = _Stream(_info(free, ours, measures, rate_hz, raw_bytes), ours)
     return list(streams.values())
 
@@ -390,7 +390,8 @@ def _readings(stream: _Stream, rows: Sequence[TimedRow], flags_at: int) -> Itera
         values = tuple(channel.value(row.cells) for channel in stream.channels)
         flags = row.cells[flags_at] if flags_at >= 0 else ""
         quality = Quality(int(flags) & _ALL_FLAGS if flags.isdecimal() else 0)
-        yield imported_reading(stream.info.name, stamp, values, _raw(row), row.number, quality)
+        more = {"raw": _raw(row), "quality": quality, "device_seq": row.number}
+        yield imported_reading(stream.info.name, stamp, values, **more)
 
 
 def _raw(row: TimedRow) -> bytes:
@@ -480,35 +481,29 @@ def _on_stream(stream: _Stream, rows: Sequence[TimedRow]) -> Notes:
 
 
 def _refuse_marks(path: Path, table: Table, channels: Sequence[Channel]) -> None:
+    """Refuse a mark in a number that may be of thousands or of decimals: which it is, is not guessed.
+
+    Where commas part the columns that is a comma, elsewhere a point.
+    """
     heads = {channel.place: table.columns[channel.place].head for channel in channels}
     cells = [(_cell(row.cells, place), head) for row in table.rows for place, head in heads.items()]
-    (_refuse_points if table.has_decimal_commas else _refuse_commas)(path, cells)
-
-
-def _refuse_commas(path: Path, cells: Sequence[tuple[str, str]]) -> None:
-    """Where commas part the columns, one in a number may be of thousands or of decimals: not guessed."""
+    may_be_points = table.has_decimal_commas
+    if may_be_points and _show_decimal_points([cell for cell, _ in cells]):
+        return
     for cell, head in cells:
-        if _WITH_COMMA.fullmatch(cell) and not _BY_COMMAS.fullmatch(cell):
+        has_comma = _WITH_COMMA.fullmatch(cell) and not _BY_COMMAS.fullmatch(cell)
+        if _ANY_POINT.fullmatch(cell) if may_be_points else has_comma:
             raise ConfigError(
-                f"{path}: {cell!r} in column {head!r} has a comma, of thousands or of decimals",
-                fix="export it with points as decimals and without separators of thousands",
+                f"{cell!r} has a {'point' if may_be_points else 'comma'}, of thousands or of decimals",
+                place=f"{path}, column {head!r}",
+                fix="export it with commas between the columns, points as decimals, no marks of thousands",
             )
 
 
-def _refuse_points(path: Path, cells: Sequence[tuple[str, str]]) -> None:
-    """Where commas do not part the columns, a point may be of thousands: not guessed.
-
-    It is of decimals if other numbers show that it must be, and none has a comma.
-    """
-    doubtful = next((found for found in cells if _ANY_POINT.fullmatch(found[0])), None)
-    if doubtful is None:
-        return
-    has_commas = any("," in cell for cell, _ in cells)
-    if has_commas or not any(_DECIMAL_POINT.fullmatch(c) and not _ANY_POINT.fullmatch(c) for c, _ in cells):
-        raise ConfigError(
-            f"{path}: {doubtful[0]!r} in column {doubtful[1]!r} has a point, of thousands or of decimals",
-            fix="export it with commas between the columns and points as decimals",
-        )
+def _show_decimal_points(cells: Sequence[str]) -> bool:
+    """True if some numbers show that points are of decimals, and none has a comma."""
+    are_decimals = any(_DECIMAL_POINT.fullmatch(cell) and not _ANY_POINT.fullmatch(cell) for cell in cells)
+    return are_decimals and not any("," in cell for cell in cells)
 
 
 def _cell(cells: Sequence[str], place: int) -> str:

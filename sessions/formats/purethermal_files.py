@@ -115,7 +115,8 @@ def _frame(file: gzip.GzipFile, name: str, shape: tuple[int, int], offset_ns: in
     number, seconds, milliseconds = _RECORD.unpack(record)
     if not 0.0 <= seconds < _LATEST_S or number > _MAX_NUMBER:
         raise ConfigError(
-            f"frame {number} was taken at {seconds:g} s after 1970: the file is damaged",
+            f"was taken at {seconds:g} s after 1970: the file is damaged",
+            place=f"frame {number}",
             fix="copy it from the recorder again",
         )
     time_ns = plausible_ns(round(seconds * 1e6) * 1000 + offset_ns)

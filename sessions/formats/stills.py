@@ -143,7 +143,7 @@ def read_stills(
         )
     kind = _kind(paths)
     if kind != "TIFF" and unit:
-        raise ConfigError("holds counts, which have no unit", place=source, fix="omit " + Argument("unit"))
+        raise _no_unit(source)
     if kind == "TIFF":
         stills, notes = _tiff_stills(paths, unit)
     else:
@@ -164,9 +164,8 @@ def read_stills(
 def _kind(paths: Sequence[Path]) -> str:
     kinds = {{".irg": "IRG", ".png": "PNG"}.get(path.suffix.lower(), "TIFF") for path in paths}
     if len(kinds) > 1:
-        raise ConfigError(
-            f"{paths[0].parent} has TIFF and IRG frames", fix="import them from folders of their own"
-        )
+        fix = "import them from folders of their own"
+        raise ConfigError("has TIFF and IRG frames", place=paths[0].parent, fix=fix)
     return kinds.pop()
 
 
@@ -198,7 +197,8 @@ def _temperature_unit(written: str) -> Unit | None:
     """The unit of floating-point frames, None if none is given; raises `ConfigError` for another quantity."""
     meaning = meaning_of(written)
     if written and (meaning is None or meaning.quantity.units != TEMPERATURE):
-        raise ConfigError(f"{written} is not a unit of temperature", fix=Argument("unit", "C") + ", or K, F")
+        place, fix = Argument("unit", written), Argument("unit", "C") + ", or K, F"
+        raise ConfigError("not a unit of temperature", place=place, fix=fix)
     return meaning.unit if meaning else None
 
 
@@ -206,7 +206,7 @@ def _tiff_stills(paths: Sequence[Path], unit: str) -> tuple[list[_Still], list[N
     """The pages that are frames, and notes on those that are not, and on turned ones."""
     pages = {path: _pages(path) for path in paths}
     if unit and not any(page.kind == _FLOAT for those in pages.values() for page in those):
-        raise ConfigError(f"{paths[0]} holds counts, which have no unit", fix="omit " + Argument("unit"))
+        raise _no_unit(paths[0])
     scale_unit = _temperature_unit(unit)
     stills = []
     for path, those in pages.items():
@@ -236,7 +236,7 @@ def _pages(path: Path) -> list[Page]:
             f"cannot be read as a frame: {message_of(error)}", place=path, fix=_EXPORT_AGAIN
         ) from error
     if not any(page.is_frame for page in pages):
-        raise ConfigError(f"no page of {path} ({len(pages)} in all) is a frame", fix=_EXPORT_AGAIN)
+        raise ConfigError(f"none of {len(pages)} pages is a frame", place=path, fix=_EXPORT_AGAIN)
     return pages
 
 
@@ -258,20 +258,24 @@ def _refuse_other_numbers(still: _Still) -> None:
     if is_float if still.unit else is_counts:
         return
     if is_counts:
-        raise ConfigError(f"{still.label} holds counts, which have no unit", fix="omit " + Argument("unit"))
+        raise _no_unit(still.label)
     one = f"{page.bits}-bit {_WORDS.get(page.kind, '')}numbers"
     numbers = one if page.channels == 1 else f"{page.channels} channels"
     raise ConfigError(
-        f"{still.label} has {numbers}, not one unsigned 16-bit number per pixel",
+        f"has {numbers}, not one unsigned 16-bit number per pixel",
+        place=still.label,
         fix=_UNIT_OF_FLOAT if is_float else _NOT_COLOURED,
     )
 
 
+def _no_unit(place: str | Path) -> ConfigError:
+    return ConfigError("holds counts, which have no unit", place=place, fix="omit " + Argument("unit"))
+
+
 def _refuse_pixels(label: str, count: int) -> None:
     if count > _MOST_PIXELS:
-        raise ConfigError(
-            f"{label} claims more than {_MOST_PIXELS // 10**6} million pixels", fix="export it again"
-        )
+        problem = f"claims more than {_MOST_PIXELS // 10**6} million pixels"
+        raise ConfigError(problem, place=label, fix="export it again")
 
 
 def _common_scale(stills: Sequence[_Still], given: Scale | None, kind: str) -> Scale:
@@ -280,12 +284,14 @@ def _common_scale(stills: Sequence[_Still], given: Scale | None, kind: str) -> S
     if given is None and len(stated) > 1:
         one, other, *_ = stated.values()
         raise ConfigError(
-            f"{one.label} and {other.label} do not state the same scale",
+            f"does not state the same scale as {other.label}",
+            place=one.label,
             fix="import those of each scale from a folder of their own",
         )
     agreed = given or stills[0].scale
     if agreed is None:
-        raise ConfigError(f"what one count of these {kind} frames means is not known", fix=_SAY_SCALE[kind])
+        problem = f"what one count of these {kind} frames means is not known"
+        raise ConfigError(problem, place=stills[0].path, fix=_SAY_SCALE[kind])
     for still in stated.values():
         _refuse_another_scale(still, agreed)
     return agreed
@@ -296,8 +302,9 @@ def _refuse_another_scale(still: _Still, given: Scale) -> None:
     own = still.scale
     if own is not None and not math.isnan(own.kelvin_per_count) and given != own:
         raise ConfigError(
-            f"{still.label} states {own.kelvin_per_count:g} K per count and {own.kelvin_at_zero:g} K "
-            f"at zero, the options {given.kelvin_per_count:g} and {given.kelvin_at_zero:g}",
+            f"states {own.kelvin_per_count:g} K per count and {own.kelvin_at_zero:g} K at zero, "
+            f"the options {given.kelvin_per_count:g} and {given.kelvin_at_zero:g}",
+            place=still.label,
             fix="omit " + Argument("kelvin_per_count") + " and " + Argument("kelvin_at_zero"),
         )
 
@@ -312,7 +319,8 @@ def _times_ns(
         return [next(left[still.path]) for still in stills]
     own = [still.page.tags.time for still in stills if still.page and still.page.tags]
     if len(own) < len(stills):
-        raise ConfigError("when these frames were taken is not known", fix=GIVE_TIMES)
+        problem = "when these frames were taken is not known"
+        raise ConfigError(problem, place=stills[0].path, fix=GIVE_TIMES)
     return parse_times_ns(own, zone)
 
 
@@ -323,7 +331,8 @@ def _frames(stamped: Sequence[tuple[int, _Still]], info: StreamInfo) -> Iterator
         counts = still.counts()
         if counts.shape != info.shape:
             raise ConfigError(
-                f"{still.label} has {counts.shape} pixels, the first frame {info.shape}",
+                f"has {counts.shape} pixels, the first frame {info.shape}",
+                place=still.label,
                 fix="import frames of different sizes from folders of their own",
             )
         ends = still.unit and (counts.min() == 0 or counts.max() == 0xFFFF)  # no data, or no temperature

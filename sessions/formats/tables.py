@@ -26,6 +26,7 @@ from typing import NamedTuple
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.next_step import Argument
 from fieldkit.model.quantities import short_cut_unit, unit_of
+from fieldkit.sessions.formats.imported import free_name
 from fieldkit.sessions.formats.times import is_clock, is_date_alone, is_dated, is_time, is_unix, stated_zone
 
 _MAX_BYTES = 100_000_000
@@ -138,6 +139,11 @@ def read_table(
     return Table(columns, body, time_at, delimiter != ",", zone, text.endswith(("\n", "\r")))
 
 
+def named(path: Path, column: Column) -> str:
+    """Place of an error: a column of a file."""
+    return f"{path}, column {column.head!r}"
+
+
 def place_of(path: Path, columns: Sequence[Column], name: str) -> int:
     """Place of the column of that name; raises `ConfigError`."""
     for place, column in enumerate(columns):
@@ -165,7 +171,9 @@ def _text(path: Path, encoding: str) -> str:
             fix=_NAME_ENCODING,
         ) from error
     except LookupError as error:
-        raise ConfigError(f"{error}", fix=_NAME_ENCODING) from error
+        raise ConfigError(
+            "no such encoding", place=Argument("encoding", encoding), fix=_NAME_ENCODING
+        ) from error
     except (OSError, UnicodeError) as error:
         raise _unreadable(path, str(error)) from error
     if "\0" in text:
@@ -191,7 +199,8 @@ def refuse_swallowed(path: Path, line: int, cells: Iterable[str], width: int, de
     for after in (after for cell in cells for after in cell.splitlines()[1:]):
         if after.count(delimiter) >= max(1, width - 2):  # rows may end before their last cell
             raise ConfigError(
-                f"{path}: a quote opens a cell that goes on to line {line}, over whole rows",
+                f"a quote opens a cell that goes on to line {line}, over whole rows",
+                place=path,
                 fix=f"close the quote before the row {after.strip()[:40]!r}, or delete it",
             )
 
@@ -263,13 +272,15 @@ def _refuse_without_dates(path: Path, rows: Sequence[Row]) -> None:
     clock = _place_where(rows[1:_SAMPLE], is_clock)
     if clock is not None:
         raise ConfigError(
-            f"{path}: column {cell_of(rows[0].cells, clock)!r} has times of day, and no column has the date",
+            "has times of day, and no column has the date",
+            place=f"{path}, column {cell_of(rows[0].cells, clock)!r}",
             fix="add a column with the date, like 2026-05-12",
         )
     first = cell_of(rows[1].cells, 0) if len(rows) > 1 else ""
     if re.fullmatch(r"[+-]?\d+([.,]\d+)?", first):
         raise ConfigError(
-            f"{path}: column {rows[0].cells[0]!r} counts from {first}, and no column has a date",
+            f"counts from {first}, and no column has a date",
+            place=f"{path}, column {rows[0].cells[0]!r}",
             fix="add a column such as 2026-05-12T15:30:46, or name it: " + Argument("time_columns"),
         )
 
@@ -299,7 +310,8 @@ def _refuse_another_header(
         units = list(takewhile(lambda cells: not re.search(r"\d", cell_of(cells, place)), after))
         if cells != names or (units and units != below):
             raise ConfigError(
-                f"{path}: row {number} is a header with other columns",
+                "is a header with other columns",
+                place=f"{path}, row {number}",
                 fix=f"import the rows before and after row {number} on their own",
             )
 
@@ -317,7 +329,8 @@ def _time_at(path: Path, columns: Sequence[Column], rows: Sequence[Row], date: i
             return (date, place, place + 1) if after in _FRACTION_DIGITS else (date, place)
     if is_repeated:  # all of them would be put at midnight
         raise ConfigError(
-            f"{path}: several rows have the date {Counter(dates).most_common(1)[0][0]!r} and no time of day",
+            f"several rows have the date {Counter(dates).most_common(1)[0][0]!r} and no time of day",
+            place=path,
             fix="put the time of day into the column after the date, like 15:30:46",
         )
     return (date,)
@@ -349,17 +362,12 @@ def _columns(names: list[str], below: Sequence[list[str]], *, is_campbell: bool)
     columns: list[Column] = []
     for place, name in enumerate(_of_onset(names)):
         column = _column(name, cell_of(units, place), cell_of(processes, place), is_campbell=is_campbell)
-        columns.append(column._replace(label=_once(column.label, [column.label for column in columns])))
+        label = free_name(column.label, [other.label for other in columns], "{} {}")
+        columns.append(column._replace(label=label))
     for after, column in enumerate(columns[:-1], start=1):
         if not column.unit and _UNIT_COLUMN.search(columns[after].label):
             columns[after - 1] = column._replace(unit_at=after)
     return columns
-
-
-def _once(label: str, before: Sequence[str]) -> str:
-    """The label, with the first number behind it that tells it from those before it."""
-    numbered = (f"{label} {number}" for number in range(2, len(before) + 2))
-    return next(name for name in (label, *numbered) if name not in before)
 
 
 def _has_processes(cells: Sequence[str]) -> bool:

@@ -92,8 +92,8 @@ def _in_zone(
     moments = {row: _with_zone(texts[row], moment, zone) for row, moment in written.items()}
     for row, moment in moments.items():
         if _hours_back(moment) < 0:
-            note = f"{texts[row]!r} does not exist in {moment.tzinfo}: clocks were put forward over it"
-            raise ConfigError(note, fix=_fixed_offset(moment))
+            problem = f"does not exist in {moment.tzinfo}: clocks were put forward over it"
+            raise ConfigError(problem, place=repr(texts[row]), fix=_fixed_offset(moment))
     for row in _second_times(moments, texts):
         moments[row] = moments[row].replace(fold=1)
     return moments
@@ -110,7 +110,8 @@ def _with_zone(text: str, moment: datetime, zone: tzinfo | None) -> datetime:
     if moment.tzinfo is not None:
         return moment
     if zone is None:
-        raise ConfigError(f"the time {text!r} has no zone", fix=Argument("zone", "Asia/Tokyo") + ", or UTC")
+        fix = Argument("zone", "Asia/Tokyo") + ", or UTC"
+        raise ConfigError("a time without a zone", place=repr(text), fix=fix)
     return moment.replace(tzinfo=zone)
 
 
@@ -140,8 +141,9 @@ def _second_times(moments: Mapping[int, datetime], texts: Sequence[str]) -> Iter
             back = [place for place, (earlier, later) in pairs if later == earlier]
         if len(back) != 1:
             raise ConfigError(
-                f"{texts[rows[0]]!r} came twice in {moments[rows[0]].tzinfo}, at the end of summer time, "
+                f"came twice in {moments[rows[0]].tzinfo}, at the end of summer time, "
                 "and the order of the rows leaves open which it was",
+                place=repr(texts[rows[0]]),
                 fix=_fixed_offset(moments[rows[0]]),
             )
         yield from rows[back[0] :]
@@ -188,7 +190,8 @@ def _parse(text: str, time_format: str | None) -> datetime:
         usual = _IN_DIGITS.get(len(text) if text.isdigit() else 0, "%d.%m.%Y %H:%M:%S")
         example = f"{date} %I:%M:%S %p" if text.upper().endswith(("AM", "PM")) else usual
         raise ConfigError(
-            f"{text!r} is not a time as expected: {expected}",
+            f"not a time as expected: {expected}",
+            place=repr(text),
             fix="give the format of the times, such as " + Argument("time_format", example),
         ) from error
 
@@ -234,7 +237,7 @@ def _pattern(time_format: str) -> str:
         wrong, fix = "has %Z, which reads no zone", "write the letters for %Z and name the zone, or %z"
     else:
         return pattern
-    raise ConfigError(f"the format of the times, {time_format!r}, {wrong}", fix=fix)
+    raise ConfigError(wrong, place=Argument("time_format", time_format), fix=fix)
 
 
 # --- what cells of a table look like before their order and zone are known
@@ -304,13 +307,15 @@ def given_times_ns(
     each frame its time.
     """
     if times is not None and time_format is not None:
-        raise ConfigError("give the times of the frames in one way only", fix=GIVE_TIMES)
+        problem = "the times of the frames are given in the files' names already"
+        raise ConfigError(problem, place=Argument("times"), fix=GIVE_TIMES)
     if times is not None:
         return _from_table(frames, times, zone)
     if time_format is not None:
         return _from_names(frames, time_format, zone)
     if zone is not None:
-        raise ConfigError("the times in the files are UTC", fix="omit " + Argument("zone"))
+        fix = "omit " + Argument("zone")
+        raise ConfigError("the times in the files are UTC", place=Argument("zone"), fix=fix)
     return None
 
 
@@ -321,14 +326,15 @@ def _from_table(frames: Mapping[Path, int], times: Path, zone: tzinfo | None) ->
     read = read_times([time for _, time in rows], zone)
     for row, error in read.unreadable.items():  # `time_format` is for names
         fix = "write its times in ISO 8601, such as 2026-12-11T12:00:00+09:00"
-        raise ConfigError(f"{times}, {rows[row][0].name}: {error.message}", fix=fix)
+        raise ConfigError(error.message, place=f"{times}, {rows[row][0].name}", fix=fix)
     for row, (path, _) in enumerate(rows):
         times_by_path[path].append(read.known_ns[row])
     wrong = [path for path, count in frames.items() if len(times_by_path[path]) != count]
     if wrong:
-        first = f"{wrong[0].name}: {len(times_by_path[wrong[0]])} times for {frames[wrong[0]]} frames"
+        first = f"{len(times_by_path[wrong[0]])} times for the {frames[wrong[0]]} frames of {wrong[0].name}"
         raise ConfigError(
-            f"{times} does not give each frame of {len(wrong)} files its time, the first {first}",
+            f"does not give each frame of {len(wrong)} files its time: {first}",
+            place=times,
             fix="give every frame a line with its file's name and its time, in their order in the file",
         )
     return times_by_path
@@ -340,7 +346,7 @@ def _rows(times: Path) -> list[tuple[str, str]]:
         cells = csv.reader(lines, delimiter=_delimiter(lines))
         return [(row[0].strip(), row[1].strip()) for row in cells if len(row) >= 2]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise ConfigError(f"cannot read {times}: {error}", fix="save it as CSV, UTF-8") from error
+        raise ConfigError(f"cannot read: {error}", place=times, fix="save it as CSV, UTF-8") from error
 
 
 def _delimiter(lines: Sequence[str]) -> str:
@@ -352,7 +358,8 @@ def _from_names(frames: Mapping[Path, int], time_format: str, zone: tzinfo | Non
     several = next((path for path, count in frames.items() if count > 1), None)
     if several is not None:
         raise ConfigError(
-            f"{several} has {frames[several]} frames, its name only one time",
+            f"has {frames[several]} frames, its name only one time",
+            place=several,
             fix=Argument("times", "stamps.csv") + ", with a line for each: file name, time",
         )
     times_ns = parse_times_ns([path.stem for path in frames], zone, time_format)

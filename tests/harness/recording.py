@@ -123,6 +123,15 @@ def fill(writer: SessionWriter, frames: int, clock: HostClock | CountedClock) ->
     return appended
 
 
+def recorded(path: Path, head: SessionHeader, frames: int) -> list[Sample]:
+    """Record a session of so many frames, and seal it; returns its samples."""
+    clock = CountedClock()
+    writer = SessionWriter(path, head, clock)
+    appended = fill(writer, frames, clock)
+    writer.close()
+    return appended
+
+
 def _samples(head: SessionHeader, frames: int, clock: HostClock | CountedClock) -> Iterator[Sample]:
     for seq in range(frames):
         for info in head.streams if seq % 4 == 0 else head.streams[:1]:

@@ -10,6 +10,7 @@ import sys
 from dataclasses import asdict, replace
 from datetime import UTC
 from pathlib import Path
+from typing import Any
 
 import cv2
 import h5py
@@ -17,7 +18,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
-from mcap import reader as reading
+from mcap.reader import make_reader
 from PIL import Image
 
 from fieldkit.model.errors import ConfigError, SessionError, StorageError
@@ -37,13 +38,13 @@ from fieldkit.sessions.formats.mcap_out import export_mcap
 from fieldkit.sessions.formats.stills import Scale, read_stills
 from fieldkit.sessions.formats.tables_out import as_text, export_csv, export_netcdf, export_parquet
 from fieldkit.sessions.formats.tiff import read_pages
-from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.reader import SessionReader
 from fieldkit.sessions.records import MinuteRecord
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.faults import small_session
 from tests.harness.learnt import learnt
-from tests.harness.recording import START_NS, CountedClock, fill, header, picture, sample
+from tests.harness.next_steps import at, steps
+from tests.harness.recording import START_NS, CountedClock, header, picture, recorded, sample
 
 TABLES = {"csv": export_csv, "parquet": export_parquet}
 HEADER = header((24, 32))
@@ -52,10 +53,11 @@ FRAMES = 20
 PLANCK = {"r1": 16125.788, "b": 1420.1, "f": 1.0, "o": -5588, "r2": 0.0109034}
 
 
-def recorded(path: Path, about: SessionHeader = HEADER, frames: int = FRAMES) -> SessionReader:
-    clock = CountedClock()
-    writer = SessionWriter(path, about, clock)
-    fill(writer, frames, clock)
+def sealed_session(path: Path, *entries: Any, **changes: Any) -> SessionReader:
+    """A session of these samples, events and minutes; `changes` are to its header."""
+    writer = SessionWriter(path, replace(HEADER, **changes), CountedClock())
+    for entry in entries:
+        (writer.append if isinstance(entry, Frame | Reading) else writer.put)(entry)
     writer.close()
     return open_session(path)
 
@@ -63,7 +65,7 @@ def recorded(path: Path, about: SessionHeader = HEADER, frames: int = FRAMES) ->
 @pytest.fixture(scope="module")
 def sealed(tmp_path_factory):
     path = tmp_path_factory.mktemp("sealed") / "field.h5"
-    recorded(path).close()
+    recorded(path, HEADER, FRAMES)
     return path
 
 
@@ -74,15 +76,10 @@ def session(sealed, tmp_path):
 
 
 @pytest.fixture(scope="module")
-def sealed_of_two_cameras(tmp_path_factory):
+def two_cameras(tmp_path_factory):
     path = tmp_path_factory.mktemp("two-cameras") / "field.h5"
-    recorded(path, TWO_CAMERAS, frames=4).close()
-    return path
-
-
-@pytest.fixture
-def two_cameras(sealed_of_two_cameras, tmp_path):
-    with open_session(Path(shutil.copy(sealed_of_two_cameras, tmp_path))) as opened:
+    recorded(path, TWO_CAMERAS, 4)
+    with open_session(path) as opened:
         yield opened
 
 
@@ -106,11 +103,11 @@ def test_another_calibration_may_be_chosen(session):
 
 def test_region_outside_the_picture_and_meters_are_refused(session):
     outside = Region("far", RegionKind.TARGET, ((100.0, 100.0), (110.0, 100.0), (110.0, 110.0)))
-    with pytest.raises(SessionError, match="no pixel"):
+    with pytest.raises(SessionError, match="far"):
         session.region_series([outside])
-    with pytest.raises(SessionError, match="not a camera"):
+    with pytest.raises(SessionError, match="lux"):
         session.raw("lux")
-    with pytest.raises(SessionError, match="no stream 'sonar'"):
+    with pytest.raises(SessionError, match="sonar"):
         session.to_pandas("sonar")
 
 
@@ -123,8 +120,7 @@ def test_pandas_has_units_in_its_columns(session):
 
 
 def test_meter_without_a_reading_is_an_empty_table(tmp_path):
-    SessionWriter(tmp_path / "a.h5", header((24, 32)), CountedClock()).close()
-    with open_session(tmp_path / "a.h5") as session:
+    with sealed_session(tmp_path / "a.h5") as session:
         table = session.to_pandas("thermometer")
     assert (len(table), list(table.columns[:2])) == (0, ["T1 [K]", "T2 [K]"])
 
@@ -144,6 +140,12 @@ def test_tables_are_tidy_and_come_back(session, tmp_path, kind):
     assert read(paths["events"])["text"].iloc[0] == "wolke über b05"
 
 
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "tiffs").mkdir()
+    return tmp_path / "tiffs"
+
+
 @pytest.fixture(scope="module")
 def small(tmp_path_factory):
     return small_session(tmp_path_factory.mktemp("small") / "field.h5")
@@ -151,19 +153,14 @@ def small(tmp_path_factory):
 
 def test_tables_of_meters_come_back_with_times_values_and_flags(tmp_path):
     lux = HEADER.streams[1]
-    clock = CountedClock()
-    writer = SessionWriter(tmp_path / "a.h5", replace(HEADER, streams=(lux,)), clock)
     flags = [Quality.GOOD, Quality.OVERRANGE, Quality.STALE | Quality.DROPPED_BEFORE]
-    for seq, quality in enumerate(flags):
-        now = clock.mono_ns()
-        writer.append(sample(lux, seq, now, clock.to_utc_ns(now))._replace(quality=quality))
-    writer.close()
-    with open_session(tmp_path / "a.h5") as session:
+    samples = (sample(lux, seq)._replace(quality=quality) for seq, quality in enumerate(flags))
+    with sealed_session(tmp_path / "a.h5", *samples, streams=(lux,)) as session:
         table, stored = export_csv(session, tmp_path)[0], session.readings(lux.name)
-    imported = [one for one in read_log(table, "x").samples if isinstance(one, Reading)]
-    assert [one.quality for one in imported] == flags == stored.flags.tolist()
-    assert [one.time_ns // 1000 for one in imported] == [at // 1000 for at in stored.time_ns.tolist()]
-    np.testing.assert_allclose([one.values for one in imported], stored.values, rtol=1e-11)
+    imported = list(read_log(table, "x").samples)
+    assert [reading.quality for reading in imported] == flags == stored.flags.tolist()
+    assert [reading.time_ns // 1000 for reading in imported] == (stored.time_ns // 1000).tolist()
+    np.testing.assert_allclose([reading.values for reading in imported], stored.values, rtol=1e-11)
 
 
 @pytest.mark.parametrize("name", EXPORTS)
@@ -174,13 +171,14 @@ def test_a_disk_that_takes_no_more_leaves_no_part_of_a_file(name, small, tmp_pat
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (max(whole.values()) * 3 // 4, before[1]))
     try:
-        with pytest.raises(StorageError, match="cannot write") as caught:
+        with pytest.raises(StorageError) as caught:
             export(small, name, tmp_path / "full")
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
     assert caught.value.fix
-    left = {path.name: path.stat().st_size for path in (tmp_path / "full").iterdir()}
-    assert all(whole[name] == pytest.approx(size, rel=0.02) for name, size in left.items())
+    assert str(tmp_path / "full") in caught.value.message
+    remaining = {path.name: path.stat().st_size for path in (tmp_path / "full").iterdir()}
+    assert all(whole[name] == pytest.approx(size, rel=0.02) for name, size in remaining.items())
 
 
 @pytest.mark.parametrize("name", EXPORTS)
@@ -194,6 +192,7 @@ def test_every_format_of_the_table_is_written(name, small, tmp_path):
 WITHOUT_EXTRAS = """
 import sys
 from pathlib import Path
+from typing import Any
 for name in sys.argv[3:]:
     sys.modules[name] = None  # as where it is not installed
 import fieldkit
@@ -219,95 +218,65 @@ def test_table_of_slopes_has_both_ends_of_each_region(small, tmp_path):
     with open_session(small) as session:
         paths = {path.stem: path for path in export_csv(session, tmp_path)}
     (row,) = pd.read_csv(paths["field-slopes"]).to_dict("records")
-    assert (row["tilt low [deg]"], row["tilt [deg]"], row["tilt high [deg]"]) == (4.0, 5.1, 6.0)
-    assert (row["azimuth low [deg]"], row["azimuth [deg]"], row["azimuth high [deg]"]) == (
-        170.0,
-        181.0,
-        190.0,
-    )
+    for angle, values in {"tilt": (4.0, 5.1, 6.0), "azimuth": (170.0, 181.0, 190.0)}.items():
+        ends = (f"{angle} low [deg]", f"{angle} [deg]", f"{angle} high [deg]")
+        assert tuple(row[name] for name in ends) == values
     assert row.keys() >= {"sensitivity [K/deg]", "chi-square", "confidence", "second tilt [deg]"}
 
 
 @pytest.mark.parametrize("kind", ["csv", "parquet"])
 def test_table_of_events_has_kind_and_end_of_a_mark(tmp_path, kind):
-    clock = CountedClock()
-    writer = SessionWriter(tmp_path / "field.h5", HEADER, clock)
-    fill(writer, 1, clock)
     data = {"label": "cloud", "end_ns": START_NS + 60 * 10**9 + 1_000}
-    writer.put(Event(EventKind.MARK, 0, START_NS, "over b05", data=data))
-    writer.put(Event(EventKind.MARK, 1, START_NS + 1, "lightning"))
-    writer.close()
-    with open_session(tmp_path / "field.h5") as session:
+    cloud = Event(EventKind.MARK, 0, START_NS, "over b05", data=data)
+    lightning = Event(EventKind.MARK, 1, START_NS + 1, "lightning")
+    with sealed_session(tmp_path / "field.h5", cloud, lightning) as session:
         path = next(path for path in TABLES[kind](session, tmp_path) if "events" in path.name)
     table = pd.read_csv(path, keep_default_na=False) if kind == "csv" else pd.read_parquet(path)
     marks = table[table["kind"] == "mark"]
-    assert marks["label"].tolist() == ["", "cloud", ""]
-    _, first, second = pd.to_datetime(marks["end"], utc=True)
+    assert marks["label"].tolist() == ["cloud", ""]
+    first, second = pd.to_datetime(marks["end"], utc=True)
     assert first == pd.Timestamp(data["end_ns"], tz="UTC")
     assert pd.isna(second)
 
 
-def test_tiffs_come_back_through_import(session, tmp_path):
-    folder = tmp_path / "tiffs"
-    folder.mkdir()
-    paths = export_tiffs(session, folder, every=4)
-    assert len(paths) == FRAMES // 4 + 1
-    imported = read_stills(folder, Scale(0.01), times=folder / "times.csv", zone=UTC)
-    frames = list(imported.samples)
-    originals = [frame for frame in session.samples("camera") if frame.seq % 4 == 0]
-    assert [frame.time_ns // 1000 for frame in frames] == [frame.time_ns // 1000 for frame in originals]
-    assert all(np.array_equal(a.counts, b.counts) for a, b in zip(frames, originals, strict=True))
-
-
-def test_tiffs_say_themselves_what_a_count_means_and_when_they_were_taken(session, tmp_path):
-    folder = tmp_path / "tiffs"
-    folder.mkdir()
+def test_tiffs_say_themselves_what_a_count_means_and_when_they_were_taken(session, folder):
     export_tiffs(session, folder)
-    (folder / "times.csv").unlink()
-    imported = read_stills(folder, None)
+    times = (folder / "times.csv").rename(folder.parent / "times.csv")
     originals = list(session.samples("camera"))
-    frames = list(imported.samples)
-    assert (imported.streams[0].scale, imported.streams[0].offset) == (0.01, 0.0)
-    assert [frame.time_ns // 1000 for frame in frames] == [frame.time_ns // 1000 for frame in originals]
-    assert [frame.quality for frame in frames] == [frame.quality for frame in originals]
-    assert all(np.array_equal(a.counts, b.counts) for a, b in zip(frames, originals, strict=True))
+    for imported in (read_stills(folder, None), read_stills(folder, Scale(0.01), times=times, zone=UTC)):
+        frames = list(imported.samples)
+        assert (imported.streams[0].scale, imported.streams[0].offset) == (0.01, 0.0)
+        assert [frame.time_ns // 1000 for frame in frames] == [frame.time_ns // 1000 for frame in originals]
+        assert [frame.quality for frame in frames] == [frame.quality for frame in originals]
+        assert all(np.array_equal(a.counts, b.counts) for a, b in zip(frames, originals, strict=True))
 
 
 @pytest.mark.parametrize(
     ("scale", "step"),
     [(0.01, 0.01), (1 / 64, 0.02), (0.04, 0.04), (0.1, 0.16)],  # 655.35, 1023.98, 2621.4 and 6553.5 K
 )
-def test_temperatures_beyond_the_scale_of_tiffs_are_not_clipped(tmp_path, scale, step, caplog):
+def test_temperatures_beyond_the_scale_of_tiffs_are_not_clipped(tmp_path, folder, scale, step, caplog):
     """A pixel of 65535 counts: 16 bits of 0.01 K end at 655.35 K, of 0.02 K at 1310.7 K and so on."""
     info = replace(HEADER.streams[0], scale=scale)
-    writer = SessionWriter(tmp_path / "a.h5", replace(HEADER, streams=(info,)), CountedClock())
     hot = sample(info, 1)
     hot.counts[3, 4] = 65_535
-    for frame in (sample(info, 0), hot):
-        writer.append(frame)
-    writer.close()
-    folder = tmp_path / "tiffs"
-    folder.mkdir()
-    with open_session(tmp_path / "a.h5") as session:
+    with sealed_session(tmp_path / "a.h5", sample(info, 0), hot, streams=(info,)) as session:
         export_tiffs(session, folder)
         expected = session.kelvin()
     imported = read_stills(folder, None)
-    found = np.array([frame.counts for frame in imported.samples]) * imported.streams[0].scale
+    kelvin = np.array([frame.counts for frame in imported.samples]) * imported.streams[0].scale
     assert imported.streams[0].scale == step
-    assert found[1, 3, 4] == pytest.approx(65_535 * scale, abs=step / 2)
-    assert np.abs(found - expected).max() <= 0.51 * step
-    assert ("a count of the TIFFs is" in caplog.text) == (step > 0.01)
+    assert kelvin[1, 3, 4] == pytest.approx(65_535 * scale, abs=step / 2)
+    assert np.abs(kelvin - expected).max() <= 0.51 * step
+    assert (f"{step:g} K" in caplog.text) == (step > 0.01)
 
 
 def test_pixels_without_a_temperature_are_zero_and_never_the_hottest(tmp_path):
     """FLIR's law has no solution for counts below -O, here 5588."""
     info = replace(HEADER.streams[0], law="planck", scale=float("nan"), settings=PLANCK)
-    writer = SessionWriter(tmp_path / "a.h5", replace(HEADER, streams=(info,)), CountedClock())
     frame = sample(info, 0)
     frame.counts[:], frame.counts[3, 4] = 18_000, 5000
-    writer.append(frame)
-    writer.close()
-    with open_session(tmp_path / "a.h5") as session:
+    with sealed_session(tmp_path / "a.h5", frame, streams=(info,)) as session:
         path, _ = export_tiffs(session, tmp_path)
     counts = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     assert counts[3, 4] == 0
@@ -331,7 +300,7 @@ def test_descriptions_of_other_programs_are_no_tags_of_ours(tmp_path, text):
     path = tmp_path / "other.tiff"
     Image.fromarray(np.full((4, 4), 30_000, np.uint16)).save(path, description=text)
     assert [page.tags for page in read_pages(path)] == [None]
-    with pytest.raises(ConfigError, match="what one count"):
+    with pytest.raises(ConfigError, check=at(path, Argument("kelvin_per_count", 0.01))):
         read_stills(path, None)
 
 
@@ -344,17 +313,15 @@ def test_frames_of_the_ht301_have_kelvin_in_every_reader(tmp_path):
     words[0, 1], words[1, 0], words[1, 1] = 8617, 5000, 2932
     words.reshape(-1)[259:269] = np.array([0.01, 8.0, 0.0, 0.0, 0.6], "<f4").view("<u2")
     corners = ((1.0, 1.0), (90.0, 1.0), (90.0, 20.0), (1.0, 20.0))
-    about = replace(HEADER, streams=(info,), regions=(Region("bed", RegionKind.TARGET, corners),))
-    writer = SessionWriter(tmp_path / "a.h5", about, CountedClock())
+    frames = []
     for seq in range(12):
         rows = words.copy()
         rows[1, 1] += 5 * seq  # the shutter warms by half a kelvin from frame to frame
         counts = np.full((24, 256), 4900 + seq, "<u2")
-        writer.append(sample(info, seq)._replace(counts=counts, metadata_rows=rows))
-    writer.close()
-    with open_session(tmp_path / "a.h5") as session:
-        frames = list(session.samples())
-        expected = [ht301(one.counts, one.metadata_rows, {}).mean() for one in frames]
+        frames.append(sample(info, seq)._replace(counts=counts, metadata_rows=rows))
+    bed = Region("bed", RegionKind.TARGET, corners)
+    with sealed_session(tmp_path / "a.h5", *frames, streams=(info,), regions=(bed,)) as session:
+        expected = [ht301(frame.counts, frame.metadata_rows, {}).mean() for frame in frames]
         series, kelvin = session.region_series(), session.kelvin()
         paths = export_tiffs(session, tmp_path)[:-1]
     assert 280.0 < min(expected) < max(expected) < 310.0
@@ -374,12 +341,10 @@ def test_cells_of_a_table_are_as_short_as_the_number(session, tmp_path):
 
 def test_a_spreadsheet_computes_nothing_that_somebody_typed(tmp_path):
     lux = replace(HEADER.streams[1], shape=(2,), channels=("=1+1", "right"))
-    writer = SessionWriter(tmp_path / "field.h5", replace(HEADER, streams=(lux,)), CountedClock())
-    writer.append(sample(lux, 0)._replace(values=(3.0, 1.0)))
-    for text in ('=HYPERLINK("http://a.example")', "+1", "-2", "@SUM(A1)", "\tx", "5 = 5"):
-        writer.put(Event(EventKind.MARK, 0, START_NS, text))
-    writer.close()
-    with open_session(tmp_path / "field.h5") as session:
+    typed = ('=HYPERLINK("http://a.example")', "+1", "-2", "@SUM(A1)", "\tx", "5 = 5")
+    entries = [Event(EventKind.MARK, 0, START_NS, text) for text in typed]
+    reading = sample(lux, 0)._replace(values=(3.0, 1.0))
+    with sealed_session(tmp_path / "field.h5", reading, *entries, streams=(lux,)) as session:
         paths = {path.stem.removeprefix("field-"): path for path in export_csv(session, tmp_path)}
     texts = pd.read_csv(paths["events"])["text"].tolist()
     assert [text[0] for text in texts] == ["'", "'", "'", "'", "'", "5"]
@@ -400,9 +365,7 @@ def test_other_cells_of_a_table_stay_as_they_are(text):
     assert as_text(text) == text
 
 
-def test_tiffs_of_two_sessions_in_one_folder_come_back_through_import(sealed, tmp_path):
-    folder = tmp_path / "tiffs"
-    folder.mkdir()
+def test_tiffs_of_two_sessions_in_one_folder_come_back_through_import(sealed, tmp_path, folder):
     for name in ("a.h5", "b.h5", "a.h5"):
         with open_session(Path(shutil.copy(sealed, tmp_path / name))) as session:
             export_tiffs(session, folder, every=FRAMES // 2)
@@ -424,7 +387,7 @@ def test_pictures_of_each_camera_have_files_of_their_own(two_cameras, tmp_path, 
 def test_camera_that_is_not_known_is_asked_for(two_cameras, tmp_path, export):
     with pytest.raises(SessionError, match="camera, cam2") as caught:
         export(two_cameras, tmp_path)
-    assert caught.value.fix == Argument("stream") + " is one of camera, cam2"
+    assert steps(caught.value) == [Argument("stream")]
     with pytest.raises(SessionError, match="'lux'"):
         export(two_cameras, tmp_path, stream="lux")
 
@@ -434,24 +397,21 @@ def test_pictures_show_scale_and_regions(session, tmp_path):
     image = cv2.imread(str(path))
     assert image.shape == (24 * 20 + BELOW_PX + 36, 640 + LEFT_PX, 3)
     first = HEADER.regions[0].vertices[0]
-    x, y = (int((one + 0.5) * 20) for one in first)
+    x, y = (int((pixel + 0.5) * 20) for pixel in first)
     x += LEFT_PX
     assert image[y, x + 40].min() > 200  # the outline's upper edge
     assert image[y + 7, x + 4].max() < 20  # beside the name
-    (film,) = export_video(session, tmp_path, every=FRAMES // 2)
-    reader = cv2.VideoCapture(str(film))
-    assert int(reader.get(cv2.CAP_PROP_FRAME_COUNT)) == 2
-    reader.release()
 
 
 def test_a_video_shows_each_frame_as_long_as_it_lasted_at_its_speed(session, tmp_path):
     times = [frame.time_ns for frame in session.samples("camera")]
     lasted_s = (times[FRAMES // 2] - times[0]) / 1e9
-    # the first frame for 0.2 s at 25 pictures a second, the other once
-    (film,) = export_video(session, tmp_path, speed=lasted_s / 0.2, every=FRAMES // 2)
-    reader = cv2.VideoCapture(str(film))
-    assert int(reader.get(cv2.CAP_PROP_FRAME_COUNT)) == 6
-    reader.release()
+    # the first frame for 0.2 s at 25 pictures a second, the other once; without a speed each once
+    for speed, count in ((lasted_s / 0.2, 6), (math.inf, 2)):
+        (film,) = export_video(session, tmp_path, speed=speed, every=FRAMES // 2)
+        reader = cv2.VideoCapture(str(film))
+        assert int(reader.get(cv2.CAP_PROP_FRAME_COUNT)) == count
+        reader.release()
 
 
 def test_images_have_the_colours_of_the_palette_that_is_named(session, tmp_path):
@@ -460,7 +420,7 @@ def test_images_have_the_colours_of_the_palette_that_is_named(session, tmp_path)
     bar = cv2.imread(str(path))[-30]
     assert (bar[0].tolist(), bar[-1].tolist()) == ([0] * 3, [255] * 3)
     assert (bar == bar[:, :1]).all()
-    with pytest.raises(ConfigError, match="'jet'"):
+    with pytest.raises(ConfigError, check=at(Argument("palette", "jet"))):
         export_pngs(session, tmp_path, palette="jet")
 
 
@@ -493,14 +453,21 @@ def test_netcdf_files_open_by_themselves(session, tmp_path):
         assert camera.attrs["session_id"] == session.session_id
 
 
-def test_mcap_holds_every_bit(session, tmp_path):
-    """Read back with the format's own reader, checksums on."""
-    (path,) = export_mcap(session, tmp_path)
+def messages_of(path: Path) -> dict[str, list[tuple[int, Any]]]:
+    """Time and content of the messages of each topic, read by the format's own reader, checksums on."""
+    messages: dict[str, list[tuple[int, Any]]] = {}
     with path.open("rb") as file:
-        reader = reading.make_reader(file, validate_crcs=True)
-        messages = [(channel.topic[1:], message, json.loads(message.data))
-                    for _, channel, message in reader.iter_messages()]  # fmt: skip
-        schemas = {one.name: json.loads(one.data) for one in reader.get_summary().schemas.values()}
+        for _, channel, message in make_reader(file, validate_crcs=True).iter_messages():
+            messages.setdefault(channel.topic, []).append((message.log_time, json.loads(message.data)))
+    return messages
+
+
+def test_mcap_holds_every_bit(session, tmp_path):
+    (path,) = export_mcap(session, tmp_path)
+    messages = messages_of(path)
+    with path.open("rb") as file:
+        reader = make_reader(file)
+        schemas = {schema.name: json.loads(schema.data) for schema in reader.get_summary().schemas.values()}
         (attachment,) = reader.iter_attachments()
         (about,) = reader.iter_metadata()
     assert attachment.data.decode() == HEADER.config_toml
@@ -510,60 +477,46 @@ def test_mcap_holds_every_bit(session, tmp_path):
         "T1", "T2", "T3", "T4",
     }  # fmt: skip
     for original in session.samples():
-        message, told = next(
-            (message, told)
-            for topic, message, told in messages
-            if topic == original.stream and told["seq"] == original.seq
-        )
-        assert message.log_time == told["timestamp"]["sec"] * 10**9 + told["timestamp"]["nsec"]
-        assert message.log_time == original.time_ns
-        assert (told["mono_ns"], told["flags"]) == (original.mono_ns, int(original.quality))
+        ((time_ns, message),) = [
+            (time_ns, message)
+            for time_ns, message in messages[f"/{original.stream}"]
+            if message["seq"] == original.seq
+        ]
+        assert time_ns == message["timestamp"]["sec"] * 10**9 + message["timestamp"]["nsec"]
+        assert time_ns == original.time_ns
+        assert (message["mono_ns"], message["flags"]) == (original.mono_ns, int(original.quality))
         if isinstance(original, Frame):
-            assert base64.b64decode(told["data"]) == original.counts.tobytes()
-            assert base64.b64decode(told["metadata_rows"]) == original.metadata_rows.tobytes()
-            assert told["step"] * told["height"] == original.counts.nbytes
+            assert base64.b64decode(message["data"]) == original.counts.tobytes()
+            assert base64.b64decode(message["metadata_rows"]) == original.metadata_rows.tobytes()
+            assert message["step"] * message["height"] == original.counts.nbytes
         else:
-            assert isinstance(original, Reading)
-            assert tuple(told["values"].values()) == original.values
-            assert base64.b64decode(told["raw"]) == original.raw
-    assert [told["message"] for topic, _, told in messages if topic == "events"] == ["wolke über b05"]
+            assert tuple(message["values"].values()) == original.values
+            assert base64.b64decode(message["raw"]) == original.raw
+    assert [message["message"] for _, message in messages["/events"]] == ["wolke über b05"]
 
 
 def taught(path: Path) -> SessionReader:
     """A session of two minutes with what the data taught in the second."""
-    clock = CountedClock()
-    writer = SessionWriter(path, HEADER, clock)
-    fill(writer, 2, clock)
-    writer.put(MinuteRecord(START_NS, ()))
-    writer.put(MinuteRecord(START_NS + 60 * 10**9, (), learnt=replace(learnt(), chi_square=math.nan)))
-    writer.close()
-    return open_session(path)
+    second = MinuteRecord(START_NS + 60 * 10**9, (), learnt=replace(learnt(), chi_square=math.nan))
+    return sealed_session(path, MinuteRecord(START_NS, ()), second)
 
 
 def test_mcap_holds_what_the_data_taught(tmp_path):
     with taught(tmp_path / "field.h5") as session:
         (path,) = export_mcap(session, tmp_path)
-    with path.open("rb") as file:
-        (found,) = [
-            json.loads(message.data)
-            for _, channel, message in reading.make_reader(file).iter_messages()
-            if channel.topic == "/learnt"
-        ]
-    assert found["timestamp"]["sec"] == START_NS // 10**9 + 60
-    assert found["parameters"] == [asdict(one) for one in learnt().parameters]
-    assert found["residual_k"] == {"flat": 0.05}
-    assert found["chi_square"] is None
+    ((_, message),) = messages_of(path)["/learnt"]
+    assert message["timestamp"]["sec"] == START_NS // 10**9 + 60
+    assert message["parameters"] == [asdict(parameter) for parameter in learnt().parameters]
+    assert message["residual_k"] == {"flat": 0.05}
+    assert message["chi_square"] is None
 
 
 def test_mcap_has_null_for_details_that_are_not_numbers(tmp_path):
-    writer = SessionWriter(tmp_path / "field.h5", HEADER, CountedClock())
-    writer.put(Event(EventKind.MARK, 0, START_NS, "wind", data={"wind_m_s": math.nan}))
-    writer.close()
-    with open_session(tmp_path / "field.h5") as session:
+    wind = Event(EventKind.MARK, 0, START_NS, "wind", data={"wind_m_s": math.nan})
+    with sealed_session(tmp_path / "field.h5", wind) as session:
         (path,) = export_mcap(session, tmp_path)
-    with path.open("rb") as file:
-        ((_, _, message),) = reading.make_reader(file).iter_messages(topics=["/events"])
-    assert json.loads(message.data)["data"] == {"wind_m_s": None}
+    ((_, message),) = messages_of(path)["/events"]
+    assert message["data"] == {"wind_m_s": None}
 
 
 def test_netcdf_and_xarray_have_what_the_data_taught(tmp_path):
@@ -583,11 +536,10 @@ def test_netcdf_and_xarray_have_what_the_data_taught(tmp_path):
 def test_mcap_of_one_stream_and_every_nth_picture(session, tmp_path):
     (path,) = export_mcap(session, tmp_path, stream="camera", every=5)
     assert path.name == "field-camera.mcap"
-    with path.open("rb") as file:
-        topics = [channel.topic for _, channel, _ in reading.make_reader(file).iter_messages()]
-    assert topics.count("/camera") == FRAMES // 5
-    assert "/lux" not in topics
-    with pytest.raises(SessionError, match="no stream 'sonar'"):
+    messages = messages_of(path)
+    assert len(messages["/camera"]) == FRAMES // 5
+    assert "/lux" not in messages
+    with pytest.raises(SessionError, match="sonar"):
         export_mcap(session, tmp_path, stream="sonar")
 
 

@@ -1,7 +1,7 @@
 """Foreign recordings become sessions with their stamps and counts as they are."""
 
 import gzip
-import json
+import math
 import os
 import struct
 from datetime import UTC
@@ -24,7 +24,7 @@ from fieldkit.sessions.formats.times import parse_times_ns
 from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.reader import open_session
 from tests.harness.foreign_files import irg, purethermal, tiff_pages
-from tests.harness.next_steps import steps
+from tests.harness.next_steps import at
 from tests.shared_data import shared
 
 SITE = Site(-33.5, -70.6, 500.0, "America/Santiago")
@@ -55,15 +55,15 @@ def test_real_recording_comes_through_whole(tmp_path):
         assert session.streams["camera"].scale == 0.01
         # gaps of 0.412, 0.032, 0.015 and 0.017 s at the beginning: a burst of waiting pictures
         assert [frame.seq for frame in frames if frame.quality & Quality.INTERPOLATED] == [1, 2, 3, 4]
-        assert any("came in bunches" in event.text for event in session.events())
+        assert any(event.text.startswith("4 of 82 ") for event in session.events())
 
 
 def test_recording_cut_off_keeps_its_whole_frames(tmp_path):
     path = written(tmp_path / "cut.raw.y16.gz", [1.7e9 + n / 9 for n in range(5)], cut=10)
     imported = read_purethermal(path)
-    assert len(list(imported.samples)) == 4
-    assert len(list(imported.samples)) == 4, "read again whenever asked for"
-    assert "ends within frame 4" in imported.notes[0][1]
+    for _ in range(2):  # read again whenever asked for
+        assert len(list(imported.samples)) == 4
+    assert "frame 4:" in imported.notes[0][1]
 
 
 def test_counts_that_are_no_kelvin_get_no_scale(tmp_path):
@@ -72,69 +72,58 @@ def test_counts_that_are_no_kelvin_get_no_scale(tmp_path):
     assert "TLinear off" in imported.notes[0][1]
 
 
+def with_header(header: bytes) -> bytes:
+    return b"PTY16V1\n" + struct.pack("<I", len(header)) + header
+
+
+RATES = ("NaN", "Infinity", "-9", "0", "1e6", "[9]", "null", "9" * 400)
+
+
 @pytest.mark.parametrize(
     "data",
     [
         b"",
         b"plain",
         gzip.compress(b"PTY16V1\n\xff\xff\xff\xff", mtime=0),
-        gzip.compress(b"PTY16V1\n\2\0\0\0{}", mtime=0),
+        *(
+            gzip.compress(with_header(header.encode()), mtime=0)
+            for header in (
+                "{}",
+                "[" * 100_000,
+                '{"width": 1000000000, "height": 1000000000, "fps": 9}',
+                *(f'{{"width": 4, "height": 3, "fps": {rate}}}' for rate in RATES),
+            )
+        ),
     ],
 )
-def test_other_files_are_refused(tmp_path, data):
+def test_files_that_no_camera_wrote_are_refused(tmp_path, data):
     path = tmp_path / "other.gz"
     path.write_bytes(data)
     assert is_purethermal(path) == data.startswith(gzip.compress(b"")[:2])
-    with pytest.raises(ConfigError, match="not a recording"):
+    with pytest.raises(ConfigError, check=at(path)):
         read_purethermal(path)
 
 
-@pytest.mark.parametrize("rate", ["NaN", "Infinity", "-9", "0", "1e6", "[9]", "null", "9" * 400])
-def test_a_rate_that_no_camera_has_is_refused(tmp_path, rate):
-    header = b'{"width": 4, "height": 3, "fps": %s}' % rate.encode()
-    path = tmp_path / "rate.gz"
-    path.write_bytes(gzip.compress(b"PTY16V1\n" + struct.pack("<I", len(header)) + header))
-    with pytest.raises(ConfigError, match="not a recording"):
-        read_purethermal(path)
-
-
-def test_a_header_of_endless_depth_is_refused(tmp_path):
-    header = b"[" * 100_000
-    path = tmp_path / "deep.gz"
-    path.write_bytes(gzip.compress(b"PTY16V1\n" + struct.pack("<I", len(header)) + header))
-    with pytest.raises(ConfigError, match="not a recording"):
-        read_purethermal(path)
-
-
-def test_picture_of_hostile_size_is_refused(tmp_path):
-    header = json.dumps({"width": 10**9, "height": 10**9, "fps": 9}).encode()
-    path = tmp_path / "huge.gz"
-    path.write_bytes(gzip.compress(b"PTY16V1\n" + struct.pack("<I", len(header)) + header))
-    with pytest.raises(ConfigError, match="frames of"):
-        read_purethermal(path)
-
-
-@pytest.mark.parametrize("seconds", [1e300, 1.7e308, 1e10, -1.0, float("inf"), float("-inf"), float("nan")])
+@pytest.mark.parametrize("seconds", [1e300, 1.7e308, 1e10, -1.0, float("inf"), float("-inf"), math.nan])
 @pytest.mark.parametrize("frame", [0, 2])
 def test_a_time_that_no_frame_has_names_the_frame(tmp_path, seconds, frame):
     """A frame is u64 number, f64 seconds, i64 milliseconds and 4 x 6 pixels of 16 bits, after the header."""
     data = bytearray(purethermal([1.7e9, 1.7e9 + 1, 1.7e9 + 2]))
     struct.pack_into("<d", data, len(data) - (3 - frame) * 72 + 8, seconds)
     (tmp_path / "a.raw.y16.gz").write_bytes(gzip.compress(bytes(data)))
-    with pytest.raises(ConfigError, match=f"frame {frame} was taken at .* the file is damaged"):
+    with pytest.raises(ConfigError, check=at(f"frame {frame}")):
         read_purethermal(tmp_path / "a.raw.y16.gz")
 
 
 def test_a_recording_that_unpacks_to_gigabytes_is_refused_before_it_does(tmp_path):
     """Frames of nothing but zeros pack a thousand to one: 200 MB come from 200 kB."""
-    header = json.dumps({"width": 640, "height": 480, "fps": 9.0}).encode()
     path = tmp_path / "bomb.raw.y16.gz"
     with gzip.open(path, "wb") as file:
-        file.write(b"PTY16V1\n" + struct.pack("<I", len(header)) + header)
+        file.write(with_header(b'{"width": 640, "height": 480, "fps": 9.0}'))
         for number in range(330):
             file.write(struct.pack("<Qdq", number, 1.7e9 + number, 0) + bytes(2 * 640 * 480))
     assert path.stat().st_size < 300_000
-    with pytest.raises(ConfigError, match=r"unpacks to 1\d\d MB or more"):
+    with pytest.raises(ConfigError, match=r" 1\d\d MB", check=at(path)):
         read_purethermal(path)
 
 
@@ -174,20 +163,16 @@ def test_table_of_times_may_be_parted_otherwise_than_by_commas(tmp_path, mark):
 
 
 def test_times_in_the_names_by_a_slow_clock_are_corrected_by_the_offset(tmp_path):
-    folder = tiffs(tmp_path / "f", ["20260512T010000.tif"])
-    moment = {"time_format": "%Y%m%dT%H%M%S", "zone": UTC}
-    (frame,) = read_stills(folder, Scale(0.01), **moment, offset_ns=83_000_000_000).samples
-    assert frame.time_ns == 1_778_547_683_000_000_000  # 2026-05-12T01:01:23Z by date(1)
-
-
-def test_stamps_may_stand_in_the_names(tmp_path):
     folder = tiffs(tmp_path / "f", ["IR_20260512T010000.tif", "IR_20260512T010001.tif"])
-    imported = read_stills(folder, Scale(float("nan")), time_format="IR_%Y%m%dT%H%M%S", zone=UTC)
-    assert [frame.time_ns for frame in imported.samples] == [
-        1_778_547_600_000_000_000,
-        1_778_547_601_000_000_000,
-    ]
-    assert np.isnan(imported.streams[0].scale)
+    moment = {"time_format": "IR_%Y%m%dT%H%M%S", "zone": UTC}
+    imported = read_stills(folder, Scale(math.nan), **moment, offset_ns=83_000_000_000)
+    (first, second) = imported.samples
+    assert first.time_ns == 1_778_547_683_000_000_000  # 2026-05-12T01:01:23Z by date(1)
+    assert second.time_ns == 1_778_547_684_000_000_000
+    assert math.isnan(imported.streams[0].scale)
+
+
+GIVEN_TIMES = (Argument("times", "stamps.csv"), Argument("time_format"))
 
 
 def test_trouble_with_tiffs_is_told(tmp_path):
@@ -195,27 +180,25 @@ def test_trouble_with_tiffs_is_told(tmp_path):
     (tmp_path / "empty").mkdir()
     times = tmp_path / "times.csv"
     times.write_text("a.tif,2026-05-12T10:00:01Z\n")
-    with pytest.raises(ConfigError, match=r"empty(?s:.*)\.irg"):
+    with pytest.raises(ConfigError, check=at(tmp_path / "empty")):
         read_stills(tmp_path / "empty", Scale(1.0), times=times)
-    with pytest.raises(ConfigError, match=r"first b\.tif: 0 times for 1 frames"):
+    with pytest.raises(ConfigError, match=r"0 times .* 1 frames of b\.tif", check=at(times)):
         read_stills(folder, Scale(1.0), times=times)
-    with pytest.raises(ConfigError, match="taken is not known"):
+    with pytest.raises(ConfigError, check=at(folder / "a.tif", *GIVEN_TIMES)):
         read_stills(folder, Scale(1.0))
+    with pytest.raises(ConfigError, check=at(Argument("times"), *GIVEN_TIMES)):
+        read_stills(folder, Scale(1.0), times=times, time_format="%Y")
     times.write_text("a.tif,12/05/2026 10:00\nb.tif,12/05/2026 10:01\n")
-    with pytest.raises(ConfigError, match=r"times\.csv, a\.tif: '12/05/2026 10:00' is not") as caught:
+    with pytest.raises(ConfigError, match="'12/05/2026 10:00'", check=at(f"{times}, a.tif")) as caught:
         read_stills(folder, Scale(1.0), times=times, zone=UTC)
     assert "ISO 8601" in str(caught.value.fix)  # a format would be of the names
-    with pytest.raises(ConfigError, match="one way"):
-        read_stills(folder, Scale(1.0), times=times, time_format="%Y")
-    with pytest.raises(ConfigError, match="no zone"):
+    with pytest.raises(ConfigError, check=at("'20260512'", Argument("zone", "Asia/Tokyo"))):
         read_stills(tiffs(tmp_path / "g", ["20260512.tif"]), Scale(1.0), time_format="%Y%m%d")
-    cv2.imwrite(str(folder / "b.tif"), np.zeros((5, 7, 3), np.uint8))
     times.write_text("a.tif,2026-05-12T10:00:01Z\nb.tif,2026-05-12T10:00:02Z\n")
-    with pytest.raises(ConfigError, match="16-bit"):
-        list(read_stills(folder, Scale(1.0), times=times).samples)
-    (folder / "b.tif").write_bytes(b"not a picture")
-    with pytest.raises(ConfigError, match="cannot be read"):
-        list(read_stills(folder, Scale(1.0), times=times).samples)
+    for data in (cv2.imencode(".tif", np.zeros((5, 7, 3), np.uint8))[1].tobytes(), b"not a picture"):
+        (folder / "b.tif").write_bytes(data)
+        with pytest.raises(ConfigError, check=at(folder / "b.tif")):
+            list(read_stills(folder, Scale(1.0), times=times).samples)
 
 
 FIRST = np.arange(30_000, 30_035, dtype=np.uint16).reshape(5, 7)
@@ -228,8 +211,7 @@ def tiff_file(folder: Path, data: bytes) -> Path:
 
 
 def frames_of(source: Path, **times) -> list[np.ndarray]:
-    found = read_stills(source, Scale(0.01), **times).samples
-    return [frame.counts for frame in found if isinstance(frame, Frame)]
+    return [frame.counts for frame in read_stills(source, Scale(0.01), **times).samples]
 
 
 @pytest.mark.parametrize("layout", [{}, {"order": ">"}, {"is_big": True}, {"order": ">", "is_big": True}])
@@ -238,12 +220,11 @@ def test_every_page_of_a_tiff_is_a_frame_with_a_time_of_its_own(tmp_path, layout
     times = tmp_path / "times.csv"
     times.write_text("".join(f"{path.name},2026-05-12T10:00:{second:02}Z\n" for second in range(10)))
     assert [frame[0, 0] for frame in frames_of(path, times=times)] == list(range(30_000, 30_010))
-    with pytest.raises(ConfigError, match="10 frames"):
-        read_stills(path, Scale(0.01), **MOMENT)
-    times.write_text(times.read_text().replace("2026-05-12T10:00:09Z", ""))
+    with pytest.raises(ConfigError, match="10 frames", check=at(path, Argument("times", "stamps.csv"))):
+        frames_of(path, **MOMENT)
     times.write_text("".join(times.read_text().splitlines(keepends=True)[:9]))
-    with pytest.raises(ConfigError, match=r"20260512\.tif: 9 times for 10 frames"):
-        read_stills(path, Scale(0.01), times=times)
+    with pytest.raises(ConfigError, match=r"9 times .* 10 frames of 20260512\.tif", check=at(times)):
+        frames_of(path, times=times)
 
 
 @pytest.mark.parametrize("tag", [{254: 1}, {254: 4}, {254: 5}, {255: 2}])  # TIFF 6.0, section 8
@@ -254,21 +235,19 @@ def test_thumbnails_and_masks_are_not_taken_for_frames(tmp_path, tag, is_first):
     path = tiff_file(tmp_path, tiff_pages(*pages))
     (frame,) = frames_of(path, **MOMENT)
     assert np.array_equal(frame, FIRST)
-    assert "1 pages are thumbnails or masks" in read_stills(path, Scale(0.01), **MOMENT).notes[0][1]
-    with pytest.raises(ConfigError, match=r"no page .* \(1 in all\) is a frame"):
-        read_stills(tiff_file(tmp_path, tiff_pages((FIRST, tag))), Scale(0.01), **MOMENT)
+    assert read_stills(path, Scale(0.01), **MOMENT).notes[0][1].startswith("1 pages ")
+    with pytest.raises(ConfigError, check=at(path), match=" 1 pages"):
+        frames_of(tiff_file(tmp_path, tiff_pages((FIRST, tag))), **MOMENT)
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))  # TIFF 6.0, section 8: which side is row 0
 @pytest.mark.parametrize("order", ["<", ">"])
 def test_frames_stay_as_the_sensor_has_them_whatever_their_orientation(tmp_path, orientation, order):
     path = tiff_file(tmp_path, tiff_pages((FIRST, {274: orientation}), order=order))
-    found = read_stills(path, Scale(0.01), **MOMENT)
-    (frame,) = found.samples
+    imported = read_stills(path, Scale(0.01), **MOMENT)
+    (frame,) = imported.samples
     assert np.array_equal(frame.counts, FIRST)
-    assert any("orientation of 1 frames was not applied" in text for _, text in found.notes) == (
-        orientation != 1
-    )
+    assert any("orientation of 1 " in text for _, text in imported.notes) == (orientation != 1)
 
 
 @pytest.mark.parametrize(
@@ -285,21 +264,19 @@ def test_frames_stay_as_the_sensor_has_them_whatever_their_orientation(tmp_path,
 )
 def test_a_tiff_of_other_numbers_is_named_for_what_it_is(tmp_path, pixels, more, words, fix):
     path = tiff_file(tmp_path, tiff_pages((pixels, more)))
-    with pytest.raises(ConfigError, match=f"has {words}, not one unsigned 16-bit number") as caught:
-        read_stills(path, Scale(0.01), **MOMENT)
+    with pytest.raises(ConfigError, match=f"has {words}, ", check=at(path)) as caught:
+        frames_of(path, **MOMENT)
     assert fix in str(caught.value.fix)
-    path = tiff_file(tmp_path, tiff_pages((FIRST, {}), (pixels, more)))
-    with pytest.raises(ConfigError, match=f"page 2 of 2 of .*20260512.tif has {words}"):
-        read_stills(path, Scale(0.01), **MOMENT)
+    tiff_file(tmp_path, tiff_pages((FIRST, {}), (pixels, more)))
+    with pytest.raises(ConfigError, match=f"has {words}, ", check=at(f"page 2 of 2 of {path}")):
+        frames_of(path, **MOMENT)
 
 
 @pytest.mark.parametrize(("unit", "value"), [("C", 22.35), ("K", 295.5), ("F", 72.23)])
 def test_floating_point_temperatures_become_hundredths_of_kelvin(tmp_path, unit, value):
-    pixels = np.full((5, 7), value, np.float32)
-    path = tiff_file(tmp_path, tiff_pages((pixels, {})))
-    found = read_stills(path, None, unit=unit, **MOMENT)
-    (frame,) = found.samples
-    info = found.streams[0]
+    path = tiff_file(tmp_path, tiff_pages((np.full((5, 7), value, np.float32), {})))
+    imported = read_stills(path, None, unit=unit, **MOMENT)
+    (frame,), (info,) = imported.samples, imported.streams
     assert (info.unit, info.scale, info.offset) == ("K", 0.01, 0.0)
     assert frame.counts.tolist() == np.full((5, 7), 29_550).tolist()
     assert frame.quality == Quality.GOOD
@@ -321,14 +298,16 @@ def test_a_pixel_without_a_temperature_flags_its_frame(tmp_path, hole, count):
 
 def test_an_option_for_other_numbers_is_refused(tmp_path):
     counts = tiff_file(tmp_path, tiff_pages((FIRST, {})))
-    with pytest.raises(ConfigError) as caught:
+    with pytest.raises(ConfigError, check=at(counts, Argument("unit"))):
         read_stills(counts, None, unit="C", **MOMENT)
-    assert steps(caught.value) == [Argument("unit")]
     floats = tiff_file(tmp_path, tiff_pages((FIRST.astype(np.float32), {})))
-    with pytest.raises(ConfigError, match="lx is not"):
+    with pytest.raises(ConfigError, check=at(Argument("unit", "lx"), Argument("unit", "C"))):
         read_stills(floats, None, unit="lx", **MOMENT)
-    with pytest.raises(ConfigError, match=r"states 0\.01 K per count"):
+    with pytest.raises(ConfigError, check=at(floats, *SCALE), match=r"0\.01 .* 0\.04"):
         read_stills(floats, Scale(0.04), unit="C", **MOMENT)
+
+
+SCALE = (Argument("kelvin_per_count"), Argument("kelvin_at_zero"))
 
 
 def png(folder: Path, pixels: np.ndarray) -> Path:
@@ -339,45 +318,42 @@ def png(folder: Path, pixels: np.ndarray) -> Path:
 
 def test_png_of_16_bits_needs_its_scale(tmp_path):
     folder = png(tmp_path / "f", FIRST)
-    (frame,) = read_stills(folder, Scale(0.01), **MOMENT).samples
-    assert np.array_equal(frame.counts, FIRST)
-    with pytest.raises(ConfigError, match="kelvin_per_count"):
+    path = folder / "20260512.png"
+    (counts,) = frames_of(folder, **MOMENT)
+    assert np.array_equal(counts, FIRST)
+    with pytest.raises(ConfigError, check=at(path, Argument("kelvin_per_count", 0.01))):
         read_stills(folder, None, **MOMENT)
-    with pytest.raises(ConfigError, match="16-bit"):
-        read_stills(png(folder, np.zeros((5, 7), np.uint8)), Scale(0.01), **MOMENT)
-    (folder / "20260512.png").write_bytes(b"\x89PNG")
-    with pytest.raises(ConfigError, match="cannot be read as a frame"):
-        read_stills(folder, Scale(0.01), **MOMENT)
+    for data in (cv2.imencode(".png", np.zeros((5, 7), np.uint8))[1].tobytes(), b"\x89PNG"):
+        path.write_bytes(data)
+        with pytest.raises(ConfigError, check=at(path)):
+            frames_of(folder, **MOMENT)
 
 
 def test_pngs_beside_other_frames_are_only_to_look_at(tmp_path):
     folder = png(tiffs(tmp_path / "f", ["20260512.tif"]), np.zeros((5, 7), np.uint8))
-    (frame,) = read_stills(folder, Scale(0.01), **MOMENT).samples
-    assert int(frame.counts[0, 0]) == 6900
+    (counts,) = frames_of(folder, **MOMENT)
+    assert counts[0, 0] == 6900
 
 
 def test_directories_in_a_circle_or_cut_off_are_named(tmp_path):
     data = tiff_pages((FIRST, {}), (FIRST, {}))
-    circle = data[:-4] + data[4:8]
-    with pytest.raises(ConfigError, match="form a circle"):
-        read_stills(tiff_file(tmp_path, circle), Scale(0.01), **MOMENT)
-    for length in (0, 3, 7, len(data) - 1, len(data) - 100):
-        with pytest.raises(ConfigError, match="cannot be read as a frame"):
-            read_stills(tiff_file(tmp_path, data[:length]), Scale(0.01), **MOMENT)
+    for damaged in (data[:-4] + data[4:8], *(data[:n] for n in (0, 3, 7, len(data) - 1, len(data) - 100))):
+        path = tiff_file(tmp_path, damaged)
+        with pytest.raises(ConfigError, check=at(path)):
+            frames_of(path, **MOMENT)
 
 
 def test_pages_that_unpack_to_more_than_their_file_can_hold_are_refused(tmp_path):
     """Sixty pages of 4000 x 4000 pixels, 1.9 GB, in a file of some kilobytes."""
-    pages = [(SMALL, {256: 4000, 257: 4000})] * 60
-    path = tiff_file(tmp_path, tiff_pages(*pages))
-    with pytest.raises(ConfigError, match=r"unpacks to 1920 MB"):
-        read_stills(path, Scale(0.01), **MOMENT)
+    path = tiff_file(tmp_path, tiff_pages(*([(SMALL, {256: 4000, 257: 4000})] * 60)))
+    with pytest.raises(ConfigError, match="1920 MB", check=at(path)):
+        frames_of(path, **MOMENT)
 
 
 def test_frames_that_state_different_scales_are_not_taken_for_one(tmp_path):
     for name, magic in (("20260512.irg", b"\xba\xab"), ("20260513.irg", b"\xca\xac")):
         (tmp_path / name).write_bytes(irg(FIRST, magic))
-    with pytest.raises(ConfigError, match=r"20260512\.irg and .*20260513\.irg do not state the same scale"):
+    with pytest.raises(ConfigError, check=at(tmp_path / "20260512.irg"), match=r"20260513\.irg"):
         read_stills(tmp_path, None, **MOMENT)
 
 
@@ -395,7 +371,7 @@ def test_origin_is_told_in_an_event(tmp_path):
     write_imported(tmp_path / "a.h5", SessionHeader("t", SITE, imported.streams), imported, "a.gz")
     with open_session(tmp_path / "a.h5") as session:
         assert session.events()[0].kind is EventKind.IMPORTED
-        assert session.events()[0].text == "imported from a.gz"
+        assert session.events()[0].text.endswith(" a.gz")
 
 
 def test_bunched_stamps():
@@ -431,32 +407,35 @@ def test_times_of_many_kinds(text, time_format, zone, expected):
     [("2026051210", "%Y%m%d%H"), ("202605121000", "%Y%m%d%H%M"), ("20260512100000", "%Y%m%d%H%M%S")],
 )
 def test_date_and_hour_in_digits_are_never_unix_seconds(text, fix):
-    with pytest.raises(ConfigError, match="is not a time") as caught:  # 2026051210 s is March 2034
-        parse_times_ns([text], UTC)
-    assert steps(caught.value) == [Argument("time_format", fix)]
+    with pytest.raises(ConfigError, check=at(f"'{text}'", Argument("time_format", fix))):
+        parse_times_ns([text], UTC)  # 2026051210 s is March 2034
 
 
 @pytest.mark.parametrize(
     ("text", "time_format", "wrong"),
     [
-        ("2026-05-12 01:00 PM", "%Y-%m-%d %H:%M %p", "only one of %I and %p"),  # strptime: 01:00
-        ("2026-05-12 12:00", "%Y-%m-%d %I:%M", "only one of %I and %p"),  # strptime: 00:00
-        ("2026-05-12 12:00 UTC", "%Y-%m-%d %H:%M %Z", "%Z, which reads no zone"),  # strptime: no zone
+        ("2026-05-12 01:00 PM", "%Y-%m-%d %H:%M %p", "%I and %p"),  # strptime: 01:00
+        ("2026-05-12 12:00", "%Y-%m-%d %I:%M", "%I and %p"),  # strptime: 00:00
+        ("2026-05-12 12:00 UTC", "%Y-%m-%d %H:%M %Z", "%Z"),  # strptime: no zone
         ("2026-05-12 12:05", "yyyy-mm-dd HH:mm", "%m twice"),  # strptime: re.error
-        ("202605121530", "%Y%m%d%H%M%S", "is not a time as expected"),  # strptime: 15:03:00
-        ("2026051", "%Y%m%d", "is not a time as expected"),  # strptime: the 1st
     ],
 )
 def test_what_strptime_would_read_wrongly_is_refused(text, time_format, wrong):
-    with pytest.raises(ConfigError, match=wrong):
+    with pytest.raises(ConfigError, match=wrong, check=at(Argument("time_format", time_format))):
         parse_times_ns([text], UTC, time_format)
 
 
-def test_time_without_a_zone_is_refused():
-    with pytest.raises(ConfigError, match="no zone"):
-        parse_times_ns(["2026-05-12T10:00:00"], None)
-    with pytest.raises(ConfigError, match="not a time"):
-        parse_times_ns(["yesterday"], UTC)
+@pytest.mark.parametrize(
+    ("text", "time_format"),
+    [
+        ("202605121530", "%Y%m%d%H%M%S"),  # strptime: 15:03:00
+        ("2026051", "%Y%m%d"),  # strptime: the 1st
+        ("yesterday", None),
+    ],
+)
+def test_what_is_no_time_is_refused(text, time_format):
+    with pytest.raises(ConfigError, check=at(f"'{text}'")):
+        parse_times_ns([text], UTC, time_format)
 
 
 COUNTS = np.arange(18_000, 18_035, dtype=np.uint16).reshape(5, 7)
@@ -473,37 +452,36 @@ def test_irg_pictures_are_tenths_of_a_kelvin_where_all_readers_agree(tmp_path):
     assert "emissivity was 0.95" in imported.notes[0][1]
 
 
-@pytest.mark.parametrize("given", [Scale(0.04), Scale(0.1, 2.0), Scale(float("nan"))])
+@pytest.mark.parametrize("given", [Scale(0.04), Scale(0.1, 2.0), Scale(math.nan)])
 def test_a_scale_against_the_one_in_the_file_is_refused_with_both(tmp_path, given):
     path = tmp_path / "20230201.irg"
     path.write_bytes(irg(COUNTS // 6, b"\xba\xab"))
-    with pytest.raises(ConfigError, match=r"states 0\.1 K per count and 0 K at zero, the options (0|nan)"):
-        read_stills(path, given, time_format="%Y%m%d", zone=UTC)
-    assert read_stills(path, Scale(0.1), time_format="%Y%m%d", zone=UTC).streams[0].scale == 0.1
+    with pytest.raises(ConfigError, match=r"0\.1 K .* 0 K .* (0|nan)", check=at(path, *SCALE)):
+        read_stills(path, given, **MOMENT)
+    assert read_stills(path, Scale(0.1), **MOMENT).streams[0].scale == 0.1
 
 
 def test_irg_pictures_of_disputed_scale_ask_for_it(tmp_path):
     path = tmp_path / "20230201.irg"
     path.write_bytes(irg(COUNTS, b"\xca\xac"))
-    with pytest.raises(ConfigError, match="what one count of these IRG") as caught:
-        read_stills(path, None, time_format="%Y%m%d", zone=UTC)
-    assert steps(caught.value) == [Argument("kelvin_per_count", 0.0625)]
-    imported = read_stills(path, Scale(1 / 16), time_format="%Y%m%d", zone=UTC)
-    assert imported.streams[0].scale == 0.0625
+    with pytest.raises(ConfigError, check=at(path, Argument("kelvin_per_count", 0.0625))):
+        read_stills(path, None, **MOMENT)
+    assert read_stills(path, Scale(1 / 16), **MOMENT).streams[0].scale == 0.0625
 
 
 @pytest.mark.parametrize(
-    ("data", "words"),
+    "data",
     [
-        (b"JFIF" * 40, "does not begin as one"),
-        (irg(COUNTS)[:100], "header does not end"),
-        (irg(COUNTS)[:-1], "5 x 7 pixels are not in it"),
-        (irg(COUNTS)[:4] + b"\xff" * 8 + irg(COUNTS)[12:], "pixels are not in it"),
+        b"JFIF" * 40,
+        irg(COUNTS)[:100],
+        irg(COUNTS)[:-1],
+        irg(COUNTS)[:4] + b"\xff" * 8 + irg(COUNTS)[12:],
     ],
+    ids=["begins otherwise", "header cut off", "cut off", "other pixels"],
 )
-def test_other_irg_files_are_refused(tmp_path, data, words):
+def test_other_irg_files_are_refused(tmp_path, data):
     (tmp_path / "1.irg").write_bytes(data)
-    with pytest.raises(ConfigError, match=words):
+    with pytest.raises(ConfigError, check=at(tmp_path / "1.irg")):
         read_stills(tmp_path / "1.irg", None, time_format="%y", zone=UTC)
 
 
@@ -512,8 +490,8 @@ def test_tiff_that_claims_more_than_any_camera_has_is_refused_unread(tmp_path):
     sides = struct.pack("<HHII", 256, 4, 1, 16_000) + struct.pack("<HHII", 257, 4, 1, 16_000)
     path = tmp_path / "2026.tif"
     path.write_bytes(b"II*\0" + struct.pack("<IH", 8, 2) + sides + bytes(4))
-    with pytest.raises(ConfigError, match="million pixels"):
-        read_stills(path, Scale(0.01), time_format="%Y", zone=UTC)
+    with pytest.raises(ConfigError, match=" 16 million", check=at(path)):
+        frames_of(path, time_format="%Y", zone=UTC)
 
 
 def test_frames_that_came_in_bunches_are_flagged_whenever_they_are_read():
@@ -542,28 +520,27 @@ def test_frames_that_came_in_bunches_are_flagged_whenever_they_are_read():
         {"zone": "Mars/Utopia"},
         {"kelvin_per_count": 0.0},
         {"kelvin_per_count": -0.01},
-        {"kelvin_at_zero": float("nan")},
+        {"kelvin_at_zero": math.nan},
         {"offset_s": float("inf")},
         {"keep": "middle"},
         {"measures": "par"},
     ],
 )
 def test_options_that_no_recording_has_are_refused(options):
-    with pytest.raises(ConfigError) as caught:
+    with pytest.raises(ConfigError, check=at(Argument(*options))):
         ImportOptions(**options)
-    assert caught.value.place == Argument(*options)
 
 
 def test_pipes_and_devices_are_refused_before_they_are_read(tmp_path):
     os.mkfifo(tmp_path / "log.csv")
     (tmp_path / "zero.csv").symlink_to("/dev/zero")
     for name in ("log.csv", "zero.csv", "missing.csv"):
-        with pytest.raises(ConfigError, match="neither"):
+        with pytest.raises(ConfigError, check=at(tmp_path / name)):
             read_source(tmp_path / name, ImportOptions())
 
 
-@pytest.mark.parametrize(("scale", "is_named"), [(0.04, False), (0.01, True), (float("nan"), False)])
+@pytest.mark.parametrize(("scale", "is_named"), [(0.04, False), (0.01, True), (math.nan, False)])
 def test_frames_that_cannot_be_are_named(tmp_path, scale, is_named):
     folder = tiffs(tmp_path / "f", ["20260512.tif"])
-    imported = possible(read_stills(folder, Scale(scale), time_format="%Y%m%d", zone=UTC), {}, SITE)
-    assert any("possible: 175 to 440" in text for _, text in imported.notes) is is_named
+    imported = possible(read_stills(folder, Scale(scale), **MOMENT), {}, SITE)
+    assert any(" 175 to 440" in text for _, text in imported.notes) is is_named

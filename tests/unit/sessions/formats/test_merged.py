@@ -7,14 +7,16 @@ import pytest
 
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import NoAnswerError
+from fieldkit.model.next_step import Argument
 from fieldkit.model.samples import Frame, Reading
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.sessions.formats.imported import ImportedRecording, write_imported
-from fieldkit.sessions.formats.logs import read_log
 from fieldkit.sessions.formats.merged import TimeSeries, align, best_offset
 from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.reader import open_session
 from fieldkit.weather import packaged_day, read_surfrad
+from tests.harness.logs import read
+from tests.harness.next_steps import at
 from tests.shared_data import shared
 
 NOON_S = 19 * 3600.0  # of the station, in UTC
@@ -36,7 +38,8 @@ def light(
 
 
 @pytest.mark.parametrize(
-    "true_s", [-4000.0, 12.3, *(pytest.param(one, marks=pytest.mark.slow) for one in (-37.0, 0.0, 3600.0))]
+    "true_s",
+    [-4000.0, 12.3, *(pytest.param(offset_s, marks=pytest.mark.slow) for offset_s in (-37.0, 0.0, 3600.0))],
 )
 def test_broken_cloud_tells_the_offset_to_a_second_or_two(true_s):
     found = best_offset(*light(np.random.default_rng(1), cloudy=True, true_s=true_s, noise=500.0))
@@ -60,27 +63,23 @@ def test_stated_uncertainty_covers_the_error_under_a_clear_sky(count):
     assert misses <= count // 10
 
 
-SECONDS = np.arange(3000.0)
+SECONDS, NOISE = np.arange(3000.0), np.random.default_rng(3)
 
 
 @pytest.mark.parametrize(
-    ("curve", "words"),
-    [(np.sin(SECONDS / 50), "does as well"), (SECONDS, "not distinct"), (np.ones(3000), "match nowhere")],
-    ids=["periodic", "a straight line", "constant"],
+    ("log", "curve", "value"),
+    [
+        (np.sin(SECONDS / 50), np.sin(SECONDS / 50), r"[+-]\d+ s fits"),
+        (SECONDS, SECONDS, r"[+-]\d+ s fits"),
+        (np.ones(3000), np.ones(3000), "0%"),
+        (NOISE.normal(size=3000), NOISE.normal(size=3000), r"\d%"),
+        (SECONDS[:5], SECONDS, "20 points"),
+    ],
+    ids=["periodic", "a straight line", "constant", "noises", "few points"],
 )
-def test_curves_that_fit_in_several_places_or_nowhere_are_refused(curve, words):
-    with pytest.raises(NoAnswerError, match=words):
-        best_offset(TimeSeries(SECONDS - 7, curve), TimeSeries(SECONDS, curve))
-
-
-def test_two_noises_are_refused_and_few_points_too():
-    chance = np.random.default_rng(3)
-    with pytest.raises(NoAnswerError, match="match nowhere"):
-        best_offset(
-            TimeSeries(SECONDS, chance.normal(size=3000)), TimeSeries(SECONDS, chance.normal(size=3000))
-        )
-    with pytest.raises(NoAnswerError, match="20 points"):
-        best_offset(TimeSeries(SECONDS[:5], SECONDS[:5]), TimeSeries(SECONDS, SECONDS))
+def test_curves_that_fit_in_several_places_or_nowhere_are_refused(log, curve, value):
+    with pytest.raises(NoAnswerError, match=value):
+        best_offset(TimeSeries(SECONDS[: log.size] - 7, log), TimeSeries(SECONDS, curve))
 
 
 # --- sessions
@@ -108,9 +107,7 @@ def log(tmp_path: Path, offset_s: float) -> ImportedRecording:
     times = np.arange(100.0, 2900.0, 5.0)
     shown = zip(START_NS / 1e9 + times - offset_s, wandering(times) - 273.15, strict=True)
     rows = [f"{stamp:.3f},{celsius:.4f}" for stamp, celsius in shown]
-    path = tmp_path / "log.csv"
-    path.write_text("time,T1 [C]\n" + "\n".join(rows))
-    return read_log(path, "logger")
+    return read(tmp_path, "time,T1 [C]\n" + "\n".join(rows), "logger")
 
 
 def test_log_is_moved_onto_the_sessions_curve_and_says_so(session, tmp_path):
@@ -118,7 +115,8 @@ def test_log_is_moved_onto_the_sessions_curve_and_says_so(session, tmp_path):
     first = next(iter(moved.samples))
     assert (first.time_ns - START_NS) / 1e9 == pytest.approx(100.0, abs=1.0)
     assert first.mono_ns == first.time_ns
-    assert "s ± 1.0 s (k=2) found on thermometer" in moved.notes[-1][1]
+    assert "± 1.0 s (k=2)" in moved.notes[-1][1]
+    assert " thermometer," in moved.notes[-1][1]
 
 
 def test_whole_hours_are_suspected_to_be_a_zone(session, tmp_path):
@@ -138,13 +136,12 @@ def test_regions_of_the_pictures_tell_the_offset_of_a_probe_in_the_sand(tmp_path
     write_imported(tmp_path / "a.h5", head, ImportedRecording((info,), frames), "here")
     with open_session(tmp_path / "a.h5") as session:
         moved = align(session, log(tmp_path, -20.0))
-    assert "found on region b05 of camera" in moved.notes[-1][1]
+    assert " b05 of camera," in moved.notes[-1][1]
     first = next(iter(moved.samples))
     assert (first.time_ns - START_NS) / 1e9 == pytest.approx(100.0, abs=1.0)
 
 
 def test_log_of_another_quantity_is_refused(session, tmp_path):
-    path = tmp_path / "lux.csv"
-    path.write_text("time,L [lx]\n" + "\n".join(f"{START_NS / 1e9 + n},{n % 7}" for n in range(50)))
-    with pytest.raises(NoAnswerError, match="offset_s=12"):
-        align(session, read_log(path, "lux"))
+    lux = read(tmp_path, "time,L [lx]\n" + "\n".join(f"{START_NS / 1e9 + n},{n % 7}" for n in range(50)))
+    with pytest.raises(NoAnswerError, check=at(session.path, Argument("offset_s", 12))):
+        align(session, lux)

@@ -9,8 +9,7 @@ from rocrate import rocrate
 
 from fieldkit.sessions.formats.ro_crate_out import export_ro_crate
 from fieldkit.sessions.reader import open_session
-from fieldkit.sessions.writer import SessionWriter
-from tests.harness.recording import CountedClock, fill, header
+from tests.harness.recording import header, recorded
 
 CITED = replace(
     header((24, 32)),
@@ -22,16 +21,13 @@ CITED = replace(
 
 
 def crate(folder: Path, campaign: str) -> list[Path]:
-    clock = CountedClock()
-    writer = SessionWriter(folder / "field.h5", replace(CITED, config_toml=campaign), clock)
-    fill(writer, 1, clock)
-    writer.close()
+    recorded(folder / "field.h5", replace(CITED, config_toml=campaign), 1)
     with open_session(folder / "field.h5") as session:
         return export_ro_crate(session, folder)
 
 
 def entities(files: list[Path]) -> dict[str, dict]:
-    return {one["@id"]: one for one in json.loads(files[-1].read_text(encoding="utf-8"))["@graph"]}
+    return {entity["@id"]: entity for entity in json.loads(files[-1].read_text(encoding="utf-8"))["@graph"]}
 
 
 def test_the_root_has_what_the_standard_demands(tmp_path):

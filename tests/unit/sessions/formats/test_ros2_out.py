@@ -11,22 +11,19 @@ from fieldkit.model.samples import Frame
 from fieldkit.model.site import Site
 from fieldkit.physics.camera_laws import frame_k
 from fieldkit.sessions.formats.imported import write_imported
-from fieldkit.sessions.formats.logs import read_log
 from fieldkit.sessions.formats.ros2 import export_ros2
 from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.reader import open_session
-from fieldkit.sessions.writer import SessionWriter
-from tests.harness.recording import CountedClock, fill, header
+from tests.harness.logs import read
+from tests.harness.recording import header, recorded
 
 STORE = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
 
 
 @pytest.fixture(scope="module")
 def session(tmp_path_factory):
-    path, clock = tmp_path_factory.mktemp("sealed") / "field.h5", CountedClock()
-    writer = SessionWriter(path, header((24, 32)), clock)
-    fill(writer, 6, clock)
-    writer.close()
+    path = tmp_path_factory.mktemp("sealed") / "field.h5"
+    recorded(path, header((24, 32)), 6)
     with open_session(path) as opened:
         yield opened
 
@@ -62,8 +59,7 @@ def test_frames_and_readings_come_back_as_ros_has_them(session, tmp_path):
 def test_streams_and_channels_of_any_name_have_topics_of_their_own(tmp_path):
     """By https://design.ros2.org/articles/topic_and_service_names.html, where Japanese is not allowed."""
     text = "time,気温 [C],地温 [C],T-1 [C],T 1 [C]\n2026-05-12T12:00:00Z,20,21,22,23\n"
-    (tmp_path / "log.csv").write_text(text, encoding="utf-8")
-    recording = read_log(tmp_path / "log.csv", "logger-temperature")
+    recording = read(tmp_path, text, "logger-temperature")
     head = SessionHeader("t", Site(47.1, 8.5), recording.streams)
     write_imported(tmp_path / "a.h5", head, recording, "log.csv")
     with open_session(tmp_path / "a.h5") as opened:

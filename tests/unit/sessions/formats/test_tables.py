@@ -3,29 +3,25 @@
 import codecs
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from fieldkit.model.errors import ConfigError
-from fieldkit.model.samples import Reading
-from fieldkit.sessions.formats.logs import LogColumns, LogOptions, read_log
-from tests.harness.next_steps import steps
+from fieldkit.model.next_step import Argument
+from tests.harness import logs
+from tests.harness.next_steps import at, steps
 
-DAY_S = int(datetime(2026, 6, 11, tzinfo=UTC).timestamp())
-IN_UTC = LogOptions(zone=UTC)
-NOON_S = DAY_S + 43_200
+NOON_S = int(datetime(2026, 6, 11, 12, tzinfo=UTC).timestamp())
 
 
-def readings(tmp_path: Path, text: str | bytes, options: LogOptions = IN_UTC) -> list[tuple[float, float]]:
+def readings(tmp_path: Path, text: str | bytes, **options: Any) -> list[tuple[float, float]]:
     """Seconds after noon and the first channel's value as it was written, of temperatures in °C."""
-    path = tmp_path / "log.csv"
-    path.write_bytes(text if isinstance(text, bytes) else text.encode())
-    imported = read_log(path, "logger", options)
+    imported = logs.read(tmp_path, text, **options)
     shift = 273.15 if imported.streams[0].unit == "K" else 0.0
     return [
-        ((one.time_ns - NOON_S * 10**9) / 1e9, pytest.approx(one.values[0] - shift))
-        for one in imported.samples
-        if isinstance(one, Reading) and one.stream == imported.streams[0].name
+        ((reading.time_ns - NOON_S * 10**9) / 1e9, pytest.approx(reading.values[0] - shift))
+        for reading in logs.readings(imported, imported.streams[0].name)
     ]
 
 
@@ -85,11 +81,10 @@ def test_microseconds_in_a_column_of_their_own_belong_to_the_time(tmp_path):
 def test_a_column_of_the_time_may_be_named(tmp_path):
     rows = "2026-06-11 08:00,20.5,2026-06-11,12:00\n2026-06-11 08:02,21.5,2026-06-11,12:01\n"
     text = f"Logged,T [C],Shown,Clock\n{rows}"
-    assert [at for at, _ in readings(tmp_path, text)] == [-4 * 3600, -4 * 3600 + 120]
-    options = LogOptions(zone=UTC, columns=LogColumns(time=("Shown", "Clock")))
-    assert readings(tmp_path, text, options) == TWO_ROWS
-    with pytest.raises(ConfigError, match="no column 'When'"):
-        readings(tmp_path, text, LogOptions(zone=UTC, columns=LogColumns(time=("When",))))
+    assert [second for second, _ in readings(tmp_path, text)] == [-4 * 3600, -4 * 3600 + 120]
+    assert readings(tmp_path, text, time_columns=("Shown", "Clock")) == TWO_ROWS
+    with pytest.raises(ConfigError, match="'When'", check=at(tmp_path / "log.csv")):
+        readings(tmp_path, text, time_columns=("When",))
 
 
 def test_units_stand_in_a_column_of_their_own(tmp_path):
@@ -98,12 +93,11 @@ def test_units_stand_in_a_column_of_their_own(tmp_path):
         "Position,Date,Time,Value,Unit\n1,2026/06/11,12:00:00,98760,Lux\n2,2026/06/11,12:00:02,9880,Ft-cd\n"
         "3,2026/06/11,12:00:04,12,OL\n"
     )
-    found = readings(tmp_path, text)
-    assert found[:2] == [(0, 98_760.0), (2, pytest.approx(106_347.43, abs=0.01))]
-    notes = [text for _, text in read_log(tmp_path / "log.csv", "x", LogOptions(zone=UTC)).notes]
-    assert "1 cells have no value for their unit: 'OL' (row 4)" in notes
+    assert readings(tmp_path, text)[:2] == [(0, 98_760.0), (2, pytest.approx(106_347.43, abs=0.01))]
+    assert "'OL' (row 4)" in logs.notes(logs.read(tmp_path, text))
     with pytest.raises(ConfigError, match=r"'Lux' \(row 2\)") as caught:
         readings(tmp_path, text.replace("OL", "Degree C"))
+    assert caught.value.place == f"{tmp_path / 'log.csv'}, column 'Value'"
     assert "'Degree C' (row 4)" in caught.value.message
     humid = text.replace("Lux", "%RH").replace("Ft-cd", "%RH").replace("OL", "%RH")
     assert readings(tmp_path, humid) == [(0, 98_760.0), (2, 9880.0), (4, 12.0)]
@@ -113,27 +107,26 @@ def test_units_stand_in_a_column_of_their_own(tmp_path):
 def test_wide_tables_are_read(tmp_path, columns):
     head = ",".join(str(number) for number in range(columns))
     rows = "".join(f"2026-06-11 12:0{m}:00,{','.join(['20.5'] * columns)}\n" for m in range(3))
-    path = tmp_path / "log.csv"
-    path.write_text(f"time,{head}\n{rows}")
-    imported = read_log(path, "array", LogOptions(zone=UTC, unit="C"))
+    imported = logs.read(tmp_path, f"time,{head}\n{rows}", unit="C")
     assert imported.streams[0].shape == (columns,)
-    with pytest.raises(ConfigError, match=r'"T1 \[C\]"'):
-        read_log(path, "array", LogOptions(zone=UTC))
+    with pytest.raises(ConfigError, check=at(tmp_path / "log.csv", Argument("unit"))):
+        logs.read(tmp_path, f"time,{head}\n{rows}")
 
 
 def test_a_row_longer_than_the_header_is_excluded_by_its_number(tmp_path):
     rows = "".join(f"2026-06-11 12:0{m}:00,20.5,dry\n" for m in range(3))
     text = f"time,T [C],note\n{rows}2026-06-11 12:03:00,21,5,wet\n"
     assert len(readings(tmp_path, text)) == 3
-    notes = [text for _, text in read_log(tmp_path / "log.csv", "x", LogOptions(zone=UTC)).notes]
-    assert "1 row excluded: row 5 (it has 4 cells, the header 3)" in notes
-    with pytest.raises(ConfigError, match=r"row 2: .* 3 cells"):
+    imported = logs.read(tmp_path, text)
+    (note,) = [text for _, text in imported.notes if "row 5 (it has 4 cells" in text]
+    assert note.startswith("1 row ")
+    with pytest.raises(ConfigError, match="3 cells", check=at(f"{tmp_path / 'log.csv'}, row 2")):
         readings(tmp_path, "time,T [C]\n2026-06-11 12:00:00,20,5\n2026-06-11 12:01:00,21,5\n")
 
 
 def test_decimals_below_a_header_that_ends_in_a_separator_are_no_column(tmp_path):
     rows = "".join(f"2026-06-11 12:0{m}:00,20,5,\n" for m in range(3))
-    with pytest.raises(ConfigError, match="row 2: it has 4 cells, the header 2"):
+    with pytest.raises(ConfigError, match=r"4 cells, .* 2", check=at(f"{tmp_path / 'log.csv'}, row 2")):
         readings(tmp_path, f"time,T [C],\n{rows}")
     assert len(readings(tmp_path, "time,T [C],\n" + rows.replace(",5,", ",wet"))) == 3
 
@@ -150,69 +143,50 @@ def test_rows_of_several_things_at_one_time_are_refused(tmp_path, order):
 
 
 def test_a_file_that_ends_within_a_line_is_named(tmp_path):
-    (tmp_path / "log.csv").write_text("time,T [C]\n2026-06-11 12:00:00,20.5\n2026-06-11 12:01:00,2")
-    notes = [text for _, text in read_log(tmp_path / "log.csv", "x", LogOptions(zone=UTC)).notes]
-    assert any("row 3 does not end its line" in text for text in notes)
+    imported = logs.read(tmp_path, "time,T [C]\n2026-06-11 12:00:00,20.5\n2026-06-11 12:01:00,2")
+    assert "row 3 " in logs.notes(imported)
 
 
-def test_a_second_header_is_refused_where_its_columns_are_others(tmp_path):
-    first = "time,T1 [C],T2 [C]\n2026-06-11 12:00:00,20.5,9\n2026-06-11 12:01:00,21.5,9\n"
-    again = "time,T1 [C],T2 [C]\n2026-06-11 12:02:00,22.5,9\n2026-06-11 12:03:00,23.5,9\n"
-    assert len(readings(tmp_path, first + again)) == 4
-    with pytest.raises(ConfigError, match="row 4"):
-        readings(tmp_path, first + again.replace("T1 [C],T2 [C]", "T2 [C],T1 [C]"))
-
-
-def test_a_second_header_is_refused_where_its_units_are_others(tmp_path):
-    first = "time,T1,n\n,[C],\n2026-06-11 12:00:00,20.5,9\n2026-06-11 12:01:00,21.5,9\n"
-    again = "time,T1,n\n,[C],\n2026-06-11 12:02:00,22.5,9\n2026-06-11 12:03:00,23.5,9\n"
-    assert len(readings(tmp_path, first + again)) == 4
-    assert len(readings(tmp_path, first + again.replace(",[C],\n", ""))) == 4
-    with pytest.raises(ConfigError, match="row 5"):
-        readings(tmp_path, first + again.replace("[C]", "[F]"))
+def test_a_second_header_is_refused_where_its_columns_or_units_are_others(tmp_path):
+    rows = ["".join(f"2026-06-11 12:{m:02}:00,20.5,9\n" for m in part) for part in (range(3), range(3, 6))]
+    plain, of_units = "time,T1 [C],T2 [C]\n", "time,T1,n\n,[C],\n"
+    for head, again in ((plain, plain), (of_units, of_units), (of_units, of_units.replace(",[C],\n", ""))):
+        assert len(readings(tmp_path, f"{head}{rows[0]}{again}{rows[1]}")) == 6
+    with pytest.raises(ConfigError, check=at(f"{tmp_path / 'log.csv'}, row 5")):
+        readings(tmp_path, f"{plain}{rows[0]}time,T2 [C],T1 [C]\n{rows[1]}")
+    with pytest.raises(ConfigError, check=at(f"{tmp_path / 'log.csv'}, row 6")):
+        readings(tmp_path, f"{of_units}{rows[0]}{of_units.replace('C', 'F')}{rows[1]}")
 
 
 @pytest.mark.parametrize("closed", ["", '"'])
 def test_a_quote_that_swallows_rows_is_refused(tmp_path, closed):
     rows = [f"2026-06-11 12:0{m}:00,20.{m},{note}\n" for m, note in enumerate(["", '"dry', "", closed, ""])]
-    with pytest.raises(ConfigError, match=f"a quote opens a cell that goes on to line {5 if closed else 6}"):
+    line = 5 if closed else 6
+    with pytest.raises(ConfigError, match=f"line {line}", check=at(tmp_path / "log.csv")):
         readings(tmp_path, "".join(["time,T [C],note\n", *rows]))
     comment = [*rows[:1], '2026-06-11 12:01:00,20.1,"dry,\nthen wet"\n', *rows[4:]]
     assert len(readings(tmp_path, "".join(["time,T [C],note\n", *comment]))) == 3
 
 
 def test_columns_of_one_name_are_told_apart(tmp_path):
-    path = tmp_path / "log.csv"
-    path.write_text("time,T [C],T [C]\n2026-06-11 12:00:00,20.5,21\n2026-06-11 12:01:00,21.5,22\n")
-    assert read_log(path, "x", LogOptions(zone=UTC)).streams[0].channels == ("T", "T 2")
-    path.write_text(
-        "time,T [C],T [C],T 2 [C]\n2026-06-11 12:00:00,20.5,21,9\n2026-06-11 12:01:00,21.5,22,9\n"
-    )
-    assert read_log(path, "x", LogOptions(zone=UTC)).streams[0].channels == ("T", "T 2", "T 2 2")
-    second = read_log(path, "x", LogOptions(zone=UTC, columns=LogColumns(values=("T 2",))))
-    assert [one.values[0] for one in second.samples if isinstance(one, Reading)] == [294.15, 295.15]
+    rows = "2026-06-11 12:00:00,20.5,21,9\n2026-06-11 12:01:00,21.5,22,9\n"
+    imported = logs.read(tmp_path, f"time,T [C],T [C],T 2 [C]\n{rows}")
+    assert imported.streams[0].channels == ("T", "T 2", "T 2 2")
+    second = logs.read(tmp_path, f"time,T [C],T [C],T 2 [C]\n{rows}", columns=("T 2",))
+    assert logs.values(second) == [(294.15,), (295.15,)]
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "place", "value"),
     [
-        (
-            "time (s),T (C)\n1,36.65\n2,36.59\n",
-            r"column 'time \(s\)' counts from 1, and no column has a date",
-        ),
-        (
-            "elapsed,T [C]\n00:00:01,20\n00:00:02,21\n",
-            "'elapsed' has times of day, and no column has the date",
-        ),
-        (
-            "File:;C:\\x\\FLIR0001.jpg\nFrame 1;23,1;23,4\n;23,2;23,4\n",
-            "the temperatures of an image without",
-        ),
-        ("2026-06-11 12:00:00,20\n2026-06-11 12:01:00,21\n", "no table with a header line"),
+        ("time (s),T (C)\n1,36.65\n2,36.59\n", ", column 'time (s)'", " 1,"),
+        ("elapsed,T [C]\n00:00:01,20\n00:00:02,21\n", ", column 'elapsed'", "date"),
+        ("File:;C:\\x\\FLIR0001.jpg\nFrame 1;23,1;23,4\n;23,2;23,4\n", "", "FLIR"),
+        ("2026-06-11 12:00:00,20\n2026-06-11 12:01:00,21\n", "", "header"),
     ],
 )
-def test_what_has_no_times_is_refused_by_what_it_is(tmp_path, text, words):
-    with pytest.raises(ConfigError, match=words) as caught:
+def test_what_has_no_times_is_refused_by_what_it_is(tmp_path, text, place, value):
+    with pytest.raises(ConfigError, check=at(f"{tmp_path / 'log.csv'}{place}"), match=value) as caught:
         readings(tmp_path, text)
     assert caught.value.fix
 
@@ -221,26 +195,27 @@ def test_what_has_no_times_is_refused_by_what_it_is(tmp_path, text, words):
 def test_a_mark_at_the_beginning_gives_the_encoding(tmp_path, encoding):
     data = f"time,T [°C]\n{ROWS}".encode(encoding)
     assert readings(tmp_path, data) == TWO_ROWS
-    assert readings(tmp_path, data, LogOptions(zone=UTC, encoding=encoding)) == TWO_ROWS
-    with pytest.raises(ConfigError, match=f"{encoding}, not as cp932"):
-        readings(tmp_path, data, LogOptions(zone=UTC, encoding="cp932"))
+    assert readings(tmp_path, data, encoding=encoding) == TWO_ROWS
+    check = at(tmp_path / "log.csv", Argument("encoding"))
+    with pytest.raises(ConfigError, match=f"{encoding}.* cp932", check=check):
+        readings(tmp_path, data, encoding="cp932")
 
 
 def test_utf_16_without_a_mark_is_asked_for(tmp_path):
     data = f"time,T [C]\n{ROWS}".encode("utf-16-le")
-    with pytest.raises(ConfigError, match="bytes of zero") as caught:
+    with pytest.raises(ConfigError, check=at(tmp_path / "log.csv")) as caught:
         readings(tmp_path, data)
     assert [step.name for step in steps(caught.value)] == ["encoding"]
-    assert readings(tmp_path, data, LogOptions(zone=UTC, encoding="utf-16-le")) == TWO_ROWS
+    assert readings(tmp_path, data, encoding="utf-16-le") == TWO_ROWS
     assert readings(tmp_path, codecs.BOM_UTF16_BE + data.decode("utf-16-le").encode("utf-16-be")) == TWO_ROWS
 
 
 @pytest.mark.parametrize("line", ["Time zone: UTC-5", "Zone,GMT-05:00", "timezone (America/Panama)"])
 def test_a_zone_above_the_header_is_used(tmp_path, line):
-    found = readings(tmp_path, f"{line}\ntime,T [C]\n{ROWS}", LogOptions())
-    assert [at for at, _ in found] == [5 * 3600, 5 * 3600 + 60]
+    timed = readings(tmp_path, f"{line}\ntime,T [C]\n{ROWS}", zone=None)
+    assert [second for second, _ in timed] == [5 * 3600, 5 * 3600 + 60]
 
 
 def test_a_date_of_the_preamble_does_not_state_the_zone(tmp_path):
-    with pytest.raises(ConfigError, match="no zone"):
-        readings(tmp_path, f"# read out 2026-06-12 08:00 UTC, by hand\ntime,T [C]\n{ROWS}", LogOptions())
+    with pytest.raises(ConfigError, check=at("'2026-06-11 12:00:00'", Argument("zone", "Asia/Tokyo"))):
+        readings(tmp_path, f"# read out 2026-06-12 08:00 UTC, by hand\ntime,T [C]\n{ROWS}", zone=None)
