@@ -51,7 +51,7 @@ def outcome(python: str, wheel: Path, test: Callable[[Run, Path, Path], None]) -
     try:
         test(commands_in(folder), wheel, folder)
     except subprocess.CalledProcessError as error:
-        print(f"{error.cmd} ended with {error.returncode}")
+        print(error.stdout or "", f"{error.cmd} ended with {error.returncode}", sep="\n")
         return "failed"
     return "passed"
 
