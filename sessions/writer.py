@@ -23,6 +23,8 @@ import uuid
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from fieldkit.disk import sync
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import StreamInfo
@@ -291,9 +293,9 @@ def check_sample(info: StreamInfo | None, sample: Sample) -> None:
 
     That it is as its stream was declared is the driver's promise; other samples could not be read back.
     """
-    numbers = (sample.mono_ns, sample.time_ns, sample.device_time, sample.device_seq)
-    if not (min(numbers) >= _LOWEST and max(numbers) <= _HIGHEST):
-        raise ValueError(f"stream {sample.stream!r}: a time or counter needs more than 64 bits: {numbers}")
+    numbers: tuple[object, ...] = (sample.mono_ns, sample.time_ns, sample.device_time, sample.device_seq)
+    if not all(isinstance(number, int | np.integer) and _LOWEST <= number <= _HIGHEST for number in numbers):
+        raise ValueError(f"stream {sample.stream!r}: a time or counter is no integer of 64 bits: {numbers}")
     shape = sample.counts.shape if isinstance(sample, Frame) else (len(sample.values),)
     if info is None or shape != info.shape:
         declared = None if info is None else info.shape

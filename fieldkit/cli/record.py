@@ -49,7 +49,9 @@ if TYPE_CHECKING:
     help="Begin with what fieldkit live or the field page has shown last, such as 2m, as far as it has it.",
 )
 @click.option("--detach", is_flag=True, help="Record in the background, beyond the end of this terminal.")
-@click.option("--allow-missing", is_flag=True, help="Record without instruments that are not plugged in.")
+@click.option(
+    "--allow-missing", is_flag=True, help="Record without instruments that are not plugged in or hang."
+)
 @click.option(
     "--page",
     "page_address",

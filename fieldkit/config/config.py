@@ -18,7 +18,6 @@ from fieldkit.config.toml_schema import (
     CampaignTable,
     DeviceTable,
     LuxTable,
-    MeterTable,
     RecordTable,
     SimulationTable,
     Tables,
@@ -221,5 +220,5 @@ def _device(name: str, table: DeviceTable) -> DeviceSettings:
     options = dict(table.options)
     if isinstance(table, LuxTable) and table.range_max_lx is not None:
         options["range_max_lx"] = table.range_max_lx
-    every_s = table.every_s if isinstance(table, MeterTable) else 1.0
-    return DeviceSettings(name, table.driver, table.port, table.identity, every_s, options)
+    keys = {"driver", "port", "identity", "every_s", "connect_timeout_s"}
+    return DeviceSettings(name, options=options, **table.model_dump(include=keys))

@@ -104,6 +104,9 @@ class DeviceTable(Table):
     )
     port: str = Field(default="", description="its port, such as /dev/ttyUSB0, or simulated")
     identity: str = Field(default="", description="`vendor:product[:serial][-interface]` or a USB path")
+    connect_timeout_s: float = Field(
+        default=30.0, gt=0, le=3600, description="seconds after which opening the instrument is given up"
+    )
     options: dict[str, Any] = Field(default={}, description="options of this driver")
 
 

@@ -149,7 +149,8 @@ class FrameSource(Protocol):
 class DeviceSettings:
     """Configuration of one device; `options` are the driver's own, `limits` rows as in `StreamInfo`.
 
-    `source` stands in for the camera's port when the field is simulated.
+    `source` stands in for the camera's port when the field is simulated. Opening is given up after
+    `connect_timeout_s`.
     """
 
     name: str
@@ -160,6 +161,7 @@ class DeviceSettings:
     options: Mapping[str, Any] = field(default_factory=dict)
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     source: FrameSource | None = None
+    connect_timeout_s: float = 30.0
 
 
 @dataclass(frozen=True, slots=True)

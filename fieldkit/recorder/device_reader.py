@@ -2,13 +2,15 @@
 
 A device is lost when its driver reports it or fails, when it stays silent past its deadline, or when its
 image is frozen. It is closed, and reopened by its identity after 1, 2, 4 ... 30 s for as long as the
-recording lasts; the other devices continue.
+recording lasts; the other devices continue. A driver that does not come back is reported by the recorder's
+thread, and the end of the recording does not wait for it.
 """
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from queue import SimpleQueue
 
@@ -26,6 +28,8 @@ from fieldkit.recorder.sample_queue import SampleQueue
 READ_TIMEOUT_S = 0.5
 LONGEST_BACK_OFF_S = 30.0
 INDICATORS_EVERY_NS = MINUTE_NS
+HANGS_AFTER_S = 10.0
+LAST_READ_NS = 2 * SECOND_NS  # a read takes 0.5 s, skipping frames 1 s: the end waits no longer
 SHUTTER_LEAD_S = 12.0  # the correction takes 1-3 s, then the level settles within 10 s
 
 
@@ -45,8 +49,9 @@ class Sampling:
 class DeviceReader:
     """Reads one device into the queue until `end_ns` (monotonic, None: open end) or `stop`.
 
-    `reopen` opens the same instrument again by its identity. `received` counts its samples; `crashed` is the
-    unexpected error that ended the thread, if any.
+    `reopen` opens the same instrument again by its identity. `received` counts its samples, `rejected` the
+    records dropped because their bytes were invalid, over all openings; `rejected_because` is the reason for
+    the last one, as far as the driver states it.
     """
 
     def __init__(
@@ -61,12 +66,13 @@ class DeviceReader:
         self.info: StreamInfo = device.info
         self.received: int = 0
         self.implausible: int = 0
-        self.crashed: BaseException | None = None
+        self.rejected: int = 0
+        self.rejected_because: str = ""
         self._device: Device | None = device
         self._bounds = bounds_of(self.info)
         self._reopen, self._queue, self._clock, self._sampling = reopen, queue, clock, sampling
         self._end_ns = end_ns
-        self._stopping = threading.Event()
+        self._seconds_away = 0
         self._shutter_requests: SimpleQueue[str] = SimpleQueue()
         self._last: Sample | None = None
         self._before_loss: Sample | None = None
@@ -85,7 +91,8 @@ class DeviceReader:
 
     def stop(self) -> None:
         """Ask the thread to end; it ends within one read."""
-        self._stopping.set()
+        now_ns = self._clock.mono_ns()
+        self._end_ns = now_ns if self._end_ns is None else min(self._end_ns, now_ns)
 
     def run_shutter(self, request: str) -> None:
         """Ask for a shutter correction, from any thread; an event with ``data["request"]`` answers."""
@@ -98,19 +105,20 @@ class DeviceReader:
 
     @property
     def is_running(self) -> bool:
-        """True if the thread was started and has not ended."""
-        return self._thread.is_alive()
+        """True if the thread was started and has not ended; False also once it is overdue."""
+        end_ns = self._end_ns
+        is_overdue = end_ns is not None and self._clock.mono_ns() >= end_ns + LAST_READ_NS
+        return self._thread.is_alive() and not is_overdue
 
-    @property
-    def rejected(self) -> int:
-        """Number of records dropped because their bytes were invalid, over all openings."""
-        device = self._device
-        return self._rejected_before + (device.rejected if device is not None else 0)
+    def count_second(self) -> None:
+        """Note that a second has passed, from any thread; report a driver that hangs.
 
-    @property
-    def rejected_because(self) -> str:
-        """Reason why the last record was dropped, as far as the driver states it."""
-        return getattr(self._device, "rejected_because", "")
+        Seconds are counted, not subtracted: a process that stood still itself finds no driver hanging.
+        """
+        self._seconds_away += 1
+        limit_s = max(HANGS_AFTER_S, self._deadline_s())
+        if limit_s <= self._seconds_away < limit_s + 1.0 and self._device is not None and self.is_running:
+            self._report(EventKind.LOST, f"its driver has not come back for {limit_s:.0f} s", Severity.ERROR)
 
     def _run(self) -> None:
         with self._clock.taking_part():
@@ -118,8 +126,7 @@ class DeviceReader:
             try:
                 while self._is_active():
                     self._handling_loss(self._read)
-            except Exception as error:  # becomes an event, so that the other devices continue
-                self.crashed = error
+            except BaseException as error:  # becomes an event, so that the other devices continue
                 self._report(
                     EventKind.LOST, f"reading stopped by an unexpected error: {error!r}", Severity.ERROR
                 )
@@ -133,20 +140,20 @@ class DeviceReader:
         Its time of arrival is unknown, and it may be of before the driver's commands (gain, temperatures).
         """
         self._started_ns, self._has_begun = self._clock.mono_ns(), True
+        self._seconds_away = 0
         if isinstance(self._device, Camera):
             period_s = 1.0 / self.info.rate_hz if self.info.rate_hz > 0 else 0.0
             self._device.skip_until(self._started_ns + round(period_s * SECOND_NS))
 
     def _is_active(self) -> bool:
-        ended = self._end_ns is not None and self._clock.mono_ns() >= self._end_ns
-        return not (ended or self._stopping.is_set())
+        return self._end_ns is None or self._clock.mono_ns() < self._end_ns
 
     def _handling_loss(self, work: Callable[[], None]) -> None:
         try:
             work()
         except DeviceError as error:
             self._reconnect(error.message)
-        except Exception as error:  # a driver's mistake costs a moment, not the stream
+        except BaseException as error:  # a driver's mistake, or its SystemExit, costs a moment
             self._reconnect(f"unexpected error: {error!r}", Severity.ERROR)
 
     def _read(self) -> None:
@@ -177,6 +184,7 @@ class DeviceReader:
         while self._is_active() and (now := self._clock.mono_ns()) < until_ns:
             self._answer_shutter_requests()
             camera.skip_until(min(until_ns, now + SECOND_NS))
+            self._seconds_away = 0
 
     def _read_one(self) -> None:
         """Queue the next sample; raises `DeviceLostError` past the deadline or on a frozen image."""
@@ -185,7 +193,8 @@ class DeviceReader:
         while self._is_active():
             self._answer_shutter_requests()
             sample = self._device.read(READ_TIMEOUT_S)
-            if sample is not None and sample.mono_ns >= self._started_ns:
+            self._note_return(self._device)
+            if sample is not None and not self._was_buffered(sample):
                 self.received += 1
                 sample = self._in_order(self._across_openings(flag_implausible(sample, self._bounds)))
                 self._last = sample
@@ -199,6 +208,19 @@ class DeviceReader:
                 return
             if self._clock.mono_ns() >= deadline_ns:
                 raise DeviceLostError(f"silent for {self._deadline_s():.1f} s")
+
+    def _note_return(self, device: Device) -> None:
+        """Note that the driver came back, and its counts; raises `DeviceLostError` if it hung."""
+        self.rejected = self._rejected_before + device.rejected
+        self.rejected_because = getattr(device, "rejected_because", "")
+        away_s, self._seconds_away = self._seconds_away, 0
+        if away_s >= max(HANGS_AFTER_S, self._deadline_s()):
+            raise DeviceLostError(f"its driver came back after {away_s} s")
+
+    def _was_buffered(self, sample: Sample) -> bool:
+        """True for a stamp before the start; one that arrives long after it is wrong, and corrected."""
+        is_early = self._clock.mono_ns() < self._started_ns + round(self._deadline_s() * SECOND_NS)
+        return is_early and sample.mono_ns < self._started_ns
 
     def _answer_shutter_requests(self) -> None:
         """Run the shutter in the thread that reads: a camera's commands and frames share its cable."""
@@ -232,16 +254,17 @@ class DeviceReader:
         return sample._replace(quality=sample.quality | flags) if flags else sample
 
     def _in_order(self, sample: Sample) -> Sample:
-        """Keep the time stamp between the previous sample's and now, whatever kernel and driver report."""
+        """Keep the stamp between the previous sample's and now; one outside the session becomes now."""
         now_ns = self._clock.mono_ns()
-        earliest_ns = self._last.mono_ns if self._last is not None else self._started_ns
-        if earliest_ns <= sample.mono_ns <= now_ns:
+        is_inside = self._started_ns <= sample.mono_ns <= now_ns
+        mono_ns = sample.mono_ns if is_inside else now_ns
+        if self._last is not None:
+            mono_ns = max(mono_ns, self._last.mono_ns)
+        time_ns = self._clock.to_utc_ns(mono_ns)
+        if (mono_ns, time_ns) == (sample.mono_ns, sample.time_ns):
             return sample
-        mono_ns = earliest_ns if sample.mono_ns < earliest_ns else now_ns
         return sample._replace(
-            mono_ns=mono_ns,
-            time_ns=self._clock.to_utc_ns(mono_ns),
-            quality=sample.quality | Quality.INTERPOLATED,
+            mono_ns=mono_ns, time_ns=time_ns, quality=sample.quality | Quality.INTERPOLATED
         )
 
     def _deadline_s(self) -> float:
@@ -271,7 +294,7 @@ class DeviceReader:
         """The reopened device, or None while it does not respond or its samples do not fit the stream."""
         try:
             device = self._reopen()
-        except Exception:  # a driver may fail in any way; the next try is due
+        except BaseException:  # a driver may fail in any way; the next try is due
             return None
         if self.info.has_the_columns_of(device.info):
             return device
@@ -296,8 +319,9 @@ class DeviceReader:
     def _close(self) -> None:
         device, self._device = self._device, None
         if device is not None:
-            self._rejected_before += device.rejected
-            device.close()
+            self._rejected_before = self.rejected
+            with suppress(BaseException):  # the stream is lost or over, however its driver closes it
+                device.close()
 
     def _report(
         self,

@@ -178,8 +178,9 @@ class Recorder:
         while (item := self._queue.get(0.0)) is not None:
             self._take(item)
         for reader in self._readers:
-            if reader.is_running:
-                log.warning("%s is blocked in a read and was abandoned", reader.info.name)
+            if not reader.join(0.0):
+                text = f"{reader.info.name}: its driver does not come back and is left behind"
+                self._report(EventKind.LOST, text, Severity.ERROR)
 
     def _finish_events(self) -> None:
         """Carry out the last requests, store the pending events, and the reason for an early end.

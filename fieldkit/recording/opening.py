@@ -1,24 +1,39 @@
-"""Open a campaign's instruments together, real or simulated, and close them at the end."""
+"""Open a campaign's instruments together, real or simulated, and close them at the end.
+
+Each is opened and closed in a thread of its own: a driver that hangs is named, given up and left behind.
+"""
 
 from __future__ import annotations
 
+import logging
 import shutil
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, wait
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from threading import Thread
 
 from fieldkit.config import Config
 from fieldkit.drivers import registry
 from fieldkit.model.clock import Clock, HostClock
 from fieldkit.model.device import Device, DeviceSettings, StreamInfo
-from fieldkit.model.errors import ConfigError, DeviceError, DeviceNotFoundError
+from fieldkit.model.errors import (
+    ConfigError,
+    DeviceError,
+    DeviceNotFoundError,
+    DeviceTimeoutError,
+    FieldkitError,
+)
 from fieldkit.model.next_step import Action, Sentence
 
 SIMULATED = "simulated"
+NAMED_AFTER_S = 10.0
+CLOSED_WITHIN_S = 2.0
 OPEN_END_S = 8 * 3600.0
 """Length of a simulated scene where no duration is given."""
+log: logging.Logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,8 +98,7 @@ def _open_together(
     try:
         yield Instruments(devices, clock, lambda name: registry.open_device(by_name[name], clock), free)
     finally:
-        for device in devices:
-            device.close()
+        _close_all(devices)
 
 
 def open_all(
@@ -92,23 +106,93 @@ def open_all(
 ) -> tuple[Device, ...]:
     """Open every instrument before raising, so that one error lists all cables that are out.
 
-    With `allow_missing` what is not plugged in is skipped. Raises `DeviceError`, or `ConfigError` for a
-    single instrument whose options are wrong.
+    With `allow_missing` what is not plugged in or does not come back is skipped. Raises `DeviceError`, or
+    `ConfigError` for a single instrument whose options are wrong.
     """
     opened: list[Device] = []
     failed: list[ConfigError | DeviceError] = []
-    with clock.taking_part():
+    try:
         for setting in settings:
             try:
-                opened.append(registry.open_device(setting, clock))
+                opened.append(open_in_time(setting, clock))
             except (ConfigError, DeviceError) as error:
-                if not (allow_missing and isinstance(error, DeviceNotFoundError)):
+                if not (allow_missing and isinstance(error, DeviceNotFoundError | HangingDriverError)):
                     failed.append(error)
-    if failed:
-        for device in opened:
-            device.close()
-        raise together(failed)
+                    continue
+                log.warning("going on without it: %s", error.message)
+        if failed:
+            raise together(failed)
+    except BaseException:
+        _close_all(opened)
+        raise
     return tuple(opened)
+
+
+class HangingDriverError(DeviceTimeoutError):
+    """A driver has not come back from opening its instrument."""
+
+
+def open_in_time(settings: DeviceSettings, clock: Clock) -> Device:
+    """Open an instrument; named after 10 s, given up after its `connect_timeout_s`, in real time.
+
+    Raises as `registry.open_device`, `HangingDriverError`, and `DeviceError` for whatever else its driver
+    raises. What is opened later all the same is closed at once.
+    """
+    opening: Future[Device] = Future()
+    arguments = (opening, settings, clock)
+    Thread(target=_open_into, args=arguments, name=f"open-{settings.name}", daemon=True).start()
+    limit_s = settings.connect_timeout_s
+    try:
+        if not wait([opening], min(NAMED_AFTER_S, limit_s)).done and limit_s > NAMED_AFTER_S:
+            log.warning("%s: still opening it after %g s", settings.name, NAMED_AFTER_S)
+            wait([opening], limit_s - NAMED_AFTER_S)
+        if not opening.done():
+            raise HangingDriverError(
+                f"its driver {settings.driver} has not come back from opening it for {limit_s:g} s",
+                place=settings.name,
+                fix="unplug the instrument and plug it in again; connect_timeout_s = ... waits longer",
+            )
+    except BaseException:  # given up, or interrupted
+        opening.add_done_callback(_close_late)
+        raise
+    return opening.result()
+
+
+def _open_into(opening: Future[Device], settings: DeviceSettings, clock: Clock) -> None:
+    with clock.taking_part():
+        try:
+            opening.set_result(registry.open_device(settings, clock))
+        except FieldkitError as error:
+            opening.set_exception(error)
+        except BaseException as error:  # another package's code may fail in any way, also by SystemExit
+            log.info("the driver %s failed", settings.driver, exc_info=True)
+            failure = DeviceError(
+                f"its driver {settings.driver} failed: {error!r}",
+                place=settings.name,
+                fix="unplug the instrument and plug it in again; if that does not help, report it",
+            )
+            opening.set_exception(failure)
+
+
+def _close_late(opening: Future[Device]) -> None:
+    if opening.exception() is None:
+        _close(opening.result())
+
+
+def _close_all(devices: Sequence[Device]) -> None:
+    """Close each device in a thread of its own, which is left behind if its driver hangs."""
+    threads = [Thread(target=_close, args=(device,), daemon=True) for device in devices]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(CLOSED_WITHIN_S)
+
+
+def _close(device: Device) -> None:
+    try:
+        device.close()
+    except BaseException as error:
+        log.warning("%s: closing it failed: %r", device.info.name, error)
 
 
 def together(failed: Sequence[ConfigError | DeviceError]) -> ConfigError | DeviceError:

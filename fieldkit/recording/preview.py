@@ -219,6 +219,8 @@ class LivePreview:
         now_ns = self.instruments.clock.mono_ns()
         if now_ns >= self._next_health_ns:
             self._next_health_ns = now_ns + 1_000_000_000
+            for reader in readers:
+                reader.count_second()
             self._show(self._health(now_ns, readers))
 
     def _health(self, now_ns: int, readers: Sequence[DeviceReader]) -> Health:

@@ -80,7 +80,7 @@ def record(
         Begin with what a preview of this campaign (`live`, the field page) has shown last, such as
         ``"2m"``, as far as it still has it.
     allow_missing
-        Record without instruments that are not plugged in.
+        Record without instruments that are not plugged in, or whose driver hangs.
     on_minute
         Called with each minute as it closes, from the recording thread; it must return at once. If it
         raises, it is not called again and the recording goes on.

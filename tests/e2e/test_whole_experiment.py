@@ -289,7 +289,7 @@ def test_every_garbled_record_is_told_also_those_of_the_last_minute(campaign):
     ("change", "told"),
     [
         ({"values": (1.0, 2.0)}, "not stored: stream 'lux' was declared as (1,), the sample has (2,)"),
-        ({"device_seq": 2**63}, "not stored: stream 'lux': a time or counter needs more than 64 bits"),
+        ({"device_seq": 2**63}, "not stored: stream 'lux': a time or counter is no integer of 64 bits"),
     ],
 )
 def test_samples_that_are_not_as_declared_cost_only_themselves(campaign, change, told):

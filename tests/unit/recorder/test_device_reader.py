@@ -1,9 +1,11 @@
+import threading
 from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from fieldkit.model.clock import HostClock
 from fieldkit.model.device import Device, StreamInfo
 from fieldkit.model.errors import ConfigError, DeviceLostError, DeviceNotFoundError
 from fieldkit.model.samples import Event, EventKind, Frame, Quality, Reading, Severity
@@ -81,7 +83,6 @@ def run(
         )
         feed.start()
         assert feed.join(500.0)
-        assert feed.crashed is None
     items = []
     while (item := inbox.get(0.0)) is not None:
         items.append(item)
@@ -191,12 +192,13 @@ def test_an_unreadable_register_map_is_tried_again():
     assert [event.kind for event in events] == [EventKind.LOST, EventKind.BACK]
 
 
-def test_a_mistake_of_a_driver_costs_a_moment_and_not_the_stream():
+@pytest.mark.parametrize("mistake", [KeyError, SystemExit, KeyboardInterrupt, GeneratorExit])
+def test_a_mistake_of_a_driver_costs_a_moment_and_not_the_stream(mistake):
     class Mistaken(Meter):
         def read(self, timeout_s: float) -> Reading | None:
             reading = super().read(timeout_s)
             if self.clock.mono_ns() - self.start_ns == 5 * S:
-                raise KeyError("a byte that its author did not know")
+                raise mistake("a byte that its author did not know")
             return reading
 
     tries = []
@@ -204,7 +206,7 @@ def test_a_mistake_of_a_driver_costs_a_moment_and_not_the_stream():
     def reopen(device: Device) -> Device:
         tries.append(1)
         if len(tries) < 2:
-            raise ValueError("unplugged while it was looked for")
+            raise mistake("unplugged while it was looked for")
         return device
 
     samples, events, start_ns = run(Mistaken, reopen, 20.0)
@@ -313,13 +315,64 @@ def test_stamps_never_decrease_and_never_lie_in_the_future_whatever_a_driver_say
             reading = super().read(timeout_s)
             if reading is None:
                 return None
-            number = (reading.mono_ns - self.start_ns) // S - 1
-            return reading._replace(mono_ns=reading.mono_ns + self.errors_s[number] * S, time_ns=0)
+            stamp_ns = reading.mono_ns + self.errors_s[(reading.mono_ns - self.start_ns) // S - 1] * S
+            return reading._replace(mono_ns=stamp_ns, time_ns=self.clock.to_utc_ns(stamp_ns))
 
     samples, _, start_ns = run(Jumpy, lambda device: device, 4.5)
     assert [(sample.mono_ns - start_ns) / S for sample in samples] == [1, 2, 2, 4]
     flagged = [Quality.INTERPOLATED in sample.quality for sample in samples]
     assert flagged == [True, False, True, False]
+
+
+@pytest.mark.parametrize(
+    "stamps", [{"mono_ns": 2**70}, {"mono_ns": float("nan")}, {"mono_ns": -1}, {"time_ns": 2**70}]
+)
+def test_stamps_outside_the_session_are_flagged_and_become_the_time_of_arrival(stamps):
+    class Lost(Meter):
+        def read(self, timeout_s: float) -> Reading | None:
+            reading = super().read(timeout_s)
+            return reading and reading._replace(**stamps)
+
+    samples, events, start_ns = run(Lost, lambda device: device, 6.5)
+    seconds = [(sample.mono_ns - start_ns) / S for sample in samples]
+    # what comes within 2 s and is stamped before the start may have waited in a buffer
+    assert seconds == [2, 3, 4, 5, 6] if stamps == {"mono_ns": -1} else [1, 2, 3, 4, 5, 6]
+    assert {sample.mono_ns - sample.time_ns for sample in samples} == {start_ns}  # the clock begins in 1970
+    assert {sample.quality for sample in samples} == {Quality.INTERPOLATED}
+    assert not events
+
+
+def test_a_driver_that_hangs_is_lost_after_ten_seconds_delays_no_end_and_may_come_back():
+    entered, released = threading.Event(), threading.Event()
+
+    class Hanging(Meter):
+        def read(self, timeout_s: float) -> Reading | None:
+            entered.set()
+            released.wait(60.0)
+            return super().read(timeout_s)
+
+    clock, queue = HostClock(), SampleQueue({"lux": 10})
+    device = Hanging(clock, clock.mono_ns())
+    reader = DeviceReader(device, lambda: device, queue, clock, Sampling())
+    reader.start()
+    assert entered.wait(10.0)
+    for _ in range(20):
+        reader.count_second()
+    event = queue.get(0.0)
+    assert isinstance(event, Event)
+    assert (event.kind, event.severity) == (EventKind.LOST, Severity.ERROR)
+    assert queue.get(0.0) is None
+    released.set()
+    assert [queue.get(10.0).kind for _ in range(2)] == [EventKind.LOST, EventKind.BACK]
+    released.clear()
+    entered.clear()
+    assert entered.wait(10.0)
+    reader.stop()
+    assert reader.is_running
+    assert not reader.join(2.1)
+    assert not reader.is_running
+    released.set()
+    assert reader.join(10.0)
 
 
 def test_a_device_that_stays_away_is_tried_every_half_minute_for_as_long_as_it_takes():
